@@ -1,0 +1,318 @@
+"""The command line. Everything it does is a function of `roadscope.benchmarks`.
+
+Imports beyond typer and rich happen inside the commands, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+USAGE, FAILED, INTERRUPTED = 2, 1, 130
+
+app = typer.Typer(
+    name="roadscope",
+    help="Compare LiDAR detectors and trackers on simulated traffic with perfect truth.",
+    epilog="Start with:  roadscope leaderboard",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Jobs = Annotated[int, typer.Option(min=0, help="Worker processes; 0: one for each core.")]
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from roadscope import __version__
+
+        typer.echo(f"roadscope {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Options before the command."""
+
+
+@app.command("list", epilog="Example:  roadscope list detectors")
+def list_names(
+    kind: Annotated[
+        str | None,
+        typer.Argument(
+            help="detectors, trackers, scenarios, suites, rigs or sensors; all if left out."
+        ),
+    ] = None,
+) -> None:
+    """Show what can be named."""
+    from roadscope.benchmarks.listing import KINDS, names_of
+    from roadscope.benchmarks.tables import name_table
+
+    for each in [kind] if kind else KINDS:
+        _print(name_table(each, names_of(each)))
+
+
+@app.command("run", epilog="Example:  roadscope run roundabout --seed 3 --picture scene.png")
+def run_scenario(
+    scenario: Annotated[str, typer.Argument(help="Traffic, see: roadscope list scenarios.")],
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is another episode.")] = 0,
+    rig: Annotated[str, typer.Option(help="Sensors: a name or a .toml file.")] = "lux",
+    detector: Annotated[
+        str, typer.Option(help="A name, module:Class or file.py:Class, with ?argument=value.")
+    ] = "pag-range",
+    tracker: Annotated[str, typer.Option(help="Likewise.")] = "nearest-q",
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a bird's-eye view of the middle frame here.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Length of the episode; the scenario's own if left out.")
+    ] = None,
+) -> None:
+    """Run one episode through one detector and one tracker."""
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.single import picture_path, run_episode, save_picture
+    from roadscope.benchmarks.tables import score_table
+
+    episode = Episode(scenario, seed, rig, seconds)
+    if picture is not None:
+        picture_path(picture)
+    with _progress() as progress:
+        summary = run_episode(episode, detector=detector, tracker=tracker, progress=progress)
+        if picture is not None:
+            progress("picture", 0, 1)
+            save_picture(summary, picture)
+    frames = len(summary.tracks)
+    typer.echo(f"{scenario}, seed {seed}, {rig}: {frames} frames, vehicles within 60 m")
+    _print(score_table(summary.detection, f"detector {detector}"))
+    _print(score_table(summary.tracking, f"tracker {tracker}"))
+    if picture is not None:
+        typer.echo(f"picture: {picture}")
+
+
+@app.command(epilog='Example:  roadscope leaderboard --entry "my_tracker.py:Mine?gate_m=2.5"')
+def leaderboard(
+    board: Annotated[
+        str | None, typer.Argument(help="detection or tracking; both if left out.")
+    ] = None,
+    suite: Annotated[
+        str, typer.Option(help="Conditions: a name (roadscope list suites) or a .toml file.")
+    ] = "quick",
+    entry: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Your detector or tracker, beside the suite's own: a name, module:Class or "
+            "file.py:Class, with ?argument=value. Can be given several times."
+        ),
+    ] = None,
+    only: Annotated[bool, typer.Option("--only", help="Run the given entries alone.")] = False,
+    jobs: Jobs = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for leaderboard.json, .csv, .md and the results database."),
+    ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Do again what an earlier run has done.")
+    ] = False,
+) -> None:
+    """Rank detectors and trackers on a suite of traffic.
+
+    What an earlier run has finished is not done again; a stopped run goes on where it was.
+
+    An entry that fails becomes a row with its reason.
+    """
+    from roadscope.benchmarks.plan import BOARDS
+    from roadscope.benchmarks.runner import run
+
+    with _progress() as progress:
+        results = run(
+            suite,
+            entry or (),
+            boards=BOARDS if board is None else (board,),
+            only=only,
+            jobs=jobs or _cores(),
+            out_dir=out,
+            fresh=fresh,
+            progress=progress,
+        )
+    _show(results, suite)
+    if out is not None:
+        typer.echo(f"written: {out / 'leaderboard.json'}")
+    if results.barren():
+        raise typer.Exit(FAILED)
+
+
+@app.command(epilog="Example:  roadscope reproduce lu2018 --out results")
+def reproduce(
+    paper: Annotated[str, typer.Argument(help="lu2018.")],
+    seeds: Annotated[int, typer.Option(min=1, help="Episodes behind each interval.")] = 30,
+    jobs: Jobs = 0,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Show every method in full, as in PAPER.json.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for PAPER.json.")] = None,
+) -> None:
+    """Repeat a paper's experiments and print its figures beside ours."""
+    from roadscope.benchmarks.cache import usable_folder
+    from roadscope.benchmarks.papers import reproduction_of
+    from roadscope.benchmarks.reproduction import write_rows
+    from roadscope.benchmarks.reproduction_tables import reproduction_tables
+
+    experiments = reproduction_of(paper)
+    folder = None if out is None else usable_folder(out)
+    with _progress() as progress:
+        rows = experiments(
+            seeds, lambda done, of: progress("seeds", done, of), jobs=jobs or _cores()
+        )
+    for experiment in dict.fromkeys(row.experiment for row in rows):
+        _print(f"\n[bold]{experiment}[/]")
+        shown = [row for row in rows if row.experiment == experiment]
+        for table in reproduction_tables(shown, everything=everything):
+            _print("")
+            _print(table)
+    if folder is not None:
+        write_rows(rows, folder / f"{paper}.json")
+        typer.echo(f"written: {folder / f'{paper}.json'}")
+
+
+@app.command(epilog="Example:  roadscope speed --out results")
+def speed(
+    out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
+) -> None:
+    """Measure the ray caster, beside Open3D's when that is installed."""
+    from roadscope.benchmarks.cache import usable_folder
+    from roadscope.benchmarks.speed import measure_speed, write_speed
+    from roadscope.benchmarks.tables import speed_table
+
+    folder = None if out is None else usable_folder(out)
+    with _progress() as progress:
+        rows = measure_speed(progress=lambda _, done, of: progress("speed", done, of))
+    _print(speed_table(rows))
+    if folder is not None:
+        write_speed(rows, folder / "speed.json")
+        typer.echo(f"written: {folder / 'speed.json'}")
+
+
+def _show(results: Any, suite: str) -> None:
+    from roadscope.benchmarks.suite import load_suite
+    from roadscope.benchmarks.tables import board_table, conditions, footnote
+
+    loaded = load_suite(suite)
+    console, jobs = _console(), results.manifest["jobs"]
+    summary = f": {loaded.summary}" if loaded.summary else ""
+    console.print(f"[bold]{loaded.title}[/]{summary}. {conditions(loaded)}")
+    for name in results.boards():
+        console.print(f"\n[bold]{name} board[/]")
+        console.print(board_table(results, name, console.width))
+        if results.nothing_eligible(name):
+            console.print("No object in any episode was to be found: there is nothing to score.")
+        console.print(footnote(name, console.width, jobs), style="dim")
+    for name, count, reason in results.reasons():
+        spec, _, rest = reason.partition(": ")
+        told = rest if name == spec or name.startswith(f"{spec} on ") else reason
+        counted = results.row(results.board_of(name), name, "failed_episodes")
+        _complain(f"failed: {name} in {count} of {counted.n} episodes: {told}")
+
+
+def _console(stderr: bool = False) -> Any:
+    from rich.console import Console
+
+    return Console(stderr=stderr, highlight=False)
+
+
+def _print(thing: Any) -> None:
+    _console().print(thing)
+
+
+def _complain(text: str) -> None:
+    typer.echo(" ".join(text.split()), err=True)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int, int], None]]:
+    """Show one bar for each stage, with time spent and left."""
+    from rich import progress as bars
+
+    columns = (
+        bars.SpinnerColumn(),
+        bars.TextColumn("{task.description:9}"),
+        bars.BarColumn(),
+        bars.MofNCompleteColumn(),
+        bars.TimeElapsedColumn(),
+        bars.TimeRemainingColumn(),
+    )
+    shown = bars.Progress(*columns, console=_console(stderr=True))
+    tasks: dict[str, bars.TaskID] = {}
+
+    def tell(stage: str, done: int, total: int) -> None:
+        # Started late, so that an error in the input is the only line there is.
+        shown.start()
+        if stage not in tasks:
+            tasks[stage] = shown.add_task(stage, total=total)
+        shown.update(tasks[stage], completed=done, total=total)
+
+    try:
+        yield tell
+        for task in shown.tasks:
+            shown.update(task.id, completed=task.total)
+    finally:
+        if tasks:
+            shown.stop()
+
+
+def _cores() -> int:
+    from joblib import cpu_count
+
+    return int(cpu_count())
+
+
+def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
+    _complain(f"warning: {message}")
+
+
+def main() -> None:
+    """Run the command line; bad input ends in one line on stderr and a non-zero exit."""
+    warnings.showwarning = _warn
+    try:
+        status = app(standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        status = INTERRUPTED
+    except Exception as error:
+        status = _report(error)
+    if status == INTERRUPTED:
+        kept = sys.argv[1:2] == ["leaderboard"]
+        _complain(f"interrupted{'; finished results are kept, run again to go on' * kept}")
+    sys.exit(status)
+
+
+def _report(error: Exception) -> int:
+    """Say in one line what was wrong with the input; anything else is a fault of ours."""
+    if hasattr(error, "format_message"):
+        # Without a message help itself was shown: nothing was asked for.
+        if text := error.format_message():
+            _complain(f"error: {text} (help: {_command_of(error)} --help)")
+        return USAGE
+    if isinstance(error, ValueError | RuntimeError | OSError):
+        _complain(f"error: {error}")
+        return FAILED
+    raise error
+
+
+def _command_of(error: Any) -> str:
+    context = getattr(error, "ctx", None)
+    named = context.info_name if context is not None and context.parent is not None else None
+    return f"roadscope {named}" if named else "roadscope"
+
+
+if __name__ == "__main__":
+    main()

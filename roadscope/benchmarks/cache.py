@@ -1,0 +1,75 @@
+"""Files that are computed once: traffic timelines and detections."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+ENVIRONMENT_VARIABLE = "ROADSCOPE_CACHE"
+
+
+class FolderError(ValueError):
+    """A folder cannot be written to."""
+
+
+def cache_dir() -> Path:
+    """Return the folder for computed files, made if need be.
+
+    `ROADSCOPE_CACHE` names it, otherwise it is the user's cache folder. Where neither can be
+    written a temporary folder is used, with a warning.
+    """
+    named = os.environ.get(ENVIRONMENT_VARIABLE)
+    return _usable(Path(named) if named else _user_cache_dir())
+
+
+def usable_folder(path: Path | str) -> Path:
+    """Make a folder for results and make sure that it can be written."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except FileExistsError as error:
+        raise FolderError(f"cannot write to folder {folder}: a file is in the way") from error
+    except OSError as error:
+        raise FolderError(f"cannot write to folder {folder}: {error.strerror or error}") from error
+
+
+def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a file so that no reader ever sees half of it, whoever else writes it too."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=path.stem, suffix=".part", dir=path.parent)
+    os.close(handle)
+    try:
+        write(Path(name))
+        Path(name).replace(path)
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+def _user_cache_dir() -> Path:
+    from platformdirs import user_cache_path
+
+    return user_cache_path("roadscope", appauthor=False)
+
+
+@cache
+def _usable(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        spare = Path(tempfile.mkdtemp(prefix="roadscope-"))
+        # Worker processes inherit the variable and so share the one spare folder.
+        os.environ[ENVIRONMENT_VARIABLE] = str(spare)
+        warnings.warn(
+            f"cannot write to {folder} ({error.strerror}); computed files go to {spare} and "
+            f"are not found again next time; set {ENVIRONMENT_VARIABLE} to a writable folder",
+            stacklevel=3,
+        )
+        return spare

@@ -1,0 +1,81 @@
+"""Which objects an entry is expected to find, decided from truth alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.benchmarks.metrics.matching import Pairing, centre_distances
+from roadscope.core import Category, Detections, Family, Tracks, Truth
+from roadscope.core.checks import require
+from roadscope.core.record import Record
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Eligibility(Record):
+    """The rule of a suite, the same for every entry.
+
+    range_m: nearest and farthest distance of the box centre from the ego's rear axle, seen
+        from above, metres.
+    min_returns: least number of LiDAR returns in the scan; objects with fewer are invisible.
+    families: which road users are to be found; others are neither misses nor false alarms.
+    """
+
+    range_m: tuple[float, float] = (0.0, 60.0)
+    min_returns: int = 10
+    families: tuple[str, ...] = (Family.VEHICLE.value,)
+
+    def __post_init__(self) -> None:
+        near, far = self.range_m
+        require(0 <= near < far < np.inf, self, "range_m", "0 <= near < far", list(self.range_m))
+        require(self.min_returns >= 1, self, "min_returns", "at least 1", self.min_returns)
+        known = [f.value for f in Family]
+        good = bool(self.families) and all(f in known for f in self.families)
+        require(good, self, "families", f"some of {', '.join(known)}", list(self.families))
+
+    def of(self, truth: Truth) -> np.ndarray:
+        """Return (M,) bool, which objects count in this frame."""
+        wanted = np.array([c.value for c in Category if c.family.value in self.families])
+        return (
+            self.within(truth.centres, truth)
+            & (truth.lidar_returns >= self.min_returns)
+            & np.isin(truth.categories, wanted)
+        )
+
+    def within(self, centres: np.ndarray, truth: Truth) -> np.ndarray:
+        """Return (N,) bool, which world points lie in the range band around the ego."""
+        distances = centre_distances(centres, truth.world_from_ego.translation[None])[:, 0]
+        near, far = self.range_m
+        inside: np.ndarray = (distances >= near) & (distances <= far)
+        return inside
+
+    def pairing(
+        self, found: Detections | Tracks, truth: Truth, parked: np.ndarray | None = None
+    ) -> Pairing:
+        """Set detections or tracks, world frame, against the objects of a frame.
+
+        parked: (P, 2) metres, world frame, cars that are scenery: they come after the objects,
+            none of them eligible.
+        """
+        parked = np.empty((0, 2)) if parked is None else parked
+        return Pairing(
+            distances=np.hstack(
+                [
+                    centre_distances(found.centres, truth.centres),
+                    centre_distances(found.centres, parked),
+                ]
+            ),
+            eligible=np.concatenate([self.of(truth), np.zeros(len(parked), bool)]),
+            counted=self.within(found.centres, truth),
+        )
+
+    def pairings(
+        self,
+        found: Sequence[Detections | Tracks],
+        truths: Sequence[Truth],
+        parked: np.ndarray | None = None,
+    ) -> list[Pairing]:
+        """Do so for every frame of an episode."""
+        return [self.pairing(f, t, parked) for f, t in zip(found, truths, strict=True)]

@@ -1,0 +1,123 @@
+"""One stretch of traffic seen by one rig; the traffic is recorded once and kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+from roadscope.benchmarks.cache import cache_dir, write_atomically
+from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
+from roadscope.core import Frame, RecordError, Truth
+from roadscope.envs.traffic.timeline import Timeline
+
+KEPT_BYTES = 64_000_000
+BYTES_PER_RETURN = 40
+SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """What decides every byte that an entry gets to see.
+
+    scenario: a name of `roadscope.envs.traffic.scenarios.SCENARIOS`.
+    rig: a name of `roadscope.envs.sensors.rigs.RIGS` or a path to a TOML file.
+    duration_s: None: as long as the scenario says.
+    """
+
+    scenario: str
+    seed: int
+    rig: str
+    duration_s: float | None = None
+
+    def traffic_spec(self) -> dict[str, object]:
+        """Return what the traffic depends on."""
+        from roadscope.envs.traffic.scenarios import find
+
+        return {
+            "scenario": fingerprint(find(self.scenario)),
+            "name": self.scenario,
+            "seed": self.seed,
+            "duration_s": self.duration_s,
+            "code": sensing_hash(),
+        }
+
+    def spec(self) -> dict[str, object]:
+        """Return what frames and truth depend on."""
+        from roadscope.envs.sensors.rigs import rig
+
+        return {**self.traffic_spec(), "rig": fingerprint(rig(self.rig))}
+
+
+def timeline_path(episode: Episode) -> Path:
+    """Return where the traffic of an episode is kept."""
+    key = fingerprint(episode.traffic_spec())
+    return cache_dir() / "timelines" / f"{episode.scenario}-{episode.seed}-{key}.npz"
+
+
+def timeline_of(episode: Episode) -> Timeline:
+    """Read the traffic of an episode, or record and keep it."""
+    from roadscope.envs.traffic.scenarios import record
+
+    path = timeline_path(episode)
+    if path.exists():
+        try:
+            return Timeline.load(path)
+        except RecordError:
+            path.unlink(missing_ok=True)
+    timeline = record(episode.scenario, episode.seed, episode.duration_s)
+    write_atomically(path, timeline.save)
+    return timeline
+
+
+def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
+    """Sense an episode from its traffic: every time the same bytes, in arrays of one's own."""
+    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.sensors.sensing import sense
+
+    timeline, sensors = timeline_of(episode), rig(episode.rig)
+    spec = sensors.lidar.spec
+    scans = (timeline.end_s - timeline.start_s) / spec.period_s
+    if scans * spec.beams * spec.columns * BYTES_PER_RETURN > KEPT_BYTES:
+        yield from sense(timeline, sensors, episode.seed)
+        return
+    for frame, truth in _kept(episode, fingerprint(episode.spec())):
+        yield _copied(frame), truth
+
+
+@lru_cache(maxsize=1)
+def _kept(episode: Episode, key: str) -> tuple[tuple[Frame, Truth], ...]:
+    """Keep the last episode: the next job of a worker is often another entry on the same.
+
+    key: changes when the rig file that the episode names does.
+    """
+    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.sensors.sensing import sense
+
+    return tuple(sense(timeline_of(episode), rig(episode.rig), episode.seed))
+
+
+def _copied(frame: Frame) -> Frame:
+    """Give a plug-in arrays that it may write to without anybody else noticing."""
+    scan = frame.lidar
+    if scan is None:
+        return frame
+    arrays = {name: getattr(scan, name).copy() for name in SCAN_ARRAYS}
+    return replace(frame, lidar=replace(scan, **arrays))
+
+
+def check_episode(episode: Episode) -> None:
+    """Refuse what cannot be sensed: unknown names, less time than one sweep takes."""
+    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.traffic.scenarios import find
+
+    find(episode.scenario)
+    mount = rig(episode.rig).lidar
+    least_s = mount.stamp_s(0) + mount.spec.sweep_s / 2
+    if episode.duration_s is not None and not least_s <= episode.duration_s < math.inf:
+        raise ValueError(
+            f"an episode lasts at least {least_s:.3g} s, one sweep of '{episode.rig}', "
+            f"got {episode.duration_s:g} s"
+        )

@@ -1,0 +1,75 @@
+"""Hashes that change whenever what a result depends on changes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roadscope.core.registry import Plugin, source_hash
+
+PACKAGE = Path(__file__).resolve().parents[1]
+LIBRARIES = ("highway-env", "numpy", "scipy", "numba", "filterpy")
+"""Whose versions may change a score."""
+
+
+def fingerprint(value: Any) -> str:
+    """Hash plain values, arrays and dataclasses by content: 16 hexadecimal digits."""
+    text = json.dumps(_plain(value), sort_keys=True, separators=(",", ":"))
+    return sha256(text.encode()).hexdigest()[:16]
+
+
+@cache
+def code_hash(*rooms: str) -> str:
+    """Hash all source files of rooms of this package, such as `core`, or single files of it."""
+    digest = sha256()
+    for room in sorted(rooms):
+        place = PACKAGE / room
+        for path in [place] if place.is_file() else sorted(place.rglob("*.py")):
+            digest.update(str(path.relative_to(PACKAGE)).encode() + b"\0")
+            digest.update(path.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def sensing_hash() -> str:
+    """Hash what frames and truth are made by: our code and the versions of what it calls."""
+    return fingerprint([code_hash("core", "envs"), [package_version(n) for n in LIBRARIES]])
+
+
+def plugin_hash(plugin: Plugin[Any]) -> str:
+    """Hash a plug-in's source and arguments; our own count with their whole room."""
+    room = str(getattr(plugin.factory, "__module__", "")).split(".")
+    shared = code_hash(room[1]) if plugin.ours and len(room) > 1 else ""
+    return fingerprint([source_hash(plugin), shared, dict(plugin.arguments)])
+
+
+def package_version(name: str) -> str:
+    """Return the installed version of a distribution, or `not installed`."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return [str(value.dtype), list(value.shape), sha256(value.tobytes()).hexdigest()]
+    if isinstance(value, np.generic):
+        return value.item()
+    if is_dataclass(value) and not isinstance(value, type):
+        parts = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        return [type(value).__name__, parts]
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if callable(value):
+        return f"{value.__module__}.{value.__qualname__}"
+    return value if isinstance(value, str | int | float | bool | None) else repr(value)

@@ -1,0 +1,148 @@
+"""One entry on one episode: what it depends on, and how it is done."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.cache import cache_dir, write_atomically
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.metrics import METRIC_VERSION
+from roadscope.benchmarks.metrics.detection import score_detections
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.tracking import score_tracks
+from roadscope.benchmarks.oracle import ORACLE
+from roadscope.benchmarks.perceived import Perceived
+from roadscope.benchmarks.stack import EntryError, describe, perceive, prints_aside, track
+from roadscope.benchmarks.store import Outcome
+from roadscope.core import RecordError, Tracks
+from roadscope.detectors import DETECTORS
+from roadscope.trackers import TRACKERS
+
+PERCEIVING = tuple(
+    f"benchmarks/{name}.py"
+    for name in ("stack", "perceived", "oracle", "parked", "episode", "eligibility")
+)
+"""What detections depend on beside the detector and the episode."""
+SCORING = ("benchmarks/metrics", "benchmarks/eligibility.py", "benchmarks/job.py")
+"""What scores depend on beside that."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker is told: names and numbers, no objects.
+
+    board: `detection` or `tracking`.
+    entry: how the board calls it.
+    detector, tracker: specs; a detection job has no tracker.
+    """
+
+    board: str
+    entry: str
+    detector: str
+    tracker: str | None
+    episode: Episode
+    eligibility: Eligibility
+
+    @cached_property
+    def detections_spec(self) -> Mapping[str, Any]:
+        """Everything that the detections depend on."""
+        oracle = self.detector == ORACLE
+        rule = fingerprint(self.eligibility)
+        by = rule if oracle else plugin_hash(DETECTORS.resolve(self.detector))
+        return {
+            "detector": self.detector,
+            "by": by,
+            "episode": self.episode.spec(),
+            "code": code_hash(*PERCEIVING),
+        }
+
+    @cached_property
+    def spec(self) -> str:
+        """Everything that the result depends on, as JSON."""
+        tracker = None if self.tracker is None else plugin_hash(TRACKERS.resolve(self.tracker))
+        content = {
+            "board": self.board,
+            "entry": self.entry,
+            "tracker": tracker,
+            "detections": self.detections_spec,
+            "eligibility": fingerprint(self.eligibility),
+            "metric_version": METRIC_VERSION,
+            "metric_code": code_hash(*SCORING),
+        }
+        return json.dumps(content, sort_keys=True)
+
+    @cached_property
+    def key(self) -> str:
+        """The content hash under which the result is kept."""
+        return fingerprint(self.spec)
+
+    @property
+    def detections_path(self) -> Path:
+        """Where the detections are kept."""
+        return cache_dir() / "detections" / f"{fingerprint(self.detections_spec)}.npz"
+
+
+@prints_aside()
+def execute(job: Job, fresh: bool = False) -> Outcome:
+    """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
+    try:
+        perceived = detections_of(job, fresh and job.tracker is None)
+        if job.tracker is None:
+            return Outcome(detection_scores(job.detector, perceived, job.eligibility))
+        tracks, calls_ms = track(job.tracker, perceived)
+        return Outcome(tracking_scores(tracks, calls_ms, perceived, job.eligibility))
+    except EntryError as error:
+        return Outcome({}, str(error))
+    except Exception as error:
+        return Outcome({}, f"not the entry's fault: {describe(error)}")
+
+
+@prints_aside()
+def detections_of(job: Job, fresh: bool = False) -> Perceived:
+    """Read the detections of an episode, or make and keep them."""
+    path = job.detections_path
+    if path.exists() and not fresh:
+        try:
+            return Perceived.load(path)
+        except RecordError:
+            path.unlink(missing_ok=True)
+    perceived = perceive(job.detector, job.episode, job.eligibility)
+    write_atomically(path, perceived.save)
+    return perceived
+
+
+def detection_scores(
+    detector: str, perceived: Perceived, eligibility: Eligibility
+) -> dict[str, Score]:
+    """Return a detector's scores on an episode, and its cost unless it is the oracle."""
+    found, truths = perceived.detections, perceived.truths
+    pairings = eligibility.pairings(found, truths, perceived.parked)
+    scores = score_detections(found, truths, pairings).named()
+    return scores if detector == ORACLE else scores | cost(perceived.calls_ms)
+
+
+def tracking_scores(
+    tracks: Sequence[Tracks], calls_ms: np.ndarray, perceived: Perceived, eligibility: Eligibility
+) -> dict[str, Score]:
+    """Return a tracker's scores on an episode, and its cost."""
+    pairings = eligibility.pairings(tracks, perceived.truths, perceived.parked)
+    return score_tracks(tracks, perceived.truths, pairings).named() | cost(calls_ms)
+
+
+def cost(calls_ms: np.ndarray) -> dict[str, Score]:
+    """Return median and 99th percentile of a plug-in's calls, without the first (warm-up)."""
+    counted = calls_ms[1:] if len(calls_ms) > 1 else calls_ms
+    middle, worst = np.percentile(counted, [50, 99]) if len(counted) else (np.nan, np.nan)
+    return {
+        "call_p50_ms": Score(float(middle), "ms", "lower", len(counted)),
+        "call_p99_ms": Score(float(worst), "ms", "lower", len(counted)),
+    }

@@ -1,0 +1,91 @@
+"""What can be named on the command line, one line each."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from roadscope.benchmarks.oracle import ORACLE
+from roadscope.benchmarks.suite import SUITES, load_suite, unknown
+from roadscope.core import Registry, SpecError
+
+
+def names_of(kind: str) -> list[tuple[str, str]]:
+    """Return name and description of everything of a kind; an unknown kind raises `SpecError`."""
+    if kind not in KINDS:
+        raise SpecError(unknown("kind", kind, KINDS))
+    return KINDS[kind]()
+
+
+def _detectors() -> list[tuple[str, str]]:
+    from roadscope.detectors import DETECTORS
+
+    return [*_plugins(DETECTORS), (ORACLE, "The true boxes of all eligible objects.")]
+
+
+def _trackers() -> list[tuple[str, str]]:
+    from roadscope.trackers import TRACKERS
+
+    return _plugins(TRACKERS)
+
+
+def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:
+    lines = []
+    for name in registry.names():
+        try:
+            plugin = registry.resolve(name)
+        except SpecError as error:
+            lines.append((name, f"cannot be loaded: {error}"))
+            continue
+        text = (inspect.getdoc(plugin.factory) or "").partition("\n")[0]
+        arguments = ", ".join(f"{k}={v}" for k, v in plugin.arguments.items())
+        lines.append((name, f"{text} ({arguments})" if arguments else text))
+    return lines
+
+
+def _scenarios() -> list[tuple[str, str]]:
+    from roadscope.envs.traffic.scenarios import SCENARIOS
+
+    return [(name, scenario.description) for name, scenario in SCENARIOS.items()]
+
+
+def _suites() -> list[tuple[str, str]]:
+    suites = [load_suite(name) for name in SUITES]
+    return [(s.name, f"v{s.version}: {s.summary}.") for s in suites]
+
+
+def _rigs() -> list[tuple[str, str]]:
+    from roadscope.envs.sensors.rigs import RIGS
+
+    return [
+        (
+            name,
+            f"{'LiDAR' if p.sensor == name else p.sensor}, {p.x_m:g} m ahead of the rear axle, "
+            f"{p.z_m:g} m above ground.",
+        )
+        for name, p in RIGS.items()
+    ]
+
+
+def _sensors() -> list[tuple[str, str]]:
+    from roadscope.envs.sensors.lidar_specs import SPECS
+
+    return [
+        (
+            name,
+            f"LiDAR: {s.beams} beams, {s.columns} columns, {1 / s.period_s:g} Hz, "
+            f"to {s.range_max_m:g} m, range noise {s.range_noise_m * 100:g} cm.",
+        )
+        for name, s in SPECS.items()
+    ]
+
+
+KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
+    "detectors": _detectors,
+    "trackers": _trackers,
+    "scenarios": _scenarios,
+    "suites": _suites,
+    "rigs": _rigs,
+    "sensors": _sensors,
+}

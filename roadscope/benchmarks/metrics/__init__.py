@@ -1,0 +1,4 @@
+"""Scores as pure functions over records of arrays."""
+
+METRIC_VERSION = 1
+"""Raised whenever a score's meaning changes; results of different versions are never mixed."""

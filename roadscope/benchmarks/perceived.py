@@ -1,0 +1,103 @@
+"""What a detector made of an episode, with the truth beside it, as a file."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roadscope.core import Detections, Pose, RecordError, Truth
+from roadscope.core.record import Record
+
+DETECTION_FIELDS = ("centres", "sizes", "yaws", "categories", "scores")
+TRUTH_FIELDS = (
+    "ids", "categories", "centres", "sizes", "yaws", "velocities",
+    "lidar_returns", "visible_pixels", "occluded_fraction",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perceived(Record):
+    """One episode, frame by frame; all tuples have T items.
+
+    detections: in the world frame.
+    truths: without the sources of single returns.
+    calls_ms: (T,) float64, time that the detector took for each frame.
+    parked: (P, 2) float64, metres, world frame, cars that stand beside the road as scenery.
+    """
+
+    detections: tuple[Detections, ...]
+    truths: tuple[Truth, ...]
+    calls_ms: np.ndarray
+    parked: np.ndarray
+
+    def save(self, path: Path) -> None:
+        """Write a compressed `.npz` file."""
+        arrays = {
+            "calls_ms": self.calls_ms,
+            "parked": self.parked,
+            "stamps_s": np.array([t.stamp_s for t in self.truths]),
+            "world_from_ego": np.array([t.world_from_ego.matrix for t in self.truths]),
+            **_joined("d", self.detections, DETECTION_FIELDS),
+            **_joined("t", self.truths, TRUTH_FIELDS),
+        }
+        with path.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+
+    @staticmethod
+    def load(path: Path) -> Perceived:
+        """Undo `save`; anything else is refused."""
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                return _perceived(dict(data))
+        except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise RecordError(f"{path}: not a file of detections: {error}") from error
+
+
+def without_sources(truth: Truth) -> Truth:
+    """Drop what only the scan itself can be read with."""
+    fields: dict[str, Any] = {name: getattr(truth, name) for name in TRUTH_FIELDS}
+    return Truth(
+        **fields,
+        world_from_ego=truth.world_from_ego,
+        stamp_s=truth.stamp_s,
+        sources=np.empty(0, np.int64),
+    )
+
+
+def _perceived(data: dict[str, np.ndarray]) -> Perceived:
+    stamps = data["stamps_s"].tolist()
+    detected = _split("d", data, DETECTION_FIELDS)
+    true = _split("t", data, TRUTH_FIELDS)
+    no_sources = np.empty(0, np.int64)
+    return Perceived(
+        detections=tuple(
+            Detections(**fields, frame="world", stamp_s=stamp)
+            for fields, stamp in zip(detected, stamps, strict=True)
+        ),
+        truths=tuple(
+            Truth(**fields, world_from_ego=Pose(pose), stamp_s=stamp, sources=no_sources)
+            for fields, stamp, pose in zip(true, stamps, data["world_from_ego"], strict=True)
+        ),
+        calls_ms=data["calls_ms"],
+        parked=data["parked"],
+    )
+
+
+def _joined(
+    prefix: str, records: Sequence[Detections] | Sequence[Truth], names: Sequence[str]
+) -> dict[str, np.ndarray]:
+    arrays = {f"{prefix}_count": np.array([len(r) for r in records], np.int64)}
+    for name in names:
+        arrays[f"{prefix}_{name}"] = np.concatenate([getattr(r, name) for r in records])
+    return arrays
+
+
+def _split(prefix: str, data: dict[str, np.ndarray], names: Sequence[str]) -> list[dict[str, Any]]:
+    cuts = np.cumsum(data[f"{prefix}_count"])[:-1]
+    columns = [np.split(data[f"{prefix}_{name}"], cuts) for name in names]
+    return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]

@@ -1,0 +1,82 @@
+"""A paper's figures beside ours, as tables for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.table import Table
+
+from roadscope.benchmarks.reproduction import ReproductionRow
+from roadscope.benchmarks.tables import plain_table
+
+MOST_COLUMNS = 4
+
+
+def reproduction_tables(
+    rows: Sequence[ReproductionRow], *, everything: bool = False
+) -> Iterator[Table]:
+    """Yield tables of one experiment.
+
+    Methods that were measured by the same few quantities are set side by side, after the first
+    where the paper has figures; of those with many, the first is shown, which is the paper's own,
+    or with `everything` each.
+    """
+    families: dict[tuple[str, ...], list[str]] = {}
+    for method in dict.fromkeys(row.method for row in rows):
+        quantities = tuple(row.quantity for row in rows if row.method == method)
+        families.setdefault(quantities, []).append(method)
+    for quantities, methods in families.items():
+        shown = [row for row in rows if row.method in methods]
+        few = len(quantities) <= MOST_COLUMNS
+        if few and all(row.paper is None for row in shown):
+            yield side_by_side(shown, quantities, methods)
+            continue
+        for method in methods if everything else methods[:1]:
+            yield with_intervals([row for row in shown if row.method == method])
+        if few and not everything and len(methods) > 1:
+            yield side_by_side(shown, quantities, methods[1:])
+
+
+def with_intervals(rows: Sequence[ReproductionRow]) -> Table:
+    """Return all quantities of one method, with intervals."""
+    table = plain_table()
+    table.add_column(rows[0].method, ratio=1)
+    table.add_column("paper", justify="right", min_width=7)
+    table.add_column("ours", justify="right", min_width=9, style="bold")
+    table.add_column("95 %", justify="right", min_width=18, style="dim")
+    for row in rows:
+        ends = "" if row.low is None else f"{short(row.low)} to {short(row.high)}"
+        table.add_row(_titled(row.quantity, row.unit), short(row.paper), short(row.ours), ends)
+    return table
+
+
+def side_by_side(
+    rows: Sequence[ReproductionRow], quantities: Sequence[str], methods: Sequence[str]
+) -> Table:
+    """Return methods by quantities, with half the width of the intervals."""
+    named = {(row.method, row.quantity): row for row in rows}
+    table = plain_table()
+    table.add_column("", style="bold", min_width=21)
+    for quantity in quantities:
+        heading = _titled(quantity, named[methods[0], quantity].unit)
+        table.add_column(heading, justify="right", max_width=13)
+    for method in methods:
+        table.add_row(method, *(_spread(named[method, quantity]) for quantity in quantities))
+    return table
+
+
+def short(value: float | None) -> str:
+    """Return a number with four digits, a whole one without a point."""
+    if value is None:
+        return "-"
+    return f"{value:.0f}" if float(value).is_integer() else f"{value:.4g}"
+
+
+def _spread(row: ReproductionRow) -> str:
+    if row.ours is None or row.low is None or row.high is None:
+        return short(row.ours)
+    return f"{row.ours:.2f} ±{(row.high - row.low) / 2:.2f}"
+
+
+def _titled(quantity: str, unit: str) -> str:
+    return quantity if unit in ("1", "", "share", "count", "frame") else f"{quantity}, {unit}"

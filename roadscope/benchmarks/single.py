@@ -1,0 +1,118 @@
+"""One episode through one detector and one tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.cache import usable_folder, write_atomically
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
+from roadscope.benchmarks.job import detection_scores, tracking_scores
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.oracle import ORACLE
+from roadscope.benchmarks.perceived import Perceived
+from roadscope.benchmarks.plan import check
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.stack import perceive, prints_aside, track
+from roadscope.core import Tracks
+from roadscope.detectors import DETECTORS
+from roadscope.trackers import TRACKERS
+
+PICTURES = (".png", ".jpg", ".webp")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Summary:
+    """What came of an episode.
+
+    perceived: detections and truth, frame by frame, world frame.
+    tracks: tracks, frame by frame, world frame.
+    detection, tracking: scores by metric.
+    """
+
+    episode: Episode
+    perceived: Perceived
+    tracks: tuple[Tracks, ...]
+    detection: Mapping[str, Score]
+    tracking: Mapping[str, Score]
+
+
+@prints_aside()
+def run_episode(
+    episode: Episode,
+    *,
+    detector: str = "pag-range",
+    tracker: str = "nearest-q",
+    eligibility: Eligibility | None = None,
+    progress: Progress | None = None,
+) -> Summary:
+    """Run one stack over one episode; unknown names raise before anything runs.
+
+    progress: told the stage, steps done and steps in all.
+    """
+    if detector != ORACLE:
+        check(DETECTORS, detector)
+    check(TRACKERS, tracker)
+    check_episode(episode)
+    rule = Eligibility() if eligibility is None else eligibility
+    tell = progress or silent
+    tell("traffic", 0, 1)
+    timeline_of(episode)
+    tell("traffic", 1, 1)
+    tell("detection", 0, 1)
+    perceived = perceive(detector, episode, rule)
+    tell("detection", 1, 1)
+    tell("tracking", 0, 1)
+    tracks, calls_ms = track(tracker, perceived)
+    tell("tracking", 1, 1)
+    return Summary(
+        episode,
+        perceived,
+        tuple(tracks),
+        detection_scores(detector, perceived, rule),
+        tracking_scores(tracks, calls_ms, perceived, rule),
+    )
+
+
+def picture(summary: Summary, index: int | None = None) -> np.ndarray:
+    """Return a bird's-eye view of one frame, the middle one by default: (H, W, 3) uint8."""
+    from roadscope.envs.gym.render import birds_eye
+    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.sensors.sensing import Sensing
+
+    episode = summary.episode
+    index = len(summary.tracks) // 2 if index is None else index
+    timeline = timeline_of(episode)
+    frame, truth = Sensing(rig(episode.rig), episode.seed).sense(timeline, index)
+    ego_from_world = truth.world_from_ego.inverse()
+    return birds_eye(
+        frame,
+        truth,
+        timeline,
+        tracks=summary.tracks[index],
+        detections=summary.perceived.detections[index].moved(ego_from_world, "ego"),
+    )
+
+
+def picture_path(path: Path | str) -> Path:
+    """Refuse a path that no picture can be written to, before anything is computed."""
+    path = Path(path)
+    if path.suffix.lower() not in PICTURES:
+        raise ValueError(f"a picture ends in {', '.join(PICTURES)}, got {path}")
+    if path.is_dir():
+        raise ValueError(f"cannot write a picture to {path}: it is a folder")
+    usable_folder(path.parent)
+    return path
+
+
+def save_picture(summary: Summary, path: Path | str) -> None:
+    """Write the bird's-eye view to an image file; its ending says the format."""
+    from matplotlib.image import imsave
+
+    path = picture_path(path)
+    image = picture(summary)
+    write_atomically(path, lambda part: imsave(part, image, format=path.suffix[1:].lower()))

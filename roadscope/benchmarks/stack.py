@@ -1,0 +1,179 @@
+"""Runs detectors and trackers over an episode; only the plug-in's own call is timed."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from operator import methodcaller
+from pathlib import Path
+from time import perf_counter
+from typing import Any, TypeVar
+
+import numpy as np
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode, sensed
+from roadscope.benchmarks.oracle import ORACLE, oracle_detections
+from roadscope.benchmarks.parked import parked_centres, parked_owners
+from roadscope.benchmarks.perceived import Perceived, without_sources
+from roadscope.core import Detections, Frame, Tracks, TrackState, Truth
+from roadscope.detectors import DETECTORS
+from roadscope.trackers import TRACKERS
+
+T = TypeVar("T")
+
+OURS = Path(__file__).resolve().parents[1]
+STAMP_TOLERANCE_S = 1e-6
+
+
+class EntryError(RuntimeError):
+    """A plug-in failed; the message says how."""
+
+
+def perceive(detector: str, episode: Episode, eligibility: Eligibility) -> Perceived:
+    """Run a detector, or the oracle, over an episode."""
+    detections, truths, calls_ms = [], [], []
+    parked: set[int] = set()
+    detect = _detect(detector, eligibility)
+    for frame, truth in sensed(episode):
+        found, took_ms = detect(frame, truth)
+        detections.append(found)
+        truths.append(without_sources(truth))
+        calls_ms.append(took_ms)
+        parked |= parked_owners(truth)
+    if not truths:
+        raise ValueError("the episode is shorter than one sweep of the LiDAR")
+    centres = parked_centres(episode, parked)
+    return Perceived(tuple(detections), tuple(truths), np.array(calls_ms), centres)
+
+
+def track(tracker: str, perceived: Perceived) -> tuple[list[Tracks], np.ndarray]:
+    """Run a tracker over an episode's detections, with the true pose of the ego.
+
+    Returns confirmed and coasting tracks in the world frame, and the time of each call in ms.
+    """
+    plugin = guarded(tracker, lambda: TRACKERS.make(tracker))
+    guarded(tracker, methodcaller("reset"), plugin)
+    followed, calls_ms = [], []
+    velocities = ego_velocities(perceived.truths)
+    for detections, truth, motion in zip(
+        perceived.detections, perceived.truths, velocities, strict=True
+    ):
+        seen = detections.moved(truth.world_from_ego.inverse(), "ego")
+        tracks, took_ms = timed(tracker, methodcaller("update", seen, truth.world_from_ego), plugin)
+        followed.append(_world_tracks(tracker, tracks, truth, motion))
+        calls_ms.append(took_ms)
+    return followed, np.array(calls_ms)
+
+
+def ego_velocities(truths: Sequence[Truth]) -> np.ndarray:
+    """Return (T, 3) velocity in x and y, m/s, world frame, and yaw rate, rad/s, of the ego."""
+    if len(truths) < 2:
+        return np.zeros((len(truths), 3))
+    stamps = np.array([t.stamp_s for t in truths])
+    poses = [t.world_from_ego for t in truths]
+    track = np.column_stack([[p.translation[:2] for p in poses], np.unwrap([p.yaw for p in poses])])
+    rates: np.ndarray = np.gradient(track, stamps, axis=0)
+    return rates
+
+
+def guarded(spec: str, call: Callable[..., T], *arguments: Any) -> T:
+    """Call a plug-in; whatever it raises becomes an `EntryError` that says what and where."""
+    try:
+        return call(*arguments)
+    except (Exception, SystemExit) as error:
+        raise EntryError(f"{spec}: {describe(error, in_plugin=True)}") from error
+
+
+@contextmanager
+def prints_aside() -> Iterator[None]:
+    """Send what plug-ins print to stderr: stdout is for results."""
+    with redirect_stdout(sys.stderr):
+        yield
+
+
+def timed(spec: str, call: Callable[..., T], *arguments: Any) -> tuple[T, float]:
+    """Call a plug-in and return what it gave and how many milliseconds it took."""
+    start = perf_counter()
+    result = guarded(spec, call, *arguments)
+    return result, (perf_counter() - start) * 1e3
+
+
+def describe(error: BaseException, *, in_plugin: bool = False) -> str:
+    """Say in one line what was raised and where.
+
+    in_plugin: name the last line within the plug-in's own file, not within what it calls.
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    foreign = [f.filename for f in frames if not Path(f.filename).is_relative_to(OURS)]
+    if in_plugin and foreign:
+        frames = traceback.StackSummary(f for f in frames if f.filename == foreign[0])
+    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
+
+
+def _detect(
+    detector: str, eligibility: Eligibility
+) -> Callable[[Frame, Truth], tuple[Detections, float]]:
+    """Return what finds objects in a frame, world frame, and says how many ms it took."""
+    if detector == ORACLE:
+        return lambda _, truth: (oracle_detections(truth, eligibility), 0.0)
+    plugin = guarded(detector, lambda: DETECTORS.make(detector))
+    guarded(detector, methodcaller("reset"), plugin)
+
+    def detect(frame: Frame, truth: Truth) -> tuple[Detections, float]:
+        found, took_ms = timed(detector, methodcaller("detect", frame), plugin)
+        return _world_detections(detector, found, truth), took_ms
+
+    return detect
+
+
+def _world_detections(spec: str, found: Any, truth: Truth) -> Detections:
+    if not isinstance(found, Detections):
+        raise EntryError(f"{spec}: detect returned {type(found).__name__}, not Detections")
+    _same_moment(spec, "detections", found.stamp_s, truth.stamp_s)
+    if found.frame == "ego":
+        return found.moved(truth.world_from_ego, "world")
+    if found.frame != "world":
+        raise EntryError(f"{spec}: detections in frame '{found.frame}'; possible: ego, world")
+    return found
+
+
+def _world_tracks(spec: str, tracks: Any, truth: Truth, motion: np.ndarray) -> Tracks:
+    """Bring tracks into the world frame and leave tentative ones out.
+
+    motion: (3,) velocity and yaw rate of the ego, which tracks in its frame are relative to.
+    """
+    if not isinstance(tracks, Tracks):
+        raise EntryError(f"{spec}: update returned {type(tracks).__name__}, not Tracks")
+    _same_moment(spec, "tracks", tracks.stamp_s, truth.stamp_s)
+    if tracks.frame not in ("ego", "world"):
+        raise EntryError(f"{spec}: tracks in frame '{tracks.frame}'; possible: ego, world")
+    sure = _select(tracks, tracks.states != TrackState.TENTATIVE)
+    if sure.frame == "world":
+        return sure
+    moved = sure.moved(truth.world_from_ego, "world")
+    lever = moved.centres[:, :2] - truth.world_from_ego.translation[:2]
+    turning = motion[2] * np.column_stack([-lever[:, 1], lever[:, 0]])
+    return _replaced(moved, velocities=moved.velocities + motion[:2] + turning)
+
+
+def _same_moment(spec: str, what: str, stamp_s: float, frame_s: float) -> None:
+    if not abs(stamp_s - frame_s) <= STAMP_TOLERANCE_S:
+        raise EntryError(f"{spec}: {what} are stamped {stamp_s} s, their frame is at {frame_s} s")
+
+
+_TRACK_ROWS = (
+    "ids", "centres", "sizes", "yaws", "velocities", "covariances", "categories", "scores", "states"
+)  # fmt: skip
+
+
+def _select(tracks: Tracks, index: np.ndarray) -> Tracks:
+    return _replaced(tracks, **{name: getattr(tracks, name)[index] for name in _TRACK_ROWS})
+
+
+def _replaced(tracks: Tracks, **changes: np.ndarray) -> Tracks:
+    fields = {name: getattr(tracks, name) for name in _TRACK_ROWS} | changes
+    return Tracks(**fields, frame=tracks.frame, stamp_s=tracks.stamp_s)

@@ -1,0 +1,35 @@
+"""Records that cross rooms, geometry and the registry; imports nothing of ours."""
+
+from roadscope.core.category import Category, Family
+from roadscope.core.checks import RecordError
+from roadscope.core.detections import Detections, ImageDetections
+from roadscope.core.frame import Calibration, Frame
+from roadscope.core.image import CameraImage
+from roadscope.core.imu import ImuSamples
+from roadscope.core.pose import Pose, wrap_angle
+from roadscope.core.registry import Plugin, Registry, SpecError
+from roadscope.core.scan import LidarScan
+from roadscope.core.tracks import Tracks, TrackState
+from roadscope.core.truth import GROUND, Truth
+
+__all__ = [
+    "GROUND",
+    "Calibration",
+    "CameraImage",
+    "Category",
+    "Detections",
+    "Family",
+    "Frame",
+    "ImageDetections",
+    "ImuSamples",
+    "LidarScan",
+    "Plugin",
+    "Pose",
+    "RecordError",
+    "Registry",
+    "SpecError",
+    "TrackState",
+    "Tracks",
+    "Truth",
+    "wrap_angle",
+]

@@ -1,0 +1,29 @@
+"""What one exposure of a camera brings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core.checks import settle_arrays
+from roadscope.core.record import Record
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraImage(Record):
+    """One colour image.
+
+    pixels: (H, W, 3) uint8, RGB.
+    intrinsics: (3, 3) float64, pinhole matrix in pixels.
+    stamp_s: middle of the exposure, seconds since reset.
+    sensor: name of the sensor in its rig.
+    """
+
+    pixels: np.ndarray
+    intrinsics: np.ndarray
+    stamp_s: float
+    sensor: str
+
+    def __post_init__(self) -> None:
+        settle_arrays(self, pixels=(np.uint8, ("H", "W", 3)), intrinsics=(np.float64, (3, 3)))

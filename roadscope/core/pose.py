@@ -1,0 +1,124 @@
+"""Rigid transforms in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core.checks import require, settle_arrays
+from roadscope.core.record import Record
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose(Record):
+    """A rigid transform; `a_from_b` maps points of frame b into frame a.
+
+    matrix: (4, 4) float64, rotation and translation in metres.
+    """
+
+    matrix: np.ndarray
+
+    def __post_init__(self) -> None:
+        settle_arrays(self, matrix=(np.float64, (4, 4)))
+        rotation = self.matrix[:3, :3]
+        orthonormal = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-6
+        require(
+            bool(orthonormal) and np.linalg.det(rotation) > 0,
+            self, "matrix", "a rotation in its upper left 3 x 3 block", rotation.tolist(),
+        )  # fmt: skip
+        require(
+            np.array_equal(self.matrix[3], (0, 0, 0, 1)),
+            self, "matrix", "a last row of 0 0 0 1", self.matrix[3].tolist(),
+        )  # fmt: skip
+
+    @staticmethod
+    def identity() -> Pose:
+        """Return the transform that changes nothing."""
+        return Pose(np.eye(4))
+
+    @staticmethod
+    def from_parts(rotation: np.ndarray, translation: np.ndarray) -> Pose:
+        """Join a (3, 3) rotation and a (3,) translation in metres."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = rotation
+        matrix[:3, 3] = translation
+        return Pose(matrix)
+
+    @staticmethod
+    def planar(x_m: float, y_m: float, yaw: float, z_m: float = 0.0) -> Pose:
+        """Return a level pose; yaw in radians, counter-clockwise."""
+        return Pose.from_euler(x_m, y_m, z_m, yaw=yaw)
+
+    @staticmethod
+    def from_euler(
+        x_m: float,
+        y_m: float,
+        z_m: float,
+        *,
+        yaw: float = 0.0,
+        pitch: float = 0.0,
+        roll: float = 0.0,
+    ) -> Pose:
+        """Return a pose from ISO 8855 angles in radians, rotating by yaw, then pitch, then roll."""
+        cy, sy = np.cos(yaw), np.sin(yaw)
+        cp, sp = np.cos(pitch), np.sin(pitch)
+        cr, sr = np.cos(roll), np.sin(roll)
+        rotation = np.array(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )
+        return Pose.from_parts(rotation, np.array([x_m, y_m, z_m]))
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """The (3, 3) rotation."""
+        return self.matrix[:3, :3]
+
+    @property
+    def translation(self) -> np.ndarray:
+        """The (3,) translation in metres."""
+        return self.matrix[:3, 3]
+
+    @property
+    def yaw(self) -> float:
+        """Heading of the x axis in radians, counter-clockwise."""
+        return float(np.arctan2(self.matrix[1, 0], self.matrix[0, 0]))
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """Chain: `a_from_b @ b_from_c` is `a_from_c`."""
+        return Pose(self.matrix @ other.matrix)
+
+    def inverse(self) -> Pose:
+        """Turn `a_from_b` into `b_from_a`."""
+        rotation = self.rotation.T
+        return Pose.from_parts(rotation, -rotation @ self.translation)
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Map (..., 3) points of frame b into frame a, in float64."""
+        # Sums instead of a matrix product: the same bits on every machine, and no threads to wait
+        # for.
+        given = np.asarray(points)
+        x, y, z = given[..., 0], given[..., 1], given[..., 2]
+        mapped = np.empty(given.shape)
+        for axis, (a, b, c) in enumerate(self.rotation):
+            mapped[..., axis] = x * a + y * b + z * c + self.translation[axis]
+        return mapped
+
+    def interpolate(self, other: Pose, fraction: float) -> Pose:
+        """Go the given fraction of the way to the other pose, turning at a constant rate."""
+        from scipy.spatial.transform import Rotation
+
+        turn = Rotation.from_matrix(self.rotation.T @ other.rotation).as_rotvec()
+        rotation = self.rotation @ Rotation.from_rotvec(fraction * turn).as_matrix()
+        return Pose.from_parts(
+            rotation, (1 - fraction) * self.translation + fraction * other.translation
+        )
+
+
+def wrap_angle(angle: np.ndarray | float) -> np.ndarray:
+    """Bring angles in radians into [-pi, pi)."""
+    return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,226 @@
+"""Plug-ins by name: a registered name, `module:Class` or `path/file.py:Class`, with arguments.
+
+Every spec may end in arguments, `nearest?gate_m=2.5&coast_frames=20`; values are read as Python
+literals and otherwise taken as text. Packages add names by entry points.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import importlib
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib.metadata import entry_points, packages_distributions, version
+from pathlib import Path
+from typing import Any, Generic, TypeVar, cast
+
+T = TypeVar("T")
+
+
+class SpecError(ValueError):
+    """A plug-in could not be named, loaded or made."""
+
+
+@dataclass(frozen=True)
+class Plugin(Generic[T]):
+    """A plug-in that is known but not yet made.
+
+    spec: the string that names it, as the user wrote it.
+    factory: its class.
+    arguments: keyword arguments given in the spec.
+    ours: whether it ships with this package.
+    """
+
+    spec: str
+    factory: Callable[..., T]
+    arguments: Mapping[str, Any]
+    ours: bool
+
+    def make(self) -> T:
+        """Construct the plug-in; wrong arguments are named."""
+        try:
+            inspect.signature(self.factory).bind(**self.arguments)
+        except TypeError as error:
+            known = ", ".join(_describe_parameters(self.factory)) or "none"
+            raise SpecError(f"'{self.spec}': {error}; its arguments: {known}") from error
+        return self.factory(**self.arguments)
+
+
+class Registry(Generic[T]):
+    """Names of one kind of plug-in."""
+
+    def __init__(self, kind: str, entries: Mapping[str, str], *, group: str | None = None) -> None:
+        """Take the kind's name, names with their specs, and the entry point group to join."""
+        self.kind = kind
+        self._entries = dict(entries)
+        self._group = group
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names()
+
+    def names(self) -> list[str]:
+        """All registered names, our own first, then those of installed packages."""
+        return list(self._entries) + sorted(set(self._external()) - set(self._entries))
+
+    def target(self, name: str) -> str:
+        """Return the spec behind a registered name."""
+        found = self._entries.get(name) or self._external().get(name)
+        if found is None:
+            raise SpecError(self._unknown(name))
+        return found
+
+    def make(self, spec: str) -> T:
+        """Construct the plug-in that the spec names."""
+        return self.resolve(spec).make()
+
+    def resolve(self, spec: str) -> Plugin[T]:
+        """Find the class and the arguments that the spec names, without making it."""
+        name, arguments = split_spec(spec)
+        if ":" not in name:
+            if name.endswith(".py"):
+                raise SpecError(f"'{spec}': name the class in the file too: {name}:Class")
+            target, defaults = split_spec(self.target(name))
+            arguments = {**defaults, **arguments}
+        else:
+            target = name
+        return Plugin(spec, self._load(target), arguments, target.startswith("roadscope."))
+
+    def _external(self) -> dict[str, str]:
+        if self._group is None:
+            return {}
+        return {point.name: point.value for point in entry_points(group=self._group)}
+
+    def _unknown(self, name: str) -> str:
+        known = self.names()
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f" (did you mean '{close[0]}'?)" if close else ""
+        return (
+            f"no {self.kind} '{name}'{hint}; known: {', '.join(known)}; "
+            "or name your own: package.module:Class, path/to/file.py:Class"
+        )
+
+    def _load(self, target: str) -> Callable[..., T]:
+        place, _, attribute = target.rpartition(":")
+        if not place:
+            raise SpecError(f"'{target}' names no module or file before the colon")
+        module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
+        try:
+            found = getattr(module, attribute)
+        except AttributeError:
+            known = [
+                name
+                for name, value in vars(module).items()
+                if inspect.isclass(value) and value.__module__ == module.__name__ and name[0] != "_"
+            ]
+            raise SpecError(
+                f"no class '{attribute}' in {place}; it has: {', '.join(known) or 'no class'}"
+            ) from None
+        if not inspect.isclass(found):
+            raise SpecError(f"'{target}' is not a class")
+        return cast("Callable[..., T]", found)
+
+
+def split_spec(spec: str) -> tuple[str, dict[str, Any]]:
+    """Split `name?a=1&b=x` into the name and its arguments."""
+    name, _, query = spec.partition("?")
+    if not name:
+        raise SpecError(f"'{spec}' names nothing")
+    arguments: dict[str, Any] = {}
+    for item in filter(None, query.split("&")):
+        key, equals, text = item.partition("=")
+        if not equals or not key.isidentifier():
+            raise SpecError(f"'{spec}': arguments look like name?key=value&key=value, got '{item}'")
+        arguments[key] = _literal(text)
+    return name, arguments
+
+
+def source_hash(plugin: Plugin[Any]) -> str:
+    """Hash what a plug-in's class was loaded from: 16 hexadecimal digits.
+
+    That is its file, the files and packages beside it that it imports (helpers and base
+    classes) and, for an installed package, its version.
+    """
+    module = str(getattr(plugin.factory, "__module__", ""))
+    path = getattr(sys.modules.get(module), "__file__", None)
+    if path is None:
+        return sha256(repr(plugin.factory).encode()).hexdigest()[:16]
+    digest = sha256(_distribution_version(module).encode())
+    files: set[Path] = set()
+    _collect_sources(Path(path).resolve(), files)
+    for file in sorted(files):
+        digest.update(file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def _collect_sources(file: Path, files: set[Path]) -> None:
+    """Add a file and, by its import statements, those beside it that it needs."""
+    if file in files:
+        return
+    files.add(file)
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [node.module] if node.module else [alias.name for alias in node.names]
+        else:
+            continue
+        for top in {name.partition(".")[0] for name in names}:
+            beside = file.parent / f"{top}.py"
+            for found in [beside] if beside.is_file() else (file.parent / top).rglob("*.py"):
+                _collect_sources(found, files)
+
+
+def _distribution_version(module: str) -> str:
+    names = packages_distributions().get(module.partition(".")[0], [])
+    return ",".join(f"{name}={version(name)}" for name in sorted(set(names)))
+
+
+def _literal(text: str) -> Any:
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return {"true": True, "false": False, "none": None}.get(text.lower(), text)
+
+
+def _describe_parameters(factory: Callable[..., Any]) -> list[str]:
+    return [str(p) for p in inspect.signature(factory).parameters.values()]
+
+
+def _import_module(name: str) -> Any:
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise SpecError(f"cannot import '{name}': {error}") from error
+    except (Exception, SystemExit) as error:
+        raise SpecError(_fails(name, error)) from error
+
+
+def _import_file(path: Path) -> Any:
+    if not path.is_file():
+        raise SpecError(f"no file {path}")
+    name = "roadscope_plugin_" + sha256(str(path.resolve()).encode()).hexdigest()[:12]
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        raise SpecError(_fails(path, error)) from error
+    return module
+
+
+def _fails(place: object, error: BaseException) -> str:
+    return f"{place} fails when loaded: {type(error).__name__}: {error}"

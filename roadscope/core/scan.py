@@ -1,0 +1,45 @@
+"""What one turn of a LiDAR brings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core.checks import settle_arrays
+from roadscope.core.record import Record
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LidarScan(Record):
+    """The returns of one sweep, in firing order, as measured: not corrected for own motion.
+
+    points: (N, 3) float32, metres, lidar frame at each point's own time.
+    intensity: (N,) float32 in 0 to 1.
+    ring: (N,) int16, beam number, 0 the lowest.
+    column: (N,) int32, azimuth step of the sweep, in firing order.
+    time_offset_s: (N,) float32, seconds after the stamp.
+    stamp_s: time since reset at which the truth of the scan is taken, the middle of the sweep.
+    sensor: name of the sensor in its rig.
+    """
+
+    points: np.ndarray
+    intensity: np.ndarray
+    ring: np.ndarray
+    column: np.ndarray
+    time_offset_s: np.ndarray
+    stamp_s: float
+    sensor: str
+
+    def __post_init__(self) -> None:
+        settle_arrays(
+            self,
+            points=(np.float32, ("N", 3)),
+            intensity=(np.float32, ("N",)),
+            ring=(np.int16, ("N",)),
+            column=(np.int32, ("N",)),
+            time_offset_s=(np.float32, ("N",)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.points)

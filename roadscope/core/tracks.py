@@ -1,0 +1,98 @@
+"""What trackers say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from roadscope.core.checks import require, settle_arrays
+from roadscope.core.detections import check_boxes
+from roadscope.core.pose import Pose, wrap_angle
+from roadscope.core.record import Record
+
+
+class TrackState(IntEnum):
+    """How sure a tracker is of a track; records store it as int8."""
+
+    TENTATIVE = 0
+    CONFIRMED = 1
+    COASTING = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks(Record):
+    """The tracks of one tick.
+
+    ids: (N,) int64, unique within the record, never used again for another track.
+    centres: (N, 3) float64, metres.
+    sizes: (N, 3) float64, metres, length width height.
+    yaws: (N,) float64, radians.
+    velocities: (N, 2) float64, m/s, along the axes of `frame`; in frame `ego` relative to
+        the moving ego.
+    covariances: (N, 4, 4) float64 of (x, y, vx, vy).
+    categories: (N,) int8, values of `Category`.
+    scores: (N,) float64 in 0 to 1.
+    states: (N,) int8, values of `TrackState`.
+    frame: the coordinate frame, `ego` or `world`.
+    stamp_s: seconds since reset.
+    """
+
+    ids: np.ndarray
+    centres: np.ndarray
+    sizes: np.ndarray
+    yaws: np.ndarray
+    velocities: np.ndarray
+    covariances: np.ndarray
+    categories: np.ndarray
+    scores: np.ndarray
+    states: np.ndarray
+    frame: str
+    stamp_s: float
+
+    def __post_init__(self) -> None:
+        settle_arrays(
+            self,
+            ids=(np.int64, ("N",)),
+            centres=(np.float64, ("N", 3)),
+            sizes=(np.float64, ("N", 3)),
+            yaws=(np.float64, ("N",)),
+            velocities=(np.float64, ("N", 2)),
+            covariances=(np.float64, ("N", 4, 4)),
+            categories=(np.int8, ("N",)),
+            scores=(np.float64, ("N",)),
+            states=(np.int8, ("N",)),
+        )
+        require(
+            len(np.unique(self.ids)) == len(self.ids), self, "ids", "unique ids", self.ids.tolist()
+        )
+        check_boxes(self, self.sizes, self.categories, self.scores)
+        known = np.isin(self.states, list(TrackState))
+        require(
+            bool(known.all()), self, "states", f"values of TrackState, 0 to {max(TrackState)}",
+            self.states[~known][:1].tolist(),
+        )  # fmt: skip
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @staticmethod
+    def empty(stamp_s: float, frame: str = "ego") -> Tracks:
+        """Return no tracks."""
+        none, three = np.empty(0), np.empty((0, 3))
+        return Tracks(
+            np.empty(0, np.int64), three, three, none, np.empty((0, 2)), np.empty((0, 4, 4)),
+            np.empty(0, np.int8), none, np.empty(0, np.int8), frame, stamp_s,
+        )  # fmt: skip
+
+    def moved(self, a_from_b: Pose, frame: str) -> Tracks:
+        """Express tracks of frame b in frame a, named `frame`, both frames held still."""
+        turn = np.kron(np.eye(2), a_from_b.rotation[:2, :2])
+        return Tracks(
+            self.ids, a_from_b.apply(self.centres), self.sizes,
+            wrap_angle(self.yaws + a_from_b.yaw),
+            self.velocities @ a_from_b.rotation[:2, :2].T,
+            turn @ self.covariances @ turn.T,
+            self.categories, self.scores, self.states, frame, self.stamp_s,
+        )  # fmt: skip

@@ -1,0 +1,66 @@
+"""What was really there. Truth travels beside frames and never reaches a plug-in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core.checks import settle_arrays
+from roadscope.core.pose import Pose
+from roadscope.core.record import Record
+
+GROUND = -1
+"""Source of a return that came from the ground."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth(Record):
+    """All road users but the ego at one instant, world frame.
+
+    ids: (N,) int64.
+    categories: (N,) int8, values of `Category`.
+    centres: (N, 3) float64, metres, box centres.
+    sizes: (N, 3) float64, metres, length width height.
+    yaws: (N,) float64, radians.
+    velocities: (N, 2) float64, m/s.
+    lidar_returns: (N,) int64, returns of this tick's scan that came from the object.
+    visible_pixels: (N,) int64, pixels of this tick's image that show the object.
+    occluded_fraction: (N,) float64 in 0 to 1, share of the object's rays that something else
+        caught first; 1 when no ray of the sensor reaches its outline.
+    world_from_ego: pose of the ego at the stamp.
+    stamp_s: seconds since reset.
+    sources: (P,) int64, for each return of the scan the id of the object it came from,
+        `GROUND`, or -2 and below for scenery.
+    """
+
+    ids: np.ndarray
+    categories: np.ndarray
+    centres: np.ndarray
+    sizes: np.ndarray
+    yaws: np.ndarray
+    velocities: np.ndarray
+    lidar_returns: np.ndarray
+    visible_pixels: np.ndarray
+    occluded_fraction: np.ndarray
+    world_from_ego: Pose
+    stamp_s: float
+    sources: np.ndarray
+
+    def __post_init__(self) -> None:
+        settle_arrays(
+            self,
+            ids=(np.int64, ("N",)),
+            categories=(np.int8, ("N",)),
+            centres=(np.float64, ("N", 3)),
+            sizes=(np.float64, ("N", 3)),
+            yaws=(np.float64, ("N",)),
+            velocities=(np.float64, ("N", 2)),
+            lidar_returns=(np.int64, ("N",)),
+            visible_pixels=(np.int64, ("N",)),
+            occluded_fraction=(np.float64, ("N",)),
+            sources=(np.int64, ("P",)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.ids)

@@ -1,0 +1,66 @@
+"""Clustering by adaptive breakpoints (Borges and Aldon 2004)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import wrap_angle
+from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.distance import components
+
+INCIDENCE_RAD = np.radians(10.0)
+"""Smallest angle between beam and surface still believed in, as in the paper."""
+MAX_STEPS = 3.5
+"""Columns between neighbours of a beam; two lost returns are bridged, a hole is not."""
+
+
+def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarray:
+    """Return (N,) int64 labels.
+
+    Neighbouring returns of a beam are linked unless they are farther apart than
+    D = r sin(step) / sin(incidence - step) + 3 sigma, the spacing on a surface met at the
+    smallest incidence. The paper has one beam; here neighbouring beams of a column are linked
+    too, up to the D of one step between columns. The paper's r is the earlier of the two
+    ranges; the lesser one is the same law read towards either side. `range_noise_m` is the
+    LUX's data sheet figure.
+    """
+    if len(cloud) < 2:
+        return np.zeros(len(cloud), np.int64)
+    azimuths, ranges = cloud.azimuths, cloud.ranges
+    rings, columns = _along_rings(cloud.ring, azimuths), _along_columns(cloud.column, cloud.ring)
+    steps = np.abs(wrap_angle(np.diff(azimuths[rings], axis=0)[0]))
+    step = _resolution(steps, np.abs(np.diff(cloud.column[rings], axis=0)[0]))
+    pairs = np.concatenate([rings, columns], axis=1)
+    steps = np.concatenate([steps, np.full(columns.shape[1], step)])
+    gaps = np.hypot(*(cloud.points[pairs[0], :2] - cloud.points[pairs[1], :2]).T)
+    linked = gaps <= reach(ranges[pairs].min(axis=0), steps) + 3 * range_noise_m
+    return components(len(cloud), *pairs[:, linked & (steps < MAX_STEPS * step)])
+
+
+def reach(ranges: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Spacing in metres of two returns `steps` radians apart at the smallest incidence."""
+    # Towards the incidence angle the spacing grows without bound; wider steps are refused.
+    steps = np.minimum(steps, 0.9 * INCIDENCE_RAD)
+    spacing: np.ndarray = ranges * np.sin(steps) / np.sin(INCIDENCE_RAD - steps)
+    return spacing
+
+
+def _resolution(steps: np.ndarray, columns: np.ndarray) -> float:
+    """Radians from column to column, from the steps between returns that are columns apart."""
+    apart = columns > 0
+    return float(np.median(steps[apart] / columns[apart])) if apart.any() else 0.0
+
+
+def _along_rings(ring: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
+    """Pairs of returns that follow one another in a beam, around the circle too, (2, P)."""
+    order = np.lexsort((azimuths, ring))
+    pairs = np.stack([order[:-1], order[1:]])[:, ring[order[:-1]] == ring[order[1:]]]
+    starts = np.flatnonzero(np.diff(ring[order], prepend=ring[order[0]] - 1))
+    ends = np.append(starts[1:], len(order)) - 1
+    return np.concatenate([pairs, np.stack([order[ends], order[starts]])], axis=1)
+
+
+def _along_columns(column: np.ndarray, ring: np.ndarray) -> np.ndarray:
+    """Pairs of returns whose beams follow one another in a column, (2, P)."""
+    order = np.lexsort((ring, column))
+    return np.stack([order[:-1], order[1:]])[:, column[order[:-1]] == column[order[1:]]]

@@ -1,0 +1,22 @@
+"""What a detector is."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from roadscope.core import Detections, Frame, ImageDetections
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """Finds road users in one frame.
+
+    Constructor arguments are keyword-only and all have defaults. 3-D boxes come back in the ego
+    frame (rear axle on the ground), image boxes in pixels, both with the stamp of their sensor.
+    """
+
+    def reset(self) -> None:
+        """Forget everything seen."""
+
+    def detect(self, frame: Frame) -> Detections | ImageDetections:
+        """Return what is seen in this frame."""

@@ -1,0 +1,72 @@
+"""What a scan becomes once the ground is gone: the input of clustering."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core import LidarScan, Pose
+from roadscope.core.checks import settle_arrays
+from roadscope.core.record import Record
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud(Record):
+    """Returns of one scan in the ego frame.
+
+    points: (N, 3) float64, metres, ego frame.
+    ring: (N,) int64, beam number, 0 the lowest.
+    column: (N,) int64, azimuth step of the sweep.
+    rows: (N,) int64, which return of the scan each one is.
+    origin: (2,) float64, metres, where the sensor stands in the ego frame.
+    """
+
+    points: np.ndarray
+    ring: np.ndarray
+    column: np.ndarray
+    rows: np.ndarray
+    origin: np.ndarray
+
+    def __post_init__(self) -> None:
+        settle_arrays(
+            self,
+            points=(np.float64, ("N", 3)),
+            ring=(np.int64, ("N",)),
+            column=(np.int64, ("N",)),
+            rows=(np.int64, ("N",)),
+            origin=(np.float64, (2,)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @staticmethod
+    def of(scan: LidarScan, ego_from_lidar: Pose) -> Cloud:
+        """Bring a scan into the ego frame.
+
+        Returns are sorted by column, ring and place, so that nothing after this depends on the
+        order in which they were given.
+        """
+        x, y, z = scan.points.T
+        order = np.lexsort((z, y, x, scan.ring, scan.column))
+        points = ego_from_lidar.apply(scan.points[order].astype(np.float64))
+        origin = ego_from_lidar.translation[:2]
+        return Cloud(points, scan.ring[order], scan.column[order], order, origin)
+
+    def select(self, index: np.ndarray) -> Cloud:
+        """Keep the rows that a mask or an index array names."""
+        return Cloud(
+            self.points[index], self.ring[index], self.column[index], self.rows[index], self.origin
+        )
+
+    @property
+    def ranges(self) -> np.ndarray:
+        """(N,) horizontal distance from the sensor in metres."""
+        return np.asarray(np.hypot(*(self.points[:, :2] - self.origin).T))
+
+    @property
+    def azimuths(self) -> np.ndarray:
+        """(N,) direction from the sensor in radians, counter-clockwise from x ahead."""
+        x, y = (self.points[:, :2] - self.origin).T
+        return np.asarray(np.arctan2(y, x))

@@ -1,0 +1,55 @@
+"""Ground removal by the height span of grid cells (Li 2021, section 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.detectors.cloud import Cloud
+
+
+def grid_above_ground(
+    cloud: Cloud,
+    *,
+    cell_m: float = 0.5,
+    span_m: float = 0.3,
+    clear_m: float = 0.3,
+    ceiling_m: float = 2.5,
+) -> np.ndarray:
+    """Return the (N,) mask of returns that stand on the ground rather than being it.
+
+    Li 2021 keeps the cells whose highest and lowest return differ by more than a threshold
+    (`span_m`). With four layers 0.8 deg apart a cell often holds one layer only, far away
+    always, and its span says nothing; there the calibration decides: whatever lies more than
+    `clear_m` above the plane the wheels stand on is kept. Below that height a return is kept
+    where its cell rises and it is itself half of `span_m` above the lower of that plane and the
+    cell's bottom. Returns above `ceiling_m`
+    (crowns, bridges, upper storeys) tell nothing of a footprint and are dropped.
+    """
+    heights = cloud.points[:, 2]
+    lowest, highest = _cell_spans(cloud.points, cell_m)
+    bottom = np.minimum(lowest, 0.0)
+    rises = (highest - lowest > span_m) & (heights - bottom > span_m / 2)
+    mask: np.ndarray = (heights < ceiling_m) & ((heights > clear_m) | rises)
+    return mask
+
+
+def keep_all(cloud: Cloud) -> np.ndarray:
+    """Return a mask that keeps every return, for scans that have no ground in them."""
+    return np.ones(len(cloud), bool)
+
+
+def _cell_spans(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest z in the cell of each of (N, 3) points."""
+    if not len(points):
+        return np.empty(0), np.empty(0)
+    cells = np.floor(points[:, :2] / cell_m).astype(np.int64)
+    cells -= cells.min(axis=0)
+    flat = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    order = np.argsort(flat, kind="stable")
+    starts = np.flatnonzero(np.diff(flat[order], prepend=-1))
+    counts = np.diff(starts, append=len(flat))
+    lowest, highest = np.empty(len(flat)), np.empty(len(flat))
+    heights = points[order, 2]
+    lowest[order] = np.repeat(np.minimum.reduceat(heights, starts), counts)
+    highest[order] = np.repeat(np.maximum.reduceat(heights, starts), counts)
+    return lowest, highest

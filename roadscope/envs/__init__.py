@@ -1,0 +1,1 @@
+"""Traffic, world, ray caster, sensors and Gymnasium: each folder imports from those before it."""

@@ -1,0 +1,164 @@
+"""The environments behind our own Gymnasium ids."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import load_env_creator
+
+from roadscope.envs.gym.playback import PlaybackEnv
+from roadscope.envs.gym.sensor_wrapper import SensorWrapper
+from roadscope.envs.gym.spaces import Observation
+from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.traffic.driver_constants import original_constants
+from roadscope.envs.traffic.scenarios import find
+
+EGOS = ("agent", "idm")
+"""Who can drive: the action, or the ego itself."""
+
+ACTION_INFO = ("action", "rewards")
+"""What highway-env tells after a reset of an action that it drew without a seed."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Where an agent drives.
+
+    env: `module:Class` below `highway_env.envs`.
+    config: what differs from the environment's defaults.
+    limit_s: the episode is truncated there at the latest.
+    """
+
+    env: str
+    config: Mapping[str, Any] = field(default_factory=dict)
+    limit_s: float = 60.0
+
+
+TASKS: Mapping[str, Task] = MappingProxyType(
+    {
+        "motorway": Task("highway_env:HighwayEnv"),
+        "dense-motorway": Task("highway_env:HighwayEnv", {"vehicles_density": 1.5}),
+        "merge": Task("merge_env:ConnectedLaneMergeEnv"),
+        "roundabout": Task("roundabout_env:ConnectedLaneRoundaboutEnv"),
+        "intersection": Task("intersection_env:ConnectedLaneIntersectionEnv"),
+        "racetrack": Task("racetrack_env:ConnectedLaneRacetrackEnv", limit_s=300.0),
+        "two-way": Task("two_way_env:TwoWayEnv", limit_s=15.0),
+        "parking-lot": Task("parking_env:ParkingEnv", {"vehicles_count": 10}, limit_s=100.0),
+    }
+)
+"""Scenarios in which an agent can drive; the others are only played."""
+
+
+class ScenarioEnv(gym.Env[Observation, Any]):
+    """A scenario seen through the sensors of a rig.
+
+    scenario: a name of `scenarios.SCENARIOS`.
+    ego: `agent`: the action drives the ego, with the action space, the reward and the ends of
+        highway-env's own environment; `idm`: a recorded scenario is played whose ego drives
+        itself, and the one action is to go on. None: `agent` where there is one to drive.
+    rig, style, records: as in `SensorWrapper`.
+    config: settings of highway-env that an agent's environment should have.
+    duration_s: the episode is truncated there at the latest.
+    step_s: time from step to step of a played scenario; None for the period of the LiDAR.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self,
+        scenario: str,
+        *,
+        ego: str | None = None,
+        rig: str | Rig = "vlp16",
+        style: str | None = None,
+        records: bool = True,
+        config: Mapping[str, Any] | None = None,
+        duration_s: float | None = None,
+        step_s: float | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        driver = _driver(scenario, ego)
+        _check_render_mode(render_mode, self.metadata["render_modes"])
+        sensing: dict[str, Any] = {"style": style, "records": records}
+        if duration_s is not None and not duration_s > 0:
+            raise ValueError(f"duration_s: expected a positive number of seconds, got {duration_s}")
+        if driver == "agent":
+            if step_s is not None:
+                raise ValueError("step_s: only with ego='idm'; set config['policy_frequency']")
+            task = TASKS[scenario]
+            self._limit_s = task.limit_s if duration_s is None else duration_s
+            traffic = _traffic(task, config or {}, render_mode)
+            inner: gym.Env[Observation, Any] = SensorWrapper(traffic, rig, **sensing)
+        else:
+            if config is not None:
+                raise ValueError("config: only with ego='agent'; a played scenario has none")
+            self._limit_s = np.inf
+            inner = PlaybackEnv(
+                scenario, rig, duration_s=duration_s, step_s=step_s, render_mode=render_mode,
+                **sensing,
+            )  # fmt: skip
+        self._inner = inner
+        self.render_mode = render_mode
+        self.observation_space = inner.observation_space
+        self.action_space = inner.action_space
+        self.metadata = dict(inner.metadata)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode."""
+        super().reset(seed=seed, options=options)
+        observation, info = self._inner.reset(seed=seed, options=options)
+        for name in ACTION_INFO:
+            info.pop(name, None)
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive or play on for one step and sense whatever the sensors complete meanwhile."""
+        observation, reward, terminated, truncated, info = self._inner.step(action)
+        overdue = info["time_s"] >= self._limit_s - 1e-9
+        return observation, float(reward), terminated, truncated or overdue, info
+
+    def render(self) -> Any:
+        """Return a bird's-eye view of the latest scan, (H, W, 3) uint8."""
+        image: Any = self._inner.render()
+        return image
+
+    def close(self) -> None:
+        """Let go of the traffic; closing again is fine."""
+        self._inner.close()
+
+
+def _driver(scenario: str, ego: str | None) -> str:
+    """Settle who drives; unknown names and agents without a task are refused."""
+    find(scenario)
+    if ego is None:
+        return "agent" if scenario in TASKS else "idm"
+    if ego not in EGOS:
+        raise ValueError(f"no ego '{ego}'; known: {', '.join(EGOS)}")
+    if ego == "agent" and scenario not in TASKS:
+        raise ValueError(f"'{scenario}' is only played, its ego drives itself: ego='idm'")
+    return ego
+
+
+def _check_render_mode(mode: str | None, known: Sequence[str]) -> None:
+    if mode is not None and mode not in known:
+        listed = ", ".join(f"'{name}'" for name in known)
+        raise ValueError(
+            f"no render mode {mode!r}; known: {listed}, or None. "
+            "gym.make makes 'human' and 'rgb_array_list' of 'rgb_array'"
+        )
+
+
+def _traffic(task: Task, config: Mapping[str, Any], render_mode: str | None) -> gym.Env[Any, Any]:
+    """Make the environment of highway-env that an agent drives in."""
+    make: Any = load_env_creator(f"highway_env.envs.{task.env}")
+    settings = {**task.config, **config}
+    with original_constants({}):
+        traffic: gym.Env[Any, Any] = make(config=settings, render_mode=render_mode)
+    return traffic

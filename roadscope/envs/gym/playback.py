@@ -1,0 +1,100 @@
+"""A recorded scenario as an environment, its ego driving itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from roadscope.envs.gym.actions import checked_action
+from roadscope.envs.gym.observer import Observer, rig_of
+from roadscope.envs.gym.spaces import Observation, observation_space
+from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.traffic.scenarios import find, record
+from roadscope.envs.traffic.timeline import Timeline
+
+
+class PlaybackEnv(gym.Env[Observation, np.int64]):
+    """Plays a scenario and senses it; the ego drives itself, so the one action is to go on.
+
+    scenario, duration_s: as in `scenarios.record`. `reset(seed=s)` plays the recording of seed
+        s, byte for byte what `sensing.sense` makes of it; a reset without seed draws the next.
+    rig, style, records: as in `SensorWrapper`.
+    step_s: time from step to step; None for the period of the LiDAR.
+
+    The reward is 0, and an episode is truncated where the recording ends.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self,
+        scenario: str,
+        rig: str | Rig = "vlp16",
+        *,
+        duration_s: float | None = None,
+        step_s: float | None = None,
+        style: str | None = None,
+        records: bool = True,
+        render_mode: str | None = None,
+    ) -> None:
+        chosen = _on_frames(rig_of(rig), scenario)
+        self.render_mode = render_mode
+        self.action_space = spaces.Discrete(1)
+        self._observer = Observer(chosen, style=style, records=records)
+        self.observation_space = observation_space(chosen)
+        self._scenario = scenario
+        self._duration_s = duration_s
+        self._step_s = chosen.lidar.spec.period_s if step_s is None else step_s
+        if not 0 < self._step_s < np.inf:
+            raise ValueError(f"step_s: expected a positive number of seconds, got {step_s}")
+        self.metadata = {**self.metadata, "render_fps": 1 / self._step_s}
+        self._timeline: Timeline | None = None
+        self._steps = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin a recording."""
+        super().reset(seed=seed, options=options)
+        episode = self._observer.next_seed(seed)
+        self._timeline = _recorded(self._scenario, episode, self._duration_s)
+        # Scripts begin a little before 0, so that the first sweep finds everything in motion.
+        self._start_s = max(self._timeline.start_s, 0.0)
+        self._steps = 0
+        return self._observer.reset(self._timeline, self._start_s, episode)
+
+    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Play on for `step_s`."""
+        if self._timeline is None:
+            raise gym.error.ResetNeeded("step() before reset(): there is no episode yet")
+        checked_action(self.action_space, action)
+        self._steps += 1
+        end_s = self._timeline.end_s
+        now_s = min(self._start_s + self._steps * self._step_s, end_s)
+        observation, info = self._observer.advance(self._timeline, now_s)
+        # Recordings end a rounding error beside their nominal length.
+        return observation, 0.0, False, now_s >= end_s - 1e-9, info
+
+    def render(self) -> Any:
+        """Return a bird's-eye view of the latest scan, (H, W, 3) uint8."""
+        if self.render_mode is None or self._timeline is None:
+            return None
+        return self._observer.render(self._timeline)
+
+
+def _on_frames(rig: Rig, scenario: str) -> Rig:
+    """Let the sweeps of a scripted scenario be its numbered frames, from frame 1 on."""
+    if not find(scenario).scripted or rig.lidar.first_stamp_s is not None:
+        return rig
+    return replace(rig, lidar=replace(rig.lidar, first_stamp_s=rig.lidar.spec.period_s))
+
+
+@lru_cache(maxsize=8)
+def _recorded(scenario: str, seed: int, duration_s: float | None) -> Timeline:
+    """Keep the last few recordings: an episode that is played again is not driven again."""
+    return record(scenario, seed, duration_s)

@@ -1,0 +1,162 @@
+"""Sensors around any single-agent environment of highway-env."""
+
+from __future__ import annotations
+
+from typing import Any, SupportsFloat
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
+
+from roadscope.core import Pose
+from roadscope.envs.gym.actions import checked_action
+from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
+from roadscope.envs.gym.spaces import Observation, goal_state, observation_space
+from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.traffic.conversion import ForeignEnvError, refuse_multi_agent, to_world
+from roadscope.envs.traffic.driver_constants import Constants, original_constants, own_constants
+from roadscope.envs.traffic.recorder import TrafficRecorder
+from roadscope.envs.traffic.timeline import Timeline
+
+STYLES_OF = {
+    "HighwayEnv": "motorway",
+    "ExitEnv": "motorway",
+    "MergeEnv": "motorway",
+    "MergeGenericEnv": "motorway",
+    "IntersectionEnv": "urban",
+    "RoundaboutEnv": "urban",
+    "RoundaboutGenericEnv": "urban",
+    "UTurnEnv": "urban",
+    "TwoWayEnv": "urban",
+    "LaneKeepingEnv": "campus",
+    "RacetrackEnv": "campus",
+    "ParkingEnv": "bare",
+}
+"""Roadside of each family of environments, by class name."""
+
+
+class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorArgs):
+    """Lets a highway-env environment be seen through the sensors of a rig.
+
+    rig: name of a preset (`roadscope list rigs`), path of a TOML file, or a `Rig`.
+    seed: of the sensors when the first `reset` brings none; a seed given to `reset` counts.
+    style: roadside, a name of `roadside.STYLES`; None for what suits the environment.
+    records: whether `info` carries every frame and its truth; training without them is lighter.
+
+    The observation is a dictionary of the latest complete scan and the own state: see
+    `spaces.observation_space`. `info["frames"]` holds each `Frame` completed since the last call
+    and `info["truths"]` its `Truth`; `info["truth"]` is that of the observation. The traffic is
+    the same, to the bit, as without the wrapper. Anything but a single-agent highway-env
+    environment without sensors is refused by name.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        rig: str | Rig = "vlp16",
+        *,
+        seed: int | None = None,
+        style: str | None = None,
+        records: bool = True,
+    ) -> None:
+        RecordConstructorArgs.__init__(self, rig=rig, seed=seed, style=style, records=records)
+        gym.Wrapper.__init__(self, env)
+        _refuse_sensors(env)
+        refuse_multi_agent(env)
+        chosen = rig_of(rig)
+        suited = suited_style(env.unwrapped) if style is None else style
+        self._observer = Observer(chosen, seed=checked_seed(seed), style=suited, records=records)
+        self._recorder = TrafficRecorder()
+        self._constants: Constants = {}
+        self._period_s = chosen.lidar.spec.period_s
+        self.observation_space = observation_space(chosen, goal=_goal(env.unwrapped) is not None)
+        rate = env.unwrapped.config["policy_frequency"]  # type: ignore[attr-defined]
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode of traffic, and sense it from here on."""
+        with original_constants(self._constants):
+            _, info = self.env.reset(seed=seed, options=options)
+        episode = self._observer.next_seed(seed)
+        self._recorder = TrafficRecorder(seed=episode)
+        self._recorder.attach(self.env.unwrapped)
+        timeline = self._recorder.timeline()
+        observation, sensed = self._observer.reset(timeline, timeline.end_s, episode)
+        return self._with_goal(observation), {**info, **sensed}
+
+    def step(self, action: Any) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Drive for one policy step and sense whatever the sensors complete meanwhile."""
+        self._require_reset("step()")
+        action = checked_action(self.action_space, action)
+        before_s = self._recorder.stamp_s
+        with own_constants(self._constants):
+            _, reward, terminated, truncated, info = self.env.step(action)
+        now_s = self._recorder.stamp_s
+        # The oldest sweep that is still open began less than two periods before the step.
+        timeline = self._recorder.timeline(now_s - before_s + 2 * self._period_s)
+        observation, sensed = self._observer.advance(timeline, now_s)
+        observation = self._with_goal(observation)
+        return observation, reward, bool(terminated), bool(truncated), {**info, **sensed}
+
+    def render(self) -> Any:
+        """Return a bird's-eye view of the latest scan, (H, W, 3) uint8.
+
+        Only for `render_mode="rgb_array"`; other modes show what the environment shows.
+        """
+        if self.render_mode != "rgb_array":
+            return self.env.render()
+        self._require_reset("render()")
+        return self._observer.render(self._recorder.timeline(2 * self._period_s))
+
+    def recording(self) -> Timeline:
+        """Return the traffic of the episode so far."""
+        self._require_reset("recording()")
+        return self._recorder.timeline()
+
+    def _require_reset(self, call: str) -> None:
+        if self._observer.latest is None:
+            raise gym.error.ResetNeeded(f"{call} before reset(): there is no episode yet")
+
+    def _with_goal(self, observation: Observation) -> Observation:
+        goal = _goal(self.env.unwrapped)
+        if goal is not None:
+            timeline = self._recorder.timeline(0.0)
+            ego = timeline.world_from_ego(timeline.end_s)
+            observation["goal"] = goal_state(ego, goal)
+        return observation
+
+
+def suited_style(env: Any) -> str:
+    """Return the roadside that suits an environment of highway-env."""
+    kinds = (kind.__name__ for kind in type(env).__mro__)
+    return next((STYLES_OF[kind] for kind in kinds if kind in STYLES_OF), "bare")
+
+
+def _refuse_sensors(env: gym.Env[Any, Any]) -> None:
+    """Raise `ForeignEnvError` if any layer of an environment is seen through sensors already."""
+    layer = env
+    while not _senses(layer) and isinstance(layer, gym.Wrapper):
+        layer = layer.env
+    if _senses(layer):
+        name = env.spec.id if env.spec is not None else type(env.unwrapped).__name__
+        where = "SensorWrapper" if isinstance(layer, SensorWrapper) else "gym.make"
+        raise ForeignEnvError(f"'{name}' already has sensors; choose them by the rig= of {where}")
+
+
+def _senses(env: gym.Env[Any, Any]) -> bool:
+    return (
+        isinstance(env.observation_space, spaces.Dict)
+        and "lidar_range" in env.observation_space.spaces
+    )
+
+
+def _goal(env: Any) -> Pose | None:
+    """World pose of the place where the ego should come to rest, where a task has one."""
+    goal = getattr(env.vehicle, "goal", None)
+    if goal is None:
+        return None
+    position, heading, _ = to_world(np.array(goal.position), np.array(goal.heading))
+    return Pose.planar(position[0], position[1], float(heading))

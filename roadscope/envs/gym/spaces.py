@@ -1,0 +1,112 @@
+"""What an agent observes: a flat dictionary of boxes of fixed shape."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from roadscope.core import LidarScan, Pose, wrap_angle
+from roadscope.envs.sensors.lidar_spec import LidarSpec
+from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.timeline import Timeline
+
+Observation = dict[str, np.ndarray]
+
+EGO_FIELDS = ("speed_m_s", "yaw_rate_rad_s", "lane_offset_m", "lane_heading_rad")
+"""Entries of the observation `ego`: own motion, and place on the nearest lane (left positive)."""
+
+EGO_BOUNDS = np.array([100.0, 20.0, 20.0, np.pi], np.float32)
+"""Largest magnitude of each entry; what goes beyond is clipped."""
+
+GOAL_FIELDS = ("ahead_m", "left_m", "cos", "sin")
+"""Entries of the observation `goal`, where a task has one: its pose in the ego frame."""
+
+GOAL_BOUNDS = np.array([200.0, 200.0, 1.0, 1.0], np.float32)
+"""Largest magnitude of each entry of `goal`."""
+
+
+def observation_space(rig: Rig, *, goal: bool = False) -> spaces.Space[Observation]:
+    """Return the space of `range_image` and `ego_state` for a rig, with a goal if wanted."""
+    spec = rig.lidar.spec
+    shape = (spec.beams, spec.columns)
+    boxes: dict[str, spaces.Space[Any]] = {
+        "lidar_range": spaces.Box(0.0, np.float32(spec.range_max_m), shape, np.float32),
+        "lidar_intensity": spaces.Box(0.0, 1.0, shape, np.float32),
+        "ego": spaces.Box(-EGO_BOUNDS, EGO_BOUNDS, dtype=np.float32),
+    }
+    if goal:
+        boxes["goal"] = spaces.Box(-GOAL_BOUNDS, GOAL_BOUNDS, dtype=np.float32)
+    space: Any = spaces.Dict(boxes)
+    return space  # type: ignore[no-any-return]
+
+
+def range_image(scan: LidarScan | None, spec: LidarSpec) -> Observation:
+    """Lay a scan out by beam and column.
+
+    Returns lidar_range: (B, C) float32, metres, 0 for no return, row 0 the lowest beam;
+    lidar_intensity: (B, C) float32 in 0 to 1. Both are fresh arrays.
+    """
+    ranges = np.zeros((spec.beams, spec.columns), np.float32)
+    intensities = np.zeros_like(ranges)
+    if scan is not None and len(scan):
+        measured = np.linalg.norm(scan.points, axis=1)
+        ranges[scan.ring, scan.column] = np.clip(measured, 0.0, np.float32(spec.range_max_m))
+        intensities[scan.ring, scan.column] = np.clip(scan.intensity, 0.0, 1.0)
+    return {"lidar_range": ranges, "lidar_intensity": intensities}
+
+
+def ego_state(timeline: Timeline, stamp_s: float, lanes: Lanes) -> np.ndarray:
+    """(4,) float32 of `EGO_FIELDS` at an instant; the yaw rate is the mean of the last 50 ms."""
+    before = max(stamp_s - 0.05, timeline.start_s)
+    states = timeline.at(np.array([before, stamp_s]))
+    yaw = float(states.yaws[1, 0])
+    turned = yaw - float(states.yaws[0, 0])
+    offset, heading = lanes.place(states.axles[1, 0], yaw)
+    values = [
+        float(states.velocities[1, 0] @ (np.cos(yaw), np.sin(yaw))),
+        turned / (stamp_s - before) if stamp_s > before else 0.0,
+        offset,
+        heading,
+    ]
+    return _bounded(values, EGO_BOUNDS)
+
+
+def goal_state(world_from_ego: Pose, world_from_goal: Pose) -> np.ndarray:
+    """(4,) float32 of `GOAL_FIELDS`: the pose of the goal in the ego frame."""
+    ego_from_goal = world_from_ego.inverse() @ world_from_goal
+    x, y, _ = ego_from_goal.translation
+    return _bounded([x, y, np.cos(ego_from_goal.yaw), np.sin(ego_from_goal.yaw)], GOAL_BOUNDS)
+
+
+class Lanes:
+    """The lanes of a place, made ready for the question on which one something drives."""
+
+    def __init__(self, road: RoadMap) -> None:
+        self._road = road
+        steps = np.diff(road.points, axis=0, append=road.points[-1:])
+        self._headings = np.arctan2(steps[:, 1], steps[:, 0])
+        # The last point of a lane has no step of its own.
+        last = road.starts[1:] - 1
+        self._headings[last] = self._headings[np.maximum(last - 1, road.starts[:-1])]
+
+    def place(self, position: np.ndarray, yaw: float) -> tuple[float, float]:
+        """Return the offset to the left of the nearest centre line and the heading along it.
+
+        Metres and radians; zeros where there is no lane. Of several lanes at one place the one
+        that leads in the own direction counts: a radian off costs as much as a lane's width.
+        """
+        if not len(self._headings):
+            return 0.0, 0.0
+        away = position - self._road.points
+        turned = wrap_angle(yaw - self._headings)
+        best = int(np.argmin((away**2).sum(axis=1) + (self._road.widths * turned) ** 2))
+        left = np.array([-np.sin(self._headings[best]), np.cos(self._headings[best])])
+        return float(away[best] @ left), float(turned[best])
+
+
+def _bounded(values: list[float], bounds: np.ndarray) -> np.ndarray:
+    clipped: np.ndarray = np.clip(np.array(values, np.float32), -bounds, bounds)
+    return clipped

@@ -1,0 +1,226 @@
+"""Columns sorted by azimuth into blocks, and which units each block may see, nearest first."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.envs.raycast.jit import compiled
+from roadscope.envs.raycast.lanes import WIDTH
+
+SLACK = 1e-9
+"""Relative widening of every conservative bound, far above rounding."""
+
+LEVEL_ERROR = 1e-6
+"""How far the length of `ahead` may be from 1 in columns that count as level."""
+
+
+class Rays(NamedTuple):
+    """C columns of B rays.
+
+    origins, ahead, up: (C, 3), world frame. stamps_s: (C,). slopes: (B,), increasing.
+    knots: (C,) int64, fractions: (C,), where the stamp lies between the knots of the poses.
+    level: all `ahead` are horizontal unit vectors and all `up` are the z axis.
+    """
+
+    origins: np.ndarray
+    ahead: np.ndarray
+    up: np.ndarray
+    stamps_s: np.ndarray
+    slopes: np.ndarray
+    knots: np.ndarray
+    fractions: np.ndarray
+    level: bool
+
+
+class Blocks(NamedTuple):
+    """N blocks of `WIDTH` columns with neighbouring azimuths.
+
+    order: (C,) int64, columns by azimuth; block n holds places n * WIDTH onwards.
+    seam: (2,) horizontal direction opposite to which azimuths wrap.
+    lows, highs: (N,) pseudo-angle of the first and the last column, increasing.
+    centres: (N, 3) middle of the origins, spreads, lifts: (N,) their greatest distance from it,
+        horizontal and vertical.
+    times: (N, 2) middle and half length of the time in seconds.
+    wedges: (N, 4) x and y of the middle direction, cosine and sine of the half angle of `ahead`.
+    sways: (N, 2) least horizontal length of `ahead`, greatest of `up`.
+    climbs: (R, 3, B), R is N, or 1 if level: per beam the least rise over horizontal run of it
+        and all beams above, the greatest of it and all below, and its greatest horizontal length.
+    """
+
+    order: np.ndarray
+    seam: np.ndarray
+    lows: np.ndarray
+    highs: np.ndarray
+    centres: np.ndarray
+    spreads: np.ndarray
+    lifts: np.ndarray
+    times: np.ndarray
+    wedges: np.ndarray
+    sways: np.ndarray
+    climbs: np.ndarray
+
+
+@compiled(borrowing=True)
+def is_level(ahead: np.ndarray, up: np.ndarray) -> bool:
+    """Whether all `ahead` are horizontal unit vectors and all `up` are the z axis."""
+    for c in range(len(ahead)):
+        x, y = ahead[c, 0], ahead[c, 1]
+        # |x^2 + y^2 - 1| is about twice the error of the length.
+        if ahead[c, 2] != 0.0 or abs(x * x + y * y - 1.0) > LEVEL_ERROR:
+            return False
+        if up[c, 0] != 0.0 or up[c, 1] != 0.0 or up[c, 2] != 1.0:
+            return False
+    return True
+
+
+@compiled()
+def arrange(rays: Rays) -> Blocks:
+    """Sort the columns and bound each block."""
+    x = y = 0.0
+    for c in range(len(rays.ahead)):
+        x += rays.ahead[c, 0]
+        y += rays.ahead[c, 1]
+    length = np.sqrt(x * x + y * y)
+    seam = np.array([1.0, 0.0])
+    if length > 1e-3 * len(rays.ahead):
+        seam[0], seam[1] = x / length, y / length
+    angles = _pseudo_angles(rays.ahead, seam)
+    order = _order(angles)
+    size = -(-len(order) // WIDTH)
+    rows = 1 if rays.level else size
+    lows, highs = np.empty(size), np.empty(size)
+    for n in range(size):
+        lows[n] = angles[order[n * WIDTH]]
+        highs[n] = angles[order[min((n + 1) * WIDTH, len(order)) - 1]]
+    blocks = Blocks(
+        order, seam, lows, highs, np.empty((size, 3)), np.empty(size), np.empty(size),
+        np.empty((size, 2)), np.empty((size, 4)), np.empty((size, 2)),
+        np.empty((rows, 3, len(rays.slopes))),
+    )  # fmt: skip
+    _bound_blocks(rays, blocks)
+    _bound_climbs(rays, blocks)
+    return blocks
+
+
+@compiled()
+def _order(angles: np.ndarray) -> np.ndarray:
+    """Sort columns; a sensor that turns one way hands them over sorted but for one place."""
+    size = len(angles)
+    rises = falls = start = 0
+    for c in range(size):
+        after = angles[c + 1] if c + 1 < size else angles[0]
+        rises += after > angles[c]
+        falls += after < angles[c]
+    if rises > 1 and falls > 1:
+        return np.argsort(angles, kind="mergesort")
+    for c in range(1, size):
+        if angles[c] < angles[start]:
+            start = c
+    step = 1 if rises >= falls else -1
+    return (start + step * np.arange(size)) % size
+
+
+@compiled(forceinline=True)
+def _length(x: float, y: float) -> float:
+    length: float = np.sqrt(x * x + y * y)
+    return length
+
+
+@compiled(forceinline=True)
+def pseudo_angle(x: float, y: float) -> float:
+    """Grow with the azimuth from -2 to 2 without trigonometry."""
+    size = abs(x) + abs(y)
+    if size == 0.0:
+        return 0.0
+    share = y / size
+    if x >= 0.0:
+        return share
+    return 2.0 - share if y >= 0.0 else -2.0 - share
+
+
+@compiled()
+def _pseudo_angles(flat: np.ndarray, seam: np.ndarray) -> np.ndarray:
+    angles = np.empty(len(flat))
+    for c in range(len(flat)):
+        x, y = flat[c, 0], flat[c, 1]
+        angles[c] = pseudo_angle(seam[0] * x + seam[1] * y, seam[0] * y - seam[1] * x)
+    return angles
+
+
+@compiled()
+def _bound_blocks(rays: Rays, blocks: Blocks) -> None:
+    for n in range(len(blocks.lows)):
+        start, end = n * WIDTH, min((n + 1) * WIDTH, len(blocks.order))
+        x = y = z = mx = my = 0.0
+        early, late = np.inf, -np.inf
+        shortest, sway = np.inf, 0.0
+        for i in range(start, end):
+            c = blocks.order[i]
+            x += rays.origins[c, 0] / (end - start)
+            y += rays.origins[c, 1] / (end - start)
+            z += rays.origins[c, 2] / (end - start)
+            early, late = min(early, rays.stamps_s[c]), max(late, rays.stamps_s[c])
+            size = _length(rays.ahead[c, 0], rays.ahead[c, 1])
+            shortest = min(shortest, size)
+            sway = max(sway, _length(rays.up[c, 0], rays.up[c, 1]))
+            if size > 0.0:
+                mx += rays.ahead[c, 0] / size
+                my += rays.ahead[c, 1] / size
+        blocks.centres[n, 0], blocks.centres[n, 1], blocks.centres[n, 2] = x, y, z
+        blocks.times[n, 0], blocks.times[n, 1] = 0.5 * (early + late), 0.5 * (late - early)
+        blocks.sways[n, 0], blocks.sways[n, 1] = shortest, sway
+        spread = lift = 0.0
+        for i in range(start, end):
+            c = blocks.order[i]
+            spread = max(spread, _length(rays.origins[c, 0] - x, rays.origins[c, 1] - y))
+            lift = max(lift, abs(rays.origins[c, 2] - z))
+        blocks.spreads[n], blocks.lifts[n] = spread, lift
+        _bound_wedge(rays, blocks, n, mx, my)
+
+
+@compiled(borrowing=True)
+def _bound_wedge(rays: Rays, blocks: Blocks, n: int, mx: float, my: float) -> None:
+    wedges, size = blocks.wedges, _length(mx, my)
+    wedges[n, 0], wedges[n, 1], wedges[n, 2], wedges[n, 3] = 1.0, 0.0, -1.0, 0.0
+    if size == 0.0:
+        return
+    mx, my = mx / size, my / size
+    along, across = 1.0, 0.0
+    for i in range(n * WIDTH, min((n + 1) * WIDTH, len(blocks.order))):
+        x, y = rays.ahead[blocks.order[i], 0], rays.ahead[blocks.order[i], 1]
+        length = _length(x, y)
+        if length == 0.0:
+            return
+        along = min(along, (mx * x + my * y) / length)
+        across = max(across, abs(mx * y - my * x) / length)
+    if along > 0.1:
+        wedges[n, 0], wedges[n, 1] = mx, my
+        wedges[n, 2], wedges[n, 3] = np.sqrt(max(0.0, 1.0 - across * across)), across + SLACK
+
+
+@compiled()
+def _bound_climbs(rays: Rays, blocks: Blocks) -> None:
+    beams = len(rays.slopes)
+    for n in range(len(blocks.climbs)):
+        least, most, run = blocks.climbs[n, 0], blocks.climbs[n, 1], blocks.climbs[n, 2]
+        if rays.level:
+            for j in range(beams):
+                margin = LEVEL_ERROR * abs(rays.slopes[j])
+                least[j], most[j] = rays.slopes[j] - margin, rays.slopes[j] + margin
+                run[j] = 1.0 + LEVEL_ERROR
+            continue
+        least[:], most[:], run[:] = np.inf, -np.inf, 0.0
+        for c in blocks.order[n * WIDTH : (n + 1) * WIDTH]:
+            for j in range(beams):
+                s = rays.slopes[j]
+                x = rays.ahead[c, 0] + s * rays.up[c, 0]
+                y = rays.ahead[c, 1] + s * rays.up[c, 1]
+                size = np.sqrt(x * x + y * y)
+                climb = (rays.ahead[c, 2] + s * rays.up[c, 2]) / size
+                least[j], most[j] = min(least[j], climb), max(most[j], climb)
+                run[j] = max(run[j], size)
+        for j in range(1, beams):
+            most[j] = max(most[j], most[j - 1])
+            least[beams - 1 - j] = min(least[beams - 1 - j], least[beams - j])

@@ -1,0 +1,114 @@
+"""Exact ray casting against prisms and the ground, for LiDAR and cameras alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core import GROUND
+from roadscope.core.checks import require, settle_arrays
+from roadscope.core.record import Record
+from roadscope.envs.raycast.blocks import Rays, is_level
+from roadscope.envs.raycast.depth import NOTHING, Surfaces
+from roadscope.envs.raycast.kernels import cast_all
+from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.raycast.shapes import gather
+
+__all__ = ["GROUND", "NOTHING", "Columns", "Hits", "cast"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns(Record):
+    """C fans of rays; ray j of column c has direction ahead[c] + slopes[j] * up[c].
+
+    With `ahead` the horizontal direction of a column in the sensor and `up` the sensor's z axis
+    these are LiDAR columns and slopes are tangents of elevations; with `ahead` = (x, 0, 1) and
+    `up` = (0, 1, 0) of a camera they are columns of pixels.
+
+    origins, ahead, up: (C, 3) float64, world frame; ahead and up span a plane.
+    stamps_s: (C,) float64, seconds since reset.
+    """
+
+    origins: np.ndarray
+    ahead: np.ndarray
+    up: np.ndarray
+    stamps_s: np.ndarray
+
+    def __post_init__(self) -> None:
+        settle_arrays(
+            self,
+            origins=(np.float64, ("C", 3)),
+            ahead=(np.float64, ("C", 3)),
+            up=(np.float64, ("C", 3)),
+            stamps_s=(np.float64, ("C",)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.stamps_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hits(Record):
+    """What each of C x B rays meets first.
+
+    ranges: (C, B) float32, metres, 0 where nothing is met.
+    owners: (C, B) int32, actor row, `GROUND`, -2 and below for scenery, or `NOTHING`.
+    cosines: (C, B) float32, cosine of the angle of incidence.
+    reflectivity: (C, B) float32, of the surface at normal incidence.
+    outline_rays: (A,) int64, rays that would meet the actor if nothing else were there, or None.
+    outline_hits: (A,) int64, how many rays meet it, or None.
+    """
+
+    ranges: np.ndarray
+    owners: np.ndarray
+    cosines: np.ndarray
+    reflectivity: np.ndarray
+    outline_rays: np.ndarray | None = None
+    outline_hits: np.ndarray | None = None
+
+
+def cast(
+    scene: Scene,
+    columns: Columns,
+    slopes: np.ndarray,
+    *,
+    max_range_m: float,
+    outlines: bool = False,
+) -> Hits:
+    """Find the nearest surface on every ray, in double precision and without approximation.
+
+    A body's place is its pose at the stamp of the column. A ray does not see a prism that
+    contains its origin. With `outlines`, also count per actor the rays that reach its outline.
+    """
+    rays = _rays(scene, columns, slopes)
+    require(0 < max_range_m < np.inf, columns, "max_range_m", "a finite range above 0", max_range_m)
+    shape = (len(slopes), len(columns))
+    surfaces = Surfaces(
+        np.empty(shape, np.float32), np.empty(shape, np.int32),
+        np.empty(shape, np.float32), np.empty(shape, np.float32),
+    )  # fmt: skip
+    outline = np.zeros(len(scene.present) if outlines else 0, np.int64)
+    shapes = gather(scene)
+    # Other number types would make numba compile everything once more.
+    cast_all(
+        rays, shapes, scene.poses, scene.knots_s, int(scene.seed),
+        float(scene.ground_reflectivity), float(max_range_m), surfaces, outline,
+    )  # fmt: skip
+    ranges, owners, cosines, reflectivity = (surface.T for surface in surfaces)
+    if not outlines:
+        return Hits(ranges, owners, cosines, reflectivity)
+    met = np.bincount(owners[owners >= 0], minlength=len(outline))
+    return Hits(ranges, owners, cosines, reflectivity, outline, met)
+
+
+def _rays(scene: Scene, columns: Columns, slopes: np.ndarray) -> Rays:
+    given = np.ascontiguousarray(slopes, np.float64)
+    rising = given.ndim == 1 and len(given) > 0 and bool((np.diff(given) > 0).all())
+    require(rising and len(columns) > 0, columns, "slopes", "columns and increasing slopes", slopes)
+    knots, fractions = scene.segments(columns.stamps_s)
+    ahead, up = columns.ahead, columns.up
+    level = is_level(ahead, up)
+    return Rays(
+        columns.origins, ahead, up, columns.stamps_s, given, knots, fractions, level
+    )  # fmt: skip

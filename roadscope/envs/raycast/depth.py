@@ -1,0 +1,135 @@
+"""What a block of rays has met so far: begun with the ground, handed over as surfaces."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.core import GROUND
+from roadscope.envs.raycast.blocks import Blocks, Rays
+from roadscope.envs.raycast.jit import compiled
+from roadscope.envs.raycast.lanes import (
+    WIDTH,
+    flip,
+    least,
+    load,
+    pick,
+    put,
+    put_narrow,
+    root,
+    spread,
+)
+
+NOTHING = int(np.iinfo(np.int32).min)
+"""Owner of a ray that meets nothing."""
+
+
+class Depth(NamedTuple):
+    """What has been met so far in a block, beam by beam, `WIDTH` columns each.
+
+    q: (B, WIDTH) reciprocal of the ray parameter. far: (B, WIDTH) q at the greatest range.
+    faces: (B, WIDTH) distance of the origin from the plane met.
+    owners, reflectivity: (B, WIDTH) of what is met. floors: (B,) least q of each beam.
+    """
+
+    q: np.ndarray
+    far: np.ndarray
+    faces: np.ndarray
+    owners: np.ndarray
+    reflectivity: np.ndarray
+    floors: np.ndarray
+    max_range_m: float
+
+
+class Surfaces(NamedTuple):
+    """What the rays met, (B, C) each, otherwise as in `raycast.Hits`."""
+
+    ranges: np.ndarray
+    owners: np.ndarray
+    cosines: np.ndarray
+    reflectivity: np.ndarray
+
+
+@compiled(borrowing=True)
+def load_columns(rays: Rays, blocks: Blocks, n: int, world: np.ndarray) -> None:
+    """Copy the block's columns; the last one fills an unfinished block."""
+    for i in range(WIDTH):
+        c = blocks.order[min(n * WIDTH + i, len(blocks.order) - 1)]
+        world[0, i], world[1, i] = rays.origins[c, 0], rays.origins[c, 1]
+        world[2, i], world[3, i] = rays.ahead[c, 0], rays.ahead[c, 1]
+        world[4, i], world[5, i] = rays.up[c, 0], rays.up[c, 1]
+        world[6, i] = rays.origins[c, 2]
+        world[7, i], world[8, i] = rays.ahead[c, 2], rays.up[c, 2]
+
+
+@compiled(borrowing=True)
+def clear(slopes: np.ndarray, ground_reflectivity: float, world: np.ndarray, depth: Depth) -> None:
+    """Begin with the ground, or with nothing at the greatest range."""
+    scale = 1.0 / depth.max_range_m
+    height = load(world, 6)
+    above, down = height > 0.0, -1.0 / height
+    for j in range(len(slopes)):
+        s = slopes[j]
+        x = load(world, 2) + s * load(world, 4)
+        y = load(world, 3) + s * load(world, 5)
+        z = load(world, 7) + s * load(world, 8)
+        far = root(x * x + y * y + z * z) * scale
+        ground = z * down
+        met = (ground >= far) & above
+        q = pick(met, ground, far)
+        put(depth.far, j, far)
+        put(depth.q, j, q)
+        put(depth.faces, j, height)
+        put(depth.owners, j, pick(met, spread(1.0 * GROUND), spread(1.0 * NOTHING)))
+        put(depth.reflectivity, j, pick(met, spread(ground_reflectivity), spread(0.0)))
+        depth.floors[j] = least(q)
+
+
+@compiled(borrowing=True)
+def store(blocks: Blocks, n: int, depth: Depth, surfaces: Surfaces) -> None:
+    """Turn the depth buffer into ranges, owners, cosines and reflectivities."""
+    for j in range(len(depth.q)):
+        reach = load(depth.far, j) * depth.max_range_m / load(depth.q, j)
+        met = load(depth.owners, j) > 1.0 * NOTHING
+        put(depth.q, j, pick(met, reach, spread(0.0)))
+        put(depth.faces, j, pick(met, load(depth.faces, j) / reach, spread(0.0)))
+    order, start = blocks.order, n * WIDTH
+    if start + WIDTH <= len(order):
+        first, last = order[start], order[start + WIDTH - 1]
+        if _adjoining(order, start, 1):
+            return _store_run(first, False, depth, surfaces)
+        if _adjoining(order, start, -1):
+            return _store_run(last, True, depth, surfaces)
+    for i in range(min(WIDTH, len(order) - start)):
+        c = order[start + i]
+        for j in range(len(depth.q)):
+            surfaces.ranges[j, c] = depth.q[j, i]
+            surfaces.cosines[j, c] = depth.faces[j, i]
+            surfaces.owners[j, c] = np.int32(depth.owners[j, i])
+            surfaces.reflectivity[j, c] = depth.reflectivity[j, i]
+    return None
+
+
+@compiled(borrowing=True)
+def _adjoining(order: np.ndarray, start: int, step: int) -> bool:
+    """Whether the block's columns follow one another in that direction."""
+    apart = 0
+    for i in range(start + 1, start + WIDTH):
+        apart += order[i] - order[i - 1] != step
+    return apart == 0
+
+
+@compiled(borrowing=True)
+def _store_run(place: int, turned: bool, depth: Depth, surfaces: Surfaces) -> None:
+    """Write the block to columns `place` onwards, in turned order if need be."""
+    for j in range(len(depth.q)):
+        ranges, cosines = load(depth.q, j), load(depth.faces, j)
+        owners, reflectivity = load(depth.owners, j), load(depth.reflectivity, j)
+        if turned:
+            ranges, cosines = flip(ranges), flip(cosines)
+            owners, reflectivity = flip(owners), flip(reflectivity)
+        put_narrow(surfaces.ranges, j, place, ranges)
+        put_narrow(surfaces.cosines, j, place, cosines)
+        put_narrow(surfaces.owners, j, place, owners)
+        put_narrow(surfaces.reflectivity, j, place, reflectivity)

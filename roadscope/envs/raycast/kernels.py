@@ -1,0 +1,309 @@
+"""The ray caster's inner loops: each block of columns against the units it may see."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.envs.raycast.blocks import SLACK, Blocks, Rays, arrange
+from roadscope.envs.raycast.depth import Depth, Surfaces, clear, load_columns, store
+from roadscope.envs.raycast.jit import compiled
+from roadscope.envs.raycast.lanes import WIDTH, least, load, put
+from roadscope.envs.raycast.lines import (
+    LINES,
+    Scratch,
+    clip,
+    draw,
+    draw_level,
+    enter_porous,
+    meet,
+    touch,
+)
+from roadscope.envs.raycast.shapes import STILL, Shapes, fill_planes
+from roadscope.envs.raycast.windows import Members, Motion, assign, follow
+
+_SMALL_TURN = 0.05
+
+
+@compiled()
+def cast_all(
+    rays: Rays,
+    shapes: Shapes,
+    poses: np.ndarray,
+    knots_s: np.ndarray,
+    seed: int,
+    ground_reflectivity: float,
+    max_range_m: float,
+    surfaces: Surfaces,
+    outline: np.ndarray,
+) -> None:
+    """Fill the surfaces; count rays per actor in outline (A,) unless it is empty."""
+    blocks, motion = arrange(rays), follow(poses, knots_s)
+    members = assign(rays, blocks, shapes, motion, max_range_m)
+    beams = len(rays.slopes)
+    depth = Depth(
+        np.empty((beams, WIDTH)), np.empty((beams, WIDTH)), np.empty((beams, WIDTH)),
+        np.empty((beams, WIDTH)), np.empty((beams, WIDTH)), np.empty(beams), max_range_m,
+    )  # fmt: skip
+    scratch = Scratch(
+        np.empty((9, WIDTH)), np.empty((6, WIDTH)), np.empty((4, WIDTH)),
+        np.empty((3 * LINES, WIDTH)), np.empty((3 * LINES, WIDTH)), np.empty((3, WIDTH)),
+        np.zeros((beams, WIDTH)),
+    )  # fmt: skip
+    _cast_blocks(
+        rays, blocks, members, shapes, motion, seed, ground_reflectivity, scratch, depth,
+        surfaces, outline,
+    )  # fmt: skip
+
+
+@compiled(borrowing=True)
+def _cast_blocks(
+    rays: Rays,
+    blocks: Blocks,
+    members: Members,
+    shapes: Shapes,
+    motion: Motion,
+    seed: int,
+    ground_reflectivity: float,
+    scratch: Scratch,
+    depth: Depth,
+    surfaces: Surfaces,
+    outline: np.ndarray,
+) -> None:
+    for n in range(len(blocks.lows)):
+        load_columns(rays, blocks, n, scratch.world)
+        clear(rays.slopes, ground_reflectivity, scratch.world, depth)
+        for i in range(members.starts[n], members.starts[n + 1]):
+            _cast_unit(
+                rays,
+                blocks,
+                n,
+                shapes,
+                motion,
+                members.units[i],
+                seed,
+                scratch,
+                depth,
+                outline,
+            )
+        store(blocks, n, depth, surfaces)
+
+
+@compiled(borrowing=True)
+def _cast_unit(
+    rays: Rays,
+    blocks: Blocks,
+    n: int,
+    shapes: Shapes,
+    motion: Motion,
+    unit: int,
+    seed: int,
+    scratch: Scratch,
+    depth: Depth,
+    outline: np.ndarray,
+) -> None:
+    actor = shapes.unit_poses[unit]
+    first, last = shapes.unit_starts[unit], shapes.unit_starts[unit + 1]
+    counted = len(outline) > 0 and actor != STILL
+    place = _place(rays, blocks, n, motion, actor)
+    floors = depth.floors
+    low, high = _aim(
+        rays, blocks, n, place, shapes.unit_circles, shapes.unit_heights, unit, floors, counted
+    )
+    if low >= high:
+        return
+    _localise(rays, blocks, n, motion, actor, scratch)
+    for m in range(first, last):
+        if last - first > 1:
+            low, high = _aim(
+                rays, blocks, n, place, shapes.circles, shapes.heights, m, floors, counted
+            )
+        if low >= high:
+            continue
+        if not shapes.ready[m]:
+            fill_planes(shapes, m)
+        if rays.level:
+            upper, lower = draw_level(shapes, m, scratch)
+        else:
+            upper, lower = draw(shapes, m, scratch)
+        if upper == 0:
+            continue
+        for j in range(low, high):
+            clip(rays.slopes[j], upper, lower, scratch)
+            if counted:
+                touch(j, scratch, depth)
+            if shapes.extinctions[m] > 0.0:
+                enter_porous(rays, blocks, n, shapes, m, j, scratch.met, seed, depth)
+            else:
+                meet(j, shapes, m, scratch.met, depth)
+            floors[j] = least(load(depth.q, j))
+    if counted:
+        outline[actor] += _count_touched(scratch.touched, len(blocks.order) - n * WIDTH)
+
+
+@compiled(borrowing=True)
+def _place(
+    rays: Rays, blocks: Blocks, n: int, motion: Motion, actor: int
+) -> tuple[float, float, float, float, float, float]:
+    """Where the unit is at the block's first column, and how much that changes in the block.
+
+    x, y (metres), cosine and sine of yaw; drift (metres) and turn (radians).
+    """
+    if actor == STILL:
+        return 0.0, 0.0, 1.0, 0.0, blocks.spreads[n], 0.0
+    x, y, yaw = _interpolate(rays, motion, actor, blocks.order[n * WIDTH])
+    duration = 2.0 * blocks.times[n, 1]
+    drift = blocks.spreads[n] + motion.speeds[actor, 0] * duration
+    return x, y, np.cos(yaw), np.sin(yaw), drift, motion.speeds[actor, 1] * duration
+
+
+@compiled(forceinline=True, borrowing=True)
+def _interpolate(rays: Rays, motion: Motion, actor: int, c: int) -> tuple[float, float, float]:
+    poses, k, f = motion.poses, rays.knots[c], rays.fractions[c]
+    after = min(k + 1, len(poses) - 1)
+    x, y, yaw = poses[k, actor, 0], poses[k, actor, 1], poses[k, actor, 2]
+    return (
+        x + f * (poses[after, actor, 0] - x),
+        y + f * (poses[after, actor, 1] - y),
+        yaw + f * (poses[after, actor, 2] - yaw),
+    )
+
+
+@compiled(borrowing=True)
+def _localise(
+    rays: Rays, blocks: Blocks, n: int, motion: Motion, actor: int, scratch: Scratch
+) -> None:
+    """Express the block's columns in the unit's frame at each column's time."""
+    world, local, turns = scratch.world, scratch.local, scratch.turns
+    if actor == STILL:
+        for k in range(6):
+            put(local, k, load(world, k))
+        return
+    _follow(rays, blocks, n, motion, actor, turns)
+    cosine, sine = load(turns, 2), load(turns, 3)
+    dx, dy = load(world, 0) - load(turns, 0), load(world, 1) - load(turns, 1)
+    put(local, 0, cosine * dx + sine * dy)
+    put(local, 1, cosine * dy - sine * dx)
+    for k in (2, 4):
+        dx, dy = load(world, k), load(world, k + 1)
+        put(local, k, cosine * dx + sine * dy)
+        put(local, k + 1, cosine * dy - sine * dx)
+
+
+@compiled(borrowing=True)
+def _follow(
+    rays: Rays, blocks: Blocks, n: int, motion: Motion, actor: int, turns: np.ndarray
+) -> None:
+    """Write x, y, cosine and sine of yaw of the actor at each column's time."""
+    first = last = cosine = sine = cosine0 = sine0 = np.inf
+    for i in range(WIDTH):
+        c = blocks.order[min(n * WIDTH + i, len(blocks.order) - 1)]
+        x, y, yaw = _interpolate(rays, motion, actor, c)
+        if yaw != last:
+            if abs(yaw - first) < _SMALL_TURN:
+                cosine, sine = _turn_a_little(cosine0, sine0, yaw - first)
+            else:
+                cosine0, sine0 = np.cos(yaw), np.sin(yaw)
+                first, cosine, sine = yaw, cosine0, sine0
+            last = yaw
+        turns[0, i], turns[1, i], turns[2, i], turns[3, i] = x, y, cosine, sine
+
+
+@compiled(forceinline=True, borrowing=True)
+def _turn_a_little(cosine: float, sine: float, turn: float) -> tuple[float, float]:
+    """Add a small angle in radians by its Taylor series, exact to the last bits."""
+    square = turn * turn
+    c = 1.0 - square / 2.0 * (1.0 - square / 12.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0)))
+    s = turn * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0)))
+    return cosine * c - sine * s, sine * c + cosine * s
+
+
+@compiled(forceinline=True, borrowing=True)
+def _aim(
+    rays: Rays,
+    blocks: Blocks,
+    n: int,
+    place: tuple[float, float, float, float, float, float],
+    circles: np.ndarray,
+    heights: np.ndarray,
+    row: int,
+    floors: np.ndarray,
+    counted: bool,
+) -> tuple[int, int]:
+    """Beams low to high that may meet the cylinder of that row before anything met so far."""
+    x, y, cosine, sine, drift, turn = place
+    cx, cy = circles[row, 0], circles[row, 1]
+    dx = x + cosine * cx - sine * cy - blocks.centres[n, 0]
+    dy = y + sine * cx + cosine * cy - blocks.centres[n, 1]
+    reach = circles[row, 2] + drift + turn * (abs(cx) + abs(cy))
+    distance = np.sqrt(dx * dx + dy * dy)
+    near, far = (distance - reach) * (1.0 - SLACK), (distance + reach) * (1.0 + SLACK)
+    beams = len(floors)
+    if near <= 0.0:
+        return 0, beams
+    z, lift = blocks.centres[n, 2], blocks.lifts[n]
+    least, most = heights[row, 0] - z - lift, heights[row, 1] - z + lift
+    least /= near if least < 0.0 else far
+    most /= near if most > 0.0 else far
+    climbs = blocks.climbs
+    r = 0 if rays.level else n
+    low = _first_above(climbs, r, 1, least - SLACK * abs(least))
+    high = _first_above(climbs, r, 0, most + SLACK * abs(most))
+    if low >= high or _beside(rays, blocks, n, dx, dy, distance, reach, low, high):
+        return 0, 0
+    if not counted:
+        while low < high and floors[low] * near >= climbs[r, 2, low]:
+            low += 1
+        while low < high and floors[high - 1] * near >= climbs[r, 2, high - 1]:
+            high -= 1
+    return low, high
+
+
+@compiled(forceinline=True, borrowing=True)
+def _first_above(climbs: np.ndarray, row: int, bound: int, value: float) -> int:
+    """Return the first beam whose bound, rising from beam to beam, is above the value."""
+    low, high = 0, climbs.shape[2]
+    while low < high:
+        middle = (low + high) >> 1
+        if climbs[row, bound, middle] > value:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@compiled(forceinline=True, borrowing=True)
+def _beside(
+    rays: Rays,
+    blocks: Blocks,
+    n: int,
+    dx: float,
+    dy: float,
+    distance: float,
+    reach: float,
+    low: int,
+    high: int,
+) -> bool:
+    """Whether the circle lies outside the block's wedge for beams low to high."""
+    wedges = blocks.wedges
+    steep = max(abs(rays.slopes[low]), abs(rays.slopes[high - 1])) * blocks.sways[n, 1]
+    room = blocks.sways[n, 0] - steep
+    if wedges[n, 2] <= 0.0 or room <= 0.0:
+        return False
+    wide = (reach + (distance + reach) * steep / room) * (1.0 + SLACK)
+    if wide >= distance:
+        return False
+    along = np.sqrt(distance * distance - wide * wide)
+    ahead = dx * wedges[n, 0] + dy * wedges[n, 1]
+    outside: bool = ahead < wedges[n, 2] * along - wedges[n, 3] * wide - SLACK * distance
+    return outside
+
+
+@compiled(borrowing=True)
+def _count_touched(touched: np.ndarray, columns: int) -> int:
+    """Count the marks of real columns and wipe them."""
+    total = 0.0
+    for j in range(len(touched)):
+        for i in range(min(WIDTH, columns)):
+            total += touched[j, i]
+    touched[:] = 0.0
+    return int(total)

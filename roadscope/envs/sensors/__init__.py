@@ -1,0 +1,1 @@
+"""What a rig measures, and the truth beside it."""

@@ -1,0 +1,1 @@
+"""Who drives where: highway-env recorded, and scenarios of our own."""

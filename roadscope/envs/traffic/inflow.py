@@ -1,0 +1,125 @@
+"""Vehicles that come and go at the ends of roads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from roadscope.envs.traffic.driving import Driver
+from roadscope.envs.traffic.flow import FlowRoad
+from roadscope.envs.traffic.mix import EGO, draw_body
+
+GAPS_M = (7.0, 12.0)
+"""Bumper to bumper, in a line of vehicles at the start."""
+CLEAR_M = 3.0
+"""Vehicles vanish this far before the end of the last lane."""
+
+
+@dataclass(slots=True)
+class Inflow:
+    """Lets vehicles in at the starts of lanes, and out at the ends of roads.
+
+    sources: lanes on which vehicles appear.
+    choose: draws the destination node for a source lane and a body length in metres; None to go
+        to the end of the source lane.
+    headway_s: mean time between two vehicles of one source.
+    """
+
+    rng: np.random.Generator
+    sources: Sequence[Any]
+    choose: Callable[[np.random.Generator, Any, float], str | None]
+    mix: str
+    wish: float
+    headway_s: float
+    keep: Any = None
+    due_s: dict[Any, float] | None = None
+
+    def __call__(self, road: FlowRoad) -> None:
+        """Clear who has arrived, then let in who is due and finds room."""
+        leave(road, self.keep)
+        if self.due_s is None:
+            first = self.rng.uniform(0.0, self.headway_s, len(self.sources))
+            self.due_s = dict(zip(self.sources, first.tolist(), strict=True))
+        for source, due in self.due_s.items():
+            if road.now_s >= due and self._room(road, source):
+                self.place(road, source, 0.0, draw_body(self.mix, self.rng))
+                wait = self.headway_s * float(self.rng.uniform(0.6, 1.4))
+                self.due_s[source] = road.now_s + wait
+
+    def line_up(
+        self, road: FlowRoad, source: Any, first_m: float, ego_place: int = -1
+    ) -> list[Driver]:
+        """Fill a source lane from a place back to its start, the foremost driver first.
+
+        ego_place: which of them is the ego, if any.
+        """
+        drivers: list[Driver] = []
+        front = first_m
+        while True:
+            body = EGO if len(drivers) == ego_place else draw_body(self.mix, self.rng)
+            if front - body.size[0] < 2.0:
+                return drivers
+            drivers.append(self.place(road, source, front - body.size[0] / 2, body))
+            front -= body.size[0] + float(self.rng.uniform(*GAPS_M))
+
+    def line_up_all(self, road: FlowRoad, room_m: tuple[float, float], ego_place: int) -> Driver:
+        """Fill all source lanes, leaving a drawn room before their ends; return the ego.
+
+        ego_place: which driver of the first source is the ego; it never vanishes.
+        """
+        for source in self.sources:
+            first = float(road.network.get_lane(source).length - self.rng.uniform(*room_m))
+            place = ego_place if source == self.sources[0] else -1
+            queue = self.line_up(road, source, first, place)
+            if place >= 0:
+                self.keep = queue[place]
+        ego: Driver = self.keep
+        return ego
+
+    def place(self, road: FlowRoad, source: Any, along_m: float, body: Any) -> Driver:
+        """Put a driver with a given body on a source lane."""
+        wish = self.wish * float(self.rng.uniform(0.9, 1.1))
+        driver = Driver(road, source, along_m, body=body, speed=0.85 * wish, wish=wish)
+        driver.vary(self.rng)
+        goal = self.choose(self.rng, source, body.size[0])
+        if goal is None:
+            driver.route = [source]
+        else:
+            driver.plan_route_to(goal)
+        road.vehicles.append(driver)
+        road.refresh()
+        return driver
+
+    def _room(self, road: FlowRoad, source: Any) -> bool:
+        """Whether the last vehicle on a source lane has left enough room."""
+        gaps = [
+            road.along(v, source) - v.LENGTH / 2
+            for v in road.vehicles
+            if v.lane_index == source
+        ]  # fmt: skip
+        return not gaps or min(gaps) > 8.0 + 0.9 * self.wish
+
+
+def leave(road: FlowRoad, keep: Any) -> None:
+    """Take vehicles away that have come to the end of the last lane of their way."""
+    arrived = [
+        v for v in road.vehicles
+        if v is not keep
+        and isinstance(v, Driver)
+        and _at_end(road, v)
+    ]  # fmt: skip
+    if arrived:
+        road.vehicles = [v for v in road.vehicles if all(v is not a for a in arrived)]
+        road.refresh()
+
+
+def _at_end(road: FlowRoad, vehicle: Driver) -> bool:
+    lane_index = vehicle.target_lane_index
+    last = vehicle.route is not None and vehicle.route[-1][:2] == lane_index[:2]
+    if not last and road.after(lane_index, vehicle.route) is not None:
+        return False
+    way_left = road.network.get_lane(lane_index).length - road.along(vehicle, lane_index)
+    return bool(way_left < CLEAR_M + vehicle.LENGTH / 2)

@@ -1,0 +1,49 @@
+"""Lane coordinates of many points at once; highway-env computes them one by one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from highway_env.road.lane import CircularLane, SineLane, StraightLane
+
+PREVIEW_M = 1.5
+"""Curvature is averaged over at least this way."""
+
+
+def coordinates(lane: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return `lane.local_coordinates` of (N, 2) points as two (N,) arrays."""
+    if isinstance(lane, StraightLane):
+        offsets = points - lane.start
+        along = along_direction(offsets, lane.direction)
+        across = along_direction(offsets, lane.direction_lateral)
+        if isinstance(lane, SineLane):
+            across = across - lane.amplitude * np.sin(lane.pulsation * along + lane.phase)
+        return along, across
+    if isinstance(lane, CircularLane):
+        offsets = points - lane.center
+        turn = np.arctan2(offsets[:, 1], offsets[:, 0]) - lane.start_phase
+        turn = (turn + np.pi) % (2 * np.pi) - np.pi
+        radii = np.hypot(offsets[:, 0], offsets[:, 1])
+        return lane.direction * turn * lane.radius, lane.direction * (lane.radius - radii)
+    pairs = np.array([lane.local_coordinates(point) for point in points]).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def along_direction(vectors: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Project (..., 2) vectors; unlike a BLAS product it rounds the same way everywhere."""
+    projected: np.ndarray = vectors[..., 0] * direction[0] + vectors[..., 1] * direction[1]
+    return projected
+
+
+def sharpest(lane: Any) -> float:
+    """Return the largest curvature of a lane in 1/m."""
+    if isinstance(lane, SineLane):
+        return float(lane.amplitude * lane.pulsation**2)
+    if isinstance(lane, StraightLane):
+        return 0.0
+    if isinstance(lane, CircularLane):
+        return 1.0 / float(lane.radius)
+    along = np.linspace(0.0, lane.length, max(2, int(lane.length / PREVIEW_M)))
+    headings = np.unwrap([lane.heading_at(s) for s in along])
+    return float(np.abs(np.diff(headings) / np.diff(along)).max())

@@ -1,0 +1,286 @@
+"""Records highway-env's traffic at every physics sub-step."""
+
+from __future__ import annotations
+
+import bisect
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from highway_env.road.regulation import RegulatedRoad
+from highway_env.road.road import Road
+from highway_env.vehicle.dynamics import BicycleVehicle
+from highway_env.vehicle.objects import Landmark
+
+from roadscope.envs.traffic.conversion import (
+    ForeignEnvError,
+    refuse_multi_agent,
+    road_map,
+    to_world,
+)
+from roadscope.envs.traffic.mix import EGO, Body, draw_body
+from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.timeline import Timeline
+
+OBSTACLE_HEIGHT_M = 1.0
+"""highway-env's obstacles are flat; a concrete barrier is about this high."""
+
+
+class RecordedRoad(Road):  # type: ignore[misc]
+    """A road that tells its recorder about every step."""
+
+    recorder: TrafficRecorder
+
+    def step(self, dt: float) -> None:
+        """Step the traffic, then record it."""
+        super().step(dt)
+        self.recorder.tick(self, dt)
+
+
+class RecordedRegulatedRoad(RegulatedRoad):  # type: ignore[misc]
+    """A regulated road that tells its recorder about every step."""
+
+    recorder: TrafficRecorder
+
+    def step(self, dt: float) -> None:
+        """Step the traffic, then record it."""
+        super().step(dt)
+        self.recorder.tick(self, dt)
+
+
+RECORDED = {Road: RecordedRoad, RegulatedRoad: RecordedRegulatedRoad}
+
+
+@dataclass(frozen=True, slots=True)
+class _Actor:
+    """What is known of a vehicle since it was first met.
+
+    ahead_m: its centre ahead of its rear axle.
+    slides: whether it is one of highway-env's dynamic bicycles, whose speed is along its heading
+        and whose steering says nothing about slip.
+    """
+
+    body: Body
+    ahead_m: float
+    slides: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """All vehicles at one instant, in highway-env's frame and order; never changed."""
+
+    stamp_s: float
+    ids: list[int]
+    centres: np.ndarray
+    headings: list[float]
+    speeds: list[float]
+    steering: list[float]
+    crashed: list[bool]
+
+
+class TrafficRecorder:
+    """Keeps a timeline of a highway-env road; the ego is actor 0.
+
+    seed: draws categories and sizes of vehicles that have none of their own; it never touches
+        the environment's randomness.
+    raw: whether the motion may be unphysical, as that of foreign environments is.
+    """
+
+    def __init__(
+        self, *, seed: int | np.random.SeedSequence = 0, style: str = "bare", raw: bool = True
+    ) -> None:
+        self._seed = (
+            seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+        )
+        self._style = style
+        self._raw = raw
+        self._snapshots: list[Snapshot] = []
+        self._actors: list[_Actor] = []
+        self._road: Any = None
+        self._map: RoadMap | None = None
+        self._pace: tuple[float, float, int] = (0.0, 0.0, 0)
+
+    def attach(self, env: Any) -> None:
+        """Start afresh on the road of an environment that was just reset."""
+        refuse_multi_agent(env)
+        inner = env.unwrapped
+        kind = type(inner.road)
+        if kind in RECORDED:
+            inner.road.__class__ = RECORDED[kind]
+        elif kind not in RECORDED.values():
+            raise ForeignEnvError(
+                f"cannot record a {kind.__name__}; known: {', '.join(k.__name__ for k in RECORDED)}"
+            )
+        inner.road.recorder = self
+        self.follow(inner.road, inner.vehicle)
+
+    def follow(self, road: Any, ego: Any) -> None:
+        """Start afresh on a road; whoever steps it calls `tick` after each step."""
+        self._road, self._map = road, None
+        self._snapshots, self._actors = [], []
+        self._pace = (0.0, 0.0, 0)
+        for vehicle in road.vehicles:
+            vars(vehicle).pop("actor_id", None)
+        self._admit(ego)
+        self._record(road, 0.0)
+
+    def tick(self, road: Any, dt: float) -> None:
+        """Record the road a time `dt` in seconds after the last record."""
+        since_s, last_dt, count = self._pace
+        # Counting equal steps keeps stamps free of summed rounding.
+        since_s, count = (since_s, count + 1) if dt == last_dt else (self.stamp_s, 1)
+        self._pace = (since_s, dt, count)
+        self._record(road, since_s + count * dt)
+
+    @property
+    def stamp_s(self) -> float:
+        """Seconds of physics since the start."""
+        return self._snapshots[-1].stamp_s
+
+    def timeline(self, last_s: float | None = None) -> Timeline:
+        """Return what was recorded, all of it or the last seconds (at least one sample more)."""
+        first = 0
+        if last_s is not None:
+            since_s = self.stamp_s - last_s
+            first = bisect.bisect_right(self._snapshots, since_s, key=lambda s: s.stamp_s) - 1
+        return self._assemble(self._snapshots[max(first, 0) :])
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> TrafficRecorder:
+        """Copy the recorder, sharing the snapshots, which never change."""
+        from copy import deepcopy
+
+        twin = TrafficRecorder.__new__(TrafficRecorder)
+        memo[id(self)] = twin
+        vars(twin).update(vars(self))
+        twin._snapshots = list(self._snapshots)
+        twin._actors = list(self._actors)
+        twin._road = deepcopy(self._road, memo)
+        return twin
+
+    def _record(self, road: Any, stamp_s: float) -> None:
+        vehicles = road.vehicles
+        try:
+            ids = [v.actor_id for v in vehicles]
+        except AttributeError:
+            ids = [self._admit(v) for v in vehicles]
+        self._snapshots.append(
+            Snapshot(
+                stamp_s,
+                ids,
+                np.array([v.position for v in vehicles]),
+                [v.heading for v in vehicles],
+                [v.speed for v in vehicles],
+                [v.action["steering"] for v in vehicles],
+                [v.crashed for v in vehicles],
+            )
+        )
+
+    def _admit(self, vehicle: Any) -> int:
+        """Give a vehicle its id, and its body, when first met."""
+        known = vars(vehicle).get("actor_id")
+        if known is not None:
+            return int(known)
+        vehicle.actor_id = actor = len(self._actors)
+        slides = isinstance(vehicle, BicycleVehicle)
+        self._actors.append(_Actor(self._body(vehicle, actor), float(vehicle.LENGTH) / 2, slides))
+        return actor
+
+    def _body(self, vehicle: Any, actor: int) -> Body:
+        own: Body | None = getattr(vehicle, "body", None)
+        if own is not None or actor == 0:
+            return own or EGO
+        key = (*self._seed.spawn_key, actor)
+        child = np.random.SeedSequence(self._seed.entropy, spawn_key=key)
+        return draw_body("foreign", np.random.default_rng(child))
+
+    def _assemble(self, snapshots: list[Snapshot]) -> Timeline:
+        ids = np.array(sorted({i for s in snapshots for i in s.ids}))
+        actors = [self._actors[i] for i in ids]
+        present, crashed, centres, states = _tabulate(snapshots, ids)
+        states[:, [actor.slides for actor in actors], 2] = 0.0
+        ahead = np.array([actor.ahead_m for actor in actors])
+        axles, yaws, speeds = rear_axles(centres, states, ahead)
+        if self._map is None:
+            self._map = road_map(self._road.network)
+        return Timeline(
+            stamps_s=np.array([s.stamp_s for s in snapshots]),
+            ids=ids,
+            categories=np.array([actor.body.category for actor in actors], np.int8),
+            sizes=np.array([actor.body.size for actor in actors]),
+            centre_ahead_m=ahead,
+            present=present,
+            axles=axles,
+            yaws=np.unwrap(yaws, axis=0),
+            speeds=speeds,
+            crashed=crashed,
+            road=self._map,
+            style=self._style,
+            raw=self._raw,
+            obstacles=self._obstacles(),
+        )
+
+    def _obstacles(self) -> np.ndarray:
+        solid = [o for o in self._road.objects if o.solid and not isinstance(o, Landmark)]
+        if not solid:
+            return np.empty((0, 6))
+        centres, yaws, _ = to_world(
+            np.array([o.position for o in solid]), np.array([o.heading for o in solid])
+        )
+        sizes = [(o.LENGTH, o.WIDTH, OBSTACLE_HEIGHT_M) for o in solid]
+        return np.column_stack([centres, yaws, sizes])
+
+
+def rear_axles(
+    centres: np.ndarray, states: np.ndarray, half_lengths: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return axles (..., 2), yaws and speeds of rear axles, world frame.
+
+    highway-env's bicycle turns about the box centre; its wheelbase is the vehicle's length, so
+    the rear axle lies half a length behind, and along it the speed is that of the centre times
+    the cosine of the slip angle that the last steering gave.
+
+    centres: (..., 2) in highway-env's frame; states: (..., 3) heading, speed, steering.
+    """
+    heading, speed, steering = states[..., 0], states[..., 1], states[..., 2]
+    slip = np.arctan(np.tan(steering) / 2)
+    direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    axles, yaws, _ = to_world(centres - half_lengths[:, None] * direction, heading)
+    return axles, yaws, speed * np.cos(slip)
+
+
+def _tabulate(
+    snapshots: list[Snapshot], ids: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return presence (K, A), crashes, centres (K, A, 2), and heading, speed, steering (K, A, 3).
+
+    Where an actor is absent, its nearest known values stand in.
+    """
+    column = np.searchsorted(ids, np.arange(ids[-1] + 1))
+    shape = (len(snapshots), len(ids))
+    present, crashed = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
+    centres, states = np.zeros((*shape, 2)), np.zeros((*shape, 3))
+    for k, shot in enumerate(snapshots):
+        at = column[shot.ids]
+        present[k, at], crashed[k, at] = True, shot.crashed
+        centres[k, at] = shot.centres
+        states[k, at] = np.array((shot.headings, shot.speeds, shot.steering)).T
+    fill, actors = _nearest_known(present), np.arange(len(ids))
+    return (
+        _unbroken(present), crashed[fill, actors], centres[fill, actors], states[fill, actors]
+    )  # fmt: skip
+
+
+def _nearest_known(present: np.ndarray) -> np.ndarray:
+    """(K, A) row of the last known sample, or of the first one before an actor appears."""
+    rows = np.where(present, np.arange(len(present))[:, None], -1)
+    last = np.maximum.accumulate(rows, axis=0)
+    filled: np.ndarray = np.where(last < 0, present.argmax(axis=0), last)
+    return filled
+
+
+def _unbroken(present: np.ndarray) -> np.ndarray:
+    """Presence from the first to the last sample of each actor."""
+    since = np.logical_or.accumulate(present, axis=0)
+    until = np.logical_or.accumulate(present[::-1], axis=0)[::-1]
+    both: np.ndarray = since & until
+    return both

@@ -1,0 +1,161 @@
+"""Traffic scenarios by name, recorded to timelines."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from roadscope.core import Category
+from roadscope.envs.traffic.timeline import Timeline
+
+LEAST_OBJECTS = 5
+NEAR_M = 60.0
+MOST_CRASHED = 0.05
+TRIES = 10
+
+
+class ScenarioError(ValueError):
+    """A scenario is unknown or could not be recorded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """Traffic that can be recorded.
+
+    description: one line for lists.
+    style: roadside style, a name of `roadside.STYLES`.
+    builder: `module:function`, loaded on use; makes a `Stage` from a generator, or for a
+        scripted scenario a `Timeline` from name, seed and duration.
+    duration_s: default length of a recording.
+    scripted: whether all motion is written down; such scenarios are exempt from `accept`.
+    """
+
+    name: str
+    description: str
+    style: str
+    builder: str
+    duration_s: float = 20.0
+    scripted: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Acceptance:
+    """Whether traffic is worth sensing.
+
+    least_objects: fewest objects within 60 m of the ego at any instant.
+    crashed_share: crashed actors over all actors, the ego included.
+    accepted: at least 5 objects at every instant and at most 5 % crashed.
+    """
+
+    least_objects: int
+    crashed_share: float
+    accepted: bool
+
+
+def _scenarios(*items: Scenario) -> Mapping[str, Scenario]:
+    return MappingProxyType({item.name: item for item in items})
+
+
+_HERE = "roadscope.envs.traffic."
+SCENARIOS: Mapping[str, Scenario] = _scenarios(
+    Scenario(
+        "motorway", "Four lanes at about 25 m/s, from motorcycles to articulated lorries.",
+        "motorway", _HERE + "scenario_motorway:motorway",
+    ),
+    Scenario(
+        "dense-motorway", "Four full lanes at about 12 m/s.",
+        "motorway", _HERE + "scenario_motorway:dense_motorway",
+    ),
+    Scenario(
+        "merge", "Vehicles from a ramp join two lanes of a motorway.",
+        "motorway", _HERE + "scenario_merge:merge",
+    ),
+    Scenario(
+        "roundabout", "Four roads meet at a roundabout; who enters gives way.",
+        "urban", _HERE + "scenario_roundabout:roundabout",
+    ),
+    Scenario(
+        "intersection", "A crossing in town; drivers wait until their way is free.",
+        "urban", _HERE + "scenario_intersection:intersection",
+    ),
+    Scenario(
+        "racetrack", "Two lanes in a winding loop.",
+        "bare", _HERE + "scenario_racetrack:racetrack",
+    ),
+    Scenario(
+        "two-way", "A road with oncoming traffic.",
+        "urban", _HERE + "scenario_two_way:two_way",
+    ),
+    Scenario(
+        "parking-lot", "A car park with slow traffic past standing cars.",
+        "campus", _HERE + "scenario_parking:parking_lot",
+    ),
+    Scenario(
+        "lu2018-two-vehicles", "Lu 2018, 1: a car stays ahead, another comes and goes on its left.",
+        "campus", _HERE + "scripted:play_script", 15.36, scripted=True,
+    ),
+    Scenario(
+        "lu2018-occlusion", "Lu 2018, 2: a van cuts in and hides the car ahead.",
+        "campus", _HERE + "scripted:play_script", 10.56, scripted=True,
+    ),
+    Scenario(
+        "lu2018-three-vehicles", "Lu 2018, 3: three cars, one falls back out of view.",
+        "campus", _HERE + "scripted:play_script", 8.16, scripted=True,
+    ),
+)  # fmt: skip
+
+
+def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
+    """Record a scenario; the same name, seed and duration give the same bytes.
+
+    Traffic that is not accepted is drawn again from the next sub-seed; `ScenarioError` names
+    the scenario and the seed when none of 10 is accepted.
+    """
+    scenario = find(name)
+    if duration_s is not None and not duration_s > 0:
+        raise ScenarioError(f"a duration is a positive number of seconds, got {duration_s}")
+    module, _, function = scenario.builder.partition(":")
+    build = getattr(importlib.import_module(module), function)
+    if scenario.scripted:
+        timeline: Timeline = build(scenario.name, seed, duration_s)
+        return timeline
+    from roadscope.envs.traffic.stage import play
+
+    for child in np.random.SeedSequence(seed).spawn(TRIES):
+        traffic, dressing = child.spawn(2)
+        timeline = play(
+            build(np.random.default_rng(traffic)),
+            duration_s=duration_s or scenario.duration_s,
+            style=scenario.style,
+            seed=dressing,
+        )
+        if accept(timeline).accepted:
+            return timeline
+    raise ScenarioError(f"'{name}' with seed {seed}: no traffic accepted in {TRIES} tries")
+
+
+def find(name: str) -> Scenario:
+    """Return the scenario of that name."""
+    if name in SCENARIOS:
+        return SCENARIOS[name]
+    close = difflib.get_close_matches(name, SCENARIOS, n=1)
+    hint = f" (did you mean '{close[0]}'?)" if close else ""
+    raise ScenarioError(f"no scenario '{name}'{hint}; known: {', '.join(SCENARIOS)}")
+
+
+def accept(timeline: Timeline) -> Acceptance:
+    """Judge traffic by the objects around the ego at every recorded instant, and by crashes."""
+    centres = timeline.axles + timeline.centre_ahead_m[:, None] * np.stack(
+        [np.cos(timeline.yaws), np.sin(timeline.yaws)], axis=-1
+    )
+    away = np.linalg.norm(centres - centres[:, :1], axis=-1)
+    near = timeline.present & (away <= NEAR_M)
+    least = int(near[:, 1:].sum(axis=1).min())
+    people = np.isin(timeline.categories, (Category.PEDESTRIAN, Category.CYCLIST))
+    crashed = float((timeline.crashed.any(axis=0) & ~people).mean())
+    return Acceptance(least, crashed, least >= LEAST_OBJECTS and crashed <= MOST_CRASHED)

@@ -1,0 +1,219 @@
+"""The recorded motion of all road users, readable at any instant."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.core import Pose, RecordError
+from roadscope.core.checks import require, settle_arrays
+from roadscope.core.record import Record
+from roadscope.envs.traffic.road_map import RoadMap
+
+FORMAT = "roadscope-timeline-1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class States(Record):
+    """All actors at several instants, world frame.
+
+    stamps_s: (T,) float64.
+    present: (T, A) bool.
+    axles: (T, A, 2) float64, metres, rear axle on the ground; where an actor is absent, its
+        nearest known place.
+    yaws: (T, A) float64, radians, continuous in time.
+    velocities: (T, A, 2) float64, m/s, of the rear axle.
+    """
+
+    stamps_s: np.ndarray
+    present: np.ndarray
+    axles: np.ndarray
+    yaws: np.ndarray
+    velocities: np.ndarray
+
+    def __post_init__(self) -> None:
+        settle_arrays(
+            self,
+            stamps_s=(np.float64, ("T",)),
+            present=(np.bool_, ("T", "A")),
+            axles=(np.float64, ("T", "A", 2)),
+            yaws=(np.float64, ("T", "A")),
+            velocities=(np.float64, ("T", "A", 2)),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timeline(Record):
+    """Motion of A actors sampled at K stamps; actor 0 is the ego.
+
+    stamps_s: (K,) float64, increasing.
+    ids: (A,) int64, unique.
+    categories: (A,) int8, values of `Category`.
+    sizes: (A, 3) float64, metres, length width height of the sensed body.
+    centre_ahead_m: (A,) float64, how far the box centre lies ahead of the rear axle.
+    present: (K, A) bool; an actor is present in one unbroken interval.
+    axles: (K, A, 2) float64, metres, rear axle on the ground, world frame.
+    yaws: (K, A) float64, radians, unwrapped along K.
+    speeds: (K, A) float64, m/s, of the rear axle along the yaw (it has no slip).
+    crashed: (K, A) bool.
+    road: lanes of the place.
+    style: roadside style, a name of `roadside.STYLES`.
+    raw: whether the motion comes from a foreign environment and may be unphysical.
+    obstacles: (O, 6) float64, what stands on the road and is no road user, world frame: centre
+        x and y, yaw, length, width, height.
+    """
+
+    stamps_s: np.ndarray
+    ids: np.ndarray
+    categories: np.ndarray
+    sizes: np.ndarray
+    centre_ahead_m: np.ndarray
+    present: np.ndarray
+    axles: np.ndarray
+    yaws: np.ndarray
+    speeds: np.ndarray
+    crashed: np.ndarray
+    road: RoadMap
+    style: str = "bare"
+    raw: bool = False
+    obstacles: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
+
+    def __post_init__(self) -> None:
+        settle_arrays(
+            self,
+            stamps_s=(np.float64, ("K",)),
+            ids=(np.int64, ("A",)),
+            categories=(np.int8, ("A",)),
+            sizes=(np.float64, ("A", 3)),
+            centre_ahead_m=(np.float64, ("A",)),
+            present=(np.bool_, ("K", "A")),
+            axles=(np.float64, ("K", "A", 2)),
+            yaws=(np.float64, ("K", "A")),
+            speeds=(np.float64, ("K", "A")),
+            crashed=(np.bool_, ("K", "A")),
+            obstacles=(np.float64, ("O", 6)),
+        )
+        require(len(self.stamps_s) > 0, self, "stamps_s", "at least one stamp", 0)
+        require(
+            bool((np.diff(self.stamps_s) > 0).all()),
+            self,
+            "stamps_s",
+            "increasing stamps",
+            "others",
+        )
+        require(len(np.unique(self.ids)) == len(self.ids) > 0, self, "ids", "unique ids", self.ids)
+
+    @property
+    def start_s(self) -> float:
+        """The first stamp."""
+        return float(self.stamps_s[0])
+
+    @property
+    def end_s(self) -> float:
+        """The last stamp."""
+        return float(self.stamps_s[-1])
+
+    def at(self, stamps_s: np.ndarray) -> States:
+        """Interpolate all actors by cubic Hermite splines of the rear axle, (T,) stamps.
+
+        The rear axle does not slip, so its velocity is the speed along the yaw and the curve is
+        smooth; between two samples yaw turns at a constant rate. Outside the samples of an actor
+        it goes on at constant velocity; there it is absent, unless the recording itself ends.
+        """
+        times = np.atleast_1d(np.asarray(stamps_s, np.float64))
+        first, last = self._presence()
+        low, high = self.stamps_s[first], self.stamps_s[last]
+        t = times[:, None]
+        present = self.present.any(axis=0) & (
+            ((t >= low) | (first == 0)) & ((t <= high) | (last == len(self.stamps_s) - 1))
+        )
+        k = np.searchsorted(self.stamps_s, times, "right")[:, None] - 1
+        before = np.clip(k, first, np.maximum(last - 1, first))
+        after = np.minimum(before + 1, last)
+        axles, yaws, velocities = self._hermite(before, after, np.clip(t, low, high))
+        outside = (t - np.clip(t, low, high))[..., None]
+        return States(times, present, axles + velocities * outside, yaws, velocities)
+
+    def world_from_ego(self, stamp_s: float) -> Pose:
+        """Return the pose of the ego's rear axle on the ground."""
+        states = self.at(np.array([stamp_s]))
+        x, y = states.axles[0, 0]
+        return Pose.planar(x, y, states.yaws[0, 0])
+
+    def save(self, path: Path | str) -> None:
+        """Write the timeline to a compressed `.npz` file."""
+        header = {"format": FORMAT, "style": self.style, "raw": self.raw}
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        with Path(path).open("wb") as file:
+            contents = {"header": np.array(json.dumps(header)), **self.road.to_arrays(), **arrays}
+            np.savez_compressed(file, allow_pickle=False, **contents)
+
+    @staticmethod
+    def load(path: Path | str) -> Timeline:
+        """Read a timeline that `save` wrote; anything else is refused by name."""
+        try:
+            with Path(path).open("rb") as file:
+                return _unpack(np.load(file, allow_pickle=False))
+        except OSError:
+            raise
+        # A damaged archive fails in as many ways as zipfile, zlib, NumPy and our records know.
+        except Exception as error:
+            raise RecordError(f"{path}: not a timeline file: {error}") from error
+
+    def _presence(self) -> tuple[np.ndarray, np.ndarray]:
+        """First and last sample of each actor, (A,) each."""
+        first = self.present.argmax(axis=0)
+        return first, len(self.stamps_s) - 1 - self.present[::-1].argmax(axis=0)
+
+    def _hermite(
+        self, before: np.ndarray, after: np.ndarray, times: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Axle, yaw and velocity at (T, A) times on the cubics between (T, A) samples."""
+        actors = np.arange(len(self.ids))
+        step = np.where(after > before, self.stamps_s[after] - self.stamps_s[before], 1.0)
+        u = (times - self.stamps_s[before]) / step
+        yaw0, yaw1 = self.yaws[before, actors], self.yaws[after, actors]
+        p0, p1 = self.axles[before, actors], self.axles[after, actors]
+        m0 = _along(self.speeds[before, actors] * step, yaw0)
+        m1 = _along(self.speeds[after, actors] * step, yaw1)
+        still = (after == before)[..., None]
+        w = u[..., None]
+        axles = (
+            (2 * w**3 - 3 * w**2 + 1) * p0
+            + (w**3 - 2 * w**2 + w) * m0
+            + (3 * w**2 - 2 * w**3) * p1
+            + (w**3 - w**2) * m1
+        )
+        slopes = (
+            (6 * w**2 - 6 * w) * (p0 - p1) + (3 * w**2 - 4 * w + 1) * m0 + (3 * w**2 - 2 * w) * m1
+        )
+        velocities = np.where(still, m0, slopes) / step[..., None]
+        return np.where(still, p0, axles), yaw0 + u * (yaw1 - yaw0), velocities
+
+
+def _unpack(data: Mapping[str, np.ndarray]) -> Timeline:
+    """Read a timeline from the arrays of a file."""
+    header = json.loads(str(data["header"]))
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise ValueError(f"its header is {header!r}, not that of {FORMAT!r}")
+    return Timeline(
+        **{name: data[name] for name in _ARRAYS},
+        road=RoadMap.from_arrays(data),
+        style=header["style"],
+        raw=header["raw"],
+    )
+
+
+def _along(lengths: np.ndarray, yaws: np.ndarray) -> np.ndarray:
+    vectors: np.ndarray = lengths[..., None] * np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
+    return vectors
+
+
+_ARRAYS = (
+    "stamps_s", "ids", "categories", "sizes", "centre_ahead_m",
+    "present", "axles", "yaws", "speeds", "crashed", "obstacles",
+)  # fmt: skip

@@ -1,0 +1,151 @@
+"""The shapes of road users, as stacks of upright prisms.
+
+Proportions follow side views of common vehicles; reflectivities at 905 nm are diffuse values:
+car paint spans 0.1 (black) to 0.8 (white), tyres and glass return little (ibeo and Velodyne
+quote ranges at 10 % for dark cars and 80 % for white ones), cloth is brighter in the near
+infrared than to the eye, skin 0.5 to 0.6 (NIST reference data set of human skin reflectance,
+Cooksey 2015).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from roadscope.core import Category
+from roadscope.envs.world.footprints import ellipse, rounded
+from roadscope.envs.world.prisms import Prisms
+
+Size = tuple[float, float, float]
+
+GLASS = 0.08
+RUBBER = 0.05
+DARK_METAL = 0.2
+SKIN = 0.55
+PAINTS = np.array([0.1, 0.15, 0.25, 0.35, 0.45, 0.6, 0.8])
+"""Black, dark blue, dark grey, red, silver, light grey, white."""
+
+
+def body_prisms(category: Category, size: np.ndarray, rng: np.random.Generator) -> Prisms:
+    """Return the body of a road user, owner 0, box centre on the ground, x ahead.
+
+    size: (3,) metres, length width height; the body touches its front, rear, sides and top.
+    rng: chooses paint, clothes and variants.
+    """
+    length, width, height = (float(v) for v in size)
+    return Prisms.join(_BUILDERS[category]((length, width, height), rng))
+
+
+def _slab(
+    size: Size, x: tuple[float, float], z: tuple[float, float],
+    *, breadth: float = 1.0, radius: float = 0.3, reflectivity: float,
+) -> Prisms:  # fmt: skip
+    """Make a rounded slab; x from the rear end, z and breadth are fractions of the size."""
+    length, width, height = size
+    outline = rounded(
+        (x[1] - x[0]) * length, breadth * width, radius, ((x[0] + x[1]) / 2 - 0.5) * length
+    )
+    return Prisms.of(outline, z[0] * height, z[1] * height, reflectivity=reflectivity)
+
+
+def _car(size: Size, rng: np.random.Generator) -> list[Prisms]:
+    """Saloon or hatchback: sill, deck, two steps of sloping glass, roof."""
+    paint = float(rng.choice(PAINTS))
+    rear = (0.02, 0.05, 0.09) if rng.random() < 0.5 else (0.10, 0.17, 0.23)
+    return [
+        _slab(size, (0, 1), (0.12, 0.50), radius=0.35, reflectivity=paint),
+        _slab(size, (0.01, 0.96), (0.50, 0.62), breadth=0.98, reflectivity=paint),
+        _slab(size, (rear[0], 0.70), (0.62, 0.80), breadth=0.90, reflectivity=GLASS),
+        _slab(size, (rear[1], 0.62), (0.80, 0.94), breadth=0.82, reflectivity=GLASS),
+        _slab(size, (rear[2], 0.56), (0.94, 1), breadth=0.76, reflectivity=paint),
+    ]
+
+
+def _van(size: Size, rng: np.random.Generator) -> list[Prisms]:
+    """Box van: short bonnet, one step of windscreen, box."""
+    paint = float(rng.choice(PAINTS))
+    return [
+        _slab(size, (0, 1), (0.1, 0.42), radius=0.25, reflectivity=paint),
+        _slab(size, (0, 0.93), (0.42, 0.55), radius=0.2, reflectivity=paint),
+        _slab(size, (0.76, 0.86), (0.55, 0.80), breadth=0.9, radius=0.15, reflectivity=GLASS),
+        _slab(size, (0, 0.76), (0.55, 1), breadth=0.97, radius=0.15, reflectivity=paint),
+    ]
+
+
+def _truck(size: Size, rng: np.random.Generator) -> list[Prisms]:
+    """Rigid truck, or tractor and trailer from 10 m on: box over a chassis, cab ahead of a gap."""
+    paint, box = float(rng.choice(PAINTS)), float(rng.uniform(0.4, 0.8))
+    length = size[0]
+    long = length >= 10
+    cab = 1 - (2.3 / length if length > 6 else 0.3)
+    back = cab - (0.9 if long else 0.25) / length
+    wheels = (0.05, 0.30) if long else (0.10, 0.32)
+    rubber, steel = {"radius": 0.1, "reflectivity": RUBBER}, DARK_METAL
+    return [
+        _slab(size, (cab, 1), (0.09, 0.46), radius=0.2, reflectivity=paint),
+        _slab(size, (cab, 0.995), (0.46, 0.92), breadth=0.98, radius=0.2, reflectivity=paint),
+        _slab(size, (0, back), (0.32, 1), radius=0.05, reflectivity=box),
+        _slab(size, (0, cab), (0.22, 0.32), breadth=0.4, radius=0.05, reflectivity=steel),
+        _slab(size, wheels, (0, 0.26), breadth=0.98, **rubber),
+        _slab(size, (back - 0.4 / length, 0.6 * cab + 0.4), (0, 0.25), breadth=0.96, **rubber),
+    ]
+
+
+def _bus(size: Size, rng: np.random.Generator) -> list[Prisms]:
+    """City bus: skirt, band of windows, roof."""
+    paint = float(rng.choice(PAINTS))
+    return [
+        _slab(size, (0, 1), (0.09, 0.42), radius=0.25, reflectivity=paint),
+        _slab(size, (0.003, 0.995), (0.42, 0.82), breadth=0.98, radius=0.25, reflectivity=GLASS),
+        _slab(size, (0.01, 0.985), (0.82, 1), breadth=0.96, radius=0.25, reflectivity=paint),
+    ]
+
+
+def _two_wheeler(
+    size: Size, rng: np.random.Generator, *, frame: float, seat: float
+) -> list[Prisms]:
+    """Wheels and frame full length, handlebar full width, rider to full height."""
+    cloth, machine = float(rng.uniform(0.25, 0.7)), float(rng.uniform(0.1, 0.4))
+    head = min(0.26, 0.6 * size[1], 0.6 * size[0])
+    face = 0.5 - head / size[0] / 2, 0.5 + head / size[0] / 2
+    return [
+        _slab(size, (0, 1), (0, 0.38), breadth=frame, reflectivity=machine / 2),
+        _slab(size, (0.22, 0.78), (0.38, seat), breadth=max(frame, 0.55), reflectivity=cloth),
+        _slab(size, (0.66, 0.76), (seat, seat + 0.08), radius=0.05, reflectivity=machine),
+        _slab(size, (0.30, 0.62), (seat, 0.82), breadth=0.75, reflectivity=cloth),
+        _slab(size, face, (0.82, 1), breadth=head / size[1], reflectivity=SKIN),
+    ]
+
+
+def _motorcycle(size: Size, rng: np.random.Generator) -> list[Prisms]:
+    """Motorcycle with rider."""
+    return _two_wheeler(size, rng, frame=0.4, seat=0.55)
+
+
+def _cyclist(size: Size, rng: np.random.Generator) -> list[Prisms]:
+    """Bicycle with rider."""
+    return _two_wheeler(size, rng, frame=0.12, seat=0.52)
+
+
+def _pedestrian(size: Size, rng: np.random.Generator) -> list[Prisms]:
+    """Legs in mid-stride, trunk with arms, head."""
+    length, width, height = size
+    trousers, shirt = (float(v) for v in rng.uniform(0.25, 0.7, 2))
+    head = min(0.24, 0.7 * length, 0.7 * width)
+    return [
+        Prisms.of(ellipse(length, 0.6 * width), 0, 0.47 * height, reflectivity=trousers),
+        Prisms.of(ellipse(0.7 * length, width), 0.47 * height, 0.85 * height, reflectivity=shirt),
+        Prisms.of(ellipse(head, head), 0.85 * height, height, reflectivity=SKIN),
+    ]
+
+
+_BUILDERS: dict[Category, Callable[[Size, np.random.Generator], list[Prisms]]] = {
+    Category.CAR: _car,
+    Category.VAN: _van,
+    Category.TRUCK: _truck,
+    Category.BUS: _bus,
+    Category.MOTORCYCLE: _motorcycle,
+    Category.CYCLIST: _cyclist,
+    Category.PEDESTRIAN: _pedestrian,
+}

@@ -1,0 +1,61 @@
+"""How much of what stands beside a road, by style."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from roadscope.core import RecordError
+
+
+@dataclass(frozen=True)
+class Style:
+    """Things beside an outer border of the road.
+
+    guard_rail, noise_wall, hedge: share of the border that each runs along, 0 to 1.
+    lamps, signs, trees, bushes: number per metre of border.
+    parked_cars, buildings: share of the slots along the border that are taken, 0 to 1.
+    tree_band_m, bush_band_m: nearest and farthest distance of their centres from the border.
+    building_setback_m: from the border to the front of a building.
+    """
+
+    guard_rail: float = 0.0
+    noise_wall: float = 0.0
+    hedge: float = 0.0
+    lamps: float = 0.0
+    signs: float = 0.0
+    trees: float = 0.0
+    bushes: float = 0.0
+    parked_cars: float = 0.0
+    buildings: float = 0.0
+    tree_band_m: tuple[float, float] = (5.0, 12.0)
+    bush_band_m: tuple[float, float] = (1.5, 5.0)
+    building_setback_m: tuple[float, float] = (8.0, 14.0)
+
+
+STYLES: Mapping[str, Style] = MappingProxyType(
+    {
+        "motorway": Style(
+            guard_rail=0.9, noise_wall=0.2, lamps=0.01, signs=0.006, trees=0.03, bushes=0.02,
+            tree_band_m=(9.0, 25.0), bush_band_m=(3.0, 8.0),
+        ),
+        "urban": Style(
+            hedge=0.1, lamps=0.03, signs=0.015, trees=0.025, bushes=0.01, parked_cars=0.25,
+            buildings=0.75, tree_band_m=(3.8, 5.0), bush_band_m=(3.5, 6.0),
+        ),
+        "campus": Style(
+            hedge=0.08, lamps=0.02, signs=0.006, trees=0.04, bushes=0.08, buildings=0.25,
+            tree_band_m=(5.0, 14.0), building_setback_m=(15.0, 25.0),
+        ),
+        "bare": Style(),
+    }
+)  # fmt: skip
+"""Set once from how such roads look; no detector's result has moved them."""
+
+
+def style_named(name: str) -> Style:
+    """Return the style; an unknown name is refused with what there is."""
+    if name not in STYLES:
+        raise RecordError(f"no roadside style '{name}'; known: {', '.join(STYLES)}")
+    return STYLES[name]

@@ -1,0 +1,85 @@
+"""All that can be seen: scenery beside the road and a body for every actor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from roadscope.core import Category
+from roadscope.core.record import Record
+from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.world.bodies import body_prisms
+from roadscope.envs.world.obstacles import obstacle_prisms
+from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world.roadside import Scenery
+from roadscope.envs.world.things import with_owners
+
+SALT = 0x426F6479
+"""Keeps this stream of random numbers apart from others of the same seed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World(Record):
+    """Scenery and bodies of one episode.
+
+    scenery: what stands beside the road, made where somebody comes near.
+    obstacles: what stands on the road and is no road user, world frame.
+    moving: bodies of all actors, owner = row of the timeline, frame of the box centre.
+    ids, categories, sizes: (A,), (A,), (A, 3) as in the timeline, whose bodies they are.
+    seed: of everything drawn here.
+    """
+
+    scenery: Scenery
+    obstacles: Prisms
+    moving: Prisms
+    ids: np.ndarray
+    categories: np.ndarray
+    sizes: np.ndarray
+    seed: int
+
+    def static_around(self, position: np.ndarray, radius_m: float = 200.0) -> Prisms:
+        """Return all obstacles and at least all scenery within the radius of an (x, y) position."""
+        grown = self.scenery.around(position, radius_m)
+        return Prisms.join([grown, self.obstacles]) if len(self.obstacles) else grown
+
+    def with_actors(self, timeline: Timeline) -> World:
+        """Return the world with bodies for the actors that the timeline has now."""
+        given = {name: getattr(timeline, name) for name in ("ids", "categories", "sizes")}
+        if all(np.array_equal(getattr(self, name), value) for name, value in given.items()):
+            return self
+        return replace(self, moving=actor_bodies(timeline, self.seed), **given)
+
+
+def build_world(timeline: Timeline, seed: int, style: str | None = None) -> World:
+    """Make the world of a timeline; a style given here stands in for the timeline's."""
+    scenery = Scenery(timeline.road, timeline.style if style is None else style, seed)
+    return World(
+        scenery,
+        obstacle_prisms(timeline.obstacles),
+        actor_bodies(timeline, seed),
+        timeline.ids,
+        timeline.categories,
+        timeline.sizes,
+        int(seed),
+    )
+
+
+def actor_bodies(timeline: Timeline, seed: int) -> Prisms:
+    """Return a body for each actor; it depends on seed, id, category and size alone."""
+    bodies = []
+    for row, (actor, category, size) in enumerate(
+        zip(timeline.ids, timeline.categories, timeline.sizes, strict=True)
+    ):
+        body = _body(int(seed), int(actor), int(category), tuple(map(float, size)))
+        bodies.append(with_owners(body, np.full(len(body), row)))
+    return Prisms.join(bodies)
+
+
+@lru_cache(maxsize=4096)
+def _body(seed: int, actor: int, category: int, size: tuple[float, ...]) -> Prisms:
+    # Seeds take no negative numbers.
+    words = [SALT, seed, 2 * actor if actor >= 0 else -2 * actor - 1]
+    rng = np.random.default_rng(np.random.SeedSequence(words))
+    return body_prisms(Category(category), np.array(size), rng)

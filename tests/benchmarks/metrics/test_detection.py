@@ -1,0 +1,95 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from toy_boxes import detections, truth
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.metrics.detection import axis_error_deg, score_detections
+
+RULE = Eligibility(range_m=(0.0, 60.0), min_returns=10)
+
+
+def score(found, truths, parked=None):
+    return score_detections(found, truths, RULE.pairings(found, truths, parked))
+
+
+def test_a_case_by_hand() -> None:
+    # Frame 1: two of three objects found, one false alarm. Frame 2: one of one, none false.
+    truths = [truth([[10, 0], [20, 0], [30, 0]]), truth([[10, 0]])]
+    found = [detections([[10, 1], [20, 0.5], [40, 0]]), detections([[10.5, 0]])]
+    s = score(found, truths)
+    assert s.detection_rate.value == 3 / 4
+    assert s.detection_rate.n == 4
+    assert s.precision.value == 3 / 4
+    assert s.f1.value == 3 / 4
+    assert s.false_alarms_per_frame.value == 0.5
+    assert s.objects_per_frame.value == 2.0
+    assert s.position_rmse_m.value == pytest.approx(math.sqrt((1 + 0.25 + 0.25) / 3))
+
+
+def test_size_and_heading_errors_of_matches() -> None:
+    found = [detections([[10, 0]], yaws=math.pi + 0.1, sizes=(4.0, 2.0, 9.0))]
+    s = score(found, [truth([[10, 0]])])
+    assert s.heading_rmse_deg.value == pytest.approx(math.degrees(0.1))
+    assert s.size_rmse_m.value == pytest.approx(math.sqrt((0.5**2 + 0.2**2) / 2))
+
+
+def test_objects_with_few_returns_far_off_or_of_other_families_do_not_count() -> None:
+    some = truth([[10, 0], [20, 0], [70, 0], [30, 0]], returns=[100, 9, 100, 100])
+    walker = truth(
+        some.centres[:, :2], returns=some.lidar_returns, categories=np.array([0, 0, 0, 6])
+    )
+    blind = score([detections([[10, 0]])], [walker])
+    assert blind.detection_rate.value == 1.0
+    assert blind.detection_rate.n == 1
+    seeing_all = score([detections(walker.centres[:, :2])], [walker])
+    assert seeing_all.precision.value == 1.0
+    assert seeing_all.false_alarms_per_frame.value == 0.0
+
+
+def test_a_parked_car_is_neither_right_nor_wrong() -> None:
+    found = [detections([[10, 0], [20, 5]])]
+    s = score(found, [truth([[10, 0]])], np.array([[20.0, 6.0]]))
+    assert s.precision.value == s.detection_rate.value == 1.0
+
+
+def test_nothing_found_and_nothing_there() -> None:
+    s = score([detections([])], [truth([])])
+    assert math.isnan(s.detection_rate.value)
+    assert math.isnan(s.precision.value)
+    assert s.false_alarms_per_frame.value == 0.0
+
+
+@given(st.integers(1, 5), st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_the_truth_itself_scores_perfectly(n, seed) -> None:
+    xy = np.random.default_rng(seed).uniform(-40, 40, (n, 2))
+    s = score([detections(xy)], [truth(xy)]).named()
+    for name in ("detection_rate", "precision", "f1", "ap", "ap_05", "ap_40"):
+        assert s[name].value == 1.0
+    for name in ("false_alarms_per_frame", "position_rmse_m", "heading_rmse_deg", "size_rmse_m"):
+        assert s[name].value == pytest.approx(0.0, abs=1e-9)
+
+
+@given(st.integers(0, 5), st.integers(0, 5), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_order_of_detections_and_objects_does_not_matter(n, m, seed) -> None:
+    rng = np.random.default_rng(seed)
+    found = detections(rng.uniform(-5, 5, (n, 2)), scores=rng.random(n), yaws=rng.uniform(-3, 3, n))
+    real = truth(rng.uniform(-5, 5, (m, 2)), returns=rng.integers(5, 20, m))
+    there = rng.permutation(m)
+    shuffled = truth(
+        real.centres[there, :2], ids=real.ids[there], returns=real.lidar_returns[there]
+    )
+    a = score([found], [real]).named()
+    b = score([found.select(rng.permutation(n))], [shuffled]).named()
+    for name in a:
+        assert a[name].value == pytest.approx(b[name].value, nan_ok=True), name
+
+
+def test_front_and_rear_are_not_told_apart() -> None:
+    errors = axis_error_deg(np.array([0.0, math.pi, math.pi / 4, -0.1]), np.zeros(4))
+    assert np.abs(errors) == pytest.approx([0, 0, 45, math.degrees(0.1)], abs=1e-9)

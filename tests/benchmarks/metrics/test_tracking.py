@@ -1,0 +1,120 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from toy_boxes import tracks, truth
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.metrics.tracking import score_tracks
+
+RULE = Eligibility(range_m=(0.0, 60.0), min_returns=10)
+A, B = [10.0, 0.0], [20.0, 0.0]
+
+
+def score(followed, truths):
+    return score_tracks(followed, truths, RULE.pairings(followed, truths))
+
+
+def episode(rows):
+    """Rows of ({object: position}, {track: position}) to truths and tracks."""
+    truths = [truth(list(t.values()), ids=list(t)) for t, _ in rows]
+    followed = [tracks(list(f.values()), list(f)) for _, f in rows]
+    return followed, truths
+
+
+def test_perfect_tracks() -> None:
+    s = score(*episode([({1: A, 2: B}, {7: A, 8: B})] * 5))
+    assert s.mota.value == s.idf1.value == s.mostly_tracked.value == 1.0
+    assert s.hota.value == s.det_a.value == s.ass_a.value == s.loc_a.value == 1.0
+    assert s.motp_m.value == s.id_switches.value == s.wrong_associations.value == 0.0
+    assert s.fragmentations.value == s.mostly_lost.value == 0.0
+
+
+def test_two_tracks_that_swap_objects() -> None:
+    rows = [({1: A, 2: B}, {7: A, 8: B})] * 2 + [({1: A, 2: B}, {7: B, 8: A})] * 2
+    s = score(*episode(rows))
+    assert s.id_switches.value == 2
+    assert s.wrong_associations.value == 2
+    assert s.mota.value == 1 - 2 / 8
+    assert s.idf1.value == 0.5
+    # Every match shares 2 frames out of 4 + 4 - 2 with its track.
+    assert s.ass_a.value == pytest.approx(1 / 3)
+    assert s.hota.value == pytest.approx(math.sqrt(1 / 3))
+    assert s.recall.value == s.precision.value == 1.0
+
+
+def test_a_new_track_is_a_switch_but_no_wrong_association() -> None:
+    s = score(*episode([({1: A}, {7: A}), ({1: A}, {8: A})]))
+    assert s.id_switches.value == 1
+    assert s.wrong_associations.value == 0
+
+
+def test_a_track_that_goes_over_to_an_object_that_had_none() -> None:
+    s = score(*episode([({1: A}, {7: A}), ({2: B}, {7: B})]))
+    assert s.id_switches.value == 0
+    assert s.wrong_associations.value == 1
+
+
+def test_misses_false_alarms_and_fragments() -> None:
+    rows = [({1: A}, {7: A}), ({1: A}, {}), ({1: A}, {7: A}), ({1: A}, {7: A, 9: B})]
+    s = score(*episode(rows))
+    assert s.mota.value == 1 - 2 / 4
+    assert s.fragmentations.value == 1
+    assert s.id_switches.value == 0
+    assert s.recall.value == s.precision.value == 3 / 4
+    assert s.mostly_tracked.value == 0.0
+
+
+def test_mostly_tracked_and_lost() -> None:
+    rows = [({1: A, 2: B}, {7: A}) for _ in range(10)]
+    s = score(*episode(rows))
+    assert s.mostly_tracked.value == s.mostly_lost.value == 0.5
+
+
+def test_a_match_is_kept_while_it_lies_within_the_gate() -> None:
+    # In frame 2 track 8 is nearer to the object, but 7 had it and is near enough.
+    near, far = [10.2, 0.0], [11.5, 0.0]
+    s = score(*episode([({1: A}, {7: A}), ({1: A}, {7: far, 8: near})]))
+    assert s.id_switches.value == 0
+    assert s.motp_m.value == pytest.approx(0.75)
+
+
+def test_identity_lasts_over_a_time_in_which_the_object_cannot_be_seen() -> None:
+    seen, hidden = truth([A], ids=[1]), truth([A], ids=[1], returns=0)
+    kept = score([tracks([A], [7])] * 3, [seen, hidden, seen])
+    assert kept.mota.value == 1.0
+    assert kept.recall.n == 2
+    lost = score([tracks([A], [i]) for i in (7, 7, 8)], [seen, hidden, seen])
+    assert lost.id_switches.value == 1
+
+
+def test_errors_of_position_and_velocity() -> None:
+    there = truth([A], velocities=np.array([[10.0, 0.0]]))
+    guess = tracks([[10.0, 0.6]], [7], velocities=np.array([[13.0, 4.0]]))
+    s = score([guess], [there])
+    assert s.position_rmse_m.value == pytest.approx(0.6)
+    assert s.velocity_rmse_m_s.value == pytest.approx(5.0)
+
+
+def test_an_empty_episode_has_no_mota() -> None:
+    s = score([tracks([], [])], [truth([])])
+    assert math.isnan(s.mota.value)
+    assert math.isnan(s.idf1.value)
+
+
+@given(st.integers(1, 6), st.integers(0, 4), st.integers(0, 4), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_names_of_tracks_and_order_do_not_matter(frames, n, m, seed) -> None:
+    rng = np.random.default_rng(seed)
+    followed, truths, renamed = [], [], []
+    names = rng.permutation(100)
+    for _ in range(frames):
+        truths.append(truth(rng.uniform(-5, 5, (m, 2)), ids=np.arange(m)))
+        xy, ids, order = rng.uniform(-5, 5, (n, 2)), rng.permutation(8)[:n], rng.permutation(n)
+        followed.append(tracks(xy, ids))
+        renamed.append(tracks(xy[order], names[ids][order]))
+    a, b = score(followed, truths).named(), score(renamed, truths).named()
+    for name in a:
+        assert a[name].value == pytest.approx(b[name].value, nan_ok=True), name

@@ -1,0 +1,120 @@
+"""Plug-ins as a user would bring them, some of them bad."""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.core import Detections, Tracks, TrackState
+
+
+class Logged:
+    """Finds nothing, and writes a line for every episode that it begins."""
+
+    def __init__(self, *, log, wait_s=0.0):
+        self.log, self.wait_s = Path(log), wait_s
+
+    def reset(self):
+        with self.log.open("a") as file:
+            file.write("begun\n")
+
+    def detect(self, frame):
+        time.sleep(self.wait_s)
+        return Detections.empty(frame.stamp_s)
+
+
+class Raises:
+    def reset(self): ...
+
+    def detect(self, frame):
+        raise KeyError("what\nis this")
+
+
+class RaisesWhenMade:
+    def __init__(self):
+        raise OSError("no weights")
+
+    def reset(self): ...
+
+    def detect(self, frame): ...
+
+
+class ReturnsNonsense:
+    def reset(self): ...
+
+    def detect(self, frame):
+        return [1, 2, 3]
+
+
+class ReturnsNan:
+    def reset(self): ...
+
+    def detect(self, frame):
+        return Detections([[np.nan, 0, 0]], [[4, 2, 1]], [0.0], [0], [1.0], "ego", frame.stamp_s)
+
+
+class Scribbles:
+    """Writes over the scan that it was given."""
+
+    def reset(self): ...
+
+    def detect(self, frame):
+        frame.lidar.points[:] = 0
+        return Detections.empty(frame.stamp_s)
+
+
+class Exits:
+    """Ends the program, as scripts do."""
+
+    def reset(self):
+        raise SystemExit(3)
+
+    def detect(self, frame): ...
+
+
+class Prints:
+    def reset(self):
+        sys.stdout.write("hello from a plug-in\n")
+
+    def detect(self, frame):
+        return Detections.empty(frame.stamp_s)
+
+
+class Late:
+    def reset(self): ...
+
+    def detect(self, frame):
+        return Detections.empty(frame.stamp_s + 1)
+
+
+class WithoutReset:
+    def detect(self, frame): ...
+
+
+class Dies:
+    def reset(self): ...
+
+    def detect(self, frame):
+        os._exit(3)
+
+
+class EgoFrame:
+    """Follows nothing but calls every detection a new track, in the ego frame."""
+
+    def __init__(self):
+        self.next = 0
+
+    def reset(self):
+        self.next = 0
+
+    def update(self, detections, ego_pose):
+        n = len(detections)
+        ids = self.next + np.arange(n)
+        self.next += n
+        return Tracks(
+            ids, detections.centres, detections.sizes, detections.yaws, np.zeros((n, 2)),
+            np.tile(np.eye(4), (n, 1, 1)), detections.categories, detections.scores,
+            np.full(n, TrackState.CONFIRMED), "ego", detections.stamp_s,
+        )  # fmt: skip

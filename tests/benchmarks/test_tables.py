@@ -1,0 +1,89 @@
+import io
+
+from rich.console import Console
+
+from roadscope.benchmarks.reproduction import ReproductionRow, summarise
+from roadscope.benchmarks.reproduction_tables import reproduction_tables
+from roadscope.benchmarks.results import Results, Row
+from roadscope.benchmarks.tables import COLUMNS, board_table, footnote
+
+
+def printed(*things, width: int = 80) -> str:
+    console = Console(file=io.StringIO(), width=width)
+    for thing in things:
+        console.print(thing)
+    return console.file.getvalue()
+
+
+def board(value: float | None, low: float | None, high: float | None) -> Results:
+    rows = [
+        Row("tracking", "nearest-q on oracle", metric, value, low, high, 18, "1", "higher")
+        for metric in COLUMNS["tracking"]
+    ]
+    return Results({}, tuple(rows), ())
+
+
+def test_boards_fit_80_columns_with_an_interval_of_the_first_figure() -> None:
+    text = printed(board_table(board(0.512, 0.4, 0.613), "tracking", 80))
+    assert max(map(len, text.splitlines())) <= 80
+    assert text.count("[.40, .61]") == 1
+    assert "nearest-q on oracle" in text
+    assert "…" not in text
+
+
+def test_narrow_boards_keep_the_name() -> None:
+    text = printed(board_table(board(0.512, 0.4, 0.613), "tracking", 40), width=40)
+    assert "nearest-q" in text
+    assert "0.51" in text
+    assert max(map(len, text.splitlines())) <= 40
+
+
+def test_footnotes_explain_what_is_shown() -> None:
+    narrow, wide = footnote("detection", 80, 4), footnote("detection", 200, 1)
+    assert "head." not in narrow
+    assert "4 workers" in narrow
+    assert "wider terminal" in narrow
+    assert "head." in wide
+    assert "wider terminal" not in wide
+    assert "workers" not in wide
+
+
+def test_wide_boards_have_all_intervals() -> None:
+    text = printed(board_table(board(0.512, 0.4, 0.613), "tracking", 200), width=200)
+    assert text.count("[.4") == len(COLUMNS["tracking"])
+
+
+def test_what_was_not_measured_is_a_dash() -> None:
+    text = printed(board_table(board(None, None, None), "tracking", 80))
+    assert "nan" not in text
+    assert "None" not in text
+    assert " - " in text
+    assert board(None, None, None).nothing_eligible("tracking")
+    assert not board(0.5, 0.4, 0.6).nothing_eligible("tracking")
+
+
+def rows() -> list[ReproductionRow]:
+    many = [
+        summarise(("one", method), f"quantity {i}", "m", [1.0, 2.0], 1.25 if i else None)
+        for method in ("papers + own", "papers + other")
+        for i in range(6)
+    ]
+    few = [
+        summarise(("one", method), "clusters kept", "1/scan", [1.0, 2.0], None)
+        for method in ("pag", "distance")
+    ]
+    return [*many, *few]
+
+
+def test_the_papers_method_in_full_and_the_others_side_by_side() -> None:
+    text = printed(*reproduction_tables(rows()))
+    assert "papers + own" in text
+    assert "papers + other" not in text
+    assert text.count("1.25") == 5
+    assert "pag" in text
+    assert "distance" in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_everything_on_demand() -> None:
+    assert "papers + other" in printed(*reproduction_tables(rows(), everything=True))

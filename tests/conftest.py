@@ -1,0 +1,25 @@
+"""Settings shared by all tests."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# Shared machines stall for longer than any deadline; a fixed seed keeps CI repeatable.
+settings.register_profile("roadscope", deadline=None, max_examples=50, derandomize=True)
+settings.load_profile("roadscope")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Keep what tests cache away from the user's cache."""
+    path = tmp_path_factory.mktemp("cache")
+    before = os.environ.get("ROADSCOPE_CACHE")
+    os.environ["ROADSCOPE_CACHE"] = str(path)
+    yield path
+    if before is None:
+        del os.environ["ROADSCOPE_CACHE"]
+    else:
+        os.environ["ROADSCOPE_CACHE"] = before

@@ -1,0 +1,109 @@
+from pathlib import Path
+
+import pytest
+
+from roadscope.core import Registry, SpecError
+from roadscope.core.registry import source_hash, split_spec
+
+
+class Plain:
+    def __init__(self, *, gate_m: float = 1.0, mode: str = "a") -> None:
+        self.gate_m, self.mode = gate_m, mode
+
+
+REGISTRY: Registry[Plain] = Registry(
+    "tracker", {"plain": f"{__name__}:Plain", "wide": f"{__name__}:Plain?gate_m=9.0"}
+)
+
+
+def test_a_name_makes_its_class_and_arguments_win_over_the_alias() -> None:
+    assert REGISTRY.make("plain").gate_m == 1.0
+    assert REGISTRY.make("wide").gate_m == 9.0
+    made = REGISTRY.make("wide?gate_m=2.5&mode=b")
+    assert (made.gate_m, made.mode) == (2.5, "b")
+    assert list(REGISTRY) == ["plain", "wide"]
+    assert "plain" in REGISTRY
+    assert not REGISTRY.resolve("plain").ours
+
+
+def test_an_unknown_name_lists_what_exists_and_what_was_meant() -> None:
+    with pytest.raises(
+        SpecError, match=r"no tracker 'plane' \(did you mean 'plain'\?\); known: plain, wide"
+    ):
+        REGISTRY.make("plane")
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("plain?gate=2", r"unexpected keyword argument 'gate'; its arguments: gate_m: "),
+        ("plain?gate_m", "arguments look like name"),
+        ("?x=1", "names nothing"),
+        ("nowhere.at.all:Thing", "cannot import 'nowhere.at.all'"),
+        ("math:Thing", "no class 'Thing' in math"),
+        ("missing.py:Thing", "no file missing.py"),
+        ("mine.py", "name the class in the file too: mine.py:Class"),
+        (":Thing", "names no module or file"),
+        ("math:sqrt", "'math:sqrt' is not a class"),
+    ],
+)
+def test_a_wrong_spec_is_named(spec: str, message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        REGISTRY.make(spec)
+
+
+def test_a_file_of_ones_own_is_a_plug_in(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text("class Mine:\n    def __init__(self, *, k=1):\n        self.k = k\n")
+    assert REGISTRY.make(f"{path}:Mine?k=3").k == 3  # type: ignore[attr-defined]
+    before = source_hash(REGISTRY.resolve(f"{path}:Mine"))
+    path.write_text(path.read_text() + "# changed\n")
+    assert source_hash(REGISTRY.resolve(f"{path}:Mine")) != before
+    with pytest.raises(SpecError, match=r"no class 'Other' in .*mine.py; it has: Mine"):
+        REGISTRY.make(f"{path}:Other")
+
+
+def test_a_file_that_fails_says_how(tmp_path: Path) -> None:
+    path = tmp_path / "broken.py"
+    path.write_text("1 / 0\n")
+    with pytest.raises(SpecError, match=r"fails when loaded: ZeroDivisionError"):
+        REGISTRY.make(f"{path}:Mine")
+
+
+def test_arguments_are_python_literals_or_text() -> None:
+    name, arguments = split_spec("a?i=1&f=2.5&t=true&n=none&s=iou&l=[1,2]")
+    assert name == "a"
+    assert arguments == {"i": 1, "f": 2.5, "t": True, "n": None, "s": "iou", "l": [1, 2]}
+
+
+@pytest.mark.parametrize("line", ["import sys; sys.exit(4)", "raise ValueError('no')"])
+def test_a_module_that_ends_the_process_or_raises_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
+    name = f"ends_{len(line)}"
+    (tmp_path / f"{name}.py").write_text(line + "\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    for spec in (f"{name}:Thing", f"{tmp_path / name}.py:Thing"):
+        with pytest.raises(SpecError, match=r"fails when loaded: (SystemExit|ValueError)"):
+            REGISTRY.make(spec)
+
+
+def test_classes_that_a_file_imports_are_not_offered(tmp_path: Path) -> None:
+    path = tmp_path / "few.py"
+    path.write_text("from pathlib import Path\n\n\nclass Own:\n    pass\n")
+    with pytest.raises(SpecError, match=r"it has: Own$"):
+        REGISTRY.make(f"{path}:Other")
+
+
+def test_a_helper_beside_the_plug_in_counts_as_its_source(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "helper_of_mine.py").write_text("K = 1\n")
+    path = tmp_path / "mine.py"
+    path.write_text("import helper_of_mine\n\n\nclass Mine:\n    pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    before = source_hash(REGISTRY.resolve(f"{path}:Mine"))
+    (tmp_path / "unrelated.py").write_text("K = 1\n")
+    assert source_hash(REGISTRY.resolve(f"{path}:Mine")) == before
+    (tmp_path / "helper_of_mine.py").write_text("K = 2\n")
+    assert source_hash(REGISTRY.resolve(f"{path}:Mine")) != before

@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+from toy_lidar import cloud
+
+from roadscope.detectors.grid_ground import grid_above_ground
+from roadscope.detectors.horizon import Horizon
+
+VIEW = (np.radians(-55.0), np.radians(55.0))
+NEAR, FAR = (20, 0.5, 4.6, 1.85, 1.5, 0), (40, 0, 4.6, 1.85, 1.5, 0)
+
+
+def look(boxes, **options):
+    found = cloud(boxes, **options)
+    return Horizon.of(found, grid_above_ground(found), VIEW)
+
+
+def test_field_of_view_and_step():
+    horizon = look([NEAR])
+    assert np.degrees(horizon.view) == pytest.approx((-55, 55))
+    assert np.degrees(horizon.step) == pytest.approx(0.25)
+    turn = np.radians(np.arange(180, -180, -0.4))
+    horizon = look([NEAR], azimuths=turn)
+    assert horizon.view is None
+    assert np.degrees(horizon.step) == pytest.approx(0.4)
+
+
+def test_nearest_return_of_each_column():
+    horizon = look([NEAR, FAR], ground=False)
+    assert horizon.ranges[np.abs(horizon.azimuths).argmin()] == pytest.approx(12.7, abs=0.1)
+    assert len(horizon.azimuths) == len(np.unique(horizon.azimuths))
+
+
+def test_nearer_body_hides_and_farther_does_not():
+    horizon = look([NEAR, FAR])
+    edge = np.arctan2(-0.425, 12.7)
+    seen_end = np.array([5 + 32.7, 32.7 * np.tan(edge - np.radians(0.2))])
+    assert horizon.hides_beyond(seen_end, 1)
+    assert not horizon.hides_beyond(seen_end, -1)
+    near_end = np.array([5 + 12.7, -0.4])
+    assert not horizon.hides_beyond(near_end, -1)
+
+
+def test_ends_of_the_view_hide():
+    horizon = look([NEAR])
+    left = np.array([5 + 10 * np.cos(np.radians(54.7)), 10 * np.sin(np.radians(54.7))])
+    assert horizon.hides_beyond(left, 1)
+    assert not horizon.hides_beyond(left, -1)
+    assert horizon.hides_beyond(left * [1, -1], -1)
+
+
+def test_nothing_hides_nothing():
+    assert not look([], ground=False).hides_beyond(np.array([20.0, 0.0]), 1)
+
+
+def test_what_is_hardly_nearer_hides_nothing():
+    step = np.radians(0.25)
+    for range_m, hides in ((20.1, False), (19.7, False), (19.0, True)):
+        horizon = Horizon(np.array([step]), np.array([range_m]), step, None, np.zeros(2))
+        assert horizon.hides_beyond(np.array([20.0, 0.0]), 1) == hides

@@ -1,0 +1,370 @@
+import copy
+import pickle
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import highway_env  # noqa: F401  (registers its ids)
+import numpy as np
+import pytest
+from highway_env.vehicle.behavior import IDMVehicle
+
+import roadscope  # noqa: F401  (registers ours)
+from roadscope.core import RecordError
+from roadscope.envs.gym.sensor_wrapper import SensorWrapper
+from roadscope.envs.sensors.rigs import rig as find_rig
+from roadscope.envs.sensors.sensing import Sensing
+from roadscope.envs.traffic.conversion import (
+    DRIVER_CONSTANTS,
+    ForeignEnvError,
+    restore_driver_constants,
+)
+
+# highway-env keeps old versions of its ids for comparison; Gymnasium says so at every make.
+pytestmark = pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
+
+MULTI_AGENT = [
+    "intersection-multi-agent-v0", "intersection-multi-agent-v1", "intersection-multi-agent-v2"
+]  # fmt: skip
+SINGLE_AGENT = sorted(
+    name
+    for name, spec in gym.registry.items()
+    if str(spec.entry_point).startswith("highway_env.") and name not in MULTI_AGENT
+)
+
+
+@pytest.fixture(autouse=True)
+def _original_drivers() -> Any:
+    restore_driver_constants()
+    yield
+    restore_driver_constants()
+
+
+def actions(env: gym.Env[Any, Any], count: int) -> list[Any]:
+    space = copy.deepcopy(env.action_space)
+    space.seed(5)
+    return [space.sample() for _ in range(count)]
+
+
+def traffic(env: gym.Env[Any, Any]) -> list[tuple[Any, ...]]:
+    road = env.unwrapped.road  # type: ignore[attr-defined]
+    return [
+        (*v.position.tolist(), float(v.heading), float(v.speed), bool(v.crashed))
+        for v in road.vehicles
+    ]
+
+
+def play(env: gym.Env[Any, Any], steps: int = 2, seed: int = 3) -> list[Any]:
+    env.reset(seed=seed)
+    seen: list[Any] = [traffic(env)]
+    for action in actions(env, steps):
+        _, reward, terminated, truncated, _ = env.step(action)
+        seen.append((traffic(env), float(reward), bool(terminated), bool(truncated)))
+        if terminated or truncated:
+            break
+    seen.append(env.unwrapped.np_random.bit_generator.state["state"])
+    return seen
+
+
+def same(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
+    return a.keys() == b.keys() and all(a[key].tobytes() == b[key].tobytes() for key in a)
+
+
+def test_there_are_28_single_agent_ids() -> None:
+    assert len(SINGLE_AGENT) == 28
+
+
+@pytest.mark.parametrize("name", SINGLE_AGENT)
+def test_traffic_is_the_same_to_the_bit_and_observations_fit(name: str) -> None:
+    foreign = gym.make(name)
+    bare = play(foreign)
+    own = foreign.step(actions(foreign, 1)[0])[4].keys()
+    restore_driver_constants()
+    env = SensorWrapper(gym.make(name), "lux")
+    assert play(env) == bare
+    observation, info = env.reset(seed=3)
+    assert observation in env.observation_space
+    assert (observation["lidar_range"] > 0).any()
+    observation, _, _, _, info = env.step(actions(env, 1)[0])
+    assert observation in env.observation_space
+    assert info["frames"]
+    assert len(info["frames"]) == len(info["truths"])
+    assert own <= info.keys()
+
+
+@pytest.mark.parametrize("name", MULTI_AGENT)
+def test_multi_agent_environments_are_refused_by_name(name: str) -> None:
+    with pytest.raises(ForeignEnvError, match=f"{name}.*such as 'intersection-v2'"):
+        SensorWrapper(gym.make(name, disable_env_checker=True))
+
+
+def test_other_environments_are_refused_by_name() -> None:
+    with pytest.raises(ForeignEnvError, match="CartPole-v1"):
+        SensorWrapper(gym.make("CartPole-v1"))
+
+
+@pytest.mark.parametrize("name", ["roadscope/Merge-v0", "roadscope/Lu2018Occlusion-v0"])
+def test_environments_that_have_sensors_are_told_where_to_choose_them(name: str) -> None:
+    with pytest.raises(ForeignEnvError, match=f"'{name}' already has sensors; .* gym.make"):
+        SensorWrapper(gym.make(name, rig="lux"))
+
+
+def test_wrapping_twice_is_refused_even_below_other_wrappers() -> None:
+    once = SensorWrapper(gym.make("merge-v1"), "lux")
+    for env in (once, gym.wrappers.FlattenObservation(once)):
+        with pytest.raises(ForeignEnvError, match=r"'merge-v1' already has .* of SensorWrapper"):
+            SensorWrapper(env, "lux")
+
+
+@pytest.mark.parametrize("rig", [5, None, Path("mine.toml")])
+def test_what_is_no_rig_is_refused_with_what_is(rig: Any) -> None:
+    with pytest.raises(TypeError, match=f"rig: expected the name .* got {type(rig).__name__}"):
+        SensorWrapper(gym.make("merge-v1"), rig)
+
+
+@pytest.mark.parametrize(
+    ("seed", "error", "message"),
+    [
+        (-1, ValueError, "seed: expected a whole number from 0 up, got -1"),
+        ("a", TypeError, "seed: expected a whole number or None, got 'a'"),
+        (1.5, TypeError, "seed: expected a whole number or None, got 1.5"),
+        (True, TypeError, "seed: expected a whole number or None, got True"),
+    ],
+)
+def test_seeds_are_checked_before_an_episode(
+    seed: Any, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        SensorWrapper(gym.make("merge-v1"), "lux", seed=seed)
+
+
+def test_seeds_may_be_integers_of_numpy() -> None:
+    env = SensorWrapper(gym.make("merge-v1"), "lux", seed=np.uint64(7))  # type: ignore[arg-type]
+    assert env.reset()[0] in env.observation_space
+
+
+def test_unknown_rigs_and_styles_list_what_there_is() -> None:
+    env = gym.make("merge-v1")
+    with pytest.raises(RecordError, match="no rig 'radar'; known: lux"):
+        SensorWrapper(env, "radar")
+    with pytest.raises(RecordError, match="no roadside style 'moon'; known: motorway"):
+        SensorWrapper(env, style="moon")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("range_noise_m = -0.1", "range_noise_m: expected a finite value from 0 up"),
+        ("dropout = nan", "dropout: expected a finite number"),
+        ("z_m = -1.0", "a sensor above the ground"),
+        ("colour = 3", "unknown key 'colour'"),
+    ],
+)
+def test_impossible_sensors_are_refused(tmp_path: Path, line: str, message: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f'lidar = "lux"\n{line}\n')
+    with pytest.raises(RecordError, match=message):
+        SensorWrapper(gym.make("merge-v1"), str(path))
+
+
+def test_a_position_that_is_no_number_stops_the_episode() -> None:
+    env = SensorWrapper(gym.make("lane-keeping-v0").unwrapped, "lux")
+    env.reset(seed=0)
+    env.unwrapped.vehicle.position[0] = np.nan  # type: ignore[attr-defined]
+    with pytest.raises(RecordError, match=r"Timeline.axles: must be finite, got nan"):
+        env.step(np.zeros(1))
+
+
+def test_a_slow_policy_gets_every_sweep_of_a_fast_lidar() -> None:
+    env = SensorWrapper(gym.make("merge-v1"), "lux")
+    _, info = env.reset(seed=0)
+    assert info["frames"] == ()
+    stamps = []
+    for _ in range(4):
+        *_, info = env.step(1)
+        assert len(info["frames"]) in (12, 13)
+        assert info["truth"] == info["truths"][-1]
+        stamps += [frame.stamp_s for frame in info["frames"]]
+        assert [truth.stamp_s for truth in info["truths"]] == stamps[-len(info["frames"]) :]
+        assert stamps[-1] <= info["time_s"] < stamps[-1] + 0.2
+    mount = find_rig("lux").lidar
+    assert stamps == [mount.stamp_s(index) for index in range(len(stamps))]
+
+
+@pytest.mark.parametrize("name", ["highway-fast-v0", "intersection-v2"])
+def test_live_frames_equal_those_of_the_whole_recording(name: str) -> None:
+    env = SensorWrapper(gym.make(name), "lux", style="urban")
+    env.reset(seed=4)
+    frames, truths = [], []
+    for action in actions(env, 3):
+        *_, info = env.step(action)
+        frames += info["frames"]
+        truths += info["truths"]
+    whole = env.recording()
+    again = Sensing(find_rig("lux"), 4, "urban").advance(whole, whole.end_s)
+    assert len(again) == len(frames) > 10
+    for (frame, truth), live, live_truth in zip(again, frames, truths, strict=True):
+        assert frame == live
+        assert truth == live_truth
+
+
+def test_the_observation_is_the_latest_scan_in_fresh_arrays() -> None:
+    env = SensorWrapper(gym.make("merge-v1"), "lux")
+    first, _ = env.reset(seed=0)
+    second, _, _, _, info = env.step(1)
+    scan = info["frames"][-1].lidar
+    filled = np.zeros_like(second["lidar_range"])
+    filled[scan.ring, scan.column] = np.linalg.norm(scan.points, axis=1)
+    np.testing.assert_allclose(second["lidar_range"], filled, rtol=1e-6)
+    assert all(not np.shares_memory(first[key], second[key]) for key in first)
+    second["lidar_range"][:] = -1
+    third, *_ = env.step(1)
+    assert (third["lidar_range"] >= 0).all()
+
+
+def test_same_seed_same_bytes_and_resets_without_seed_go_on_from_it() -> None:
+    def run(env: SensorWrapper, seed: int) -> list[dict[str, np.ndarray]]:
+        seen = [env.reset(seed=seed)[0], env.step(1)[0], env.reset()[0], env.step(1)[0]]
+        return seen
+
+    one, two = (SensorWrapper(gym.make("merge-v1"), "lux") for _ in range(2))
+    first, again, other = run(one, 8), run(two, 8), run(two, 9)
+    assert all(map(same, first, again))
+    assert all(map(same, first, run(one, 8)))
+    assert not any(map(same, first, other))
+    assert not same(first[1], first[3])
+
+
+def test_the_constructors_seed_counts_until_reset_brings_one() -> None:
+    def noise(seed: int, reset: int | None) -> np.ndarray:
+        env = SensorWrapper(gym.make("lane-keeping-v0"), "lux", seed=seed)
+        if reset is None:
+            # The traffic alone, so that only the sensors differ.
+            env.env.unwrapped.reset(seed=0)
+        return env.reset(seed=reset)[0]["lidar_range"]
+
+    np.testing.assert_array_equal(noise(1, None), noise(1, None))
+    assert not np.array_equal(noise(1, None), noise(2, None))
+    np.testing.assert_array_equal(noise(1, 7), noise(2, 7))
+
+
+def test_driver_constants_stay_with_their_environment() -> None:
+    crossing = SensorWrapper(gym.make("intersection-v2"), "lux")
+    restore_driver_constants()
+    alone = play(crossing)
+    assert all(getattr(IDMVehicle, name) == value for name, value in DRIVER_CONSTANTS.items())
+
+    IDMVehicle.DISTANCE_WANTED = 33.0
+    crossing.reset(seed=3)
+    seen = [traffic(crossing)]
+    for action in actions(crossing, 2):
+        IDMVehicle.COMFORT_ACC_MAX = 0.1
+        _, reward, terminated, truncated, _ = crossing.step(action)
+        seen.append((traffic(crossing), float(reward), terminated, truncated))
+        assert IDMVehicle.COMFORT_ACC_MAX == 0.1
+    assert IDMVehicle.DISTANCE_WANTED == 33.0
+    assert seen == alone[:-1]
+
+
+@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_copies_go_their_own_way(twin: Any) -> None:
+    env = SensorWrapper(gym.make("merge-v1"), "lux")
+    env.reset(seed=0)
+    env.step(1)
+    other = twin(env)
+    expected = [env.step(action)[0] for action in (0, 1)]
+    found = [other.step(action)[0] for action in (0, 1)]
+    assert all(map(same, expected, found))
+
+
+@pytest.mark.parametrize(
+    ("name", "action"),
+    [
+        ("merge-v1", 5), ("merge-v1", -1), ("merge-v1", 1.5), ("merge-v1", "left"),
+        ("racetrack-v1", [2.0]), ("racetrack-v1", [np.nan]), ("racetrack-v1", [0.0, 0.0]),
+        ("racetrack-v1", None),
+    ],
+)  # fmt: skip
+def test_actions_outside_the_space_are_refused_before_anything_moves(
+    name: str, action: Any
+) -> None:
+    env = SensorWrapper(gym.make(name), "lux")
+    env.reset(seed=0)
+    before = traffic(env)
+    with pytest.raises(ValueError, match=r"action .* lies outside the action space"):
+        env.step(action)
+    assert traffic(env) == before
+
+
+def test_actions_of_any_float_type_are_taken() -> None:
+    env = SensorWrapper(gym.make("racetrack-v1"), "lux")
+    env.reset(seed=0)
+    action = np.array([0.1])
+    *_, info = env.step(action)
+    assert not np.shares_memory(info["action"], action)
+    env.step([0.1])
+
+
+def test_stepping_drawing_or_recording_before_a_reset_is_refused() -> None:
+    env = SensorWrapper(gym.make("merge-v1", render_mode="rgb_array").unwrapped, "lux")
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(1)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.render()
+    with pytest.raises(gym.error.ResetNeeded, match=r"recording\(\) before reset\(\)"):
+        env.recording()
+
+
+def test_infos_go_without_records_if_wished() -> None:
+    env = SensorWrapper(gym.make("merge-v1"), "lux", records=False)
+    env.reset(seed=0)
+    *_, info = env.step(1)
+    assert "frames" not in info
+    assert "truths" not in info
+    assert info["truth"].lidar_returns.sum() >= 0
+
+
+def test_the_own_speed_and_lane_are_observed() -> None:
+    env = SensorWrapper(gym.make("racetrack-v1"), "lux")
+    env.reset(seed=0)
+    for _ in range(2):
+        observation, *_ = env.step(np.array([0.3], np.float32))
+    vehicle = env.unwrapped.vehicle  # type: ignore[attr-defined]
+    slip = np.arctan(np.tan(vehicle.action["steering"]) / 2)
+    assert observation["ego"][0] == pytest.approx(vehicle.speed * np.cos(slip), rel=1e-3)
+    assert np.sign(observation["ego"][1]) == -np.sign(vehicle.action["steering"])
+
+
+def test_where_to_park_is_observed_from_the_ego() -> None:
+    env = SensorWrapper(gym.make("parking-v0"), "lux")
+    observation, _ = env.reset(seed=0)
+    vehicle = env.unwrapped.vehicle  # type: ignore[attr-defined]
+    away = vehicle.goal.position - vehicle.position
+    cos, sin = np.cos(vehicle.heading), np.sin(vehicle.heading)
+    ahead, right = away @ (cos, sin), away @ (-sin, cos)
+    x, y, *_ = observation["goal"]
+    assert (x - vehicle.LENGTH / 2, y) == pytest.approx((ahead, -right), abs=1e-3)
+
+
+def test_the_picture_shows_the_scan_and_works_without_a_screen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    env = SensorWrapper(gym.make("merge-v1", render_mode="rgb_array"), "lux")
+    env.reset(seed=0)
+    first = env.render()
+    env.step(1)
+    second = env.render()
+    assert first.dtype == np.uint8
+    assert first.ndim == 3
+    assert first.shape[2] == 3
+    assert first.shape == second.shape
+    assert (first != second).any()
+    assert env.metadata["render_fps"] == 1
+
+
+def test_closing_twice_is_fine() -> None:
+    env = SensorWrapper(gym.make("merge-v1"))
+    env.reset(seed=0)
+    env.close()
+    env.close()

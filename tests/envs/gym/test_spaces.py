@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+
+from roadscope.core import Category, LidarScan, Pose
+from roadscope.envs.gym.spaces import (
+    EGO_BOUNDS,
+    Lanes,
+    ego_state,
+    goal_state,
+    observation_space,
+    range_image,
+)
+from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.timeline import Timeline
+
+EAST = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]])
+WIDTHS = np.full(3, 4.0)
+
+
+def road(*centre_lines: np.ndarray) -> RoadMap:
+    return RoadMap.from_lanes([(line, WIDTHS) for line in centre_lines])
+
+
+def drive(speed: float, yaw_rate: float) -> Timeline:
+    stamps = np.linspace(0.0, 1.0, 21)
+    yaws = yaw_rate * stamps
+    steps = speed * 0.05 * np.stack([np.cos(yaws), np.sin(yaws)], axis=1)
+    axles = np.concatenate([np.zeros((1, 2)), np.cumsum(steps[:-1], axis=0)])
+    shape = (len(stamps), 1)
+    return Timeline(
+        stamps, np.array([0]), np.array([Category.CAR]), np.array([[5.0, 2.0, 1.5]]),
+        np.array([2.5]), np.ones(shape, bool), axles[:, None], yaws[:, None],
+        np.full(shape, speed), np.zeros(shape, bool), road(EAST),
+    )  # fmt: skip
+
+
+def scan(points: list[tuple[float, float, float]], ring: list[int], column: list[int]) -> LidarScan:
+    count = len(points)
+    return LidarScan(
+        np.reshape(points, (count, 3)), np.linspace(0.5, 1.0, count),
+        np.array(ring, np.int16), np.array(column, np.int32), np.zeros(count), 0.0, "lidar",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["lux", "vlp16", "hdl32e", "hdl64e"])
+def test_spaces_are_flat_finite_and_shaped_like_the_lidar(name: str) -> None:
+    spec = rig(name).lidar.spec
+    space = observation_space(rig(name), goal=True)
+    assert list(space.keys()) == ["ego", "goal", "lidar_intensity", "lidar_range"]
+    assert space["lidar_range"].shape == (spec.beams, spec.columns)
+    for box in space.values():
+        assert box.dtype == np.float32
+        assert np.isfinite(box.low).all()
+        assert np.isfinite(box.high).all()
+
+
+def test_returns_lie_at_their_beam_and_column() -> None:
+    spec = rig("lux").lidar.spec
+    image = range_image(scan([(3.0, 4.0, 0.0), (0.0, 0.0, 7.0)], [0, 3], [5, 0]), spec)
+    assert image["lidar_range"][0, 5] == 5.0
+    assert image["lidar_range"][3, 0] == 7.0
+    assert image["lidar_range"].sum() == 12.0
+    assert image["lidar_intensity"][3, 0] == 1.0
+
+
+def test_ranges_beyond_the_limit_are_clipped_into_the_space() -> None:
+    spec = rig("lux").lidar.spec
+    image = range_image(scan([(spec.range_max_m + 0.3, 0.0, 0.0)], [0], [0]), spec)
+    assert image["lidar_range"] in observation_space(rig("lux"))["lidar_range"]
+
+
+@pytest.mark.parametrize("empty", [None, scan([], [], [])])
+def test_no_returns_are_zeros(empty: LidarScan | None) -> None:
+    image = range_image(empty, rig("lux").lidar.spec)
+    assert not image["lidar_range"].any()
+
+
+def test_the_own_state_is_speed_yaw_rate_and_place_on_the_lane() -> None:
+    timeline = drive(10.0, 0.2)
+    state = ego_state(timeline, 1.0, Lanes(timeline.road))
+    _, y = timeline.axles[-1, 0]
+    assert state.dtype == np.float32
+    np.testing.assert_allclose(state, [10.0, 0.2, y, 0.2], rtol=1e-2)
+
+
+def test_the_own_state_at_the_start_and_beyond_its_bounds_stays_in_the_space() -> None:
+    timeline = drive(500.0, 40.0)
+    lanes = Lanes(timeline.road)
+    assert ego_state(timeline, 0.0, lanes)[1] == 0.0
+    state = ego_state(timeline, 1.0, lanes)
+    assert (np.abs(state) <= EGO_BOUNDS).all()
+    assert state[1] == EGO_BOUNDS[1]
+
+
+@pytest.mark.parametrize(
+    ("place", "yaw", "expected"),
+    [
+        ((5.0, 1.0), 0.1, (1.0, 0.1)),
+        ((20.0, -1.5), -0.1, (-1.5, -0.1)),
+        ((5.0, 3.0), np.pi, (1.0, 0.0)),
+        ((5.0, 3.0), np.pi - 0.2, (1.0, -0.2)),
+    ],
+)
+def test_the_lane_that_leads_in_the_own_direction_counts(
+    place: tuple[float, float], yaw: float, expected: tuple[float, float]
+) -> None:
+    # The other lane leads west, so what is north of it is on its right.
+    west = EAST[::-1] + np.array([0.0, 4.0])
+    lanes = Lanes(road(EAST, west))
+    assert lanes.place(np.array(place), yaw) == pytest.approx(expected)
+
+
+def test_without_lanes_there_is_no_offset() -> None:
+    lanes = Lanes(RoadMap.from_lanes([]))
+    assert lanes.place(np.zeros(2), 1.0) == (0.0, 0.0)
+
+
+def test_a_goal_is_seen_from_the_ego() -> None:
+    state = goal_state(Pose.planar(1.0, 1.0, np.pi / 2), Pose.planar(1.0, 4.0, np.pi))
+    np.testing.assert_allclose(state, [3.0, 0.0, 0.0, 1.0], atol=1e-6)

@@ -1,0 +1,93 @@
+"""Machine code is kept between processes, and nothing breaks where it cannot be."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+KERNELS = """
+from roadscope.envs.raycast.jit import compiled
+
+@compiled()
+def double(x):
+    return 2 * x + {constant}
+
+if __name__ == "__main__":
+    value = double(4)
+    stats = double.stats
+    print(value, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
+"""
+
+
+def run(script: Path, **environment: str) -> list[int]:
+    """Run the script in a process of its own; its result, cache hits and cache misses."""
+    result = subprocess.run(
+        [sys.executable, str(script)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [int(word) for word in result.stdout.split()]
+
+
+CAST = """
+import numpy as np
+from roadscope.envs.sensors.lidar import sweep
+from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.core import Pose
+from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.raycast.kernels import cast_all
+from roadscope.envs.raycast.scene import Scene
+
+scene = Scene.still(Prisms.empty(), Prisms.empty(), np.empty((0, 3)))
+scan, _ = sweep(scene, SPECS["vlp16"], [Pose.planar(0, 0, 0, 1)], 0.0, rng=np.random.default_rng(0))
+print(len(scan), sum(cast_all.stats.cache_hits.values()), sum(cast_all.stats.cache_misses.values()))
+"""
+
+
+def test_second_process_does_not_compile_the_caster(tmp_path: Path) -> None:
+    path = tmp_path / "cast.py"
+    path.write_text(CAST)
+    run(path)
+    returns, hits, misses = run(path)
+    assert returns > 0
+    assert (hits, misses) == (1, 0)
+
+
+@pytest.fixture
+def script(tmp_path: Path) -> Path:
+    path = tmp_path / "some_kernels.py"
+    path.write_text(KERNELS.format(constant=0))
+    return path
+
+
+def test_second_process_does_not_compile(script: Path) -> None:
+    assert run(script) == [8, 0, 1]
+    assert run(script) == [8, 1, 0]
+
+
+def test_any_source_of_the_folder_makes_the_code_stale(script: Path) -> None:
+    assert run(script) == [8, 0, 1]
+    (script.parent / "other.py").write_text("WIDTH = 16\\n")
+    assert run(script) == [8, 0, 1]
+    assert run(script) == [8, 1, 0]
+
+
+def test_folders_that_cannot_be_written_cost_only_time(script: Path, tmp_path: Path) -> None:
+    # A plain file where a folder should be stops even the superuser.
+    shutil.rmtree(tmp_path / "__pycache__", ignore_errors=True)
+    (tmp_path / "__pycache__").write_text("in the way")
+    blocked = str(tmp_path / "__pycache__" / "deeper")
+    for _ in range(2):
+        result = run(
+            script, HOME=blocked, XDG_CACHE_HOME=blocked, IPYTHONDIR=blocked,
+            PYTHONDONTWRITEBYTECODE="1",
+        )  # fmt: skip
+        assert result[0] == 8
+        assert result[1] == 0

@@ -1,0 +1,40 @@
+from dataclasses import replace
+
+import numpy as np
+
+from roadscope.benchmarks.speed_scene import parked_scene, sensor_poses
+from roadscope.envs.raycast.cast import cast
+from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.raycast.shapes import KEPT, forget, gather
+from roadscope.envs.sensors.lidar import lidar_columns
+from roadscope.envs.sensors.lidar_specs import SPECS
+
+SPEC = SPECS["vlp16"]
+
+
+def ranges(scene: Scene) -> np.ndarray:
+    columns = lidar_columns(scene, SPEC, sensor_poses(0.0, 0.0, moving=False), 0.0)
+    return cast(scene, columns, np.tan(SPEC.elevations), max_range_m=100.0).ranges
+
+
+def test_what_was_prepared_for_other_poses_gives_the_same_bytes() -> None:
+    scene = parked_scene(30)
+    moved = replace(scene, poses=scene.poses + np.array([3.0, -2.0, 0.3]))
+    fewer = replace(scene, present=np.arange(len(scene.present)) % 2 == 0)
+    kept = [ranges(s).tobytes() for s in (scene, moved, fewer, moved, scene)]
+    fresh = []
+    for s in (scene, moved, fewer, moved, scene):
+        forget()
+        fresh.append(ranges(s).tobytes())
+    assert kept == fresh
+    assert len(set(kept)) == 3
+
+
+def test_scenes_of_the_same_prisms_share_their_preparation() -> None:
+    scene = parked_scene(5)
+    first = gather(scene)
+    assert gather(replace(scene, poses=scene.poses + 1.0)) is first
+    assert gather(replace(scene, moving=scene.moving.select(np.arange(3)))) is not first
+    for _ in range(KEPT):
+        gather(parked_scene(5))
+    assert gather(scene) is not first

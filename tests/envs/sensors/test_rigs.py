@@ -1,0 +1,98 @@
+import math
+
+import numpy as np
+import pytest
+
+from roadscope.core import RecordError
+from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.rigs import RIGS, load_rig, rig, scaled_noise
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write_rig(text: str, name: str = "mine.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write_rig
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_presets_carry_the_sensor_they_are_named_after(name):
+    made = rig(name)
+    assert made.name == name
+    assert made.lidar.spec == SPECS[name]
+    assert made.calibration().pose("lidar") == made.lidar.ego_from_lidar
+
+
+def test_lux_sits_low_on_the_front_bumper():
+    assert np.allclose(rig("lux").lidar.ego_from_lidar.translation, (5.0, 0.0, 0.55))
+
+
+def test_an_unknown_rig_is_refused_with_what_there_is():
+    with pytest.raises(RecordError, match=r"no rig 'luxx'; known: lux, vlp16, hdl32e, hdl64e; or"):
+        rig("luxx")
+
+
+def test_a_file_changes_mount_and_figures(write):
+    made = rig(
+        write('lidar = "vlp16"\nz_m = 2.1\nyaw_deg = 90\nrange_noise_m = 0.05\ndropout = 0.1\n')
+    )
+    assert made.name == "mine"
+    assert np.allclose(made.lidar.ego_from_lidar.translation, (2.5, 0.0, 2.1))
+    assert made.lidar.ego_from_lidar.yaw == pytest.approx(math.pi / 2)
+    assert (made.lidar.spec.range_noise_m, made.lidar.spec.dropout) == (0.05, 0.1)
+    assert np.array_equal(made.lidar.spec.elevations, SPECS["vlp16"].elevations)
+
+
+def test_pitch_down_lowers_what_lies_ahead(write):
+    made = load_rig(write('lidar = "lux"\npitch_deg = 2\n'))
+    ahead = made.lidar.ego_from_lidar.apply(np.array([10.0, 0.0, 0.0]))
+    assert ahead[2] == pytest.approx(0.55 - 10 * math.sin(math.radians(2)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('lidar = "hdl128"', r"no LiDAR 'hdl128'; known: lux, vlp16, hdl32e, hdl64e"),
+        ("x_m = 1.0", r"no key 'lidar'; it names one of: lux"),
+        ('lidar = "lux"\nrange_nois_m = 1', r"unknown key 'range_nois_m' \(did you mean"),
+        ('lidar = "lux"\nrange_noise_m = -0.1', r"range_noise_m: .*from 0 up, got -0.1"),
+        ('lidar = "lux"\nx_m = nan', r"x_m: expected a finite number, got nan"),
+        ('lidar = "lux"\nroll_deg = inf', r"roll_deg: expected a finite number"),
+        ('lidar = "lux"\nz_m = "high"', r"z_m: expected a number, got 'high'"),
+        ('lidar = "lux"\nz_m = true', r"z_m: expected a number, got True"),
+        ('lidar = "lux"\nz_m = -1', r"lidar: expected a sensor above the ground"),
+        ('lidar = "lux"\ndropout = 1.5', r"dropout: expected a probability below 1"),
+        ('lidar = ["lux"]', r"no LiDAR \['lux'\]; known"),
+        ('lidar = "lux"\nname = 3', r"name: expected text, got 3"),
+        ("lidar = ", r"is not a TOML file"),
+    ],
+)
+def test_bad_files_are_refused_by_name(write, text, message):
+    path = write(text)
+    with pytest.raises(RecordError, match=message) as caught:
+        load_rig(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(RecordError, match=r"cannot read rig file .*none.toml"):
+        rig(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.5, 2.0])
+def test_noise_scales(factor):
+    before, after = rig("hdl32e"), scaled_noise(rig("hdl32e"), factor)
+    assert after.lidar.spec.range_noise_m == factor * before.lidar.spec.range_noise_m
+    assert after.lidar.spec.dropout == factor * before.lidar.spec.dropout
+    assert after.lidar.ego_from_lidar == before.lidar.ego_from_lidar
+    assert (after == before) == (factor == 1.0)
+
+
+@pytest.mark.parametrize("factor", [-1.0, math.nan, math.inf])
+def test_impossible_noise_factors_are_refused(factor):
+    with pytest.raises(RecordError, match="noise factor"):
+        scaled_noise(rig("lux"), factor)

@@ -1,0 +1,35 @@
+import numpy as np
+
+from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.world.road_memo import ROADS, once_a_road
+from tests.envs.worlds import straight
+
+
+def test_a_road_of_the_same_content_is_worked_out_once():
+    seen = []
+
+    @once_a_road
+    def count(road: RoadMap) -> int:
+        seen.append(road)
+        return len(road.points)
+
+    assert count(straight(2)) == count(straight(2)) == len(straight(2).points)
+    assert len(seen) == 1
+    assert count(straight(3)) == len(straight(3).points)
+    wider = straight(2, width_m=3.0)
+    assert not np.array_equal(wider.widths, straight(2).widths)
+    count(wider)
+    assert len(seen) == 3
+
+
+def test_only_so_many_roads_are_kept():
+    seen = []
+
+    @once_a_road
+    def note(road: RoadMap) -> None:
+        seen.append(road)
+
+    roads = [straight(1, length_m=10.0 + 2 * i) for i in range(ROADS + 1)]
+    for road in [*roads, roads[0]]:
+        note(road)
+    assert len(seen) == ROADS + 2

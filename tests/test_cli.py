@@ -1,0 +1,276 @@
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import roadscope
+
+ROOT = Path(roadscope.__file__).parents[1]
+PLUGINS = Path(__file__).parent / "benchmarks" / "plugins.py"
+SUITE = """
+name = "tiny"
+version = 1
+rig = "lux"
+scenarios = ["lu2018-three-vehicles"]
+seeds = 4
+duration_s = 0.9
+"""
+EPISODES = 4
+HEAVY = (
+    "torch", "scipy", "highway_env", "matplotlib", "numba", "gymnasium", "numpy", "joblib",
+)  # fmt: skip
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "roadscope", *map(str, arguments)]
+
+
+def environment() -> dict[str, str]:
+    paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "COLUMNS": "80"}
+
+
+def roadscope_does(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(*arguments), capture_output=True, text=True, env=environment(), cwd=cwd, timeout=300
+    )
+
+
+@pytest.fixture
+def suite(tmp_path: Path) -> Path:
+    path = tmp_path / "tiny.toml"
+    path.write_text(SUITE)
+    return path
+
+
+def test_help_of_everything() -> None:
+    whole = roadscope_does("--help")
+    assert whole.returncode == 0
+    for name in ("list", "run", "leaderboard", "reproduce", "speed"):
+        assert name in whole.stdout
+        one = roadscope_does(name, "--help")
+        assert one.returncode == 0
+        assert f"Example:  roadscope {name}" in one.stdout
+    assert roadscope.__version__ in roadscope_does("--version").stdout
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys\nsys.argv = ['roadscope', 'leaderboard', '--help']\n"
+        "from roadscope.__main__ import main\n"
+        "try: main()\nexcept SystemExit: print('modules:', *sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=True
+    )
+    loaded = done.stdout.partition("modules:")[2].split()
+    assert "typer" in loaded
+    assert set(HEAVY).isdisjoint(loaded)
+
+
+def test_list() -> None:
+    everything = roadscope_does("list").stdout
+    for name in ("pag-range", "nearest", "roundabout", "quick", "lux", "hdl32e"):
+        assert name in everything
+    assert "roundabout" not in roadscope_does("list", "detectors").stdout
+    assert "oracle" in roadscope_does("list", "detectors").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (["list", "trakers"], 1, "no kind 'trakers' (did you mean 'trackers'?); known: detectors"),
+        (["leaderboard", "drift"], 1, "no board 'drift'; known: detection, tracking"),
+        (["leaderboard", "--suite", "quik"], 1, "no suite 'quik' (did you mean 'quick'?)"),
+        (["leaderboard", "--entry", "neerest"], 1, "no detector or tracker 'neerest'"),
+        (["leaderboard", "--entry", "nearest?gate=1"], 1, "gate_m"),
+        (["leaderboard", "--entry", "none.py:Mine"], 1, "no file none.py"),
+        (["leaderboard", "--only"], 1, "--only needs at least one --entry"),
+        (["run", "motorway", "--detector", f"{PLUGINS}:EgoFrame"], 1, "is a tracker, not a detec"),
+        (["leaderboard", "--jobs", "-1"], 2, "--jobs"),
+        (["leaderboard", "--jbos", "2"], 2, "roadscope leaderboard --help"),
+        (["run", "motorwy"], 1, "no scenario 'motorwy' (did you mean 'motorway'?)"),
+        (["run", "motorway", "--rig", "lxu"], 1, "no rig 'lxu'; known: lux"),
+        (["run", "motorway", "--detector", "pga"], 1, "no detector 'pga' (did you mean 'pag'?)"),
+        (["run", "motorway", "--tracker", "x"], 1, "no tracker 'x'; known: nearest"),
+        (["run", "motorway", "--seconds", "-2"], 1, "got -2 s"),
+        (["run", "lu2018-occlusion", "--seconds", "0.01"], 1, "one sweep of 'lux', got 0.01 s"),
+        (["run", "motorway", "--seconds", "nan"], 1, "got nan s"),
+        (["run", "motorway", "--seconds", "inf"], 1, "got inf s"),
+        (["run", "motorway", "--picture", "scene.txt"], 1, "a picture ends in .png"),
+        (["run", "motorway", "--picture", "/proc/no/scene.png"], 1, "cannot write to folder"),
+        (["reproduce", "lu2019"], 1, "no paper 'lu2019' (did you mean 'lu2018'?)"),
+        (["fly"], 2, "fly"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_answered_in_one_line(arguments, status, message) -> None:
+    done = roadscope_does(*arguments)
+    assert done.returncode == status
+    assert done.stdout == ""
+    assert message in done.stderr
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_folders_that_cannot_be_used(tmp_path, suite) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    foreign = tmp_path / "foreign"
+    foreign.mkdir()
+    db = sqlite3.connect(foreign / "results.sqlite")
+    db.execute("CREATE TABLE mine (a)")
+    db.close()
+    corrupt = tmp_path / "corrupt"
+    corrupt.mkdir()
+    (corrupt / "results.sqlite").write_bytes(b"\0garbage" * 1000)
+    for out, message in (
+        (blocked, "a file is in the way"),
+        (foreign, "another program"),
+        (corrupt, "not usable"),
+    ):
+        done = roadscope_does("leaderboard", "--suite", suite, "--jobs", 1, "--out", out)
+        assert done.returncode == 1
+        assert message in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+def test_leaderboard_prints_and_writes(tmp_path, suite) -> None:
+    out = tmp_path / "out"
+    suite.write_text(SUITE + '[detection]\nentries = ["pag"]\n')
+    entry = f"{PLUGINS}:Raises"
+    done = roadscope_does(
+        "leaderboard", "--suite", suite, "--entry", entry, "--jobs", 1, "--out", out
+    )
+    assert done.returncode == 0
+    assert "oracle" in done.stdout
+    board_lines = done.stdout.partition("written:")[0].splitlines()
+    assert max(map(len, board_lines)) <= 80
+    assert f"failed: {entry} in {EPISODES} of {EPISODES} episodes: KeyError" in done.stderr
+    board = json.loads((out / "leaderboard.json").read_text())
+    assert {row["entry"] for row in board["rows"]} == {"oracle", "pag", entry}
+    assert {failure["entry"] for failure in board["failures"]} == {entry}
+
+
+def test_a_board_without_any_result_is_a_failure(tmp_path, suite) -> None:
+    entry = f"{PLUGINS}:Raises"
+    done = roadscope_does(
+        "leaderboard", "--suite", suite, "--entry", entry, "--only", "--jobs", 1, "--out", tmp_path
+    )
+    assert done.returncode == 1
+
+
+def test_run_prints_a_summary_and_draws(tmp_path) -> None:
+    path = tmp_path / "scene.png"
+    done = roadscope_does("run", "lu2018-occlusion", "--seconds", 1, "--picture", path)
+    assert done.returncode == 0
+    assert "detection_rate" in done.stdout
+    assert "mota" in done.stdout
+    assert path.read_bytes().startswith(b"\x89PNG")
+    assert "rror" not in done.stderr
+
+
+def test_a_picture_that_is_a_folder_is_refused_first(tmp_path) -> None:
+    folder = tmp_path / "scene.png"
+    folder.mkdir()
+    done = roadscope_does("run", "motorway", "--picture", folder)
+    assert done.returncode == 1
+    assert "it is a folder" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def slow_run(suite: Path, out: Path, log: Path, jobs: int) -> list[str]:
+    entry = f"{PLUGINS}:Logged?log={log}&wait_s=0.06"
+    return command(
+        "leaderboard", "detection", "--suite", suite, "--entry", entry, "--only",
+        "--jobs", jobs, "--out", out,
+    )  # fmt: skip
+
+
+def finished(out: Path) -> int:
+    path = out / "results.sqlite"
+    if not path.exists():
+        return 0
+    db = sqlite3.connect(path)
+    try:
+        return int(db.execute("SELECT count(*) FROM results").fetchone()[0])
+    except sqlite3.OperationalError:
+        return 0
+    finally:
+        db.close()
+
+
+def stopped(process: subprocess.Popen[str], out: Path, sent: signal.Signals) -> None:
+    """Send the signal to the process group as soon as a first job is finished."""
+    for _ in range(6000):
+        if finished(out) or process.poll() is not None:
+            break
+        time.sleep(0.01)
+    assert process.poll() is None
+    os.killpg(process.pid, sent)
+
+
+def heed_interrupts() -> None:
+    """Undo what a shell does to its background jobs, tests among them: ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def started(arguments: list[str]) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        arguments, env=environment(), text=True, start_new_session=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=heed_interrupts,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_killed_run_resumes_and_recomputes_nothing(tmp_path, suite, jobs) -> None:
+    out, log = tmp_path / "out", tmp_path / "log"
+    process = started(slow_run(suite, out, log, jobs))
+    stopped(process, out, signal.SIGKILL)
+    process.communicate(timeout=60)
+    done = finished(out)
+    assert 1 <= done < EPISODES
+    log.unlink()
+    again = subprocess.run(
+        slow_run(suite, out, log, jobs), env=environment(), capture_output=True, timeout=120
+    )
+    assert again.returncode == 0
+    # Fewer if detections were kept and their row was not yet written.
+    assert log.read_text().count("begun") <= EPISODES - done
+    assert finished(out) == EPISODES
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_ctrl_c_keeps_finished_rows(tmp_path, suite, jobs) -> None:
+    out = tmp_path / "out"
+    process = started(slow_run(suite, out, tmp_path / "log", jobs))
+    stopped(process, out, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.splitlines()[-1].startswith("interrupted; finished results are kept")
+    assert "Traceback" not in errors
+    assert finished(out) >= 1
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[int]:
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return [int(c) for c in children if "loky_posix" in Path(f"/proc/{c}/cmdline").read_text()]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
+def test_workers_end_with_a_killed_run(tmp_path, suite) -> None:
+    out = tmp_path / "out"
+    process = started(slow_run(suite, out, tmp_path / "log", 2))
+    while not finished(out) and process.poll() is None:
+        time.sleep(0.01)
+    workers = workers_of(process)
+    assert workers
+    process.kill()
+    # They hold the other ends of the pipes: this returns once they are gone.
+    process.communicate(timeout=60)
+    assert not any(Path(f"/proc/{worker}/exe").exists() for worker in workers)

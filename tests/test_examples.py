@@ -1,0 +1,55 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from roadscope.core import Detections, Pose
+from roadscope.trackers import TRACKERS
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def run(name: str) -> str:
+    result = subprocess.run(
+        [sys.executable, EXAMPLES / name], capture_output=True, text=True, timeout=300
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def test_a_random_agent_sees_the_motorway() -> None:
+    printed = run("random_agent.py")
+    assert "'lidar_range': (16, " in printed
+    assert "step 0: reward" in printed
+    assert "10 scans" in printed
+
+
+def test_a_wrapped_environment_feeds_a_detector() -> None:
+    lines = run("wrap_highway_env.py").splitlines()
+    assert lines[0].startswith("step 0: 12 scans") or lines[0].startswith("step 0: 13 scans")
+
+
+def test_ppo_trains_on_the_observation() -> None:
+    pytest.importorskip("stable_baselines3")
+    assert "trained for 64 steps" in run("train_ppo.py")
+
+
+def test_the_tracker_of_ones_own_keeps_identities() -> None:
+    tracker = TRACKERS.make(f"{EXAMPLES / 'my_tracker.py'}:LastSeen?gate_m=2.5")
+    centres = np.array([[10.0, 0.0, 0.5], [20.0, 3.0, 0.5]])
+    ids = []
+    for k in range(4):
+        moved = Detections(
+            centres + np.array([k, 0, 0]),
+            np.ones((2, 3)),
+            np.zeros(2),
+            np.zeros(2, int),
+            np.ones(2),
+            "ego",
+            0.1 * k,
+        )
+        ids.append(tracker.update(moved, Pose.identity()).ids.tolist())
+    assert ids == [[0, 1]] * 4
+    assert len(tracker.update(Detections.empty(1.0), Pose.identity())) == 0
