@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -165,12 +167,27 @@ def _parallel(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Iter
         with warnings.catch_warnings():
             # loky replaces workers that have grown and says so.
             warnings.filterwarnings("ignore", "A worker stopped", UserWarning)
-            yield from pool(tasks)
+            with _interrupts_held():
+                results = pool(tasks)
+            yield from results
     except TerminatedWorkerError as error:
         raise RunError(
             "a worker process died (out of memory, or a plug-in that ends its process); finished "
             "results are kept, run again to go on, with --jobs 1 to see which entry it is"
         ) from error
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Block Ctrl-C while workers start: they inherit that for good, and end with the runner."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _in_worker(runner: int, function: Callable[[Any], R], index: int, item: Any) -> tuple[int, R]:
