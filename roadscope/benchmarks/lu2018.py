@@ -17,7 +17,7 @@ from roadscope.benchmarks.lu2018_scene import Take, film
 from roadscope.benchmarks.reproduction import ReproductionRow, summarise
 from roadscope.core import Detections
 from roadscope.detectors import DETECTORS
-from roadscope.detectors.pipeline import CLUSTERINGS
+from roadscope.detectors.clustering import CLUSTERINGS
 
 TWO, OCCLUSION, THREE = "lu2018-two-vehicles", "lu2018-occlusion", "lu2018-three-vehicles"
 TRACKED = ("pag", "pag-range", "distance", "breakpoint")

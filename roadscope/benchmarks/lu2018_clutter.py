@@ -10,7 +10,7 @@ from roadscope.benchmarks.lu2018_follow import assigned, returns_of_targets, tar
 from roadscope.benchmarks.lu2018_scene import KINDS, Take
 from roadscope.core import Detections
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.pipeline import CLUSTERINGS
+from roadscope.detectors.clustering import CLUSTERINGS
 
 LEAST_RETURNS = 10
 """Targets with fewer returns are not expected to be found."""

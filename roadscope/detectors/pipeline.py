@@ -9,32 +9,12 @@ from typing import Any
 import numpy as np
 
 from roadscope.core import Detections, Frame
-from roadscope.detectors.adaptive_breakpoint import cluster_breakpoint
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.contour import contours
-from roadscope.detectors.distance import cluster_distance
-from roadscope.detectors.grid_ground import grid_above_ground, keep_all
+from roadscope.detectors.clustering import CLUSTERINGS, Clustering
+from roadscope.detectors.ground import GROUNDS, Ground
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.iepf import fit_iepf
-from roadscope.detectors.pag import cluster_pag, cluster_pag_range
-from roadscope.detectors.recognition import Vehicle, recognise
-from roadscope.detectors.segment import Segment
-
-Ground = Callable[[Cloud], np.ndarray]
-"""Cloud -> (N,) mask of what is not ground."""
-Clustering = Callable[[Cloud], np.ndarray]
-"""Cloud -> (N,) int64 labels, negative for outliers."""
-Shape = Callable[[np.ndarray], list[Segment]]
-"""(M, 2) outline points in order -> segments in order."""
-
-GROUNDS: Mapping[str, Ground] = {"grid": grid_above_ground, "keep": keep_all}
-CLUSTERINGS: Mapping[str, Callable[..., np.ndarray]] = {
-    "pag": cluster_pag,
-    "pag-range": cluster_pag_range,
-    "distance": cluster_distance,
-    "breakpoint": cluster_breakpoint,
-}
-SHAPES: Mapping[str, Callable[..., list[Segment]]] = {"iepf": fit_iepf}
+from roadscope.detectors.shape import SHAPES, Shape, Vehicle
+from roadscope.detectors.shape.cluster import clusters
 
 
 class ClusterDetector:
@@ -54,22 +34,20 @@ class ClusterDetector:
         """Name the stages and their lengths.
 
         ground, clustering, shape: names in `GROUNDS`, `CLUSTERINGS`, `SHAPES`.
-        distance_m: threshold of the clustering `distance`, unused by the others.
-        split_m: distance from a line at which it is split.
+        distance_m: threshold of the clustering `distance`.
+        split_m: distance from a line at which the shape `iepf` splits it.
         residual_m: outlines farther from their lines (root mean square) are refused; None
             refuses none, as in the paper.
         view_deg: field of view of a sensor that does not turn fully, the LUX's: what touches
             its ends may go on outside.
         """
-        self._ground = _stage("ground", ground, GROUNDS)
-        self._clustering: Clustering = _stage("clustering", clustering, CLUSTERINGS)
-        if clustering == "distance":
-            self._clustering = partial(
-                cluster_distance, distance_m=_length("distance_m", distance_m)
-            )
-        self._shape: Shape = partial(
-            _stage("shape", shape, SHAPES), split_m=_length("split_m", split_m)
-        )
+        lengths = {
+            "distance": {"distance_m": _length("distance_m", distance_m)},
+            "iepf": {"split_m": _length("split_m", split_m)},
+        }
+        self._ground: Ground = _stage("ground", ground, GROUNDS, lengths)
+        self._clustering: Clustering = _stage("clustering", clustering, CLUSTERINGS, lengths)
+        self._shape: Shape = _stage("shape", shape, SHAPES, lengths)
         self._residual_m = np.inf if residual_m is None else _length("residual_m", residual_m)
         if not 0 < view_deg <= 360:
             raise ValueError(f"view_deg must be above 0 and at most 360 degrees, got {view_deg!r}")
@@ -90,8 +68,8 @@ class ClusterDetector:
         horizon, cloud = Horizon.of(cloud, standing, view), cloud.select(standing)
         found = [
             vehicle
-            for outline in contours(cloud, self._clustering(cloud))
-            for vehicle in recognise(self._shape(outline), horizon)
+            for cluster in clusters(cloud, self._clustering(cloud))
+            for vehicle in self._shape(cluster, horizon)
             if vehicle.residual_m <= self._residual_m
         ]
         return _detections(found, scan.stamp_s)
@@ -118,10 +96,15 @@ def _score(vehicle: Vehicle) -> float:
     return min(1.0, vehicle.points / 10) * float(np.exp(-vehicle.residual_m / 0.3))
 
 
-def _stage(kind: str, name: str, known: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
+def _stage(
+    kind: str,
+    name: str,
+    known: Mapping[str, Callable[..., Any]],
+    options: Mapping[str, Mapping[str, float]],
+) -> Callable[..., Any]:
     if name not in known:
         raise ValueError(f"no {kind} stage '{name}'; known: {', '.join(known)}")
-    return known[name]
+    return partial(known[name], **options.get(name, {}))
 
 
 def _length(name: str, value: float) -> float:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from toy_lidar import cloud
 
-from roadscope.detectors.grid_ground import grid_above_ground
+from roadscope.detectors.ground.grid import grid_above_ground
 from roadscope.detectors.horizon import Horizon
 
 VIEW = (np.radians(-55.0), np.radians(55.0))

@@ -4,7 +4,10 @@ from toy_lidar import frame
 
 from roadscope.core import Calibration, Frame, Pose
 from roadscope.detectors import DETECTORS
-from roadscope.detectors.pipeline import CLUSTERINGS, GROUNDS, SHAPES, ClusterDetector
+from roadscope.detectors.clustering import CLUSTERINGS
+from roadscope.detectors.ground import GROUNDS
+from roadscope.detectors.pipeline import ClusterDetector
+from roadscope.detectors.shape import SHAPES
 
 CARS = [
     (25, 0, 4.6, 1.85, 1.5, 0), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.85, 1.5, 1.57)

@@ -33,11 +33,6 @@ def grid_above_ground(
     return mask
 
 
-def keep_all(cloud: Cloud) -> np.ndarray:
-    """Return a mask that keeps every return, for scans that have no ground in them."""
-    return np.ones(len(cloud), bool)
-
-
 def _cell_spans(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest z in the cell of each of (N, 3) points."""
     if not len(points):

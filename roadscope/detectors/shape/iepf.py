@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.detectors.segment import Segment
+from roadscope.detectors.horizon import Horizon
+from roadscope.detectors.shape.cluster import Cluster
+from roadscope.detectors.shape.recognition import Vehicle, recognise
+from roadscope.detectors.shape.segment import Segment
+
+
+def vehicles_by_lines(cluster: Cluster, horizon: Horizon, *, split_m: float = 0.3) -> list[Vehicle]:
+    """Return the vehicles whose faces are the lines of a cluster's outline (Lu 2018, 2.2)."""
+    return recognise(fit_iepf(cluster.outline, split_m=split_m), horizon)
 
 
 def fit_iepf(points: np.ndarray, *, split_m: float = 0.3) -> list[Segment]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.segment import Segment
+from roadscope.detectors.shape.segment import Segment
 
 GAP_M = 1.2
 """Neighbouring outline points farther apart lie on two bodies."""

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roadscope.detectors.distance import single_linkage
+from roadscope.detectors.clustering.distance import single_linkage
 
 
 def linked_by_brute_force(points, distance):

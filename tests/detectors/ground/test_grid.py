@@ -2,7 +2,8 @@ import numpy as np
 from toy_lidar import cloud
 
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.grid_ground import _cell_spans, grid_above_ground, keep_all
+from roadscope.detectors.ground.grid import _cell_spans, grid_above_ground
+from roadscope.detectors.ground.keep import keep_all
 
 CAR = (25, 0, 4.6, 1.85, 1.5, 0)
 

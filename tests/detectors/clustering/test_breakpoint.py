@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from toy_lidar import cloud
 
-from roadscope.detectors.adaptive_breakpoint import INCIDENCE_RAD, cluster_breakpoint, reach
+from roadscope.detectors.clustering.breakpoint import INCIDENCE_RAD, cluster_breakpoint, reach
 
 
 def test_reach_is_the_spacing_at_the_smallest_incidence():

@@ -3,9 +3,9 @@ import pytest
 
 from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.iepf import fit_iepf
-from roadscope.detectors.recognition import recognise
-from roadscope.detectors.segment import Segment
+from roadscope.detectors.shape.iepf import fit_iepf
+from roadscope.detectors.shape.recognition import recognise
+from roadscope.detectors.shape.segment import Segment
 
 FREE = Horizon(np.empty(0), np.empty(0), np.radians(0.25), None, np.zeros(2))
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.contour import contours
+from roadscope.detectors.shape.contour import contours
 
 
 def make(points, column):

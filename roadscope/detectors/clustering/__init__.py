@@ -1,0 +1,23 @@
+"""Which returns belong together, by name."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.clustering.breakpoint import cluster_breakpoint
+from roadscope.detectors.clustering.distance import cluster_distance
+from roadscope.detectors.clustering.pag import cluster_pag, cluster_pag_range
+
+Clustering = Callable[[Cloud], np.ndarray]
+"""Cloud of N returns -> (N,) int64 labels, negative for outliers."""
+
+CLUSTERINGS: Mapping[str, Callable[..., np.ndarray]] = {
+    "pag": cluster_pag,
+    "pag-range": cluster_pag_range,
+    "distance": cluster_distance,
+    "breakpoint": cluster_breakpoint,
+}
+"""Name -> a `Clustering`; keyword arguments beyond the cloud are its options."""
+
+__all__ = ["CLUSTERINGS", "Clustering"]

@@ -1,0 +1,40 @@
+"""Returns that belong together: what a shape is fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.shape.contour import contours
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cluster:
+    """One cluster of a scan.
+
+    points: (N, 3) float64, metres, ego frame, sorted by column.
+    ring, column: (N,) int64, beam and azimuth step of each return.
+    outline: (M, 2) float64, metres, the face that is turned to the sensor, one point a column in
+        order of azimuth.
+    origin: (2,) float64, metres, the sensor in the ego frame.
+    """
+
+    points: np.ndarray
+    ring: np.ndarray
+    column: np.ndarray
+    outline: np.ndarray
+    origin: np.ndarray
+
+
+def clusters(cloud: Cloud, labels: np.ndarray) -> list[Cluster]:
+    """Split a cloud by its (N,) labels; negative ones are outliers and dropped."""
+    member = np.flatnonzero(labels >= 0)
+    order = member[np.argsort(labels[member], kind="stable")]
+    ends = np.flatnonzero(np.diff(labels[order])) + 1
+    parts = np.split(order, ends) if len(order) else []
+    return [
+        Cluster(cloud.points[rows], cloud.ring[rows], cloud.column[rows], outline, cloud.origin)
+        for rows, outline in zip(parts, contours(cloud, labels), strict=True)
+    ]
