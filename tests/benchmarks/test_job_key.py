@@ -39,7 +39,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("core/pose.py", [True, True]),
         ("envs/raycast/kernels.py", [True, True]),
         ("envs/traffic/driving.py", [True, True]),
-        ("detectors/pag.py", [True, True]),
+        ("detectors/clustering/pag.py", [True, True]),
         ("trackers/nearest.py", [False, True]),
         ("benchmarks/eligibility.py", [True, True]),
         ("benchmarks/episode.py", [True, True]),
