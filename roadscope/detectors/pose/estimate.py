@@ -1,0 +1,89 @@
+"""What a pose fit returns, and what every fit asks of its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core import wrap_angle
+from roadscope.core.checks import require, settle_arrays
+from roadscope.core.record import Record
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VehiclePose(Record):
+    """A vehicle's rectangle in the frame of the points that it was fitted to.
+
+    x, y: centre of the rectangle, metres. yaw: direction of the long side, radians in [-pi, pi).
+    length, width: metres.
+    covariance: (3, 3) of x, y, yaw in metres and radians; None where the method gives none.
+    score: of the method that made it, greater is better; comparable only within one method.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    length: float
+    width: float
+    covariance: np.ndarray | None = None
+    score: float = 0.0
+
+    def __post_init__(self) -> None:
+        place = self.x, self.y, self.yaw, self.score
+        require(bool(np.isfinite(place).all()), self, "x, y, yaw, score", "finite numbers", place)
+        sides = self.length, self.width
+        fits = all(0 < side < np.inf for side in sides)
+        require(fits, self, "length, width", "positive lengths in metres", sides)
+        object.__setattr__(self, "yaw", float(wrap_angle(self.yaw)))
+        if self.covariance is not None:
+            settle_arrays(self, covariance=(np.float64, (3, 3)))
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(2,) metres."""
+        return np.array([self.x, self.y])
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(4, 2) metres, counter-clockwise from the rear right one (yaw taken as ahead)."""
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        half = 0.5 * np.array([self.length, self.width])
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        return (signs * half) @ np.array([[cos, sin], [-sin, cos]]) + self.centre
+
+
+def axis_difference(yaw: np.ndarray | float, reference: np.ndarray | float) -> np.ndarray:
+    """Angles from a reference to the axis along yaw, radians in [-pi/2, pi/2).
+
+    A rectangle has no front: yaw and yaw + pi are the same axis.
+    """
+    return (np.asarray(yaw) - reference + np.pi / 2) % np.pi - np.pi / 2
+
+
+def settled_points(points_xy: np.ndarray, *, least: int = 1) -> np.ndarray:
+    """Return (N, 2) float64 points; ValueError when they are no finite points in the plane."""
+    points = np.ascontiguousarray(points_xy, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(f"points must be (N, 2) x and y in metres, got shape {points.shape}")
+    if len(points) < least:
+        raise ValueError(f"a pose needs at least {least} point(s), got {len(points)}")
+    if not np.isfinite(points).all():
+        row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        raise ValueError(f"points must be finite, got {points[row]} in row {row}")
+    return points
+
+
+def settled_origin(origin: np.ndarray) -> np.ndarray:
+    """Return the sensor's (2,) float64 position; ValueError when it is no finite one."""
+    place = np.ascontiguousarray(origin, dtype=np.float64)
+    if place.shape != (2,) or not np.isfinite(place).all():
+        raise ValueError(f"origin must be finite x and y of the sensor in metres, got {origin!r}")
+    return place
+
+
+def positive(**values: float) -> None:
+    """Raise ValueError naming the first value that is not a positive finite number."""
+    for name, value in values.items():
+        if not 0 < value < np.inf:
+            raise ValueError(f"{name} must be positive, got {value!r}")
