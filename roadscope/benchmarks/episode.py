@@ -105,7 +105,9 @@ def _copied(frame: Frame) -> Frame:
     if scan is None:
         return frame
     arrays = {name: getattr(scan, name).copy() for name in SCAN_ARRAYS}
-    return replace(frame, lidar=replace(scan, **arrays))
+    motion = frame.previous_from_ego
+    own = None if motion is None else replace(motion, matrix=motion.matrix.copy())
+    return replace(frame, lidar=replace(scan, **arrays), previous_from_ego=own)
 
 
 def check_episode(episode: Episode) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from roadscope.core import Calibration, Pose
 from roadscope.core.checks import require
 from roadscope.core.record import Record
+from roadscope.envs.sensors.dead_reckoning import DeadReckoning
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 
@@ -36,6 +37,7 @@ class Rig(Record):
 
     name: str
     lidar: LidarMount
+    dead_reckoning: DeadReckoning = field(default_factory=DeadReckoning)
 
     def __post_init__(self) -> None:
         height = self.lidar.ego_from_lidar.translation[2]

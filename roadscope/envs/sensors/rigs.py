@@ -79,14 +79,15 @@ def load_rig(path: Path | str) -> Rig:
 
 
 def scaled_noise(rig: Rig, factor: float) -> Rig:
-    """Return the rig with range noise and dropout times a factor: half, double, none."""
+    """Return the rig with every error and dropout times a factor: half, double, none."""
     if not (math.isfinite(factor) and factor >= 0):
         raise RecordError(f"a noise factor is a finite number from 0 up, got {factor}")
     spec = rig.lidar.spec
     noisy = replace(
         spec, range_noise_m=spec.range_noise_m * factor, dropout=min(spec.dropout * factor, 0.99)
     )
-    return replace(rig, lidar=replace(rig.lidar, spec=noisy))
+    lidar, wheels = replace(rig.lidar, spec=noisy), rig.dead_reckoning.scaled(factor)
+    return replace(rig, lidar=lidar, dead_reckoning=wheels)
 
 
 def _from_table(table: Mapping[str, Any], stem: str) -> Rig:

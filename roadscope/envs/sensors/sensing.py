@@ -32,7 +32,7 @@ class Sensing:
 
     def reset(self, seed: int) -> None:
         """Begin again at the first sweep, with another world."""
-        self._world_seed, self._noise_seed = _seeds(seed)
+        self._world_seed, self._noise_seed, self._motion_seed = _seeds(seed)
         self._world: World | None = None
         self._next = 0
 
@@ -66,8 +66,20 @@ class Sensing:
             sensor=mount.name,
             rng=rng,
         )
-        frame = Frame(stamp_s, self.rig.calibration(), lidar=scan)
-        return frame, truth_at(timeline, stamp_s, seen)
+        truth = truth_at(timeline, stamp_s, seen)
+        motion = self._motion(timeline, index, truth.world_from_ego)
+        frame = Frame(stamp_s, self.rig.calibration(), lidar=scan, previous_from_ego=motion)
+        return frame, truth
+
+    def _motion(self, timeline: Timeline, index: int, world_from_ego: Pose) -> Pose | None:
+        """Estimate the own motion since the sweep before; the first has none."""
+        if index == 0:
+            return None
+        mount = self.rig.lidar
+        before = timeline.world_from_ego(mount.stamp_s(index - 1)).inverse()
+        return self.rig.dead_reckoning.estimate(
+            before @ world_from_ego, mount.spec.period_s, seed=self._motion_seed, index=index
+        )
 
     def _scene(self, timeline: Timeline, stamp_s: float) -> tuple[Scene, list[Pose]]:
         """Place every body and the ego at the knots of the sweep; the ego does not see itself."""
@@ -127,10 +139,10 @@ def truth_at(timeline: Timeline, stamp_s: float, seen: SweepTruth) -> Truth:
     )
 
 
-def _seeds(seed: int) -> tuple[int, int]:
-    """Seeds of world and noise."""
-    world, noise = np.random.SeedSequence(seed).generate_state(2)
-    return int(world), int(noise)
+def _seeds(seed: int) -> tuple[int, int, int]:
+    """Seeds of world, noise of the LiDAR, and estimate of the own motion."""
+    world, noise, motion = np.random.SeedSequence(seed).generate_state(3)
+    return int(world), int(noise), int(motion)
 
 
 def directions(yaws: np.ndarray) -> np.ndarray:
