@@ -28,18 +28,43 @@ class Perceived(Record):
     truths: without the sources of single returns.
     calls_ms: (T,) float64, time that the detector took for each frame.
     parked: (P, 2) float64, metres, world frame, cars that stand beside the road as scenery.
+    delays_s: (T,) float64, seconds from each frame to the one in which it was answered; nan for
+        frames that never were.
     """
 
     detections: tuple[Detections, ...]
     truths: tuple[Truth, ...]
     calls_ms: np.ndarray
     parked: np.ndarray
+    delays_s: np.ndarray
+
+    @property
+    def answered(self) -> int:
+        """Number of frames that were answered."""
+        return int(np.isfinite(self.delays_s).sum())
+
+    @property
+    def mean_delay_s(self) -> float:
+        """Seconds from a frame to its answer, mean of the answered frames; nan without any."""
+        return float(np.nanmean(self.delays_s)) if self.answered else float("nan")
+
+    @property
+    def mean_delay_frames(self) -> float:
+        """Frames from a frame to the one in which it was answered, mean as above."""
+        if not self.answered:
+            return float("nan")
+        stamps = np.array([truth.stamp_s for truth in self.truths])
+        rows = np.flatnonzero(np.isfinite(self.delays_s))
+        answered_s = stamps[rows] + self.delays_s[rows]
+        answering = np.abs(answered_s[:, None] - stamps).argmin(axis=1)
+        return float((answering - rows).mean())
 
     def save(self, path: Path) -> None:
         """Write a compressed `.npz` file."""
         arrays = {
             "calls_ms": self.calls_ms,
             "parked": self.parked,
+            "delays_s": self.delays_s,
             "stamps_s": np.array([t.stamp_s for t in self.truths]),
             "world_from_ego": np.array([t.world_from_ego.matrix for t in self.truths]),
             **_joined("d", self.detections, DETECTION_FIELDS),
@@ -85,6 +110,7 @@ def _perceived(data: dict[str, np.ndarray]) -> Perceived:
         ),
         calls_ms=data["calls_ms"],
         parked=data["parked"],
+        delays_s=data["delays_s"],
     )
 
 

@@ -6,6 +6,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
 from operator import methodcaller
 from pathlib import Path
 from time import perf_counter
@@ -32,21 +33,44 @@ class EntryError(RuntimeError):
     """A plug-in failed; the message says how."""
 
 
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a detector said of a frame, world frame, and how long after the frame."""
+
+    detections: Detections
+    delay_s: float
+
+
 def perceive(detector: str, episode: Episode, eligibility: Eligibility) -> Perceived:
-    """Run a detector, or the oracle, over an episode."""
-    detections, truths, calls_ms = [], [], []
+    """Run a detector, or the oracle, over an episode.
+
+    An answer is filed under the frame whose stamp it bears, this one or an earlier one. A frame
+    that is never answered has no detections.
+    """
+    answers: list[Answer | None] = []
+    truths: list[Truth] = []
+    calls_ms = []
     parked: set[int] = set()
     detect = _detect(detector, eligibility)
     for frame, truth in sensed(episode):
-        found, took_ms = detect(frame, truth)
-        detections.append(found)
+        answers.append(None)
         truths.append(without_sources(truth))
-        calls_ms.append(took_ms)
         parked |= parked_owners(truth)
+        found, took_ms = detect(frame, truth)
+        _file(detector, found, answers, truths)
+        calls_ms.append(took_ms)
     if not truths:
         raise ValueError("the episode is shorter than one sweep of the LiDAR")
-    centres = parked_centres(episode, parked)
-    return Perceived(tuple(detections), tuple(truths), np.array(calls_ms), centres)
+    return Perceived(
+        tuple(
+            Detections.empty(truth.stamp_s, "world") if answer is None else answer.detections
+            for answer, truth in zip(answers, truths, strict=True)
+        ),
+        tuple(truths),
+        np.array(calls_ms),
+        parked_centres(episode, parked),
+        np.array([np.nan if answer is None else answer.delay_s for answer in answers]),
+    )
 
 
 def track(tracker: str, perceived: Perceived) -> tuple[list[Tracks], np.ndarray]:
@@ -114,26 +138,44 @@ def describe(error: BaseException, *, in_plugin: bool = False) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
 
 
-def _detect(
-    detector: str, eligibility: Eligibility
-) -> Callable[[Frame, Truth], tuple[Detections, float]]:
-    """Return what finds objects in a frame, world frame, and says how many ms it took."""
+def _detect(detector: str, eligibility: Eligibility) -> Callable[[Frame, Truth], tuple[Any, float]]:
+    """Return what a frame is given to: what the plug-in answers, and how many ms it took."""
     if detector == ORACLE:
         return lambda _, truth: (oracle_detections(truth, eligibility), 0.0)
     plugin = guarded(detector, lambda: DETECTORS.make(detector))
     guarded(detector, methodcaller("reset"), plugin)
-
-    def detect(frame: Frame, truth: Truth) -> tuple[Detections, float]:
-        found, took_ms = timed(detector, methodcaller("detect", frame), plugin)
-        return _world_detections(detector, found, truth), took_ms
-
-    return detect
+    return lambda frame, _: timed(detector, methodcaller("detect", frame), plugin)
 
 
-def _world_detections(spec: str, found: Any, truth: Truth) -> Detections:
+def _file(spec: str, found: Any, answers: list[Answer | None], truths: Sequence[Truth]) -> None:
+    """Put an answer in the place of its frame, one of those so far.
+
+    An empty one leaves its frame open: a detector that answers late has nothing to say yet.
+    """
     if not isinstance(found, Detections):
         raise EntryError(f"{spec}: detect returned {type(found).__name__}, not Detections")
-    _same_moment(spec, "detections", found.stamp_s, truth.stamp_s)
+    row, now_s = _frame_of(spec, found.stamp_s, truths), truths[-1].stamp_s
+    before = answers[row]
+    if before is not None and len(before.detections):
+        raise EntryError(
+            f"{spec}: two answers for the frame at {truths[row].stamp_s} s, "
+            f"the second in the frame at {now_s} s"
+        )
+    answers[row] = Answer(_world_detections(spec, found, truths[row]), now_s - truths[row].stamp_s)
+
+
+def _frame_of(spec: str, stamp_s: float, truths: Sequence[Truth]) -> int:
+    """Return which frame so far, the last ones first, bears a stamp."""
+    for row in reversed(range(len(truths))):
+        if abs(stamp_s - truths[row].stamp_s) <= STAMP_TOLERANCE_S:
+            return row
+    raise EntryError(
+        f"{spec}: detections are stamped {stamp_s} s, their frame is at {truths[-1].stamp_s} s "
+        "and no earlier one bears that stamp"
+    )
+
+
+def _world_detections(spec: str, found: Detections, truth: Truth) -> Detections:
     if found.frame == "ego":
         return found.moved(truth.world_from_ego, "world")
     if found.frame != "world":

@@ -19,4 +19,10 @@ class Detector(Protocol):
         """Forget everything seen."""
 
     def detect(self, frame: Frame) -> Detections | ImageDetections:
-        """Return what is seen in this frame."""
+        """Return what is seen in this frame, or in an earlier one that needed later frames.
+
+        The stamp says which frame is answered: one of those since `reset`. Detections in the ego
+        frame are relative to where the ego stood at that stamp. An empty answer leaves its frame
+        open, so a detector that answers late returns one while it has nothing to say; a frame
+        with detections is not answered again.
+        """
