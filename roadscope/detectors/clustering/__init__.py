@@ -6,7 +6,9 @@ import numpy as np
 
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.breakpoint import cluster_breakpoint
+from roadscope.detectors.clustering.dbscan import cluster_dbscan
 from roadscope.detectors.clustering.distance import cluster_distance
+from roadscope.detectors.clustering.one import cluster_one
 from roadscope.detectors.clustering.pag import cluster_pag, cluster_pag_range
 
 Clustering = Callable[[Cloud], np.ndarray]
@@ -17,6 +19,8 @@ CLUSTERINGS: Mapping[str, Callable[..., np.ndarray]] = {
     "pag-range": cluster_pag_range,
     "distance": cluster_distance,
     "breakpoint": cluster_breakpoint,
+    "dbscan": cluster_dbscan,
+    "one": cluster_one,
 }
 """Name -> a `Clustering`; keyword arguments beyond the cloud are its options."""
 

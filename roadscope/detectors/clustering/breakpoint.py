@@ -6,7 +6,7 @@ import numpy as np
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering.distance import components
+from roadscope.detectors.clustering.union import components
 
 INCIDENCE_RAD = np.radians(10.0)
 """Smallest angle between beam and surface still believed in, as in the paper."""

@@ -9,12 +9,9 @@ from scipy.ndimage import binary_dilation, label
 
 from roadscope.detectors.cloud import Cloud
 
-OUTLIER = -1
-"""Label of a return that belongs to no cluster."""
-
 
 def cluster_pag(cloud: Cloud) -> np.ndarray:
-    """Return (N,) int64 labels from 0 up, `OUTLIER` for what is dropped; no parameter at all."""
+    """Return (N,) int64 labels from 0 up, -1 for what is dropped; no parameter at all."""
     return pag_labels(cloud.points[:, :2], np.ones(len(cloud)))
 
 

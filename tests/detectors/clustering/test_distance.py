@@ -3,8 +3,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from roadscope.detectors.clustering.distance import single_linkage
+
+
+def linked_by_tree(points, distance):
+    """List all pairs."""
+    pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
+    labels = connected_components(graph, directed=False)[1]
+    _, first = np.unique(labels, return_index=True)
+    return np.argsort(np.argsort(first))[labels]
 
 
 def linked_by_brute_force(points, distance):
@@ -35,6 +47,12 @@ def test_equals_brute_force_on_dense_lumps(seed):
     lumps = rng.uniform(0, 12, (12, 2))
     points = (lumps[:, None] + 0.3 * rng.standard_normal((12, 40, 2))).reshape(-1, 2)
     assert np.array_equal(single_linkage(points, 0.6), linked_by_brute_force(points, 0.6))
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 2))
+def test_equals_listing_all_pairs(seed, distance):
+    points = np.random.default_rng(seed).normal(0, [20, 5], (500, 2))
+    assert np.array_equal(single_linkage(points, distance), linked_by_tree(points, distance))
 
 
 @given(clouds, st.randoms(use_true_random=False))

@@ -1,0 +1,102 @@
+"""Points sorted into square cells, each cell knowing its neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.envs.raycast.jit import compiled
+
+SPAN = 2
+"""Cells to either side within which two points can be a diagonal of a cell apart."""
+BUCKETS = 1 << 16
+"""Counting sort is used up to this many distinct values, or eight a point, whichever is more."""
+
+
+@compiled()
+def order_by(values: np.ndarray) -> np.ndarray:
+    """Return the order, (N,) int64, that sorts integers from 0 up and keeps equal ones in place."""
+    size = len(values)
+    most = values.max() if size else 0
+    if most >= max(BUCKETS, 8 * size):
+        return np.argsort(values, kind="mergesort")
+    place = np.zeros(most + 2, np.int64)
+    for value in values:
+        place[value + 1] += 1
+    for bucket in range(most):
+        place[bucket + 1] += place[bucket]
+    order = np.empty(size, np.int64)
+    for row in range(size):
+        order[place[values[row]]] = row
+        place[values[row]] += 1
+    return order
+
+
+@compiled()
+def sort_cells(points: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points by cell, where each cell begins, and the cells.
+
+    points: (N, 2); side: of a cell, same unit.
+    Returns order (N,) rows of points, cell by cell, by row within a cell; starts (C + 1,) places
+    in it; cells (C, 2) int64, x and y, sorted.
+    """
+    size = len(points)
+    flat = np.empty((2, size), np.int64)
+    for axis in range(2):
+        low = points[:, axis].min() if size else 0.0
+        for row in range(size):
+            flat[axis, row] = np.int64((points[row, axis] - low) / side)
+    by_y = order_by(flat[1])
+    order = by_y[order_by(flat[0][by_y])]
+    starts, cells = np.empty(size + 1, np.int64), np.empty((size, 2), np.int64)
+    count = 0
+    for place in range(size):
+        x, y = flat[0, order[place]], flat[1, order[place]]
+        if count == 0 or x != cells[count - 1, 0] or y != cells[count - 1, 1]:
+            cells[count, 0], cells[count, 1], starts[count] = x, y, place
+            count += 1
+    starts[count] = size
+    return order, starts[: count + 1], cells[:count]
+
+
+@compiled()
+def neighbours(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cells within `SPAN` of each of (C, 2) sorted cells, without itself.
+
+    Returns near (C, 24) int64 and counts (C,): the first `counts[c]` of a row hold.
+    """
+    width = 2 * SPAN + 1
+    size = len(cells)
+    near, counts = np.empty((size, width * width - 1), np.int64), np.zeros(size, np.int64)
+    heads = np.zeros(width, np.int64)
+    for c in range(size):
+        for step in range(width):
+            x, y = cells[c, 0] + step - SPAN, cells[c, 1] - SPAN
+            # Cells are sorted, so the first one that is near enough only ever moves on.
+            head = heads[step]
+            while head < size and (
+                cells[head, 0] < x or (cells[head, 0] == x and cells[head, 1] < y)
+            ):
+                head += 1
+            heads[step] = head
+            while head < size and cells[head, 0] == x and cells[head, 1] <= y + 2 * SPAN:
+                if head != c:
+                    near[c, counts[c]] = head
+                    counts[c] += 1
+                head += 1
+    return near, counts
+
+
+@compiled()
+def boxes(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Return the bounds of each cell's points, (C, 4): lowest x, y, highest x, y.
+
+    points: (N, 2), cell by cell.
+    """
+    bounds = np.empty((len(starts) - 1, 4))
+    for c in range(len(starts) - 1):
+        bounds[c, :2], bounds[c, 2:] = np.inf, -np.inf
+        for row in range(starts[c], starts[c + 1]):
+            for axis in range(2):
+                bounds[c, axis] = min(bounds[c, axis], points[row, axis])
+                bounds[c, axis + 2] = max(bounds[c, axis + 2], points[row, axis])
+    return bounds
