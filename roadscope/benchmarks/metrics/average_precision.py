@@ -1,4 +1,4 @@
-"""Average precision by centre distance: how well scores order right before wrong."""
+"""Average precision: how well scores order right before wrong."""
 
 from __future__ import annotations
 
@@ -8,49 +8,86 @@ import numpy as np
 
 from roadscope.benchmarks.metrics.matching import Pairing
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.envs.raycast.jit import compiled
 
 RECALL_LEVELS = np.linspace(0.0, 1.0, 101)
+HIT, FALSE_ALARM, IGNORED = 1, 0, -1
 
 
 def average_precision(
     pairings: Sequence[Pairing], scores: Sequence[np.ndarray], gate_m: float
 ) -> Score:
-    """Return the mean of interpolated precision at 101 recall levels.
+    """Return average precision where a hit is a centre within the gate.
 
-    Detections are matched greedily from the highest score down, each to the nearest object that
-    is still free within the gate (Caesar et al. 2020, nuScenes, without its cut of low recall
-    and precision). Detections of equal score count as one step of the curve, so their order does
-    not matter.
+    That is the mean of interpolated precision at 101 recall levels. Detections are matched
+    greedily from the highest score down, each to the nearest object that is still free within
+    the gate (Caesar et al. 2020, nuScenes, without its cut of low recall and precision).
+    Detections of equal score count as one step of the curve, so their order does not matter.
     """
+    costs = [np.where(p.distances <= gate_m, p.distances, np.inf) for p in pairings]
+    return _precision_of(pairings, costs, scores)
+
+
+def overlap_precision(
+    pairings: Sequence[Pairing],
+    shares: Sequence[np.ndarray],
+    scores: Sequence[np.ndarray],
+    least: float,
+    gate_m: float,
+) -> Score:
+    """Return average precision where a hit is an intersection over union of at least `least`.
+
+    shares: for each frame (N, K), the overlap with the first K of the pairing's M objects; the
+        others, of which only the centre is known, are not eligible.
+    gate_m: a detection this close to an object that is not eligible is ignored, as in matching.
+    """
+    costs = []
+    for pairing, share in zip(pairings, shares, strict=True):
+        cost = np.where(pairing.distances <= gate_m, pairing.distances, np.inf)
+        wanted = np.flatnonzero(pairing.eligible)
+        cost[:, wanted] = np.where(share[:, wanted] >= least, 1 - share[:, wanted], np.inf)
+        costs.append(cost)
+    return _precision_of(pairings, costs, scores)
+
+
+def _precision_of(
+    pairings: Sequence[Pairing], costs: Sequence[np.ndarray], scores: Sequence[np.ndarray]
+) -> Score:
+    """Match greedily by cost, infinite where no match is possible, and measure the curve."""
     total = sum(int(p.eligible.sum()) for p in pairings)
-    outcomes = [_outcomes(p, s, gate_m) for p, s in zip(pairings, scores, strict=True)]
-    hits = np.concatenate([o[0] for o in outcomes]) if outcomes else np.empty(0, bool)
-    ranked = np.concatenate([o[1] for o in outcomes]) if outcomes else np.empty(0)
-    value = _area(hits, ranked, total) if total else np.nan
+    hits, ranked = [np.empty(0, bool)], [np.empty(0)]
+    for pairing, cost, frame_scores in zip(pairings, costs, scores, strict=True):
+        order = np.lexsort((cost.min(axis=1, initial=np.inf), -frame_scores))
+        fates = outcomes(np.array(cost), order, pairing.eligible, pairing.counted)
+        hits.append(fates[fates != IGNORED] == HIT)
+        ranked.append(frame_scores[fates != IGNORED])
+    value = _area(np.concatenate(hits), np.concatenate(ranked), total) if total else np.nan
     return Score(value, "1", "higher", total, 0.0, 1.0, weight=total)
 
 
-def _outcomes(pairing: Pairing, scores: np.ndarray, gate_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return hit or false alarm and score of each detection of a frame that is not ignored."""
-    distances = np.where(pairing.distances <= gate_m, pairing.distances, np.inf)
-    nearest = distances.min(axis=1, initial=np.inf)
-    hits, kept = [], []
-    for row in np.lexsort((nearest, -scores)):
-        hit, fair = _take(distances, row, pairing.eligible)
-        if hit or (fair and pairing.counted[row]):
-            hits.append(hit)
-            kept.append(scores[row])
-    return np.array(hits, bool), np.array(kept, np.float64)
+@compiled()
+def outcomes(
+    costs: np.ndarray, order: np.ndarray, eligible: np.ndarray, counted: np.ndarray
+) -> np.ndarray:
+    """Return (N,) the fate of each detection, taken in order; costs are written over.
 
-
-def _take(distances: np.ndarray, row: int, eligible: np.ndarray) -> tuple[bool, bool]:
-    """Occupy the nearest free object; say whether it is a hit and whether a miss-hit counts."""
-    for group in (eligible, ~eligible):
-        free = np.where(group, distances[row], np.inf)
-        if free.size and np.isfinite(free.min()):
-            distances[:, free.argmin()] = np.inf
-            return bool(group is eligible), False
-    return False, True
+    Each takes the cheapest eligible object that is still free; without one, the cheapest of the
+    others excuses it, and so does lying outside the range band.
+    """
+    fates = np.full(len(order), FALSE_ALARM)
+    for row in order:
+        for group in (True, False):
+            best, cost = -1, np.inf
+            for column in range(len(eligible)):
+                if eligible[column] == group and costs[row, column] < cost:
+                    best, cost = column, costs[row, column]
+            if best >= 0:
+                costs[:, best] = np.inf
+                fates[row] = HIT if group else IGNORED
+                break
+        if fates[row] == FALSE_ALARM and not counted[row]:
+            fates[row] = IGNORED
+    return fates
 
 
 def _area(hits: np.ndarray, scores: np.ndarray, total: int) -> float:

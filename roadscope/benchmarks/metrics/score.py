@@ -65,6 +65,11 @@ def mean(total: float, n: int, unit: str, better: Better = "lower") -> Score:
     return Score(total / n if n else math.nan, unit, better, n, weight=n)
 
 
+def signed_mean(total: float, n: int) -> Score:
+    """Return a mean of values in -1 to 1 that is best at zero."""
+    return Score(total / n if n else math.nan, "1", "lower", n, -1.0, 1.0, weight=n)
+
+
 def rms(squares: float, n: int, unit: str) -> Score:
     """Return the root of a mean of squares, lower is better."""
     value = math.sqrt(squares / n) if n else math.nan

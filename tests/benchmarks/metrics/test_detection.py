@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from toy_boxes import detections, truth
 
 from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.metrics.detection import axis_error_deg, score_detections
+from roadscope.benchmarks.metrics.detection import score_detections
 
 RULE = Eligibility(range_m=(0.0, 60.0), min_returns=10)
 
@@ -35,6 +35,41 @@ def test_size_and_heading_errors_of_matches() -> None:
     s = score(found, [truth([[10, 0]])])
     assert s.heading_rmse_deg.value == pytest.approx(math.degrees(0.1))
     assert s.size_rmse_m.value == pytest.approx(math.sqrt((0.5**2 + 0.2**2) / 2))
+    assert s.heading_flips.value == 0.0
+
+
+def test_position_errors_along_and_across_the_object() -> None:
+    there = truth([[10, 0], [0, 20]], yaws=np.array([math.pi / 2, 0.0]))
+    found = [detections([[10.3, 0.4], [0.5, 20]], yaws=[0.1, 0.0])]
+    s = score(found, [there])
+    assert s.longitudinal_rmse_m.value == pytest.approx(math.sqrt((0.4**2 + 0.5**2) / 2))
+    assert s.lateral_rmse_m.value == pytest.approx(math.sqrt(0.3**2 / 2))
+    both = math.hypot(s.longitudinal_rmse_m.value, s.lateral_rmse_m.value)
+    assert s.position_rmse_m.value == pytest.approx(both)
+    assert s.heading_flips.value == 0.5
+
+
+def test_categories_of_matches() -> None:
+    there = truth([[10, 0], [20, 0], [30, 0]], categories=np.array([0, 2, 0]))
+    s = score([detections([[10, 0], [20, 0], [40, 0]])], [there])
+    assert s.category_accuracy.value == 0.5
+    assert s.category_accuracy.n == 2
+
+
+def test_average_precision_by_overlap() -> None:
+    # Overlaps of 1, 3.4 / 5.6 = 0.61 and 0; boxes are 4.5 m long.
+    there = truth([[10, 0], [20, 0], [30, 0]])
+    s = score([detections([[10, 0], [21.1, 0], [30, 1.9]], scores=[0.9, 0.8, 0.7])], [there])
+    assert s.ap_20.value == 1.0
+    assert s.ap_iou_50.value == pytest.approx(67 / 101)
+    assert s.ap_iou_70.value == pytest.approx(34 / 101)
+
+
+def test_near_what_does_not_count_a_box_is_ignored_by_overlap_too() -> None:
+    there = truth([[10, 0], [20, 0]], returns=[100, 3])
+    found = detections([[10, 0], [20, 1.9], [30, 6]], scores=[0.5, 0.9, 0.8])
+    s = score([found], [there], np.array([[30.0, 5.0]]))
+    assert s.ap_iou_70.value == 1.0
 
 
 def test_objects_with_few_returns_far_off_or_of_other_families_do_not_count() -> None:
@@ -68,9 +103,12 @@ def test_nothing_found_and_nothing_there() -> None:
 def test_the_truth_itself_scores_perfectly(n, seed) -> None:
     xy = np.random.default_rng(seed).uniform(-40, 40, (n, 2))
     s = score([detections(xy)], [truth(xy)]).named()
-    for name in ("detection_rate", "precision", "f1", "ap", "ap_05", "ap_40"):
+    for name in ("detection_rate", "precision", "f1", "ap", "ap_05", "ap_iou_70"):
         assert s[name].value == 1.0
-    for name in ("false_alarms_per_frame", "position_rmse_m", "heading_rmse_deg", "size_rmse_m"):
+    for name in (
+        "false_alarms_per_frame", "position_rmse_m", "heading_rmse_deg", "size_rmse_m",
+        "heading_flips", "calibration_error",
+    ):  # fmt: skip
         assert s[name].value == pytest.approx(0.0, abs=1e-9)
 
 
@@ -88,8 +126,3 @@ def test_order_of_detections_and_objects_does_not_matter(n, m, seed) -> None:
     b = score([found.select(rng.permutation(n))], [shuffled]).named()
     for name in a:
         assert a[name].value == pytest.approx(b[name].value, nan_ok=True), name
-
-
-def test_front_and_rear_are_not_told_apart() -> None:
-    errors = axis_error_deg(np.array([0.0, math.pi, math.pi / 4, -0.1]), np.zeros(4))
-    assert np.abs(errors) == pytest.approx([0, 0, 45, math.degrees(0.1)], abs=1e-9)
