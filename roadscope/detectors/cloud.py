@@ -9,6 +9,7 @@ import numpy as np
 from roadscope.core import LidarScan, Pose
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
+from roadscope.detectors.sorting import order_by
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,16 +49,16 @@ class Cloud(Record):
         Returns are sorted by column, ring and place, so that nothing after this depends on the
         order in which they were given.
         """
-        x, y, z = scan.points.T
-        order = np.lexsort((z, y, x, scan.ring, scan.column))
+        order = _sweep_order(scan)
         points = ego_from_lidar.apply(scan.points[order].astype(np.float64))
         origin = ego_from_lidar.translation[:2]
         return Cloud(points, scan.ring[order], scan.column[order], order, origin)
 
     def select(self, index: np.ndarray) -> Cloud:
         """Keep the rows that a mask or an index array names."""
+        rows = np.flatnonzero(index) if index.dtype == np.bool_ else index
         return Cloud(
-            self.points[index], self.ring[index], self.column[index], self.rows[index], self.origin
+            self.points[rows], self.ring[rows], self.column[rows], self.rows[rows], self.origin
         )
 
     @property
@@ -70,3 +71,15 @@ class Cloud(Record):
         """(N,) direction from the sensor in radians, counter-clockwise from x ahead."""
         x, y = (self.points[:, :2] - self.origin).T
         return np.asarray(np.arctan2(y, x))
+
+
+def _sweep_order(scan: LidarScan) -> np.ndarray:
+    """Return the order by column, ring and place, (N,)."""
+    order = order_by(scan.ring)
+    order = order[order_by(scan.column[order])]
+    ring, column = scan.ring[order], scan.column[order]
+    # A beam sees a column once: places decide for copies and for sensors with several returns.
+    if ((ring[1:] == ring[:-1]) & (column[1:] == column[:-1])).any():
+        x, y, z = scan.points.T
+        order = np.lexsort((z, y, x, scan.ring, scan.column))
+    return np.asarray(order)

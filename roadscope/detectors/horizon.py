@@ -8,6 +8,7 @@ import numpy as np
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.sorting import order_by, order_within, starts_of
 
 NEARER_M = 0.6
 """What lies this much nearer than an end hides what is beyond it; three standard deviations of
@@ -38,16 +39,15 @@ class Horizon:
         view: right and left end of the field of view; taken for a full turn when returns lie
             outside.
         """
-        above = cloud.select(standing)
-        order = np.lexsort((above.ranges, above.column))
-        first = np.diff(above.column[order], prepend=-1) != 0
-        nearest = order[first]
-        step = _step(cloud.azimuths, cloud.column)
-        middle = (view[0] + view[1]) / 2
-        off = np.abs(wrap_angle(cloud.azimuths - middle)).max(initial=0.0)
-        limited = off <= view[1] - middle + step
-        azimuths, ranges = above.azimuths[nearest], above.ranges[nearest]
-        return Horizon(azimuths, ranges, step, view if limited else None, cloud.origin)
+        rows = np.flatnonzero(standing)
+        rows = rows[order_by(cloud.column[rows])]
+        offsets = cloud.points[rows, :2] - cloud.origin
+        ranges = np.hypot(*offsets.T)
+        columns = starts_of(cloud.column[rows])
+        nearest = order_within(ranges, columns)[columns[:-1]]
+        azimuths = np.arctan2(offsets[nearest, 1], offsets[nearest, 0])
+        step, limited = _sweep(cloud, view)
+        return Horizon(azimuths, ranges[nearest], step, view if limited else None, cloud.origin)
 
     def hides_beyond(self, point: np.ndarray, side: int) -> bool:
         """Whether a surface could go on unseen beyond a (2,) point, to the left (1) or right (-1).
@@ -65,9 +65,25 @@ class Horizon:
         return bool((self.ranges[beside] < reach - NEARER_M).any())
 
 
+def _sweep(cloud: Cloud, view: tuple[float, float]) -> tuple[float, bool]:
+    """Return radians from column to column, and whether all returns lie inside the view."""
+    order = order_by(cloud.column)
+    starts = starts_of(cloud.column[order])[:-1]
+    first = cloud.select(order[starts])
+    step = _step(first.azimuths, first.column)
+    limit = view[1] - (view[0] + view[1]) / 2 + step
+    # A sensor that turns fully shows it at once; only otherwise every return must be looked at.
+    limited = all(_farthest(part, view) <= limit for part in (first, cloud))
+    return step, limited
+
+
+def _farthest(cloud: Cloud, view: tuple[float, float]) -> float:
+    """Greatest angle in radians between a return and the middle of the view."""
+    off = np.abs(wrap_angle(cloud.azimuths - (view[0] + view[1]) / 2))
+    return float(off.max(initial=0.0))
+
+
 def _step(azimuths: np.ndarray, columns: np.ndarray) -> float:
-    """Radians from column to column, from neighbouring ones."""
-    found, first = np.unique(columns, return_index=True)
-    apart = np.diff(found)
-    turns = np.abs(wrap_angle(np.diff(azimuths[first])))
-    return float(np.median(turns / apart)) if len(apart) else 0.0
+    """Radians from column to column, from one return of each column in order."""
+    turns = np.abs(wrap_angle(np.diff(azimuths)))
+    return float(np.median(turns / np.diff(columns))) if len(turns) else 0.0

@@ -1,6 +1,9 @@
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 from toy_lidar import CALIBRATION, FRONT_M, HEIGHT_M, scan
 
+from roadscope.core import LidarScan, Pose
 from roadscope.detectors.cloud import Cloud
 
 
@@ -12,6 +15,21 @@ def test_points_come_in_the_ego_frame_in_firing_order():
     assert np.allclose(cloud.azimuths, np.arctan2(found.points[:, 1], found.points[:, 0]))
     assert np.array_equal(cloud.column, found.column)
     assert np.array_equal(cloud.select(cloud.ring == 2).rows, np.flatnonzero(found.ring == 2))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 60), st.sampled_from([3, 40, 2**31 - 1]))
+def test_sorted_by_column_ring_and_place(seed, count, columns):
+    """Copies and several returns of a beam included, whatever the order they came in."""
+    rng = np.random.default_rng(seed)
+    points = rng.integers(1, 4, (count, 3)).astype(np.float32)
+    ring, column = rng.integers(0, 3, count), rng.integers(0, columns, count)
+    seen = LidarScan(points, np.ones(count), ring, column, np.zeros(count), 0.0, "lux")
+    found = Cloud.of(seen, Pose.identity())
+    assert np.array_equal(found.rows, np.lexsort((*points.T[::-1], ring, column)))
+    assert np.array_equal(found.points, points[found.rows])
+    assert np.array_equal(found.column, column[found.rows])
+    kept = rng.random(count) < 0.5
+    assert np.array_equal(found.select(kept).rows, found.select(np.flatnonzero(kept)).rows)
 
 
 def test_nothing():

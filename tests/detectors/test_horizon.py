@@ -1,7 +1,11 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from toy_lidar import cloud
 
+from roadscope.core import wrap_angle
+from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.grid import grid_above_ground
 from roadscope.detectors.horizon import Horizon
 
@@ -28,6 +32,36 @@ def test_nearest_return_of_each_column():
     horizon = look([NEAR, FAR], ground=False)
     assert horizon.ranges[np.abs(horizon.azimuths).argmin()] == pytest.approx(12.7, abs=0.1)
     assert len(horizon.azimuths) == len(np.unique(horizon.azimuths))
+
+
+def horizon_by_lexsort(found, standing, view):
+    """Sort all returns and look at every azimuth."""
+    above = found.select(standing)
+    order = np.lexsort((above.ranges, above.column))
+    nearest = order[np.diff(above.column[order], prepend=-1) != 0]
+    column, first = np.unique(found.column, return_index=True)
+    turns = np.abs(wrap_angle(np.diff(found.azimuths[first])))
+    step = float(np.median(turns / np.diff(column))) if len(turns) else 0.0
+    middle = (view[0] + view[1]) / 2
+    off = np.abs(wrap_angle(found.azimuths - middle)).max(initial=0.0)
+    limited = view if off <= view[1] - middle + step else None
+    return Horizon(above.azimuths[nearest], above.ranges[nearest], step, limited, found.origin)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 60), st.sampled_from([20, 110, 350]))
+def test_equals_sorting_all_returns(seed, count, field_deg):
+    rng = np.random.default_rng(seed)
+    column = rng.integers(0, 30, count)
+    angle = np.radians(field_deg) * (column / 29 - 0.5) + 0.001 * rng.standard_normal(count)
+    reach = rng.integers(3, 9, count)
+    points = np.column_stack([reach * np.cos(angle), reach * np.sin(angle), np.zeros(count)])
+    row = np.arange(count)
+    found = Cloud(points, row, column, row, np.array([0.5, 0.1]))
+    standing = rng.random(count) < 0.7
+    ours, slow = (of(found, standing, VIEW) for of in (Horizon.of, horizon_by_lexsort))
+    assert np.array_equal(ours.azimuths, slow.azimuths)
+    assert np.array_equal(ours.ranges, slow.ranges)
+    assert (ours.step, ours.view) == (slow.step, slow.view)
 
 
 def test_nearer_body_hides_and_farther_does_not():

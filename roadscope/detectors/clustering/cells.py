@@ -4,34 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.detectors.sorting import order_by
 from roadscope.envs.raycast.jit import compiled
 
 SPAN = 2
 """Cells to either side within which two points can be a diagonal of a cell apart."""
-BUCKETS = 1 << 16
-"""Counting sort is used up to this many distinct values, or eight a point, whichever is more."""
 
 
-@compiled()
-def order_by(values: np.ndarray) -> np.ndarray:
-    """Return the order, (N,) int64, that sorts integers from 0 up and keeps equal ones in place."""
-    size = len(values)
-    most = values.max() if size else 0
-    if most >= max(BUCKETS, 8 * size):
-        return np.argsort(values, kind="mergesort")
-    place = np.zeros(most + 2, np.int64)
-    for value in values:
-        place[value + 1] += 1
-    for bucket in range(most):
-        place[bucket + 1] += place[bucket]
-    order = np.empty(size, np.int64)
-    for row in range(size):
-        order[place[values[row]]] = row
-        place[values[row]] += 1
-    return order
-
-
-@compiled()
 def sort_cells(points: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points by cell, where each cell begins, and the cells.
 
@@ -39,23 +18,38 @@ def sort_cells(points: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray,
     Returns order (N,) rows of points, cell by cell, by row within a cell; starts (C + 1,) places
     in it; cells (C, 2) int64, x and y, sorted.
     """
-    size = len(points)
-    flat = np.empty((2, size), np.int64)
+    numbers = _cell_numbers(points, side)
+    order = order_by(numbers[1])
+    order = order[order_by(numbers[0, order])]
+    return order, *_runs(numbers[:, order])
+
+
+@compiled()
+def _cell_numbers(points: np.ndarray, side: float) -> np.ndarray:
+    """Return x and y of each point's cell, (2, N) int64, from the lowest up."""
+    numbers = np.empty((2, len(points)), np.int64)
     for axis in range(2):
-        low = points[:, axis].min() if size else 0.0
-        for row in range(size):
-            flat[axis, row] = np.int64((points[row, axis] - low) / side)
-    by_y = order_by(flat[1])
-    order = by_y[order_by(flat[0][by_y])]
+        low = points[0, axis]
+        for row in range(len(points)):
+            low = min(low, points[row, axis])
+        for row in range(len(points)):
+            numbers[axis, row] = np.int64((points[row, axis] - low) / side)
+    return numbers
+
+
+@compiled()
+def _runs(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where each cell begins in (2, N) sorted cell numbers, and the cells."""
+    size = numbers.shape[1]
     starts, cells = np.empty(size + 1, np.int64), np.empty((size, 2), np.int64)
     count = 0
     for place in range(size):
-        x, y = flat[0, order[place]], flat[1, order[place]]
+        x, y = numbers[0, place], numbers[1, place]
         if count == 0 or x != cells[count - 1, 0] or y != cells[count - 1, 1]:
             cells[count, 0], cells[count, 1], starts[count] = x, y, place
             count += 1
     starts[count] = size
-    return order, starts[: count + 1], cells[:count]
+    return starts[: count + 1], cells[:count]
 
 
 @compiled()

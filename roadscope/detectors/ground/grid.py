@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.detectors.cloud import Cloud
+from roadscope.envs.raycast.jit import compiled
+
+MOST_CELLS = 4_000_000
+"""A larger grid, 1000 m square at half a metre, is not laid out: its cells are sorted instead."""
 
 
 def grid_above_ground(
@@ -39,12 +43,22 @@ def _cell_spans(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarr
         return np.empty(0), np.empty(0)
     cells = np.floor(points[:, :2] / cell_m).astype(np.int64)
     cells -= cells.min(axis=0)
-    flat = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
-    order = np.argsort(flat, kind="stable")
-    starts = np.flatnonzero(np.diff(flat[order], prepend=-1))
-    counts = np.diff(starts, append=len(flat))
-    lowest, highest = np.empty(len(flat)), np.empty(len(flat))
-    heights = points[order, 2]
-    lowest[order] = np.repeat(np.minimum.reduceat(heights, starts), counts)
-    highest[order] = np.repeat(np.maximum.reduceat(heights, starts), counts)
+    width = cells[:, 1].max() + 1
+    flat = cells[:, 0] * width + cells[:, 1]
+    if (cells[:, 0].max() + 1.0) * width > MOST_CELLS:
+        flat = np.unique(flat, return_inverse=True)[1]
+    return _spans(points[:, 2], flat, int(flat.max()) + 1)
+
+
+@compiled()
+def _spans(heights: np.ndarray, cell: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest of the (N,) heights that share a cell with each of them."""
+    bounds = np.empty((cells, 2))
+    bounds[:, 0], bounds[:, 1] = np.inf, -np.inf
+    for row in range(len(heights)):
+        span, height = bounds[cell[row]], heights[row]
+        span[0], span[1] = min(span[0], height), max(span[1], height)
+    lowest, highest = np.empty(len(heights)), np.empty(len(heights))
+    for row in range(len(heights)):
+        lowest[row], highest[row] = bounds[cell[row]]
     return lowest, highest

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.shape.contour import contours
+from roadscope.detectors.shape.contour import by_cluster, outlines
+from roadscope.detectors.sorting import starts_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,11 +32,10 @@ class Cluster:
 
 def clusters(cloud: Cloud, labels: np.ndarray) -> list[Cluster]:
     """Split a cloud by its (N,) labels; negative ones are outliers and dropped."""
-    member = np.flatnonzero(labels >= 0)
-    order = member[np.argsort(labels[member], kind="stable")]
-    ends = np.flatnonzero(np.diff(labels[order])) + 1
-    parts = np.split(order, ends) if len(order) else []
+    rows = by_cluster(cloud, labels)
+    points, ring, column = cloud.points[rows], cloud.ring[rows], cloud.column[rows]
+    ends = starts_of(labels[rows]).tolist()
     return [
-        Cluster(cloud.points[rows], cloud.ring[rows], cloud.column[rows], outline, cloud.origin)
-        for rows, outline in zip(parts, contours(cloud, labels), strict=True)
+        Cluster(points[i:j], ring[i:j], column[i:j], outline, cloud.origin)
+        for (i, j), outline in zip(pairwise(ends), outlines(cloud, labels, rows), strict=True)
     ]

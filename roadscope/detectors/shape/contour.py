@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.sorting import order_by, order_within, starts_of
 
 DEPTH_M = 0.6
 """How far behind the nearest return of a column the same face may still be: three standard
@@ -20,28 +23,55 @@ def contours(cloud: Cloud, labels: np.ndarray) -> list[np.ndarray]:
     returns of the cluster that lie on the face nearest to the sensor; what is seen over it, a
     windscreen or a roof, is no part of the outline.
     """
+    return outlines(cloud, labels, by_cluster(cloud, labels))
+
+
+def by_cluster(cloud: Cloud, labels: np.ndarray) -> np.ndarray:
+    """Return the rows with labels from 0 up, sorted by label, then by column."""
     member = np.flatnonzero(labels >= 0)
-    if not len(member):
+    member = member[order_by(cloud.column[member])]
+    return np.asarray(member[order_by(labels[member])])
+
+
+def outlines(cloud: Cloud, labels: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
+    """Return the outline of each cluster; rows as `by_cluster` sorts them."""
+    if not len(rows):
         return []
-    ranges = cloud.ranges[member]
-    order = np.lexsort((ranges, cloud.column[member], labels[member]))
-    member, ranges = member[order], ranges[order]
-    keys = np.stack([labels[member], cloud.column[member]])
-    starts = np.flatnonzero((np.diff(keys, axis=1, prepend=-1) != 0).any(axis=0))
-    lengths = np.diff(starts, append=len(member))
-    face = ranges <= np.repeat(ranges[starts], lengths) + DEPTH_M
+    label, column = labels[rows], cloud.column[rows]
+    places = cloud.points[rows, :2]
+    x, y = places.T - cloud.origin[:, None]
+    ranges = np.hypot(x, y)
+    columns = _group_starts(label, column)
+    order = order_within(ranges, columns)
+    ranges, starts = ranges[order], columns[:-1]
+    face = ranges <= np.repeat(ranges[starts], np.diff(columns)) + DEPTH_M
     counts = np.add.reduceat(face.astype(np.int64), starts)
     # Rows are sorted by range within a column: the face comes first, its median in its middle.
-    lower, upper = member[starts + (counts - 1) // 2], member[starts + counts // 2]
-    points = (cloud.points[lower, :2] + cloud.points[upper, :2]) / 2
-    ends = np.flatnonzero(np.diff(labels[member[starts]])) + 1
-    return [_by_azimuth(outline, cloud.origin) for outline in np.split(points, ends)]
+    lower, upper = order[starts + (counts - 1) // 2], order[starts + counts // 2]
+    points = (places[lower] + places[upper]) / 2
+    return _by_azimuth(points, starts_of(label[starts]), cloud.origin)
 
 
-def _by_azimuth(points: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Sort by azimuth seen from the origin, counted from the middle of the points."""
+def _group_starts(label: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Return where each column of each cluster begins, and the number of rows."""
+    changes = (label[1:] != label[:-1]) | (column[1:] != column[:-1])
+    return np.concatenate([[0], np.flatnonzero(changes) + 1, [len(label)]])
+
+
+def _by_azimuth(points: np.ndarray, starts: np.ndarray, origin: np.ndarray) -> list[np.ndarray]:
+    """Split into clusters, each sorted by azimuth from the origin, then by x and y.
+
+    Azimuths are counted from the middle of a cluster, so that the seam behind the sensor is none.
+    """
+    counts = np.diff(starts)
     x, y = (points - origin).T
-    middle = np.arctan2(y.mean(), x.mean())
+    middle_x, middle_y = np.add.reduceat(x, starts[:-1]), np.add.reduceat(y, starts[:-1])
+    middle = np.repeat(np.arctan2(middle_y / counts, middle_x / counts), counts)
     azimuths = wrap_angle(np.arctan2(y, x) - middle)
-    ordered: np.ndarray = points[np.lexsort((y, x, azimuths))]
-    return ordered
+    order = order_within(azimuths, starts)
+    same = azimuths[order[1:]] == azimuths[order[:-1]]
+    same[starts[1:-1] - 1] = False
+    if same.any():
+        order = np.lexsort((y, x, azimuths, np.repeat(np.arange(len(counts)), counts)))
+    ordered, ends = points[order], starts.tolist()
+    return [ordered[i:j] for i, j in pairwise(ends)]

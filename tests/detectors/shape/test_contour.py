@@ -1,7 +1,11 @@
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 
+from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.shape.contour import contours
+from roadscope.detectors.shape.cluster import clusters
+from roadscope.detectors.shape.contour import DEPTH_M, contours
 
 
 def make(points, column):
@@ -9,6 +13,51 @@ def make(points, column):
     return Cloud(
         points, np.arange(len(points)), np.array(column), np.arange(len(points)), np.zeros(2)
     )
+
+
+def contours_one_by_one(cloud, labels):
+    """Go through clusters and columns in Python."""
+    found = []
+    for label in np.unique(labels[labels >= 0]):
+        points = []
+        for column in np.unique(cloud.column[labels == label]):
+            rows = np.flatnonzero((labels == label) & (cloud.column == column))
+            rows = rows[np.argsort(cloud.ranges[rows], kind="stable")]
+            rows = rows[cloud.ranges[rows] <= cloud.ranges[rows[0]] + DEPTH_M]
+            middle = rows[[(len(rows) - 1) // 2, len(rows) // 2]]
+            points.append(cloud.points[middle, :2].mean(axis=0))
+        points = np.array(points)
+        x, y = (points - cloud.origin).T
+        azimuths = wrap_angle(np.arctan2(y, x) - np.arctan2(y.mean(), x.mean()))
+        found.append(points[np.lexsort((y, x, azimuths))])
+    return found
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 80), st.booleans())
+def test_equals_going_through_one_by_one(seed, count, swept):
+    """On clouds with several bodies in a column, in firing order or in none."""
+    rng = np.random.default_rng(seed)
+    column = rng.integers(0, 30, count)
+    column = np.sort(column) if swept else column
+    angles = 3.0 - 0.1 * column + rng.choice([0, 0.01], count)
+    reach = rng.choice([8.0, 8.2, 8.5, 9.5, 20.0], count) + 0.01 * rng.standard_normal(count)
+    points = reach[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]) + [1.0, 2.0]
+    row = np.arange(count)
+    found = Cloud(
+        np.column_stack([points, np.zeros(count)]), row, column, row, np.array([1.0, 2.0])
+    )
+    labels = rng.integers(-1, 3, count)
+    expected = contours_one_by_one(found, labels)
+    outlines = contours(found, labels)
+    assert len(outlines) == len(expected)
+    for ours, theirs in zip(outlines, expected, strict=True):
+        assert np.array_equal(ours, theirs)
+    for cluster, label in zip(clusters(found, labels), np.unique(labels[labels >= 0]), strict=True):
+        rows = np.flatnonzero(labels == label)
+        rows = rows[np.argsort(column[rows], kind="stable")]
+        assert np.array_equal(cluster.points, found.points[rows])
+        assert np.array_equal(cluster.ring, rows)
+        assert np.array_equal(cluster.column, column[rows])
 
 
 def test_one_point_a_column_on_the_nearest_face():
@@ -34,3 +83,4 @@ def test_order_by_azimuth_across_the_seam():
 
 def test_nothing():
     assert contours(make([(10.0, 0)], [0]), np.array([-1])) == []
+    assert clusters(make([(10.0, 0)], [0]), np.array([-1])) == []

@@ -1,0 +1,73 @@
+"""Sorting by whole numbers, faster than by comparison."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.envs.raycast.jit import compiled
+
+BUCKETS = 1 << 16
+"""Counting sort is used up to this many distinct values, or eight a row, whichever is more."""
+FEW = 64
+"""Up to this many values are sorted by insertion."""
+
+
+@compiled()
+def order_by(values: np.ndarray) -> np.ndarray:
+    """Return the order, (N,) int64, that sorts (N,) integers and keeps equal ones in place."""
+    size = len(values)
+    if size == 0:
+        return np.empty(0, np.int64)
+    low, high = np.int64(values.min()), np.int64(values.max())
+    # In floating point the difference cannot overflow.
+    if np.float64(high) - np.float64(low) >= max(BUCKETS, 8 * size):
+        return np.argsort(values, kind="mergesort")
+    span = high - low
+    place = np.zeros(span + 2, np.int64)
+    for value in values:
+        place[np.int64(value) - low + 1] += 1
+    for bucket in range(span):
+        place[bucket + 1] += place[bucket]
+    order = np.empty(size, np.int64)
+    for row in range(size):
+        value = np.int64(values[row]) - low
+        order[place[value]] = row
+        place[value] += 1
+    return order
+
+
+@compiled()
+def order_within(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Return the order, (N,) int64, that sorts each group of (N,) floats, equal ones in place.
+
+    starts: (G + 1,) where each group begins, and N.
+    """
+    order = np.arange(len(values))
+    for group in range(len(starts) - 1):
+        first, end = starts[group], starts[group + 1]
+        falls, rises = True, True
+        for row in range(first + 1, end):
+            falls &= values[row] < values[row - 1]
+            rises &= values[row] >= values[row - 1]
+        if rises:
+            continue
+        if falls:
+            order[first:end] = np.arange(end - 1, first - 1, -1)
+        elif end - first > FEW:
+            order[first:end] = first + np.argsort(values[first:end], kind="mergesort")
+        else:
+            for row in range(first + 1, end):
+                place = row
+                while place > first and values[order[place - 1]] > values[row]:
+                    order[place] = order[place - 1]
+                    place -= 1
+                order[place] = row
+    return order
+
+
+def starts_of(groups: np.ndarray) -> np.ndarray:
+    """Return where each run of equal values in (N,) begins, and N: (G + 1,) int64."""
+    if not len(groups):
+        return np.zeros(1, np.int64)
+    changes = np.flatnonzero(groups[1:] != groups[:-1]) + 1
+    return np.concatenate([[0], changes, [len(groups)]])
