@@ -1,5 +1,6 @@
 """Vehicle pose from a few returns: estimators on plain arrays."""
 
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
+from roadscope.detectors.pose.matched_filter import fit_single
 
-__all__ = ["VehiclePose", "axis_difference"]
+__all__ = ["VehiclePose", "axis_difference", "fit_single"]

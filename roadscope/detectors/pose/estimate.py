@@ -50,7 +50,8 @@ class VehiclePose(Record):
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         half = 0.5 * np.array([self.length, self.width])
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        return (signs * half) @ np.array([[cos, sin], [-sin, cos]]) + self.centre
+        turn = np.array([[cos, sin], [-sin, cos]])
+        return np.asarray((signs * half) @ turn + self.centre)
 
 
 def axis_difference(yaw: np.ndarray | float, reference: np.ndarray | float) -> np.ndarray:

@@ -1,0 +1,234 @@
+"""The rotating pair of perpendicular lines: both filters at every angle, compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.detectors.pose.filter_kernels import (
+    gaussian_taps,
+    grid_half,
+    near_share,
+    respond,
+    summit,
+)
+from roadscope.envs.raycast.jit import compiled
+
+
+class Views(NamedTuple):
+    """One vehicle's returns in F frames.
+
+    points: (N, 2) metres from the mean of their frame, frame after frame; starts: (F + 1,) where
+    each begins. weights: (N,), together 1. means: (F, 2) from the reference point. sights: (F, 2)
+    from the sensor to the mean. stamps: (F,) seconds from the reference frame's.
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    starts: np.ndarray
+    means: np.ndarray
+    sights: np.ndarray
+    stamps: np.ndarray
+
+
+class Filter(NamedTuple):
+    """Settings of the matched filter.
+
+    bin_m: width of a bin. sigma_m: of the Gaussian that smooths the edges. alpha: what a return
+    outside the body costs. length, width: of the body. power: of the cosine by which a face
+    gives returns, 0 for no faces. tie: responses this near to the greatest are equal to it.
+    """
+
+    bin_m: float
+    sigma_m: float
+    alpha: float
+    length: float
+    width: float
+    power: int
+    tie: float
+
+
+FIXED = 3
+"""Columns of a sweep before those of the frames: score, velocity, place across."""
+LAG_M = 0.5
+"""How far from the frames' own places the velocity may move a frame."""
+
+
+@compiled()
+def sweep(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> np.ndarray:
+    """Return (A, 3 + F): score, velocity, place across, and along for each frame.
+
+    angles: (A,) radians of the long side. Places are those of the body's middle in metres along
+    the turned axes from the reference point. tied: frames are moved by one velocity, else each
+    by its own shift.
+    """
+    frames = len(views.stamps)
+    along, across = _work(views, settings)
+    taps = gaussian_taps(settings.sigma_m / settings.bin_m)
+    found = np.zeros((len(angles), FIXED + frames))
+    axis, normal = np.empty(2), np.empty(2)
+    for a in range(len(angles)):
+        axis[0], axis[1] = math.cos(angles[a]), math.sin(angles[a])
+        normal[0], normal[1] = -axis[1], axis[0]
+        across[-1] = 0.0
+        for f in range(frames):
+            _respond(views, f, normal, False, settings, taps, across[:3])
+            across[-1] += across[2]
+            _respond(views, f, axis, True, settings, taps, along[:3])
+            along[3 + f] = along[2]
+        score, place = summit(across[-1], settings.tie)
+        found[a, 2] = place * settings.bin_m
+        ways = views.means @ axis
+        if tied and frames > 1:
+            found[a, 0] = score + _tied(along[3:], ways, views.stamps, settings, found[a])
+        else:
+            found[a, 0] = score + _free(along[3:], ways, views.stamps, settings, found[a])
+    return found
+
+
+@compiled()
+def _work(views: Views, settings: Filter) -> tuple[np.ndarray, np.ndarray]:
+    """Work space along, (3 + F, K), and across, (4, M): three rows for the filter, then sums."""
+    near = far = 0.0
+    for f in range(len(views.stamps)):
+        mx, my = views.means[f]
+        for i in range(views.starts[f], views.starts[f + 1]):
+            x, y = views.points[i]
+            near = max(near, math.hypot(x, y))
+            far = max(far, math.hypot(x + mx, y + my))
+    bin_m, sigma_m = settings.bin_m, settings.sigma_m
+    lengthwise = 2 * grid_half(near, settings.length, bin_m, sigma_m) + 1
+    crosswise = 2 * grid_half(far, settings.width, bin_m, sigma_m) + 1
+    return np.empty((3 + len(views.stamps), lengthwise)), np.empty((4, crosswise))
+
+
+@compiled()
+def _respond(
+    views: Views,
+    f: int,
+    axis: np.ndarray,
+    lengthwise: bool,
+    settings: Filter,
+    taps: np.ndarray,
+    work: np.ndarray,
+) -> None:
+    """Fill row 2 of the work space with one frame's response along a unit axis.
+
+    Lengthwise from the frame's own mean, otherwise from the reference point of all.
+    """
+    first, last = views.starts[f], views.starts[f + 1]
+    mean = views.means[f]
+    start = 0.0 if lengthwise else mean[0] * axis[0] + mean[1] * axis[1]
+    places = np.empty(last - first)
+    for i in range(first, last):
+        places[i - first] = views.points[i, 0] * axis[0] + views.points[i, 1] * axis[1] + start
+    extent, other = settings.length, settings.width
+    if not lengthwise:
+        extent, other = other, extent
+    sight = views.sights[f]
+    side = 1.0 if sight[0] * axis[0] + sight[1] * axis[1] >= 0.0 else -1.0
+    share = near_share(sight, axis, extent, other, settings.power)
+    grid = np.array([settings.bin_m, settings.sigma_m, settings.alpha])
+    weights = views.weights[first:last]
+    respond(places, weights, side, extent, share, grid, taps, work)
+
+
+@compiled()
+def _free(
+    along: np.ndarray, ways: np.ndarray, stamps: np.ndarray, settings: Filter, row: np.ndarray
+) -> float:
+    """Place every frame at its own greatest response; return their sum."""
+    score = 0.0
+    for f in range(len(stamps)):
+        top, place = summit(along[f], settings.tie)
+        score += top
+        row[FIXED + f] = ways[f] + place * settings.bin_m
+    row[1] = _slope(stamps, row[FIXED:])
+    return score
+
+
+@compiled()
+def _slope(stamps: np.ndarray, places: np.ndarray) -> float:
+    """Velocity of places by least squares, 0 of a single frame."""
+    times = stamps - stamps.mean()
+    spread = (times * times).sum()
+    return (times * places).sum() / spread if spread > 0.0 else 0.0
+
+
+@compiled()
+def _tied(
+    along: np.ndarray, ways: np.ndarray, stamps: np.ndarray, settings: Filter, row: np.ndarray
+) -> float:
+    """Place all frames at the velocity and the place of the greatest common response.
+
+    Velocities are searched around that of the frames' own places, in steps that move the
+    outermost frame by one bin.
+    """
+    _free(along, ways, stamps, settings, row)
+    span = np.abs(stamps).max()
+    step, count = settings.bin_m / span, math.ceil(LAG_M / settings.bin_m)
+    tops, common = np.empty(2 * count + 1), np.empty(along.shape[1])
+    for k in range(-count, count + 1):
+        _overlay(along, ways, stamps * (row[1] + k * step), settings.bin_m, common)
+        tops[k + count] = common.max()
+    velocity = row[1] + summit(tops, settings.tie)[1] * step
+    _overlay(along, ways, stamps * velocity, settings.bin_m, common)
+    score, place = summit(common, settings.tie)
+    row[1] = velocity
+    for f in range(len(stamps)):
+        row[FIXED + f] = place * settings.bin_m + stamps[f] * velocity
+    return score
+
+
+@compiled()
+def _overlay(
+    along: np.ndarray, ways: np.ndarray, moved: np.ndarray, bin_m: float, common: np.ndarray
+) -> None:
+    """Sum the frames' responses for every place of the middle in the reference frame.
+
+    along: (F, K), each from its own mean. ways: (F,) of the means from the reference point.
+    moved: (F,) how far the body has come since the reference frame. All in metres. common: (K,).
+    """
+    common[:] = 0.0
+    size = len(common)
+    for f in range(len(moved)):
+        shift = (moved[f] - ways[f]) / bin_m
+        whole = math.floor(shift)
+        part = shift - whole
+        row = along[f]
+        floor = row.min()
+        inner = max(0, -whole), min(size, size - 1 - whole)
+        common[: max(0, min(size, inner[0]))] += floor
+        common[max(inner[0], min(size, max(0, inner[1]))) :] += floor
+        for i in range(inner[0], inner[1]):
+            common[i] += row[i + whole] + part * (row[i + whole + 1] - row[i + whole])
+
+
+@compiled()
+def merge(points: np.ndarray, weights: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return one point for each occupied cell of a square grid, at the mean of those in it.
+
+    points: (N, 2) about zero; weights: (N,), summed.
+    """
+    reach = np.abs(points).max()
+    # Beyond 256 cells to either side clearing the grid would take longer than it saves.
+    cell = max(cell_m, reach / 256.0)
+    half = math.floor(reach / cell) + 1
+    slots = np.full((2 * half, 2 * half), -1, np.int64)
+    merged, sums = np.zeros((len(points), 2)), np.zeros(len(points))
+    count = 0
+    for i in range(len(points)):
+        column = math.floor(points[i, 0] / cell) + half
+        row = math.floor(points[i, 1] / cell) + half
+        slot = slots[column, row]
+        if slot < 0:
+            slot = slots[column, row] = count
+            count += 1
+        sums[slot] += weights[i]
+        merged[slot, 0] += weights[i] * points[i, 0]
+        merged[slot, 1] += weights[i] * points[i, 1]
+    for slot in range(count):
+        merged[slot] /= sums[slot]
+    return merged[:count], sums[:count]
