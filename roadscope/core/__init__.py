@@ -10,10 +10,11 @@ from roadscope.core.pose import Pose, wrap_angle
 from roadscope.core.registry import Plugin, Registry, SpecError
 from roadscope.core.scan import LidarScan
 from roadscope.core.tracks import Tracks, TrackState
-from roadscope.core.truth import GROUND, Truth
+from roadscope.core.truth import GROUND, WEATHER, Truth
 
 __all__ = [
     "GROUND",
+    "WEATHER",
     "Calibration",
     "CameraImage",
     "Category",

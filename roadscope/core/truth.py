@@ -12,6 +12,8 @@ from roadscope.core.record import Record
 
 GROUND = -1
 """Source of a return that came from the ground."""
+WEATHER = 1 - 2**31
+"""Source of a return that came from rain or fog; below that of any scenery."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +33,7 @@ class Truth(Record):
     world_from_ego: pose of the ego at the stamp.
     stamp_s: seconds since reset.
     sources: (P,) int64, for each return of the scan the id of the object it came from,
-        `GROUND`, or -2 and below for scenery.
+        `GROUND`, `WEATHER`, or otherwise -2 and below for scenery.
     """
 
     ids: np.ndarray

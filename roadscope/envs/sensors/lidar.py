@@ -12,8 +12,11 @@ from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 from roadscope.envs.raycast.cast import Columns, Hits, cast
 from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.sensors.backscatter import LEAST_POWER, echoes
+from roadscope.envs.sensors.backscatter_kernels import cloud_over
 from roadscope.envs.sensors.lidar_kernels import collect, interpolate_columns
 from roadscope.envs.sensors.lidar_spec import LidarSpec
+from roadscope.envs.sensors.weather import CLEAR, Weather
 
 Path = Sequence[Pose] | Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """`world_from_lidar` at the scene's knots, or a function from (T,) stamps to (T, 3, 3) rotations
@@ -24,7 +27,8 @@ and (T, 3) positions."""
 class SweepTruth(Record):
     """Where the returns of a scan came from.
 
-    owners: (N,) int32, per return the actor's row, `GROUND`, or -2 and below for scenery.
+    owners: (N,) int32, per return the actor's row, `GROUND`, `WEATHER`, or otherwise -2 and
+        below for scenery.
     returns: (A,) int64, returns per actor.
     occluded_fraction: (A,) float64, share of the rays that would meet the actor alone which meet
         something else first; 1 when there are none.
@@ -51,6 +55,8 @@ def sweep(
     *,
     sensor: str = "lidar",
     rng: np.random.Generator,
+    weather: Weather = CLEAR,
+    weather_seed: int = 0,
 ) -> tuple[LidarScan, SweepTruth]:
     """Measure one sweep whose middle is at the stamp; sensor and bodies move meanwhile.
 
@@ -58,13 +64,15 @@ def sweep(
     microseconds nothing on a road moves by more than 2 mm. A real Velodyne also turns by about
     0.13 deg while the beams of a column fire one after the other, 0.1 m across at 50 m; here the
     points are where the column looks, so scans agree with the geometry that they are given in.
-    Noise depends on `rng` alone, and
-    each ray's noise does not depend on the scene.
+    Noise depends on `rng` alone, and each ray's noise does not depend on the scene; what rain
+    and fog add to a ray depends on weather, its seed and the stamp.
     """
     columns = lidar_columns(scene, spec, world_from_lidar, stamp_s)
     hits = cast(
         scene, columns, np.tan(spec.elevations), max_range_m=spec.range_max_m, outlines=True
     )
+    if weather.kind != "clear":
+        _cloud_over(spec, hits, weather, (weather_seed, float(stamp_s)))
     return _measure(spec, hits, stamp_s, sensor, rng)
 
 
@@ -98,6 +106,16 @@ def _turns(rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     sines = np.sqrt(0.5 * (skew**2).sum(axis=(1, 2)))
     cosines = 0.5 * (np.trace(rotations, axis1=1, axis2=2) - 1)
     return skew / np.where(sines > 0, sines, 1)[:, None, None], np.arctan2(sines, cosines)
+
+
+def _cloud_over(spec: LidarSpec, hits: Hits, weather: Weather, key: tuple[int, float]) -> None:
+    """Let the weather take what it takes of the hits, in place, and put its echoes there."""
+    least = max(spec.detection_limit / spec.range_max_m**2, LEAST_POWER)
+    cloud_over(
+        hits.ranges.T, hits.cosines.T, hits.reflectivity.T, hits.owners.T,
+        echoes(weather, spec.range_min_m, spec.range_max_m, least),
+        (weather.extinction_per_m, least), key,
+    )  # fmt: skip
 
 
 def _measure(

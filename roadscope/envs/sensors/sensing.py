@@ -10,6 +10,8 @@ from roadscope.core import Frame, Pose, Truth
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import SweepTruth, sweep
 from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.sensors.weather import CLEAR, Weather
+from roadscope.envs.sensors.weather import weather as find_weather
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.world import World, build_world
 
@@ -24,15 +26,23 @@ class Sensing:
     recorded timeline give the same bytes.
     """
 
-    def __init__(self, rig: Rig, seed: int, style: str | None = None) -> None:
-        """Take rig, seed of world and noise, and roadside style (None: the timeline's)."""
+    def __init__(
+        self,
+        rig: Rig,
+        seed: int,
+        style: str | None = None,
+        *,
+        weather: str | Weather = CLEAR,
+    ) -> None:
+        """Take rig, seed of world and noise, roadside style (None: the timeline's), weather."""
         self.rig = rig
         self.style = style
+        self.weather = find_weather(weather)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
         """Begin again at the first sweep, with another world."""
-        self._world_seed, self._noise_seed, self._motion_seed = _seeds(seed)
+        self._world_seed, self._noise_seed, self._motion_seed, self._weather_seed = _seeds(seed)
         self._world: World | None = None
         self._next = 0
 
@@ -65,6 +75,8 @@ class Sensing:
             stamp_s,
             sensor=mount.name,
             rng=rng,
+            weather=self.weather,
+            weather_seed=self._weather_seed,
         )
         truth = truth_at(timeline, stamp_s, seen)
         motion = self._motion(timeline, index, truth.world_from_ego)
@@ -103,9 +115,11 @@ class Sensing:
         return self._world
 
 
-def sense(timeline: Timeline, rig: Rig, seed: int) -> Iterator[tuple[Frame, Truth]]:
+def sense(
+    timeline: Timeline, rig: Rig, seed: int, *, weather: str | Weather = CLEAR
+) -> Iterator[tuple[Frame, Truth]]:
     """Measure a whole timeline: one frame and its truth a sweep, in order."""
-    sensing = Sensing(rig, seed)
+    sensing = Sensing(rig, seed, weather=weather)
     yield from sensing._sweeps(timeline, timeline.end_s)
 
 
@@ -139,10 +153,10 @@ def truth_at(timeline: Timeline, stamp_s: float, seen: SweepTruth) -> Truth:
     )
 
 
-def _seeds(seed: int) -> tuple[int, int, int]:
-    """Seeds of world, noise of the LiDAR, and estimate of the own motion."""
-    world, noise, motion = np.random.SeedSequence(seed).generate_state(3)
-    return int(world), int(noise), int(motion)
+def _seeds(seed: int) -> tuple[int, int, int, int]:
+    """Seeds of world, noise of the LiDAR, estimate of the own motion, and weather."""
+    world, noise, motion, weather = np.random.SeedSequence(seed).generate_state(4)
+    return int(world), int(noise), int(motion), int(weather)
 
 
 def directions(yaws: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from roadscope.core import WEATHER
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.world.borders import LaneIndex, Sites, border_sites, without_doubles
 from roadscope.envs.world.furniture import guard_rails, lamps, noise_walls, signs
@@ -149,7 +150,8 @@ def kinds_of(owners: np.ndarray) -> np.ndarray:
     Obstacles on the road, which do not grow, are `OBSTACLE_KIND`.
     """
     owners = np.asarray(owners, np.int64)
-    return np.where(owners <= -2, (-2 - owners) // MOST_THINGS % MOST_KINDS, -1)
+    grown = (owners <= -2) & (owners != WEATHER)
+    return np.where(grown, (-2 - owners) // MOST_THINGS % MOST_KINDS, -1)
 
 
 def off_lanes(
