@@ -167,14 +167,15 @@ def _tied(
     outermost frame by one bin.
     """
     _free(along, ways, stamps, settings, row)
-    span = np.abs(stamps).max()
-    step, count = settings.bin_m / span, math.ceil(LAG_M / settings.bin_m)
+    step = settings.bin_m / np.abs(stamps).max()
+    count = math.ceil(LAG_M / settings.bin_m)
     tops, common = np.empty(2 * count + 1), np.empty(along.shape[1])
+    floors = np.array([along[f].min() for f in range(len(stamps))])
     for k in range(-count, count + 1):
-        _overlay(along, ways, stamps * (row[1] + k * step), settings.bin_m, common)
-        tops[k + count] = common.max()
+        shifts = (stamps * (row[1] + k * step) - ways) / settings.bin_m
+        tops[k + count] = _overlay(along, shifts, floors, common)
     velocity = row[1] + summit(tops, settings.tie)[1] * step
-    _overlay(along, ways, stamps * velocity, settings.bin_m, common)
+    _overlay(along, (stamps * velocity - ways) / settings.bin_m, floors, common)
     score, place = summit(common, settings.tie)
     row[1] = velocity
     for f in range(len(stamps)):
@@ -184,26 +185,30 @@ def _tied(
 
 @compiled()
 def _overlay(
-    along: np.ndarray, ways: np.ndarray, moved: np.ndarray, bin_m: float, common: np.ndarray
-) -> None:
-    """Sum the frames' responses for every place of the middle in the reference frame.
+    along: np.ndarray, shifts: np.ndarray, floors: np.ndarray, common: np.ndarray
+) -> float:
+    """Sum the frames' responses, each moved back by its shift; return the greatest sum.
 
-    along: (F, K), each from its own mean. ways: (F,) of the means from the reference point.
-    moved: (F,) how far the body has come since the reference frame. All in metres. common: (K,).
+    along: (F, K), each from its frame's own mean; between bins they are straight lines. shifts:
+    (F,) bins. floors: (F,) responses outside the rows. common: (K,).
     """
-    common[:] = 0.0
     size = len(common)
-    for f in range(len(moved)):
-        shift = (moved[f] - ways[f]) / bin_m
-        whole = math.floor(shift)
-        part = shift - whole
-        row = along[f]
-        floor = row.min()
-        inner = max(0, -whole), min(size, size - 1 - whole)
-        common[: max(0, min(size, inner[0]))] += floor
-        common[max(inner[0], min(size, max(0, inner[1]))) :] += floor
-        for i in range(inner[0], inner[1]):
-            common[i] += row[i + whole] + part * (row[i + whole + 1] - row[i + whole])
+    common[:] = floors.sum()
+    for f in range(len(shifts)):
+        whole = math.floor(shifts[f])
+        part, floor = shifts[f] - whole, floors[f]
+        first, last = max(0, -whole), min(size, size - 1 - whole)
+        if last <= first:
+            continue
+        # Views from zero let the compiler work on several bins at a time.
+        sums = common[first:last]
+        lower, upper = along[f, first + whole : last + whole], along[f, first + whole + 1 :]
+        for i in range(len(sums)):
+            sums[i] += (1.0 - part) * lower[i] + part * upper[i] - floor
+    top = common[0]
+    for i in range(1, size):
+        top = max(top, common[i])
+    return top
 
 
 @compiled()

@@ -41,7 +41,7 @@ def initial_angle(views: Views) -> float:
 
 
 def best_pair(
-    views: Views, settings: Filter, *, step_deg: float, search_deg: float
+    views: Views, settings: Filter, *, step_deg: float, search_deg: float, tied: bool = True
 ) -> tuple[float, np.ndarray]:
     """Return the angle of the long side in radians and its row of `pair_kernels.sweep`.
 
@@ -60,10 +60,10 @@ def best_pair(
     views = thinned(views, settings.sigma_m)
     near = (coarse[:, None] + np.arange(1 - stride, stride)).ravel()
     fine = np.unique(near % count if search_deg == 180 else np.clip(near, 0, count - 1))
-    rows = sweep(views, start + fine * step, settings, True)
+    rows = sweep(views, start + fine * step, settings, tied)
     best = int(rows[:, 0].argmax())
     top = start + fine[best] * step
-    return _refined(views, settings, (top, step), rows[best])
+    return _refined(views, settings, (top, step, tied), rows[best])
 
 
 def thinned(views: Views, cell_m: float) -> Views:
@@ -92,16 +92,16 @@ def _summits(scores: np.ndarray, count: int) -> np.ndarray:
 
 
 def _refined(
-    views: Views, settings: Filter, peak: tuple[float, float], row: np.ndarray
+    views: Views, settings: Filter, peak: tuple[float, float, bool], row: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Move the best angle to the top of the parabola through it and its neighbours."""
-    angle, step = peak
-    before, after = sweep(views, np.array([angle - step, angle + step]), settings, True)[:, 0]
+    angle, step, tied = peak
+    before, after = sweep(views, np.array([angle - step, angle + step]), settings, tied)[:, 0]
     bend = before - 2 * row[0] + after
     if bend >= 0:
         return angle, row
     moved = angle + step * float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5))
-    return moved, sweep(views, np.array([moved]), settings, True)[0]
+    return moved, sweep(views, np.array([moved]), settings, tied)[0]
 
 
 def placed(angle: float, row: np.ndarray, frame: int, point: np.ndarray) -> tuple[float, float]:

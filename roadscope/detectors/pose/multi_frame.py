@@ -1,0 +1,85 @@
+"""Pose from frames in a row, tied by their motion (Zhang 2017, section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from roadscope.detectors.pose.estimate import VehiclePose, settled_origin, settled_points
+from roadscope.detectors.pose.matched_filter import (
+    Template,
+    away,
+    check_search,
+    settled_filter,
+)
+from roadscope.detectors.pose.rotating_pair import best_pair, placed, settled_views
+
+MOVING_M_S = 1.0
+"""From this speed on the way that the body went tells its front."""
+
+
+def fit_multi(
+    frames: Sequence[np.ndarray],
+    origins: Sequence[np.ndarray],
+    stamps_s: Sequence[float] | np.ndarray,
+    *,
+    length_m: float,
+    width_m: float,
+    at: int | None = None,
+    bin_m: float = 0.02,
+    sigma_m: float = 0.04,
+    alpha: float = 0.5,
+    step_deg: float = 1.0,
+    search_deg: float = 180.0,
+    template: Template = "echo",
+    tied: bool = True,
+) -> VehiclePose:
+    """Return the rectangle of known size in one of F frames, fitted to all (Zhang 2017, eq. 10-12).
+
+    frames: F arrays (N, 2) of one vehicle's returns in metres, one fixed frame for all, at least
+    one return in each. origins: F (2,) places of the sensor in it. stamps_s: F stamps, rising.
+    at: index of the frame whose pose is returned, the middle one if left out; -1, the newest, is
+    the causal use. The rest as in `fit_single`. yaw points the way the body moved, or away from
+    the sensor where it hardly did.
+
+    All frames share heading and place across it; along it they are moved by v * ds with one v
+    that is searched. Not tied, each frame has its own shift, which is the weaker assumption of
+    figure 4: then the velocity is the slope of the shifts.
+    """
+    points, places = [settled_points(p) for p in frames], [settled_origin(o) for o in origins]
+    stamps = _settled_stamps(stamps_s, len(points), len(places))
+    frame = _settled_frame(at, len(points))
+    settings = settled_filter(length_m, width_m, bin_m, (sigma_m, alpha), template)
+    check_search(step_deg, search_deg)
+    views, mean = settled_views(points, places, stamps, frame)
+    angle, row = best_pair(views, settings, step_deg=step_deg, search_deg=search_deg, tied=tied)
+    x, y = placed(angle, row, frame, mean)
+    velocity = row[1]
+    yaw = away(angle, mean - places[frame])
+    if abs(velocity) >= MOVING_M_S:
+        yaw = angle if velocity > 0 else angle + np.pi
+    return VehiclePose(x, y, yaw, length_m, width_m, score=float(row[0]))
+
+
+def _settled_stamps(
+    stamps_s: Sequence[float] | np.ndarray, frames: int, origins: int
+) -> np.ndarray:
+    stamps = np.asarray(stamps_s, np.float64)
+    if not frames:
+        raise ValueError("a multi-frame fit needs at least 1 frame, got none")
+    if stamps.shape != (frames,) or origins != frames:
+        raise ValueError(
+            f"frames, origins and stamps must be as many, got {frames}, {origins}, {stamps.shape}"
+        )
+    if not np.isfinite(stamps).all() or (np.diff(stamps) <= 0).any():
+        raise ValueError(f"stamps must be finite and rising, got {stamps}")
+    return stamps
+
+
+def _settled_frame(at: int | None, frames: int) -> int:
+    if at is None:
+        return frames // 2
+    if not -frames <= at < frames:
+        raise ValueError(f"at must name one of {frames} frames, got {at}")
+    return at % frames
