@@ -1,0 +1,22 @@
+"""The Ford Fusion as a body to fit: its outline known, its corner radius not."""
+
+from __future__ import annotations
+
+from roadscope.detectors.pose.body_model import BodyModel, Storey
+from roadscope.envs.world.ford_fusion import AXLES_M, LENGTH_M, NARROWING, SLABS, WIDTH_M
+
+
+def fusion(radius_m: tuple[float, float] = (0.0, 0.4)) -> BodyModel:
+    """Return the car with the maker's sizes; radius_m: least and greatest corner radius."""
+    rear, front = AXLES_M
+    return BodyModel(
+        (LENGTH_M, 0.0),
+        (WIDTH_M, 0.0),
+        radius_m,
+        tuple(
+            Storey(slab.bottom_m, slab.top_m, slab.from_tail_m, slab.from_nose_m, slab.breadth)
+            for slab in SLABS
+        ),
+        (rear / LENGTH_M, front / LENGTH_M),
+        NARROWING,
+    )

@@ -1,0 +1,132 @@
+"""What is known of a vehicle's body before it is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.detectors.pose.body_kernels import MOST_PARTS
+
+UNKNOWNS = 5
+"""Length, width, corner radius, set-backs of the nose and of the tail."""
+
+
+class Storey(NamedTuple):
+    """One storey of a body: heights above the road and set-backs from the ends, metres.
+
+    nose_sd_m, tail_sd_m: how well the set-backs are known. breadth: share of the width.
+    """
+
+    bottom_m: float
+    top_m: float
+    tail_m: float = 0.0
+    nose_m: float = 0.0
+    breadth: float = 1.0
+    tail_sd_m: float = 0.0
+    nose_sd_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class BodyModel:
+    """A stack of storeys with rounded corners, symmetric about its long axis.
+
+    length_m, width_m: mean and standard deviation. radius_m: least and greatest corner radius,
+    each between them as likely; it is cut to what the narrowest storey has room for.
+    axles: rear and front axle as shares of the length from the centre; narrowing: width at the
+    tail and at the nose as shares of the width between the axles.
+    """
+
+    length_m: tuple[float, float]
+    width_m: tuple[float, float]
+    radius_m: tuple[float, float] = (0.0, 0.4)
+    storeys: tuple[Storey, ...] = (Storey(0.15, 1.5),)
+    axles: tuple[float, float] = (-0.28, 0.3)
+    narrowing: tuple[float, float] = (1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        for name in ("length_m", "width_m"):
+            mean, deviation = getattr(self, name)
+            if not (0 < mean < np.inf and 0 <= deviation < mean / 2):
+                raise ValueError(
+                    f"{name} must be (mean, standard deviation) in metres, the mean positive and "
+                    f"more than twice the deviation, got {(mean, deviation)}"
+                )
+        least, most = self.radius_m
+        if not 0 <= least <= most < self.width_m[0] / 2:
+            raise ValueError(
+                f"radius_m must be (least, greatest) from 0 to half the width, got {self.radius_m}"
+            )
+        if not 1 <= len(self.storeys) <= MOST_PARTS:
+            raise ValueError(f"a body has 1 to {MOST_PARTS} storeys, got {len(self.storeys)}")
+
+    @property
+    def uncertain(self) -> np.ndarray:
+        """Indices of those of the `UNKNOWNS` that are not known exactly."""
+        spreads = (
+            self.length_m[1],
+            self.width_m[1],
+            self.radius_m[1] - self.radius_m[0],
+            max(storey.nose_sd_m for storey in self.storeys),
+            max(storey.tail_sd_m for storey in self.storeys),
+        )
+        return np.flatnonzero(np.array(spreads) > 0)
+
+    def sizes(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return lengths and widths (K,) in metres for (K, 5) standard normal unknowns."""
+        length = self.length_m[0] + self.length_m[1] * unknowns[:, 0]
+        width = self.width_m[0] + self.width_m[1] * unknowns[:, 1]
+        floor_length, floor_width = 0.3 * self.length_m[0], 0.3 * self.width_m[0]
+        return np.maximum(length, floor_length), np.maximum(width, floor_width)
+
+    def parts(self, unknowns: np.ndarray) -> np.ndarray:
+        """Return the parts (K, P, 10) as the likelihood wants them for (K, 5) unknowns."""
+        from scipy.special import ndtr
+
+        length, width = self.sizes(unknowns)
+        least, most = self.radius_m
+        radius = least + (most - least) * ndtr(unknowns[:, 2])
+        aft, fore = (share * length for share in self.axles)
+        parts = np.empty((len(unknowns), len(self.storeys), 10))
+        for p, storey in enumerate(self.storeys):
+            rear = storey.tail_m + storey.tail_sd_m * unknowns[:, 4] - length / 2
+            front = length / 2 - storey.nose_m - storey.nose_sd_m * unknowns[:, 3]
+            front = np.maximum(front, rear + 0.3)
+            half = storey.breadth * width / 2
+            tail = half * (1 - (1 - self.narrowing[0]) * _beyond(-rear, -aft, length))
+            nose = half * (1 - (1 - self.narrowing[1]) * _beyond(front, fore, length))
+            room = 0.499 * np.minimum(front - rear, 2 * np.minimum(tail, nose))
+            columns = (
+                rear, front, half, tail, nose, np.maximum(aft, rear), np.minimum(fore, front),
+                np.minimum(radius, room), storey.bottom_m, storey.top_m,
+            )  # fmt: skip
+            for column, values in enumerate(columns):
+                parts[:, p, column] = values
+        return parts
+
+
+def _beyond(reach: np.ndarray, axle: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """How far an end lies beyond its axle, as a share of the body's overhang."""
+    share: np.ndarray = np.clip((reach - axle) / (length / 2 - axle), 0.0, 1.0)
+    return share
+
+
+def saloon(length_m: tuple[float, float], width_m: tuple[float, float]) -> BodyModel:
+    """Return a usual three-box car: bumpers and doors, bonnet and boot, glass and roof.
+
+    Heights and set-backs are those of common saloons, with the spread between them; nothing of
+    one vehicle.
+    """
+    return BodyModel(
+        length_m,
+        width_m,
+        storeys=(
+            Storey(0.16, 0.75),
+            Storey(0.75, 0.88, 0.02, 0.18, 0.99, 0.015, 0.06),
+            Storey(0.88, 1.00, 0.05, 0.70, 0.97, 0.03, 0.25),
+            Storey(1.00, 1.20, 0.50, 1.45, 0.88, 0.20, 0.25),
+            Storey(1.20, 1.48, 1.10, 1.95, 0.78, 0.30, 0.25),
+        ),
+        narrowing=(0.97, 0.96),
+    )

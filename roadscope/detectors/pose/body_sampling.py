@@ -1,0 +1,152 @@
+"""The posterior of a body's state by adaptive importance sampling, the same every time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from roadscope.detectors.pose.body_kernels import MOST_PARTS, POSE, Chances, Rays, log_likelihoods
+from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel
+
+WIDER = 1.3
+"""How much wider than the last posterior samples are drawn, as a factor on the covariance."""
+SHARE = 0.15
+"""Share of samples that must count before the full likelihood is used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Rays, a body and what is free.
+
+    A vector of the problem holds the free ones of x, y, yaw, speed, turn rate, acceleration and
+    of the body's five unknowns.
+    fixed: (11,) values of those that are not free. free: (D,) indices.
+    prior: (11,) standard deviations of a normal prior around `centre` (11,), inf for flat.
+    """
+
+    rays: Rays
+    model: BodyModel
+    chances: Chances
+    fixed: np.ndarray
+    free: np.ndarray
+    prior: np.ndarray
+    centre: np.ndarray
+
+    def log_density(self, samples: np.ndarray) -> np.ndarray:
+        """Return the log of the posterior, up to a constant, (K,) for (K, D) samples."""
+        whole = self.whole(samples)
+        out = np.empty(len(whole))
+        parts = self.model.parts(whole[:, POSE:])
+        states = np.ascontiguousarray(whole[:, :POSE])
+        found = np.empty((3, MOST_PARTS))
+        log_likelihoods(states, parts, self.rays, self.chances, out, found)
+        off = (samples - self.centre[self.free]) / self.prior[self.free]
+        return out - 0.5 * np.einsum("kd,kd->k", off, off)
+
+    def whole(self, samples: np.ndarray) -> np.ndarray:
+        """Return all 11 values for (K, D) samples."""
+        whole = np.tile(self.fixed, (len(samples), 1))
+        whole[:, self.free] = samples
+        return whole
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Weighted samples with their mean and covariance.
+
+    mean (D,), covariance (D, D); evidence: log of the density's integral; share: of the samples
+    that count; samples (K, D), weights (K,) sum to 1.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    evidence: float
+    share: float
+    samples: np.ndarray
+    weights: np.ndarray
+
+
+def refine(
+    problem: Problem, mean: np.ndarray, covariance: np.ndarray, *, rounds: int, count: int
+) -> Posterior:
+    """Adapt a normal proposal to the posterior, round by round.
+
+    Each round weighs its samples by the posterior over the proposal; while too few would count,
+    weights are flattened, so that the proposal moves there in steps.
+    """
+    normals = normal_points(count, len(mean))
+    for turn in range(rounds):
+        root = _root(WIDER * covariance)
+        samples = mean + normals[turn % 2] @ root.T
+        logs = problem.log_density(samples)
+        logs += 0.5 * np.einsum("kd,kd->k", normals[turn % 2], normals[turn % 2])
+        flat = 1.0 if turn == rounds - 1 else _flattening(logs)
+        weights = np.exp(flat * (logs - logs.max()))
+        total = weights.sum()
+        evidence = np.log(total / count) + flat * logs.max() + np.log(np.diag(root)).sum()
+        weights /= total
+        mean = weights @ samples
+        off = samples - mean
+        covariance = (off * weights[:, None]).T @ off
+        share = 1.0 / (weights @ weights) / count
+        covariance = _regular(covariance, root, share * count)
+    return Posterior(mean, covariance, float(evidence), float(share), samples, weights)
+
+
+def _flattening(logs: np.ndarray) -> float:
+    """Return the power of the weights at which enough samples count."""
+    low, high = 0.0, 1.0
+    if _share(logs) >= SHARE:
+        return 1.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _share(middle * logs) >= SHARE else (low, middle)
+    return low
+
+
+def _share(logs: np.ndarray) -> float:
+    weights = np.exp(logs - logs.max())
+    return float(weights.sum() ** 2 / (weights @ weights) / len(logs))
+
+
+def _regular(covariance: np.ndarray, root: np.ndarray, effective: float) -> np.ndarray:
+    """Mix in a little of the last proposal where few samples count: it must not collapse."""
+    share = min(0.5, len(covariance) / max(effective, 1.0) / 4)
+    return covariance + share * 0.02 * (root @ root.T)
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    jitter = 1e-12 * np.eye(len(covariance))
+    return np.linalg.cholesky(covariance + jitter)
+
+
+@cache
+def normal_points(count: int, dimensions: int) -> np.ndarray:
+    """Two sets (2, count, dimensions) of evenly spread standard normal points.
+
+    Additive recurrence with the generalised golden ratio (Roberts 2018); each set is centred and
+    scaled to unit variance, so that few points carry little bias.
+    """
+    from scipy.special import ndtri
+
+    golden = 2.0
+    for _ in range(60):
+        golden = (1 + golden) ** (1 / (dimensions + 1))
+    steps = golden ** -np.arange(1.0, dimensions + 1)
+    turns = np.outer(np.arange(1, 2 * count + 1), steps) + 0.5
+    points = ndtri(np.clip(turns % 1.0, 1e-6, 1 - 1e-6)).reshape(2, count, dimensions)
+    points -= points.mean(axis=1, keepdims=True)
+    points /= points.std(axis=1, keepdims=True)
+    points.flags.writeable = False
+    return np.asarray(points)
+
+
+def free_of(model: BodyModel, moving: bool) -> np.ndarray:
+    """Return the indices of what is free for one scan, or for a body on its way."""
+    pose = np.arange(POSE if moving else 3)
+    return np.concatenate([pose, POSE + model.uncertain])
+
+
+WHOLE = POSE + UNKNOWNS
