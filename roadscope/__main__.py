@@ -51,7 +51,8 @@ def list_names(
     kind: Annotated[
         str | None,
         typer.Argument(
-            help="detectors, trackers, scenarios, suites, rigs or sensors; all if left out."
+            help="detectors, trackers, scenarios, suites, rigs, sensors or weathers; all if left "
+            "out."
         ),
     ] = None,
 ) -> None:
@@ -68,6 +69,9 @@ def run_scenario(
     scenario: Annotated[str, typer.Argument(help="Traffic, see: roadscope list scenarios.")],
     seed: Annotated[int, typer.Option(min=0, help="Another seed is another episode.")] = 0,
     rig: Annotated[str, typer.Option(help="Sensors: a name or a .toml file.")] = "lux",
+    weather: Annotated[str, typer.Option(help="Such as rain-2, see: roadscope list weathers.")] = (
+        "clear"
+    ),
     detector: Annotated[
         str, typer.Option(help="A name, module:Class or file.py:Class, with ?argument=value.")
     ] = "pag-range",
@@ -84,7 +88,7 @@ def run_scenario(
     from roadscope.benchmarks.single import picture_path, run_episode, save_picture
     from roadscope.benchmarks.tables import score_table
 
-    episode = Episode(scenario, seed, rig, seconds)
+    episode = Episode(scenario, seed, rig, seconds, weather)
     if picture is not None:
         picture_path(picture)
     with _progress() as progress:
@@ -93,7 +97,8 @@ def run_scenario(
             progress("picture", 0, 1)
             save_picture(summary, picture)
     frames = len(summary.tracks)
-    typer.echo(f"{scenario}, seed {seed}, {rig}: {frames} frames, vehicles within 60 m")
+    where = f"{scenario}, seed {seed}, {rig}" + (f", {weather}" if weather != "clear" else "")
+    typer.echo(f"{where}: {frames} frames, vehicles within 60 m")
     _print(score_table(summary.detection, f"detector {detector}"))
     _print(score_table(summary.tracking, f"tracker {tracker}"))
     if picture is not None:
@@ -116,6 +121,13 @@ def leaderboard(
         ),
     ] = None,
     only: Annotated[bool, typer.Option("--only", help="Run the given entries alone.")] = False,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            help="Break down too: range, category, occlusion, points, score (detection), "
+            "weather, scenario (both boards)."
+        ),
+    ] = None,
     jobs: Jobs = 0,
     out: Annotated[
         Path | None,
@@ -132,20 +144,24 @@ def leaderboard(
     An entry that fails becomes a row with its reason.
     """
     from roadscope.benchmarks.plan import BOARDS
+    from roadscope.benchmarks.results import check_breakdown
     from roadscope.benchmarks.runner import run
 
+    boards = BOARDS if board is None else (board,)
+    if by is not None and set(boards) <= set(BOARDS):
+        check_breakdown(by, boards)
     with _progress() as progress:
         results = run(
             suite,
             entry or (),
-            boards=BOARDS if board is None else (board,),
+            boards=boards,
             only=only,
             jobs=jobs or _cores(),
             out_dir=out,
             fresh=fresh,
             progress=progress,
         )
-    _show(results, suite)
+    _show(results, suite, by)
     if out is not None:
         typer.echo(f"written: {out / 'leaderboard.json'}")
     if results.barren():
@@ -203,9 +219,9 @@ def speed(
         typer.echo(f"written: {folder / 'speed.json'}")
 
 
-def _show(results: Any, suite: str) -> None:
+def _show(results: Any, suite: str, by: str | None) -> None:
     from roadscope.benchmarks.suite import load_suite
-    from roadscope.benchmarks.tables import board_table, conditions, footnote
+    from roadscope.benchmarks.tables import board_table, comparison, conditions, footnote
 
     loaded = load_suite(suite)
     console, jobs = _console(), results.manifest["jobs"]
@@ -216,7 +232,28 @@ def _show(results: Any, suite: str) -> None:
         console.print(board_table(results, name, console.width))
         if results.nothing_eligible(name):
             console.print("No object in any episode was to be found: there is nothing to score.")
+        if text := comparison(results, name):
+            console.print(text)
         console.print(footnote(name, console.width, jobs), style="dim")
+        if by is not None:
+            _show_breakdown(console, results, name, by)
+    _complain_of_failures(results)
+
+
+def _show_breakdown(console: Any, results: Any, board: str, by: str) -> None:
+    from roadscope.benchmarks.breakdown_tables import breakdown_tables, left_out
+    from roadscope.benchmarks.results import BREAKDOWNS
+
+    if by not in BREAKDOWNS[board]:
+        return
+    for table in breakdown_tables(results, board, by, console.width):
+        console.print()
+        console.print(table)
+    if count := left_out(results, board, by, console.width):
+        console.print(f"{count} more on a wider terminal; all with --out.", style="dim")
+
+
+def _complain_of_failures(results: Any) -> None:
     for name, count, reason in results.reasons():
         spec, _, rest = reason.partition(": ")
         told = rest if name == spec or name.startswith(f"{spec} on ") else reason

@@ -94,6 +94,9 @@ def test_list() -> None:
         (["leaderboard", "--only"], 1, "--only needs at least one --entry"),
         (["run", "motorway", "--detector", f"{PLUGINS}:EgoFrame"], 1, "is a tracker, not a detec"),
         (["leaderboard", "--jobs", "-1"], 2, "--jobs"),
+        (["leaderboard", "--by", "rnage"], 1, "no breakdown 'rnage' (did you mean 'range'?)"),
+        (["leaderboard", "tracking", "--by", "range"], 1, "no tracking breakdown 'range'; known"),
+        (["leaderboard", "drift", "--by", "range"], 1, "no board 'drift'; known: detection"),
         (["leaderboard", "--jbos", "2"], 2, "roadscope leaderboard --help"),
         (["run", "motorwy"], 1, "no scenario 'motorwy' (did you mean 'motorway'?)"),
         (["run", "motorway", "--rig", "lxu"], 1, "no rig 'lxu'; known: lux"),
@@ -145,15 +148,18 @@ def test_leaderboard_prints_and_writes(tmp_path, suite) -> None:
     suite.write_text(SUITE + '[detection]\nentries = ["pag"]\n')
     entry = f"{PLUGINS}:Raises"
     done = roadscope_does(
-        "leaderboard", "--suite", suite, "--entry", entry, "--jobs", 1, "--out", out
-    )
+        "leaderboard", "--suite", suite, "--entry", entry, "--jobs", 1, "--out", out,
+        "--by", "range",
+    )  # fmt: skip
     assert done.returncode == 0
     assert "oracle" in done.stdout
+    assert "detected by range, m" in done.stdout
+    assert "precision by range, m" in done.stdout
     board_lines = done.stdout.partition("written:")[0].splitlines()
     assert max(map(len, board_lines)) <= 80
     assert f"failed: {entry} in {EPISODES} of {EPISODES} episodes: KeyError" in done.stderr
     board = json.loads((out / "leaderboard.json").read_text())
-    assert {row["entry"] for row in board["rows"]} == {"oracle", "pag", entry}
+    assert {row["entry"] for row in board["rows"]} == {"oracle", "one-cluster", "pag", entry}
     assert {failure["entry"] for failure in board["failures"]} == {entry}
 
 

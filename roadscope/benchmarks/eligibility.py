@@ -37,12 +37,16 @@ class Eligibility(Record):
 
     def of(self, truth: Truth) -> np.ndarray:
         """Return (M,) bool, which objects count in this frame."""
+        return self._asked_for(truth) & (truth.lidar_returns >= self.min_returns)
+
+    def unseen(self, truth: Truth) -> int:
+        """Return how many objects would count if the scan had more returns from them."""
+        return int((self._asked_for(truth) & (truth.lidar_returns < self.min_returns)).sum())
+
+    def _asked_for(self, truth: Truth) -> np.ndarray:
         wanted = np.array([c.value for c in Category if c.family.value in self.families])
-        return (
-            self.within(truth.centres, truth)
-            & (truth.lidar_returns >= self.min_returns)
-            & np.isin(truth.categories, wanted)
-        )
+        asked: np.ndarray = self.within(truth.centres, truth) & np.isin(truth.categories, wanted)
+        return asked
 
     def within(self, centres: np.ndarray, truth: Truth) -> np.ndarray:
         """Return (N,) bool, which world points lie in the range band around the ego."""

@@ -8,8 +8,11 @@ from functools import partial
 from io import StringIO
 from pathlib import Path
 
+from roadscope.benchmarks.breakdown_tables import markdown_lines, markdown_row
 from roadscope.benchmarks.cache import FolderError, write_atomically
-from roadscope.benchmarks.results import FIRST_METRIC, Results, Row
+from roadscope.benchmarks.results import Results
+from roadscope.benchmarks.rows import FIRST_METRIC, Row
+from roadscope.benchmarks.standing import Standing
 from roadscope.benchmarks.tables import COLUMNS, figure
 
 NAME = "leaderboard"
@@ -37,33 +40,38 @@ def _write(content: str, path: Path) -> None:
 
 
 def to_csv(results: Results) -> str:
-    """Return one line for each row, as in the JSON."""
+    """Return one line for each row, as in the JSON: the whole first, then its parts."""
     text = StringIO()
     writer = csv.DictWriter(text, [field.name for field in fields(Row)], lineterminator="\n")
     writer.writeheader()
-    writer.writerows(asdict(row) for row in results.rows)
+    writer.writerows(asdict(row) for row in (*results.rows, *results.parts))
     return text.getvalue()
 
 
 def to_markdown(results: Results) -> str:
-    """Return a table for each board, intervals with its first figure."""
+    """Return each board as a table, intervals with its first figure, then broken down."""
     return "\n\n".join(_board(results, board) for board in results.boards()) + "\n"
 
 
 def _board(results: Results, board: str) -> str:
-    columns = COLUMNS[board]
+    columns, first = COLUMNS[board], FIRST_METRIC[board]
     texts = [heading.replace("-\n", "").replace("\n", " ") for heading, _ in columns.values()]
-    headings = ["entry", *texts]
-    lines = [f"## {board}", "", _line(headings), _line(["---"] * len(headings))]
-    first = FIRST_METRIC[board]
+    headings = ["", "entry", *texts]
+    lines = [f"## {board}", "", markdown_row(headings), markdown_row(["---"] * len(headings))]
     for entry in results.entries(board):
+        place = results.standing(board, entry)
         cells = [
             figure(results.row(board, entry, metric), digits, interval=metric == first)
             for metric, (_, digits) in columns.items()
         ]
-        lines.append(_line([entry.replace("|", "\\|"), *cells]))
-    return "\n".join(lines)
+        lines.append(markdown_row([_place(place), entry.replace("|", "\\|"), *cells]))
+    return "\n".join([*lines, *markdown_lines(results, board)])
 
 
-def _line(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+def _place(standing: Standing) -> str:
+    """Return the rank, with the ranks that it may truly be, or which mark an entry is."""
+    if standing.rank is None:
+        return standing.mark or ""
+    if standing.rank_low == standing.rank_high:
+        return str(standing.rank)
+    return f"{standing.rank} [{standing.rank_low}, {standing.rank_high}]"

@@ -16,8 +16,9 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.metrics import METRIC_VERSION
+from roadscope.benchmarks.metrics.breakdown import broken_down
 from roadscope.benchmarks.metrics.detection import score_detections
-from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.perceived import Perceived
@@ -97,7 +98,8 @@ def execute(job: Job, fresh: bool = False) -> Outcome:
     try:
         perceived = detections_of(job, fresh and job.tracker is None)
         if job.tracker is None:
-            return Outcome(detection_scores(job.detector, perceived, job.eligibility))
+            whole = detection_scores(job.detector, perceived, job.eligibility)
+            return Outcome({**whole, **detection_parts(perceived, job.eligibility)})
         tracks, calls_ms = track(job.tracker, perceived)
         return Outcome(tracking_scores(tracks, calls_ms, perceived, job.eligibility))
     except EntryError as error:
@@ -123,11 +125,26 @@ def detections_of(job: Job, fresh: bool = False) -> Perceived:
 def detection_scores(
     detector: str, perceived: Perceived, eligibility: Eligibility
 ) -> dict[str, Score]:
-    """Return a detector's scores on an episode, and its cost unless it is the oracle."""
+    """Return a detector's scores on an episode, and its delay and cost unless it is the oracle.
+
+    unseen_per_frame: objects that do not count for want of returns, the same for every entry.
+    delay_s: from a frame to its answer, mean of the answered ones.
+    """
     found, truths = perceived.detections, perceived.truths
     pairings = eligibility.pairings(found, truths, perceived.parked)
     scores = score_detections(found, truths, pairings).named()
-    return scores if detector == ORACLE else scores | cost(perceived.calls_ms)
+    unseen = sum(eligibility.unseen(truth) for truth in truths)
+    scores["unseen_per_frame"] = mean(unseen, len(truths), "1/frame")
+    if detector == ORACLE:
+        return scores
+    late_s = float(np.nansum(perceived.delays_s))
+    return {**scores, "delay_s": mean(late_s, perceived.answered, "s"), **cost(perceived.calls_ms)}
+
+
+def detection_parts(perceived: Perceived, eligibility: Eligibility) -> dict[str, Score]:
+    """Return a detector's scores on an episode, broken down."""
+    found, truths = perceived.detections, perceived.truths
+    return broken_down(found, truths, eligibility.pairings(found, truths, perceived.parked))
 
 
 def tracking_scores(

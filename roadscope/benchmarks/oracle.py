@@ -1,6 +1,8 @@
-"""The upper mark of a board: a detector that reads the truth. It is no plug-in."""
+"""The marks of a board, which are shown apart: who reads the truth, and who tells nothing apart."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -8,6 +10,21 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.core import Detections, Truth
 
 ORACLE = "oracle"
+"""It is no plug-in."""
+ONE_CLUSTER = "one-cluster"
+MARKS: Mapping[str, str] = {ORACLE: "upper mark", ONE_CLUSTER: "lower mark"}
+"""On every detection board."""
+
+
+def mark_of(entry: str, tracker: str | None) -> str | None:
+    """Say which mark an entry is; what trackers make of the oracle's detections is an upper one.
+
+    entry: how the board calls it.
+    tracker: its spec; None on the detection board.
+    """
+    if tracker is None:
+        return MARKS.get(entry)
+    return MARKS[ORACLE] if entry == f"{tracker} on {ORACLE}" else None
 
 
 def oracle_detections(truth: Truth, eligibility: Eligibility) -> Detections:

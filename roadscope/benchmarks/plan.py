@@ -9,7 +9,7 @@ from typing import Any
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.job import Job
-from roadscope.benchmarks.oracle import ORACLE
+from roadscope.benchmarks.oracle import MARKS, ORACLE
 from roadscope.benchmarks.suite import Suite, SuiteError, check_names, unknown
 from roadscope.core import Registry, SpecError
 from roadscope.core.registry import split_spec
@@ -43,7 +43,7 @@ def plan(
             raise SpecError(unknown("board", board, BOARDS))
     kinds = [kind_of(spec) for spec in entries]
     _refuse_unused(entries, kinds, boards)
-    detectors = [] if only else [ORACLE, *suite.detectors]
+    detectors = [] if only else [*MARKS, *suite.detectors]
     detectors += [s for s, kind in zip(entries, kinds, strict=True) if kind == "detector"]
     trackers = [] if only else list(suite.trackers)
     trackers += [s for s, kind in zip(entries, kinds, strict=True) if kind == "tracker"]
@@ -150,9 +150,10 @@ def _jobs(suite: Suite, board: str, rows: Sequence[tuple[str, str, str | None]])
 
 
 def episodes(suite: Suite) -> list[Episode]:
-    """Return every scenario with every seed."""
+    """Return every scenario with every seed in every weather."""
     return [
-        Episode(scenario, seed, suite.rig, suite.duration_s)
+        Episode(scenario, seed, suite.rig, suite.duration_s, weather)
         for seed in suite.seeds
         for scenario in suite.scenarios
+        for weather in suite.weathers
     ]

@@ -3,38 +3,27 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from roadscope.benchmarks.job import Job
-from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.statistics import pooled_interval
+from roadscope.benchmarks.metrics.breakdown import BANDS
+from roadscope.benchmarks.oracle import mark_of
+from roadscope.benchmarks.rows import CONDITIONS, Record, Row, part_rows, whole_rows
+from roadscope.benchmarks.standing import Standing, standings
 from roadscope.benchmarks.store import Outcome
+from roadscope.benchmarks.suite import unknown
 
-FIRST_METRIC = {"detection": "f1", "tracking": "hota"}
-"""By which each board is ranked."""
+BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
+    "detection": (*BANDS, *CONDITIONS),
+    "tracking": tuple(CONDITIONS),
+}
+"""By what the figures of each board are broken down."""
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One figure of one entry.
-
-    value: pooled over episodes; low and high: its 95 % interval over seeds; all three None
-        where there is none.
-    n: number of episodes behind it.
-    """
-
-    board: str
-    entry: str
-    metric: str
-    value: float | None
-    low: float | None
-    high: float | None
-    n: int
-    unit: str
-    better: str
+class BreakdownError(ValueError):
+    """Results are not broken down by that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,18 +39,26 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Results:
-    """What a run found: conditions, rows in rank order, failures."""
+    """What a run found.
+
+    manifest: the conditions.
+    rows: figures over all episodes, entries in rank order, marks last.
+    parts: the same broken down.
+    standings: the order of the entries, and how sure it is.
+    """
 
     manifest: Mapping[str, Any]
     rows: tuple[Row, ...]
     failures: tuple[Failure, ...]
+    parts: tuple[Row, ...] = ()
+    standings: tuple[Standing, ...] = ()
 
     def boards(self) -> list[str]:
         """Return the boards that have rows."""
         return list(dict.fromkeys(row.board for row in self.rows))
 
     def entries(self, board: str) -> list[str]:
-        """Return the entries of a board, best first."""
+        """Return the entries of a board, best first, then its marks."""
         return list(dict.fromkeys(row.entry for row in self.rows if row.board == board))
 
     def row(self, board: str, entry: str, metric: str) -> Row | None:
@@ -70,6 +67,21 @@ class Results:
             if (row.board, row.entry, row.metric) == (board, entry, metric):
                 return row
         return None
+
+    def breakdown(self, by: str, board: str = "detection") -> list[Row]:
+        """Return the rows of a board by range, category, occlusion, points, score or condition.
+
+        `BREAKDOWNS` says what there is; anything else raises `BreakdownError`.
+        """
+        check_breakdown(by, (board,))
+        return [row for row in self.parts if (row.board, row.by) == (board, by)]
+
+    def standing(self, board: str, entry: str) -> Standing:
+        """Return the place of an entry; one that nothing is known of has none."""
+        for standing in self.standings:
+            if (standing.board, standing.entry) == (board, entry):
+                return standing
+        return Standing(board, entry, None)
 
     def board_of(self, entry: str) -> str:
         """Return the board that an entry is on."""
@@ -94,61 +106,60 @@ class Results:
         return all(row.metric == "failed_episodes" for row in self.rows)
 
     def to_json(self) -> str:
-        """Return manifest, rows and failures as JSON text."""
+        """Return everything as JSON text."""
         content = {
             "manifest": dict(self.manifest),
+            "standings": [asdict(standing) for standing in self.standings],
             "rows": [asdict(row) for row in self.rows],
+            "parts": [asdict(row) for row in self.parts],
             "failures": [asdict(failure) for failure in self.failures],
         }
         return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
+def check_breakdown(by: str, boards: Sequence[str]) -> None:
+    """Refuse what none of the boards is broken down by."""
+    known = list(dict.fromkeys(name for board in boards for name in BREAKDOWNS.get(board, ())))
+    if by not in known:
+        board = f"{boards[0]} " if len(boards) == 1 else ""
+        raise BreakdownError(unknown(f"{board}breakdown", by, known))
+
+
 def gather(
     jobs: Sequence[Job], outcomes: Mapping[str, Outcome], manifest: Mapping[str, Any]
 ) -> Results:
-    """Join the outcomes of jobs into ranked rows."""
-    grouped: dict[tuple[str, str], list[Job]] = {}
+    """Join the outcomes of jobs into rows, ranked."""
+    grouped: dict[str, dict[str, list[Job]]] = {}
     for job in jobs:
-        grouped.setdefault((job.board, job.entry), []).append(job)
-    entries = [_rows(board, entry, group, outcomes) for (board, entry), group in grouped.items()]
-    ranked = sorted(entries, key=_rank)
+        grouped.setdefault(job.board, {}).setdefault(job.entry, []).append(job)
+    order: list[Standing] = []
+    records: list[Record] = []
+    for board in sorted(grouped):
+        named = {entry: _record(group, outcomes) for entry, group in grouped[board].items()}
+        places = standings(list(named.values()))
+        order += places
+        records += [named[place.entry] for place in places]
     failures = [
         Failure(job.board, job.entry, job.episode.scenario, job.episode.seed, reason)
         for job in jobs
         if (reason := outcomes[job.key].reason) is not None
     ]
-    return Results(manifest, tuple(row for rows in ranked for row in rows), tuple(failures))
-
-
-def _rows(
-    board: str, entry: str, jobs: Sequence[Job], outcomes: Mapping[str, Outcome]
-) -> list[Row]:
-    done = [(job.episode.scenario, outcomes[job.key]) for job in jobs]
-    sound = [(scenario, o.scores) for scenario, o in done if o.reason is None]
-    names = list(dict.fromkeys(name for _, scores in sound for name in scores))
-    rows = []
-    for name in names:
-        samples = [(scenario, scores[name]) for scenario, scores in sound]
-        rows.append(_row(board, entry, name, samples))
-    failed = len(done) - len(sound)
-    count = Row(board, entry, "failed_episodes", failed, None, None, len(done), "1", "lower")
-    return [*rows, count]
-
-
-def _row(board: str, entry: str, metric: str, samples: Sequence[tuple[str, Score]]) -> Row:
-    first = samples[0][1]
-    interval = pooled_interval(
-        [score for _, score in samples], [scenario for scenario, _ in samples]
-    ).clipped(first.least, first.most)
-    value, low, high = (
-        v if math.isfinite(v) else None for v in (interval.mean, interval.low, interval.high)
+    return Results(
+        manifest,
+        rows=tuple(row for record in records for row in whole_rows(record)),
+        failures=tuple(failures),
+        parts=tuple(row for record in records for row in part_rows(record)),
+        standings=tuple(order),
     )
-    return Row(board, entry, metric, value, low, high, interval.n, first.unit, first.better)
 
 
-def _rank(rows: Sequence[Row]) -> tuple[str, float, float, str]:
-    """Order by board, then entries without failures, then the board's first metric."""
-    named = {row.metric: row.value for row in rows}
-    board, failed = rows[0].board, named.get("failed_episodes") or 0.0
-    first = named.get(FIRST_METRIC[board])
-    return board, float(failed > 0), math.inf if first is None else -first, rows[0].entry
+def _record(jobs: Sequence[Job], outcomes: Mapping[str, Outcome]) -> Record:
+    first = jobs[0]
+    done = [(job.episode, outcomes[job.key]) for job in jobs]
+    return Record(
+        first.board,
+        first.entry,
+        mark_of(first.entry, first.tracker),
+        tuple((episode, o.scores) for episode, o in done if o.reason is None),
+        len(jobs),
+    )

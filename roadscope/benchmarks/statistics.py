@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,7 +78,7 @@ def pooled_interval(
     is that of the linearised ratio (Cochran 1977, ch. 6), w_i (x_i - r) / mean(w), to which
     `mean_interval` is applied. Episodes in which nothing was measured are left out.
     """
-    used = [i for i, s in enumerate(scores) if np.isfinite(s.value) and s.weight > 0]
+    used = [i for i, s in enumerate(scores) if _measured(s)]
     if not used:
         return Interval(np.nan, np.nan, np.nan, 0)
     power = scores[used[0]].power
@@ -91,6 +91,53 @@ def pooled_interval(
     if power > 1:
         ends, pooled = np.maximum(ends, 0.0) ** (1 / power), pooled ** (1 / power)
     return Interval(pooled, float(ends[0]), float(ends[1]), len(used))
+
+
+def paired_interval(
+    ones: Sequence[Score],
+    others: Sequence[Score],
+    strata: Sequence[object] | None = None,
+    *,
+    level: float = 0.95,
+) -> Interval:
+    """Return by how much one pooled score exceeds another on the same episodes, with an interval.
+
+    Both are linearised as in `pooled_interval` and subtracted episode by episode, so what makes
+    an episode hard for both cancels. Episodes in which either measured nothing are left out.
+    """
+    if any(s.power != 1 for s in (*ones, *others)):
+        raise ValueError("only scores that are averaged themselves can be compared")
+    pairs = list(zip(ones, others, strict=True))
+    used = [i for i, pair in enumerate(pairs) if all(_measured(s) for s in pair)]
+    if not used:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    difference, spread = 0.0, np.zeros(len(used))
+    for sign, scores in ((1, ones), (-1, others)):
+        x = np.array([scores[i].value for i in used])
+        w = np.array([scores[i].weight for i in used])
+        pooled = float((w * x).sum() / w.sum())
+        difference += sign * pooled
+        spread += sign * w * (x - pooled) / w.mean()
+    labels = None if strata is None else [strata[i] for i in used]
+    found = mean_interval(spread, labels, level=level)
+    shift = difference - found.mean
+    return Interval(difference, found.low + shift, found.high + shift, len(used))
+
+
+def merged(scores: Sequence[Score]) -> Score:
+    """Pool one score over episodes that are no independent sample, such as one in two weathers."""
+    first = next((s for s in scores if _measured(s)), scores[0])
+    used = [s for s in scores if _measured(s)]
+    if len(used) < 2:
+        return first
+    weight = sum(s.weight for s in used)
+    power = sum(s.weight * s.value**first.power for s in used) / weight
+    n = sum(s.n for s in used)
+    return replace(first, value=power ** (1 / first.power), n=n, weight=weight)
+
+
+def _measured(score: Score) -> bool:
+    return bool(np.isfinite(score.value)) and score.weight > 0
 
 
 def _groups(values: np.ndarray, strata: Sequence[object] | None) -> list[np.ndarray]:

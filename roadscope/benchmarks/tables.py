@@ -12,11 +12,18 @@ from rich.text import Text
 
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.oracle import ORACLE
-from roadscope.benchmarks.results import FIRST_METRIC, Results, Row
+from roadscope.benchmarks.results import Results
+from roadscope.benchmarks.rows import FIRST_METRIC, Row
+from roadscope.benchmarks.standing import Standing
 from roadscope.benchmarks.suite import Suite
 
-FULL, WIDE, WIDEST = 76, 92, 190
-"""Widths from which on the main figures, all figures are shown, and all with their intervals."""
+FULL = 76
+"""Width from which on all main figures are shown."""
+NAME, NARROW_NAME = 19, 12
+"""Least widths of the entry's column, at full width and below."""
+PLACES, FIRST, OTHER, INTERVAL = 3, 17, 7, 12
+"""About how wide columns are: places, the first figure with its interval, any other, and what an
+interval adds to it."""
 
 Columns = Mapping[str, tuple[str, int]]
 """Metric -> heading and decimals."""
@@ -28,8 +35,17 @@ COLUMNS: Mapping[str, Columns] = {
         "precision": ("preci-\nsion", 2),
         "false_alarms_per_frame": ("false/\nframe", 2),
         "ap": ("AP", 2),
+        "ap_iou_50": ("AP\nIoU.5", 2),
+        "ap_iou_70": ("AP\nIoU.7", 2),
+        "calibration_error": ("cal.\nerror", 2),
         "position_rmse_m": ("pos.\nm", 2),
+        "longitudinal_rmse_m": ("long.\nm", 2),
+        "lateral_rmse_m": ("lat.\nm", 2),
         "heading_rmse_deg": ("head.\ndeg", 1),
+        "heading_flips": ("flip-\nped", 3),
+        "size_rmse_m": ("size\nm", 2),
+        "category_accuracy": ("cate-\ngory", 2),
+        "delay_s": ("delay\ns", 2),
         "call_p50_ms": ("ms\np50", 2),
         "call_p99_ms": ("ms\np99", 2),
     },
@@ -47,8 +63,16 @@ COLUMNS: Mapping[str, Columns] = {
     },
 }
 
-LEFT_OUT = ("heading_rmse_deg", "motp_m", "fragmentations", "call_p99_ms")
-"""Shown on wide terminals only, like all that `leaderboard.json` holds beside."""
+WIDER: Mapping[str, Sequence[str]] = {
+    "detection": (
+        "heading_rmse_deg", "ap_iou_50", "call_p99_ms", "category_accuracy", "size_rmse_m",
+        "calibration_error", "ap_iou_70", "heading_flips", "longitudinal_rmse_m",
+        "lateral_rmse_m", "delay_s",
+    ),
+    "tracking": ("motp_m", "fragmentations", "call_p99_ms"),
+}  # fmt: skip
+"""What only wide terminals show, in the order in which it comes with the width; all of it and
+more is in `leaderboard.json`."""
 
 ENTRY = {"detection": "detector", "tracking": "tracker"}
 
@@ -56,8 +80,15 @@ EXPLAINED: Mapping[str, Sequence[tuple[Sequence[str], str]]] = {
     "detection": (
         (("f1",), "F1, detected, precision: one to one, centres within 2 m seen from above."),
         (("ap",), "AP: mean over 0.5, 1, 2, 4 m."),
+        (("ap_iou_50", "ap_iou_70"), "IoU: of boxes seen from above."),
+        (("calibration_error",), "cal. error: of the scores (ECE)."),
         (("position_rmse_m",), "pos.: RMSE of matches."),
+        (("longitudinal_rmse_m",), "long., lat.: its parts along and across the object."),
         (("heading_rmse_deg",), "head.: RMSE of matches."),
+        (("heading_flips",), "flipped: off by more than 45 degrees."),
+        (("size_rmse_m",), "size: RMSE of length and width."),
+        (("category_accuracy",), "category: share right."),
+        (("delay_s",), "delay: from a frame to its answer."),
     ),
     "tracking": (
         (("hota",), "HOTA, MOTA, IDF1: centres seen from above, gate 2 m."),
@@ -82,37 +113,73 @@ def conditions(suite: Suite) -> str:
 
 
 def board_table(results: Results, board: str, width: int) -> Table:
-    """Return a board in rank order, with intervals where the width allows."""
-    first = FIRST_METRIC[board]
-    columns = shown_columns(board, width)
+    """Return a board in rank order, then its marks, with what the width allows."""
+    columns, intervals = shown_columns(board, width), with_intervals(board, width)
     table = plain_table()
     table.add_column("", justify="right", style="dim")
-    narrow = 19 if width >= FULL else 12
+    narrow = NAME if width >= FULL else NARROW_NAME
     table.add_column(ENTRY[board], style="bold", min_width=narrow, overflow="fold")
     for heading, _ in columns.values():
         table.add_column(heading, justify="right", no_wrap=True)
-    for rank, entry in enumerate(results.entries(board), start=1):
-        cells = []
-        for metric, (_, decimals) in columns.items():
-            row = results.row(board, entry, metric)
-            cells.append(figure(row, decimals, interval=metric == first or width >= WIDEST))
-        failed = results.row(board, entry, "failed_episodes")
-        name = Text(entry)
-        if failed is not None and failed.value:
-            name.append(f" ({failed.value:.0f} of {failed.n} failed)", style="red")
-        table.add_row(str(rank), name, *cells)
+    marked = False
+    for entry in results.entries(board):
+        place = results.standing(board, entry)
+        if place.mark is not None and not marked:
+            table.add_section()
+        marked = place.mark is not None
+        cells = [
+            figure(results.row(board, entry, metric), decimals, interval=metric in intervals)
+            for metric, (_, decimals) in columns.items()
+        ]
+        style = "dim" if marked else None
+        table.add_row(_place(place), _name(results, place), *cells, style=style)
     return table
+
+
+def _place(standing: Standing) -> str:
+    return "" if standing.rank is None else str(standing.rank)
+
+
+def _name(results: Results, standing: Standing) -> Text:
+    name = Text(standing.entry, style="not bold" if standing.mark else "")
+    if standing.mark and standing.mark.split()[0] not in standing.entry:
+        name.append(f" ({standing.mark})")
+    failed = results.row(standing.board, standing.entry, "failed_episodes")
+    if failed is not None and failed.value:
+        name.append(f" ({failed.value:.0f} of {failed.n} failed)", style="red")
+    return name
 
 
 def shown_columns(board: str, width: int) -> Columns:
     """Return the columns that a terminal has room for; the name and the first figure stay."""
-    columns = COLUMNS[board]
-    if width >= WIDE:
-        return columns
-    shown = {m: c for m, c in columns.items() if m not in LEFT_OUT}
-    # The name, its rank and the first figure with its interval, then about 6 for each further.
-    room = len(shown) if width >= FULL else 1 + max(0, (width - 34) // 7)
-    return dict(list(shown.items())[:room])
+    columns, wider = COLUMNS[board], WIDER[board]
+    main = [metric for metric in columns if metric not in wider]
+    if width >= FULL:
+        room = max(0, (width - FULL) // OTHER)
+        chosen = [*main, *wider[:room]]
+    else:
+        chosen = main[: 1 + max(0, (width - NARROW_NAME - FIRST - PLACES - 2) // OTHER)]
+    return {metric: column for metric, column in columns.items() if metric in chosen}
+
+
+def with_intervals(board: str, width: int) -> list[str]:
+    """Return the metrics whose intervals there is room for: the first, then as they come."""
+    shown = list(shown_columns(board, width))
+    room = width - PLACES - NAME - FIRST - OTHER * (len(shown) - 1)
+    return [FIRST_METRIC[board], *shown[1 : 1 + max(0, room // INTERVAL)]]
+
+
+def comparison(results: Results, board: str) -> str:
+    """Say which entries are not shown to be worse than the best one; empty with one entry."""
+    places = [s for s in results.standings if s.board == board and s.rank is not None]
+    rivals = [s for s in places[1:] if s.behind is not None]
+    if not rivals or rivals[0].behind_low is None:
+        return ""
+    level = [s.entry for s in rivals if s.behind_low is not None and s.behind_low <= 0]
+    told = f"Not shown to be worse than {places[0].entry}: {', '.join(level)}."
+    if not level:
+        told = f"{places[0].entry} is shown to be better than all others."
+    return f"{told} By 95 % intervals of differences on the same seeds."
 
 
 def footnote(board: str, width: int, jobs: int) -> str:
@@ -134,11 +201,11 @@ def plain_table(**options: Any) -> Table:
 
 
 def figure(row: Row | None, decimals: int, *, interval: bool) -> str:
-    """Return a value, with its interval if asked for and known."""
+    """Return a value, with its interval if asked for, known and of any width."""
     if row is None or row.value is None:
         return "-"
     text = f"{row.value:.{decimals}f}"
-    if not interval or row.low is None or row.high is None:
+    if not interval or row.low is None or row.high is None or row.low == row.high:
         return text
     return f"{text} [{_short(row.low, decimals)}, {_short(row.high, decimals)}]"
 

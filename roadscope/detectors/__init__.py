@@ -18,6 +18,7 @@ DETECTORS: Registry[Detector] = Registry(
         "?clustering=pag-range&residual_m=0.12",
         "distance-residual": "roadscope.detectors.pipeline:ClusterDetector"
         "?clustering=distance&residual_m=0.12",
+        "one-cluster": "roadscope.detectors.pipeline:ClusterDetector?clustering=one",
     },
     group="roadscope.detectors",
 )

@@ -47,13 +47,37 @@ def results(suite, tmp_path_factory) -> Results:
 
 def test_both_boards_have_their_entries(results) -> None:
     assert results.boards() == ["detection", "tracking"]
-    assert set(results.entries("detection")) == {"oracle", "pag"}
+    assert results.entries("detection") == ["pag", "oracle", "one-cluster"]
     assert set(results.entries("tracking")) == {"nearest", "nearest on oracle"}
     assert results.failures == ()
 
 
+def test_marks_are_not_ranked(results) -> None:
+    places = {(s.board, s.entry): (s.mark, s.rank) for s in results.standings}
+    assert places == {
+        ("detection", "pag"): (None, 1),
+        ("detection", "oracle"): ("upper mark", None),
+        ("detection", "one-cluster"): ("lower mark", None),
+        ("tracking", "nearest"): (None, 1),
+        ("tracking", "nearest on oracle"): ("upper mark", None),
+    }
+
+
+def test_what_is_broken_down_adds_up(results) -> None:
+    whole = results.row("detection", "pag", "detection_rate")
+    for by in ("range", "category", "occlusion", "points", "weather", "scenario"):
+        rows = [
+            row
+            for row in results.breakdown(by)
+            if (row.entry, row.metric) == ("pag", "detection_rate")
+        ]
+        assert sum(row.samples for row in rows) == whole.samples
+        found = sum(row.value * row.samples for row in rows)
+        assert found == pytest.approx(whole.value * whole.samples)
+    assert {row.band for row in results.breakdown("weather", "tracking")} == {"clear"}
+
+
 def test_the_oracle_is_the_upper_mark(results) -> None:
-    assert results.entries("detection")[0] == "oracle"
     for metric in ("detection_rate", "precision", "f1", "ap"):
         row = results.row("detection", "oracle", metric)
         assert row is not None
@@ -77,9 +101,12 @@ def test_the_board_is_written_as_json(suite, tmp_path) -> None:
     board = json.loads((tmp_path / "leaderboard.json").read_text())
     assert set(board) >= {"manifest", "rows"}
     assert set(board["rows"][0]) == {
-        "board", "entry", "metric", "value", "low", "high", "n", "unit", "better"
+        "board", "entry", "metric", "value", "low", "high", "n", "unit", "better", "by", "band",
+        "samples",
     }  # fmt: skip
     assert len(board["rows"]) == len(results.rows)
+    assert len(board["parts"]) == len(results.parts) > 0
+    assert [place["entry"] for place in board["standings"]] == results.entries("detection")
     assert board["manifest"]["suite"] == "tiny"
     assert board["manifest"]["libraries"]["highway-env"]
 
@@ -126,7 +153,8 @@ def test_bad_plug_ins_become_rows_with_reasons_and_the_rest_goes_on(suite, tmp_p
     good = results.row("detection", "pag", "f1")
     assert good is not None
     assert good.n == EPISODES
-    assert results.entries("detection")[:2] == ["oracle", "pag"]
+    assert results.entries("detection")[0] == "pag"
+    assert results.entries("detection")[-2:] == ["oracle", "one-cluster"]
 
 
 def test_what_plug_ins_print_is_no_result(suite, tmp_path, capsys) -> None:

@@ -2,7 +2,12 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.metrics.score import mean, ratio, rms
-from roadscope.benchmarks.statistics import mean_interval, pooled_interval
+from roadscope.benchmarks.statistics import (
+    mean_interval,
+    merged,
+    paired_interval,
+    pooled_interval,
+)
 
 
 def coverage(draw, true_mean, *, trials=400, strata=None) -> float:
@@ -113,3 +118,39 @@ def test_a_few_odd_values_among_many_alike_give_a_bounded_interval(odd: int) -> 
     found = mean_interval(values)
     assert found.low < found.mean < found.high
     assert found.high - found.low < 0.1 * odd
+
+
+def test_differences_are_those_of_pooled_ratios() -> None:
+    ones, others = [ratio(1, 2), ratio(9, 10)], [ratio(1, 4), ratio(5, 10)]
+    found = paired_interval(ones, others)
+    assert found.mean == pytest.approx(10 / 12 - 6 / 14)
+    assert found.low < found.mean < found.high
+    assert paired_interval(ones, ones) == paired_interval(others, others)
+    assert paired_interval(ones, ones).high == 0.0
+    assert paired_interval([ratio(1, 0)], [ratio(1, 2)]).n == 0
+
+
+def test_rms_errors_are_not_subtracted() -> None:
+    with pytest.raises(ValueError, match="averaged"):
+        paired_interval([rms(1.0, 1, "m")], [rms(2.0, 1, "m")])
+
+
+def test_paired_intervals_cover_the_difference_and_are_narrower() -> None:
+    rng, hits, widths = np.random.default_rng(3), 0, []
+    for _ in range(200):
+        hardness = rng.beta(5, 5, 12)
+        ones = [ratio(100 * h + rng.normal(0, 2), 100) for h in hardness]
+        others = [ratio(100 * h - 4 + rng.normal(0, 2), 100) for h in hardness]
+        found, alone = paired_interval(ones, others), pooled_interval(ones)
+        hits += found.low <= 0.04 <= found.high
+        widths.append((found.high - found.low) / (alone.high - alone.low))
+    assert 0.90 < hits / 200 < 0.99
+    assert np.median(widths) < 0.4
+
+
+def test_scores_of_the_same_traffic_are_joined() -> None:
+    whole = merged([ratio(1, 2), ratio(9, 10), ratio(0, 0)])
+    assert whole.value == pytest.approx(10 / 12)
+    assert (whole.n, whole.weight) == (12, 12)
+    assert merged([rms(4.0, 1, "m"), rms(3.0, 3, "m")]).value == pytest.approx(np.sqrt(7 / 4))
+    assert np.isnan(merged([ratio(0, 0), ratio(0, 0)]).value)

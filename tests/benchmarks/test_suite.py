@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from roadscope.benchmarks.oracle import MARKS
 from roadscope.benchmarks.plan import kind_of, plan
 from roadscope.benchmarks.suite import (
     SPLITS,
@@ -38,7 +39,7 @@ def test_shipped_suites_name_what_exists(name) -> None:
     assert set(suite.seeds) <= set(SPLITS["test"])
     jobs = plan(suite, [], ("detection", "tracking"))
     episodes = len(suite.scenarios) * len(suite.seeds)
-    assert len(jobs.detection) == episodes * (1 + len(suite.detectors))
+    assert len(jobs.detection) == episodes * (len(MARKS) + len(suite.detectors))
     assert len(jobs.tracking) == episodes * len(suite.trackers) * len(suite.public_detectors)
 
 

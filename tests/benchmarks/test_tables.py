@@ -1,11 +1,20 @@
 import io
 
+import pytest
 from rich.console import Console
 
 from roadscope.benchmarks.reproduction import ReproductionRow, summarise
 from roadscope.benchmarks.reproduction_tables import reproduction_tables
-from roadscope.benchmarks.results import Results, Row
-from roadscope.benchmarks.tables import COLUMNS, board_table, footnote
+from roadscope.benchmarks.results import Results
+from roadscope.benchmarks.rows import Row
+from roadscope.benchmarks.standing import Standing
+from roadscope.benchmarks.tables import (
+    COLUMNS,
+    board_table,
+    comparison,
+    footnote,
+    shown_columns,
+)
 
 
 def printed(*things, width: int = 80) -> str:
@@ -15,10 +24,12 @@ def printed(*things, width: int = 80) -> str:
     return console.file.getvalue()
 
 
-def board(value: float | None, low: float | None, high: float | None) -> Results:
+def board(
+    value: float | None, low: float | None, high: float | None, name: str = "tracking"
+) -> Results:
     rows = [
-        Row("tracking", "nearest-q on oracle", metric, value, low, high, 18, "1", "higher")
-        for metric in COLUMNS["tracking"]
+        Row(name, "nearest-q on oracle", metric, value, low, high, 18, "1", "higher")
+        for metric in COLUMNS[name]
     ]
     return Results({}, tuple(rows), ())
 
@@ -39,7 +50,7 @@ def test_narrow_boards_keep_the_name() -> None:
 
 
 def test_footnotes_explain_what_is_shown() -> None:
-    narrow, wide = footnote("detection", 80, 4), footnote("detection", 200, 1)
+    narrow, wide = footnote("detection", 80, 4), footnote("detection", 320, 1)
     assert "head." not in narrow
     assert "4 workers" in narrow
     assert "wider terminal" in narrow
@@ -49,8 +60,48 @@ def test_footnotes_explain_what_is_shown() -> None:
 
 
 def test_wide_boards_have_all_intervals() -> None:
-    text = printed(board_table(board(0.512, 0.4, 0.613), "tracking", 200), width=200)
+    text = printed(board_table(board(0.512, 0.4, 0.613), "tracking", 220), width=220)
     assert text.count("[.4") == len(COLUMNS["tracking"])
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+@pytest.mark.parametrize("width", range(40, 321, 9))
+def test_boards_of_any_width_fit_and_grow_with_it(name, width) -> None:
+    table = board_table(board(0.512, 0.4, 0.613, name), name, width)
+    text = printed(table, width=width)
+    assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+    narrower = shown_columns(name, width - 9)
+    assert list(narrower) == [m for m in shown_columns(name, width) if m in narrower]
+
+
+def standing(entry: str, rank: int | None, behind=None, mark=None) -> Standing:
+    gap = (None, None, None) if behind is None else behind
+    return Standing("tracking", entry, mark, rank, rank, rank, *gap)
+
+
+def ranked(*places: Standing) -> Results:
+    rows = [Row("tracking", s.entry, "hota", 0.5, 0.4, 0.6, 9, "1", "higher") for s in places]
+    return Results({}, tuple(rows), (), (), places)
+
+
+def test_marks_stand_apart_without_a_rank() -> None:
+    results = ranked(standing("mine", 1), standing("all-in-one", None, mark="lower mark"))
+    lines = printed(board_table(results, "tracking", 80)).splitlines()
+    assert lines[-3].startswith("1 mine")
+    assert not lines[-2].strip()
+    assert lines[-1].startswith("  all-in-one (lower mark)")
+
+
+def test_who_may_be_as_good_as_the_best_is_named() -> None:
+    best, near = standing("a", 1, (0.0, 0.0, 0.0)), standing("b", 2, (0.1, -0.01, 0.2))
+    far = standing("c", 3, (0.3, 0.2, 0.4))
+    assert comparison(ranked(best, near, far), "tracking").startswith(
+        "Not shown to be worse than a: b. "
+    )
+    assert "a is shown to be better than all others" in comparison(ranked(best, far), "tracking")
+    assert comparison(ranked(best), "tracking") == ""
+    assert comparison(ranked(best, standing("b", 2, (0.1, None, None))), "tracking") == ""
 
 
 def test_what_was_not_measured_is_a_dash() -> None:

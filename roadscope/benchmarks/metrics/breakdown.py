@@ -44,7 +44,8 @@ BANDS: Mapping[str, Bands] = {
         (0, 5, 10, 20, 50, 100, 200), ("1-4", "5-9", "10-19", "20-49", "50-99", "100-199", "200+")
     ),
     "score": Bands(
-        tuple(range(BINS)), tuple(f"{b / BINS:.1f}-{(b + 1) / BINS:.1f}" for b in range(BINS))
+        tuple(range(BINS)),
+        ("0-.1", ".1-.2", ".2-.3", ".3-.4", ".4-.5", ".5-.6", ".6-.7", ".7-.8", ".8-.9", ".9-1"),
     ),
 }  # fmt: skip
 """What scores of one episode are broken down by: range of the centre from the ego, category,

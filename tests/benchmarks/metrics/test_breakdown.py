@@ -71,9 +71,9 @@ def test_precision_by_score() -> None:
     s = parts(
         [detections([[10, 0], [40, 0], [50, 0]], scores=[0.95, 0.95, 0.1])], [truth([[10, 0]])]
     )
-    assert s["precision by score: 0.9-1.0"].value == 0.5
-    assert s["score_excess by score: 0.9-1.0"].value == pytest.approx(0.45)
-    assert s["score_excess by score: 0.1-0.2"].value == pytest.approx(0.1)
+    assert s["precision by score: .9-1"].value == 0.5
+    assert s["score_excess by score: .9-1"].value == pytest.approx(0.45)
+    assert s["score_excess by score: .1-.2"].value == pytest.approx(0.1)
 
 
 def test_bands_add_up_to_the_whole() -> None:

@@ -1,0 +1,142 @@
+"""Results broken down, as tables for a terminal and for Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rich.table import Table
+from rich.text import Text
+
+from roadscope.benchmarks.metrics.breakdown import BANDS
+from roadscope.benchmarks.results import BREAKDOWNS, Results
+from roadscope.benchmarks.rows import Row
+from roadscope.benchmarks.tables import ENTRY, FULL, NAME, NARROW_NAME, figure, plain_table
+
+SHOWN: Mapping[str, Sequence[str]] = {
+    "detection": ("detection_rate", "precision"),
+    "tracking": ("hota",),
+}
+"""What is shown of each board where it is broken down; `leaderboard.json` holds more."""
+HEADINGS = {"detection_rate": "detected", "precision": "precision", "hota": "HOTA"}
+QUANTITIES = {
+    "range": "range, m",
+    "occlusion": "occlusion, % of rays",
+    "points": "points on target",
+    "score": "score (calibrated: the share right lies in the band)",
+}
+LONGEST = 7
+"""Headings are broken into lines of this many characters."""
+BROKEN = {
+    "motorway": "motor-\nway", "dense-motorway": "dense\nmotor-\nway",
+    "roundabout": "round-\nabout", "intersection": "inter-\nsection",
+    "racetrack": "race-\ntrack", "parking-lot": "parking\nlot", "motorcycle": "motor-\ncycle",
+    "pedestrian": "pedes-\ntrian",
+}  # fmt: skip
+
+
+def breakdown_tables(results: Results, board: str, by: str, width: int) -> list[Table]:
+    """Return a table of each metric that is defined, entries by bands, in rank order.
+
+    Bands that the width has no room for are left out from the last one on.
+    """
+    rows = results.breakdown(by, board)
+    tables = []
+    for metric in SHOWN[board]:
+        cells = {(row.entry, row.band): row for row in rows if row.metric == metric}
+        if cells:
+            tables.append(_table(results, board, _title(metric, by), cells, width))
+    return tables
+
+
+def left_out(results: Results, board: str, by: str, width: int) -> int:
+    """Return how many bands the width has no room for."""
+    bands = bands_of(results.breakdown(by, board))
+    return len(bands) - len(_fitting(bands, width))
+
+
+def markdown_lines(results: Results, board: str) -> list[str]:
+    """Return Markdown tables of everything that a board is broken down by."""
+    lines = []
+    for by in BREAKDOWNS[board]:
+        rows = results.breakdown(by, board)
+        for metric in SHOWN[board]:
+            cells = {(row.entry, row.band): row for row in rows if row.metric == metric}
+            if cells:
+                lines += ["", f"### {_title(metric, by)}", "", *_markdown(results, board, cells)]
+    return lines
+
+
+def bands_of(rows: Sequence[Row]) -> list[str]:
+    """Return the bands of rows, quantities ascending, conditions as the suite has them."""
+    found = dict.fromkeys(row.band for row in rows)
+    ordered = BANDS[rows[0].by].labels if rows and rows[0].by in BANDS else tuple(found)
+    return [band for band in ordered if band in found]
+
+
+def _title(metric: str, by: str) -> str:
+    return f"{HEADINGS[metric]} by {QUANTITIES.get(by, by)}"
+
+
+def _table(
+    results: Results, board: str, title: str, cells: Mapping[tuple[str, str], Row], width: int
+) -> Table:
+    bands = _fitting(bands_of(list(cells.values())), width)
+    table = plain_table(title=title, title_justify="left", title_style="bold")
+    narrow = NAME if width >= FULL else NARROW_NAME
+    table.add_column(ENTRY[board], style="bold", min_width=narrow, overflow="fold")
+    for band in bands:
+        table.add_column(heading(band), justify="right", no_wrap=True)
+    marked = False
+    for entry in results.entries(board):
+        is_mark = results.standing(board, entry).mark is not None
+        if is_mark and not marked:
+            table.add_section()
+        marked = is_mark
+        figures = [figure(cells.get((entry, band)), 2, interval=False) for band in bands]
+        name = Text(entry, style="not bold" if is_mark else "")
+        table.add_row(name, *figures, style="dim" if is_mark else None)
+    if any(metric == "detection_rate" for metric in {row.metric for row in cells.values()}):
+        counts = [str(_objects(cells, band)) for band in bands]
+        label = "objects to be found" if width >= FULL else "objects"
+        table.add_row(Text(label, style="not bold"), *counts, style="dim")
+    return table
+
+
+def _objects(cells: Mapping[tuple[str, str], Row], band: str) -> int:
+    """Return how many were to be found in a band by an entry that came through all episodes."""
+    return max(row.samples for (_, place), row in cells.items() if place == band)
+
+
+def _fitting(bands: Sequence[str], width: int) -> list[str]:
+    room = width - (NAME if width >= FULL else NARROW_NAME) - 1
+    shown = []
+    for band in bands:
+        room -= max(5, *map(len, heading(band).split("\n"))) + 1
+        if room >= 0:
+            shown.append(band)
+    return shown or list(bands[:1])
+
+
+def heading(band: str) -> str:
+    """Break a long label into lines, at its hyphens where it has some."""
+    if band in BROKEN or len(band) <= LONGEST:
+        return BROKEN.get(band, band)
+    lines = []
+    for word in band.split("-"):
+        pieces = [word[i : i + LONGEST] for i in range(0, len(word), LONGEST)]
+        lines += [f"{piece}-" for piece in pieces[:-1]] + pieces[-1:]
+    return "\n".join(lines)
+
+
+def _markdown(results: Results, board: str, cells: Mapping[tuple[str, str], Row]) -> list[str]:
+    bands = bands_of(list(cells.values()))
+    lines = [markdown_row(["entry", *bands]), markdown_row(["---"] * (len(bands) + 1))]
+    for entry in results.entries(board):
+        figures = [figure(cells.get((entry, band)), 2, interval=False) for band in bands]
+        lines.append(markdown_row([entry.replace("|", "\\|"), *figures]))
+    return lines
+
+
+def markdown_row(cells: Sequence[str]) -> str:
+    """Return a line of a Markdown table."""
+    return "| " + " | ".join(cells) + " |"

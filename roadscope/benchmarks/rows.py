@@ -1,0 +1,146 @@
+"""Figures of entries, pooled from the scores of their jobs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.metrics.breakdown import BANDS, EXCESS, part_name, split_name
+from roadscope.benchmarks.metrics.calibration import pooled_calibration
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.statistics import merged, pooled_interval
+
+FIRST_METRIC: Mapping[str, str] = {"detection": "f1", "tracking": "hota"}
+"""By which each board is ranked."""
+
+CONDITIONS: Mapping[str, Callable[[Episode], str]] = {
+    "weather": lambda episode: str(getattr(episode, "weather", "clear")),
+    "scenario": lambda episode: episode.scenario,
+}
+"""What whole episodes are broken down by."""
+
+BROKEN_DOWN: Mapping[str, Sequence[str]] = {
+    "detection": (
+        "f1", "detection_rate", "precision", "false_alarms_per_frame", "ap", "position_rmse_m",
+        "heading_rmse_deg", "objects_per_frame", "unseen_per_frame",
+    ),
+    "tracking": ("hota", "mota", "idf1"),
+}  # fmt: skip
+"""Metrics of whole episodes that are broken down by their conditions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One figure of one entry.
+
+    value: pooled over episodes; low and high: its 95 % interval over seeds; all three None
+        where there is none.
+    n: number of episodes behind it.
+    by, band: what it is broken down by (`range`) and which part it is of (`0-20`); empty where
+        it is of the whole.
+    samples: number of objects, detections, frames or the like behind it.
+    """
+
+    board: str
+    entry: str
+    metric: str
+    value: float | None
+    low: float | None
+    high: float | None
+    n: int
+    unit: str
+    better: str
+    by: str = ""
+    band: str = ""
+    samples: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What became of all jobs of an entry.
+
+    mark: which mark it is, or None when it is ranked.
+    sound: the episodes that it came through, with its scores.
+    episodes: number of all.
+    """
+
+    board: str
+    entry: str
+    mark: str | None
+    sound: tuple[tuple[Episode, Mapping[str, Score]], ...]
+    episodes: int
+
+    @property
+    def failed(self) -> int:
+        """Number of episodes that it did not come through."""
+        return self.episodes - len(self.sound)
+
+
+def whole_rows(record: Record) -> list[Row]:
+    """Return an entry's figures over all episodes, and how often it failed."""
+    rows = [_row(record, name, _samples(record, name)) for name in _names(record) if _whole(name)]
+    failed = Row(
+        record.board, record.entry, "failed_episodes", record.failed, None, None, record.episodes,
+        "1", "lower",
+    )  # fmt: skip
+    return [*rows, failed]
+
+
+def part_rows(record: Record) -> list[Row]:
+    """Return an entry's figures broken down; bands in which nobody is to be found are left out."""
+    names = _names(record)
+    rows = [_row(record, name, _samples(record, name)) for name in names if not _whole(name)]
+    for by, condition in CONDITIONS.items():
+        for band in dict.fromkeys(condition(episode) for episode, _ in record.sound):
+            for metric in BROKEN_DOWN[record.board]:
+                samples = [s for s in _samples(record, metric) if condition(s[0]) == band]
+                if samples:
+                    rows.append(_row(record, part_name(metric, by, band), samples))
+    return [row for row in rows if row.samples]
+
+
+def blocks(samples: Sequence[tuple[Episode, Score]]) -> dict[tuple[str, int], Score]:
+    """Join what comes from the same traffic: the sample are the seeds, not the weathers."""
+    groups: dict[tuple[str, int], list[Score]] = {}
+    for episode, score in samples:
+        groups.setdefault((episode.scenario, episode.seed), []).append(score)
+    return {block: merged(scores) for block, scores in groups.items()}
+
+
+def first_scores(record: Record) -> dict[tuple[str, int], Score]:
+    """Return by scenario and seed what an entry is ranked by."""
+    return blocks(_samples(record, FIRST_METRIC[record.board]))
+
+
+def _names(record: Record) -> list[str]:
+    return list(dict.fromkeys(name for _, scores in record.sound for name in scores))
+
+
+def _whole(name: str) -> bool:
+    return split_name(name)[1] == ""
+
+
+def _samples(record: Record, name: str) -> list[tuple[Episode, Score]]:
+    samples = [(episode, scores) for episode, scores in record.sound if name in scores]
+    if name != "calibration_error":
+        return [(episode, scores[name]) for episode, scores in samples]
+    bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
+    pooled = pooled_calibration([[scores[b] for b in bins] for _, scores in samples])
+    return [(episode, score) for (episode, _), score in zip(samples, pooled, strict=True)]
+
+
+def _row(record: Record, name: str, samples: Sequence[tuple[Episode, Score]]) -> Row:
+    first, joined = samples[0][1], blocks(samples)
+    interval = pooled_interval(list(joined.values()), [scenario for scenario, _ in joined])
+    interval = interval.clipped(first.least, first.most)
+    value, low, high = (
+        v if math.isfinite(v) else None for v in (interval.mean, interval.low, interval.high)
+    )
+    metric, by, band = split_name(name)
+    measured = [score for _, score in samples if math.isfinite(score.value)]
+    return Row(
+        record.board, record.entry, metric, value, low, high, len(measured), first.unit,
+        first.better, by, band, sum(score.n for score in measured),
+    )  # fmt: skip
