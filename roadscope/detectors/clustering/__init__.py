@@ -10,6 +10,7 @@ from roadscope.detectors.clustering.dbscan import cluster_dbscan
 from roadscope.detectors.clustering.distance import cluster_distance
 from roadscope.detectors.clustering.one import cluster_one
 from roadscope.detectors.clustering.pag import cluster_pag, cluster_pag_range
+from roadscope.detectors.clustering.range_angle import cluster_range_angle
 
 Clustering = Callable[[Cloud], np.ndarray]
 """Cloud of N returns -> (N,) int64 labels, negative for outliers."""
@@ -20,6 +21,7 @@ CLUSTERINGS: Mapping[str, Callable[..., np.ndarray]] = {
     "distance": cluster_distance,
     "breakpoint": cluster_breakpoint,
     "dbscan": cluster_dbscan,
+    "range-angle": cluster_range_angle,
     "one": cluster_one,
 }
 """Name -> a `Clustering`; keyword arguments beyond the cloud are its options."""

@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from toy_lidar import cloud
+
+from roadscope.core import wrap_angle
+from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.clustering.range_angle import SPACINGS, cluster_range_angle, spacing
+
+STEP = 0.02
+ANGLE = np.radians(5.0)
+
+
+def random_cloud(seed, count=70):
+    """Bodies at several ranges all around, beams and columns 0.02 rad apart."""
+    rng = np.random.default_rng(seed)
+    ring, column = rng.integers(0, 6, count), np.sort(rng.integers(0, 314, count))
+    reach = 2.0 + 3 * (column // 60) + 0.05 * rng.standard_normal(count)
+    azimuth = np.pi - STEP * column
+    x, y, z = reach * np.cos(azimuth), reach * np.sin(azimuth), reach * STEP * ring
+    return Cloud(np.column_stack([x, y, z]), ring, column, np.arange(count), np.zeros(2))
+
+
+def grown_as_printed(found, eps_m, min_points):
+    """Steps 1 to 3 of section 2.1: a seed, then the farthest in six directions, then the rest."""
+    limit = eps_m + SPACINGS * spacing(found) * np.minimum.outer(found.ranges, found.ranges)
+    gaps = np.linalg.norm(found.points[:, None] - found.points, axis=-1)
+    turns = np.abs(wrap_angle(np.subtract.outer(found.azimuths, found.azimuths)))
+    linked = (gaps <= limit) & (turns <= ANGLE)
+    free, labels, count = np.ones(len(found), bool), np.full(len(found), -1), 0
+    for seed in range(len(found)):
+        if not free[seed]:
+            continue
+        members, pending = [seed], [seed]
+        free[seed] = False
+        while pending:
+            middle = pending.pop(0)
+            new = np.flatnonzero(linked[middle] & free)
+            free[new] = False
+            members += new.tolist()
+            if len(new):
+                offsets = found.points[new] - found.points[middle]
+                six = new[np.concatenate([offsets.argmax(axis=0), offsets.argmin(axis=0)])]
+                pending = [*six.tolist(), *pending]
+            if not pending:
+                pending = [m for m in members if (linked[m] & free).any()]
+        if len(members) >= min_points:
+            labels[members] = count
+            count += 1
+    return labels
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.3, 2.0]), st.integers(1, 9))
+def test_equals_growth_as_printed(seed, eps_m, min_points):
+    found = random_cloud(seed)
+    labels = cluster_range_angle(found, eps_m=eps_m, min_points=min_points)
+    assert np.array_equal(labels, grown_as_printed(found, eps_m, min_points))
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-3, 3))
+def test_turning_the_scene_changes_nothing(seed, angle):
+    found = random_cloud(seed)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    places = np.column_stack([found.points[:, :2] @ turn.T + [4, -3], found.points[:, 2]])
+    moved = Cloud(places, found.ring, found.column, found.rows, np.array([4.0, -3.0]))
+    before, after = (cluster_range_angle(c, min_points=3) for c in (found, moved))
+    assert np.array_equal(before, after)
+
+
+def test_spacing_is_the_wider_of_beams_and_columns():
+    car = [(15, 0, 4.6, 1.85, 1.5, 0)]
+    found = cloud(car, ground=False)
+    assert np.degrees(spacing(found)) == pytest.approx(0.8, rel=0.01)
+    wide = np.radians(np.arange(-20, 20, 1.0))
+    assert np.degrees(spacing(cloud(car, ground=False, azimuths=wide))) == pytest.approx(1.0)
+    assert spacing(found.select(np.arange(1))) == 0.0
+
+
+def test_bodies_apart_and_few_points_are_outliers():
+    cars = [(14, 0, 4.6, 1.85, 1.5, 0), (14, 6, 4.6, 1.85, 1.5, 0), (60, -9, 4.6, 1.85, 1.5, 0)]
+    found = cloud(cars, ground=False)
+    labels = cluster_range_angle(found)
+    near, left = np.abs(found.points[:, 1]) < 1.5, found.points[:, 1] > 4
+    assert set(labels[near]) == {0}
+    assert set(labels[left]) == {1}
+    assert set(labels[found.points[:, 1] < -5]) == {-1}
+
+
+def test_printed_distance_links_no_two_beams():
+    """Literally 2 cm: on a VLP-16, beams are farther apart from 0.6 m on."""
+    found = cloud([(14, 0, 4.6, 1.85, 1.5, 0)], ground=False)
+    gaps = np.linalg.norm(found.points[:, None] - found.points, axis=-1)
+    assert gaps[found.ring[:, None] != found.ring].min() > 0.02
+
+
+@pytest.mark.parametrize("name", ["eps_m", "angle_deg", "min_points"])
+def test_bad_options_are_named(name):
+    with pytest.raises(ValueError, match=f"{name} must be positive, got -1"):
+        cluster_range_angle(cloud([]), **{name: -1})
+
+
+def test_nothing_one_point_and_copies():
+    found = random_cloud(0)
+    assert cluster_range_angle(found.select(np.arange(0))).shape == (0,)
+    assert cluster_range_angle(found.select(np.arange(1)), min_points=1).tolist() == [0]
+    assert cluster_range_angle(found.select(np.zeros(40, int))).tolist() == [0] * 40
