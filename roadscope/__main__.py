@@ -124,8 +124,8 @@ def leaderboard(
     by: Annotated[
         str | None,
         typer.Option(
-            help="Break down too: range, category, occlusion, points, score (detection), "
-            "weather, scenario (both boards)."
+            help="Show it by this too: range, category, occlusion, points or score (detection), "
+            "weather or scenario (both boards)."
         ),
     ] = None,
     jobs: Jobs = 0,

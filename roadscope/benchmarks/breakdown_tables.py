@@ -44,7 +44,10 @@ def breakdown_tables(results: Results, board: str, by: str, width: int) -> list[
     for metric in SHOWN[board]:
         cells = {(row.entry, row.band): row for row in rows if row.metric == metric}
         if cells:
-            tables.append(_table(results, board, _title(metric, by), cells, width))
+            table = _table(results, board, _title(metric, by), cells, width)
+            if metric == "detection_rate":
+                _add_counts(table, rows, _fitting(bands_of(list(cells.values())), width), width)
+            tables.append(table)
     return tables
 
 
@@ -95,16 +98,24 @@ def _table(
         figures = [figure(cells.get((entry, band)), 2, interval=False) for band in bands]
         name = Text(entry, style="not bold" if is_mark else "")
         table.add_row(name, *figures, style="dim" if is_mark else None)
-    if any(metric == "detection_rate" for metric in {row.metric for row in cells.values()}):
-        counts = [str(_objects(cells, band)) for band in bands]
-        label = "objects to be found" if width >= FULL else "objects"
-        table.add_row(Text(label, style="not bold"), *counts, style="dim")
     return table
 
 
-def _objects(cells: Mapping[tuple[str, str], Row], band: str) -> int:
-    """Return how many were to be found in a band by an entry that came through all episodes."""
-    return max(row.samples for (_, place), row in cells.items() if place == band)
+def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str], width: int) -> None:
+    """Say how many objects were to be found, and how many not, for want of returns."""
+    counts = {band: [0, 0] for band in bands}
+    for row in rows:
+        if row.band in counts and row.metric == "detection_rate":
+            # Entries that failed in some episodes had fewer to find.
+            counts[row.band][0] = max(counts[row.band][0], row.samples)
+        if row.band in counts and row.metric == "unseen_per_frame":
+            unseen = round((row.value or 0.0) * row.samples)
+            counts[row.band][1] = max(counts[row.band][1], unseen)
+    labels = ("to be found", "too few returns") if width >= FULL else ("to find", "unseen")
+    for index, label in enumerate(labels):
+        figures = [count[index] for count in counts.values()]
+        if any(figures):
+            table.add_row(Text(label, style="not bold"), *map(str, figures), style="dim")
 
 
 def _fitting(bands: Sequence[str], width: int) -> list[str]:

@@ -34,6 +34,7 @@ class Failure:
     entry: str
     scenario: str
     seed: int
+    weather: str
     reason: str
 
 
@@ -140,9 +141,7 @@ def gather(
         order += places
         records += [named[place.entry] for place in places]
     failures = [
-        Failure(job.board, job.entry, job.episode.scenario, job.episode.seed, reason)
-        for job in jobs
-        if (reason := outcomes[job.key].reason) is not None
+        _failure(job, reason) for job in jobs if (reason := outcomes[job.key].reason) is not None
     ]
     return Results(
         manifest,
@@ -151,6 +150,12 @@ def gather(
         parts=tuple(row for record in records for row in part_rows(record)),
         standings=tuple(order),
     )
+
+
+def _failure(job: Job, reason: str) -> Failure:
+    episode = job.episode
+    weather = CONDITIONS["weather"](episode)
+    return Failure(job.board, job.entry, episode.scenario, episode.seed, weather, reason)
 
 
 def _record(jobs: Sequence[Job], outcomes: Mapping[str, Outcome]) -> Record:

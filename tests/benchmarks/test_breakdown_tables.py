@@ -48,9 +48,18 @@ def test_entries_by_bands_with_what_was_to_be_found() -> None:
     assert lines[1] == "detector 0-20 20-40"
     assert "distance-residual 0.75 0.25" in lines
     assert "oracle 1.00 -" in lines
-    assert "objects to be found 1234 321" in lines
+    assert "to be found 1234 321" in lines
+    assert "returns" not in text
     assert "precision by range, m" in lines
     assert "distance-residual 0.61" in lines
+
+
+def test_what_weather_hides_is_counted() -> None:
+    unseen = Row("detection", "oracle", "unseen_per_frame", 1.25, 1.0, 1.5, 3, "1/frame", "lower",
+                 "weather", "fog", 60)  # fmt: skip
+    text = printed(results(row("detection_rate", "weather", "fog", samples=40), unseen), "weather")
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    assert lines[-2:] == ["to be found 40", "too few returns 75"]
 
 
 def test_there_is_no_precision_by_what_false_alarms_do_not_have() -> None:
@@ -83,7 +92,9 @@ def test_long_headings_are_broken() -> None:
 
 
 def test_unknown_breakdowns_are_refused_with_what_there_is() -> None:
-    with pytest.raises(BreakdownError, match=r"no detection breakdown 'rnage' \(did you mean 'range'"):
+    with pytest.raises(
+        BreakdownError, match=r"no detection breakdown 'rnage' \(did you mean 'range'"
+    ):
         results().breakdown("rnage")
     with pytest.raises(BreakdownError, match="no tracking breakdown 'range'; known: weather, scen"):
         check_breakdown("range", ["tracking"])
