@@ -1,0 +1,208 @@
+"""A box the size of a vehicle slides over a map of evidence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.envs.raycast.jit import compiled
+
+TURNS = 12
+"""Headings tried over half a turn: 7.5 degrees off, the box is still wider than a car."""
+STRIDE = 2
+"""Cells from one place of the box to the next."""
+BINS, BIN_M = 24, 0.4
+GAP_BINS = 2
+"""A gap of so many empty bins, across the line of sight, parts two bodies."""
+MOST = 0.7
+"""Share of its evidence that a box must keep beside better ones."""
+
+
+@compiled()
+def slide(
+    chart: np.ndarray,
+    places: np.ndarray,
+    weights: np.ndarray,
+    origin: np.ndarray,
+    sides: np.ndarray,
+    cell_m: float,
+    least: float,
+) -> np.ndarray:
+    """Return the best box about every place that has evidence within its reach.
+
+    chart: (X, Y) int32, row of the cell in `places`, -1 where there is none.
+    places: (K, 2) metres, where the returns of a cell are, from the chart's corner.
+    weights: (K,) evidence, above 0 for moving. origin: (2,) metres, the sensor.
+    sides: half length, half width, collar at the ends and at the flanks, metres.
+
+    Returns (B, 6): x, y, yaw, score, and from where to where across the line of sight the body
+    in the box reaches. A body has no gap that a ray goes through; of several in the box the one
+    with most evidence counts. In the collar counts what speaks against: a piece of wall that
+    goes on is no vehicle.
+    """
+    reach = int(np.ceil((sides[0] + sides[1] + sides[2]) / cell_m))
+    wide, deep = chart.shape
+    open_ = _reachable(chart, places, weights, int(sides[0] / cell_m), cell_m)
+    found = np.empty((open_.sum(), 6))
+    near, bins = np.empty((4, (2 * reach + 1) ** 2)), np.empty((2, BINS))
+    count = 0
+    for a in range(open_.shape[0]):
+        for b in range(open_.shape[1]):
+            if not open_[a, b]:
+                continue
+            i, j, n, hope = a * STRIDE, b * STRIDE, 0, 0.0
+            x, y = (i + 0.5) * cell_m, (j + 0.5) * cell_m
+            sx, sy = _sight(x, y, origin)
+            for k in range(max(i - reach, 0), min(i + reach + 1, wide)):
+                for m in range(max(j - reach, 0), min(j + reach + 1, deep)):
+                    row = chart[k, m]
+                    if row >= 0:
+                        dx, dy = places[row, 0] - x, places[row, 1] - y
+                        near[0, n], near[1, n], near[2, n] = dx, dy, weights[row]
+                        near[3, n] = sx * dy - sy * dx
+                        hope += max(weights[row], 0.0)
+                        n += 1
+            if hope < least:
+                continue
+            found[count, 3] = 0.0
+            for turn in range(TURNS):
+                yaw = turn * np.pi / TURNS
+                score, low, high = _evidence(near[:, :n], (np.cos(yaw), np.sin(yaw)), sides, bins)
+                if score > found[count, 3]:
+                    found[count] = (x, y, yaw, score, low, high)
+            count += 1 if found[count, 3] >= least else 0
+    return found[:count]
+
+
+@compiled()
+def _sight(x: float, y: float, origin: np.ndarray) -> tuple[float, float]:
+    """Return the unit vector from the sensor to a place."""
+    dx, dy = x - origin[0], y - origin[1]
+    away = max(np.sqrt(dx * dx + dy * dy), 1e-9)
+    return dx / away, dy / away
+
+
+@compiled()
+def _evidence(
+    near: np.ndarray, heading: tuple[float, float], sides: np.ndarray, bins: np.ndarray
+) -> tuple[float, float, float]:
+    """Return the evidence in a box at the origin, and where the body that gives it reaches.
+
+    near: (4, K) x, y, weight, and place across the line of sight of cells.
+    bins: (2, BINS) room to work in: evidence and number of cells.
+    """
+    cos, sin = heading
+    long, wide, ends, flanks = sides
+    bins[:] = 0.0
+    against = 0.0
+    for k in range(near.shape[1]):
+        weight = near[2, k]
+        along, across = (
+            abs(cos * near[0, k] + sin * near[1, k]),
+            abs(cos * near[1, k] - sin * near[0, k]),
+        )
+        if along <= long and across <= wide:
+            bin_ = min(max(int(near[3, k] / BIN_M + BINS / 2), 0), BINS - 1)
+            bins[0, bin_] += weight
+            bins[1, bin_] += 1.0
+        elif weight < 0.0 and (
+            (along <= long + ends and across <= wide) or (along <= long and across <= wide + flanks)
+        ):
+            against += weight
+    score, low, high = _best_run(bins)
+    return score + against, low, high
+
+
+@compiled()
+def _best_run(bins: np.ndarray) -> tuple[float, float, float]:
+    """Return evidence, begin and end of the run of bins, without a gap, that has most."""
+    best, low, high = 0.0, 0, 0
+    total, start, last = 0.0, 0, -1
+    for k in range(BINS + GAP_BINS + 1):
+        seen = k < BINS and bins[1, k] > 0.0
+        if last >= 0 and k - last > GAP_BINS:
+            if total > best:
+                best, low, high = total, start, last + 1
+            total, last = 0.0, -1
+        if seen:
+            start = start if last >= 0 else k
+            total, last = total + bins[0, k], k
+    return best, (low - BINS / 2) * BIN_M, (high - BINS / 2) * BIN_M
+
+
+@compiled()
+def suppress(
+    boxes: np.ndarray,
+    places: np.ndarray,
+    weights: np.ndarray,
+    origin: np.ndarray,
+    sides: np.ndarray,
+    least: float,
+) -> np.ndarray:
+    """Return the rows of boxes that stay, best first.
+
+    A box stays when without the cells of better ones it still has `least` evidence and most of
+    what it had. boxes: (B, 6), sorted by falling score; the rest as in `slide`.
+    """
+    taken = np.zeros(len(places), np.bool_)
+    kept, rows = np.empty(len(boxes), np.int64), np.empty(len(places), np.int64)
+    count = 0
+    for b in range(len(boxes)):
+        n = _held(places, boxes[b], origin, sides, rows)
+        left = boxes[b, 3]
+        for row in rows[:n]:
+            left -= weights[row] if taken[row] else 0.0
+        if left < max(least, MOST * boxes[b, 3]):
+            continue
+        for row in rows[:n]:
+            taken[row] = True
+        kept[count] = b
+        count += 1
+    return kept[:count]
+
+
+@compiled()
+def _held(
+    places: np.ndarray, box: np.ndarray, origin: np.ndarray, sides: np.ndarray, rows: np.ndarray
+) -> int:
+    """Write into `rows` which places belong to the body in a box; return how many."""
+    x, y, low, high = box[0], box[1], box[4], box[5]
+    cos, sin = np.cos(box[2]), np.sin(box[2])
+    sx, sy = _sight(x, y, origin)
+    long, wide = sides[0], sides[1]
+    count, far = 0, long + wide
+    for row in range(len(places)):
+        dx, dy = places[row, 0] - x, places[row, 1] - y
+        if abs(dx) > far or abs(dy) > far:
+            continue
+        if abs(cos * dx + sin * dy) > long or abs(cos * dy - sin * dx) > wide:
+            continue
+        if low <= sx * dy - sy * dx <= high:
+            rows[count] = row
+            count += 1
+    return count
+
+
+@compiled()
+def gathered(
+    points: np.ndarray, box: np.ndarray, origin: np.ndarray, sides: np.ndarray
+) -> np.ndarray:
+    """Return the rows of those points (N, 3) that belong to the body in a box."""
+    rows = np.empty(len(points), np.int64)
+    return rows[: _held(points, box, origin, sides, rows)].copy()
+
+
+@compiled()
+def _reachable(
+    chart: np.ndarray, places: np.ndarray, weights: np.ndarray, reach: int, cell_m: float
+) -> np.ndarray:
+    """Regions of interest: places of the box, every `STRIDE` cells, with evidence near."""
+    shape = (chart.shape[0] // STRIDE + 1, chart.shape[1] // STRIDE + 1)
+    open_ = np.zeros(shape, np.bool_)
+    for row in range(len(places)):
+        if weights[row] <= 0.0:
+            continue
+        i, j = int(places[row, 0] / cell_m), int(places[row, 1] / cell_m)
+        for a in range(max(i - reach, 0) // STRIDE, min((i + reach) // STRIDE + 1, shape[0])):
+            for b in range(max(j - reach, 0) // STRIDE, min((j + reach) // STRIDE + 1, shape[1])):
+                open_[a, b] = True
+    return open_

@@ -1,0 +1,131 @@
+"""Moving vehicles out of a scan (Zhang 2017, section 1): temporal cue, geometric cue, box model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core.record import Record
+from roadscope.detectors.moving.box_kernels import gathered, slide, suppress
+from roadscope.detectors.moving.memory import Look
+from roadscope.detectors.moving.view import View
+from roadscope.detectors.moving.view_kernels import look_back, seen_through, spans, thinned
+
+LOW_M, HIGH_M = 0.3, 2.8
+"""Heights above the road that a vehicle's returns are taken from: clear of the ground, below
+bridges and most of a crown."""
+REACH_M = 120.0
+CELL_M = 0.25
+SIDES_M = np.array([2.7, 1.3, 0.75, 0.75])
+"""Half length and half width of the box, and its collar at the ends and at the flanks: a car
+whose place in the box is unknown by half a stride and its heading by half a turn."""
+SLAB_M = 0.3
+"""Height of the voxels of which one return each is looked at: a near flank has thousands."""
+NEIGHBOUR_M = 0.6
+"""Returns up to twice as far away are seen of the same thing."""
+MIN_LOOKS = 2
+MIN_POINTS = 3
+CHANCE = 1
+"""One ray that passed where something thin stands says little: so many are not counted."""
+LEAST = 3.0
+"""Evidence that makes a vehicle: three returns where the road was seen free."""
+LIMIT = 3.0
+"""Most that one cell weighs, for or against."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate(Record):
+    """Returns of one moving vehicle.
+
+    points: (N, 3) float64, metres, ego frame at the scan's stamp, the sensor's motion during the
+        sweep taken out, sorted. The vehicle's own motion is not: see `time_s`.
+    time_s: when the vehicle was met, seconds after the stamp.
+    origin: (2,) float64, metres, where the sensor was then.
+    box: (3,) float64, x, y in metres and yaw of the box that gathered them.
+    evidence: of motion, summed over the cells of the box.
+    """
+
+    points: np.ndarray
+    time_s: float
+    origin: np.ndarray
+    box: np.ndarray
+    evidence: float
+
+
+def extract(now: View, back: Sequence[Look]) -> list[Candidate]:
+    """Return what moves in a scan, given earlier ones; nothing while there are too few."""
+    upright = _upright(now)
+    if len(back) < MIN_LOOKS or not upright.any():
+        return []
+    points = now.points[upright]
+    thin = points[thinned(points, CELL_M, SLAB_M)]
+    weights = motion(thin, back)
+    through = seen_through(thin, *now.rays)
+    weights[through] = np.minimum(weights[through], 0.0)
+    if not (weights > 0).any():
+        return []
+    boxes = _boxes(thin, weights, now.origin())
+    found = (_candidate(now, points, now.times_s[upright], box) for box in boxes)
+    return [candidate for candidate in found if candidate is not None]
+
+
+def motion(points: np.ndarray, back: Sequence[Look]) -> np.ndarray:
+    """Return (N,) evidence that each of the places (N, 3), ego frame now, holds something moving.
+
+    Temporal cue: where an earlier scan saw something too it is background, where it saw through
+    the place what stands there now has come. One that could not see the place says nothing; what
+    none has seen taken is a little suspect. Between -3.5 and 5.
+    """
+    counts, heights = np.zeros((2, len(points)), np.int64), spans(points, NEIGHBOUR_M)
+    for look in back:
+        look_back(look.then_from_now.apply(points), heights, *look.view.rays, counts)
+    free, taken = np.maximum(counts - [[CHANCE], [0]], 0) / len(back)
+    return np.where(free > 0, 1.0 + 5.0 * free - 4.5 * taken, np.where(taken > 0, -4.5 * taken, 1))
+
+
+def _upright(view: View) -> np.ndarray:
+    """Geometric cue: returns at a vehicle's height."""
+    heights, place = view.points[:, 2], np.abs(view.points[:, :2])
+    inside = (place < REACH_M).all(axis=1)
+    return np.asarray((heights > LOW_M) & (heights < HIGH_M) & inside)
+
+
+def _boxes(points: np.ndarray, weights: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Return (B, 6) boxes that hold moving vehicles, as `slide` does."""
+    places, values, corner = _cells(points, weights)
+    chart = np.full(np.ceil(np.ptp(places, axis=0) / CELL_M).astype(int) + 3, -1, np.int32)
+    cells = (places / CELL_M).astype(np.int64)
+    chart[cells[:, 0], cells[:, 1]] = np.arange(len(places))
+    boxes = slide(chart, places, values, origin - corner, SIDES_M, CELL_M, LEAST)
+    boxes = boxes[np.lexsort((boxes[:, 2], boxes[:, 1], boxes[:, 0], -boxes[:, 3]))]
+    kept = boxes[suppress(boxes, places, values, origin - corner, SIDES_M, LEAST)]
+    kept[:, :2] += corner
+    return np.asarray(kept)
+
+
+def _cells(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return mean place (K, 2) and evidence (K,) of each occupied cell, and the corner (2,).
+
+    A cell weighs the same however many returns it holds.
+    """
+    corner = CELL_M * np.floor(points[:, :2].min(axis=0) / CELL_M)
+    cells = ((points[:, :2] - corner) / CELL_M).astype(np.int64)
+    flat = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    _, row, count = np.unique(flat, return_inverse=True, return_counts=True)
+    order = np.lexsort((points[:, 1], points[:, 0]))
+    sums = [np.bincount(row[order], v[order]) / count for v in (*points[:, :2].T, weights)]
+    return np.column_stack(sums[:2]) - corner, np.clip(sums[2], -LIMIT, LIMIT), corner
+
+
+def _candidate(
+    now: View, points: np.ndarray, times_s: np.ndarray, box: np.ndarray
+) -> Candidate | None:
+    rows = gathered(points, box, now.origin(), SIDES_M)
+    if len(rows) < MIN_POINTS:
+        return None
+    members, time_s = points[rows], float(np.median(times_s[rows]))
+    return Candidate(
+        members[np.lexsort(members.T)], time_s, now.origin(time_s), box[:3], float(box[3])
+    )

@@ -1,0 +1,81 @@
+"""One scan as later ones look back at it: a range image, and points freed of the own motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from roadscope.core import LidarScan, Pose, wrap_angle
+from roadscope.core.record import Record
+from roadscope.detectors.moving.view_kernels import tabulate, unskew
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View(Record):
+    """What a scan saw, and where its rays went.
+
+    points: (N, 3) float64, metres, ego frame at the stamp: each is carried there from its own
+        time by the sensor's motion, so what stands still is where it stands.
+    times_s: (N,) float64, seconds after the stamp.
+    image: (R, C) float32, metres, range of the nearest return by beam and column; nan for none.
+    slopes: (R,) float64, increasing, tangent of each beam's elevation.
+    azimuth, step: radians of the first column and from column to column, in the lidar frame.
+    column_times_s: (C,) float64, seconds after the stamp.
+    twist: (3,) float64, velocity in x and y, m/s, and yaw rate, rad/s, of the ego.
+    lidar_from_ego: (4, 4) float64.
+    """
+
+    points: np.ndarray
+    times_s: np.ndarray
+    image: np.ndarray
+    slopes: np.ndarray
+    azimuth: float
+    step: float
+    column_times_s: np.ndarray
+    twist: np.ndarray
+    lidar_from_ego: np.ndarray
+
+    @staticmethod
+    def of(scan: LidarScan, ego_from_lidar: Pose, twist: np.ndarray) -> View:
+        """Take a scan and the own motion during it."""
+        times_s = scan.time_offset_s.astype(np.float64)
+        points = unskew(ego_from_lidar.apply(scan.points), times_s, twist)
+        lidar_from_ego = ego_from_lidar.inverse().matrix
+        if not len(scan):
+            image, none = np.empty((0, 0), np.float32), np.empty(0)
+            return View(points, times_s, image, none, 0.0, 0.0, none, twist, lidar_from_ego)
+        table = tabulate(
+            scan.points, scan.ring - scan.ring.min(), scan.column - scan.column.min(), times_s
+        )
+        image, slopes, azimuths, column_times_s = table
+        rows = np.argsort(slopes, kind="stable")[: np.isfinite(slopes).sum()]
+        seen = np.flatnonzero(np.isfinite(azimuths))
+        azimuth, step = _evenly(seen, azimuths[seen])
+        column_times_s = np.interp(np.arange(len(azimuths)), seen, column_times_s[seen])
+        image, slopes = np.ascontiguousarray(image[rows]), slopes[rows]
+        return View(
+            points, times_s, image, slopes, azimuth, step, column_times_s, twist, lidar_from_ego
+        )
+
+    @property
+    def rays(self) -> tuple[Any, ...]:
+        """What kernels ask of a view, in their order."""
+        grid = self.azimuth, self.step
+        return self.image, self.slopes, grid, self.column_times_s, self.twist, self.lidar_from_ego
+
+    def origin(self, time_s: float = 0.0) -> np.ndarray:
+        """Return where the sensor was some seconds after the stamp, (2,) metres."""
+        mount = -self.lidar_from_ego[:3, :3].T @ self.lidar_from_ego[:3, 3]
+        at = unskew(mount[None], np.array([time_s]), self.twist)
+        return np.asarray(at[0, :2])
+
+
+def _evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
+    """Return azimuth of column 0 and the step of evenly spaced columns, radians."""
+    if len(columns) < 2:
+        return float(azimuths[0]), 0.0
+    step = float(np.median(wrap_angle(np.diff(azimuths)) / np.diff(columns)))
+    off = wrap_angle(azimuths - step * columns - azimuths[0])
+    return float(azimuths[0] + np.median(off)), step

@@ -1,0 +1,218 @@
+"""Range images, motion within a sweep, and what earlier scans saw of a place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.envs.raycast.jit import compiled
+
+OCCUPIED_M = 0.5
+"""A return this near in range says that the place was taken: three standard deviations of range
+noise on either scan, slanted surfaces, and one second of the odometry's error."""
+BEYOND_M = 1.0
+"""A return this much farther says that the place was free."""
+PASS_M = 0.1
+"""Rays that pass this much above or below what is seen of a thing still tell whether it was
+there. A guard rail is low and thin: between two beams it is missed, and where a beam meets it
+travels along with the sensor, as a vehicle would."""
+
+BODY_M = (0.8, 1.2)
+"""Heights at which any vehicle stops a ray."""
+BEHIND_M = 5.5
+"""What a ray over the bonnet meets this far behind is not the same vehicle."""
+
+
+@compiled()
+def tabulate(
+    points: np.ndarray, ring: np.ndarray, column: np.ndarray, times_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return range image, slope by ring, azimuth and time by column; nan where nothing came back.
+
+    points: (N, 3), lidar frame. Whatever the order of the returns, the result is the same.
+    """
+    rings, columns = ring.max() + 1, column.max() + 1
+    image = np.full((rings, columns), np.float32(np.nan))
+    slopes, azimuths = np.full(rings, np.nan), np.full(columns, np.nan)
+    starts, lowest = np.full(columns, np.nan), np.full(columns, -1)
+    for i in range(len(points)):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        flat = np.sqrt(x * x + y * y)
+        if flat == 0.0:
+            continue
+        b, c, reach = ring[i], column[i], np.float32(np.sqrt(flat * flat + z * z))
+        if not slopes[b] <= z / flat:
+            slopes[b] = z / flat
+        if not starts[c] <= times_s[i]:
+            starts[c] = times_s[i]
+        nearer = not image[b, c] <= reach
+        if nearer:
+            image[b, c] = reach
+        # One return a column tells its azimuth; which one must not depend on their order.
+        low = lowest[c]
+        if low < 0 or b < ring[low] or (b == ring[low] and _before(points, i, low)):
+            lowest[c] = i
+    for c in range(columns):
+        if lowest[c] >= 0:
+            azimuths[c] = np.arctan2(
+                np.float64(points[lowest[c], 1]), np.float64(points[lowest[c], 0])
+            )
+    return image, slopes, azimuths, starts
+
+
+@compiled()
+def _before(points: np.ndarray, i: int, k: int) -> bool:
+    """Whether row i comes before row k by x, then y, then z."""
+    for axis in range(3):
+        if points[i, axis] != points[k, axis]:
+            return bool(points[i, axis] < points[k, axis])
+    return False
+
+
+@compiled()
+def thinned(points: np.ndarray, cell_m: float, slab_m: float) -> np.ndarray:
+    """Return rows of one place a voxel of (N, 3) points, the first by x, y, z, sorted by voxel."""
+    size = 1
+    while size < 2 * len(points):
+        size *= 2
+    slots = np.full(size, -1)
+    keys = np.empty(len(points), np.int64)
+    for i in range(len(points)):
+        a, b = np.floor(points[i, 0] / cell_m), np.floor(points[i, 1] / cell_m)
+        c = np.floor(points[i, 2] / slab_m)
+        keys[i] = ((np.int64(a) + 0x10000) << 32) + ((np.int64(b) + 0x10000) << 12) + np.int64(c)
+        slot = (keys[i] * 0x9E3779B97F4A7C1 >> 20) & (size - 1)
+        while slots[slot] >= 0 and keys[slots[slot]] != keys[i]:
+            slot = (slot + 1) & (size - 1)
+        if slots[slot] < 0 or _before(points, i, slots[slot]):
+            slots[slot] = i
+    rows = slots[slots >= 0]
+    return rows[np.argsort(keys[rows])]
+
+
+@compiled()
+def spans(points: np.ndarray, cell_m: float) -> np.ndarray:
+    """Return (N, 2) lowest and highest z among the places (N, 3) in the cells around each."""
+    low_x, low_y = points[:, 0].min(), points[:, 1].min()
+    wide = int((points[:, 0].max() - low_x) / cell_m) + 3
+    deep = int((points[:, 1].max() - low_y) / cell_m) + 3
+    low, high = np.full((wide, deep), np.inf), np.full((wide, deep), -np.inf)
+    for i in range(len(points)):
+        a, b = int((points[i, 0] - low_x) / cell_m) + 1, int((points[i, 1] - low_y) / cell_m) + 1
+        low[a, b] = min(low[a, b], points[i, 2])
+        high[a, b] = max(high[a, b], points[i, 2])
+    out = np.empty((len(points), 2))
+    for i in range(len(points)):
+        a, b = int((points[i, 0] - low_x) / cell_m) + 1, int((points[i, 1] - low_y) / cell_m) + 1
+        out[i, 0] = low[a - 1 : a + 2, b - 1 : b + 2].min()
+        out[i, 1] = high[a - 1 : a + 2, b - 1 : b + 2].max()
+    return out
+
+
+@compiled()
+def unskew(points: np.ndarray, times_s: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """Carry (N, 3) points from the ego frame at their own times to the one at the stamp."""
+    out = np.empty_like(points)
+    for i in range(len(points)):
+        t = times_s[i]
+        cos, sin = np.cos(twist[2] * t), np.sin(twist[2] * t)
+        x, y = points[i, 0], points[i, 1]
+        out[i, 0] = cos * x - sin * y + twist[0] * t
+        out[i, 1] = sin * x + cos * y + twist[1] * t
+        out[i, 2] = points[i, 2]
+    return out
+
+
+@compiled()
+def look_back(
+    points: np.ndarray,
+    heights: np.ndarray,
+    image: np.ndarray,
+    slopes: np.ndarray,
+    grid: tuple[float, float],
+    column_times_s: np.ndarray,
+    twist: np.ndarray,
+    lidar_from_ego: np.ndarray,
+    counts: np.ndarray,
+) -> None:
+    """Count up, in place, which places (N, 3) a scan saw free, and which it saw taken.
+
+    points: metres, the scan's ego frame. heights: (N, 2) metres, from where to where the thing
+    at the place is seen to reach. grid: azimuth of column 0 and step, radians. The other arrays
+    are a `View`'s. counts: (2, N) int64, free and taken.
+    """
+    for i in range(len(points)):
+        column, flat, reach, slope = _cast(points[i], grid, column_times_s, twist, lidar_from_ego)
+        if column < 0:
+            continue
+        free_rays, taken, above = 0, False, np.searchsorted(slopes, slope)
+        for row in range(max(above - 1, 0), min(above + 1, len(slopes))):
+            height = points[i, 2] + (slopes[row] - slope) * flat
+            tells = heights[i, 0] - PASS_M < height < heights[i, 1] + PASS_M
+            for beside in range(max(column - 1, 0), min(column + 2, image.shape[1])):
+                seen = image[row, beside]
+                if abs(seen - reach) < OCCUPIED_M:
+                    taken = True
+                elif tells:
+                    # No return is a ray that met nothing within its reach.
+                    beyond = np.isnan(seen) or seen > reach + BEYOND_M
+                    free_rays += 1 if beyond else -99
+        counts[0, i] += 1 if free_rays >= 3 and not taken else 0
+        counts[1, i] += 1 if taken else 0
+
+
+@compiled()
+def seen_through(
+    points: np.ndarray,
+    image: np.ndarray,
+    slopes: np.ndarray,
+    grid: tuple[float, float],
+    column_times_s: np.ndarray,
+    twist: np.ndarray,
+    lidar_from_ego: np.ndarray,
+) -> np.ndarray:
+    """Return (N,) whether a ray crosses a place at `BODY_M` above the road and goes on.
+
+    The arguments are those of `look_back`.
+    """
+    through = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        column, flat, reach, slope = _cast(points[i], grid, column_times_s, twist, lidar_from_ego)
+        if column < 0:
+            continue
+        for row in range(len(slopes)):
+            height = points[i, 2] + (slopes[row] - slope) * flat
+            if BODY_M[0] < height < BODY_M[1]:
+                seen = image[row, column]
+                through[i] |= np.isnan(seen) or seen > reach + BEHIND_M
+    return through
+
+
+@compiled()
+def _cast(
+    point: np.ndarray,
+    grid: tuple[float, float],
+    column_times_s: np.ndarray,
+    twist: np.ndarray,
+    lidar_from_ego: np.ndarray,
+) -> tuple[int, float, float, float]:
+    """Return column, distance, range and slope of the ray to a place; column -1 if there is none.
+
+    The sensor moves while it turns: where it was depends on the column, which depends on that.
+    """
+    turn, m, time = 2 * np.pi / abs(grid[1]), lidar_from_ego, 0.0
+    column, flat, w = -1, 0.0, 0.0
+    for _ in range(2):
+        cos, sin = np.cos(twist[2] * time), np.sin(twist[2] * time)
+        dx, dy = point[0] - twist[0] * time, point[1] - twist[1] * time
+        x, y, z = cos * dx + sin * dy, cos * dy - sin * dx, point[2]
+        u = m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]
+        v = m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]
+        w = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
+        flat = np.sqrt(u * u + v * v)
+        place = (np.arctan2(v, u) - grid[0]) / grid[1]
+        place -= turn * np.floor((place + 0.5) / turn)
+        column = int(np.floor(place + 0.5))
+        if column >= len(column_times_s) or flat == 0.0:
+            return -1, 0.0, 0.0, 0.0
+        time = column_times_s[column]
+    return column, flat, np.sqrt(flat * flat + w * w), w / flat
