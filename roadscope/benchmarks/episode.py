@@ -25,12 +25,14 @@ class Episode:
     scenario: a name of `roadscope.envs.traffic.scenarios.SCENARIOS`.
     rig: a name of `roadscope.envs.sensors.rigs.RIGS` or a path to a TOML file.
     duration_s: None: as long as the scenario says.
+    weather: a name of `roadscope.envs.sensors.weather.WEATHERS`; the traffic does not know it.
     """
 
     scenario: str
     seed: int
     rig: str
     duration_s: float | None = None
+    weather: str = "clear"
 
     def traffic_spec(self) -> dict[str, object]:
         """Return what the traffic depends on."""
@@ -47,8 +49,13 @@ class Episode:
     def spec(self) -> dict[str, object]:
         """Return what frames and truth depend on."""
         from roadscope.envs.sensors.rigs import rig
+        from roadscope.envs.sensors.weather import weather
 
-        return {**self.traffic_spec(), "rig": fingerprint(rig(self.rig))}
+        return {
+            **self.traffic_spec(),
+            "rig": fingerprint(rig(self.rig)),
+            "weather": fingerprint(weather(self.weather)),
+        }
 
 
 def timeline_path(episode: Episode) -> Path:
@@ -81,7 +88,7 @@ def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
     spec = sensors.lidar.spec
     scans = (timeline.end_s - timeline.start_s) / spec.period_s
     if scans * spec.beams * spec.columns * BYTES_PER_RETURN > KEPT_BYTES:
-        yield from sense(timeline, sensors, episode.seed)
+        yield from sense(timeline, sensors, episode.seed, weather=episode.weather)
         return
     for frame, truth in _kept(episode, fingerprint(episode.spec())):
         yield _copied(frame), truth
@@ -96,7 +103,8 @@ def _kept(episode: Episode, key: str) -> tuple[tuple[Frame, Truth], ...]:
     from roadscope.envs.sensors.rigs import rig
     from roadscope.envs.sensors.sensing import sense
 
-    return tuple(sense(timeline_of(episode), rig(episode.rig), episode.seed))
+    timeline, sensors = timeline_of(episode), rig(episode.rig)
+    return tuple(sense(timeline, sensors, episode.seed, weather=episode.weather))
 
 
 def _copied(frame: Frame) -> Frame:
@@ -113,9 +121,11 @@ def _copied(frame: Frame) -> Frame:
 def check_episode(episode: Episode) -> None:
     """Refuse what cannot be sensed: unknown names, less time than one sweep takes."""
     from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.sensors.weather import weather
     from roadscope.envs.traffic.scenarios import find
 
     find(episode.scenario)
+    weather(episode.weather)
     mount = rig(episode.rig).lidar
     least_s = mount.stamp_s(0) + mount.spec.sweep_s / 2
     if episode.duration_s is not None and not least_s <= episode.duration_s < math.inf:

@@ -81,6 +81,12 @@ def _sensors() -> list[tuple[str, str]]:
     ]
 
 
+def _weathers() -> list[tuple[str, str]]:
+    from roadscope.envs.sensors.weather import WEATHERS
+
+    return [(name, weather.summary) for name, weather in WEATHERS.items()]
+
+
 KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "detectors": _detectors,
     "trackers": _trackers,
@@ -88,4 +94,5 @@ KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "suites": _suites,
     "rigs": _rigs,
     "sensors": _sensors,
+    "weathers": _weathers,
 }

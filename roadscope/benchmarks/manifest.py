@@ -35,6 +35,7 @@ def manifest(suite: Suite, jobs: int) -> dict[str, Any]:
         "suite_version": suite.version,
         "suite_hash": fingerprint(suite),
         "scenarios": list(suite.scenarios),
+        "weathers": list(suite.weathers),
         "seeds": list(suite.seeds),
         "rig": suite.rig,
         "jobs": jobs,

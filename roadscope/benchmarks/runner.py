@@ -109,7 +109,9 @@ def _work(plans: Plan, recorder: _Recorder, jobs: int, fresh: bool, progress: Pr
         if job.detections_path in needed - at_hand and not job.detections_path.exists()
     ]
     asked = dict.fromkeys(job.episode for job in [*detection, *public])
-    traffic = [episode for episode in asked if not timeline_path(episode).exists()]
+    # Episodes that differ in weather share their traffic.
+    recorded = {timeline_path(episode): episode for episode in asked}
+    traffic = [episode for path, episode in recorded.items() if not path.exists()]
     for _ in _each(_record, traffic, jobs, "traffic", progress):
         pass
     seeing = [(job, fresh, job.key in {d.key for d in detection}) for job in [*detection, *public]]

@@ -87,7 +87,8 @@ def picture(summary: Summary, index: int | None = None) -> np.ndarray:
     episode = summary.episode
     index = len(summary.tracks) // 2 if index is None else index
     timeline = timeline_of(episode)
-    frame, truth = Sensing(rig(episode.rig), episode.seed).sense(timeline, index)
+    sensing = Sensing(rig(episode.rig), episode.seed, weather=episode.weather)
+    frame, truth = sensing.sense(timeline, index)
     ego_from_world = truth.world_from_ego.inverse()
     return birds_eye(
         frame,

@@ -28,7 +28,7 @@ SPLITS: Mapping[str, range] = {
 """Seeds of each split; nothing is tuned on test seeds."""
 
 KEYS = (
-    "name", "version", "summary", "rig", "duration_s", "scenarios", "split", "seeds",
+    "name", "version", "summary", "rig", "duration_s", "scenarios", "weathers", "split", "seeds",
     "eligibility", "detection", "tracking",
 )  # fmt: skip
 
@@ -48,6 +48,7 @@ class Suite:
     detectors, trackers: entries that every run compares.
     public_detectors: whose detections all trackers get; `oracle` stands for the eligible
         truth boxes themselves.
+    weathers: names of `roadscope.envs.sensors.weather.WEATHERS`; every episode is sensed in each.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Suite:
     detectors: tuple[str, ...]
     trackers: tuple[str, ...]
     public_detectors: tuple[str, ...]
+    weathers: tuple[str, ...] = ("clear",)
 
     @property
     def title(self) -> str:
@@ -145,7 +147,21 @@ def _suite(table: Mapping[str, Any]) -> Suite:
         detectors=_strings(detection, "entries", ()),
         trackers=_strings(tracking, "entries", ()),
         public_detectors=_strings(tracking, "detectors", ()),
+        weathers=_weathers(table),
     )
+
+
+def _weathers(table: Mapping[str, Any]) -> tuple[str, ...]:
+    """Read names in full, so that `fog` and `fog-3` are one."""
+    from roadscope.envs.sensors.weather import weather
+
+    given = _strings(table, "weathers", ("clear",))
+    if not given:
+        raise SuiteError("weathers: expected at least one")
+    try:
+        return tuple(dict.fromkeys(weather(name).name for name in given))
+    except ValueError as error:
+        raise SuiteError(f"weathers: {error}") from error
 
 
 def _eligibility(table: Mapping[str, Any]) -> Eligibility:

@@ -12,6 +12,7 @@ from roadscope.envs.gym.spaces import Lanes, ego_state, range_image
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.sensors.sensing import Sensing
+from roadscope.envs.sensors.weather import CLEAR, Weather
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.style import style_named
 
@@ -52,7 +53,13 @@ class Observer:
     """
 
     def __init__(
-        self, rig: Rig, *, seed: int | None = None, style: str | None = None, records: bool = True
+        self,
+        rig: Rig,
+        *,
+        seed: int | None = None,
+        style: str | None = None,
+        weather: str | Weather = CLEAR,
+        records: bool = True,
     ) -> None:
         self.rig = rig
         self.latest: tuple[Frame, Truth] | None = None
@@ -60,7 +67,7 @@ class Observer:
             style_named(style)
         self._records = records
         self._seeds = np.random.SeedSequence(seed)
-        self._sensing = Sensing(rig, 0, style)
+        self._sensing = Sensing(rig, 0, style, weather=weather)
 
     def next_seed(self, seed: int | None) -> int:
         """Return the seed of the next episode, the given one if there is one."""

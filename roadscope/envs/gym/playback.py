@@ -14,6 +14,7 @@ from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, rig_of
 from roadscope.envs.gym.spaces import Observation, observation_space
 from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.sensors.weather import Weather
 from roadscope.envs.traffic.scenarios import find, record
 from roadscope.envs.traffic.timeline import Timeline
 
@@ -23,7 +24,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
 
     scenario, duration_s: as in `scenarios.record`. `reset(seed=s)` plays the recording of seed
         s, byte for byte what `sensing.sense` makes of it; a reset without seed draws the next.
-    rig, style, records: as in `SensorWrapper`.
+    rig, style, weather, records: as in `SensorWrapper`.
     step_s: time from step to step; None for the period of the LiDAR.
 
     The reward is 0, and an episode is truncated where the recording ends.
@@ -39,13 +40,14 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         duration_s: float | None = None,
         step_s: float | None = None,
         style: str | None = None,
+        weather: str | Weather = "clear",
         records: bool = True,
         render_mode: str | None = None,
     ) -> None:
         chosen = _on_frames(rig_of(rig), scenario)
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(1)
-        self._observer = Observer(chosen, style=style, records=records)
+        self._observer = Observer(chosen, style=style, weather=weather, records=records)
         self.observation_space = observation_space(chosen)
         self._scenario = scenario
         self._duration_s = duration_s

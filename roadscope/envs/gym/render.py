@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.core import Category, Detections, Frame, Tracks, TrackState, Truth
+from roadscope.core import WEATHER, Category, Detections, Frame, Tracks, TrackState, Truth
 from roadscope.envs.gym.canvas import Canvas, Colour
 from roadscope.envs.gym.render_colours import (
     COASTING_LINE_PX,
@@ -21,6 +21,7 @@ from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.prisms import Prisms
 
 GROUND_RETURN: Colour = (66, 78, 104)
+WEATHER_RETURN: Colour = (112, 92, 116)
 SOLID: Colour = (92, 84, 76)
 FOLIAGE: Colour = (40, 84, 52)
 HEIGHTS_M = np.array([0.2, 0.8, 1.6, 3.0, 6.0])
@@ -34,8 +35,8 @@ PALETTE = np.stack(
     ],
     axis=1,
 )
-PALETTE = np.concatenate([np.tile(GROUND_RETURN, (3, 1)), PALETTE]).astype(np.float32)
-"""Levels 1 and 2 are returns of the ground, 3 to 203 go from HEIGHTS_M[0] to the last."""
+PALETTE = np.concatenate([[(0, 0, 0), WEATHER_RETURN, GROUND_RETURN], PALETTE]).astype(np.float32)
+"""Level 1 is rain and fog, 2 the ground, 3 to 203 go from HEIGHTS_M[0] to the last."""
 
 
 def birds_eye(
@@ -46,10 +47,11 @@ def birds_eye(
 ) -> np.ndarray:  # fmt: skip
     """(size_px, size_px, 3) uint8: what one tick measured over what was there.
 
-    Lanes are grey; returns go from blue (low) to orange (high), those of the ground are dim;
-    true boxes are coloured by family, their point shows ahead; detections are orange; tracks
-    carry colour and number of their id and a line as long as one second's way, and have a
-    thin outline while they coast. A number that would cover another word is left out.
+    Lanes are grey; returns go from blue (low) to orange (high), those of the ground are dim,
+    those of rain and fog a dull violet; true boxes are coloured by family, their point shows
+    ahead; detections are orange; tracks carry colour and number of their id and a line as long
+    as one second's way, and have a thin outline while they coast. A number that would cover
+    another word is left out.
     legend: whether the colours are explained, in pictures that are large enough.
     scenery: outlines to draw below the returns, world frame.
     """
@@ -109,8 +111,11 @@ def _draw_returns(
     cos, sin = np.cos(yaw), np.sin(yaw)
     world = np.stack([x + cos * ahead - sin * left, y + sin * ahead + cos * left], axis=1)
     _halt(world, offsets, truth)
-    shares = np.clip((height - HEIGHTS_M[0]) / (HEIGHTS_M[-1] - HEIGHTS_M[0]), -0.01, 1)
-    canvas.dots(view.pixels(world), (shares * 200 + 3).astype(np.uint8), PALETTE)
+    shares = np.clip((height - HEIGHTS_M[0]) / (HEIGHTS_M[-1] - HEIGHTS_M[0]), -0.004, 1)
+    levels = (shares * 200 + 3).astype(np.uint8)
+    if len(truth.sources) == len(levels):
+        levels[truth.sources == WEATHER] = 1
+    canvas.dots(view.pixels(world), levels, PALETTE)
 
 
 def _halt(world: np.ndarray, offsets_s: np.ndarray, truth: Truth) -> None:

@@ -14,6 +14,7 @@ from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
 from roadscope.envs.gym.spaces import Observation, goal_state, observation_space
 from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.sensors.weather import Weather
 from roadscope.envs.traffic.conversion import ForeignEnvError, refuse_multi_agent, to_world
 from roadscope.envs.traffic.driver_constants import Constants, original_constants, own_constants
 from roadscope.envs.traffic.recorder import TrafficRecorder
@@ -42,6 +43,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
     rig: name of a preset (`roadscope list rigs`), path of a TOML file, or a `Rig`.
     seed: of the sensors when the first `reset` brings none; a seed given to `reset` counts.
     style: roadside, a name of `roadside.STYLES`; None for what suits the environment.
+    weather: name of a preset (`roadscope list weathers`) or a `Weather`.
     records: whether `info` carries every frame and its truth; training without them is lighter.
 
     The observation is a dictionary of the latest complete scan and the own state: see
@@ -58,15 +60,20 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         *,
         seed: int | None = None,
         style: str | None = None,
+        weather: str | Weather = "clear",
         records: bool = True,
     ) -> None:
-        RecordConstructorArgs.__init__(self, rig=rig, seed=seed, style=style, records=records)
+        RecordConstructorArgs.__init__(
+            self, rig=rig, seed=seed, style=style, weather=weather, records=records
+        )
         gym.Wrapper.__init__(self, env)
         _refuse_sensors(env)
         refuse_multi_agent(env)
         chosen = rig_of(rig)
         suited = suited_style(env.unwrapped) if style is None else style
-        self._observer = Observer(chosen, seed=checked_seed(seed), style=suited, records=records)
+        self._observer = Observer(
+            chosen, seed=checked_seed(seed), style=suited, weather=weather, records=records
+        )
         self._recorder = TrafficRecorder()
         self._constants: Constants = {}
         self._period_s = chosen.lidar.spec.period_s

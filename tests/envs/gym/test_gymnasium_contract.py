@@ -55,6 +55,17 @@ def test_check_env_has_nothing_to_say_of_played_scenarios(name: str) -> None:
     check_env(env.unwrapped, skip_render_check=True)
 
 
+@pytest.mark.parametrize("settings", [{}, PLAYED])
+def test_check_env_has_nothing_to_say_of_weather(settings: dict[str, Any]) -> None:
+    env = gym.make("roadscope/Merge-v0", rig="vlp16", weather="fog-4", **settings)
+    check_env(env.unwrapped, skip_render_check=True)
+    clear = gym.make("roadscope/Merge-v0", rig="vlp16", **settings)
+    (fogged, _), (seen, _) = env.reset(seed=3), clear.reset(seed=3)
+    assert (fogged["lidar_range"] > 60).sum() < (seen["lidar_range"] > 60).sum() / 10
+    assert (fogged["lidar_range"] > 0).sum() > (seen["lidar_range"] > 0).sum()
+    assert np.array_equal(fogged["ego"], seen["ego"])
+
+
 @pytest.mark.parametrize("name", FOREIGN)
 @pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version:UserWarning")
@@ -76,7 +87,7 @@ def test_specs_survive_json(name: str) -> None:
 
 
 def test_the_spec_of_a_wrapped_environment_remakes_the_wrapper() -> None:
-    env = SensorWrapper(gym.make("merge-v1"), "lux", style="urban", records=False)
+    env = SensorWrapper(gym.make("merge-v1"), "lux", style="urban", weather="rain-2", records=False)
     assert env.spec is not None
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     assert isinstance(again, SensorWrapper)
@@ -221,6 +232,8 @@ def test_copies_go_their_own_way(twin: Any, settings: dict[str, Any]) -> None:
         ({"scenario": "lu2018-occlusion", "ego": "agent"}, "is only played"),
         ({"scenario": "merge", "rig": "radar"}, "no rig 'radar'"),
         ({"scenario": "merge", "style": "moon"}, "no roadside style 'moon'"),
+        ({"scenario": "merge", "weather": "hail"}, "no weather 'hail'"),
+        ({"scenario": "merge", "ego": "idm", "weather": "hail"}, "no weather 'hail'"),
         ({"scenario": "merge", "step_s": 0.1}, "step_s: only with ego='idm'"),
         ({"scenario": "merge", "ego": "idm", "step_s": 0.0}, "step_s: expected a positive"),
         ({"scenario": "merge", "ego": "idm", "config": {}}, "config: only with ego='agent'"),

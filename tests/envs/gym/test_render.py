@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import (
+    WEATHER,
     Calibration,
     Detections,
     Frame,
@@ -13,7 +14,7 @@ from roadscope.core import (
     TrackState,
     Truth,
 )
-from roadscope.envs.gym.render import birds_eye
+from roadscope.envs.gym.render import GROUND_RETURN, WEATHER_RETURN, birds_eye
 from roadscope.envs.gym.render_colours import DETECTION, EGO, FAMILIES
 from roadscope.envs.gym.render_road import ASPHALT
 from roadscope.envs.gym.render_view import View, box_corners
@@ -101,6 +102,15 @@ def test_returns_are_drawn_at_their_place_and_in_the_colour_of_their_height():
     assert set(np.abs(changed[:, 1] - HOME[1]).tolist()) <= {49, 50, 51}
     high, low = image[tuple(changed[0])], image[tuple(changed[-1])]
     assert high.sum() > 1.5 * low.sum()
+
+
+def test_weather_has_its_own_colour_below_everything():
+    frame = _frame(np.array([[17.5, 10.0, 1.0], [17.5, 10.0, 1.0], [22.5, 10.0, -1.9]]))
+    truth = _truth(platoon(), ((-15.0, 0.0),), returns=3)
+    for sources, seen in (((0, WEATHER, -1), False), ((WEATHER, WEATHER, -1), True)):
+        image = _draw(frame, replace(truth, sources=np.array(sources)))
+        assert bool(len(_close(image, WEATHER_RETURN, 3))) == seen
+        assert len(_close(image, GROUND_RETURN, 3))
 
 
 def test_own_motion_is_taken_out_of_returns():

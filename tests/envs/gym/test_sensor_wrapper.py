@@ -10,7 +10,7 @@ import pytest
 from highway_env.vehicle.behavior import IDMVehicle
 
 import roadscope  # noqa: F401  (registers ours)
-from roadscope.core import RecordError
+from roadscope.core import WEATHER, RecordError
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
 from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.sensors.sensing import Sensing
@@ -143,12 +143,18 @@ def test_seeds_may_be_integers_of_numpy() -> None:
     assert env.reset()[0] in env.observation_space
 
 
-def test_unknown_rigs_and_styles_list_what_there_is() -> None:
+def test_unknown_rigs_styles_and_weathers_list_what_there_is() -> None:
     env = gym.make("merge-v1")
     with pytest.raises(RecordError, match="no rig 'radar'; known: lux"):
         SensorWrapper(env, "radar")
     with pytest.raises(RecordError, match="no roadside style 'moon'; known: motorway"):
         SensorWrapper(env, style="moon")
+    with pytest.raises(
+        ValueError, match=r"no weather 'fgo' \(did you mean 'fog'\?\); known: clear"
+    ):
+        SensorWrapper(env, weather="fgo")
+    with pytest.raises(TypeError, match="weather: expected a name or a Weather, got 3"):
+        SensorWrapper(env, weather=3)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -191,9 +197,11 @@ def test_a_slow_policy_gets_every_sweep_of_a_fast_lidar() -> None:
     assert stamps == [mount.stamp_s(index) for index in range(len(stamps))]
 
 
-@pytest.mark.parametrize("name", ["highway-fast-v0", "intersection-v2"])
-def test_live_frames_equal_those_of_the_whole_recording(name: str) -> None:
-    env = SensorWrapper(gym.make(name), "lux", style="urban")
+@pytest.mark.parametrize(
+    ("name", "weather"), [("highway-fast-v0", "clear"), ("intersection-v2", "fog-4")]
+)
+def test_live_frames_equal_those_of_the_whole_recording(name: str, weather: str) -> None:
+    env = SensorWrapper(gym.make(name), "lux", style="urban", weather=weather)
     env.reset(seed=4)
     frames, truths = [], []
     for action in actions(env, 3):
@@ -201,7 +209,9 @@ def test_live_frames_equal_those_of_the_whole_recording(name: str) -> None:
         frames += info["frames"]
         truths += info["truths"]
     whole = env.recording()
-    again = Sensing(find_rig("lux"), 4, "urban").advance(whole, whole.end_s)
+    sensing = Sensing(find_rig("lux"), 4, "urban", weather=weather)
+    again = sensing.advance(whole, whole.end_s)
+    assert any((truth.sources == WEATHER).any() for truth in truths) == (weather != "clear")
     assert len(again) == len(frames) > 10
     for (frame, truth), live, live_truth in zip(again, frames, truths, strict=True):
         assert frame == live
