@@ -201,18 +201,23 @@ def reproduce(
         typer.echo(f"written: {folder / f'{paper}.json'}")
 
 
-@app.command(epilog="Example:  roadscope speed --out results")
+@app.command(epilog="Example:  roadscope speed detectors --out results")
 def speed(
+    parts: Annotated[
+        list[str] | None, typer.Argument(help="casting, detectors; both by default.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
 ) -> None:
-    """Measure the ray caster, beside Open3D's when that is installed."""
+    """Measure ray casting and detectors, beside Open3D and scikit-learn where installed."""
     from roadscope.benchmarks.cache import usable_folder
-    from roadscope.benchmarks.speed import measure_speed, write_speed
+    from roadscope.benchmarks.speed import PARTS, measure_speed, write_speed
     from roadscope.benchmarks.tables import speed_table
 
     folder = None if out is None else usable_folder(out)
     with _progress() as progress:
-        rows = measure_speed(progress=lambda _, done, of: progress("speed", done, of))
+        rows = measure_speed(
+            parts=parts or PARTS, progress=lambda _, done, of: progress("speed", done, of)
+        )
     _print(speed_table(rows))
     if folder is not None:
         write_speed(rows, folder / "speed.json")

@@ -1,18 +1,24 @@
-"""How fast sensing is, beside Embree through Open3D where that is installed."""
+"""How fast sensing and detectors are, beside Open3D and scikit-learn where they are installed."""
 
 from __future__ import annotations
 
 import json
-import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from roadscope.benchmarks.speed_detectors import (
+    RIGS,
+    measure_dbscan,
+    measure_detectors,
+    measure_stages,
+)
+from roadscope.benchmarks.speed_rows import SpeedRow, interleaved
 from roadscope.benchmarks.speed_scene import (
     driving_scene,
     parked_scene,
@@ -26,6 +32,7 @@ from roadscope.envs.raycast.shapes import forget
 from roadscope.envs.sensors.lidar import lidar_columns, sweep
 from roadscope.envs.sensors.lidar_specs import SPECS
 
+PARTS = ("casting", "detectors")
 COUNTS = (10, 100, 250, 1000, 5000)
 COMPARED = 250
 TILTS = {"level": (0.0, 0.0), "tilted": (np.radians(2.0), np.radians(1.0))}
@@ -38,42 +45,59 @@ Progress = Callable[[str, int, int], None]
 """Told the name of the step that begins, its number from 0 and the number of steps."""
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedRow:
-    """One measured figure."""
-
-    name: str
-    value: float
-    unit: str
-
-
 def measure_speed(
     counts: Sequence[int] = COUNTS,
     *,
     compared: int = COMPARED,
     repeats: int = 21,
     progress: Progress | None = None,
+    parts: Sequence[str] = PARTS,
 ) -> list[SpeedRow]:
-    """Measure bare casts over numbers of bodies, whole sweeps, and Open3D on the same rays.
+    """Measure ray casting and detectors; one thread, medians over runs after a warm-up.
 
-    HDL-32E, one thread, medians over `repeats` runs after a warm-up. What is compared runs in
-    turns. Where Open3D is missing its rows are missing too, and `open3d installed` is 0.
+    parts: `casting`: bare casts of an HDL-32E over numbers of bodies, whole sweeps, and Open3D
+    on the same rays in turns; where Open3D is missing its rows are missing too, and `open3d
+    installed` is 0. `detectors`: every stage and every registered detector on three LiDARs, over
+    fewer runs, and DBSCAN beside scikit-learn's.
     """
-    steps: list[tuple[str, Callable[[], list[SpeedRow]]]] = [
-        (f"{count} bodies", partial(_bare, count, repeats)) for count in counts
-    ]
-    steps.append(("whole sweeps", partial(_sweeps, compared, repeats)))
-    open3d = import_open3d()
-    if open3d is not None:
-        steps.extend(
-            (f"Open3D, {tilt}", partial(_beside, open3d, tilt, compared, repeats)) for tilt in TILTS
-        )
-    rows = [SpeedRow("open3d installed", float(open3d is not None), "1 yes, 0 no")]
+    for part in parts:
+        if part not in PARTS:
+            raise ValueError(f"no part '{part}'; known: {', '.join(PARTS)}")
+    rows: list[SpeedRow] = []
+    steps: list[tuple[str, Callable[[], list[SpeedRow]]]] = []
+    if "casting" in parts:
+        open3d = import_open3d()
+        rows.append(SpeedRow("open3d installed", float(open3d is not None), "1 yes, 0 no"))
+        steps += _casting_steps(open3d, counts, compared, repeats)
+    if "detectors" in parts:
+        steps += _detector_steps(-(-repeats // 4))
     for number, (name, step) in enumerate(steps):
         if progress is not None:
             progress(name, number, len(steps))
         rows.extend(step())
     return rows
+
+
+def _casting_steps(
+    open3d: Any, counts: Sequence[int], compared: int, repeats: int
+) -> list[tuple[str, Callable[[], list[SpeedRow]]]]:
+    steps: list[tuple[str, Callable[[], list[SpeedRow]]]] = [
+        (f"{count} bodies", partial(_bare, count, repeats)) for count in counts
+    ]
+    steps.append(("whole sweeps", partial(_sweeps, compared, repeats)))
+    if open3d is not None:
+        steps.extend(
+            (f"Open3D, {tilt}", partial(_beside, open3d, tilt, compared, repeats)) for tilt in TILTS
+        )
+    return steps
+
+
+def _detector_steps(repeats: int) -> list[tuple[str, Callable[[], list[SpeedRow]]]]:
+    steps: list[tuple[str, Callable[[], list[SpeedRow]]]] = []
+    for rig in RIGS:
+        steps.append((f"stages, {rig}", partial(measure_stages, rig, repeats)))
+        steps.append((f"detectors, {rig}", partial(measure_detectors, rig, repeats)))
+    return [*steps, ("DBSCAN", partial(measure_dbscan, repeats))]
 
 
 def write_speed(rows: Sequence[SpeedRow], path: Path | str) -> None:
@@ -100,7 +124,7 @@ def _bare(count: int, repeats: int) -> list[SpeedRow]:
     for tilt, (pitch, roll) in TILTS.items():
         columns = lidar_columns(scene, spec, sensor_poses(pitch, roll, moving=False), 0.0)
         calls[tilt] = _caster(scene, columns, slopes, spec.range_max_m)
-    times = _interleaved(calls, repeats)
+    times = interleaved(calls, repeats)
     rays = spec.columns * spec.beams
     return [
         SpeedRow(f"cast, {tilt}, {count} bodies", rays / seconds / 1e6, "Mray/s")
@@ -118,7 +142,7 @@ def _sweeps(count: int, repeats: int) -> list[SpeedRow]:
         calls[tilt] = partial(sweep, scene, spec, poses, 0.0, rng=rng)
     return [
         SpeedRow(f"whole sweep, {tilt}, {count} bodies", seconds * 1e3, "ms")
-        for tilt, seconds in _interleaved(calls, repeats).items()
+        for tilt, seconds in interleaved(calls, repeats).items()
     ]
 
 
@@ -138,7 +162,7 @@ def _beside(open3d: Any, tilt: str, count: int, repeats: int) -> list[SpeedRow]:
         "embree": lambda: embree.cast_rays(rays, nthreads=1),
         "rebuilt": lambda: _embree(open3d, vertices, triangles).cast_rays(rays, nthreads=1),
     }
-    times = _interleaved(calls, repeats)
+    times = interleaved(calls, repeats)
     found = calls["embree"]()
     ranges = found["t_hit"].numpy()
     source = np.append(owners, NOTHING)[np.minimum(found["primitive_ids"].numpy(), len(owners))]
@@ -204,19 +228,3 @@ def _embree(open3d: Any, vertices: np.ndarray, triangles: np.ndarray) -> Any:
         open3d.core.Tensor(triangles.astype(np.uint32)),
     )
     return scene
-
-
-def _interleaved(calls: dict[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
-    """Median seconds of each call.
-
-    The calls take turns, so that other load hits all alike; before each timed run the same call
-    runs once untimed, so that each finds its own data in the processor's caches.
-    """
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(repeats + 1):
-        for name, call in calls.items():
-            call()
-            start = time.perf_counter()
-            call()
-            times[name].append(time.perf_counter() - start)
-    return {name: float(np.median(values[1:])) for name, values in times.items()}

@@ -15,8 +15,8 @@ def test_rows_without_open3d(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speed, "import_open3d", lambda: None)
     told: list[tuple[str, int, int]] = []
     rows = measure_speed(
-        (3,), compared=3, repeats=1, progress=lambda *step: told.append(step)
-    )  # fmt: skip
+        (3,), compared=3, repeats=1, progress=lambda *step: told.append(step), parts=["casting"]
+    )
     assert [row.name for row in rows] == [
         "open3d installed",
         "cast, level, 3 bodies",
@@ -32,7 +32,7 @@ def test_rows_without_open3d(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_rows_with_open3d() -> None:
     if speed.import_open3d() is None:
         pytest.skip("Open3D cannot be imported")
-    rows = {row.name: row for row in measure_speed((), compared=5, repeats=1)}
+    rows = {row.name: row for row in measure_speed((), compared=5, repeats=1, parts=["casting"])}
     assert rows["open3d installed"].value == 1
     for tilt in speed.TILTS:
         name = f"{tilt}, 5 bodies"
