@@ -246,7 +246,7 @@ def _show(results: Any, suite: str, by: str | None) -> None:
 
 
 def _show_breakdown(console: Any, results: Any, board: str, by: str) -> None:
-    from roadscope.benchmarks.breakdown_tables import breakdown_tables, left_out
+    from roadscope.benchmarks.breakdown_tables import NOTES, breakdown_tables, left_out
     from roadscope.benchmarks.results import BREAKDOWNS
 
     if by not in BREAKDOWNS[board]:
@@ -254,6 +254,8 @@ def _show_breakdown(console: Any, results: Any, board: str, by: str) -> None:
     for table in breakdown_tables(results, board, by, console.width):
         console.print()
         console.print(table)
+    if by in NOTES:
+        console.print(NOTES[by], style="dim")
     if count := left_out(results, board, by, console.width):
         console.print(f"{count} more on a wider terminal; all with --out.", style="dim")
 

@@ -22,8 +22,13 @@ QUANTITIES = {
     "range": "range, m",
     "occlusion": "occlusion, % of rays",
     "points": "points on target",
-    "score": "score (calibrated: the share right lies in the band)",
 }
+NOTES = {
+    "occlusion": "Occlusion: share of the object's rays that something else caught.",
+    "score": "Scores are calibrated where precision lies within their band.",
+    "weather": "What fog and rain leave too few returns from is not to be found.",
+}
+"""What is said below tables."""
 LONGEST = 7
 """Headings are broken into lines of this many characters."""
 BROKEN = {
