@@ -1,0 +1,99 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.zhang2017_floor import (
+    Floor,
+    body_of,
+    floor,
+    offsets_after,
+    rays_of,
+    receiver_of,
+)
+from roadscope.benchmarks.zhang2017_floor_kernels import IMPOSSIBLE, add_log_likelihoods
+from roadscope.benchmarks.zhang2017_scene import film
+
+SEED = 12345
+
+
+def log_likelihood(run, k, offset):
+    out = np.zeros(1)
+    receiver = receiver_of(run.spec)
+    add_log_likelihoods(np.array([offset]), rays_of(run, k), body_of(run.body), receiver, out)
+    return float(out[0])
+
+
+def nees(found: Floor) -> np.ndarray:
+    used = np.isfinite(found.errors[:, 0])
+    errors, covariances = found.errors[used], found.covariances[used]
+    return np.einsum("ki,kij,kj->k", errors, np.linalg.inv(covariances), errors)
+
+
+@pytest.mark.parametrize("name", ["straight", "straight-past", "curve", "following-10"])
+@pytest.mark.parametrize("body", ["sharp", "rounded"])
+def test_the_likelihood_is_the_one_that_made_the_scans(name, body):
+    """At the truth every ray is possible, and squared range errors are noise variances."""
+    run = film(name, SEED, body=body, frames=24)
+    quick = run.shots[:3] if name == "following-10" else run.shots[::4]
+    values = [log_likelihood(run, run.shots.index(shot), (0.0, 0.0, 0.0)) for shot in quick]
+    returns = [int((rays_of(run, run.shots.index(s)).observed > 0).sum()) for s in quick]
+    assert min(values) > IMPOSSIBLE - 0.75 * max(returns)
+    assert -2.0 * sum(values) / sum(returns) == pytest.approx(1.0, abs=0.25)
+
+
+def test_other_poses_are_less_likely():
+    run = film("curve", SEED, frames=1)
+    best = log_likelihood(run, 0, (0.0, 0.0, 0.0))
+    for offset in [(0.2, 0, 0), (-0.2, 0, 0), (0, 0.2, 0), (0, -0.2, 0), (0, 0, 0.1), (0, 0, -0.1)]:
+        assert log_likelihood(run, 0, offset) < best - 20
+
+
+def test_posterior_is_calibrated():
+    """The mean squared error in units of the covariance is the number of dimensions."""
+    runs = [film("curve", seed, body=body) for seed in range(2) for body in ("sharp", "rounded")]
+    for frames in (1, 3):
+        values = np.concatenate([nees(floor(run, frames, draws=512)) for run in runs])
+        # Neighbouring windows share frames: count a third of them.
+        spread = values.std() / np.sqrt(len(values) / frames)
+        assert values.mean() == pytest.approx(3.0, abs=3 * spread)
+
+
+def test_more_frames_and_less_noise_lower_the_floor():
+    run = film("straight", SEED, frames=9)
+    levels = [np.nanmean(floor(run, n, draws=512).position_m ** 2) for n in (1, 3, 7)]
+    assert levels[0] > 1.5 * levels[1] > 2.0 * levels[2]
+    quiet = floor(film("straight", SEED, noise=0.5, frames=9), draws=512)
+    assert np.nanmean(quiet.longitudinal_m) == pytest.approx(
+        np.nanmean(floor(run, draws=512).longitudinal_m) / 2, rel=0.3
+    )
+
+
+def test_lag_says_which_frames_are_used():
+    """Without later frames the last of a window is known worse than its middle."""
+    run = film("curve", SEED, frames=6)
+    causal, middle = floor(run, 5, lag=0, draws=512), floor(run, 5, draws=512)
+    assert np.array_equal(causal.covariances[0], floor(run, draws=512).covariances[0])
+    assert causal.heading_rad[3] > middle.heading_rad[3]
+
+
+def test_frames_with_too_few_returns_have_no_floor():
+    run = film("straight", SEED)
+    found = floor(run, draws=256)
+    few = np.array([shot.target.sum() < 3 for shot in run.shots])
+    assert few[-1]
+    assert np.array_equal(np.isnan(found.position_m), few)
+    empty = replace(run, shots=run.shots[-2:])
+    assert np.isnan(floor(empty, 3).position_m).all()
+
+
+def test_offsets_later_are_those_of_the_closed_form():
+    """A car that is displaced and turned now is displaced by the turned way later."""
+    states = np.array([[0.1, 0.2, 0.05, 0.3, -0.1]])
+    later = offsets_after(states, (20.0, 0.0), 0.1)
+    heading = 0.05 - 0.1 * 0.1 / 2
+    chord = 2.03 * np.sinc(0.1 * 0.1 / 2 / np.pi)
+    assert later[0] == pytest.approx(
+        [0.1 + chord * np.cos(heading) - 2.0, 0.2 + chord * np.sin(heading), 0.05 - 0.01]
+    )
+    assert offsets_after(np.zeros((1, 5)), (20.0, 0.5), 0.3) == pytest.approx(np.zeros((1, 3)))
