@@ -16,7 +16,7 @@ FIRST_METRIC: Mapping[str, str] = {"detection": "f1", "tracking": "hota"}
 """By which each board is ranked."""
 
 CONDITIONS: Mapping[str, Callable[[Episode], str]] = {
-    "weather": lambda episode: str(getattr(episode, "weather", "clear")),
+    "weather": lambda episode: episode.weather,
     "scenario": lambda episode: episode.scenario,
 }
 """What whole episodes are broken down by."""

@@ -17,7 +17,7 @@ from typing import Any
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.core import RecordError
 
-SUITES = ("quick", "standard")
+SUITES = ("quick", "standard", "detection")
 """Suites that ship with the package."""
 
 SPLITS: Mapping[str, range] = {
