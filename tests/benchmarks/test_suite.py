@@ -38,7 +38,7 @@ def test_shipped_suites_name_what_exists(name) -> None:
     assert suite.name == name
     assert set(suite.seeds) <= set(SPLITS["test"])
     jobs = plan(suite, [], ("detection", "tracking"))
-    episodes = len(suite.scenarios) * len(suite.seeds)
+    episodes = len(suite.scenarios) * len(suite.seeds) * len(suite.weathers)
     assert len(jobs.detection) == episodes * (len(MARKS) + len(suite.detectors))
     assert len(jobs.tracking) == episodes * len(suite.trackers) * len(suite.public_detectors)
 
