@@ -13,6 +13,8 @@ SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
 """Added to noise and edges round by round: first every ray counts, then the near ones."""
 STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
 """By how much values are moved to see what follows: about a standard deviation."""
+SHARES = (1.0, 0.5, 0.2, 0.05)
+"""Shares of a step that are tried."""
 LIMIT = 3.0
 """Misfits beyond so many standard deviations lose weight."""
 
@@ -31,20 +33,25 @@ def descend(problem: Problem, vectors: np.ndarray, slacks: tuple[float, ...] = S
     free = problem.free
     precision = np.diag(1.0 / problem.prior[free] ** 2)
     steps = STEPS[free]
-    for slack in slacks:
-        misfit, slope = _slopes(problem, vectors, steps, slack)
+    least = np.full(len(vectors), np.inf)
+    best, normals = vectors, np.empty((len(vectors), len(free), len(free)))
+    for slack in (*slacks, 0.0):
+        misfit, slope = slopes_of(problem, vectors, steps, slack)
         weight = 1.0 / (1.0 + (misfit / LIMIT) ** 2)
         weighted = slope * weight[:, :, None]
         normal = np.einsum("smd,sme->sde", weighted, slope) + precision
-        pull = np.einsum("smd,sm->sd", weighted, misfit)
-        pull += (vectors - problem.centre[free]) @ precision
+        off = vectors - problem.centre[free]
+        if slack == 0.0:
+            costs = _costs(problem, vectors, misfit)
+            better = costs < least
+            least = np.where(better, costs, least)
+            best = np.where(better[:, None], vectors, best)
+            normals[better] = normal[better]
+        pull = np.einsum("smd,sm->sd", weighted, misfit) + off @ precision
         damped = normal + _damping(steps, slack)
-        vectors = vectors - np.linalg.solve(damped, pull[:, :, None])[:, :, 0]
-    misfit, _ = _slopes(problem, vectors, steps, 0.0)
-    costs = LIMIT**2 * np.log1p((misfit / LIMIT) ** 2).sum(axis=1)
-    off = (vectors - problem.centre[free]) / problem.prior[free]
-    costs += (off**2).sum(axis=1)
-    return Best(vectors, np.linalg.inv(normal + _damping(steps, slack)), costs)
+        step = np.linalg.solve(damped, pull[:, :, None])[:, :, 0]
+        vectors = _stepped(problem, vectors, step, slack)
+    return Best(best, np.linalg.inv(normals + _damping(steps, 0.0)), least)
 
 
 def _damping(steps: np.ndarray, slack: float) -> np.ndarray:
@@ -53,7 +60,34 @@ def _damping(steps: np.ndarray, slack: float) -> np.ndarray:
     return damping
 
 
-def _slopes(
+def _costs(problem: Problem, vectors: np.ndarray, misfit: np.ndarray) -> np.ndarray:
+    """Return the sum of squares, tempered for what fits nothing, and of the prior: (S,)."""
+    off = (vectors - problem.centre[problem.free]) / problem.prior[problem.free]
+    costs: np.ndarray = LIMIT**2 * np.log1p((misfit / LIMIT) ** 2).sum(axis=1)
+    return costs + np.einsum("sd,sd->s", off, off)
+
+
+def _stepped(problem: Problem, vectors: np.ndarray, step: np.ndarray, slack: float) -> np.ndarray:
+    """Take the best share of a step: silhouettes make the cost no parabola."""
+    tried = np.stack([vectors - share * step for share in SHARES])
+    flat = tried.reshape(-1, vectors.shape[1])
+    costs = _costs(problem, flat, _misfits(problem, flat, slack)).reshape(len(SHARES), -1)
+    best: np.ndarray = tried[np.argmin(costs, axis=0), np.arange(len(vectors))]
+    return best
+
+
+def _misfits(problem: Problem, vectors: np.ndarray, slack: float) -> np.ndarray:
+    """Return the misfits (K, M) of (K, D) vectors."""
+    whole = problem.whole(vectors)
+    out = np.empty((len(whole), len(problem.rays.slope)))
+    parts = problem.model.parts(whole[:, POSE:])
+    edge = problem.chances.edge_m + slack
+    states = np.ascontiguousarray(whole[:, :POSE])
+    misfits(states, parts, problem.rays, slack, edge, out)
+    return out
+
+
+def slopes_of(
     problem: Problem, vectors: np.ndarray, steps: np.ndarray, slack: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Misfits (S, M) and their derivatives (S, M, D), by moving each value a step both ways."""
@@ -62,12 +96,6 @@ def _slopes(
     for d in range(size):
         moved[:, 1 + d, d] += steps[d]
         moved[:, 1 + size + d, d] -= steps[d]
-    whole = problem.whole(moved.reshape(-1, size))
-    out = np.empty((len(whole), len(problem.rays.slope)))
-    parts = problem.model.parts(whole[:, POSE:])
-    edge = problem.chances.edge_m + slack
-    states = np.ascontiguousarray(whole[:, :POSE])
-    misfits(states, parts, problem.rays, slack, edge, out)
-    out = out.reshape(count, 2 * size + 1, -1)
+    out = _misfits(problem, moved.reshape(-1, size), slack).reshape(count, 2 * size + 1, -1)
     slopes = (out[:, 1 : size + 1] - out[:, size + 1 :]) / (2 * steps[:, None])
     return out[:, 0], np.swapaxes(slopes, 1, 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,15 +10,15 @@ from roadscope.core import LidarScan, Pose
 from roadscope.detectors.pose.body_descent import SLACKS_M, descend
 from roadscope.detectors.pose.body_kernels import POSE, Chances, Rays
 from roadscope.detectors.pose.body_model import BodyModel
+from roadscope.detectors.pose.body_posterior import posterior
 from roadscope.detectors.pose.body_rays import Sighting, sight
-from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of, refine
+from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
 from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 CHANCES = Chances(0.012, 0.012, 0.003, 10.0, 0.004, 0.001)
 COARSE_RAYS = 60
-FINE, FINE_ROUNDS = 256, 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,32 +40,46 @@ class BodyFit:
         *,
         sensor_velocity: np.ndarray | None = None,
         rolling: bool = True,
+        towards: float | None = None,
     ) -> VehiclePose | None:
-        """Return the pose in the world frame, None without a return of the body."""
+        """Return the pose in the world frame, None without a return of the body.
+
+        towards: heading known up to a quarter turn, as a tracker knows it, radians; left out, the
+        better of the two ways round is taken. Other arguments as in `sight`.
+        """
         sighting = sight(
             self.spec, scan, target, world_from_lidar,
             sensor_velocity=sensor_velocity, rolling=rolling,
         )  # fmt: skip
         if sighting.returns == 0:
             return None
-        return _pose(fit_sighting(sighting, self.model, self.chances), self.model)
+        found, problem = fit_sighting(sighting, self.model, self.chances, towards)
+        return pose_of(found, problem)
 
 
-def fit_sighting(sighting: Sighting, model: BodyModel, chances: Chances = CHANCES) -> Posterior:
-    """Return the posterior of x, y, yaw and what is uncertain of the body."""
+def fit_sighting(
+    sighting: Sighting,
+    model: BodyModel,
+    chances: Chances = CHANCES,
+    towards: float | None = None,
+) -> tuple[Posterior, Problem]:
+    """Return the posterior of x, y, yaw and what is uncertain of the body, and its problem."""
     problem = still_problem(sighting.rays, model, chances)
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, chances, np.arange(3))
     guesses = np.stack(starts(sighting.points, sighting.origin, model))
     rough = descend(coarse, guesses)
-    order = np.argsort(rough.costs)[:2]
-    vectors = np.zeros((2, len(problem.free)))
+    costs = rough.costs
+    if towards is not None:
+        costs = costs + 1e3 * (np.cos(rough.vectors[:, 2] - towards) < 0)
+    order = np.argsort(costs)[: 2 if towards is None else 1]
+    vectors = np.zeros((len(order), len(problem.free)))
     vectors[:, :3] = rough.vectors[order]
     best = descend(problem, vectors, SLACKS_M[3:])
     tries = [
-        refine(problem, mean, covariance, rounds=FINE_ROUNDS, count=FINE)
+        posterior(problem, mean, covariance)
         for mean, covariance in zip(best.vectors, best.covariances, strict=True)
     ]
-    return max(tries, key=lambda found: found.evidence)
+    return max(tries, key=lambda found: found.evidence), problem
 
 
 def still_problem(
@@ -86,10 +100,15 @@ def thinned(rays: Rays, most: int) -> Rays:
     return rays if step <= 1 else Rays(*(column[::step] for column in rays))
 
 
-def _pose(found: Posterior, model: BodyModel) -> VehiclePose:
-    unknowns = np.zeros((1, WHOLE - POSE))
-    unknowns[0, model.uncertain] = found.mean[3:]
-    length, width = model.sizes(unknowns)
+def thinned_problem(problem: Problem, most: int = 120) -> Problem:
+    """Keep at most so many of a problem's rays, evenly."""
+    return replace(problem, rays=thinned(problem.rays, most))
+
+
+def pose_of(found: Posterior, problem: Problem) -> VehiclePose:
+    """Return the mean of a posterior, its score the log of the evidence."""
+    unknowns = problem.whole(found.mean[None])[:, POSE:]
+    length, width = problem.model.sizes(unknowns)
     x, y, yaw = found.mean[:3]
     return VehiclePose(
         float(x), float(y), float(yaw), float(length[0]), float(width[0]),

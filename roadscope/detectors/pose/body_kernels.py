@@ -83,20 +83,50 @@ def log_likelihoods(
                 seen = rays.time[m]
                 x, y, yaw = pose_after(states[k], seen)
                 cos, sin = math.cos(yaw), math.sin(yaw)
-            ox, oy = rays.origin[m, 0] - x, rays.origin[m, 1] - y
-            ux, uy = rays.direction[m, 0], rays.direction[m, 1]
-            count = _meet(
-                (cos * ox + sin * oy, cos * oy - sin * ox, rays.origin[m, 2]),
-                (cos * ux + sin * uy, cos * uy - sin * ux, rays.slope[m]),
-                parts[k], chances, found,
-            )  # fmt: skip
-            brought = rays.reach[m], rays.sigma[m], rays.need[m]
-            product *= _chance(rays.kind[m], brought, count, found, chances)
+            product *= _ray_chance(rays, m, (x, y, cos, sin), parts[k], chances, found)
             # One logarithm for many factors.
             if not 1e-200 < product < 1e200:
                 total += math.log(product)
                 product = 1.0
         out[k] = total + math.log(product)
+
+
+@compiled(borrowing=True)
+def log_chances(
+    states: np.ndarray,
+    parts: np.ndarray,
+    rays: Rays,
+    chances: Chances,
+    out: np.ndarray,
+    found: np.ndarray,
+) -> None:
+    """Fill out (K, M) with the log-likelihood of each ray alone; arguments as above."""
+    for k in range(len(states)):
+        for m in range(len(rays.slope)):
+            x, y, yaw = pose_after(states[k], rays.time[m])
+            place = x, y, math.cos(yaw), math.sin(yaw)
+            out[k, m] = math.log(_ray_chance(rays, m, place, parts[k], chances, found))
+
+
+@compiled(borrowing=True, inline="always")
+def _ray_chance(
+    rays: Rays,
+    m: int,
+    place: tuple[float, float, float, float],
+    parts: np.ndarray,
+    chances: Chances,
+    found: np.ndarray,
+) -> float:
+    x, y, cos, sin = place
+    ox, oy = rays.origin[m, 0] - x, rays.origin[m, 1] - y
+    ux, uy = rays.direction[m, 0], rays.direction[m, 1]
+    count = _meet(
+        (cos * ox + sin * oy, cos * oy - sin * ox, rays.origin[m, 2]),
+        (cos * ux + sin * uy, cos * uy - sin * ux, rays.slope[m]),
+        parts, chances, found,
+    )  # fmt: skip
+    brought = rays.reach[m], rays.sigma[m], rays.need[m]
+    return _chance(rays.kind[m], brought, count, found, chances)
 
 
 @compiled(borrowing=True)
@@ -211,9 +241,13 @@ def _misfit(
     dx, dy, slope = way
     reach, sigma, need = brought
     across = dx * oy - dy * ox
+    level = oz - slope * (ox * dx + oy * dy)
     worst = 0.0 if kind != HIT else 30.0
     for p in range(len(parts)):
         part = parts[p]
+        span = abs(slope) * 0.6 * (part[FRONT] - part[REAR] + part[HALF])
+        if level - span > part[TOP] or level + span < part[BOTTOM]:
+            continue
         left, left_at = _support(part, -dy, dx, ox, oy)
         right, right_at = _support(part, dy, -dx, ox, oy)
         inside, near = left - across, left_at
@@ -233,8 +267,10 @@ def _misfit(
                 worst = off
         elif inside > 0.0 and near < reach:
             depth = inside / edge_m
-            if kind == EMPTY:
-                depth *= math.sqrt(_seen(need, near, cosine))
+            if kind == EMPTY and need > 0.0:
+                # No return is no surprise where a surface would hardly be seen.
+                dark = 1.0 - _seen(need, near, cosine)
+                depth = min(depth, math.sqrt(-2.0 * math.log(max(dark, 1e-30))))
             worst = max(worst, depth)
     return worst
 

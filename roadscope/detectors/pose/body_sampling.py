@@ -17,6 +17,27 @@ SHARE = 0.15
 
 
 @dataclass(frozen=True, slots=True)
+class Smooth:
+    """Rays whose misfits are straight in the vector: their likelihood is one quadratic form.
+
+    at: (D,) vector around which; normal (D, D), pull (D,): -0.5 d' normal d - pull' d for a
+    departure d. constant: at d = 0.
+    """
+
+    at: np.ndarray
+    normal: np.ndarray
+    pull: np.ndarray
+    constant: float
+
+    def log_density(self, samples: np.ndarray) -> np.ndarray:
+        """Return the log-likelihood (K,) for (K, D) samples."""
+        off = samples - self.at
+        curved = np.einsum("kd,kd->k", off @ self.normal, off)
+        logs: np.ndarray = self.constant - 0.5 * curved - off @ self.pull
+        return logs
+
+
+@dataclass(frozen=True, slots=True)
 class Problem:
     """Rays, a body and what is free.
 
@@ -33,6 +54,7 @@ class Problem:
     free: np.ndarray
     prior: np.ndarray
     centre: np.ndarray
+    smooth: Smooth | None = None
 
     def log_density(self, samples: np.ndarray) -> np.ndarray:
         """Return the log of the posterior, up to a constant, (K,) for (K, D) samples."""
@@ -43,7 +65,8 @@ class Problem:
         found = np.empty((3, MOST_PARTS))
         log_likelihoods(states, parts, self.rays, self.chances, out, found)
         off = (samples - self.centre[self.free]) / self.prior[self.free]
-        return out - 0.5 * np.einsum("kd,kd->k", off, off)
+        out -= 0.5 * np.einsum("kd,kd->k", off, off)
+        return out if self.smooth is None else out + self.smooth.log_density(samples)
 
     def whole(self, samples: np.ndarray) -> np.ndarray:
         """Return all 11 values for (K, D) samples."""

@@ -9,11 +9,19 @@ import numpy as np
 
 from roadscope.core import LidarScan, Pose
 from roadscope.detectors.pose.body_descent import SLACKS_M, descend
-from roadscope.detectors.pose.body_fit import CHANCES, COARSE_RAYS, still_problem, thinned
-from roadscope.detectors.pose.body_kernels import POSE, Chances, Rays, pose_after
+from roadscope.detectors.pose.body_fit import (
+    CHANCES,
+    COARSE_RAYS,
+    pose_of,
+    still_problem,
+    thinned,
+    thinned_problem,
+)
+from roadscope.detectors.pose.body_kernels import HIT, POSE, Chances, Rays, pose_after
 from roadscope.detectors.pose.body_model import BodyModel
+from roadscope.detectors.pose.body_posterior import posterior
 from roadscope.detectors.pose.body_rays import Sighting, sight
-from roadscope.detectors.pose.body_sampling import WHOLE, Problem, free_of, refine
+from roadscope.detectors.pose.body_sampling import WHOLE, Problem, free_of
 from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
@@ -21,18 +29,23 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 SPEED_SD, TURN_SD, ACCELERATION_SD = 30.0, 0.7, 0.7
 """Standard deviations of a vehicle's speed (m/s), turn rate (rad/s) and acceleration (m/s2)
 before it is seen."""
-COUNT, ROUNDS = 192, 2
 SEEN = 3
-"""Returns from which a scan alone gives a first guess."""
+"""Returns from which a scan alone gives a good first guess."""
+NEAR_SLACKS_M = (0.06, 0.02, 0.005, 0.0)
+"""Added to the noise on the way from a guess that is nearly right."""
+FITTING = 1.0
+"""Standard deviations of the cost, above its mean, up to which the last answer, moved on, is
+taken to be right."""
+BACKWARD_M_S = -1.0
+"""Speed from which a vehicle is taken to have been turned round."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """One scan of the window: when, its rays, and the pose that it gives alone, if any."""
+    """One scan of the window: when, its rays, and where the sensor was."""
 
     stamp_s: float
     sighting: Sighting
-    guess: np.ndarray | None
     place: np.ndarray
 
 
@@ -69,6 +82,7 @@ class Smoother:
     def reset(self) -> None:
         """Forget every scan."""
         self._window: deque[_Seen] = deque(maxlen=self._frames)
+        self._single: dict[float, np.ndarray] = {}
         self._last: tuple[float, np.ndarray] | None = None
 
     def update(
@@ -86,7 +100,7 @@ class Smoother:
         sighting = sight(
             self._spec, scan, target, world_from_lidar, sensor_velocity=velocity, rolling=rolling
         )
-        self._window.append(_Seen(scan.stamp_s, sighting, self._alone(sighting), place.copy()))
+        self._window.append(_Seen(scan.stamp_s, sighting, place.copy()))
         return self._solve(len(self._window) - 1 - self._lag)
 
     def flush(self) -> list[VehiclePose | None]:
@@ -94,38 +108,43 @@ class Smoother:
         first = max(len(self._window) - self._lag, 0)
         return [self._solve(at) for at in range(first, len(self._window))]
 
-    def _alone(self, sighting: Sighting) -> np.ndarray | None:
-        if sighting.returns < SEEN:
-            return None
-        rays = thinned(sighting.rays, COARSE_RAYS)
-        problem = still_problem(rays, self._model, self._chances, np.arange(3))
-        found = descend(problem, np.stack(starts(sighting.points, sighting.origin, self._model)))
-        best: np.ndarray = found.vectors[np.argmin(found.costs)]
-        return best
-
     def _solve(self, at: int) -> VehiclePose | None:
         """Return the pose of one scan of the window from all of them."""
         if at < 0:
             return None
         stamp_s = self._window[at].stamp_s
         problem = self._problem(stamp_s)
-        guesses = self._guesses(stamp_s, len(problem.free))
-        if not len(guesses):
+        best = self._best(problem, stamp_s)
+        if best is None:
             return None
-        best = descend(problem, guesses, SLACKS_M[2:])
-        costs = best.costs + 1e3 * (best.vectors[:, 3] < -1.0)
-        chosen = int(np.argmin(costs))
-        found = refine(
-            problem, best.vectors[chosen], best.covariances[chosen], rounds=ROUNDS, count=COUNT
-        )
-        self._last = stamp_s, best.vectors[chosen]
-        unknowns = problem.whole(found.mean[None])[:, POSE:]
-        length, width = self._model.sizes(unknowns)
-        x, y, yaw = found.mean[:3]
-        return VehiclePose(
-            float(x), float(y), float(yaw), float(length[0]), float(width[0]),
-            found.covariance[:3, :3].copy(), found.evidence,
-        )  # fmt: skip
+        vector, covariance = best
+        found = posterior(problem, vector, covariance)
+        self._last = stamp_s, problem.whole(vector[None])[0]
+        return pose_of(found, problem)
+
+    def _best(self, problem: Problem, stamp_s: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the best state and its covariance, from the last one or, if bad, from anew."""
+        hits = (problem.rays.kind == HIT).sum()
+        bound = hits + FITTING * np.sqrt(2 * hits)
+        tries = []
+        before = self._moved(stamp_s)
+        if before is not None:
+            tries.append(descend(problem, before[None, problem.free], NEAR_SLACKS_M))
+        if not tries or tries[0].costs[0] > bound:
+            guesses = self._guesses(stamp_s)
+            if len(guesses):
+                rough = descend(thinned_problem(problem), guesses[:, problem.free], SLACKS_M[:-2])
+                chosen = np.argsort(rough.costs)[:2]
+                tries.append(descend(problem, rough.vectors[chosen], NEAR_SLACKS_M))
+        if not tries:
+            return None
+        costs = np.concatenate([found.costs for found in tries])
+        vectors = np.concatenate([found.vectors for found in tries])
+        if len(problem.free) > POSE:
+            costs = costs + 1e3 * (vectors[:, 3] < BACKWARD_M_S)
+        chosen = np.argmin(costs)
+        covariances = np.concatenate([found.covariances for found in tries])
+        return vectors[chosen], covariances[chosen]
 
     def _problem(self, stamp_s: float) -> Problem:
         rays = [seen.sighting.rays for seen in self._window]
@@ -144,36 +163,48 @@ class Smoother:
             prior, zero,
         )  # fmt: skip
 
-    def _guesses(self, stamp_s: float, size: int) -> np.ndarray:
-        """Return first guesses (S, D) of the state at a stamp."""
-        guesses = []
-        if self._last is not None and len(self._last[1]) == size > 5:
-            stamp_before, before = self._last
-            moved = before.copy()
-            moved[:3] = pose_after(before[:POSE], stamp_s - stamp_before)
-            moved[3] += before[5] * (stamp_s - stamp_before)
-            guesses.append(moved)
-        known = [seen for seen in self._window if seen.guess is not None]
-        if known:
-            guesses += [self._between(known, stamp_s, size, turned) for turned in (0.0, np.pi)]
-        return np.array(guesses)
+    def _moved(self, stamp_s: float) -> np.ndarray | None:
+        """Return the last answer's state (11,) moved on to a stamp."""
+        if self._last is None:
+            return None
+        before, state = self._last
+        moved = state.copy()
+        moved[:3] = pose_after(state[:POSE], stamp_s - before)
+        moved[3] += state[5] * (stamp_s - before)
+        return moved
 
-    def _between(self, known: list[_Seen], stamp_s: float, size: int, turned: float) -> np.ndarray:
-        """Return the state that goes with the poses that the scans give alone."""
-        nearest = min(known, key=lambda seen: abs(seen.stamp_s - stamp_s))
-        first, last = known[0], known[-1]
-        assert nearest.guess is not None
-        assert first.guess is not None
-        assert last.guess is not None
-        vector = np.zeros(size)
-        vector[:3] = nearest.guess
-        vector[2] += turned
-        span = last.stamp_s - first.stamp_s
-        if size <= 5 or span <= 0:
-            return vector
-        velocity = (last.guess[:2] - first.guess[:2]) / span
-        heading = np.array([np.cos(vector[2]), np.sin(vector[2])])
-        half = (last.guess[2] - first.guess[2] + np.pi / 4) % (np.pi / 2) - np.pi / 4
-        vector[:2] += velocity * (stamp_s - nearest.stamp_s)
-        vector[3], vector[4] = velocity @ heading, half / span
-        return vector
+    def _guesses(self, stamp_s: float) -> np.ndarray:
+        """Return first guesses (S, 11) of the state at a stamp from the poses of single scans."""
+        known = [(seen, self._alone(seen)) for seen in self._window if seen.sighting.returns]
+        enough = [pair for pair in known if pair[0].sighting.returns >= SEEN] or known
+        if not enough:
+            return np.empty((0, WHOLE))
+        return np.array([_between(enough, stamp_s, turned) for turned in (0.0, np.pi)])
+
+    def _alone(self, seen: _Seen) -> np.ndarray:
+        if seen.stamp_s not in self._single:
+            sighting = seen.sighting
+            problem = still_problem(
+                thinned(sighting.rays, COARSE_RAYS), self._model, self._chances, np.arange(3)
+            )
+            guesses = np.stack(starts(sighting.points, sighting.origin, self._model))
+            found = descend(problem, guesses)
+            self._single[seen.stamp_s] = found.vectors[np.argmin(found.costs)]
+        return self._single[seen.stamp_s]
+
+
+def _between(known: list[tuple[_Seen, np.ndarray]], stamp_s: float, turned: float) -> np.ndarray:
+    """Return the state (11,) that goes with the poses that the scans give alone."""
+    nearest, pose = min(known, key=lambda pair: abs(pair[0].stamp_s - stamp_s))
+    state = np.zeros(WHOLE)
+    state[:3] = pose
+    state[2] += turned
+    (first, start), (last, end) = known[0], known[-1]
+    span = last.stamp_s - first.stamp_s
+    if span > 0:
+        velocity = (end[:2] - start[:2]) / span
+        heading = np.array([np.cos(state[2]), np.sin(state[2])])
+        turn = (end[2] - start[2] + np.pi / 4) % (np.pi / 2) - np.pi / 4
+        state[:2] += velocity * (stamp_s - nearest.stamp_s)
+        state[3], state[4] = velocity @ heading, turn / span
+    return state

@@ -1,0 +1,59 @@
+"""The posterior around the best state: exact where edges matter, quadratic where they do not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from roadscope.detectors.pose.body_descent import STEPS, slopes_of
+from roadscope.detectors.pose.body_kernels import MOST_PARTS, POSE, Rays, log_chances
+from roadscope.detectors.pose.body_sampling import Posterior, Problem, Smooth, refine
+
+LEVELS = (1.5, 3.0)
+"""Standard deviations along each principal axis at which rays are tried."""
+STRAIGHT = 0.1
+"""Departure of a ray's log-likelihood from its quadratic form up to which the form is used."""
+COUNT = 256
+FIRST, THEN = 2, 2
+WIDE = 2.0
+"""Rounds of sampling before the rays are looked at again, and after."""
+
+
+def posterior(problem: Problem, vector: np.ndarray, covariance: np.ndarray) -> Posterior:
+    """Return the posterior of a problem around a vector (D,) with a guessed covariance (D, D).
+
+    Returns well inside a face are merged into one quadratic form first, so that the many samples
+    cost only the rays near a silhouette or a corner.
+    """
+    wide = WIDE * covariance
+    rough = refine(split(problem, vector, wide), vector, wide, rounds=FIRST, count=COUNT)
+    mean, covariance = rough.mean, rough.covariance
+    return refine(split(problem, mean, covariance), mean, covariance, rounds=THEN, count=COUNT)
+
+
+def split(problem: Problem, vector: np.ndarray, covariance: np.ndarray) -> Problem:
+    """Merge the rays whose log-likelihood is quadratic within three standard deviations."""
+    values, axes = np.linalg.eigh(covariance)
+    ways = (axes * np.sqrt(np.maximum(values, 0.0))).T
+    moves = np.concatenate([[0.0 * vector]] + [s * ways for f in LEVELS for s in (f, -f)])
+    logs = _logs(problem, vector + moves)
+    steps = np.maximum(0.5 * np.sqrt(np.diag(covariance)), 0.02 * STEPS[problem.free])
+    misfit, slope = slopes_of(problem, vector[None], steps, 0.0)
+    bent = misfit[0][:, None] + slope[0] @ moves.T
+    form = -0.5 * (bent**2 - bent[:, :1] ** 2).T
+    straight = (np.abs(logs - logs[0] - form) < STRAIGHT).all(axis=0)
+    normal = slope[0][straight].T @ slope[0][straight]
+    pull = slope[0][straight].T @ misfit[0][straight]
+    smooth = Smooth(vector, normal, pull, float(logs[0, straight].sum()))
+    rays = Rays(*(np.ascontiguousarray(column[~straight]) for column in problem.rays))
+    return replace(problem, rays=rays, smooth=smooth)
+
+
+def _logs(problem: Problem, vectors: np.ndarray) -> np.ndarray:
+    whole = problem.whole(vectors)
+    out = np.empty((len(whole), len(problem.rays.slope)))
+    parts = problem.model.parts(whole[:, POSE:])
+    states = np.ascontiguousarray(whole[:, :POSE])
+    log_chances(states, parts, problem.rays, problem.chances, out, np.empty((3, MOST_PARTS)))
+    return out
