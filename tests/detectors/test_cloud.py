@@ -32,6 +32,14 @@ def test_sorted_by_column_ring_and_place(seed, count, columns):
     assert np.array_equal(found.select(kept).rows, found.select(np.flatnonzero(kept)).rows)
 
 
+@given(*[st.floats(-3, 3)] * 4)
+def test_points_are_mapped_as_poses_map_them(x, yaw, pitch, roll):
+    seen = scan([(25, 3, 4.6, 1.85, 1.5, 0)])
+    pose = Pose.from_euler(x, -1.0, 1.7, yaw=yaw, pitch=pitch, roll=roll)
+    found = Cloud.of(seen, pose)
+    assert np.array_equal(found.points, pose.apply(seen.points[found.rows].astype(float)))
+
+
 def test_nothing():
     cloud = Cloud.of(scan([], ground=False), CALIBRATION.pose("lux"))
     assert len(cloud) == 0

@@ -7,6 +7,7 @@ import numpy as np
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.union import components
+from roadscope.detectors.sorting import order_by, order_within, starts_of
 
 INCIDENCE_RAD = np.radians(10.0)
 """Smallest angle between beam and surface still believed in, as in the paper."""
@@ -53,14 +54,15 @@ def _resolution(steps: np.ndarray, columns: np.ndarray) -> float:
 
 def _along_rings(ring: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
     """Pairs of returns that follow one another in a beam, around the circle too, (2, P)."""
-    order = np.lexsort((azimuths, ring))
+    order = order_by(ring)
+    starts = starts_of(ring[order])
+    order = order[order_within(azimuths[order], starts)]
     pairs = np.stack([order[:-1], order[1:]])[:, ring[order[:-1]] == ring[order[1:]]]
-    starts = np.flatnonzero(np.diff(ring[order], prepend=ring[order[0]] - 1))
-    ends = np.append(starts[1:], len(order)) - 1
-    return np.concatenate([pairs, np.stack([order[ends], order[starts]])], axis=1)
+    return np.concatenate([pairs, np.stack([order[starts[1:] - 1], order[starts[:-1]]])], axis=1)
 
 
 def _along_columns(column: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Pairs of returns whose beams follow one another in a column, (2, P)."""
-    order = np.lexsort((ring, column))
+    order = order_by(ring)
+    order = order[order_by(column[order])]
     return np.stack([order[:-1], order[1:]])[:, column[order[:-1]] == column[order[1:]]]

@@ -41,13 +41,24 @@ def _cell_spans(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarr
     """Lowest and highest z in the cell of each of (N, 3) points."""
     if not len(points):
         return np.empty(0), np.empty(0)
-    cells = np.floor(points[:, :2] / cell_m).astype(np.int64)
-    cells -= cells.min(axis=0)
-    width = cells[:, 1].max() + 1
-    flat = cells[:, 0] * width + cells[:, 1]
-    if (cells[:, 0].max() + 1.0) * width > MOST_CELLS:
+    cells, low, high = _cells(points, cell_m)
+    width = high[1] - low[1] + 1
+    flat = (cells[0] - low[0]) * width + cells[1] - low[1]
+    if (high[0] - low[0] + 1.0) * width > MOST_CELLS:
         flat = np.unique(flat, return_inverse=True)[1]
     return _spans(points[:, 2], flat, int(flat.max()) + 1)
+
+
+@compiled()
+def _cells(points: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return x and y of each point's cell, (2, N) int64, and the lowest and highest of them."""
+    cells = np.empty((2, len(points)), np.int64)
+    low, high = np.empty(2, np.int64), np.empty(2, np.int64)
+    for axis in range(2):
+        for row in range(len(points)):
+            cells[axis, row] = np.int64(np.floor(points[row, axis] / cell_m))
+        low[axis], high[axis] = cells[axis].min(), cells[axis].max()
+    return cells, low, high
 
 
 @compiled()

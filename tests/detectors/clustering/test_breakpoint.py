@@ -1,8 +1,59 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from toy_lidar import cloud
 
-from roadscope.detectors.clustering.breakpoint import INCIDENCE_RAD, cluster_breakpoint, reach
+from roadscope.core import wrap_angle
+from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.clustering.breakpoint import (
+    INCIDENCE_RAD,
+    MAX_STEPS,
+    cluster_breakpoint,
+    reach,
+)
+
+
+def linked_one_by_one(found, noise_m):
+    """Go through beams and columns in Python."""
+    azimuths, ranges, pairs, measured = found.azimuths, found.ranges, [], []
+    for beam in np.unique(found.ring):
+        rows = np.flatnonzero(found.ring == beam)
+        rows = rows[np.argsort(azimuths[rows], kind="stable")]
+        for a, b in zip(rows, np.roll(rows, -1), strict=True):
+            step, apart = abs(wrap_angle(azimuths[b] - azimuths[a])), found.column[b]
+            apart = abs(apart - found.column[a])
+            measured += [step / apart] if apart else []
+            pairs.append((a, b, step))
+    step = np.median(measured) if measured else 0.0
+    for column in np.unique(found.column):
+        rows = np.flatnonzero(found.column == column)
+        rows = rows[np.argsort(found.ring[rows], kind="stable")]
+        pairs += [(a, b, step) for a, b in pairwise(rows)]
+    labels = np.arange(len(found))
+    for a, b, turn in pairs:
+        gap = np.hypot(*(found.points[a] - found.points[b])[:2])
+        limit = reach(np.minimum(ranges[a], ranges[b]), np.array(turn)) + 3 * noise_m
+        if gap <= limit and turn < MAX_STEPS * step:
+            labels[labels == labels[b]] = labels[a]
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse]
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 60), st.sampled_from([1, -1]))
+def test_equals_going_through_one_by_one(seed, count, way):
+    """Sensors that turn either way, around the whole circle."""
+    rng = np.random.default_rng(seed)
+    ring, column = rng.integers(0, 3, count), np.sort(rng.integers(0, 72, count))
+    azimuth = way * (np.radians(5) * column - np.pi) + 0.01 * rng.standard_normal(count)
+    distance = rng.choice([5.0, 5.2, 9.0], count)
+    x, y = distance * np.cos(azimuth), distance * np.sin(azimuth)
+    points = np.column_stack([x, y, np.zeros(count)])
+    found = Cloud(points, ring, column, np.arange(count), np.zeros(2))
+    labels = cluster_breakpoint(found, range_noise_m=0.05)
+    assert np.array_equal(labels, linked_one_by_one(found, 0.05))
 
 
 def test_reach_is_the_spacing_at_the_smallest_incidence():

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from toy_lidar import cloud
 
 from roadscope.detectors.cloud import Cloud
@@ -8,8 +9,10 @@ from roadscope.detectors.ground.keep import keep_all
 CAR = (25, 0, 4.6, 1.85, 1.5, 0)
 
 
-def test_cell_spans_equal_a_loop():
+@pytest.mark.parametrize("far", [0.0, 1e6])
+def test_cell_spans_equal_a_loop(far):
     points = np.random.default_rng(0).uniform(-3, 3, (200, 3))
+    points[7, :2] += far
     lowest, highest = _cell_spans(points, 0.5)
     cells = np.floor(points[:, :2] / 0.5)
     for point, low, high in zip(cells, lowest, highest, strict=True):
