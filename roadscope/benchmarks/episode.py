@@ -13,7 +13,7 @@ from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
 from roadscope.core import Frame, RecordError, Truth
 from roadscope.envs.traffic.timeline import Timeline
 
-KEPT_BYTES = 64_000_000
+KEPT_BYTES = 128_000_000
 BYTES_PER_RETURN = 40
 SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
