@@ -8,6 +8,7 @@ from roadscope.detectors.api import Detector
 DETECTORS: Registry[Detector] = Registry(
     "detector",
     {
+        "cluster": "roadscope.detectors.pipeline:ClusterDetector",
         "pag": "roadscope.detectors.pipeline:ClusterDetector?clustering=pag",
         "pag-range": "roadscope.detectors.pipeline:ClusterDetector?clustering=pag-range",
         "distance": "roadscope.detectors.pipeline:ClusterDetector?clustering=distance",
@@ -19,6 +20,10 @@ DETECTORS: Registry[Detector] = Registry(
         "distance-residual": "roadscope.detectors.pipeline:ClusterDetector"
         "?clustering=distance&residual_m=0.12",
         "one-cluster": "roadscope.detectors.pipeline:ClusterDetector?clustering=one",
+        "zhang2017": "roadscope.detectors.long_range:LongRangeDetector?fit=single",
+        "zhang2017-multi": "roadscope.detectors.long_range:LongRangeDetector?fit=multi&late=True",
+        "zhang2017-multi-causal": "roadscope.detectors.long_range:LongRangeDetector?fit=multi",
+        "zhang2017-ransac": "roadscope.detectors.long_range:LongRangeDetector?fit=ransac",
     },
     group="roadscope.detectors",
 )

@@ -9,6 +9,7 @@ import numpy as np
 
 from roadscope.core.record import Record
 from roadscope.detectors.moving.box_kernels import gathered, slide, suppress
+from roadscope.detectors.moving.long_body import one_body
 from roadscope.detectors.moving.memory import Look
 from roadscope.detectors.moving.view import View
 from roadscope.detectors.moving.view_kernels import look_back, seen_through, spans, thinned
@@ -39,15 +40,17 @@ LIMIT = 3.0
 class Candidate(Record):
     """Returns of one moving vehicle.
 
-    points: (N, 3) float64, metres, ego frame at the scan's stamp, the sensor's motion during the
-        sweep taken out, sorted. The vehicle's own motion is not: see `time_s`.
+    points: (N, 3) float64, metres, ego frame at the scan's stamp, sorted. The sensor's motion
+        during the sweep is taken out, the vehicle's own is not: see `time_s`.
+    rows: (N,) int64, which return of the scan each one is.
     time_s: when the vehicle was met, seconds after the stamp.
     origin: (2,) float64, metres, where the sensor was then.
-    box: (3,) float64, x, y in metres and yaw of the box that gathered them.
-    evidence: of motion, summed over the cells of the box.
+    box: (3,) float64, x, y in metres and yaw of the box that gathered most of them.
+    evidence: of motion, summed over the cells of its boxes.
     """
 
     points: np.ndarray
+    rows: np.ndarray
     time_s: float
     origin: np.ndarray
     box: np.ndarray
@@ -56,19 +59,26 @@ class Candidate(Record):
 
 def extract(now: View, back: Sequence[Look]) -> list[Candidate]:
     """Return what moves in a scan, given earlier ones; nothing while there are too few."""
-    upright = _upright(now)
-    if len(back) < MIN_LOOKS or not upright.any():
+    upright = np.flatnonzero(_upright(now))
+    if len(back) < MIN_LOOKS or not len(upright):
         return []
     points = now.points[upright]
     thin = points[thinned(points, CELL_M, SLAB_M)]
     weights = motion(thin, back)
-    through = seen_through(thin, *now.rays)
-    weights[through] = np.minimum(weights[through], 0.0)
     if not (weights > 0).any():
         return []
-    boxes = _boxes(thin, weights, now.origin())
-    found = (_candidate(now, points, now.times_s[upright], box) for box in boxes)
-    return [candidate for candidate in found if candidate is not None]
+    through = seen_through(thin, *now.rays)
+    weights[through] = np.minimum(weights[through], 0.0)
+    boxes, origin = _boxes(thin, weights, now.origin()), now.origin()
+    groups = one_body([thin[gathered(thin, box, origin, SIDES_M)] for box in boxes])
+    found = []
+    for group in groups:
+        held = [gathered(points, boxes[k], origin, SIDES_M) for k in group]
+        rows = upright[np.unique(np.concatenate(held))]
+        if len(rows) >= MIN_POINTS:
+            evidence = float(boxes[group, 3].sum())
+            found.append(_candidate(now, rows, boxes[group[0], :3], evidence))
+    return found
 
 
 def motion(points: np.ndarray, back: Sequence[Look]) -> np.ndarray:
@@ -119,13 +129,7 @@ def _cells(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.column_stack(sums[:2]) - corner, np.clip(sums[2], -LIMIT, LIMIT), corner
 
 
-def _candidate(
-    now: View, points: np.ndarray, times_s: np.ndarray, box: np.ndarray
-) -> Candidate | None:
-    rows = gathered(points, box, now.origin(), SIDES_M)
-    if len(rows) < MIN_POINTS:
-        return None
-    members, time_s = points[rows], float(np.median(times_s[rows]))
-    return Candidate(
-        members[np.lexsort(members.T)], time_s, now.origin(time_s), box[:3], float(box[3])
-    )
+def _candidate(now: View, rows: np.ndarray, box: np.ndarray, evidence: float) -> Candidate:
+    rows = rows[np.lexsort(now.points[rows].T)]
+    time_s = float(np.median(now.times_s[rows]))
+    return Candidate(now.points[rows], rows, time_s, now.origin(time_s), box, evidence)

@@ -36,52 +36,48 @@ class Memory:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything seen."""
+        """Forget everything seen; the drive's frame, `drive_from_ego`, begins anew."""
         self.now: View | None = None
         self.stamp_s = float("nan")
-        self._from_now = Pose.identity()
-        self._looks: list[Look] = []
+        self.drive_from_ego = Pose.identity()
+        self._kept: list[tuple[float, View, Pose]] = []
         self._first: tuple[LidarScan, Pose] | None = None
-        self._tick_s = float("nan")
 
     def add(self, frame: Frame) -> None:
         """Take the next frame; its scan becomes `now` (None when it has none)."""
-        if frame.stamp_s <= self._tick_s:
+        if frame.stamp_s <= self.stamp_s:
             self.reset()
         motion = frame.previous_from_ego
-        twist = _twist(motion, frame.stamp_s - self._tick_s)
-        self._age(motion or Pose.identity(), twist)
-        self._tick_s, self.now = frame.stamp_s, None
-        if frame.lidar is None:
-            return
-        mount = frame.calibration.pose(frame.lidar.sensor)
-        if not self._looks and motion is None:
-            self._first = frame.lidar, mount
-        self.now, self.stamp_s = View.of(frame.lidar, mount, twist), frame.lidar.stamp_s
+        twist = _twist(motion, frame.stamp_s - self.stamp_s)
+        self._keep(twist)
+        self.stamp_s, self.now = frame.stamp_s, None
+        if motion is not None:
+            self.drive_from_ego = self.drive_from_ego @ motion
+        if frame.lidar is not None:
+            mount = frame.calibration.pose(frame.lidar.sensor)
+            self.now = View.of(frame.lidar, mount, twist)
+            self._first = (frame.lidar, mount) if motion is None and not self._kept else None
 
     def back(self) -> list[Look]:
         """Return the earlier scans nearest to `AGES_S`, the youngest first."""
-        found: list[Look] = []
-        for age_s in AGES_S:
-            near = [k for k in self._looks if abs(self.stamp_s - k.stamp_s - age_s) < SLACK_S]
-            best = min(near, key=lambda k: abs(self.stamp_s - k.stamp_s - age_s), default=None)
-            if best is not None and best not in found:
-                found.append(best)
-        return found
-
-    def _age(self, previous_from_now: Pose, twist: np.ndarray) -> None:
-        """Put the last scan with the earlier ones and lengthen everyone's way from now."""
-        if self._first is not None and self._looks == [] and self.now is not None:
-            self.now = View.of(*self._first, twist)
-        self._first = None
-        if self.now is not None:
-            self._looks.insert(0, Look(self.now, self.stamp_s, Pose.identity()))
-        oldest_s = self.stamp_s - AGES_S[-1] - SLACK_S
-        self._looks = [
-            Look(k.view, k.stamp_s, k.then_from_now @ previous_from_now)
-            for k in self._looks
-            if k.stamp_s >= oldest_s
+        ages_s = np.array([self.stamp_s - stamp_s for stamp_s, _, _ in self._kept])
+        if not len(ages_s):
+            return []
+        nearest = [int(np.abs(ages_s - age_s).argmin()) for age_s in AGES_S]
+        rows = [r for r, a in zip(nearest, AGES_S, strict=True) if abs(ages_s[r] - a) < SLACK_S]
+        return [
+            Look(view, stamp_s, drive_from_then.inverse() @ self.drive_from_ego)
+            for stamp_s, view, drive_from_then in (self._kept[row] for row in dict.fromkeys(rows))
         ]
+
+    def _keep(self, twist: np.ndarray) -> None:
+        """Put the last scan with the earlier ones, and drop the old."""
+        if self.now is None:
+            return
+        now = self.now if self._first is None else View.of(*self._first, twist)
+        self._kept.insert(0, (self.stamp_s, now, self.drive_from_ego))
+        oldest_s = self.stamp_s - AGES_S[-1] - SLACK_S
+        self._kept = [kept for kept in self._kept if kept[0] >= oldest_s]
 
 
 def _twist(previous_from_now: Pose | None, elapsed_s: float) -> np.ndarray:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.core.record import Record
 from roadscope.detectors.moving.view_kernels import tabulate, unskew
+
+Rays = tuple[np.ndarray, np.ndarray, tuple[float, float], np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +61,7 @@ class View(Record):
         )
 
     @property
-    def rays(self) -> tuple[Any, ...]:
+    def rays(self) -> Rays:
         """What kernels ask of a view, in their order."""
         grid = self.azimuth, self.step
         return self.image, self.slopes, grid, self.column_times_s, self.twist, self.lidar_from_ego

@@ -145,7 +145,7 @@ def look_back(
         if column < 0:
             continue
         free_rays, taken, above = 0, False, np.searchsorted(slopes, slope)
-        for row in range(max(above - 1, 0), min(above + 1, len(slopes))):
+        for row in range(max(int(above) - 1, 0), min(int(above) + 1, len(slopes))):
             height = points[i, 2] + (slopes[row] - slope) * flat
             tells = heights[i, 0] - PASS_M < height < heights[i, 1] + PASS_M
             for beside in range(max(column - 1, 0), min(column + 2, image.shape[1])):

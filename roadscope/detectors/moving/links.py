@@ -1,0 +1,119 @@
+"""Which candidates of successive scans are one vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from roadscope.core import Pose
+from roadscope.detectors.moving.extraction import Candidate
+
+KEPT = 4
+"""Sightings of a vehicle that are remembered."""
+MISSED = 2
+"""Scans in a row without the vehicle after which it is forgotten."""
+FASTEST_M_S = 45.0
+NEAR_M = 2.0
+"""How far from where it was expected a vehicle may be met: its visible part changes."""
+FACE_M = 1.0
+"""Depth of the part nearest to the sensor whose mean stands for the vehicle."""
+SLOWEST_M_S = 1.5
+"""What moves less than this has come into view rather than moved."""
+SURE = 3
+"""Sightings from which a speed says something."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """A candidate in the drive's frame, which stays put while the ego moves.
+
+    stamp_s: of its scan. met_s: when the vehicle was met within the sweep.
+    points: (N, 3) metres. origin: (2,) metres, the sensor then. mark: (2,) metres, what the
+        vehicle is followed by.
+    """
+
+    stamp_s: float
+    met_s: float
+    points: np.ndarray
+    origin: np.ndarray
+    mark: np.ndarray
+    candidate: Candidate
+
+    @staticmethod
+    def of(candidate: Candidate, stamp_s: float, drive_from_ego: Pose) -> Sighting:
+        """Bring a candidate into the drive's frame."""
+        points = drive_from_ego.apply(candidate.points)
+        origin = drive_from_ego.apply(np.append(candidate.origin, 0.0))[:2]
+        sight = points[:, :2].mean(axis=0) - origin
+        depth = (points[:, :2] - origin) @ (sight / max(float(np.hypot(*sight)), 1e-9))
+        mark = points[depth <= depth.min() + FACE_M, :2].mean(axis=0)
+        return Sighting(stamp_s, stamp_s + candidate.time_s, points, origin, mark, candidate)
+
+
+@dataclass(slots=True, eq=False)
+class Chain:
+    """One vehicle as it was seen lately, oldest first."""
+
+    sightings: list[Sighting] = field(default_factory=list)
+    count: int = 0
+
+    def add(self, sighting: Sighting) -> None:
+        """Append a sighting and forget the oldest beyond `KEPT`."""
+        self.sightings = [*self.sightings, sighting][-KEPT:]
+        self.count += 1
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(2,) m/s, drive frame; zero after one sighting."""
+        times = np.array([s.met_s for s in self.sightings])
+        marks = np.array([s.mark for s in self.sightings])
+        times = times - times.mean()
+        spread = float(times @ times)
+        return np.asarray(times @ marks / spread if spread > 0 else np.zeros(2))
+
+    @property
+    def moves(self) -> bool:
+        """Whether it was seen again and, as far as that can be told, elsewhere."""
+        if len(self.sightings) < SURE:
+            return len(self.sightings) > 1
+        return float(np.hypot(*self.velocity)) >= SLOWEST_M_S
+
+    def expected(self, met_s: float) -> np.ndarray:
+        """Return where its mark is expected, (2,) metres."""
+        last = self.sightings[-1]
+        return np.asarray(last.mark + self.velocity * (met_s - last.met_s))
+
+
+class Links:
+    """Follows candidates from scan to scan, each to the nearest of where it is expected."""
+
+    def __init__(self) -> None:
+        self.chains: list[Chain] = []
+
+    def update(self, stamp_s: float, found: Sequence[Candidate], drive_from_ego: Pose) -> None:
+        """Take the candidates of the next scan in."""
+        sightings = [Sighting.of(candidate, stamp_s, drive_from_ego) for candidate in found]
+        free_chains, free = list(range(len(self.chains))), list(range(len(sightings)))
+        for _, row, column in sorted(self._pairs(sightings)):
+            if row in free_chains and column in free:
+                self.chains[row].add(sightings[column])
+                free_chains.remove(row)
+                free.remove(column)
+        stamps = sorted({s.stamp_s for c in self.chains for s in c.sightings} | {stamp_s})
+        oldest_s = stamps[-min(len(stamps), MISSED + 1)]
+        kept = [c for c in self.chains if c.sightings[-1].stamp_s >= oldest_s]
+        self.chains = kept + [Chain([sightings[column]], 1) for column in free]
+
+    def _pairs(self, sightings: Sequence[Sighting]) -> list[tuple[float, int, int]]:
+        """Return distance over gate, chain and sighting of all pairs that can be one vehicle."""
+        pairs = []
+        for row, chain in enumerate(self.chains):
+            for column, sighting in enumerate(sightings):
+                apart = float(np.hypot(*(sighting.mark - chain.expected(sighting.met_s))))
+                elapsed_s = sighting.met_s - chain.sightings[-1].met_s
+                gate = NEAR_M if len(chain.sightings) > 1 else FASTEST_M_S * elapsed_s
+                if apart <= gate:
+                    pairs.append((apart / gate, row, column))
+        return pairs
