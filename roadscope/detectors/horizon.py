@@ -9,6 +9,7 @@ import numpy as np
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.sorting import order_by, order_within, starts_of
+from roadscope.envs.raycast.jit import compiled
 
 NEARER_M = 0.6
 """What lies this much nearer than an end hides what is beyond it; three standard deviations of
@@ -60,9 +61,7 @@ class Horizon:
             left = wrap_angle(self.view[(side + 1) // 2] - azimuth) * side
             if abs(left) < 1.5 * self.step:
                 return True
-        offsets = wrap_angle(self.azimuths - azimuth) * side
-        beside = (offsets > 0.5 * self.step) & (offsets < 2.5 * self.step)
-        return bool((self.ranges[beside] < reach - NEARER_M).any())
+        return _nearer_beside(self.azimuths, self.ranges, self.step, side, (azimuth, reach))
 
 
 def _sweep(cloud: Cloud, view: tuple[float, float]) -> tuple[float, bool]:
@@ -87,3 +86,23 @@ def _step(azimuths: np.ndarray, columns: np.ndarray) -> float:
     """Radians from column to column, from one return of each column in order."""
     turns = np.abs(wrap_angle(np.diff(azimuths)))
     return float(np.median(turns / np.diff(columns))) if len(turns) else 0.0
+
+
+@compiled()
+def _nearer_beside(
+    azimuths: np.ndarray, ranges: np.ndarray, step: float, side: int, end: tuple[float, float]
+) -> bool:
+    """Whether a return is nearer than an end, one or two columns beside it.
+
+    end: azimuth in radians and range in metres.
+    """
+    azimuth, reach = end
+    for row in range(len(azimuths)):
+        off = abs(azimuths[row] - azimuth)
+        # Divisions are slow, and most columns are far away either way around.
+        if min(off, 2 * np.pi - off) > 3 * step or ranges[row] >= reach - NEARER_M:
+            continue
+        turn = ((azimuths[row] - azimuth + np.pi) % (2 * np.pi) - np.pi) * side
+        if 0.5 * step < turn < 2.5 * step:
+            return True
+    return False

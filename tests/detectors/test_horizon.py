@@ -91,3 +91,19 @@ def test_what_is_hardly_nearer_hides_nothing():
     for range_m, hides in ((20.1, False), (19.7, False), (19.0, True)):
         horizon = Horizon(np.array([step]), np.array([range_m]), step, None, np.zeros(2))
         assert horizon.hides_beyond(np.array([20.0, 0.0]), 1) == hides
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 40), st.sampled_from([1, -1]))
+def test_beside_means_one_or_two_columns_also_across_the_seam(seed, count, side):
+    rng = np.random.default_rng(seed)
+    step = np.radians(rng.choice([0.25, 5.0]))
+    columns = rng.integers(-20, 20, count)
+    middle = rng.choice([0.0, np.pi, -np.pi])
+    azimuths = wrap_angle(middle + step * (columns + rng.choice([0, 0.3, 0.5])))
+    ranges = rng.choice([19.0, 19.39, 19.5, 30.0], count)
+    horizon = Horizon(azimuths, ranges, step, None, np.zeros(2))
+    end = 20 * np.array([np.cos(middle), np.sin(middle)])
+    offsets = wrap_angle(azimuths - np.arctan2(end[1], end[0])) * side
+    beside = (offsets > 0.5 * step) & (offsets < 2.5 * step)
+    expected = bool((ranges[beside] < np.hypot(*end) - 0.6).any())
+    assert horizon.hides_beyond(end, side) == expected
