@@ -1,24 +1,25 @@
-"""Ground removal, clustering, line extraction and recognition in a row (Lu 2018, figure 3)."""
+"""Ground removal, clustering, shape and score in a row (Lu 2018, figure 3, and a score)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Any
+import inspect
+from collections.abc import Sequence
 
 import numpy as np
 
 from roadscope.core import Detections, Frame
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering import CLUSTERINGS, Clustering
-from roadscope.detectors.ground import GROUNDS, Ground
+from roadscope.detectors.clustering import Clustering
+from roadscope.detectors.ground import Ground
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape import SHAPES, Shape, Vehicle
+from roadscope.detectors.scoring import scores
+from roadscope.detectors.shape import Shape, Vehicle
 from roadscope.detectors.shape.cluster import clusters
+from roadscope.detectors.stages import Option, all_options, chosen_stages
 
 
 class ClusterDetector:
-    """Finds vehicles as clusters of returns with straight outlines."""
+    """Finds road users as clusters of returns; any ground x clustering x shape."""
 
     def __init__(
         self,
@@ -26,56 +27,108 @@ class ClusterDetector:
         ground: str = "grid",
         clustering: str = "pag",
         shape: str = "iepf",
-        distance_m: float = 1.0,
-        split_m: float = 0.3,
+        min_score: float = 0.0,
+        exclusive: bool = False,
         residual_m: float | None = None,
         view_deg: float = 110.0,
+        **options: Option | None,
     ) -> None:
-        """Name the stages and their lengths.
+        """Name the stages and set their options.
 
         ground, clustering, shape: names in `GROUNDS`, `CLUSTERINGS`, `SHAPES`.
-        distance_m: threshold of the clustering `distance`.
-        split_m: distance from a line at which the shape `iepf` splits it.
+        min_score: detections that are less probable are left out.
+        exclusive: of two boxes of which one covers the other's centre only the more probable
+            one is kept: two bodies cannot stand in one place.
         residual_m: outlines farther from their lines (root mean square) are refused; None
             refuses none, as in the paper.
         view_deg: field of view of a sensor that does not turn fully, the LUX's: what touches
             its ends may go on outside.
+        options: of the chosen stages, such as `distance_m` of the clustering `distance`; those
+            of stages that are not chosen are refused.
         """
-        lengths = {
-            "distance": {"distance_m": _length("distance_m", distance_m)},
-            "iepf": {"split_m": _length("split_m", split_m)},
-        }
-        self._ground: Ground = _stage("ground", ground, GROUNDS, lengths)
-        self._clustering: Clustering = _stage("clustering", clustering, CLUSTERINGS, lengths)
-        self._shape: Shape = _stage("shape", shape, SHAPES, lengths)
-        self._residual_m = np.inf if residual_m is None else _length("residual_m", residual_m)
+        names = {"ground": ground, "clustering": clustering, "shape": shape}
+        stages = chosen_stages(names, options)
+        self._ground: Ground = stages["ground"]
+        self._clustering: Clustering = stages["clustering"]
+        self._shape: Shape = stages["shape"]
+        if not 0 <= min_score < 1:
+            raise ValueError(f"min_score must be at least 0 and below 1, got {min_score!r}")
+        if residual_m is not None and not 0 < residual_m < np.inf:
+            raise ValueError(f"residual_m must be a positive length in metres, got {residual_m!r}")
         if not 0 < view_deg <= 360:
             raise ValueError(f"view_deg must be above 0 and at most 360 degrees, got {view_deg!r}")
+        self._min_score, self._exclusive = min_score, exclusive
+        self._residual_m = np.inf if residual_m is None else residual_m
         self._half_view = float(np.radians(view_deg)) / 2
 
     def reset(self) -> None:
         """Forget nothing: every scan is looked at alone."""
 
     def detect(self, frame: Frame) -> Detections:
-        """Return the vehicles in the frame's scan, ego frame, at the scan's stamp."""
+        """Return the road users in the frame's scan, ego frame, at the scan's stamp."""
         scan = frame.lidar
         if scan is None:
             return Detections.empty(frame.stamp_s)
         ego_from_lidar = frame.calibration.pose(scan.sensor)
         cloud = Cloud.of(scan, ego_from_lidar)
-        standing = self._ground(cloud)
-        view = (ego_from_lidar.yaw - self._half_view, ego_from_lidar.yaw + self._half_view)
-        horizon, cloud = Horizon.of(cloud, standing, view), cloud.select(standing)
-        found = [
+        vehicles, horizon = self.propose(cloud, ego_from_lidar.yaw)
+        height_m = float(ego_from_lidar.translation[2])
+        found = scores(vehicles, cloud, horizon, height_m)
+        kept = np.flatnonzero(found >= self._min_score)
+        if self._exclusive:
+            kept = kept[_apart([vehicles[k] for k in kept], found[kept])]
+        return _detections([vehicles[k] for k in kept], found[kept], scan.stamp_s)
+
+    def propose(self, cloud: Cloud, yaw: float) -> tuple[list[Vehicle], Horizon]:
+        """Return what the shape makes of every cluster, not yet scored, and the horizon.
+
+        yaw: of the sensor in the ego frame, radians.
+        """
+        standing, view = self._ground(cloud), (yaw - self._half_view, yaw + self._half_view)
+        horizon, above = Horizon.of(cloud, standing, view), cloud.select(standing)
+        vehicles = [
             vehicle
-            for cluster in clusters(cloud, self._clustering(cloud))
+            for cluster in clusters(above, self._clustering(above))
             for vehicle in self._shape(cluster, horizon)
             if vehicle.residual_m <= self._residual_m
         ]
-        return _detections(found, scan.stamp_s)
+        return vehicles, horizon
 
 
-def _detections(vehicles: list[Vehicle], stamp_s: float) -> Detections:
+def _with_options_named(signature: inspect.Signature) -> inspect.Signature:
+    """Put the options of all stages in the place of `**options`, so that they can be listed."""
+    named = [p for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY]
+    taken = {p.name for p in named}
+    more = [p for name, p in all_options().items() if name not in taken]
+    return inspect.Signature(named + more)
+
+
+ClusterDetector.__signature__ = _with_options_named(  # type: ignore[attr-defined]
+    inspect.signature(ClusterDetector)
+)
+
+
+def _apart(vehicles: Sequence[Vehicle], probabilities: np.ndarray) -> np.ndarray:
+    """Return rows of vehicles none of which covers the centre of a more probable one, in order."""
+    kept: list[int] = []
+    for row in np.argsort(-probabilities, kind="stable"):
+        one = vehicles[row]
+        if not any(_covers(one, vehicles[k]) or _covers(vehicles[k], one) for k in kept):
+            kept.append(int(row))
+    return np.array(sorted(kept), np.int64)
+
+
+def _covers(one: Vehicle, other: Vehicle) -> bool:
+    """Whether the footprint of one holds the centre of the other."""
+    dx, dy = other.centre[0] - one.centre[0], other.centre[1] - one.centre[1]
+    cos, sin = np.cos(one.yaw), np.sin(one.yaw)
+    inside = abs(cos * dx + sin * dy) < one.size[0] / 2, abs(cos * dy - sin * dx) < one.size[1] / 2
+    return all(inside)
+
+
+def _detections(
+    vehicles: Sequence[Vehicle], probabilities: np.ndarray, stamp_s: float
+) -> Detections:
     if not vehicles:
         return Detections.empty(stamp_s)
     sizes = np.array([vehicle.size for vehicle in vehicles])
@@ -85,29 +138,7 @@ def _detections(vehicles: list[Vehicle], stamp_s: float) -> Detections:
         sizes=sizes,
         yaws=np.array([vehicle.yaw for vehicle in vehicles]),
         categories=np.array([vehicle.category for vehicle in vehicles], np.int8),
-        scores=np.array([_score(vehicle) for vehicle in vehicles]),
+        scores=probabilities,
         frame="ego",
         stamp_s=stamp_s,
     )
-
-
-def _score(vehicle: Vehicle) -> float:
-    """Rank by support and straightness: ten points on a line score near 1."""
-    return min(1.0, vehicle.points / 10) * float(np.exp(-vehicle.residual_m / 0.3))
-
-
-def _stage(
-    kind: str,
-    name: str,
-    known: Mapping[str, Callable[..., Any]],
-    options: Mapping[str, Mapping[str, float]],
-) -> Callable[..., Any]:
-    if name not in known:
-        raise ValueError(f"no {kind} stage '{name}'; known: {', '.join(known)}")
-    return partial(known[name], **options.get(name, {}))
-
-
-def _length(name: str, value: float) -> float:
-    if not 0 < value < np.inf:
-        raise ValueError(f"{name} must be a positive length in metres, got {value!r}")
-    return value

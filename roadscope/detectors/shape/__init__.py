@@ -5,12 +5,18 @@ from collections.abc import Callable, Mapping
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.iepf import vehicles_by_lines
+from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
 from roadscope.detectors.shape.recognition import Vehicle
+from roadscope.detectors.shape.rectangle import vehicles_by_rectangle
 
 Shape = Callable[[Cluster, Horizon], list[Vehicle]]
 """Returns the vehicles that a cluster shows, none where it shows something else."""
 
-SHAPES: Mapping[str, Callable[..., list[Vehicle]]] = {"iepf": vehicles_by_lines}
+SHAPES: Mapping[str, Callable[..., list[Vehicle]]] = {
+    "iepf": vehicles_by_lines,
+    "rectangle": vehicles_by_rectangle,
+    "l-shape": vehicles_by_l_shape,
+}
 """Name -> a `Shape`; keyword arguments beyond the two are its options."""
 
 __all__ = ["SHAPES", "Cluster", "Shape", "Vehicle"]

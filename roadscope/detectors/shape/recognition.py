@@ -48,6 +48,7 @@ class Vehicle:
     centre: x, y in metres; size: length, width, height in metres; yaw: radians.
     residual_m: root mean square distance of the outline from its lines.
     points: outline points behind it.
+    fit: log likelihood of what is seen under the prior of sizes, 0 where it is not weighed.
     """
 
     centre: tuple[float, float]
@@ -56,6 +57,7 @@ class Vehicle:
     category: Category
     residual_m: float
     points: int
+    fit: float = 0.0
 
 
 def recognise(segments: list[Segment], horizon: Horizon) -> list[Vehicle]:

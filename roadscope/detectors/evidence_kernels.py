@@ -1,0 +1,181 @@
+"""What the returns in and around a box say of it, box by box."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.envs.raycast.jit import compiled
+
+CELL_M = 4.0
+"""Side of the cells that returns are sorted into."""
+EDGE_M = 0.25
+"""Returns this far outside a box still belong to it: noise."""
+DEEP_M = 0.5
+"""Returns this far inside of every side are within the body."""
+AROUND_M = 1.5
+"""How far from a box its neighbourhood reaches."""
+FLOOR_M, LOW_M, DECK_M, CEILING_M = 0.12, 0.3, 0.8, 2.5
+"""Heights: ground below the first; a body stands from the second; below the third nothing of a
+closed body is seen inside of its sides; above the fourth are crowns and buildings, and lorries."""
+
+COUNTS = (
+    "body", "ground", "deep", "low", "top", "bottom", "levels", "high", "above", "top_level",
+    "ends", "sides", "overhang",
+)  # fmt: skip
+"""Columns of `count_returns`."""
+
+
+@compiled()
+def sort_to_cells(
+    points: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sort (N, 3) points, N at least 1, into square cells.
+
+    Returns the order (N,), where each cell begins in it, row by row, and (4,) the least x and y
+    and the numbers of cells in x and y.
+    """
+    low_x, low_y = points[:, 0].min(), points[:, 1].min()
+    nx = int((points[:, 0].max() - low_x) / CELL_M) + 1
+    ny = int((points[:, 1].max() - low_y) / CELL_M) + 1
+    starts = np.zeros(nx * ny + 1, np.int64)
+    cells = np.empty(len(points), np.int64)
+    for i in range(len(points)):
+        cell = int((points[i, 0] - low_x) / CELL_M) * ny + int((points[i, 1] - low_y) / CELL_M)
+        cells[i] = cell
+        starts[cell + 1] += 1
+    for c in range(nx * ny):
+        starts[c + 1] += starts[c]
+    order, filled = np.empty(len(points), np.int64), starts[:-1].copy()
+    for i in range(len(points)):
+        order[filled[cells[i]]] = i
+        filled[cells[i]] += 1
+    return order, starts, np.array([low_x, low_y, float(nx), float(ny)])
+
+
+@compiled()
+def count_returns(
+    boxes: np.ndarray,
+    points: np.ndarray,
+    ring: np.ndarray,
+    order: np.ndarray,
+    starts: np.ndarray,
+    grid: np.ndarray,
+) -> np.ndarray:
+    """Return (B, 13) `COUNTS` of boxes (B, 5): centre x and y, length, width, yaw.
+
+    body: standing returns within the box; ground: returns of the ground deep within it; deep:
+    share of the low returns that lie deep within it, of `low` returns; top, bottom: heights,
+    metres; levels: beams; high: share of the body in the upper half of its height; above: returns
+    over the ceiling; top_level: highest beam; ends, sides: standing returns beyond its ends and
+    beside it; overhang: returns over the ceiling around it.
+    """
+    out = np.zeros((len(boxes), 13))
+    levels = int(ring.max()) + 1
+    for b in range(len(boxes)):
+        seen = np.zeros(levels, np.bool_)
+        x, y, length, width, yaw = boxes[b]
+        cos, sin, a, c = np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width
+        reach = np.hypot(a, c) + AROUND_M
+        low, high = np.inf, 0.0
+        row = out[b]
+        ix, last_x = _span(x, reach, grid[0], grid[2])
+        first_y, last_y = _span(y, reach, grid[1], grid[3])
+        for cx in range(ix, last_x + 1):
+            for k in range(
+                starts[cx * int(grid[3]) + first_y], starts[cx * int(grid[3]) + last_y + 1]
+            ):
+                i = order[k]
+                dx, dy, z = points[i, 0] - x, points[i, 1] - y, points[i, 2]
+                u, v = abs(cos * dx + sin * dy) - a, abs(cos * dy - sin * dx) - c
+                if u > AROUND_M or v > AROUND_M:
+                    continue
+                if u < EDGE_M and v < EDGE_M:
+                    if z < FLOOR_M:
+                        row[1] += max(u, v) < -DEEP_M
+                        continue
+                    if z > CEILING_M:
+                        row[8] += 1
+                        continue
+                    row[0] += 1
+                    low, high = min(low, z), max(high, z)
+                    seen[ring[i]] = True
+                    row[9] = max(row[9], ring[i])
+                    if z < DECK_M:
+                        row[3] += 1
+                        row[2] += max(u, v) < -DEEP_M
+                elif z > CEILING_M:
+                    row[12] += 1
+                elif z > LOW_M:
+                    if v < EDGE_M:
+                        row[10] += 1
+                    elif u < EDGE_M:
+                        row[11] += 1
+        row[4], row[5], row[6] = high, min(low, high), seen.sum()
+    return out
+
+
+@compiled()
+def _span(centre: float, reach: float, low: float, cells: float) -> tuple[int, int]:
+    """First and last cell within reach of a centre along one axis; last before first if none."""
+    first = max(int(np.floor((centre - reach - low) / CELL_M)), 0)
+    last = min(int(np.floor((centre + reach - low) / CELL_M)), int(cells) - 1)
+    return first, last
+
+
+@compiled()
+def look_along(
+    boxes: np.ndarray, azimuths: np.ndarray, ranges: np.ndarray, origin: np.ndarray, step: float
+) -> np.ndarray:
+    """Return (B, 4) shares of the columns towards boxes: blocked before, hit, passing beyond.
+
+    The fourth is the number of columns that hit.
+
+    azimuths: (C,) increasing, of the nearest standing return a column; ranges: (C,) metres.
+    Columns without a return pass beyond.
+    """
+    out = np.zeros((len(boxes), 4))
+    for b in range(len(boxes)):
+        x, y, length, width, yaw = boxes[b]
+        dx, dy = x - origin[0], y - origin[1]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        middle = np.arctan2(dy, dx)
+        left, right = 0.0, 0.0
+        for k in range(4):
+            u = (0.5 if k < 2 else -0.5) * length
+            v = (0.5 if k % 2 else -0.5) * width
+            turn = np.arctan2(dy + sin * u + cos * v, dx + cos * u - sin * v) - middle
+            turn -= 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
+            left, right = max(left, turn), min(right, turn)
+        columns = max((left - right) / max(step, 1e-6), 1.0)
+        for wrap in range(-1, 2):
+            start = np.searchsorted(azimuths, middle + right + 2.0 * np.pi * wrap)
+            stop = np.searchsorted(azimuths, middle + left + 2.0 * np.pi * wrap)
+            for i in range(start, stop):
+                near, far = _crossing(boxes[b], origin, azimuths[i])
+                if ranges[i] < near - 2 * EDGE_M:
+                    out[b, 0] += 1
+                elif ranges[i] < far + 2 * EDGE_M:
+                    out[b, 1] += 1
+        out[b, 3] = out[b, 1]
+        out[b, 0] = min(out[b, 0] / columns, 1.0)
+        out[b, 1] = min(out[b, 1] / columns, 1.0 - out[b, 0])
+        out[b, 2] = 1.0 - out[b, 0] - out[b, 1]
+    return out
+
+
+@compiled()
+def _crossing(box: np.ndarray, origin: np.ndarray, azimuth: float) -> tuple[float, float]:
+    """Ranges at which a ray enters and leaves a box; inf and 0 where it misses."""
+    cos, sin = np.cos(box[4]), np.sin(box[4])
+    x, y = box[0] - origin[0], box[1] - origin[1]
+    near, far = 0.0, np.inf
+    for k in range(2):
+        ax, ay, half = (cos, sin, 0.5 * box[2]) if k == 0 else (-sin, cos, 0.5 * box[3])
+        place, way = ax * x + ay * y, ax * np.cos(azimuth) + ay * np.sin(azimuth)
+        if abs(way) < 1e-9:
+            if abs(place) > half:
+                return np.inf, 0.0
+            continue
+        one, other = (place - half) / way, (place + half) / way
+        near, far = max(near, min(one, other)), min(far, max(one, other))
+    return (near, far) if near <= far else (np.inf, 0.0)

@@ -1,0 +1,52 @@
+"""What road users measure: the size prior that completes a body seen in part.
+
+Means and standard deviations over the outer dimensions that makers publish, without mirrors: small
+to large cars, small and large vans, rigid trucks of 6 to 9 m, rigid trucks and articulated ones
+at the length that Directive 96/53/EC allows, city buses, and two-wheelers with their riders. The
+shares say how often each is met; a body twice as common wins only where its size fits as well.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.core import Category
+
+
+class Body(NamedTuple):
+    """One kind of road user.
+
+    share: how often it is met; length, width, height: mean and standard deviation in metres.
+    """
+
+    category: Category
+    share: float
+    length: tuple[float, float]
+    width: tuple[float, float]
+    height: tuple[float, float]
+
+
+BODIES = (
+    Body(Category.CAR, 0.66, (4.40, 0.38), (1.82, 0.09), (1.49, 0.10)),
+    Body(Category.VAN, 0.09, (4.70, 0.30), (1.88, 0.07), (1.90, 0.12)),
+    Body(Category.VAN, 0.07, (5.70, 0.40), (2.03, 0.07), (2.55, 0.15)),
+    Body(Category.TRUCK, 0.05, (7.40, 1.10), (2.40, 0.18), (3.30, 0.30)),
+    Body(Category.TRUCK, 0.02, (12.00, 0.80), (2.55, 0.06), (3.80, 0.20)),
+    Body(Category.TRUCK, 0.02, (16.50, 0.60), (2.55, 0.06), (4.00, 0.15)),
+    Body(Category.BUS, 0.04, (11.40, 0.80), (2.55, 0.06), (3.12, 0.15)),
+    Body(Category.MOTORCYCLE, 0.05, (2.05, 0.20), (0.82, 0.15), (1.70, 0.12)),
+    Body(Category.CYCLIST, 0.03, (1.80, 0.12), (0.65, 0.12), (1.75, 0.12)),
+    Body(Category.PEDESTRIAN, 0.05, (0.50, 0.20), (0.60, 0.12), (1.72, 0.12)),
+)
+
+LONGEST_M = 18.5
+"""The longest vehicle that needs no permit, and a little for noise."""
+WIDEST_M = 3.0
+"""The widest with mirrors and noise."""
+
+
+def body_table() -> np.ndarray:
+    """Return (K, 7): log share, then mean and standard deviation of length, width, height."""
+    return np.array([[np.log(b.share), *b.length, *b.width, *b.height] for b in BODIES])

@@ -1,0 +1,140 @@
+"""Which way a rectangle around an outline is turned, for kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.envs.raycast.jit import compiled
+
+AREA, CLOSENESS, VARIANCE = 0, 1, 2
+COARSE, FINE = 60, 6
+"""Headings tried over a right angle, and to either side of the best of them."""
+
+
+@compiled()
+def searched_heading(points: np.ndarray, criterion: int, near_m: float) -> float:
+    """Return the heading in [0, pi/2) whose rectangle suits (M, 2) points best.
+
+    Zhang et al. 2017 (Efficient L-shape fitting, algorithm 2) try every degree; here the best of
+    steps of 1.5 degrees is refined to a quarter degree.
+    """
+    best, step = 0.0, 0.5 * np.pi / COARSE
+    top = -np.inf
+    first, second = np.empty(len(points)), np.empty(len(points))
+    for i in range(COARSE):
+        value = _suits(points, i * step, criterion, near_m, first, second)
+        if value > top:
+            top, best = value, i * step
+    centre, fine = best, step / FINE
+    for i in range(-FINE + 1, FINE):
+        value = _suits(points, centre + i * fine, criterion, near_m, first, second)
+        if value > top:
+            top, best = value, centre + i * fine
+    return best % (0.5 * np.pi)
+
+
+@compiled()
+def _suits(
+    points: np.ndarray, heading: float, criterion: int, near_m: float,
+    first: np.ndarray, second: np.ndarray,
+) -> float:  # fmt: skip
+    """Value of a criterion for one heading; greater is better (algorithms 3 to 5)."""
+    low_1, high_1 = _project(points, np.cos(heading), np.sin(heading), first)
+    low_2, high_2 = _project(points, -np.sin(heading), np.cos(heading), second)
+    if criterion == AREA:
+        return -(high_1 - low_1) * (high_2 - low_2)
+    _to_nearer_side(first, low_1, high_1)
+    _to_nearer_side(second, low_2, high_2)
+    if criterion == CLOSENESS:
+        total = 0.0
+        for i in range(len(points)):
+            total += 1.0 / max(min(first[i], second[i]), near_m)
+        return total
+    return -_variance(first, second) - _variance(second, first)
+
+
+@compiled()
+def _project(points: np.ndarray, x: float, y: float, out: np.ndarray) -> tuple[float, float]:
+    low, high = np.inf, -np.inf
+    for i in range(len(points)):
+        out[i] = points[i, 0] * x + points[i, 1] * y
+        low, high = min(low, out[i]), max(high, out[i])
+    return low, high
+
+
+@compiled()
+def _to_nearer_side(values: np.ndarray, low: float, high: float) -> None:
+    """Turn coordinates into distances from that side which is nearer on the whole."""
+    from_low, from_high = 0.0, 0.0
+    for value in values:
+        from_low += (value - low) ** 2
+        from_high += (high - value) ** 2
+    for i in range(len(values)):
+        values[i] = values[i] - low if from_low <= from_high else high - values[i]
+
+
+@compiled()
+def _variance(values: np.ndarray, others: np.ndarray) -> float:
+    """Variance of those values that are less than the others."""
+    count, total, squares = 0, 0.0, 0.0
+    for i in range(len(values)):
+        if values[i] < others[i]:
+            count += 1
+            total += values[i]
+            squares += values[i] * values[i]
+    return squares / count - (total / count) ** 2 if count else 0.0
+
+
+@compiled()
+def hull_heading(points: np.ndarray) -> float:
+    """Return the heading in [0, pi/2) of the least rectangle around (M, 2) points.
+
+    points: distinct, sorted by x, then y. One side of that rectangle lies on a side of the
+    convex hull (Freeman and Shapira 1975).
+    """
+    hull = _hull(points)
+    best, least = 0.0, np.inf
+    for i in range(len(hull)):
+        j = (i + 1) % len(hull)
+        x, y = hull[j, 0] - hull[i, 0], hull[j, 1] - hull[i, 1]
+        length = np.hypot(x, y)
+        if length == 0.0:
+            continue
+        area = _extent(hull, x / length, y / length) * _extent(hull, -y / length, x / length)
+        if area < least:
+            best, least = np.arctan2(y, x), area
+    return best % (0.5 * np.pi)
+
+
+@compiled()
+def _extent(points: np.ndarray, x: float, y: float) -> float:
+    low, high = np.inf, -np.inf
+    for i in range(len(points)):
+        u = points[i, 0] * x + points[i, 1] * y
+        low, high = min(low, u), max(high, u)
+    return high - low
+
+
+@compiled()
+def _hull(points: np.ndarray) -> np.ndarray:
+    """Convex hull, counter-clockwise, of sorted points (monotone chain, Andrew 1979)."""
+    count = len(points)
+    chain = np.empty((2 * count + 1, 2))
+    size = 0
+    for half in range(2):
+        start = size
+        for i in range(count):
+            p = points[i] if half == 0 else points[count - 1 - i]
+            while size >= start + 2 and _left(chain[size - 2], chain[size - 1], p) <= 0.0:
+                size -= 1
+            chain[size] = p
+            size += 1
+        size -= 1
+    return chain[: max(size, 1)]
+
+
+@compiled()
+def _left(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    """Twice the signed area of a triangle, positive where c lies left of a to b."""
+    area: float = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    return area

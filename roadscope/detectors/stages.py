@@ -1,0 +1,107 @@
+"""Stages by name, and the options that each takes."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Literal, get_args, get_origin
+
+import numpy as np
+
+from roadscope.detectors.clustering import CLUSTERINGS
+from roadscope.detectors.ground import GROUNDS
+from roadscope.detectors.shape import SHAPES
+
+Option = float | int | str
+Stage = Callable[..., Any]
+STAGES: Mapping[str, Mapping[str, Stage]] = {
+    "ground": GROUNDS,
+    "clustering": CLUSTERINGS,
+    "shape": SHAPES,
+}
+
+
+def options_of(stage: Stage) -> dict[str, inspect.Parameter]:
+    """Return those keyword arguments of a stage that are numbers or names, in order."""
+    parameters = inspect.signature(stage, eval_str=True).parameters.values()
+    return {
+        p.name: p
+        for p in parameters
+        if p.kind is p.KEYWORD_ONLY and isinstance(p.default, float | int | str)
+    }
+
+
+def all_options() -> dict[str, inspect.Parameter]:
+    """Return the options of all stages; None stands for the stage's own default."""
+    found: dict[str, inspect.Parameter] = {}
+    for known in STAGES.values():
+        for stage in known.values():
+            found |= options_of(stage)
+    return {name: p.replace(default=None) for name, p in found.items()}
+
+
+def chosen_stages(
+    names: Mapping[str, str], options: Mapping[str, Option | None]
+) -> dict[str, Stage]:
+    """Return one stage a kind, with its options set.
+
+    names: kind -> name. options: name -> value, None for the default. An option goes to every
+    chosen stage that has it; one that none has is refused.
+    """
+    stages = {kind: _named(kind, name) for kind, name in names.items()}
+    given = {key: value for key, value in options.items() if value is not None}
+    for key in given:
+        if not any(key in options_of(stage) for stage in stages.values()):
+            raise ValueError(_homeless(key, names))
+    return {kind: _with_options(stage, given) for kind, stage in stages.items()}
+
+
+def _named(kind: str, name: str) -> Stage:
+    known = STAGES[kind]
+    if name not in known:
+        raise ValueError(f"no {kind} stage '{name}'; known: {', '.join(known)}")
+    return known[name]
+
+
+def _with_options(stage: Stage, given: Mapping[str, Option]) -> Stage:
+    known = options_of(stage)
+    return partial(stage, **{k: _checked(known[k], v) for k, v in given.items() if k in known})
+
+
+def _homeless(key: str, names: Mapping[str, str]) -> str:
+    owners = [
+        f"{kind} '{name}'"
+        for kind, known in STAGES.items()
+        for name, stage in known.items()
+        if key in options_of(stage)
+    ]
+    taken = "; ".join(
+        f"{kind} '{name}' takes {', '.join(options_of(STAGES[kind][name])) or 'none'}"
+        for kind, name in names.items()
+    )
+    if owners:
+        return f"option '{key}' belongs to {', '.join(owners)}, not chosen; {taken}"
+    return f"no stage has an option '{key}'; {taken}"
+
+
+def _checked(parameter: inspect.Parameter, value: Option) -> Option:
+    """Refuse what an option cannot be: names not on its list, numbers that are not positive."""
+    name = parameter.name
+    if get_origin(parameter.annotation) is Literal:
+        known = get_args(parameter.annotation)
+        if value not in known:
+            raise ValueError(f"no {name} {value!r}; known: {', '.join(known)}")
+        return value
+    whole = isinstance(parameter.default, int)
+    kind = int if whole else (int, float)
+    if isinstance(value, bool) or not isinstance(value, kind) or not 0 < value < np.inf:
+        what = "whole number" if whole else _quantity(name)
+        raise ValueError(f"{name} must be a positive {what}, got {value!r}")
+    return value
+
+
+def _quantity(name: str) -> str:
+    if name.endswith("_m"):
+        return "length in metres"
+    return "angle in degrees" if name.endswith("_deg") else "number"
