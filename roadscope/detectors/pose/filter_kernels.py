@@ -163,11 +163,13 @@ def summit(response: np.ndarray, tie: float) -> tuple[float, float]:
     """
     best = int(np.argmax(response))
     top = response[best]
-    last = best
+    first = last = best
+    while first > 0 and response[first - 1] >= top - tie:
+        first -= 1
     while last + 1 < len(response) and response[last + 1] >= top - tie:
         last += 1
-    place = 0.5 * (best + last)
-    if last == best and 0 < best < len(response) - 1:
+    place = 0.5 * (first + last)
+    if last == first and 0 < best < len(response) - 1:
         before, after = response[best - 1], response[best + 1]
         bend = before - 2.0 * top + after
         if bend < 0.0:

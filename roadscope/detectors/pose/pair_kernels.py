@@ -205,7 +205,7 @@ def _overlay(
         lower, upper = along[f, first + whole : last + whole], along[f, first + whole + 1 :]
         for i in range(len(sums)):
             sums[i] += (1.0 - part) * lower[i] + part * upper[i] - floor
-    top = common[0]
+    top = float(common[0])
     for i in range(1, size):
         top = max(top, common[i])
     return top

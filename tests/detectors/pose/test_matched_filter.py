@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from scipy.special import erf
 
 from roadscope.detectors.pose import axis_difference
+from roadscope.detectors.pose.filter_kernels import summit
 from roadscope.detectors.pose.matched_filter import fit_single
 
 SIZE = {"length_m": 4.87, "width_m": 1.85}
@@ -170,3 +171,11 @@ def test_settings_are_refused_by_name(options, message):
 def test_points_are_refused(points):
     with pytest.raises(ValueError, match="point"):
         fit_single(points, ORIGIN, **SIZE)
+
+
+def test_a_plateau_counts_at_its_middle_and_a_peak_between_bins():
+    flat = np.zeros(21)
+    flat[8:15] = [0.9995, 1, 1, 1.0001, 1, 0.9999, 0.9995]
+    assert summit(flat, 1e-3) == pytest.approx((1.0001, 1.0))
+    peak = -((np.arange(21) - 12.3) ** 2)
+    assert summit(peak, 1e-3)[1] == pytest.approx(2.3)
