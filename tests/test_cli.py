@@ -100,6 +100,7 @@ def test_list() -> None:
         (["leaderboard", "--jbos", "2"], 2, "roadscope leaderboard --help"),
         (["run", "motorwy"], 1, "no scenario 'motorwy' (did you mean 'motorway'?)"),
         (["run", "motorway", "--rig", "lxu"], 1, "no rig 'lxu'; known: lux"),
+        (["run", "motorway", "--weather", "fgo"], 1, "no weather 'fgo' (did you mean 'fog'?)"),
         (["run", "motorway", "--detector", "pga"], 1, "no detector 'pga' (did you mean 'pag'?)"),
         (["run", "motorway", "--tracker", "x"], 1, "no tracker 'x'; known: nearest"),
         (["run", "motorway", "--seconds", "-2"], 1, "got -2 s"),
@@ -173,8 +174,11 @@ def test_a_board_without_any_result_is_a_failure(tmp_path, suite) -> None:
 
 def test_run_prints_a_summary_and_draws(tmp_path) -> None:
     path = tmp_path / "scene.png"
-    done = roadscope_does("run", "lu2018-occlusion", "--seconds", 1, "--picture", path)
+    done = roadscope_does(
+        "run", "lu2018-occlusion", "--seconds", 1, "--picture", path, "--weather", "rain-2"
+    )
     assert done.returncode == 0
+    assert "lu2018-occlusion, seed 0, lux, rain-2: " in done.stdout
     assert "detection_rate" in done.stdout
     assert "mota" in done.stdout
     assert path.read_bytes().startswith(b"\x89PNG")
