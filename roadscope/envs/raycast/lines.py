@@ -196,14 +196,14 @@ def free_path(seed: int, source: int, column: int, beam: int, stamp_s: float) ->
     """Draw an exponentially distributed path with rate 1 that depends on the arguments alone."""
     state = np.uint64(seed)
     for part in (source, column, beam, np.int64(np.rint(stamp_s * 1e9))):
-        state = _mix(state + np.uint64(part) + np.uint64(0x9E3779B97F4A7C15))
+        state = mix(state + np.uint64(part) + np.uint64(0x9E3779B97F4A7C15))
     uniform = (np.float64(state >> np.uint64(11)) + 1.0) * 2.0**-53
     path: float = -np.log(uniform)
     return path
 
 
 @compiled(borrowing=True)
-def _mix(state: np.uint64) -> np.uint64:
+def mix(state: np.uint64) -> np.uint64:
     """Scramble 64 bits (the finaliser of Steele, Lea and Flood's SplitMix, 2014)."""
     state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -7,8 +7,11 @@ import numpy as np
 from roadscope.core import WEATHER
 from roadscope.envs.raycast.cast import NOTHING
 from roadscope.envs.raycast.jit import compiled
-from roadscope.envs.raycast.lines import free_path
+from roadscope.envs.raycast.lines import mix
 from roadscope.envs.sensors.backscatter import OVERLAP_M, Echoes
+
+STEP = np.uint64(0x9E3779B97F4A7C15)
+"""From one random number to the next (Steele, Lea and Flood's SplitMix, 2014)."""
 
 
 @compiled(borrowing=True)
@@ -19,14 +22,14 @@ def cloud_over(
     owners: np.ndarray,
     echoes: Echoes,
     air: tuple[float, float],
-    key: tuple[int, float],
+    key: np.uint64,
 ) -> None:
     """Put weather between sensor and surfaces, in place: the strongest return of a ray wins.
 
     ranges to owners (B, C), as in `raycast.Hits` but beam by beam. Surfaces lose reflectivity;
     where an echo wins it takes the ray, with the reflectivity of a wall as bright.
     air: extinction per metre, and least power that the receiver reports.
-    key: seed and stamp of the sweep; an echo depends on them, beam and column alone.
+    key: of the sweep; an echo depends on it, beam and column alone.
     """
     extinction, least = air
     expected = echoes.tails[-1] if len(echoes.tails) else 0.0
@@ -41,7 +44,10 @@ def cloud_over(
                 power = signal * _gain(reach) if signal >= least * reach * reach else 0.0
                 if power > least:
                     rivals = _tail(echoes, np.log(power)) if power < loudest else 0.0
-            measured, power = _strongest(echoes, reach, rivals, (j, c), key)
+            if rivals <= 0.0:
+                continue
+            state = mix(key + np.uint64(j * ranges.shape[1] + c) * STEP)
+            measured, power = _strongest(echoes, reach, rivals, state)
             if measured > 0.0:
                 owners[j, c], ranges[j, c], cosines[j, c] = WEATHER, measured, 1.0
                 reflectivity[j, c] = power / _gain(measured)
@@ -49,32 +55,36 @@ def cloud_over(
 
 @compiled(borrowing=True)
 def _strongest(
-    echoes: Echoes, reach: float, rivals: float, ray: tuple[int, int], key: tuple[int, float]
+    echoes: Echoes, reach: float, rivals: float, state: np.uint64
 ) -> tuple[float, float]:
     """Return range and power of the strongest echo before the surface, zeros if there is none.
 
     rivals: expected number of echoes that are strong enough. The echoes of a Poisson process,
     strongest first, are where its tail passes the sums of exponential paths.
+    state: of the ray's own random numbers.
     """
     powers, tails, quantiles = echoes
-    beam, column = ray
-    seed, stamp_s = key
-    passed, draw = 0.0, 0
-    while rivals > 0.0:
-        passed += free_path(seed, draw, column, beam, stamp_s)
+    passed = 0.0
+    while True:
+        passed -= np.log(_uniform(mix(state + STEP)))
         if passed >= rivals:
             break
         k = _place(tails, passed)
         share = max(passed - tails[k], 0.0) / (tails[k + 1] - tails[k])
         power = np.exp(powers[k] + share * (powers[k + 1] - powers[k]))
-        place = np.exp(-free_path(seed, draw + 1, column, beam, stamp_s))
-        place *= quantiles.shape[1] - 1
+        state += STEP + STEP
+        place = _uniform(mix(state)) * (quantiles.shape[1] - 1)
         q = min(int(place), quantiles.shape[1] - 2)
         measured = quantiles[k, q] + (place - q) * (quantiles[k, q + 1] - quantiles[k, q])
         if measured < reach:
             return measured, power
-        draw += 2
     return 0.0, 0.0
+
+
+@compiled(borrowing=True)
+def _uniform(bits: np.uint64) -> float:
+    """Return a number above 0 and up to 1 from 64 random bits."""
+    return (np.float64(bits >> np.uint64(11)) + 1.0) * 2.0**-53
 
 
 @compiled(borrowing=True)

@@ -72,7 +72,9 @@ def sweep(
         scene, columns, np.tan(spec.elevations), max_range_m=spec.range_max_m, outlines=True
     )
     if weather.kind != "clear":
-        _cloud_over(spec, hits, weather, (weather_seed, float(stamp_s)))
+        nanoseconds = int(np.rint(stamp_s * 1e9)) % 2**64
+        key = np.random.SeedSequence([weather_seed, nanoseconds]).generate_state(1, np.uint64)[0]
+        _cloud_over(spec, hits, weather, key)
     return _measure(spec, hits, stamp_s, sensor, rng)
 
 
@@ -108,7 +110,7 @@ def _turns(rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return skew / np.where(sines > 0, sines, 1)[:, None, None], np.arctan2(sines, cosines)
 
 
-def _cloud_over(spec: LidarSpec, hits: Hits, weather: Weather, key: tuple[int, float]) -> None:
+def _cloud_over(spec: LidarSpec, hits: Hits, weather: Weather, key: np.uint64) -> None:
     """Let the weather take what it takes of the hits, in place, and put its echoes there."""
     least = max(spec.detection_limit / spec.range_max_m**2, LEAST_POWER)
     cloud_over(
