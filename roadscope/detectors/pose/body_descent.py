@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.detectors.pose.body_kernels import POSE, misfits
-from roadscope.detectors.pose.body_sampling import Problem
+from roadscope.detectors.pose.body_sampling import Problem, normal_points
 
 SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
 """Added to noise and edges round by round: first every ray counts, then the near ones."""
@@ -15,6 +15,8 @@ STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
 """By how much values are moved to see what follows: about a standard deviation."""
 SHARES = (1.0, 0.5, 0.2, 0.05)
 """Shares of a step that are tried."""
+AROUND, WIDTH = 16, 1.5
+"""Places around the step's end that are tried too, and how many standard deviations wide."""
 LIMIT = 3.0
 """Misfits beyond so many standard deviations lose weight."""
 
@@ -49,8 +51,9 @@ def descend(problem: Problem, vectors: np.ndarray, slacks: tuple[float, ...] = S
             normals[better] = normal[better]
         pull = np.einsum("smd,sm->sd", weighted, misfit) + off @ precision
         damped = normal + _damping(steps, slack)
-        step = np.linalg.solve(damped, pull[:, :, None])[:, :, 0]
-        vectors = _stepped(problem, vectors, step, slack)
+        inverse = np.linalg.inv(damped)
+        step = np.einsum("sde,se->sd", inverse, pull)
+        vectors = _stepped(problem, vectors, step, np.linalg.cholesky(inverse), slack)
     return Best(best, np.linalg.inv(normals + _damping(steps, 0.0)), least)
 
 
@@ -67,11 +70,15 @@ def _costs(problem: Problem, vectors: np.ndarray, misfit: np.ndarray) -> np.ndar
     return costs + np.einsum("sd,sd->s", off, off)
 
 
-def _stepped(problem: Problem, vectors: np.ndarray, step: np.ndarray, slack: float) -> np.ndarray:
-    """Take the best share of a step: silhouettes make the cost no parabola."""
-    tried = np.stack([vectors - share * step for share in SHARES])
+def _stepped(
+    problem: Problem, vectors: np.ndarray, step: np.ndarray, root: np.ndarray, slack: float
+) -> np.ndarray:
+    """Take the best of shares of a step and of places around: silhouettes make no parabola."""
+    spread = np.einsum("sde,te->tsd", root, normal_points(AROUND, vectors.shape[1])[0])
+    shares = np.stack([vectors - share * step for share in SHARES])
+    tried = np.concatenate([shares, vectors - SHARES[0] * step + WIDTH * spread])
     flat = tried.reshape(-1, vectors.shape[1])
-    costs = _costs(problem, flat, _misfits(problem, flat, slack)).reshape(len(SHARES), -1)
+    costs = _costs(problem, flat, _misfits(problem, flat, slack)).reshape(len(tried), -1)
     best: np.ndarray = tried[np.argmin(costs, axis=0), np.arange(len(vectors))]
     return best
 

@@ -21,6 +21,11 @@ REAR, FRONT, HALF, TAIL, NOSE, AFT, FORE, RADIUS, BOTTOM, TOP = range(10)
 """Columns of a part: x of its rear and front end, half its width between the axles, at its rear
 end and at its front end, x where the narrowing begins at the rear and at the front, radius of its
 four corners, heights of its bottom and its top; metres, body frame."""
+FACET_REACH = float(np.cos(np.radians(15.0)))
+FACET_X = tuple(float(v) for v in np.cos(np.radians([15.0, 45.0, 75.0])))
+CORNER_X = tuple(float(v) for v in np.cos(np.radians([0.0, 30.0, 60.0, 90.0])))
+"""A corner of radius 1 is cut into three facets, as in a mesh: how far they are from its centre,
+x of their normals and of its four corner points; y is the same from the other end."""
 POSE = 6
 """x, y, yaw, speed, turn rate, acceleration: the columns of a state before those of the body."""
 
@@ -242,37 +247,94 @@ def _misfit(
     reach, sigma, need = brought
     across = dx * oy - dy * ox
     level = oz - slope * (ox * dx + oy * dy)
-    worst = 0.0 if kind != HIT else 30.0
+    worst = 0.0 if kind != HIT else 100.0
     for p in range(len(parts)):
         part = parts[p]
+        if kind == HIT:
+            height = oz + slope * reach
+            if height <= part[TOP] + 0.02 and height >= part[BOTTOM] - 0.02:
+                point = ox + reach * dx, oy + reach * dy
+                off = _off(part, point, dx, dy, (sigma, edge_m))
+                if abs(off) < abs(worst):
+                    worst = off
+            continue
         span = abs(slope) * 0.6 * (part[FRONT] - part[REAR] + part[HALF])
         if level - span > part[TOP] or level + span < part[BOTTOM]:
             continue
-        left, left_at = _support(part, -dy, dx, ox, oy)
-        right, right_at = _support(part, dy, -dx, ox, oy)
-        inside, near = left - across, left_at
-        if right + across < inside:
-            inside, near = right + across, right_at
-        cosine = 1.0
-        if inside > 0.0:
-            near, cosine = _enter(part, ox, oy, dx, dy)
-        height = oz + slope * near
-        if near <= 0.0 or height > part[TOP] or height < part[BOTTOM]:
+        left, _ = _support(part, -dy, dx, ox, oy)
+        right, _ = _support(part, dy, -dx, ox, oy)
+        inside = min(left - across, right + across)
+        if inside <= 0.0:
             continue
-        if kind == HIT:
-            off = (reach - near) / sigma
-            if inside < 0.0:
-                off = math.copysign(math.sqrt(off * off + (inside / edge_m) ** 2), off)
-            if abs(off) < abs(worst):
-                worst = off
-        elif inside > 0.0 and near < reach:
-            depth = inside / edge_m
-            if kind == EMPTY and need > 0.0:
-                # No return is no surprise where a surface would hardly be seen.
-                dark = 1.0 - _seen(need, near, cosine)
-                depth = min(depth, math.sqrt(-2.0 * math.log(max(dark, 1e-30))))
-            worst = max(worst, depth)
+        near, cosine = _enter(part, ox, oy, dx, dy)
+        height = oz + slope * near
+        if near <= 0.0 or near > reach or height > part[TOP] or height < part[BOTTOM]:
+            continue
+        depth = inside / edge_m
+        if kind == EMPTY and need > 0.0:
+            # No return is no surprise where a surface would hardly be seen.
+            dark = 1.0 - _seen(need, near, cosine)
+            depth = min(depth, math.sqrt(-2.0 * math.log(max(dark, 1e-30))))
+        worst = max(worst, depth)
     return worst
+
+
+@compiled(borrowing=True)
+def _off(
+    part: np.ndarray,
+    point: tuple[float, float],
+    dx: float,
+    dy: float,
+    noise: tuple[float, float],
+) -> float:
+    """How far a return is outside a footprint, over its standard deviation across the side.
+
+    Of the sides that face the ray the farthest counts, of the others only one that the return
+    is beyond: it lies beside the silhouette. Negative inside.
+    """
+    facing, beside, cosine, aside = -np.inf, 0.0, 1.0, 0.0
+    for i in range(11):
+        nx, ny, reach = _side(part, i, point)
+        speed = nx * dx + ny * dy
+        over = nx * point[0] + ny * point[1] - reach
+        if speed < 0.0:
+            if over > facing:
+                facing, cosine = over, -speed
+        elif over > beside:
+            beside, aside = over, speed
+    if beside > 0.0 and beside > facing:
+        facing, cosine = beside, aside
+    sigma, edge = noise
+    return facing / math.sqrt((sigma * cosine) ** 2 + edge * edge * (1.0 - cosine * cosine))
+
+
+@compiled(borrowing=True)
+def _side(part: np.ndarray, i: int, point: tuple[float, float]) -> tuple[float, float, float]:
+    """Return the unit normal of one of 11 sides and its distance from the centre.
+
+    Ends, flanks, narrowing flanks, and the three facets of the corner next to a point.
+    """
+    ahead = point[0] + point[0] > part[FRONT] + part[REAR]
+    if i == 0:
+        return 1.0, 0.0, part[FRONT]
+    if i == 1:
+        return -1.0, 0.0, -part[REAR]
+    if i < 4:
+        return 0.0, 1.0 - 2.0 * (i - 2), part[HALF]
+    if i < 8:
+        nx, ny, x = part[HALF] - part[NOSE], part[FRONT] - part[FORE], part[FORE]
+        if i > 5:
+            nx, ny, x = part[TAIL] - part[HALF], part[AFT] - part[REAR], part[AFT]
+        length = math.sqrt(nx * nx + ny * ny)
+        if length == 0.0:
+            return 0.0, 1.0 - 2.0 * (i % 2), part[HALF]
+        nx, ny = nx / length, ny / length
+        return nx, ny * (1.0 - 2.0 * (i % 2)), nx * x + ny * part[HALF]
+    r = part[RADIUS]
+    cx, y = (part[FRONT] - r, part[NOSE] - r) if ahead else (part[REAR] + r, part[TAIL] - r)
+    nx = FACET_X[i - 8] if ahead else -FACET_X[i - 8]
+    ny = FACET_X[10 - i]
+    return nx, math.copysign(ny, point[1]), nx * cx + ny * y + FACET_REACH * r
 
 
 @compiled(borrowing=True)
@@ -292,6 +354,8 @@ def _support(part: np.ndarray, nx: float, ny: float, ox: float, oy: float) -> tu
     """
     r, up = part[RADIUS], abs(ny)
     best, bx, by = -np.inf, 0.0, 0.0
+    rx, ry = _facet(abs(nx), up)
+    rx = r * math.copysign(rx, nx)
     for i in range(4):
         if i == 0:
             x, y = part[FRONT] - r, part[NOSE] - r
@@ -304,8 +368,19 @@ def _support(part: np.ndarray, nx: float, ny: float, ox: float, oy: float) -> tu
         reach = nx * x + up * y
         if reach > best:
             best, bx, by = reach, x, y
-    x, y = bx + r * nx, math.copysign(by, ny) + r * ny
-    return best + r, (x - ox) * ny - (y - oy) * nx
+    x, y = bx + rx, math.copysign(by + r * ry, ny)
+    return best + nx * rx + up * r * ry, (x - ox) * ny - (y - oy) * nx
+
+
+@compiled(borrowing=True)
+def _facet(nx: float, ny: float) -> tuple[float, float]:
+    """Return the point of a unit corner's outline, cut into facets, farthest along a normal."""
+    best, x, y = -np.inf, 0.0, 0.0
+    for i in range(4):
+        cx, cy = CORNER_X[i], CORNER_X[3 - i]
+        if cx * nx + cy * ny > best:
+            best, x, y = cx * nx + cy * ny, cx, cy
+    return x, y
 
 
 @compiled(borrowing=True)
@@ -334,9 +409,12 @@ def _enter(part: np.ndarray, ox: float, oy: float, dx: float, dy: float) -> tupl
             cx, y = part[REAR] + r, part[TAIL] - r
         if abs(qy) > y and (qx - cx) * cx > 0.0:
             px, py = ox - cx, oy - math.copysign(y, qy)
-            b = px * dx + py * dy
-            root = math.sqrt(max(b * b - (px * px + py * py - r * r), 0.0))
-            near, cosine = -b - root, root / r
+            for i in range(3):
+                nx, ny = math.copysign(FACET_X[i], cx), math.copysign(FACET_X[2 - i], qy)
+                speed = nx * dx + ny * dy
+                t = (FACET_REACH * r - nx * px - ny * py) / speed
+                if speed < 0.0 and t > near:
+                    near, cosine = t, -speed
     return near, cosine
 
 

@@ -14,22 +14,27 @@ LEVELS = (1.5, 3.0)
 """Standard deviations along each principal axis at which rays are tried."""
 STRAIGHT = 0.1
 """Departure of a ray's log-likelihood from its quadratic form up to which the form is used."""
-COUNT = 256
-FIRST, THEN = 2, 2
+COUNT, ROUNDS = 256, 2
 WIDE = 2.0
-"""Rounds of sampling before the rays are looked at again, and after."""
+"""How much wider the first proposal is than the guessed covariance."""
+STAGES, ENOUGH = 5, 0.12
+"""Most times that the rays are looked at anew, and the share of samples at which it ends."""
 
 
 def posterior(problem: Problem, vector: np.ndarray, covariance: np.ndarray) -> Posterior:
     """Return the posterior of a problem around a vector (D,) with a guessed covariance (D, D).
 
     Returns well inside a face are merged into one quadratic form first, so that the many samples
-    cost only the rays near a silhouette or a corner.
+    cost only the rays near a silhouette or a corner. Where the samples move away or few of them
+    count, that is done again around them.
     """
-    wide = WIDE * covariance
-    rough = refine(split(problem, vector, wide), vector, wide, rounds=FIRST, count=COUNT)
-    mean, covariance = rough.mean, rough.covariance
-    return refine(split(problem, mean, covariance), mean, covariance, rounds=THEN, count=COUNT)
+    mean, spread = vector, WIDE * covariance
+    for stage in range(STAGES):
+        found = refine(split(problem, mean, spread), mean, spread, rounds=ROUNDS, count=COUNT)
+        mean, spread = found.mean, found.covariance
+        if stage > 0 and found.share > ENOUGH:
+            break
+    return found
 
 
 def split(problem: Problem, vector: np.ndarray, covariance: np.ndarray) -> Problem:

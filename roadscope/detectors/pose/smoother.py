@@ -36,8 +36,10 @@ NEAR_SLACKS_M = (0.06, 0.02, 0.005, 0.0)
 FITTING = 1.0
 """Standard deviations of the cost, above its mean, up to which the last answer, moved on, is
 taken to be right."""
-BACKWARD_M_S = -1.0
-"""Speed from which a vehicle is taken to have been turned round."""
+BACKWARD_M_S, WAY_M = -1.0, 0.5
+"""Speed from which a vehicle is taken to have been turned round, and the way that tells."""
+TURNED = 1e3
+"""Added to the cost of a vehicle turned round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,8 @@ class Smoother:
         self._window: deque[_Seen] = deque(maxlen=self._frames)
         self._single: dict[float, np.ndarray] = {}
         self._last: tuple[float, np.ndarray] | None = None
+        self._anchor: np.ndarray | None = None
+        self._ahead: np.ndarray | None = None
 
     def update(
         self, scan: LidarScan, target: np.ndarray, world_from_lidar: Pose, *, rolling: bool = True
@@ -120,6 +124,7 @@ class Smoother:
         vector, covariance = best
         found = posterior(problem, vector, covariance)
         self._last = stamp_s, problem.whole(vector[None])[0]
+        self._note_way(found.mean[:2])
         return pose_of(found, problem)
 
     def _best(self, problem: Problem, stamp_s: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -128,23 +133,39 @@ class Smoother:
         bound = hits + FITTING * np.sqrt(2 * hits)
         tries = []
         before = self._moved(stamp_s)
-        if before is not None:
+        if before is not None and not self._turned(before[None])[0]:
             tries.append(descend(problem, before[None, problem.free], NEAR_SLACKS_M))
         if not tries or tries[0].costs[0] > bound:
             guesses = self._guesses(stamp_s)
             if len(guesses):
                 rough = descend(thinned_problem(problem), guesses[:, problem.free], SLACKS_M[:-2])
-                chosen = np.argsort(rough.costs)[:2]
+                turned = self._turned(problem.whole(rough.vectors))
+                chosen = np.argsort(rough.costs + TURNED * turned)[:2]
                 tries.append(descend(problem, rough.vectors[chosen], NEAR_SLACKS_M))
         if not tries:
             return None
-        costs = np.concatenate([found.costs for found in tries])
         vectors = np.concatenate([found.vectors for found in tries])
-        if len(problem.free) > POSE:
-            costs = costs + 1e3 * (vectors[:, 3] < BACKWARD_M_S)
-        chosen = np.argmin(costs)
+        costs = np.concatenate([found.costs for found in tries])
+        chosen = np.argmin(costs + TURNED * self._turned(problem.whole(vectors)))
         covariances = np.concatenate([found.covariances for found in tries])
         return vectors[chosen], covariances[chosen]
+
+    def _turned(self, states: np.ndarray) -> np.ndarray:
+        """Whether states (S, 11) are those of a vehicle that is taken for its mirror image."""
+        backward = states[:, 3] < BACKWARD_M_S
+        if self._ahead is None or len(self._window) > 1:
+            return backward
+        headings = np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=1)
+        turned: np.ndarray = headings @ self._ahead < 0
+        return turned
+
+    def _note_way(self, place: np.ndarray) -> None:
+        """Remember where the vehicle goes: scans looked at alone do not tell front from rear."""
+        if self._anchor is None:
+            self._anchor = place
+        way = place - self._anchor
+        if np.hypot(*way) > WAY_M:
+            self._anchor, self._ahead = place, way
 
     def _problem(self, stamp_s: float) -> Problem:
         rays = [seen.sighting.rays for seen in self._window]
