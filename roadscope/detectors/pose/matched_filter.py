@@ -67,7 +67,7 @@ def settled_filter(
 ) -> Filter:
     """Check the filter's settings; smoothing is sigma_m and alpha."""
     sigma_m, alpha = smoothing
-    positive(length_m=length_m, width_m=width_m, bin_m=bin_m, sigma_m=sigma_m)
+    positive(length_m=length_m, width_m=width_m, sigma_m=sigma_m, bin_m=bin_m)
     if not 0 <= alpha < np.inf:
         raise ValueError(f"alpha must be finite and not negative, got {alpha!r}")
     if width_m > length_m:

@@ -6,6 +6,7 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.iepf import vehicles_by_lines
 from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
+from roadscope.detectors.shape.matched import vehicles_by_matched_filter
 from roadscope.detectors.shape.recognition import Vehicle
 from roadscope.detectors.shape.rectangle import vehicles_by_rectangle
 
@@ -16,6 +17,7 @@ SHAPES: Mapping[str, Callable[..., list[Vehicle]]] = {
     "iepf": vehicles_by_lines,
     "rectangle": vehicles_by_rectangle,
     "l-shape": vehicles_by_l_shape,
+    "matched-filter": vehicles_by_matched_filter,
 }
 """Name -> a `Shape`; keyword arguments beyond the two are its options."""
 

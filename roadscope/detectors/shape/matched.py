@@ -1,0 +1,53 @@
+"""The matched filter of Zhang 2017 as a shape: heading and place from all returns of a cluster."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from roadscope.core import Category
+from roadscope.detectors.horizon import Horizon
+from roadscope.detectors.pose.matched_filter import fit_single
+from roadscope.detectors.shape.cluster import Cluster
+from roadscope.detectors.shape.completion import complete
+from roadscope.detectors.shape.recognition import Vehicle
+from roadscope.detectors.shape.rectangle import vehicles_by_rectangle
+
+BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
+"""What shows two faces; a person or a cyclist has no straight ones to filter for."""
+
+
+def vehicles_by_matched_filter(
+    cluster: Cluster, horizon: Horizon, *, sigma_m: float = 0.04
+) -> list[Vehicle]:
+    """Return the road user whose rectangle answers best to a cluster's returns.
+
+    sigma_m: of the template's smoothed edges, metres; twice the range noise of the HDL-32E.
+    The paper knows the car that it looks for; here its size is that of the body that completes
+    the cluster's minimum-area rectangle.
+    """
+    vehicles = vehicles_by_rectangle(cluster, horizon)
+    if not vehicles or vehicles[0].category not in BRICKS:
+        return vehicles
+    length, width, _ = vehicles[0].size
+    pose = fit_single(
+        cluster.points[:, :2],
+        cluster.origin,
+        length_m=max(length, width),
+        width_m=min(length, width),
+        sigma_m=sigma_m,
+        bin_m=sigma_m / 2,
+    )
+    vehicle = complete(cluster, pose.yaw, horizon)
+    if vehicle is None:
+        return []
+    return [
+        replace(
+            vehicle,
+            centre=(pose.x, pose.y),
+            size=(pose.length, pose.width, vehicle.size[2]),
+            yaw=float(np.arctan(np.tan(pose.yaw))),
+            category=vehicles[0].category,
+        )
+    ]
