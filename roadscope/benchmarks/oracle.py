@@ -12,8 +12,14 @@ from roadscope.core import Detections, Truth
 ORACLE = "oracle"
 """It is no plug-in."""
 ONE_CLUSTER = "one-cluster"
+"""All returns above the ground are one cluster, and the cluster is one box; with a shape that
+divides clusters into lines, vehicles would be told apart again."""
 MARKS: Mapping[str, str] = {ORACLE: "upper mark", ONE_CLUSTER: "lower mark"}
-"""On every detection board."""
+MARK_SPECS: Mapping[str, str] = {
+    ORACLE: ORACLE,
+    ONE_CLUSTER: "cluster?clustering=one&shape=rectangle",
+}
+"""The detectors of the marks, which are on every detection board."""
 
 
 def mark_of(entry: str, tracker: str | None) -> str | None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.job import Job
-from roadscope.benchmarks.oracle import MARKS, ORACLE
+from roadscope.benchmarks.oracle import MARK_SPECS, ORACLE
 from roadscope.benchmarks.suite import Suite, SuiteError, check_names, unknown
 from roadscope.core import Registry, SpecError
 from roadscope.core.registry import split_spec
@@ -43,14 +43,15 @@ def plan(
             raise SpecError(unknown("board", board, BOARDS))
     kinds = [kind_of(spec) for spec in entries]
     _refuse_unused(entries, kinds, boards)
-    detectors = [] if only else [*MARKS, *suite.detectors]
+    marks = {} if only else MARK_SPECS
+    detectors = [] if only else list(suite.detectors)
     detectors += [s for s, kind in zip(entries, kinds, strict=True) if kind == "detector"]
     trackers = [] if only else list(suite.trackers)
     trackers += [s for s, kind in zip(entries, kinds, strict=True) if kind == "tracker"]
     _check_all(suite, [s for s in entries if s in detectors], [s for s in entries if s in trackers])
     if "tracking" in boards and not suite.public_detectors and ("tracker" in kinds or only):
         raise SpecError(f"suite {suite.title} names no tracking.detectors that trackers could get")
-    detection = _detection_jobs(suite, detectors) if "detection" in boards else []
+    detection = _detection_jobs(suite, marks, detectors) if "detection" in boards else []
     tracking = _tracking_jobs(suite, trackers) if "tracking" in boards else []
     public = _jobs(suite, "detection", [(d, d, None) for d in suite.public_detectors])
     if not detection and not tracking:
@@ -127,8 +128,9 @@ def _refuse_unused(entries: Sequence[str], kinds: Sequence[str], boards: Sequenc
             raise SpecError(f"'{spec}' is a {kind}; it belongs on the {board} board")
 
 
-def _detection_jobs(suite: Suite, detectors: Sequence[str]) -> list[Job]:
-    return _jobs(suite, "detection", [(d, d, None) for d in dict.fromkeys(detectors)])
+def _detection_jobs(suite: Suite, marks: Mapping[str, str], detectors: Sequence[str]) -> list[Job]:
+    specs = {**marks, **{detector: detector for detector in detectors}}
+    return _jobs(suite, "detection", [(entry, spec, None) for entry, spec in specs.items()])
 
 
 def _tracking_jobs(suite: Suite, trackers: Sequence[str]) -> list[Job]:

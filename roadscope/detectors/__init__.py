@@ -19,7 +19,6 @@ DETECTORS: Registry[Detector] = Registry(
         "?clustering=pag-range&residual_m=0.12",
         "distance-residual": "roadscope.detectors.pipeline:ClusterDetector"
         "?clustering=distance&residual_m=0.12",
-        "one-cluster": "roadscope.detectors.pipeline:ClusterDetector?clustering=one&shape=rectangle",
         "zhang2017": "roadscope.detectors.long_range:LongRangeDetector?fit=single",
         "zhang2017-multi": "roadscope.detectors.long_range:LongRangeDetector?fit=multi&late=True",
         "zhang2017-multi-causal": "roadscope.detectors.long_range:LongRangeDetector?fit=multi",

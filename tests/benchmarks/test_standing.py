@@ -3,7 +3,7 @@ import pytest
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.metrics.score import ratio
-from roadscope.benchmarks.oracle import mark_of
+from roadscope.benchmarks.oracle import MARK_SPECS, MARKS, mark_of
 from roadscope.benchmarks.rows import Record
 from roadscope.benchmarks.standing import standings
 
@@ -89,6 +89,7 @@ def test_true_ranks_lie_within_their_intervals() -> None:
 
 
 def test_marks_by_name() -> None:
+    assert MARKS.keys() == MARK_SPECS.keys()
     assert mark_of("oracle", None) == "upper mark"
     assert mark_of("one-cluster", None) == "lower mark"
     assert mark_of("pag", None) is None
