@@ -19,6 +19,9 @@ FITS = ("single", "multi", "ransac")
 MOST_POINTS = 150
 """Returns that a fit is given: more, on a near vehicle, tell it nothing new."""
 FRAMES = 3
+VEHICLES = (Category.CAR, Category.VAN, Category.TRUCK, Category.MOTORCYCLE)
+RIDER_M = 1.3
+"""Height that a rider reaches and a corner of a car does not."""
 
 
 class LongRangeDetector:
@@ -116,16 +119,27 @@ def _few(points: np.ndarray) -> np.ndarray:
 
 
 def _usual(chain: Chain) -> tuple[Body, tuple[float, float, float]]:
-    """Return the first usual body that has room for what is seen, and its size."""
-    ahead = chain.velocity / max(float(np.hypot(*chain.velocity)), 1e-9)
-    axes = np.column_stack([ahead, [-ahead[1], ahead[0]]])
-    spans = [np.ptp(s.points[:, :2] @ axes, axis=0) for s in chain.sightings]
+    """Return the first usual body that has room for what is seen, and its size.
+
+    Two-wheelers come first, and are told by their rider: as narrow a part of a car is low.
+    """
+    spans = [_spans(s.points[:, :2], chain.velocity) for s in chain.sightings]
     along, across = np.median(spans, axis=0)
     top = max(float(s.points[:, 2].max()) for s in chain.sightings)
-    known = [b for b in BODIES if b.category in (Category.CAR, Category.VAN, Category.TRUCK)]
+    known = [b for b in BODIES if b.category in VEHICLES]
+    if top > RIDER_M:
+        known.sort(key=lambda body: body.category is not Category.MOTORCYCLE)
     body = next((b for b in known if _room(b, along, across, top)), known[-1])
-    length = max(body.length[0], float(along))
-    return body, (length, body.width[0], body.height[0])
+    return body, (max(body.length[0], float(along)), body.width[0], body.height[0])
+
+
+def _spans(points: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
+    """Return how far (N, 2) points reach along and across a body that goes about that way."""
+    yaws = np.arctan2(velocity[1], velocity[0]) + np.radians(np.arange(-24, 25, 4))
+    along = np.ptp(points @ np.stack([np.cos(yaws), np.sin(yaws)]), axis=0)
+    across = np.ptp(points @ np.stack([-np.sin(yaws), np.cos(yaws)]), axis=0)
+    best = int(np.argmin(along * across))
+    return float(along[best]), float(across[best])
 
 
 def _room(body: Body, along: float, across: float, top: float) -> bool:

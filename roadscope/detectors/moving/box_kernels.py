@@ -11,8 +11,9 @@ TURNS = 12
 STRIDE = 2
 """Cells from one place of the box to the next."""
 BINS, BIN_M = 24, 0.4
-GAP_BINS = 2
-"""A gap of so many empty bins, across the line of sight, parts two bodies."""
+GAP_BINS, DEEP_BINS = 2, 5
+"""A gap of so many empty bins, across or along the line of sight, parts two bodies. Between the
+boot's end and the glass above it a body may show nothing."""
 MOST = 0.7
 """Share of its evidence that a box must keep beside better ones."""
 
@@ -34,16 +35,16 @@ def slide(
     weights: (K,) evidence, above 0 for moving. origin: (2,) metres, the sensor.
     sides: half length, half width, collar at the ends and at the flanks, metres.
 
-    Returns (B, 6): x, y, yaw, score, and from where to where across the line of sight the body
-    in the box reaches. A body has no gap that a ray goes through; of several in the box the one
-    with most evidence counts. In the collar counts what speaks against: a piece of wall that
-    goes on is no vehicle.
+    Returns (B, 8): x, y, yaw, score, and from where to where across and along the line of sight
+    the body in the box reaches. A body has no gap that a ray goes through, and no wide one in
+    depth; of several in the box the one with most evidence counts. In the collar counts what
+    speaks against: a piece of wall that goes on is no vehicle.
     """
     reach = int(np.ceil((sides[0] + sides[1] + sides[2]) / cell_m))
     wide, deep = chart.shape
     open_ = _reachable(chart, places, weights, int(sides[0] / cell_m), cell_m)
-    found = np.empty((open_.sum(), 6))
-    near, bins = np.empty((4, (2 * reach + 1) ** 2)), np.empty((2, BINS))
+    found = np.empty((open_.sum(), 8))
+    near, bins = np.empty((5, (2 * reach + 1) ** 2)), np.empty((4, BINS))
     count = 0
     for a in range(open_.shape[0]):
         for b in range(open_.shape[1]):
@@ -58,7 +59,7 @@ def slide(
                     if row >= 0:
                         dx, dy = places[row, 0] - x, places[row, 1] - y
                         near[0, n], near[1, n], near[2, n] = dx, dy, weights[row]
-                        near[3, n] = sx * dy - sy * dx
+                        near[3, n], near[4, n] = sx * dy - sy * dx, sx * dx + sy * dy
                         hope += max(weights[row], 0.0)
                         n += 1
             if hope < least:
@@ -66,9 +67,11 @@ def slide(
             found[count, 3] = 0.0
             for turn in range(TURNS):
                 yaw = turn * np.pi / TURNS
-                score, low, high = _evidence(near[:, :n], (np.cos(yaw), np.sin(yaw)), sides, bins)
+                score = _evidence(near[:, :n], (np.cos(yaw), np.sin(yaw)), sides, bins)
                 if score > found[count, 3]:
-                    found[count] = (x, y, yaw, score, low, high)
+                    found[count, :4] = x, y, yaw, score
+                    _, found[count, 4], found[count, 5] = _best_run(bins[:2], GAP_BINS)
+                    _, found[count, 6], found[count, 7] = _best_run(bins[2:], DEEP_BINS)
             count += 1 if found[count, 3] >= least else 0
     return found[:count]
 
@@ -84,46 +87,45 @@ def _sight(x: float, y: float, origin: np.ndarray) -> tuple[float, float]:
 @compiled()
 def _evidence(
     near: np.ndarray, heading: tuple[float, float], sides: np.ndarray, bins: np.ndarray
-) -> tuple[float, float, float]:
-    """Return the evidence in a box at the origin, and where the body that gives it reaches.
+) -> float:
+    """Return the evidence of the best body in a box at the origin.
 
-    near: (4, K) x, y, weight, and place across the line of sight of cells.
-    bins: (2, BINS) room to work in: evidence and number of cells.
+    near: (5, K) x, y, weight, and place across and along the line of sight of cells.
+    bins: (4, BINS) filled with evidence and number of cells across, then along it.
     """
     cos, sin = heading
     long, wide, ends, flanks = sides
     bins[:] = 0.0
     against = 0.0
     for k in range(near.shape[1]):
-        weight = near[2, k]
-        along, across = (
-            abs(cos * near[0, k] + sin * near[1, k]),
-            abs(cos * near[1, k] - sin * near[0, k]),
-        )
+        dx, dy, weight = near[0, k], near[1, k], near[2, k]
+        along, across = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
         if along <= long and across <= wide:
-            bin_ = min(max(int(near[3, k] / BIN_M + BINS / 2), 0), BINS - 1)
-            bins[0, bin_] += weight
-            bins[1, bin_] += 1.0
+            side = min(max(int(near[3, k] / BIN_M + BINS / 2), 0), BINS - 1)
+            deep = min(max(int(near[4, k] / BIN_M + BINS / 2), 0), BINS - 1)
+            bins[0, side] += weight
+            bins[1, side] += 1.0
+            bins[2, deep] += weight
+            bins[3, deep] += 1.0
         elif weight < 0.0 and (
             (along <= long + ends and across <= wide) or (along <= long and across <= wide + flanks)
         ):
             against += weight
-    score, low, high = _best_run(bins)
-    return score + against, low, high
+    best = min(_best_run(bins[:2], GAP_BINS)[0], _best_run(bins[2:], DEEP_BINS)[0])
+    return best + against
 
 
 @compiled()
-def _best_run(bins: np.ndarray) -> tuple[float, float, float]:
+def _best_run(bins: np.ndarray, gap: int) -> tuple[float, float, float]:
     """Return evidence, begin and end of the run of bins, without a gap, that has most."""
     best, low, high = 0.0, 0, 0
     total, start, last = 0.0, 0, -1
-    for k in range(BINS + GAP_BINS + 1):
-        seen = k < BINS and bins[1, k] > 0.0
-        if last >= 0 and k - last > GAP_BINS:
+    for k in range(BINS + gap + 1):
+        if last >= 0 and k - last > gap:
             if total > best:
                 best, low, high = total, start, last + 1
             total, last = 0.0, -1
-        if seen:
+        if k < BINS and bins[1, k] > 0.0:
             start = start if last >= 0 else k
             total, last = total + bins[0, k], k
     return best, (low - BINS / 2) * BIN_M, (high - BINS / 2) * BIN_M
@@ -141,7 +143,7 @@ def suppress(
     """Return the rows of boxes that stay, best first.
 
     A box stays when without the cells of better ones it still has `least` evidence and most of
-    what it had. boxes: (B, 6), sorted by falling score; the rest as in `slide`.
+    what it had. boxes: (B, 8), sorted by falling score; the rest as in `slide`.
     """
     taken = np.zeros(len(places), np.bool_)
     kept, rows = np.empty(len(boxes), np.int64), np.empty(len(places), np.int64)
@@ -165,18 +167,18 @@ def _held(
     places: np.ndarray, box: np.ndarray, origin: np.ndarray, sides: np.ndarray, rows: np.ndarray
 ) -> int:
     """Write into `rows` which places belong to the body in a box; return how many."""
-    x, y, low, high = box[0], box[1], box[4], box[5]
+    x, y, low, high, near, far = box[0], box[1], box[4], box[5], box[6], box[7]
     cos, sin = np.cos(box[2]), np.sin(box[2])
     sx, sy = _sight(x, y, origin)
     long, wide = sides[0], sides[1]
-    count, far = 0, long + wide
+    count, reach = 0, long + wide
     for row in range(len(places)):
         dx, dy = places[row, 0] - x, places[row, 1] - y
-        if abs(dx) > far or abs(dy) > far:
+        if abs(dx) > reach or abs(dy) > reach:
             continue
         if abs(cos * dx + sin * dy) > long or abs(cos * dy - sin * dx) > wide:
             continue
-        if low <= sx * dy - sy * dx <= high:
+        if low <= sx * dy - sy * dx <= high and near <= sx * dx + sy * dy <= far:
             rows[count] = row
             count += 1
     return count

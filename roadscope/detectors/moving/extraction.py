@@ -9,14 +9,22 @@ import numpy as np
 
 from roadscope.core.record import Record
 from roadscope.detectors.moving.box_kernels import gathered, slide, suppress
-from roadscope.detectors.moving.long_body import one_body
+from roadscope.detectors.moving.growth import whole_body
 from roadscope.detectors.moving.memory import Look
 from roadscope.detectors.moving.view import View
-from roadscope.detectors.moving.view_kernels import look_back, seen_through, spans, thinned
+from roadscope.detectors.moving.view_kernels import (
+    look_back,
+    seen_through,
+    spans,
+    thinned,
+    voxel_of,
+)
 
 LOW_M, HIGH_M = 0.3, 2.8
-"""Heights above the road that a vehicle's returns are taken from: clear of the ground, below
-bridges and most of a crown."""
+"""Heights above the road at which things are looked at: clear of the ground, below bridges and
+most of a crown."""
+SILL_M = 0.15
+"""A vehicle's returns are taken from here on: far away its lower half is met by one beam."""
 REACH_M = 120.0
 CELL_M = 0.25
 SIDES_M = np.array([2.7, 1.3, 0.75, 0.75])
@@ -45,8 +53,8 @@ class Candidate(Record):
     rows: (N,) int64, which return of the scan each one is.
     time_s: when the vehicle was met, seconds after the stamp.
     origin: (2,) float64, metres, where the sensor was then.
-    box: (3,) float64, x, y in metres and yaw of the box that gathered most of them.
-    evidence: of motion, summed over the cells of its boxes.
+    box: (3,) float64, x, y in metres and yaw of the box that found it.
+    evidence: of motion, summed over the cells of the box.
     """
 
     points: np.ndarray
@@ -59,26 +67,41 @@ class Candidate(Record):
 
 def extract(now: View, back: Sequence[Look]) -> list[Candidate]:
     """Return what moves in a scan, given earlier ones; nothing while there are too few."""
-    upright = np.flatnonzero(_upright(now))
-    if len(back) < MIN_LOOKS or not len(upright):
+    rows = np.flatnonzero(_between(now, SILL_M))
+    points = now.points[rows]
+    if len(back) < MIN_LOOKS or not (points[:, 2] > LOW_M).any():
         return []
-    points = now.points[upright]
-    thin = points[thinned(points, CELL_M, SLAB_M)]
-    weights = motion(thin, back)
+    voxels = thinned(points, CELL_M, SLAB_M)
+    thin = points[voxels]
+    upright = thin[thin[:, 2] > LOW_M]
+    weights = motion(upright, back)
+    through = seen_through(upright, *now.rays)
+    weights[through] = np.minimum(weights[through], 0.0)
     if not (weights > 0).any():
         return []
-    through = seen_through(thin, *now.rays)
-    weights[through] = np.minimum(weights[through], 0.0)
-    boxes, origin = _boxes(thin, weights, now.origin()), now.origin()
-    groups = one_body([thin[gathered(thin, box, origin, SIDES_M)] for box in boxes])
-    found = []
-    for group in groups:
-        held = [gathered(points, boxes[k], origin, SIDES_M) for k in group]
-        rows = upright[np.unique(np.concatenate(held))]
-        if len(rows) >= MIN_POINTS:
-            evidence = float(boxes[group, 3].sum())
-            found.append(_candidate(now, rows, boxes[group[0], :3], evidence))
-    return found
+    boxes = _boxes(upright, weights, now.origin())
+    bodies = _bodies(thin, boxes, now.origin())
+    owner = np.full(len(thin), -1)
+    for body, (members, _) in enumerate(bodies):
+        owner[members] = body
+    held = owner[voxel_of(points, voxels, CELL_M, SLAB_M)]
+    found = [_candidate(now, rows[held == k], boxes[b]) for k, (_, b) in enumerate(bodies)]
+    return [candidate for candidate in found if len(candidate.points) >= MIN_POINTS]
+
+
+def _bodies(
+    thin: np.ndarray, boxes: np.ndarray, origin: np.ndarray
+) -> list[tuple[np.ndarray, int]]:
+    """Return the rows of each body and which box it was found by; none is found twice."""
+    free, bodies = np.ones(len(thin), bool), []
+    for row, box in enumerate(boxes):
+        part = gathered(thin, box, origin, SIDES_M)
+        if len(part) and free[part].mean() > 0.5:
+            body = whole_body(thin, part[free[part]])
+            body = body[free[body]]
+            free[body] = False
+            bodies.append((body, row))
+    return bodies
 
 
 def motion(points: np.ndarray, back: Sequence[Look]) -> np.ndarray:
@@ -95,15 +118,15 @@ def motion(points: np.ndarray, back: Sequence[Look]) -> np.ndarray:
     return np.where(free > 0, 1.0 + 5.0 * free - 4.5 * taken, np.where(taken > 0, -4.5 * taken, 1))
 
 
-def _upright(view: View) -> np.ndarray:
-    """Geometric cue: returns at a vehicle's height."""
-    heights, place = view.points[:, 2], np.abs(view.points[:, :2])
-    inside = (place < REACH_M).all(axis=1)
-    return np.asarray((heights > LOW_M) & (heights < HIGH_M) & inside)
+def _between(view: View, low_m: float) -> np.ndarray:
+    """Geometric cue: (N,) returns at a vehicle's height."""
+    x, y, z = view.points.T
+    near = (np.abs(x) < REACH_M) & (np.abs(y) < REACH_M)
+    return np.asarray((z > low_m) & (z < HIGH_M) & near)
 
 
 def _boxes(points: np.ndarray, weights: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Return (B, 6) boxes that hold moving vehicles, as `slide` does."""
+    """Return (B, 8) boxes that hold moving vehicles, as `slide` does."""
     places, values, corner = _cells(points, weights)
     chart = np.full(np.ceil(np.ptp(places, axis=0) / CELL_M).astype(int) + 3, -1, np.int32)
     cells = (places / CELL_M).astype(np.int64)
@@ -129,7 +152,7 @@ def _cells(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.column_stack(sums[:2]) - corner, np.clip(sums[2], -LIMIT, LIMIT), corner
 
 
-def _candidate(now: View, rows: np.ndarray, box: np.ndarray, evidence: float) -> Candidate:
+def _candidate(now: View, rows: np.ndarray, box: np.ndarray) -> Candidate:
     rows = rows[np.lexsort(now.points[rows].T)]
-    time_s = float(np.median(now.times_s[rows]))
-    return Candidate(now.points[rows], rows, time_s, now.origin(time_s), box, evidence)
+    time_s = float(np.median(now.times_s[rows])) if len(rows) else 0.0
+    return Candidate(now.points[rows], rows, time_s, now.origin(time_s), box[:3], float(box[3]))

@@ -71,22 +71,58 @@ def _before(points: np.ndarray, i: int, k: int) -> bool:
 @compiled()
 def thinned(points: np.ndarray, cell_m: float, slab_m: float) -> np.ndarray:
     """Return rows of one place a voxel of (N, 3) points, the first by x, y, z, sorted by voxel."""
-    size = 1
-    while size < 2 * len(points):
-        size *= 2
-    slots = np.full(size, -1)
+    keys = _voxels(points, cell_m, slab_m)
+    slots = np.full(_room(len(points)), -1)
+    for i in range(len(points)):
+        slot = _slot(slots, keys, keys[i])
+        if slots[slot] < 0 or _before(points, i, slots[slot]):
+            slots[slot] = i
+    rows = slots[slots >= 0]
+    return rows[np.argsort(keys[rows])]
+
+
+@compiled()
+def voxel_of(points: np.ndarray, chosen: np.ndarray, cell_m: float, slab_m: float) -> np.ndarray:
+    """Return (N,) for each point which of the `chosen` rows of `thinned` has its voxel."""
+    keys = _voxels(points, cell_m, slab_m)
+    slots, place = np.full(_room(len(points)), -1), np.empty(len(points), np.int64)
+    for k in range(len(chosen)):
+        slots[_slot(slots, keys, keys[chosen[k]])] = chosen[k]
+        place[chosen[k]] = k
+    out = np.empty(len(points), np.int64)
+    for i in range(len(points)):
+        out[i] = place[slots[_slot(slots, keys, keys[i])]]
+    return out
+
+
+@compiled()
+def _voxels(points: np.ndarray, cell_m: float, slab_m: float) -> np.ndarray:
+    """Return a number for the voxel of each place."""
     keys = np.empty(len(points), np.int64)
     for i in range(len(points)):
         a, b = np.floor(points[i, 0] / cell_m), np.floor(points[i, 1] / cell_m)
         c = np.floor(points[i, 2] / slab_m)
         keys[i] = ((np.int64(a) + 0x10000) << 32) + ((np.int64(b) + 0x10000) << 12) + np.int64(c)
-        slot = (keys[i] * 0x9E3779B97F4A7C1 >> 20) & (size - 1)
-        while slots[slot] >= 0 and keys[slots[slot]] != keys[i]:
-            slot = (slot + 1) & (size - 1)
-        if slots[slot] < 0 or _before(points, i, slots[slot]):
-            slots[slot] = i
-    rows = slots[slots >= 0]
-    return rows[np.argsort(keys[rows])]
+    return keys
+
+
+@compiled()
+def _room(count: int) -> int:
+    """Return a power of two at least twice a count: what a table needs to find things quickly."""
+    size = 1
+    while size < 2 * count:
+        size *= 2
+    return size
+
+
+@compiled()
+def _slot(slots: np.ndarray, keys: np.ndarray, key: int) -> int:
+    """Return where in a table of rows the row with a key is, or belongs."""
+    last = len(slots) - 1
+    slot = (key * 0x9E3779B97F4A7C1 >> 20) & last
+    while slots[slot] >= 0 and keys[slots[slot]] != key:
+        slot = (slot + 1) & last
+    return int(slot)
 
 
 @compiled()
