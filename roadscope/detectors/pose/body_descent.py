@@ -15,7 +15,7 @@ STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
 """By how much values are moved to see what follows: about a standard deviation."""
 SHARES = (1.0, 0.5, 0.2, 0.05)
 """Shares of a step that are tried."""
-AROUND, WIDTH = 16, 1.5
+AROUND, WIDTH = 8, 1.5
 """Places around the step's end that are tried too, and how many standard deviations wide."""
 LIMIT = 3.0
 """Misfits beyond so many standard deviations lose weight."""

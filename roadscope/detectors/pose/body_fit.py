@@ -100,7 +100,7 @@ def thinned(rays: Rays, most: int) -> Rays:
     return rays if step <= 1 else Rays(*(column[::step] for column in rays))
 
 
-def thinned_problem(problem: Problem, most: int = 120) -> Problem:
+def thinned_problem(problem: Problem, most: int = 200) -> Problem:
     """Keep at most so many of a problem's rays, evenly."""
     return replace(problem, rays=thinned(problem.rays, most))
 

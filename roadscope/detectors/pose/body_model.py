@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.detectors.pose.body_kernels import MOST_PARTS
+from roadscope.detectors.pose.body_kernels import (
+    AFT,
+    BOTTOM,
+    FORE,
+    FRONT,
+    HALF,
+    MOST_PARTS,
+    NOSE,
+    RADIUS,
+    REAR,
+    TAIL,
+    TOP,
+)
+from roadscope.envs.raycast.jit import compiled
 
 UNKNOWNS = 5
 """Length, width, corner radius, set-backs of the nose and of the tail."""
@@ -82,34 +96,44 @@ class BodyModel:
 
     def parts(self, unknowns: np.ndarray) -> np.ndarray:
         """Return the parts (K, P, 10) as the likelihood wants them for (K, 5) unknowns."""
-        from scipy.special import ndtr
-
-        length, width = self.sizes(unknowns)
-        least, most = self.radius_m
-        radius = least + (most - least) * ndtr(unknowns[:, 2])
-        aft, fore = (share * length for share in self.axles)
         parts = np.empty((len(unknowns), len(self.storeys), 10))
-        for p, storey in enumerate(self.storeys):
-            rear = storey.tail_m + storey.tail_sd_m * unknowns[:, 4] - length / 2
-            front = length / 2 - storey.nose_m - storey.nose_sd_m * unknowns[:, 3]
-            front = np.maximum(front, rear + 0.3)
-            half = storey.breadth * width / 2
-            tail = half * (1 - (1 - self.narrowing[0]) * _beyond(-rear, -aft, length))
-            nose = half * (1 - (1 - self.narrowing[1]) * _beyond(front, fore, length))
-            room = 0.499 * np.minimum(front - rear, 2 * np.minimum(tail, nose))
-            columns = (
-                rear, front, half, tail, nose, np.maximum(aft, rear), np.minimum(fore, front),
-                np.minimum(radius, room), storey.bottom_m, storey.top_m,
-            )  # fmt: skip
-            for column, values in enumerate(columns):
-                parts[:, p, column] = values
+        shape = (*self.radius_m, *self.axles, *self.narrowing)
+        length, width = self.sizes(unknowns)
+        _fill_parts(unknowns, length, width, np.array(self.storeys), shape, parts)
         return parts
 
 
-def _beyond(reach: np.ndarray, axle: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """How far an end lies beyond its axle, as a share of the body's overhang."""
-    share: np.ndarray = np.clip((reach - axle) / (length / 2 - axle), 0.0, 1.0)
-    return share
+@compiled(borrowing=True)
+def _fill_parts(
+    unknowns: np.ndarray,
+    lengths: np.ndarray,
+    widths: np.ndarray,
+    storeys: np.ndarray,
+    shape: tuple[float, float, float, float, float, float],
+    parts: np.ndarray,
+) -> None:
+    """Fill parts (K, P, 10); shape: least and greatest radius, axles, narrowing."""
+    for k in range(len(parts)):
+        length, width = lengths[k], widths[k]
+        share = 0.5 * math.erfc(-unknowns[k, 2] * 0.7071067811865476)
+        radius = shape[0] + (shape[1] - shape[0]) * share
+        aft, fore = shape[2] * length, shape[3] * length
+        for p in range(len(storeys)):
+            bottom, top, tail, nose, breadth, tail_sd, nose_sd = storeys[p]
+            rear = tail + tail_sd * unknowns[k, 4] - 0.5 * length
+            front = max(0.5 * length - nose - nose_sd * unknowns[k, 3], rear + 0.3)
+            half = 0.5 * breadth * width
+            # How far an end lies beyond its axle, as a share of the body's overhang.
+            behind = min(max((aft - rear) / (0.5 * length + aft), 0.0), 1.0)
+            ahead = min(max((front - fore) / (0.5 * length - fore), 0.0), 1.0)
+            part = parts[k, p]
+            part[REAR], part[FRONT], part[HALF] = rear, front, half
+            part[TAIL] = half * (1.0 - (1.0 - shape[4]) * behind)
+            part[NOSE] = half * (1.0 - (1.0 - shape[5]) * ahead)
+            part[AFT], part[FORE] = max(aft, rear), min(fore, front)
+            room = 0.499 * min(front - rear, 2.0 * min(part[TAIL], part[NOSE]))
+            part[RADIUS] = min(radius, room)
+            part[BOTTOM], part[TOP] = bottom, top
 
 
 def saloon(length_m: tuple[float, float], width_m: tuple[float, float]) -> BodyModel:

@@ -10,9 +10,9 @@ from roadscope.detectors.pose.body_descent import STEPS, slopes_of
 from roadscope.detectors.pose.body_kernels import MOST_PARTS, POSE, Rays, log_chances
 from roadscope.detectors.pose.body_sampling import Posterior, Problem, Smooth, refine
 
-LEVELS = (1.5, 3.0)
+LEVELS = (2.5,)
 """Standard deviations along each principal axis at which rays are tried."""
-STRAIGHT = 0.1
+STRAIGHT = 0.2
 """Departure of a ray's log-likelihood from its quadratic form up to which the form is used."""
 COUNT, ROUNDS = 256, 2
 WIDE = 2.0

@@ -13,7 +13,9 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 BESIDE = 4
 """Columns looked at beyond the first and the last return of each beam."""
 BUDGET = 160
-"""Returns above which neighbours are joined."""
+"""Returns above which neighbours are joined, unless said otherwise."""
+BEAM = 10
+"""Returns of one beam that are worth keeping; with more beams than fit the budget some are left."""
 LEAP_M = 0.15
 """Neighbouring returns whose ranges differ by more are not joined."""
 ROUGHNESS_M = 0.005
@@ -49,12 +51,14 @@ def sight(
     *,
     sensor_velocity: np.ndarray | None = None,
     rolling: bool = True,
+    budget: int = BUDGET,
 ) -> Sighting:
     """Pick out the rays that tell of a body.
 
     target: (N,) bool, which returns of the scan are the body's. world_from_lidar: at the stamp,
     z = 0 on the road. sensor_velocity: (2,) metres per second, world frame. rolling: whether
     columns were measured one after the other, as a real sweep is, or all at the stamp.
+    budget: returns above which neighbours are joined.
     Of several returns of one ray the nearest counts, so duplicates and order change nothing.
     """
     target = np.asarray(target)
@@ -63,7 +67,7 @@ def sight(
             f"target must be one bool for each of the {len(scan)} returns, got "
             f"{target.dtype} {target.shape}"
         )
-    grid = _grid(spec, scan, target)
+    grid = _grid(spec, scan, target, budget)
     directions = _directions(spec, grid, world_from_lidar)
     level = np.hypot(directions[:, 0], directions[:, 1])
     offsets = spec.column_offsets_s()[grid.column] + spec.firing_offsets_s[grid.ring]
@@ -81,7 +85,7 @@ def sight(
         offsets,
         np.full(len(level), _need(spec, scan, target)),
     )
-    rays = _joined(rays, grid.ring, grid.column)
+    rays = _joined(rays, grid.ring, grid.column, budget)
     hits = int((grid.kind == HIT).sum())
     return Sighting(rays, world_from_lidar.translation[:2].copy(), hits)
 
@@ -96,7 +100,7 @@ class _Grid:
     kind: np.ndarray
 
 
-def _grid(spec: LidarSpec, scan: LidarScan, target: np.ndarray) -> _Grid:
+def _grid(spec: LidarSpec, scan: LidarScan, target: np.ndarray, budget: int) -> _Grid:
     """List the beams that met the body, from a little beside its first return to its last."""
     if not target.any():
         none = np.empty(0, np.int64)
@@ -113,6 +117,9 @@ def _grid(spec: LidarSpec, scan: LidarScan, target: np.ndarray) -> _Grid:
         np.minimum.at(cells[i], (scan.ring[chosen], place[chosen]), ranges)
     hit = np.isfinite(cells[0])
     beside = _dilated(hit)
+    beams = np.flatnonzero(hit.any(axis=1))
+    kept = beams[:: -(-len(beams) * BEAM // budget)]
+    beside[np.setdiff1d(beams, kept)] = False
     rings, places = np.nonzero(beside)
     own, other = cells[0][beside], cells[1][beside]
     kind = np.where(np.isfinite(own), HIT, np.where(np.isfinite(other), PASSED, EMPTY))
@@ -145,14 +152,14 @@ def _directions(spec: LidarSpec, grid: _Grid, world_from_lidar: Pose) -> np.ndar
     return turned
 
 
-def _joined(rays: Rays, ring: np.ndarray, column: np.ndarray) -> Rays:
+def _joined(rays: Rays, ring: np.ndarray, column: np.ndarray, budget: int) -> Rays:
     """Average neighbours inside long runs of returns until few enough are left.
 
     A plane's range is nearly linear over a few columns, so its mean lies on the mean direction.
     The two returns at either end of a run stay alone: they are the silhouette.
     """
     hits = int((rays.kind == HIT).sum())
-    size = -(-hits // BUDGET)
+    size = -(-hits // budget)
     if size <= 1:
         return rays
     breaks = np.ones(len(ring), bool)

@@ -31,6 +31,8 @@ SPEED_SD, TURN_SD, ACCELERATION_SD = 30.0, 0.7, 0.7
 before it is seen."""
 SEEN = 3
 """Returns from which a scan alone gives a good first guess."""
+BUDGET, LEAST = 480, 48
+"""Returns of all scans of a window, and of one, above which neighbours are joined."""
 NEAR_SLACKS_M = (0.06, 0.02, 0.005, 0.0)
 """Added to the noise on the way from a guess that is nearly right."""
 FITTING = 1.0
@@ -102,8 +104,9 @@ class Smoother:
             before = self._window[-1]
             velocity = (place - before.place) / (scan.stamp_s - before.stamp_s)
         sighting = sight(
-            self._spec, scan, target, world_from_lidar, sensor_velocity=velocity, rolling=rolling
-        )
+            self._spec, scan, target, world_from_lidar,
+            sensor_velocity=velocity, rolling=rolling, budget=max(BUDGET // self._frames, LEAST),
+        )  # fmt: skip
         self._window.append(_Seen(scan.stamp_s, sighting, place.copy()))
         return self._solve(len(self._window) - 1 - self._lag)
 
@@ -134,14 +137,15 @@ class Smoother:
         tries = []
         before = self._moved(stamp_s)
         if before is not None and not self._turned(before[None])[0]:
-            tries.append(descend(problem, before[None, problem.free], NEAR_SLACKS_M))
+            rough = descend(thinned_problem(problem), before[None, problem.free], NEAR_SLACKS_M[:2])
+            tries.append(descend(problem, rough.vectors, NEAR_SLACKS_M[2:]))
         if not tries or tries[0].costs[0] > bound:
             guesses = self._guesses(stamp_s)
             if len(guesses):
                 rough = descend(thinned_problem(problem), guesses[:, problem.free], SLACKS_M[:-2])
                 turned = self._turned(problem.whole(rough.vectors))
                 chosen = np.argsort(rough.costs + TURNED * turned)[:2]
-                tries.append(descend(problem, rough.vectors[chosen], NEAR_SLACKS_M))
+                tries.append(descend(problem, rough.vectors[chosen], NEAR_SLACKS_M[1:]))
         if not tries:
             return None
         vectors = np.concatenate([found.vectors for found in tries])
