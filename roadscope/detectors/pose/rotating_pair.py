@@ -6,7 +6,7 @@ import numpy as np
 
 from roadscope.detectors.pose.pair_kernels import FIXED, Filter, Views, merge, sweep
 
-COARSE_DEG = 3.0
+COARSE_DEG = 4.0
 """Step of the first round, in which the edges are smoothed by as much as half of it turns them."""
 MANY = 100
 """Returns a frame beyond which those in one cell are joined."""
@@ -52,12 +52,12 @@ def best_pair(
     count, stride = round(search_deg / step_deg), max(1, round(COARSE_DEG / step_deg))
     start, step = initial_angle(views), np.radians(step_deg)
     coarse = np.arange(0, count, stride)
+    views = thinned(views, settings.sigma_m)
     if stride > 1:
         blurred = _blurred(settings, stride * step)
         seen = thinned(views, blurred.sigma_m)
         rough = sweep(seen, start + coarse * step, blurred, False)
         coarse = coarse[_summits(rough[:, 0], KEPT)]
-    views = thinned(views, settings.sigma_m)
     near = (coarse[:, None] + np.arange(1 - stride, stride)).ravel()
     fine = np.unique(near % count if search_deg == 180 else np.clip(near, 0, count - 1))
     rows = sweep(views, start + fine * step, settings, tied)
@@ -81,7 +81,7 @@ def thinned(views: Views, cell_m: float) -> Views:
 def _blurred(settings: Filter, step: float) -> Filter:
     """Smooth as widely as the ends of the body move when it is turned by half a step."""
     sigma_m = float(np.hypot(settings.sigma_m, settings.length / 2 * step / 2))
-    return settings._replace(sigma_m=sigma_m, bin_m=max(settings.bin_m, sigma_m / 2))
+    return settings._replace(sigma_m=sigma_m, bin_m=max(settings.bin_m, sigma_m / 1.5))
 
 
 def _summits(scores: np.ndarray, count: int) -> np.ndarray:
