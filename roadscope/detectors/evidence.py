@@ -20,9 +20,8 @@ from roadscope.detectors.shape.recognition import Vehicle
 
 FEATURES = (
     "log_returns", "log_columns", "levels", "range_m", "passing", "top_m", "bottom_m",
-    "deep", "ground", "ends", "sides", "above", "overhang", "log_residual", "fit", "length_m",
-    "width_m", "view", "top_level", "top_share", "fill", "small",
-    "weighed",
+    "deep", "depth_m", "ground", "ends", "sides", "above", "overhang", "log_residual", "fit",
+    "length_m", "width_m", "view", "top_level", "top_share", "fill", "small", "weighed",
 )  # fmt: skip
 """Names of the columns of `features`."""
 
@@ -63,6 +62,7 @@ def features(
         "top_m": count["top"],
         "bottom_m": count["bottom"],
         "deep": count["deep"] / np.maximum(count["low"], 1.0),
+        "depth_m": count["depth"],
         "ground": np.log1p(10 * count["ground"] / body),
         "ends": np.log1p(10 * count["ends"] / body),
         "sides": np.log1p(10 * count["sides"] / body),

@@ -19,7 +19,7 @@ FLOOR_M, LOW_M, DECK_M, CEILING_M = 0.12, 0.3, 0.8, 2.5
 closed body is seen inside of its sides; above the fourth are crowns and buildings, and lorries."""
 
 COUNTS = (
-    "body", "ground", "deep", "low", "top", "bottom", "levels", "high", "above", "top_level",
+    "body", "ground", "deep", "low", "top", "bottom", "levels", "depth", "above", "top_level",
     "ends", "sides", "overhang",
 )  # fmt: skip
 """Columns of `count_returns`."""
@@ -65,7 +65,8 @@ def count_returns(
 
     body: standing returns within the box; ground: returns of the ground deep within it; deep:
     share of the low returns that lie deep within it, of `low` returns; top, bottom: heights,
-    metres; levels: beams; high: share of the body in the upper half of its height; above: returns
+    metres; levels: beams; depth: mean distance of the
+    low returns from the sides, metres; above: returns
     over the ceiling; top_level: highest beam; ends, sides: standing returns beyond its ends and
     beside it; overhang: returns over the ceiling around it.
     """
@@ -80,6 +81,8 @@ def count_returns(
         row = out[b]
         ix, last_x = _span(x, reach, grid[0], grid[2])
         first_y, last_y = _span(y, reach, grid[1], grid[3])
+        if last_y < first_y:
+            continue
         for cx in range(ix, last_x + 1):
             for k in range(
                 starts[cx * int(grid[3]) + first_y], starts[cx * int(grid[3]) + last_y + 1]
@@ -103,6 +106,7 @@ def count_returns(
                     if z < DECK_M:
                         row[3] += 1
                         row[2] += max(u, v) < -DEEP_M
+                        row[7] += min(abs(max(u, v)), 2 * DEEP_M)
                 elif z > CEILING_M:
                     row[12] += 1
                 elif z > LOW_M:
@@ -110,6 +114,7 @@ def count_returns(
                         row[10] += 1
                     elif u < EDGE_M:
                         row[11] += 1
+        row[7] /= max(row[3], 1.0)
         row[4], row[5], row[6] = high, min(low, high), seen.sum()
     return out
 

@@ -76,7 +76,7 @@ class ClusterDetector:
         found = scores(vehicles, cloud, horizon, height_m)
         kept = np.flatnonzero(found >= self._min_score)
         if self._exclusive:
-            kept = kept[_apart([vehicles[k] for k in kept], found[kept])]
+            kept = kept[apart([vehicles[k] for k in kept], found[kept])]
         return _detections([vehicles[k] for k in kept], found[kept], scan.stamp_s)
 
     def propose(self, cloud: Cloud, yaw: float) -> tuple[list[Vehicle], Horizon]:
@@ -108,7 +108,7 @@ ClusterDetector.__signature__ = _with_options_named(  # type: ignore[attr-define
 )
 
 
-def _apart(vehicles: Sequence[Vehicle], probabilities: np.ndarray) -> np.ndarray:
+def apart(vehicles: Sequence[Vehicle], probabilities: np.ndarray) -> np.ndarray:
     """Return rows of vehicles none of which covers the centre of a more probable one, in order."""
     kept: list[int] = []
     for row in np.argsort(-probabilities, kind="stable"):

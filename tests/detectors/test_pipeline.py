@@ -1,13 +1,18 @@
+import inspect
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from toy_lidar import frame
 
-from roadscope.core import Calibration, Frame, Pose
+from roadscope.core import Calibration, Category, Frame, Pose
+from roadscope.core.registry import SpecError
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.ground import GROUNDS
-from roadscope.detectors.pipeline import ClusterDetector
-from roadscope.detectors.shape import SHAPES
+from roadscope.detectors.pipeline import ClusterDetector, apart
+from roadscope.detectors.shape import SHAPES, Vehicle
 
 CARS = [
     (25, 0, 4.6, 1.85, 1.5, 0), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.85, 1.5, 1.57)
@@ -18,8 +23,7 @@ CARS = [
 @pytest.mark.parametrize("clustering", CLUSTERINGS)
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_every_combination_has_a_name_and_finds_the_car_ahead(ground, clustering, shape):
-    place = "roadscope.detectors.pipeline:ClusterDetector"
-    spec = f"{place}?ground={ground}&clustering={clustering}&shape={shape}"
+    spec = f"cluster?ground={ground}&clustering={clustering}&shape={shape}"
     # One cluster for all shows one vehicle at most.
     cars = CARS[:1] if clustering == "one" else CARS[:1] + CARS[2:]
     found = DETECTORS.make(spec).detect(frame(cars, noise_m=0.02, ground=False))
@@ -82,12 +86,69 @@ def test_boxes_come_in_the_ego_frame_of_a_turned_sensor():
         ({"split_m": -1.0}, "split_m must be a positive length in metres, got -1.0"),
         ({"distance_m": float("nan"), "clustering": "distance"}, "distance_m must be a positive"),
         ({"residual_m": 0.0}, "residual_m must be a positive length"),
+        ({"min_score": 1.0}, "min_score must be at least 0 and below 1, got 1.0"),
+        (
+            {"eps_m": 1.0},
+            "option 'eps_m' belongs to clustering 'dbscan'.*, not chosen; ground 'grid'",
+        ),
+        ({"eps": 1.0}, "no stage has an option 'eps'; ground 'grid' takes cell_m, span_m"),
+        ({"clustering": "dbscan", "min_points": 2.5}, "min_points must be a positive whole number"),
+        ({"shape": "l-shape", "criterion": "worst"}, "no criterion 'worst'; known: area, close"),
+        ({"split_m": "wide"}, "split_m must be a positive length in metres, got 'wide'"),
         ({"view_deg": 400}, "view_deg must be above 0 and at most 360 degrees, got 400"),
     ],
 )
 def test_bad_arguments_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
         ClusterDetector(**arguments)
+
+
+def test_every_option_of_a_stage_can_be_named_and_unknown_ones_are_refused_with_them():
+    options = inspect.signature(ClusterDetector).parameters
+    assert {"distance_m", "eps_m", "min_points", "split_m", "criterion", "cell_m"} <= set(options)
+    with pytest.raises(SpecError, match=r"unexpected keyword argument 'eps'; its .*eps_m: float"):
+        DETECTORS.make("cluster?clustering=dbscan&eps=1")
+
+
+def test_options_reach_their_stage():
+    cars = frame([(25, 0, 4.6, 1.85, 1.5, 0), (25, 2.6, 4.6, 1.85, 1.5, 0)])
+    specs = {0.5: 2, 0.05: 0}
+    for eps_m, count in specs.items():
+        spec = f"cluster?clustering=dbscan&shape=l-shape&eps_m={eps_m}&min_points=2"
+        assert len(DETECTORS.make(spec).detect(cars)) == count
+
+
+def test_min_score_leaves_out_what_is_less_probable():
+    seen = frame([*CARS, (25, -14, 30, 0.3, 1, 0)], noise_m=0.02)
+    plain = DETECTORS.make("cluster?clustering=distance&shape=l-shape").detect(seen)
+    cut = np.sort(plain.scores)[1]
+    some = DETECTORS.make(f"cluster?clustering=distance&shape=l-shape&min_score={cut}").detect(seen)
+    assert len(some) == len(plain) - 1
+    assert some.scores.min() == cut
+
+
+@given(seed=st.integers(0, 10**6), count=st.integers(0, 12))
+def test_of_bodies_in_one_place_the_most_probable_is_kept(seed, count):
+    rng = np.random.default_rng(seed)
+    boxes = [
+        Vehicle(tuple(rng.uniform(-6, 6, 2)), (4.4, 1.8, 1.5), yaw, Category.CAR, 0.0, 9)
+        for yaw in rng.uniform(-3, 3, count)
+    ]
+    probabilities = rng.random(count)
+    kept = apart(boxes, probabilities)
+    for row, box in enumerate(boxes):
+        rivals = [k for k in kept if k != row and overlap(box, boxes[k])]
+        assert (row in kept) == all(probabilities[k] < probabilities[row] for k in rivals)
+
+
+def overlap(one, other):
+    """Whether either covers the other's centre."""
+    to = np.subtract(other.centre, one.centre)
+    return any(
+        abs(to @ [np.cos(b.yaw), np.sin(b.yaw)]) < b.size[0] / 2
+        and abs(to @ [-np.sin(b.yaw), np.cos(b.yaw)]) < b.size[1] / 2
+        for b in (one, other)
+    )
 
 
 def test_unknown_sensor_is_named():

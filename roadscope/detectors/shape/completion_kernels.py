@@ -12,9 +12,12 @@ FACE_M = 0.4
 """How deep a face is taken to be: range noise, and corners of 0.35 m."""
 SLACK_M = 0.1
 """Uncertainty of an edge beside the spacing of the returns: noise and rounding."""
-LOST, GRAZING = 0.1, 0.08
+LOST, GRAZING = 0.1, 0.2
 """Chance that the far end of a face returns nothing, and the cosine of incidence at which it has
 grown by most of the rest: what is met at a grazing angle returns too little to be seen."""
+CORNER_M, NO_FACE = 0.5, 0.6
+"""As much of a side as a rounded corner and noise show of it; no more than that is rather a side
+that returns nothing than a short one."""
 UNSEEN = 0.25
 """Density per metre of how much shows of a side that no light falls on."""
 LEVELS = 5
@@ -153,6 +156,8 @@ def _side_fits(
         cosine = across / reach
         spacing = min(reach * step / max(cosine, 1e-3), 5.0)
         part = LOST + (1.0 - LOST) * np.exp(-cosine / GRAZING)
+        if facing != 0.0 and seen < CORNER_M:
+            part = max(part, NO_FACE)
     ends = 2.0 if facing == 0.0 else 1.0
     whole = seen + 0.5 * ends * spacing
     error = 0.3 * ends * spacing + SLACK_M

@@ -86,6 +86,20 @@ def _variance(values: np.ndarray, others: np.ndarray) -> float:
 
 
 @compiled()
+def line_heading(points: np.ndarray) -> float:
+    """Return the heading in [0, pi/2) along or across the line of (M, 2) points.
+
+    The line of least squares of the distances from it.
+    """
+    x, y = points[:, 0].mean(), points[:, 1].mean()
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for i in range(len(points)):
+        dx, dy = points[i, 0] - x, points[i, 1] - y
+        xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+    return (0.5 * np.arctan2(2.0 * xy, xx - yy)) % (0.5 * np.pi)
+
+
+@compiled()
 def hull_heading(points: np.ndarray) -> float:
     """Return the heading in [0, pi/2) of the least rectangle around (M, 2) points.
 

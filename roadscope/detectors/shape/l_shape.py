@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.completion import complete, is_body_sized
-from roadscope.detectors.shape.heading_kernels import AREA, CLOSENESS, VARIANCE, searched_heading
+from roadscope.detectors.shape.heading_kernels import (
+    AREA,
+    CLOSENESS,
+    VARIANCE,
+    line_heading,
+    searched_heading,
+)
 from roadscope.detectors.shape.recognition import Vehicle
 
 Criterion = Literal["area", "closeness", "variance"]
 CRITERIA: dict[Criterion, int] = {"area": AREA, "closeness": CLOSENESS, "variance": VARIANCE}
 NEAR_M = 0.05
 """Points nearer to a side than this count as on it; the paper has 0.01 m, less than any noise."""
+TELLING, LEAST_M = 30, 0.03
+"""Most outline points whose noise is taken to be independent, and the least noise believed in."""
 MOST = 96
 """Outline points that are looked at: more of them say nothing new of the heading."""
 
@@ -29,5 +38,16 @@ def vehicles_by_l_shape(
     if not is_body_sized(cluster):
         return []
     outline = cluster.outline[:: -(-len(cluster.outline) // MOST)]
-    vehicle = complete(cluster, searched_heading(outline, CRITERIA[criterion], NEAR_M), horizon)
-    return [] if vehicle is None else [vehicle]
+    searched = searched_heading(outline, CRITERIA[criterion], NEAR_M)
+    candidates = [complete(cluster, searched, horizon)]
+    if len(outline) > 1:
+        candidates.append(complete(cluster, line_heading(outline), horizon))
+    return sorted((v for v in candidates if v is not None), key=_misfit)[:1]
+
+
+def _misfit(vehicle: Vehicle) -> float:
+    """Return the negative log likelihood of an outline of unknown noise and of the body.
+
+    The search tilts one noisy face until it looks like two; its line is the other candidate.
+    """
+    return min(vehicle.points, TELLING) * math.log(max(vehicle.residual_m, LEAST_M)) - vehicle.fit

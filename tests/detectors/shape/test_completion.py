@@ -1,0 +1,167 @@
+"""Rectangle and L-shape: whole bodies from what is seen of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roadscope.core import Category
+from roadscope.detectors.horizon import Horizon
+from roadscope.detectors.shape import SHAPES
+from roadscope.detectors.shape.cluster import Cluster
+
+FITS = ["l-shape", "rectangle"]
+STEP = np.radians(0.2)
+
+
+def horizon(azimuths=(), ranges=(), origin=(0.0, 0.0)):
+    azimuths, ranges = np.array(azimuths, float), np.array(ranges, float)
+    return Horizon(azimuths, ranges, STEP, None, np.array(origin, float))
+
+
+def cluster(outline, heights=(0.4, 0.8, 1.2), origin=(0.0, 0.0)):
+    """Put the same outline at several heights."""
+    outline, origin = np.asarray(outline, float), np.asarray(origin, float)
+    x, y = (outline - origin).T
+    outline = outline[np.argsort(np.arctan2(y, x) - np.arctan2(y.mean(), x.mean()))]
+    count, levels = len(outline), len(heights)
+    points = np.column_stack([np.repeat(outline, levels, axis=0), np.tile(heights, count)])
+    ring, column = np.tile(np.arange(levels), count), np.repeat(np.arange(count), levels)
+    return Cluster(points, ring, column, outline, origin)
+
+
+def seen_car(yaw=0.0, centre=(15.0, 4.0), size=(4.4, 1.8), noise_m=0.0, seed=0):
+    """Those points of a car's outline that face the origin."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    axes = np.array([[cos, sin], [-sin, cos]])
+    points = []
+    for k in range(2):
+        facing = -np.sign(np.asarray(centre) @ axes[k])
+        along = np.linspace(-size[1 - k] / 2, size[1 - k] / 2, 24)
+        points.append(centre + facing * size[k] / 2 * axes[k] + along[:, None] * axes[1 - k])
+    points = np.concatenate(points)
+    return points + noise_m * np.random.default_rng(seed).standard_normal(points.shape)
+
+
+def with_roof(points, yaw=0.0, centre=(15.0, 4.0)):
+    """Add the far corners of a roof: without them the least rectangle may lie on the diagonal."""
+    return np.concatenate(
+        [points, turned([[-1.9, 0.7], [1.9, 0.7], [1.9, -0.7], [-1.9, -0.7]], yaw, centre)]
+    )
+
+
+def only(shape, *arguments):
+    (vehicle,) = SHAPES[shape](*arguments)
+    return vehicle
+
+
+def turned(points, yaw, shift):
+    matrix = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    return np.asarray(points) @ matrix.T + shift
+
+
+def axis_off(yaw, other):
+    return abs((yaw - other + np.pi / 2) % np.pi - np.pi / 2)
+
+
+@pytest.mark.parametrize("shape", FITS)
+@pytest.mark.parametrize("yaw", np.radians([-70, -20, 10, 45, 80]))
+def test_two_faces_give_the_car(shape, yaw):
+    seen = cluster(seen_car(yaw))
+    points = np.column_stack([with_roof(seen_car(yaw), yaw), np.full(52, 1.2)])
+    seen = replace(seen, points=points, ring=np.zeros(52, int), column=np.arange(52))
+    car = only(shape, seen, horizon())
+    assert car.category is Category.CAR
+    assert car.centre == pytest.approx((15.0, 4.0), abs=0.2)
+    assert car.size[:2] == pytest.approx((4.4, 1.8), abs=0.3)
+    assert axis_off(car.yaw, yaw) < (0.03 if shape == "l-shape" else 0.15)
+
+
+@pytest.mark.parametrize("shape", FITS)
+def test_rear_face_alone_is_completed_away_from_the_sensor(shape):
+    rear = np.column_stack([np.full(20, 20.0), np.linspace(-0.9, 0.9, 20)])
+    car = only(shape, cluster(rear), horizon())
+    assert car.category is Category.CAR
+    assert car.centre == pytest.approx((22.2, 0.0), abs=0.05)
+    assert axis_off(car.yaw, 0.0) < 0.01
+
+
+@pytest.mark.parametrize("shape", FITS)
+def test_hidden_side_is_where_the_body_goes_on(shape):
+    """The right of the face is hidden: its left end and the usual width tell the middle."""
+    face = np.column_stack([np.full(12, 20.0), np.linspace(-0.1, 0.9, 12)])
+    hidden = horizon([np.arctan2(-0.1, 20.0) - STEP], [10.0])
+    car = only(shape, cluster(face), hidden)
+    assert car.centre == pytest.approx((22.2, 0.0), abs=0.05)
+
+
+@pytest.mark.parametrize("shape", FITS)
+@pytest.mark.parametrize(
+    ("size", "heights", "category"),
+    [
+        ((5.7, 2.03), (0.4, 1.2, 2.15), Category.VAN),
+        ((11.4, 2.55), (0.4, 1.2, 2.4), Category.BUS),
+        ((2.05, 0.7), (0.3, 0.65, 1.0, 1.3, 1.6), Category.MOTORCYCLE),
+        ((0.5, 0.5), (0.3, 0.6, 0.9, 1.3, 1.6), Category.PEDESTRIAN),
+    ],
+)
+def test_category_comes_from_size_and_height(shape, size, heights, category):
+    found = only(shape, cluster(seen_car(0.4, size=size), heights), horizon())
+    assert found.category is category
+    assert found.size[2] >= heights[-1]
+
+
+@pytest.mark.parametrize("shape", FITS)
+def test_what_no_road_user_measures_is_nobody(shape):
+    wall = np.column_stack([np.linspace(5, 40, 100), np.full(100, 6.0)])
+    post = np.column_stack([np.full(3, 9.0), np.linspace(0, 0.1, 3)])
+    corner = np.concatenate(
+        [wall[:40], np.column_stack([np.full(30, 5.0), np.linspace(6, 16, 30)])]
+    )
+    for outline in (wall, post, corner):
+        assert SHAPES[shape](cluster(outline), horizon()) == []
+
+
+@pytest.mark.parametrize("shape", FITS)
+@given(
+    yaw=st.floats(-3.1, 3.1), x=st.floats(-40, 40), y=st.floats(-40, 40), car=st.floats(-1.4, 1.4)
+)
+def test_rigid_motion_moves_the_vehicle(shape, yaw, x, y, car):
+    """With the sensor and what hides behind it."""
+    outline, shift = seen_car(car, noise_m=0.02), np.array([x, y])
+    before = only(shape, cluster(outline), horizon([0.6], [5.0]))
+    after = only(
+        shape,
+        cluster(turned(outline, yaw, shift), origin=shift),
+        horizon([0.6 + yaw], [5.0], origin=shift),
+    )
+    # The search has steps of a quarter degree, which do not turn with the points.
+    assert after.centre == pytest.approx(turned(before.centre, yaw, shift), abs=0.12)
+    assert axis_off(after.yaw, before.yaw + yaw) < np.radians(2.0)
+    assert after.size == pytest.approx(before.size, abs=0.12)
+    assert after.category is before.category
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 8), kind=st.sampled_from("agl"))
+def test_any_few_points_give_proper_boxes_or_none(shape, seed, count, kind):
+    """Duplicates, one, two and collinear points."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform((7, -1), (11, 3), (count, 2))
+    points = np.round(points) if kind == "g" else points
+    if kind == "l":
+        points[:, 1] = 1.0 + 0.3 * points[:, 0]
+    for vehicle in SHAPES[shape](cluster(points), horizon()):
+        figures = (*vehicle.centre, *vehicle.size, vehicle.yaw, vehicle.residual_m, vehicle.fit)
+        assert np.isfinite(figures).all()
+        assert min(vehicle.size) > 0
+
+
+@pytest.mark.parametrize("shape", FITS)
+def test_order_of_points_within_a_cluster_is_irrelevant(shape):
+    one = cluster(seen_car(0.3, noise_m=0.03))
+    order = np.random.default_rng(1).permutation(len(one.points))
+    other = Cluster(one.points[order], one.ring[order], one.column[order], one.outline, one.origin)
+    assert SHAPES[shape](one, horizon()) == SHAPES[shape](other, horizon())
