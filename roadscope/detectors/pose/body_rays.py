@@ -16,6 +16,8 @@ BUDGET = 160
 """Returns above which neighbours are joined, unless said otherwise."""
 BEAM = 10
 """Returns of one beam that are worth keeping; with more beams than fit the budget some are left."""
+WIDEST = 8
+"""Most neighbours that are joined: a plane's range is nearly linear over so few columns."""
 LEAP_M = 0.15
 """Neighbouring returns whose ranges differ by more are not joined."""
 ROUGHNESS_M = 0.005
@@ -159,9 +161,9 @@ def _joined(rays: Rays, ring: np.ndarray, column: np.ndarray, budget: int) -> Ra
     The two returns at either end of a run stay alone: they are the silhouette.
     """
     hits = int((rays.kind == HIT).sum())
-    size = -(-hits // budget)
-    if size <= 1:
+    if hits <= budget:
         return rays
+    size = min(-(-hits // budget), WIDEST)
     breaks = np.ones(len(ring), bool)
     breaks[1:] = (np.diff(ring) != 0) | (np.abs(np.diff(column)) != 1)
     with np.errstate(invalid="ignore"):
@@ -174,6 +176,10 @@ def _joined(rays: Rays, ring: np.ndarray, column: np.ndarray, budget: int) -> Ra
     opens = breaks | (within < 2) | (after < 2) | ((within - 2) % size == 0)
     rows = np.flatnonzero(opens)
     counts = np.diff(rows, append=len(ring))
+    # What is still too much inside the runs is left out evenly; the ends stay.
+    middle = (rays.kind[rows] == HIT) & (within[rows] >= 2) & (after[rows] >= 2)
+    step = max(-(-int(middle.sum()) // budget), 1)
+    kept = ~middle | (np.cumsum(middle) % step == 0)
     sigma = np.sqrt((rays.sigma[rows] ** 2 - ROUGHNESS_M**2) / counts + ROUGHNESS_M**2)
 
     def mean(values: np.ndarray) -> np.ndarray:
@@ -182,10 +188,11 @@ def _joined(rays: Rays, ring: np.ndarray, column: np.ndarray, budget: int) -> Ra
 
     direction = mean(rays.direction)
     direction /= np.hypot(direction[:, 0], direction[:, 1])[:, None]
-    return Rays(
+    joined = Rays(
         mean(rays.origin), direction, mean(rays.slope), mean(rays.reach), rays.kind[rows], sigma,
         mean(rays.time), rays.need[rows],
     )  # fmt: skip
+    return Rays(*(values[kept] for values in joined))
 
 
 def _need(spec: LidarSpec, scan: LidarScan, target: np.ndarray) -> float:

@@ -12,8 +12,9 @@ from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel
 
 WIDER = 1.3
 """How much wider than the last posterior samples are drawn, as a factor on the covariance."""
-SHARE = 0.15
-"""Share of samples that must count before the full likelihood is used."""
+SHARE, LEAST = 0.15, 0.05
+"""Share of samples that must count before the full likelihood is used, and in the end: where
+fewer would, the posterior is widened, for a few samples say nothing of its width."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,7 @@ def refine(
         samples = mean + normals[turn % 2] @ root.T
         logs = problem.log_density(samples)
         logs += 0.5 * np.einsum("kd,kd->k", normals[turn % 2], normals[turn % 2])
-        flat = 1.0 if turn == rounds - 1 else _flattening(logs)
+        flat = _flattening(logs, LEAST if turn == rounds - 1 else SHARE)
         weights = np.exp(flat * (logs - logs.max()))
         total = weights.sum()
         evidence = np.log(total / count) + flat * logs.max() + np.log(np.diag(root)).sum()
@@ -118,14 +119,14 @@ def refine(
     return Posterior(mean, covariance, float(evidence), float(share), samples, weights)
 
 
-def _flattening(logs: np.ndarray) -> float:
-    """Return the power of the weights at which enough samples count."""
+def _flattening(logs: np.ndarray, least: float) -> float:
+    """Return the power of the weights at which at least such a share of samples counts."""
     low, high = 0.0, 1.0
-    if _share(logs) >= SHARE:
+    if _share(logs) >= least:
         return 1.0
     for _ in range(12):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _share(middle * logs) >= SHARE else (low, middle)
+        low, high = (middle, high) if _share(middle * logs) >= least else (low, middle)
     return low
 
 

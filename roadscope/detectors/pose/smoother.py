@@ -88,8 +88,8 @@ class Smoother:
         self._window: deque[_Seen] = deque(maxlen=self._frames)
         self._single: dict[float, np.ndarray] = {}
         self._last: tuple[float, np.ndarray] | None = None
-        self._anchor: np.ndarray | None = None
-        self._ahead: np.ndarray | None = None
+        self._anchor: tuple[float, np.ndarray] | None = None
+        self._velocity: np.ndarray | None = None
 
     def update(
         self, scan: LidarScan, target: np.ndarray, world_from_lidar: Pose, *, rolling: bool = True
@@ -127,7 +127,7 @@ class Smoother:
         vector, covariance = best
         found = posterior(problem, vector, covariance)
         self._last = stamp_s, problem.whole(vector[None])[0]
-        self._note_way(found.mean[:2])
+        self._note_way(stamp_s, found.mean[:2])
         return pose_of(found, problem)
 
     def _best(self, problem: Problem, stamp_s: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -157,19 +157,19 @@ class Smoother:
     def _turned(self, states: np.ndarray) -> np.ndarray:
         """Whether states (S, 11) are those of a vehicle that is taken for its mirror image."""
         backward = states[:, 3] < BACKWARD_M_S
-        if self._ahead is None or len(self._window) > 1:
+        if self._velocity is None or len(self._window) > 1:
             return backward
         headings = np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=1)
-        turned: np.ndarray = headings @ self._ahead < 0
+        turned: np.ndarray = headings @ self._velocity < 0
         return turned
 
-    def _note_way(self, place: np.ndarray) -> None:
-        """Remember where the vehicle goes: scans looked at alone do not tell front from rear."""
+    def _note_way(self, stamp_s: float, place: np.ndarray) -> None:
+        """Remember how the vehicle moves: one scan tells neither speed nor front from rear."""
         if self._anchor is None:
-            self._anchor = place
-        way = place - self._anchor
-        if np.hypot(*way) > WAY_M:
-            self._anchor, self._ahead = place, way
+            self._anchor = stamp_s, place
+        before, start = self._anchor
+        if np.hypot(*(place - start)) > WAY_M:
+            self._anchor, self._velocity = (stamp_s, place), (place - start) / (stamp_s - before)
 
     def _problem(self, stamp_s: float) -> Problem:
         rays = [seen.sighting.rays for seen in self._window]
@@ -179,12 +179,13 @@ class Smoother:
         joined = Rays(*(np.concatenate(columns) for columns in zip(*rays, strict=True)))
         prior = np.ones(WHOLE)
         prior[:POSE] = np.inf, np.inf, np.inf, SPEED_SD, TURN_SD, ACCELERATION_SD
-        zero = np.zeros(WHOLE)
+        zero, fixed = np.zeros(WHOLE), np.zeros(WHOLE)
         free = free_of(self._model, True)
         if len(self._window) == 1:
             free = np.delete(free, [3, 4, 5])
+            fixed[3] = 0.0 if self._velocity is None else np.hypot(*self._velocity)
         return Problem(
-            joined._replace(time=np.concatenate(times)), self._model, self._chances, zero, free,
+            joined._replace(time=np.concatenate(times)), self._model, self._chances, fixed, free,
             prior, zero,
         )  # fmt: skip
 
