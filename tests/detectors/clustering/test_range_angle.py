@@ -22,12 +22,12 @@ def random_cloud(seed, count=70):
     return Cloud(np.column_stack([x, y, z]), ring, column, np.arange(count), np.zeros(2))
 
 
-def grown_as_printed(found, eps_m, min_points):
+def grown_as_printed(found, eps_m, min_points, angle=ANGLE):
     """Steps 1 to 3 of section 2.1: a seed, then the farthest in six directions, then the rest."""
     limit = eps_m + SPACINGS * spacing(found) * np.minimum.outer(found.ranges, found.ranges)
     gaps = np.linalg.norm(found.points[:, None] - found.points, axis=-1)
     turns = np.abs(wrap_angle(np.subtract.outer(found.azimuths, found.azimuths)))
-    linked = (gaps <= limit) & (turns <= ANGLE)
+    linked = (gaps <= limit) & (turns <= angle)
     free, labels, count = np.ones(len(found), bool), np.full(len(found), -1), 0
     for seed in range(len(found)):
         if not free[seed]:
@@ -56,6 +56,15 @@ def test_equals_growth_as_printed(seed, eps_m, min_points):
     found = random_cloud(seed)
     labels = cluster_range_angle(found, eps_m=eps_m, min_points=min_points)
     assert np.array_equal(labels, grown_as_printed(found, eps_m, min_points))
+
+
+@pytest.mark.parametrize("angle_deg", [0.5, 60.0, 100.0, 170.0])
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_angle(angle_deg, seed):
+    found = random_cloud(seed)
+    labels = cluster_range_angle(found, eps_m=6.0, angle_deg=angle_deg, min_points=3)
+    expected = grown_as_printed(found, 6.0, 3, np.radians(angle_deg))
+    assert np.array_equal(labels, expected)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-3, 3))
