@@ -19,6 +19,16 @@ DETECTORS: Registry[Detector] = Registry(
         "?clustering=pag-range&residual_m=0.12",
         "distance-residual": "roadscope.detectors.pipeline:ClusterDetector"
         "?clustering=distance&residual_m=0.12",
+        "distance-lines": "roadscope.detectors.pipeline:ClusterDetector"
+        "?clustering=distance&min_score=0.5&exclusive=True",
+        "distance-rectangle": "roadscope.detectors.pipeline:ClusterDetector"
+        "?clustering=distance&shape=rectangle&min_score=0.5&exclusive=True",
+        "distance-l-shape": "roadscope.detectors.pipeline:ClusterDetector"
+        "?clustering=distance&shape=l-shape&min_score=0.5&exclusive=True",
+        "distance-filter": "roadscope.detectors.pipeline:ClusterDetector"
+        "?clustering=distance&shape=matched-filter&min_score=0.5&exclusive=True",
+        "range-angle-filter": "roadscope.detectors.pipeline:ClusterDetector"
+        "?clustering=range-angle&shape=matched-filter&min_score=0.5&exclusive=True",
         "zhang2017": "roadscope.detectors.long_range:LongRangeDetector?fit=single",
         "zhang2017-multi": "roadscope.detectors.long_range:LongRangeDetector?fit=multi&late=True",
         "zhang2017-multi-causal": "roadscope.detectors.long_range:LongRangeDetector?fit=multi",
