@@ -6,18 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.core.checks import settle_arrays
+from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
+
+FARTHEST_M = 5000.0
+"""Farther than any LiDAR on the road reaches: a number that stands for no return is no place."""
+MOST_RINGS, MOST_COLUMNS = 1024, 1 << 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarScan(Record):
     """The returns of one sweep, in firing order, as measured: not corrected for own motion.
 
-    points: (N, 3) float32, metres, lidar frame at each point's own time.
+    points: (N, 3) float32, metres, lidar frame at each point's own time; no coordinate beyond
+        `FARTHEST_M`.
     intensity: (N,) float32 in 0 to 1.
-    ring: (N,) int16, beam number, 0 the lowest.
-    column: (N,) int32, azimuth step of the sweep, in firing order.
+    ring: (N,) int16, beam number, 0 the lowest, below `MOST_RINGS`.
+    column: (N,) int32, azimuth step of the sweep, in firing order, below `MOST_COLUMNS`.
     time_offset_s: (N,) float32, seconds after the stamp.
     stamp_s: time since reset at which the truth of the scan is taken, the middle of the sweep.
     sensor: name of the sensor in its rig.
@@ -40,6 +45,15 @@ class LidarScan(Record):
             column=(np.int32, ("N",)),
             time_offset_s=(np.float32, ("N",)),
         )
+        self._check("points", -FARTHEST_M, FARTHEST_M)
+        self._check("ring", 0, MOST_RINGS - 1)
+        self._check("column", 0, MOST_COLUMNS - 1)
+
+    def _check(self, name: str, low: float, high: float) -> None:
+        values = getattr(self, name)
+        least, most = values.min(initial=0).item(), values.max(initial=0).item()
+        fits, worst = low <= least and most <= high, least if least < low else most
+        require(fits, self, name, f"values from {low:g} to {high:g}", worst)
 
     def __len__(self) -> int:
         return len(self.points)

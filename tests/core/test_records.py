@@ -117,6 +117,9 @@ def test_records_differ_when_one_value_differs() -> None:
         ({"ring": np.zeros(3)}, r"LidarScan.ring: not an array of int16: floats given"),
         ({"points": np.full((3, 3), np.nan)}, r"LidarScan.points: must be finite, got nan"),
         ({"intensity": ["a", "b", "c"]}, r"LidarScan.intensity: not an array of float32"),
+        ({"points": np.full((3, 3), 1e9)}, r"points: expected values from -5000 to 5000, got 1000"),
+        ({"ring": [0, -1, 0]}, r"LidarScan.ring: expected values from 0 to 1023, got -1"),
+        ({"column": [0, 1 << 20, 0]}, r"column: expected values from 0 to 65535, got 1048576"),
     ],
 )
 def test_a_wrong_scan_says_what_is_wrong(changes: dict[str, object], message: str) -> None:
