@@ -52,13 +52,15 @@ def best_pair(
     count, stride = round(search_deg / step_deg), max(1, round(COARSE_DEG / step_deg))
     start, step = initial_angle(views), np.radians(step_deg)
     coarse = np.arange(0, count, stride)
+    # The score of few returns is ragged: its top may lie well off that of the smoothed one.
+    reach = stride - 1 if _are_many(views) else 3 * stride // 2
     views = thinned(views, settings.sigma_m)
     if stride > 1:
         blurred = _blurred(settings, stride * step)
         seen = thinned(views, blurred.sigma_m)
         rough = sweep(seen, start + coarse * step, blurred, False)
         coarse = coarse[_summits(rough[:, 0], KEPT)]
-    near = (coarse[:, None] + np.arange(1 - stride, stride)).ravel()
+    near = (coarse[:, None] + np.arange(-reach, reach + 1)).ravel()
     fine = np.unique(near % count if search_deg == 180 else np.clip(near, 0, count - 1))
     rows = sweep(views, start + fine * step, settings, tied)
     best = int(rows[:, 0].argmax())
@@ -68,7 +70,7 @@ def best_pair(
 
 def thinned(views: Views, cell_m: float) -> Views:
     """Join returns of a frame that share a cell, where there are many."""
-    if len(views.points) <= MANY * len(views.stamps):
+    if not _are_many(views):
         return views
     cuts = views.starts[1:-1]
     split = np.split(views.points, cuts), np.split(views.weights, cuts)
@@ -76,6 +78,10 @@ def thinned(views: Views, cell_m: float) -> Views:
     points, weights = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     starts = np.cumsum([0] + [len(part[1]) for part in parts])
     return views._replace(points=points, weights=weights, starts=starts)
+
+
+def _are_many(views: Views) -> bool:
+    return len(views.points) > MANY * len(views.stamps)
 
 
 def _blurred(settings: Filter, step: float) -> Filter:
