@@ -70,7 +70,8 @@ def measure_speed(
         rows.append(SpeedRow("open3d installed", float(open3d is not None), "1 yes, 0 no"))
         steps += _casting_steps(open3d, counts, compared, repeats)
     if "detectors" in parts:
-        steps += _detector_steps(-(-repeats // 4))
+        # Four frames a detector: a few runs over them are enough, and there are many detectors.
+        steps += _detector_steps(-(-repeats // 7))
     for number, (name, step) in enumerate(steps):
         if progress is not None:
             progress(name, number, len(steps))
