@@ -96,7 +96,8 @@ def line_heading(points: np.ndarray) -> float:
     for i in range(len(points)):
         dx, dy = points[i, 0] - x, points[i, 1] - y
         xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
-    return (0.5 * np.arctan2(2.0 * xy, xx - yy)) % (0.5 * np.pi)
+    heading: float = (0.5 * np.arctan2(2.0 * xy, xx - yy)) % (0.5 * np.pi)
+    return heading
 
 
 @compiled()

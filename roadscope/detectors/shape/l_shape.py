@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Literal
 
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion import complete, is_body_sized
+from roadscope.detectors.shape.completion import complete
 from roadscope.detectors.shape.heading_kernels import (
     AREA,
     CLOSENESS,
@@ -15,6 +16,7 @@ from roadscope.detectors.shape.heading_kernels import (
     line_heading,
     searched_heading,
 )
+from roadscope.detectors.shape.parts import bodies_in
 from roadscope.detectors.shape.recognition import Vehicle
 
 Criterion = Literal["area", "closeness", "variance"]
@@ -35,14 +37,16 @@ def vehicles_by_l_shape(
     criterion: what the rectangle's heading is chosen by: `area` (least), `closeness` of the
     points to the sides, or `variance` (least) of their distances from the nearer side.
     """
-    if not is_body_sized(cluster):
-        return []
+    return bodies_in(cluster, horizon, partial(_vehicle, criterion=CRITERIA[criterion]))
+
+
+def _vehicle(cluster: Cluster, horizon: Horizon, *, criterion: int) -> Vehicle | None:
     outline = cluster.outline[:: -(-len(cluster.outline) // MOST)]
-    searched = searched_heading(outline, CRITERIA[criterion], NEAR_M)
+    searched = searched_heading(outline, criterion, NEAR_M)
     candidates = [complete(cluster, searched, horizon)]
     if len(outline) > 1:
         candidates.append(complete(cluster, line_heading(outline), horizon))
-    return sorted((v for v in candidates if v is not None), key=_misfit)[:1]
+    return min((v for v in candidates if v is not None), key=_misfit, default=None)
 
 
 def _misfit(vehicle: Vehicle) -> float:
