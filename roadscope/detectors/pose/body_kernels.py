@@ -485,15 +485,28 @@ def _chance(
     if kind == HIT:
         return _density(brought, count, found, chances)
     reach, _, need = brought
-    # The chance that the ray meets no part, or that the parts it meets send nothing back.
-    dark = 1.0
+    # The chance that the ray meets no part, or that the first one that it meets sends nothing
+    # back.
+    free, dark = 1.0, 0.0
     for i in range(count):
-        if found[0, i] < reach:
-            silent = chances.through
-            if kind == EMPTY:
-                silent = max(chances.lost, 1.0 - _seen(need, found[0, i], found[2, i]))
-            dark *= 1.0 - found[1, i] * (1.0 - silent)
-    return dark
+        if found[0, i] >= reach:
+            continue
+        silent = chances.through
+        if kind == EMPTY:
+            silent = max(chances.lost, 1.0 - _seen(need, found[0, i], found[2, i]))
+        dark += _first(i, count, found) * silent
+        free *= 1.0 - found[1, i]
+    return free + dark
+
+
+@compiled(borrowing=True)
+def _first(i: int, count: int, found: np.ndarray) -> float:
+    """Chance that a part is the first that a ray meets."""
+    chance = found[1, i]
+    for j in range(count):
+        if found[0, j] < found[0, i]:
+            chance *= 1.0 - found[1, j]
+    return chance
 
 
 @compiled(borrowing=True)
@@ -515,10 +528,7 @@ def _density(
         z = (reach - found[0, i]) / sigma
         if abs(z) > 6.0:
             continue
-        chance = found[1, i] * (1.0 - chances.outlier) * 0.3989422804014327 / sigma
-        for j in range(count):
-            if found[0, j] < found[0, i]:
-                chance *= 1.0 - found[1, j]
+        chance = _first(i, count, found) * (1.0 - chances.outlier) * 0.3989422804014327 / sigma
         seen = max(_seen(need, found[0, i], found[2, i]), 0.01)
         density += chance * seen * math.exp(-0.5 * z * z)
     return density

@@ -150,9 +150,9 @@ class Smoother:
             return None
         vectors = np.concatenate([found.vectors for found in tries])
         costs = np.concatenate([found.costs for found in tries])
-        chosen = np.argmin(costs + TURNED * self._turned(problem.whole(vectors)))
+        least = np.argmin(costs + TURNED * self._turned(problem.whole(vectors)))
         covariances = np.concatenate([found.covariances for found in tries])
-        return vectors[chosen], covariances[chosen]
+        return vectors[least], covariances[least]
 
     def _turned(self, states: np.ndarray) -> np.ndarray:
         """Whether states (S, 11) are those of a vehicle that is taken for its mirror image."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from roadscope.detectors.horizon import Horizon
+from roadscope.detectors.shape.body import vehicles_by_body
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.iepf import vehicles_by_lines
 from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
@@ -18,6 +19,7 @@ SHAPES: Mapping[str, Callable[..., list[Vehicle]]] = {
     "rectangle": vehicles_by_rectangle,
     "l-shape": vehicles_by_l_shape,
     "matched-filter": vehicles_by_matched_filter,
+    "body": vehicles_by_body,
 }
 """Name -> a `Shape`; keyword arguments beyond the two are its options."""
 

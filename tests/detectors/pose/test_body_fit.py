@@ -1,0 +1,138 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from roadscope.core import LidarScan, Pose, RecordError, wrap_angle
+from roadscope.detectors.pose.body_fit import BodyFit
+from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
+from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.sensors.lidar import sweep
+from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.world.footprints import rectangle
+from roadscope.envs.world.prisms import Prisms
+
+SPEC = SPECS["hdl32e"]
+LENGTH_M, WIDTH_M, HEIGHT_M = 4.6, 1.8, 1.0
+BRICK = BodyModel((LENGTH_M, 0.02), (WIDTH_M, 0.02), storeys=(Storey(0.15, 1.15),))
+FIT = BodyFit(SPEC, BRICK)
+HERE = Pose.planar(0.0, 0.0, 0.0, 0.8)
+
+
+def seen(x, y, yaw, *, seed=0, world_from_lidar=HERE):
+    """A sweep over a brick, and which returns are the brick's."""
+    brick = Prisms.of(rectangle(LENGTH_M, WIDTH_M), 0.15, 1.15, reflectivity=0.5)
+    poses = np.array([[[x, y, yaw]]])
+    scene = Scene(Prisms.empty(), brick, np.zeros(1), poses, np.ones(1, bool))
+    scan, truth = sweep(scene, SPEC, [world_from_lidar], 0.0, rng=np.random.default_rng(seed))
+    return scan, truth.owners == 0
+
+
+def axis_error(yaw, reference):
+    return abs((yaw - reference + np.pi / 2) % np.pi - np.pi / 2)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_finds_the_body_whichever_side_it_shows(seed):
+    rng = np.random.default_rng(seed)
+    azimuth, distance, yaw = rng.uniform(-3, 3), rng.uniform(8, 30), rng.uniform(-3, 3)
+    x, y = distance * np.cos(azimuth), distance * np.sin(azimuth)
+    found = FIT.fit(*seen(x, y, yaw, seed=seed), HERE, rolling=False)
+    assert np.hypot(found.x - x, found.y - y) < 0.1
+    assert axis_error(found.yaw, yaw) < np.radians(2.0)
+    spread = np.sqrt(np.diag(found.covariance))
+    assert (spread > 0).all()
+    assert abs(found.x - x) < 5 * spread[0] + 0.005
+
+
+def test_heading_known_up_to_a_quarter_turn_is_kept():
+    scan, target = seen(20.0, 3.0, 0.4)
+    ahead, back = (FIT.fit(scan, target, HERE, rolling=False, towards=t).yaw for t in (0.0, np.pi))
+    assert ahead == pytest.approx(0.4, abs=0.05)
+    assert abs(wrap_angle(back - ahead)) == pytest.approx(np.pi, abs=0.05)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.floats(-3, 3), st.floats(-50, 50), st.floats(-50, 50))
+def test_moves_with_the_scene(turn, x, y):
+    scan, target = seen(15.0, 4.0, 0.7)
+    moved = Pose.planar(x, y, turn, 0.8)
+    one = FIT.fit(scan, target, HERE, rolling=False, towards=0.7)
+    other = FIT.fit(scan, target, moved, rolling=False, towards=0.7 + turn)
+    place = moved.apply(np.array([one.x, one.y, 0.0]))
+    # Another turn of the first guess gives other samples of the same posterior.
+    assert np.hypot(other.x - place[0], other.y - place[1]) < 0.01
+    assert abs(wrap_angle(other.yaw - one.yaw - turn)) < np.radians(0.25)
+    assert np.trace(other.covariance) == pytest.approx(np.trace(one.covariance), rel=0.5)
+
+
+def rows(scan, index):
+    names = ("points", "intensity", "ring", "column", "time_offset_s")
+    return replace(scan, **{name: getattr(scan, name)[index] for name in names})
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 1000))
+def test_order_and_duplicates_change_nothing(seed):
+    scan, target = seen(15.0, 4.0, 0.7)
+    rng = np.random.default_rng(seed)
+    index = rng.permutation(np.concatenate([np.arange(len(scan)), rng.choice(len(scan), 9)]))
+    one = FIT.fit(scan, target, HERE)
+    assert FIT.fit(rows(scan, index), target[index], HERE) == one
+    assert FIT.fit(scan, target, HERE) == one
+
+
+def test_without_a_return_there_is_no_pose():
+    scan, target = seen(15.0, 4.0, 0.7)
+    assert FIT.fit(scan, np.zeros_like(target), HERE) is None
+    assert FIT.fit(rows(scan, slice(0)), target[:0], HERE) is None
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_returns_give_a_wide_pose(count):
+    scan, target = seen(40.0, 4.0, 0.7)
+    few = np.flatnonzero(target)[:count]
+    found = FIT.fit(rows(scan, few), np.ones(count, bool), HERE)
+    assert np.isfinite(found.covariance).all()
+    # What lies no farther than half a diagonal and a little from any return of the body.
+    assert np.hypot(found.x - 40.0, found.y - 4.0) < 6.0
+
+
+def test_collinear_returns_are_a_face():
+    scan, target = seen(20.0, 0.0, 0.0)
+    found = FIT.fit(scan, target, HERE, towards=0.0)
+    assert (found.x, found.y) == pytest.approx((20.0, 0.0), abs=0.1)
+    assert axis_error(found.yaw, 0.0) < np.radians(2.0)
+
+
+def test_refuses_what_is_no_scan():
+    scan, target = seen(20.0, 0.0, 0.0)
+    with pytest.raises(ValueError, match="target must be one bool for each of the"):
+        FIT.fit(scan, target[:-1], HERE)
+    with pytest.raises(RecordError, match=r"LidarScan\.points: must be finite"):
+        LidarScan(
+            np.full((1, 3), np.nan), np.ones(1), np.zeros(1, int), np.zeros(1, int), np.zeros(1),
+            0.0, "lidar",
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"length_m": (0.0, 0.1)}, "length_m"),
+        ({"width_m": (1.8, 1.0)}, "width_m"),
+        ({"radius_m": (0.3, 0.1)}, "radius_m"),
+        ({"storeys": ()}, "storeys"),
+    ],
+)
+def test_refuses_bodies_by_name(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(BRICK, **change)
+
+
+def test_a_saloon_keeps_to_its_sizes():
+    parts = saloon((4.8, 0.1), (1.85, 0.05)).parts(np.zeros((1, 5)))[0]
+    assert parts[:, 1].max() - parts[:, 0].min() == pytest.approx(4.8)
+    assert 2 * parts[:, 2].max() == pytest.approx(1.85)

@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.zhang2017_scene import film
+from roadscope.detectors.pose.body_fusion import fusion
+from roadscope.detectors.pose.estimate import axis_difference
+from roadscope.detectors.pose.smoother import Smoother
+
+
+def follow(run, model=None, **options):
+    """Poses of a run's frames, one for each."""
+    smoother = Smoother(run.spec, model or fusion(), **options)
+    rolling = run.drive.rolling
+    poses = [
+        smoother.update(s.scan, s.target, s.world_from_lidar, rolling=rolling) for s in run.shots
+    ]
+    lag = options.get("lag", options.get("frames", 7) // 2)
+    return poses[lag:] + smoother.flush()
+
+
+def errors(run, poses):
+    """(K, 3) errors of x, y and yaw up to half a turn, where there are three returns or more."""
+    pairs = [(p, s) for p, s in zip(poses, run.shots, strict=True) if p and s.target.sum() >= 3]
+    off = np.array([[p.x, p.y, p.yaw] for p, _ in pairs]) - [s.truth for _, s in pairs]
+    off[:, 2] = axis_difference(off[:, 2], 0.0)
+    return off
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.sum(values**2, axis=-1))))
+
+
+@pytest.fixture(scope="module")
+def curve():
+    return film("curve", 0, frames=12)
+
+
+def test_more_frames_are_better_on_a_curve_too(curve):
+    places = [rms(errors(curve, follow(curve, frames=k))[:, :2]) for k in (1, 3, 7)]
+    assert places[0] > places[1] > places[2]
+    assert places[2] < 0.01
+
+
+def test_the_newest_frame_can_be_asked_for(curve):
+    newest = errors(curve, follow(curve, frames=5, lag=0))
+    assert len(newest) == 12
+    # Two scans alone see nothing beforehand.
+    assert rms(newest[4:, :2]) < 0.02
+
+
+def test_reset_forgets_and_the_same_scans_give_the_same(curve):
+    smoother = Smoother(curve.spec, fusion(), frames=3, lag=0)
+
+    def once():
+        smoother.reset()
+        return [
+            smoother.update(s.scan, s.target, s.world_from_lidar, rolling=False)
+            for s in curve.shots[:4]
+        ]
+
+    assert once() == once()
+
+
+def test_a_scan_with_one_return_feeds_the_window(curve):
+    smoother = Smoother(curve.spec, fusion(), frames=5)
+    for k, shot in enumerate(curve.shots[:7]):
+        target = shot.target.copy()
+        if k == 3:
+            target[np.flatnonzero(target)[1:]] = False
+        pose = smoother.update(shot.scan, target, shot.world_from_lidar, rolling=False)
+        if k == 5:
+            truth = curve.shots[3].truth
+            assert np.hypot(pose.x - truth[0], pose.y - truth[1]) < 0.05
+
+
+def test_without_a_return_there_is_no_pose(curve):
+    smoother = Smoother(curve.spec, fusion(), frames=3, lag=0)
+    shot = curve.shots[0]
+    empty = np.zeros_like(shot.target)
+    assert smoother.update(shot.scan, empty, shot.world_from_lidar) is None
+    assert smoother.flush() == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"frames": 0}, "frames must be at least 1"), ({"frames": 3, "lag": 3}, "lag must be")],
+)
+def test_refuses_windows_by_name(options, message, curve):
+    with pytest.raises(ValueError, match=message):
+        Smoother(curve.spec, fusion(), **options)
