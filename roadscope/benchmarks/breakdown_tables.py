@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich.table import Table
 from rich.text import Text
@@ -46,8 +46,7 @@ def breakdown_tables(results: Results, board: str, by: str, width: int) -> list[
     """
     rows = results.breakdown(by, board)
     tables = []
-    for metric in SHOWN[board]:
-        cells = {(row.entry, row.band): row for row in rows if row.metric == metric}
+    for metric, cells in _shown_cells(rows, board):
         if cells:
             table = _table(results, board, _title(metric, by), cells, width)
             if metric == "detection_rate":
@@ -66,12 +65,24 @@ def markdown_lines(results: Results, board: str) -> list[str]:
     """Return Markdown tables of everything that a board is broken down by."""
     lines = []
     for by in BREAKDOWNS[board]:
-        rows = results.breakdown(by, board)
-        for metric in SHOWN[board]:
-            cells = {(row.entry, row.band): row for row in rows if row.metric == metric}
+        for metric, cells in _shown_cells(results.breakdown(by, board), board):
             if cells:
                 lines += ["", f"### {_title(metric, by)}", "", *_markdown(results, board, cells)]
     return lines
+
+
+def _shown_cells(
+    rows: Sequence[Row], board: str
+) -> Iterator[tuple[str, dict[tuple[str, str], Row]]]:
+    """Return each metric shown and its rows by entry and band.
+
+    Where objects are broken down too, a band without any is left out: matched detections may
+    lie a little beyond the farthest object.
+    """
+    wanted = {row.band for row in rows if row.metric == SHOWN[board][0]}
+    for metric in SHOWN[board]:
+        found = [row for row in rows if row.metric == metric]
+        yield metric, {(r.entry, r.band): r for r in found if not wanted or r.band in wanted}
 
 
 def bands_of(rows: Sequence[Row]) -> list[str]:

@@ -39,6 +39,7 @@ def test_entries_by_bands_with_what_was_to_be_found() -> None:
             row("detection_rate", "range", "20-40", 0.25, samples=321),
             row("detection_rate", "range", "0-20", 0.75, samples=1234),
             row("precision", "range", "0-20", 0.61),
+            row("precision", "range", "40-60", 1.0),
             row("detection_rate", "range", "0-20", 1.0, "oracle", samples=1234),
         ),
         "range",
@@ -49,6 +50,7 @@ def test_entries_by_bands_with_what_was_to_be_found() -> None:
     assert "distance-residual 0.75 0.25" in lines
     assert "oracle 1.00 -" in lines
     assert "to be found 1234 321" in lines
+    assert "40-60" not in text
     assert "returns" not in text
     assert "precision by range, m" in lines
     assert "distance-residual 0.61" in lines
