@@ -67,7 +67,8 @@ def _costs(problem: Problem, vectors: np.ndarray, misfit: np.ndarray) -> np.ndar
     """Return the sum of squares, tempered for what fits nothing, and of the prior: (S,)."""
     off = (vectors - problem.centre[problem.free]) / problem.prior[problem.free]
     costs: np.ndarray = LIMIT**2 * np.log1p((misfit / LIMIT) ** 2).sum(axis=1)
-    return costs + np.einsum("sd,sd->s", off, off)
+    costs += np.einsum("sd,sd->s", off, off)
+    return costs
 
 
 def _stepped(

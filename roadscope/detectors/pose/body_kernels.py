@@ -502,7 +502,7 @@ def _chance(
 @compiled(borrowing=True)
 def _first(i: int, count: int, found: np.ndarray) -> float:
     """Chance that a part is the first that a ray meets."""
-    chance = found[1, i]
+    chance: float = found[1, i]
     for j in range(count):
         if found[0, j] < found[0, i]:
             chance *= 1.0 - found[1, j]

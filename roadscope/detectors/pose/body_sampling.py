@@ -138,12 +138,14 @@ def _share(logs: np.ndarray) -> float:
 def _regular(covariance: np.ndarray, root: np.ndarray, effective: float) -> np.ndarray:
     """Mix in a little of the last proposal where few samples count: it must not collapse."""
     share = min(0.5, len(covariance) / max(effective, 1.0) / 4)
-    return covariance + share * 0.02 * (root @ root.T)
+    mixed: np.ndarray = covariance + share * 0.02 * (root @ root.T)
+    return mixed
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:
     jitter = 1e-12 * np.eye(len(covariance))
-    return np.linalg.cholesky(covariance + jitter)
+    root: np.ndarray = np.linalg.cholesky(covariance + jitter)
+    return root
 
 
 @cache
