@@ -170,7 +170,7 @@ def leaderboard(
 
 @app.command(epilog="Example:  roadscope reproduce lu2018 --out results")
 def reproduce(
-    paper: Annotated[str, typer.Argument(help="lu2018.")],
+    paper: Annotated[str, typer.Argument(help="lu2018 or zhang2017.")],
     seeds: Annotated[int, typer.Option(min=1, help="Episodes behind each interval.")] = 30,
     jobs: Jobs = 0,
     everything: Annotated[
@@ -180,7 +180,7 @@ def reproduce(
 ) -> None:
     """Repeat a paper's experiments and print its figures beside ours."""
     from roadscope.benchmarks.cache import usable_folder
-    from roadscope.benchmarks.papers import reproduction_of
+    from roadscope.benchmarks.papers import note_of, reproduction_of
     from roadscope.benchmarks.reproduction import write_rows
     from roadscope.benchmarks.reproduction_tables import reproduction_tables
 
@@ -196,6 +196,8 @@ def reproduce(
         for table in reproduction_tables(shown, everything=everything):
             _print("")
             _print(table)
+        if note := note_of(paper, experiment):
+            _console().print(note, style="dim")
     if folder is not None:
         write_rows(rows, folder / f"{paper}.json")
         typer.echo(f"written: {folder / f'{paper}.json'}")

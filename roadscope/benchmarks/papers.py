@@ -9,8 +9,12 @@ from typing import Any
 from roadscope.benchmarks.suite import unknown
 from roadscope.core import SpecError
 
-PAPERS = {"lu2018": "roadscope.benchmarks.lu2018"}
-"""Name -> module with `reproduce(seeds, progress, *, jobs) -> list[ReproductionRow]`."""
+PAPERS = {
+    "lu2018": "roadscope.benchmarks.lu2018",
+    "zhang2017": "roadscope.benchmarks.zhang2017",
+}
+"""Name -> module with `reproduce(seeds, progress, *, jobs) -> list[ReproductionRow]` and, where a
+table needs a word of explanation, `note_of(experiment) -> str | None`."""
 
 
 def reproduction_of(paper: str) -> Callable[..., Any]:
@@ -19,3 +23,10 @@ def reproduction_of(paper: str) -> Callable[..., Any]:
         raise SpecError(unknown("paper", paper, PAPERS))
     experiments: Callable[..., Any] = import_module(PAPERS[paper]).reproduce
     return experiments
+
+
+def note_of(paper: str, experiment: str) -> str | None:
+    """Return what must be known to read the tables of one of a paper's experiments."""
+    noted: Callable[[str], str | None] | None
+    noted = getattr(import_module(PAPERS[paper]), "note_of", None)
+    return None if noted is None else noted(experiment)

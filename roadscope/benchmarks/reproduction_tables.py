@@ -9,7 +9,10 @@ from rich.table import Table
 from roadscope.benchmarks.reproduction import ReproductionRow
 from roadscope.benchmarks.tables import plain_table
 
-MOST_COLUMNS = 4
+MOST_COLUMNS = 5
+UNNAMED = ("1", "", "share", "count", "frame", None)
+DECIMALS = {"m": 4, "deg": 3}
+"""In tables without intervals; two for other units."""
 
 
 def reproduction_tables(
@@ -18,8 +21,8 @@ def reproduction_tables(
     """Yield tables of one experiment.
 
     Methods that were measured by the same few quantities are set side by side, after the first
-    where the paper has figures; of those with many, the first is shown, which is the paper's own,
-    or with `everything` each.
+    where the paper has figures; where the paper compares methods, its figures stand below ours.
+    Of those with many, the first is shown, which is the paper's own, or with `everything` each.
     """
     families: dict[tuple[str, ...], list[str]] = {}
     for method in dict.fromkeys(row.method for row in rows):
@@ -28,13 +31,19 @@ def reproduction_tables(
     for quantities, methods in families.items():
         shown = [row for row in rows if row.method in methods]
         few = len(quantities) <= MOST_COLUMNS
-        if few and all(row.paper is None for row in shown):
+        if few and (compared(shown) or all(row.paper is None for row in shown)):
             yield side_by_side(shown, quantities, methods)
             continue
         for method in methods if everything else methods[:1]:
             yield with_intervals([row for row in shown if row.method == method])
         if few and not everything and len(methods) > 1:
             yield side_by_side(shown, quantities, methods[1:])
+
+
+def compared(rows: Sequence[ReproductionRow]) -> bool:
+    """Whether the paper has different figures for one quantity of different methods."""
+    printed = {(row.quantity, row.paper) for row in rows if row.paper is not None}
+    return len(printed) > len({quantity for quantity, _ in printed})
 
 
 def with_intervals(rows: Sequence[ReproductionRow]) -> Table:
@@ -55,13 +64,18 @@ def side_by_side(
 ) -> Table:
     """Return methods by quantities, with half the width of the intervals."""
     named = {(row.method, row.quantity): row for row in rows}
+    units = [named[methods[0], quantity].unit for quantity in quantities]
+    shared = units[0] if len(quantities) > 1 and len(set(units)) == 1 else None
     table = plain_table()
-    table.add_column("", style="bold", min_width=21)
-    for quantity in quantities:
-        heading = _titled(quantity, named[methods[0], quantity].unit)
-        table.add_column(heading, justify="right", max_width=13)
+    table.add_column(shared if shared not in UNNAMED else "", style="bold", min_width=14)
+    for quantity, unit in zip(quantities, units, strict=True):
+        heading = quantity if shared else _titled(quantity, unit)
+        table.add_column(heading, justify="right", min_width=11, max_width=14)
     for method in methods:
-        table.add_row(method, *(_spread(named[method, quantity]) for quantity in quantities))
+        cells = [named[method, quantity] for quantity in quantities]
+        table.add_row(method, *map(_spread, cells))
+        if any(row.paper is not None for row in cells):
+            table.add_row("  paper", *(short(row.paper) for row in cells), style="dim")
     return table
 
 
@@ -74,9 +88,11 @@ def short(value: float | None) -> str:
 
 def _spread(row: ReproductionRow) -> str:
     if row.ours is None or row.low is None or row.high is None:
-        return short(row.ours)
-    return f"{row.ours:.2f} ±{(row.high - row.low) / 2:.2f}"
+        known = row.ours is not None and row.unit in DECIMALS
+        return f"{row.ours:.{DECIMALS[row.unit]}f}" if known else short(row.ours)
+    decimals = DECIMALS.get(row.unit, 2)
+    return f"{row.ours:.{decimals}f} ±{(row.high - row.low) / 2:.{decimals}f}"
 
 
 def _titled(quantity: str, unit: str) -> str:
-    return quantity if unit in ("1", "", "share", "count", "frame") else f"{quantity}, {unit}"
+    return quantity if unit in UNNAMED else f"{quantity}, {unit}"

@@ -64,7 +64,7 @@ def add_log_likelihoods(
     range is taken relative to its greatest, 1 / (sigma sqrt(2 pi)), which all poses share.
     """
     count = len(body.corners)
-    enters, leaves, faces = np.empty(count), np.empty(count), np.empty(count)
+    found = np.empty((4, count))
     for n in range(len(offsets)):
         cos, sin = math.cos(offsets[n, 2]), math.sin(offsets[n, 2])
         total = 0.0
@@ -72,14 +72,17 @@ def add_log_likelihoods(
             x, y = rays.origins[c, 0] - offsets[n, 0], rays.origins[c, 1] - offsets[n, 1]
             u, v = rays.directions[c, 0], rays.directions[c, 1]
             line = (cos * x + sin * y, cos * y - sin * x, cos * u + sin * v, cos * v - sin * u)
-            near = np.inf
+            near, met = np.inf, 0
             for m in range(count):
-                enters[m], leaves[m], faces[m] = _clip(line, body, m)
-                near = min(near, enters[m])
+                enter, leave, face = _clip(line, body, m)
+                if enter < np.inf:
+                    found[0, met], found[1, met], found[2, met] = enter, leave, face
+                    found[3, met] = m
+                    near, met = min(near, enter), met + 1
             for b in range(len(rays.slopes)):
                 reach, signal = _ground(rays, b, receiver)
                 if near < reach:
-                    reach, signal = _meet(rays, b, body, (enters, leaves, faces), (reach, signal))
+                    reach, signal = _meet(rays, b, body, found[:, :met], (reach, signal))
                 total += _log_chance(
                     rays.observed[c, b], reach / rays.cosines[b], signal, receiver
                 )  # fmt: skip
@@ -128,18 +131,17 @@ def _meet(
     rays: Rays,
     b: int,
     body: Body,
-    found: tuple[np.ndarray, np.ndarray, np.ndarray],
+    found: np.ndarray,
     behind: tuple[float, float],
 ) -> tuple[float, float]:
     """Horizontal way to the nearest surface of the body, or to what is behind, and its signal."""
     reach, signal = behind
     slope, cosine = rays.slopes[b], rays.cosines[b]
-    enters, leaves, faces = found
-    for m in range(len(enters)):
-        way = enters[m]
+    for i in range(found.shape[1]):
+        way, m = found[0, i], int(found[3, i])
         if way >= reach:
             continue
-        incidence = faces[m] * cosine
+        incidence = found[2, i] * cosine
         height = rays.height_m + slope * way
         bottom, top = body.spans[m, 0], body.spans[m, 1]
         if height > top or height < bottom:
@@ -147,7 +149,7 @@ def _meet(
             edge = top if height > top else bottom
             way = (edge - rays.height_m) / slope if slope != 0.0 else np.inf
             incidence = abs(slope) * cosine
-            if not enters[m] <= way < leaves[m]:
+            if not found[0, i] <= way < found[1, i]:
                 continue
         if way < reach:
             reach, signal = way, incidence * body.reflectivities[m]

@@ -1,0 +1,80 @@
+"""Errors of estimated poses as Zhang 2017 counts them: RMSE over the frames of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.benchmarks.zhang2017_floor import FEWEST, Floor
+from roadscope.benchmarks.zhang2017_methods import Poses
+from roadscope.benchmarks.zhang2017_scene import Run
+from roadscope.detectors.pose.estimate import axis_difference
+
+LATERAL, LONGITUDINAL, HEADING, POSITION = ("lateral", "longitudinal", "heading", "position")
+UNITS = {LATERAL: "m", LONGITUDINAL: "m", HEADING: "deg", POSITION: "m"}
+"""The columns of tables 1 and 2: RMSE across and along the car's true heading, of the heading,
+and of the distance. The paper does not say along which axes; on the straight its own are those of
+the world."""
+MEDIAN_POSITION, MEDIAN_HEADING = "median position", "median heading"
+TURNED, SILENT = "turned by more than 45 deg", "no answer"
+FLIPPED = np.pi / 4
+"""A heading that is off by more has taken a side for the rear."""
+
+
+def scored(run: Run) -> np.ndarray:
+    """(K,) bool: frames with at least three returns of the car."""
+    return np.array([shot.target.sum() >= FEWEST for shot in run.shots])
+
+
+def errors(run: Run, poses: Poses) -> np.ndarray:
+    """(K, 3) estimate minus truth along and across the car (metres) and in heading (radians).
+
+    NaN where there is no estimate. A rectangle has no front: headings count up to half a turn.
+    """
+    rows = np.full((len(run.shots), 3), np.nan)
+    for k, pose in enumerate(poses):
+        if pose is not None:
+            rows[k] = pose.x, pose.y, pose.yaw
+    truth = run.truth
+    dx, dy = (rows[:, :2] - truth[:, :2]).T
+    c, s = np.cos(truth[:, 2]), np.sin(truth[:, 2])
+    turned = axis_difference(rows[:, 2], truth[:, 2])
+    return np.column_stack([c * dx + s * dy, c * dy - s * dx, turned])
+
+
+def rmse(run: Run, found: np.ndarray) -> dict[str, float]:
+    """Return the columns of tables 1 and 2 from the (K, 3) errors."""
+    used = found[scored(run) & np.isfinite(found[:, 0])]
+    squares = (used**2).mean(axis=0) if len(used) else np.full(3, np.nan)
+    return _columns(squares)
+
+
+def floor_rmse(run: Run, least: Floor) -> dict[str, float]:
+    """Return the same columns for the information floor."""
+    used = scored(run) & (least.shares > 0)
+    squares = np.diagonal(least.covariances[used], axis1=1, axis2=2)
+    return _columns(squares.mean(axis=0) if len(squares) else np.full(3, np.nan))
+
+
+def typical(run: Run, found: np.ndarray) -> dict[str, float]:
+    """Return medians and the shares of scored frames that RMSE hides."""
+    used = found[scored(run)]
+    known = used[np.isfinite(used[:, 0])]
+    if not len(known):
+        return {MEDIAN_POSITION: np.nan, MEDIAN_HEADING: np.nan, TURNED: np.nan, SILENT: 1.0}
+    away, turned = np.hypot(known[:, 0], known[:, 1]), np.abs(known[:, 2])
+    return {
+        MEDIAN_POSITION: float(np.median(away)),
+        MEDIAN_HEADING: float(np.degrees(np.median(turned))),
+        TURNED: float((turned > FLIPPED).mean()),
+        SILENT: 1.0 - len(known) / len(used),
+    }
+
+
+def _columns(squares: np.ndarray) -> dict[str, float]:
+    """Name mean squares along, across (square metres) and in heading (square radians)."""
+    return {
+        LATERAL: float(np.sqrt(squares[1])),
+        LONGITUDINAL: float(np.sqrt(squares[0])),
+        HEADING: float(np.degrees(np.sqrt(squares[2]))),
+        POSITION: float(np.sqrt(squares[0] + squares[1])),
+    }

@@ -1,0 +1,177 @@
+"""The pose estimators that Zhang 2017's experiments compare, run frame by frame and timed.
+
+All are given which returns are the car's and how large it is. Ours also knows beams and noise,
+and of the body either its outline or, as `any saloon`, only how such cars are built.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from itertools import islice
+from time import thread_time
+from types import MappingProxyType
+
+import numpy as np
+
+from roadscope.benchmarks.zhang2017_drives import FRAME_S
+from roadscope.benchmarks.zhang2017_scene import Run, Shot
+from roadscope.detectors.pose.body_fit import BodyFit
+from roadscope.detectors.pose.body_fusion import fusion
+from roadscope.detectors.pose.body_model import BodyModel, saloon
+from roadscope.detectors.pose.estimate import VehiclePose
+from roadscope.detectors.pose.matched_filter import fit_single
+from roadscope.detectors.pose.multi_frame import fit_multi
+from roadscope.detectors.pose.ransac import fit_ransac
+from roadscope.detectors.pose.smoother import Smoother
+from roadscope.envs.world.ford_fusion import CORNER_RADII_M, LENGTH_M, WIDTH_M
+
+Poses = list[VehiclePose | None]
+Method = Callable[[Run], Iterator[Poses]]
+"""Yields, for each frame of a run, the poses that became known with it, in the order of frames;
+at last those that were still to come. World frame, at the frames' stamps; None for no answer."""
+
+
+def estimate(method: Method, run: Run) -> tuple[Poses, np.ndarray]:
+    """Return the pose of each frame and the milliseconds that each took, where one came alone.
+
+    Counted is the time of the processor, so that a busy machine makes nothing slower.
+    """
+    poses: Poses = []
+    spent: list[float] = []
+    steps = method(run)
+    while True:
+        start = thread_time()
+        found = list(islice(steps, 1))
+        took_ms = 1e3 * (thread_time() - start)
+        if not found:
+            return poses, np.array(spent)
+        poses.extend(found[0])
+        spent += [took_ms] * (len(found[0]) == 1)
+
+
+def _single(run: Run) -> Iterator[Poses]:
+    for shot in run.shots:
+        points = shot.points_xy
+        yield [
+            fit_single(points, shot.origin_xy, length_m=LENGTH_M, width_m=WIDTH_M)
+            if len(points)
+            else None
+        ]
+
+
+def _multi(run: Run) -> Iterator[Poses]:
+    """Three frames in a row, the pose of the middle one; at the ends the two that there are."""
+    yield []
+    for k in range(len(run.shots)):
+        yield [_middle(run, k)]
+
+
+def _middle(run: Run, k: int) -> VehiclePose | None:
+    window = [j for j in (k - 1, k, k + 1) if 0 <= j < len(run.shots)]
+    seen = [j for j in window if run.shots[j].target.any()]
+    if k not in seen:
+        return None
+    shots = [run.shots[j] for j in seen]
+    return fit_multi(
+        [shot.points_xy for shot in shots],
+        [shot.origin_xy for shot in shots],
+        [FRAME_S * j for j in seen],
+        length_m=LENGTH_M,
+        width_m=WIDTH_M,
+        at=seen.index(k),
+    )
+
+
+def _ransac(run: Run) -> Iterator[Poses]:
+    for k, shot in enumerate(run.shots):
+        points, rng = shot.points_xy, np.random.default_rng([run.seed, k])
+        yield [
+            fit_ransac(points, shot.origin_xy, rng, length_m=LENGTH_M, width_m=WIDTH_M)
+            if len(points)
+            else None
+        ]
+
+
+def _ours_single(run: Run) -> Iterator[Poses]:
+    fit = BodyFit(run.spec, outline(run.body))
+    for k, shot in enumerate(run.shots):
+        yield [
+            fit.fit(
+                shot.scan,
+                shot.target,
+                shot.world_from_lidar,
+                sensor_velocity=_velocity(run.shots, k) if run.drive.rolling else None,
+                rolling=run.drive.rolling,
+                towards=_moving_towards(run.shots, k),
+            )
+        ]
+
+
+def _moving_towards(shots: tuple[Shot, ...], k: int) -> float | None:
+    """Return roughly where the car goes, radians, from the means of the returns of two frames.
+
+    What finds moving vehicles knows that much. Front and rear look alike from afar, and as a car
+    is not the same from both its middle would be misplaced.
+    """
+    pair = shots[max(k - 1, 0) : max(k - 1, 0) + 2]
+    if len(pair) < 2 or not all(shot.target.any() for shot in pair):
+        return None
+    dx, dy = pair[1].points_xy.mean(axis=0) - pair[0].points_xy.mean(axis=0)
+    return float(np.arctan2(dy, dx))
+
+
+def _velocity(shots: tuple[Shot, ...], k: int) -> np.ndarray:
+    """Return the (2,) velocity of the sensor, which it knows from its odometry."""
+    before, after = shots[max(k - 1, 0)], shots[min(k + 1, len(shots) - 1)]
+    frames = min(k + 1, len(shots) - 1) - max(k - 1, 0)
+    velocity: np.ndarray = (after.origin_xy - before.origin_xy) / (max(frames, 1) * FRAME_S)
+    return velocity
+
+
+def _smoothed(frames: int, model: Callable[[str], BodyModel]) -> Method:
+    """Join so many frames; the answer is for the middle one."""
+
+    def run_smoother(run: Run) -> Iterator[Poses]:
+        lag = frames // 2
+        smoother = Smoother(run.spec, model(run.body), frames=frames, lag=lag)
+        for k, shot in enumerate(run.shots):
+            pose = smoother.update(
+                shot.scan, shot.target, shot.world_from_lidar, rolling=run.drive.rolling
+            )
+            yield [pose] if k >= lag else []
+        yield smoother.flush()
+
+    return run_smoother
+
+
+@cache
+def outline(body: str) -> BodyModel:
+    """Return the car as it is, which is what the information floor supposes too."""
+    radius = CORNER_RADII_M[body]
+    return fusion((radius, radius))
+
+
+@cache
+def any_saloon(_: str) -> BodyModel:
+    """Return a car of known size whose corners, bonnet and boot are those of many."""
+    return saloon((LENGTH_M, 0.0), (WIDTH_M, 0.0))
+
+
+METHODS: Mapping[str, Method] = MappingProxyType(
+    {
+        "single frame": _single,
+        "multi frame": _multi,
+        "RANSAC": _ransac,
+        "ours, 1 frame": _ours_single,
+        "ours, 3 frames": _smoothed(3, outline),
+        "ours, 7 frames": _smoothed(7, outline),
+        "any saloon, 7": _smoothed(7, any_saloon),
+    }
+)
+"""The paper's first."""
+REPEATED = tuple(METHODS)[:6]
+"""What is run again under other conditions."""
+SINGLE, MULTI, RANSAC = list(METHODS)[:3]
+OURS = {"ours, 1 frame": 1, "ours, 3 frames": 3, "ours, 7 frames": 7}
+"""Frames that stand behind each of ours: its floor is that of as many."""
