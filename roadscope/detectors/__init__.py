@@ -33,6 +33,7 @@ DETECTORS: Registry[Detector] = Registry(
         "zhang2017-multi": "roadscope.detectors.long_range:LongRangeDetector?fit=multi&late=True",
         "zhang2017-multi-causal": "roadscope.detectors.long_range:LongRangeDetector?fit=multi",
         "zhang2017-ransac": "roadscope.detectors.long_range:LongRangeDetector?fit=ransac",
+        "long-range": "roadscope.detectors.long_range:LongRangeDetector?fit=body",
     },
     group="roadscope.detectors",
 )

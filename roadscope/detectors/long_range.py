@@ -6,22 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.core import Category, Detections, Frame, Pose
+from roadscope.core import Category, Detections, Frame
+from roadscope.detectors.long_range_body import Shot, body_pose
 from roadscope.detectors.moving import Memory, extract
+from roadscope.detectors.moving.lidar import lidar_of
 from roadscope.detectors.moving.links import Chain, Links
+from roadscope.detectors.moving.usual import usual
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.pose.multi_frame import fit_multi
 from roadscope.detectors.pose.ransac import fit_ransac
-from roadscope.detectors.shape.bodies import BODIES, Body
 
-FITS = ("single", "multi", "ransac")
+FITS = ("single", "multi", "ransac", "body")
 MOST_POINTS = 150
 """Returns that a fit is given: more, on a near vehicle, tell it nothing new."""
 FRAMES = 3
-VEHICLES = (Category.CAR, Category.VAN, Category.TRUCK, Category.MOTORCYCLE)
-RIDER_M = 1.3
-"""Height that a rider reaches and a corner of a car does not."""
 
 
 class LongRangeDetector:
@@ -32,16 +31,31 @@ class LongRangeDetector:
     the usual car's, or of the smallest usual body that has room for what is seen.
     """
 
-    def __init__(self, *, fit: str = "single", late: bool = False) -> None:
+    def __init__(
+        self,
+        *,
+        fit: str = "single",
+        late: bool = False,
+        range_noise_m: float = 0.02,
+        range_max_m: float = 100.0,
+        detection_limit: float = 0.4,
+    ) -> None:
         """Name the fit.
 
-        fit: `single` and `ransac` fit one scan, `multi` three in a row.
+        fit: `single` and `ransac` fit one scan, `multi` three in a row, `body` all rays of one.
         late: answer each frame in the next one, `multi` then fits the middle of its three as the
             paper does; otherwise it fits the newest.
+        range_noise_m, range_max_m, detection_limit: of the LiDAR, as in `LidarSpec`; only `body`
+            asks for them, and the HDL-32E's are the defaults.
         """
         if fit not in FITS:
             raise ValueError(f"no fit '{fit}'; known: {', '.join(FITS)}")
         self._fit, self._late = fit, late
+        self._figures = {
+            "range_noise_m": range_noise_m,
+            "range_max_m": range_max_m,
+            "detection_limit": detection_limit,
+        }
         self._memory = Memory()
         self.reset()
 
@@ -49,24 +63,25 @@ class LongRangeDetector:
         """Forget everything seen."""
         self._memory.reset()
         self._links = Links()
-        self._open: tuple[float, Pose] | None = None
+        self._last: Shot | None = None
 
     def detect(self, frame: Frame) -> Detections:
         """Return moving vehicles, ego frame, in the frame's scan or, if late, in the last one."""
-        memory = self._memory
-        if self._open is not None and frame.stamp_s <= memory.stamp_s:
+        memory, scan = self._memory, frame.lidar
+        if frame.stamp_s <= memory.stamp_s:
             self.reset()
         memory.add(frame)
-        if frame.lidar is None or memory.now is None:
+        if scan is None or memory.now is None:
             return Detections.empty(frame.stamp_s)
-        before, here = self._open, (frame.stamp_s, memory.drive_from_ego)
-        self._open = here
-        self._links.update(frame.stamp_s, extract(memory.now, memory.back()), here[1])
-        asked = before if self._late else here
+        self._links.update(scan.stamp_s, extract(memory.now, memory.back()), memory.drive_from_ego)
+        mount = frame.calibration.pose(scan.sensor)
+        spec = lidar_of(scan, **self._figures) if self._fit == "body" else None
+        shot = Shot(scan, memory.now, memory.drive_from_ego, mount, spec)
+        asked, self._last = (self._last if self._late else shot), shot
         if asked is None:
-            return Detections.empty(frame.stamp_s)
-        found = [_found(chain, *asked, self._fit) for chain in self._links.chains]
-        return _detections([f for f in found if f is not None], asked[0])
+            return Detections.empty(scan.stamp_s)
+        found = [_found(chain, asked, self._fit) for chain in self._links.chains]
+        return _detections([f for f in found if f is not None], asked.scan.stamp_s)
 
 
 class Found(NamedTuple):
@@ -79,33 +94,36 @@ class Found(NamedTuple):
     score: float
 
 
-def _found(chain: Chain, stamp_s: float, drive_from_ego: Pose, fit: str) -> Found | None:
-    """Return a chain's vehicle at a stamp, None when it was not seen then or does not move."""
-    rows = [k for k, s in enumerate(chain.sightings) if s.stamp_s == stamp_s]
-    if not rows or not chain.moves:
+def _found(chain: Chain, shot: Shot, fit: str) -> Found | None:
+    """Return a chain's vehicle in a shot, None when it was not seen in it or does not move."""
+    stamp_s = shot.scan.stamp_s
+    at = next((k for k, s in enumerate(chain.sightings) if s.stamp_s == stamp_s), None)
+    if at is None or not chain.moves:
         return None
-    at = rows[0]
     seen = chain.sightings[at]
-    body, size = _usual(chain)
-    pose = _posed(chain, at, fit, size)
-    # The vehicle was met before or after the stamp and has moved meanwhile.
-    place = pose.centre + chain.velocity * (stamp_s - seen.met_s)
-    x, y, _ = drive_from_ego.inverse().apply(np.append(place, 0.0))
+    body, size = usual(chain)
+    pose = body_pose(seen, shot, body, chain.velocity) if fit == "body" else None
+    pose = pose or _posed(chain, at, fit, size)
+    x, y, _ = shot.drive_from_ego.inverse().apply(np.array([pose.x, pose.y, 0.0]))
     sure = 1.0 - np.exp(-seen.candidate.evidence / 6.0)
-    score = float(sure * min(chain.count, 5) / 5)
-    yaw = pose.yaw - drive_from_ego.yaw
-    return Found((x, y, size[2] / 2), yaw, size, body.category, score)
+    return Found(
+        (x, y, size[2] / 2),
+        pose.yaw - shot.drive_from_ego.yaw,
+        (pose.length, pose.width, size[2]),
+        body.category,
+        float(sure * min(chain.count, 5) / 5),
+    )
 
 
 def _posed(chain: Chain, at: int, fit: str, size: tuple[float, float, float]) -> VehiclePose:
     length_m, width_m, _ = size
     first = max(0, min(at - 1, len(chain.sightings) - FRAMES))
     window = chain.sightings[first : first + FRAMES] if fit == "multi" else [chain.sightings[at]]
-    points = [_few(s.points[:, :2]) for s in window]
+    points = [_few(s.at_stamp(chain.velocity)) for s in window]
     origins = [s.origin for s in window]
     if len(window) > 1:
         return fit_multi(
-            points, origins, [s.met_s for s in window],
+            points, origins, [s.stamp_s for s in window],
             length_m=length_m, width_m=width_m, at=at - first,
         )  # fmt: skip
     if fit == "ransac":
@@ -116,35 +134,6 @@ def _posed(chain: Chain, at: int, fit: str, size: tuple[float, float, float]) ->
 
 def _few(points: np.ndarray) -> np.ndarray:
     return points[:: -(-len(points) // MOST_POINTS)]
-
-
-def _usual(chain: Chain) -> tuple[Body, tuple[float, float, float]]:
-    """Return the first usual body that has room for what is seen, and its size.
-
-    Two-wheelers come first, and are told by their rider: as narrow a part of a car is low.
-    """
-    spans = [_spans(s.points[:, :2], chain.velocity) for s in chain.sightings]
-    along, across = np.median(spans, axis=0)
-    top = max(float(s.points[:, 2].max()) for s in chain.sightings)
-    known = [b for b in BODIES if b.category in VEHICLES]
-    if top > RIDER_M:
-        known.sort(key=lambda body: body.category is not Category.MOTORCYCLE)
-    body = next((b for b in known if _room(b, along, across, top)), known[-1])
-    return body, (max(body.length[0], float(along)), body.width[0], body.height[0])
-
-
-def _spans(points: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
-    """Return how far (N, 2) points reach along and across a body that goes about that way."""
-    yaws = np.arctan2(velocity[1], velocity[0]) + np.radians(np.arange(-24, 25, 4))
-    along = np.ptp(points @ np.stack([np.cos(yaws), np.sin(yaws)]), axis=0)
-    across = np.ptp(points @ np.stack([-np.sin(yaws), np.cos(yaws)]), axis=0)
-    best = int(np.argmin(along * across))
-    return float(along[best]), float(across[best])
-
-
-def _room(body: Body, along: float, across: float, top: float) -> bool:
-    seen = zip((along, across, top), (body.length, body.width, body.height), strict=True)
-    return all(extent <= mean + 2 * spread for extent, (mean, spread) in seen)
 
 
 def _detections(found: list[Found], stamp_s: float) -> Detections:

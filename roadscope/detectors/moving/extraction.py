@@ -49,9 +49,9 @@ class Candidate(Record):
     """Returns of one moving vehicle.
 
     points: (N, 3) float64, metres, ego frame at the scan's stamp, sorted. The sensor's motion
-        during the sweep is taken out, the vehicle's own is not: see `time_s`.
+        during the sweep is taken out, the vehicle's own is not.
     rows: (N,) int64, which return of the scan each one is.
-    time_s: when the vehicle was met, seconds after the stamp.
+    times_s: (N,) float64, seconds after the stamp. time_s: their median.
     origin: (2,) float64, metres, where the sensor was then.
     box: (3,) float64, x, y in metres and yaw of the box that found it.
     evidence: of motion, summed over the cells of the box.
@@ -59,6 +59,7 @@ class Candidate(Record):
 
     points: np.ndarray
     rows: np.ndarray
+    times_s: np.ndarray
     time_s: float
     origin: np.ndarray
     box: np.ndarray
@@ -154,5 +155,8 @@ def _cells(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _candidate(now: View, rows: np.ndarray, box: np.ndarray) -> Candidate:
     rows = rows[np.lexsort(now.points[rows].T)]
-    time_s = float(np.median(now.times_s[rows])) if len(rows) else 0.0
-    return Candidate(now.points[rows], rows, time_s, now.origin(time_s), box[:3], float(box[3]))
+    times_s = now.times_s[rows]
+    time_s = float(np.median(times_s)) if len(rows) else 0.0
+    return Candidate(
+        now.points[rows], rows, times_s, time_s, now.origin(time_s), box[:3], float(box[3])
+    )

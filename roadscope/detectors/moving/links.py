@@ -41,6 +41,14 @@ class Sighting:
     mark: np.ndarray
     candidate: Candidate
 
+    def at_stamp(self, velocity: np.ndarray) -> np.ndarray:
+        """Return (N, 2) points where they were at the stamp on a body with a (2,) velocity.
+
+        A body across the seam of a sweep is met at its beginning and at its end.
+        """
+        points: np.ndarray = self.points[:, :2] - self.candidate.times_s[:, None] * velocity
+        return points
+
     @staticmethod
     def of(candidate: Candidate, stamp_s: float, drive_from_ego: Pose) -> Sighting:
         """Bring a candidate into the drive's frame."""

@@ -53,7 +53,7 @@ class View(Record):
         image, slopes, azimuths, column_times_s = table
         rows = np.argsort(slopes, kind="stable")[: np.isfinite(slopes).sum()]
         seen = np.flatnonzero(np.isfinite(azimuths))
-        azimuth, step = _evenly(seen, azimuths[seen])
+        azimuth, step = evenly(seen, azimuths[seen])
         column_times_s = np.interp(np.arange(len(azimuths)), seen, column_times_s[seen])
         image, slopes = np.ascontiguousarray(image[rows]), slopes[rows]
         return View(
@@ -73,7 +73,7 @@ class View(Record):
         return np.asarray(at[0, :2])
 
 
-def _evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
+def evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
     """Return azimuth of column 0 and the step of evenly spaced columns, radians."""
     if len(columns) < 2:
         return float(azimuths[0]), 0.0
