@@ -15,8 +15,6 @@ from roadscope.benchmarks.zhang2017_claims import floor_name, our_claims, paper_
 from roadscope.benchmarks.zhang2017_drives import FOLLOWED_M
 from roadscope.benchmarks.zhang2017_errors import (
     HEADING,
-    LATERAL,
-    LONGITUDINAL,
     MEDIAN_HEADING,
     MEDIAN_POSITION,
     POSITION,
@@ -31,9 +29,7 @@ from roadscope.benchmarks.zhang2017_errors import (
 from roadscope.benchmarks.zhang2017_floor import floor
 from roadscope.benchmarks.zhang2017_methods import (
     METHODS,
-    MULTI,
     OURS,
-    RANSAC,
     REPEATED,
     SINGLE,
     estimate,
