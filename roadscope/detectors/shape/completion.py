@@ -11,11 +11,12 @@ from functools import cache
 import numpy as np
 
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape.bodies import BODIES, LONGEST_M, WIDEST_M, body_table
+from roadscope.detectors.shape.bodies import BODIES, LONGEST_M, WIDEST_M, Body, body_table
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.completion_kernels import (
     CLIPPED_M,
     LEVELS,
+    SLACK_M,
     centre_along,
     seen_sides,
     whole_body,
@@ -57,10 +58,20 @@ def complete(cluster: Cluster, yaw: float, horizon: Horizon) -> Vehicle | None:
     v = centre_along(sides[1], is_open[1], extents[1])
     cos, sin = float(np.cos(yaw)), float(np.sin(yaw))
     body = BODIES[row]
-    size = float(extents[axis]), float(extents[1 - axis]), max(body.height[0], float(heights[0]))
+    size = float(extents[axis]), float(extents[1 - axis]), _height(body, heights)
     turned = np.arctan(np.tan(yaw + axis * np.pi / 2))
     centre = u * cos - v * sin, u * sin + v * cos
     return Vehicle(centre, size, float(turned), body.category, residual, len(outline), fit)
+
+
+def _height(body: Body, heights: np.ndarray) -> float:
+    """Height of a body in metres: the usual one, drawn to where its returns end if that is told."""
+    (usual, spread), (top, gap) = body.height, heights
+    if gap < 0:
+        return max(usual, float(top))
+    doubt = SLACK_M**2 + gap**2 / 12
+    seen = (usual * doubt + (top + gap / 2) * spread**2) / (doubt + spread**2)
+    return max(float(seen), float(top))
 
 
 def _heights(cluster: Cluster) -> np.ndarray:

@@ -39,6 +39,8 @@ def seen_car(yaw=0.0, centre=(15.0, 4.0), size=(4.4, 1.8), noise_m=0.0, seed=0):
     points = []
     for k in range(2):
         facing = -np.sign(np.asarray(centre) @ axes[k])
+        if abs(np.asarray(centre) @ axes[k]) <= size[k] / 2:
+            continue
         along = np.linspace(-size[1 - k] / 2, size[1 - k] / 2, 24)
         points.append(centre + facing * size[k] / 2 * axes[k] + along[:, None] * axes[1 - k])
     points = np.concatenate(points)
@@ -49,6 +51,19 @@ def with_roof(points, yaw=0.0, centre=(15.0, 4.0)):
     """Add the far corners of a roof: without them the least rectangle may lie on the diagonal."""
     return np.concatenate(
         [points, turned([[-1.9, 0.7], [1.9, 0.7], [1.9, -0.7], [-1.9, -0.7]], yaw, centre)]
+    )
+
+
+def car_cluster(yaw, turn=0.0, shift=(0.0, 0.0), noise_m=0.0):
+    """Outline and roof of a car, seen from a sensor that is moved with it."""
+    outline = seen_car(yaw, noise_m=noise_m)
+    points = turned(with_roof(outline, yaw), turn, shift)
+    count = len(points)
+    return replace(
+        cluster(turned(outline, turn, shift), origin=shift),
+        points=np.column_stack([points, np.full(count, 1.2)]),
+        ring=np.zeros(count, int),
+        column=np.arange(count),
     )
 
 
@@ -67,12 +82,9 @@ def axis_off(yaw, other):
 
 
 @pytest.mark.parametrize("shape", FITS)
-@pytest.mark.parametrize("yaw", np.radians([-70, -20, 10, 45, 80]))
+@pytest.mark.parametrize("yaw", np.radians([-50, -20, 10, 45, 80]))
 def test_two_faces_give_the_car(shape, yaw):
-    seen = cluster(seen_car(yaw))
-    points = np.column_stack([with_roof(seen_car(yaw), yaw), np.full(52, 1.2)])
-    seen = replace(seen, points=points, ring=np.zeros(52, int), column=np.arange(52))
-    car = only(shape, seen, horizon())
+    car = only(shape, car_cluster(yaw), horizon())
     assert car.category is Category.CAR
     assert car.centre == pytest.approx((15.0, 4.0), abs=0.2)
     assert car.size[:2] == pytest.approx((4.4, 1.8), abs=0.3)
@@ -130,11 +142,11 @@ def test_what_no_road_user_measures_is_nobody(shape):
 )
 def test_rigid_motion_moves_the_vehicle(shape, yaw, x, y, car):
     """With the sensor and what hides behind it."""
-    outline, shift = seen_car(car, noise_m=0.02), np.array([x, y])
-    before = only(shape, cluster(outline), horizon([0.6], [5.0]))
+    shift = np.array([x, y])
+    before = only(shape, car_cluster(car, noise_m=0.02), horizon([0.6], [5.0]))
     after = only(
         shape,
-        cluster(turned(outline, yaw, shift), origin=shift),
+        car_cluster(car, yaw, shift, 0.02),
         horizon([0.6 + yaw], [5.0], origin=shift),
     )
     # The search has steps of a quarter degree, which do not turn with the points.
