@@ -73,7 +73,7 @@ def side_by_side(
         table.add_column(heading, justify="right", min_width=11, max_width=14)
     for method in methods:
         cells = [named[method, quantity] for quantity in quantities]
-        table.add_row(method, *map(_spread, cells))
+        table.add_row(method, *(_spread(row, len(cells)) for row in cells))
         if any(row.paper is not None for row in cells):
             table.add_row("  paper", *(short(row.paper) for row in cells), style="dim")
     return table
@@ -86,12 +86,16 @@ def short(value: float | None) -> str:
     return f"{value:.0f}" if float(value).is_integer() else f"{value:.4g}"
 
 
-def _spread(row: ReproductionRow) -> str:
+def _spread(row: ReproductionRow, columns: int) -> str:
+    decimals = DECIMALS.get(row.unit, 2)
     if row.ours is None or row.low is None or row.high is None:
         known = row.ours is not None and row.unit in DECIMALS
-        return f"{row.ours:.{DECIMALS[row.unit]}f}" if known else short(row.ours)
-    decimals = DECIMALS.get(row.unit, 2)
-    return f"{row.ours:.{decimals}f} ±{(row.high - row.low) / 2:.{decimals}f}"
+        return f"{row.ours:.{decimals}f}" if known else short(row.ours)
+    if row.unit == "count" and row.low == row.high:
+        return short(row.ours)
+    mean, half = f"{row.ours:.{decimals}f}", f"{(row.high - row.low) / 2:.{decimals}f}"
+    # Five columns leave no room for a space and a nought.
+    return f"{mean} ±{half}" if columns < MOST_COLUMNS else f"{mean}±{half.removeprefix('0')}"
 
 
 def _titled(quantity: str, unit: str) -> str:

@@ -1,0 +1,59 @@
+from rich.console import Console
+
+from roadscope.benchmarks.reproduction import ReproductionRow
+from roadscope.benchmarks.reproduction_tables import compared, reproduction_tables
+
+
+def row(method, quantity, paper, ours=0.5, unit="m"):
+    return ReproductionRow("one", method, quantity, unit, paper, ours, ours - 0.1, ours + 0.1, 30)
+
+
+def printed(rows) -> str:
+    console = Console(width=80)
+    with console.capture() as captured:
+        for table in reproduction_tables(rows):
+            console.print(table)
+    return captured.get()
+
+
+def lines_of(rows) -> list[str]:
+    return [line.strip() for line in printed(rows).splitlines() if line.strip()]
+
+
+def test_where_the_paper_compares_methods_its_figures_stand_below_ours():
+    rows = [
+        row(method, quantity, paper, unit=unit)
+        for method, paper in (("single", 0.25), ("multi", 0.125), ("ours", None))
+        for quantity, unit in (("position", "m"), ("heading", "deg"))
+    ]
+    assert compared(rows)
+    lines = lines_of(rows)
+    assert lines[0].split() == ["position,", "m", "heading,", "deg"]
+    assert lines[2].split() == ["single", "0.5000", "±0.1000", "0.500", "±0.100"]
+    assert [line.split() for line in lines[3::2]] == [
+        ["paper", "0.25", "0.25"],
+        ["paper", "0.125", "0.125"],
+    ]
+    assert lines[6].startswith("ours")
+    assert len(lines) == 7
+
+
+def test_one_figure_for_all_methods_is_no_comparison():
+    rows = [row(method, "claim", 1.0, 1.0, "share") for method in ("pag", "other")]
+    assert not compared(rows)
+    assert "95 %" in printed(rows)
+
+
+def test_a_unit_that_all_share_stands_in_the_corner():
+    rows = [row("single", f"{metres} m", None) for metres in (10, 20, 30, 40, 50)]
+    assert lines_of(rows)[0].split() == ["m", "10", "m", "20", "m", "30", "m", "40", "m", "50", "m"]
+    assert lines_of(rows)[2].split()[3] == "0.5000±.1000"
+    assert len(lines_of(rows)) == 3
+
+
+def test_without_an_interval_figures_have_as_many_decimals():
+    rows = [
+        ReproductionRow("one", "single", name, unit, None, 0.123456, None, None, 1)
+        for name, unit in (("position", "m"), ("heading", "deg"), ("frames", "count"))
+    ]
+    assert lines_of(rows)[2].split() == ["single", "0.1235", "0.123", "0.1235"]
