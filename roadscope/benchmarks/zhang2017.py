@@ -173,13 +173,13 @@ def _noises(seed: int) -> dict[Key, float]:
 
 
 def _high(seed: int) -> dict[Key, float]:
-    """Once more from the roof of a car."""
+    """Once more from the roof of a car: the paper does not say where its sensor is."""
     found: dict[Key, float] = {}
     for drive in ("straight", "curve"):
         run = film(drive, seed, sensor_height_m=HIGH_M)
         table: Rows = {}
         _take(run, table, floors=False)
-        name = f"{drive}, sharp body, sensor at {HIGH_M} m"
+        name = f"{drive}, sharp body, sensor at {HIGH_M} m ({SIMULATED[drive]})"
         found |= _keyed(name, {method: row for (_, method), row in table.items()})
         found |= _counted(name, run)
     return found

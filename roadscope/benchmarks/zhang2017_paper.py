@@ -29,11 +29,13 @@ PAPER_TIMES = {
     MULTI: {"mean": 114.0, "least": 105.3, "most": 126.5},
     RANSAC: {"mean": 73.5, "least": 65.7, "most": 79.9},
 }
-SUMS = "Position: root of the sum of squares of its parts; the paper prints {} for single, multi, "
-SUMS += "RANSAC. "
+SUMS = (
+    "Position: root of the sum of squares of its parts; for single, multi and RANSAC the paper "
+    "prints {}. "
+)
 FLOOR_NOTE = (
-    "Floor: the least RMSE that any estimator can have which knows the car's outline, computed for "
-    "the first seeds. Ours knows it too; 'any saloon' knows its size only."
+    "Floor: the least RMSE of any estimator that knows the car's outline, for the first seeds. "
+    "Ours knows the outline too; 'any saloon' knows size and rough build only."
 )
 NOTES = {
     "table 1": SUMS.format("0.0433, 0.0260, 0.1283") + FLOOR_NOTE,
