@@ -18,9 +18,12 @@ HIT, PASSED, EMPTY = 0, 1, 2
 """A return of the body, a return from behind it, no return."""
 MOST_PARTS = 8
 REAR, FRONT, HALF, TAIL, NOSE, AFT, FORE, RADIUS, BOTTOM, TOP = range(10)
+AFT_X, AFT_Y, AFT_REACH, FORE_X, FORE_Y, FORE_REACH = range(10, 16)
+COLUMNS = 16
 """Columns of a part: x of its rear and front end, half its width between the axles, at its rear
 end and at its front end, x where the narrowing begins at the rear and at the front, radius of its
-four corners, heights of its bottom and its top; metres, body frame."""
+four corners, heights of its bottom and its top; metres, body frame. Then the unit normals of the
+left flank behind and ahead of that and how far along them it is from the centre."""
 FACET_REACH = float(np.cos(np.radians(15.0)))
 FACET_X = tuple(float(v) for v in np.cos(np.radians([15.0, 45.0, 75.0])))
 CORNER_X = tuple(float(v) for v in np.cos(np.radians([0.0, 30.0, 60.0, 90.0])))
@@ -78,7 +81,7 @@ def log_likelihoods(
     """Fill out (K,) with the log-likelihood of each state.
 
     states: (K, 6): x, y, yaw, speed, turn rate, acceleration at the reference time.
-    parts: (K, P, 10): the body's parts for each state. found: (3, P), room to work in.
+    parts: (K, P, 16): the body's parts for each state. found: (3, P), room to work in.
     """
     for k in range(len(states)):
         total, product, seen = 0.0, 1.0, np.nan
@@ -292,16 +295,31 @@ def _off(
     Of the sides that face the ray the farthest counts, of the others only one that the return
     is beyond: it lies beside the silhouette. Negative inside.
     """
-    facing, beside, cosine, aside = -np.inf, 0.0, 1.0, 0.0
-    for i in range(11):
-        nx, ny, reach = _side(part, i, point)
-        speed = nx * dx + ny * dy
-        over = nx * point[0] + ny * point[1] - reach
-        if speed < 0.0:
-            if over > facing:
-                facing, cosine = over, -speed
-        elif over > beside:
-            beside, aside = over, speed
+    x, y = point
+    r = part[RADIUS]
+    ahead = x + x > part[FRONT] + part[REAR]
+    cx, cy = (part[FRONT] - r, part[NOSE] - r) if ahead else (part[REAR] + r, part[TAIL] - r)
+    fx, fy = 1.0 if ahead else -1.0, math.copysign(1.0, y)
+    facets = FACET_REACH * r
+    # farthest facing side, its cosine, farthest beyond another side, its cosine
+    state = -np.inf, 1.0, 0.0, 0.0
+    for nx, ny, reach in (
+        (1.0, 0.0, part[FRONT]),
+        (-1.0, 0.0, -part[REAR]),
+        (0.0, 1.0, part[HALF]),
+        (0.0, -1.0, part[HALF]),
+        (part[FORE_X], part[FORE_Y], part[FORE_REACH]),
+        (part[FORE_X], -part[FORE_Y], part[FORE_REACH]),
+        (part[AFT_X], part[AFT_Y], part[AFT_REACH]),
+        (part[AFT_X], -part[AFT_Y], part[AFT_REACH]),
+    ):
+        state = _farther(state, nx * x + ny * y - reach, nx * dx + ny * dy)
+    u, v = fx * (x - cx), abs(y) - cy
+    if r > 0.0:
+        for i in range(3):
+            over = FACET_X[i] * u + FACET_X[2 - i] * v - facets
+            state = _farther(state, over, FACET_X[i] * fx * dx + FACET_X[2 - i] * fy * dy)
+    facing, cosine, beside, aside = state
     if beside > 0.0 and beside > facing:
         facing, cosine = beside, aside
     sigma, edge = noise
@@ -309,32 +327,14 @@ def _off(
 
 
 @compiled(borrowing=True)
-def _side(part: np.ndarray, i: int, point: tuple[float, float]) -> tuple[float, float, float]:
-    """Return the unit normal of one of 11 sides and its distance from the centre.
-
-    Ends, flanks, narrowing flanks, and the three facets of the corner next to a point.
-    """
-    ahead = point[0] + point[0] > part[FRONT] + part[REAR]
-    if i == 0:
-        return 1.0, 0.0, part[FRONT]
-    if i == 1:
-        return -1.0, 0.0, -part[REAR]
-    if i < 4:
-        return 0.0, 1.0 - 2.0 * (i - 2), part[HALF]
-    if i < 8:
-        nx, ny, x = part[HALF] - part[NOSE], part[FRONT] - part[FORE], part[FORE]
-        if i > 5:
-            nx, ny, x = part[TAIL] - part[HALF], part[AFT] - part[REAR], part[AFT]
-        length = math.sqrt(nx * nx + ny * ny)
-        if length == 0.0:
-            return 0.0, 1.0 - 2.0 * (i % 2), part[HALF]
-        nx, ny = nx / length, ny / length
-        return nx, ny * (1.0 - 2.0 * (i % 2)), nx * x + ny * part[HALF]
-    r = part[RADIUS]
-    cx, y = (part[FRONT] - r, part[NOSE] - r) if ahead else (part[REAR] + r, part[TAIL] - r)
-    nx = FACET_X[i - 8] if ahead else -FACET_X[i - 8]
-    ny = FACET_X[10 - i]
-    return nx, math.copysign(ny, point[1]), nx * cx + ny * y + FACET_REACH * r
+def _farther(
+    state: tuple[float, float, float, float], over: float, speed: float
+) -> tuple[float, float, float, float]:
+    """Keep the farthest of the sides that face the ray, and of those that do not."""
+    facing, cosine, beside, aside = state
+    if speed < 0.0:
+        return (over, -speed, beside, aside) if over > facing else state
+    return (facing, cosine, over, speed) if over > beside else state
 
 
 @compiled(borrowing=True)
@@ -397,51 +397,31 @@ def _enter(part: np.ndarray, ox: float, oy: float, dx: float, dy: float) -> tupl
         t = (side * part[HALF] - oy) / dy
         if t > near:
             near, cosine = t, abs(dy)
-    near, cosine = _narrow(part, FORE, (part[FRONT] - part[FORE], part[NOSE]), near, cosine,
-                           (ox, oy, dx, dy))  # fmt: skip
-    near, cosine = _narrow(part, AFT, (part[REAR] - part[AFT], part[TAIL]), near, cosine,
-                           (ox, oy, dx, dy))  # fmt: skip
+    for nx, ny, reach in (
+        (part[FORE_X], part[FORE_Y], part[FORE_REACH]),
+        (part[AFT_X], part[AFT_Y], part[AFT_REACH]),
+        (part[FORE_X], -part[FORE_Y], part[FORE_REACH]),
+        (part[AFT_X], -part[AFT_Y], part[AFT_REACH]),
+    ):
+        speed = nx * dx + ny * dy
+        if speed < 0.0:
+            t = (reach - nx * ox - ny * oy) / speed
+            if t > near:
+                near, cosine = t, -speed
     r = part[RADIUS]
     if r > 0.0:
         qx, qy = ox + near * dx, oy + near * dy
-        cx, y = part[FRONT] - r, part[NOSE] - r
+        cx, y, fx = part[FRONT] - r, part[NOSE] - r, 1.0
         if qx + qx < part[FRONT] + part[REAR]:
-            cx, y = part[REAR] + r, part[TAIL] - r
-        if abs(qy) > y and (qx - cx) * cx > 0.0:
+            cx, y, fx = part[REAR] + r, part[TAIL] - r, -1.0
+        if abs(qy) > y and fx * (qx - cx) > 0.0:
             px, py = ox - cx, oy - math.copysign(y, qy)
             for i in range(3):
-                nx, ny = math.copysign(FACET_X[i], cx), math.copysign(FACET_X[2 - i], qy)
+                nx, ny = fx * FACET_X[i], math.copysign(FACET_X[2 - i], qy)
                 speed = nx * dx + ny * dy
                 t = (FACET_REACH * r - nx * px - ny * py) / speed
                 if speed < 0.0 and t > near:
                     near, cosine = t, -speed
-    return near, cosine
-
-
-@compiled(borrowing=True)
-def _narrow(
-    part: np.ndarray,
-    axle: int,
-    end: tuple[float, float],
-    near: float,
-    cosine: float,
-    ray: tuple[float, float, float, float],
-) -> tuple[float, float]:
-    """Cut a ray by the two sides that narrow from an axle to an end, where they face it."""
-    over, half_end = end
-    less = part[HALF] - half_end
-    if less <= 0.0 or over == 0.0:
-        return near, cosine
-    ox, oy, dx, dy = ray
-    # Normal (nx, +-ny) of the sides, ny positive.
-    nx, ny = math.copysign(less, over), abs(over)
-    reach = nx * part[axle] + ny * part[HALF]
-    for side in (1.0, -1.0):
-        speed = nx * dx + side * ny * dy
-        if speed < 0.0:
-            t = (reach - nx * ox - side * ny * oy) / speed
-            if t > near:
-                near, cosine = t, -speed / math.sqrt(nx * nx + ny * ny)
     return near, cosine
 
 

@@ -10,8 +10,15 @@ import numpy as np
 
 from roadscope.detectors.pose.body_kernels import (
     AFT,
+    AFT_REACH,
+    AFT_X,
+    AFT_Y,
     BOTTOM,
+    COLUMNS,
     FORE,
+    FORE_REACH,
+    FORE_X,
+    FORE_Y,
     FRONT,
     HALF,
     MOST_PARTS,
@@ -95,8 +102,8 @@ class BodyModel:
         return np.maximum(length, floor_length), np.maximum(width, floor_width)
 
     def parts(self, unknowns: np.ndarray) -> np.ndarray:
-        """Return the parts (K, P, 10) as the likelihood wants them for (K, 5) unknowns."""
-        parts = np.empty((len(unknowns), len(self.storeys), 10))
+        """Return the parts (K, P, 16) as the likelihood wants them for (K, 5) unknowns."""
+        parts = np.empty((len(unknowns), len(self.storeys), COLUMNS))
         shape = (*self.radius_m, *self.axles, *self.narrowing)
         length, width = self.sizes(unknowns)
         _fill_parts(unknowns, length, width, np.array(self.storeys), shape, parts)
@@ -112,7 +119,7 @@ def _fill_parts(
     shape: tuple[float, float, float, float, float, float],
     parts: np.ndarray,
 ) -> None:
-    """Fill parts (K, P, 10); shape: least and greatest radius, axles, narrowing."""
+    """Fill parts (K, P, 16); shape: least and greatest radius, axles, narrowing."""
     for k in range(len(parts)):
         length, width = lengths[k], widths[k]
         share = 0.5 * math.erfc(-unknowns[k, 2] * 0.7071067811865476)
@@ -134,6 +141,22 @@ def _fill_parts(
             room = 0.499 * min(front - rear, 2.0 * min(part[TAIL], part[NOSE]))
             part[RADIUS] = min(radius, room)
             part[BOTTOM], part[TOP] = bottom, top
+            part[FORE_X], part[FORE_Y], part[FORE_REACH] = _flank(
+                half - part[NOSE], front - part[FORE], part[FORE], half
+            )
+            part[AFT_X], part[AFT_Y], part[AFT_REACH] = _flank(
+                part[TAIL] - half, part[AFT] - rear, part[AFT], half
+            )
+
+
+@compiled(borrowing=True)
+def _flank(less: float, over: float, x: float, half: float) -> tuple[float, float, float]:
+    """Return normal and reach of a left flank that narrows by so much over a length from x on."""
+    length = math.sqrt(less * less + over * over)
+    if length == 0.0:
+        return 0.0, 1.0, half
+    nx, ny = less / length, over / length
+    return nx, ny, nx * x + ny * half
 
 
 def saloon(length_m: tuple[float, float], width_m: tuple[float, float]) -> BodyModel:
