@@ -31,7 +31,9 @@ def _trackers() -> list[tuple[str, str]]:
 
 
 def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:
-    lines = []
+    """Describe plug-ins; those of one class share the sentence and differ by their arguments."""
+    lines: list[tuple[str, str]] = []
+    told: set[Any] = set()
     for name in registry.names():
         try:
             plugin = registry.resolve(name)
@@ -40,8 +42,26 @@ def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:
             continue
         text = (inspect.getdoc(plugin.factory) or "").partition("\n")[0]
         arguments = ", ".join(f"{k}={v}" for k, v in plugin.arguments.items())
-        lines.append((name, f"{text} ({arguments})" if arguments else text))
+        if plugin.factory in told:
+            text = arguments or "The same."
+        elif arguments:
+            text += f" ({arguments})"
+        told.add(plugin.factory)
+        lines.append((name, text))
     return lines
+
+
+def _stages() -> list[tuple[str, str]]:
+    from roadscope.detectors.clustering import CLUSTERINGS
+    from roadscope.detectors.ground import GROUNDS
+    from roadscope.detectors.shape import SHAPES
+
+    kinds = {"ground": GROUNDS, "clustering": CLUSTERINGS, "shape": SHAPES}
+    return [
+        (f"{kind}={name}", (inspect.getdoc(stage) or "").partition("\n")[0])
+        for kind, stages in kinds.items()
+        for name, stage in stages.items()
+    ]
 
 
 def _scenarios() -> list[tuple[str, str]]:
@@ -89,6 +109,7 @@ def _weathers() -> list[tuple[str, str]]:
 
 KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "detectors": _detectors,
+    "stages": _stages,
     "trackers": _trackers,
     "scenarios": _scenarios,
     "suites": _suites,

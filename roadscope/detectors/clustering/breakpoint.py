@@ -16,7 +16,7 @@ MAX_STEPS = 3.5
 
 
 def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarray:
-    """Return (N,) int64 labels.
+    """Link neighbours of a beam up to a breakpoint that grows with range: (N,) int64 labels.
 
     Neighbouring returns of a beam are linked unless they are farther apart than
     D = r sin(step) / sin(incidence - step) + 3 sigma, the spacing on a surface met at the

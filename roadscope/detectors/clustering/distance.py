@@ -9,7 +9,7 @@ from roadscope.detectors.clustering.density import density_labels
 
 
 def cluster_distance(cloud: Cloud, *, distance_m: float = 1.0) -> np.ndarray:
-    """Return (N,) int64 labels: returns nearer than or at `distance_m` in x, y are linked.
+    """Link returns nearer than or at `distance_m` in x, y: (N,) int64 labels.
 
     1 m is above the spacing of LUX columns on a face across the beam at full range (0.87 m at
     200 m) and below the gap between vehicles in neighbouring lanes (3.5 m less 1.9 m of width).

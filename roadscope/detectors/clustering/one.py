@@ -8,5 +8,5 @@ from roadscope.detectors.cloud import Cloud
 
 
 def cluster_one(cloud: Cloud) -> np.ndarray:
-    """Return label 0 for every return: all points are one cluster."""
+    """Put all returns in one cluster: the lower mark."""
     return np.zeros(len(cloud), np.int64)

@@ -11,7 +11,7 @@ from roadscope.detectors.cloud import Cloud
 
 
 def cluster_pag(cloud: Cloud) -> np.ndarray:
-    """Return (N,) int64 labels from 0 up, -1 for what is dropped; no parameter at all."""
+    """Cluster by PAG (Lu 2018), which has no parameter: (N,) int64 labels, -1 if dropped."""
     return pag_labels(cloud.points[:, :2], np.ones(len(cloud)))
 
 

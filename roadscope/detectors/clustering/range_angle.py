@@ -21,7 +21,7 @@ UPRIGHT = 0.05
 def cluster_range_angle(
     cloud: Cloud, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30
 ) -> np.ndarray:
-    """Return (N,) int64 labels, negative for clusters of fewer than `min_points` returns.
+    """Grow clusters within a scan angle (Zhang 2022): (N,) int64 labels, negative when small.
 
     Returns nearer than or at epsilon in space (eq. 1), and within `angle_deg` of one another as
     the sensor turns, are linked.

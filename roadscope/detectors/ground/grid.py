@@ -19,7 +19,7 @@ def grid_above_ground(
     clear_m: float = 0.3,
     ceiling_m: float = 2.5,
 ) -> np.ndarray:
-    """Return the (N,) mask of returns that stand on the ground rather than being it.
+    """Keep what stands in cells whose returns span some height (Li 2021), (N,) bool.
 
     Li 2021 keeps the cells whose highest and lowest return differ by more than a threshold
     (`span_m`). With four layers 0.8 deg apart a cell often holds one layer only, far away

@@ -51,7 +51,7 @@ def polar_above_ground(
     ceiling_m: float = 2.5,
     rule: PolarRule = RULE,
 ) -> np.ndarray:
-    """Return the (N,) mask of returns that stand on the ground rather than being it.
+    """Keep what stands above lines fitted to polar segments (Himmelsbach 2010), (N,) bool.
 
     Segments of `segment_deg` around the sensor are cut into bins of `bin_m`; lines are fitted to
     the lowest return of each bin from the sensor outwards, and what lies more than `clear_m`
