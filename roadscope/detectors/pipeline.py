@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from roadscope.core import Detections, Frame
+from roadscope.core import Detections, Frame, LidarScan
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import Clustering
 from roadscope.detectors.ground import Ground
@@ -16,6 +17,10 @@ from roadscope.detectors.scoring import scores
 from roadscope.detectors.shape import Shape, Vehicle
 from roadscope.detectors.shape.cluster import clusters
 from roadscope.detectors.stages import Option, all_options, chosen_stages
+
+DROPS_M = 15.0
+"""Echoes of drops fall with the square of the range: farther off, none is above the noise."""
+SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 
 class ClusterDetector:
@@ -29,6 +34,7 @@ class ClusterDetector:
         shape: str = "iepf",
         min_score: float = 0.0,
         exclusive: bool = False,
+        faint: float = 0.0,
         residual_m: float | None = None,
         view_deg: float = 110.0,
         **options: Option | None,
@@ -39,6 +45,8 @@ class ClusterDetector:
         min_score: detections that are less probable are left out.
         exclusive: of two boxes of which one covers the other's centre only the more probable
             one is kept: two bodies cannot stand in one place.
+        faint: returns of less intensity than this within 15 m are taken for drops of fog or
+            rain and left out (after Park et al. 2020, low-intensity outlier removal).
         residual_m: outlines farther from their lines (root mean square) are refused; None
             refuses none, as in the paper.
         view_deg: field of view of a sensor that does not turn fully, the LUX's: what touches
@@ -53,11 +61,13 @@ class ClusterDetector:
         self._shape: Shape = stages["shape"]
         if not 0 <= min_score < 1:
             raise ValueError(f"min_score must be at least 0 and below 1, got {min_score!r}")
+        if not 0 <= faint < 1:
+            raise ValueError(f"faint must be at least 0 and below 1, got {faint!r}")
         if residual_m is not None and not 0 < residual_m < np.inf:
             raise ValueError(f"residual_m must be a positive length in metres, got {residual_m!r}")
         if not 0 < view_deg <= 360:
             raise ValueError(f"view_deg must be above 0 and at most 360 degrees, got {view_deg!r}")
-        self._min_score, self._exclusive = min_score, exclusive
+        self._min_score, self._exclusive, self._faint = min_score, exclusive, faint
         self._residual_m = np.inf if residual_m is None else residual_m
         self._half_view = float(np.radians(view_deg)) / 2
 
@@ -66,9 +76,9 @@ class ClusterDetector:
 
     def detect(self, frame: Frame) -> Detections:
         """Return the road users in the frame's scan, ego frame, at the scan's stamp."""
-        scan = frame.lidar
-        if scan is None:
+        if frame.lidar is None:
             return Detections.empty(frame.stamp_s)
+        scan = without_faint(frame.lidar, self._faint)
         ego_from_lidar = frame.calibration.pose(scan.sensor)
         cloud = Cloud.of(scan, ego_from_lidar)
         vehicles, horizon = self.propose(cloud, ego_from_lidar.yaw)
@@ -93,6 +103,16 @@ class ClusterDetector:
             if vehicle.residual_m <= self._residual_m
         ]
         return vehicles, horizon
+
+
+def without_faint(scan: LidarScan, intensity: float) -> LidarScan:
+    """Leave out the returns within 15 m that are fainter than this."""
+    near = (scan.points[:, 0] ** 2 + scan.points[:, 1] ** 2) < DROPS_M**2
+    drops = near & (scan.intensity < intensity)
+    if not drops.any():
+        return scan
+    arrays = {name: getattr(scan, name)[~drops] for name in SCAN_ARRAYS}
+    return replace(scan, **arrays)
 
 
 def _with_options_named(signature: inspect.Signature) -> inspect.Signature:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_lidar import frame
 
-from roadscope.core import Calibration, Category, Frame, Pose
+from roadscope.core import Calibration, Category, Frame, LidarScan, Pose
 from roadscope.core.registry import SpecError
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.clustering import CLUSTERINGS
@@ -86,6 +86,7 @@ def test_boxes_come_in_the_ego_frame_of_a_turned_sensor():
         ({"split_m": -1.0}, "split_m must be a positive length in metres, got -1.0"),
         ({"distance_m": float("nan"), "clustering": "distance"}, "distance_m must be a positive"),
         ({"residual_m": 0.0}, "residual_m must be a positive length"),
+        ({"faint": -0.1}, "faint must be at least 0 and below 1, got -0.1"),
         ({"min_score": 1.0}, "min_score must be at least 0 and below 1, got 1.0"),
         (
             {"eps_m": 1.0},
@@ -149,6 +150,24 @@ def overlap(one, other):
         and abs(to @ [-np.sin(b.yaw), np.cos(b.yaw)]) < b.size[1] / 2
         for b in (one, other)
     )
+
+
+def test_faint_returns_close_by_are_drops():
+    """A shell of echoes hides the car from a detector that takes them for walls."""
+    seen = frame(CARS[:1], noise_m=0.02).lidar
+    shell = seen.points * (3.0 / np.linalg.norm(seen.points, axis=1))[:, None]
+    both = LidarScan(
+        np.concatenate([seen.points, shell]),
+        np.concatenate([seen.intensity, np.full(len(shell), 0.005)]),
+        *(np.tile(getattr(seen, name), 2) for name in ("ring", "column", "time_offset_s")),
+        stamp_s=1.0,
+        sensor="lux",
+    )
+    spec = "cluster?clustering=distance&shape=l-shape"
+    clear = DETECTORS.make(spec).detect(frame(CARS[:1], noise_m=0.02))
+    foggy = Frame(1.0, frame(CARS).calibration, both)
+    assert DETECTORS.make(f"{spec}&faint=0.01").detect(foggy) == clear
+    assert DETECTORS.make(spec).detect(foggy) != clear
 
 
 def test_unknown_sensor_is_named():
