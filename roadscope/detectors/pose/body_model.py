@@ -141,11 +141,13 @@ def _fill_parts(
             room = 0.499 * min(front - rear, 2.0 * min(part[TAIL], part[NOSE]))
             part[RADIUS] = min(radius, room)
             part[BOTTOM], part[TOP] = bottom, top
+            # Flanks have narrowed to the ends' width where the corners begin.
+            curved = part[RADIUS]
             part[FORE_X], part[FORE_Y], part[FORE_REACH] = _flank(
-                half - part[NOSE], front - part[FORE], part[FORE], half
+                half - part[NOSE], front - curved - part[FORE], part[FORE], half
             )
             part[AFT_X], part[AFT_Y], part[AFT_REACH] = _flank(
-                part[TAIL] - half, part[AFT] - rear, part[AFT], half
+                part[TAIL] - half, part[AFT] - rear - curved, part[AFT], half
             )
 
 
@@ -153,7 +155,7 @@ def _fill_parts(
 def _flank(less: float, over: float, x: float, half: float) -> tuple[float, float, float]:
     """Return normal and reach of a left flank that narrows by so much over a length from x on."""
     length = math.sqrt(less * less + over * over)
-    if length == 0.0:
+    if over <= 0.0:
         return 0.0, 1.0, half
     nx, ny = less / length, over / length
     return nx, ny, nx * x + ny * half

@@ -12,7 +12,7 @@ from roadscope.detectors.pose.body_sampling import Posterior, Problem, Smooth, r
 
 LEVELS = (2.5,)
 """Standard deviations along each principal axis at which rays are tried."""
-STRAIGHT = 0.2
+STRAIGHT = 0.3
 """Departure of a ray's log-likelihood from its quadratic form up to which the form is used."""
 COUNT, ROUNDS = 256, 2
 WIDE = 2.0
@@ -30,7 +30,8 @@ def posterior(problem: Problem, vector: np.ndarray, covariance: np.ndarray) -> P
     """
     mean, spread = vector, WIDE * covariance
     for stage in range(STAGES):
-        found = refine(split(problem, mean, spread), mean, spread, rounds=ROUNDS, count=COUNT)
+        count = COUNT if stage else COUNT // 2
+        found = refine(split(problem, mean, spread), mean, spread, rounds=ROUNDS, count=count)
         mean, spread = found.mean, found.covariance
         if stage > 0 and found.share > ENOUGH:
             break

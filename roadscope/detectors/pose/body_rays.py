@@ -52,14 +52,16 @@ def sight(
     world_from_lidar: Pose,
     *,
     sensor_velocity: np.ndarray | None = None,
+    sensor_turn: float = 0.0,
     rolling: bool = True,
     budget: int = BUDGET,
 ) -> Sighting:
     """Pick out the rays that tell of a body.
 
     target: (N,) bool, which returns of the scan are the body's. world_from_lidar: at the stamp,
-    z = 0 on the road. sensor_velocity: (2,) metres per second, world frame. rolling: whether
-    columns were measured one after the other, as a real sweep is, or all at the stamp.
+    z = 0 on the road. sensor_velocity: (2,) metres per second, world frame; sensor_turn: radians
+    per second about its z axis. rolling: whether columns were measured one after the other, as a
+    real sweep is, or all at the stamp.
     budget: returns above which neighbours are joined.
     Of several returns of one ray the nearest counts, so duplicates and order change nothing.
     """
@@ -70,10 +72,10 @@ def sight(
             f"{target.dtype} {target.shape}"
         )
     grid = _grid(spec, scan, target, budget)
-    directions = _directions(spec, grid, world_from_lidar)
-    level = np.hypot(directions[:, 0], directions[:, 1])
     offsets = spec.column_offsets_s()[grid.column] + spec.firing_offsets_s[grid.ring]
     offsets *= rolling
+    directions = _directions(spec, grid, sensor_turn * offsets, world_from_lidar)
+    level = np.hypot(directions[:, 0], directions[:, 1])
     velocity = np.zeros(2) if sensor_velocity is None else np.asarray(sensor_velocity, float)
     origin = np.tile(world_from_lidar.translation, (len(level), 1))
     origin[:, :2] += velocity * offsets[:, None]
@@ -146,12 +148,13 @@ def _dilated(hit: np.ndarray) -> np.ndarray:
     return mask
 
 
-def _directions(spec: LidarSpec, grid: _Grid, world_from_lidar: Pose) -> np.ndarray:
-    azimuth, elevation = spec.azimuths()[grid.column], spec.elevations[grid.ring]
+def _directions(
+    spec: LidarSpec, grid: _Grid, turned: np.ndarray, world_from_lidar: Pose
+) -> np.ndarray:
+    azimuth, elevation = spec.azimuths()[grid.column] + turned, spec.elevations[grid.ring]
     flat = np.cos(elevation)
     ways = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
-    turned = Pose.from_parts(world_from_lidar.rotation, np.zeros(3)).apply(ways)
-    return turned
+    return Pose.from_parts(world_from_lidar.rotation, np.zeros(3)).apply(ways)
 
 
 def _joined(rays: Rays, ring: np.ndarray, column: np.ndarray, budget: int) -> Rays:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.core import LidarScan, Pose
+from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.detectors.pose.body_descent import SLACKS_M, descend
 from roadscope.detectors.pose.body_fit import (
     CHANCES,
@@ -46,7 +46,7 @@ TURNED = 1e3
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """One scan of the window: when, its rays, and where the sensor was."""
+    """One scan of the window: when, its rays, and where the sensor was, x, y, yaw."""
 
     stamp_s: float
     sighting: Sighting
@@ -98,16 +98,19 @@ class Smoother:
 
         None while there is no such scan, or no return in the window. Arguments as in `sight`.
         """
-        place = world_from_lidar.translation[:2]
-        velocity = np.zeros(2)
+        place = np.array([*world_from_lidar.translation[:2], world_from_lidar.yaw])
+        motion = np.zeros(3)
         if self._window and rolling:
             before = self._window[-1]
-            velocity = (place - before.place) / (scan.stamp_s - before.stamp_s)
+            motion = place - before.place
+            motion[2] = wrap_angle(motion[2])
+            motion /= scan.stamp_s - before.stamp_s
         sighting = sight(
             self._spec, scan, target, world_from_lidar,
-            sensor_velocity=velocity, rolling=rolling, budget=max(BUDGET // self._frames, LEAST),
+            sensor_velocity=motion[:2], sensor_turn=float(motion[2]), rolling=rolling,
+            budget=max(BUDGET // self._frames, LEAST),
         )  # fmt: skip
-        self._window.append(_Seen(scan.stamp_s, sighting, place.copy()))
+        self._window.append(_Seen(scan.stamp_s, sighting, place))
         return self._solve(len(self._window) - 1 - self._lag)
 
     def flush(self) -> list[VehiclePose | None]:
