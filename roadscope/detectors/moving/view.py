@@ -44,9 +44,11 @@ class View(Record):
         times_s = scan.time_offset_s.astype(np.float64)
         points = unskew(ego_from_lidar.apply(scan.points), times_s, twist)
         lidar_from_ego = ego_from_lidar.inverse().matrix
-        if not len(scan):
+        # A return at the sensor itself has no direction; some drivers put there what never came.
+        if not scan.points[:, :2].any():
             image, none = np.empty((0, 0), np.float32), np.empty(0)
-            return View(points, times_s, image, none, 0.0, 0.0, none, twist, lidar_from_ego)
+            nowhere, never = points[:0], times_s[:0]
+            return View(nowhere, never, image, none, 0.0, 0.0, none, twist, lidar_from_ego)
         table = tabulate(
             scan.points, scan.ring - scan.ring.min(), scan.column - scan.column.min(), times_s
         )

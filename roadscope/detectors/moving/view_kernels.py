@@ -248,7 +248,8 @@ def _cast(
         place = (np.arctan2(v, u) - grid[0]) / grid[1]
         place -= turn * np.floor((place + 0.5) / turn)
         column = int(np.floor(place + 0.5))
-        if column >= len(column_times_s) or flat == 0.0:
+        # Negative where a view has no columns, or one: their step is 0 and no place lies in any.
+        if not 0 <= column < len(column_times_s) or flat == 0.0:
             return -1, 0.0, 0.0, 0.0
         time = column_times_s[column]
     return column, flat, np.sqrt(flat * flat + w * w), w / flat
