@@ -17,7 +17,7 @@ from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
-CHANCES = Chances(0.012, 0.012, 0.003, 10.0, 0.004, 0.001)
+CHANCES = Chances(0.010, 0.012, 0.003, 10.0, 0.004, 0.001)
 COARSE_RAYS = 60
 
 

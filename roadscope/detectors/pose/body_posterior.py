@@ -17,7 +17,7 @@ STRAIGHT = 0.3
 COUNT, ROUNDS = 256, 2
 WIDE = 2.0
 """How much wider the first proposal is than the guessed covariance."""
-STAGES, ENOUGH = 3, 0.12
+STAGES, ENOUGH = 2, 0.12
 """Most times that the rays are looked at anew, and the share of samples at which it ends."""
 
 

@@ -20,7 +20,7 @@ WIDEST = 8
 """Most neighbours that are joined: a plane's range is nearly linear over so few columns."""
 LEAP_M = 0.15
 """Neighbouring returns whose ranges differ by more are not joined."""
-ROUGHNESS_M = 0.005
+ROUGHNESS_M = 0.004
 """Departure of real surfaces from a drawn body, added to the range noise."""
 
 

@@ -12,7 +12,7 @@ from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel
 
 WIDER = 1.3
 """How much wider than the last posterior samples are drawn, as a factor on the covariance."""
-SHARE, LEAST = 0.15, 0.05
+SHARE, LEAST = 0.15, 0.1
 """Share of samples that must count before the full likelihood is used, and in the end: where
 fewer would, the posterior is widened, for a few samples say nothing of its width."""
 
