@@ -43,6 +43,7 @@ def features(
     boxes = boxes_of(vehicles)
     if not len(boxes) or not len(cloud):
         return np.zeros((len(boxes), len(FEATURES)))
+    cloud = _without_copies(cloud)
     order = np.argsort(horizon.azimuths, kind="stable")
     azimuths, ranges = horizon.azimuths[order], horizon.ranges[order]
     sight = look_along(boxes, azimuths, ranges, horizon.origin, horizon.step)
@@ -86,3 +87,11 @@ def _steepest(cloud: Cloud, height_m: float) -> float:
     """Slope of the highest beam that returned anything."""
     top = cloud.ring == cloud.ring.max()
     return float(np.median((cloud.points[top, 2] - height_m) / np.maximum(cloud.ranges[top], 0.1)))
+
+
+def _without_copies(cloud: Cloud) -> Cloud:
+    """Keep one of equal returns: clouds are sorted, so copies are neighbours."""
+    same = (np.diff(cloud.column) == 0) & (np.diff(cloud.ring) == 0)
+    rows = np.flatnonzero(same)
+    again = rows[(cloud.points[rows + 1] == cloud.points[rows]).all(axis=1)] + 1
+    return cloud.select(np.delete(np.arange(len(cloud)), again)) if len(again) else cloud

@@ -46,6 +46,14 @@ def test_a_car_is_more_probable_than_the_gap_beside_it():
     assert 0 < wrong < 0.2 < 0.6 < right < 1
 
 
+def test_copies_of_returns_are_no_evidence():
+    found, horizon = seen([CAR])
+    twice = found.select(np.repeat(np.arange(len(found)), 2))
+    boxes = [vehicle(), vehicle(y=5.0)]
+    once = scores(boxes, found, horizon, HEIGHT_M)
+    assert np.array_equal(scores(boxes, twice, horizon, HEIGHT_M), once)
+
+
 def test_no_box_no_score():
     found, horizon = seen([CAR])
     assert scores([], found, horizon, HEIGHT_M).shape == (0,)
