@@ -16,7 +16,7 @@ BUDGET = 160
 """Returns above which neighbours are joined, unless said otherwise."""
 BEAM = 10
 """Returns of one beam that are worth keeping; with more beams than fit the budget some are left."""
-WIDEST = 8
+WIDEST = 4
 """Most neighbours that are joined: a plane's range is nearly linear over so few columns."""
 LEAP_M = 0.15
 """Neighbouring returns whose ranges differ by more are not joined."""
