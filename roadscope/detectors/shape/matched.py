@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,8 +12,9 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.completion import complete
+from roadscope.detectors.shape.parts import bodies_in
 from roadscope.detectors.shape.recognition import Vehicle
-from roadscope.detectors.shape.rectangle import vehicles_by_rectangle
+from roadscope.detectors.shape.rectangle import least_rectangle
 
 BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
 """What shows two faces; a person or a cyclist has no straight ones to filter for."""
@@ -27,10 +29,14 @@ def vehicles_by_matched_filter(
     The paper knows the car that it looks for; here its size is that of the body that completes
     the cluster's minimum-area rectangle.
     """
-    vehicles = vehicles_by_rectangle(cluster, horizon)
-    if not vehicles or vehicles[0].category not in BRICKS:
-        return vehicles
-    length, width, _ = vehicles[0].size
+    return bodies_in(cluster, horizon, partial(_filtered, sigma_m=sigma_m))
+
+
+def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle | None:
+    first = least_rectangle(cluster, horizon)
+    if first is None or first.category not in BRICKS:
+        return first
+    length, width, _ = first.size
     pose = fit_single(
         cluster.points[:, :2],
         cluster.origin,
@@ -41,13 +47,11 @@ def vehicles_by_matched_filter(
     )
     vehicle = complete(cluster, pose.yaw, horizon)
     if vehicle is None:
-        return []
-    return [
-        replace(
-            vehicle,
-            centre=(pose.x, pose.y),
-            size=(pose.length, pose.width, vehicle.size[2]),
-            yaw=float(np.arctan(np.tan(pose.yaw))),
-            category=vehicles[0].category,
-        )
-    ]
+        return None
+    return replace(
+        vehicle,
+        centre=(pose.x, pose.y),
+        size=(pose.length, pose.width, vehicle.size[2]),
+        yaw=float(np.arctan(np.tan(pose.yaw))),
+        category=first.category,
+    )

@@ -14,9 +14,10 @@ from roadscope.detectors.shape.recognition import Vehicle
 
 def vehicles_by_rectangle(cluster: Cluster, horizon: Horizon) -> list[Vehicle]:
     """Return the road user whose footprint is turned like a cluster's minimum-area rectangle."""
-    return bodies_in(cluster, horizon, _vehicle)
+    return bodies_in(cluster, horizon, least_rectangle)
 
 
-def _vehicle(cluster: Cluster, horizon: Horizon) -> Vehicle | None:
+def least_rectangle(cluster: Cluster, horizon: Horizon) -> Vehicle | None:
+    """Return the one road user that a cluster's minimum-area rectangle shows, if any."""
     x, y = cluster.points[:, 0], cluster.points[:, 1]
     return complete(cluster, hull_heading(cluster.points[np.lexsort((y, x)), :2]), horizon)
