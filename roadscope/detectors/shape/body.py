@@ -15,17 +15,17 @@ from roadscope.detectors.pose.body_model import BodyModel, Storey
 from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.shape.bodies import BODIES, Body
 from roadscope.detectors.shape.cluster import Cluster
+from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
 from roadscope.detectors.shape.recognition import Vehicle
-from roadscope.detectors.shape.rectangle import vehicles_by_rectangle
 
 BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
-MOST = 48
+MOST = 32
 """Outline points looked at."""
 BESIDE = 3
 """Columns looked at beyond either end of the outline."""
 NOISE_M = (0.02, 0.15)
 """Least and greatest noise of an outline that is believed."""
-SLACKS_M = (0.2, 0.1, 0.04, 0.0)
+SLACKS_M = (0.15, 0.04, 0.0)
 MOVED_M = 2.0
 """A fit that ends farther from its first guess has run away."""
 
@@ -33,11 +33,11 @@ MOVED_M = 2.0
 def vehicles_by_body(cluster: Cluster, horizon: Horizon) -> list[Vehicle]:
     """Return the road users of a cluster, cars to buses fitted as bodies with rounded corners.
 
-    Which kind of road user it is comes from the minimum-area rectangle; its sizes are the prior
+    Which kind of road user it is comes from the search-based L-shape; its sizes are the prior
     of length and width. Sight past the ends of the outline bounds the body, and what stands
     nearer there does not.
     """
-    vehicles = vehicles_by_rectangle(cluster, horizon)
+    vehicles = vehicles_by_l_shape(cluster, horizon)
     if len(vehicles) != 1 or vehicles[0].category not in BRICKS or len(cluster.outline) < 3:
         return vehicles
     return [_fitted(vehicles[0], cluster, horizon)]
@@ -47,9 +47,9 @@ def _fitted(vehicle: Vehicle, cluster: Cluster, horizon: Horizon) -> Vehicle:
     body = _kind(vehicle)
     model = BodyModel(body.length, body.width, storeys=(Storey(0.0, 2.0),))
     problem = still_problem(_rays(cluster, horizon), model, CHANCES)
-    guesses = np.zeros((5, len(problem.free)))
-    guesses[:4, :3] = starts(cluster.outline, cluster.origin, model)
-    guesses[4, :3] = *vehicle.centre, vehicle.yaw
+    guesses = np.zeros((3, len(problem.free)))
+    guesses[:2, :3] = starts(cluster.outline, cluster.origin, model)[:2]
+    guesses[2, :3] = *vehicle.centre, vehicle.yaw
     best = descend(problem, guesses, SLACKS_M)
     vector = best.vectors[np.argmin(best.costs)]
     if np.hypot(*(vector[:2] - vehicle.centre)) > MOVED_M:

@@ -8,7 +8,7 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape import SHAPES
 from roadscope.detectors.shape.body import vehicles_by_body
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.rectangle import vehicles_by_rectangle
+from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
 
 FREE = Horizon(np.empty(0), np.empty(0), np.radians(0.17), None, np.zeros(2))
 HEIGHTS = (0.4, 0.7, 1.0, 1.2, 1.4)
@@ -59,11 +59,11 @@ def test_free_sight_past_a_rear_says_how_wide_the_car_is():
     assert abs(car.yaw) < np.radians(4.0)
 
 
-def test_what_is_no_brick_is_left_to_the_rectangle():
+def test_what_is_no_brick_is_left_to_the_l_shape():
     angles = np.linspace(2.0, 4.2, 7)
     person = np.column_stack([12 + 0.25 * np.cos(angles), 2 + 0.3 * np.sin(angles)])
     given_ = cluster(person)
-    assert vehicles_by_body(given_, FREE) == vehicles_by_rectangle(given_, FREE)
+    assert vehicles_by_body(given_, FREE) == vehicles_by_l_shape(given_, FREE)
 
 
 def test_is_registered():
