@@ -125,7 +125,7 @@ def _take(
         found = errors(run, poses)
         table[run.drive.name, name] = rmse(run, found)
         medians[name] = typical(run, found)
-    if floors and run.seed < FIRST_SEED + FLOOR_SEEDS:
+    if floors and FIRST_SEED <= run.seed < FIRST_SEED + FLOOR_SEEDS:
         for frames in OURS.values():
             least = floor(run, frames, draws=FLOOR_DRAWS)
             table[run.drive.name, floor_name(frames)] = floor_rmse(run, least)
