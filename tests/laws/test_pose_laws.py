@@ -1,0 +1,250 @@
+"""What every pose estimator promises; a new one needs a line in `ESTIMATORS`."""
+
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from law_scenes import take
+
+from roadscope.benchmarks.zhang2017_scene import film
+from roadscope.core import Pose, RecordError
+from roadscope.detectors.pose import axis_difference, fit_multi, fit_ransac, fit_single
+from roadscope.detectors.pose.body_fit import BodyFit
+from roadscope.detectors.pose.body_fusion import fusion
+from roadscope.detectors.pose.smoother import Smoother
+
+SIZE = {"length_m": 4.87, "width_m": 1.85}
+
+
+def by_points(fit, shots):
+    return fit(shots[1].points_xy, shots[1].origin_xy, **SIZE)
+
+
+def by_drawn_points(shots):
+    return by_points(partial(fit_ransac, rng=np.random.default_rng(0)), shots)
+
+
+def by_frames(shots):
+    points, origins = [s.points_xy for s in shots], [s.origin_xy for s in shots]
+    return fit_multi(points, origins, [s.scan.stamp_s for s in shots], **SIZE)
+
+
+def by_rays(shots):
+    """One scan hardly tells the car's front from its rear, so that is said."""
+    shot = shots[1]
+    fit = BodyFit(spec(), fusion((0.0, 0.0)))
+    way = float(shot.truth[2])
+    return fit.fit(shot.scan, shot.target, shot.world_from_lidar, rolling=False, towards=way)
+
+
+def smoothed(shots):
+    smoother = Smoother(spec(), fusion((0.0, 0.0)), frames=3)
+    return follow(smoother, shots)[-1]
+
+
+def follow(smoother, shots):
+    return [smoother.update(s.scan, s.target, s.world_from_lidar, rolling=False) for s in shots]
+
+
+ESTIMATORS = {
+    "single": partial(by_points, fit_single),
+    "multi": by_frames,
+    "ransac": by_drawn_points,
+    "body": by_rays,
+    "smoother": smoothed,
+}
+"""Each is given three scans and tells where the car is in the middle one."""
+
+TOLERANCE = {"single": (0.01, 0.002), "multi": (0.01, 0.002), "ransac": (1e-5, 1e-5)}
+SAMPLED = (0.06, 0.006)
+"""Metres and radians: the others draw few samples, along axes that turn with the scene up to a
+sign; the standard deviations of what they estimate here are 0.02 to 0.05 m and 0.01 rad."""
+NO_ANSWER = {"body", "smoother"}
+"""Without a return these answer None; those that are given points refuse none by name."""
+
+every = pytest.mark.parametrize("name", ESTIMATORS)
+few = settings(max_examples=5, phases=[Phase.generate])
+
+
+@cache
+def spec():
+    return film("straight", 0, frames=1).spec
+
+
+@cache
+def seen(drive="straight", seed=0):
+    return film(drive, seed, frames=3).shots
+
+
+def changed(shots, change):
+    """Change every scan; `change` maps scan and target to such."""
+    pairs = [change(shot.scan, shot.target) for shot in shots]
+    return [replace(s, scan=a, target=b) for s, (a, b) in zip(shots, pairs, strict=True)]
+
+
+def carried(shots, motion):
+    return [
+        replace(
+            shot,
+            world_from_lidar=motion @ shot.world_from_lidar,
+            truth=np.append(moved(shot.truth[:2], motion), shot.truth[2] + motion.yaw),
+        )
+        for shot in shots
+    ]
+
+
+def moved(place, motion):
+    return motion.apply(np.append(place, 0.0)[None])[0, :2]
+
+
+def off(name, found, expected, motion=None):
+    """Return whether a pose is the expected one, moved."""
+    motion = Pose.identity() if motion is None else motion
+    metres, radians = TOLERANCE.get(name, SAMPLED)
+    place = moved(expected.centre, motion)
+    turn = abs(axis_difference(found.yaw, expected.yaw + motion.yaw))
+    return max(np.hypot(*(found.centre - place)) / metres, turn / radians)
+
+
+@every
+def test_finds_the_car(name):
+    for drive in ("straight", "curve"):
+        found, (x, y, yaw) = ESTIMATORS[name](seen(drive)), seen(drive)[1].truth
+        assert np.hypot(found.x - x, found.y - y) < 0.25
+        assert abs(axis_difference(found.yaw, yaw)) < np.radians(5)
+
+
+@every
+@few
+@given(
+    turn=st.floats(-3.1, 3.1), x=st.floats(-50, 50), y=st.floats(-50, 50),
+    drive=st.sampled_from(["straight", "curve"]),
+)  # fmt: skip
+def test_rigid_motion_moves_the_pose(name, turn, x, y, drive):
+    motion, shots = Pose.planar(x, y, turn), seen(drive)
+    here, there = (ESTIMATORS[name](s) for s in (shots, carried(shots, motion)))
+    assert off(name, there, here, motion) < 1
+    assert (there.length, there.width) == pytest.approx((here.length, here.width), abs=0.01)
+    if here.covariance is not None:
+        spreads = [np.linalg.eigvalsh(p.covariance) ** 0.5 for p in (here, there)]
+        assert (spreads[0] / spreads[1] > 0.4).all()
+        assert (spreads[0] / spreads[1] < 2.5).all()
+
+
+@every
+@few
+@given(seed=st.integers(0, 2**32 - 1))
+def test_order_of_the_returns_changes_nothing(name, seed):
+    def mix(scan, target):
+        order = np.random.default_rng(seed).permutation(len(scan))
+        return take(scan, order), target[order]
+
+    shots = seen()
+    assert off(name, ESTIMATORS[name](changed(shots, mix)), ESTIMATORS[name](shots)) < 1e-3
+
+
+@every
+def test_copies_of_returns_say_the_same(name):
+    def copy(scan, target):
+        return take(scan, np.repeat(np.arange(len(scan)), 2)), np.repeat(target, 2)
+
+    shots = seen()
+    found, here = (ESTIMATORS[name](s) for s in (changed(shots, copy), shots))
+    # Random pairs of twice the returns are other pairs.
+    assert off(name, found, here) < 1 or (
+        name == "ransac" and np.hypot(*(found.centre - here.centre)) < 0.2
+    )
+
+
+@every
+def test_same_input_same_output_to_the_bit(name):
+    assert ESTIMATORS[name](seen()) == ESTIMATORS[name](seen())
+
+
+@every
+def test_input_is_left_alone(name):
+    shots = film("straight", 3, frames=3).shots
+    ESTIMATORS[name](shots)
+    for shot, before in zip(shots, film("straight", 3, frames=3).shots, strict=True):
+        assert shot.scan == before.scan
+        assert np.array_equal(shot.target, before.target)
+        assert shot.world_from_lidar == before.world_from_lidar
+
+
+@every
+@pytest.mark.parametrize("kept", [1, 2, 3])
+def test_few_returns_give_a_pose_beside_them(name, kept):
+    def few_of(scan, target):
+        rows = np.flatnonzero(target)
+        return scan, np.isin(np.arange(len(target)), rows[:: -(-len(rows) // kept)][:kept])
+
+    shots = changed(seen(), few_of)
+    found = ESTIMATORS[name](shots)
+    nearest = np.hypot(*(shots[1].points_xy - found.centre).T).min()
+    assert nearest < np.hypot(*SIZE.values()) / 2 + 0.3
+    assert found.covariance is None or (np.linalg.eigvalsh(found.covariance) > 0).all()
+
+
+@every
+def test_returns_on_a_line_give_a_pose(name):
+    """One beam on the rear: every line but that of the face is unseen."""
+
+    def one_ring(scan, target):
+        rings = scan.ring[target]
+        return scan, target & (scan.ring == np.bincount(rings).argmax())
+
+    shots = changed(seen(), one_ring)
+    found, truth = ESTIMATORS[name](shots), shots[1].truth
+    assert np.hypot(*(found.centre - truth[:2])) < np.hypot(*SIZE.values())
+
+
+@every
+def test_equal_places_give_a_pose(name):
+    def heap(scan, target):
+        rows = np.flatnonzero(target)[:1].repeat(9)
+        return take(scan, rows), np.ones(9, bool)
+
+    found = ESTIMATORS[name](changed(seen(), heap))
+    assert np.isfinite((found.x, found.y, found.yaw)).all()
+
+
+@every
+def test_no_return_is_no_pose(name):
+    def nothing(scan, target):
+        return scan, np.zeros_like(target)
+
+    shots = changed(seen(), nothing)
+    if name in NO_ANSWER:
+        assert ESTIMATORS[name](shots) is None
+    else:
+        with pytest.raises(ValueError, match="a pose needs at least 1 point"):
+            ESTIMATORS[name](shots)
+
+
+@every
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_no_place_is_refused_by_name(name, bad):
+    """Points by the estimator, scans by the record, so that the others never see one."""
+    shot = seen()[1]
+    points = shot.points_xy.copy()
+    points[3, 1] = bad
+    refused = {
+        "single": lambda: fit_single(points, shot.origin_xy, **SIZE),
+        "multi": lambda: fit_multi([points], [shot.origin_xy], [0.0], **SIZE),
+        "ransac": lambda: fit_ransac(points, shot.origin_xy, np.random.default_rng(0), **SIZE),
+    }
+    scan_refuses = partial(replace, shot.scan, points=np.full_like(shot.scan.points, bad))
+    with pytest.raises((ValueError, RecordError), match=r"points.* must be finite"):
+        refused.get(name, scan_refuses)()
+
+
+def test_smoother_forgets_on_reset():
+    smoother = Smoother(spec(), fusion((0.0, 0.0)), frames=3)
+    first = follow(smoother, seen())
+    smoother.reset()
+    follow(smoother, seen("curve"))
+    smoother.reset()
+    assert follow(smoother, seen()) == first

@@ -1,0 +1,213 @@
+"""What every pair of stages promises; a stage that is named in its literal is tested.
+
+Single stages have laws beside them; here are those of the boxes that come out in the end.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from law_scenes import (
+    CALIBRATION,
+    apart,
+    carried,
+    look_ahead,
+    look_around,
+    mirror_boxes,
+    mirrored,
+    scan_of,
+    take,
+    turned_sensor,
+)
+
+from roadscope.core import Frame, Pose
+from roadscope.detectors.clustering import CLUSTERINGS
+from roadscope.detectors.ground import GROUNDS
+from roadscope.detectors.pipeline import ClusterDetector
+from roadscope.detectors.shape import SHAPES
+
+PAIRS = [
+    (list(GROUNDS)[(i + j) % len(GROUNDS)], clustering, shape)
+    for i, clustering in enumerate(CLUSTERINGS)
+    for j, shape in enumerate(SHAPES)
+]
+"""Any two stages meet in one of them."""
+
+EXACT = (1e-6, 1e-6, 1e-6, 1e-5)
+"""Metres of place and of size, radians, score."""
+CLOSE = (0.05, 0.05, 0.01, 0.1)
+SEARCHED = {
+    # The headings that it tries do not turn with the scene, and of headings that suit equally
+    # well it takes the first: for a short face that is a degree or two.
+    "l-shape": (0.15, 0.15, np.radians(2.0), 0.2),
+    # The first guesses' headings do not turn with the scene, and a descent ends a little before
+    # the bottom.
+    "body": (0.1, 0.15, np.radians(1.0), 0.1),
+}
+
+CELLS_OF_THE_BOUNDING_BOX = {"pag", "pag-range"}
+"""Their cells have the sides of the upright box around the data: turned by anything but right
+angles, or mirrored in another axis, other returns share a cell."""
+COUNTING = {"pag", "pag-range", "dbscan", "range-angle"}
+"""What counts returns counts copies too: by definition they make a place denser."""
+TRAFFIC_RUNS_LIKE_THE_EGO = {"iepf"}
+"""A body that shows one face, too short for a flank, is taken to be headed like the ego."""
+
+quarter_turns = st.integers(1, 3).map(lambda k: k * np.pi / 2)
+half_metres = st.integers(-60, 60).map(lambda k: 0.5 * k)
+"""Multiples of the height grid's cells, which stay in place in the ego frame."""
+seeds = st.integers(0, 2**32 - 1)
+few = settings(max_examples=2, phases=[Phase.generate])
+"""A smaller seed is no simpler scene."""
+
+
+@pytest.fixture(params=PAIRS, ids=" ".join)
+def stages(request):
+    return request.param
+
+
+def make(stages):
+    return ClusterDetector(**dict(zip(("ground", "clustering", "shape"), stages, strict=True)))
+
+
+def scene(stages, seed):
+    """Bodies, and a ground where it is taken away: patches of it are triangles, whose least
+    rectangle may as well lie on any of their sides.
+    """
+    return look_around(seed=seed, ground=stages[0] != "keep")
+
+
+every_pair = pytest.mark.parametrize("stages", PAIRS, ids=" ".join)
+
+
+def allowed(stages, tolerance=EXACT):
+    return np.maximum(SEARCHED.get(stages[2], tolerance), tolerance)
+
+
+def test_any_two_stages_are_paired():
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        kinds = (GROUNDS, CLUSTERINGS, SHAPES)
+        assert {(p[a], p[b]) for p in PAIRS} == {(x, y) for x in kinds[a] for y in kinds[b]}
+
+
+@every_pair
+@few
+@given(seed=seeds)
+def test_order_of_the_returns_changes_no_bit(stages, seed):
+    seen = scene(stages, seed % 7)
+    order = np.random.default_rng(seed).permutation(len(seen.lidar))
+    mixed = Frame(seen.stamp_s, CALIBRATION, take(seen.lidar, order))
+    detector = make(stages)
+    assert detector.detect(mixed) == detector.detect(seen)
+
+
+@every_pair
+@few
+@given(seed=st.integers(0, 99), turn=quarter_turns, x=half_metres, y=half_metres)
+def test_right_angles_and_whole_cells_move_the_boxes(stages, seed, turn, x, y):
+    """What every method owes, cells or not."""
+    turn = np.pi if stages[2] in TRAFFIC_RUNS_LIKE_THE_EGO else turn
+    seen, motion, detector = scene(stages, seed), Pose.planar(x, y, turn), make(stages)
+    expected = detector.detect(seen).moved(motion, "ego")
+    assert (apart(detector.detect(carried(seen, motion)), expected) <= allowed(stages)).all()
+
+
+@every_pair
+@few
+@given(seed=st.integers(0, 99))
+def test_left_and_right_are_alike(stages, seed):
+    seen, detector = scene(stages, seed), make(stages)
+    expected = mirror_boxes(detector.detect(seen))
+    assert (apart(detector.detect(mirrored(seen)), expected) <= allowed(stages)).all()
+
+
+@every_pair
+@few
+@given(
+    seed=st.integers(0, 99), turn=st.floats(-3.1, 3.1), x=st.floats(-30, 30), y=st.floats(-30, 30)
+)
+def test_any_rigid_motion_moves_the_boxes(stages, seed, turn, x, y):
+    """Without a ground: cells of height and sectors decide on a body's lowest returns alone."""
+    if stages[1] in CELLS_OF_THE_BOUNDING_BOX:
+        turn = 0.0
+    seen, motion = look_ahead(seed=seed, ground=False), Pose.planar(x, y, turn)
+    detector = make(stages)
+    before = detector.detect(seen)
+    there = detector.detect(carried(seen, motion))
+    assert (apart(there, before.moved(motion, "ego")) <= allowed(stages, CLOSE)).all()
+
+
+@every_pair
+@few
+@given(turn=st.floats(-3.1, 3.1), seed=st.integers(0, 99))
+def test_the_way_the_sensor_is_mounted_changes_nothing(stages, turn, seed):
+    """The returns stay where they are in the ego frame, to the rounding of the scan's numbers."""
+    seen, detector = scene(stages, seed), make(stages)
+    there = turned_sensor(seen, Pose.planar(0.0, 0.0, turn))
+    assert (apart(detector.detect(there), detector.detect(seen)) <= allowed(stages, CLOSE)).all()
+
+
+def test_height_of_the_sensor_changes_no_box(stages):
+    seen, detector = scene(stages, 0), make(stages)
+    there = turned_sensor(seen, Pose.planar(0.0, 0.0, 0.0, 0.3))
+    difference = apart(detector.detect(there), detector.detect(seen))
+    # What a scan could have shown of a box, and so its score, does depend on it.
+    assert (difference[:3] <= allowed(stages, (1e-3, 1e-3, 1e-3, 1.0))[:3]).all()
+
+
+def test_copies_of_returns_move_no_box(stages):
+    seen, detector = scene(stages, 0), make(stages)
+    copied = take(seen.lidar, np.repeat(np.arange(len(seen.lidar)), 2))
+    found, before = (detector.detect(Frame(1.0, CALIBRATION, s)) for s in (copied, seen.lidar))
+    proper(found)
+    if stages[1] not in COUNTING:
+        assert (apart(found, before)[:3] <= allowed(stages, CLOSE)[:3]).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_fewer_than_three_places_are_nobody(stages, count):
+    places = np.repeat([[12.0, 1.0, 0.3], [12.0, 2.0, 0.3]][:count], 40, axis=0).reshape(-1, 3)
+    detector = make(stages)
+    for points in (places[::40], places):
+        found = detector.detect(
+            Frame(1.0, CALIBRATION, scan_of(points, column=points[:, 1].astype(int)))
+        )
+        assert len(points) > 2 or len(found) == 0
+        proper(found)
+
+
+@every_pair
+@few
+@given(
+    bearing=st.floats(-0.9, 0.9), along=st.floats(-3.2, 3.2), span=st.floats(0.0, 8.0),
+    rings=st.integers(1, 4), seed=seeds,
+)  # fmt: skip
+def test_places_on_a_line_give_proper_boxes(stages, bearing, along, span, rings, seed):
+    """Across, along and at any angle to the line of sight; upright too, where there is no span."""
+    start = 15.0 * np.array([np.cos(bearing), np.sin(bearing)])
+    offsets = np.linspace(-span / 2, span / 2, 24)
+    places = start + offsets[:, None] * np.array([np.cos(along), np.sin(along)])
+    points = np.column_stack([places, np.random.default_rng(seed).uniform(0.0, 0.9, 24)])
+    ring, column = np.arange(24) % rings, np.arange(24) // rings
+    seen = Frame(1.0, CALIBRATION, scan_of(points, ring, column))
+    proper(make(stages).detect(seen))
+    order = np.random.default_rng(seed).permutation(24)
+    mixed = Frame(1.0, CALIBRATION, take(seen.lidar, order))
+    assert make(stages).detect(mixed) == make(stages).detect(seen)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.0, 0.0, -0.55), (4999.0, -4999.0, 1.0)])
+def test_places_at_the_sensor_and_far_away_are_borne(stages, place):
+    """Some drivers put returns that never came at the sensor itself."""
+    detector = make(stages)
+    proper(detector.detect(Frame(1.0, CALIBRATION, scan_of(np.tile(place, (9, 1))))))
+    seen = look_ahead().lidar
+    seen.points[::40] = place
+    proper(detector.detect(Frame(1.0, CALIBRATION, seen)))
+
+
+def proper(found):
+    """Records refuse what is not finite; here is what else a box is."""
+    assert (found.sizes > 0).all()
+    assert (np.abs(found.centres) < 5100).all()
+    assert ((found.scores >= 0) & (found.scores <= 1)).all()
