@@ -6,8 +6,7 @@ from roadscope.detectors.api import Detector
 # The residual variants refuse outlines more ragged than 0.12 m: a face that only one layer of the
 # LUX meets shows its whole range noise of 0.10 m. Chosen on seeds from 10000 up.
 # The scored ones keep what is more probably right than wrong, and leave out what is fainter than
-# black rubber at 11 degrees; `distance-l-shape` is the one to take without a wish of one's own: the
-# best F1 and AP on all four rigs on validation seeds, and the fastest.
+# black rubber at 11 degrees; `distance-l-shape` is the one to take without a wish of one's own.
 DETECTORS: Registry[Detector] = Registry(
     "detector",
     {
@@ -30,6 +29,10 @@ DETECTORS: Registry[Detector] = Registry(
         "?clustering=distance&shape=l-shape&min_score=0.5&exclusive=True&faint=0.01",
         "distance-filter": "roadscope.detectors.pipeline:ClusterDetector"
         "?clustering=distance&shape=matched-filter&min_score=0.5&exclusive=True&faint=0.01",
+        "distance-body": "roadscope.detectors.pipeline:ClusterDetector"
+        "?clustering=distance&shape=body&min_score=0.5&exclusive=True&faint=0.01",
+        "dbscan-l-shape": "roadscope.detectors.pipeline:ClusterDetector?ground=polar"
+        "&clustering=dbscan&shape=l-shape&min_score=0.5&exclusive=True&faint=0.01",
         "range-angle-filter": "roadscope.detectors.pipeline:ClusterDetector"
         "?clustering=range-angle&shape=matched-filter&min_score=0.5&exclusive=True&faint=0.01",
         "zhang2017": "roadscope.detectors.long_range:LongRangeDetector?fit=single",
