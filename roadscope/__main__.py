@@ -74,8 +74,8 @@ def run_scenario(
     ),
     detector: Annotated[
         str, typer.Option(help="A name, module:Class or file.py:Class, with ?argument=value.")
-    ] = "pag-range",
-    tracker: Annotated[str, typer.Option(help="Likewise.")] = "nearest-q",
+    ] = "distance-l-shape",
+    tracker: Annotated[str, typer.Option(help="Likewise.")] = "nearest-q-confirmed",
     picture: Annotated[
         Path | None, typer.Option(help="Write a bird's-eye view of the middle frame here.")
     ] = None,

@@ -45,8 +45,8 @@ class Summary:
 def run_episode(
     episode: Episode,
     *,
-    detector: str = "pag-range",
-    tracker: str = "nearest-q",
+    detector: str = "distance-l-shape",
+    tracker: str = "nearest-q-confirmed",
     eligibility: Eligibility | None = None,
     progress: Progress | None = None,
 ) -> Summary:
