@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.detectors.pose.body_kernels import POSE, misfits
+from roadscope.detectors.pose.body_kernels import POSE
+from roadscope.detectors.pose.body_misfits import misfits
 from roadscope.detectors.pose.body_sampling import Problem, normal_points
 
 SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
@@ -30,8 +31,17 @@ class Best:
     costs: np.ndarray
 
 
-def descend(problem: Problem, vectors: np.ndarray, slacks: tuple[float, ...] = SLACKS_M) -> Best:
-    """Improve (S, D) vectors of a problem side by side."""
+def descend(
+    problem: Problem,
+    vectors: np.ndarray,
+    slacks: tuple[float, ...] = SLACKS_M,
+    *,
+    around: int = AROUND,
+) -> Best:
+    """Improve (S, D) vectors of a problem side by side.
+
+    around: places around each step's end that are tried too.
+    """
     free = problem.free
     precision = np.diag(1.0 / problem.prior[free] ** 2)
     steps = STEPS[free]
@@ -53,7 +63,10 @@ def descend(problem: Problem, vectors: np.ndarray, slacks: tuple[float, ...] = S
         damped = normal + _damping(steps, slack)
         inverse = np.linalg.inv(damped)
         step = np.einsum("sde,se->sd", inverse, pull)
-        vectors = _stepped(problem, vectors, step, np.linalg.cholesky(inverse), slack)
+        root = np.linalg.cholesky(inverse)
+        places = normal_points(AROUND, len(free))[0, :around]
+        spread = WIDTH * np.einsum("sde,te->tsd", root, places)
+        vectors = _stepped(problem, vectors, step, spread, slack)
     return Best(best, np.linalg.inv(normals + _damping(steps, 0.0)), least)
 
 
@@ -72,12 +85,11 @@ def _costs(problem: Problem, vectors: np.ndarray, misfit: np.ndarray) -> np.ndar
 
 
 def _stepped(
-    problem: Problem, vectors: np.ndarray, step: np.ndarray, root: np.ndarray, slack: float
+    problem: Problem, vectors: np.ndarray, step: np.ndarray, spread: np.ndarray, slack: float
 ) -> np.ndarray:
     """Take the best of shares of a step and of places around: silhouettes make no parabola."""
-    spread = np.einsum("sde,te->tsd", root, normal_points(AROUND, vectors.shape[1])[0])
     shares = np.stack([vectors - share * step for share in SHARES])
-    tried = np.concatenate([shares, vectors - SHARES[0] * step + WIDTH * spread])
+    tried = np.concatenate([shares, vectors - step + spread])
     flat = tried.reshape(-1, vectors.shape[1])
     costs = _costs(problem, flat, _misfits(problem, flat, slack)).reshape(len(tried), -1)
     best: np.ndarray = tried[np.argmin(costs, axis=0), np.arange(len(vectors))]

@@ -84,12 +84,12 @@ def log_likelihoods(
     parts: (K, P, 16): the body's parts for each state. found: (3, P), room to work in.
     """
     for k in range(len(states)):
-        total, product, seen = 0.0, 1.0, np.nan
+        total, product, now = 0.0, 1.0, np.nan
         x = y = cos = sin = 0.0
         for m in range(len(rays.slope)):
-            if rays.time[m] != seen:
-                seen = rays.time[m]
-                x, y, yaw = pose_after(states[k], seen)
+            if rays.time[m] != now:
+                now = rays.time[m]
+                x, y, yaw = pose_after(states[k], now)
                 cos, sin = math.cos(yaw), math.sin(yaw)
             product *= _ray_chance(rays, m, (x, y, cos, sin), parts[k], chances, found)
             # One logarithm for many factors.
@@ -180,8 +180,8 @@ def _meet(
         inside, touch = 1.0, 0.0
         core = min(part[NOSE], part[TAIL]) - part[RADIUS] - 2.2 * chances.edge_m
         if abs(across + dy * 0.5 * (part[FRONT] + part[REAR])) > core:
-            left, left_at = _support(part, -dy, dx, ox, oy)
-            right, right_at = _support(part, dy, -dx, ox, oy)
+            left, left_at = support(part, -dy, dx, ox, oy)
+            right, right_at = support(part, dy, -dx, ox, oy)
             inside, touch = left - across, left_at
             if right + across < inside:
                 inside, touch = right + across, right_at
@@ -189,7 +189,7 @@ def _meet(
                 continue
         near, cosine = touch, 0.3
         if inside > 0.0:
-            near, cosine = _enter(part, ox, oy, dx, dy)
+            near, cosine = enter(part, ox, oy, dx, dy)
         if near <= 0.0:
             continue
         level = min(part[TOP] - oz - slope * near, oz + slope * near - part[BOTTOM])
@@ -204,140 +204,6 @@ def _meet(
 
 
 @compiled(borrowing=True)
-def misfits(
-    states: np.ndarray,
-    parts: np.ndarray,
-    rays: Rays,
-    slack_m: float,
-    edge_m: float,
-    out: np.ndarray,
-) -> None:
-    """Fill out (K, M) with by how many standard deviations each ray disagrees with each state.
-
-    A return disagrees by its distance from the surface, or from the silhouette that it misses; a
-    ray that passed by, by its depth inside the silhouette. slack_m is added to the noise.
-    """
-    for k in range(len(states)):
-        seen = np.nan
-        x = y = cos = sin = 0.0
-        for m in range(len(rays.slope)):
-            if rays.time[m] != seen:
-                seen = rays.time[m]
-                x, y, yaw = pose_after(states[k], seen)
-                cos, sin = math.cos(yaw), math.sin(yaw)
-            ox, oy = rays.origin[m, 0] - x, rays.origin[m, 1] - y
-            ux, uy = rays.direction[m, 0], rays.direction[m, 1]
-            sigma = math.sqrt(rays.sigma[m] * rays.sigma[m] + slack_m * slack_m)
-            brought = rays.reach[m], sigma, rays.need[m]
-            out[k, m] = _misfit(
-                (cos * ox + sin * oy, cos * oy - sin * ox, rays.origin[m, 2]),
-                (cos * ux + sin * uy, cos * uy - sin * ux, rays.slope[m]),
-                parts[k], rays.kind[m], brought, edge_m,
-            )  # fmt: skip
-
-
-@compiled(borrowing=True)
-def _misfit(
-    start: tuple[float, float, float],
-    way: tuple[float, float, float],
-    parts: np.ndarray,
-    kind: int,
-    brought: tuple[float, float, float],
-    edge_m: float,
-) -> float:
-    ox, oy, oz = start
-    dx, dy, slope = way
-    reach, sigma, need = brought
-    across = dx * oy - dy * ox
-    level = oz - slope * (ox * dx + oy * dy)
-    worst = 0.0 if kind != HIT else 100.0
-    for p in range(len(parts)):
-        part = parts[p]
-        if kind == HIT:
-            height = oz + slope * reach
-            if height <= part[TOP] + 0.02 and height >= part[BOTTOM] - 0.02:
-                point = ox + reach * dx, oy + reach * dy
-                off = _off(part, point, dx, dy, (sigma, edge_m))
-                if abs(off) < abs(worst):
-                    worst = off
-            continue
-        span = abs(slope) * 0.6 * (part[FRONT] - part[REAR] + part[HALF])
-        if level - span > part[TOP] or level + span < part[BOTTOM]:
-            continue
-        left, _ = _support(part, -dy, dx, ox, oy)
-        right, _ = _support(part, dy, -dx, ox, oy)
-        inside = min(left - across, right + across)
-        if inside <= 0.0:
-            continue
-        near, cosine = _enter(part, ox, oy, dx, dy)
-        height = oz + slope * near
-        if near <= 0.0 or near > reach or height > part[TOP] or height < part[BOTTOM]:
-            continue
-        depth = inside / edge_m
-        if kind == EMPTY and need > 0.0:
-            # No return is no surprise where a surface would hardly be seen.
-            dark = 1.0 - _seen(need, near, cosine)
-            depth = min(depth, math.sqrt(-2.0 * math.log(max(dark, 1e-30))))
-        worst = max(worst, depth)
-    return worst
-
-
-@compiled(borrowing=True)
-def _off(
-    part: np.ndarray,
-    point: tuple[float, float],
-    dx: float,
-    dy: float,
-    noise: tuple[float, float],
-) -> float:
-    """How far a return is outside a footprint, over its standard deviation across the side.
-
-    Of the sides that face the ray the farthest counts, of the others only one that the return
-    is beyond: it lies beside the silhouette. Negative inside.
-    """
-    x, y = point
-    r = part[RADIUS]
-    ahead = x + x > part[FRONT] + part[REAR]
-    cx, cy = (part[FRONT] - r, part[NOSE] - r) if ahead else (part[REAR] + r, part[TAIL] - r)
-    fx, fy = 1.0 if ahead else -1.0, math.copysign(1.0, y)
-    facets = FACET_REACH * r
-    # farthest facing side, its cosine, farthest beyond another side, its cosine
-    state = -np.inf, 1.0, 0.0, 0.0
-    for nx, ny, reach in (
-        (1.0, 0.0, part[FRONT]),
-        (-1.0, 0.0, -part[REAR]),
-        (0.0, 1.0, part[HALF]),
-        (0.0, -1.0, part[HALF]),
-        (part[FORE_X], part[FORE_Y], part[FORE_REACH]),
-        (part[FORE_X], -part[FORE_Y], part[FORE_REACH]),
-        (part[AFT_X], part[AFT_Y], part[AFT_REACH]),
-        (part[AFT_X], -part[AFT_Y], part[AFT_REACH]),
-    ):
-        state = _farther(state, nx * x + ny * y - reach, nx * dx + ny * dy)
-    u, v = fx * (x - cx), abs(y) - cy
-    if r > 0.0:
-        for i in range(3):
-            over = FACET_X[i] * u + FACET_X[2 - i] * v - facets
-            state = _farther(state, over, FACET_X[i] * fx * dx + FACET_X[2 - i] * fy * dy)
-    facing, cosine, beside, aside = state
-    if beside > 0.0 and beside > facing:
-        facing, cosine = beside, aside
-    sigma, edge = noise
-    return facing / math.sqrt((sigma * cosine) ** 2 + edge * edge * (1.0 - cosine * cosine))
-
-
-@compiled(borrowing=True)
-def _farther(
-    state: tuple[float, float, float, float], over: float, speed: float
-) -> tuple[float, float, float, float]:
-    """Keep the farthest of the sides that face the ray, and of those that do not."""
-    facing, cosine, beside, aside = state
-    if speed < 0.0:
-        return (over, -speed, beside, aside) if over > facing else state
-    return (facing, cosine, over, speed) if over > beside else state
-
-
-@compiled(borrowing=True)
 def _soft(z: float) -> float:
     """About the chance that a standard normal is below z; 0 and 1 from 2.2 on."""
     if z >= 2.2:
@@ -347,8 +213,8 @@ def _soft(z: float) -> float:
 
 
 @compiled(borrowing=True)
-def _support(part: np.ndarray, nx: float, ny: float, ox: float, oy: float) -> tuple[float, float]:
-    """How far a footprint reaches along a unit normal, and where along the ray that point is.
+def support(part: np.ndarray, nx: float, ny: float, ox: float, oy: float) -> tuple[float, float]:
+    """Return how far a footprint reaches along a unit normal, and where on the ray that is.
 
     The ray's direction is the normal turned clockwise by 90 degrees, (ny, -nx).
     """
@@ -384,8 +250,8 @@ def _facet(nx: float, ny: float) -> tuple[float, float]:
 
 
 @compiled(borrowing=True)
-def _enter(part: np.ndarray, ox: float, oy: float, dx: float, dy: float) -> tuple[float, float]:
-    """Distance at which a ray enters a footprint that it is known to meet, and the incidence.
+def enter(part: np.ndarray, ox: float, oy: float, dx: float, dy: float) -> tuple[float, float]:
+    """Return where a ray enters a footprint that it is known to meet, and the incidence.
 
     The ray enters a convex footprint where it crosses the last of the sides that face it.
     """
@@ -473,7 +339,7 @@ def _chance(
             continue
         silent = chances.through
         if kind == EMPTY:
-            silent = max(chances.lost, 1.0 - _seen(need, found[0, i], found[2, i]))
+            silent = max(chances.lost, 1.0 - seen(need, found[0, i], found[2, i]))
         dark += _first(i, count, found) * silent
         free *= 1.0 - found[1, i]
     return free + dark
@@ -490,8 +356,8 @@ def _first(i: int, count: int, found: np.ndarray) -> float:
 
 
 @compiled(borrowing=True)
-def _seen(need: float, near: float, cosine: float) -> float:
-    """Chance that a surface under an incidence sends enough back; soft, for paints differ."""
+def seen(need: float, near: float, cosine: float) -> float:
+    """Return the chance that a surface sends enough back; soft, for paints differ."""
     if need == 0.0:
         return 1.0
     ratio = cosine / (need * near * near)
@@ -509,6 +375,6 @@ def _density(
         if abs(z) > 6.0:
             continue
         chance = _first(i, count, found) * (1.0 - chances.outlier) * 0.3989422804014327 / sigma
-        seen = max(_seen(need, found[0, i], found[2, i]), 0.01)
-        density += chance * seen * math.exp(-0.5 * z * z)
+        sent = max(seen(need, found[0, i], found[2, i]), 0.01)
+        density += chance * sent * math.exp(-0.5 * z * z)
     return density

@@ -25,7 +25,7 @@ BESIDE = 3
 """Columns looked at beyond either end of the outline."""
 NOISE_M = (0.02, 0.15)
 """Least and greatest noise of an outline that is believed."""
-SLACKS_M = (0.15, 0.04, 0.0)
+SLACKS_M = (0.15, 0.05, 0.0, 0.0)
 MOVED_M = 2.0
 """A fit that ends farther from its first guess has run away."""
 
@@ -50,7 +50,7 @@ def _fitted(vehicle: Vehicle, cluster: Cluster, horizon: Horizon) -> Vehicle:
     guesses = np.zeros((3, len(problem.free)))
     guesses[:2, :3] = starts(cluster.outline, cluster.origin, model)[:2]
     guesses[2, :3] = *vehicle.centre, vehicle.yaw
-    best = descend(problem, guesses, SLACKS_M)
+    best = descend(problem, guesses, SLACKS_M, around=0)
     vector = best.vectors[np.argmin(best.costs)]
     if np.hypot(*(vector[:2] - vehicle.centre)) > MOVED_M:
         return vehicle

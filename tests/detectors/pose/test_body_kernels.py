@@ -23,9 +23,9 @@ from roadscope.detectors.pose.body_kernels import (
     Rays,
     log_chances,
     log_likelihoods,
-    misfits,
     pose_after,
 )
+from roadscope.detectors.pose.body_misfits import misfits
 from roadscope.detectors.pose.body_model import BodyModel, saloon
 
 SHARP = Chances(1e-9, 1e-9, 0.003, 10.0, 0.004, 0.001)
