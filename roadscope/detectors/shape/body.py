@@ -25,7 +25,7 @@ BESIDE = 3
 """Columns looked at beyond either end of the outline."""
 NOISE_M = (0.02, 0.15)
 """Least and greatest noise of an outline that is believed."""
-SLACKS_M = (0.15, 0.05, 0.0, 0.0)
+SLACKS_M = (0.15, 0.05, 0.02, 0.0, 0.0)
 MOVED_M = 2.0
 """A fit that ends farther from its first guess has run away."""
 

@@ -59,10 +59,8 @@ def test_free_sight_past_a_rear_says_how_wide_the_car_is():
     assert abs(car.yaw) < np.radians(4.0)
 
 
-def test_what_is_no_brick_is_left_to_the_l_shape():
-    angles = np.linspace(2.0, 4.2, 7)
-    person = np.column_stack([12 + 0.25 * np.cos(angles), 2 + 0.3 * np.sin(angles)])
-    given_ = cluster(person)
+def test_two_columns_are_left_to_the_l_shape():
+    given_ = cluster(np.array([[12.0, 2.0], [12.0, 2.4]]))
     assert vehicles_by_body(given_, FREE) == vehicles_by_l_shape(given_, FREE)
 
 
