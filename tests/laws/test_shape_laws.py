@@ -25,7 +25,7 @@ EXACT = (1e-6, 1e-6)
 """Metres and radians."""
 
 every = pytest.mark.parametrize("name", SHAPES)
-few = settings(max_examples=6, phases=[Phase.generate])
+few = settings(max_examples=10, phases=[Phase.generate])
 cars = st.integers(0, 2)
 
 

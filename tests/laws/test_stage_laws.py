@@ -38,11 +38,11 @@ EXACT = (1e-6, 1e-6, 1e-6, 1e-5)
 CLOSE = (0.05, 0.05, 0.01, 0.1)
 SEARCHED = {
     # The headings that it tries do not turn with the scene, and of headings that suit equally
-    # well it takes the first: for a short face that is a degree or two.
-    "l-shape": (0.15, 0.15, np.radians(2.0), 0.2),
+    # well it takes the first: for a short face that is up to 3 deg.
+    "l-shape": (0.2, 0.2, np.radians(3.5), 0.2),
     # The first guesses' headings do not turn with the scene, and a descent ends a little before
     # the bottom.
-    "body": (0.1, 0.15, np.radians(1.0), 0.1),
+    "body": (0.2, 0.35, np.radians(1.0), 0.1),
 }
 
 CELLS_OF_THE_BOUNDING_BOX = {"pag", "pag-range"}
