@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.core import Category, Detections, Frame
+from roadscope.core import Category, Detections, Frame, Pose
 from roadscope.detectors.long_range_body import Shot, body_pose
 from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
@@ -76,11 +76,12 @@ class LongRangeDetector:
         self._links.update(scan.stamp_s, extract(memory.now, memory.back()), memory.drive_from_ego)
         mount = frame.calibration.pose(scan.sensor)
         spec = lidar_of(scan, **self._figures) if self._fit == "body" else None
-        shot = Shot(scan, memory.now, memory.drive_from_ego, mount, spec)
+        shot = Shot.of(scan, memory.now, memory.drive_from_ego, mount, spec)
         asked, self._last = (self._last if self._late else shot), shot
         if asked is None:
             return Detections.empty(scan.stamp_s)
-        found = [_found(chain, asked, self._fit) for chain in self._links.chains]
+        ego_from_drive = asked.drive_from_ego.inverse()
+        found = [_found(chain, asked, self._fit, ego_from_drive) for chain in self._links.chains]
         return _detections([f for f in found if f is not None], asked.scan.stamp_s)
 
 
@@ -94,7 +95,7 @@ class Found(NamedTuple):
     score: float
 
 
-def _found(chain: Chain, shot: Shot, fit: str) -> Found | None:
+def _found(chain: Chain, shot: Shot, fit: str, ego_from_drive: Pose) -> Found | None:
     """Return a chain's vehicle in a shot, None when it was not seen in it or does not move."""
     stamp_s = shot.scan.stamp_s
     at = next((k for k, s in enumerate(chain.sightings) if s.stamp_s == stamp_s), None)
@@ -104,11 +105,11 @@ def _found(chain: Chain, shot: Shot, fit: str) -> Found | None:
     body, size = usual(chain)
     pose = body_pose(seen, shot, body, chain.velocity) if fit == "body" else None
     pose = pose or _posed(chain, at, fit, size)
-    x, y, _ = shot.drive_from_ego.inverse().apply(np.array([pose.x, pose.y, 0.0]))
+    x, y, _ = ego_from_drive.apply(np.array([pose.x, pose.y, 0.0]))
     sure = 1.0 - np.exp(-seen.candidate.evidence / 6.0)
     return Found(
         (x, y, size[2] / 2),
-        pose.yaw - shot.drive_from_ego.yaw,
+        pose.yaw + ego_from_drive.yaw,
         (pose.length, pose.width, size[2]),
         body.category,
         float(sure * min(chain.count, 5) / 5),

@@ -9,14 +9,15 @@ import numpy as np
 from roadscope.core import Category, LidarScan, Pose
 from roadscope.detectors.moving.links import Sighting
 from roadscope.detectors.moving.view import View
-from roadscope.detectors.pose.body_descent import SLACKS_M, descend
+from roadscope.detectors.pose.body_descent import SLACKS_M
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem, thinned
 from roadscope.detectors.pose.body_kernels import HIT, POSE
 from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
+from roadscope.detectors.pose.body_rays import BESIDE, sight
 from roadscope.detectors.pose.body_rays import Sighting as BodySighting
-from roadscope.detectors.pose.body_rays import sight
 from roadscope.detectors.pose.body_sampling import WHOLE
 from roadscope.detectors.pose.body_start import starts
+from roadscope.detectors.pose.descent import descend_compiled
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.shape.bodies import Body
 from roadscope.envs.sensors.lidar_spec import LidarSpec
@@ -39,6 +40,59 @@ class Shot:
     drive_from_ego: Pose
     ego_from_lidar: Pose
     spec: LidarSpec | None
+    order: np.ndarray
+    columns: np.ndarray
+
+    @staticmethod
+    def of(
+        scan: LidarScan,
+        view: View,
+        drive_from_ego: Pose,
+        ego_from_lidar: Pose,
+        spec: LidarSpec | None,
+    ) -> Shot:
+        """Sort the scan's columns, so that what lies about a body is quickly found."""
+        # Only rays ask for it, and rays need a LiDAR that is known.
+        order = np.argsort(scan.column[: len(scan) if spec else 0], kind="stable")
+        columns = scan.column[order]
+        return Shot(scan, view, drive_from_ego, ego_from_lidar, spec, order, columns)
+
+    def about(self, rows: np.ndarray) -> tuple[LidarScan, np.ndarray]:
+        """Return the returns of the columns that a body fills and those beside it, and its own.
+
+        rows: (N,) returns of the body. The second is (M,) bool, which returns are the body's.
+        """
+        scan, target = self.scan, np.zeros(len(self.scan), bool)
+        target[rows] = True
+        count = self.spec.columns if self.spec is not None else 0
+        columns = scan.column[rows].astype(np.int64)
+        first, last = int(columns.min()), int(columns.max())
+        if last - first > count // 2:
+            turned = (columns + count // 2) % count
+            first, last = int(turned.min()) - count // 2, int(turned.max()) - count // 2
+        if last - first > count // 2:
+            return scan, target
+        first, last = first - BESIDE, last + BESIDE
+        bounds = [(max(first, 0), min(last, count - 1))]
+        bounds += [(first + count, count - 1)] if first < 0 else []
+        bounds += [(0, last - count)] if last >= count else []
+        parts = [
+            self.order[slice(*np.searchsorted(self.columns, [low, high + 1]))]
+            for low, high in bounds
+        ]
+        kept = np.concatenate(parts)
+        return _selected(scan, kept), target[kept]
+
+
+def _selected(scan: LidarScan, rows: np.ndarray) -> LidarScan:
+    return replace(
+        scan,
+        points=scan.points[rows],
+        intensity=scan.intensity[rows],
+        ring=scan.ring[rows],
+        column=scan.column[rows],
+        time_offset_s=scan.time_offset_s[rows],
+    )
 
 
 def body_pose(seen: Sighting, shot: Shot, body: Body, velocity: np.ndarray) -> VehiclePose | None:
@@ -49,10 +103,9 @@ def body_pose(seen: Sighting, shot: Shot, body: Body, velocity: np.ndarray) -> V
     """
     if shot.spec is None:
         return None
-    target = np.zeros(len(shot.scan), bool)
-    target[seen.candidate.rows] = True
+    scan, target = shot.about(seen.candidate.rows)
     pose, own = _sensor(shot, seen.met_s - seen.stamp_s)
-    sighting = sight(shot.spec, shot.scan, target, pose, sensor_velocity=own, budget=BUDGET)
+    sighting = sight(shot.spec, scan, target, pose, sensor_velocity=own, budget=BUDGET)
     if sighting.returns == 0:
         return None
     speed = float(np.hypot(*velocity))
@@ -76,27 +129,29 @@ def _likeliest(
     fixed = np.zeros(WHOLE)
     fixed[SPEED] = speed
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, CHANCES, np.arange(3))
-    rough = descend(replace(coarse, fixed=fixed), guesses)
+    rough, costs = descend_compiled(replace(coarse, fixed=fixed), guesses)
     problem = replace(still_problem(sighting.rays, model, CHANCES), fixed=fixed)
     start = np.zeros((1, len(problem.free)))
-    start[0, :3] = rough.vectors[np.argmin(rough.costs)]
-    best = descend(problem, start, SLACKS_M[3:])
-    (length,), (width,) = model.sizes(problem.whole(best.vectors)[:, POSE:])
-    x, y, yaw = best.vectors[0, :3]
+    start[0, :3] = rough[np.argmin(costs)]
+    best, costs = descend_compiled(problem, start, SLACKS_M[3:])
+    (length,), (width,) = model.sizes(problem.whole(best)[:, POSE:])
+    x, y, yaw = best[0, :3]
     return VehiclePose(
-        float(x), float(y), float(yaw), float(length), float(width), score=-float(best.costs[0])
+        float(x), float(y), float(yaw), float(length), float(width), score=-float(costs[0])
     )
 
 
 def _sensor(shot: Shot, time_s: float) -> tuple[Pose, np.ndarray]:
     """Return place at the stamp, turned as it was a time after it, and velocity of the sensor."""
     x_s, y_s, turn_s = shot.view.twist
-    mount = shot.ego_from_lidar.translation
-    velocity = np.array([x_s - turn_s * mount[1], y_s + turn_s * mount[0], 0.0])
-    turned = Pose.planar(0.0, 0.0, turn_s * time_s)
-    place = (shot.drive_from_ego @ shot.ego_from_lidar).translation
-    rotation = (shot.drive_from_ego @ turned @ shot.ego_from_lidar).rotation
-    return Pose.from_parts(rotation, place), (shot.drive_from_ego.rotation @ velocity)[:2]
+    mount, drive = shot.ego_from_lidar, shot.drive_from_ego
+    x, y, _ = mount.translation
+    velocity = np.array([x_s - turn_s * y, y_s + turn_s * x, 0.0])
+    cos, sin = np.cos(turn_s * time_s), np.sin(turn_s * time_s)
+    turned = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    rotation = drive.rotation @ turned @ mount.rotation
+    place = drive.rotation @ mount.translation + drive.translation
+    return Pose.from_parts(rotation, place), (drive.rotation @ velocity)[:2]
 
 
 def _model(body: Body) -> BodyModel:

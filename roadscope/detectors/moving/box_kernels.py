@@ -41,10 +41,14 @@ def slide(
     speaks against: a piece of wall that goes on is no vehicle.
     """
     reach = int(np.ceil((sides[0] + sides[1] + sides[2]) / cell_m))
+    # No turned box reaches beyond these distances, with and without its collar.
+    inner = np.hypot(sides[0], sides[1]) ** 2
+    outer = max(np.hypot(sides[0] + sides[2], sides[1]), np.hypot(sides[0], sides[1] + sides[3]))
     wide, deep = chart.shape
     open_ = _reachable(chart, places, weights, int(sides[0] / cell_m), cell_m)
     found = np.empty((open_.sum(), 8))
-    near, bins = np.empty((5, (2 * reach + 1) ** 2)), np.empty((4, BINS))
+    near, bins = np.empty((3, (2 * reach + 1) ** 2)), np.empty((4, BINS))
+    slots = np.empty((2, (2 * reach + 1) ** 2), np.int64)
     count = 0
     for a in range(open_.shape[0]):
         for b in range(open_.shape[1]):
@@ -56,24 +60,36 @@ def slide(
             for k in range(max(i - reach, 0), min(i + reach + 1, wide)):
                 for m in range(max(j - reach, 0), min(j + reach + 1, deep)):
                     row = chart[k, m]
-                    if row >= 0:
-                        dx, dy = places[row, 0] - x, places[row, 1] - y
-                        near[0, n], near[1, n], near[2, n] = dx, dy, weights[row]
-                        near[3, n], near[4, n] = sx * dy - sy * dx, sx * dx + sy * dy
-                        hope += max(weights[row], 0.0)
-                        n += 1
+                    if row < 0:
+                        continue
+                    dx, dy = places[row, 0] - x, places[row, 1] - y
+                    far = dx * dx + dy * dy
+                    if far > outer * outer:
+                        continue
+                    near[0, n], near[1, n], near[2, n] = dx, dy, weights[row]
+                    slots[0, n] = _bin(sx * dy - sy * dx)
+                    slots[1, n] = _bin(sx * dx + sy * dy)
+                    hope += max(weights[row], 0.0) if far <= inner else 0.0
+                    n += 1
             if hope < least:
                 continue
             found[count, 3] = 0.0
             for turn in range(TURNS):
                 yaw = turn * np.pi / TURNS
-                score = _evidence(near[:, :n], (np.cos(yaw), np.sin(yaw)), sides, bins)
+                way = np.cos(yaw), np.sin(yaw)
+                score = _evidence(near[:, :n], slots[:, :n], way, sides, bins)
                 if score > found[count, 3]:
                     found[count, :4] = x, y, yaw, score
                     _, found[count, 4], found[count, 5] = _best_run(bins[:2], GAP_BINS)
                     _, found[count, 6], found[count, 7] = _best_run(bins[2:], DEEP_BINS)
             count += 1 if found[count, 3] >= least else 0
     return found[:count]
+
+
+@compiled()
+def _bin(place: float) -> int:
+    """Return the bin of a place across or along the line of sight, metres."""
+    return min(max(int(place / BIN_M + BINS / 2), 0), BINS - 1)
 
 
 @compiled()
@@ -86,12 +102,16 @@ def _sight(x: float, y: float, origin: np.ndarray) -> tuple[float, float]:
 
 @compiled()
 def _evidence(
-    near: np.ndarray, heading: tuple[float, float], sides: np.ndarray, bins: np.ndarray
+    near: np.ndarray,
+    slots: np.ndarray,
+    heading: tuple[float, float],
+    sides: np.ndarray,
+    bins: np.ndarray,
 ) -> float:
     """Return the evidence of the best body in a box at the origin.
 
-    near: (5, K) x, y, weight, and place across and along the line of sight of cells.
-    bins: (4, BINS) filled with evidence and number of cells across, then along it.
+    near: (3, K) x, y and weight of cells. slots: (2, K) their bins across and along the line of
+    sight. bins: (4, BINS) filled with evidence and number of cells across, then along it.
     """
     cos, sin = heading
     long, wide, ends, flanks = sides
@@ -101,8 +121,7 @@ def _evidence(
         dx, dy, weight = near[0, k], near[1, k], near[2, k]
         along, across = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
         if along <= long and across <= wide:
-            side = min(max(int(near[3, k] / BIN_M + BINS / 2), 0), BINS - 1)
-            deep = min(max(int(near[4, k] / BIN_M + BINS / 2), 0), BINS - 1)
+            side, deep = slots[0, k], slots[1, k]
             bins[0, side] += weight
             bins[1, side] += 1.0
             bins[2, deep] += weight

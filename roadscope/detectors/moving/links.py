@@ -88,10 +88,10 @@ class Chain:
             return len(self.sightings) > 1
         return float(np.hypot(*self.velocity)) >= SLOWEST_M_S
 
-    def expected(self, met_s: float) -> np.ndarray:
-        """Return where its mark is expected, (2,) metres."""
+    def expected(self, met_s: np.ndarray) -> np.ndarray:
+        """Return where its mark is expected at times (T,), (T, 2) metres."""
         last = self.sightings[-1]
-        return np.asarray(last.mark + self.velocity * (met_s - last.met_s))
+        return np.asarray(last.mark + np.multiply.outer(met_s - last.met_s, self.velocity))
 
 
 class Links:
@@ -116,12 +116,15 @@ class Links:
 
     def _pairs(self, sightings: Sequence[Sighting]) -> list[tuple[float, int, int]]:
         """Return distance over gate, chain and sighting of all pairs that can be one vehicle."""
-        pairs = []
+        if not sightings:
+            return []
+        met_s = np.array([sighting.met_s for sighting in sightings])
+        marks = np.array([sighting.mark for sighting in sightings])
+        pairs: list[tuple[float, int, int]] = []
         for row, chain in enumerate(self.chains):
-            for column, sighting in enumerate(sightings):
-                apart = float(np.hypot(*(sighting.mark - chain.expected(sighting.met_s))))
-                elapsed_s = sighting.met_s - chain.sightings[-1].met_s
-                gate = NEAR_M if len(chain.sightings) > 1 else FASTEST_M_S * elapsed_s
-                if apart <= gate:
-                    pairs.append((apart / gate, row, column))
+            apart = np.hypot(*(marks - chain.expected(met_s)).T)
+            elapsed_s = met_s - chain.sightings[-1].met_s
+            gate = np.where(len(chain.sightings) > 1, NEAR_M, FASTEST_M_S * elapsed_s)
+            near = np.flatnonzero(apart <= gate)
+            pairs += [(float(apart[k] / gate[k]), row, int(k)) for k in near]
         return pairs

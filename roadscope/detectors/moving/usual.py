@@ -7,11 +7,14 @@ import numpy as np
 from roadscope.core import Category
 from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.shape.bodies import BODIES, Body
+from roadscope.envs.raycast.jit import compiled
 
 VEHICLES = (Category.CAR, Category.VAN, Category.TRUCK)
 TWO_WHEELERS = [b for b in BODIES if b.category is Category.MOTORCYCLE]
 RIDER_M = 1.3
 """Height that a rider reaches and a corner of a car does not."""
+TURNS = tuple(float(turn) for turn in np.radians(np.arange(-24, 25, 4)))
+"""By which a body may stand askew to the way that it goes."""
 
 
 def usual(chain: Chain) -> tuple[Body, tuple[float, float, float]]:
@@ -19,7 +22,9 @@ def usual(chain: Chain) -> tuple[Body, tuple[float, float, float]]:
 
     Two-wheelers come first, and are told by their rider: as narrow a part of a car is low.
     """
-    spans = [_spans(s.at_stamp(chain.velocity), chain.velocity) for s in chain.sightings]
+    velocity = chain.velocity
+    towards = float(np.arctan2(velocity[1], velocity[0]))
+    spans = [_spans(s.at_stamp(velocity), towards) for s in chain.sightings]
     along, across = np.median(spans, axis=0)
     top = max(float(s.points[:, 2].max()) for s in chain.sightings)
     known = [b for b in BODIES if b.category in VEHICLES]
@@ -28,13 +33,21 @@ def usual(chain: Chain) -> tuple[Body, tuple[float, float, float]]:
     return body, (max(body.length[0], float(along)), body.width[0], body.height[0])
 
 
-def _spans(points: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
+@compiled()
+def _spans(points: np.ndarray, towards: float) -> tuple[float, float]:
     """Return how far (N, 2) points reach along and across a body that goes about that way."""
-    yaws = np.arctan2(velocity[1], velocity[0]) + np.radians(np.arange(-24, 25, 4))
-    along = np.ptp(points @ np.stack([np.cos(yaws), np.sin(yaws)]), axis=0)
-    across = np.ptp(points @ np.stack([-np.sin(yaws), np.cos(yaws)]), axis=0)
-    best = int(np.argmin(along * across))
-    return float(along[best]), float(across[best])
+    least, along, across = np.inf, 0.0, 0.0
+    for turn in TURNS:
+        cos, sin = np.cos(towards + turn), np.sin(towards + turn)
+        low, high, right, left = np.inf, -np.inf, np.inf, -np.inf
+        for i in range(len(points)):
+            u = cos * points[i, 0] + sin * points[i, 1]
+            v = cos * points[i, 1] - sin * points[i, 0]
+            low, high, right, left = min(low, u), max(high, u), min(right, v), max(left, v)
+        if (high - low) * (left - right) < least:
+            along, across = high - low, left - right
+            least = along * across
+    return along, across
 
 
 def _room(body: Body, along: float, across: float, top: float) -> bool:
