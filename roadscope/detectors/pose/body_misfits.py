@@ -102,7 +102,9 @@ def _misfit(
             continue
         near, cosine = enter(part, ox, oy, dx, dy)
         height = oz + slope * near
-        if near <= 0.0 or near > reach or height > part[TOP] or height < part[BOTTOM]:
+        # Over a roof or under a bumper is a way past too: no jump, or it would count as knowledge.
+        inside = min(inside, part[TOP] - height, height - part[BOTTOM])
+        if near <= 0.0 or near > reach or inside <= 0.0:
             continue
         depth = inside / edge_m
         if kind == EMPTY and need > 0.0:

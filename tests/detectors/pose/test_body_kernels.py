@@ -128,6 +128,24 @@ def test_misfits_vanish_on_the_surface_and_grow_beside_it():
     assert out[:, 0] == pytest.approx([0.0, -5.0, 50.0]) or out[:, 0] == pytest.approx([0, 5, 50])
 
 
+def test_a_ray_just_over_the_roof_begins_to_disagree_without_a_jump():
+    parts = BodyModel((4.0, 0.0), (2.0, 0.0), (0.0, 0.0)).parts(np.zeros((1, 5)))
+    states = np.zeros((201, 6))
+    states[:, 0] = np.linspace(11.5, 12.5, 201)
+    one = np.ones(1)
+    # From 2 m above the road to the roof's height, 1.5 m, at the rear of a body at 12 m.
+    ray = Rays(
+        np.array([[0.0, 0.0, 2.0]]), np.array([[1.0, 0.0]]), -0.05 * one, np.inf * one,
+        np.array([EMPTY]), 0.02 * one, 0 * one, 0 * one,
+    )  # fmt: skip
+    out = np.empty((201, 1))
+    misfits(states, np.repeat(parts, 201, axis=0), ray, 0.0, 0.01, out)
+    assert out.min() == 0.0
+    assert out.max() > 2.0
+    # 5 mm farther at this slope is 0.25 mm lower.
+    assert np.abs(np.diff(out[:, 0])).max() == pytest.approx(0.00025 / 0.01)
+
+
 @settings(max_examples=50)
 @given(st.floats(-10, 30), st.floats(-1.5, 1.5), st.floats(-3, 3), st.floats(-0.5, 0.5))
 def test_motion_follows_its_differential_equation(speed, turn, acceleration, time):
