@@ -12,7 +12,7 @@ REACH = 4.0
 """Standard deviations after which the smoothed edge of a template is cut off."""
 
 
-@compiled()
+@compiled(borrowing=True)
 def grid_half(reach: float, length: float, bin_m: float, sigma_m: float) -> int:
     """Bins to either side of the reference that hold every place the filter looks at.
 
@@ -30,7 +30,7 @@ def gaussian_taps(sigma: float) -> np.ndarray:
     return taps
 
 
-@compiled()
+@compiled(borrowing=True)
 def near_share(
     sight: np.ndarray, along: np.ndarray, extent: float, other: float, power: int
 ) -> float:
@@ -48,14 +48,14 @@ def near_share(
     return face / (face + flank) if face + flank > 0.0 else 0.0
 
 
-@compiled()
+@compiled(borrowing=True)
 def respond(
     places: np.ndarray,
     weights: np.ndarray,
     side: float,
     extent: float,
     share: float,
-    settings: np.ndarray,
+    settings: tuple[float, float, float],
     taps: np.ndarray,
     work: np.ndarray,
 ) -> None:
@@ -74,23 +74,29 @@ def respond(
     total = _accumulate(smooth, low, high, below)
     energy = _energy(share, extent, sigma_m)
     edge, plateau = share / (bin_m * energy), (1.0 - share) / (extent * energy) + alpha
-    response[:] = -alpha * total
     size, far = len(response), extent / bin_m
     whole = math.floor(far)
     part = far - whole
-    for i in range(max(0, min(low, high - whole - 1)), min(size - 1, high) + 1):
-        j = i + whole
-        beyond = total
-        if j + 1 <= high:
-            lower = below[j] if j >= low else 0.0
-            beyond = lower + part * (below[j + 1] - lower)
-        value = plateau * beyond - alpha * total
-        if i >= low:
-            value += edge * smooth[i] - plateau * below[i]
-        response[i if side > 0.0 else size - 1 - i] = value
+    ends, last = high - whole - 1, min(size - 1, high)
+    first = max(0, min(low, ends))
+    # Loops without a branch over views from zero: several bins at a time.
+    response[:] = -alpha * total
+    inside = response[first : last + 1]
+    for i in range(len(inside)):
+        inside[i] = (plateau - alpha) * total
+    lower, upper = below[first + whole :], below[first + whole + 1 :]
+    for i in range(min(ends, last) - first + 1):
+        inside[i] -= plateau * (total - (1.0 - part) * lower[i] - part * upper[i])
+    begun = response[low : last + 1]
+    near, passed = smooth[low:], below[low:]
+    for i in range(len(begun)):
+        begun[i] += edge * near[i] - plateau * passed[i]
+    if side < 0.0:
+        for i in range(size // 2):
+            response[i], response[size - 1 - i] = response[size - 1 - i], response[i]
 
 
-@compiled()
+@compiled(borrowing=True)
 def _bin(
     places: np.ndarray,
     weights: np.ndarray,
@@ -107,8 +113,9 @@ def _bin(
     counts[:] = 0.0
     half = len(counts) // 2
     low, high = len(counts), 0
+    scale, shift = side / bin_m, 0.5 * extent + half
     for k in range(len(places)):
-        exact = side * places[k] / bin_m + 0.5 * extent + half
+        exact = scale * places[k] + shift
         i = math.floor(exact)
         upper = exact - i
         counts[i] += weights[k] * (1.0 - upper)
@@ -117,7 +124,7 @@ def _bin(
     return low, high
 
 
-@compiled()
+@compiled(borrowing=True)
 def _smooth(
     counts: np.ndarray, low: int, high: int, taps: np.ndarray, smooth: np.ndarray
 ) -> tuple[int, int]:
@@ -128,12 +135,13 @@ def _smooth(
     for i in range(low, high + 1):
         count = counts[i]
         if count > 0.0:
+            reached = smooth[i - half : i + half + 1]
             for k in range(len(taps)):
-                smooth[i - half + k] += count * taps[k]
+                reached[k] += count * taps[k]
     return first, last
 
 
-@compiled()
+@compiled(borrowing=True)
 def _accumulate(smooth: np.ndarray, low: int, high: int, below: np.ndarray) -> float:
     """Fill how many points lie below each bin's middle, their edge being an erf; return all."""
     total = 0.0
@@ -143,7 +151,7 @@ def _accumulate(smooth: np.ndarray, low: int, high: int, below: np.ndarray) -> f
     return total
 
 
-@compiled()
+@compiled(borrowing=True)
 def _energy(share: float, extent: float, sigma: float) -> float:
     """Norm of the template share * Gaussian + (1 - share) * plateau of the extent."""
     flat = 1.0 - share
@@ -154,14 +162,17 @@ def _energy(share: float, extent: float, sigma: float) -> float:
     return math.sqrt(peak + both + plateau)
 
 
-@compiled()
+@compiled(borrowing=True)
 def summit(response: np.ndarray, tie: float) -> tuple[float, float]:
     """Return the greatest response and its place in bins from the middle.
 
     Equal ones (within `tie`) are a plateau, whose middle counts; a single peak is placed by the
     parabola through its neighbours.
     """
-    best = int(np.argmax(response))
+    best = 0
+    for i in range(1, len(response)):
+        if response[i] > response[best]:
+            best = i
     top = response[best]
     first = last = best
     while first > 0 and response[first - 1] >= top - tie:

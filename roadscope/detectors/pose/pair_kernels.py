@@ -69,14 +69,15 @@ def sweep(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> np.
     taps = gaussian_taps(settings.sigma_m / settings.bin_m)
     found = np.zeros((len(angles), FIXED + frames))
     axis, normal = np.empty(2), np.empty(2)
+    places = np.empty(len(views.points))
     for a in range(len(angles)):
         axis[0], axis[1] = math.cos(angles[a]), math.sin(angles[a])
         normal[0], normal[1] = -axis[1], axis[0]
         across[-1] = 0.0
         for f in range(frames):
-            _respond(views, f, normal, False, settings, taps, across[:3])
+            _respond(views, f, normal, False, settings, (taps, places), across[:3])
             across[-1] += across[2]
-            _respond(views, f, axis, True, settings, taps, along[:3])
+            _respond(views, f, axis, True, settings, (taps, places), along[:3])
             along[3 + f] = along[2]
         score, place = summit(across[-1], settings.tie)
         found[a, 2] = place * settings.bin_m
@@ -104,35 +105,36 @@ def _work(views: Views, settings: Filter) -> tuple[np.ndarray, np.ndarray]:
     return np.empty((3 + len(views.stamps), lengthwise)), np.empty((4, crosswise))
 
 
-@compiled()
+@compiled(borrowing=True)
 def _respond(
     views: Views,
     f: int,
     axis: np.ndarray,
     lengthwise: bool,
     settings: Filter,
-    taps: np.ndarray,
+    room: tuple[np.ndarray, np.ndarray],
     work: np.ndarray,
 ) -> None:
     """Fill row 2 of the work space with one frame's response along a unit axis.
 
-    Lengthwise from the frame's own mean, otherwise from the reference point of all.
+    Lengthwise from the frame's own mean, otherwise from the reference point of all. room: the
+    taps, and (N,) to hold places.
     """
+    taps, places = room
     first, last = views.starts[f], views.starts[f + 1]
     mean = views.means[f]
     start = 0.0 if lengthwise else mean[0] * axis[0] + mean[1] * axis[1]
-    places = np.empty(last - first)
     for i in range(first, last):
-        places[i - first] = views.points[i, 0] * axis[0] + views.points[i, 1] * axis[1] + start
+        places[i] = views.points[i, 0] * axis[0] + views.points[i, 1] * axis[1] + start
     extent, other = settings.length, settings.width
     if not lengthwise:
         extent, other = other, extent
     sight = views.sights[f]
     side = 1.0 if sight[0] * axis[0] + sight[1] * axis[1] >= 0.0 else -1.0
     share = near_share(sight, axis, extent, other, settings.power)
-    grid = np.array([settings.bin_m, settings.sigma_m, settings.alpha])
+    grid = settings.bin_m, settings.sigma_m, settings.alpha
     weights = views.weights[first:last]
-    respond(places, weights, side, extent, share, grid, taps, work)
+    respond(places[first:last], weights, side, extent, share, grid, taps, work)
 
 
 @compiled()

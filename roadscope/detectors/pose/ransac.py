@@ -129,10 +129,12 @@ def _with_corner(
     behind = ~held & (depths * ((mean - place) @ normal) > 0) & ((along < low) | (along > high))
     if behind.sum() < CORNER_POINTS:
         return axis, None, np.zeros(len(points), bool)
-    agreed = np.abs(np.subtract.outer(along[behind], along)) <= inlier_m
-    agreed &= behind
-    row = int(agreed.sum(axis=1).argmax())
-    second: np.ndarray = agreed[row]
+    places = along[behind]
+    ordered = np.sort(places)
+    last = np.searchsorted(ordered, places + inlier_m, "right")
+    agreed = last - np.searchsorted(ordered, places - inlier_m, "left")
+    chosen = places[agreed.argmax()]
+    second: np.ndarray = behind & (np.abs(along - chosen) <= inlier_m)
     if second.sum() < CORNER_POINTS:
         return axis, None, np.zeros(len(points), bool)
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])

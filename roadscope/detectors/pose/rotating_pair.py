@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from roadscope.detectors.pose.pair_kernels import FIXED, Filter, Views, merge, sweep
+from roadscope.envs.raycast.jit import compiled
 
 COARSE_DEG = 4.0
 """Step of the first round, in which the edges are smoothed by as much as half of it turns them."""
@@ -12,6 +15,23 @@ MANY = 100
 """Returns a frame beyond which those in one cell are joined."""
 KEPT = 3
 """Angles of the first round that are looked at closely."""
+WORTH = 0.9
+"""Share of the first round's greatest score below which an angle is not looked at again: a lower
+one was the best after all in 2 of 1200 fits."""
+
+
+class Plan(NamedTuple):
+    """Angles that are tried: multiples of a step, radians, from the initial one on.
+
+    total: how many. stride: from one of the first round to the next. reach: steps to either
+    side of the best of those that are tried then. closed: whether the last is next to the first.
+    """
+
+    step: float
+    total: int
+    stride: int
+    reach: int
+    closed: bool
 
 
 def settled_views(
@@ -28,13 +48,17 @@ def settled_views(
     return Views(centred, weights, starts, means - point, sights, stamps), point
 
 
+@compiled()
 def initial_angle(views: Views) -> float:
     """Direction of the line that fits the points best, radians.
 
     Reading taken: least squares of the distances from the line, since a slope of y over x has no
     vertical lines. Points without a direction give the line of sight.
     """
-    (xx, xy), (_, yy) = (views.points.T * views.weights) @ views.points
+    xx = xy = yy = 0.0
+    for i in range(len(views.points)):
+        x, y, weight = views.points[i, 0], views.points[i, 1], views.weights[i]
+        xx, xy, yy = xx + weight * x * x, xy + weight * x * y, yy + weight * y * y
     if np.hypot(xx - yy, 2 * xy) <= 1e-12:
         return float(np.arctan2(views.sights[0, 1], views.sights[0, 0]))
     return float(0.5 * np.arctan2(2 * xy, xx - yy))
@@ -50,63 +74,88 @@ def best_pair(
     The parabola through the best and its neighbours stands for smaller steps.
     """
     count, stride = round(search_deg / step_deg), max(1, round(COARSE_DEG / step_deg))
-    start, step = initial_angle(views), np.radians(step_deg)
-    coarse = np.arange(0, count, stride)
     # The score of few returns is ragged: its top may lie well off that of the smoothed one.
     reach = stride - 1 if _are_many(views) else 3 * stride // 2
+    plan = Plan(float(np.radians(step_deg)), count, stride, reach, search_deg == 180)
+    angle, row = _searched(views, settings, plan, tied)
+    return float(angle), row
+
+
+@compiled()
+def _searched(views: Views, settings: Filter, plan: Plan, tied: bool) -> tuple[float, np.ndarray]:
+    """Return the best angle of a plan, between its steps, and its row of the sweep."""
+    start = initial_angle(views)
     views = thinned(views, settings.sigma_m)
-    if stride > 1:
-        blurred = _blurred(settings, stride * step)
+    chosen = np.arange(0, plan.total, plan.stride)
+    if plan.stride > 1:
+        blurred = _blurred(settings, plan.stride * plan.step)
         seen = thinned(views, blurred.sigma_m)
-        rough = sweep(seen, start + coarse * step, blurred, False)
-        coarse = coarse[_summits(rough[:, 0], KEPT)]
-    near = (coarse[:, None] + np.arange(-reach, reach + 1)).ravel()
-    fine = np.unique(near % count if search_deg == 180 else np.clip(near, 0, count - 1))
-    rows = sweep(views, start + fine * step, settings, tied)
+        rough = sweep(seen, start + chosen * plan.step, blurred, False)
+        chosen = chosen[_summits(rough[:, 0])]
+    near = np.zeros(plan.total, np.bool_)
+    for k in chosen:
+        for i in range(k - plan.reach, k + plan.reach + 1):
+            near[i % plan.total if plan.closed else min(max(i, 0), plan.total - 1)] = True
+    fine = np.flatnonzero(near)
+    rows = sweep(views, start + fine * plan.step, settings, tied)
     best = int(rows[:, 0].argmax())
-    top = start + fine[best] * step
-    return _refined(views, settings, (top, step, tied), rows[best])
+    return _refined(views, settings, (start + fine[best] * plan.step, plan.step, tied), rows[best])
 
 
+@compiled()
 def thinned(views: Views, cell_m: float) -> Views:
     """Join returns of a frame that share a cell, where there are many."""
     if not _are_many(views):
         return views
-    cuts = views.starts[1:-1]
-    split = np.split(views.points, cuts), np.split(views.weights, cuts)
-    parts = [merge(points, weights, cell_m) for points, weights in zip(*split, strict=True)]
-    points, weights = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    starts = np.cumsum([0] + [len(part[1]) for part in parts])
-    return views._replace(points=points, weights=weights, starts=starts)
+    points, weights = np.empty_like(views.points), np.empty_like(views.weights)
+    starts = np.zeros_like(views.starts)
+    for f in range(len(views.stamps)):
+        first, last = views.starts[f], views.starts[f + 1]
+        merged, sums = merge(views.points[first:last], views.weights[first:last], cell_m)
+        starts[f + 1] = starts[f] + len(sums)
+        points[starts[f] : starts[f + 1]] = merged
+        weights[starts[f] : starts[f + 1]] = sums
+    count = starts[-1]
+    return Views(points[:count], weights[:count], starts, views.means, views.sights, views.stamps)
 
 
+@compiled()
 def _are_many(views: Views) -> bool:
     return len(views.points) > MANY * len(views.stamps)
 
 
+@compiled()
 def _blurred(settings: Filter, step: float) -> Filter:
     """Smooth as widely as the ends of the body move when it is turned by half a step."""
-    sigma_m = float(np.hypot(settings.sigma_m, settings.length / 2 * step / 2))
-    return settings._replace(sigma_m=sigma_m, bin_m=max(settings.bin_m, sigma_m / 1.5))
+    sigma_m = np.hypot(settings.sigma_m, settings.length / 2 * step / 2)
+    bin_m = max(settings.bin_m, sigma_m / 1.5)
+    sides = settings.length, settings.width
+    return Filter(bin_m, sigma_m, settings.alpha, *sides, settings.power, settings.tie)
 
 
-def _summits(scores: np.ndarray, count: int) -> np.ndarray:
+@compiled()
+def _summits(scores: np.ndarray) -> np.ndarray:
     """Return the indices of the greatest local maxima round a circle of scores."""
-    peaks = (scores >= np.roll(scores, 1)) & (scores >= np.roll(scores, -1))
-    ranked: np.ndarray = np.argsort(np.where(peaks, -scores, np.inf), kind="stable")
-    return ranked[:count]
+    peaks = np.full(len(scores), np.inf)
+    for k in range(len(scores)):
+        around = max(scores[k - 1], scores[(k + 1) % len(scores)])
+        if scores[k] >= around and scores[k] >= WORTH * scores.max():
+            peaks[k] = -scores[k]
+    count = min(KEPT, int(np.isfinite(peaks).sum()))
+    return np.argsort(peaks, kind="mergesort")[:count]
 
 
+@compiled()
 def _refined(
     views: Views, settings: Filter, peak: tuple[float, float, bool], row: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Move the best angle to the top of the parabola through it and its neighbours."""
     angle, step, tied = peak
-    before, after = sweep(views, np.array([angle - step, angle + step]), settings, tied)[:, 0]
-    bend = before - 2 * row[0] + after
+    beside = sweep(views, np.array([angle - step, angle + step]), settings, tied)[:, 0]
+    bend = beside[0] - 2 * row[0] + beside[1]
     if bend >= 0:
-        return angle, row
-    moved = angle + step * float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5))
+        return angle, row.copy()
+    moved = angle + step * min(max(0.5 * (beside[0] - beside[1]) / bend, -0.5), 0.5)
     return moved, sweep(views, np.array([moved]), settings, tied)[0]
 
 

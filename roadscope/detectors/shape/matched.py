@@ -43,7 +43,8 @@ def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle 
         length_m=max(length, width),
         width_m=min(length, width),
         sigma_m=sigma_m,
-        bin_m=sigma_m / 2,
+        # Half as wide, as in the paper's setting, costs half as much again and is no nearer.
+        bin_m=sigma_m,
     )
     vehicle = complete(cluster, pose.yaw, horizon)
     if vehicle is None:

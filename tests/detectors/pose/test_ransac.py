@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.detectors.pose import axis_difference
-from roadscope.detectors.pose.ransac import fit_ransac
+from roadscope.detectors.pose.ransac import _with_corner, fit_ransac
 
 SIZE = {"length_m": 4.87, "width_m": 1.85}
 ORIGIN = np.zeros(2)
@@ -104,3 +104,22 @@ def test_settings_are_refused_by_name(options, message):
 def test_points_are_refused(points):
     with pytest.raises(ValueError, match="point"):
         fit(points)
+
+
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(11, 24))
+@settings(max_examples=30)
+def test_the_second_face_is_where_most_agree(seed, count):
+    """Against every pair of returns compared."""
+    rng = np.random.default_rng(seed)
+    points = corner(seed=seed)[:count]
+    points[:, 1] += rng.uniform(-0.1, 0.1)
+    axis, inlier_m = np.array([1.0, 0.0]), 0.06
+    held = np.arange(len(points)) >= 10
+    along = points[:, 0] - points[:, 0].mean()
+    low, high = along[held].min() + inlier_m, along[held].max() - inlier_m
+    depths = (points - points[held].mean(axis=0)) @ [0.0, 1.0]
+    behind = ~held & (depths * points[:, 1].mean() > 0) & ((along < low) | (along > high))
+    pairs = np.abs(np.subtract.outer(along[behind], along)) <= inlier_m
+    most = int((pairs & behind).sum(axis=1).max(initial=0))
+    _, _, second = _with_corner(points, axis, held, ORIGIN, inlier_m)
+    assert second.sum() == (most if most >= 2 else 0)
