@@ -8,10 +8,8 @@ import numpy as np
 
 from roadscope.benchmarks.metrics.matching import Pairing
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.envs.raycast.jit import compiled
 
 RECALL_LEVELS = np.linspace(0.0, 1.0, 101)
-HIT, FALSE_ALARM, IGNORED = 1, 0, -1
 
 
 def average_precision(
@@ -54,6 +52,8 @@ def _precision_of(
     pairings: Sequence[Pairing], costs: Sequence[np.ndarray], scores: Sequence[np.ndarray]
 ) -> Score:
     """Match greedily by cost, infinite where no match is possible, and measure the curve."""
+    from roadscope.benchmarks.metrics.greedy import HIT, IGNORED, outcomes
+
     total = sum(int(p.eligible.sum()) for p in pairings)
     hits, ranked = [np.empty(0, bool)], [np.empty(0)]
     for pairing, cost, frame_scores in zip(pairings, costs, scores, strict=True):
@@ -63,31 +63,6 @@ def _precision_of(
         ranked.append(frame_scores[fates != IGNORED])
     value = _area(np.concatenate(hits), np.concatenate(ranked), total) if total else np.nan
     return Score(value, "1", "higher", total, 0.0, 1.0, weight=total)
-
-
-@compiled()
-def outcomes(
-    costs: np.ndarray, order: np.ndarray, eligible: np.ndarray, counted: np.ndarray
-) -> np.ndarray:
-    """Return (N,) the fate of each detection, taken in order; costs are written over.
-
-    Each takes the cheapest eligible object that is still free; without one, the cheapest of the
-    others excuses it, and so does lying outside the range band.
-    """
-    fates = np.full(len(order), FALSE_ALARM)
-    for row in order:
-        for group in (True, False):
-            best, cost = -1, np.inf
-            for column in range(len(eligible)):
-                if eligible[column] == group and costs[row, column] < cost:
-                    best, cost = column, costs[row, column]
-            if best >= 0:
-                costs[:, best] = np.inf
-                fates[row] = HIT if group else IGNORED
-                break
-        if fates[row] == FALSE_ALARM and not counted[row]:
-            fates[row] = IGNORED
-    return fates
 
 
 def _area(hits: np.ndarray, scores: np.ndarray, total: int) -> float:

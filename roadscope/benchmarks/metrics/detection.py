@@ -11,7 +11,6 @@ from roadscope.benchmarks.metrics.average_precision import average_precision, ov
 from roadscope.benchmarks.metrics.calibration import calibration_error, excess
 from roadscope.benchmarks.metrics.errors import BoxErrors, box_errors
 from roadscope.benchmarks.metrics.matching import Match, Pairing, match_all
-from roadscope.benchmarks.metrics.overlap import overlaps
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio, rms
 from roadscope.core import Detections, Truth
 
@@ -114,6 +113,8 @@ def _ranked(
     gate_m: float,
 ) -> dict[str, Score]:
     """Return all average precisions."""
+    from roadscope.benchmarks.metrics.overlap import overlaps
+
     scores = [d.scores for d in detections]
     shares = [overlaps(d, t) for d, t in zip(detections, truths, strict=True)]
     by_distance = [average_precision(pairings, scores, gate) for gate in AP_GATES_M]

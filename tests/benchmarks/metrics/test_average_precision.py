@@ -4,14 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score
 
-from roadscope.benchmarks.metrics.average_precision import (
-    FALSE_ALARM,
-    HIT,
-    IGNORED,
-    average_precision,
-    outcomes,
-    overlap_precision,
-)
+from roadscope.benchmarks.metrics.average_precision import average_precision, overlap_precision
+from roadscope.benchmarks.metrics.greedy import FALSE_ALARM, HIT, IGNORED, outcomes
 from roadscope.benchmarks.metrics.matching import Pairing
 
 
