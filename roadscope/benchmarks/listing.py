@@ -31,24 +31,25 @@ def _trackers() -> list[tuple[str, str]]:
 
 
 def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:
-    """Describe plug-ins; those of one class share the sentence and differ by their arguments."""
-    lines: list[tuple[str, str]] = []
-    told: set[Any] = set()
-    for name in registry.names():
-        try:
-            plugin = registry.resolve(name)
-        except SpecError as error:
-            lines.append((name, f"cannot be loaded: {error}"))
-            continue
-        text = (inspect.getdoc(plugin.factory) or "").partition("\n")[0]
-        arguments = ", ".join(f"{k}={v}" for k, v in plugin.arguments.items())
-        if plugin.factory in told:
-            text = arguments or "The same."
-        elif arguments:
-            text += f" ({arguments})"
-        told.add(plugin.factory)
-        lines.append((name, text))
-    return lines
+    """Describe plug-ins: by their summary, those of other packages by their class."""
+    return [
+        (name, registry.summaries.get(name) or _described(registry, name))
+        for name in registry.names()
+    ]
+
+
+def _described(registry: Registry[Any], name: str) -> str:
+    try:
+        plugin = registry.resolve(name)
+    except SpecError as error:
+        return f"cannot be loaded: {error}"
+    text = _first_line(plugin.factory)
+    arguments = ", ".join(f"{k}={v}" for k, v in plugin.arguments.items())
+    return f"{text} ({arguments})" if arguments else text
+
+
+def _first_line(thing: Any) -> str:
+    return (inspect.getdoc(thing) or "").partition("\n")[0]
 
 
 def _stages() -> list[tuple[str, str]]:
@@ -58,7 +59,7 @@ def _stages() -> list[tuple[str, str]]:
 
     kinds = {"ground": GROUNDS, "clustering": CLUSTERINGS, "shape": SHAPES}
     return [
-        (f"{kind}={name}", (inspect.getdoc(stage) or "").partition("\n")[0])
+        (f"{kind}={name}", _first_line(stage))
         for kind, stages in kinds.items()
         for name, stage in stages.items()
     ]

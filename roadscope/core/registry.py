@@ -54,9 +54,20 @@ class Plugin(Generic[T]):
 class Registry(Generic[T]):
     """Names of one kind of plug-in."""
 
-    def __init__(self, kind: str, entries: Mapping[str, str], *, group: str | None = None) -> None:
-        """Take the kind's name, names with their specs, and the entry point group to join."""
+    def __init__(
+        self,
+        kind: str,
+        entries: Mapping[str, str],
+        *,
+        group: str | None = None,
+        summaries: Mapping[str, str] | None = None,
+    ) -> None:
+        """Take the kind's name, names with their specs, and the entry point group to join.
+
+        summaries: one line for a reader, by name.
+        """
         self.kind = kind
+        self.summaries = dict(summaries or {})
         self._entries = dict(entries)
         self._group = group
 

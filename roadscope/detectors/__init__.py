@@ -42,6 +42,28 @@ DETECTORS: Registry[Detector] = Registry(
         "long-range": "roadscope.detectors.long_range:LongRangeDetector?fit=body",
     },
     group="roadscope.detectors",
+    summaries={
+        "cluster": "Any ground x clustering x shape; pag unless told.",
+        "pag": "PAG to the letter, lines of the outline (Lu 2018).",
+        "pag-range": "PAG with returns weighed by range: ours.",
+        "distance": "Links up to a fixed distance, lines.",
+        "breakpoint": "Links up to a distance that grows with range, lines.",
+        "pag-residual": "pag without outlines more ragged than 0.12 m.",
+        "pag-range-residual": "pag-range, likewise.",
+        "distance-residual": "distance, likewise.",
+        "distance-lines": "distance without improbable, overlapping or faint ones.",
+        "distance-rectangle": "Likewise, minimum-area rectangles.",
+        "distance-l-shape": "Likewise, search-based L-shapes: the one to take.",
+        "distance-filter": "Likewise, Zhang 2017's matched filter.",
+        "distance-body": "Likewise, bodies with rounded corners: ours.",
+        "dbscan-l-shape": "Likewise, polar ground, DBSCAN, L-shapes.",
+        "range-angle-filter": "Likewise, Zhang 2022's growth, matched filter.",
+        "zhang2017": "What moves; the paper's fit of one frame.",
+        "zhang2017-multi": "What moves; the paper's of three, one frame late.",
+        "zhang2017-multi-causal": "What moves; the same for the newest frame: ours.",
+        "zhang2017-ransac": "What moves; RANSAC, which the paper compares with.",
+        "long-range": "What moves, also far off; a body fitted to rays: ours.",
+    },
 )
 
 __all__ = ["DETECTORS", "Detector"]

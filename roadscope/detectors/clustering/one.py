@@ -8,5 +8,5 @@ from roadscope.detectors.cloud import Cloud
 
 
 def cluster_one(cloud: Cloud) -> np.ndarray:
-    """Put all returns in one cluster: the lower mark."""
+    """All returns are one cluster: the lower mark."""
     return np.zeros(len(cloud), np.int64)

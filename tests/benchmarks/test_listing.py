@@ -1,0 +1,52 @@
+"""What can be named is described."""
+
+from importlib.metadata import EntryPoint
+
+import pytest
+from rich.console import Console
+
+from roadscope.benchmarks.listing import KINDS, names_of
+from roadscope.benchmarks.tables import name_table
+from roadscope.core import Registry, registry
+from roadscope.detectors import DETECTORS
+from roadscope.trackers import TRACKERS
+
+
+@pytest.mark.parametrize("ours", [DETECTORS, TRACKERS], ids=lambda ours: ours.kind)
+def test_every_registered_name_of_ours_and_no_other_has_a_line_of_its_own(ours):
+    names = [name for name in ours.names() if ours.resolve(name).ours]
+    assert list(ours.summaries) == names
+    assert len(set(ours.summaries.values())) == len(names)
+
+
+@pytest.mark.parametrize("kind", ["detectors", "trackers"])
+def test_each_takes_one_line_of_an_ordinary_terminal(kind):
+    names = names_of(kind)
+    console = Console(width=80, record=True, file=None, quiet=True)
+    assert len(console.render_lines(name_table(kind, names))) == len(names) + 1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_everything_is_described(kind):
+    assert all(text.strip() for _, text in names_of(kind))
+
+
+class Theirs:
+    """Finds nothing.
+
+    Whatever it is given.
+    """
+
+
+def test_a_plug_in_of_another_package_is_described_by_its_class(monkeypatch):
+    points = [
+        EntryPoint("whole", f"{__name__}:Theirs", "ours"),
+        EntryPoint("set", f"{__name__}:Theirs?gate_m=2", "ours"),
+        EntryPoint("broken", f"{__name__}:Nobody", "ours"),
+    ]
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    monkeypatch.setattr("roadscope.detectors.DETECTORS", Registry("detector", {}, group="ours"))
+    told = dict(names_of("detectors"))
+    assert told["whole"] == "Finds nothing."
+    assert told["set"] == "Finds nothing. (gate_m=2)"
+    assert told["broken"].startswith("cannot be loaded: no class 'Nobody'")
