@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -38,9 +39,9 @@ def settled_views(
     frames: list[np.ndarray], origins: list[np.ndarray], stamps_s: np.ndarray, reference: int
 ) -> tuple[Views, np.ndarray]:
     """Gather checked frames; return them and the (2,) reference point, the reference's mean."""
-    means = np.array([points.mean(axis=0) for points in frames])
+    means = np.array([points.sum(axis=0) / len(points) for points in frames])
     point = means[reference]
-    starts = np.cumsum([0] + [len(points) for points in frames])
+    starts = np.array([0, *accumulate(len(points) for points in frames)])
     centred = np.concatenate([points - mean for points, mean in zip(frames, means, strict=True)])
     sights = means - np.array(origins)
     weights = np.full(len(centred), 1.0 / len(centred))

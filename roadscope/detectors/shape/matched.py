@@ -18,6 +18,8 @@ from roadscope.detectors.shape.rectangle import least_rectangle
 
 BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
 """What shows two faces; a person or a cyclist has no straight ones to filter for."""
+LEAST = 8
+"""Returns below which the filter has nothing on the rectangle."""
 
 
 def vehicles_by_matched_filter(
@@ -34,7 +36,7 @@ def vehicles_by_matched_filter(
 
 def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle | None:
     first = least_rectangle(cluster, horizon)
-    if first is None or first.category not in BRICKS:
+    if first is None or first.category not in BRICKS or len(cluster.points) < LEAST:
         return first
     length, width, _ = first.size
     pose = fit_single(
