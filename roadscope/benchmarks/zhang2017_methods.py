@@ -103,22 +103,23 @@ def _ours_single(run: Run) -> Iterator[Poses]:
                 shot.world_from_lidar,
                 sensor_velocity=_velocity(run.shots, k) if run.drive.rolling else None,
                 rolling=run.drive.rolling,
-                towards=_moving_towards(run.shots, k),
+                velocity=_car_velocity(run.shots, k),
             )
         ]
 
 
-def _moving_towards(shots: tuple[Shot, ...], k: int) -> float | None:
-    """Return roughly where the car goes, radians, from the means of the returns of two frames.
+def _car_velocity(shots: tuple[Shot, ...], k: int) -> np.ndarray | None:
+    """Return roughly how the car moves, (2,) m/s, from the means of the returns of two frames.
 
     What finds moving vehicles knows that much. Front and rear look alike from afar, and as a car
-    is not the same from both its middle would be misplaced.
+    is not the same from both its middle would be misplaced; and while a sweep passes over it, it
+    moves on by some centimetres.
     """
     pair = shots[max(k - 1, 0) : max(k - 1, 0) + 2]
     if len(pair) < 2 or not all(shot.target.any() for shot in pair):
         return None
-    dx, dy = pair[1].points_xy.mean(axis=0) - pair[0].points_xy.mean(axis=0)
-    return float(np.arctan2(dy, dx))
+    way: np.ndarray = pair[1].points_xy.mean(axis=0) - pair[0].points_xy.mean(axis=0)
+    return way / FRAME_S
 
 
 def _velocity(shots: tuple[Shot, ...], k: int) -> np.ndarray:

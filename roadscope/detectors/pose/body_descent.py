@@ -47,7 +47,7 @@ def descend(
     steps = STEPS[free]
     least = np.full(len(vectors), np.inf)
     best, normals = vectors, np.empty((len(vectors), len(free), len(free)))
-    for slack in (*slacks, 0.0):
+    for rounds_left, slack in zip(range(len(slacks), -1, -1), (*slacks, 0.0), strict=True):
         misfit, slope = slopes_of(problem, vectors, steps, slack)
         weight = 1.0 / (1.0 + (misfit / LIMIT) ** 2)
         weighted = slope * weight[:, :, None]
@@ -59,6 +59,8 @@ def descend(
             least = np.where(better, costs, least)
             best = np.where(better[:, None], vectors, best)
             normals[better] = normal[better]
+        if rounds_left == 0:
+            break
         pull = np.einsum("smd,sm->sd", weighted, misfit) + off @ precision
         damped = normal + _damping(steps, slack)
         inverse = np.linalg.inv(damped)

@@ -17,8 +17,10 @@ from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
-CHANCES = Chances(0.010, 0.012, 0.003, 10.0, 0.004, 0.001)
+CHANCES = Chances(0.006, 0.012, 0.003, 10.0, 0.004, 0.001)
 COARSE_RAYS = 60
+VELOCITY_SD = 1.0
+"""Standard deviation of a speed that a tracker knows before the scan, m/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +43,14 @@ class BodyFit:
         sensor_velocity: np.ndarray | None = None,
         rolling: bool = True,
         towards: float | None = None,
+        velocity: np.ndarray | None = None,
     ) -> VehiclePose | None:
         """Return the pose in the world frame, None without a return of the body.
 
         towards: heading known up to a quarter turn, as a tracker knows it, radians; left out, the
-        better of the two ways round is taken. Other arguments as in `sight`.
+        better of the two ways round is taken. velocity: (2,) of the body as a tracker knows it,
+        metres per second, world frame; left out, the body is taken to stand while it is swept.
+        Other arguments as in `sight`.
         """
         sighting = sight(
             self.spec, scan, target, world_from_lidar,
@@ -53,7 +58,10 @@ class BodyFit:
         )  # fmt: skip
         if sighting.returns == 0:
             return None
-        found, problem = fit_sighting(sighting, self.model, self.chances, towards)
+        speed = None if velocity is None or not rolling else float(np.hypot(*velocity))
+        if velocity is not None and towards is None:
+            towards = float(np.arctan2(velocity[1], velocity[0]))
+        found, problem = fit_sighting(sighting, self.model, self.chances, towards, speed)
         return pose_of(found, problem)
 
 
@@ -62,17 +70,23 @@ def fit_sighting(
     model: BodyModel,
     chances: Chances = CHANCES,
     towards: float | None = None,
+    speed: float | None = None,
 ) -> tuple[Posterior, Problem]:
-    """Return the posterior of x, y, yaw and what is uncertain of the body, and its problem."""
+    """Return the posterior of x, y, yaw and what is uncertain of the body, and its problem.
+
+    speed: of the body along its heading as known before, m/s; then it is uncertain, too.
+    """
     problem = still_problem(sighting.rays, model, chances)
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, chances, np.arange(3))
+    if speed is not None:
+        problem, coarse = moving(problem, speed), replace(coarse, fixed=at_speed(speed))
     guesses = np.stack(starts(sighting.points, sighting.origin, model))
     rough = descend(coarse, guesses)
     costs = rough.costs
     if towards is not None:
         costs = costs + 1e3 * (np.cos(rough.vectors[:, 2] - towards) < 0)
     order = np.argsort(costs)[: 2 if towards is None else 1]
-    vectors = np.zeros((len(order), len(problem.free)))
+    vectors = np.tile(problem.centre[problem.free], (len(order), 1))
     vectors[:, :3] = rough.vectors[order]
     best = descend(problem, vectors, SLACKS_M[3:])
     tries = [
@@ -92,6 +106,21 @@ def still_problem(
     return Problem(
         rays, model, chances, zero, free_of(model, False) if free is None else free, prior, zero
     )
+
+
+def at_speed(speed: float) -> np.ndarray:
+    """Return all 11 values, none but the speed (m/s) other than zero."""
+    values = np.zeros(WHOLE)
+    values[3] = speed
+    return values
+
+
+def moving(problem: Problem, speed: float) -> Problem:
+    """Return the problem of a body at roughly such a speed (m/s) while it is swept."""
+    free = np.insert(problem.free, 3, 3)
+    prior = problem.prior.copy()
+    prior[3] = VELOCITY_SD
+    return replace(problem, free=free, prior=prior, centre=at_speed(speed))
 
 
 def thinned(rays: Rays, most: int) -> Rays:

@@ -110,10 +110,14 @@ def log_chances(
 ) -> None:
     """Fill out (K, M) with the log-likelihood of each ray alone; arguments as above."""
     for k in range(len(states)):
+        now = np.nan
+        x = y = cos = sin = 0.0
         for m in range(len(rays.slope)):
-            x, y, yaw = pose_after(states[k], rays.time[m])
-            place = x, y, math.cos(yaw), math.sin(yaw)
-            out[k, m] = math.log(_ray_chance(rays, m, place, parts[k], chances, found))
+            if rays.time[m] != now:
+                now = rays.time[m]
+                x, y, yaw = pose_after(states[k], now)
+                cos, sin = math.cos(yaw), math.sin(yaw)
+            out[k, m] = math.log(_ray_chance(rays, m, (x, y, cos, sin), parts[k], chances, found))
 
 
 @compiled(borrowing=True, inline="always")

@@ -33,6 +33,9 @@ from roadscope.detectors.pose.body_kernels import (
 )
 from roadscope.envs.raycast.jit import compiled
 
+SURPRISE = 3.5
+"""Most that a ray that passed disagrees: one in 500 is lost on a body, or goes through a window."""
+
 
 @compiled(borrowing=True)
 def misfits(
@@ -106,7 +109,7 @@ def _misfit(
         inside = min(inside, part[TOP] - height, height - part[BOTTOM])
         if near <= 0.0 or near > reach or inside <= 0.0:
             continue
-        depth = inside / edge_m
+        depth = min(inside / edge_m, SURPRISE)
         if kind == EMPTY and need > 0.0:
             # No return is no surprise where a surface would hardly be seen.
             dark = 1.0 - seen(need, near, cosine)

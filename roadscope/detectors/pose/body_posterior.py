@@ -14,27 +14,42 @@ LEVELS = (2.5,)
 """Standard deviations along each principal axis at which rays are tried."""
 STRAIGHT = 0.3
 """Departure of a ray's log-likelihood from its quadratic form up to which the form is used."""
-COUNT, ROUNDS = 256, 2
+WORK, FEWEST, MOST = 30_000, 160, 512
+"""Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
+many make it normal."""
+ROUNDS = 2
 WIDE = 2.0
 """How much wider the first proposal is than the guessed covariance."""
-STAGES, ENOUGH = 2, 0.12
-"""Most times that the rays are looked at anew, and the share of samples at which it ends."""
+ENOUGH = 0.4, 0.12, 0.0
+"""Share of samples at which one look at the rays is enough, two, three."""
+MOVED = 1.0
+"""Standard deviations of the guess by which the mean may move for one look to be enough."""
 
 
-def posterior(problem: Problem, vector: np.ndarray, covariance: np.ndarray) -> Posterior:
+def posterior(
+    problem: Problem,
+    vector: np.ndarray,
+    covariance: np.ndarray,
+    *,
+    work: int = WORK,
+    enough: tuple[float, ...] = ENOUGH,
+) -> Posterior:
     """Return the posterior of a problem around a vector (D,) with a guessed covariance (D, D).
 
     Returns well inside a face are merged into one quadratic form first, so that the many samples
     cost only the rays near a silhouette or a corner. Where the samples move away or few of them
-    count, that is done again around them.
+    count, that is done again around them. work: rays times samples of a round. enough:
+    share of samples at which one look at the rays is enough, two, and so on.
     """
     mean, spread = vector, WIDE * covariance
-    for stage in range(STAGES):
-        count = COUNT if stage else COUNT // 2
-        found = refine(split(problem, mean, spread), mean, spread, rounds=ROUNDS, count=count)
-        mean, spread = found.mean, found.covariance
-        if stage > 0 and found.share > ENOUGH:
+    for least in enough:
+        near = split(problem, mean, spread)
+        count = int(np.clip(work // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
+        found = refine(near, mean, spread, rounds=ROUNDS, count=count)
+        off = found.mean - mean
+        if found.share > least and off @ np.linalg.solve(spread, off) < MOVED**2:
             break
+        mean, spread = found.mean, found.covariance
     return found
 
 

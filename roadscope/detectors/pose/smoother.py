@@ -33,11 +33,17 @@ SEEN = 3
 """Returns from which a scan alone gives a good first guess."""
 BUDGET, LEAST = 480, 48
 """Returns of all scans of a window, and of one, above which neighbours are joined."""
-NEAR_SLACKS_M = (0.06, 0.02, 0.005, 0.0)
+WORK, ENOUGH = 14_000, (0.4, 0.0)
+"""Effort of the sampling: a window's posterior is nearer to a normal one than a scan's."""
+NEAR_SLACKS_M = (0.06, 0.02, 0.0)
 """Added to the noise on the way from a guess that is nearly right."""
 FITTING = 1.0
 """Standard deviations of the cost, above its mean, up to which the last answer, moved on, is
 taken to be right."""
+CLOSE = 30.0
+"""How much more than the best one of two first fits may cost to be looked at, too."""
+WORSE = 1.1
+"""By how much the cost of a return must grow for another search, after one that gained nothing."""
 BACKWARD_M_S, WAY_M = -1.0, 0.5
 """Speed from which a vehicle is taken to have been turned round, and the way that tells."""
 TURNED = 1e3
@@ -90,6 +96,7 @@ class Smoother:
         self._last: tuple[float, np.ndarray] | None = None
         self._anchor: tuple[float, np.ndarray] | None = None
         self._velocity: np.ndarray | None = None
+        self._settled = 0.0
 
     def update(
         self, scan: LidarScan, target: np.ndarray, world_from_lidar: Pose, *, rolling: bool = True
@@ -128,7 +135,7 @@ class Smoother:
         if best is None:
             return None
         vector, covariance = best
-        found = posterior(problem, vector, covariance)
+        found = posterior(problem, vector, covariance, work=WORK, enough=ENOUGH)
         self._last = stamp_s, problem.whole(vector[None])[0]
         self._note_way(stamp_s, found.mean[:2])
         return pose_of(found, problem)
@@ -136,7 +143,7 @@ class Smoother:
     def _best(self, problem: Problem, stamp_s: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Return the best state and its covariance, from the last one or, if bad, from anew."""
         hits = (problem.rays.kind == HIT).sum()
-        bound = hits + FITTING * np.sqrt(2 * hits)
+        bound = max(hits + FITTING * np.sqrt(2 * hits), WORSE * self._settled * hits)
         tries = []
         before = self._moved(stamp_s)
         if before is not None and not self._turned(before[None])[0]:
@@ -147,12 +154,14 @@ class Smoother:
             if len(guesses):
                 rough = descend(thinned_problem(problem), guesses[:, problem.free], SLACKS_M[:-2])
                 turned = self._turned(problem.whole(rough.vectors))
-                chosen = np.argsort(rough.costs + TURNED * turned)[:2]
+                costs = rough.costs + TURNED * turned
+                chosen = np.flatnonzero(costs <= costs.min() + CLOSE)
                 tries.append(descend(problem, rough.vectors[chosen], NEAR_SLACKS_M[1:]))
         if not tries:
             return None
         vectors = np.concatenate([found.vectors for found in tries])
         costs = np.concatenate([found.costs for found in tries])
+        self._settled = float(costs.min() / max(hits, 1)) if len(tries) > 1 else self._settled
         least = np.argmin(costs + TURNED * self._turned(problem.whole(vectors)))
         covariances = np.concatenate([found.covariances for found in tries])
         return vectors[least], covariances[least]
@@ -204,11 +213,13 @@ class Smoother:
 
     def _guesses(self, stamp_s: float) -> np.ndarray:
         """Return first guesses (S, 11) of the state at a stamp from the poses of single scans."""
-        known = [(seen, self._alone(seen)) for seen in self._window if seen.sighting.returns]
-        enough = [pair for pair in known if pair[0].sighting.returns >= SEEN] or known
+        some = [seen for seen in self._window if seen.sighting.returns]
+        enough = [seen for seen in some if seen.sighting.returns >= SEEN] or some
         if not enough:
             return np.empty((0, WHOLE))
-        return np.array([_between(enough, stamp_s, turned) for turned in (0.0, np.pi)])
+        nearest = min(enough, key=lambda seen: abs(seen.stamp_s - stamp_s))
+        known = [(seen, self._alone(seen)) for seen in (enough[0], nearest, enough[-1])]
+        return np.array([_between(known, stamp_s, turned) for turned in (0.0, np.pi)])
 
     def _alone(self, seen: _Seen) -> np.ndarray:
         if seen.stamp_s not in self._single:
@@ -223,8 +234,11 @@ class Smoother:
 
 
 def _between(known: list[tuple[_Seen, np.ndarray]], stamp_s: float, turned: float) -> np.ndarray:
-    """Return the state (11,) that goes with the poses that the scans give alone."""
-    nearest, pose = min(known, key=lambda pair: abs(pair[0].stamp_s - stamp_s))
+    """Return the state (11,) that goes with the poses of single scans.
+
+    known: of the first, of the nearest to the stamp and of the last.
+    """
+    nearest, pose = known[1]
     state = np.zeros(WHOLE)
     state[:3] = pose
     state[2] += turned
