@@ -12,7 +12,7 @@ from roadscope.benchmarks.job import Job
 from roadscope.benchmarks.oracle import MARK_SPECS, ORACLE
 from roadscope.benchmarks.suite import Suite, SuiteError, check_names, unknown
 from roadscope.core import Registry, SpecError
-from roadscope.core.registry import split_spec
+from roadscope.core.registry import Plugin, split_spec
 from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS
 
@@ -81,7 +81,11 @@ def kind_of(spec: str) -> str:
 
 
 def check(registry: Registry[Any], spec: str) -> None:
-    """Refuse a plug-in that cannot be found, is of another kind or refuses its arguments."""
+    """Refuse a plug-in that cannot be found, is of another kind or refuses its arguments.
+
+    Ours are made once for it, so that values are refused too; what strangers' do when they are
+    made is for the job to find out, where it costs them only their own row.
+    """
     plugin = registry.resolve(spec)
     needed = {"detector": "detect", "tracker": "update"}
     if not hasattr(plugin.factory, needed[registry.kind]):
@@ -94,6 +98,15 @@ def check(registry: Registry[Any], spec: str) -> None:
         inspect.signature(plugin.factory).bind(**plugin.arguments)
     except TypeError:
         plugin.make()
+    if plugin.ours:
+        _make(plugin)
+
+
+def _make(plugin: Plugin[Any]) -> None:
+    try:
+        plugin.make()
+    except (TypeError, ValueError) as error:
+        raise SpecError(f"'{plugin.spec}': {error}") from error
 
 
 def _check_all(suite: Suite, detectors: Sequence[str], trackers: Sequence[str]) -> None:

@@ -202,7 +202,10 @@ def _literal(text: str) -> Any:
 
 
 def _describe_parameters(factory: Callable[..., Any]) -> list[str]:
-    return [str(p) for p in inspect.signature(factory).parameters.values()]
+    return [
+        p.name if p.default is p.empty else f"{p.name}={p.default}"
+        for p in inspect.signature(factory).parameters.values()
+    ]
 
 
 def _import_module(name: str) -> Any:

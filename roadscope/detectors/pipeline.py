@@ -16,7 +16,7 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.scoring import scores
 from roadscope.detectors.shape import Shape, Vehicle
 from roadscope.detectors.shape.cluster import clusters
-from roadscope.detectors.stages import Option, all_options, chosen_stages
+from roadscope.detectors.stages import STAGES, Option, all_options, chosen_stages, listed
 
 DROPS_M = 15.0
 """Echoes of drops fall with the square of the range: farther off, none is above the noise."""
@@ -55,7 +55,7 @@ class ClusterDetector:
             of stages that are not chosen are refused.
         """
         names = {"ground": ground, "clustering": clustering, "shape": shape}
-        stages = chosen_stages(names, options)
+        stages = chosen_stages(names, options, f"; the detector takes {OWN}")
         self._ground: Ground = stages["ground"]
         self._clustering: Clustering = stages["clustering"]
         self._shape: Shape = stages["shape"]
@@ -115,12 +115,25 @@ def without_faint(scan: LidarScan, intensity: float) -> LidarScan:
     return replace(scan, **arrays)
 
 
+OWN = listed(
+    {
+        name: parameter
+        for name, parameter in inspect.signature(ClusterDetector).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY and name not in STAGES
+    }
+)
+"""What can be set beside the stages and their options."""
+
+
 def _with_options_named(signature: inspect.Signature) -> inspect.Signature:
-    """Put the options of all stages in the place of `**options`, so that they can be listed."""
-    named = [p for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY]
+    """Put the options of all stages before `**options`, so that they can be listed.
+
+    The rest stays: what no stage has, the stages that were chosen refuse by name.
+    """
+    *named, rest = signature.parameters.values()
     taken = {p.name for p in named}
     more = [p for name, p in all_options().items() if name not in taken]
-    return inspect.Signature(named + more)
+    return inspect.Signature([*named, *more, rest])
 
 
 ClusterDetector.__signature__ = _with_options_named(  # type: ignore[attr-defined]

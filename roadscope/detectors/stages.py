@@ -42,18 +42,19 @@ def all_options() -> dict[str, inspect.Parameter]:
 
 
 def chosen_stages(
-    names: Mapping[str, str], options: Mapping[str, Option | None]
+    names: Mapping[str, str], options: Mapping[str, Option | None], beside: str = ""
 ) -> dict[str, Stage]:
     """Return one stage a kind, with its options set.
 
     names: kind -> name. options: name -> value, None for the default. An option goes to every
-    chosen stage that has it; one that none has is refused.
+    chosen stage that has it; one that none has is refused. beside: what else can be set, for
+    the refusal.
     """
     stages = {kind: _named(kind, name) for kind, name in names.items()}
     given = {key: value for key, value in options.items() if value is not None}
     for key in given:
         if not any(key in options_of(stage) for stage in stages.values()):
-            raise ValueError(_homeless(key, names))
+            raise ValueError(_homeless(key, names) + beside)
     return {kind: _with_options(stage, given) for kind, stage in stages.items()}
 
 
@@ -77,12 +78,17 @@ def _homeless(key: str, names: Mapping[str, str]) -> str:
         if key in options_of(stage)
     ]
     taken = "; ".join(
-        f"{kind} '{name}' takes {', '.join(options_of(STAGES[kind][name])) or 'none'}"
+        f"{kind} '{name}' takes {listed(options_of(STAGES[kind][name]))}"
         for kind, name in names.items()
     )
     if owners:
         return f"option '{key}' belongs to {', '.join(owners)}, not chosen; {taken}"
     return f"no stage has an option '{key}'; {taken}"
+
+
+def listed(options: Mapping[str, inspect.Parameter]) -> str:
+    """Return options with their defaults in one line."""
+    return ", ".join(f"{key}={p.default}" for key, p in options.items()) or "none"
 
 
 def _checked(parameter: inspect.Parameter, value: Option) -> Option:

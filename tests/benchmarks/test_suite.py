@@ -132,6 +132,25 @@ def test_wrong_entries_are_refused_before_anything_runs() -> None:
         plan(suite, [], ("drift",))
 
 
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("cluster?ground=polarr", r"^'cluster\?ground=polarr': no ground stage 'polarr'; known: g"),
+        ("distance-l-shape?criterion=foo", "no criterion 'foo'; known: area, closeness"),
+        ("dbscan-l-shape?eps_m=-1", "eps_m must be a positive length in metres, got -1"),
+        ("dbscan-l-shape?eps=1", "no stage has an option 'eps'.*'dbscan' takes eps_m=1.0, min"),
+        ("zhang2017?fit=simple", "no fit 'simple'; known: single"),
+    ],
+)
+def test_wrong_values_are_refused_before_anything_runs(spec, message) -> None:
+    with pytest.raises(SpecError, match=message) as refused:
+        plan(parse_suite(TINY, "x"), [spec], ("detection",))
+    assert len(str(refused.value)) < 400
+    wrong = parse_suite(TINY.replace('entries = ["pag"]', f'entries = ["{spec}"]'), "x")
+    with pytest.raises(SuiteError, match=r"suite tiny v3, detection\.entries: "):
+        plan(wrong, [], ("detection",))
+
+
 def test_keys_follow_content(tmp_path) -> None:
     plugin = tmp_path / "mine.py"
     source = "class Mine:\n    def __init__(self, *, a=1): ...\n    def reset(self): ...\n"

@@ -36,7 +36,7 @@ def test_an_unknown_name_lists_what_exists_and_what_was_meant() -> None:
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("plain?gate=2", r"unexpected keyword argument 'gate'; its arguments: gate_m: "),
+        ("plain?gate=2", r"unexpected keyword argument 'gate'; its arguments: gate_m=1.0, "),
         ("plain?gate_m", "arguments look like name"),
         ("?x=1", "names nothing"),
         ("nowhere.at.all:Thing", "cannot import 'nowhere.at.all'"),
