@@ -14,7 +14,7 @@ from roadscope.benchmarks import lu2018_events as events
 from roadscope.benchmarks.lu2018_clutter import clutter_of_clustering, clutter_of_detector
 from roadscope.benchmarks.lu2018_follow import NOBODY, Following, follow
 from roadscope.benchmarks.lu2018_scene import Take, film
-from roadscope.benchmarks.reproduction import ReproductionRow, summarise
+from roadscope.benchmarks.reproduction import Key, ReproductionRow, over_seeds, summarise
 from roadscope.core import Detections
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.clustering import CLUSTERINGS
@@ -35,8 +35,6 @@ IDENTITY = "identity kept through forced misses and occlusion"
 LESS_CLUTTER = "fewer false detections than with distance clustering"
 FEWER_CLUSTERS = "fewer clusters of foliage than with distance clustering"
 
-Key = tuple[str, str, str]
-"""Experiment, method, quantity."""
 RMS = "RMS of estimate minus measurement, object {}, {}"
 FORCED = "forced misses of object 1 re-associated in the next frame"
 PAPER: dict[tuple[str, str], float] = {
@@ -79,14 +77,8 @@ def reproduce(
     progress: called with seeds done and seeds in all, after each.
     jobs: processes that share the seeds; the rows are the same for any number.
     """
-    if seeds < 1:
-        raise ValueError(f"at least one seed is needed, got {seeds}")
-    measured: dict[Key, list[float]] = {}
-    for done, values in enumerate(_all_seeds(seeds, jobs), start=1):
-        for key, value in values.items():
-            measured.setdefault(key, []).append(value)
-        if progress is not None:
-            progress(done, seeds)
+    numbers = range(FIRST_SEED, FIRST_SEED + seeds)
+    measured = over_seeds(measure, numbers, progress, jobs=jobs)
     return [
         summarise(
             (experiment, method),
@@ -216,15 +208,3 @@ def _identities(followed: Following) -> dict[str, float]:
         "clutter taken by a target's track": events.clutter_associations(followed),
         "identity changes": events.identity_changes(followed),
     }
-
-
-def _all_seeds(seeds: int, jobs: int) -> Iterator[dict[Key, float]]:
-    numbers: Sequence[int] = range(FIRST_SEED, FIRST_SEED + seeds)
-    if jobs == 1:
-        yield from map(measure, numbers)
-        return
-    from joblib import Parallel, delayed
-
-    yield from Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(measure)(seed) for seed in numbers
-    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -36,6 +36,46 @@ class ReproductionRow:
                 f"{self.experiment}, {self.method}: the paper gives {self.paper} {self.unit} for "
                 f"'{self.quantity}', and ours is missing"
             )
+
+
+Key = tuple[str, str, str]
+"""Experiment, method, quantity."""
+
+
+def over_seeds(
+    measure: Callable[[int], dict[Key, float]],
+    seeds: Sequence[int],
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    jobs: int = 1,
+) -> dict[Key, list[float]]:
+    """Return what is measured with each seed, in the order of seeds; a seed need not have all.
+
+    progress: called with seeds done and seeds in all, after each.
+    jobs: processes that share the seeds.
+    """
+    if not seeds:
+        raise ValueError(f"at least one seed is needed, got {len(seeds)}")
+    measured: dict[Key, list[float]] = {}
+    for done, values in enumerate(_each(measure, seeds, jobs), start=1):
+        for key, value in values.items():
+            measured.setdefault(key, []).append(value)
+        if progress is not None:
+            progress(done, len(seeds))
+    return measured
+
+
+def _each(
+    measure: Callable[[int], dict[Key, float]], seeds: Sequence[int], jobs: int
+) -> Iterator[dict[Key, float]]:
+    if jobs == 1:
+        yield from map(measure, seeds)
+        return
+    from joblib import Parallel, delayed
+
+    yield from Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(measure)(seed) for seed in seeds
+    )
 
 
 def summarise(

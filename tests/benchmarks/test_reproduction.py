@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.reproduction import ReproductionRow, summarise, write_rows
+from roadscope.benchmarks.reproduction import ReproductionRow, over_seeds, summarise, write_rows
 
 KEYS = ["experiment", "method", "quantity", "unit", "paper", "ours", "low", "high", "n"]
 
@@ -46,3 +46,19 @@ def test_interval_is_students_and_within_what_can_be():
 def test_one_seed_has_no_interval():
     row = summarise(("one", "pag"), "error", "m", [2.0, np.nan], 1.0)
     assert (row.ours, row.low, row.high, row.n) == (2.0, None, None, 1)
+
+
+def test_seeds_are_gathered_in_order_and_need_not_have_all():
+    def measure(seed):
+        found = {("one", "pag", "error"): float(seed)}
+        return found if seed % 2 else {**found, ("one", "pag", "floor"): 0.5 * seed}
+
+    done = []
+    measured = over_seeds(measure, range(4), lambda *progress: done.append(progress))
+    assert measured == {
+        ("one", "pag", "error"): [0.0, 1.0, 2.0, 3.0],
+        ("one", "pag", "floor"): [0.0, 1.0],
+    }
+    assert done == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    with pytest.raises(ValueError, match="at least one seed is needed, got 0"):
+        over_seeds(measure, range(0))
