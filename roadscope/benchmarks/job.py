@@ -156,7 +156,10 @@ def tracking_scores(
 
 
 def cost(calls_ms: np.ndarray) -> dict[str, Score]:
-    """Return median and 99th percentile of a plug-in's calls, without the first (warm-up)."""
+    """Return median and 99th percentile of a plug-in's calls.
+
+    The first is left out: where plug-ins are not ours, it may compile or load what they need.
+    """
     counted = calls_ms[1:] if len(calls_ms) > 1 else calls_ms
     middle, worst = np.percentile(counted, [50, 99]) if len(counted) else (np.nan, np.nan)
     return {

