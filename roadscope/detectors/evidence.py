@@ -47,7 +47,7 @@ def features(
     order = np.argsort(horizon.azimuths, kind="stable")
     azimuths, ranges = horizon.azimuths[order], horizon.ranges[order]
     sight = look_along(boxes, azimuths, ranges, horizon.origin, horizon.step)
-    counted = count_returns(boxes, cloud.points, cloud.ring, *sort_to_cells(cloud.points))
+    counted = count_returns(boxes, cloud.points, cloud.ring, sort_to_cells(cloud.points))
     count = dict(zip(COUNTS, counted.T, strict=True))
     body = np.maximum(count["body"], 1.0)
     apart = boxes[:, :2] - cloud.origin

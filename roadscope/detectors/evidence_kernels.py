@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from roadscope.envs.raycast.jit import compiled
@@ -24,16 +26,25 @@ COUNTS = (
 )  # fmt: skip
 """Columns of `count_returns`."""
 
+Place = tuple[float, float, float, float, float, float]
+"""Centre x and y of a box, cosine and sine of its yaw, half length and half width."""
+
+
+class Cells(NamedTuple):
+    """Points sorted into square cells.
+
+    order: (N,) int64 rows, cell by cell. starts: (C + 1,) int64, where each cell begins in it.
+    grid: (4,) float64, least x and y, metres, and the numbers of cells in x and y.
+    """
+
+    order: np.ndarray
+    starts: np.ndarray
+    grid: np.ndarray
+
 
 @compiled()
-def sort_to_cells(
-    points: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sort (N, 3) points, N at least 1, into square cells.
-
-    Returns the order (N,), where each cell begins in it, row by row, and (4,) the least x and y
-    and the numbers of cells in x and y.
-    """
+def sort_to_cells(points: np.ndarray) -> Cells:
+    """Sort (N, 3) points, N at least 1, into square cells."""
     low_x, low_y = points[:, 0].min(), points[:, 1].min()
     nx = int((points[:, 0].max() - low_x) / CELL_M) + 1
     ny = int((points[:, 1].max() - low_y) / CELL_M) + 1
@@ -49,74 +60,71 @@ def sort_to_cells(
     for i in range(len(points)):
         order[filled[cells[i]]] = i
         filled[cells[i]] += 1
-    return order, starts, np.array([low_x, low_y, float(nx), float(ny)])
+    return Cells(order, starts, np.array([low_x, low_y, float(nx), float(ny)]))
 
 
 @compiled()
 def count_returns(
-    boxes: np.ndarray,
-    points: np.ndarray,
-    ring: np.ndarray,
-    order: np.ndarray,
-    starts: np.ndarray,
-    grid: np.ndarray,
+    boxes: np.ndarray, points: np.ndarray, ring: np.ndarray, cells: Cells
 ) -> np.ndarray:
     """Return (B, 13) `COUNTS` of boxes (B, 5): centre x and y, length, width, yaw.
 
     body: standing returns within the box; ground: returns of the ground deep within it; deep:
     share of the low returns that lie deep within it, of `low` returns; top, bottom: heights,
-    metres; levels: beams; depth: mean distance of the
-    low returns from the sides, metres; above: returns
-    over the ceiling; top_level: highest beam; ends, sides: standing returns beyond its ends and
-    beside it; overhang: returns over the ceiling around it.
+    metres; levels: beams; depth: mean distance of the low returns from the sides, metres; above:
+    returns over the ceiling; top_level: highest beam; ends, sides: standing returns beyond its
+    ends and beside it; overhang: returns over the ceiling around it.
     """
-    out = np.zeros((len(boxes), 13))
-    levels = int(ring.max()) + 1
+    out, seen = np.zeros((len(boxes), 13)), np.empty(int(ring.max()) + 1, np.bool_)
+    order, starts, grid = cells
     for b in range(len(boxes)):
-        seen = np.zeros(levels, np.bool_)
         x, y, length, width, yaw = boxes[b]
-        cos, sin, a, c = np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width
-        reach = np.hypot(a, c) + AROUND_M
-        low, high = np.inf, 0.0
-        row = out[b]
-        ix, last_x = _span(x, reach, grid[0], grid[2])
+        reach = np.hypot(0.5 * length, 0.5 * width) + AROUND_M
+        place = x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width
+        first_x, last_x = _span(x, reach, grid[0], grid[2])
         first_y, last_y = _span(y, reach, grid[1], grid[3])
         if last_y < first_y:
             continue
-        for cx in range(ix, last_x + 1):
-            for k in range(
-                starts[cx * int(grid[3]) + first_y], starts[cx * int(grid[3]) + last_y + 1]
-            ):
+        row, seen[:] = out[b], False
+        row[5] = np.inf
+        for cx in range(first_x, last_x + 1):
+            column = cx * int(grid[3])
+            for k in range(starts[column + first_y], starts[column + last_y + 1]):
                 i = order[k]
-                dx, dy, z = points[i, 0] - x, points[i, 1] - y, points[i, 2]
-                u, v = abs(cos * dx + sin * dy) - a, abs(cos * dy - sin * dx) - c
-                if u > AROUND_M or v > AROUND_M:
-                    continue
-                if u < EDGE_M and v < EDGE_M:
-                    if z < FLOOR_M:
-                        row[1] += max(u, v) < -DEEP_M
-                        continue
-                    if z > CEILING_M:
-                        row[8] += 1
-                        continue
-                    row[0] += 1
-                    low, high = min(low, z), max(high, z)
+                if _count(points[i, 0], points[i, 1], points[i, 2], place, row):
                     seen[ring[i]] = True
                     row[9] = max(row[9], ring[i])
-                    if z < DECK_M:
-                        row[3] += 1
-                        row[2] += max(u, v) < -DEEP_M
-                        row[7] += min(abs(max(u, v)), 2 * DEEP_M)
-                elif z > CEILING_M:
-                    row[12] += 1
-                elif z > LOW_M:
-                    if v < EDGE_M:
-                        row[10] += 1
-                    elif u < EDGE_M:
-                        row[11] += 1
         row[7] /= max(row[3], 1.0)
-        row[4], row[5], row[6] = high, min(low, high), seen.sum()
+        row[5], row[6] = min(row[5], row[4]), seen.sum()
     return out
+
+
+@compiled(borrowing=True)
+def _count(x: float, y: float, z: float, place: Place, row: np.ndarray) -> bool:
+    """Count a return in the row of a box; tell whether it is a standing one within it."""
+    cos, sin = place[2], place[3]
+    dx, dy = x - place[0], y - place[1]
+    u, v = abs(cos * dx + sin * dy) - place[4], abs(cos * dy - sin * dx) - place[5]
+    if u > AROUND_M or v > AROUND_M:
+        return False
+    if not (u < EDGE_M and v < EDGE_M):
+        row[12] += z > CEILING_M
+        row[10] += LOW_M < z <= CEILING_M and v < EDGE_M
+        row[11] += LOW_M < z <= CEILING_M and not v < EDGE_M and u < EDGE_M
+        return False
+    if z < FLOOR_M:
+        row[1] += max(u, v) < -DEEP_M
+        return False
+    if z > CEILING_M:
+        row[8] += 1
+        return False
+    row[0] += 1
+    row[4], row[5] = max(row[4], z), min(row[5], z)
+    if z < DECK_M:
+        row[3] += 1
+        row[2] += max(u, v) < -DEEP_M
+        row[7] += min(abs(max(u, v)), 2 * DEEP_M)
+    return True
 
 
 @compiled()

@@ -36,7 +36,7 @@ def feature(vehicles, boxes):
 
 def counted(boxes, points, ring):
     return dict(
-        zip(COUNTS, count_returns(boxes, points, ring, *sort_to_cells(points)).T, strict=True)
+        zip(COUNTS, count_returns(boxes, points, ring, sort_to_cells(points)).T, strict=True)
     )
 
 

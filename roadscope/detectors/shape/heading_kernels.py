@@ -9,6 +9,8 @@ from roadscope.envs.raycast.jit import compiled
 AREA, CLOSENESS, VARIANCE = 0, 1, 2
 COARSE, FINE = 60, 6
 """Headings tried over a right angle, and to either side of the best of them."""
+EQUAL = 1e-9
+"""Values that differ by this share differ by the order of a sum only."""
 
 
 @compiled()
@@ -16,21 +18,37 @@ def searched_heading(points: np.ndarray, criterion: int, near_m: float) -> float
     """Return the heading in [0, pi/2) whose rectangle suits (M, 2) points best.
 
     Zhang et al. 2017 (Efficient L-shape fitting, algorithm 2) try every degree; here the best of
-    steps of 1.5 degrees is refined to a quarter degree.
+    steps of 1.5 degrees is refined to a quarter degree. Of headings equally good in a row the
+    middle is taken, so that a mirrored outline has the mirrored heading.
     """
-    best, step = 0.0, 0.5 * np.pi / COARSE
-    top = -np.inf
     first, second = np.empty(len(points)), np.empty(len(points))
+    step, values = 0.5 * np.pi / COARSE, np.empty(COARSE)
     for i in range(COARSE):
-        value = _suits(points, i * step, criterion, near_m, first, second)
-        if value > top:
-            top, best = value, i * step
-    centre, fine = best, step / FINE
-    for i in range(-FINE + 1, FINE):
-        value = _suits(points, centre + i * fine, criterion, near_m, first, second)
-        if value > top:
-            top, best = value, centre + i * fine
-    return best % (0.5 * np.pi)
+        values[i] = _suits(points, i * step, criterion, near_m, first, second)
+    centre = step * _middle_of_best(values, True)
+    fine, values = step / FINE, np.empty(2 * FINE + 1)
+    for i in range(len(values)):
+        heading = centre + (i - FINE) * fine
+        values[i] = _suits(points, heading, criterion, near_m, first, second)
+    return (centre + fine * (_middle_of_best(values, False) - FINE)) % (0.5 * np.pi)
+
+
+@compiled()
+def _middle_of_best(values: np.ndarray, around: bool) -> float:
+    """Return the middle of the longest run of greatest values; 0 where all are equal.
+
+    around: whether the first value follows on the last.
+    """
+    least = values.max() - EQUAL * abs(values.max())
+    count = len(values)
+    middle, longest, run = 0.0, 0, 0
+    if values.min() >= least:
+        return 0.0 if around else 0.5 * (count - 1)
+    for i in range(2 * count if around else count):
+        run = run + 1 if values[i % count] >= least else 0
+        if run > longest:
+            middle, longest = i - 0.5 * (run - 1), run
+    return middle
 
 
 @compiled()

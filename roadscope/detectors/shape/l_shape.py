@@ -6,6 +6,8 @@ import math
 from functools import partial
 from typing import Literal
 
+import numpy as np
+
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.completion import complete
@@ -41,12 +43,21 @@ def vehicles_by_l_shape(
 
 
 def _vehicle(cluster: Cluster, horizon: Horizon, *, criterion: int) -> Vehicle | None:
-    outline = cluster.outline[:: -(-len(cluster.outline) // MOST)]
+    outline = _thinned(cluster.outline)
     searched = searched_heading(outline, criterion, NEAR_M)
     candidates = [complete(cluster, searched, horizon)]
     if len(outline) > 1:
         candidates.append(complete(cluster, line_heading(outline), horizon))
     return min((v for v in candidates if v is not None), key=_misfit, default=None)
+
+
+def _thinned(outline: np.ndarray) -> np.ndarray:
+    """Take every so many points, the same ones counted from either end."""
+    count = len(outline)
+    if count <= MOST:
+        return outline
+    rows = np.arange(0, (count + 1) // 2, -(-count // MOST))
+    return outline[np.unique(np.concatenate([rows, count - 1 - rows]))]
 
 
 def _misfit(vehicle: Vehicle) -> float:

@@ -65,6 +65,24 @@ def test_search_turns_with_the_points(criterion, yaw):
     assert off_square(searched_heading(l_shape(yaw), SEARCHED[criterion], 0.05), yaw) < 0.02
 
 
+@given(yaw=st.floats(-3.2, 3.2), seed=st.integers(0, 99), near_m=st.sampled_from([0.01, 0.05, 0.5]))
+@pytest.mark.parametrize("criterion", SEARCHED)
+def test_search_knows_no_left_and_right(criterion, yaw, seed, near_m):
+    """Where everything is near a side, many headings are equally good."""
+    points = l_shape(yaw, seed)
+    here = searched_heading(points, SEARCHED[criterion], near_m)
+    there = searched_heading(points[::-1] * [1.0, -1.0], SEARCHED[criterion], near_m)
+    assert off_square(here, -there) < 1e-9
+
+
+def test_of_headings_equally_good_the_middle_is_taken():
+    """Tilted as far as the floor allows either way, the face is still on its side."""
+    face = np.column_stack([np.linspace(0.0, 1.0, 40) ** 2, np.zeros(40)])
+    for yaw in np.radians([0.0, 13.0, 44.9, 88.0]):
+        found = searched_heading(face @ turn(yaw).T, CLOSENESS, 0.05)
+        assert off_square(found, yaw) < np.radians(0.3)
+
+
 @given(seed=st.integers(0, 10**6), count=st.integers(1, 30), grid=st.booleans())
 def test_hull_rectangle_is_least_of_all_turns(seed, count, grid):
     """Duplicates, one, two and collinear points too."""
