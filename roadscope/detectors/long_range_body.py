@@ -9,7 +9,7 @@ import numpy as np
 from roadscope.core import Category, LidarScan, Pose
 from roadscope.detectors.moving.links import Sighting
 from roadscope.detectors.moving.view import View
-from roadscope.detectors.pose.body_descent import SLACKS_M
+from roadscope.detectors.pose.body_descent import SLACKS_M, descend
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem, thinned
 from roadscope.detectors.pose.body_kernels import HIT, POSE
 from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
@@ -17,7 +17,6 @@ from roadscope.detectors.pose.body_rays import BESIDE, sight
 from roadscope.detectors.pose.body_rays import Sighting as BodySighting
 from roadscope.detectors.pose.body_sampling import WHOLE
 from roadscope.detectors.pose.body_start import starts
-from roadscope.detectors.pose.descent import descend_compiled
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.shape.bodies import Body
 from roadscope.envs.sensors.lidar_spec import LidarSpec
@@ -129,15 +128,15 @@ def _likeliest(
     fixed = np.zeros(WHOLE)
     fixed[SPEED] = speed
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, CHANCES, np.arange(3))
-    rough, costs = descend_compiled(replace(coarse, fixed=fixed), guesses)
+    rough = descend(replace(coarse, fixed=fixed), guesses)
     problem = replace(still_problem(sighting.rays, model, CHANCES), fixed=fixed)
     start = np.zeros((1, len(problem.free)))
-    start[0, :3] = rough[np.argmin(costs)]
-    best, costs = descend_compiled(problem, start, SLACKS_M[3:])
-    (length,), (width,) = model.sizes(problem.whole(best)[:, POSE:])
-    x, y, yaw = best[0, :3]
+    start[0, :3] = rough.vectors[np.argmin(rough.costs)]
+    best = descend(problem, start, SLACKS_M[3:])
+    (length,), (width,) = model.sizes(problem.whole(best.vectors)[:, POSE:])
+    x, y, yaw = best.vectors[0, :3]
     return VehiclePose(
-        float(x), float(y), float(yaw), float(length), float(width), score=-float(costs[0])
+        float(x), float(y), float(yaw), float(length), float(width), score=-float(best.costs[0])
     )
 
 

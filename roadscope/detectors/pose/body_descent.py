@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from roadscope.detectors.pose.body_descent_kernels import Drawn, Rules, Space, descended
 from roadscope.detectors.pose.body_kernels import POSE
 from roadscope.detectors.pose.body_misfits import misfits
 from roadscope.detectors.pose.body_sampling import Problem, normal_points
@@ -14,7 +15,7 @@ SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
 """Added to noise and edges round by round: first every ray counts, then the near ones."""
 STEPS = np.array([0.01, 0.01, 0.003, 0.05, 0.02, 0.05, 0.2, 0.2, 0.2, 0.2, 0.2])
 """By how much values are moved to see what follows: about a standard deviation."""
-SHARES = (1.0, 0.5, 0.2, 0.05)
+SHARES = np.array([1.0, 0.5, 0.2, 0.05])
 """Shares of a step that are tried."""
 AROUND, WIDTH = 8, 1.5
 """Places around the step's end that are tried too, and how many standard deviations wide."""
@@ -38,75 +39,29 @@ def descend(
     *,
     around: int = AROUND,
 ) -> Best:
-    """Improve (S, D) vectors of a problem side by side.
+    """Improve (S, D) vectors of a problem, each on its own.
 
     around: places around each step's end that are tried too.
     """
-    free = problem.free
-    precision = np.diag(1.0 / problem.prior[free] ** 2)
-    steps = STEPS[free]
-    least = np.full(len(vectors), np.inf)
-    best, normals = vectors, np.empty((len(vectors), len(free), len(free)))
-    for rounds_left, slack in zip(range(len(slacks), -1, -1), (*slacks, 0.0), strict=True):
-        misfit, slope = slopes_of(problem, vectors, steps, slack)
-        weight = 1.0 / (1.0 + (misfit / LIMIT) ** 2)
-        weighted = slope * weight[:, :, None]
-        normal = np.einsum("smd,sme->sde", weighted, slope) + precision
-        off = vectors - problem.centre[free]
-        if slack == 0.0:
-            costs = _costs(problem, vectors, misfit)
-            better = costs < least
-            least = np.where(better, costs, least)
-            best = np.where(better[:, None], vectors, best)
-            normals[better] = normal[better]
-        if rounds_left == 0:
-            break
-        pull = np.einsum("smd,sm->sd", weighted, misfit) + off @ precision
-        damped = normal + _damping(steps, slack)
-        inverse = np.linalg.inv(damped)
-        step = np.einsum("sde,se->sd", inverse, pull)
-        root = np.linalg.cholesky(inverse)
-        places = normal_points(AROUND, len(free))[0, :around]
-        spread = WIDTH * np.einsum("sde,te->tsd", root, places)
-        vectors = _stepped(problem, vectors, step, spread, slack)
-    return Best(best, np.linalg.inv(normals + _damping(steps, 0.0)), least)
-
-
-def _damping(steps: np.ndarray, slack: float) -> np.ndarray:
-    """Keep what the rays say little of from running away."""
-    damping: np.ndarray = np.diag(1.0 / ((0.3 + slack) * 30.0 * steps) ** 2)
-    return damping
-
-
-def _costs(problem: Problem, vectors: np.ndarray, misfit: np.ndarray) -> np.ndarray:
-    """Return the sum of squares, tempered for what fits nothing, and of the prior: (S,)."""
-    off = (vectors - problem.centre[problem.free]) / problem.prior[problem.free]
-    costs: np.ndarray = LIMIT**2 * np.log1p((misfit / LIMIT) ** 2).sum(axis=1)
-    costs += np.einsum("sd,sd->s", off, off)
-    return costs
-
-
-def _stepped(
-    problem: Problem, vectors: np.ndarray, step: np.ndarray, spread: np.ndarray, slack: float
-) -> np.ndarray:
-    """Take the best of shares of a step and of places around: silhouettes make no parabola."""
-    shares = np.stack([vectors - share * step for share in SHARES])
-    tried = np.concatenate([shares, vectors - step + spread])
-    flat = tried.reshape(-1, vectors.shape[1])
-    costs = _costs(problem, flat, _misfits(problem, flat, slack)).reshape(len(tried), -1)
-    best: np.ndarray = tried[np.argmin(costs, axis=0), np.arange(len(vectors))]
-    return best
-
-
-def _misfits(problem: Problem, vectors: np.ndarray, slack: float) -> np.ndarray:
-    """Return the misfits (K, M) of (K, D) vectors."""
-    whole = problem.whole(vectors)
-    out = np.empty((len(whole), len(problem.rays.slope)))
-    parts = problem.model.parts(whole[:, POSE:])
-    edge = problem.chances.edge_m + slack
-    states = np.ascontiguousarray(whole[:, :POSE])
-    misfits(states, parts, problem.rays, slack, edge, out)
-    return out
+    model, free = problem.model, problem.free
+    drawn = Drawn(
+        np.array([model.length_m, model.width_m]),
+        np.array(model.storeys),
+        (*model.radius_m, *model.axles, *model.narrowing),
+    )
+    space = Space(
+        free,
+        problem.fixed,
+        1.0 / problem.prior[free] ** 2,
+        problem.centre[free],
+        STEPS[free],
+        WIDTH * normal_points(AROUND, len(free))[0, :around],
+        SHARES,
+    )
+    starts = np.ascontiguousarray(vectors, np.float64)
+    told = problem.rays, Rules(LIMIT, problem.chances.edge_m)
+    best, normals, costs = descended(starts, np.array([*slacks, 0.0]), drawn, space, told)
+    return Best(best, np.linalg.inv(normals), costs)
 
 
 def slopes_of(
@@ -118,6 +73,17 @@ def slopes_of(
     for d in range(size):
         moved[:, 1 + d, d] += steps[d]
         moved[:, 1 + size + d, d] -= steps[d]
-    out = _misfits(problem, moved.reshape(-1, size), slack).reshape(count, 2 * size + 1, -1)
+    out = misfits_of(problem, moved.reshape(-1, size), slack).reshape(count, 2 * size + 1, -1)
     slopes = (out[:, 1 : size + 1] - out[:, size + 1 :]) / (2 * steps[:, None])
     return out[:, 0], np.swapaxes(slopes, 1, 2)
+
+
+def misfits_of(problem: Problem, vectors: np.ndarray, slack: float) -> np.ndarray:
+    """Return the misfits (K, M) of (K, D) vectors."""
+    whole = problem.whole(vectors)
+    out = np.empty((len(whole), len(problem.rays.slope)))
+    parts = problem.model.parts(whole[:, POSE:])
+    edge = problem.chances.edge_m + slack
+    states = np.ascontiguousarray(whole[:, :POSE])
+    misfits(states, parts, problem.rays, slack, edge, out)
+    return out

@@ -106,12 +106,12 @@ class BodyModel:
         parts = np.empty((len(unknowns), len(self.storeys), COLUMNS))
         shape = (*self.radius_m, *self.axles, *self.narrowing)
         length, width = self.sizes(unknowns)
-        _fill_parts(unknowns, length, width, np.array(self.storeys), shape, parts)
+        fill_parts(unknowns, length, width, np.array(self.storeys), shape, parts)
         return parts
 
 
 @compiled(borrowing=True)
-def _fill_parts(
+def fill_parts(
     unknowns: np.ndarray,
     lengths: np.ndarray,
     widths: np.ndarray,

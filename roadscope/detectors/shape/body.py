@@ -52,7 +52,7 @@ def _fitted(vehicle: Vehicle, cluster: Cluster, horizon: Horizon) -> Vehicle:
     guesses[2, :3] = *vehicle.centre, vehicle.yaw
     best = descend(problem, guesses, SLACKS_M, around=0)
     vector = best.vectors[np.argmin(best.costs)]
-    if np.hypot(*(vector[:2] - vehicle.centre)) > MOVED_M:
+    if not np.hypot(*(vector[:2] - vehicle.centre)) < MOVED_M:
         return vehicle
     length, width = model.sizes(problem.whole(vector[None])[:, POSE:])
     return replace(

@@ -1,4 +1,4 @@
-"""The damped least squares of `body_descent`, compiled: one call for all rounds of all starts."""
+"""Damped least squares over rays: all rounds of all starts in one compiled call."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from roadscope.detectors.pose.body_kernels import POSE, Rays
 from roadscope.detectors.pose.body_misfits import misfits
-from roadscope.detectors.pose.body_model import UNKNOWNS, _fill_parts
+from roadscope.detectors.pose.body_model import UNKNOWNS, fill_parts
 from roadscope.envs.raycast.jit import compiled
 
 
@@ -53,7 +53,7 @@ class Rules(NamedTuple):
 def descended(
     starts: np.ndarray, slacks: np.ndarray, drawn: Drawn, space: Space, told: tuple[Rays, Rules]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return best vectors (S, D), their normal matrices (S, D, D) and costs (S,).
+    """Return best vectors (S, D), their damped normal matrices (S, D, D) and costs (S,).
 
     starts: (S, D). slacks: (T,) metres added to noise and edges, round by round, the last one 0.
     told: the rays and what is made of them.
@@ -77,13 +77,14 @@ def descended(
             if slack == 0.0:
                 cost = _cost(misfit[0], vector, space, rules.limit)
             _normal(misfit, vector, space, rules.limit, (normal, pull))
+            for d in range(size):
+                # Keeps what the rays say little of from running away.
+                normal[d, d] += 1.0 / ((0.3 + slack) * 30.0 * space.steps[d]) ** 2
             if slack == 0.0 and cost < least[s]:
                 least[s] = cost
                 best[s], normals[s] = vector, normal
             if turn + 1 == len(slacks):
                 break
-            for d in range(size):
-                normal[d, d] += 1.0 / ((0.3 + slack) * 30.0 * space.steps[d]) ** 2
             _candidates(vector, normal, pull, space, (root, tried))
             _misfits(tried, slack, drawn, space, (rays, rules), (states, parts, misfit))
             lowest = np.inf
@@ -128,7 +129,7 @@ def _misfits(
         for side in range(2):
             mean, deviation = drawn.sizes[side]
             sizes[side, k] = max(mean + deviation * unknowns[k, side], 0.3 * mean)
-    _fill_parts(unknowns, sizes[0], sizes[1], drawn.storeys, drawn.shape, parts[:count])
+    fill_parts(unknowns, sizes[0], sizes[1], drawn.storeys, drawn.shape, parts[:count])
     misfits(states[:count], parts[:count], rays, slack, rules.edge_m + slack, out[:count])
 
 
