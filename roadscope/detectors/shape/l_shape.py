@@ -57,7 +57,8 @@ def _thinned(outline: np.ndarray) -> np.ndarray:
     if count <= MOST:
         return outline
     rows = np.arange(0, (count + 1) // 2, -(-count // MOST))
-    return outline[np.unique(np.concatenate([rows, count - 1 - rows]))]
+    thinned: np.ndarray = outline[np.unique(np.concatenate([rows, count - 1 - rows]))]
+    return thinned
 
 
 def _misfit(vehicle: Vehicle) -> float:
