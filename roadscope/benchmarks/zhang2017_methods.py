@@ -1,7 +1,9 @@
 """The pose estimators that Zhang 2017's experiments compare, run frame by frame and timed.
 
-All are given which returns are the car's and how large it is. Ours also knows beams and noise,
-and of the body either its outline or, as `any saloon`, only how such cars are built.
+All are given which returns are the car's. The paper's and ours are told its size, `sized saloon`
+only how that of such cars is spread. Ours also knows beams and noise, and of the body its outline
+but for the radius of its corners; one estimator fits the sharp and the rounded body. Beside it:
+told the radius, too, and told no more than how saloons are built.
 """
 
 from __future__ import annotations
@@ -11,13 +13,14 @@ from functools import cache
 from itertools import islice
 from time import thread_time
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from roadscope.benchmarks.zhang2017_drives import FRAME_S
+from roadscope.benchmarks.zhang2017_outline import fusion
 from roadscope.benchmarks.zhang2017_scene import Run, Shot
 from roadscope.detectors.pose.body_fit import BodyFit
-from roadscope.detectors.pose.body_fusion import fusion
 from roadscope.detectors.pose.body_model import BodyModel, saloon
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.pose.matched_filter import fit_single
@@ -26,6 +29,8 @@ from roadscope.detectors.pose.ransac import fit_ransac
 from roadscope.detectors.pose.smoother import Smoother
 from roadscope.envs.world.ford_fusion import CORNER_RADII_M, LENGTH_M, WIDTH_M
 
+LENGTH_SD_M, WIDTH_SD_M = 0.1, 0.05
+"""Of the size of cars that a class has in common."""
 Poses = list[VehiclePose | None]
 Method = Callable[[Run], Iterator[Poses]]
 """Yields, for each frame of a run, the poses that became known with it, in the order of frames;
@@ -50,24 +55,28 @@ def estimate(method: Method, run: Run) -> tuple[Poses, np.ndarray]:
         spent += [took_ms] * (len(found[0]) == 1)
 
 
-def _single(run: Run) -> Iterator[Poses]:
+def single(run: Run, **reading: Any) -> Iterator[Poses]:
+    """Fit each frame alone; reading: options of `fit_single`."""
     for shot in run.shots:
         points = shot.points_xy
         yield [
-            fit_single(points, shot.origin_xy, length_m=LENGTH_M, width_m=WIDTH_M)
+            fit_single(points, shot.origin_xy, length_m=LENGTH_M, width_m=WIDTH_M, **reading)
             if len(points)
             else None
         ]
 
 
-def _multi(run: Run) -> Iterator[Poses]:
-    """Three frames in a row, the pose of the middle one; at the ends the two that there are."""
+def multi(run: Run, **reading: Any) -> Iterator[Poses]:
+    """Fit three frames in a row, the middle one's pose; at the ends the two that there are.
+
+    reading: options of `fit_multi`.
+    """
     yield []
     for k in range(len(run.shots)):
-        yield [_middle(run, k)]
+        yield [_middle(run, k, **reading)]
 
 
-def _middle(run: Run, k: int) -> VehiclePose | None:
+def _middle(run: Run, k: int, **reading: Any) -> VehiclePose | None:
     window = [j for j in (k - 1, k, k + 1) if 0 <= j < len(run.shots)]
     seen = [j for j in window if run.shots[j].target.any()]
     if k not in seen:
@@ -80,14 +89,16 @@ def _middle(run: Run, k: int) -> VehiclePose | None:
         length_m=LENGTH_M,
         width_m=WIDTH_M,
         at=seen.index(k),
+        **reading,
     )
 
 
-def _ransac(run: Run) -> Iterator[Poses]:
+def ransac(run: Run, **reading: Any) -> Iterator[Poses]:
+    """Fit each frame alone; reading: options of `fit_ransac`."""
     for k, shot in enumerate(run.shots):
         points, rng = shot.points_xy, np.random.default_rng([run.seed, k])
         yield [
-            fit_ransac(points, shot.origin_xy, rng, length_m=LENGTH_M, width_m=WIDTH_M)
+            fit_ransac(points, shot.origin_xy, rng, length_m=LENGTH_M, width_m=WIDTH_M, **reading)
             if len(points)
             else None
         ]
@@ -147,8 +158,14 @@ def _smoothed(frames: int, model: Callable[[str], BodyModel]) -> Method:
 
 
 @cache
-def outline(body: str) -> BodyModel:
-    """Return the car as it is, which is what the information floor supposes too."""
+def outline(_: str) -> BodyModel:
+    """Return the car's outline with corners of any radius."""
+    return fusion()
+
+
+@cache
+def told_radius(body: str) -> BodyModel:
+    """Return the car as it is, which is what the information floor supposes."""
     radius = CORNER_RADII_M[body]
     return fusion((radius, radius))
 
@@ -159,20 +176,30 @@ def any_saloon(_: str) -> BodyModel:
     return saloon((LENGTH_M, 0.0), (WIDTH_M, 0.0))
 
 
+@cache
+def sized_saloon(_: str) -> BodyModel:
+    """Return a car of which not even the size is known, only how it is spread."""
+    return saloon((LENGTH_M, LENGTH_SD_M), (WIDTH_M, WIDTH_SD_M))
+
+
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
-        "single frame": _single,
-        "multi frame": _multi,
-        "RANSAC": _ransac,
+        "single frame": single,
+        "multi frame": multi,
+        "RANSAC": ransac,
         "ours, 1 frame": _ours_single,
         "ours, 3 frames": _smoothed(3, outline),
         "ours, 7 frames": _smoothed(7, outline),
+        "told radius, 7": _smoothed(7, told_radius),
         "any saloon, 7": _smoothed(7, any_saloon),
+        "sized saloon, 7": _smoothed(7, sized_saloon),
     }
 )
 """The paper's first."""
 REPEATED = tuple(METHODS)[:6]
-"""What is run again under other conditions."""
+"""What is run on every drive."""
+KNOWING = tuple(METHODS)[6:]
+"""What knows more or less than ours, run on the simulated drives."""
 SINGLE, MULTI, RANSAC = list(METHODS)[:3]
 OURS = {"ours, 1 frame": 1, "ours, 3 frames": 3, "ours, 7 frames": 7}
 """Frames that stand behind each of ours: its floor is that of as many."""

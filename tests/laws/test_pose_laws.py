@@ -9,11 +9,11 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from law_scenes import take
 
+from roadscope.benchmarks.zhang2017_outline import fusion
 from roadscope.benchmarks.zhang2017_scene import film
 from roadscope.core import Pose, RecordError
 from roadscope.detectors.pose import axis_difference, fit_multi, fit_ransac, fit_single
 from roadscope.detectors.pose.body_fit import BodyFit
-from roadscope.detectors.pose.body_fusion import fusion
 from roadscope.detectors.pose.smoother import Smoother
 
 SIZE = {"length_m": 4.87, "width_m": 1.85}

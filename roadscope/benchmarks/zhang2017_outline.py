@@ -1,4 +1,4 @@
-"""The Ford Fusion as a body to fit: its outline known, its corner radius not."""
+"""Zhang 2017's car, a Ford Fusion, as a body to fit: its outline known, its corner radius not."""
 
 from __future__ import annotations
 
