@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core.record import Record
-from roadscope.detectors.moving.box_kernels import gathered, slide, suppress
+from roadscope.detectors.moving.box_kernels import Chart, gathered, slide, suppress
 from roadscope.detectors.moving.growth import whole_body
 from roadscope.detectors.moving.memory import Look
 from roadscope.detectors.moving.view import View
@@ -67,7 +67,10 @@ class Candidate(Record):
 
 
 def extract(now: View, back: Sequence[Look]) -> list[Candidate]:
-    """Return what moves in a scan, given earlier ones; nothing while there are too few."""
+    """Return what moves in a scan, given earlier ones; nothing while there are too few.
+
+    Places are metres in the scan's ego frame at its stamp.
+    """
     rows = np.flatnonzero(_between(now, SILL_M))
     points = now.points[rows]
     if len(back) < MIN_LOOKS or not (points[:, 2] > LOW_M).any():
@@ -76,7 +79,7 @@ def extract(now: View, back: Sequence[Look]) -> list[Candidate]:
     thin = points[voxels]
     upright = thin[thin[:, 2] > LOW_M]
     weights = motion(upright, back)
-    through = seen_through(upright, *now.rays)
+    through = seen_through(upright, now.rays)
     weights[through] = np.minimum(weights[through], 0.0)
     if not (weights > 0).any():
         return []
@@ -114,7 +117,7 @@ def motion(points: np.ndarray, back: Sequence[Look]) -> np.ndarray:
     """
     counts, heights = np.zeros((2, len(points)), np.int64), spans(points, NEIGHBOUR_M)
     for look in back:
-        look_back(look.then_from_now.apply(points), heights, *look.view.rays, counts)
+        look_back(look.then_from_now.apply(points), heights, look.view.rays, counts)
     free, taken = np.maximum(counts - [[CHANCE], [0]], 0) / len(back)
     return np.where(free > 0, 1.0 + 5.0 * free - 4.5 * taken, np.where(taken > 0, -4.5 * taken, 1))
 
@@ -129,12 +132,13 @@ def _between(view: View, low_m: float) -> np.ndarray:
 def _boxes(points: np.ndarray, weights: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return (B, 8) boxes that hold moving vehicles, as `slide` does."""
     places, values, corner = _cells(points, weights)
-    chart = np.full(np.ceil(np.ptp(places, axis=0) / CELL_M).astype(int) + 3, -1, np.int32)
+    rows = np.full(np.ceil(np.ptp(places, axis=0) / CELL_M).astype(int) + 3, -1, np.int32)
     cells = (places / CELL_M).astype(np.int64)
-    chart[cells[:, 0], cells[:, 1]] = np.arange(len(places))
-    boxes = slide(chart, places, values, origin - corner, SIDES_M, CELL_M, LEAST)
+    rows[cells[:, 0], cells[:, 1]] = np.arange(len(places))
+    chart = Chart(rows, places, values, origin - corner, CELL_M)
+    boxes = slide(chart, SIDES_M, LEAST)
     boxes = boxes[np.lexsort((boxes[:, 2], boxes[:, 1], boxes[:, 0], -boxes[:, 3]))]
-    kept = boxes[suppress(boxes, places, values, origin - corner, SIDES_M, LEAST)]
+    kept = boxes[suppress(boxes, chart, SIDES_M, LEAST)]
     kept[:, :2] += corner
     return np.asarray(kept)
 

@@ -8,9 +8,7 @@ import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.core.record import Record
-from roadscope.detectors.moving.view_kernels import tabulate, unskew
-
-Rays = tuple[np.ndarray, np.ndarray, tuple[float, float], np.ndarray, np.ndarray, np.ndarray]
+from roadscope.detectors.moving.view_kernels import Rays, tabulate, unskew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,9 +62,11 @@ class View(Record):
 
     @property
     def rays(self) -> Rays:
-        """What kernels ask of a view, in their order."""
-        grid = self.azimuth, self.step
-        return self.image, self.slopes, grid, self.column_times_s, self.twist, self.lidar_from_ego
+        """What kernels ask of a view."""
+        return Rays(
+            self.image, self.slopes, (self.azimuth, self.step),
+            self.column_times_s, self.twist, self.lidar_from_ego,
+        )  # fmt: skip
 
     def origin(self, time_s: float = 0.0) -> np.ndarray:
         """Return where the sensor was some seconds after the stamp, (2,) metres."""
@@ -76,7 +76,11 @@ class View(Record):
 
 
 def evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
-    """Return azimuth of column 0 and the step of evenly spaced columns, radians."""
+    """Return azimuth of column 0 and the step of evenly spaced columns, radians, lidar frame.
+
+    columns: (K,) int64, rising, K at least 1, some of them. azimuths: (K,) float64, radians,
+    where each of those looks. The step is 0 where there is but one.
+    """
     if len(columns) < 2:
         return float(azimuths[0]), 0.0
     step = float(np.median(wrap_angle(np.diff(azimuths)) / np.diff(columns)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from roadscope.envs.raycast.jit import compiled
@@ -20,6 +22,25 @@ BODY_M = (0.8, 1.2)
 """Heights at which any vehicle stops a ray."""
 BEHIND_M = 5.5
 """What a ray over the bonnet meets this far behind is not the same vehicle."""
+
+
+class Rays(NamedTuple):
+    """What a scan saw, and where its rays went.
+
+    image: (R, C) float32, metres, range by beam and column, nan where nothing came back.
+    slopes: (R,) float64, increasing, tangent of each beam's elevation, lidar frame.
+    grid: azimuth of column 0 and step, radians, lidar frame.
+    column_times_s: (C,) float64, seconds after the stamp.
+    twist: (3,) float64, velocity in x and y, m/s, and yaw rate, rad/s, of the ego.
+    lidar_from_ego: (4, 4) float64.
+    """
+
+    image: np.ndarray
+    slopes: np.ndarray
+    grid: tuple[float, float]
+    column_times_s: np.ndarray
+    twist: np.ndarray
+    lidar_from_ego: np.ndarray
 
 
 @compiled()
@@ -159,25 +180,15 @@ def unskew(points: np.ndarray, times_s: np.ndarray, twist: np.ndarray) -> np.nda
 
 
 @compiled()
-def look_back(
-    points: np.ndarray,
-    heights: np.ndarray,
-    image: np.ndarray,
-    slopes: np.ndarray,
-    grid: tuple[float, float],
-    column_times_s: np.ndarray,
-    twist: np.ndarray,
-    lidar_from_ego: np.ndarray,
-    counts: np.ndarray,
-) -> None:
+def look_back(points: np.ndarray, heights: np.ndarray, rays: Rays, counts: np.ndarray) -> None:
     """Count up, in place, which places (N, 3) a scan saw free, and which it saw taken.
 
     points: metres, the scan's ego frame. heights: (N, 2) metres, from where to where the thing
-    at the place is seen to reach. grid: azimuth of column 0 and step, radians. The other arrays
-    are a `View`'s. counts: (2, N) int64, free and taken.
+    at the place is seen to reach. counts: (2, N) int64, free and taken.
     """
+    image, slopes = rays.image, rays.slopes
     for i in range(len(points)):
-        column, flat, reach, slope = _cast(points[i], grid, column_times_s, twist, lidar_from_ego)
+        column, flat, reach, slope = _cast(points[i], rays)
         if column < 0:
             continue
         free_rays, taken, above = 0, False, np.searchsorted(slopes, slope)
@@ -197,22 +208,15 @@ def look_back(
 
 
 @compiled()
-def seen_through(
-    points: np.ndarray,
-    image: np.ndarray,
-    slopes: np.ndarray,
-    grid: tuple[float, float],
-    column_times_s: np.ndarray,
-    twist: np.ndarray,
-    lidar_from_ego: np.ndarray,
-) -> np.ndarray:
+def seen_through(points: np.ndarray, rays: Rays) -> np.ndarray:
     """Return (N,) whether a ray crosses a place at `BODY_M` above the road and goes on.
 
-    The arguments are those of `look_back`.
+    points: (N, 3) metres, the scan's ego frame.
     """
+    image, slopes = rays.image, rays.slopes
     through = np.zeros(len(points), np.bool_)
     for i in range(len(points)):
-        column, flat, reach, slope = _cast(points[i], grid, column_times_s, twist, lidar_from_ego)
+        column, flat, reach, slope = _cast(points[i], rays)
         if column < 0:
             continue
         for row in range(len(slopes)):
@@ -223,20 +227,15 @@ def seen_through(
     return through
 
 
-@compiled()
-def _cast(
-    point: np.ndarray,
-    grid: tuple[float, float],
-    column_times_s: np.ndarray,
-    twist: np.ndarray,
-    lidar_from_ego: np.ndarray,
-) -> tuple[int, float, float, float]:
+@compiled(borrowing=True)
+def _cast(point: np.ndarray, rays: Rays) -> tuple[int, float, float, float]:
     """Return column, distance, range and slope of the ray to a place; column -1 if there is none.
 
     The sensor moves while it turns: where it was depends on the column, which depends on that.
     """
-    turn, m, time = 2 * np.pi / abs(grid[1]), lidar_from_ego, 0.0
-    column, flat, w = -1, 0.0, 0.0
+    azimuth, step = rays.grid
+    twist, m, time = rays.twist, rays.lidar_from_ego, 0.0
+    turn, column, flat, w = 2 * np.pi / abs(step), -1, 0.0, 0.0
     for _ in range(2):
         cos, sin = np.cos(twist[2] * time), np.sin(twist[2] * time)
         dx, dy = point[0] - twist[0] * time, point[1] - twist[1] * time
@@ -245,11 +244,11 @@ def _cast(
         v = m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]
         w = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
         flat = np.sqrt(u * u + v * v)
-        place = (np.arctan2(v, u) - grid[0]) / grid[1]
+        place = (np.arctan2(v, u) - azimuth) / step
         place -= turn * np.floor((place + 0.5) / turn)
         column = int(np.floor(place + 0.5))
         # Negative where a view has no columns, or one: their step is 0 and no place lies in any.
-        if not 0 <= column < len(column_times_s) or flat == 0.0:
+        if not 0 <= column < len(rays.column_times_s) or flat == 0.0:
             return -1, 0.0, 0.0, 0.0
-        time = column_times_s[column]
+        time = rays.column_times_s[column]
     return column, flat, np.sqrt(flat * flat + w * w), w / flat
