@@ -13,7 +13,7 @@ its heading.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -68,11 +68,6 @@ class Floor:
         return _root(self.covariances[:, 0, 0])
 
     @property
-    def lateral_m(self) -> np.ndarray:
-        """(K,) standard deviation across the car."""
-        return _root(self.covariances[:, 1, 1])
-
-    @property
     def heading_rad(self) -> np.ndarray:
         """(K,) standard deviation of the heading."""
         return _root(self.covariances[:, 2, 2])
@@ -89,18 +84,32 @@ def floor(run: Run, frames: int = 1, *, lag: int | None = None, draws: int = 204
     frames: how many consecutive frames are used; at the ends of the run those that are there.
     lag: how many of them come after the one whose pose is asked, half of them if left out.
     """
-    after = frames // 2 if lag is None else lag
+    return floors(run, (frames,), lag=lag, draws=draws)[frames]
+
+
+def floors(
+    run: Run, frames: Sequence[int], *, lag: int | None = None, draws: int = 2048
+) -> dict[int, Floor]:
+    """Return the floor for each of several numbers of frames; see `floor`."""
     views = [_view(run, k) for k in range(len(run.shots))]
     singles = [_single(run, view, k, draws) for k, view in enumerate(views)]
-    if frames == 1:
-        return _stacked(singles)
-    last = len(views) - 1
-    windows = [
-        range(max(k + after - frames + 1, 0), min(k + after, last) + 1) for k in range(last + 1)
-    ]
-    return _stacked(
-        [_joint(run, views, singles, (k, window), draws) for k, window in enumerate(windows)]
-    )
+    return {
+        many: _stacked(
+            [
+                _joint(run, views, singles, (k, window), draws)
+                for k, window in enumerate(_windows(len(views), many, lag))
+            ]
+            if many > 1
+            else singles
+        )
+        for many in frames
+    }
+
+
+def _windows(count: int, frames: int, lag: int | None) -> list[range]:
+    """Return which frames of a run are used for each."""
+    after = frames // 2 if lag is None else lag
+    return [range(max(k + after - frames + 1, 0), min(k + after + 1, count)) for k in range(count)]
 
 
 Answer = tuple[np.ndarray, np.ndarray, float]
