@@ -1,0 +1,6 @@
+"""Files that others write and read: KITTI tracking, MOTChallenge."""
+
+from roadscope.benchmarks.formats.kitti import KittiFolder, KittiSequence, read_sequence
+from roadscope.benchmarks.formats.table import FormatError
+
+__all__ = ["FormatError", "KittiFolder", "KittiSequence", "read_sequence"]

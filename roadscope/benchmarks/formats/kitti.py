@@ -1,0 +1,256 @@
+"""A folder of KITTI tracking data as detections, poses and truth of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.formats.kitti_calibration import KittiCalibration, read_calibration
+from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms, yaws_from_rotations
+from roadscope.benchmarks.formats.kitti_objects import (
+    TYPE_NAMES,
+    TYPE_OF,
+    KittiObjects,
+    read_detections,
+    read_labels,
+)
+from roadscope.benchmarks.formats.kitti_poses import read_oxts, read_poses
+from roadscope.benchmarks.formats.table import FormatError
+from roadscope.core import Category, Detections, Pose, Truth
+from roadscope.core.record import Record
+
+PERIOD_S = 0.1
+UNKNOWN = -1
+"""Of recorded truth: nobody counted returns and pixels, nor the share that is occluded."""
+DETECTIONS = "det_"
+POSE_FOLDERS = ("ego_pose", "poses", "oxts")
+
+
+@dataclass(frozen=True, slots=True)
+class KittiFolder:
+    """Where files lie; nothing is read yet.
+
+    root: the folder that holds `label_02` and `calib`.
+    """
+
+    root: Path
+
+    @staticmethod
+    def find(folder: Path | str) -> KittiFolder:
+        """Take a folder, or its `training`, that has labels; others are refused by name."""
+        given = Path(folder)
+        if not given.is_dir():
+            raise FormatError(f"{given}: no such folder; expected one with label_02/SEQ.txt")
+        for root in (given, given / "training"):
+            if (root / "label_02").is_dir():
+                found = KittiFolder(root)
+                if not found.sequences():
+                    raise FormatError(f"{root / 'label_02'}: expected SEQ.txt files, got none")
+                return found
+        seen = ", ".join(sorted(p.name for p in given.iterdir())[:8]) or "nothing"
+        raise FormatError(
+            f"{given}: expected label_02/SEQ.txt, calib/SEQ.txt, {DETECTIONS}NAME/Car/SEQ.txt and "
+            f"ego_pose/SEQ.txt (or oxts/SEQ.txt), here or in training/; got {seen}"
+        )
+
+    def sequences(self) -> list[str]:
+        """Return the names of all sequences that have labels."""
+        return sorted(path.stem for path in (self.root / "label_02").glob("*.txt"))
+
+    def detectors(self) -> list[str]:
+        """Return the detectors whose detections are here."""
+        folders = sorted(p for p in self.root.glob(f"{DETECTIONS}*") if p.is_dir())
+        return [p.name.removeprefix(DETECTIONS) for p in folders]
+
+    def labels(self, sequence: str) -> Path:
+        """Return the labels of a sequence."""
+        return self._needed("label_02", sequence)
+
+    def calibration(self, sequence: str) -> Path:
+        """Return the calibration of a sequence."""
+        return self._needed("calib", sequence)
+
+    def detections(self, sequence: str, category: Category, detector: str) -> Path:
+        """Return the detections of one class in a sequence."""
+        kind = TYPE_NAMES[TYPE_OF[category]]
+        return self._needed(f"{DETECTIONS}{detector}/{kind}", sequence)
+
+    def poses(self, sequence: str) -> Path:
+        """Return the poses of a sequence: from SLAM, from odometry, or the inertial unit's."""
+        for name in POSE_FOLDERS:
+            path = self.root / name / f"{sequence}.txt"
+            if path.is_file():
+                return path
+        places = ", ".join(f"{name}/{sequence}.txt" for name in POSE_FOLDERS)
+        raise FormatError(f"{self.root}: no poses of sequence {sequence}; expected one of {places}")
+
+    def the_detector(self, name: str | None) -> str:
+        """Return the detector named, or the only one."""
+        known = self.detectors()
+        if not known:
+            raise FormatError(f"{self.root}: expected {DETECTIONS}NAME/Car/SEQ.txt, got no "
+                              f"{DETECTIONS}NAME")  # fmt: skip
+        if name is None and len(known) > 1:
+            raise FormatError(f"{self.root}: several detectors, name one: {', '.join(known)}")
+        if name is not None and name not in known:
+            raise FormatError(f"{self.root}: no detector '{name}'; known: {', '.join(known)}")
+        return name or known[0]
+
+    def _needed(self, folder: str, sequence: str) -> Path:
+        path = self.root / folder / f"{sequence}.txt"
+        if not path.is_file():
+            raise FormatError(f"{path}: missing; sequence {sequence} needs it")
+        return path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KittiSequence(Record):
+    """One sequence and one class of road users; all tuples have T items, one a frame.
+
+    detections: in the ego frame, which is the rectified camera's turned to ISO 8855; scores
+        0 to 1, the logistic function of the detector's.
+    detected: the same rows as the file has them: image boxes, raw scores.
+    world_from_ego: the world is the frame in which the poses are given.
+    truths: objects labelled as of this class, world frame. Velocities are differences of the
+        labelled centres in the world frame, so they carry the poses' errors; an object of one
+        frame only has none, 0. What nobody counted (`lidar_returns`, `visible_pixels`,
+        `occluded_fraction`) is `UNKNOWN`, -1.
+    labelled: all labels, of every type, as the file has them.
+    """
+
+    name: str
+    category: Category
+    detector: str
+    detections: tuple[Detections, ...]
+    detected: tuple[KittiObjects, ...]
+    world_from_ego: tuple[Pose, ...]
+    truths: tuple[Truth, ...]
+    labelled: tuple[KittiObjects, ...]
+    calibration: KittiCalibration
+
+    def __len__(self) -> int:
+        return len(self.detections)
+
+
+def read_sequence(
+    folder: Path | str | KittiFolder,
+    sequence: str,
+    category: Category = Category.CAR,
+    *,
+    detector: str | None = None,
+) -> KittiSequence:
+    """Read one class of a sequence; anything malformed raises `FormatError`.
+
+    category: car, pedestrian or cyclist.
+    detector: NAME of the folder `det_NAME`; None for the only one.
+    A sequence is as long as its poses.
+    """
+    files = folder if isinstance(folder, KittiFolder) else KittiFolder.find(folder)
+    if category not in TYPE_OF:
+        known = ", ".join(c.name.lower() for c in TYPE_OF)
+        raise FormatError(f"no KITTI detections of {Category(category).name.lower()}; of: {known}")
+    name = files.the_detector(detector)
+    labels_path = files.labels(sequence)
+    found_path = files.detections(sequence, category, name)
+    calibration = read_calibration(files.calibration(sequence))
+    poses = _poses(files, sequence, calibration)
+    labels, found = read_labels(labels_path), read_detections(found_path)
+    for path, objects in ((labels_path, labels), (found_path, found)):
+        _check_length(path, objects, files.poses(sequence), len(poses))
+    found = found.select(found.types == TYPE_OF[category])
+    true = labels.select((labels.types == TYPE_OF[category]) & (labels.ids >= 0))
+    by_frame = found.by_frame(len(poses))
+    return KittiSequence(
+        sequence, category, name,
+        detections=tuple(
+            detections_of(rows, category, PERIOD_S * t) for t, rows in enumerate(by_frame)
+        ),
+        detected=tuple(by_frame),
+        world_from_ego=tuple(poses),
+        truths=truths_of(true, category, poses),
+        labelled=tuple(labels.by_frame(len(poses))),
+        calibration=calibration,
+    )  # fmt: skip
+
+
+def detections_of(rows: KittiObjects, category: Category, stamp_s: float) -> Detections:
+    """Turn rows of one frame into detections in the ego frame."""
+    return Detections(
+        centres_from_bottoms(rows.bottoms, rows.sizes),
+        rows.sizes,
+        yaws_from_rotations(rows.rotations_y),
+        np.full(len(rows), category, np.int8),
+        logistic(rows.scores),
+        "ego",
+        stamp_s,
+    )
+
+
+def logistic(scores: np.ndarray) -> np.ndarray:
+    """Map scores of any range to 0 to 1; their order stays."""
+    falling = np.exp(-np.abs(scores))
+    mapped: np.ndarray = np.where(scores >= 0, 1.0, falling) / (1 + falling)
+    return mapped
+
+
+def truths_of(
+    labels: KittiObjects, category: Category, world_from_ego: Sequence[Pose]
+) -> tuple[Truth, ...]:
+    """Turn labels of one class into the truth of each frame."""
+    boxes = Detections(
+        centres_from_bottoms(labels.bottoms, labels.sizes), labels.sizes,
+        yaws_from_rotations(labels.rotations_y), np.full(len(labels), category, np.int8),
+        np.ones(len(labels)), "ego", 0.0,
+    )  # fmt: skip
+    rows = [np.flatnonzero(labels.frames == t) for t in range(len(world_from_ego))]
+    placed = [
+        boxes.select(r).moved(pose, "world") for r, pose in zip(rows, world_from_ego, strict=True)
+    ]
+    centres = np.empty((len(labels), 3))
+    for r, box in zip(rows, placed, strict=True):
+        centres[r] = box.centres
+    velocities = _velocities(labels, centres)
+    return tuple(
+        _truth(labels.ids[r], box, velocities[r], PERIOD_S * t, pose)
+        for t, (r, box, pose) in enumerate(zip(rows, placed, world_from_ego, strict=True))
+    )
+
+
+def _truth(
+    ids: np.ndarray, boxes: Detections, velocities: np.ndarray, stamp_s: float, pose: Pose
+) -> Truth:
+    unknown = np.full(len(ids), UNKNOWN)
+    return Truth(
+        ids, boxes.categories, boxes.centres, boxes.sizes, boxes.yaws, velocities,
+        unknown, unknown, unknown.astype(np.float64), pose, stamp_s, np.empty(0, np.int64),
+    )  # fmt: skip
+
+
+def _velocities(labels: KittiObjects, centres: np.ndarray) -> np.ndarray:
+    """Return (N, 2) m/s by differences of each object's (N, 3) world centres over its frames."""
+    velocities = np.zeros((len(labels), 2))
+    for number in np.unique(labels.ids):
+        rows = np.flatnonzero(labels.ids == number)
+        rows = rows[np.argsort(labels.frames[rows])]
+        if len(rows) > 1:
+            stamps = PERIOD_S * labels.frames[rows]
+            velocities[rows] = np.gradient(centres[rows, :2], stamps, axis=0)
+    return velocities
+
+
+def _poses(files: KittiFolder, sequence: str, calibration: KittiCalibration) -> list[Pose]:
+    path = files.poses(sequence)
+    poses = read_oxts(path, calibration) if path.parent.name == "oxts" else read_poses(path)
+    if not poses:
+        raise FormatError(f"{path}: expected a pose for each frame, got an empty file")
+    return poses
+
+
+def _check_length(path: Path, objects: KittiObjects, poses: Path, count: int) -> None:
+    last = int(objects.frames.max(initial=-1))
+    if last >= count:
+        raise FormatError(f"{poses}: expected a pose for each frame up to {last} of {path}, "
+                          f"got {count} poses")  # fmt: skip

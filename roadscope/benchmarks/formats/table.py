@@ -1,0 +1,148 @@
+"""Text files of columns, refused with file, line and what was expected."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+
+class FormatError(ValueError):
+    """A file is not what it should be; the message names file, line and what was expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """The rows of a file, still text; blank lines are left out.
+
+    rows: the fields of each line.
+    lines: number of the line that each row stands in, from 1.
+    columns: what the fields are called.
+    """
+
+    path: Path
+    rows: Sequence[Sequence[str]]
+    lines: Sequence[int]
+    columns: Sequence[str]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def numbers(self, first: int, last: int) -> np.ndarray:
+        """Return fields `first` up to but not including `last` as (N, K) finite float64."""
+        texts = [row[first:last] for row in self.rows]
+        try:
+            values = np.array(texts, dtype=np.float64).reshape(len(texts), last - first)
+        except ValueError:
+            self._refuse_texts(first, last)
+        wrong = np.argwhere(~np.isfinite(values))
+        if len(wrong):
+            row, column = wrong[0].tolist()
+            self.refuse(row, f"a finite {self.columns[first + column]}", texts[row][column])
+        return values
+
+    def integers(self, column: int, least: int | None = None) -> np.ndarray:
+        """Return one field as (N,) int64, none below `least`."""
+        values = self.numbers(column, column + 1)[:, 0]
+        proper = values == np.rint(values)
+        if least is not None:
+            proper &= values >= least
+        bound = "" if least is None else f" of {least} or more"
+        self.require(proper, f"an integer {self.columns[column]}{bound}", column)
+        return values.astype(np.int64)
+
+    def require(self, proper: np.ndarray, expected: str, column: int, until: int = 0) -> None:
+        """Refuse the first row that is not proper, showing its fields from `column` on."""
+        wrong = np.flatnonzero(~proper)
+        if len(wrong):
+            row = int(wrong[0])
+            self.refuse(row, expected, " ".join(self.rows[row][column : until or column + 1]))
+
+    def refuse(self, row: int, expected: str, given: object) -> NoReturn:
+        """Say what is wrong with a row."""
+        refuse(self.path, self.lines[row], expected, given)
+
+    def _refuse_texts(self, first: int, last: int) -> NoReturn:
+        """Find the field that is not a number."""
+        for row, fields in enumerate(self.rows):
+            for name, text in zip(self.columns[first:last], fields[first:last], strict=True):
+                try:
+                    float(text)
+                except ValueError:
+                    self.refuse(row, f"a number as {name}", text)
+        raise AssertionError("all fields are numbers")
+
+
+def refuse(path: Path, line: int, expected: str, given: object) -> NoReturn:
+    """Raise a `FormatError` for one line of a file."""
+    raise FormatError(f"{path}, line {line}: expected {expected}, got {str(given)[:80]!r}")
+
+
+def read_lines(path: Path) -> list[str]:
+    """Return the lines of a text file, whatever ends them."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from error
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise FormatError(f"{path}, line {line}: expected text, got binary data") from error
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise FormatError(f"{path}, line {line}: expected text, got binary data")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def read_table(
+    path: Path,
+    columns: Sequence[str],
+    *,
+    separator: str | None = None,
+    least: int | None = None,
+) -> Table:
+    """Read lines of the named columns; an empty file is a table without rows.
+
+    separator: None for white space.
+    least: columns that must be there when the last ones may be missing, the same in all lines.
+    """
+    rows, lines = [], []
+    for number, line in enumerate(read_lines(path), start=1):
+        if not line.strip():
+            continue
+        rows.append([field.strip() for field in line.strip().split(separator)])
+        lines.append(number)
+    allowed = range(len(columns) if least is None else least, len(columns) + 1)
+    width = len(rows[0]) if rows and len(rows[0]) in allowed else None
+    for row, number in zip(rows, lines, strict=True):
+        if width is None or len(row) != width:
+            _refuse_width(path, number, columns, allowed, width, len(row))
+    return Table(path, rows, lines, columns)
+
+
+def _refuse_width(
+    path: Path, line: int, columns: Sequence[str], allowed: range, width: int | None, given: int
+) -> NoReturn:
+    """Say how many columns there must be, and which."""
+    counts = f"{allowed[0]} to {allowed[-1]}" if len(allowed) > 1 else str(allowed[0])
+    wanted = f"{width} columns as in the first line" if width else f"{counts} columns"
+    refuse(path, line, f"{wanted} ({' '.join(columns)})", f"{given} columns")
+
+
+def refuse_backward(table: Table, frames: np.ndarray) -> None:
+    """Refuse a frame below the one before: two files in one, or a damaged one."""
+    proper = np.diff(frames, prepend=0) >= 0
+    table.require(proper, "frames that do not decrease", 0)
+
+
+def refuse_twins(table: Table, frames: np.ndarray, ids: np.ndarray) -> None:
+    """Refuse two rows of one id in one frame; negative ids are none."""
+    seen: set[tuple[int, int]] = set()
+    for row, key in enumerate(zip(frames.tolist(), ids.tolist(), strict=True)):
+        if key[1] >= 0 and key in seen:
+            table.refuse(row, f"each id once in frame {key[0]}", f"id {key[1]} again")
+        seen.add(key)
