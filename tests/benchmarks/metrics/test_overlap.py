@@ -1,74 +1,8 @@
-import math
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from shapely.geometry import Polygon
 from toy_boxes import detections, truth
 
-from roadscope.benchmarks.metrics.overlap import box_overlaps, overlaps
-
-LENGTHS = st.floats(0.2, 20.0)
-BOXES = st.tuples(
-    st.floats(-8, 8), st.floats(-8, 8), LENGTHS, LENGTHS, st.floats(-math.pi, math.pi)
-)
-
-
-def one(a, b) -> float:
-    return float(box_overlaps(np.array([a], float), np.array([b], float))[0, 0])
-
-
-def outline(box) -> Polygon:
-    x, y, length, width, yaw = box
-    c, s = math.cos(yaw), math.sin(yaw)
-    corners = [(length, width), (-length, width), (-length, -width), (length, -width)]
-    return Polygon([(x + (c * a - s * b) / 2, y + (s * a + c * b) / 2) for a, b in corners])
-
-
-@given(BOXES, BOXES)
-def test_as_shapely_has_it(a, b) -> None:
-    one_area, other_area = outline(a), outline(b)
-    expected = one_area.intersection(other_area).area / one_area.union(other_area).area
-    assert one(a, b) == pytest.approx(expected, abs=1e-9)
-
-
-def test_many_random_boxes_as_shapely_has_them() -> None:
-    rng = np.random.default_rng(0)
-    boxes = rng.uniform([-4, -4, 0.3, 0.3, -4], [4, 4, 9, 4, 4], (120, 5))
-    found = box_overlaps(boxes[:60], boxes[60:])
-    outlines = [outline(box) for box in boxes]
-    for i, j in np.ndindex(60, 60):
-        a, b = outlines[i], outlines[60 + j]
-        assert found[i, j] == pytest.approx(a.intersection(b).area / a.union(b).area, abs=1e-12)
-    assert 0.2 < (found > 0).mean() < 0.9
-
-
-def test_by_hand() -> None:
-    square = (0, 0, 2, 2, 0)
-    assert one(square, square) == 1.0
-    assert one(square, (1, 0, 2, 2, 0)) == pytest.approx(1 / 3)
-    assert one(square, (0, 0, 1, 1, 0.3)) == pytest.approx(1 / 4)
-    assert one(square, (2, 0, 2, 2, 0)) == 0.0
-    # A square and the same turned by 45 degrees share a regular octagon.
-    octagon = 8 * (math.sqrt(2) - 1)
-    assert one(square, (0, 0, 2, 2, math.pi / 4)) == pytest.approx(octagon / (8 - octagon))
-
-
-@given(BOXES, BOXES, st.floats(-3000, 3000), st.floats(-3000, 3000), st.floats(-3, 3))
-def test_motion_of_both_and_their_order_change_nothing(a, b, x, y, turn) -> None:
-    c, s = math.cos(turn), math.sin(turn)
-
-    def moved(box):
-        return (x + c * box[0] - s * box[1], y + s * box[0] + c * box[1], *box[2:4], box[4] + turn)
-
-    assert one(moved(a), moved(b)) == pytest.approx(one(a, b), abs=1e-9)
-    assert one(a, b) == pytest.approx(one(b, a), abs=1e-9)
-
-
-@given(BOXES, st.sampled_from([math.pi, 2 * math.pi]))
-def test_a_box_is_itself_turned_by_half(box, turn) -> None:
-    assert one(box, (*box[:4], box[4] + turn)) == pytest.approx(1.0)
+from roadscope.benchmarks.metrics.overlap import overlaps
 
 
 def test_of_records() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 KERNELS = """
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 @compiled()
 def double(x):

@@ -1,0 +1,183 @@
+"""Overlap of boxes: from above and in space, exact, with the generalised one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+
+CORNERS = 16
+"""Room for corners: 8 are left at most when one rectangle is cut by another, a few more when
+rounding bends a side."""
+
+
+@compiled()
+def box_overlaps(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return (N, M) intersection over union of (N, 5) and (M, 5) rectangles.
+
+    Each rectangle is cut by the four sides of the other in the other's frame (Sutherland and
+    Hodgman 1974), where the sides are x = +-l/2 and y = +-w/2; what is left is measured with
+    the shoelace formula.
+    """
+    shares = np.zeros((len(one), len(other)))
+    polygon, cut = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
+    for i in range(len(one)):
+        for j in range(len(other)):
+            reach = np.hypot(one[i, 2], one[i, 3]) + np.hypot(other[j, 2], other[j, 3])
+            if 2 * np.hypot(one[i, 0] - other[j, 0], one[i, 1] - other[j, 1]) >= reach:
+                continue
+            _corners_within(one[i], other[j], polygon)
+            common = _common_area(polygon, cut, other[j, 2] / 2, other[j, 3] / 2)
+            whole = one[i, 2] * one[i, 3] + other[j, 2] * other[j, 3] - common
+            shares[i, j] = min(common / whole, 1.0)
+    return shares
+
+
+@compiled()
+def box_overlaps_3d(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return (N, M) intersection over union of upright (N, 7) and (M, 7) boxes.
+
+    A box is its centre x, y, z, length, width, height (metres) and yaw (radians).
+    """
+    return _in_space(one, other, False)
+
+
+@compiled()
+def generalised_overlaps_3d(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return (N, M) generalised IoU of upright (N, 7) and (M, 7) boxes, -1 to 1.
+
+    What the least upright prism around both leaves empty counts against them (Rezatofighi et al.
+    2019), so that boxes apart are told from boxes further apart.
+    """
+    return _in_space(one, other, True)
+
+
+@compiled()
+def _in_space(one: np.ndarray, other: np.ndarray, generalised: bool) -> np.ndarray:
+    shares = np.zeros((len(one), len(other)))
+    polygon, cut = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
+    flat, others = np.empty((len(one), 5)), np.empty((len(other), 5))
+    for k in range(5):
+        column = (0, 1, 3, 4, 6)[k]
+        flat[:, k], others[:, k] = one[:, column], other[:, column]
+    for i in range(len(one)):
+        for j in range(len(other)):
+            apart = np.hypot(one[i, 0] - other[j, 0], one[i, 1] - other[j, 1])
+            reach = np.hypot(one[i, 3], one[i, 4]) + np.hypot(other[j, 3], other[j, 4])
+            low, high = _heights(one[i], other[j], True)
+            common = 0.0
+            if 2 * apart < reach and low < high:
+                _corners_within(flat[i], others[j], polygon)
+                area = _common_area(polygon, cut, others[j, 2] / 2, others[j, 3] / 2)
+                common = area * (high - low)
+            elif not generalised:
+                continue
+            whole = one[i, 3] * one[i, 4] * one[i, 5] + other[j, 3] * other[j, 4] * other[j, 5]
+            whole -= common
+            shares[i, j] = min(common / whole, 1.0)
+            if generalised:
+                bottom, top = _heights(one[i], other[j], False)
+                around = max(_hull_area(flat[i], others[j]) * (top - bottom), whole)
+                shares[i, j] -= (around - whole) / around
+    return shares
+
+
+@compiled()
+def _heights(one: np.ndarray, other: np.ndarray, common: bool) -> tuple[float, float]:
+    """Return lowest and highest z that both boxes have, or that either has."""
+    low, low_too = one[2] - one[5] / 2, other[2] - other[5] / 2
+    high, high_too = one[2] + one[5] / 2, other[2] + other[5] / 2
+    if common:
+        return max(low, low_too), min(high, high_too)
+    return min(low, low_too), max(high, high_too)
+
+
+@compiled()
+def _hull_area(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the area of the convex hull of two rectangles' corners (Andrew 1979)."""
+    corners, hull = np.empty((8, 2)), np.empty((10, 2))
+    corner = np.empty((4, 2))
+    _corners_within(one, other, corner)
+    corners[:4] = corner
+    for k in range(4):
+        corners[4 + k, 0] = other[2] / 2 * (1 if k in (0, 3) else -1)
+        corners[4 + k, 1] = other[3] / 2 * (1 if k in (0, 1) else -1)
+    for k in range(1, 8):
+        x, y, at = corners[k, 0], corners[k, 1], k
+        while at > 0 and (corners[at - 1, 0], corners[at - 1, 1]) > (x, y):
+            corners[at] = corners[at - 1]
+            at -= 1
+        corners[at, 0], corners[at, 1] = x, y
+    n, lower = 0, 1
+    for step in range(15):
+        k = step if step < 8 else 14 - step
+        least = lower + 1
+        while n >= least and _turn(hull[n - 2], hull[n - 1], corners[k]) <= 0:
+            n -= 1
+        hull[n] = corners[k]
+        n += 1
+        if step == 7:
+            lower = n
+    return _area(hull, n - 1)
+
+
+@compiled()
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    """Return twice the area of a triangle, positive counter-clockwise."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+@compiled()
+def _corners_within(one: np.ndarray, other: np.ndarray, polygon: np.ndarray) -> None:
+    """Write the four corners of one rectangle in the frame of the other, counter-clockwise."""
+    dx, dy = one[0] - other[0], one[1] - other[1]
+    c, s = np.cos(other[4]), np.sin(other[4])
+    x, y = c * dx + s * dy, c * dy - s * dx
+    turn = one[4] - other[4]
+    c, s = np.cos(turn), np.sin(turn)
+    for k in range(4):
+        along = one[2] / 2 * (1 if k in (0, 3) else -1)
+        across = one[3] / 2 * (1 if k in (0, 1) else -1)
+        polygon[k, 0] = x + c * along - s * across
+        polygon[k, 1] = y + s * along + c * across
+
+
+@compiled()
+def _common_area(
+    polygon: np.ndarray, cut: np.ndarray, half_length: float, half_width: float
+) -> float:
+    """Return the area of a convex polygon of four corners within |x|, |y| of the halves."""
+    n = 4
+    for axis in range(2):
+        limit = half_length if axis == 0 else half_width
+        for side in (1.0, -1.0):
+            n = _cut(polygon, n, cut, axis, side, limit)
+            polygon[:n] = cut[:n]
+    return _area(polygon, n)
+
+
+@compiled()
+def _area(polygon: np.ndarray, n: int) -> float:
+    """Return the area of a polygon of n corners, counter-clockwise (shoelace formula)."""
+    twice = 0.0
+    for k in range(n):
+        after = k + 1 if k + 1 < n else 0
+        twice += polygon[k, 0] * polygon[after, 1] - polygon[after, 0] * polygon[k, 1]
+    return float(max(twice / 2, 0.0))
+
+
+@compiled()
+def _cut(polygon: np.ndarray, n: int, cut: np.ndarray, axis: int, side: float, limit: float) -> int:
+    """Write the part of a polygon where side * axis <= limit; return its number of corners."""
+    kept = 0
+    for k in range(n):
+        before = k - 1 if k > 0 else n - 1
+        room, room_before = limit - side * polygon[k, axis], limit - side * polygon[before, axis]
+        if (room >= 0) != (room_before >= 0):
+            share = room_before / (room_before - room)
+            cut[kept] = polygon[before] + share * (polygon[k] - polygon[before])
+            kept += 1
+        if room >= 0:
+            cut[kept] = polygon[k]
+            kept += 1
+    return kept

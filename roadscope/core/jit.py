@@ -1,0 +1,81 @@
+"""Compilation of kernels, remembered between processes wherever a folder can be written."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from numba import njit
+
+F = TypeVar("F", bound=Callable[..., Any])
+BUILT_ON = ("envs/raycast",)
+"""Folders whose kernels those of other folders call, beside this one."""
+
+
+def compiled(*, borrowing: bool = False, **options: Any) -> Callable[[F], F]:
+    """Compile a function with numba on its first call and keep the machine code on disk.
+
+    Numba writes beside the source or, where it may not, to the user's cache folder. Where
+    neither can be written it refuses to decorate; then the code is compiled in every process.
+    Division follows NumPy: by zero gives inf or nan. A `borrowing` function makes no arrays
+    and does not count references to those it is given: that counting took four fifths of the
+    ray caster's time.
+    """
+    settings = {"error_model": "numpy", "nogil": True, **options}
+    if borrowing and _may_borrow():
+        settings["_nrt"] = False
+
+    def decorate(function: F) -> F:
+        try:
+            kernel = njit(cache=True, **settings)(function)
+        except RuntimeError as error:
+            if "locator" not in str(error):
+                raise
+            return cast(F, njit(**settings)(function))
+        _tie_to_sources(kernel, Path(function.__code__.co_filename).parent)
+        return cast(F, kernel)
+
+    return decorate
+
+
+@cache
+def _may_borrow() -> bool:
+    """Whether this numba can leave out reference counting; the setting is not public."""
+    try:
+        njit(_nrt=False)(_may_borrow.__wrapped__)
+    except (KeyError, TypeError):
+        return False
+    return True
+
+
+def _tie_to_sources(kernel: Any, folder: Path) -> None:
+    """Give the cached machine code a name that changes with any source in the folder.
+
+    Numba compares the time stamp of the function's own file only, but kernels call one another
+    and read constants and record types across files: after an update stale code would run, or
+    fail to load. Numba has no public setting for this; without these inner names it works as
+    always.
+    """
+    try:
+        from numba.core.caching import IndexDataCacheFile
+
+        store, base = kernel._cache, kernel._cache._impl.filename_base
+        stamp = kernel._cache._impl.locator.get_source_stamp()
+        store._cache_file = IndexDataCacheFile(
+            cache_path=store._cache_path,
+            filename_base=f"{base}-{_digest(folder)}",
+            source_stamp=stamp,
+        )
+    except (AttributeError, ImportError, TypeError, OSError):
+        return
+
+
+@cache
+def _digest(folder: Path) -> str:
+    here = Path(__file__).parent
+    folders = {folder, here, *(here.parent / shared for shared in BUILT_ON)}
+    files = sorted({file for each in folders for file in each.glob("*.py")})
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
