@@ -35,11 +35,14 @@ DETECTORS: Registry[Detector] = Registry(
         "&clustering=dbscan&shape=l-shape&min_score=0.5&exclusive=True&faint=0.01",
         "range-angle-filter": "roadscope.detectors.pipeline:ClusterDetector"
         "?clustering=range-angle&shape=matched-filter&min_score=0.5&exclusive=True&faint=0.01",
-        "zhang2017": "roadscope.detectors.long_range:LongRangeDetector?fit=single",
-        "zhang2017-multi": "roadscope.detectors.long_range:LongRangeDetector?fit=multi&late=True",
-        "zhang2017-multi-causal": "roadscope.detectors.long_range:LongRangeDetector?fit=multi",
-        "zhang2017-ransac": "roadscope.detectors.long_range:LongRangeDetector?fit=ransac",
-        "long-range": "roadscope.detectors.long_range:LongRangeDetector?fit=body",
+        "zhang2017": "roadscope.detectors.long_range:LongRangeDetector?fit=single&faint=0.01",
+        "zhang2017-multi": "roadscope.detectors.long_range:LongRangeDetector"
+        "?fit=multi&late=True&faint=0.01",
+        "zhang2017-multi-causal": "roadscope.detectors.long_range:LongRangeDetector"
+        "?fit=multi&faint=0.01",
+        "zhang2017-ransac": "roadscope.detectors.long_range:LongRangeDetector"
+        "?fit=ransac&faint=0.01",
+        "long-range": "roadscope.detectors.long_range:LongRangeDetector?fit=body&faint=0.01",
     },
     group="roadscope.detectors",
     summaries={

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core import Category, Detections, Frame, Pose
+from roadscope.detectors.drops import check_faint, without_faint
 from roadscope.detectors.long_range_body import Shot, body_pose
 from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
@@ -36,6 +38,7 @@ class LongRangeDetector:
         *,
         fit: str = "single",
         late: bool = False,
+        faint: float = 0.0,
         range_noise_m: float = 0.02,
         range_max_m: float = 100.0,
         detection_limit: float = 0.4,
@@ -45,12 +48,14 @@ class LongRangeDetector:
         fit: `single` and `ransac` fit one scan, `multi` three in a row, `body` all rays of one.
         late: answer each frame in the next one, `multi` then fits the middle of its three as the
             paper does; otherwise it fits the newest.
+        faint: returns of less intensity than this within 15 m are taken for drops of fog or
+            rain and left out, as in `ClusterDetector`.
         range_noise_m, range_max_m, detection_limit: of the LiDAR, as in `LidarSpec`; only `body`
             asks for them, and the HDL-32E's are the defaults.
         """
         if fit not in FITS:
             raise ValueError(f"no fit '{fit}'; known: {', '.join(FITS)}")
-        self._fit, self._late = fit, late
+        self._fit, self._late, self._faint = fit, late, check_faint(faint)
         self._figures = {
             "range_noise_m": range_noise_m,
             "range_max_m": range_max_m,
@@ -67,6 +72,8 @@ class LongRangeDetector:
 
     def detect(self, frame: Frame) -> Detections:
         """Return moving vehicles, ego frame, in the frame's scan or, if late, in the last one."""
+        if frame.lidar is not None:
+            frame = replace(frame, lidar=without_faint(frame.lidar, self._faint))
         memory, scan = self._memory, frame.lidar
         if frame.stamp_s <= memory.stamp_s:
             self.reset()

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from roadscope.core import Detections, Frame, LidarScan
+from roadscope.core import Detections, Frame
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import Clustering
+from roadscope.detectors.drops import check_faint, without_faint
 from roadscope.detectors.ground import Ground
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.scoring import scores
 from roadscope.detectors.shape import Shape, Vehicle
 from roadscope.detectors.shape.cluster import clusters
 from roadscope.detectors.stages import STAGES, Option, all_options, chosen_stages, listed
-
-DROPS_M = 15.0
-"""Echoes of drops fall with the square of the range: farther off, none is above the noise."""
-SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 
 class ClusterDetector:
@@ -61,13 +57,11 @@ class ClusterDetector:
         self._shape: Shape = stages["shape"]
         if not 0 <= min_score < 1:
             raise ValueError(f"min_score must be at least 0 and below 1, got {min_score!r}")
-        if not 0 <= faint < 1:
-            raise ValueError(f"faint must be at least 0 and below 1, got {faint!r}")
         if residual_m is not None and not 0 < residual_m < np.inf:
             raise ValueError(f"residual_m must be a positive length in metres, got {residual_m!r}")
         if not 0 < view_deg <= 360:
             raise ValueError(f"view_deg must be above 0 and at most 360 degrees, got {view_deg!r}")
-        self._min_score, self._exclusive, self._faint = min_score, exclusive, faint
+        self._min_score, self._exclusive, self._faint = min_score, exclusive, check_faint(faint)
         self._residual_m = np.inf if residual_m is None else residual_m
         self._half_view = float(np.radians(view_deg)) / 2
 
@@ -103,16 +97,6 @@ class ClusterDetector:
             if vehicle.residual_m <= self._residual_m
         ]
         return vehicles, horizon
-
-
-def without_faint(scan: LidarScan, intensity: float) -> LidarScan:
-    """Leave out the returns within 15 m that are fainter than this."""
-    near = (scan.points[:, 0] ** 2 + scan.points[:, 1] ** 2) < DROPS_M**2
-    drops = near & (scan.intensity < intensity)
-    if not drops.any():
-        return scan
-    arrays = {name: getattr(scan, name)[~drops] for name in SCAN_ARRAYS}
-    return replace(scan, **arrays)
 
 
 OWN = listed(

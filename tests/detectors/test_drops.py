@@ -1,0 +1,54 @@
+"""What is faint and near is taken for drops, whoever asks."""
+
+import numpy as np
+import pytest
+from toy_lidar import CALIBRATION
+
+from roadscope.core import Frame, LidarScan
+from roadscope.detectors.drops import DROPS_M, without_faint
+from roadscope.detectors.long_range import LongRangeDetector
+from roadscope.detectors.pipeline import ClusterDetector
+
+
+def made(points, intensity, stamp_s=1.0):
+    count = len(points)
+    ring, column = np.zeros(count, np.int32), np.arange(count)
+    return LidarScan(points, intensity, ring, column, np.zeros(count), stamp_s, "lux")
+
+
+def test_faint_returns_go_when_near_and_all_else_stays():
+    points = np.array([[3.0, 0, 0], [3.0, 1, 0], [DROPS_M + 0.1, 0, 0], [-9.0, -9.0, 1]])
+    scan = made(points, np.array([0.005, 0.5, 0.005, 0.009]))
+    left = without_faint(scan, 0.01)
+    assert np.array_equal(left.points, scan.points[1:3])
+    assert left.column.tolist() == [1, 2]
+    assert without_faint(scan, 0.0) is scan
+
+
+def test_a_lidar_without_intensities_tells_nothing_of_drops():
+    scan = made(np.array([[3.0, 0, 0], [4.0, 1, 0]]), np.zeros(2))
+    assert without_faint(scan, 0.01) is scan
+
+
+@pytest.mark.parametrize("detector", [ClusterDetector, LongRangeDetector])
+def test_a_share_of_the_brightness_is_asked_for(detector):
+    with pytest.raises(ValueError, match=r"faint must be at least 0 and below 1, got 1\.5"):
+        detector(faint=1.5)
+
+
+def test_what_moves_is_looked_for_without_drops():
+    """A cloud of drops that comes nearer is a vehicle unless it is left out."""
+    rng = np.random.default_rng(3)
+    shape = rng.uniform((-2, -0.9, -1.4), (2, 0.9, 0.1), (200, 3))
+    far = np.column_stack([np.full(400, 40.0), np.linspace(-30, 30, 400), np.full(400, -0.5)])
+    found = {}
+    for faint in (0.0, 0.01):
+        detector, total = LongRangeDetector(faint=faint), 0
+        for k in range(8):
+            near = shape + np.array([12.0 - 0.6 * k, 0, 0])
+            points = np.concatenate([far, near])
+            seen = made(points, np.r_[np.full(400, 0.4), np.full(200, 0.005)], 1 + k / 10)
+            total += len(detector.detect(Frame(seen.stamp_s, CALIBRATION, seen)))
+        found[faint] = total
+    assert found[0.0] > 0
+    assert found[0.01] == 0
