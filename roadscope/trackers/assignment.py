@@ -1,0 +1,160 @@
+"""Which detection belongs to which track, by any cost: greedy or optimal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+
+Pairs = tuple[np.ndarray, np.ndarray]
+"""Rows and columns of the pairs, (K,) int64 each, rows increasing."""
+
+
+@compiled()
+def assign_greedily(costs: np.ndarray, gate: float) -> Pairs:
+    """Pair rows and columns of (N, M) costs, the cheapest pair of all first.
+
+    Costs must lie below the gate. Equal costs go to the earlier row, then the earlier column.
+    """
+    n, m = costs.shape
+    flat = costs.ravel()
+    within = np.flatnonzero(flat < gate)
+    partner = np.full(n, -1)
+    taken = np.zeros(m, np.bool_)
+    for k in within[np.argsort(flat[within], kind="mergesort")]:
+        row, column = k // m, k % m
+        if partner[row] < 0 and not taken[column]:
+            partner[row], taken[column] = column, True
+    rows = np.flatnonzero(partner >= 0)
+    return rows, partner[rows]
+
+
+@compiled()
+def assign_optimally(costs: np.ndarray, gate: float) -> Pairs:
+    """Pair rows and columns of (N, M) costs for the least total, where being alone costs the gate.
+
+    Costs must lie below the gate, so a pair is worth what it saves. Rows and columns that no
+    pair within the gate connects are solved apart.
+    """
+    n = len(costs)
+    group = _groups(costs, gate)
+    partner = np.full(n, -1)
+    done = np.zeros(n, np.bool_)
+    for first in range(n):
+        if done[first] or group[first] < 0:
+            continue
+        rows = np.flatnonzero(group[:n] == group[first])
+        columns = np.flatnonzero(group[n:] == group[first])
+        done[rows] = True
+        partner[rows] = _solved(costs, rows, columns, gate)
+    rows = np.flatnonzero(partner >= 0)
+    return rows, partner[rows]
+
+
+@compiled()
+def _groups(costs: np.ndarray, gate: float) -> np.ndarray:
+    """Return (N + M,) a number for each row and column, the same where pairs connect them.
+
+    A row or column without a pair has -1.
+    """
+    n, m = costs.shape
+    parent = np.arange(n + m)
+    paired = np.zeros(n + m, np.bool_)
+    for i in range(n):
+        for j in range(m):
+            if costs[i, j] < gate:
+                paired[i] = paired[n + j] = True
+                a, b = _root(parent, i), _root(parent, n + j)
+                parent[max(a, b)] = min(a, b)
+    group = np.full(n + m, -1)
+    for k in range(n + m):
+        if paired[k]:
+            group[k] = _root(parent, k)
+    return group
+
+
+@compiled()
+def _root(parent: np.ndarray, k: int) -> int:
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
+
+
+@compiled()
+def _solved(costs: np.ndarray, rows: np.ndarray, columns: np.ndarray, gate: float) -> np.ndarray:
+    """Return for each of the rows its column, or -1."""
+    tall = len(rows) > len(columns)
+    saved = np.empty((len(columns), len(rows))) if tall else np.empty((len(rows), len(columns)))
+    for i in range(len(rows)):
+        for j in range(len(columns)):
+            value = min(costs[rows[i], columns[j]] - gate, 0.0)
+            if tall:
+                saved[j, i] = value
+            else:
+                saved[i, j] = value
+    chosen = least_total(saved)
+    partner = np.full(len(rows), -1)
+    for k in range(len(chosen)):
+        if saved[k, chosen[k]] < 0:
+            if tall:
+                partner[chosen[k]] = columns[k]
+            else:
+                partner[k] = columns[chosen[k]]
+    return partner
+
+
+@compiled()
+def least_total(costs: np.ndarray) -> np.ndarray:
+    """Return for each row of (N, M) costs, N at most M, its column in the cheapest assignment.
+
+    Rows join one by one along the shortest augmenting path (Jonker and Volgenant 1987).
+    """
+    n, m = costs.shape
+    row_price, column_price = np.zeros(n), np.zeros(m)
+    owner, previous = np.full(m, -1), np.empty(m, np.int64)
+    for new in range(n):
+        length = np.full(m, np.inf)
+        seen = np.zeros(m, np.bool_)
+        row, sink, reached = new, -1, 0.0
+        while sink < 0:
+            nearest = -1
+            for j in range(m):
+                if seen[j]:
+                    continue
+                detour = reached + costs[row, j] - row_price[row] - column_price[j]
+                if detour < length[j]:
+                    length[j], previous[j] = detour, row
+                if nearest < 0 or length[j] < length[nearest]:
+                    nearest = j
+            reached = length[nearest]
+            seen[nearest] = True
+            if owner[nearest] < 0:
+                sink = nearest
+            else:
+                row = owner[nearest]
+        row_price[new] += reached
+        for j in range(m):
+            if seen[j] and j != sink:
+                row_price[owner[j]] += reached - length[j]
+                column_price[j] -= reached - length[j]
+        while True:
+            row = previous[sink]
+            owner[sink] = row
+            sink = _column_of(owner, row, sink)
+            if row == new:
+                break
+    chosen = np.empty(n, np.int64)
+    for j in range(m):
+        if owner[j] >= 0:
+            chosen[owner[j]] = j
+    return chosen
+
+
+@compiled()
+def _column_of(owner: np.ndarray, row: int, but: int) -> int:
+    """Return the column that a row owned before it took another."""
+    for j in range(len(owner)):
+        if owner[j] == row and j != but:
+            return j
+    return -1
