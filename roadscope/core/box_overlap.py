@@ -124,7 +124,7 @@ def _hull_area(one: np.ndarray, other: np.ndarray) -> float:
 @compiled()
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
     """Return twice the area of a triangle, positive counter-clockwise."""
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 @compiled()
