@@ -27,6 +27,20 @@ app = typer.Typer(
 )
 
 Jobs = Annotated[int, typer.Option(min=0, help="Worker processes; 0: one for each core.")]
+Entries = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Your detector or tracker, beside the suite's own: a name, module:Class or "
+        "file.py:Class, with ?argument=value. Can be given several times."
+    ),
+]
+Breakdown = Annotated[
+    str | None,
+    typer.Option(
+        help="Show it by this too: range, category, occlusion, points or score (detection), "
+        "weather or scenario (both boards)."
+    ),
+]
 
 
 def _version(asked: bool) -> None:
@@ -51,8 +65,8 @@ def list_names(
     kind: Annotated[
         str | None,
         typer.Argument(
-            help="detectors, trackers, scenarios, suites, rigs, sensors or weathers; all if left "
-            "out."
+            help="detectors, stages (of detectors), trackers, scenarios, suites, rigs, sensors or "
+            "weathers; all if left out."
         ),
     ] = None,
 ) -> None:
@@ -67,6 +81,7 @@ def list_names(
 @app.command("run", epilog="Example:  roadscope run roundabout --seed 3 --picture scene.png")
 def run_scenario(
     scenario: Annotated[str, typer.Argument(help="Traffic, see: roadscope list scenarios.")],
+    *,
     seed: Annotated[int, typer.Option(min=0, help="Another seed is another episode.")] = 0,
     rig: Annotated[str, typer.Option(help="Sensors: a name or a .toml file.")] = "lux",
     weather: Annotated[str, typer.Option(help="Such as rain-2, see: roadscope list weathers.")] = (
@@ -110,24 +125,13 @@ def leaderboard(
     board: Annotated[
         str | None, typer.Argument(help="detection or tracking; both if left out.")
     ] = None,
+    *,
     suite: Annotated[
         str, typer.Option(help="Conditions: a name (roadscope list suites) or a .toml file.")
     ] = "quick",
-    entry: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Your detector or tracker, beside the suite's own: a name, module:Class or "
-            "file.py:Class, with ?argument=value. Can be given several times."
-        ),
-    ] = None,
+    entry: Entries = None,
     only: Annotated[bool, typer.Option("--only", help="Run the given entries alone.")] = False,
-    by: Annotated[
-        str | None,
-        typer.Option(
-            help="Show it by this too: range, category, occlusion, points or score (detection), "
-            "weather or scenario (both boards)."
-        ),
-    ] = None,
+    by: Breakdown = None,
     jobs: Jobs = 0,
     out: Annotated[
         Path | None,
