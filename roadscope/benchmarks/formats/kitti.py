@@ -119,6 +119,7 @@ class KittiSequence(Record):
         frame only has none, 0. What nobody counted (`lidar_returns`, `visible_pixels`,
         `occluded_fraction`) is `UNKNOWN`, -1.
     labelled: all labels, of every type, as the file has them.
+    image_size: width and height in pixels: the least that all image boxes fit in.
     """
 
     name: str
@@ -130,6 +131,7 @@ class KittiSequence(Record):
     truths: tuple[Truth, ...]
     labelled: tuple[KittiObjects, ...]
     calibration: KittiCalibration
+    image_size: tuple[int, int]
 
     def __len__(self) -> int:
         return len(self.detections)
@@ -173,6 +175,7 @@ def read_sequence(
         truths=truths_of(true, category, poses),
         labelled=tuple(labels.by_frame(len(poses))),
         calibration=calibration,
+        image_size=_image_size(labels, found),
     )  # fmt: skip
 
 
@@ -247,6 +250,13 @@ def _poses(files: KittiFolder, sequence: str, calibration: KittiCalibration) -> 
     if not poses:
         raise FormatError(f"{path}: expected a pose for each frame, got an empty file")
     return poses
+
+
+def _image_size(*objects: KittiObjects) -> tuple[int, int]:
+    """Return width and height; no file says them, and KITTI's images differ."""
+    ends = np.concatenate([np.zeros((1, 2)), *(rows.boxes[:, 2:] for rows in objects)])
+    width, height = np.floor(ends.max(axis=0)).astype(int).tolist()
+    return width + 1, height + 1
 
 
 def _check_length(path: Path, objects: KittiObjects, poses: Path, count: int) -> None:

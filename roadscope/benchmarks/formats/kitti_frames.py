@@ -84,3 +84,14 @@ def image_boxes(points: np.ndarray, projection: np.ndarray) -> np.ndarray:
     boxes = np.concatenate([lows, highs], axis=1)
     boxes[~valid.any(axis=1)] = np.nan
     return boxes
+
+
+def clipped_boxes(
+    points: np.ndarray, projection: np.ndarray, image_size: tuple[int, int]
+) -> np.ndarray:
+    """Return (N, 4) `image_boxes` within an image of (width, height) pixels, empty if outside."""
+    width, height = image_size
+    boxes = np.nan_to_num(image_boxes(points, projection), nan=0.0)
+    last = np.array([width - 1, height - 1] * 2, np.float64)
+    clipped: np.ndarray = np.clip(boxes, 0.0, last)
+    return clipped

@@ -9,12 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.formats.table import (
-    Table,
-    read_table,
-    refuse_backward,
-    refuse_twins,
-)
+from roadscope.benchmarks.formats.table import Table, read_table, refuse_backward, refuse_twins
 from roadscope.core import Category
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
@@ -120,8 +115,7 @@ class KittiObjects(Record):
     @property
     def solid(self) -> np.ndarray:
         """(N,) bool, rows that have a 3-D box."""
-        solid: np.ndarray = (self.sizes > 0).all(axis=1)
-        return solid
+        return np.asarray(np.all(self.sizes > 0, axis=1))
 
     def by_frame(self, count: int) -> list[KittiObjects]:
         """Return the rows of frames 0 to count - 1, in file order."""
@@ -144,7 +138,7 @@ def read_labels(path: Path, *, results: bool = False) -> KittiObjects:
         refuse_backward(table, frames)
     sizes = table.numbers(10, 13)[:, ::-1]
     nothing = (types == KittiType.DONT_CARE)[:, None]
-    flat = (sizes < 0).all(axis=1)[:, None] & results
+    flat = np.asarray(np.all(sizes < 0, axis=1))[:, None] & results
     _refuse_boxes(table, sizes, nothing | flat, 10)
     boxes = table.numbers(6, 10)
     _refuse_image_boxes(table, boxes, 6)
@@ -182,11 +176,11 @@ def _types(table: Table) -> np.ndarray:
 
 
 def _refuse_boxes(table: Table, sizes: np.ndarray, excused: np.ndarray, column: int) -> None:
-    proper = ((sizes > 0) | excused).all(axis=1)
+    proper = np.asarray(np.all((sizes > 0) | excused, axis=1))
     table.require(proper, "a height, width and length above 0", column, column + 3)
 
 
 def _refuse_image_boxes(table: Table, boxes: np.ndarray, column: int) -> None:
-    proper = (boxes[:, 2:] >= boxes[:, :2]).all(axis=1)
-    table.require(proper, "left top right bottom with right >= left and bottom >= top",
-                  column, column + 4)  # fmt: skip
+    proper = np.asarray(np.all(boxes[:, 2:] >= boxes[:, :2], axis=1))
+    wanted = "left top right bottom with right >= left and bottom >= top"
+    table.require(proper, wanted, column, column + 4)

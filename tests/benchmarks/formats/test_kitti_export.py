@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from toy_kitti import IMAGE_SIZE, P2, tracks_at, write_kitti
+
+from roadscope.benchmarks.formats import read_sequence
+from roadscope.benchmarks.formats.kitti import detections_of
+from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
+from roadscope.benchmarks.formats.kitti_objects import KittiType, read_labels
+from roadscope.core import Category, Pose, Tracks, wrap_angle
+from roadscope.trackers import TRACKERS
+
+PRINTED = 1e-6
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=30)
+def test_results_come_back_within_printed_digits(tmp_path_factory, seed):
+    rng = np.random.default_rng(seed)
+    centres = np.column_stack(
+        [rng.uniform(5, 60, 6), rng.uniform(-4, 4, 6), rng.normal(-1, 0.3, 6)]
+    )
+    pose = Pose.planar(*rng.uniform(-100, 100, 2), yaw=rng.uniform(-3, 3))
+    world = tracks_at(centres).moved(pose, "world")
+    rows = kitti_objects(world, 4, pose, P2, IMAGE_SIZE)
+    path = tmp_path_factory.getbasetemp() / "results.txt"
+    save_results(path, [rows])
+    back = read_labels(path, results=True)
+    for name in ("frames", "ids", "types", "truncated", "occluded"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(rows, name))
+    for name in ("boxes", "sizes", "bottoms", "rotations_y", "scores", "alphas"):
+        np.testing.assert_allclose(getattr(back, name), getattr(rows, name), atol=PRINTED)
+    boxes = detections_of(back, Category.CAR, 0.0)
+    shown = rows.ids - 7
+    np.testing.assert_allclose(boxes.centres, centres[shown], atol=3 * PRINTED)
+    turned = wrap_angle(boxes.yaws - np.linspace(-3, 3, 6)[shown])
+    np.testing.assert_allclose(turned, 0, atol=3 * PRINTED)
+
+
+def test_what_the_image_does_not_show_is_left_out():
+    tracks = tracks_at(np.array([[20.0, 0, -1], [-20, 0, -1], [20, 60, -1]]))
+    rows = kitti_objects(tracks, 0, Pose.identity(), P2, IMAGE_SIZE)
+    assert rows.ids.tolist() == [7]
+
+
+def test_every_category_has_a_type():
+    kinds = np.arange(len(Category), dtype=np.int8)
+    centres = np.column_stack([10.0 + 3 * kinds, np.zeros(7), np.full(7, -1)])
+    rows = kitti_objects(tracks_at(centres, categories=kinds), 0, Pose.identity(), P2, IMAGE_SIZE)
+    assert rows.types[Category.CAR] == KittiType.CAR
+    assert rows.types[Category.PEDESTRIAN] == KittiType.PEDESTRIAN
+    assert rows.types[Category.BUS] == KittiType.MISC
+
+
+def test_labels_projected_are_the_image_boxes_that_they_come_with(tmp_path):
+    car = read_sequence(write_kitti(tmp_path), "0000")
+    truth, labels = car.truths[3], car.labelled[3]
+    n = len(truth)
+    tracks = Tracks(
+        truth.ids, truth.centres, truth.sizes, truth.yaws, truth.velocities, np.zeros((n, 4, 4)),
+        truth.categories, np.ones(n), np.ones(n, np.int8), "world", truth.stamp_s,
+    )  # fmt: skip
+    rows = kitti_objects(tracks, 3, truth.world_from_ego, P2, IMAGE_SIZE)
+    expected = labels.select(labels.types == KittiType.CAR)
+    assert rows.ids.tolist() == expected.ids.tolist()
+    np.testing.assert_allclose(rows.boxes, expected.boxes, atol=1e-3)
+    np.testing.assert_allclose(rows.alphas, expected.alphas, atol=1e-5)
+
+
+def test_trackeval_reads_our_results(tmp_path):
+    trackeval = pytest.importorskip("trackeval")
+    folder = write_kitti(tmp_path / "gt")
+    map_of = folder / "evaluate_tracking.seqmap.training"
+    map_of.write_text("0000 empty 000000 000030\n0001 empty 000000 000030\n")
+    written = {}
+    for name in ("0000", "0001"):
+        car = read_sequence(folder, name)
+        tracker = TRACKERS.make("nearest-q-confirmed")
+        tracker.reset()
+        frames = [
+            kitti_objects(tracker.update(d, p), t, p, P2, IMAGE_SIZE)
+            for t, (d, p) in enumerate(zip(car.detections, car.world_from_ego, strict=True))
+        ]
+        out = tmp_path / "trackers" / "mine" / "data"
+        out.mkdir(parents=True, exist_ok=True)
+        save_results(out / f"{name}.txt", frames)
+        written[name] = frames
+    config = {
+        "GT_FOLDER": str(folder), "TRACKERS_FOLDER": str(tmp_path / "trackers"),
+        "PRINT_CONFIG": False, "CLASSES_TO_EVAL": ["car"],
+    }  # fmt: skip
+    dataset = trackeval.datasets.Kitti2DBox(config)
+    raw = dataset.get_raw_seq_data("mine", "0001")
+    for t, rows in enumerate(written["0001"]):
+        assert raw["tracker_ids"][t].tolist() == rows.ids.tolist()
+        np.testing.assert_allclose(raw["tracker_dets"][t], rows.boxes, atol=PRINTED)
+        np.testing.assert_allclose(raw["tracker_confidences"][t], rows.scores, atol=PRINTED)
