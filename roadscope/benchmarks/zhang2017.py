@@ -1,61 +1,58 @@
 """The experiments of Zhang 2017 with the paper's figures beside ours.
 
 The paper drives a mesh of a Ford Fusion past a simulated HDL-32E, and follows a real car with a
-real one; here both are simulated. Every figure is the mean over seeds of one seed's RMSE.
+real one; here both are simulated. Every figure is the mean over seeds of one seed's value.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from roadscope.benchmarks.reproduction import ReproductionRow, summarise
-from roadscope.benchmarks.zhang2017_claims import floor_name, our_claims, paper_claims
+from roadscope.benchmarks.reproduction import Key, ReproductionRow, over_seeds, summarise
 from roadscope.benchmarks.zhang2017_drives import FOLLOWED_M
-from roadscope.benchmarks.zhang2017_errors import (
-    HEADING,
-    MEDIAN_HEADING,
-    MEDIAN_POSITION,
-    POSITION,
-    TURNED,
-    UNITS,
-    errors,
-    floor_rmse,
-    rmse,
-    scored,
-    typical,
+from roadscope.benchmarks.zhang2017_errors import HEADING, POSITION, TURNED
+from roadscope.benchmarks.zhang2017_methods import METHODS, OURS, REPEATED, SINGLE
+from roadscope.benchmarks.zhang2017_names import (
+    BESIDE,
+    COUNTS,
+    FOLLOWING,
+    FRAMES,
+    HIGH,
+    MEAN,
+    NEES,
+    NOISE,
+    RATIO,
+    RATIOS,
+    READING,
+    RMSE,
+    SLOWEST,
+    TIMES,
+    TURNED_FRAMES,
+    frames_name,
+    note_of,
+    paper_figure,
+    unit_of,
 )
-from roadscope.benchmarks.zhang2017_floor import floor
-from roadscope.benchmarks.zhang2017_methods import (
-    METHODS,
-    OURS,
-    REPEATED,
-    SINGLE,
-    estimate,
-)
-from roadscope.benchmarks.zhang2017_paper import NOTES, PAPER, PAPER_TIMES, SIMULATED
-from roadscope.benchmarks.zhang2017_scene import Run, film
+from roadscope.benchmarks.zhang2017_paper import FLOOR_SEEDS, HIGH_M, SIMULATED
+from roadscope.benchmarks.zhang2017_readings import compare
+from roadscope.benchmarks.zhang2017_scene import film
+from roadscope.benchmarks.zhang2017_taken import Taken, take, warm_up
+from roadscope.benchmarks.zhang2017_verdicts import verdicts
 from roadscope.envs.world.ford_fusion import CORNER_RADII_M
+
+__all__ = ["note_of", "reproduce"]
 
 FIRST_SEED = 20000
 """Test seeds, as in the suites; what was chosen by trying was chosen on seeds below."""
-FLOOR_SEEDS, FLOOR_DRAWS = 3, 512
-"""The floor is a computed expectation and takes minutes: it is computed for the first seeds."""
 FOLLOWED_FRAMES = 17
 """Of each seed and distance; thirty seeds together have the paper's 500."""
 BODIES = tuple(CORNER_RADII_M)
 NOISES = {"half": 0.5, "double": 2.0}
-HIGH_M = 1.9
-"""Height of a sensor on a car's roof, the other reading of where it stands."""
-TIMES, RATIOS = "table 3, time a frame while following", "table 3, ratios"
-RATIO = "median time over single frame's"
-CLAIMS = "claims, {} body"
-
-Key = tuple[str, str, str]
-"""Experiment, method, quantity."""
-Rows = dict[tuple[str, str], dict[str, float]]
-"""(drive, method) -> RMSE by column."""
+APART = ("straight", "curve")
+"""Drives that are run once more with other noise, and from a greater height."""
+Values = dict[Key, float]
 
 
 def reproduce(
@@ -67,72 +64,65 @@ def reproduce(
     progress: called with seeds done and seeds in all, after each.
     jobs: processes that share the seeds; all rows but the times are the same for any number.
     """
-    if seeds < 1:
-        raise ValueError(f"at least one seed is needed, got {seeds}")
-    measured: dict[Key, list[float]] = {}
-    for done, values in enumerate(_all_seeds(seeds, jobs), start=1):
-        for key, value in values.items():
-            measured.setdefault(key, []).append(value)
-        if progress is not None:
-            progress(done, seeds)
-    return [
-        summarise((experiment, method), quantity, unit_of(key), values, paper_figure(key))
+    numbers = range(FIRST_SEED, FIRST_SEED + seeds)
+    measured = over_seeds(measure, numbers, progress, jobs=jobs)
+    rows = [
+        summarise(key[:2], key[2], unit_of(key), values, paper_figure(key))
         for key, values in measured.items()
-        for experiment, method, quantity in (key,)
     ]
+    return rows + verdicts(measured, FLOOR_SEEDS, BODIES)
 
 
-def note_of(experiment: str) -> str | None:
-    """Return what must be known to read an experiment's table."""
-    return next((note for word, note in NOTES.items() if word in experiment), None)
-
-
-def measure(seed: int) -> dict[Key, float]:
+def measure(seed: int) -> Values:
     """Measure every quantity of every experiment and method with one seed."""
-    found: dict[Key, float] = {}
-    times: dict[str, list[np.ndarray]] = {}
-    claims: dict[Key, float] = {}
-    for body in BODIES:
-        table: Rows = {}
-        turned = 0.0
-        for drive, number in SIMULATED.items():
-            run = film(drive, seed, body=body)
-            medians, _ = _take(run, table, tuple(METHODS))
-            turned = max(turned, *(medians[m][TURNED] for m in OURS))
-            name = f"{drive}, {body} body ({number})"
-            found |= _keyed(name, {m: row for (d, m), row in table.items() if d == drive})
-            found |= _keyed(f"{drive}, {body} body, beside RMSE", medians)
-            found |= _counted(name, run)
-        for metres in FOLLOWED_M:
-            run = film(f"following-{metres}", seed, body=body, frames=FOLLOWED_FRAMES)
-            medians, spent = _take(run, table)
-            turned = max(turned, *(medians[m][TURNED] for m in OURS))
-            for method, values in spent.items():
-                times.setdefault(method, []).append(values)
-        found |= _following(table, body)
-        claims |= _keyed(CLAIMS.format(body), {"the paper's": paper_claims(table)})
-        claims |= _keyed(CLAIMS.format(body), {"ours": our_claims(table, turned)})
-    return found | _noises(seed) | _high(seed) | _times(times) | claims
+    warm_up()
+    floored = FIRST_SEED <= seed < FIRST_SEED + FLOOR_SEEDS
+    simulated = [
+        take(film(drive, seed, body=body), tuple(METHODS), floored=floored)
+        for body in BODIES
+        for drive in SIMULATED
+    ]
+    followed = [
+        take(
+            film(f"following-{metres}", seed, body=body, frames=FOLLOWED_FRAMES),
+            REPEATED,
+            floored=floored,
+        )
+        for body in BODIES
+        for metres in FOLLOWED_M
+    ]
+    noisy = {
+        name: [take(film(drive, seed, noise=factor), REPEATED, floored=floored) for drive in APART]
+        for name, factor in NOISES.items()
+    }
+    high = [take(film(drive, seed, sensor_height_m=HIGH_M), REPEATED) for drive in APART]
+    kinds: dict[str, Sequence[Taken]] = {
+        body: [taken for taken in (*simulated, *followed) if taken.body == body] for body in BODIES
+    }
+    kinds |= {f"{name} noise": runs for name, runs in noisy.items()} | {f"{HIGH_M} m": high}
+    return (
+        _tables(simulated)
+        | _following(followed)
+        | _noises(noisy)
+        | _high(high)
+        | _nees((*simulated, *followed))
+        | _turned(kinds)
+        | _counts((*simulated, *followed), high)
+        | _times(followed, (*simulated, *followed))
+        | _readings(seed)
+    )
 
 
-def _take(
-    run: Run, table: Rows, methods: Sequence[str] = REPEATED, *, floors: bool = True
-) -> tuple[dict[str, dict[str, float]], dict[str, np.ndarray]]:
-    """Add every method's and, in the first seeds, the floor's RMSE; return medians and times."""
-    medians, times = {}, {}
-    for name in methods:
-        poses, times[name] = estimate(METHODS[name], run)
-        found = errors(run, poses)
-        table[run.drive.name, name] = rmse(run, found)
-        medians[name] = typical(run, found)
-    if floors and FIRST_SEED <= run.seed < FIRST_SEED + FLOOR_SEEDS:
-        for frames in OURS.values():
-            least = floor(run, frames, draws=FLOOR_DRAWS)
-            table[run.drive.name, floor_name(frames)] = floor_rmse(run, least)
-    return medians, times
+def _tables(simulated: Sequence[Taken]) -> Values:
+    found: Values = {}
+    for taken in simulated:
+        name = RMSE.format(taken.drive, taken.body, SIMULATED[taken.drive])
+        found |= _keyed(name, taken.rmse)
+        found |= _keyed(BESIDE.format(taken.drive, taken.body), taken.beside)
+    return found
 
 
-def _keyed(experiment: str, rows: Mapping[str, Mapping[str, float]]) -> dict[Key, float]:
+def _keyed(experiment: str, rows: Mapping[str, Mapping[str, float]]) -> Values:
     return {
         (experiment, method, quantity): float(value)
         for method, row in rows.items()
@@ -140,105 +130,97 @@ def _keyed(experiment: str, rows: Mapping[str, Mapping[str, float]]) -> dict[Key
     }
 
 
-def _counted(experiment: str, run: Run) -> dict[Key, float]:
-    few = int((~scored(run)).sum())
-    counts = {"frames": len(run.shots), "fewer than 3 returns, not scored": few}
-    return _keyed(experiment, {"the drive": counts})
-
-
-def _following(table: Rows, body: str) -> dict[Key, float]:
+def _following(followed: Sequence[Taken]) -> Values:
     return {
-        (f"following, {body} body: {quantity} RMSE", method, f"{metres} m"): row[quantity]
+        (FOLLOWING.format(taken.body, quantity), method, _metres(taken)): row[quantity]
+        for body in BODIES
         for quantity in (POSITION, HEADING)
-        for metres in FOLLOWED_M
-        for (drive, method), row in table.items()
-        if drive == f"following-{metres}"
+        for taken in followed
+        if taken.body == body
+        for method, row in taken.rmse.items()
     }
 
 
-def _noises(seed: int) -> dict[Key, float]:
-    """Once more with other range noise: nothing may hang on a quiet sensor."""
-    found: dict[Key, float] = {}
-    for drive in SIMULATED:
-        for name, factor in NOISES.items():
-            if drive == "straight-past":
-                continue
-            table: Rows = {}
-            _take(film(drive, seed, noise=factor), table)
-            for (_, method), row in table.items():
-                for quantity in (POSITION, HEADING):
-                    experiment = f"half and double noise, sharp body: {quantity} RMSE"
-                    found[experiment, method, f"{drive}, {name}"] = row[quantity]
-    return dict(sorted(found.items(), key=lambda item: item[0][0], reverse=True))
+def _metres(taken: Taken) -> str:
+    return f"{taken.drive.removeprefix('following-')} m"
 
 
-def _high(seed: int) -> dict[Key, float]:
-    """Once more from the roof of a car: the paper does not say where its sensor is."""
-    found: dict[Key, float] = {}
-    for drive in ("straight", "curve"):
-        run = film(drive, seed, sensor_height_m=HIGH_M)
-        table: Rows = {}
-        _take(run, table, floors=False)
-        name = f"{drive}, sharp body, sensor at {HIGH_M} m ({SIMULATED[drive]})"
-        found |= _keyed(name, {method: row for (_, method), row in table.items()})
-        found |= _counted(name, run)
+def _noises(noisy: Mapping[str, Sequence[Taken]]) -> Values:
+    """Nothing may hang on a quiet sensor."""
+    return {
+        (NOISE.format(quantity), method, f"{taken.drive}, {name}"): row[quantity]
+        for quantity in (POSITION, HEADING)
+        for name, runs in noisy.items()
+        for taken in runs
+        for method, row in taken.rmse.items()
+    }
+
+
+def _high(high: Sequence[Taken]) -> Values:
+    """From the roof of a car: the paper does not say where its sensor is."""
+    found: Values = {}
+    for taken in high:
+        found |= _keyed(HIGH.format(taken.drive, SIMULATED[taken.drive]), taken.rmse)
     return found
 
 
-def _times(spent: dict[str, list[np.ndarray]]) -> dict[Key, float]:
+def _nees(runs: Iterable[Taken]) -> Values:
+    return {
+        (NEES.format(taken.body), taken.drive, frames_name(frames)): taken.nees[method]
+        for taken in runs
+        for method, frames in OURS.items()
+    }
+
+
+def _turned(kinds: Mapping[str, Sequence[Taken]]) -> Values:
+    """Share of the scored frames of runs of one kind, by those methods that all runs have."""
+    found: Values = {}
+    for kind, runs in kinds.items():
+        scored = np.array([taken.frames - taken.few for taken in runs])
+        for method in METHODS:
+            known = [method in taken.beside for taken in runs]
+            if any(known):
+                shares = [taken.beside[method][TURNED] for taken in runs if method in taken.beside]
+                found[TURNED_FRAMES, method, kind] = float(
+                    np.average(shares, weights=scored[known])
+                )
+    return found
+
+
+def _counts(runs: Iterable[Taken], high: Iterable[Taken]) -> Values:
+    found: Values = {}
+    for name, taken in [(t.drive, t) for t in runs] + [(f"{t.drive}, 1.9 m", t) for t in high]:
+        found[COUNTS, name, FRAMES] = taken.frames
+        found[COUNTS, name, taken.body] = taken.few
+    return found
+
+
+def _times(followed: Sequence[Taken], runs: Sequence[Taken]) -> Values:
+    """Pool the times of the following experiment, as the paper does; other drives by their mean."""
     rows = {}
-    pooled = {method: np.concatenate(values) for method, values in spent.items()}
-    for method, values in pooled.items():
+    for method in REPEATED:
+        values = np.concatenate([taken.spent[method] for taken in followed])
         rows[method] = {
             "median": float(np.median(values)),
-            "mean": float(values.mean()),
+            MEAN: float(values.mean()),
             "least": float(values.min()),
             "most": float(values.max()),
+            SLOWEST: max(_mean_ms(taken, method) for taken in runs),
         }
-    single = rows[SINGLE]["median"]
-    ratios = {
-        m: {"median time over single frame's": row["median"] / single} for m, row in rows.items()
-    }
+    ratios = {m: {RATIO: row[MEAN] / rows[SINGLE][MEAN]} for m, row in rows.items()}
     return _keyed(TIMES, rows) | _keyed(RATIOS, ratios)
 
 
-def paper_figure(key: Key) -> float | None:
-    """Return what the paper prints for a quantity, None where it prints nothing."""
-    experiment, method, quantity = key
-    for (table, of), row in PAPER.items():
-        if experiment.endswith(f"({table})") and method == of:
-            return row[quantity]
-    if experiment == TIMES and method in PAPER_TIMES:
-        return PAPER_TIMES[method].get(quantity)
-    if experiment == RATIOS and method in PAPER_TIMES:
-        return round(PAPER_TIMES[method]["mean"] / PAPER_TIMES[SINGLE]["mean"], 3)
-    return 1.0 if experiment.startswith("claims") and method == "the paper's" else None
+def _mean_ms(taken: Taken, method: str) -> float:
+    values = taken.spent[method]
+    return float(values.mean()) if len(values) else 0.0
 
 
-def unit_of(key: Key) -> str:
-    """Return the unit in which a quantity is given."""
-    experiment, method, quantity = key
-    if experiment.startswith("claims"):
-        return "share"
-    if method == "the drive":
-        return "count"
-    if experiment.startswith("table 3"):
-        return "ms" if experiment == TIMES else "1"
-    units = {**UNITS, MEDIAN_POSITION: "m", MEDIAN_HEADING: "deg"}
-    if quantity in units:
-        return units[quantity]
-    if experiment.endswith("RMSE") and not experiment.endswith("beside RMSE"):
-        return "deg" if f": {HEADING} " in experiment else "m"
-    return "share"
-
-
-def _all_seeds(seeds: int, jobs: int) -> Iterator[dict[Key, float]]:
-    numbers: Sequence[int] = range(FIRST_SEED, FIRST_SEED + seeds)
-    if jobs == 1:
-        yield from map(measure, numbers)
-        return
-    from joblib import Parallel, delayed
-
-    yield from Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(measure)(seed) for seed in numbers
-    )
+def _readings(seed: int) -> Values:
+    tried = {drive: compare(film(drive, seed)) for drive in SIMULATED}
+    return {
+        (READING.format(quantity), reading, drive): row[quantity]
+        for quantity in (POSITION, HEADING)
+        for drive, readings in tried.items()
+        for reading, row in readings.items()
+    }

@@ -1,4 +1,4 @@
-"""What Zhang 2017 claims, and what is asked of ours, as yes or no in one seed.
+"""What Zhang 2017 claims, and what is asked of ours, as yes or no.
 
 Where the paper says that errors are close, half as much again is taken for close; its own two
 figures for the curve differ by a third.
@@ -13,30 +13,32 @@ import numpy as np
 from roadscope.benchmarks.zhang2017_drives import FOLLOWED_M
 from roadscope.benchmarks.zhang2017_errors import HEADING, LATERAL, LONGITUDINAL, POSITION
 from roadscope.benchmarks.zhang2017_methods import MULTI, OURS, RANSAC, SINGLE
+from roadscope.benchmarks.zhang2017_names import floor_name
 from roadscope.benchmarks.zhang2017_paper import PAPER, SIMULATED
 
 CLOSE = 1.5
 ALL = (LATERAL, LONGITUDINAL, HEADING, POSITION)
 BOTH = (POSITION, HEADING)
+BEATEN, NEAR, FALLING, CONSISTENT = "beats paper", "twice floor", "more is better", "NEES"
+OF_EACH_DRIVE = (BEATEN, NEAR, FALLING, CONSISTENT)
+"""What is asked of ours on each drive."""
+LIMITS_MS = {SINGLE: 1.0, MULTI: 5.0, **dict.fromkeys(OURS, 15.0)}
+UNTURNED = "{}: none turned by 90 deg"
+SURE = 0.95
+MOST = max(OURS, key=lambda name: OURS[name])
 Table = Mapping[tuple[str, str], Mapping[str, float]]
-"""(drive, method) -> RMSE by column, of one body in one seed."""
+"""(drive, method) -> RMSE by column, of one body."""
 
 
 def paper_claims(table: Table) -> dict[str, bool]:
-    """Return the paper's claims on one body."""
+    """Return the paper's claims on one body. Better is lower in every error it prints."""
     held = {}
     for drive in ("straight", "straight-past"):
-        held[f"{drive}: multi below single in all four errors"] = _below(
-            table, drive, (MULTI,), (SINGLE,)
-        )
-        held[f"{drive}: multi below RANSAC in all four errors"] = _below(
-            table, drive, (MULTI,), (RANSAC,)
-        )
+        held[f"{drive}: multi better than single"] = _below(table, drive, (MULTI,), (SINGLE,))
+        held[f"{drive}: multi better than RANSAC"] = _below(table, drive, (MULTI,), (RANSAC,))
     held["curve: single and multi close in position"] = _close(table, "curve", (SINGLE, MULTI))
-    held["curve: single and multi below RANSAC in all four errors"] = _below(
-        table, "curve", (SINGLE, MULTI), (RANSAC,)
-    )
-    held["curve worse than straight, all errors and methods"] = all(
+    held["curve: both better than RANSAC"] = _below(table, "curve", (SINGLE, MULTI), (RANSAC,))
+    held["curve worse than straight, all methods"] = all(
         table["curve", m][q] > table["straight", m][q] for m in (SINGLE, MULTI, RANSAC) for q in ALL
     )
     return held | _following(table)
@@ -47,37 +49,46 @@ def _following(table: Table) -> dict[str, bool]:
     far = [f"following-{metres}" for metres in FOLLOWED_M if metres >= 30]
     growing = [table[drive, RANSAC][POSITION] for drive in far]
     return {
-        "following at 10 and 20 m: the three close in position": all(
+        "10 and 20 m: all three close in position": all(
             _close(table, drive, (SINGLE, MULTI, RANSAC)) for drive in near
         ),
-        "following from 30 m: single and multi below RANSAC": all(
+        "from 30 m: both better than RANSAC": all(
             _below(table, drive, (SINGLE, MULTI), (RANSAC,), BOTH) for drive in far
         ),
-        "following from 30 m: multi below single": all(
+        "from 30 m: multi better than single": all(
             _below(table, drive, (MULTI,), (SINGLE,), BOTH) for drive in far
         ),
-        "following from 30 m: RANSAC's position error grows": bool((np.diff(growing) > 0).all()),
+        "from 30 m: RANSAC's position error grows": bool((np.diff(growing) > 0).all()),
     }
 
 
-def our_claims(table: Table, turned: float) -> dict[str, float]:
-    """Return what is asked of ours on one body; NaN where a seed has no floor.
+def our_claims(table: Table, floored: Table, least: Table) -> dict[str, dict[str, float]]:
+    """Return by drive what is asked of ours on one body; NaN where it has no floor.
 
-    turned: greatest share of frames turned by 90 degrees, over drives and our methods.
+    floored: figures of ours and of the floor over the same seeds. least: the floor that says
+    where the paper's figures can be beaten at all.
     """
-    held: dict[str, float] = {}
-    most = max(OURS, key=lambda name: OURS[name])
-    for drive, number in SIMULATED.items():
-        printed = PAPER[number, MULTI]
-        held[f"{drive}: 7 frames below the paper's multi frame"] = all(
-            table[drive, most][q] < printed[q] for q in BOTH
-        )
-    drives = list(dict.fromkeys(drive for drive, _ in table))
-    for drive in drives:
-        held[f"{drive}: more frames are better"] = _falling(table, drive)
-    for drive in drives:
-        held[f"{drive}: within twice the floor"] = _near_floor(table, drive)
-    return held | {"no frame turned by 90 degrees on any drive": float(turned == 0)}
+    return {
+        drive: {
+            BEATEN: float(_beaten(table, least, drive)),
+            NEAR: _near_floor(floored, drive),
+            FALLING: float(_falling(table, drive)),
+        }
+        for drive in dict.fromkeys(drive for drive, _ in table)
+    }
+
+
+def _beaten(table: Table, least: Table, drive: str) -> bool:
+    """Whether our errors are below the paper's multi frame's, or within twice a floor above it.
+
+    Of the following experiment the paper prints no figures: there its method has our seeds.
+    """
+    limits = PAPER[SIMULATED[drive], MULTI] if drive in SIMULATED else table[drive, MULTI]
+    floors = least.get((drive, floor_name(OURS[MOST])), dict.fromkeys(BOTH, 0.0))
+    return all(
+        table[drive, MOST][q] < (limits[q] if floors[q] < limits[q] else 2 * floors[q])
+        for q in BOTH
+    )
 
 
 def _falling(table: Table, drive: str) -> bool:
@@ -100,9 +111,26 @@ def _near_floor(table: Table, drive: str) -> float:
     return float(all(ours[q] < 2 * least[q] for ours, least in pairs for q in BOTH))
 
 
-def floor_name(frames: int) -> str:
-    """Return the row of the information floor given so many frames."""
-    return f"floor, {frames} frame{'s' if frames > 1 else ''}"
+def band(scored: float, frames: int) -> tuple[float, float]:
+    """Return the 95 % band of the mean NEES of x, y and yaw over so many scored frames.
+
+    frames: joined in each answer; only those that share none are counted as independent.
+    """
+    from scipy.special import chdtri
+
+    freedom = 3 * max(int(scored / frames), 1)
+    tails = np.array([0.5 + SURE / 2, 0.5 - SURE / 2])
+    low, high = chdtri(freedom, tails) * 3 / freedom
+    return float(low), float(high)
+
+
+def times_claims(means_ms: Mapping[str, float], slowest_ms: Mapping[str, float]) -> dict[str, bool]:
+    """Return whether the mean time of a frame is within its limit, following and on any drive."""
+    held = {}
+    for method, limit in LIMITS_MS.items():
+        held[f"{method}: {limit:.0f} ms following"] = means_ms[method] <= limit
+        held[f"{method}: {limit:.0f} ms on any drive"] = slowest_ms[method] <= limit
+    return held
 
 
 def _below(

@@ -15,7 +15,8 @@ UNITS = {LATERAL: "m", LONGITUDINAL: "m", HEADING: "deg", POSITION: "m"}
 and of the distance. The paper does not say along which axes; on the straight its own are those of
 the world."""
 MEDIAN_POSITION, MEDIAN_HEADING = "median position", "median heading"
-TURNED, SILENT = "turned by more than 45 deg", "no answer"
+TURNED, SILENT = "turned by 90 deg", "no answer"
+BESIDE_UNITS = {MEDIAN_POSITION: "m", MEDIAN_HEADING: "deg", TURNED: "%", SILENT: "%"}
 FLIPPED = np.pi / 4
 """A heading that is off by more has taken a side for the rear."""
 
@@ -30,15 +31,22 @@ def errors(run: Run, poses: Poses) -> np.ndarray:
 
     NaN where there is no estimate. A rectangle has no front: headings count up to half a turn.
     """
+    off, yaw = _offsets(run, poses), run.truth[:, 2]
+    c, s = np.cos(yaw), np.sin(yaw)
+    along = c * off[:, 0] + s * off[:, 1]
+    across = c * off[:, 1] - s * off[:, 0]
+    return np.column_stack([along, across, off[:, 2]])
+
+
+def _offsets(run: Run, poses: Poses) -> np.ndarray:
+    """(K, 3) estimate minus truth, world frame, NaN where there is no estimate."""
     rows = np.full((len(run.shots), 3), np.nan)
     for k, pose in enumerate(poses):
         if pose is not None:
             rows[k] = pose.x, pose.y, pose.yaw
     truth = run.truth
-    dx, dy = (rows[:, :2] - truth[:, :2]).T
-    c, s = np.cos(truth[:, 2]), np.sin(truth[:, 2])
     turned = axis_difference(rows[:, 2], truth[:, 2])
-    return np.column_stack([c * dx + s * dy, c * dy - s * dx, turned])
+    return np.column_stack([rows[:, :2] - truth[:, :2], turned])
 
 
 def rmse(run: Run, found: np.ndarray) -> dict[str, float]:
@@ -56,18 +64,31 @@ def floor_rmse(run: Run, least: Floor) -> dict[str, float]:
 
 
 def typical(run: Run, found: np.ndarray) -> dict[str, float]:
-    """Return medians and the shares of scored frames that RMSE hides."""
+    """Return medians and the percentages of scored frames that RMSE hides."""
     used = found[scored(run)]
     known = used[np.isfinite(used[:, 0])]
     if not len(known):
-        return {MEDIAN_POSITION: np.nan, MEDIAN_HEADING: np.nan, TURNED: np.nan, SILENT: 1.0}
+        return {MEDIAN_POSITION: np.nan, MEDIAN_HEADING: np.nan, TURNED: 0.0, SILENT: 100.0}
     away, turned = np.hypot(known[:, 0], known[:, 1]), np.abs(known[:, 2])
     return {
         MEDIAN_POSITION: float(np.median(away)),
         MEDIAN_HEADING: float(np.degrees(np.median(turned))),
-        TURNED: float((turned > FLIPPED).mean()),
-        SILENT: 1.0 - len(known) / len(used),
+        TURNED: 100.0 * float((turned > FLIPPED).sum() / len(used)),
+        SILENT: 100.0 * (1.0 - len(known) / len(used)),
     }
+
+
+def nees(run: Run, poses: Poses) -> float:
+    """Return the mean over scored frames of squared errors in units of the covariance.
+
+    3 is expected of x, y and yaw. NaN where the method gives no covariance.
+    """
+    values = [
+        float(off @ np.linalg.solve(pose.covariance, off))
+        for off, pose, counts in zip(_offsets(run, poses), poses, scored(run), strict=True)
+        if counts and pose is not None and pose.covariance is not None
+    ]
+    return float(np.mean(values)) if values else np.nan
 
 
 def _columns(squares: np.ndarray) -> dict[str, float]:

@@ -1,0 +1,135 @@
+"""Which claims hold on the figures of all seeds, and in what share of single seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from roadscope.benchmarks.reproduction import Key, ReproductionRow, summarise
+from roadscope.benchmarks.zhang2017_claims import (
+    BOTH,
+    CONSISTENT,
+    OF_EACH_DRIVE,
+    UNTURNED,
+    Table,
+    band,
+    our_claims,
+    paper_claims,
+    times_claims,
+)
+from roadscope.benchmarks.zhang2017_drives import FOLLOWED_M
+from roadscope.benchmarks.zhang2017_methods import MULTI, OURS, RANSAC, SINGLE
+from roadscope.benchmarks.zhang2017_names import (
+    COUNTS,
+    FOLLOWING,
+    FRAMES,
+    INSIDE,
+    MEAN,
+    NEES,
+    OF_ALL,
+    OF_OURS,
+    OF_PAPER,
+    RMSE,
+    SHARE_OF_SEEDS,
+    SLOWEST,
+    TIMES,
+    TURNED_FRAMES,
+    frames_name,
+)
+from roadscope.benchmarks.zhang2017_paper import SIMULATED
+
+HOLDS, SEEDS = "holds", "in single seeds"
+Figures = Mapping[Key, float]
+
+
+def verdicts(
+    measured: Mapping[Key, Sequence[float]], floor_seeds: int, bodies: Sequence[str]
+) -> list[ReproductionRow]:
+    """Return rows of 1 (holds) and 0 on the means over seeds, and shares of seeds that hold alone.
+
+    measured: a value a seed, in the order of seeds; those of the floor for the first seeds only.
+    """
+    seeds = max(map(len, measured.values()))
+    least = _means(measured, floor_seeds)
+    whole = _judged(_means(measured, seeds), least, least, bodies, seeds)
+    singles = [{k: v[i] for k, v in measured.items() if i < len(v)} for i in range(seeds)]
+    shares: dict[Key, list[float]] = {}
+    for single in singles:
+        for (experiment, method, quantity), held in _judged(
+            single, single, least, bodies, 1
+        ).items():
+            if quantity == HOLDS:
+                shares.setdefault((experiment, method, SEEDS), []).append(held)
+            elif quantity in OF_EACH_DRIVE:
+                key = experiment + SHARE_OF_SEEDS, method, quantity
+                shares.setdefault(key, []).append(held)
+    rows = [summarise(key[:2], key[2], "1", [held], None) for key, held in whole.items()]
+    rows += [summarise(key[:2], key[2], "share", held, None) for key, held in shares.items()]
+    order = list(dict.fromkeys(experiment for experiment, _, _ in whole))
+    return sorted(rows, key=lambda row: order.index(row.experiment.removesuffix(SHARE_OF_SEEDS)))
+
+
+def _means(measured: Mapping[Key, Sequence[float]], seeds: int) -> dict[Key, float]:
+    return {key: float(np.mean(values[:seeds])) for key, values in measured.items()}
+
+
+def _judged(
+    figures: Figures, floored: Figures, least: Figures, bodies: Sequence[str], seeds: int
+) -> dict[Key, float]:
+    """Judge all claims on one set of figures; floored and least as in `our_claims`."""
+    held: dict[Key, float] = {}
+    for body in bodies:
+        table = table_of(figures, body)
+        for claim, agreed in paper_claims(table).items():
+            held[OF_PAPER.format(body), claim, HOLDS] = float(agreed)
+        inside = _inside(figures, body, seeds)
+        ours = our_claims(table, table_of(floored, body), table_of(least, body))
+        for drive, claims in ours.items():
+            for claim, holds in claims.items():
+                held[OF_OURS.format(body), drive, claim] = holds
+            held[OF_OURS.format(body), drive, CONSISTENT] = float(all(inside[drive].values()))
+        for drive, windows in inside.items():
+            for name, within in windows.items():
+                held[INSIDE.format(body), drive, name] = float(within)
+    return held | _everywhere(figures)
+
+
+def _everywhere(figures: Figures) -> dict[Key, float]:
+    def timed(quantity: str) -> dict[str, float]:
+        return {m: v for (e, m, q), v in figures.items() if e == TIMES and q == quantity}
+
+    turned: dict[str, list[float]] = {}
+    for (experiment, method, _), value in figures.items():
+        if experiment == TURNED_FRAMES and method not in (SINGLE, MULTI, RANSAC):
+            turned.setdefault(method, []).append(value)
+    claims = {UNTURNED.format(method): not any(values) for method, values in turned.items()}
+    claims |= times_claims(timed(MEAN), timed(SLOWEST))
+    return {(OF_ALL, claim, HOLDS): float(holds) for claim, holds in claims.items()}
+
+
+def _inside(figures: Figures, body: str, seeds: int) -> dict[str, dict[str, bool]]:
+    """Return by drive and window whether the mean NEES is inside its 95 % band."""
+    found: dict[str, dict[str, bool]] = {}
+    for drive in (*SIMULATED, *(f"following-{metres}" for metres in FOLLOWED_M)):
+        scored = figures[COUNTS, drive, FRAMES] - figures[COUNTS, drive, body]
+        found[drive] = {}
+        for frames in OURS.values():
+            low, high = band(seeds * scored, frames)
+            value = figures[NEES.format(body), drive, frames_name(frames)]
+            found[drive][frames_name(frames)] = low <= value <= high
+    return found
+
+
+def table_of(figures: Figures, body: str) -> Table:
+    """Return the RMSE of one body by drive and method."""
+    table: dict[tuple[str, str], dict[str, float]] = {}
+    drives = {RMSE.format(drive, body, number): drive for drive, number in SIMULATED.items()}
+    followed = {FOLLOWING.format(body, quantity): quantity for quantity in BOTH}
+    for (experiment, method, quantity), value in figures.items():
+        if experiment in drives:
+            table.setdefault((drives[experiment], method), {})[quantity] = value
+        elif experiment in followed:
+            drive = f"following-{quantity.removesuffix(' m')}"
+            table.setdefault((drive, method), {})[followed[experiment]] = value
+    return table
