@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from roadscope.trackers.rows import Rows
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gaussians:
+class Gaussians(Rows):
     """What is believed of N targets.
 
     means: (N, D) float64.
@@ -25,23 +27,6 @@ class Gaussians:
     def empty(dimensions: int) -> Gaussians:
         """Return beliefs of nothing."""
         return Gaussians(np.empty((0, dimensions)), np.empty((0, dimensions, dimensions)))
-
-    def select(self, index: np.ndarray) -> Gaussians:
-        """Keep the rows that a mask or an index array names."""
-        return Gaussians(self.means[index], self.covariances[index])
-
-    def joined(self, other: Gaussians) -> Gaussians:
-        """Put the rows of another below."""
-        return Gaussians(
-            np.concatenate([self.means, other.means]),
-            np.concatenate([self.covariances, other.covariances]),
-        )
-
-    def replaced(self, rows: np.ndarray, other: Gaussians) -> Gaussians:
-        """Put another's rows in place of those that an index array names."""
-        means, covariances = self.means.copy(), self.covariances.copy()
-        means[rows], covariances[rows] = other.means, other.covariances
-        return Gaussians(means, covariances)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

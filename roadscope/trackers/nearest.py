@@ -9,6 +9,7 @@ import numpy as np
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.trackers.association import associate_nearest
 from roadscope.trackers.constant_velocity import ConstantVelocityFilter, Noise
+from roadscope.trackers.ticks import Tick
 
 FRAMES = ("world", "ego")
 
@@ -81,12 +82,7 @@ class NearestTracker:
         """Forget all tracks."""
         self._tracks: list[Track] = []
         self._next_id = 0
-        self._period_s = self._first_period_s
-        self._stamp_s: float | None = None
-        self._ego: Pose | None = None
-        # What a new filter starts with, None until known: the ego's own velocity, which is the
-        # paper's 0 in the vehicle's frame.
-        self._velocity: np.ndarray | None = None
+        self._tick: Tick | None = None
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Take the detections of one tick and return all tracks, coasting ones included.
@@ -94,53 +90,39 @@ class NearestTracker:
         Raises `ValueError` when stamps do not increase, or when the pose that earlier ticks had
         is missing.
         """
+        last = self._tick
         pose = ego_pose if self._frame == "world" else None
-        targets = _in_order(_in_frame(detections, pose))
-        self._predict(targets.stamp_s, pose)
-        self._associate(targets)
-        self._tracks = [t for t in self._tracks if t.misses <= self._coast_frames]
-        return self._report(targets)
-
-    def _predict(self, stamp_s: float, pose: Pose | None) -> None:
-        """Move all filters to the stamp."""
-        if self._stamp_s is not None:
-            if (pose is None) != (self._ego is None):
-                raise ValueError("the ego pose must be given at every update or at none")
-            self._period_s = stamp_s - self._stamp_s
-            if not self._period_s > 0:
-                raise ValueError(f"stamps must increase: {stamp_s} s after {self._stamp_s} s")
-            if pose is not None and self._ego is not None:
-                self._learn_velocity((pose.translation - self._ego.translation)[:2])
-        for track in self._tracks:
-            track.filter.predict(self._period_s)
-            track.misses += 1
-        self._stamp_s, self._ego = stamp_s, pose
-
-    def _learn_velocity(self, moved: np.ndarray) -> None:
-        """Take the ego's motion since the last tick, (2,) metres."""
-        velocity = moved / self._period_s
-        if self._velocity is None:
+        tick = self._tick = Tick.after(last, detections, pose)
+        if last is not None and last.ego_velocity is None and tick.ego_velocity is not None:
             for track in self._tracks:
-                track.filter.velocity = velocity
-        self._velocity = velocity
+                track.filter.velocity = tick.ego_velocity
+        for track in self._tracks:
+            track.filter.predict(tick.period_s)
+            track.misses += 1
+        self._associate(tick)
+        self._tracks = [t for t in self._tracks if t.misses <= self._coast_frames]
+        return self._report(tick.targets)
 
-    def _associate(self, targets: Detections) -> None:
+    def _associate(self, tick: Tick) -> None:
         """Give targets to filters (3.1) and open filters for the rest (3.2)."""
+        targets = tick.targets
         predictions = np.array([t.filter.position for t in self._tracks]).reshape(-1, 2)
         places = targets.centres[:, :2]
         pairs = dict(associate_nearest(places, predictions, self._gate_m))
         for index, place in enumerate(places):
             row = targets.select(np.array([index]))
             if index not in pairs:
-                self._tracks.append(self._open(place, row))
+                self._tracks.append(self._open(place, row, tick))
                 continue
             track = self._tracks[pairs[index]]
             track.filter.update(place)
             track.row, track.hits, track.misses = row, track.hits + 1, 0
 
-    def _open(self, place: np.ndarray, row: Detections) -> Track:
-        velocity = np.zeros(2) if self._velocity is None else self._velocity
-        kalman = ConstantVelocityFilter(self._noise, place, velocity, self._period_s)
+    def _open(self, place: np.ndarray, row: Detections, tick: Tick) -> Track:
+        """Begin with the ego's own velocity, which is the paper's 0 in the vehicle's frame."""
+        velocity = np.zeros(2) if tick.ego_velocity is None else tick.ego_velocity
+        period_s = tick.period_s or self._first_period_s
+        kalman = ConstantVelocityFilter(self._noise, place, velocity, period_s)
         self._next_id += 1
         return Track(self._next_id - 1, kalman, row)
 
@@ -169,18 +151,6 @@ class NearestTracker:
         if track.hits < self._confirm_hits:
             return TrackState.TENTATIVE
         return TrackState.COASTING if track.misses else TrackState.CONFIRMED
-
-
-def _in_frame(detections: Detections, world_from_ego: Pose | None) -> Detections:
-    if world_from_ego is None or detections.frame == "world":
-        return detections
-    return detections.moved(world_from_ego, "world")
-
-
-def _in_order(detections: Detections) -> Detections:
-    """Sort by content, so that ids do not depend on the order in which detections came."""
-    keys = [detections.scores, detections.categories, detections.yaws, *detections.sizes.T]
-    return detections.select(np.lexsort([*keys, *detections.centres.T[::-1]]))
 
 
 def _check_positive(**lengths: float) -> None:

@@ -1,0 +1,246 @@
+"""How road users move between ticks: constant velocity, constant acceleration, constant turn.
+
+All states begin with x, y in metres, in a frame that stands still or is taken to. Noise is that of
+a white acceleration (or jerk, or yaw acceleration) in continuous time, so that two short steps
+spread as much as a long one, whatever the sensor's period. Its strength is how far the quantity
+wanders in a second, standard deviation, growing with the root of time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from roadscope.core.pose import wrap_angle
+from roadscope.trackers.kalman import Gaussians
+
+
+class Motion(Protocol):
+    """A model of motion, for N targets at once."""
+
+    @property
+    def dimensions(self) -> int:
+        """Length D of the state."""
+
+    def started(
+        self, places: np.ndarray, yaws: np.ndarray, *, position_m: float, speed_m_s: float
+    ) -> Gaussians:
+        """Begin at (N, 2) places seen with (N,) headings: standing still, more or less.
+
+        position_m, speed_m_s: standard deviations, along each axis.
+        """
+
+    def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return (N, D) states after dt seconds."""
+
+    def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return the derivative of `moved`, (D, D) for all or (N, D, D)."""
+
+    def noise(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return the covariance that dt seconds add, (D, D) for all or (N, D, D)."""
+
+    def planar(self, beliefs: Gaussians) -> Gaussians:
+        """Return beliefs of x, y, vx, vy."""
+
+
+def carried(motion: Motion, beliefs: Gaussians, dt: float) -> Gaussians:
+    """Move beliefs on by dt seconds: f(x), F P F' + Q (extended Kalman filter)."""
+    F = motion.jacobian(beliefs.means, dt)
+    covariances = F @ beliefs.covariances @ np.swapaxes(F, -1, -2)
+    return Gaussians(motion.moved(beliefs.means, dt), covariances + motion.noise(beliefs.means, dt))
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantVelocity:
+    """State x, y, vx, vy.
+
+    velocity_walk: m/s per root second, by which each component of the velocity wanders.
+    """
+
+    velocity_walk: float = 1.0
+
+    @property
+    def dimensions(self) -> int:
+        """4."""
+        return 4
+
+    def started(
+        self, places: np.ndarray, yaws: np.ndarray, *, position_m: float, speed_m_s: float
+    ) -> Gaussians:
+        """Begin with a velocity of 0, give or take `speed_m_s`."""
+        return _standing(places, [position_m, speed_m_s])
+
+    def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return F x."""
+        after: np.ndarray = means @ self.jacobian(means, dt).T
+        return after
+
+    def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return F."""
+        return both_axes([[1, dt], [0, 1]])
+
+    def noise(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return Q."""
+        return both_axes(walk_covariance(dt)) * self.velocity_walk**2
+
+    def planar(self, beliefs: Gaussians) -> Gaussians:
+        """Return the state."""
+        return beliefs
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantAcceleration:
+    """State x, y, vx, vy, ax, ay.
+
+    acceleration_walk: m/s2 per root second, by which each component of the acceleration wanders.
+    acceleration_m_s2: standard deviation of the acceleration at first, along each axis.
+    """
+
+    acceleration_walk: float = 1.0
+    acceleration_m_s2: float = 2.0
+
+    @property
+    def dimensions(self) -> int:
+        """6."""
+        return 6
+
+    def started(
+        self, places: np.ndarray, yaws: np.ndarray, *, position_m: float, speed_m_s: float
+    ) -> Gaussians:
+        """Begin with velocity and acceleration of 0, more or less."""
+        return _standing(places, [position_m, speed_m_s, self.acceleration_m_s2])
+
+    def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return F x."""
+        after: np.ndarray = means @ self.jacobian(means, dt).T
+        return after
+
+    def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return F."""
+        return both_axes([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]])
+
+    def noise(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return Q."""
+        Q = [
+            [dt**5 / 20, dt**4 / 8, dt**3 / 6],
+            [dt**4 / 8, dt**3 / 3, dt**2 / 2],
+            [dt**3 / 6, dt**2 / 2, dt],
+        ]
+        return both_axes(Q) * self.acceleration_walk**2
+
+    def planar(self, beliefs: Gaussians) -> Gaussians:
+        """Leave the acceleration out."""
+        return Gaussians(beliefs.means[:, :4], beliefs.covariances[:, :4, :4])
+
+
+@dataclass(frozen=True, slots=True)
+class CoordinatedTurn:
+    """State x, y, yaw, v, yaw rate: constant turn rate and velocity, CTRV.
+
+    Straight on is the same formula, since all of it is written with sin(h) / h, h half the angle
+    turned through.
+
+    speed_walk, turn_walk: m/s and rad/s per root second, by which speed and yaw rate wander.
+    yaw_rad, turn_rad_s: standard deviations of heading and yaw rate at first.
+    """
+
+    speed_walk: float = 1.0
+    turn_walk: float = 0.3
+    yaw_rad: float = 0.3
+    turn_rad_s: float = 0.3
+
+    @property
+    def dimensions(self) -> int:
+        """5."""
+        return 5
+
+    def started(
+        self, places: np.ndarray, yaws: np.ndarray, *, position_m: float, speed_m_s: float
+    ) -> Gaussians:
+        """Begin with the box's heading; a speed below 0 drives backwards."""
+        still = np.zeros((len(places), 2))
+        spread = [position_m, position_m, self.yaw_rad, speed_m_s, self.turn_rad_s]
+        covariances = np.tile(np.diag(np.square(spread)), (len(places), 1, 1))
+        return Gaussians(np.column_stack([places, yaws, still]), covariances)
+
+    def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Drive along the chord: half the turn, v dt sin(h) / h ahead, the other half."""
+        _, _, yaw, v, turn = means.T
+        half = turn * dt / 2
+        chord, direction = v * dt * _sinc(half), yaw + half
+        after = means.copy()
+        after[:, 0] += chord * np.cos(direction)
+        after[:, 1] += chord * np.sin(direction)
+        after[:, 2] = wrap_angle(yaw + turn * dt)
+        return after
+
+    def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return (N, 5, 5)."""
+        _, _, yaw, v, turn = means.T
+        half = turn * dt / 2
+        ahead = np.stack([np.cos(yaw + half), np.sin(yaw + half)], axis=-1)
+        aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
+        chord = (v * dt * _sinc(half))[:, None]
+        F = np.tile(np.eye(5), (len(means), 1, 1))
+        F[:, :2, 2] = chord * aside
+        F[:, :2, 3] = dt * _sinc(half)[:, None] * ahead
+        F[:, :2, 4] = dt / 2 * ((v * dt * _sinc_slope(half))[:, None] * ahead + chord * aside)
+        F[:, 2, 4] = dt
+        return F
+
+    def noise(self, means: np.ndarray, dt: float) -> np.ndarray:
+        """Return (N, 5, 5): speed wanders along the heading, heading with the yaw rate."""
+        ahead = np.stack([np.cos(means[:, 2]), np.sin(means[:, 2])], axis=-1)
+        (a, b), (_, c) = walk_covariance(dt)
+        Q = np.zeros((len(means), 5, 5))
+        Q[:, :2, :2] = a * self.speed_walk**2 * ahead[:, :, None] * ahead[:, None, :]
+        Q[:, :2, 3] = Q[:, 3, :2] = b * self.speed_walk**2 * ahead
+        Q[:, 3, 3] = c * self.speed_walk**2
+        Q[:, 2, 2], Q[:, 4, 4] = a * self.turn_walk**2, c * self.turn_walk**2
+        Q[:, 2, 4] = Q[:, 4, 2] = b * self.turn_walk**2
+        return Q
+
+    def planar(self, beliefs: Gaussians) -> Gaussians:
+        """Turn speed and heading into a velocity, to first order."""
+        x, y, yaw, v, _ = beliefs.means.T
+        c, s = np.cos(yaw), np.sin(yaw)
+        J = np.zeros((len(x), 4, 5))
+        J[:, 0, 0] = J[:, 1, 1] = 1
+        J[:, 2, 2], J[:, 2, 3] = -v * s, c
+        J[:, 3, 2], J[:, 3, 3] = v * c, s
+        covariances = J @ beliefs.covariances @ J.transpose(0, 2, 1)
+        return Gaussians(np.column_stack([x, y, v * c, v * s]), covariances)
+
+
+def walk_covariance(dt: float) -> np.ndarray:
+    """Return (2, 2) covariance of a quantity and its rate after dt seconds of white noise."""
+    return np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+
+
+def both_axes(block: list[list[float]] | np.ndarray) -> np.ndarray:
+    """Use one axis' (K, K) matrix for x and y, in a state x, y, vx, vy and so on."""
+    return np.kron(np.asarray(block, np.float64), np.eye(2))
+
+
+def _standing(places: np.ndarray, spread: list[float]) -> Gaussians:
+    """Return x, y with derivatives of 0; spread: standard deviations of each order."""
+    n, orders = len(places), len(spread)
+    means = np.column_stack([places, np.zeros((n, 2 * orders - 2))])
+    covariance = both_axes(np.diag(np.square(spread)))
+    return Gaussians(means, np.tile(covariance, (n, 1, 1)))
+
+
+def _sinc(h: np.ndarray) -> np.ndarray:
+    """Return sin(h) / h."""
+    value: np.ndarray = np.sinc(h / np.pi)
+    return value
+
+
+def _sinc_slope(h: np.ndarray) -> np.ndarray:
+    """Return the derivative of sin(h) / h, by its series where the formula would cancel."""
+    near = np.abs(h) < 1e-3
+    safe = np.where(near, 1.0, h)
+    slope: np.ndarray = np.where(near, -h / 3, (np.cos(safe) - np.sinc(safe / np.pi)) / safe)
+    return slope
