@@ -69,7 +69,11 @@ def test_finds_one_vehicle_among_ground(detector):
     frames = film([SCENE[3]], noise_m=0.03)
     found = [detector.detect(f) for f in frames][-1]
     x = 22 + (frames[-1].stamp_s - found.stamp_s) / 0.1
-    assert np.hypot(*(found.centres[:, :2] - [x, 0]).T).min() < 1.0
+    off = np.hypot(*(found.centres[:, :2] - [x, 0]).T)
+    assert off.min() < 0.25
+    assert abs(np.sin(found.yaws[off.argmin()])) < np.sin(np.radians(2))
+    # Its length is not seen, and usual cars differ by as much.
+    assert found.sizes[off.argmin()] == pytest.approx([4.6, 1.85, 1.5], abs=0.4)
 
 
 def test_frame_and_stamp(detector):
@@ -81,7 +85,7 @@ def test_frame_and_stamp(detector):
 def test_nothing_seen_is_nothing_found(detector, seen):
     found = detector.detect(seen)
     assert len(found) == 0
-    assert found.stamp_s == (seen.lidar.stamp_s if seen.lidar else 2.5)
+    assert found.stamp_s == (2.5 if seen.lidar is None else seen.lidar.stamp_s)
 
 
 def test_order_of_points_is_irrelevant(detector):
@@ -160,7 +164,7 @@ def test_any_cloud_gives_proper_boxes(name, seed, count, grid):
         np.zeros(count), 1.0, "lux",
     )  # fmt: skip
     found = DETECTORS.make(name).detect(Frame(1.0, CALIBRATION, seen))
-    assert (np.abs(found.centres[:, :2]) < 60).all()
+    assert (np.abs(found.centres[:, :2]) < 42).all()
     assert DETECTORS.make(name).detect(Frame(1.0, CALIBRATION, shuffled(seen, 0))) == found
 
 
@@ -176,20 +180,9 @@ def by_cells_of_the_bounding_box(name: str) -> bool:
     return "ClusterDetector" in target and not other
 
 
-SAMPLED = (0.25, 0.45, 0.02, 0.15)
-"""Where the length of what is seen from behind is the mean of drawn samples."""
-DESCENDED = (0.2, 0.35, 0.02, 0.2)
-"""Where a descent ends a little before the bottom."""
-
-
 def every_box(name: str) -> Detector:
     """Make it so that no box is left out for its score, which counts returns."""
     return DETECTORS.make(DETECTORS.target(name).replace("min_score=0.5", "min_score=0.0"))
-
-
-def allowed(name: str) -> tuple[float, ...]:
-    known = {"shape=l-shape": SEARCHED, "shape=body": DESCENDED, "fit=body": SAMPLED}
-    return next((t for part, t in known.items() if part in DETECTORS.target(name)), CLOSE)
 
 
 def runs_like_the_ego(name: str) -> bool:
@@ -207,10 +200,36 @@ def worst(detector, frames, others, back) -> np.ndarray:
     return np.max([apart(there, back(here)) for here, there in pairs], axis=0)
 
 
-CLOSE = (0.1, 0.1, 0.02, 0.15)
-"""Metres of place and size, radians, score: cells of the ego frame decide on single returns."""
-SEARCHED = (0.3, 0.2, np.radians(3.5), 0.2)
-"""Where headings are tried that do not turn with the scene, and of equals the first is taken."""
+EXACT = (1e-6, 1e-6, 1e-6, 1e-5)
+"""Metres of place and of size, radians, score."""
+ROUNDED = (1e-3, 1e-3, 1e-3, 1e-2)
+"""A scan's numbers are rounded anew, to a few micrometres."""
+CLOSE = (0.06, 0.02, 0.025, 0.1)
+"""Cells of height and sectors, which do not turn with the scene, decide on single returns."""
+SEARCHED = (0.25, 0.15, 0.025, 0.1)
+"""Where headings are tried besides, a quarter degree apart, that do not turn with the scene."""
+DESCENDED = (0.2, 0.35, 0.02, 0.2)
+"""Where a descent ends a little before the bottom, or at another bottom of a few returns."""
+SAMPLED = (0.25, 0.45, 0.02, 0.1)
+"""Where the length of what is seen from behind is the mean of drawn samples."""
+LATTICE = (1e-6, 1e-6, 1e-6, 0.05)
+"""Where a box slides in strides from a corner of the scene, which a turn makes another one: the
+score counts what it holds."""
+
+
+def allowed(name: str, **by_part: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the tolerance of the part of a detector that has one, else all of them `other`."""
+    target, other = DETECTORS.target(name), by_part.pop("other", EXACT)
+    return next((t for part, t in by_part.items() if PARTS[part] in target), other)
+
+
+PARTS = {
+    "searched": "shape=l-shape", "filtered": "shape=matched-filter", "fitted": "shape=body",
+    "sampled": "fit=body", "slid": "LongRangeDetector",
+}  # fmt: skip
+"""What names a part in a detector's string."""
+
+
 films = pytest.mark.parametrize("speed_m_s", [0.0, 8.0], ids=["standing", "driving"])
 few = settings(max_examples=2, phases=[Phase.generate])
 
@@ -225,8 +244,8 @@ def test_right_angles_and_whole_cells_move_the_boxes(name, speed_m_s, k, x, y):
     motion = Pose.planar(x / 2, y / 2, k * np.pi / 2)
     frames = drive(speed_m_s=speed_m_s)
     there = [carried(seen, motion) for seen in frames]
-    off = worst(DETECTORS.make(name), frames, there, lambda found: found.moved(motion, "ego"))
-    assert (off <= allowed(name)).all()
+    off = worst(every_box(name), frames, there, lambda found: found.moved(motion, "ego"))
+    assert (off <= allowed(name, sampled=SAMPLED, slid=LATTICE)).all()
 
 
 @films
@@ -238,8 +257,9 @@ def test_rigid_motion_moves_the_boxes(name, speed_m_s, turn, x, y):
     turn = 0.03 * turn if runs_like_the_ego(name) else turn
     motion, frames = Pose.planar(x, y, turn), drive(speed_m_s=speed_m_s)
     there = [carried(seen, motion) for seen in frames]
-    off = worst(DETECTORS.make(name), frames, there, lambda found: found.moved(motion, "ego"))
-    assert (off <= allowed(name)).all()
+    off = worst(every_box(name), frames, there, lambda found: found.moved(motion, "ego"))
+    tolerances = {"searched": SEARCHED, "fitted": DESCENDED, "sampled": SAMPLED, "other": CLOSE}
+    assert (off <= allowed(name, **tolerances)).all()
 
 
 @films
@@ -247,8 +267,8 @@ def test_rigid_motion_moves_the_boxes(name, speed_m_s, turn, x, y):
 def test_left_and_right_are_alike(name, speed_m_s):
     frames = drive(speed_m_s=speed_m_s)
     there = [mirrored(seen) for seen in frames]
-    off = worst(DETECTORS.make(name), frames, there, mirror_boxes)
-    assert (off <= allowed(name)).all()
+    off = worst(every_box(name), frames, there, mirror_boxes)
+    assert (off <= allowed(name, fitted=DESCENDED, sampled=SAMPLED)).all()
 
 
 @films
@@ -269,7 +289,7 @@ def test_the_way_the_sensor_is_mounted_changes_nothing(detector):
     """The returns stay where they are in the ego frame, to the rounding of the scan's numbers."""
     frames = [replace(f, lidar=behind_too(f.lidar)) for f in drive()]
     there = [turned_sensor(seen, Pose.planar(0.0, 0.0, 1.0)) for seen in frames]
-    assert (worst(detector, frames, there, lambda found: found) <= CLOSE).all()
+    assert (worst(detector, frames, there, lambda found: found) <= ROUNDED).all()
 
 
 def behind_too(seen: LidarScan) -> LidarScan:
@@ -297,7 +317,8 @@ def test_copies_of_returns_move_no_box(name):
         replace(f, lidar=take(f.lidar, np.repeat(np.arange(len(f.lidar)), 2))) for f in frames
     ]
     off = worst(every_box(name), frames, copied, lambda found: found)
-    assert (off[:3] <= allowed(name)[:3]).all()
+    # The sum over copies rounds otherwise, and with it where bins begin.
+    assert (off[:3] <= allowed(name, filtered=(0.01, 1e-6, 5e-3))[:3]).all()
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -318,7 +339,7 @@ def test_returns_on_a_line_give_proper_boxes(detector):
             points = [12.0 - k, 0.0, 0.4] + np.linspace(-2, 2, 30)[:, None] * way
             seen = scan_of(points, np.arange(30) % 4, stamp_s=1.0 + 0.1 * k)
             found = detector.detect(Frame(seen.stamp_s, CALIBRATION, seen))
-            assert (np.abs(found.centres[:, :2]) < 40).all()
+            assert (np.abs(found.centres[:, :2]) < 25).all()
         detector.reset()
 
 

@@ -113,8 +113,8 @@ def off(name, found, expected, motion=None):
 def test_finds_the_car(name):
     for drive in ("straight", "curve"):
         found, (x, y, yaw) = ESTIMATORS[name](seen(drive)), seen(drive)[1].truth
-        assert np.hypot(found.x - x, found.y - y) < 0.25
-        assert abs(axis_difference(found.yaw, yaw)) < np.radians(5)
+        assert np.hypot(found.x - x, found.y - y) < 0.1
+        assert abs(axis_difference(found.yaw, yaw)) < np.radians(1)
 
 
 @every
@@ -198,7 +198,7 @@ def test_returns_on_a_line_give_a_pose(name):
 
     shots = changed(seen(), one_ring)
     found, truth = ESTIMATORS[name](shots), shots[1].truth
-    assert np.hypot(*(found.centre - truth[:2])) < np.hypot(*SIZE.values())
+    assert np.hypot(*(found.centre - truth[:2])) < 0.1
 
 
 @every

@@ -35,15 +35,21 @@ PAIRS = [
 
 EXACT = (1e-6, 1e-6, 1e-6, 1e-5)
 """Metres of place and of size, radians, score."""
-CLOSE = (0.05, 0.05, 0.01, 0.1)
-SEARCHED = {
-    # The headings that it tries do not turn with the scene, and of headings that suit equally
-    # well it takes the first: for a short face that is up to 3 deg.
-    "l-shape": (0.2, 0.2, np.radians(3.5), 0.2),
+ROUNDED = (1e-3, 1e-3, 1e-3, 1e-2)
+"""A scan's numbers are rounded anew, to a few micrometres."""
+CLOSE = (0.02, 0.01, 0.005, 0.02)
+"""Cells of height and sectors decide otherwise on single low returns."""
+TURNED = {
+    # The headings that it tries, a quarter degree apart, do not turn with the scene.
+    "l-shape": (0.05, 0.03, np.radians(0.5), 0.05),
+    # Bins begin at the mean of the returns, whose rounding turns with the scene.
+    "matched-filter": (0.02, 0.01, 0.02, 0.03),
     # The first guesses' headings do not turn with the scene, and a descent ends a little before
     # the bottom.
-    "body": (0.2, 0.35, np.radians(1.0), 0.1),
+    "body": (0.15, 0.25, 0.01, 0.1),
 }
+MIRRORED = {"body": (0.2, 0.15, 0.01, 0.2)}
+"""A few returns have several bottoms; which one a descent finds hangs on the last bit."""
 
 CELLS_OF_THE_BOUNDING_BOX = {"pag", "pag-range"}
 """Their cells have the sides of the upright box around the data: turned by anything but right
@@ -80,10 +86,6 @@ def scene(stages, seed):
 every_pair = pytest.mark.parametrize("stages", PAIRS, ids=" ".join)
 
 
-def allowed(stages, tolerance=EXACT):
-    return np.maximum(SEARCHED.get(stages[2], tolerance), tolerance)
-
-
 def test_any_two_stages_are_paired():
     for a, b in ((0, 1), (0, 2), (1, 2)):
         kinds = (GROUNDS, CLUSTERINGS, SHAPES)
@@ -109,7 +111,7 @@ def test_right_angles_and_whole_cells_move_the_boxes(stages, seed, turn, x, y):
     turn = np.pi if stages[2] in TRAFFIC_RUNS_LIKE_THE_EGO else turn
     seen, motion, detector = scene(stages, seed), Pose.planar(x, y, turn), make(stages)
     expected = detector.detect(seen).moved(motion, "ego")
-    assert (apart(detector.detect(carried(seen, motion)), expected) <= allowed(stages)).all()
+    assert (apart(detector.detect(carried(seen, motion)), expected) <= EXACT).all()
 
 
 @every_pair
@@ -118,7 +120,8 @@ def test_right_angles_and_whole_cells_move_the_boxes(stages, seed, turn, x, y):
 def test_left_and_right_are_alike(stages, seed):
     seen, detector = scene(stages, seed), make(stages)
     expected = mirror_boxes(detector.detect(seen))
-    assert (apart(detector.detect(mirrored(seen)), expected) <= allowed(stages)).all()
+    difference = apart(detector.detect(mirrored(seen)), expected)
+    assert (difference <= MIRRORED.get(stages[2], EXACT)).all()
 
 
 @every_pair
@@ -132,9 +135,9 @@ def test_any_rigid_motion_moves_the_boxes(stages, seed, turn, x, y):
         turn = 0.0
     seen, motion = look_ahead(seed=seed, ground=False), Pose.planar(x, y, turn)
     detector = make(stages)
-    before = detector.detect(seen)
-    there = detector.detect(carried(seen, motion))
-    assert (apart(there, before.moved(motion, "ego")) <= allowed(stages, CLOSE)).all()
+    expected = detector.detect(seen).moved(motion, "ego")
+    difference = apart(detector.detect(carried(seen, motion)), expected)
+    assert (difference <= TURNED.get(stages[2], CLOSE)).all()
 
 
 @every_pair
@@ -144,7 +147,7 @@ def test_the_way_the_sensor_is_mounted_changes_nothing(stages, turn, seed):
     """The returns stay where they are in the ego frame, to the rounding of the scan's numbers."""
     seen, detector = scene(stages, seed), make(stages)
     there = turned_sensor(seen, Pose.planar(0.0, 0.0, turn))
-    assert (apart(detector.detect(there), detector.detect(seen)) <= allowed(stages, CLOSE)).all()
+    assert (apart(detector.detect(there), detector.detect(seen)) <= ROUNDED).all()
 
 
 def test_height_of_the_sensor_changes_no_box(stages):
@@ -152,7 +155,7 @@ def test_height_of_the_sensor_changes_no_box(stages):
     there = turned_sensor(seen, Pose.planar(0.0, 0.0, 0.0, 0.3))
     difference = apart(detector.detect(there), detector.detect(seen))
     # What a scan could have shown of a box, and so its score, does depend on it.
-    assert (difference[:3] <= allowed(stages, (1e-3, 1e-3, 1e-3, 1.0))[:3]).all()
+    assert (difference[:3] <= ROUNDED[:3]).all()
 
 
 def test_copies_of_returns_move_no_box(stages):
@@ -161,7 +164,7 @@ def test_copies_of_returns_move_no_box(stages):
     found, before = (detector.detect(Frame(1.0, CALIBRATION, s)) for s in (copied, seen.lidar))
     proper(found)
     if stages[1] not in COUNTING:
-        assert (apart(found, before)[:3] <= allowed(stages, CLOSE)[:3]).all()
+        assert (apart(found, before)[:3] <= EXACT[:3]).all()
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
