@@ -1,4 +1,4 @@
 """Scores as pure functions over records of arrays."""
 
-METRIC_VERSION = 2
+METRIC_VERSION = 3
 """Raised whenever a score's meaning changes; results of different versions are never mixed."""

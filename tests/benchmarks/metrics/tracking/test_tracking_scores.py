@@ -58,13 +58,19 @@ def test_a_track_that_goes_over_to_an_object_that_had_none() -> None:
 
 
 def test_misses_false_alarms_and_fragments() -> None:
-    rows = [({1: A}, {7: A}), ({1: A}, {}), ({1: A}, {7: A}), ({1: A}, {7: A, 9: B})]
+    rows = [({1: A}, {7: A}), ({1: A}, {9: B}), ({1: A}, {7: A}), ({1: A}, {7: A})]
     s = score(*episode(rows))
     assert s.mota.value == 1 - 2 / 4
     assert s.fragmentations.value == 1
     assert s.id_switches.value == 0
     assert s.recall.value == s.precision.value == 3 / 4
     assert s.mostly_tracked.value == 0.0
+
+
+def test_a_frame_without_any_track_interrupts_nothing() -> None:
+    s = score(*episode([({1: A}, {7: A}), ({1: A}, {}), ({1: A}, {7: A})]))
+    assert s.fragmentations.value == 0
+    assert s.recall.value == 2 / 3
 
 
 def test_mostly_tracked_and_lost() -> None:

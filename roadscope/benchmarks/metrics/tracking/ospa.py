@@ -1,0 +1,115 @@
+"""OSPA and GOSPA: how far the set of tracks is from the set of objects, in metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.core.record import Record
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ospa(Record):
+    """Optimal sub-pattern assignment distance (Schuhmacher, Vo and Vo 2008).
+
+    distances: (T,) metres, 0 to the cut-off, per object; 0 where there is nothing at all.
+    localisation, cardinality: (T,) its parts, eq. 4: what distances and what a wrong number
+        give, each to the power of the order; both to the power of 1/order make no sum.
+    """
+
+    distances: np.ndarray
+    localisation: np.ndarray
+    cardinality: np.ndarray
+
+    @property
+    def mean(self) -> float:
+        """Mean over frames, metres; nan without any."""
+        return _mean(self.distances)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gospa(Record):
+    """Generalised OSPA with alpha = 2 (Rahmathullah et al. 2017).
+
+    distances: (T,) metres, not divided by the number of objects.
+    localisation, missed, false: (T,) its parts, prop. 1: distances to the power of the order
+        sum to them.
+    """
+
+    distances: np.ndarray
+    localisation: np.ndarray
+    missed: np.ndarray
+    false: np.ndarray
+
+    @property
+    def mean(self) -> float:
+        """Mean over frames, metres; nan without any."""
+        return _mean(self.distances)
+
+
+def ospa(
+    sequence: TrackedSequence,
+    cutoff_m: float = 2.0,
+    order: float = 1.0,
+    *,
+    pairing_order: float | None = None,
+) -> Ospa:
+    """Return OSPA frame by frame; it needs the distances of the sequence.
+
+    cutoff_m: no distance counts for more, and so much an object or track too many.
+    pairing_order: of the distances that decide who is paired; None: `order`, as defined.
+        Some implementations always take 1.
+    """
+    _check(cutoff_m, order)
+    most = np.maximum(sequence.truth_counts, sequence.track_counts)
+    least = np.minimum(sequence.truth_counts, sequence.track_counts)
+    costs = np.minimum(sequence.distances("OSPA"), cutoff_m)
+    pairs = _pairs(sequence, costs ** (order if pairing_order is None else pairing_order))
+    frames, _, _ = sequence.places(pairs)
+    apart = np.bincount(frames, costs[pairs] ** order, minlength=len(sequence))
+    shares = np.maximum(most, 1)
+    localisation, cardinality = apart / shares, cutoff_m**order * (most - least) / shares
+    return Ospa((localisation + cardinality) ** (1 / order), localisation, cardinality)
+
+
+def gospa(sequence: TrackedSequence, cutoff_m: float = 2.0, order: float = 1.0) -> Gospa:
+    """Return GOSPA frame by frame; it needs the distances of the sequence.
+
+    cutoff_m: pairs at least so far apart are a miss and a false track, each of which costs half
+        of cutoff_m ** order.
+    """
+    _check(cutoff_m, order)
+    costs = np.minimum(sequence.distances("GOSPA"), cutoff_m) ** order
+    pairs = _pairs(sequence, costs)
+    pairs = pairs[costs[pairs] < cutoff_m**order]
+    frames, _, _ = sequence.places(pairs)
+    localisation = np.bincount(frames, costs[pairs], minlength=len(sequence))
+    paired = np.bincount(frames, minlength=len(sequence))
+    missed = cutoff_m**order / 2 * (sequence.truth_counts - paired)
+    false = cutoff_m**order / 2 * (sequence.track_counts - paired)
+    return Gospa((localisation + missed + false) ** (1 / order), localisation, missed, false)
+
+
+def _pairs(sequence: TrackedSequence, costs: np.ndarray) -> np.ndarray:
+    """Return the cheapest assignment of every frame, as pairs of the sequence."""
+    from scipy.optimize import linear_sum_assignment
+
+    chosen = [np.empty(0, np.int64)]
+    starts = sequence.pair_starts.tolist()
+    for start, matrix in zip(starts[:-1], sequence.matrices(costs), strict=True):
+        rows, columns = linear_sum_assignment(matrix)
+        chosen.append(start + rows * matrix.shape[1] + columns)
+    return np.concatenate(chosen)
+
+
+def _check(cutoff_m: float, order: float) -> None:
+    if not 0 < cutoff_m < np.inf:
+        raise ValueError(f"cutoff_m: expected metres above 0, got {cutoff_m:g}")
+    if not 1 <= order < np.inf:
+        raise ValueError(f"order: expected 1 or more, finite, got {order:g}")
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if len(values) else float("nan")

@@ -1,0 +1,62 @@
+"""Tracked sequences by hand and at random, and the same as TrackEval wants them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+
+GATE_M = 2.0
+
+
+def sequence(*frames: tuple[list[int], list[int], Any], **options: Any) -> TrackedSequence:
+    """Join frames of object ids, track ids and similarities (objects, tracks)."""
+    truth_ids, track_ids, alike = zip(*frames, strict=True) if frames else ((), (), ())
+    shaped = [
+        np.reshape(np.asarray(s, float), (len(g), len(k)))
+        for g, k, s in zip(truth_ids, track_ids, alike, strict=True)
+    ]
+    return TrackedSequence.of(truth_ids, track_ids, shaped, **options)
+
+
+def wandering(
+    seed: int, *, objects: int | None = None, frames: int | None = None
+) -> TrackedSequence:
+    """Objects and tracks that come, go, drift and swap at random, with false tracks."""
+    rng = np.random.default_rng(seed)
+    objects = int(rng.integers(1, 7)) if objects is None else objects
+    places, names = rng.uniform(0, 4 * np.sqrt(objects), (objects, 2)), np.arange(objects)
+    columns: list[list[np.ndarray]] = [[], [], [], [], []]
+    for _ in range(int(rng.integers(1, 40)) if frames is None else frames):
+        places = places + rng.normal(0, 0.4, places.shape)
+        if rng.random() < 0.2:
+            names = rng.permutation(objects + 2)[:objects]
+        there, seen = rng.random(objects) < 0.8, rng.random(objects) < 0.8
+        false = rng.uniform(0, 12, (int(rng.integers(0, 3)), 2))
+        found = np.concatenate([places[seen] + rng.normal(0, 0.8, (seen.sum(), 2)), false])
+        ids = np.concatenate([names[seen], 100 + rng.permutation(5)[: len(false)]])
+        apart = np.linalg.norm(places[there][:, None] - found[None], axis=-1)
+        order = rng.permutation(len(ids))
+        frame = (
+            np.flatnonzero(there), ids[order], np.maximum(0, 1 - apart / (2 * GATE_M))[:, order],
+            apart[:, order], rng.uniform(0, 1, len(ids)) * 0.2 + (ids % 5) / 7,
+        )  # fmt: skip
+        for column, values in zip(columns, frame, strict=True):
+            column.append(values)
+    truth_ids, track_ids, alike, apart_m, scores = columns
+    return TrackedSequence.of(truth_ids, track_ids, alike, distances_m=apart_m, scores=scores)
+
+
+def as_trackeval(s: TrackedSequence) -> dict[str, Any]:
+    return {
+        "num_timesteps": len(s),
+        "gt_ids": np.split(s.truths, s.truth_starts[1:-1]),
+        "tracker_ids": np.split(s.tracks, s.track_starts[1:-1]),
+        "similarity_scores": s.matrices(s.similarities),
+        "num_gt_dets": len(s.truths),
+        "num_tracker_dets": len(s.tracks),
+        "num_gt_ids": s.objects,
+        "num_tracker_ids": s.followers,
+    }
