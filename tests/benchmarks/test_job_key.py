@@ -46,7 +46,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("benchmarks/parked.py", [True, True]),
         ("benchmarks/stack.py", [True, True]),
         ("benchmarks/job.py", [True, True]),
-        ("benchmarks/metrics/clear.py", [True, True]),
+        ("benchmarks/metrics/tracking/clear.py", [True, True]),
         ("benchmarks/tables.py", [False, False]),
     ],
 )

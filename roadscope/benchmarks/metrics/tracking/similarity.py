@@ -33,7 +33,8 @@ def near(distances_m: np.ndarray, gate_m: float = GATE_M) -> np.ndarray:
 def by_area(truth: Boxes, tracks: Boxes) -> np.ndarray:
     """Return intersection over union seen from above."""
     flat = [np.column_stack([b.centres[:, :2], b.sizes[:, :2], b.yaws]) for b in (truth, tracks)]
-    return box_overlaps(*flat)
+    shares: np.ndarray = box_overlaps(*flat)
+    return shares
 
 
 def by_volume(truth: Boxes, tracks: Boxes) -> np.ndarray:
@@ -50,7 +51,8 @@ def image_overlaps(truth: np.ndarray, tracks: np.ndarray) -> np.ndarray:
     common = np.prod(np.maximum(high - low, 0), axis=-1)
     whole = np.prod(one[..., 2:] - one[..., :2], axis=-1)
     whole = whole + np.prod(other[..., 2:] - other[..., :2], axis=-1) - common
-    return np.divide(common, whole, out=np.zeros_like(common), where=whole > 0)
+    shares: np.ndarray = np.divide(common, whole, out=np.zeros_like(common), where=whole > 0)
+    return shares
 
 
 SIMILARITIES: Mapping[str, Similarity] = {
