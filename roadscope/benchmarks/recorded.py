@@ -1,0 +1,72 @@
+"""Recorded episodes: a sequence on disk in place of simulated traffic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import sha256
+
+import numpy as np
+
+from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.formats.kitti import KittiFolder, KittiSequence, read_sequence
+from roadscope.benchmarks.perceived import Perceived
+from roadscope.core import Category
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What decides everything that a tracker gets to see of one recorded sequence.
+
+    folder: where `label_02` lies.
+    sequence: name of the sequence.
+    category: the class that is tracked: car, pedestrian or cyclist.
+    detector: whose detections, as the folder calls it.
+    seed: number of the sequence in the folder; sequences are the sample, as seeds elsewhere.
+    """
+
+    folder: str
+    sequence: str
+    category: str
+    detector: str
+    seed: int
+
+    scenario = "kitti"
+    weather = "as recorded"
+
+    def spec(self) -> dict[str, object]:
+        """Return what detections and truth depend on: the bytes of the files, not their place."""
+        files = KittiFolder.find(self.folder)
+        kind = Category[self.category.upper()]
+        paths = {
+            "labels": files.labels(self.sequence),
+            "calibration": files.calibration(self.sequence),
+            "detections": files.detections(self.sequence, kind, self.detector),
+            "poses": files.poses(self.sequence),
+        }
+        return {
+            "sequence": self.sequence,
+            "category": self.category,
+            **{name: sha256(path.read_bytes()).hexdigest() for name, path in paths.items()},
+            "code": code_hash("core", "benchmarks/formats", "benchmarks/recorded.py"),
+        }
+
+
+@lru_cache(maxsize=1)
+def sequence_of(recording: Recording) -> KittiSequence:
+    """Read a recording; the next job of a worker is often another tracker on the same."""
+    kind = Category[recording.category.upper()]
+    return read_sequence(recording.folder, recording.sequence, kind, detector=recording.detector)
+
+
+def replayed(recording: Recording) -> Perceived:
+    """Return a recording's detections and truth as if a detector had just made them."""
+    sequence = sequence_of(recording)
+    count = len(sequence)
+    moved = [
+        found.moved(pose, "world")
+        for found, pose in zip(sequence.detections, sequence.world_from_ego, strict=True)
+    ]
+    return Perceived(
+        tuple(moved), sequence.truths, np.zeros(count), np.empty((0, 2)), np.zeros(count)
+    )
