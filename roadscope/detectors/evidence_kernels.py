@@ -44,7 +44,7 @@ class Cells(NamedTuple):
 
 @compiled()
 def sort_to_cells(points: np.ndarray) -> Cells:
-    """Sort (N, 3) points, N at least 1, into square cells."""
+    """Sort (N, 3) points, metres, N at least 1, into square cells seen from above."""
     low_x, low_y = points[:, 0].min(), points[:, 1].min()
     nx = int((points[:, 0].max() - low_x) / CELL_M) + 1
     ny = int((points[:, 1].max() - low_y) / CELL_M) + 1
@@ -74,6 +74,9 @@ def count_returns(
     metres; levels: beams; depth: mean distance of the low returns from the sides, metres; above:
     returns over the ceiling; top_level: highest beam; ends, sides: standing returns beyond its
     ends and beside it; overhang: returns over the ceiling around it.
+
+    boxes, points (N, 3): metres and radians, ego frame. ring: (N,) int64, beams, lowest first.
+    cells: of `sort_to_cells` for the points.
     """
     out, seen = np.zeros((len(boxes), 13)), np.empty(int(ring.max()) + 1, np.bool_)
     order, starts, grid = cells
@@ -141,9 +144,9 @@ def look_along(
 ) -> np.ndarray:
     """Return (B, 4) shares of the columns towards boxes: blocked before, hit, passing beyond.
 
-    The fourth is the number of columns that hit.
-
-    azimuths: (C,) increasing, of the nearest standing return a column; ranges: (C,) metres.
+    The fourth is the number of columns that hit. boxes: (B, 5) as in `count_returns`.
+    azimuths: (C,) radians, increasing, of the nearest standing return a column; ranges: (C,)
+    metres; both from the origin, (2,) metres, of the sensor. step: radians from column to column.
     Columns without a return pass beyond.
     """
     out = np.zeros((len(boxes), 4))

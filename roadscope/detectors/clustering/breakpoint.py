@@ -16,7 +16,9 @@ MAX_STEPS = 3.5
 
 
 def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarray:
-    """Link neighbours of a beam up to a breakpoint that grows with range: (N,) int64 labels.
+    """Link neighbours of a beam up to a breakpoint that grows with range.
+
+    Returns (N,) int64 labels, none negative.
 
     Neighbouring returns of a beam are linked unless they are farther apart than
     D = r sin(step) / sin(incidence - step) + 3 sigma, the spacing on a surface met at the
@@ -39,7 +41,10 @@ def cluster_breakpoint(cloud: Cloud, *, range_noise_m: float = 0.1) -> np.ndarra
 
 
 def reach(ranges: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Spacing in metres of two returns `steps` radians apart at the smallest incidence."""
+    """Return the spacing, (N,) metres, of two returns at the smallest incidence.
+
+    ranges: (N,) metres, of the nearer one. steps: (N,) radians between the two.
+    """
     # Towards the incidence angle the spacing grows without bound; wider steps are refused.
     steps = np.minimum(steps, 0.9 * INCIDENCE_RAD)
     spacing: np.ndarray = ranges * np.sin(steps) / np.sin(INCIDENCE_RAD - steps)

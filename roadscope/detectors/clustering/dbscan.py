@@ -9,7 +9,9 @@ from roadscope.detectors.clustering.density import density_labels
 
 
 def cluster_dbscan(cloud: Cloud, *, eps_m: float = 1.0, min_points: int = 5) -> np.ndarray:
-    """Cluster by DBSCAN in the ground plane: (N,) int64 labels, negative for outliers.
+    """Cluster by DBSCAN in the ground plane.
+
+    Returns (N,) int64 labels, negative for outliers.
 
     In the plane and not in space: layers of one body grow apart with range, 0.8 deg are 1.4 m at
     100 m, while its columns stay close. Labels are those of scikit-learn's DBSCAN on x and y.

@@ -11,7 +11,10 @@ from roadscope.detectors.cloud import Cloud
 
 
 def cluster_pag(cloud: Cloud) -> np.ndarray:
-    """Cluster by PAG (Lu 2018), which has no parameter: (N,) int64 labels, -1 if dropped."""
+    """Cluster by PAG (Lu 2018), which has no parameter.
+
+    Returns (N,) int64 labels, -1 for returns that are dropped.
+    """
     return pag_labels(cloud.points[:, :2], np.ones(len(cloud)))
 
 
@@ -19,13 +22,13 @@ def cluster_pag_range(cloud: Cloud) -> np.ndarray:
     """Cluster by PAG with every return counted in proportion to its range.
 
     A body twice as far returns half as many columns, so plain counting calls distant vehicles
-    sparse. Not in the paper.
+    sparse. Not in the paper. Returns (N,) int64 labels, -1 for returns that are dropped.
     """
     return pag_labels(cloud.points[:, :2], cloud.ranges)
 
 
 def pag_labels(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Cluster (N, 2) points of the given (N,) weights.
+    """Cluster (N, 2) points, metres, of the given (N,) weights, above 0: (N,) int64 labels.
 
     The grid has K x K cells (eq. 1, K rounded down) over the bounding box of the data: over the
     sensor's full range nearly everything would fall into a few cells.
@@ -43,7 +46,9 @@ def pag_labels(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def density_threshold(total: float, grid_num: int) -> float:
-    """Return MinPts (eq. 2).
+    """Return MinPts (eq. 2), the weight of a cell above which it is dense.
+
+    total: weight of all points. grid_num: cells that hold any.
 
     Both averages in eq. 2 run over the same arithmetic sequence and equal Max - N(N - 1)/2, so
     their quotient is 1 and MinPts is C = Num / Gridnum. For Max below 4, N = 1 and the average
@@ -53,8 +58,10 @@ def density_threshold(total: float, grid_num: int) -> float:
 
 
 def label_cells(counts: np.ndarray, occupied: np.ndarray) -> np.ndarray:
-    """Join dense cells of a (K, K) grid into clusters, (K, K) int64 labels.
+    """Join dense cells of a (K, K) grid into clusters: (K, K) int64 labels, -1 for none.
 
+    counts: (K, K) float64, weight of the points in a cell. occupied: (K, K) bool, whether it has
+    any.
     A cell is dense above MinPts. A sparse cell beside a dense one (8 neighbours) joins it, once:
     joined cells do not draw in further sparse ones. Connected cells form a cluster.
     """

@@ -9,7 +9,11 @@ from roadscope.envs.raycast.jit import compiled
 
 @compiled()
 def root_of(parents: np.ndarray, item: int) -> int:
-    """Return the item that stands for the set of this one; shortens the way to it."""
+    """Return the item that stands for the set of this one; shortens the way to it.
+
+    parents: (N,) int64, an item of the same set for each item, itself for the one that stands for
+    it; changed in place.
+    """
     while parents[item] != item:
         parents[item] = parents[parents[item]]
         item = parents[item]
@@ -18,7 +22,10 @@ def root_of(parents: np.ndarray, item: int) -> int:
 
 @compiled()
 def join(parents: np.ndarray, first: int, second: int) -> None:
-    """Make one set of two items' sets; the lowest item stands for a set."""
+    """Make one set of two items' sets; the lowest item stands for a set.
+
+    parents: as in `root_of`, changed in place.
+    """
     a, b = root_of(parents, first), root_of(parents, second)
     parents[max(a, b)] = min(a, b)
 

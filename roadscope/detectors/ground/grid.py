@@ -19,15 +19,17 @@ def grid_above_ground(
     clear_m: float = 0.3,
     ceiling_m: float = 2.5,
 ) -> np.ndarray:
-    """Keep what stands in cells whose returns span some height (Li 2021), (N,) bool.
+    """Keep what stands in cells whose returns span some height (Li 2021).
+
+    Returns (N,) bool, true for returns that are kept.
 
     Li 2021 keeps the cells whose highest and lowest return differ by more than a threshold
     (`span_m`). With four layers 0.8 deg apart a cell often holds one layer only, far away
     always, and its span says nothing; there the calibration decides: whatever lies more than
     `clear_m` above the plane the wheels stand on is kept. Below that height a return is kept
     where its cell rises and it is itself half of `span_m` above the lower of that plane and the
-    cell's bottom. Returns above `ceiling_m`
-    (crowns, bridges, upper storeys) tell nothing of a footprint and are dropped.
+    cell's bottom. Returns above `ceiling_m` (crowns, bridges, upper storeys) tell nothing of a
+    footprint and are dropped.
     """
     heights = cloud.points[:, 2]
     lowest, highest = _cell_spans(cloud.points, cell_m)

@@ -8,5 +8,8 @@ from roadscope.detectors.cloud import Cloud
 
 
 def keep_all(cloud: Cloud) -> np.ndarray:
-    """Return a mask that keeps every return."""
+    """Keep every return.
+
+    Returns (N,) bool, all true.
+    """
     return np.ones(len(cloud), bool)

@@ -51,7 +51,9 @@ def polar_above_ground(
     ceiling_m: float = 2.5,
     rule: PolarRule = RULE,
 ) -> np.ndarray:
-    """Keep what stands above lines fitted to polar segments (Himmelsbach 2010), (N,) bool.
+    """Keep what stands above lines fitted to polar segments (Himmelsbach 2010).
+
+    Returns (N,) bool, true for returns that are kept.
 
     Segments of `segment_deg` around the sensor are cut into bins of `bin_m`; lines are fitted to
     the lowest return of each bin from the sensor outwards, and what lies more than `clear_m`

@@ -18,8 +18,8 @@ TALL_M = 1.75
 def whole_body(points: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Return the rows of the body that a part belongs to; the part's where that is no vehicle.
 
-    points: (N, 3) metres. part: (K,) int64, rows of it. A slow vehicle still stands where its
-    rear half was seen a second ago, and a lorry fills several boxes.
+    points: (N, 3) metres, z from the ground. part: (K,) int64, rows of it. A slow vehicle still
+    stands where its rear half was seen a second ago, and a lorry fills several boxes.
     """
     grown = linked(points, part, LINK_M, LONGEST_M)
     return grown if _fits(points[grown]) else part
@@ -36,9 +36,11 @@ def _fits(points: np.ndarray) -> bool:
 
 @compiled()
 def linked(points: np.ndarray, part: np.ndarray, link_m: float, reach_m: float) -> np.ndarray:
-    """Return, rising, the rows that hang together with a part, no farther away than a reach.
+    """Return, rising, the rows (M,) int64 that hang together with a part.
 
-    Seen from above, each is within `link_m` of another one.
+    points: (N, 3) metres, any frame. part: (K,) int64, rows of it, K at least 1. Seen from above,
+    each is within `link_m` of another one, and those beside the part are less than `reach_m` away
+    in x and in y from its first row.
     """
     x, y = points[part[0], 0], points[part[0], 1]
     near = np.empty(len(points), np.int64)

@@ -38,7 +38,10 @@ class View(Record):
 
     @staticmethod
     def of(scan: LidarScan, ego_from_lidar: Pose, twist: np.ndarray) -> View:
-        """Take a scan and the own motion during it."""
+        """Take a scan and the own motion during it.
+
+        twist: (3,) velocity in x and y, m/s, and yaw rate, rad/s, of the ego, its own frame.
+        """
         times_s = scan.time_offset_s.astype(np.float64)
         points = unskew(ego_from_lidar.apply(scan.points), times_s, twist)
         lidar_from_ego = ego_from_lidar.inverse().matrix
@@ -69,7 +72,10 @@ class View(Record):
         )  # fmt: skip
 
     def origin(self, time_s: float = 0.0) -> np.ndarray:
-        """Return where the sensor was some seconds after the stamp, (2,) metres."""
+        """Return where the sensor was some seconds after the stamp.
+
+        (2,) metres, ego frame at the stamp.
+        """
         mount = -self.lidar_from_ego[:3, :3].T @ self.lidar_from_ego[:3, 3]
         at = unskew(mount[None], np.array([time_s]), self.twist)
         return np.asarray(at[0, :2])

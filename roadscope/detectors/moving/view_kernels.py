@@ -49,7 +49,10 @@ def tabulate(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return range image, slope by ring, azimuth and time by column; nan where nothing came back.
 
-    points: (N, 3), lidar frame. Whatever the order of the returns, the result is the same.
+    points: (N, 3) metres, lidar frame. ring, column: (N,) from 0 up. times_s: (N,) float64,
+    seconds after the stamp. Whatever the order of the returns, the result is the same: image
+    (R, C) float32, metres; slopes (R,), tangents of elevations; azimuths (C,) radians, lidar
+    frame; times (C,) seconds.
     """
     rings, columns = ring.max() + 1, column.max() + 1
     image = np.full((rings, columns), np.float32(np.nan))
@@ -91,7 +94,10 @@ def _before(points: np.ndarray, i: int, k: int) -> bool:
 
 @compiled()
 def thinned(points: np.ndarray, cell_m: float, slab_m: float) -> np.ndarray:
-    """Return rows of one place a voxel of (N, 3) points, the first by x, y, z, sorted by voxel."""
+    """Return rows of one place a voxel of (N, 3) points, the first by x, y, z, sorted by voxel.
+
+    cell_m, slab_m: sides of a voxel in x and y, and in z, the unit of the points.
+    """
     keys = _voxels(points, cell_m, slab_m)
     slots = np.full(_room(len(points)), -1)
     for i in range(len(points)):
@@ -104,7 +110,10 @@ def thinned(points: np.ndarray, cell_m: float, slab_m: float) -> np.ndarray:
 
 @compiled()
 def voxel_of(points: np.ndarray, chosen: np.ndarray, cell_m: float, slab_m: float) -> np.ndarray:
-    """Return (N,) for each point which of the `chosen` rows of `thinned` has its voxel."""
+    """Return (N,) int64, for each point, which of the chosen rows has its voxel.
+
+    points: (N, 3). chosen: (V,) int64, what `thinned` returns for them; so are the sides.
+    """
     keys = _voxels(points, cell_m, slab_m)
     slots, place = np.full(_room(len(points)), -1), np.empty(len(points), np.int64)
     for k in range(len(chosen)):
@@ -148,7 +157,10 @@ def _slot(slots: np.ndarray, keys: np.ndarray, key: int) -> int:
 
 @compiled()
 def spans(points: np.ndarray, cell_m: float) -> np.ndarray:
-    """Return (N, 2) lowest and highest z among the places (N, 3) in the cells around each."""
+    """Return (N, 2) lowest and highest z among the places (N, 3) in the cells around each.
+
+    points, cell_m: metres, N at least 1. A place's own cell and the eight beside it count.
+    """
     low_x, low_y = points[:, 0].min(), points[:, 1].min()
     wide = int((points[:, 0].max() - low_x) / cell_m) + 3
     deep = int((points[:, 1].max() - low_y) / cell_m) + 3
@@ -167,7 +179,11 @@ def spans(points: np.ndarray, cell_m: float) -> np.ndarray:
 
 @compiled()
 def unskew(points: np.ndarray, times_s: np.ndarray, twist: np.ndarray) -> np.ndarray:
-    """Carry (N, 3) points from the ego frame at their own times to the one at the stamp."""
+    """Carry (N, 3) points from the ego frame at their own times to the one at the stamp.
+
+    points: metres. times_s: (N,) seconds after the stamp. twist: (3,) velocity in x and y, m/s,
+    and yaw rate, rad/s, of the ego.
+    """
     out = np.empty_like(points)
     for i in range(len(points)):
         t = times_s[i]

@@ -38,7 +38,12 @@ class Plan(NamedTuple):
 def settled_views(
     frames: list[np.ndarray], origins: list[np.ndarray], stamps_s: np.ndarray, reference: int
 ) -> tuple[Views, np.ndarray]:
-    """Gather checked frames; return them and the (2,) reference point, the reference's mean."""
+    """Gather checked frames; return them and the (2,) reference point, the reference's mean.
+
+    frames: F of (N, 2) points, metres. origins: F of (2,) metres, the sensor. stamps_s: (F,)
+    float64. reference: index of the frame whose stamp counts as 0. All of one frame that stays
+    put.
+    """
     means = np.array([points.sum(axis=0) / len(points) for points in frames])
     point = means[reference]
     starts = np.array([0, *accumulate(len(points) for points in frames)])
@@ -51,7 +56,7 @@ def settled_views(
 
 @compiled()
 def initial_angle(views: Views) -> float:
-    """Direction of the line that fits the points best, radians.
+    """Return the direction of the line that fits the points best, radians, their frame.
 
     Reading taken: least squares of the distances from the line, since a slope of y over x has no
     vertical lines. Points without a direction give the line of sight.
@@ -69,6 +74,8 @@ def best_pair(
     views: Views, settings: Filter, *, step_deg: float, search_deg: float, tied: bool = True
 ) -> tuple[float, np.ndarray]:
     """Return the angle of the long side in radians and its row of `pair_kernels.sweep`.
+
+    The row is (3 + F,); the angle is in the frame of the views. tied: as in the sweep.
 
     Angles are multiples of step_deg from the initial one over search_deg. The paper tries all;
     here a coarse round finds the best few and only what is near them is tried at the full step.
@@ -105,7 +112,7 @@ def _searched(views: Views, settings: Filter, plan: Plan, tied: bool) -> tuple[f
 
 @compiled()
 def thinned(views: Views, cell_m: float) -> Views:
-    """Join returns of a frame that share a cell, where there are many."""
+    """Join returns of a frame that share a cell, sides in metres, where there are many."""
     if not _are_many(views):
         return views
     points, weights = np.empty_like(views.points), np.empty_like(views.weights)
@@ -161,7 +168,11 @@ def _refined(
 
 
 def placed(angle: float, row: np.ndarray, frame: int, point: np.ndarray) -> tuple[float, float]:
-    """Return x, y of the middle in one frame, from a row of the sweep."""
+    """Return x, y of the middle in one frame, metres, from a row of the sweep.
+
+    angle: radians, the row's. row: (3 + F,). frame: which of the F. point: (2,) metres, the
+    reference point that `settled_views` returns.
+    """
     cos, sin = np.cos(angle), np.sin(angle)
     along, across = row[FIXED + frame], row[2]
     x, y = along * cos - across * sin, along * sin + across * cos

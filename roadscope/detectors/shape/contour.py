@@ -18,6 +18,9 @@ deviations of the LUX's range noise to either side."""
 def contours(cloud: Cloud, labels: np.ndarray) -> list[np.ndarray]:
     """Return the outline of each cluster, (M, 2) points in order of azimuth.
 
+    labels: (N,) int64, negative for none. Outlines are in metres, ego frame, by rising label,
+    from right to left as the sensor sees them.
+
     The paper's points are (x, y) in the order of the scan and it does not say how the four
     layers are joined. Reading taken: a column gives one point, at the median range of its
     returns of the cluster that lie on the face nearest to the sensor; what is seen over it, a
@@ -27,14 +30,17 @@ def contours(cloud: Cloud, labels: np.ndarray) -> list[np.ndarray]:
 
 
 def by_cluster(cloud: Cloud, labels: np.ndarray) -> np.ndarray:
-    """Return the rows with labels from 0 up, sorted by label, then by column."""
+    """Return the rows, (K,) int64, with labels (N,) from 0 up, sorted by label, then by column."""
     member = np.flatnonzero(labels >= 0)
     member = member[order_by(cloud.column[member])]
     return np.asarray(member[order_by(labels[member])])
 
 
 def outlines(cloud: Cloud, labels: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
-    """Return the outline of each cluster; rows as `by_cluster` sorts them."""
+    """Return the outline of each cluster, as `contours` does.
+
+    labels: (N,) int64. rows: (K,) int64, what `by_cluster` returns for them.
+    """
     if not len(rows):
         return []
     label, column = labels[rows], cloud.column[rows]

@@ -15,8 +15,10 @@ EQUAL = 1e-9
 
 @compiled()
 def searched_heading(points: np.ndarray, criterion: int, near_m: float) -> float:
-    """Return the heading in [0, pi/2) whose rectangle suits (M, 2) points best.
+    """Return the heading in [0, pi/2), radians, whose rectangle suits (M, 2) points best.
 
+    criterion: `AREA`, `CLOSENESS` or `VARIANCE`. near_m: points nearer to a side count as on it,
+    metres like the points.
     Zhang et al. 2017 (Efficient L-shape fitting, algorithm 2) try every degree; here the best of
     steps of 1.5 degrees is refined to a quarter degree. Of headings equally good in a row the
     middle is taken, so that a mirrored outline has the mirrored heading.

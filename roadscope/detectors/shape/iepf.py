@@ -16,7 +16,7 @@ def vehicles_by_lines(cluster: Cluster, horizon: Horizon, *, split_m: float = 0.
 
 
 def fit_iepf(points: np.ndarray, *, split_m: float = 0.3) -> list[Segment]:
-    """Split an outline of (N, 2) points in order into segments.
+    """Split an outline of (N, 2) points, metres, in order into segments.
 
     The line through the first and the last point represents all points when none lies farther
     from it than `split_m`; otherwise it is split at the farthest, which both parts then share.

@@ -45,7 +45,7 @@ SIZES = (
 class Vehicle:
     """A recognised vehicle.
 
-    centre: x, y in metres; size: length, width, height in metres; yaw: radians.
+    centre: x, y in metres, ego frame; size: length, width, height in metres; yaw: radians.
     residual_m: root mean square distance of the outline from its lines.
     points: outline points behind it.
     fit: log likelihood of what is seen under the prior of sizes, 0 where it is not weighed.
@@ -155,7 +155,10 @@ class View:
     def of(
         points: np.ndarray, axis: np.ndarray, ends: list[np.ndarray], origin: np.ndarray
     ) -> View:
-        """Project (N, 2) points on a (2,) axis; `ends` are unit vectors out of open ends."""
+        """Project (N, 2) points on a (2,) unit axis; `ends` are unit vectors out of open ends.
+
+        points and origin (2,), the sensor: metres, one frame.
+        """
         across = _left_of(axis)
         ways = [float(end @ axis) for end in ends if abs(end @ axis) >= abs(end @ across)]
         low, high = float((points @ axis).min()), float((points @ axis).max())
