@@ -83,10 +83,12 @@ def _matched(
     matrices = sequence.matrices(sequence.similarities)
     frame = -1
     while (frame := follow_on(frame + 1, starts, places, memory, matched)) < len(sequence):
-        columns = there[sequence.track_starts[frame] : sequence.track_starts[frame + 1]]
-        best = _best(sequence, frame, previous, threshold, matrices[frame], columns)
         part = slice(starts[frame], starts[frame + 1])
-        matched[part] = np.isin(candidates.pairs[part], best)
+        objects = sequence.truths[sequence.truth_starts[frame] : sequence.truth_starts[frame + 1]]
+        columns = slice(sequence.track_starts[frame], sequence.track_starts[frame + 1])
+        continued = previous[objects][:, None] == sequence.tracks[columns]
+        best = _best(matrices[frame], continued, threshold, there[columns])
+        matched[part] = best[candidates.pairs[part] - sequence.pair_starts[frame]]
         previous[:] = -1
         chosen = np.flatnonzero(matched[part]) + starts[frame]
         previous[candidates.objects[chosen]] = candidates.tracks[chosen]
@@ -94,22 +96,18 @@ def _matched(
 
 
 def _best(
-    sequence: TrackedSequence,
-    frame: int,
-    previous: np.ndarray,
-    threshold: float,
-    similarity: np.ndarray,
-    there: np.ndarray,
+    similarity: np.ndarray, continued: np.ndarray, threshold: float, there: np.ndarray
 ) -> np.ndarray:
-    """Return the pairs of the best assignment of one frame."""
+    """Return the best assignment of one frame, bool for each pair of its matrix, joined.
+
+    continued: (M, N) bool, pairs of the frame before; there: (N,) bool, tracks that count.
+    """
     from scipy.optimize import linear_sum_assignment
 
+    value = CONTINUED * continued + similarity
+    value[similarity < threshold - EPSILON] = 0
+    best = np.zeros(similarity.shape, bool)
     columns = np.flatnonzero(there)
-    objects = sequence.truths[sequence.truth_starts[frame] : sequence.truth_starts[frame + 1]]
-    tracks = sequence.tracks[sequence.track_starts[frame] :][columns]
-    close = similarity[:, columns]
-    value = CONTINUED * (tracks[None] == previous[objects][:, None]) + close
-    value[close < threshold - EPSILON] = 0
-    row, column = linear_sum_assignment(-value)
-    pairs: np.ndarray = sequence.pair_starts[frame] + row * len(there) + columns[column]
-    return pairs
+    row, column = linear_sum_assignment(-value[:, columns])
+    best[row, columns[column]] = True
+    return best.ravel()
