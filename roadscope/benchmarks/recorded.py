@@ -9,7 +9,9 @@ from hashlib import sha256
 import numpy as np
 
 from roadscope.benchmarks.fingerprint import code_hash
-from roadscope.benchmarks.formats.kitti import KittiFolder, KittiSequence, read_sequence
+from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
+from roadscope.benchmarks.formats.kitti_folder import KittiFolder
+from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.core import Category
 
@@ -47,9 +49,19 @@ class Recording:
         return {
             "sequence": self.sequence,
             "category": self.category,
+            "scaled": files.scores_are_shares(self.detector),
             **{name: sha256(path.read_bytes()).hexdigest() for name, path in paths.items()},
             "code": code_hash("core", "benchmarks/formats", "benchmarks/recorded.py"),
         }
+
+
+KITTI_BOARDS = tuple(f"kitti {category.name.lower()}" for category in TYPE_OF)
+"""One for each class: they are never ranked together."""
+
+
+def board_of(recording: Recording) -> str:
+    """Return the board that a recording belongs to."""
+    return f"kitti {recording.category}"
 
 
 @lru_cache(maxsize=1)

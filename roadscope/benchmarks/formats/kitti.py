@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import KittiCalibration, read_calibration
+from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms, yaws_from_rotations
 from roadscope.benchmarks.formats.kitti_objects import (
-    TYPE_NAMES,
     TYPE_OF,
     KittiObjects,
     read_detections,
@@ -25,85 +25,6 @@ from roadscope.core.record import Record
 PERIOD_S = 0.1
 UNKNOWN = -1
 """Of recorded truth: nobody counted returns and pixels, nor the share that is occluded."""
-DETECTIONS = "det_"
-POSE_FOLDERS = ("ego_pose", "poses", "oxts")
-
-
-@dataclass(frozen=True, slots=True)
-class KittiFolder:
-    """Where files lie; nothing is read yet.
-
-    root: the folder that holds `label_02` and `calib`.
-    """
-
-    root: Path
-
-    @staticmethod
-    def find(folder: Path | str) -> KittiFolder:
-        """Take a folder, or its `training`, that has labels; others are refused by name."""
-        given = Path(folder)
-        if not given.is_dir():
-            raise FormatError(f"{given}: no such folder; expected one with label_02/SEQ.txt")
-        for root in (given, given / "training"):
-            if (root / "label_02").is_dir():
-                found = KittiFolder(root)
-                if not found.sequences():
-                    raise FormatError(f"{root / 'label_02'}: expected SEQ.txt files, got none")
-                return found
-        seen = ", ".join(sorted(p.name for p in given.iterdir())[:8]) or "nothing"
-        raise FormatError(
-            f"{given}: expected label_02/SEQ.txt, calib/SEQ.txt, {DETECTIONS}NAME/Car/SEQ.txt and "
-            f"ego_pose/SEQ.txt (or oxts/SEQ.txt), here or in training/; got {seen}"
-        )
-
-    def sequences(self) -> list[str]:
-        """Return the names of all sequences that have labels."""
-        return sorted(path.stem for path in (self.root / "label_02").glob("*.txt"))
-
-    def detectors(self) -> list[str]:
-        """Return the detectors whose detections are here."""
-        folders = sorted(p for p in self.root.glob(f"{DETECTIONS}*") if p.is_dir())
-        return [p.name.removeprefix(DETECTIONS) for p in folders]
-
-    def labels(self, sequence: str) -> Path:
-        """Return the labels of a sequence."""
-        return self._needed("label_02", sequence)
-
-    def calibration(self, sequence: str) -> Path:
-        """Return the calibration of a sequence."""
-        return self._needed("calib", sequence)
-
-    def detections(self, sequence: str, category: Category, detector: str) -> Path:
-        """Return the detections of one class in a sequence."""
-        kind = TYPE_NAMES[TYPE_OF[category]]
-        return self._needed(f"{DETECTIONS}{detector}/{kind}", sequence)
-
-    def poses(self, sequence: str) -> Path:
-        """Return the poses of a sequence: from SLAM, from odometry, or the inertial unit's."""
-        for name in POSE_FOLDERS:
-            path = self.root / name / f"{sequence}.txt"
-            if path.is_file():
-                return path
-        places = ", ".join(f"{name}/{sequence}.txt" for name in POSE_FOLDERS)
-        raise FormatError(f"{self.root}: no poses of sequence {sequence}; expected one of {places}")
-
-    def the_detector(self, name: str | None) -> str:
-        """Return the detector named, or the only one."""
-        known = self.detectors()
-        if not known:
-            raise FormatError(f"{self.root}: expected {DETECTIONS}NAME/Car/SEQ.txt, got no "
-                              f"{DETECTIONS}NAME")  # fmt: skip
-        if name is None and len(known) > 1:
-            raise FormatError(f"{self.root}: several detectors, name one: {', '.join(known)}")
-        if name is not None and name not in known:
-            raise FormatError(f"{self.root}: no detector '{name}'; known: {', '.join(known)}")
-        return name or known[0]
-
-    def _needed(self, folder: str, sequence: str) -> Path:
-        path = self.root / folder / f"{sequence}.txt"
-        if not path.is_file():
-            raise FormatError(f"{path}: missing; sequence {sequence} needs it")
-        return path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +32,8 @@ class KittiSequence(Record):
     """One sequence and one class of road users; all tuples have T items, one a frame.
 
     detections: in the ego frame, which is the rectified camera's turned to ISO 8855; scores
-        0 to 1, the logistic function of the detector's.
+        0 to 1: the detector's own where none of its files goes beyond, otherwise the logistic
+        function of them.
     detected: the same rows as the file has them: image boxes, raw scores.
     world_from_ego: the world is the frame in which the poses are given.
     truths: objects labelled as of this class, world frame. Velocities are differences of the
@@ -165,10 +87,11 @@ def read_sequence(
     found = found.select(found.types == TYPE_OF[category])
     true = labels.select((labels.types == TYPE_OF[category]) & (labels.ids >= 0))
     by_frame = found.by_frame(len(poses))
+    scaled = files.scores_are_shares(name)
     return KittiSequence(
         sequence, category, name,
         detections=tuple(
-            detections_of(rows, category, PERIOD_S * t) for t, rows in enumerate(by_frame)
+            detections_of(rows, category, PERIOD_S * t, scaled) for t, rows in enumerate(by_frame)
         ),
         detected=tuple(by_frame),
         world_from_ego=tuple(poses),
@@ -179,14 +102,19 @@ def read_sequence(
     )  # fmt: skip
 
 
-def detections_of(rows: KittiObjects, category: Category, stamp_s: float) -> Detections:
-    """Turn rows of one frame into detections in the ego frame."""
+def detections_of(
+    rows: KittiObjects, category: Category, stamp_s: float, scaled: bool = False
+) -> Detections:
+    """Turn rows of one frame into detections in the ego frame.
+
+    scaled: scores are 0 to 1 already; otherwise the logistic function makes them so.
+    """
     return Detections(
         centres_from_bottoms(rows.bottoms, rows.sizes),
         rows.sizes,
         yaws_from_rotations(rows.rotations_y),
         np.full(len(rows), category, np.int8),
-        logistic(rows.scores),
+        rows.scores if scaled else logistic(rows.scores),
         "ego",
         stamp_s,
     )

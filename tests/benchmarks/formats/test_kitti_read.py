@@ -82,6 +82,19 @@ def test_scores_keep_their_order():
     assert logistic(np.zeros(1))[0] == 0.5
 
 
+def test_scores_that_are_shares_stay_as_they_are(folder):
+    for path in folder.glob("det_toy/*/*.txt"):
+        rows = [line.split(",") for line in path.read_text().splitlines()]
+        lines = [",".join([*row[:6], "0.25", *row[7:]]) for row in rows]
+        path.write_text("\n".join(lines))
+    assert set(read_sequence(folder, "0000").detections[0].scores.tolist()) == {0.25}
+    # One score beyond in another file, and none is taken for a share.
+    other = folder / "det_toy" / "Pedestrian" / "0001.txt"
+    other.write_text(other.read_text().replace("0.25", "1.25", 1))
+    mapped = read_sequence(folder, "0000").detections[0].scores
+    np.testing.assert_allclose(mapped, 1 / (1 + np.exp(-0.25)))
+
+
 def test_folders_are_refused_by_name(folder, tmp_path):
     with pytest.raises(FormatError, match="no such folder"):
         KittiFolder.find(tmp_path / "nowhere")
