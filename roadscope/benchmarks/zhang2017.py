@@ -49,7 +49,7 @@ FIRST_SEED = 20000
 FOLLOWED_FRAMES = 17
 """Of each seed and distance; thirty seeds together have the paper's 500."""
 BODIES = tuple(CORNER_RADII_M)
-NOISES = {"half": 0.5, "double": 2.0}
+NOISES = (0.5, 2.0)
 APART = ("straight", "curve")
 """Drives that are run once more with other noise, and from a greater height."""
 Values = dict[Key, float]
@@ -92,14 +92,17 @@ def measure(seed: int) -> Values:
         for metres in FOLLOWED_M
     ]
     noisy = {
-        name: [take(film(drive, seed, noise=factor), REPEATED, floored=floored) for drive in APART]
-        for name, factor in NOISES.items()
+        factor: [
+            take(film(drive, seed, noise=factor), REPEATED, floored=floored) for drive in APART
+        ]
+        for factor in NOISES
     }
     high = [take(film(drive, seed, sensor_height_m=HIGH_M), REPEATED) for drive in APART]
     kinds: dict[str, Sequence[Taken]] = {
         body: [taken for taken in (*simulated, *followed) if taken.body == body] for body in BODIES
     }
-    kinds |= {f"{name} noise": runs for name, runs in noisy.items()} | {f"{HIGH_M} m": high}
+    kinds |= {f"noise x{factor:g}": runs for factor, runs in noisy.items()}
+    kinds[f"{HIGH_M} m"] = high
     return (
         _tables(simulated)
         | _following(followed)
@@ -145,12 +148,12 @@ def _metres(taken: Taken) -> str:
     return f"{taken.drive.removeprefix('following-')} m"
 
 
-def _noises(noisy: Mapping[str, Sequence[Taken]]) -> Values:
+def _noises(noisy: Mapping[float, Sequence[Taken]]) -> Values:
     """Nothing may hang on a quiet sensor."""
     return {
-        (NOISE.format(quantity), method, f"{taken.drive}, {name}"): row[quantity]
+        (NOISE.format(quantity), method, f"{taken.drive} x{factor:g}"): row[quantity]
         for quantity in (POSITION, HEADING)
-        for name, runs in noisy.items()
+        for factor, runs in noisy.items()
         for taken in runs
         for method, row in taken.rmse.items()
     }

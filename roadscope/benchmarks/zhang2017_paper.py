@@ -51,7 +51,7 @@ NOTES = {
     "following, ": "The paper shows these in a figure, without numbers.",
     "NEES, ": "Squared error in units of the covariance of x, y and yaw; 3 is expected.",
     "band, ": "1: inside, 0: not. Windows that share no frame are counted as independent.",
-    "frames turned": "Half, double noise and a sensor at 1.9 m: sharp body, straight and curve.",
+    "frames turned": "Half and double noise and a sensor at 1.9 m: sharp body, straight and curve.",
     "claims of the paper, sharp": "1: holds on the means over seeds, 0: does not. Better: lower "
     "in every error that the paper gives; close: within half as much again.",
     "asked of ours, sharp": "1: holds on the means over seeds, 0: does not. Beats paper: 7 frames "
