@@ -7,7 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from rich.table import Table
 from rich.text import Text
 
+from roadscope.benchmarks.combined import CURVES
 from roadscope.benchmarks.metrics.breakdown import BANDS
+from roadscope.benchmarks.recorded import KITTI_BOARDS
 from roadscope.benchmarks.results import BREAKDOWNS, Results
 from roadscope.benchmarks.rows import Row
 from roadscope.benchmarks.tables import ENTRY, FULL, NAME, NARROW_NAME, figure, plain_table
@@ -15,9 +17,14 @@ from roadscope.benchmarks.tables import ENTRY, FULL, NAME, NARROW_NAME, figure, 
 SHOWN: Mapping[str, Sequence[str]] = {
     "detection": ("detection_rate", "precision"),
     "tracking": ("hota",),
+    **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", *CURVES)),
 }
 """What is shown of each board where it is broken down; `leaderboard.json` holds more."""
-HEADINGS = {"detection_rate": "detected", "precision": "precision", "hota": "HOTA"}
+HEADINGS = {
+    "detection_rate": "detected", "precision": "precision", "hota": "HOTA", "mota": "MOTA",
+    "idf1": "IDF1", "hota_3d": "HOTA of 3-D boxes", "det_a": "DetA", "ass_a": "AssA",
+    "loc_a": "LocA",
+}  # fmt: skip
 QUANTITIES = {
     "range": "range, m",
     "occlusion": "occlusion, % of rays",

@@ -55,6 +55,8 @@ class Recording:
         }
 
 
+OFFLINE = "offline"
+"""Metric that is 1 where a tracker went over its tracks again with all frames at hand."""
 KITTI_BOARDS = tuple(f"kitti {category.name.lower()}" for category in TYPE_OF)
 """One for each class: they are never ranked together."""
 

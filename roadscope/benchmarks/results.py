@@ -7,10 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from roadscope.benchmarks.combined import BY_ALPHA
 from roadscope.benchmarks.job import Job
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.oracle import mark_of
-from roadscope.benchmarks.rows import CONDITIONS, Record, Row, part_rows, whole_rows
+from roadscope.benchmarks.recorded import KITTI_BOARDS
+from roadscope.benchmarks.rows import (
+    CONDITIONS,
+    RECORDED_CONDITIONS,
+    Record,
+    Row,
+    part_rows,
+    whole_rows,
+)
 from roadscope.benchmarks.standing import Standing, standings
 from roadscope.benchmarks.store import Outcome
 from roadscope.benchmarks.suite import unknown
@@ -18,6 +27,7 @@ from roadscope.benchmarks.suite import unknown
 BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
     "detection": (*BANDS, *CONDITIONS),
     "tracking": tuple(CONDITIONS),
+    **dict.fromkeys(KITTI_BOARDS, (BY_ALPHA, *RECORDED_CONDITIONS)),
 }
 """By what the figures of each board are broken down."""
 
@@ -90,7 +100,7 @@ class Results:
 
     def nothing_eligible(self, board: str) -> bool:
         """Say whether a board lacks every value of what is a share of the objects to be found."""
-        share = {"detection": "detection_rate", "tracking": "mota"}[board]
+        share = "detection_rate" if board == "detection" else "mota"
         values = [row.value for row in self.rows if (row.board, row.metric) == (board, share)]
         return bool(values) and all(value is None for value in values)
 

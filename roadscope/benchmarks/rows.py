@@ -4,22 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
+from roadscope.benchmarks.combined import COMBINED
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.metrics.breakdown import BANDS, EXCESS, part_name, split_name
 from roadscope.benchmarks.metrics.calibration import pooled_calibration
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.recorded import KITTI_BOARDS, Recording
 from roadscope.benchmarks.statistics import merged, pooled_interval
 
-FIRST_METRIC: Mapping[str, str] = {"detection": "f1", "tracking": "hota"}
+FIRST_METRIC: Mapping[str, str] = {
+    "detection": "f1",
+    "tracking": "hota",
+    **dict.fromkeys(KITTI_BOARDS, "hota"),
+}
 """By which each board is ranked."""
 
-CONDITIONS: Mapping[str, Callable[[Episode], str]] = {
+CONDITIONS: Mapping[str, Callable[[Any], str]] = {
     "weather": lambda episode: episode.weather,
     "scenario": lambda episode: episode.scenario,
 }
-"""What whole episodes are broken down by."""
+"""What whole episodes of simulated traffic are broken down by."""
+RECORDED_CONDITIONS: Mapping[str, Callable[[Any], str]] = {
+    "sequence": lambda recording: recording.sequence,
+}
+"""What recordings are broken down by."""
+CONDITIONS_OF: Mapping[str, Mapping[str, Callable[[Any], str]]] = {
+    "detection": CONDITIONS,
+    "tracking": CONDITIONS,
+    **dict.fromkeys(KITTI_BOARDS, RECORDED_CONDITIONS),
+}
 
 BROKEN_DOWN: Mapping[str, Sequence[str]] = {
     "detection": (
@@ -27,6 +43,7 @@ BROKEN_DOWN: Mapping[str, Sequence[str]] = {
         "heading_rmse_deg", "objects_per_frame", "unseen_per_frame",
     ),
     "tracking": ("hota", "mota", "idf1"),
+    **dict.fromkeys(KITTI_BOARDS, ("hota", "mota", "idf1", "hota_3d")),
 }  # fmt: skip
 """Metrics of whole episodes that are broken down by their conditions."""
 
@@ -69,7 +86,7 @@ class Record:
     board: str
     entry: str
     mark: str | None
-    sound: tuple[tuple[Episode, Mapping[str, Score]], ...]
+    sound: tuple[tuple[Episode | Recording, Mapping[str, Score]], ...]
     episodes: int
 
     @property
@@ -92,16 +109,17 @@ def part_rows(record: Record) -> list[Row]:
     """Return an entry's figures broken down; bands in which nobody is to be found are left out."""
     names = _names(record)
     rows = [_row(record, name, _samples(record, name)) for name in names if not _whole(name)]
-    for by, condition in CONDITIONS.items():
+    for by, condition in CONDITIONS_OF[record.board].items():
         for band in dict.fromkeys(condition(episode) for episode, _ in record.sound):
-            for metric in BROKEN_DOWN[record.board]:
-                samples = [s for s in _samples(record, metric) if condition(s[0]) == band]
-                if samples:
-                    rows.append(_row(record, part_name(metric, by, band), samples))
+            part = replace(record, sound=tuple(s for s in record.sound if condition(s[0]) == band))
+            found = [(metric, _samples(part, metric)) for metric in BROKEN_DOWN[record.board]]
+            rows += [
+                _row(record, part_name(m, by, band), samples) for m, samples in found if samples
+            ]
     return [row for row in rows if row.samples]
 
 
-def blocks(samples: Sequence[tuple[Episode, Score]]) -> dict[tuple[str, int], Score]:
+def blocks(samples: Sequence[tuple[Episode | Recording, Score]]) -> dict[tuple[str, int], Score]:
     """Join what comes from the same traffic: the sample are the seeds, not the weathers."""
     groups: dict[tuple[str, int], list[Score]] = {}
     for episode, score in samples:
@@ -122,16 +140,19 @@ def _whole(name: str) -> bool:
     return split_name(name)[1] == ""
 
 
-def _samples(record: Record, name: str) -> list[tuple[Episode, Score]]:
+def _samples(record: Record, name: str) -> list[tuple[Episode | Recording, Score]]:
     samples = [(episode, scores) for episode, scores in record.sound if name in scores]
-    if name != "calibration_error":
-        return [(episode, scores[name]) for episode, scores in samples]
-    bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
-    pooled = pooled_calibration([[scores[b] for b in bins] for _, scores in samples])
+    if name == "calibration_error":
+        bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
+        pooled = pooled_calibration([[scores[b] for b in bins] for _, scores in samples])
+    elif record.board in KITTI_BOARDS and name in COMBINED and samples:
+        pooled = COMBINED[name]([scores for _, scores in samples], name)
+    else:
+        pooled = [scores[name] for _, scores in samples]
     return [(episode, score) for (episode, _), score in zip(samples, pooled, strict=True)]
 
 
-def _row(record: Record, name: str, samples: Sequence[tuple[Episode, Score]]) -> Row:
+def _row(record: Record, name: str, samples: Sequence[tuple[Episode | Recording, Score]]) -> Row:
     first, joined = samples[0][1], blocks(samples)
     interval = pooled_interval(list(joined.values()), [scenario for scenario, _ in joined])
     interval = interval.clipped(first.least, first.most)

@@ -12,6 +12,8 @@ from rich.text import Text
 
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.oracle import ORACLE
+from roadscope.benchmarks.recorded import KITTI_BOARDS, OFFLINE
+from roadscope.benchmarks.recorded_suite import RecordedSuite
 from roadscope.benchmarks.results import Results
 from roadscope.benchmarks.rows import FIRST_METRIC, Row
 from roadscope.benchmarks.standing import Standing
@@ -27,6 +29,23 @@ interval adds to it."""
 
 Columns = Mapping[str, tuple[str, int]]
 """Metric -> heading and decimals."""
+
+KITTI_COLUMNS: Columns = {
+    "hota": ("HOTA", 3),
+    OFFLINE: ("pass", 0),
+    "det_a": ("DetA", 3),
+    "ass_a": ("AssA", 3),
+    "mota": ("MOTA", 3),
+    "idf1": ("IDF1", 3),
+    "id_switches": ("ID\nsw.", 1),
+    "fragmentations": ("frag-\nments", 1),
+    "hota_3d": ("HOTA\n3-D", 3),
+    "samota_3d": ("sAMOTA\n3-D", 3),
+    "hota_centre": ("HOTA\ncentre", 3),
+    "mota_3d": ("MOTA\n3-D", 3),
+    "call_p50_ms": ("ms\np50", 2),
+    "call_p99_ms": ("ms\np99", 2),
+}
 
 COLUMNS: Mapping[str, Columns] = {
     "detection": {
@@ -61,6 +80,7 @@ COLUMNS: Mapping[str, Columns] = {
         "call_p50_ms": ("ms\np50", 2),
         "call_p99_ms": ("ms\np99", 2),
     },
+    **dict.fromkeys(KITTI_BOARDS, KITTI_COLUMNS),
 }
 
 WIDER: Mapping[str, Sequence[str]] = {
@@ -70,13 +90,32 @@ WIDER: Mapping[str, Sequence[str]] = {
         "lateral_rmse_m", "delay_s",
     ),
     "tracking": ("motp_m", "fragmentations", "call_p99_ms"),
+    **dict.fromkeys(
+        KITTI_BOARDS,
+        ("ass_a", "det_a", "samota_3d", "hota_centre", "fragmentations", "mota_3d", "call_p99_ms"),
+    ),
 }  # fmt: skip
 """What only wide terminals show, in the order in which it comes with the width; all of it and
 more is in `leaderboard.json`."""
 
-ENTRY = {"detection": "detector", "tracking": "tracker"}
+ENTRY = {
+    "detection": "detector",
+    "tracking": "tracker",
+    **dict.fromkeys(KITTI_BOARDS, "tracker"),
+}
 
-EXPLAINED: Mapping[str, Sequence[tuple[Sequence[str], str]]] = {
+Explained = Sequence[tuple[Sequence[str], str]]
+
+KITTI_EXPLAINED: Explained = (
+    (("hota",), "HOTA, MOTA, IDF1: image boxes, all sequences as one (KITTI's rules)."),
+    ((OFFLINE,), "pass: online, or offline with all frames at hand."),
+    (("hota_3d", "samota_3d", "mota_3d"), "3-D: IoU in space, from 0.25."),
+    (("samota_3d",), "sAMOTA: mean of sequences."),
+    (("hota_centre",), "centre: seen from above, gate 2 m."),
+    (("id_switches", "fragmentations"), "Counts: per sequence."),
+)
+
+EXPLAINED: Mapping[str, Explained] = {
     "detection": (
         (("f1",), "F1, detected, precision: one to one, centres within 2 m seen from above."),
         (("ap",), "AP: mean over 0.5, 1, 2, 4 m."),
@@ -95,12 +134,15 @@ EXPLAINED: Mapping[str, Sequence[tuple[Sequence[str], str]]] = {
         (("id_switches", "wrong_associations", "fragmentations"), "Counts: per episode."),
         (("velocity_rmse_m_s",), "vel.: RMSE of matches."),
     ),
+    **dict.fromkeys(KITTI_BOARDS, KITTI_EXPLAINED),
 }
 """Metrics and what is said of them when one is shown."""
 
 
 def conditions(suite: Suite) -> str:
     """Say what is to be found, by whom, and how sure the figures are."""
+    if isinstance(suite, RecordedSuite):
+        return recorded_conditions(suite)
     rule = suite.eligibility
     near, far = rule.range_m
     families = " and ".join(f"{family}s" for family in rule.families)
@@ -110,6 +152,16 @@ def conditions(suite: Suite) -> str:
         text += f" Trackers get the detections of {suite.public_detectors[0]}"
         text += ", 'on oracle' the true boxes." if ORACLE in suite.public_detectors[1:] else "."
     return text + " In brackets: 95 % intervals over seeds."
+
+
+def recorded_conditions(suite: RecordedSuite) -> str:
+    """Say whose detections are tracked, in which sequences, and how sure the figures are."""
+    sequences = len(dict.fromkeys(r.sequence for r in suite.recordings))
+    first, *others = suite.public_detectors
+    text = f"{sequences} of {suite.labelled} labelled sequences have detections. "
+    text += f"Trackers get those of {first}"
+    text += f", and where it says so of {', '.join(others)}." if others else "."
+    return text + " In brackets: 95 % intervals over sequences."
 
 
 def board_table(results: Results, board: str, width: int) -> Table:
@@ -204,6 +256,8 @@ def figure(row: Row | None, decimals: int, *, interval: bool) -> str:
     """Return a value, with its interval if asked for, known and of any width."""
     if row is None or row.value is None:
         return "-"
+    if row.metric == OFFLINE:
+        return "offline" if row.value else "online"
     text = f"{row.value:.{decimals}f}"
     if not interval or row.low is None or row.high is None or row.low == row.high:
         return text
