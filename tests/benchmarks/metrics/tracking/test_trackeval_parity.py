@@ -56,7 +56,7 @@ def adversarial(draw: st.DrawFn) -> TrackedSequence:
 
 
 @given(adversarial(), st.sampled_from([0.05, 0.25, 0.5, 1.0]))
-@settings(max_examples=400)
+@settings(max_examples=200)
 @example(sequence(([], [], []), ([], [], [])), 0.5)
 @example(sequence(([1], [], []), ([2], [], [])), 0.5)
 @example(sequence(([], [1], []), ([], [2], [])), 0.5)

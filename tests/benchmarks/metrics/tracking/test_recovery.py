@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from toy_sequences import sequence, wandering
+
+from roadscope.benchmarks.metrics.tracking.following import follow
+from roadscope.benchmarks.metrics.tracking.recovery import NEVER, Recovery, recovery
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+
+GONE = ([], [], [])
+
+
+def seen(track: int | None) -> tuple:
+    """Object 1 with a track that follows it, or with none."""
+    return ([1], [], []) if track is None else ([1], [track], [1.0])
+
+
+def of(*frames: tuple) -> Recovery:
+    s = sequence(*frames)
+    return recovery(s, follow(s))
+
+
+def rows(found: Recovery) -> list[tuple[int, bool, int]]:
+    columns = (found.hidden.tolist(), found.kept.tolist(), found.delays.tolist())
+    return list(zip(*columns, strict=True))
+
+
+def test_the_same_track_at_once() -> None:
+    assert rows(of(seen(7), GONE, GONE, seen(7))) == [(2, True, 0)]
+
+
+def test_another_track_later() -> None:
+    assert rows(of(seen(7), GONE, seen(None), seen(None), seen(8), seen(7))) == [(1, False, 2)]
+
+
+def test_the_track_before_may_have_ended_before_the_object_was_hidden() -> None:
+    assert rows(of(seen(7), seen(None), GONE, seen(7))) == [(1, True, 0)]
+
+
+def test_nobody_that_had_no_track_is_counted() -> None:
+    assert rows(of(seen(None), GONE, seen(7))) == []
+    assert rows(of(seen(7), seen(8))) == []
+
+
+def test_hidden_twice() -> None:
+    found = of(seen(7), GONE, seen(None), GONE, GONE, GONE, seen(7), seen(7))
+    assert rows(found) == [(1, False, NEVER), (3, True, 0)]
+    assert found.kept_share == 0.5
+    assert found.mean_delay == 0.0
+    assert rows(found.within(2, 5)) == [(3, True, 0)]
+    assert rows(found + found) == rows(found) * 2
+
+
+def test_frames_in_which_others_are_seen_count_too() -> None:
+    assert rows(of(seen(7), ([2], [9], [1.0]), GONE, seen(7))) == [(2, True, 0)]
+
+
+def test_no_gaps_no_share() -> None:
+    assert math.isnan(of().kept_share)
+    assert math.isnan(of(seen(7)).mean_delay)
+
+
+def slow(s: TrackedSequence) -> list[tuple[int, bool, int]]:
+    """Frame by frame, object by object."""
+    f = follow(s)
+    at = {(t, g): k for t, g, k in zip(f.frames, f.objects, f.tracks, strict=True)}
+    truths = np.split(s.truths, s.truth_starts[1:-1])
+    found = []
+    for g in range(s.objects):
+        last, open_, hidden, returned = None, False, 0, 0
+        for t in range(len(s)):
+            if g not in truths[t]:
+                hidden += 1
+                continue
+            if hidden and last is not None:
+                if open_:
+                    found.append((length, False, NEVER))  # noqa: F821
+                open_, length, returned = True, hidden, t
+            hidden = 0
+            track = at.get((t, g))
+            if track is not None:
+                if open_:
+                    found.append((length, track == last, t - returned))
+                    open_ = False
+                last = track
+        if open_:
+            found.append((length, False, NEVER))
+    return found
+
+
+def test_as_the_slow_one_has_it() -> None:
+    many = [wandering(seed) for seed in range(20)]
+    found = [rows(recovery(s, follow(s))) for s in many]
+    assert found == [slow(s) for s in many]
+    assert sum(map(len, found)) > 100

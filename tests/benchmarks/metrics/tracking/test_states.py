@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from toy_boxes import tracks, truth
+
+from roadscope.benchmarks.metrics.tracking.nees import Nees, chi_square, nees
+from roadscope.benchmarks.metrics.tracking.states import StateErrors, state_errors
+
+FIRST = np.array([0])
+
+
+def errors(yaw: float = 0.0, covariance: np.ndarray | None = None) -> StateErrors:
+    """One track 0.6 m to the right, 5 m/s too fast."""
+    found = tracks([[10.0, 0.6]], [7], velocities=np.array([[13.0, 4.0]]))
+    found = replace(found, yaws=np.array([yaw]))
+    if covariance is not None:
+        found = replace(found, covariances=covariance[None])
+    there = truth([[10.0, 0.0]], velocities=np.array([[10.0, 0.0]]))
+    return state_errors([found], [there], [(FIRST, FIRST)])
+
+
+def test_by_hand() -> None:
+    found = errors(yaw=0.3)
+    assert found.position_rmse_m == pytest.approx(0.6)
+    assert found.velocity_rmse_m_s == pytest.approx(5.0)
+    assert found.heading_rmse_rad == pytest.approx(0.3)
+
+
+def test_headings_are_errors_around_the_circle() -> None:
+    assert errors(yaw=2 * math.pi - 0.2).headings == pytest.approx([-0.2])
+    assert errors(yaw=math.pi - 0.1).reversed.tolist() == [True]
+    assert errors(yaw=0.1).reversed.tolist() == [False]
+
+
+def test_no_pairs_no_errors() -> None:
+    found = state_errors([], [], [])
+    assert len(found) == 0
+    assert math.isnan(found.position_rmse_m)
+    assert math.isnan(nees(found).mean)
+    assert math.isnan(nees(found).inside)
+    assert nees(found).band() == (0.0, 0.0)
+
+
+def test_nees_by_hand() -> None:
+    covariance = np.diag([1.0, 0.09, 9.0, 16.0])
+    assert nees(errors(covariance=covariance)).values == pytest.approx([4.0])
+    whole = nees(errors(covariance=covariance), velocity=True)
+    assert whole.values == pytest.approx([4.0 + 1.0 + 1.0])
+    assert (nees(errors()).freedom, whole.freedom) == (2, 4)
+
+
+def test_what_is_no_covariance_is_left_out() -> None:
+    assert len(nees(errors(covariance=np.zeros((4, 4))))) == 0
+    assert len(nees(errors(covariance=np.diag([1.0, 1.0, 0.0, 1.0])), velocity=True)) == 0
+    assert len(nees(errors(covariance=np.diag([1.0, 1.0, 0.0, 1.0])))) == 1
+
+
+def drawn(n: int, scale: float) -> StateErrors:
+    """Errors drawn from covariances of any shape, which claim scale times the variance."""
+    rng = np.random.default_rng(0)
+    roots = rng.normal(size=(n, 4, 4))
+    draws = np.einsum("kij,kj->ki", roots, rng.normal(size=(n, 4)))
+    claimed = scale * roots @ roots.transpose(0, 2, 1)
+    return StateErrors(draws[:, :2], draws[:, 2:], np.zeros(n), claimed)
+
+
+@pytest.mark.parametrize("velocity", [False, True])
+def test_consistent_errors_lie_in_the_band(velocity) -> None:
+    found = nees(drawn(4000, 1.0), velocity=velocity)
+    low, high = found.band()
+    assert low < found.mean < high
+    assert found.inside == pytest.approx(0.95, abs=0.015)
+    sure = nees(drawn(4000, 0.5), velocity=velocity)
+    assert sure.mean == pytest.approx(2 * found.mean)
+    assert sure.mean > sure.band()[1]
+    modest = nees(drawn(4000, 2.0), velocity=velocity)
+    assert modest.mean < modest.band()[0]
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 4, 800])
+@pytest.mark.parametrize("probability", [0.025, 0.5, 0.95])
+def test_quantiles_as_scipy_has_them(freedom, probability) -> None:
+    assert chi_square(probability, freedom) == pytest.approx(chi2.ppf(probability, freedom))
+    assert Nees(np.zeros(1), freedom).band()[0] == pytest.approx(chi2.ppf(0.025, freedom))
