@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+
+from roadscope.benchmarks.workers import in_parallel
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,7 @@ class ReproductionRow:
             )
 
 
+MOST = {"share": 1.0, "%": 100.0}
 Key = tuple[str, str, str]
 """Experiment, method, quantity."""
 
@@ -56,26 +59,16 @@ def over_seeds(
     """
     if not seeds:
         raise ValueError(f"at least one seed is needed, got {len(seeds)}")
-    measured: dict[Key, list[float]] = {}
-    for done, values in enumerate(_each(measure, seeds, jobs), start=1):
-        for key, value in values.items():
-            measured.setdefault(key, []).append(value)
+    found: list[dict[Key, float]] = [{} for _ in seeds]
+    for done, (index, values) in enumerate(in_parallel(measure, seeds, jobs), start=1):
+        found[index] = values
         if progress is not None:
             progress(done, len(seeds))
+    measured: dict[Key, list[float]] = {}
+    for values in found:
+        for key, value in values.items():
+            measured.setdefault(key, []).append(value)
     return measured
-
-
-def _each(
-    measure: Callable[[int], dict[Key, float]], seeds: Sequence[int], jobs: int
-) -> Iterator[dict[Key, float]]:
-    if jobs == 1:
-        yield from map(measure, seeds)
-        return
-    from joblib import Parallel, delayed
-
-    yield from Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(measure)(seed) for seed in seeds
-    )
 
 
 def summarise(
@@ -94,7 +87,7 @@ def summarise(
     if n == 1:
         return ReproductionRow(*place, quantity, unit, paper, mean, None, None, 1)
     half = _student_quantile(n - 1) * float(known.std(ddof=1)) / np.sqrt(n)
-    most = 1.0 if unit == "share" else np.inf
+    most = MOST.get(unit, np.inf)
     low, high = max(mean - half, 0.0), min(mean + half, most)
     return ReproductionRow(*place, quantity, unit, paper, mean, float(low), float(high), n)
 

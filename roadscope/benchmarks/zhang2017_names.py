@@ -1,4 +1,4 @@
-"""What the experiments, their units and their notes are called."""
+"""Names, units, printed figures and notes of the experiments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
 import json
+import time
 
 import numpy as np
 import pytest
@@ -62,3 +63,14 @@ def test_seeds_are_gathered_in_order_and_need_not_have_all():
     assert done == [(1, 4), (2, 4), (3, 4), (4, 4)]
     with pytest.raises(ValueError, match="at least one seed is needed, got 0"):
         over_seeds(measure, range(0))
+
+
+def one_after_the_other(seed):
+    time.sleep(0.3 * (2 - seed))
+    return {("one", "pag", "error"): float(seed)}
+
+
+def test_processes_share_the_seeds_and_keep_their_order():
+    assert over_seeds(one_after_the_other, range(3), jobs=2) == {
+        ("one", "pag", "error"): [0.0, 1.0, 2.0]
+    }
