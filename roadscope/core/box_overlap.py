@@ -21,10 +21,11 @@ def box_overlaps(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """
     shares = np.zeros((len(one), len(other)))
     polygon, cut = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
+    reach, other_reach = _half_diagonals(one[:, 2:4]), _half_diagonals(other[:, 2:4])
     for i in range(len(one)):
         for j in range(len(other)):
-            reach = np.hypot(one[i, 2], one[i, 3]) + np.hypot(other[j, 2], other[j, 3])
-            if 2 * np.hypot(one[i, 0] - other[j, 0], one[i, 1] - other[j, 1]) >= reach:
+            dx, dy = one[i, 0] - other[j, 0], one[i, 1] - other[j, 1]
+            if dx * dx + dy * dy >= (reach[i] + other_reach[j]) ** 2:
                 continue
             _corners_within(one[i], other[j], polygon)
             common = _common_area(polygon, cut, other[j, 2] / 2, other[j, 3] / 2)
@@ -39,40 +40,51 @@ def box_overlaps_3d(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
     A box is its centre x, y, z, length, width, height (metres) and yaw (radians).
     """
-    return _in_space(one, other, False)
+    return _in_space(one, other, False, -1.0)
 
 
 @compiled()
-def generalised_overlaps_3d(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def generalised_overlaps_3d(one: np.ndarray, other: np.ndarray, least: float = -1.0) -> np.ndarray:
     """Return (N, M) generalised IoU of upright (N, 7) and (M, 7) boxes, -1 to 1.
 
     What the least upright prism around both leaves empty counts against them (Rezatofighi et al.
-    2019), so that boxes apart are told from boxes further apart.
+    2019), so that boxes apart are told from boxes further apart. Pairs that are seen to lie below
+    `least` without working it out are given -1.
     """
-    return _in_space(one, other, True)
+    return _in_space(one, other, True, least)
 
 
 @compiled()
-def _in_space(one: np.ndarray, other: np.ndarray, generalised: bool) -> np.ndarray:
-    shares = np.zeros((len(one), len(other)))
+def _in_space(one: np.ndarray, other: np.ndarray, generalised: bool, least: float) -> np.ndarray:
+    shares = np.full((len(one), len(other)), -1.0 if generalised else 0.0)
     polygon, cut = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
     flat, others = np.empty((len(one), 5)), np.empty((len(other), 5))
     for k in range(5):
         column = (0, 1, 3, 4, 6)[k]
         flat[:, k], others[:, k] = one[:, column], other[:, column]
+    reach, other_reach = _half_diagonals(flat[:, 2:4]), _half_diagonals(others[:, 2:4])
     for i in range(len(one)):
+        volume = one[i, 3] * one[i, 4] * one[i, 5]
         for j in range(len(other)):
-            apart = np.hypot(one[i, 0] - other[j, 0], one[i, 1] - other[j, 1])
-            reach = np.hypot(one[i, 3], one[i, 4]) + np.hypot(other[j, 3], other[j, 4])
+            dx, dy = flat[i, 0] - others[j, 0], flat[i, 1] - others[j, 1]
+            apart = dx * dx + dy * dy
+            near = apart < (reach[i] + other_reach[j]) ** 2
+            if not near and not generalised:
+                continue
+            whole = volume + other[j, 3] * other[j, 4] * other[j, 5]
+            if not near:
+                # The hull holds the disc within each box, and so the trapezium between both.
+                width, width_too = min(one[i, 3], one[i, 4]), min(other[j, 3], other[j, 4])
+                lengths = max(apart - (width - width_too) ** 2 / 4, 0.0)
+                height = max(one[i, 5], other[j, 5])
+                if whole < (1 + least) * height * np.sqrt(lengths) * (width + width_too) / 2:
+                    continue
             low, high = _heights(one[i], other[j], True)
             common = 0.0
-            if 2 * apart < reach and low < high:
+            if near and low < high:
                 _corners_within(flat[i], others[j], polygon)
                 area = _common_area(polygon, cut, others[j, 2] / 2, others[j, 3] / 2)
                 common = area * (high - low)
-            elif not generalised:
-                continue
-            whole = one[i, 3] * one[i, 4] * one[i, 5] + other[j, 3] * other[j, 4] * other[j, 5]
             whole -= common
             shares[i, j] = min(common / whole, 1.0)
             if generalised:
@@ -80,6 +92,13 @@ def _in_space(one: np.ndarray, other: np.ndarray, generalised: bool) -> np.ndarr
                 around = max(_hull_area(flat[i], others[j]) * (top - bottom), whole)
                 shares[i, j] -= (around - whole) / around
     return shares
+
+
+@compiled()
+def _half_diagonals(sizes: np.ndarray) -> np.ndarray:
+    """Return (N,) how far the corners of rectangles of (N, 2) lengths and widths reach."""
+    reach: np.ndarray = np.sqrt(sizes[:, 0] ** 2 + sizes[:, 1] ** 2) / 2
+    return reach
 
 
 @compiled()

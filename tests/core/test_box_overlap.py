@@ -110,3 +110,20 @@ def test_in_space_by_hand() -> None:
     assert found[0] == pytest.approx([1, -1 / 3, 1 / 3])
     assert found[2, 1] == pytest.approx(-2.5 / 4.5)
     assert generalised_overlaps_3d(boxes[:0], boxes).shape == (0, 3)
+
+
+@given(st.integers(0, 10_000), st.floats(-0.9, 0.5))
+def test_pairs_left_out_lie_below_the_least(seed, least) -> None:
+    rng = np.random.default_rng(seed)
+    low, high = [-15, -15, -2, 0.3, 0.3, 0.5, -4], [15, 15, 2, 12, 4, 4, 4]
+    one_row, other_row = rng.uniform(low, high, (6, 7)), rng.uniform(low, high, (6, 7))
+    whole = generalised_overlaps_3d(one_row, other_row)
+    found = generalised_overlaps_3d(one_row, other_row, least)
+    assert ((found == whole) | ((found == -1) & (whole < least))).all()
+
+
+def test_far_pairs_are_left_out() -> None:
+    near, far = (0, 0, 0, 4.6, 1.9, 1.5, 0), (30, 0, 0, 4.6, 1.9, 1.5, 0)
+    boxes = np.array([near, far], float)
+    assert generalised_overlaps_3d(boxes[:1], boxes)[0, 1] > -1
+    assert generalised_overlaps_3d(boxes[:1], boxes, -0.5)[0].tolist() == [1.0, -1.0]
