@@ -59,7 +59,7 @@ STEPS = 60
 class Samples(Record):
     """Detections that count, and whether they are right.
 
-    values: (N, F) `FEATURES`. right: (N,) bool. missed: eligible objects that none belongs to.
+    values: (N, F) features. right: (N,) bool. missed: eligible objects that none belongs to.
     """
 
     values: np.ndarray
@@ -67,7 +67,7 @@ class Samples(Record):
     missed: int
 
     def __post_init__(self) -> None:
-        settle_arrays(self, values=(np.float64, ("N", len(FEATURES))), right=(np.bool_, ("N",)))
+        settle_arrays(self, values=(np.float64, ("N", "F")), right=(np.bool_, ("N",)))
 
 
 def episodes(seeds: Iterable[int] = SEEDS, rigs: Sequence[str] = RIGS) -> list[Episode]:
@@ -137,10 +137,17 @@ def _judged(
     return found, fates, len(fate.misses)
 
 
-def fit(samples: Samples, *, knots: int = KNOTS, ridge: float = RIDGE) -> ScoreModel:
+def fit(
+    samples: Samples,
+    names: Sequence[str] = FEATURES,
+    *,
+    knots: int = KNOTS,
+    ridge: float = RIDGE,
+) -> ScoreModel:
     """Fit curves by penalised maximum likelihood (Newton's method on the logistic loss).
 
-    Knots lie at quantiles of each feature, so every weight rests on as many detections.
+    names: of the features. Knots lie at quantiles of each feature, so every weight rests on as
+    many detections.
     """
     places = [_knots(column, knots) for column in samples.values.T]
     hats = [
@@ -152,9 +159,9 @@ def fit(samples: Samples, *, knots: int = KNOTS, ridge: float = RIDGE) -> ScoreM
     split = np.split(weights[1:], np.cumsum([len(place) for place in places])[:-1])
     curves: dict[str, Curve] = {
         name: (tuple(place.tolist()), tuple(np.round(part, 3).tolist()))
-        for name, place, part in zip(FEATURES, places, split, strict=True)
+        for name, place, part in zip(names, places, split, strict=True)
     }
-    return ScoreModel(round(float(weights[0]), 3), curves)
+    return ScoreModel(round(float(weights[0]), 3), curves, tuple(names))
 
 
 def _knots(column: np.ndarray, count: int) -> np.ndarray:
@@ -187,13 +194,15 @@ def reliability(model: ScoreModel, samples: Samples) -> tuple[float, float]:
     return error, float(lost.mean())
 
 
-def source(model: ScoreModel, samples: Samples) -> str:
-    """Return the text of a module that holds the weights and says what they were fitted on."""
+def source(model: ScoreModel, samples: Samples, by: str = "score_fit", seeds: range = SEEDS) -> str:
+    """Return the text of a module that holds the weights and says what they were fitted on.
+
+    by: the module here that gathered the samples.
+    """
     lines = [
         '"""Weights of the score model: constant, and for every feature its knots and log odds.',
         "",
-        "Fitted by `roadscope.benchmarks.score_fit` on train seeds "
-        f"{SEEDS.start} to {SEEDS.stop - 1}",
+        f"Fitted by `roadscope.benchmarks.{by}` on train seeds {seeds.start} to {seeds.stop - 1}",
         f"of {len(SCENARIOS)} scenarios, rigs {', '.join(RIGS)}, clear, rain and fog:",
         f"{len(samples.right)} detections, {int(samples.right.sum())} of them right.",
         '"""',

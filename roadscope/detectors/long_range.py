@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -9,7 +10,8 @@ import numpy as np
 
 from roadscope.core import Category, Detections, Frame, Pose
 from roadscope.detectors.drops import check_faint, without_faint
-from roadscope.detectors.long_range_body import Shot, body_pose
+from roadscope.detectors.long_range_body import Shot, Way, body_pose
+from roadscope.detectors.long_range_scores import FEATURES, features, shipped_model
 from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
 from roadscope.detectors.moving.links import Chain, Links
@@ -38,6 +40,7 @@ class LongRangeDetector:
         *,
         fit: str = "single",
         late: bool = False,
+        min_score: float = 0.0,
         faint: float = 0.0,
         range_noise_m: float = 0.02,
         range_max_m: float = 100.0,
@@ -48,6 +51,7 @@ class LongRangeDetector:
         fit: `single` and `ransac` fit one scan, `multi` three in a row, `body` all rays of one.
         late: answer each frame in the next one, `multi` then fits the middle of its three as the
             paper does; otherwise it fits the newest.
+        min_score: detections that are less probable are left out.
         faint: returns of less intensity than this within 15 m are taken for drops of fog or
             rain and left out, as in `ClusterDetector`.
         range_noise_m, range_max_m, detection_limit: of the LiDAR, as in `LidarSpec`; only `body`
@@ -55,7 +59,10 @@ class LongRangeDetector:
         """
         if fit not in FITS:
             raise ValueError(f"no fit '{fit}'; known: {', '.join(FITS)}")
+        if not 0 <= min_score < 1:
+            raise ValueError(f"min_score must be at least 0 and below 1, got {min_score!r}")
         self._fit, self._late, self._faint = fit, late, check_faint(faint)
+        self._min_score = min_score
         self._figures = {
             "range_noise_m": range_noise_m,
             "range_max_m": range_max_m,
@@ -72,6 +79,14 @@ class LongRangeDetector:
 
     def detect(self, frame: Frame) -> Detections:
         """Return moving vehicles, ego frame, in the frame's scan or, if late, in the last one."""
+        found, stamp_s = self.propose(frame)
+        values = np.array([f.features for f in found]).reshape(-1, len(FEATURES))
+        scores = shipped_model().probabilities(values)
+        kept = np.flatnonzero(scores >= self._min_score)
+        return detections([found[k] for k in kept], scores[kept], stamp_s)
+
+    def propose(self, frame: Frame) -> tuple[list[Found], float]:
+        """Return what moves, not yet scored, and the stamp that it is answered for."""
         if frame.lidar is not None:
             frame = replace(frame, lidar=without_faint(frame.lidar, self._faint))
         memory, scan = self._memory, frame.lidar
@@ -79,27 +94,27 @@ class LongRangeDetector:
             self.reset()
         memory.add(frame)
         if scan is None or memory.now is None:
-            return Detections.empty(frame.stamp_s)
+            return [], frame.stamp_s
         self._links.update(scan.stamp_s, extract(memory.now, memory.back()), memory.drive_from_ego)
         mount = frame.calibration.pose(scan.sensor)
         spec = lidar_of(scan, **self._figures) if self._fit == "body" else None
         shot = Shot.of(scan, memory.now, memory.drive_from_ego, mount, spec)
         asked, self._last = (self._last if self._late else shot), shot
         if asked is None:
-            return Detections.empty(scan.stamp_s)
+            return [], scan.stamp_s
         ego_from_drive = asked.drive_from_ego.inverse()
         found = [_found(chain, asked, self._fit, ego_from_drive) for chain in self._links.chains]
-        return _detections([f for f in found if f is not None], asked.scan.stamp_s)
+        return [f for f in found if f is not None], asked.scan.stamp_s
 
 
 class Found(NamedTuple):
-    """A vehicle in the ego frame at the stamp that is answered."""
+    """A vehicle in the ego frame at the stamp that is answered; features are what is scored."""
 
     centre: tuple[float, float, float]
     yaw: float
     size: tuple[float, float, float]
     category: Category
-    score: float
+    features: np.ndarray
 
 
 def _found(chain: Chain, shot: Shot, fit: str, ego_from_drive: Pose) -> Found | None:
@@ -110,16 +125,15 @@ def _found(chain: Chain, shot: Shot, fit: str, ego_from_drive: Pose) -> Found | 
         return None
     seen = chain.sightings[at]
     body, size = usual(chain)
-    pose = body_pose(seen, shot, body, chain.velocity) if fit == "body" else None
+    pose = body_pose(seen, shot, body, Way.of(chain)) if fit == "body" else None
     pose = pose or _posed(chain, at, fit, size)
     x, y, _ = ego_from_drive.apply(np.array([pose.x, pose.y, 0.0]))
-    sure = 1.0 - np.exp(-seen.candidate.evidence / 6.0)
     return Found(
         (x, y, size[2] / 2),
         pose.yaw + ego_from_drive.yaw,
         (pose.length, pose.width, size[2]),
         body.category,
-        float(sure * min(chain.count, 5) / 5),
+        features(chain, seen, shot.scan.ring[seen.candidate.rows], pose),
     )
 
 
@@ -144,7 +158,8 @@ def _few(points: np.ndarray) -> np.ndarray:
     return points[:: -(-len(points) // MOST_POINTS)]
 
 
-def _detections(found: list[Found], stamp_s: float) -> Detections:
+def detections(found: Sequence[Found], scores: np.ndarray, stamp_s: float) -> Detections:
+    """Return vehicles with scores as detections in the ego frame."""
     if not found:
         return Detections.empty(stamp_s)
     return Detections(
@@ -152,7 +167,7 @@ def _detections(found: list[Found], stamp_s: float) -> Detections:
         sizes=np.array([f.size for f in found]),
         yaws=np.array([f.yaw for f in found]),
         categories=np.array([f.category for f in found], np.int8),
-        scores=np.array([f.score for f in found]),
+        scores=scores,
         frame="ego",
         stamp_s=stamp_s,
     )

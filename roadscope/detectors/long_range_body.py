@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.core import Category, LidarScan, Pose
-from roadscope.detectors.moving.links import Sighting
+from roadscope.core import Category, LidarScan, Pose, wrap_angle
+from roadscope.detectors.moving.links import Chain, Sighting
 from roadscope.detectors.moving.view import View
 from roadscope.detectors.pose.body_descent import SLACKS_M, descend
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem, thinned
@@ -15,7 +16,7 @@ from roadscope.detectors.pose.body_kernels import HIT, POSE
 from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
 from roadscope.detectors.pose.body_rays import BESIDE, sight
 from roadscope.detectors.pose.body_rays import Sighting as BodySighting
-from roadscope.detectors.pose.body_sampling import WHOLE
+from roadscope.detectors.pose.body_sampling import Problem
 from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.shape.bodies import Body
@@ -24,10 +25,18 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 BUDGET, COARSE_RAYS = 48, 40
 """Returns of a vehicle beyond which neighbours are joined, and rays of a first fit: ten vehicles
 are fitted in a tenth of a second."""
-HEADING, HEADING_M_S = np.cos(np.radians(50.0)), 3.0
-"""Speed from which the way that a vehicle goes tells its front from its rear, and how well."""
-SPEED = 3
-"""Place of the speed among what a pose problem may leave free."""
+MARK_M = 0.15
+"""Scatter of the mark that a vehicle is followed by; from it follows how well its way is known."""
+HEADING_RAD = np.radians(10.0)
+"""By how much a vehicle's heading departs from its way when that is known well, in a bend say."""
+VAGUE_RAD = np.radians(90.0)
+"""A way that is known no better says nothing of the heading."""
+UNLIKELY = 12.0
+"""First guesses whose squared deviation from the way is so much more than the best's are left."""
+CLOSE = 15.0
+"""First fits whose cost is no more than so much above the best's are followed to the end."""
+YAW, SPEED = 2, 3
+"""Places among what a pose problem may leave free."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,50 +103,80 @@ def _selected(scan: LidarScan, rows: np.ndarray) -> LidarScan:
     )
 
 
-def body_pose(seen: Sighting, shot: Shot, body: Body, velocity: np.ndarray) -> VehiclePose | None:
+class Way(NamedTuple):
+    """How a vehicle goes: m/s, radians in the drive's frame, and how well its heading is known.
+
+    A speed of 0 stands for what is not known, with any heading alike.
+    """
+
+    speed: float
+    towards: float
+    heading_sd: float
+
+    @staticmethod
+    def of(chain: Chain) -> Way:
+        """Take the way from where a vehicle was met lately."""
+        times = np.array([sighting.met_s for sighting in chain.sightings])
+        spread = float(np.sqrt(((times - times.mean()) ** 2).sum()))
+        x, y = chain.velocity
+        speed = float(np.hypot(x, y))
+        if spread == 0 or speed == 0:
+            return Way(0.0, 0.0, np.inf)
+        sd = float(np.hypot(HEADING_RAD, MARK_M / spread / speed))
+        return Way(speed, float(np.arctan2(y, x)), sd) if sd < VAGUE_RAD else Way(0.0, 0.0, np.inf)
+
+
+def body_pose(seen: Sighting, shot: Shot, body: Body, way: Way) -> VehiclePose | None:
     """Return the likeliest pose at the shot's stamp in the drive's frame.
 
-    velocity: (2,) of the vehicle, m/s, drive frame. None without a LiDAR that is known or a ray
-    that counts. There is no covariance: it takes as long again.
+    None without a LiDAR that is known or a ray that counts. There is no covariance: it takes as
+    long again.
     """
     if shot.spec is None:
         return None
     scan, target = shot.about(seen.candidate.rows)
     pose, own = _sensor(shot, seen.met_s - seen.stamp_s)
     sighting = sight(shot.spec, scan, target, pose, sensor_velocity=own, budget=BUDGET)
-    if sighting.returns == 0:
-        return None
-    speed = float(np.hypot(*velocity))
-    if speed < HEADING_M_S:
-        return _likeliest(sighting, _model(body), None, 0.0)
-    towards = float(np.arctan2(velocity[1], velocity[0]))
-    return _likeliest(sighting, _model(body), towards, speed)
+    return _likeliest(sighting, _model(body), way) if sighting.returns else None
 
 
-def _likeliest(
-    sighting: BodySighting, model: BodyModel, towards: float | None, speed: float
-) -> VehiclePose:
-    """Descend from the sides of an initial rectangle, about the way the body goes if known."""
+def _likeliest(sighting: BodySighting, model: BodyModel, way: Way) -> VehiclePose:
+    """Descend from the sides of an initial rectangle; the way is what is known of the heading.
+
+    Of a few returns of one face any heading of four is likely: the way then decides. Where the
+    rays tell the heading, its standard deviation is far less than the way's.
+    """
     hits = sighting.rays.kind == HIT
-    way = np.zeros(2) if towards is None else np.array([np.cos(towards), np.sin(towards)])
-    points = sighting.points - speed * sighting.rays.time[hits, None] * way
-    guesses = np.stack(starts(points, sighting.origin, model))
-    if towards is not None:
-        likely = np.cos(guesses[:, 2] - towards) > HEADING
-        guesses = guesses[likely] if likely.any() else guesses
-    fixed = np.zeros(WHOLE)
-    fixed[SPEED] = speed
+    step = way.speed * np.array([np.cos(way.towards), np.sin(way.towards)])
+    points = sighting.points - sighting.rays.time[hits, None] * step
+    guesses = _by_way(np.stack(starts(points, sighting.origin, model)), way)
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, CHANCES, np.arange(3))
-    rough = descend(replace(coarse, fixed=fixed), guesses)
-    problem = replace(still_problem(sighting.rays, model, CHANCES), fixed=fixed)
-    start = np.zeros((1, len(problem.free)))
-    start[0, :3] = rough.vectors[np.argmin(rough.costs)]
-    best = descend(problem, start, SLACKS_M[3:])
-    (length,), (width,) = model.sizes(problem.whole(best.vectors)[:, POSE:])
-    x, y, yaw = best.vectors[0, :3]
-    return VehiclePose(
-        float(x), float(y), float(yaw), float(length), float(width), score=-float(best.costs[0])
-    )
+    rough = descend(_going(coarse, way), guesses)
+    problem = _going(still_problem(sighting.rays, model, CHANCES), way)
+    likely = rough.vectors[rough.costs <= rough.costs.min() + CLOSE]
+    begin = np.zeros((len(likely), len(problem.free)))
+    begin[:, :3] = likely
+    fine = descend(problem, begin, SLACKS_M[3:])
+    best = int(np.argmin(fine.costs))
+    lengths, widths = model.sizes(problem.whole(fine.vectors)[:, POSE:])
+    x, y, yaw = fine.vectors[best, :3]
+    size = float(lengths[best]), float(widths[best])
+    return VehiclePose(float(x), float(y), float(yaw), *size, score=-float(fine.costs[best]))
+
+
+def _by_way(guesses: np.ndarray, way: Way) -> np.ndarray:
+    """Turn headings to within half a turn of the way and leave those that it makes unlikely."""
+    off = wrap_angle(guesses[:, 2] - way.towards)
+    square = (off / way.heading_sd) ** 2
+    turned = np.column_stack([guesses[:, :2], way.towards + off])
+    return np.asarray(turned[square <= square.min() + UNLIKELY])
+
+
+def _going(problem: Problem, way: Way) -> Problem:
+    """Return the problem of a body that goes such a way while it is swept."""
+    fixed, prior, centre = problem.fixed.copy(), problem.prior.copy(), problem.centre.copy()
+    fixed[SPEED], centre[YAW], prior[YAW] = way.speed, way.towards, way.heading_sd
+    return replace(problem, fixed=fixed, prior=prior, centre=centre)
 
 
 def _sensor(shot: Shot, time_s: float) -> tuple[Pose, np.ndarray]:

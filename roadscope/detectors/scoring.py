@@ -24,15 +24,19 @@ Curve = tuple[tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True, slots=True)
 class ScoreModel:
-    """Log odds that a detection is right: a constant and one curve a feature."""
+    """Log odds that a detection is right: a constant and one curve a feature.
+
+    names: of the features, in their order.
+    """
 
     constant: float
     curves: Mapping[str, Curve]
+    names: Sequence[str] = FEATURES
 
     def probabilities(self, values: np.ndarray) -> np.ndarray:
-        """Return (B,) probabilities in (0, 1) for (B, F) `FEATURES`."""
+        """Return (B,) probabilities in (0, 1) for (B, F) features."""
         odds = np.full(len(values), self.constant)
-        for column, name in enumerate(FEATURES):
+        for column, name in enumerate(self.names):
             if name in self.curves:
                 odds += np.interp(values[:, column], *self.curves[name])
         result: np.ndarray = 1 / (1 + np.exp(-np.clip(odds, -30, 30)))
