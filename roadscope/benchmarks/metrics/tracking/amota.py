@@ -13,6 +13,7 @@ from roadscope.core.record import Record
 
 RECALLS = np.linspace(0.0, 1.0, 41)[1:]
 """Those over which is averaged; 0 says nothing."""
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,18 +78,25 @@ def amota(*sequences: TrackedSequence, threshold: float = 0.5) -> Amota:
 def least_scores(scores: np.ndarray, present: int) -> np.ndarray:
     """Return the scores at which the recalls are reached that can be, highest first.
 
-    scores: (K,) of matches; present: object frames. The k-th score stands for the recall that
-    is nearer to k than to k + 1 matches.
+    scores: (K,) of matches; present: object frames. The k-th score stands for the recalls that
+    are nearer to k than to k + 1 matches, the last one for at least one. Under 60 object frames
+    a score may stand for several recalls, where AB3DMOT leaves some of them out.
     """
-    ordered, found = np.sort(scores)[::-1], []
-    wanted, last = 0.0, len(ordered) - 1
-    for k, score in enumerate(ordered.tolist()):
-        here, after = (k + 1) / present, (k + 2) / present
-        if k < last and after - wanted < wanted - here:
-            continue
-        found.append(score)
-        wanted += float(RECALLS[0])
+    ordered, found = np.sort(scores)[::-1].tolist(), []
+    # One more at the beginning: the recall 0, which is left out in the end.
+    wanted = 0.0
+    for k, score in enumerate(ordered, start=1):
+        last = k == len(ordered)
+        once = last
+        while once or _stands_for(k / present, (k + 1) / present, wanted, last):
+            found.append(score)
+            wanted += float(RECALLS[0])
+            once = False
     return np.array(found[1 : len(RECALLS) + 1])
+
+
+def _stands_for(here: float, after: float, wanted: float, last: bool) -> bool:
+    return wanted <= here + ROUNDING if last else after - wanted >= wanted - here
 
 
 def _accuracy(counts: Clear, recall: float) -> tuple[float, float, float]:

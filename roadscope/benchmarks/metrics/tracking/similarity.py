@@ -57,8 +57,8 @@ def image_overlaps(truth: np.ndarray, tracks: np.ndarray) -> np.ndarray:
 
 SIMILARITIES: Mapping[str, Similarity] = {
     "centre": by_centres,
-    "bev-iou": by_area,
-    "3d-iou": by_volume,
+    "iou_bev": by_area,
+    "iou_3d": by_volume,
 }
 """By name; in the image `image_overlaps` takes plain boxes."""
 

@@ -40,6 +40,31 @@ def test_as_defined(seeds) -> None:
     assert found.samota == pytest.approx(found.smota.sum() / 40)
 
 
+def reference(scores: np.ndarray, present: int) -> list[float]:
+    """AB3DMOT's rule as it is told: a score for each recall, the first for none."""
+    found, wanted, ordered = [], 0.0, sorted(scores, reverse=True)
+    for k, score in enumerate(ordered):
+        here, after = (k + 1) / present, (k + 2) / present
+        if k + 1 == len(ordered) or not after - wanted < wanted - here:
+            found.append(score)
+            wanted += 1 / 40
+    return found[1:]
+
+
+@pytest.mark.parametrize("present", [61, 83, 100, 200, 300, 1001])
+@pytest.mark.parametrize("share", [0.03, 0.4, 0.7, 1.0])
+def test_thresholds_as_ab3dmot_takes_them(present, share) -> None:
+    scores = np.random.default_rng(present).random(int(share * present))
+    assert least_scores(scores, present).tolist() == reference(scores, present)
+
+
+@pytest.mark.parametrize("present", [1, 5, 39, 40, 60])
+def test_every_recall_has_a_threshold_where_all_is_matched(present) -> None:
+    found = least_scores(np.random.default_rng(present).random(present), present)
+    assert len(found) == 40
+    assert (np.diff(found) <= 0).all()
+
+
 def test_scores_that_reach_each_recall() -> None:
     assert least_scores(np.arange(80) / 80, 80) == pytest.approx(np.arange(78, -1, -2) / 80)
     assert least_scores(np.arange(40) / 80, 80) == pytest.approx(np.arange(38, -1, -2) / 80)

@@ -43,8 +43,8 @@ def test_by_hand() -> None:
     there, found = [truth([[10, 0], [30, 0]], ids=[1, 2])], [tracks([[12.25, 0]], [7])]
     values = {name: tracked_sequence(found, there, name).similarities for name in SIMILARITIES}
     assert values["centre"].tolist() == [1 - 2.25 / 4, 0.0]
-    assert values["bev-iou"] == pytest.approx([1 / 3, 0.0])
-    assert values["3d-iou"] == pytest.approx([1 / 3, 0.0])
+    assert values["iou_bev"] == pytest.approx([1 / 3, 0.0])
+    assert values["iou_3d"] == pytest.approx([1 / 3, 0.0])
     wide = tracked_sequence(found, there, gate_m=4.5)
     assert wide.similarities.tolist() == [0.75, 0.0]
     assert wide.distances_m.tolist() == [2.25, 17.75]
@@ -63,5 +63,5 @@ def test_a_function_of_ones_own_and_unknown_names() -> None:
     there, found = [truth([[10, 0]])], [tracks([[10, 0]], [7])]
     own = tracked_sequence(found, there, lambda g, t: np.full((len(g), len(t)), 0.25))
     assert own.similarities.tolist() == [0.25]
-    with pytest.raises(ValueError, match="no similarity 'iou'; known: centre, bev-iou, 3d-iou"):
+    with pytest.raises(ValueError, match="no similarity 'iou'; known: centre, iou_bev, iou_3d"):
         tracked_sequence(found, there, "iou")

@@ -1,0 +1,89 @@
+"""The same figures as TrackEval's on real cars: labels against linked detections."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from test_trackeval_parity import check
+
+from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
+from roadscope.benchmarks.formats.kitti_folder import KittiFolder
+from roadscope.benchmarks.metrics.matching import centre_distances
+from roadscope.benchmarks.metrics.tracking.clear import clear
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.metrics.tracking.similarity import (
+    SIMILARITIES,
+    image_overlaps,
+    tracked_sequence,
+)
+from roadscope.core import Detections, Tracks, TrackState
+
+LINK_M = 2.0
+
+
+def linked(detections: list[Detections]) -> Iterator[np.ndarray]:
+    """Give every detection the id of the nearest one of the frame before, first come first."""
+    fresh, ids, before = 0, np.empty(0, int), np.empty((0, 3))
+    for found in detections:
+        apart = centre_distances(found.centres, before)
+        own = np.full(len(found), -1)
+        for flat in np.argsort(apart, axis=None):
+            i, j = np.unravel_index(flat, apart.shape)
+            if apart[i, j] > LINK_M:
+                break
+            if own[i] < 0 and ids[j] not in own:
+                own[i] = ids[j]
+        new = own < 0
+        own[new] = fresh + np.arange(new.sum())
+        fresh, ids, before = fresh + int(new.sum()), own, found.centres
+        yield own
+
+
+def as_tracks(found: Detections, ids: np.ndarray) -> Tracks:
+    n = len(found)
+    return Tracks(
+        ids, found.centres, found.sizes, found.yaws, np.zeros((n, 2)),
+        np.tile(np.eye(4), (n, 1, 1)), found.categories, found.scores,
+        np.full(n, TrackState.CONFIRMED), "world", found.stamp_s,
+    )  # fmt: skip
+
+
+def in_the_image(real: KittiSequence, ids: list[np.ndarray]) -> TrackedSequence:
+    labels = [
+        rows.select(np.isin(rows.ids, truth.ids))
+        for rows, truth in zip(real.labelled, real.truths, strict=True)
+    ]
+    alike = [image_overlaps(a.boxes, b.boxes) for a, b in zip(labels, real.detected, strict=True)]
+    return TrackedSequence.of([rows.ids for rows in labels], ids, alike)
+
+
+@lru_cache(maxsize=4)
+def recordings(count: int | None) -> list[KittiSequence]:
+    folder = os.environ.get("ROADSCOPE_KITTI")
+    if folder is None:
+        pytest.skip("ROADSCOPE_KITTI names no folder of KITTI tracking data")
+    return [read_sequence(folder, name) for name in KittiFolder.find(folder).sequences()[:count]]
+
+
+@pytest.mark.parametrize("count", [2, pytest.param(None, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("similarity", [*SIMILARITIES, "image"])
+def test_real_sequences(similarity, count) -> None:
+    good = 0
+    for real in recordings(count):
+        found = [
+            d.moved(pose, "world")
+            for d, pose in zip(real.detections, real.world_from_ego, strict=True)
+        ]
+        ids = list(linked(found))
+        if similarity == "image":
+            s = in_the_image(real, ids)
+        else:
+            s = tracked_sequence(list(map(as_tracks, found, ids)), real.truths, similarity)
+        check(s)
+        check(s, 0.25)
+        good += clear(s, 0.25).recall > 0.5
+    assert good

@@ -1,0 +1,140 @@
+"""What every tracking metric owes: the best for perfect tracks, names and order of no account."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from toy_sequences import wandering
+
+from roadscope.benchmarks.metrics.tracking.amota import amota
+from roadscope.benchmarks.metrics.tracking.clear import clear
+from roadscope.benchmarks.metrics.tracking.following import follow
+from roadscope.benchmarks.metrics.tracking.hota import hota
+from roadscope.benchmarks.metrics.tracking.identity import identity
+from roadscope.benchmarks.metrics.tracking.ospa import gospa, ospa
+from roadscope.benchmarks.metrics.tracking.recovery import recovery
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.core import RecordError
+
+SEEDS = st.integers(0, 2**32 - 1)
+FAMILIES = {
+    "hota": hota,
+    "clear": clear,
+    "identity": identity,
+    "amota": amota,
+    "ospa": ospa,
+    "gospa": gospa,
+    "recovery": lambda s: recovery(s, follow(s)),
+}
+
+
+def figures(s: TrackedSequence, family: str) -> list[np.ndarray]:
+    """All fields of a family's result; of gaps in no order."""
+    result = FAMILIES[family](s)
+    values = [np.asarray(getattr(result, name), float) for name in result.__dataclass_fields__]
+    return [np.sort(v) for v in values] if family == "recovery" else values
+
+
+def changed(s: TrackedSequence, seed: int, *, rename: bool, reorder: bool) -> TrackedSequence:
+    """The same sequence with other names, with rows in another order."""
+    rng = np.random.default_rng(seed)
+    names = [np.arange(n) for n in (s.objects, s.followers)]
+    if rename:
+        names = [rng.permutation(10 * n + 1)[:n] - 5 for n in (s.objects, s.followers)]
+    frames: list[list[Any]] = [[], [], [], [], []]
+    assert s.distances_m is not None
+    pairs = zip(s.matrices(s.similarities), s.matrices(s.distances_m), strict=True)
+    for t, (alike, apart) in enumerate(pairs):
+        rows = np.arange(s.truth_starts[t], s.truth_starts[t + 1])
+        columns = np.arange(s.track_starts[t], s.track_starts[t + 1])
+        orders = [np.arange(len(rows)), np.arange(len(columns))]
+        if reorder:
+            orders = [rng.permutation(len(rows)), rng.permutation(len(columns))]
+        place = np.ix_(*orders)
+        rows, columns = rows[orders[0]], columns[orders[1]]
+        frame = (
+            names[0][s.truths[rows]], names[1][s.tracks[columns]], alike[place], apart[place],
+            s.scores[columns],
+        )  # fmt: skip
+        for column, values in zip(frames, frame, strict=True):
+            column.append(values)
+    truth_ids, track_ids, close, metres, scores = frames
+    return TrackedSequence.of(truth_ids, track_ids, close, distances_m=metres, scores=scores)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@given(seed=SEEDS)
+def test_names_change_nothing(family, seed) -> None:
+    s = wandering(seed)
+    renamed = changed(s, seed, rename=True, reorder=False)
+    for a, b in zip(figures(s, family), figures(renamed, family), strict=True):
+        assert a == pytest.approx(b, abs=1e-12, nan_ok=True)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@given(seed=SEEDS)
+def test_the_order_of_rows_changes_nothing(family, seed) -> None:
+    s = wandering(seed)
+    shuffled = changed(s, seed, rename=False, reorder=True)
+    for a, b in zip(figures(s, family), figures(shuffled, family), strict=True):
+        assert a == pytest.approx(b, abs=1e-12, nan_ok=True)
+
+
+def compared(seed: int, similarity: float, distance_m: float) -> TrackedSequence:
+    """Objects that come and go, each with a track as good as is said."""
+    rng = np.random.default_rng(seed)
+    ids = [np.flatnonzero(rng.random(5) < 0.7) for _ in range(12)]
+    return TrackedSequence.of(
+        ids, [i + 50 for i in ids], [similarity * np.eye(len(i)) for i in ids],
+        distances_m=[np.where(np.eye(len(i)), distance_m, 9.0) for i in ids],
+    )  # fmt: skip
+
+
+@given(SEEDS)
+def test_perfect_tracks_get_the_best_of_everything(seed) -> None:
+    s = compared(seed, 1.0, 0.0)
+    h, c, i, a = hota(s), clear(s), identity(s), amota(s)
+    for curve in (h.hota, h.det_a, h.det_re, h.det_pr, h.ass_a, h.ass_re, h.ass_pr, h.loc_a):
+        assert curve == pytest.approx(np.ones(19))
+    assert [c.mota, c.motp, c.recall, c.precision] == [1.0] * 4
+    assert (c.id_switches, c.wrong_associations, c.misses, c.false_alarms) == (0, 0, 0, 0)
+    assert (c.mostly_tracked, c.mostly_lost) == (s.objects, 0)
+    assert [i.idf1, i.idp, i.idr] == [1.0] * 3
+    assert [a.amota, a.samota, a.amotp] == pytest.approx([1.0] * 3)
+    assert ospa(s).mean == gospa(s).mean == 0.0
+    found = recovery(s, follow(s))
+    assert len(found)
+    assert found.kept.all()
+    assert not found.delays.any()
+
+
+@given(SEEDS)
+def test_tracks_far_from_everything_get_the_worst(seed) -> None:
+    s = compared(seed, 0.0, 9.0)
+    h, c, i, a = hota(s), clear(s), identity(s), amota(s)
+    assert not np.concatenate([h.hota, h.det_a, h.ass_a]).any()
+    assert c.mota == -1.0
+    assert (c.matches, c.mostly_lost) == (0, s.objects)
+    assert i.idf1 == a.amota == a.samota == 0.0
+    assert (ospa(s).distances[s.truth_counts > 0] == 2.0).all()
+    assert gospa(s).distances.tolist() == (2.0 * s.truth_counts).tolist()
+
+
+@pytest.mark.parametrize("field", ["similarities", "distances_m", "scores"])
+def test_what_is_not_a_number_is_refused_by_name(field) -> None:
+    s = wandering(1)
+    values = getattr(s, field).copy()
+    values[len(values) // 2] = np.nan
+    fields = {
+        name: getattr(s, name)
+        for name in (
+            "truth_counts", "track_counts", "truth_ids", "track_ids", "similarities", "scores",
+            "distances_m",
+        )
+    }  # fmt: skip
+    with pytest.raises(RecordError, match=rf"TrackedSequence\.{field}: must be finite, got nan"):
+        TrackedSequence(**{**fields, field: values})
