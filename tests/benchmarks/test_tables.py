@@ -60,7 +60,7 @@ def test_footnotes_explain_what_is_shown() -> None:
 
 
 def test_wide_boards_have_all_intervals() -> None:
-    text = printed(board_table(board(0.512, 0.4, 0.613), "tracking", 220), width=220)
+    text = printed(board_table(board(0.512, 0.4, 0.613), "tracking", 360), width=360)
     assert text.count("[.4") == len(COLUMNS["tracking"])
 
 
