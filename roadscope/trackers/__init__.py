@@ -10,12 +10,22 @@ TRACKERS: Registry[Tracker] = Registry(
         "nearest-q": "roadscope.trackers.nearest:NearestTracker?acceleration_m_s2=2.0",
         "nearest-q-confirmed": "roadscope.trackers.nearest:NearestTracker"
         "?acceleration_m_s2=2.0&confirm_hits=3",
+        "greedy": "roadscope.trackers.greedy:GreedyTracker",
+        "gnn": "roadscope.trackers.gnn:GnnTracker",
+        "ab3dmot": "roadscope.trackers.ab3dmot:Ab3dmotTracker",
+        "bytetrack": "roadscope.trackers.bytetrack:ByteTracker",
+        "oc-sort": "roadscope.trackers.oc_sort:OcSortTracker",
     },
     group="roadscope.trackers",
     summaries={
         "nearest": "Nearest association, constant velocity (Lu 2018).",
         "nearest-q": "Likewise, with process noise.",
         "nearest-q-confirmed": "Likewise, confirmed after three hits: the one to take.",
+        "greedy": "The surest detection first, nearest centre (CenterPoint, Yin 2021).",
+        "gnn": "Likeliest pairs of all within a gate (SORT in bird's-eye view).",
+        "ab3dmot": "Kalman filter and overlap of boxes in space (AB3DMOT, Weng 2020).",
+        "bytetrack": "Sure detections first, then unsure ones (ByteTrack, Zhang 2022).",
+        "oc-sort": "Observations before estimates (OC-SORT, Cao 2023).",
     },
 )
 

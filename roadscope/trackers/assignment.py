@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from roadscope.core.jit import compiled
@@ -30,6 +32,26 @@ def assign_greedily(costs: np.ndarray, gate: float) -> Pairs:
 
 
 @compiled()
+def assign_in_turn(costs: np.ndarray, gate: float) -> Pairs:
+    """Let the rows of (N, M) costs take their cheapest free column, one after another.
+
+    Costs must lie below the gate. Equal costs go to the earlier column.
+    """
+    n, m = costs.shape
+    partner = np.full(n, -1)
+    taken = np.zeros(m, np.bool_)
+    for row in range(n):
+        least = gate
+        for column in range(m):
+            if not taken[column] and costs[row, column] < least:
+                partner[row], least = column, costs[row, column]
+        if partner[row] >= 0:
+            taken[partner[row]] = True
+    rows = np.flatnonzero(partner >= 0)
+    return rows, partner[rows]
+
+
+@compiled()
 def assign_optimally(costs: np.ndarray, gate: float) -> Pairs:
     """Pair rows and columns of (N, M) costs for the least total, where being alone costs the gate.
 
@@ -47,6 +69,24 @@ def assign_optimally(costs: np.ndarray, gate: float) -> Pairs:
         columns = np.flatnonzero(group[n:] == group[first])
         done[rows] = True
         partner[rows] = _solved(costs, rows, columns, gate)
+    rows = np.flatnonzero(partner >= 0)
+    return rows, partner[rows]
+
+
+def assign_in_stages(
+    costs: np.ndarray, stages: Iterable[tuple[np.ndarray, np.ndarray, float]]
+) -> Pairs:
+    """Pair optimally in stages, each among what the ones before have left.
+
+    stages: of each the rows that take part, (N,) bool, the columns, (M,) bool, and the gate.
+    """
+    free_rows, free_columns = (np.ones(n, bool) for n in costs.shape)
+    partner = np.full(len(costs), -1)
+    for some, others, gate in stages:
+        rows, columns = np.flatnonzero(some & free_rows), np.flatnonzero(others & free_columns)
+        i, j = assign_optimally(costs[np.ix_(rows, columns)], gate)
+        partner[rows[i]] = columns[j]
+        free_rows[rows[i]], free_columns[columns[j]] = False, False
     rows = np.flatnonzero(partner >= 0)
     return rows, partner[rows]
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Category, Family
+from roadscope.core.box_overlap import box_overlaps_3d, generalised_overlaps_3d
 from roadscope.core.jit import compiled
 
 FAMILIES = np.array([list(Family).index(category.family) for category in Category])
 """For each value of `Category` the number of its family."""
+
+OVERLAPS = {"iou": 0.0, "giou": -1.0}
+"""Overlaps of boxes, and what each is at the least."""
 
 
 def same_family(categories: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -21,6 +25,29 @@ def barred(costs: np.ndarray, possible: np.ndarray) -> np.ndarray:
     """Return (N, M) costs with infinity where a pair is not possible."""
     allowed: np.ndarray = np.where(possible, costs, np.inf)
     return allowed
+
+
+def overlap_costs(
+    boxes: np.ndarray, others: np.ndarray, *, overlap: str, least: float
+) -> np.ndarray:
+    """Return (N, M) 1 minus the overlap of (N, 7) and (M, 7) boxes, infinity up to `least`.
+
+    overlap: `iou` or `giou`, both in space.
+    """
+    if overlap == "giou":
+        shares = generalised_overlaps_3d(boxes, others, least)
+    else:
+        shares = box_overlaps_3d(boxes, others)
+    return barred(1 - shares, shares > least)
+
+
+def check_overlap(overlap: str, least: float) -> None:
+    """Refuse overlaps that do not exist and thresholds that they cannot have."""
+    if overlap not in OVERLAPS:
+        raise ValueError(f"no overlap '{overlap}'; possible: {', '.join(OVERLAPS)}")
+    lowest = OVERLAPS[overlap]
+    if not lowest <= least < 1:
+        raise ValueError(f"the least {overlap} must lie in {lowest:g} to 1, got {least!r}")
 
 
 def chi_square_gate(share: float, dimensions: int) -> float:

@@ -87,6 +87,11 @@ def updated(beliefs: Gaussians, innovation: Innovations, H: np.ndarray, R: np.nd
     return Gaussians(means, 0.5 * (covariances + np.swapaxes(covariances, -1, -2)))
 
 
+def corrected(beliefs: Gaussians, measured: np.ndarray, H: np.ndarray, R: np.ndarray) -> Gaussians:
+    """Compare beliefs with (N, M) measurements and take these in."""
+    return updated(beliefs, innovations(beliefs, measured, H, R), H, R)
+
+
 def mahalanobis_squared(residuals: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     """Return (...,) squared lengths of (..., M) residuals in units of (..., M, M) covariances."""
     solved = np.linalg.solve(covariances, residuals[..., None])[..., 0]

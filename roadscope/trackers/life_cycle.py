@@ -2,9 +2,54 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from roadscope.core import TrackState
+from roadscope.trackers.settings import check_counts
+from roadscope.trackers.tracklets import Tracklets
+
+
+@dataclass(frozen=True, slots=True)
+class LifeCycle:
+    """Confirmed after a few detections, dropped after a few ticks without one.
+
+    confirm_hits: detections after which a track is confirmed.
+    coast_frames: ticks without a detection that a confirmed track outlives.
+    tentative_frames: likewise of one that is not confirmed yet.
+    shown_misses: of these ticks the first in which a confirmed track is still answered for.
+    """
+
+    confirm_hits: int = 3
+    coast_frames: int = 10
+    tentative_frames: int = 0
+    shown_misses: int = 0
+
+    def __post_init__(self) -> None:
+        check_counts(1, confirm_hits=self.confirm_hits)
+        check_counts(
+            0, coast_frames=self.coast_frames, tentative_frames=self.tentative_frames,
+            shown_misses=self.shown_misses,
+        )  # fmt: skip
+
+    def alive(self, tracks: Tracklets) -> np.ndarray:
+        """Return (N,) bool, which have not been unseen for too long."""
+        return kept(
+            tracks.hits, tracks.misses, confirm_hits=self.confirm_hits,
+            coast_frames=self.coast_frames, tentative_frames=self.tentative_frames,
+        )  # fmt: skip
+
+    def survivors(self, tracks: Tracklets) -> Tracklets:
+        """Drop what has been unseen for too long."""
+        return tracks.select(self.alive(tracks))
+
+    def states(self, tracks: Tracklets) -> np.ndarray:
+        """Return (N,) int8 states."""
+        return track_states(
+            tracks.hits, tracks.misses,
+            confirm_hits=self.confirm_hits, shown_misses=self.shown_misses,
+        )  # fmt: skip
 
 
 def track_states(

@@ -25,11 +25,16 @@ class Motion(Protocol):
         """Length D of the state."""
 
     def started(
-        self, places: np.ndarray, yaws: np.ndarray, *, position_m: float, speed_m_s: float
+        self,
+        places: np.ndarray,
+        yaws: np.ndarray,
+        *,
+        position_m: float,
+        speed_m_s: np.ndarray | float,
     ) -> Gaussians:
         """Begin at (N, 2) places seen with (N,) headings: standing still, more or less.
 
-        position_m, speed_m_s: standard deviations, along each axis.
+        position_m, speed_m_s: standard deviations, along each axis; speeds of all or (N,).
         """
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
@@ -67,7 +72,12 @@ class ConstantVelocity:
         return 4
 
     def started(
-        self, places: np.ndarray, yaws: np.ndarray, *, position_m: float, speed_m_s: float
+        self,
+        places: np.ndarray,
+        yaws: np.ndarray,
+        *,
+        position_m: float,
+        speed_m_s: np.ndarray | float,
     ) -> Gaussians:
         """Begin with a velocity of 0, give or take `speed_m_s`."""
         return _standing(places, [position_m, speed_m_s])
@@ -107,7 +117,12 @@ class ConstantAcceleration:
         return 6
 
     def started(
-        self, places: np.ndarray, yaws: np.ndarray, *, position_m: float, speed_m_s: float
+        self,
+        places: np.ndarray,
+        yaws: np.ndarray,
+        *,
+        position_m: float,
+        speed_m_s: np.ndarray | float,
     ) -> Gaussians:
         """Begin with velocity and acceleration of 0, more or less."""
         return _standing(places, [position_m, speed_m_s, self.acceleration_m_s2])
@@ -157,12 +172,19 @@ class CoordinatedTurn:
         return 5
 
     def started(
-        self, places: np.ndarray, yaws: np.ndarray, *, position_m: float, speed_m_s: float
+        self,
+        places: np.ndarray,
+        yaws: np.ndarray,
+        *,
+        position_m: float,
+        speed_m_s: np.ndarray | float,
     ) -> Gaussians:
         """Begin with the box's heading; a speed below 0 drives backwards."""
         still = np.zeros((len(places), 2))
-        spread = [position_m, position_m, self.yaw_rad, speed_m_s, self.turn_rad_s]
-        covariances = np.tile(np.diag(np.square(spread)), (len(places), 1, 1))
+        spread = _spreads(
+            len(places), [position_m, position_m, self.yaw_rad, speed_m_s, self.turn_rad_s]
+        )
+        covariances = np.eye(5) * spread[:, None] ** 2
         return Gaussians(np.column_stack([places, yaws, still]), covariances)
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
@@ -224,12 +246,17 @@ def both_axes(block: list[list[float]] | np.ndarray) -> np.ndarray:
     return np.kron(np.asarray(block, np.float64), np.eye(2))
 
 
-def _standing(places: np.ndarray, spread: list[float]) -> Gaussians:
+def _standing(places: np.ndarray, spread: list[np.ndarray | float]) -> Gaussians:
     """Return x, y with derivatives of 0; spread: standard deviations of each order."""
     n, orders = len(places), len(spread)
     means = np.column_stack([places, np.zeros((n, 2 * orders - 2))])
-    covariance = both_axes(np.diag(np.square(spread)))
-    return Gaussians(means, np.tile(covariance, (n, 1, 1)))
+    spreads = np.repeat(_spreads(n, spread), 2, axis=1)
+    return Gaussians(means, np.eye(2 * orders) * spreads[:, None] ** 2)
+
+
+def _spreads(n: int, spread: list[np.ndarray | float]) -> np.ndarray:
+    """Return (N, D) standard deviations, each given for all or for each of N."""
+    return np.column_stack([np.broadcast_to(np.asarray(each, np.float64), n) for each in spread])
 
 
 def _sinc(h: np.ndarray) -> np.ndarray:
