@@ -197,9 +197,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 )
 """The paper's first."""
 REPEATED = tuple(METHODS)[:6]
-"""What is run on every drive."""
-KNOWING = tuple(METHODS)[6:]
-"""What knows more or less than ours, run on the simulated drives."""
+"""What is run on every drive; what knows more or less than ours is run on the simulated ones."""
 SINGLE, MULTI, RANSAC = list(METHODS)[:3]
 OURS = {"ours, 1 frame": 1, "ours, 3 frames": 3, "ours, 7 frames": 7}
 """Frames that stand behind each of ours: its floor is that of as many."""

@@ -38,8 +38,8 @@ SUMS = (
     "prints {}."
 )
 FLOOR = (
-    f"Floor: least RMSE of any estimator that knows the outline and its corners, for the first "
-    f"{FLOOR_SEEDS} seeds."
+    f"Floor: least RMSE of any estimator that knows the outline and its corners, of the first "
+    f"{FLOOR_SEEDS} seeds at most."
 )
 NOTES = {
     "straight, sharp body (table 1)": f"{SUMS.format('0.0433, 0.0260, 0.1283')} {FLOOR} Ours "
