@@ -41,8 +41,10 @@ class Match:
 
 def centre_distances(centres: np.ndarray, truth_centres: np.ndarray) -> np.ndarray:
     """Return (N, M) distances in the ground plane between (N, 2+) and (M, 2+) centres, metres."""
-    apart = np.asarray(centres)[:, None, :2] - np.asarray(truth_centres)[None, :, :2]
-    distances: np.ndarray = np.hypot(apart[..., 0], apart[..., 1])
+    ones, others = np.asarray(centres), np.asarray(truth_centres)
+    distances: np.ndarray = np.hypot(
+        ones[:, 0, None] - others[:, 0], ones[:, 1, None] - others[:, 1]
+    )
     return distances
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from roadscope.benchmarks.metrics.matching import Pairing, match
 from roadscope.benchmarks.metrics.tracking.following import Following
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.metrics.tracking.similarity import Similarity, near
+from roadscope.benchmarks.metrics.tracking.similarity import Similarity
 from roadscope.core import Tracks, Truth
 
 Rows = tuple[np.ndarray, np.ndarray]
@@ -44,7 +44,7 @@ def counted_sequence(
         distances[np.ix_(rows, columns)].T
         for distances, (rows, columns) in zip(distances_m, counted, strict=True)
     ]
-    alike = [near(distances) for distances in apart]
+    alike = None
     if similarity is not None:
         alike = [similarity(g, t)[np.ix_(columns, rows)] for t, g, (rows, columns) in frames]
     return TrackedSequence.of(

@@ -65,12 +65,12 @@ def ospa(
     _check(cutoff_m, order)
     most = np.maximum(sequence.truth_counts, sequence.track_counts)
     least = np.minimum(sequence.truth_counts, sequence.track_counts)
-    costs = np.minimum(sequence.distances("OSPA"), cutoff_m)
-    pairs = _pairs(sequence, costs ** (order if pairing_order is None else pairing_order))
-    frames, _, _ = sequence.places(pairs)
-    apart = np.bincount(frames, costs[pairs] ** order, minlength=len(sequence))
-    shares = np.maximum(most, 1)
-    localisation, cardinality = apart / shares, cutoff_m**order * (most - least) / shares
+    distances = sequence.distances("OSPA")
+    pairs = _pairs(sequence, distances, cutoff_m, order if pairing_order is None else pairing_order)
+    apart, paired = _sums(sequence, pairs, distances[pairs] ** order)
+    shares, penalty = np.maximum(most, 1), cutoff_m**order
+    localisation = (apart + penalty * (least - paired)) / shares
+    cardinality = penalty * (most - least) / shares
     return Ospa((localisation + cardinality) ** (1 / order), localisation, cardinality)
 
 
@@ -81,27 +81,47 @@ def gospa(sequence: TrackedSequence, cutoff_m: float = 2.0, order: float = 1.0) 
         of cutoff_m ** order.
     """
     _check(cutoff_m, order)
-    costs = np.minimum(sequence.distances("GOSPA"), cutoff_m) ** order
-    pairs = _pairs(sequence, costs)
-    pairs = pairs[costs[pairs] < cutoff_m**order]
-    frames, _, _ = sequence.places(pairs)
-    localisation = np.bincount(frames, costs[pairs], minlength=len(sequence))
-    paired = np.bincount(frames, minlength=len(sequence))
+    distances = sequence.distances("GOSPA")
+    pairs = _pairs(sequence, distances, cutoff_m, order)
+    localisation, paired = _sums(sequence, pairs, distances[pairs] ** order)
     missed = cutoff_m**order / 2 * (sequence.truth_counts - paired)
     false = cutoff_m**order / 2 * (sequence.track_counts - paired)
     return Gospa((localisation + missed + false) ** (1 / order), localisation, missed, false)
 
 
-def _pairs(sequence: TrackedSequence, costs: np.ndarray) -> np.ndarray:
-    """Return the cheapest assignment of every frame, as pairs of the sequence."""
+def _pairs(
+    sequence: TrackedSequence, distances: np.ndarray, cutoff_m: float, order: float
+) -> np.ndarray:
+    """Return the pairs of the cheapest assignment of every frame that are closer than the cut-off.
+
+    Where no object and no track has two pairs that close, these are all of them; in other frames
+    an assignment has to be sought.
+    """
     from scipy.optimize import linear_sum_assignment
 
-    chosen = [np.empty(0, np.int64)]
-    starts = sequence.pair_starts.tolist()
-    for start, matrix in zip(starts[:-1], sequence.matrices(costs), strict=True):
-        rows, columns = linear_sum_assignment(matrix)
-        chosen.append(start + rows * matrix.shape[1] + columns)
+    close = np.flatnonzero(distances < cutoff_m)
+    frames, rows, columns = sequence.places(close)
+    contested = (np.bincount(rows)[rows] > 1) | (np.bincount(columns)[columns] > 1)
+    doubtful = np.zeros(len(sequence), bool)
+    doubtful[frames[contested]] = True
+    chosen = [close[~doubtful[frames]]]
+    matrices = sequence.matrices(distances)
+    for t in np.flatnonzero(doubtful).tolist():
+        row, column = linear_sum_assignment(np.minimum(matrices[t], cutoff_m) ** order)
+        real = matrices[t][row, column] < cutoff_m
+        chosen.append(sequence.pair_starts[t] + row[real] * matrices[t].shape[1] + column[real])
     return np.concatenate(chosen)
+
+
+def _sums(
+    sequence: TrackedSequence, pairs: np.ndarray, costs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (T,) costs of the pairs and their number."""
+    frames, _, _ = sequence.places(pairs)
+    return (
+        np.bincount(frames, costs, minlength=len(sequence)),
+        np.bincount(frames, minlength=len(sequence)),
+    )
 
 
 def _check(cutoff_m: float, order: float) -> None:

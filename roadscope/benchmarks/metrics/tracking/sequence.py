@@ -10,6 +10,17 @@ import numpy as np
 from roadscope.core.checks import RecordError, require, settle_arrays
 from roadscope.core.record import Record
 
+GATE_M = 2.0
+"""Centres further apart cannot belong together, seen from above."""
+
+
+def near(distances_m: np.ndarray, gate_m: float = GATE_M) -> np.ndarray:
+    """Return how alike places are: 1 for no distance, 0.5 at the gate, 0 from twice that on."""
+    alike: np.ndarray = distances_m / (2 * gate_m)
+    np.subtract(1, alike, out=alike)
+    np.maximum(alike, 0, out=alike)
+    return alike
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedSequence(Record):
@@ -62,28 +73,38 @@ class TrackedSequence(Record):
     def of(
         truth_ids: Sequence[np.ndarray],
         track_ids: Sequence[np.ndarray],
-        similarities: Sequence[np.ndarray],
+        similarities: Sequence[np.ndarray] | None = None,
         *,
         distances_m: Sequence[np.ndarray] | None = None,
+        gate_m: float = GATE_M,
         scores: Sequence[np.ndarray] | None = None,
     ) -> TrackedSequence:
         """Join frames of (M,) object ids, (N,) track ids, (M, N) similarities and distances.
 
+        Either can be left out; similarities are then those of `near`, by distances and gate.
         scores: frames of (N,) values; 1 where the tracker says nothing.
         """
+        if similarities is None and distances_m is None:
+            raise ValueError("a TrackedSequence needs similarities or distances_m, got neither")
         shapes = [(len(g), len(k)) for g, k in zip(truth_ids, track_ids, strict=True)]
         counts = np.array(shapes, np.int64).reshape(-1, 2)
-        sure = [np.ones(n) for _, n in shapes] if scores is None else scores
+        rows = [(n,) for _, n in shapes]
+        apart = None if distances_m is None else _joined("distances_m", distances_m, shapes)
+        if similarities is None:
+            assert apart is not None
+            alike = near(apart, gate_m)
+        else:
+            alike = _joined("similarities", similarities, shapes)
         return TrackedSequence(
             truth_counts=counts[:, 0],
             track_counts=counts[:, 1],
             truth_ids=_joined("truth_ids", truth_ids, [(m,) for m, _ in shapes], np.int64),
-            track_ids=_joined("track_ids", track_ids, [(n,) for _, n in shapes], np.int64),
-            similarities=_joined("similarities", similarities, shapes),
-            scores=_joined("scores", sure, [(n,) for _, n in shapes]),
-            distances_m=None
-            if distances_m is None
-            else _joined("distances_m", distances_m, shapes),
+            track_ids=_joined("track_ids", track_ids, rows, np.int64),
+            similarities=alike,
+            scores=np.ones(counts[:, 1].sum())
+            if scores is None
+            else _joined("scores", scores, rows),
+            distances_m=apart,
         )
 
     def __len__(self) -> int:

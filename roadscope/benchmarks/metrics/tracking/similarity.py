@@ -8,7 +8,9 @@ from functools import partial
 import numpy as np
 
 from roadscope.benchmarks.metrics.matching import centre_distances
+from roadscope.benchmarks.metrics.tracking.sequence import GATE_M as GATE_M
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.metrics.tracking.sequence import near as near
 from roadscope.core import Detections, Tracks, Truth
 from roadscope.core.box_overlap import box_overlaps, box_overlaps_3d
 
@@ -16,18 +18,10 @@ Boxes = Detections | Tracks | Truth
 Similarity = Callable[[Boxes, Boxes], np.ndarray]
 """Takes the objects and the tracks of a frame, returns (objects, tracks) in 0 to 1."""
 
-GATE_M = 2.0
-
 
 def by_centres(truth: Boxes, tracks: Boxes, gate_m: float = GATE_M) -> np.ndarray:
     """Return 1 for the same place seen from above, 0.5 at the gate, 0 from twice that on."""
     return near(centre_distances(truth.centres, tracks.centres), gate_m)
-
-
-def near(distances_m: np.ndarray, gate_m: float = GATE_M) -> np.ndarray:
-    """Return 1 for no distance, 0.5 at the gate, 0 from twice that on."""
-    alike: np.ndarray = np.maximum(0.0, 1 - distances_m / (2 * gate_m))
-    return alike
 
 
 def by_area(truth: Boxes, tracks: Boxes) -> np.ndarray:
