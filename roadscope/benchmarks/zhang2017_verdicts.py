@@ -53,17 +53,14 @@ def verdicts(
     seeds = max(map(len, measured.values()))
     least = _means(measured, floor_seeds)
     whole = _judged(_means(measured, seeds), least, least, bodies, seeds)
-    singles = [{k: v[i] for k, v in measured.items() if i < len(v)} for i in range(seeds)]
     shares: dict[Key, list[float]] = {}
-    for single in singles:
-        for (experiment, method, quantity), held in _judged(
-            single, single, least, bodies, 1
-        ).items():
-            if quantity == HOLDS:
-                shares.setdefault((experiment, method, SEEDS), []).append(held)
-            elif quantity in OF_EACH_DRIVE:
-                key = experiment + SHARE_OF_SEEDS, method, quantity
-                shares.setdefault(key, []).append(held)
+    for i in range(seeds):
+        single = {key: values[i] for key, values in measured.items() if i < len(values)}
+        for key, held in _judged(single, single, least, bodies, 1).items():
+            if key[2] == HOLDS:
+                shares.setdefault((*key[:2], SEEDS), []).append(held)
+            elif key[2] in OF_EACH_DRIVE:
+                shares.setdefault((key[0] + SHARE_OF_SEEDS, *key[1:]), []).append(held)
     rows = [summarise(key[:2], key[2], "1", [held], None) for key, held in whole.items()]
     rows += [summarise(key[:2], key[2], "share", held, None) for key, held in shares.items()]
     order = list(dict.fromkeys(experiment for experiment, _, _ in whole))
