@@ -19,8 +19,13 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 CHANCES = Chances(0.006, 0.012, 0.003, 10.0, 0.004, 0.001)
 COARSE_RAYS = 60
+OFF = 1e3
+"""Added to the cost of a heading that is known to be wrong."""
 VELOCITY_SD = 1.0
 """Standard deviation of a speed that a tracker knows before the scan, m/s."""
+QUARTER, NEAR = 0.0, float(np.cos(np.radians(50.0)))
+"""Cosines up to which a heading may differ from the one that is known: told by a caller, or by a
+velocity well above its standard deviation, for vehicles go where they head."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +54,8 @@ class BodyFit:
 
         towards: heading known up to a quarter turn, as a tracker knows it, radians; left out, the
         better of the two ways round is taken. velocity: (2,) of the body as a tracker knows it,
-        metres per second, world frame; left out, the body is taken to stand while it is swept.
+        metres per second, world frame: the body heads that way, and moves while it is swept; left
+        out, it is taken to stand.
         Other arguments as in `sight`.
         """
         sighting = sight(
@@ -59,9 +65,11 @@ class BodyFit:
         if sighting.returns == 0:
             return None
         speed = None if velocity is None or not rolling else float(np.hypot(*velocity))
+        course = None if towards is None else (towards, QUARTER)
         if velocity is not None and towards is None:
-            towards = float(np.arctan2(velocity[1], velocity[0]))
-        found, problem = fit_sighting(sighting, self.model, self.chances, towards, speed)
+            sure = np.hypot(*velocity) > 3.0 * VELOCITY_SD
+            course = float(np.arctan2(velocity[1], velocity[0])), NEAR if sure else QUARTER
+        found, problem = fit_sighting(sighting, self.model, self.chances, course, speed)
         return pose_of(found, problem)
 
 
@@ -69,11 +77,12 @@ def fit_sighting(
     sighting: Sighting,
     model: BodyModel,
     chances: Chances = CHANCES,
-    towards: float | None = None,
+    course: tuple[float, float] | None = None,
     speed: float | None = None,
 ) -> tuple[Posterior, Problem]:
     """Return the posterior of x, y, yaw and what is uncertain of the body, and its problem.
 
+    course: heading known before, and the least cosine of a departure from it.
     speed: of the body along its heading as known before, m/s; then it is uncertain, too.
     """
     problem = still_problem(sighting.rays, model, chances)
@@ -83,9 +92,9 @@ def fit_sighting(
     guesses = np.stack(starts(sighting.points, sighting.origin, model))
     rough = descend(coarse, guesses)
     costs = rough.costs
-    if towards is not None:
-        costs = costs + 1e3 * (np.cos(rough.vectors[:, 2] - towards) < 0)
-    order = np.argsort(costs)[: 2 if towards is None else 1]
+    if course is not None:
+        costs = costs + OFF * (np.cos(rough.vectors[:, 2] - course[0]) < course[1])
+    order = np.argsort(costs)[: 2 if course is None else 1]
     vectors = np.tile(problem.centre[problem.free], (len(order), 1))
     vectors[:, :3] = rough.vectors[order]
     best = descend(problem, vectors, SLACKS_M[3:])

@@ -54,7 +54,8 @@ class BodyModel:
     """A stack of storeys with rounded corners, symmetric about its long axis.
 
     length_m, width_m: mean and standard deviation. radius_m: least and greatest corner radius,
-    each between them as likely; it is cut to what the narrowest storey has room for.
+    small ones as likely as middling ones and the greatest half as likely; it is cut to what the
+    narrowest storey has room for.
     axles: rear and front axle as shares of the length from the centre; narrowing: width at the
     tail and at the nose as shares of the width between the axles.
     """
@@ -122,7 +123,8 @@ def fill_parts(
     """Fill parts (K, P, 16); shape: least and greatest radius, axles, narrowing."""
     for k in range(len(parts)):
         length, width = lengths[k], widths[k]
-        share = 0.5 * math.erfc(-unknowns[k, 2] * 0.7071067811865476)
+        # Folded at the least radius, so that a sharp body is no wall that a search runs along.
+        share = min(0.5 * abs(1.0 + unknowns[k, 2]), 1.0)
         radius = shape[0] + (shape[1] - shape[0]) * share
         aft, fore = shape[2] * length, shape[3] * length
         for p in range(len(storeys)):

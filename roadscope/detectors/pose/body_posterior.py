@@ -17,37 +17,36 @@ STRAIGHT = 0.3
 WORK, FEWEST, MOST = 30_000, 160, 512
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
-ROUNDS = 2
+ROUNDS = 2, 3
+"""Rounds of sampling after the first look at the rays, and after the second."""
 WIDE = 2.0
 """How much wider the first proposal is than the guessed covariance."""
-ENOUGH = 0.4, 0.12, 0.0
-"""Share of samples at which one look at the rays is enough, two, three."""
-MOVED = 1.0
+LOOSE = 0.5
+"""How far off a descent leaves the body's unknowns, as a share of its steps: a corner's radius is
+bound from one side, which no quadratic form around its best value tells."""
+ENOUGH = 100.0
+"""Effective number of samples that gives mean and covariance."""
+MOVED = 2.0
 """Standard deviations of the guess by which the mean may move for one look to be enough."""
 
 
 def posterior(
-    problem: Problem,
-    vector: np.ndarray,
-    covariance: np.ndarray,
-    *,
-    work: int = WORK,
-    enough: tuple[float, ...] = ENOUGH,
+    problem: Problem, vector: np.ndarray, covariance: np.ndarray, *, work: int = WORK
 ) -> Posterior:
     """Return the posterior of a problem around a vector (D,) with a guessed covariance (D, D).
 
     Returns well inside a face are merged into one quadratic form first, so that the many samples
     cost only the rays near a silhouette or a corner. Where the samples move away or few of them
-    count, that is done again around them. work: rays times samples of a round. enough:
-    share of samples at which one look at the rays is enough, two, and so on.
+    count, that is done again around them. work: rays times samples of a round.
     """
-    mean, spread = vector, WIDE * covariance
-    for least in enough:
+    loose = np.where(problem.free >= POSE, LOOSE * STEPS[problem.free], 0.0)
+    mean, spread = vector, WIDE * covariance + np.diag(loose**2)
+    for rounds in ROUNDS:
         near = split(problem, mean, spread)
         count = int(np.clip(work // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
-        found = refine(near, mean, spread, rounds=ROUNDS, count=count)
+        found = refine(near, mean, spread, count=count, rounds=rounds, enough=ENOUGH)
         off = found.mean - mean
-        if found.share > least and off @ np.linalg.solve(spread, off) < MOVED**2:
+        if found.effective > ENOUGH and off @ np.linalg.solve(spread, off) < MOVED**2:
             break
         mean, spread = found.mean, found.covariance
     return found

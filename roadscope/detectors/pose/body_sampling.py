@@ -12,9 +12,11 @@ from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel
 
 WIDER = 1.3
 """How much wider than the last posterior samples are drawn, as a factor on the covariance."""
-SHARE, LEAST = 0.15, 0.1
-"""Share of samples that must count before the full likelihood is used, and in the end: where
-fewer would, the posterior is widened, for a few samples say nothing of its width."""
+SETS = 4
+"""Sets of points; more rounds begin with the first again."""
+FEW = 0.1
+"""Share of a round's samples that must count: where fewer would, the posterior is widened, for a
+few samples say nothing of its width."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,59 +82,84 @@ class Problem:
 class Posterior:
     """Weighted samples with their mean and covariance.
 
-    mean (D,), covariance (D, D); evidence: log of the density's integral; share: of the samples
-    that count; samples (K, D), weights (K,) sum to 1.
+    mean (D,), covariance (D, D); evidence: log of the density's integral; effective: number of
+    samples that count; samples (K, D), weights (K,) sum to 1.
     """
 
     mean: np.ndarray
     covariance: np.ndarray
     evidence: float
-    share: float
+    effective: float
     samples: np.ndarray
     weights: np.ndarray
 
 
 def refine(
-    problem: Problem, mean: np.ndarray, covariance: np.ndarray, *, rounds: int, count: int
+    problem: Problem,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    *,
+    count: int,
+    rounds: int,
+    enough: float,
 ) -> Posterior:
     """Adapt a normal proposal to the posterior, round by round.
 
-    Each round weighs its samples by the posterior over the proposal; while too few would count,
-    weights are flattened, so that the proposal moves there in steps.
+    The samples of all rounds count, each weighed by the posterior over the mixture of what all
+    rounds drew from (Cornuet 2012, adaptive multiple importance sampling); while too few would
+    count, weights are flattened, so that the proposal moves there in steps. enough: effective
+    number of samples at which no further round is made.
     """
     normals = normal_points(count, len(mean))
+    drawn: list[tuple[np.ndarray, np.ndarray]] = []
+    samples, logs = np.empty((0, len(mean))), np.empty(0)
     for turn in range(rounds):
-        root = _root(WIDER * covariance)
-        samples = mean + normals[turn % 2] @ root.T
-        logs = problem.log_density(samples)
-        logs += 0.5 * np.einsum("kd,kd->k", normals[turn % 2], normals[turn % 2])
-        flat = _flattening(logs, LEAST if turn == rounds - 1 else SHARE)
-        weights = np.exp(flat * (logs - logs.max()))
-        total = weights.sum()
-        evidence = np.log(total / count) + flat * logs.max() + np.log(np.diag(root)).sum()
-        weights /= total
+        drawn.append((mean, _root(WIDER * covariance)))
+        fresh = mean + normals[turn % SETS] @ drawn[-1][1].T
+        samples = np.concatenate([samples, fresh])
+        logs = np.concatenate([logs, problem.log_density(fresh)])
+        ratios = logs - _mixture(drawn, samples)
+        flat = _flattening(ratios, FEW * count)
+        weights = np.exp(flat * (ratios - ratios.max()))
+        evidence = np.log(weights.mean()) + flat * ratios.max()
+        weights /= weights.sum()
+        effective = 1.0 / (weights @ weights)
         mean = weights @ samples
         off = samples - mean
-        covariance = (off * weights[:, None]).T @ off
-        share = 1.0 / (weights @ weights) / count
-        covariance = _regular(covariance, root, share * count)
-    return Posterior(mean, covariance, float(evidence), float(share), samples, weights)
+        covariance = _regular((off * weights[:, None]).T @ off, drawn[-1][1], effective)
+        if flat == 1.0 and effective > enough:
+            break
+    # So many samples know mean and covariance no better (Hotelling's distribution of x, y, yaw).
+    covariance = covariance * (effective + 1.0) / max(effective - 5.0, 1.0)
+    return Posterior(mean, covariance, float(evidence), float(effective), samples, weights)
+
+
+def _mixture(drawn: list[tuple[np.ndarray, np.ndarray]], samples: np.ndarray) -> np.ndarray:
+    """Return the log density (K,) of the mixture of normal proposals, each a mean and a root."""
+    densities = np.empty((len(drawn), len(samples)))
+    for i, (mean, root) in enumerate(drawn):
+        inverse = np.linalg.inv(root)
+        z = (samples - mean) @ inverse.T
+        densities[i] = np.log(np.diag(inverse)).sum() - 0.5 * np.einsum("kd,kd->k", z, z)
+    top = densities.max(axis=0)
+    log: np.ndarray = top + np.log(np.exp(densities - top).mean(axis=0))
+    return log
 
 
 def _flattening(logs: np.ndarray, least: float) -> float:
-    """Return the power of the weights at which at least such a share of samples counts."""
+    """Return the power of the weights at which at least so many samples count."""
     low, high = 0.0, 1.0
-    if _share(logs) >= least:
+    if _effective(logs) >= least:
         return 1.0
     for _ in range(12):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _share(middle * logs) >= least else (low, middle)
+        low, high = (middle, high) if _effective(middle * logs) >= least else (low, middle)
     return low
 
 
-def _share(logs: np.ndarray) -> float:
+def _effective(logs: np.ndarray) -> float:
     weights = np.exp(logs - logs.max())
-    return float(weights.sum() ** 2 / (weights @ weights) / len(logs))
+    return float(weights.sum() ** 2 / (weights @ weights))
 
 
 def _regular(covariance: np.ndarray, root: np.ndarray, effective: float) -> np.ndarray:
@@ -150,7 +177,7 @@ def _root(covariance: np.ndarray) -> np.ndarray:
 
 @cache
 def normal_points(count: int, dimensions: int) -> np.ndarray:
-    """Two sets (2, count, dimensions) of evenly spread standard normal points.
+    """Sets (4, count, dimensions) of evenly spread standard normal points.
 
     Additive recurrence with the generalised golden ratio (Roberts 2018); each set is centred and
     scaled to unit variance, so that few points carry little bias.
@@ -161,8 +188,8 @@ def normal_points(count: int, dimensions: int) -> np.ndarray:
     for _ in range(60):
         golden = (1 + golden) ** (1 / (dimensions + 1))
     steps = golden ** -np.arange(1.0, dimensions + 1)
-    turns = np.outer(np.arange(1, 2 * count + 1), steps) + 0.5
-    points = ndtri(np.clip(turns % 1.0, 1e-6, 1 - 1e-6)).reshape(2, count, dimensions)
+    turns = np.outer(np.arange(1, SETS * count + 1), steps) + 0.5
+    points = ndtri(np.clip(turns % 1.0, 1e-6, 1 - 1e-6)).reshape(SETS, count, dimensions)
     points -= points.mean(axis=1, keepdims=True)
     points /= points.std(axis=1, keepdims=True)
     points.flags.writeable = False

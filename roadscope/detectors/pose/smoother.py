@@ -33,7 +33,7 @@ SEEN = 3
 """Returns from which a scan alone gives a good first guess."""
 BUDGET, LEAST = 480, 48
 """Returns of all scans of a window, and of one, above which neighbours are joined."""
-WORK, ENOUGH = 14_000, (0.4, 0.0)
+WORK = 14_000
 """Effort of the sampling: a window's posterior is nearer to a normal one than a scan's."""
 NEAR_SLACKS_M = (0.06, 0.02, 0.0)
 """Added to the noise on the way from a guess that is nearly right."""
@@ -135,8 +135,8 @@ class Smoother:
         if best is None:
             return None
         vector, covariance = best
-        found = posterior(problem, vector, covariance, work=WORK, enough=ENOUGH)
-        self._last = stamp_s, problem.whole(vector[None])[0]
+        found = posterior(problem, vector, covariance, work=WORK)
+        self._last = stamp_s, problem.whole(found.mean[None])[0]
         self._note_way(stamp_s, found.mean[:2])
         return pose_of(found, problem)
 
