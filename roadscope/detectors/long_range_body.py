@@ -66,7 +66,7 @@ class Shot:
         return Shot(scan, view, drive_from_ego, ego_from_lidar, spec, order, columns)
 
     def about(self, rows: np.ndarray) -> tuple[LidarScan, np.ndarray]:
-        """Return the returns of the columns that a body fills and those beside it, and its own.
+        """Return the body's returns and those that its beams met in its columns and beside them.
 
         rows: (N,) returns of the body. The second is (M,) bool, which returns are the body's.
         """
@@ -88,7 +88,10 @@ class Shot:
             self.order[slice(*np.searchsorted(self.columns, [low, high + 1]))]
             for low, high in bounds
         ]
+        beams = np.zeros(int(scan.ring.max()) + 1, bool)
+        beams[scan.ring[rows]] = True
         kept = np.concatenate(parts)
+        kept = kept[beams[scan.ring[kept]]]
         return _selected(scan, kept), target[kept]
 
 
