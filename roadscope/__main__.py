@@ -210,11 +210,11 @@ def reproduce(
 @app.command(epilog="Example:  roadscope speed detectors --out results")
 def speed(
     parts: Annotated[
-        list[str] | None, typer.Argument(help="casting, detectors; both by default.")
+        list[str] | None, typer.Argument(help="casting, detectors, metrics; all by default.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
 ) -> None:
-    """Measure ray casting and detectors, beside Open3D and scikit-learn where installed."""
+    """Measure ray casting, detectors and metrics, beside other libraries where installed."""
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.speed import PARTS, measure_speed, write_speed
     from roadscope.benchmarks.tables import speed_table

@@ -1,4 +1,4 @@
-"""How fast sensing and detectors are, beside Open3D and scikit-learn where they are installed."""
+"""How fast sensing, detectors and metrics are, beside other libraries where these are installed."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from roadscope.benchmarks.speed_detectors import (
     measure_detectors,
     measure_stages,
 )
+from roadscope.benchmarks.speed_metrics import measure_metrics
 from roadscope.benchmarks.speed_rows import SpeedRow, interleaved
 from roadscope.benchmarks.speed_scene import (
     driving_scene,
@@ -32,7 +33,7 @@ from roadscope.envs.raycast.shapes import forget
 from roadscope.envs.sensors.lidar import lidar_columns, sweep
 from roadscope.envs.sensors.lidar_specs import SPECS
 
-PARTS = ("casting", "detectors")
+PARTS = ("casting", "detectors", "metrics")
 COUNTS = (10, 100, 250, 1000, 5000)
 COMPARED = 250
 TILTS = {"level": (0.0, 0.0), "tilted": (np.radians(2.0), np.radians(1.0))}
@@ -53,12 +54,13 @@ def measure_speed(
     progress: Progress | None = None,
     parts: Sequence[str] = PARTS,
 ) -> list[SpeedRow]:
-    """Measure ray casting and detectors; one thread, medians over runs after a warm-up.
+    """Measure ray casting, detectors and metrics; one thread, medians over runs after a warm-up.
 
     parts: `casting`: bare casts of an HDL-32E over numbers of bodies, whole sweeps, and Open3D
     on the same rays in turns; where Open3D is missing its rows are missing too, and `open3d
     installed` is 0. `detectors`: every stage and every registered detector on three LiDARs, over
-    fewer runs, which detectors are too slow, and DBSCAN beside scikit-learn's.
+    fewer runs, which detectors are too slow, and DBSCAN beside scikit-learn's. `metrics`:
+    tracking metrics beside TrackEval's and Stone Soup's.
     """
     for part in parts:
         if part not in PARTS:
@@ -71,6 +73,8 @@ def measure_speed(
         steps += _casting_steps(open3d, counts, compared, repeats)
     if "detectors" in parts:
         steps += _detector_steps(-(-repeats // 7))
+    if "metrics" in parts:
+        steps.append(("tracking metrics", partial(measure_metrics, -(-repeats // 3))))
     for number, (name, step) in enumerate(steps):
         if progress is not None:
             progress(name, number, len(steps))

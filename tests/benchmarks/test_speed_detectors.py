@@ -87,5 +87,5 @@ def test_parts_of_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     assert told == ["stages, lux", "detectors, lux", "DBSCAN"]
     assert not any("cast" in row.name for row in rows)
-    with pytest.raises(ValueError, match="no part 'radar'; known: casting, detectors"):
+    with pytest.raises(ValueError, match="no part 'radar'; known: casting, detectors, metrics"):
         speed.measure_speed(parts=["radar"])
