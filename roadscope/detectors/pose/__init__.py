@@ -1,8 +1,20 @@
-"""Vehicle pose from a few returns: estimators on plain arrays."""
+"""Vehicle pose from a few returns: on plain arrays, and on whole scans with all their rays."""
 
+from roadscope.detectors.pose.body_fit import BodyFit
+from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.pose.multi_frame import fit_multi
 from roadscope.detectors.pose.ransac import fit_ransac
+from roadscope.detectors.pose.smoother import Smoother
 
-__all__ = ["VehiclePose", "axis_difference", "fit_multi", "fit_ransac", "fit_single"]
+__all__ = [
+    "BodyFit",
+    "BodyModel",
+    "Smoother",
+    "VehiclePose",
+    "axis_difference",
+    "fit_multi",
+    "fit_ransac",
+    "fit_single",
+]

@@ -177,7 +177,7 @@ def _root(covariance: np.ndarray) -> np.ndarray:
 
 @cache
 def normal_points(count: int, dimensions: int) -> np.ndarray:
-    """Sets (4, count, dimensions) of evenly spread standard normal points.
+    """Return sets (4, count, dimensions) of evenly spread standard normal points.
 
     Additive recurrence with the generalised golden ratio (Roberts 2018); each set is centred and
     scaled to unit variance, so that few points carry little bias.
