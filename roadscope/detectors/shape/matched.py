@@ -20,6 +20,8 @@ BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
 """What shows two faces; a person or a cyclist has no straight ones to filter for."""
 LEAST = 8
 """Returns below which the filter has nothing on the rectangle."""
+STEP_DEG = 2.0
+"""Twice the paper's: a parabola finds the angle between two steps as well."""
 
 
 def vehicles_by_matched_filter(
@@ -47,6 +49,7 @@ def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle 
         sigma_m=sigma_m,
         # Half as wide, as in the paper's setting, costs half as much again and is no nearer.
         bin_m=sigma_m,
+        step_deg=STEP_DEG,
     )
     vehicle = complete(cluster, pose.yaw, horizon)
     if vehicle is None:
