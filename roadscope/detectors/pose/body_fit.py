@@ -148,7 +148,9 @@ def pose_of(found: Posterior, problem: Problem) -> VehiclePose:
     unknowns = problem.whole(found.mean[None])[:, POSE:]
     length, width = problem.model.sizes(unknowns)
     x, y, yaw = found.mean[:3]
+    drawn = problem.model.drawn_m
+    covariance = found.covariance[:3, :3] + np.diag([drawn, drawn, 0.0]) ** 2
     return VehiclePose(
         float(x), float(y), float(yaw), float(length[0]), float(width[0]),
-        found.covariance[:3, :3].copy(), found.evidence,
+        covariance, found.evidence,
     )  # fmt: skip

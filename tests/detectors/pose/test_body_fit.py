@@ -125,6 +125,7 @@ def test_refuses_what_is_no_scan():
         ({"width_m": (1.8, 1.0)}, "width_m"),
         ({"radius_m": (0.3, 0.1)}, "radius_m"),
         ({"storeys": ()}, "storeys"),
+        ({"drawn_m": -0.1}, "drawn_m"),
     ],
 )
 def test_refuses_bodies_by_name(change, message):
@@ -136,3 +137,12 @@ def test_a_saloon_keeps_to_its_sizes():
     parts = saloon((4.8, 0.1), (1.85, 0.05)).parts(np.zeros((1, 5)))[0]
     assert parts[:, 1].max() - parts[:, 0].min() == pytest.approx(4.8)
     assert 2 * parts[:, 2].max() == pytest.approx(1.85)
+
+
+def test_a_body_drawn_by_eye_is_never_placed_better_than_drawn():
+    scan, target = seen(12.0, 3.0, 0.7)
+    exact, rough = (
+        BodyFit(SPEC, replace(BRICK, drawn_m=d)).fit(scan, target, HERE, towards=0.7)
+        for d in (0.0, 0.03)
+    )
+    assert rough.covariance - exact.covariance == pytest.approx(np.diag([9e-4, 9e-4, 0.0]))
