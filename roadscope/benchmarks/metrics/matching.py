@@ -42,9 +42,10 @@ class Match:
 def centre_distances(centres: np.ndarray, truth_centres: np.ndarray) -> np.ndarray:
     """Return (N, M) distances in the ground plane between (N, 2+) and (M, 2+) centres, metres."""
     ones, others = np.asarray(centres), np.asarray(truth_centres)
-    distances: np.ndarray = np.hypot(
-        ones[:, 0, None] - others[:, 0], ones[:, 1, None] - others[:, 1]
-    )
+    x = ones[:, 0, None] - others[:, 0]
+    y = ones[:, 1, None] - others[:, 1]
+    # Half the time of hypot, which guards against what metres never are.
+    distances: np.ndarray = np.sqrt(x * x + y * y)
     return distances
 
 
