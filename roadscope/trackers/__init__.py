@@ -15,6 +15,7 @@ TRACKERS: Registry[Tracker] = Registry(
         "ab3dmot": "roadscope.trackers.ab3dmot:Ab3dmotTracker",
         "bytetrack": "roadscope.trackers.bytetrack:ByteTracker",
         "oc-sort": "roadscope.trackers.oc_sort:OcSortTracker",
+        "existence": "roadscope.trackers.existence:ExistenceTracker",
     },
     group="roadscope.trackers",
     summaries={
@@ -26,6 +27,7 @@ TRACKERS: Registry[Tracker] = Registry(
         "ab3dmot": "Kalman filter and overlap of boxes in space (AB3DMOT, Weng 2020).",
         "bytetrack": "Sure detections first, then unsure ones (ByteTrack, Zhang 2022).",
         "oc-sort": "Observations before estimates (OC-SORT, Cao 2023).",
+        "existence": "Probability of existence from scores, fit and visibility: the best.",
     },
 )
 

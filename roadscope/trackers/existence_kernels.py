@@ -1,0 +1,98 @@
+"""Kernels of `ExistenceTracker`: all targets, one after the other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+
+
+@compiled()
+def ellipses(yaws: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Return (N, 2, 2) covariances with (N,) standard deviations along and across headings."""
+    found = np.empty((len(yaws), 2, 2))
+    for i in range(len(yaws)):
+        c, s = np.cos(yaws[i]), np.sin(yaws[i])
+        a, b = along[i] ** 2, across[i] ** 2
+        found[i, 0, 0] = c * c * a + s * s * b
+        found[i, 1, 1] = s * s * a + c * c * b
+        found[i, 0, 1] = found[i, 1, 0] = c * s * (a - b)
+    return found
+
+
+@compiled()
+def moved_on(
+    means: np.ndarray, covariances: np.ndarray, wander: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Move (N, 4) states x, y, vx, vy on by dt seconds at constant velocity.
+
+    wander: (N, 2, 2), covariance of how far velocities wander in a second.
+    """
+    moved, spread = means.copy(), np.empty_like(covariances)
+    for i in range(len(means)):
+        P = covariances[i]
+        for a in range(2):
+            moved[i, a] += dt * means[i, 2 + a]
+            for b in range(2):
+                q = wander[i, a, b]
+                crossed = P[a, 2 + b] + dt * P[2 + a, 2 + b]
+                far = P[a, b] + dt * P[2 + a, b] + dt * crossed
+                spread[i, a, b] = far + q * dt**3 / 3
+                spread[i, a, 2 + b] = spread[i, 2 + b, a] = crossed + q * dt**2 / 2
+                spread[i, 2 + a, 2 + b] = P[2 + a, 2 + b] + q * dt
+    return moved, spread
+
+
+@compiled()
+def corrected(
+    means: np.ndarray, covariances: np.ndarray, places: np.ndarray, errors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Take (N, 2) measured places in, with (N, 2, 2) covariances of their errors.
+
+    Returns states, their covariances and (N,) squared Mahalanobis distances of the innovations.
+    """
+    after, spread, distances = means.copy(), np.empty_like(covariances), np.empty(len(means))
+    gain = np.empty((4, 2))
+    for i in range(len(means)):
+        P = covariances[i]
+        a, c = P[0, 0] + errors[i, 0, 0], P[1, 1] + errors[i, 1, 1]
+        b = P[0, 1] + errors[i, 0, 1]
+        determinant = a * c - b * b
+        x, y = places[i, 0] - means[i, 0], places[i, 1] - means[i, 1]
+        distances[i] = (c * x * x - 2 * b * x * y + a * y * y) / determinant
+        for k in range(4):
+            gain[k, 0] = (P[k, 0] * c - P[k, 1] * b) / determinant
+            gain[k, 1] = (P[k, 1] * a - P[k, 0] * b) / determinant
+            after[i, k] += gain[k, 0] * x + gain[k, 1] * y
+        for k in range(4):
+            for j in range(k + 1):
+                taken = gain[k, 0] * (a * gain[j, 0] + b * gain[j, 1])
+                taken += gain[k, 1] * (b * gain[j, 0] + c * gain[j, 1])
+                spread[i, k, j] = spread[i, j, k] = P[k, j] - taken
+    return after, spread, distances
+
+
+@compiled()
+def hidden_shares(boxes: np.ndarray, solid: np.ndarray, eye_x: float, eye_y: float) -> np.ndarray:
+    """Return (N,) which share of each target's width nearer solid ones cover, seen from an eye.
+
+    boxes: (N, 7) as in `Tracklets`; solid: (N,) bool, who is believed to be there.
+    """
+    n = len(boxes)
+    bearing, half, range_m = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        dx, dy = boxes[i, 0] - eye_x, boxes[i, 1] - eye_y
+        bearing[i], range_m[i] = np.arctan2(dy, dx), max(np.hypot(dx, dy), 1e-3)
+        turn = boxes[i, 6] - bearing[i]
+        width = boxes[i, 3] * abs(np.sin(turn)) + boxes[i, 4] * abs(np.cos(turn))
+        half[i] = np.arctan2(width / 2, range_m[i])
+    shares = np.zeros(n)
+    for i in range(n):
+        for j in range(n):
+            if j == i or not solid[j] or range_m[j] >= range_m[i]:
+                continue
+            apart = abs((bearing[j] - bearing[i] + np.pi) % (2 * np.pi) - np.pi)
+            covered = min(half[i], apart + half[j]) - max(-half[i], apart - half[j])
+            if covered > 0:
+                shares[i] += covered / (2 * half[i])
+    return np.minimum(shares, 1.0)

@@ -1,0 +1,173 @@
+"""What `ExistenceTracker` believes of each target, and how detections change it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from roadscope.core import Category, Detections
+from roadscope.core.pose import wrap_angle
+from roadscope.trackers.existence_kernels import corrected, ellipses, moved_on
+from roadscope.trackers.kalman import Gaussians
+from roadscope.trackers.learned import Learned
+from roadscope.trackers.rows import Rows
+from roadscope.trackers.tracklets import boxes_of
+
+SIZE_MEMORY = 2.0
+"""Detections at no range that a size rests on at most: boxes follow what is visible."""
+HEADING_MEMORY = 0.9
+"""What a vote for front and rear is still worth a tick later."""
+SCORE_EDGE = 1e-4
+"""Scores closer to 0 and 1 than this mean no more than this."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured(Rows):
+    """N detections and what they are worth.
+
+    boxes: (N, 7) centre x y z, length width height, yaw.
+    categories, scores: as in `Detections`.
+    growths: (N,) factor of all standard deviations, 1 at no range.
+    errors: (N, 2, 2) covariances of the places.
+    evidence: (N,) log odds that they are right, from their scores alone.
+    """
+
+    boxes: np.ndarray
+    categories: np.ndarray
+    scores: np.ndarray
+    growths: np.ndarray
+    errors: np.ndarray
+    evidence: np.ndarray
+
+    @staticmethod
+    def of(detections: Detections, eye: np.ndarray, traits: Learned) -> Measured:
+        """Weigh detections as seen from (2,) an eye, in their own frame."""
+        kinds, boxes = detections.categories, boxes_of(detections)
+        ranges = np.hypot(boxes[:, 0] - eye[0], boxes[:, 1] - eye[1])
+        growths = 1 + traits.growth_per_m[kinds] * ranges
+        errors = ellipses(
+            boxes[:, 6], traits.along_m[kinds] * growths, traits.across_m[kinds] * growths
+        )
+        shares = np.clip(detections.scores, SCORE_EDGE, 1 - SCORE_EDGE)
+        evidence = traits.score_offset[kinds] + traits.score_slope[kinds] * np.log(
+            shares / (1 - shares)
+        )
+        return Measured(boxes, kinds, detections.scores, growths, errors, evidence)
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Targets(Rows):
+    """N targets.
+
+    ids: (N,) int64.
+    beliefs: (N, 4) x, y, vx, vy and their covariances.
+    heights, yaws: (N, 2) mean and variance.
+    fronts: (N,) sum of votes that front is front, positive.
+    sizes: (N, 3) length width height; size_weights: (N,) what they rest on.
+    votes: (N, 7) sum of scores for each category.
+    existence: (N,) log odds that there is something.
+    misses: (N,) ticks since the last detection; idle_s: (N,) seconds.
+    """
+
+    ids: np.ndarray
+    beliefs: Gaussians
+    heights: np.ndarray
+    yaws: np.ndarray
+    fronts: np.ndarray
+    sizes: np.ndarray
+    size_weights: np.ndarray
+    votes: np.ndarray
+    existence: np.ndarray
+    misses: np.ndarray
+    idle_s: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def boxes(self) -> np.ndarray:
+        """(N, 7) centre x y z, length width height, yaw."""
+        places = self.beliefs.means[:, :2]
+        return np.column_stack([places, self.heights[:, 0], self.sizes, self.yaws[:, 0]])
+
+    @property
+    def categories(self) -> np.ndarray:
+        """(N,) what most of the scores say."""
+        found: np.ndarray = self.votes.argmax(axis=1).astype(np.int8)
+        return found
+
+    @staticmethod
+    def opened(ids: np.ndarray, new: Measured, traits: Learned) -> Targets:
+        """Begin to follow N detections, standing still, give or take what speeds are usual."""
+        n, kinds, boxes = len(new), new.categories, new.boxes
+        covariances = np.zeros((n, 4, 4))
+        covariances[:, :2, :2] = new.errors
+        covariances[:, [2, 3], [2, 3]] = traits.speed_m_s[kinds, None] ** 2
+        votes = np.zeros((n, len(Category)))
+        votes[np.arange(n), kinds] = new.scores
+        return Targets(
+            ids, Gaussians(np.column_stack([boxes[:, :2], np.zeros((n, 2))]), covariances),
+            np.column_stack([boxes[:, 2], (traits.height_m[kinds] * new.growths) ** 2]),
+            np.column_stack([boxes[:, 6], (traits.yaw_rad[kinds] * new.growths) ** 2]),
+            new.scores, boxes[:, 3:6], new.growths**-2, votes, new.evidence,
+            np.zeros(n, np.int64), np.zeros(n),
+        )  # fmt: skip
+
+    def carried(self, dt: float, traits: Learned) -> Targets:
+        """Move on by dt seconds, unseen as yet."""
+        kinds = self.categories
+        wander = ellipses(self.yaws[:, 0], traits.accelerate_m_s2[kinds], traits.swerve_m_s2[kinds])
+        means, covariances = moved_on(self.beliefs.means, self.beliefs.covariances, wander, dt)
+        heights, yaws = self.heights.copy(), self.yaws.copy()
+        heights[:, 1] += traits.climb_m_s[kinds] ** 2 * dt
+        yaws[:, 1] += traits.turn_rad_s[kinds] ** 2 * dt
+        return replace(
+            self, beliefs=Gaussians(means, covariances), heights=heights, yaws=yaws,
+            misses=self.misses + 1, idle_s=self.idle_s + dt,
+        )  # fmt: skip
+
+    def seen(self, found: Measured, traits: Learned) -> tuple[Targets, np.ndarray]:
+        """Take one detection in each; with (N,) squared Mahalanobis distances of their places."""
+        means, covariances, distances = corrected(
+            self.beliefs.means, self.beliefs.covariances, found.boxes[:, :2], found.errors
+        )
+        kinds = found.categories
+        heights = _weighed(
+            self.heights, found.boxes[:, 2] - self.heights[:, 0],
+            (traits.height_m[kinds] * found.growths) ** 2,
+        )  # fmt: skip
+        yaws, fronts = self._turned(found, traits)
+        weights = found.growths**-2
+        total = np.minimum(self.size_weights, SIZE_MEMORY) + weights
+        sizes = self.sizes + (weights / total)[:, None] * (found.boxes[:, 3:6] - self.sizes)
+        votes = self.votes.copy()
+        votes[np.arange(len(self)), kinds] += found.scores
+        after = Targets(
+            self.ids, Gaussians(means, covariances), heights, yaws, fronts, sizes, total, votes,
+            self.existence, np.zeros_like(self.misses), np.zeros_like(self.idle_s),
+        )  # fmt: skip
+        return after, distances
+
+    def _turned(self, found: Measured, traits: Learned) -> tuple[np.ndarray, np.ndarray]:
+        """Return headings and votes for them.
+
+        A detection says its axis well and its front poorly: the axis is filtered up to half turns,
+        and fronts are voted for.
+        """
+        off = wrap_angle(found.boxes[:, 6] - self.yaws[:, 0])
+        opposed = np.abs(off) > np.pi / 2
+        off = np.where(opposed, wrap_angle(off + np.pi), off)
+        yaws = _weighed(self.yaws, off, (traits.yaw_rad[found.categories] * found.growths) ** 2)
+        fronts = HEADING_MEMORY * self.fronts + np.where(opposed, -found.scores, found.scores)
+        yaws[:, 0] = wrap_angle(yaws[:, 0] + np.where(fronts < 0, np.pi, 0.0))
+        return yaws, np.abs(fronts)
+
+
+def _weighed(beliefs: np.ndarray, residuals: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """Return (N, 2) means and variances after a measurement each (scalar Kalman filter)."""
+    gains = beliefs[:, 1] / (beliefs[:, 1] + variances)
+    return np.column_stack([beliefs[:, 0] + gains * residuals, (1 - gains) * beliefs[:, 1]])

@@ -1,0 +1,95 @@
+"""What training data say of a detector's errors and scores and of how road users move.
+
+One file for each detector and its training data; `roadscope.benchmarks.tracker_fit` writes them.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.core import Category
+from roadscope.core.checks import settle_arrays
+from roadscope.core.record import Record
+
+FOLDER = Path(__file__).parent
+SECTION_OF = {
+    Category.CAR: "car", Category.VAN: "car", Category.TRUCK: "car", Category.BUS: "car",
+    Category.MOTORCYCLE: "cyclist", Category.CYCLIST: "cyclist",
+    Category.PEDESTRIAN: "pedestrian",
+}  # fmt: skip
+"""Training data tell three kinds of road users apart."""
+COUNT = len(Category)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Learned(Record):
+    """Traits of each category, all (7,) float64, by value of `Category`.
+
+    score_slope, score_offset: a detection whose score has the log odds s is right with log odds
+        slope * s + offset; 1 and 0 for calibrated scores.
+    along_m, across_m: standard deviations of detected places along and across the box.
+    height_m, yaw_rad: likewise of z, and of the heading up to half turns.
+    growth_per_m: by which share of their values these grow with every metre of range.
+    accelerate_m_s2, swerve_m_s2: how far velocities wander in a second, standard deviations
+        along and across the heading, growing with the root of time.
+    turn_rad_s, climb_m_s: likewise heading and z.
+    speed_m_s: standard deviation of speeds.
+    top_speed_m_s: what nobody exceeds.
+    """
+
+    score_slope: np.ndarray
+    score_offset: np.ndarray
+    along_m: np.ndarray
+    across_m: np.ndarray
+    height_m: np.ndarray
+    yaw_rad: np.ndarray
+    growth_per_m: np.ndarray
+    accelerate_m_s2: np.ndarray
+    swerve_m_s2: np.ndarray
+    turn_rad_s: np.ndarray
+    climb_m_s: np.ndarray
+    speed_m_s: np.ndarray
+    top_speed_m_s: np.ndarray
+
+    def __post_init__(self) -> None:
+        settle_arrays(self, **{f.name: (np.float64, (COUNT,)) for f in fields(self)})
+
+
+TRAITS = tuple(field.name for field in fields(Learned))
+
+
+def names() -> list[str]:
+    """Return what is shipped."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def learned(name: str) -> Learned:
+    """Read what is shipped under a name, or a TOML file of one's own."""
+    path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
+    if not path.is_file():
+        raise ValueError(f"nothing learned is called '{name}'; known: {', '.join(names())}, or a "
+                         ".toml file")  # fmt: skip
+    try:
+        data = tomllib.loads(path.read_text("utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: {error}") from error
+    return Learned(*(_trait(path, data, trait) for trait in TRAITS))
+
+
+def _trait(path: Path, data: dict[str, object], trait: str) -> np.ndarray:
+    """Return (7,) values of a trait, in the order of `Category`."""
+    values = []
+    for category in Category:
+        section = data.get(SECTION_OF[category])
+        value = section.get(trait) if isinstance(section, dict) else None
+        if not isinstance(value, int | float) or not (value > 0 or trait == "score_offset"):
+            wanted = "a number" if trait == "score_offset" else "a positive number"
+            raise ValueError(
+                f"{path}: expected {wanted} as {trait} in [{SECTION_OF[category]}], got {value!r}"
+            )
+        values.append(float(value))
+    return np.array(values)
