@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 
 USAGE, FAILED, INTERRUPTED = 2, 1, 130
+DEFAULT_SUITE = "quick"
 
 app = typer.Typer(
     name="roadscope",
@@ -128,7 +129,7 @@ def leaderboard(
     *,
     suite: Annotated[
         str, typer.Option(help="Conditions: a name (roadscope list suites) or a .toml file.")
-    ] = "quick",
+    ] = DEFAULT_SUITE,
     entry: Entries = None,
     only: Annotated[bool, typer.Option("--only", help="Run the given entries alone.")] = False,
     by: Breakdown = None,
@@ -140,6 +141,13 @@ def leaderboard(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Do again what an earlier run has done.")
     ] = False,
+    kitti: Annotated[
+        Path | None,
+        typer.Option(
+            help="Rank trackers on your folder of KITTI tracking data: label_02, calib, "
+            "det_NAME/Car, ego_pose or oxts."
+        ),
+    ] = None,
 ) -> None:
     """Rank detectors and trackers on a suite of traffic.
 
@@ -148,15 +156,17 @@ def leaderboard(
     An entry that fails becomes a row with its reason.
     """
     from roadscope.benchmarks.plan import BOARDS
+    from roadscope.benchmarks.recorded import KITTI_BOARDS
     from roadscope.benchmarks.results import check_breakdown
     from roadscope.benchmarks.runner import run
 
     boards = BOARDS if board is None else (board,)
+    conditions = _conditions(suite, kitti)
     if by is not None and set(boards) <= set(BOARDS):
-        check_breakdown(by, boards)
+        check_breakdown(by, boards if kitti is None else KITTI_BOARDS)
     with _progress() as progress:
         results = run(
-            suite,
+            conditions,
             entry or (),
             boards=boards,
             only=only,
@@ -165,7 +175,7 @@ def leaderboard(
             fresh=fresh,
             progress=progress,
         )
-    _show(results, suite, by)
+    _show(results, conditions, by)
     if out is not None:
         typer.echo(f"written: {out / 'leaderboard.json'}")
     if results.barren():
@@ -230,11 +240,29 @@ def speed(
         typer.echo(f"written: {folder / 'speed.json'}")
 
 
-def _show(results: Any, suite: str, by: str | None) -> None:
+def _conditions(suite: str, kitti: Path | None) -> Any:
+    """Return the suite that is meant; a folder of recorded data is one of its own."""
+    from roadscope.benchmarks.recorded_suite import KITTI, kitti_suite
     from roadscope.benchmarks.suite import load_suite
-    from roadscope.benchmarks.tables import board_table, comparison, conditions, footnote
 
-    loaded = load_suite(suite)
+    if kitti is None and suite == KITTI:
+        raise ValueError("suite kitti is of recorded data: name its folder with --kitti DIR")
+    if kitti is None:
+        return load_suite(suite)
+    if suite not in (KITTI, DEFAULT_SUITE):
+        raise ValueError(f"--kitti is a suite of its own; leave --suite {suite} out")
+    return kitti_suite(kitti)
+
+
+def _show(results: Any, loaded: Any, by: str | None) -> None:
+    from roadscope.benchmarks.tables import (
+        agreement_lines,
+        board_table,
+        comparison,
+        conditions,
+        footnote,
+    )
+
     console, jobs = _console(), results.manifest["jobs"]
     summary = f": {loaded.summary}" if loaded.summary else ""
     console.print(f"[bold]{loaded.title}[/]{summary}. {conditions(loaded)}")
@@ -244,6 +272,8 @@ def _show(results: Any, suite: str, by: str | None) -> None:
         if results.nothing_eligible(name):
             console.print("No object in any episode was to be found: there is nothing to score.")
         if text := comparison(results, name):
+            console.print(text)
+        for text in agreement_lines(results, name):
             console.print(text)
         console.print(footnote(name, console.width, jobs), style="dim")
         if by is not None:

@@ -15,6 +15,7 @@ from roadscope.benchmarks.cache import cache_dir, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.kitti_scores import kitti_scores
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.breakdown import broken_down
 from roadscope.benchmarks.metrics.detection import score_detections
@@ -22,6 +23,7 @@ from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.perceived import Perceived
+from roadscope.benchmarks.recorded import OFFLINE, Recording, replayed, sequence_of
 from roadscope.benchmarks.stack import EntryError, describe, perceive, prints_aside, track
 from roadscope.benchmarks.store import Outcome
 from roadscope.core import RecordError, Tracks
@@ -35,27 +37,35 @@ PERCEIVING = tuple(
 """What detections depend on beside the detector and the episode."""
 SCORING = ("benchmarks/metrics", "benchmarks/eligibility.py", "benchmarks/job.py")
 """What scores depend on beside that."""
+RECORDED_SCORING = tuple(
+    f"benchmarks/{name}" for name in ("formats", "kitti_scores.py", "combined.py", "recorded.py")
+)
+"""And on recorded episodes."""
 
 
 @dataclass(frozen=True)
 class Job:
     """What a worker is told: names and numbers, no objects.
 
-    board: `detection` or `tracking`.
+    board: `detection`, `tracking` or one of `KITTI_BOARDS`.
     entry: how the board calls it.
-    detector, tracker: specs; a detection job has no tracker.
+    detector, tracker: specs; a detection job has no tracker. Of recorded episodes the detector
+        is whose detections are on disk.
+    episode: where frames or detections come from: simulated traffic or a recording.
     """
 
     board: str
     entry: str
     detector: str
     tracker: str | None
-    episode: Episode
+    episode: Episode | Recording
     eligibility: Eligibility
 
     @cached_property
     def detections_spec(self) -> Mapping[str, Any]:
         """Everything that the detections depend on."""
+        if isinstance(self.episode, Recording):
+            return {"episode": self.episode.spec(), "code": code_hash(*PERCEIVING)}
         oracle = self.detector == ORACLE
         rule = fingerprint(self.eligibility)
         by = rule if oracle else plugin_hash(DETECTORS.resolve(self.detector))
@@ -70,6 +80,7 @@ class Job:
     def spec(self) -> str:
         """Everything that the result depends on, as JSON."""
         tracker = None if self.tracker is None else plugin_hash(TRACKERS.resolve(self.tracker))
+        recorded = isinstance(self.episode, Recording)
         content = {
             "board": self.board,
             "entry": self.entry,
@@ -77,7 +88,7 @@ class Job:
             "detections": self.detections_spec,
             "eligibility": fingerprint(self.eligibility),
             "metric_version": METRIC_VERSION,
-            "metric_code": code_hash(*SCORING),
+            "metric_code": code_hash(*SCORING, *(RECORDED_SCORING if recorded else ())),
         }
         return json.dumps(content, sort_keys=True)
 
@@ -101,6 +112,8 @@ def execute(job: Job, fresh: bool = False) -> Outcome:
             whole = detection_scores(job.detector, perceived, job.eligibility)
             return Outcome({**whole, **detection_parts(perceived, job.eligibility)})
         tracks, calls_ms = track(job.tracker, perceived)
+        if isinstance(job.episode, Recording):
+            return Outcome(recorded_scores(job.tracker, tracks, calls_ms, job.episode))
         return Outcome(tracking_scores(tracks, calls_ms, perceived, job.eligibility))
     except EntryError as error:
         return Outcome({}, str(error))
@@ -111,6 +124,8 @@ def execute(job: Job, fresh: bool = False) -> Outcome:
 @prints_aside()
 def detections_of(job: Job, fresh: bool = False) -> Perceived:
     """Read the detections of an episode, or make and keep them."""
+    if isinstance(job.episode, Recording):
+        return replayed(job.episode)
     path = job.detections_path
     if path.exists() and not fresh:
         try:
@@ -153,6 +168,18 @@ def tracking_scores(
     """Return a tracker's scores on an episode, and its cost."""
     pairings = eligibility.pairings(tracks, perceived.truths, perceived.parked)
     return score_tracks(tracks, perceived.truths, pairings).named() | cost(calls_ms)
+
+
+def recorded_scores(
+    tracker: str, tracks: Sequence[Tracks], calls_ms: np.ndarray, recording: Recording
+) -> dict[str, Score]:
+    """Return a tracker's scores on a recording, its cost, and whether it is an offline one.
+
+    A tracker whose class says `offline = True` looks at frames that were still to come.
+    """
+    offline = bool(getattr(TRACKERS.resolve(tracker).factory, "offline", False))
+    passes = {OFFLINE: Score(float(offline), "1", "lower", len(tracks))}
+    return kitti_scores(tracks, sequence_of(recording)) | passes | cost(calls_ms)
 
 
 def cost(calls_ms: np.ndarray) -> dict[str, Score]:

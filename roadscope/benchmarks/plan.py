@@ -10,6 +10,7 @@ from typing import Any
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.job import Job
 from roadscope.benchmarks.oracle import MARK_SPECS, ORACLE
+from roadscope.benchmarks.recorded_suite import RecordedSuite, recorded_jobs
 from roadscope.benchmarks.suite import Suite, SuiteError, check_names, unknown
 from roadscope.core import Registry, SpecError
 from roadscope.core.registry import Plugin, split_spec
@@ -37,10 +38,12 @@ def plan(
     """
     if only and not entries:
         raise SpecError("--only needs at least one --entry")
-    _of_suite(suite, None, check_names, suite)
     for board in boards:
         if board not in BOARDS:
             raise SpecError(unknown("board", board, BOARDS))
+    if isinstance(suite, RecordedSuite):
+        return _recorded_plan(suite, entries, boards, only=only)
+    _of_suite(suite, None, check_names, suite)
     kinds = [kind_of(spec) for spec in entries]
     _refuse_unused(entries, kinds, boards)
     marks = {} if only else MARK_SPECS
@@ -52,11 +55,24 @@ def plan(
     if "tracking" in boards and not suite.public_detectors and ("tracker" in kinds or only):
         raise SpecError(f"suite {suite.title} names no tracking.detectors that trackers could get")
     detection = _detection_jobs(suite, marks, detectors) if "detection" in boards else []
-    tracking = _tracking_jobs(suite, trackers) if "tracking" in boards else []
+    tracking = tracking_jobs(suite, trackers) if "tracking" in boards else []
     public = _jobs(suite, "detection", [(d, d, None) for d in suite.public_detectors])
     if not detection and not tracking:
         raise SpecError(f"suite {suite.title} has nothing to run on: {', '.join(boards)}")
     return Plan(tuple(detection), tuple(tracking), tuple(public if tracking else ()))
+
+
+def _recorded_plan(
+    suite: RecordedSuite, entries: Sequence[str], boards: Sequence[str], *, only: bool
+) -> Plan:
+    """Return the jobs on recorded detections, which leave nothing to detectors."""
+    if "tracking" not in boards:
+        raise SpecError(f"suite {suite.title} has recorded detections: it is for trackers only")
+    _refuse_unused(entries, [kind_of(spec) for spec in entries], ("tracking",))
+    for spec in entries:
+        check(TRACKERS, spec)
+    trackers = [*([] if only else suite.trackers), *entries]
+    return Plan((), tuple(recorded_jobs(suite, trackers)), ())
 
 
 def kind_of(spec: str) -> str:
@@ -146,7 +162,7 @@ def _detection_jobs(suite: Suite, marks: Mapping[str, str], detectors: Sequence[
     return _jobs(suite, "detection", [(entry, spec, None) for entry, spec in specs.items()])
 
 
-def _tracking_jobs(suite: Suite, trackers: Sequence[str]) -> list[Job]:
+def tracking_jobs(suite: Suite, trackers: Sequence[str]) -> list[Job]:
     """Every tracker on every public detector; the first detector goes without saying."""
     rows = [
         (tracker if rank == 0 else f"{tracker} on {detector}", detector, tracker)

@@ -23,6 +23,21 @@ class Agreement:
     entries: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class BoardAgreement:
+    """Agreement of a board with the tracking board of a suite.
+
+    board: of recorded data.
+    suite: of simulated traffic, with its version.
+    rho, entries: as in `Agreement`.
+    """
+
+    board: str
+    suite: str
+    rho: float
+    entries: tuple[str, ...]
+
+
 def agreement(ones: Mapping[str, float], others: Mapping[str, float]) -> Agreement | None:
     """Compare figures of entries by rank; None with fewer than three on both boards.
 

@@ -73,6 +73,11 @@ def sequence_of(recording: Recording) -> KittiSequence:
     return read_sequence(recording.folder, recording.sequence, kind, detector=recording.detector)
 
 
+def check_recording(recording: Recording) -> None:
+    """Read a recording's files; what is malformed raises `FormatError`."""
+    sequence_of(recording)
+
+
 def replayed(recording: Recording) -> Perceived:
     """Return a recording's detections and truth as if a detector had just made them."""
     sequence = sequence_of(recording)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any, cast
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_folder import DETECTIONS, KittiFolder
@@ -77,7 +76,7 @@ def recorded_jobs(suite: RecordedSuite, trackers: Sequence[str]) -> list[Job]:
         Job(
             board_of(recording),
             tracker if recording.detector == first else f"{tracker} on {recording.detector}",
-            recording.detector, tracker, cast("Any", recording), suite.eligibility,
+            recording.detector, tracker, recording, suite.eligibility,
         )
         for recording in suite.recordings
         for tracker in dict.fromkeys(trackers)

@@ -11,6 +11,7 @@ from roadscope.benchmarks.combined import BY_ALPHA
 from roadscope.benchmarks.job import Job
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.oracle import mark_of
+from roadscope.benchmarks.rank_agreement import BoardAgreement
 from roadscope.benchmarks.recorded import KITTI_BOARDS
 from roadscope.benchmarks.rows import (
     CONDITIONS,
@@ -56,6 +57,7 @@ class Results:
     rows: figures over all episodes, entries in rank order, marks last.
     parts: the same broken down.
     standings: the order of the entries, and how sure it is.
+    agreements: on recorded data, how its ranks agree with those on simulated traffic.
     """
 
     manifest: Mapping[str, Any]
@@ -63,6 +65,7 @@ class Results:
     failures: tuple[Failure, ...]
     parts: tuple[Row, ...] = ()
     standings: tuple[Standing, ...] = ()
+    agreements: tuple[BoardAgreement, ...] = ()
 
     def boards(self) -> list[str]:
         """Return the boards that have rows."""
@@ -124,6 +127,7 @@ class Results:
             "rows": [asdict(row) for row in self.rows],
             "parts": [asdict(row) for row in self.parts],
             "failures": [asdict(failure) for failure in self.failures],
+            "agreements": [asdict(agreement) for agreement in self.agreements],
         }
         return json.dumps(content, indent=1, allow_nan=False) + "\n"
 

@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,6 +21,9 @@ from roadscope.benchmarks.job import Job, detections_of, execute
 from roadscope.benchmarks.manifest import manifest
 from roadscope.benchmarks.plan import BOARDS, Plan, plan
 from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.recorded import Recording, check_recording
+from roadscope.benchmarks.recorded_agreement import agreements
+from roadscope.benchmarks.recorded_suite import RecordedSuite, kitti_suite
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.stack import prints_aside
 from roadscope.benchmarks.store import Outcome, Store, StoredJob
@@ -44,6 +48,7 @@ def run(
     out_dir: Path | str | None = None,
     fresh: bool = False,
     progress: Progress | None = None,
+    kitti: Path | str | None = None,
 ) -> Results:
     """Run a suite's entries and yours, and return the leaderboard.
 
@@ -54,7 +59,11 @@ def run(
     out_dir: where results are kept (`results.sqlite`) and `leaderboard.json`, `.csv` and `.md`
         are written; None keeps results in the cache folder and writes no board.
     fresh: do again what an earlier run has done.
+    kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
+        (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
     """
+    if kitti is not None:
+        suite = kitti_suite(kitti)
     suite = load_suite(suite) if isinstance(suite, str) else suite
     with prints_aside():
         plans = plan(suite, entries, boards, only=only)
@@ -70,7 +79,9 @@ def run(
         known = {} if fresh else _finished(store, wanted)
         recorder = _Recorder(store, number, known)
         _work(plans, recorder, jobs, fresh, progress or silent)
-    results = gather(wanted, known, conditions)
+        results = gather(wanted, known, conditions)
+        if isinstance(suite, RecordedSuite):
+            results = replace(results, agreements=agreements(results, wanted, store.outcomes))
     if out_dir is not None:
         save_all(results, folder)
     return results
@@ -101,14 +112,18 @@ def _work(plans: Plan, recorder: _Recorder, jobs: int, fresh: bool, progress: Pr
     """Do what is missing: traffic first, then detections, then tracks."""
     detection = [job for job in plans.detection if job.key not in recorder.known]
     tracking = [job for job in plans.tracking if job.key not in recorder.known]
+    readings = dict.fromkeys(j.episode for j in tracking if isinstance(j.episode, Recording))
+    for _ in _each(check_recording, list(readings), jobs, "reading", progress):
+        pass
     at_hand = {job.detections_path for job in detection}
-    needed = {job.detections_path for job in tracking}
+    needed = {job.detections_path for job in tracking if isinstance(job.episode, Episode)}
     public = [
         job
         for job in plans.public
         if job.detections_path in needed - at_hand and not job.detections_path.exists()
     ]
-    asked = dict.fromkeys(job.episode for job in [*detection, *public])
+    simulated = [job.episode for job in [*detection, *public]]
+    asked = dict.fromkeys(e for e in simulated if isinstance(e, Episode))
     # Episodes that differ in weather share their traffic.
     recorded = {timeline_path(episode): episode for episode in asked}
     traffic = [episode for path, episode in recorded.items() if not path.exists()]

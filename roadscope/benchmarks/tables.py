@@ -236,6 +236,16 @@ def with_intervals(board: str, width: int) -> list[str]:
     return [FIRST_METRIC[board], *shown[1 : 1 + max(0, room // INTERVAL)]]
 
 
+def agreement_lines(results: Results, board: str) -> list[str]:
+    """Say how the ranks of a board of recorded data agree with those on simulated traffic."""
+    return [
+        f"Ranks agree with those of suite {a.suite} by {a.rho:.2f} (Spearman, "
+        f"{len(a.entries)} trackers; 1 is the same order)."
+        for a in results.agreements
+        if a.board == board
+    ]
+
+
 def comparison(results: Results, board: str) -> str:
     """Say which entries are not shown to be worse than the best one; empty with one entry."""
     places = [s for s in results.standings if s.board == board and s.rank is not None]
