@@ -43,7 +43,9 @@ class GnnTracker:
         position_m, speed_m_s: see `PlaceFilter`.
         velocity_walk: m/s per root second, by which velocities wander.
         """
-        check_shares(gate_share=gate_share, least_score=least_score)
+        if not 0 < gate_share < 1:
+            raise ValueError(f"gate_share must lie between 0 and 1, got {gate_share!r}")
+        check_shares(least_score=least_score)
         check_not_negative(velocity_walk=velocity_walk)
         self._gate = chi_square_gate(gate_share, 2)
         self._least_score = least_score

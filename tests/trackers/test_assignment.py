@@ -5,7 +5,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import linear_sum_assignment
 
-from roadscope.trackers.assignment import assign_greedily, assign_optimally, least_total
+from roadscope.trackers.assignment import (
+    assign_greedily,
+    assign_in_stages,
+    assign_in_turn,
+    assign_optimally,
+    least_total,
+)
 
 sides = st.tuples(st.integers(0, 7), st.integers(0, 7))
 costs = sides.flatmap(
@@ -24,6 +30,26 @@ def test_greedy_equals_the_slow_way(costs, gate):
     rows, columns = assign_greedily(costs, gate)
     assert dict(zip(rows.tolist(), columns.tolist(), strict=True)) == expected
     assert (np.diff(rows) > 0).all()
+
+
+@given(costs, st.sampled_from([0.5, 2.0, 20.0]))
+def test_in_turn_equals_the_slow_way(costs, gate):
+    expected = {}
+    for row, of_row in enumerate(costs):
+        free = [(c, j) for j, c in enumerate(of_row) if c < gate and j not in expected.values()]
+        if free:
+            expected[row] = min(free)[1]
+    rows, columns = assign_in_turn(costs, gate)
+    assert dict(zip(rows.tolist(), columns.tolist(), strict=True)) == expected
+
+
+def test_stages_take_what_is_left():
+    costs = np.array([[1.0, 3.0, 9.0], [2.0, 4.0, 1.0]])
+    every, sure = np.ones(2, bool), np.array([True, False, False])
+    rows, columns = assign_in_stages(costs, [(every, sure, 5.0), (every, ~sure, 4.0)])
+    assert (rows.tolist(), columns.tolist()) == ([0, 1], [0, 2])
+    narrow = assign_in_stages(costs, [(every, sure, 5.0), (every, ~sure, 0.5)])
+    assert narrow[0].tolist() == [0]
 
 
 @given(costs, st.sampled_from([0.5, 2.0, 20.0]))

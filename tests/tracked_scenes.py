@@ -1,0 +1,38 @@
+"""Detections of made-up scenes."""
+
+import numpy as np
+
+from roadscope.core import Category, Detections
+
+T = 0.1
+CAR, PERSON = (4.6, 1.85, 1.5), (0.6, 0.6, 1.75)
+
+
+def boxes(places, tick, scores=0.9, category=Category.CAR, yaws=0.0):
+    """Return boxes of one kind, standing on the ground at (N, 2) places, ego frame."""
+    n = len(places)
+    size = np.array(PERSON if category is Category.PEDESTRIAN else CAR)
+    centres = np.column_stack([np.reshape(places, (n, 2)), np.full(n, size[2] / 2)])
+    return Detections(
+        centres, np.tile(size, (n, 1)), np.broadcast_to(np.asarray(yaws, float), n),
+        np.full(n, category), np.broadcast_to(np.asarray(scores, float), n), "ego", tick * T,
+    )  # fmt: skip
+
+
+def both(one, other):
+    """Join two frames of detections."""
+    names = ("centres", "sizes", "yaws", "categories", "scores")
+    joined = [np.concatenate([getattr(one, name), getattr(other, name)]) for name in names]
+    return Detections(*joined, one.frame, one.stamp_s)
+
+
+def told(tracker, episode, poses=None):
+    """Run a tracker, without poses or with one for each frame."""
+    poses = [None] * len(episode) if poses is None else poses
+    return [tracker.update(d, pose) for d, pose in zip(episode, poses, strict=True)]
+
+
+def identities(tracks, state=None):
+    """Return all ids of an episode, or those of tracks that were ever in a state."""
+    rows = [each.ids if state is None else each.ids[each.states == state] for each in tracks]
+    return set(np.concatenate(rows).tolist())
