@@ -15,6 +15,7 @@ TRACKERS: Registry[Tracker] = Registry(
         "ab3dmot": "roadscope.trackers.ab3dmot:Ab3dmotTracker",
         "bytetrack": "roadscope.trackers.bytetrack:ByteTracker",
         "oc-sort": "roadscope.trackers.oc_sort:OcSortTracker",
+        "jpda": "roadscope.trackers.jpda:JpdaTracker",
         "existence": "roadscope.trackers.existence:ExistenceTracker",
     },
     group="roadscope.trackers",
@@ -27,6 +28,7 @@ TRACKERS: Registry[Tracker] = Registry(
         "ab3dmot": "Kalman filter and overlap of boxes in space (AB3DMOT, Weng 2020).",
         "bytetrack": "Sure detections first, then unsure ones (ByteTrack, Zhang 2022).",
         "oc-sort": "Observations before estimates (OC-SORT, Cao 2023).",
+        "jpda": "All detections in the gate by exact marginals; existence (JIPDA, Musicki 2004).",
         "existence": "Probability of existence from scores, fit and visibility: the best.",
     },
 )

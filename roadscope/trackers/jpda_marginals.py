@@ -26,13 +26,13 @@ possible, take 0.6 million, one second has about 500 million."""
 
 @compiled()
 def association_marginals(
-    pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, limit: float = EXACT_LIMIT
+    pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, limit: float
 ) -> np.ndarray:
     """Return (N, M) probabilities that track i has detection j.
 
     pairs: (N, M) weights of pairs, 0 where impossible.
     missed: (N,) weights of tracks without a detection; free: (M,) of detections without a track.
-    limit: see `EXACT_LIMIT`; inf is always exact, 0 always loopy.
+    limit: such as `EXACT_LIMIT`; inf is always exact, 0.0 always loopy.
     At least one joint event must be possible.
     """
     n = len(missed)
@@ -129,7 +129,7 @@ def _slots(pairs: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def _work(pairs: np.ndarray, order: np.ndarray) -> float:
     """Return how many multiplications `_exact` takes one way."""
     _, _, width = _slots(pairs, order)
-    return 2.0**width * (pairs > 0).sum()
+    return float(2.0**width * (pairs > 0).sum())
 
 
 @compiled()

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from roadscope.trackers.jpda_loopy import loopy_marginals
-from roadscope.trackers.jpda_marginals import association_marginals
+from roadscope.trackers.jpda_marginals import EXACT_LIMIT, association_marginals
 
 
 def by_enumeration(pairs, missed, free):
@@ -76,7 +76,9 @@ def test_a_track_that_cannot_be_missed():
 
 def test_twelve_in_one_crowd_have_the_marginals_that_symmetry_gives():
     n = 12
-    found = association_marginals(np.ones((n, n)), np.full(n, 1e-12), np.full(n, 1e-12))
+    found = association_marginals(
+        np.ones((n, n)), np.full(n, 1e-12), np.full(n, 1e-12), EXACT_LIMIT
+    )
     np.testing.assert_allclose(found, 1 / n, atol=1e-9)
 
 
@@ -90,7 +92,7 @@ def test_rows_and_columns_may_change_places():
 def test_a_long_chain_neither_overflows_nor_takes_the_loopy_way():
     n = 200
     pairs = 1e9 * (np.eye(n) + np.eye(n, k=1))
-    found = association_marginals(pairs, np.full(n, 1e-3), np.ones(n))
+    found = association_marginals(pairs, np.full(n, 1e-3), np.ones(n), EXACT_LIMIT)
     exact = association_marginals(pairs, np.full(n, 1e-3), np.ones(n), np.inf)
     assert np.array_equal(found, exact)
     assert found.sum() == pytest.approx(n, abs=0.1)
