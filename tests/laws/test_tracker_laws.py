@@ -8,9 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.core import Detections, Pose, RecordError
+from roadscope.core import Category, Detections, Pose, RecordError, TrackState
 from roadscope.trackers import TRACKERS
 from roadscope.trackers.api import Tracker
+
+KNOW_NO_CATEGORIES = {"nearest", "nearest-q", "nearest-q-confirmed"}
+"""Lu 2018's targets are all of one kind."""
 
 
 @pytest.fixture(params=TRACKERS.names())
@@ -18,12 +21,12 @@ def tracker(request):
     return TRACKERS.make(request.param)
 
 
-def boxes(centres, stamp_s):
+def boxes(centres, stamp_s, score=0.9, category=Category.CAR):
     n = len(centres)
     return Detections(
         np.column_stack([centres, np.full(n, 0.75)]) if n else np.empty((0, 3)),
-        np.tile([4.6, 1.85, 1.5], (n, 1)), np.zeros(n), np.zeros(n, int), np.full(n, 0.9),
-        "ego", stamp_s,
+        np.tile([4.6, 1.85, 1.5], (n, 1)), np.zeros(n), np.full(n, category),
+        np.full(n, score), "ego", stamp_s,
     )  # fmt: skip
 
 
@@ -133,8 +136,143 @@ def test_any_sequence_gives_proper_tracks(seed, name):
         n = rng.integers(0, 6)
         centres = np.round(rng.uniform(-5, 5, (n, 2)))
         tracks = tracker.update(boxes(centres, 0.1 * k), None)
-        # Every detection is in some track's place or drew one towards it.
+        # Every sure detection is in some track's place or drew one towards it.
         assert len(tracks) >= n
+
+
+def test_unsure_detections_make_no_more_tracks_than_sure_ones(tracker):
+    """Trackers that look at scores may leave them aside, others take them like any."""
+    sure = run(tracker, traffic(5))
+    tracker.reset()
+    unsure = run(tracker, (replace(d, scores=0.05 * d.scores) for d in traffic(5)))
+    assert all(len(a) <= len(b) for a, b in zip(unsure, sure, strict=True))
+
+
+def crossing(k):
+    """Two cars on crossing roads; the second is there 1.2 s after the first."""
+    return np.array([[8 * (0.1 * k - 1.0), 0.0], [0.0, 8 * (0.1 * k - 2.2)]])
+
+
+def test_crossing_paths_keep_their_identities(tracker):
+    rng = np.random.default_rng(0)
+    followers = [set(), set()]
+    for k in range(35):
+        places = crossing(k)
+        seen = boxes(places + 0.1 * rng.standard_normal((2, 2)), 0.1 * k)
+        tracks = tracker.update(seen, None)
+        for place, ids in zip(places, followers, strict=True):
+            distances = np.hypot(*(tracks.centres[:, :2] - place).T)
+            assert distances.min() < 1.0
+            ids.add(int(tracks.ids[distances.argmin()]))
+    assert [len(ids) for ids in followers] == [1, 1]
+    assert followers[0] != followers[1]
+
+
+def test_coasting_ends(tracker):
+    run(tracker, traffic(6))
+    for k in range(60):
+        tracks = tracker.update(Detections.empty(2.5 + 0.1 * k), None)
+        assert (tracks.states != TrackState.CONFIRMED).all()
+    assert len(tracks) == 0
+
+
+def test_moving_the_world_moves_the_tracks(tracker):
+    """Where the world has its origin, and which way it looks, is nobody's business."""
+    world = Pose.planar(-120.0, 340.0, 2.2)
+    poses = [Pose.planar(1.5 * k, 0.02 * k**2, 0.01 * k) for k in range(25)]
+    here = [tracker.update(d, p) for d, p in zip(traffic(7), poses, strict=True)]
+    tracker.reset()
+    there = [tracker.update(d, world @ p) for d, p in zip(traffic(7), poses, strict=True)]
+    names: dict[int, int] = {}
+    for one, other in zip(here, there, strict=True):
+        assert len(one) == len(other)
+        expected = one.moved(world, "world") if one.frame == "world" else one
+        apart = np.linalg.norm(expected.centres[:, None] - other.centres, axis=2)
+        # Which of two tracks in one place is which can be told by their ids only.
+        same = [[names.get(a, b) == b for b in other.ids.tolist()] for a in one.ids.tolist()]
+        columns = (apart + 1e3 * ~np.array(same, bool).reshape(apart.shape)).argmin(axis=1)
+        assert len(set(columns.tolist())) == len(columns)
+        names.update(zip(one.ids.tolist(), other.ids[columns].tolist(), strict=True))
+        for field in ("centres", "velocities", "covariances", "sizes", "scores", "states"):
+            np.testing.assert_allclose(
+                getattr(other, field)[columns], getattr(expected, field), atol=1e-6
+            )
+        turned = other.yaws[columns] - expected.yaws
+        np.testing.assert_allclose(np.cos(turned), 1, atol=1e-9)
+
+
+def test_stamps_that_do_not_increase_are_refused_and_change_nothing(tracker):
+    episode = list(traffic(8))
+    expected = run(tracker, episode)
+    tracker.reset()
+    told = []
+    for k, detections in enumerate(episode):
+        told.append(tracker.update(detections, None))
+        for wrong in (detections.stamp_s, detections.stamp_s - 1.0, np.nan, np.inf):
+            if k == 10:
+                with pytest.raises(ValueError, match="stamps must"):
+                    tracker.update(replace(detections, stamp_s=wrong), None)
+    assert told == expected
+
+
+@pytest.mark.parametrize("first", [None, Pose.identity()])
+def test_a_pose_that_comes_and_goes_is_refused(tracker, first):
+    tracker.update(boxes(np.array([[10.0, 0.0]]), 0.0), first)
+    with pytest.raises(ValueError, match="ego pose must be given at every update or at none"):
+        tracker.update(
+            boxes(np.array([[10.0, 0.0]]), 0.1), Pose.identity() if first is None else None
+        )
+
+
+def test_late_and_missing_ticks_lose_nothing(tracker):
+    """A car at 12 m/s; ticks come late by up to 40 ms, every seventh not at all."""
+    rng = np.random.default_rng(0)
+    stamps = [0.1 * k + 0.04 * rng.random() for k in range(40) if k % 7 != 5]
+    told = run(tracker, (boxes(np.array([[12 * t - 20, 3.0]]), t) for t in stamps))
+    assert {int(i) for tracks in told for i in tracks.ids} == {0}
+    assert told[-1].velocities[0] == pytest.approx((12, 0), abs=0.3)
+
+
+def test_an_empty_frame_now_and_then_loses_nothing(tracker):
+    episode = [boxes(np.array([[1.2 * k - 20, 3.0]])[: k % 9 != 7], 0.1 * k) for k in range(40)]
+    told = run(tracker, episode)
+    assert {int(i) for tracks in told for i in tracks.ids} == {0}
+
+
+def test_a_detection_told_twice_is_one_object_or_two(tracker):
+    told = run(tracker, (boxes(np.array([[0.8 * k, 3.0]] * 2), 0.1 * k) for k in range(20)))
+    assert len({int(i) for tracks in told for i in tracks.ids}) <= 2
+    assert told[-1].centres[:, :2] == pytest.approx(
+        np.tile([15.2, 3.0], (len(told[-1]), 1)), abs=0.3
+    )
+
+
+def changeling(k):
+    """A car that stands, and from the eleventh frame on a pedestrian in its place."""
+    return boxes(
+        np.array([[10.0, 0.0]]), 0.1 * k, category=[Category.CAR, Category.PEDESTRIAN][k > 9]
+    )
+
+
+def families(tracker):
+    """Return the families that each identity went by."""
+    found: dict[int, set[str]] = {}
+    for tracks in run(tracker, map(changeling, range(20))):
+        for identity, category in zip(tracks.ids.tolist(), tracks.categories, strict=True):
+            found.setdefault(identity, set()).add(Category(category).family)
+    return found
+
+
+@pytest.mark.parametrize("name", [n for n in TRACKERS.names() if n not in KNOW_NO_CATEGORIES])
+def test_a_car_never_becomes_a_pedestrian(name):
+    found = families(TRACKERS.make(name))
+    assert all(len(of_one) == 1 for of_one in found.values())
+    assert len(found) == 2
+
+
+@pytest.mark.parametrize("name", sorted(KNOW_NO_CATEGORIES))
+def test_where_categories_are_not_known_the_place_is_all(name):
+    assert len(families(TRACKERS.make(name))) == 1
 
 
 def test_values_that_are_no_boxes_never_reach_a_tracker():
