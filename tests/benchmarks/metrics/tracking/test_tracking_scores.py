@@ -104,6 +104,63 @@ def test_errors_of_position_and_velocity() -> None:
     assert s.velocity_rmse_m_s.value == pytest.approx(5.0)
 
 
+def test_perfect_tracks_in_all_other_scores() -> None:
+    s = score(*episode([({1: A, 2: B}, {7: A, 8: B})] * 50)).named()
+    best = (
+        "det_re", "det_pr", "ass_re", "ass_pr", "motp", "idp", "idr", "recall", "precision",
+        "samota", "amota", "amotp", "inside_position", "inside_state",
+    )  # fmt: skip
+    assert [s[name].value for name in best] == pytest.approx([1.0] * len(best))
+    none = (
+        "ospa_m", "gospa_m", "partially_tracked", "heading_rmse_deg", "heading_reversed",
+        "nees_position", "nees_state",
+    )  # fmt: skip
+    assert [s[name].value for name in none] == [0.0] * len(none)
+    assert math.isnan(s["kept_through_occlusion"].value)
+    assert math.isnan(s["reassociation_frames"].value)
+
+
+def test_tracks_after_an_occlusion() -> None:
+    seen, hidden = truth([A], ids=[1]), truth([A], ids=[1], returns=0)
+    truths = [seen, hidden, hidden, seen, seen, seen, hidden, seen]
+    ids = [[7], [7], [7], [], [7], [7], [], [8]]
+    s = score([tracks([A] * len(i), i) for i in ids], truths)
+    assert (s.kept_through_occlusion.value, s.kept_through_occlusion.n) == (0.5, 2)
+    assert (s.reassociation_frames.value, s.reassociation_frames.n) == (0.5, 2)
+
+
+def test_sets_of_tracks_and_objects() -> None:
+    s = score(*episode([({1: A, 2: B}, {7: [10.0, 0.5]}), ({}, {})]))
+    # Half a metre and one missing: over two objects, and in sum; then nothing at all.
+    assert s.ospa_m.value == (0.5 + 2.0) / 2 / 2
+    assert s.gospa_m.value == (0.5 + 1.0) / 2
+
+
+def test_headings_and_consistency() -> None:
+    """Unit covariances and an error of 3 m/s and 4 m/s."""
+    there = truth([A], velocities=np.array([[10.0, 0.0]]), yaws=np.array([3.0]))
+    s = score([tracks([[10.0, 0.6]], [7], velocities=np.array([[13.0, 4.0]]))], [there])
+    assert s.heading_rmse_deg.value == pytest.approx(math.degrees(3.0))
+    assert s.heading_reversed.value == 1.0
+    assert s.nees_position.value == pytest.approx(0.36 / 2)
+    assert s.nees_state.value == pytest.approx((0.36 + 25) / 4)
+    assert (s.inside_position.value, s.inside_state.value) == (1.0, 0.0)
+
+
+def test_any_similarity() -> None:
+    """Half a length ahead: within 2 m but a third of the boxes only."""
+    ahead = [12.0, 0.0]
+    followed, truths = episode([({1: A}, {7: ahead})] * 3)
+    pairings = RULE.pairings(followed, truths)
+    assert score_tracks(followed, truths, pairings).mota.value == 1.0
+    by_box = score_tracks(followed, truths, pairings, similarity="iou_3d")
+    assert by_box.mota.value == -1.0
+    loose = score_tracks(followed, truths, pairings, similarity="iou_bev", threshold=0.25)
+    assert loose.mota.value == 1.0
+    assert loose.motp.value == pytest.approx(2.5 / 6.5)
+    assert loose.motp_m.value == 2.0
+
+
 def test_an_empty_episode_has_no_mota() -> None:
     s = score([tracks([], [])], [truth([])])
     assert math.isnan(s.mota.value)
