@@ -1,0 +1,122 @@
+"""Interacting multiple models (Blom and Bar-Shalom 1988), for all targets at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core import Detections
+from roadscope.trackers.kalman import Gaussians, innovations, updated
+from roadscope.trackers.place_filter import PlaceFilter
+from roadscope.trackers.rows import Rows
+from roadscope.trackers.settings import check_positive
+
+SHARED = 4
+"""All states begin with x, y, vx, vy."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Modes(Rows):
+    """N targets as three models see them.
+
+    velocity, acceleration, turn: beliefs by each model, conditional on its being right.
+    shares: (N, 3) probabilities that it is.
+    """
+
+    velocity: Gaussians
+    acceleration: Gaussians
+    turn: Gaussians
+    shares: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.shares)
+
+    @property
+    def parts(self) -> tuple[Gaussians, ...]:
+        """The beliefs by model, in the order of `shares`."""
+        return self.velocity, self.acceleration, self.turn
+
+    @property
+    def mixture(self) -> Gaussians:
+        """Mean and covariance of x, y, vx, vy over all models."""
+        means = np.stack([part.means[:, :SHARED] for part in self.parts])
+        covariances = np.stack([part.covariances[:, :SHARED, :SHARED] for part in self.parts])
+        return moments(means, covariances, self.shares)
+
+
+@dataclass(frozen=True, slots=True)
+class ImmFilter:
+    """Three filters that exchange what they believe before every prediction.
+
+    filters: in the order of `Modes`.
+    sojourn_s: mean time for which a target keeps to one model; then it is in either other.
+    """
+
+    filters: tuple[PlaceFilter, PlaceFilter, PlaceFilter]
+    sojourn_s: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_positive(sojourn_s=self.sojourn_s)
+
+    def started(self, targets: Detections) -> Modes:
+        """Begin with (N,) detections, all models alike."""
+        v, a, t = (each.started(targets) for each in self.filters)
+        return Modes(v, a, t, np.full((len(targets), 3), 1 / 3))
+
+    def transition(self, dt: float) -> np.ndarray:
+        """Return (3, 3) probabilities of going from one model to another in dt seconds."""
+        settled = np.exp(-1.5 * dt / self.sojourn_s)
+        chain: np.ndarray = settled * np.eye(3) + (1 - settled) / 3
+        return chain
+
+    def predicted(self, modes: Modes, dt: float) -> Modes:
+        """Mix, then move each model's belief on by dt seconds."""
+        flow = modes.shares[:, :, None] * self.transition(dt)
+        shares = flow.sum(axis=1)
+        mixing = flow / shares[:, None]
+        v, a, t = (
+            each.predicted(mixed(modes.parts, mixing[:, :, j], j), dt)
+            for j, each in enumerate(self.filters)
+        )
+        return Modes(v, a, t, shares)
+
+    def corrected(self, modes: Modes, places: np.ndarray) -> Modes:
+        """Take a measured place for each, (N, 2), which also says which model is right."""
+        parts, likelihoods = [], np.empty_like(modes.shares)
+        for j, (each, part) in enumerate(zip(self.filters, modes.parts, strict=True)):
+            innovation = innovations(part, places, each.H, each.R)
+            parts.append(updated(part, innovation, each.H, each.R))
+            likelihoods[:, j] = innovation.log_likelihoods
+        likelihoods -= likelihoods.max(axis=1, keepdims=True)
+        shares = modes.shares * np.exp(likelihoods)
+        return Modes(parts[0], parts[1], parts[2], shares / shares.sum(axis=1, keepdims=True))
+
+
+def mixed(parts: tuple[Gaussians, ...], weights: np.ndarray, j: int) -> Gaussians:
+    """Return what model j starts from: the mean and covariance over all, by (N, K) weights.
+
+    Models share x, y, vx, vy only. Of what model j knows beyond, the others say nothing, so for
+    them its own belief stands, independent of theirs (Granstrom, Willett and Bar-Shalom 2015).
+    """
+    own = parts[j]
+    means = np.repeat(own.means[None], len(parts), axis=0)
+    covariances = np.repeat(own.covariances[None], len(parts), axis=0)
+    for i, part in enumerate(parts):
+        if i != j:
+            means[i, :, :SHARED] = part.means[:, :SHARED]
+            covariances[i, :, :SHARED, SHARED:] = 0
+            covariances[i, :, SHARED:, :SHARED] = 0
+            covariances[i, :, :SHARED, :SHARED] = part.covariances[:, :SHARED, :SHARED]
+    return moments(means, covariances, weights)
+
+
+def moments(means: np.ndarray, covariances: np.ndarray, weights: np.ndarray) -> Gaussians:
+    """Return mean and covariance of N mixtures.
+
+    means: (K, N, D); covariances: (K, N, D, D); weights: (N, K).
+    """
+    mean = np.einsum("nk,knd->nd", weights, means)
+    apart = means - mean
+    spread = covariances + apart[..., :, None] * apart[..., None, :]
+    return Gaussians(mean, np.einsum("nk,kndc->ndc", weights, spread))
