@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
-import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from roadscope.benchmarks.cache import cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode, timeline_of, timeline_path
@@ -28,6 +21,7 @@ from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.stack import prints_aside
 from roadscope.benchmarks.store import Outcome, Store, StoredJob
 from roadscope.benchmarks.suite import Suite, load_suite
+from roadscope.benchmarks.workers import WorkerError, in_parallel
 
 DATABASE = "results.sqlite"
 T = TypeVar("T")
@@ -163,62 +157,12 @@ def _each(
     """Apply a function to items in any order and tell the progress."""
     if items:
         progress(stage, 0, len(items))
-    for done, (index, result) in enumerate(_parallel(function, items, jobs), start=1):
-        yield items[index], result
-        progress(stage, done, len(items))
-
-
-def _parallel(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[tuple[int, R]]:
-    if jobs == 1 or len(items) < 2:
-        for index, item in enumerate(items):
-            yield index, function(item)
-        return
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    pool = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-    tasks = (
-        delayed(_in_worker)(os.getpid(), function, index, item) for index, item in enumerate(items)
-    )
     try:
-        with warnings.catch_warnings():
-            # loky replaces workers that have grown and says so.
-            warnings.filterwarnings("ignore", "A worker stopped", UserWarning)
-            with _interrupts_held():
-                results = pool(tasks)
-            yield from results
-    except TerminatedWorkerError as error:
+        for done, (index, result) in enumerate(in_parallel(function, items, jobs), start=1):
+            yield items[index], result
+            progress(stage, done, len(items))
+    except WorkerError as error:
         raise RunError(
             "a worker process died (out of memory, or a plug-in that ends its process); finished "
             "results are kept, run again to go on, with --jobs 1 to see which entry it is"
         ) from error
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Block Ctrl-C while workers start: they inherit that for good, and end with the runner."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _in_worker(runner: int, function: Callable[[Any], R], index: int, item: Any) -> tuple[int, R]:
-    _leave_with(runner)
-    return index, function(item)
-
-
-@cache
-def _leave_with(runner: int) -> None:
-    """End this worker soon after the process that runs the suite was killed."""
-
-    def watch() -> None:
-        while os.getppid() == runner:
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

@@ -16,12 +16,16 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
+class WorkerError(RuntimeError):
+    """A worker process died."""
+
+
 def in_parallel(
     function: Callable[[T], R], items: Sequence[T], jobs: int
 ) -> Iterator[tuple[int, R]]:
     """Yield index and result of each item as they are done; with one job in order, in here.
 
-    jobs: processes. RuntimeError when one of them died.
+    jobs: processes. `WorkerError` when one of them died.
     """
     if jobs == 1 or len(items) < 2:
         for index, item in enumerate(items):
@@ -42,7 +46,7 @@ def in_parallel(
                 results = pool(tasks)
             yield from results
     except TerminatedWorkerError as error:
-        raise RuntimeError("a worker process died (out of memory?); try fewer --jobs") from error
+        raise WorkerError("a worker process died (out of memory?); try fewer --jobs") from error
 
 
 @contextmanager

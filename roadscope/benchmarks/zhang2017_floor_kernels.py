@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 IMPOSSIBLE = -60.0
 """Log-likelihood of a return where nothing can have sent it: finite, so that of many bad poses

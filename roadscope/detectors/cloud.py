@@ -8,9 +8,9 @@ import numpy as np
 
 from roadscope.core import LidarScan, Pose
 from roadscope.core.checks import settle_arrays
+from roadscope.core.jit import compiled
 from roadscope.core.record import Record
 from roadscope.detectors.sorting import order_by
-from roadscope.envs.raycast.jit import compiled
 
 
 @dataclass(frozen=True, slots=True, eq=False)

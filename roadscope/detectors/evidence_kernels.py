@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 CELL_M = 4.0
 """Side of the cells that returns are sorted into."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core import wrap_angle
+from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.sorting import order_by, order_within, starts_of
-from roadscope.envs.raycast.jit import compiled
 
 NEARER_M = 0.6
 """What lies this much nearer than an end hides what is beyond it; three standard deviations of

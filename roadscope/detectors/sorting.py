@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 BUCKETS = 1 << 16
 """Counting sort is used up to this many distinct values, or eight a row, whichever is more."""

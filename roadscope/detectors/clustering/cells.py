@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.sorting import order_by
-from roadscope.envs.raycast.jit import compiled
 
 SPAN = 2
 """Cells to either side within which two points can be a diagonal of a cell apart."""

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.clustering.cells import boxes, neighbours, sort_cells
 from roadscope.detectors.clustering.union import join, root_of
-from roadscope.envs.raycast.jit import compiled
 
 OUTLIER = -1
 """Label of a return that belongs to no cluster."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import wrap_angle
+from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.density import OUTLIER
 from roadscope.detectors.clustering.union import join, root_of
 from roadscope.detectors.sorting import order_by, starts_of
-from roadscope.envs.raycast.jit import compiled
 
 SPACINGS = 2.0
 """Neighbours on a face across the beam are one spacing apart; one lost return is bridged."""

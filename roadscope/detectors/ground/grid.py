@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
-from roadscope.envs.raycast.jit import compiled
 
 MOST_CELLS = 4_000_000
 """A larger grid, 1000 m square at half a metre, is not laid out: its cells are sorted instead."""

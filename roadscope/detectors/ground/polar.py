@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
-from roadscope.envs.raycast.jit import compiled
 
 MOST_BINS = 4096
 """The last bin of a segment takes all that lies beyond."""

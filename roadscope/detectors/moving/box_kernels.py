@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 TURNS = 12
 """Headings tried over half a turn: 7.5 degrees off, the box is still wider than a car."""

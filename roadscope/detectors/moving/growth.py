@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.shape.bodies import LONGEST_M, WIDEST_M
-from roadscope.envs.raycast.jit import compiled
 
 LINK_M = 1.0
 """Parts of one body come this near to each other; cars in a queue keep farther apart."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Category
+from roadscope.core.jit import compiled
 from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.shape.bodies import BODIES, Body
-from roadscope.envs.raycast.jit import compiled
 
 VEHICLES = (Category.CAR, Category.VAN, Category.TRUCK)
 TWO_WHEELERS = [b for b in BODIES if b.category is Category.MOTORCYCLE]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 OCCUPIED_M = 0.5
 """A return this near in range says that the place was taken: three standard deviations of range

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.pose.body_kernels import POSE, Rays
 from roadscope.detectors.pose.body_misfits import misfits
 from roadscope.detectors.pose.body_model import UNKNOWNS, fill_parts
-from roadscope.envs.raycast.jit import compiled
 
 
 class Drawn(NamedTuple):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 HIT, PASSED, EMPTY = 0, 1, 2
 """A return of the body, a return from behind it, no return."""

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.pose.body_kernels import (
     AFT_REACH,
     AFT_X,
@@ -31,7 +32,6 @@ from roadscope.detectors.pose.body_kernels import (
     seen,
     support,
 )
-from roadscope.envs.raycast.jit import compiled
 
 SURPRISE = 3.5
 """Most that a ray that passed disagrees: one in 500 is lost on a body, or goes through a window."""

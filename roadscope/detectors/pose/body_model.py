@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.pose.body_kernels import (
     AFT,
     AFT_REACH,
@@ -28,7 +29,6 @@ from roadscope.detectors.pose.body_kernels import (
     TAIL,
     TOP,
 )
-from roadscope.envs.raycast.jit import compiled
 
 UNKNOWNS = 5
 """Length, width, corner radius, set-backs of the nose and of the tail."""

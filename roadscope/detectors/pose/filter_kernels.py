@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 REACH = 4.0
 """Standard deviations after which the smoothed edge of a template is cut off."""

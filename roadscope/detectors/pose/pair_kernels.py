@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.pose.filter_kernels import (
     gaussian_taps,
     grid_half,
@@ -14,7 +15,6 @@ from roadscope.detectors.pose.filter_kernels import (
     respond,
     summit,
 )
-from roadscope.envs.raycast.jit import compiled
 
 
 class Views(NamedTuple):

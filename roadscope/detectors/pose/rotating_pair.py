@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.pose.pair_kernels import FIXED, Filter, Views, merge, sweep
-from roadscope.envs.raycast.jit import compiled
 
 COARSE_DEG = 4.0
 """Step of the first round, in which the edges are smoothed by as much as half of it turns them."""

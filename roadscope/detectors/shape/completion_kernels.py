@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 FACE_M = 0.4
 """How deep a face is taken to be: range noise, and corners of 0.35 m."""

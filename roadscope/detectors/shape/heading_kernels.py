@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 
 AREA, CLOSENESS, VARIANCE = 0, 1, 2
 COARSE, FINE = 60, 6

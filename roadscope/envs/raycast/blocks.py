@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 from roadscope.envs.raycast.lanes import WIDTH
 
 SLACK = 1e-9

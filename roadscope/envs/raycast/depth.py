@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core import GROUND
+from roadscope.core.jit import compiled
 from roadscope.envs.raycast.blocks import Blocks, Rays
-from roadscope.envs.raycast.jit import compiled
 from roadscope.envs.raycast.lanes import (
     WIDTH,
     flip,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.envs.raycast.blocks import SLACK, Blocks, Rays, arrange
 from roadscope.envs.raycast.depth import Depth, Surfaces, clear, load_columns, store
-from roadscope.envs.raycast.jit import compiled
 from roadscope.envs.raycast.lanes import WIDTH, least, load, put
 from roadscope.envs.raycast.lines import (
     LINES,

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.envs.raycast.blocks import Blocks, Rays
 from roadscope.envs.raycast.depth import Depth
-from roadscope.envs.raycast.jit import compiled
 from roadscope.envs.raycast.lanes import WIDTH, count, load, pick, put, spread
 from roadscope.envs.raycast.shapes import Shapes
 from roadscope.envs.world.prisms import MAX_EDGES

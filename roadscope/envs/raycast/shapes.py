@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.envs.raycast.jit import compiled
+from roadscope.core.jit import compiled
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world.prisms import MAX_EDGES, Prisms
 

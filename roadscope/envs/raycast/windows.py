@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.envs.raycast.blocks import SLACK, Blocks, Rays, pseudo_angle
-from roadscope.envs.raycast.jit import compiled
 from roadscope.envs.raycast.shapes import STILL, Shapes
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import WEATHER
+from roadscope.core.jit import compiled
 from roadscope.envs.raycast.cast import NOTHING
-from roadscope.envs.raycast.jit import compiled
 from roadscope.envs.raycast.lines import mix
 from roadscope.envs.sensors.backscatter import OVERLAP_M, Echoes
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.envs.raycast.cast import NOTHING
-from roadscope.envs.raycast.jit import compiled
 
 
 @compiled()

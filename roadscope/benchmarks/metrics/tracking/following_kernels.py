@@ -1,4 +1,8 @@
-"""Who follows whom, frame after frame, compiled."""
+"""Who follows whom, frame after frame, compiled.
+
+starts: where the objects, tracks and pairs of each frame begin; places: the numbers of objects
+and tracks.
+"""
 
 from __future__ import annotations
 
@@ -6,49 +10,108 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 
-KEPT = 2
+CONTINUED = 1000.0
+"""Outweighs all similarities of a frame, so that what was matched stays so."""
+NOBODY = -1
+
+Two = tuple[np.ndarray, np.ndarray]
+Three = tuple[np.ndarray, np.ndarray, np.ndarray]
+Four = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @compiled()
 def follow_on(
-    frame: int,
-    starts: np.ndarray,
-    places: tuple[np.ndarray, np.ndarray],
-    memory: tuple[np.ndarray, np.ndarray, np.ndarray],
-    matched: np.ndarray,
+    frame: int, starts: Three, places: Two, close: tuple[np.ndarray, float], memory: Four
 ) -> int:
     """Match frame after frame; return the first in which an assignment has to be sought, or T.
 
-    starts: (T + 1,) where the candidates of each frame begin.
-    places: numbers of object and track of each candidate.
-    memory: of each object the track that it had in the frame before, otherwise -1; twice room
-        for counts, 0 for each object and each track; (T,) bool, frames with objects and tracks.
-    matched: (candidates,) bool, written.
+    close: similarities of all pairs, and from which on a pair can be matched.
+    memory: (objects,) the track of each in the frame before; (tracks,) room for columns, -1;
+        (T,) bool, frames with objects and tracks that count; (P,) pair of each matched object,
+        written, otherwise -1.
     """
-    objects, tracks = places
-    previous, uses, counted = memory
-    shift = len(previous)
-    for t in range(frame, len(starts) - 1):
-        if not counted[t]:
+    previous, column_of, counted, match = memory
+    if frame > 0 and counted[frame - 1]:
+        _remember(frame - 1, starts, places, previous, match)
+    for t in range(frame, len(counted)):
+        if counted[t]:
+            if not _match_frame(t, starts, places, close, memory):
+                return t
+            _remember(t, starts, places, previous, match)
+    return len(counted)
+
+
+@compiled()
+def _match_frame(
+    t: int, starts: Three, places: Two, close: tuple[np.ndarray, float], memory: Four
+) -> bool:
+    """Match what is without doubt; return whether that is all.
+
+    Pairs of the frame before stay. Of the rest there is no doubt while no object and no track
+    has two pairs that could be matched.
+    """
+    similarities, least = close
+    previous, column_of, _, match = memory
+    first, columns = starts[1][t], starts[1][t + 1] - starts[1][t]
+    taken = np.zeros(columns, np.bool_)
+    for j in range(columns):
+        column_of[places[1][first + j]] = j
+    for i in range(starts[0][t], starts[0][t + 1]):
+        match[i] = NOBODY
+        offset = starts[2][t] + (i - starts[0][t]) * columns
+        before = previous[places[0][i]]
+        j = column_of[before] if before != NOBODY else NOBODY
+        if j != NOBODY and similarities[offset + j] >= least:
+            match[i] = offset + j
+            taken[j] = True
+    for j in range(columns):
+        column_of[places[1][first + j]] = NOBODY
+    kept = taken.copy()
+    for i in range(starts[0][t], starts[0][t + 1]):
+        offset = starts[2][t] + (i - starts[0][t]) * columns
+        if match[i] != NOBODY:
             continue
-        first, last = starts[t], starts[t + 1]
-        for p in range(first, last):
-            matched[p] = previous[objects[p]] == tracks[p]
-            if matched[p]:
-                uses[objects[p]] = uses[shift + tracks[p]] = KEPT
-        doubtful = False
-        for p in range(first, last):
-            g, k = objects[p], shift + tracks[p]
-            if not matched[p] and uses[g] != KEPT and uses[k] != KEPT:
-                doubtful = doubtful or uses[g] > 0 or uses[k] > 0
-                uses[g] = uses[k] = 1
-                matched[p] = True
-        for p in range(first, last):
-            uses[objects[p]] = uses[shift + tracks[p]] = 0
-        if doubtful:
-            return t
-        previous[:] = -1
-        for p in range(first, last):
-            if matched[p]:
-                previous[objects[p]] = tracks[p]
-    return len(starts) - 1
+        for j in range(columns):
+            if similarities[offset + j] >= least and not kept[j]:
+                if match[i] != NOBODY or taken[j]:
+                    return False
+                match[i] = offset + j
+                taken[j] = True
+    return True
+
+
+@compiled()
+def _remember(
+    t: int, starts: Three, places: Two, previous: np.ndarray, match: np.ndarray
+) -> None:
+    columns = max(starts[1][t + 1] - starts[1][t], 1)
+    previous[:] = NOBODY
+    for i in range(starts[0][t], starts[0][t + 1]):
+        if match[i] != NOBODY:
+            column = (match[i] - starts[2][t]) % columns
+            previous[places[0][i]] = places[1][starts[1][t] + column]
+
+
+@compiled()
+def write_costs(
+    t: int, starts: Three, places: Two, close: tuple[np.ndarray, float], costs: np.ndarray
+) -> None:
+    """Write the costs of one frame's assignment without what was matched before."""
+    similarities, least = close
+    for n in range(starts[2][t + 1] - starts[2][t]):
+        value = similarities[starts[2][t] + n]
+        costs[n] = -value if value >= least else 0.0
+
+
+@compiled()
+def count_covered(
+    starts: Three, places: Two, similarities: np.ndarray, threshold: float, together: np.ndarray
+) -> None:
+    """Add to (objects, tracks) the number of frames in which they reach the threshold."""
+    for t in range(len(starts[0]) - 1):
+        pair = starts[2][t]
+        for i in range(starts[0][t], starts[0][t + 1]):
+            for j in range(starts[1][t], starts[1][t + 1]):
+                if similarities[pair] >= threshold:
+                    together[places[0][i], places[1][j]] += 1
+                pair += 1
