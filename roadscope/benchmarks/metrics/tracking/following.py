@@ -10,8 +10,7 @@ from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core.record import Record
 
 EPSILON = float(np.finfo(float).eps)
-CONTINUED = 1000.0
-"""Outweighs all similarities of a frame, so that what was matched stays so."""
+NOBODY = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,19 +44,11 @@ def follow(
     """
     if not 0 < threshold <= 1:
         raise ValueError(f"threshold: expected above 0 and up to 1, got {threshold:g}")
-    pairs = np.flatnonzero(sequence.similarities >= threshold - EPSILON)
-    frames, rows, columns = sequence.places(pairs)
-    objects, tracks = sequence.truths[rows], sequence.tracks[columns]
-    if alive is not None:
-        kept = alive[tracks]
-        pairs, frames, rows = pairs[kept], frames[kept], rows[kept]
-        columns, objects, tracks = columns[kept], objects[kept], tracks[kept]
-    every = Following(pairs, frames, rows, columns, objects, tracks)
     there = np.ones(len(sequence.tracks), bool) if alive is None else alive[sequence.tracks]
-    chosen = _matched(sequence, every, threshold, there)
-    return Following(
-        *(a[chosen] for a in (pairs, frames, rows, columns, objects, tracks)),
-    )
+    match = _matched(sequence, threshold - EPSILON, there)
+    pairs = match[match != NOBODY]
+    frames, rows, columns = sequence.places(pairs)
+    return Following(pairs, frames, rows, columns, sequence.truths[rows], sequence.tracks[columns])
 
 
 def frames_with_both(sequence: TrackedSequence, there: np.ndarray) -> np.ndarray:
@@ -68,46 +59,26 @@ def frames_with_both(sequence: TrackedSequence, there: np.ndarray) -> np.ndarray
     return both
 
 
-def _matched(
-    sequence: TrackedSequence, candidates: Following, threshold: float, there: np.ndarray
-) -> np.ndarray:
-    """Return which candidates are matched; kernel and solver take turns."""
-    from roadscope.benchmarks.metrics.tracking.following_kernels import follow_on
-
-    starts = np.searchsorted(candidates.frames, np.arange(len(sequence) + 1))
-    previous = np.full(sequence.objects, -1)
-    uses = np.zeros(sequence.objects + sequence.followers, np.uint8)
-    memory = previous, uses, frames_with_both(sequence, there)
-    matched = np.zeros(len(candidates.pairs), bool)
-    places = candidates.objects, candidates.tracks
-    matrices = sequence.matrices(sequence.similarities)
-    frame = -1
-    while (frame := follow_on(frame + 1, starts, places, memory, matched)) < len(sequence):
-        part = slice(starts[frame], starts[frame + 1])
-        objects = sequence.truths[sequence.truth_starts[frame] : sequence.truth_starts[frame + 1]]
-        columns = slice(sequence.track_starts[frame], sequence.track_starts[frame + 1])
-        continued = previous[objects][:, None] == sequence.tracks[columns]
-        best = _best(matrices[frame], continued, threshold, there[columns])
-        matched[part] = best[candidates.pairs[part] - sequence.pair_starts[frame]]
-        previous[:] = -1
-        chosen = np.flatnonzero(matched[part]) + starts[frame]
-        previous[candidates.objects[chosen]] = candidates.tracks[chosen]
-    return matched
-
-
-def _best(
-    similarity: np.ndarray, continued: np.ndarray, threshold: float, there: np.ndarray
-) -> np.ndarray:
-    """Return the best assignment of one frame, bool for each pair of its matrix, joined.
-
-    continued: (M, N) bool, pairs of the frame before; there: (N,) bool, tracks that count.
-    """
+def _matched(sequence: TrackedSequence, least: float, there: np.ndarray) -> np.ndarray:
+    """Return (P,) int64, the pair of each matched object; kernel and solver take turns."""
     from scipy.optimize import linear_sum_assignment
 
-    value = CONTINUED * continued + similarity
-    value[similarity < threshold - EPSILON] = 0
-    best = np.zeros(similarity.shape, bool)
-    columns = np.flatnonzero(there)
-    row, column = linear_sum_assignment(-value[:, columns])
-    best[row, columns[column]] = True
-    return best.ravel()
+    from roadscope.benchmarks.metrics.tracking.following_kernels import follow_on
+
+    places, close = (sequence.truths, sequence.tracks), (sequence.similarities, there, least)
+    match = np.full(len(sequence.truths), NOBODY)
+    costs = np.empty((sequence.truth_counts * sequence.track_counts).max(initial=0))
+    previous, room = np.full(sequence.objects, NOBODY), np.full(sequence.followers, NOBODY)
+    memory = previous, room, frames_with_both(sequence, there), match, costs
+    rows, columns, pairs = (starts.tolist() for starts in sequence.starts)
+    everybody, t = there.all(), -1
+    while (t := follow_on(t + 1, sequence.starts, places, close, memory)) < len(sequence):
+        height, width = rows[t + 1] - rows[t], columns[t + 1] - columns[t]
+        kept = None if everybody else np.flatnonzero(there[columns[t] : columns[t + 1]])
+        cost = costs[: height * (width if kept is None else len(kept))].reshape(height, -1)
+        row, column = linear_sum_assignment(cost)
+        real = cost[row, column] < -EPSILON
+        row, column = row[real], column[real]
+        match[rows[t] : rows[t + 1]] = NOBODY
+        match[rows[t] + row] = pairs[t] + row * width + (column if kept is None else kept[column])
+    return match

@@ -16,46 +16,46 @@ NOBODY = -1
 
 Two = tuple[np.ndarray, np.ndarray]
 Three = tuple[np.ndarray, np.ndarray, np.ndarray]
-Four = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+Close = tuple[np.ndarray, np.ndarray, float]
+Five = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @compiled()
-def follow_on(
-    frame: int, starts: Three, places: Two, close: tuple[np.ndarray, float], memory: Four
-) -> int:
+def follow_on(frame: int, starts: Three, places: Two, close: Close, memory: Five) -> int:
     """Match frame after frame; return the first in which an assignment has to be sought, or T.
 
-    close: similarities of all pairs, and from which on a pair can be matched.
+    close: similarities of all pairs; (Q,) bool, tracks that count; the least similarity.
     memory: (objects,) the track of each in the frame before; (tracks,) room for columns, -1;
         (T,) bool, frames with objects and tracks that count; (P,) pair of each matched object,
-        written, otherwise -1.
+        written, otherwise -1; the costs of the assignment that has to be sought, written, row by
+        row, of tracks that count.
     """
-    previous, column_of, counted, match = memory
+    previous, _, counted, match, costs = memory
     if frame > 0 and counted[frame - 1]:
         _remember(frame - 1, starts, places, previous, match)
     for t in range(frame, len(counted)):
         if counted[t]:
             if not _match_frame(t, starts, places, close, memory):
+                _write_costs(t, starts, places, close, (previous, costs))
                 return t
             _remember(t, starts, places, previous, match)
     return len(counted)
 
 
 @compiled()
-def _match_frame(
-    t: int, starts: Three, places: Two, close: tuple[np.ndarray, float], memory: Four
-) -> bool:
+def _match_frame(t: int, starts: Three, places: Two, close: Close, memory: Five) -> bool:
     """Match what is without doubt; return whether that is all.
 
     Pairs of the frame before stay. Of the rest there is no doubt while no object and no track
     has two pairs that could be matched.
     """
-    similarities, least = close
-    previous, column_of, _, match = memory
+    similarities, there, least = close
+    previous, column_of, _, match, _ = memory
     first, columns = starts[1][t], starts[1][t + 1] - starts[1][t]
     taken = np.zeros(columns, np.bool_)
     for j in range(columns):
-        column_of[places[1][first + j]] = j
+        taken[j] = not there[first + j]
+        column_of[places[1][first + j]] = NOBODY if taken[j] else j
     for i in range(starts[0][t], starts[0][t + 1]):
         match[i] = NOBODY
         offset = starts[2][t] + (i - starts[0][t]) * columns
@@ -81,9 +81,7 @@ def _match_frame(
 
 
 @compiled()
-def _remember(
-    t: int, starts: Three, places: Two, previous: np.ndarray, match: np.ndarray
-) -> None:
+def _remember(t: int, starts: Three, places: Two, previous: np.ndarray, match: np.ndarray) -> None:
     columns = max(starts[1][t + 1] - starts[1][t], 1)
     previous[:] = NOBODY
     for i in range(starts[0][t], starts[0][t + 1]):
@@ -93,14 +91,19 @@ def _remember(
 
 
 @compiled()
-def write_costs(
-    t: int, starts: Three, places: Two, close: tuple[np.ndarray, float], costs: np.ndarray
-) -> None:
-    """Write the costs of one frame's assignment without what was matched before."""
-    similarities, least = close
-    for n in range(starts[2][t + 1] - starts[2][t]):
-        value = similarities[starts[2][t] + n]
-        costs[n] = -value if value >= least else 0.0
+def _write_costs(t: int, starts: Three, places: Two, close: Close, memory: Two) -> None:
+    similarities, there, least = close
+    previous, costs = memory
+    n, pair = 0, starts[2][t]
+    for i in range(starts[0][t], starts[0][t + 1]):
+        before = previous[places[0][i]]
+        for j in range(starts[1][t], starts[1][t + 1]):
+            if there[j]:
+                bonus = CONTINUED if places[1][j] == before else 0.0
+                far = similarities[pair] < least
+                costs[n] = 0.0 if far else -(bonus + similarities[pair])
+                n += 1
+            pair += 1
 
 
 @compiled()
@@ -112,6 +115,5 @@ def count_covered(
         pair = starts[2][t]
         for i in range(starts[0][t], starts[0][t + 1]):
             for j in range(starts[1][t], starts[1][t + 1]):
-                if similarities[pair] >= threshold:
-                    together[places[0][i], places[1][j]] += 1
+                together[places[0][i], places[1][j]] += similarities[pair] >= threshold
                 pair += 1

@@ -106,34 +106,41 @@ def hota(sequence: TrackedSequence) -> Hota:
 
 
 def _assigned(sequence: TrackedSequence) -> np.ndarray:
-    """Return the best pairs of all frames; those without value may or may not be among them."""
+    """Return the best pairs of all frames; kernel and solver take turns.
+
+    Pairs that are worth nothing may or may not be among them.
+    """
     from scipy.optimize import linear_sum_assignment
 
-    from roadscope.benchmarks.metrics.tracking.hota_kernels import weigh
+    from roadscope.benchmarks.metrics.tracking.hota_kernels import NOBODY, assign_on
 
-    starts = (sequence.truth_starts, sequence.track_starts, sequence.pair_starts)
-    costs = np.empty_like(sequence.similarities)
-    places = sequence.truths, sequence.tracks
-    best, sure = weigh(starts, places, _alignment(sequence), sequence.similarities, costs)
-    chosen = [np.flatnonzero(best)]
-    matrices = sequence.matrices(costs)
-    for t in np.flatnonzero(~sure).tolist():
-        rows, columns = linear_sum_assignment(matrices[t])
-        chosen.append(sequence.pair_starts[t] + rows * matrices[t].shape[1] + columns)
-    return np.concatenate(chosen)
+    places, worth = (
+        (sequence.truths, sequence.tracks),
+        (_alignment(sequence), sequence.similarities),
+    )
+    match = np.full(len(sequence.truths), NOBODY)
+    costs = np.empty((sequence.truth_counts * sequence.track_counts).max(initial=0))
+    rows, columns, pairs = (starts.tolist() for starts in sequence.starts)
+    t = -1
+    while (t := assign_on(t + 1, sequence.starts, places, worth, (match, costs))) < len(sequence):
+        height, width = rows[t + 1] - rows[t], columns[t + 1] - columns[t]
+        row, column = linear_sum_assignment(costs[: height * width].reshape(height, width))
+        match[rows[t] : rows[t + 1]] = NOBODY
+        match[rows[t] + row] = pairs[t] + row * width + column
+    pairs_found: np.ndarray = match[match != NOBODY]
+    return pairs_found
 
 
 def _alignment(sequence: TrackedSequence) -> np.ndarray:
     """How well each object fits each track over the whole sequence, (objects, tracks), 0 to 1."""
     from roadscope.benchmarks.metrics.tracking.hota_kernels import add_potential
 
-    starts = (sequence.truth_starts, sequence.track_starts, sequence.pair_starts)
     matrices = sequence.matrices(sequence.similarities)
     # NumPy sums in an order of its own, to which ties between assignments are sensitive.
     sums = tuple(np.concatenate([np.empty(0), *(m.sum(axis) for m in matrices)]) for axis in (1, 0))
     potential = np.zeros((sequence.objects, sequence.followers))
     places = sequence.truths, sequence.tracks
-    add_potential(starts, places, (sums[0], sums[1]), sequence.similarities, potential)
+    add_potential(sequence.starts, places, (sums[0], sums[1]), sequence.similarities, potential)
     of_truths, of_tracks = _lives(sequence)
     aligned: np.ndarray = potential / (of_truths[:, None] + of_tracks[None] - potential)
     return aligned
@@ -145,7 +152,9 @@ def _association(
     """Sum over hits how much of both lives, of the object's and of the track's is shared."""
     _, rows, columns = sequence.places(pairs)
     objects, tracks = sequence.truths[rows], sequence.tracks[columns]
-    keys, which = np.unique(objects * max(sequence.followers, 1) + tracks, return_inverse=True)
+    codes = objects * max(sequence.followers, 1) + tracks
+    used = np.bincount(codes) > 0
+    keys, which = np.flatnonzero(used), used.cumsum()[codes] - 1
     counts = np.bincount(which * (len(ALPHAS) + 1) + reached, minlength=len(keys) * 20)
     together = counts.reshape(-1, len(ALPHAS) + 1)[:, :0:-1].cumsum(axis=1)[:, ::-1]
     of_truths, of_tracks = _lives(sequence)

@@ -10,6 +10,7 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 
+NOBODY = -1
 EPSILON = float(np.finfo(float).eps)
 
 Two = tuple[np.ndarray, np.ndarray]
@@ -36,38 +37,42 @@ def add_potential(
 
 
 @compiled()
-def weigh(
-    starts: Three,
-    places: Two,
-    alignment: np.ndarray,
-    similarities: np.ndarray,
-    costs: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (R,) bool, pairs that are surely the best, and (T,) bool, frames without doubt.
+def assign_on(frame: int, starts: Three, places: Two, worth: Two, found: Two) -> int:
+    """Assign frame after frame; return the first in which it has to be sought, or T.
 
-    In a frame in which no object and no track has two pairs worth anything, all that are worth
-    something are best. In other frames an assignment has to be sought: their (R,) costs are
-    written.
+    worth: alignment of (objects, tracks), and the similarities of all pairs.
+    found: (P,) the pair of each assigned object, written, otherwise -1; the costs of the
+        assignment that has to be sought, written.
     """
-    best, sure = np.zeros(len(costs), np.bool_), np.ones(len(starts[0]) - 1, np.bool_)
-    taken = np.zeros(len(places[1]), np.bool_)
-    for t in range(len(sure)):
-        first = starts[1][t]
-        columns = starts[1][t + 1] - first
-        for i in range(starts[0][t], starts[0][t + 1]):
-            offset, worthy = starts[2][t] + (i - starts[0][t]) * columns, 0
-            for j in range(columns):
-                if similarities[offset + j] > 0:
-                    best[offset + j] = True
-                    worthy += 1
-                    sure[t] = sure[t] and worthy < 2 and not taken[first + j]
-                    taken[first + j] = True
-        if sure[t]:
-            continue
-        best[starts[2][t] : starts[2][t + 1]] = False
-        for i in range(starts[0][t], starts[0][t + 1]):
-            offset = starts[2][t] + (i - starts[0][t]) * columns
-            for j in range(columns):
-                aligned = alignment[places[0][i], places[1][first + j]]
-                costs[offset + j] = -(aligned * similarities[offset + j])
-    return best, sure
+    for t in range(frame, len(starts[0]) - 1):
+        if not _assign_frame(t, starts, worth[1], found[0]):
+            _write_costs(t, starts, places, worth, found[1])
+            return t
+    return len(starts[0]) - 1
+
+
+@compiled()
+def _assign_frame(t: int, starts: Three, similarities: np.ndarray, match: np.ndarray) -> bool:
+    """Take all pairs that have anything in common; return whether no two have one in common."""
+    first, columns = starts[0][t], starts[1][t + 1] - starts[1][t]
+    taken = np.zeros(columns, np.bool_)
+    for i in range(first, starts[0][t + 1]):
+        offset = starts[2][t] + (i - first) * columns
+        for j in range(columns):
+            if similarities[offset + j] > 0:
+                if taken[j] or match[i] != NOBODY:
+                    return False
+                match[i] = offset + j
+                taken[j] = True
+    return True
+
+
+@compiled()
+def _write_costs(t: int, starts: Three, places: Two, worth: Two, costs: np.ndarray) -> None:
+    alignment, similarities = worth
+    n, first = 0, starts[2][t]
+    for i in range(starts[0][t], starts[0][t + 1]):
+        aligned = alignment[places[0][i]]
+        for j in range(starts[1][t], starts[1][t + 1]):
+            costs[n] = -(aligned[places[1][j]] * similarities[first + n])
+            n += 1

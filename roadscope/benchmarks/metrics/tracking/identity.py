@@ -49,9 +49,10 @@ def identity(sequence: TrackedSequence, threshold: float = 0.5) -> Identity:
     """
     from scipy.optimize import linear_sum_assignment
 
-    _, rows, columns = sequence.places(np.flatnonzero(sequence.similarities >= threshold))
-    keys = sequence.truths[rows] * sequence.followers + sequence.tracks[columns]
-    shape = sequence.objects, sequence.followers
-    together = np.bincount(keys, minlength=shape[0] * shape[1]).reshape(shape)
+    from roadscope.benchmarks.metrics.tracking.following_kernels import count_covered
+
+    together = np.zeros((sequence.objects, sequence.followers))
+    places = sequence.truths, sequence.tracks
+    count_covered(sequence.starts, places, sequence.similarities, threshold, together)
     hits = together[linear_sum_assignment(together, maximize=True)].sum()
     return Identity(int(hits), len(sequence.truths), len(sequence.tracks))

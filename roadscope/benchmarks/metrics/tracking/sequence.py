@@ -110,6 +110,11 @@ class TrackedSequence(Record):
     def __len__(self) -> int:
         return len(self.truth_counts)
 
+    @property
+    def starts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where the objects, the tracks and the pairs of each frame begin."""
+        return self.truth_starts, self.track_starts, self.pair_starts
+
     def matrices(self, values: np.ndarray) -> list[np.ndarray]:
         """Return T views (M, N) of (R,) values."""
         ends, shapes = self.pair_starts.tolist(), self._shapes()
