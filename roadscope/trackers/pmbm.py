@@ -1,0 +1,174 @@
+"""Poisson multi-Bernoulli mixture filter (Garcia-Fernandez, Williams, Granstrom, Svensson 2018)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from roadscope.core import Detections, Pose, Tracks, TrackState
+from roadscope.trackers.gating import barred, chi_square_gate, gated_distances, same_family
+from roadscope.trackers.jpda_existence import Existence, Sighting
+from roadscope.trackers.motion import ConstantVelocity
+from roadscope.trackers.place_filter import PlaceFilter
+from roadscope.trackers.pmbm_hypotheses import continued
+from roadscope.trackers.pmbm_mixture import Bernoullis, Mixture, free_detections
+from roadscope.trackers.settings import check_counts, check_not_negative, check_shares
+from roadscope.trackers.ticks import Tick
+from roadscope.trackers.tracklets import Tracklets
+
+
+class PmbmTracker:
+    """Many hypotheses of which detection was whose, from the first tick on, with their weights.
+
+    Targets not yet seen are a Poisson process, here as dense everywhere and at all times, so each
+    detection may be a new target's or clutter. Of every global hypothesis the likeliest ways to go
+    on are kept (Murty). Visibility is part of a target's state, as in `JpdaTracker`; scores count
+    as amplitude information does.
+
+    Reported are the targets of the likeliest hypothesis, and those of earlier reports that any
+    hypothesis still has, as tentative ones. Reported scores are probabilities of existence over
+    all hypotheses.
+    """
+
+    def __init__(
+        self,
+        *,
+        gate_share: float = 0.997,
+        detection: float = 0.9,
+        clutter_m2: float = 1e-4,
+        birth_m2: float = 1e-5,
+        lifetime_s: float = 30.0,
+        visible_s: float = 10.0,
+        hidden_s: float = 1.0,
+        score_weight: float = 1.0,
+        hypotheses: int = 50,
+        least_share: float = 1e-3,
+        confirm: float = 0.99,
+        drop: float = 0.02,
+        shown_misses: int = 0,
+        position_m: float = 0.3,
+        speed_m_s: float = 15.0,
+        velocity_walk: float = 2.0,
+    ) -> None:
+        """Set the tracker up.
+
+        gate_share: share of right pairs that the gate lets through, if the noise is as said.
+        detection, clutter_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight: see
+            `Sighting`.
+        hypotheses: global ones that are kept.
+        least_share: less likely than the likeliest by this factor, a hypothesis is dropped.
+        confirm, drop: probabilities of existence from which a track is confirmed, and below which
+            a hypothesis does without it.
+        shown_misses: ticks without a detection in which a track is still answered for.
+        position_m, speed_m_s: see `PlaceFilter`.
+        velocity_walk: m/s per root second, by which velocities wander.
+        """
+        check_shares(gate_share=gate_share, confirm=confirm, drop=drop, least_share=least_share)
+        check_counts(0, shown_misses=shown_misses)
+        check_counts(1, hypotheses=hypotheses)
+        check_not_negative(velocity_walk=velocity_walk)
+        self._gate = chi_square_gate(gate_share, 2)
+        self._sighting = Sighting(
+            detection, clutter_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight
+        )
+        self._hypotheses = hypotheses
+        self._gap = -float(np.log(least_share)) if least_share > 0 else np.inf
+        self._confirm, self._drop, self._shown_misses = confirm, drop, shown_misses
+        self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all tracks."""
+        self._tick: Tick | None = None
+        self._next_id = 0
+        self._mixture = Mixture.empty(self._newborn(Detections.empty(0.0)))
+
+    def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
+        """Take the detections of one tick and return the tracks that matter."""
+        tick = self._tick = Tick.after(self._tick, detections, ego_pose)
+        ahead = self._predicted(tick.period_s)
+        continuation = self._continued(ahead, tick.targets)
+        mixture = self._updated(ahead, continuation, tick.targets)
+        newborn = self._newborn(tick.targets)
+        mixture = mixture.with_newborn(newborn, free_detections(continuation[1], tick.targets))
+        self._mixture = mixture.pruned(self._drop, self._hypotheses, self._gap)
+        return self._report(tick)
+
+    def _predicted(self, dt: float) -> Mixture:
+        bernoullis = self._mixture.bernoullis
+        beliefs = self._filter.predicted(bernoullis.tracks.beliefs, dt)
+        existence = self._sighting.moved_on(bernoullis.existence, dt)
+        return replace(
+            self._mixture, bernoullis=Bernoullis(bernoullis.tracks.moved_on(beliefs), existence)
+        )
+
+    def _continued(
+        self, mixture: Mixture, targets: Detections
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weigh each local hypothesis with each detection (eq. 40 to 45) and take the best.
+
+        All weights are divided by those of detections that are new or clutter.
+        """
+        tracks, existence = mixture.bernoullis.tracks, mixture.bernoullis.existence
+        known = self._sighting
+        S = self._filter.expected(tracks.beliefs)
+        distances = gated_distances(tracks.places, S, targets.centres[:, :2], self._gate)
+        distances = barred(distances, same_family(tracks.categories, targets.categories))
+        missed = 1 - existence.visible * known.detection
+        seen = existence.visible * known.detection / (2 * np.pi * np.sqrt(np.linalg.det(S)))
+        costs = distances / 2 - np.log(seen / missed)[:, None]
+        costs = costs - np.log(known.gains(targets.scores))
+        unseen = np.append(np.log(missed), 0.0)[mixture.members].sum(axis=1)
+        weights = mixture.log_weights + unseen
+        return continued(mixture.members, weights, costs, self._hypotheses, self._gap)
+
+    def _updated(
+        self,
+        mixture: Mixture,
+        continuation: tuple[np.ndarray, np.ndarray, np.ndarray],
+        targets: Detections,
+    ) -> Mixture:
+        """Make each local hypothesis that some global one needs, once."""
+        parents, columns, log_weights = continuation
+        before = mixture.members[parents]
+        codes = np.where(before >= 0, before * (len(targets) + 1) + columns + 1, -1)
+        kinds, index = np.unique(codes, return_inverse=True)
+        members = index.reshape(codes.shape) - int(kinds.size > 0 and kinds[0] < 0)
+        kinds = kinds[kinds >= 0]
+        rows, detected = kinds // (len(targets) + 1), kinds % (len(targets) + 1) - 1
+        bernoullis = self._branched(mixture.bernoullis.select(rows), detected, targets)
+        return replace(mixture, bernoullis=bernoullis, members=members, log_weights=log_weights)
+
+    def _branched(
+        self, bernoullis: Bernoullis, detected: np.ndarray, targets: Detections
+    ) -> Bernoullis:
+        """Give each local hypothesis its detection, or -1: a miss."""
+        rows = np.flatnonzero(detected >= 0)
+        found = targets.select(detected[rows])
+        tracks = bernoullis.tracks
+        beliefs = self._filter.corrected(tracks.beliefs.select(rows), found.centres[:, :2])
+        existence = bernoullis.existence.missed(self._sighting.detection)
+        existence = existence.replaced(rows, Existence.first(np.ones(len(rows))))
+        return Bernoullis(tracks.seen(rows, found, beliefs), existence)
+
+    def _newborn(self, targets: Detections) -> Bernoullis:
+        opened = Tracklets.opened(self._next_id, targets, self._filter.started(targets))
+        self._next_id += len(targets)
+        there = self._sighting.new_shares(targets.scores)
+        return Bernoullis(opened, Existence.first(there))
+
+    def _report(self, tick: Tick) -> Tracks:
+        mixture, roster = self._mixture, self._mixture.roster
+        here, existence = mixture.members[0] >= 0, mixture.existence
+        confirmed = roster.confirmed | (here & (existence >= self._confirm))
+        shown = roster.shown | here
+        roster = replace(roster, shown=shown, confirmed=confirmed)
+        self._mixture = replace(mixture, roster=roster)
+        tracks = mixture.bernoullis.tracks.select(mixture.likeliest[shown])
+        tracks = replace(tracks, scores=np.clip(existence[shown], 0, 1))
+        states = np.where(tracks.misses > 0, TrackState.COASTING, TrackState.CONFIRMED)
+        answered = (here & confirmed)[shown] & (tracks.misses <= self._shown_misses)
+        states = np.where(answered, states, TrackState.TENTATIVE).astype(np.int8)
+        planar = self._filter.planar(tracks.beliefs)
+        return tracks.report(planar, states, tick.frame, tick.stamp_s)
