@@ -63,21 +63,21 @@ def _in_space(one: np.ndarray, other: np.ndarray, generalised: bool, least: floa
         column = (0, 1, 3, 4, 6)[k]
         flat[:, k], others[:, k] = one[:, column], other[:, column]
     reach, other_reach = _half_diagonals(flat[:, 2:4]), _half_diagonals(others[:, 2:4])
+    sides, other_sides = _half_sides(flat), _half_sides(others)
     for i in range(len(one)):
         volume = one[i, 3] * one[i, 4] * one[i, 5]
         for j in range(len(other)):
             dx, dy = flat[i, 0] - others[j, 0], flat[i, 1] - others[j, 1]
-            apart = dx * dx + dy * dy
-            near = apart < (reach[i] + other_reach[j]) ** 2
+            near = dx * dx + dy * dy < (reach[i] + other_reach[j]) ** 2
             if not near and not generalised:
                 continue
             whole = volume + other[j, 3] * other[j, 4] * other[j, 5]
             if not near:
-                # The hull holds the disc within each box, and so the trapezium between both.
-                width, width_too = min(one[i, 3], one[i, 4]), min(other[j, 3], other[j, 4])
-                lengths = max(apart - (width - width_too) ** 2 / 4, 0.0)
-                height = max(one[i, 5], other[j, 5])
-                if whole < (1 + least) * height * np.sqrt(lengths) * (width + width_too) / 2:
+                # The hull holds the four corners that lie farthest off the line of centres, and
+                # beyond them the outer half of each box.
+                within = _band(sides[i], dx, dy) + _band(other_sides[j], dx, dy)
+                within += (one[i, 3] * one[i, 4] + other[j, 3] * other[j, 4]) / 2
+                if whole < (1 + least) * max(one[i, 5], other[j, 5]) * within:
                     continue
             low, high = _heights(one[i], other[j], True)
             common = 0.0
@@ -99,6 +99,22 @@ def _half_diagonals(sizes: np.ndarray) -> np.ndarray:
     """Return (N,) how far the corners of rectangles of (N, 2) lengths and widths reach."""
     reach: np.ndarray = np.sqrt(sizes[:, 0] ** 2 + sizes[:, 1] ** 2) / 2
     return reach
+
+
+@compiled()
+def _half_sides(boxes: np.ndarray) -> np.ndarray:
+    """Return (N, 4) half the length and half the width as vectors."""
+    sides = np.empty((len(boxes), 4))
+    c, s = np.cos(boxes[:, 4]) / 2, np.sin(boxes[:, 4]) / 2
+    sides[:, 0], sides[:, 1] = c * boxes[:, 2], s * boxes[:, 2]
+    sides[:, 2], sides[:, 3] = -s * boxes[:, 3], c * boxes[:, 3]
+    return sides
+
+
+@compiled()
+def _band(sides: np.ndarray, dx: float, dy: float) -> float:
+    """Return how far a box reaches to either side of a line, times the line's length."""
+    return float(abs(sides[0] * dy - sides[1] * dx) + abs(sides[2] * dy - sides[3] * dx))
 
 
 @compiled()

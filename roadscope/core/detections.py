@@ -60,9 +60,10 @@ class Detections(Record):
 
     def select(self, index: np.ndarray) -> Detections:
         """Keep the rows that a mask or an index array names."""
-        return replace(
-            self,
-            centres=self.centres[index], sizes=self.sizes[index], yaws=self.yaws[index],
+        centres = self.centres[index]
+        require(centres.ndim == 2, self, "select", "a mask or an index array", index)
+        return self._in_part(
+            centres=centres, sizes=self.sizes[index], yaws=self.yaws[index],
             categories=self.categories[index], scores=self.scores[index],
             masses=None if self.masses is None else self.masses[index],
         )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -27,6 +27,16 @@ class Record:
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+    def _in_part(self, **arrays: np.ndarray | None) -> Self:
+        """Put some of their rows for arrays: what was checked whole needs no second check."""
+        made = object.__new__(type(self))
+        for name in self.__dataclass_fields__:
+            value = arrays[name] if name in arrays else getattr(self, name)
+            if name in arrays and value is not None:
+                value = np.ascontiguousarray(value)
+            object.__setattr__(made, name, value)
+        return made
 
 
 def same_value(a: object, b: object) -> bool:

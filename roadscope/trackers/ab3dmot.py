@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.pose import wrap_angle
-from roadscope.trackers.assignment import assign_optimally
+from roadscope.trackers.assignment import assign_optimally, left_over
 from roadscope.trackers.gating import barred, check_overlap, overlap_costs, same_family
 from roadscope.trackers.kalman import Gaussians, innovations, predicted, updated
 from roadscope.trackers.life_cycle import LifeCycle
@@ -83,7 +83,7 @@ class Ab3dmotTracker:
         found = targets.select(columns)
         beliefs = self._corrected(tracks.beliefs.select(rows), boxes_of(found)[:, MEASURED])
         tracks = self._life.survivors(_shaped(tracks.seen(rows, found, beliefs)))
-        new = targets.select(np.setdiff1d(np.arange(len(targets)), columns))
+        new = targets.select(left_over(len(targets), columns))
         self._tracks = tracks = tracks.joined(
             Tracklets.opened(self._next_id, new, self._started(new))
         )

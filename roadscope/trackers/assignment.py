@@ -12,6 +12,13 @@ Pairs = tuple[np.ndarray, np.ndarray]
 """Rows and columns of the pairs, (K,) int64 each, rows increasing."""
 
 
+def left_over(count: int, taken: np.ndarray) -> np.ndarray:
+    """Return which of `count` rows or columns an index array does not name."""
+    free = np.ones(count, bool)
+    free[taken] = False
+    return np.flatnonzero(free)
+
+
 @compiled()
 def assign_greedily(costs: np.ndarray, gate: float) -> Pairs:
     """Pair rows and columns of (N, M) costs, the cheapest pair of all first.

@@ -21,9 +21,14 @@ def same_family(categories: np.ndarray, others: np.ndarray) -> np.ndarray:
     return same
 
 
+@compiled()
 def barred(costs: np.ndarray, possible: np.ndarray) -> np.ndarray:
     """Return (N, M) costs with infinity where a pair is not possible."""
-    allowed: np.ndarray = np.where(possible, costs, np.inf)
+    allowed = costs.copy()
+    for i in range(costs.shape[0]):
+        for j in range(costs.shape[1]):
+            if not possible[i, j]:
+                allowed[i, j] = np.inf
     return allowed
 
 
@@ -38,7 +43,17 @@ def overlap_costs(
         shares = generalised_overlaps_3d(boxes, others, least)
     else:
         shares = box_overlaps_3d(boxes, others)
-    return barred(1 - shares, shares > least)
+    return _costs(shares, least)
+
+
+@compiled()
+def _costs(shares: np.ndarray, least: float) -> np.ndarray:
+    costs = np.full(shares.shape, np.inf)
+    for i in range(shares.shape[0]):
+        for j in range(shares.shape[1]):
+            if shares[i, j] > least:
+                costs[i, j] = 1 - shares[i, j]
+    return costs
 
 
 def check_overlap(overlap: str, least: float) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_optimally
+from roadscope.trackers.assignment import Pairs, assign_optimally, left_over
 from roadscope.trackers.gating import barred, chi_square_gate, gated_distances, same_family
 from roadscope.trackers.life_cycle import LifeCycle
 from roadscope.trackers.motion import ConstantVelocity
@@ -68,7 +68,7 @@ class GnnTracker:
         found = targets.select(columns)
         beliefs = self._filter.corrected(tracks.beliefs.select(rows), found.centres[:, :2])
         tracks = self._life.survivors(tracks.seen(rows, found, beliefs))
-        new = targets.select(np.setdiff1d(np.arange(len(targets)), columns))
+        new = targets.select(left_over(len(targets), columns))
         self._tracks = tracks.joined(
             Tracklets.opened(self._next_id, new, self._filter.started(new))
         )

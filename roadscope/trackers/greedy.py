@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Family, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_in_turn
+from roadscope.trackers.assignment import Pairs, assign_in_turn, left_over
 from roadscope.trackers.gating import FAMILIES, barred, centre_distances, same_family
 from roadscope.trackers.life_cycle import LifeCycle
 from roadscope.trackers.motion import ConstantVelocity
@@ -72,7 +72,7 @@ class GreedyTracker:
         found = targets.select(columns)
         beliefs = self._filter.corrected(tracks.beliefs.select(rows), found.centres[:, :2])
         tracks = self._life.survivors(tracks.seen(rows, found, beliefs))
-        new = targets.select(np.setdiff1d(np.arange(len(targets)), columns))
+        new = targets.select(left_over(len(targets), columns))
         opened = Tracklets.opened(self._next_id, new, self._filter.started(new))
         self._tracks = tracks = tracks.joined(opened)
         self._next_id += len(new)

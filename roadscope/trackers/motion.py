@@ -243,7 +243,10 @@ def walk_covariance(dt: float) -> np.ndarray:
 
 def both_axes(block: list[list[float]] | np.ndarray) -> np.ndarray:
     """Use one axis' (K, K) matrix for x and y, in a state x, y, vx, vy and so on."""
-    return np.kron(np.asarray(block, np.float64), np.eye(2))
+    one = np.asarray(block, np.float64)
+    both = np.zeros((2 * len(one), 2 * len(one)))
+    both[::2, ::2] = both[1::2, 1::2] = one
+    return both
 
 
 def _standing(places: np.ndarray, spread: list[np.ndarray | float]) -> Gaussians:

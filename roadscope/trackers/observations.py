@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import Detections
+from roadscope.core.jit import compiled
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.rows import Rows
 from roadscope.trackers.tracklets import boxes_of
@@ -74,3 +75,30 @@ def units(vectors: np.ndarray, least: float) -> np.ndarray:
     long = lengths >= max(least, 1e-9)
     made: np.ndarray = np.where(long, vectors / np.where(long, lengths, 1.0), 0.0)
     return made
+
+
+@compiled()
+def agreement(
+    directions: np.ndarray,
+    anchors: np.ndarray,
+    places: np.ndarray,
+    weights: np.ndarray,
+    moving_m: float,
+) -> np.ndarray:
+    """Return (N, M) how well (M, 2) places continue (N, 2) directions from (N, 2) anchors.
+
+    weights: (M,). Half the weight straight on, minus half straight back, nothing aside, where a
+    direction is unknown, or nearer than `moving_m` to the anchor.
+    """
+    found = np.zeros((len(anchors), len(places)))
+    for i in range(len(anchors)):
+        x, y = directions[i]
+        if x == 0 and y == 0:
+            continue
+        for j in range(len(places)):
+            dx, dy = places[j, 0] - anchors[i, 0], places[j, 1] - anchors[i, 1]
+            apart = dx * dx + dy * dy
+            if apart > 0 and apart >= moving_m * moving_m:
+                angle = np.arctan2(abs(x * dy - y * dx), x * dx + y * dy)
+                found[i, j] = weights[j] * (0.5 - angle / np.pi)
+    return found

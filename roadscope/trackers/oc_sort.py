@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_optimally
+from roadscope.trackers.assignment import Pairs, assign_optimally, left_over
 from roadscope.trackers.gating import barred, check_overlap, overlap_costs, same_family
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.life_cycle import LifeCycle
 from roadscope.trackers.motion import ConstantVelocity
-from roadscope.trackers.observations import Observations, units
+from roadscope.trackers.observations import Observations, agreement
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.rows import Rows
 from roadscope.trackers.settings import check_counts, check_not_negative, check_shares
@@ -99,7 +99,7 @@ class OcSortTracker:
             observed.seen(rows, found, beliefs, self._moving_m),
         )
         followed = followed.select(self._life.alive(followed.tracks))
-        new = targets.select(np.setdiff1d(np.arange(len(targets)), columns))
+        new = targets.select(left_over(len(targets), columns))
         self._followed = followed.joined(self._opened(new))
         tracks = self._followed.tracks
         planar, states = self._filter.planar(tracks.beliefs), self._life.states(tracks)
@@ -113,8 +113,8 @@ class OcSortTracker:
         costs -= self._momentum * self._consistency(observed, targets)
         # More than any pair can cost, so that a contrary direction alone undoes none.
         rows, columns = assign_optimally(costs, alone + self._momentum)
-        left = np.setdiff1d(np.arange(len(tracks)), rows)
-        free = np.setdiff1d(np.arange(len(targets)), columns)
+        left = left_over(len(tracks), rows)
+        free = left_over(len(targets), columns)
         costs = self._overlap_costs(observed.boxes[left], targets.select(free))
         i, j = assign_optimally(barred(costs, possible[np.ix_(left, free)]), alone)
         return np.concatenate([rows, left[i]]), np.concatenate([columns, free[j]])
@@ -128,11 +128,10 @@ class OcSortTracker:
         As in the authors' code, and weighed with the detection's score; 0 where there is no
         direction.
         """
-        towards = units(targets.centres[:, :2] - observed.anchors[:, None], self._moving_m)
-        cosines = np.einsum("nk,nmk->nm", observed.directions, towards)
-        angles = np.arccos(np.clip(cosines, -1, 1))
-        agreement: np.ndarray = targets.scores * (0.5 - angles / np.pi)
-        return agreement
+        places = targets.centres[:, :2]
+        return agreement(
+            observed.directions, observed.anchors, places, targets.scores, self._moving_m
+        )
 
     def _updated_again(self, observed: Observations, places: np.ndarray) -> Gaussians:
         """Filter from the last detections to (N, 2) new ones, through all ticks between (ORU).
@@ -142,6 +141,8 @@ class OcSortTracker:
         beliefs, start, now_s = observed.beliefs, observed.boxes[:, :2], self._stamps[-1]
         for before_s, stamp_s in itertools.pairwise(self._stamps):
             rows = np.flatnonzero(observed.stamps <= before_s)
+            if not len(rows):
+                continue
             since = observed.stamps[rows]
             share = ((stamp_s - since) / (now_s - since))[:, None]
             virtual = start[rows] + share * (places[rows] - start[rows])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -38,7 +37,7 @@ class Rows:
 
     def _made(self, of_arrays: Any, of_rows: Any, *others: Self) -> Self:
         values = []
-        for field in fields(self):
-            given = [getattr(each, field.name) for each in (self, *others)]
+        for name in self.__dataclass_fields__:
+            given = [getattr(each, name) for each in (self, *others)]
             values.append((of_rows if isinstance(given[0], Rows) else of_arrays)(*given))
         return type(self)(*values)
