@@ -69,14 +69,14 @@ def slow(s: TrackedSequence) -> list[tuple[int, bool, int]]:
     truths = np.split(s.truths, s.truth_starts[1:-1])
     found = []
     for g in range(s.objects):
-        last, open_, hidden, returned = None, False, 0, 0
+        last, open_, hidden, length, returned = None, False, 0, 0, 0
         for t in range(len(s)):
             if g not in truths[t]:
                 hidden += 1
                 continue
             if hidden and last is not None:
                 if open_:
-                    found.append((length, False, NEVER))  # noqa: F821
+                    found.append((length, False, NEVER))
                 open_, length, returned = True, hidden, t
             hidden = 0
             track = at.get((t, g))
