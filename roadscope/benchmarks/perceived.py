@@ -24,7 +24,7 @@ TRUTH_FIELDS = (
 class Perceived(Record):
     """One episode, frame by frame; all tuples have T items.
 
-    detections: in the world frame.
+    detections: in the world frame, or in the ego frame where they are not kept but recorded.
     truths: without the sources of single returns.
     calls_ms: (T,) float64, time that the detector took for each frame.
     parked: (P, 2) float64, metres, world frame, cars that stand beside the road as scenery.

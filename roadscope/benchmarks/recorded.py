@@ -79,13 +79,7 @@ def check_recording(recording: Recording) -> None:
 
 
 def replayed(recording: Recording) -> Perceived:
-    """Return a recording's detections and truth as if a detector had just made them."""
+    """Return a recording's detections, ego frame, and truth as if a detector had made them."""
     sequence = sequence_of(recording)
-    count = len(sequence)
-    moved = [
-        found.moved(pose, "world")
-        for found, pose in zip(sequence.detections, sequence.world_from_ego, strict=True)
-    ]
-    return Perceived(
-        tuple(moved), sequence.truths, np.zeros(count), np.empty((0, 2)), np.zeros(count)
-    )
+    none = np.zeros(len(sequence))
+    return Perceived(sequence.detections, sequence.truths, none, np.empty((0, 2)), none)

@@ -90,7 +90,7 @@ def track(tracker: str, perceived: Perceived) -> tuple[list[Tracks], np.ndarray]
     for detections, truth, motion in zip(
         perceived.detections, perceived.truths, velocities, strict=True
     ):
-        seen = detections.moved(truth.world_from_ego.inverse(), "ego")
+        seen = _in_ego(detections, truth)
         tracks, took_ms = timed(tracker, methodcaller("update", seen, truth.world_from_ego), plugin)
         followed.append(_world_tracks(tracker, tracks, truth, motion))
         calls_ms.append(took_ms)
@@ -197,6 +197,13 @@ def _frame_of(spec: str, stamp_s: float, truths: Sequence[Truth]) -> int:
         f"{spec}: detections are stamped {stamp_s} s, their frame is at {truths[-1].stamp_s} s "
         "and no earlier one bears that stamp"
     )
+
+
+def _in_ego(detections: Detections, truth: Truth) -> Detections:
+    """Bring detections into the ego frame; recorded ones are in it and stay as they are."""
+    if detections.frame == "ego":
+        return detections
+    return detections.moved(truth.world_from_ego.inverse(), "ego")
 
 
 def _world_detections(spec: str, found: Detections, truth: Truth) -> Detections:

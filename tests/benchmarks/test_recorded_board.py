@@ -9,7 +9,7 @@ from toy_kitti import write_kitti
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks.formats import FormatError
+from roadscope.benchmarks.formats import FormatError, read_sequence
 from roadscope.benchmarks.job import execute
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.plan import plan, tracking_jobs
@@ -22,6 +22,7 @@ from roadscope.benchmarks.store import Outcome
 from roadscope.benchmarks.suite import load_suite
 from roadscope.benchmarks.tables import agreement_lines, board_table, conditions
 from roadscope.core import SpecError
+from roadscope.trackers.nearest import NearestTracker
 
 TRACKERS = ["nearest", "nearest-q", "nearest-q-confirmed"]
 
@@ -102,6 +103,19 @@ def test_an_offline_tracker_is_called_so(folder, tmp_path):
     outcome = execute(job)
     assert outcome.reason is None
     assert outcome.scores[OFFLINE].value == 1
+
+
+def test_trackers_get_the_detections_of_the_file_bit_for_bit(folder, monkeypatch):
+    seen, update = [], NearestTracker.update
+
+    def watched(self, detections, ego_pose=None):
+        seen.append(detections)
+        return update(self, detections, ego_pose)
+
+    monkeypatch.setattr(NearestTracker, "update", watched)
+    job = plan(kitti_suite(folder), ["nearest"], ("tracking",), only=True).tracking[0]
+    assert execute(job).reason is None
+    assert tuple(seen) == read_sequence(folder, "0000").detections
 
 
 def test_two_detectors_are_told_apart(folder):

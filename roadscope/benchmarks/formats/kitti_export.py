@@ -40,7 +40,10 @@ def kitti_objects(
     """
     seen = tracks.moved(world_from_ego.inverse(), "ego") if tracks.frame == "world" else tracks
     bottoms = bottoms_from_centres(seen.centres, seen.sizes)
-    rotations = rotations_from_yaws(seen.yaws)
+    # Undoes exactly what `Detections.moved` does to yaws; by the inverse of a tilted pose they
+    # would come back a few hundredths of a degree off.
+    yaws = tracks.yaws - world_from_ego.yaw if tracks.frame == "world" else tracks.yaws
+    rotations = rotations_from_yaws(yaws)
     boxes = clipped_boxes(corners(bottoms, seen.sizes, rotations), projection, image_size)
     shown = np.flatnonzero(np.all(boxes[:, 2:] > boxes[:, :2], axis=1))
     types = np.array([TYPE_FROM_CATEGORY[Category(c)] for c in seen.categories], np.int8)

@@ -21,7 +21,8 @@ def test_results_come_back_within_printed_digits(tmp_path_factory, seed):
     centres = np.column_stack(
         [rng.uniform(5, 60, 6), rng.uniform(-4, 4, 6), rng.normal(-1, 0.3, 6)]
     )
-    pose = Pose.planar(*rng.uniform(-100, 100, 2), yaw=rng.uniform(-3, 3))
+    yaw, pitch, roll = rng.uniform(-3, 3), *rng.uniform(-0.06, 0.06, 2)
+    pose = Pose.from_euler(*rng.uniform(-100, 100, 3), yaw=yaw, pitch=pitch, roll=roll)
     world = tracks_at(centres).moved(pose, "world")
     rows = kitti_objects(world, 4, pose, P2, IMAGE_SIZE)
     path = tmp_path_factory.getbasetemp() / "results.txt"
