@@ -220,11 +220,12 @@ def reproduce(
 @app.command(epilog="Example:  roadscope speed detectors --out results")
 def speed(
     parts: Annotated[
-        list[str] | None, typer.Argument(help="casting, detectors, metrics; all by default.")
+        list[str] | None,
+        typer.Argument(help="casting, detectors, metrics, trackers; all by default."),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
 ) -> None:
-    """Measure ray casting, detectors and metrics, beside other libraries where installed."""
+    """Measure ray casting, detectors, metrics, trackers, beside others where installed."""
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.speed import PARTS, measure_speed, write_speed
     from roadscope.benchmarks.tables import speed_table

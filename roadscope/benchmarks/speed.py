@@ -1,4 +1,4 @@
-"""How fast sensing, detectors and metrics are, beside other libraries where these are installed."""
+"""How fast sensing, detectors, trackers and metrics are, beside other libraries where installed."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ from roadscope.benchmarks.speed_scene import (
     sensor_poses,
     triangulate,
 )
+from roadscope.benchmarks.speed_trackers import measure_trackers
 from roadscope.envs.raycast.cast import NOTHING, Columns, Hits, cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.raycast.shapes import forget
 from roadscope.envs.sensors.lidar import lidar_columns, sweep
 from roadscope.envs.sensors.lidar_specs import SPECS
 
-PARTS = ("casting", "detectors", "metrics")
+PARTS = ("casting", "detectors", "metrics", "trackers")
 COUNTS = (10, 100, 250, 1000, 5000)
 COMPARED = 250
 TILTS = {"level": (0.0, 0.0), "tilted": (np.radians(2.0), np.radians(1.0))}
@@ -54,13 +55,14 @@ def measure_speed(
     progress: Progress | None = None,
     parts: Sequence[str] = PARTS,
 ) -> list[SpeedRow]:
-    """Measure ray casting, detectors and metrics; one thread, medians over runs after a warm-up.
+    """Measure casting, detectors, metrics, trackers; one thread, medians after a warm-up.
 
     parts: `casting`: bare casts of an HDL-32E over numbers of bodies, whole sweeps, and Open3D
     on the same rays in turns; where Open3D is missing its rows are missing too, and `open3d
     installed` is 0. `detectors`: every stage and every registered detector on three LiDARs, over
     fewer runs, which detectors are too slow, and DBSCAN beside scikit-learn's. `metrics`:
-    tracking metrics beside TrackEval's and Stone Soup's.
+    tracking metrics beside TrackEval's and Stone Soup's. `trackers`: every registered one with
+    10, 50, 200 and 500 targets.
     """
     for part in parts:
         if part not in PARTS:
@@ -75,6 +77,8 @@ def measure_speed(
         steps += _detector_steps(-(-repeats // 7))
     if "metrics" in parts:
         steps.append(("tracking metrics", partial(measure_metrics, -(-repeats // 3))))
+    if "trackers" in parts:
+        steps.append(("trackers", measure_trackers))
     for number, (name, step) in enumerate(steps):
         if progress is not None:
             progress(name, number, len(steps))

@@ -91,6 +91,8 @@ def assign_in_stages(
     partner = np.full(len(costs), -1)
     for some, others, gate in stages:
         rows, columns = np.flatnonzero(some & free_rows), np.flatnonzero(others & free_columns)
+        if not (len(rows) and len(columns)):
+            continue
         i, j = assign_optimally(costs[np.ix_(rows, columns)], gate)
         partner[rows[i]] = columns[j]
         free_rows[rows[i]], free_columns[columns[j]] = False, False

@@ -72,7 +72,7 @@ def innovations(
     residuals = measured - (H @ beliefs.means[..., None])[..., 0]
     crossed = beliefs.covariances @ np.swapaxes(H, -1, -2)
     covariances = H @ crossed + R
-    gains = np.swapaxes(np.linalg.solve(covariances, np.swapaxes(crossed, -1, -2)), -1, -2)
+    gains = np.swapaxes(solved(covariances, np.swapaxes(crossed, -1, -2)), -1, -2)
     return Innovations(residuals, covariances, gains)
 
 
@@ -94,6 +94,20 @@ def corrected(beliefs: Gaussians, measured: np.ndarray, H: np.ndarray, R: np.nda
 
 def mahalanobis_squared(residuals: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     """Return (...,) squared lengths of (..., M) residuals in units of (..., M, M) covariances."""
-    solved = np.linalg.solve(covariances, residuals[..., None])[..., 0]
-    distances: np.ndarray = (residuals * solved).sum(axis=-1)
+    weighed = solved(covariances, residuals[..., None])[..., 0]
+    distances: np.ndarray = (residuals * weighed).sum(axis=-1)
     return distances
+
+
+def solved(S: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Return S^-1 B of symmetric (..., M, M) and (..., M, K) matrices.
+
+    Two by two it is written out: LAPACK takes them one by one.
+    """
+    if S.shape[-1] != 2:
+        return np.linalg.solve(S, B)
+    a, b, c = (S[..., i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
+    determinant = a * c - b * b
+    top, bottom = B[..., 0, :], B[..., 1, :]
+    rows = (c * top - b * bottom) / determinant, (a * bottom - b * top) / determinant
+    return np.stack(rows, axis=-2)
