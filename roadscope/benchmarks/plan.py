@@ -100,7 +100,8 @@ def check(registry: Registry[Any], spec: str) -> None:
     """Refuse a plug-in that cannot be found, is of another kind or refuses its arguments.
 
     Ours are made once for it, so that values are refused too; what strangers' do when they are
-    made is for the job to find out, where it costs them only their own row.
+    made is for the job to find out, where it costs them only their own row, and so is what is not
+    installed.
     """
     plugin = registry.resolve(spec)
     needed = {"detector": "detect", "tracker": "update"}
@@ -114,7 +115,7 @@ def check(registry: Registry[Any], spec: str) -> None:
         inspect.signature(plugin.factory).bind(**plugin.arguments)
     except TypeError:
         plugin.make()
-    if plugin.ours:
+    if plugin.ours and not plugin.missing:
         _make(plugin)
 
 

@@ -7,7 +7,7 @@ from roadscope.core.frame import Calibration, Frame
 from roadscope.core.image import CameraImage
 from roadscope.core.imu import ImuSamples
 from roadscope.core.pose import Pose, wrap_angle
-from roadscope.core.registry import Plugin, Registry, SpecError
+from roadscope.core.registry import NotInstalledError, Plugin, Registry, Requirement, SpecError
 from roadscope.core.scan import LidarScan
 from roadscope.core.tracks import Tracks, TrackState
 from roadscope.core.truth import GROUND, WEATHER, Truth
@@ -24,10 +24,12 @@ __all__ = [
     "ImageDetections",
     "ImuSamples",
     "LidarScan",
+    "NotInstalledError",
     "Plugin",
     "Pose",
     "RecordError",
     "Registry",
+    "Requirement",
     "SpecError",
     "TrackState",
     "Tracks",

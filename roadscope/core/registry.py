@@ -16,7 +16,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
-from importlib.metadata import entry_points, packages_distributions, version
+from importlib.metadata import (
+    PackageNotFoundError,
+    entry_points,
+    packages_distributions,
+    version,
+)
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
@@ -25,6 +30,37 @@ T = TypeVar("T")
 
 class SpecError(ValueError):
     """A plug-in could not be named, loaded or made."""
+
+
+class NotInstalledError(SpecError):
+    """A plug-in needs a distribution that is not there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """What a plug-in needs and this package does not bring; its class says so as `requires`.
+
+    distribution: its name on the package index.
+    command: what installs it.
+    """
+
+    distribution: str
+    command: str
+
+    @property
+    def version(self) -> str | None:
+        """The installed version, or None."""
+        try:
+            return version(self.distribution)
+        except PackageNotFoundError:
+            return None
+
+    @property
+    def missing(self) -> str | None:
+        """Why the plug-in cannot be made, or None if it can."""
+        if self.version is not None:
+            return None
+        return f"{self.distribution} is not installed: {self.command}"
 
 
 @dataclass(frozen=True)
@@ -42,13 +78,26 @@ class Plugin(Generic[T]):
     arguments: Mapping[str, Any]
     ours: bool
 
+    @property
+    def requirement(self) -> Requirement | None:
+        """What it needs beside this package, if anything."""
+        found = getattr(self.factory, "requires", None)
+        return found if isinstance(found, Requirement) else None
+
+    @property
+    def missing(self) -> str | None:
+        """Why it cannot be made here, or None if it can."""
+        return self.requirement.missing if self.requirement else None
+
     def make(self) -> T:
-        """Construct the plug-in; wrong arguments are named."""
+        """Construct the plug-in; wrong arguments are named, and what is not installed."""
         try:
             inspect.signature(self.factory).bind(**self.arguments)
         except TypeError as error:
             known = ", ".join(_describe_parameters(self.factory)) or "none"
             raise SpecError(f"'{self.spec}': {error}; its arguments: {known}") from error
+        if self.missing:
+            raise NotInstalledError(self.missing)
         return self.factory(**self.arguments)
 
 
@@ -81,6 +130,14 @@ class Registry(Generic[T]):
     def names(self) -> list[str]:
         """All registered names, our own first, then those of installed packages."""
         return list(self._entries) + sorted(set(self._external()) - set(self._entries))
+
+    def installed(self) -> list[str]:
+        """Those of `names` that can be made here."""
+        return [name for name in self.names() if not self.missing(name)]
+
+    def missing(self, spec: str) -> str | None:
+        """Say what is not installed that the spec needs, or None if it can be made."""
+        return self.resolve(spec).missing
 
     def target(self, name: str) -> str:
         """Return the spec behind a registered name."""
@@ -158,13 +215,16 @@ def source_hash(plugin: Plugin[Any]) -> str:
     """Hash what a plug-in's class was loaded from: 16 hexadecimal digits.
 
     That is its file, the files and packages beside it that it imports (helpers and base
-    classes) and, for an installed package, its version.
+    classes) and, for an installed package, its version, and that of what it `requires`.
     """
     module = str(getattr(plugin.factory, "__module__", ""))
     path = getattr(sys.modules.get(module), "__file__", None)
     if path is None:
         return sha256(repr(plugin.factory).encode()).hexdigest()[:16]
     digest = sha256(_distribution_version(module).encode())
+    if plugin.requirement:
+        needed = plugin.requirement
+        digest.update(f"{needed.distribution}={needed.version}".encode())
     files: set[Path] = set()
     _collect_sources(Path(path).resolve(), files)
     for file in sorted(files):

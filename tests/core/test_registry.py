@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from roadscope.core import Registry, SpecError
+from roadscope.core import NotInstalledError, Registry, Requirement, SpecError
 from roadscope.core.registry import source_hash, split_spec
 
 
@@ -107,3 +107,36 @@ def test_a_helper_beside_the_plug_in_counts_as_its_source(
     assert source_hash(REGISTRY.resolve(f"{path}:Mine")) == before
     (tmp_path / "helper_of_mine.py").write_text("K = 2\n")
     assert source_hash(REGISTRY.resolve(f"{path}:Mine")) != before
+
+
+class Needy(Plain):
+    requires = Requirement("no-such-distribution", "pip install no-such-distribution")
+
+
+class Served(Plain):
+    requires = Requirement("numpy", "pip install numpy")
+
+
+def test_what_is_not_installed_is_known_before_it_is_made() -> None:
+    registry: Registry[Plain] = Registry(
+        "tracker", {"needy": f"{__name__}:Needy", "served": f"{__name__}:Served"}
+    )
+    reason = "no-such-distribution is not installed: pip install no-such-distribution"
+    assert registry.names() == ["needy", "served"]
+    assert registry.installed() == ["served"]
+    assert registry.missing("needy?gate_m=2") == registry.resolve("needy").missing == reason
+    assert registry.missing("served") is None
+    assert registry.make("served").gate_m == 1.0
+    with pytest.raises(NotInstalledError, match=reason):
+        registry.make("needy")
+    with pytest.raises(SpecError, match="its arguments: gate_m"):
+        registry.make("needy?gate=2")
+
+
+def test_the_version_of_what_a_plug_in_needs_counts_as_its_source(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plugin = REGISTRY.resolve(f"{__name__}:Served")
+    before = source_hash(plugin)
+    monkeypatch.setattr("roadscope.core.registry.version", lambda name: "0")
+    assert source_hash(plugin) != before
