@@ -7,6 +7,7 @@ from roadscope.benchmarks.breakdown_tables import breakdown_tables, heading, lef
 from roadscope.benchmarks.results import BreakdownError, Results, check_breakdown
 from roadscope.benchmarks.rows import Row
 from roadscope.benchmarks.standing import Standing
+from roadscope.benchmarks.suite import load_suite
 from roadscope.envs.traffic.scenarios import SCENARIOS
 
 PLACES = (
@@ -81,7 +82,7 @@ def test_bands_that_do_not_fit_are_left_out_whole(width) -> None:
 
 
 def test_eight_scenarios_fit_80_columns() -> None:
-    names = [name for name, scenario in SCENARIOS.items() if not scenario.scripted]
+    names = load_suite("standard").scenarios
     found = results(*(row("detection_rate", "scenario", name, samples=12345) for name in names))
     assert len(names) == 8
     assert left_out(found, "detection", "scenario", 80) == 0

@@ -96,6 +96,18 @@ SCENARIOS: Mapping[str, Scenario] = _scenarios(
         "campus", _HERE + "scenario_parking:parking_lot",
     ),
     Scenario(
+        "waiting", "The ego stands before a road in town on which others cross both ways.",
+        "urban", _HERE + "scenario_waiting:waiting",
+    ),
+    Scenario(
+        "cut-ins", "Vehicles cut in and change places closely before the ego.",
+        "motorway", _HERE + "script_cut_ins:cut_ins", 12.0, scripted=True,
+    ),
+    Scenario(
+        "long-occlusion", "A lorry beside the ego hides who overtakes and who comes towards it.",
+        "motorway", _HERE + "script_long_occlusion:long_occlusion", 12.0, scripted=True,
+    ),
+    Scenario(
         "lu2018-two-vehicles", "Lu 2018, 1: a car stays ahead, another comes and goes on its left.",
         "campus", _HERE + "scripted:play_script", 15.36, scripted=True,
     ),

@@ -15,16 +15,16 @@ import numpy as np
 
 from roadscope.core import Category
 from roadscope.envs.traffic.mix import CARS, EGO, VANS, Body
-from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.traffic.script_cast import STEP_S, Cast, any_car, timeline_of
 from roadscope.envs.traffic.script_motion import Motion
 from roadscope.envs.traffic.script_view import LEFT_EDGE, azimuths, depth_in_view
 from roadscope.envs.traffic.timeline import Timeline
 
 FRAME_S = 0.08
-STEP_S = 0.04
 LEAD_FRAMES = 2
 """The recording begins this many frames before frame 0 and ends as many after the last."""
 LANE_M = 3.5
+LANES = (LANE_M, 0.0, -LANE_M)
 
 
 # Fractions of a frame: rolling shutter (a sixth of a frame either way) and rounded corners must
@@ -85,9 +85,6 @@ SCRIPTS: Mapping[str, Script] = _scripts(
     ),
 )  # fmt: skip
 
-Cast = tuple[tuple[Motion, Body], ...]
-"""Motion and body of the ego and of targets 1, 2, ..."""
-
 
 def play_script(name: str, seed: int, duration_s: float | None = None) -> Timeline:
     """Play an experiment from two frames before frame 0 to two after its last, or up to a time."""
@@ -95,24 +92,7 @@ def play_script(name: str, seed: int, duration_s: float | None = None) -> Timeli
     cast = _CASTS[name](rng)
     end_s = (SCRIPTS[name].frames + LEAD_FRAMES) * FRAME_S if duration_s is None else duration_s
     times = np.arange(-2 * LEAD_FRAMES, round(end_s / STEP_S) + 1) * STEP_S
-    velocities = np.stack([motion.velocities(times) for motion, _ in cast], axis=1)
-    axles = np.stack([motion.places(times) for motion, _ in cast], axis=1)
-    sizes = np.array([body.size for _, body in cast])
-    here = np.ones(axles.shape[:2], np.bool_)
-    return Timeline(
-        stamps_s=times,
-        ids=np.arange(len(cast)),
-        categories=np.array([body.category for _, body in cast], np.int8),
-        sizes=sizes,
-        centre_ahead_m=sizes[:, 0] / 2,
-        present=here,
-        axles=axles,
-        yaws=np.arctan2(velocities[..., 1], velocities[..., 0]),
-        speeds=np.hypot(velocities[..., 0], velocities[..., 1]),
-        crashed=~here,
-        road=_campus_road(axles[:, :, 0]),
-        style="campus",
-    )
+    return timeline_of(cast, times, lanes=LANES, width_m=LANE_M, style="campus")
 
 
 def _two_vehicles(rng: np.random.Generator) -> Cast:
@@ -130,7 +110,7 @@ def _two_vehicles(rng: np.random.Generator) -> Cast:
         0.0, LANE_M + float(rng.uniform(-0.2, 0.3)), ego.speed + surplus,
         ((middle - slowing / 2, slowing, -2 * surplus),),
     )  # fmt: skip
-    bodies = [_car(rng), _car(rng)]
+    bodies = [any_car(rng), any_car(rng)]
     left = _entering(left, bodies[1], ego, 25 + ENTERS)
     return (ego, EGO), (right, bodies[0]), (left, bodies[1])
 
@@ -149,7 +129,7 @@ def _three_vehicles(rng: np.random.Generator) -> Cast:
         5.0 + float(rng.uniform(9.0, 13.0)), -LANE_M + float(rng.uniform(-0.3, 0.2)), ego.speed,
         ((1.0, 3.0, -sway), (4.0, 3.0, sway)),
     )  # fmt: skip
-    bodies = [_car(rng), _car(rng), _car(rng)]
+    bodies = [any_car(rng), any_car(rng), any_car(rng)]
     left = _entering(left, bodies[0], ego, 15 + LEAVES)
     return (ego, EGO), (left, bodies[0]), (ahead, bodies[1]), (right, bodies[2])
 
@@ -202,21 +182,6 @@ def _solve(misses: Callable[[float, float], np.ndarray], guess: np.ndarray) -> t
         slopes = [(misses(*(guess + nudge * unit)) - wrong) / nudge for unit in np.eye(2)]
         guess = guess - np.clip(np.linalg.solve(np.array(slopes).T, wrong), -0.2, 0.2)
     raise ArithmeticError("no cutting in hides the target in the frames of the script")
-
-
-def _car(rng: np.random.Generator) -> Body:
-    return Body(Category.CAR, CARS[int(rng.integers(len(CARS)))])
-
-
-def _campus_road(along: np.ndarray) -> RoadMap:
-    """Three lanes in driving direction around everybody's way."""
-    x = np.arange(along.min() - 60.0, along.max() + 220.0, 2.0)
-    return RoadMap.from_lanes(
-        [
-            (np.stack([x, np.full_like(x, y)], axis=-1), np.full_like(x, LANE_M))
-            for y in (LANE_M, 0.0, -LANE_M)
-        ]
-    )
 
 
 _CASTS: Mapping[str, Callable[[np.random.Generator], Cast]] = {

@@ -32,7 +32,8 @@ def lateral(line):
 def test_the_named_scenarios_are_there():
     assert set(SCENARIOS) == {
         "motorway", "dense-motorway", "merge", "roundabout", "intersection", "racetrack", "two-way",
-        "parking-lot", "lu2018-two-vehicles", "lu2018-occlusion", "lu2018-three-vehicles",
+        "parking-lot", "waiting", "cut-ins", "long-occlusion", "lu2018-two-vehicles",
+        "lu2018-occlusion", "lu2018-three-vehicles",
     }  # fmt: skip
     for name, scenario in SCENARIOS.items():
         assert scenario.name == name

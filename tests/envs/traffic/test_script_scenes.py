@@ -1,0 +1,97 @@
+"""What the scripted scenes and the waiting ego promise."""
+
+import numpy as np
+import pytest
+
+from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.sensors.sensing import sense
+from roadscope.envs.traffic.scenarios import accept, record
+
+SEEDS = range(60)
+SCENES = ("cut-ins", "long-occlusion")
+
+
+def centres(line):
+    """(K, A, 2) box centres."""
+    ahead = np.stack([np.cos(line.yaws), np.sin(line.yaws)], axis=-1)
+    return line.axles + line.centre_ahead_m[:, None] * ahead
+
+
+def least_gaps(line):
+    """(A, A) least distance of axis-parallel boxes around the bodies, at any instant."""
+    half_length = (line.sizes[:, 0] * np.abs(np.cos(line.yaws))) / 2
+    half_length = half_length + (line.sizes[:, 1] * np.abs(np.sin(line.yaws))) / 2
+    half_width = (line.sizes[:, 0] * np.abs(np.sin(line.yaws))) / 2
+    half_width = half_width + (line.sizes[:, 1] * np.abs(np.cos(line.yaws))) / 2
+    apart = np.abs(centres(line)[:, :, None] - centres(line)[:, None])
+    along = apart[..., 0] - half_length[:, :, None] - half_length[:, None]
+    across = apart[..., 1] - half_width[:, :, None] - half_width[:, None]
+    least = np.maximum(along, across).min(axis=0)
+    np.fill_diagonal(least, np.inf)
+    return least
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_nobody_touches_anybody(name) -> None:
+    for seed in SEEDS:
+        assert least_gaps(record(name, seed)).min() > 0.3, seed
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_motion_is_that_of_vehicles(name) -> None:
+    for seed in SEEDS:
+        line = record(name, seed)
+        steps = np.diff(line.stamps_s)[:, None]
+        lateral = np.diff(np.unwrap(line.yaws, axis=0), axis=0) / steps * line.speeds[1:]
+        assert np.abs(lateral).max() < 3.0, seed
+        assert np.abs(np.diff(line.speeds, axis=0) / steps).max() < 5.0, seed
+        assert accept(line).least_objects >= 4
+
+
+def test_a_van_cuts_in_before_the_ego_and_ways_cross() -> None:
+    for seed in SEEDS:
+        line = record("cut-ins", seed)
+        relative = centres(line) - centres(line)[:, :1]
+        van = relative[:, 3]
+        assert van[0, 1] > 3.0
+        assert abs(van[-1, 1]) < 0.5
+        entered = int(np.argmax(van[:, 1] < 2.0))
+        assert 5.0 < van[entered, 0] < 20.0, seed
+        one, other = relative[:, 1], relative[:, 2]
+        assert (one[0, 1] > 3.0) & (other[0, 1] < -3.0)
+        assert (one[-1, 1] < -3.0) & (other[-1, 1] > 3.0)
+        meeting = int(np.argmin(np.abs(one[:, 1] - other[:, 1])))
+        assert np.linalg.norm(one[meeting] - other[meeting]) < 13.0
+
+
+def test_a_lorry_hides_others_for_seconds() -> None:
+    line = record("long-occlusion", 10_000, 8.0)
+    seen = [truth for _, truth in sense(line, rig("hdl32e"), 10_000)]
+    returns = np.array([truth.lidar_returns for truth in seen])
+    away = np.array(
+        [np.linalg.norm(t.centres - t.world_from_ego.translation, axis=1) for t in seen]
+    )
+    gone = (returns < 5) & (away < 60.0)
+    assert sum(longest_run(gone[:, i]) >= 15 for i in range(3, 7)) >= 2
+    assert gone[:, 3:7].sum(axis=1).max() >= 2
+    assert not gone[-1, 3:5].any()
+
+
+def longest_run(mask) -> int:
+    longest = run = 0
+    for value in mask:
+        run = run + 1 if value else 0
+        longest = max(longest, run)
+    return longest
+
+
+def test_the_ego_waits_while_others_cross_both_ways() -> None:
+    line = record("waiting", 10_000, 8.0)
+    assert line.speeds[:, 0].max() < 0.2
+    relative, heading = line.axles - line.axles[:, :1], line.yaws[0, 0]
+    across = relative[..., 1] * np.cos(heading) - relative[..., 0] * np.sin(heading)
+    there = line.present.all(axis=0)
+    moved = np.where(there, across[-1] - across[0], 0.0)
+    passed = np.sign(across[0]) != np.sign(across[-1])
+    assert (passed & (moved > 15.0)).sum() >= 2
+    assert (passed & (moved < -15.0)).sum() >= 2
