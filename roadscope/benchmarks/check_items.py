@@ -1,0 +1,75 @@
+"""One thing that a plug-in promises, and what is said of it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from roadscope.core.registry import Plugin
+
+TWO_SECONDS = ("motorway", 0, "lux", 2.0)
+"""The scene: traffic, one of the training seeds, sensors, length."""
+
+
+class PromiseError(RuntimeError):
+    """A plug-in breaks its promise; the message says in plain words how."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """What came of one promise.
+
+    words: what is wrong, or a remark.
+    """
+
+    promise: str
+    good: bool
+    words: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Promise:
+    """A promise and how it is looked at.
+
+    look: takes the plug-in, makes instances of it, returns a remark or raises.
+    """
+
+    words: str
+    look: Callable[[Plugin[Any]], str]
+
+
+def made_by_name(plugin: Plugin[Any]) -> str:
+    """Refuse constructors that a name alone does not satisfy."""
+    given = []
+    for parameter in inspect.signature(plugin.factory).parameters.values():
+        if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
+            continue
+        if parameter.default is parameter.empty:
+            raise PromiseError(
+                f"the constructor's argument '{parameter.name}' has no default; give it one, "
+                "so that the name alone makes it"
+            )
+        if parameter.kind is not parameter.KEYWORD_ONLY:
+            raise PromiseError(
+                f"the constructor's argument '{parameter.name}' can be given by position; put * "
+                f"before it: def __init__(self, *, {parameter.name}={parameter.default!r})"
+            )
+        given.append(parameter.name)
+    plugin.make()
+    return f"arguments: {', '.join(given)}" if given else ""
+
+
+def has_method(plugin: Plugin[Any], name: str, *arguments: str) -> None:
+    """Refuse a class without a method that can be called so."""
+    method = getattr(plugin.factory, name, None)
+    wanted = f"def {name}({', '.join(('self', *arguments))})"
+    if not callable(method):
+        raise PromiseError(f"there is no method {name}; the contract has {wanted}")
+    try:
+        inspect.signature(method).bind(None, *arguments)
+    except TypeError as error:
+        raise PromiseError(
+            f"{name} cannot be called as the contract does, {wanted}: {error}"
+        ) from None
