@@ -29,7 +29,8 @@ class Truth(Record):
     lidar_returns: (N,) int64, returns of this tick's scan that came from the object.
     visible_pixels: (N,) int64, pixels of this tick's image that show the object.
     occluded_fraction: (N,) float64 in 0 to 1, share of the object's rays that something else
-        caught first; 1 when no ray of the sensor reaches its outline.
+        caught first; 1 when no ray of the sensor reaches its outline. What is not known of
+        recorded traffic (returns, pixels, this) is -1.
     world_from_ego: pose of the ego at the stamp.
     stamp_s: seconds since reset.
     sources: (P,) int64, for each return of the scan the id of the object it came from,
