@@ -1,0 +1,1 @@
+"""Trackers of other libraries as trackers of ours: `pip install roadscope[peers]`."""

@@ -1,0 +1,131 @@
+"""Norfair's tracker: Kalman filters, and the nearest pairs first."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from roadscope.core import Detections, Family, Pose, Requirement, Tracks
+from roadscope.trackers.motion import ConstantVelocity
+from roadscope.trackers.peers.adapter import Adapter, Told
+from roadscope.trackers.place_filter import SPEED_SHARES, PlaceFilter
+from roadscope.trackers.settings import check_counts, check_not_negative, check_positive
+
+
+class NorfairTracker:
+    """Norfair (Tryolabs) with centres in metres and Euclidean distances.
+
+    The nearest pair of all is taken first, confirmed tracks before new ones. Where Norfair counts
+    in frames and pixels, its filters are given the true time between ticks and metres.
+    """
+
+    requires: ClassVar = Requirement("norfair", "pip install --no-deps norfair")
+    """It works with NumPy 2, filterpy 2 and rich 15 but its metadata asks for older ones."""
+
+    def __init__(
+        self,
+        *,
+        vehicle_gate_m: float = 4.0,
+        cyclist_gate_m: float = 3.0,
+        pedestrian_gate_m: float = 1.0,
+        confirm_hits: int = 3,
+        coast_frames: int = 10,
+        shown_misses: int = 0,
+        position_m: float = 0.3,
+        speed_m_s: float = 15.0,
+        velocity_walk: float = 2.0,
+    ) -> None:
+        """Set the tracker up.
+
+        vehicle_gate_m, cyclist_gate_m, pedestrian_gate_m: `distance_threshold`, from a track's
+            expected place.
+        confirm_hits: detections in a row after which a track is confirmed; Norfair's
+            `initialization_delay` is one less.
+        coast_frames: `hit_counter_max`: detections count up to there, misses count down to 0.
+        shown_misses: see `Adapter`.
+        position_m, speed_m_s: see `PlaceFilter`.
+        velocity_walk: m/s per root second, by which velocities wander.
+        """
+        gates = {
+            Family.VEHICLE: vehicle_gate_m,
+            Family.CYCLIST: cyclist_gate_m,
+            Family.PEDESTRIAN: pedestrian_gate_m,
+        }
+        check_positive(**{f"{family}_gate_m": gate for family, gate in gates.items()})
+        check_counts(1, confirm_hits=confirm_hits)
+        check_counts(confirm_hits, coast_frames=coast_frames)
+        check_not_negative(velocity_walk=velocity_walk)
+        filter_ = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
+        self._adapter = Adapter(
+            lambda family: _Norfair(
+                _Filters(filter_, speed_m_s * SPEED_SHARES[family]),
+                distance_function="euclidean",
+                distance_threshold=gates[family],
+                hit_counter_max=coast_frames,
+                initialization_delay=confirm_hits - 1,
+            ),
+            shown_misses,
+        )
+
+    def reset(self) -> None:
+        """Forget all tracks."""
+        self._adapter.reset()
+
+    def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
+        """Take the detections of one tick and return all tracks."""
+        return self._adapter.update(detections, ego_pose)
+
+
+class _Filters:
+    """Makes the Kalman filters of Norfair's tracks, filterpy's as in its own factory."""
+
+    def __init__(self, place: PlaceFilter, speed_m_s: float) -> None:
+        self._place = place
+        self._started = np.repeat([place.position_m, speed_m_s], 2) ** 2
+
+    def create_filter(self, points: np.ndarray) -> Any:
+        """Begin at (1, 2) x and y."""
+        from filterpy.kalman import KalmanFilter
+
+        made = KalmanFilter(dim_x=4, dim_z=2)
+        made.x[:2, 0] = points[0]
+        made.P, made.H, made.R = np.diag(self._started), self._place.H, self._place.R
+        return made
+
+    def step(self, one: Any, period_s: float) -> None:
+        """Say how long the next step of a filter is."""
+        motion = self._place.motion
+        one.F, one.Q = motion.jacobian(one.x.T, period_s), motion.noise(one.x.T, period_s)
+
+
+class _Norfair:
+    """`norfair.Tracker` as a library of `Adapter`."""
+
+    def __init__(self, filters: _Filters, **settings: Any) -> None:
+        from norfair import Tracker
+
+        self._filters = filters
+        self._tracker = Tracker(filter_factory=filters, past_detections_length=0, **settings)
+
+    def follow(self, targets: Detections, period_s: float) -> Told:
+        from norfair import Detection
+
+        for track in self._tracker.tracked_objects:
+            self._filters.step(track.filter, period_s)
+        found = [Detection(place[None]) for place in targets.centres[:, :2]]
+        self._tracker.update(found)
+        rows = {id(each): row for row, each in enumerate(found)}
+        return Told.of(
+            [
+                (
+                    track.initializing_id,
+                    track.filter.x[:, 0],
+                    track.filter.P,
+                    rows.get(id(track.last_detection), -1),
+                    not track.is_initializing,
+                )
+                for track in self._tracker.tracked_objects
+                if track.hit_counter_is_positive
+            ]
+        )
