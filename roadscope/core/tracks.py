@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 
 from roadscope.core.checks import require, settle_arrays
-from roadscope.core.detections import check_boxes
+from roadscope.core.detections import Detections, check_boxes
 from roadscope.core.pose import Pose, wrap_angle
 from roadscope.core.record import Record
 
@@ -84,6 +84,19 @@ class Tracks(Record):
         return Tracks(
             np.empty(0, np.int64), three, three, none, np.empty((0, 2)), np.empty((0, 4, 4)),
             np.empty(0, np.int8), none, np.empty(0, np.int8), frame, stamp_s,
+        )  # fmt: skip
+
+    @staticmethod
+    def of(detections: Detections, ids: np.ndarray) -> Tracks:
+        """Take detections for tracks: confirmed, at rest, variances of 1.
+
+        For trackers that know of each object only where it is. ids: (N,) int64.
+        """
+        n = len(detections)
+        return Tracks(
+            ids, detections.centres, detections.sizes, detections.yaws, np.zeros((n, 2)),
+            np.tile(np.eye(4), (n, 1, 1)), detections.categories, detections.scores,
+            np.full(n, TrackState.CONFIRMED, np.int8), detections.frame, detections.stamp_s,
         )  # fmt: skip
 
     def moved(self, a_from_b: Pose, frame: str) -> Tracks:
