@@ -19,6 +19,12 @@ TRACKERS: Registry[Tracker] = Registry(
         "pmbm": "roadscope.trackers.pmbm:PmbmTracker",
         "jpda": "roadscope.trackers.jpda:JpdaTracker",
         "existence": "roadscope.trackers.existence:ExistenceTracker",
+        "norfair": "roadscope.trackers.peers.norfair:NorfairTracker",
+        "stonesoup-gnn": "roadscope.trackers.peers.stone_soup:StoneSoupGnnTracker",
+        "stonesoup-jpda": "roadscope.trackers.peers.stone_soup:StoneSoupJpdaTracker",
+        "roboflow-sort": "roadscope.trackers.peers.roboflow:RoboflowSortTracker",
+        "roboflow-bytetrack": "roadscope.trackers.peers.roboflow:RoboflowByteTracker",
+        "roboflow-oc-sort": "roadscope.trackers.peers.roboflow:RoboflowOcSortTracker",
     },
     group="roadscope.trackers",
     summaries={
@@ -34,6 +40,12 @@ TRACKERS: Registry[Tracker] = Registry(
         "pmbm": "Many global hypotheses (Poisson multi-Bernoulli mixture, Garcia-Fernandez 2018).",
         "jpda": "All detections in the gate by exact marginals; existence (JIPDA, Musicki 2004).",
         "existence": "Probability of existence from scores, fit and visibility: the best.",
+        "norfair": "Norfair's, nearest pairs first; needs norfair.",
+        "stonesoup-gnn": "Stone Soup's GNN, likeliest pairs; needs stonesoup.",
+        "stonesoup-jpda": "Stone Soup's exact JPDA; needs stonesoup.",
+        "roboflow-sort": "Roboflow's SORT, overlap seen from above; needs trackers.",
+        "roboflow-bytetrack": "Roboflow's ByteTrack, likewise; needs trackers.",
+        "roboflow-oc-sort": "Roboflow's OC-SORT, likewise; needs trackers.",
     },
 )
 
