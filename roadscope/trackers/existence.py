@@ -37,7 +37,7 @@ class ExistenceTracker:
         self,
         *,
         traits: str = "kitti-pointrcnn",
-        least_overlap: float = -0.5,
+        least_overlap: float = -0.3,
         coast_s: float = 1.5,
         detected: float = 0.9,
         clutter_detected: float = 0.4,

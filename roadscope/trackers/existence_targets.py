@@ -14,8 +14,8 @@ from roadscope.trackers.learned import Learned
 from roadscope.trackers.rows import Rows
 from roadscope.trackers.tracklets import boxes_of
 
-SIZE_MEMORY = 2.0
-"""Detections at no range that a size rests on at most: boxes follow what is visible."""
+SIZE_MEMORY = 1.0
+"""Detections at no range that a size rests on at most, beside the next: boxes follow what is visible."""
 HEADING_MEMORY = 0.9
 """What a vote for front and rear is still worth a tick later."""
 SCORE_EDGE = 1e-4
