@@ -11,7 +11,7 @@ from roadscope.benchmarks.combined import CURVES
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.recorded import KITTI_BOARDS
 from roadscope.benchmarks.results import BREAKDOWNS, Results
-from roadscope.benchmarks.rows import Row
+from roadscope.benchmarks.rows import DETECTOR, Row
 from roadscope.benchmarks.tables import ENTRY, FULL, NAME, NARROW_NAME, figure, plain_table
 
 SHOWN: Mapping[str, Sequence[str]] = {
@@ -34,15 +34,20 @@ NOTES = {
     "occlusion": "Occlusion: share of the object's rays that something else caught.",
     "score": "Scores are calibrated where precision lies within their band.",
     "weather": "What fog and rain leave too few returns from is not to be found.",
+    "detector": "In brackets: the rank on these detections.",
 }
 """What is said below tables."""
 LONGEST = 7
 """Headings are broken into lines of this many characters."""
+UNRANKED, RANKED = 5, 9
+"""How wide figures are, and figures with a rank."""
 BROKEN = {
     "motorway": "motor-\nway", "dense-motorway": "dense\nmotor-\nway",
     "roundabout": "round-\nabout", "intersection": "inter-\nsection",
     "racetrack": "race-\ntrack", "parking-lot": "parking\nlot", "motorcycle": "motor-\ncycle",
-    "pedestrian": "pedes-\ntrian",
+    "pedestrian": "pedes-\ntrian", "distance-l-shape": "distance\nl-shape",
+    "dbscan-l-shape": "dbscan\nl-shape", "zhang2017": "zhang-\n2017",
+    "long-occlusion": "long\nocclu-\nsion",
 }  # fmt: skip
 
 
@@ -57,15 +62,15 @@ def breakdown_tables(results: Results, board: str, by: str, width: int) -> list[
         if cells:
             table = _table(results, board, _title(metric, by), cells, width)
             if metric == "detection_rate":
-                _add_counts(table, rows, _fitting(bands_of(list(cells.values())), width), width)
+                _add_counts(table, rows, _fitting(list(cells.values()), width), width)
             tables.append(table)
     return tables
 
 
 def left_out(results: Results, board: str, by: str, width: int) -> int:
     """Return how many bands the width has no room for."""
-    bands = bands_of(results.breakdown(by, board))
-    return len(bands) - len(_fitting(bands, width))
+    rows = results.breakdown(by, board)
+    return len(bands_of(rows)) - len(_fitting(rows, width))
 
 
 def markdown_lines(results: Results, board: str) -> list[str]:
@@ -106,22 +111,52 @@ def _title(metric: str, by: str) -> str:
 def _table(
     results: Results, board: str, title: str, cells: Mapping[tuple[str, str], Row], width: int
 ) -> Table:
-    bands = _fitting(bands_of(list(cells.values())), width)
+    bands = _fitting(list(cells.values()), width)
     table = plain_table(title=title, title_justify="left", title_style="bold")
     narrow = NAME if width >= FULL else NARROW_NAME
     table.add_column(ENTRY[board], style="bold", min_width=narrow, overflow="fold")
     for band in bands:
         table.add_column(heading(band), justify="right", no_wrap=True)
-    marked = False
+    marked, places = False, _places(results, board, cells)
     for entry in results.entries(board):
         is_mark = results.standing(board, entry).mark is not None
         if is_mark and not marked:
             table.add_section()
         marked = is_mark
-        figures = [figure(cells.get((entry, band)), 2, interval=False) for band in bands]
+        figures = [_cell(cells, places, entry, band) for band in bands]
         name = Text(entry, style="not bold" if is_mark else "")
         table.add_row(name, *figures, style="dim" if is_mark else None)
     return table
+
+
+def _places(
+    results: Results, board: str, cells: Mapping[tuple[str, str], Row]
+) -> dict[tuple[str, str], int]:
+    """Return the rank of each entry on the detections of each detector, 1 for the best.
+
+    Where results are broken down by anything else there are none.
+    """
+    ranked = [e for e in results.entries(board) if results.standing(board, e).mark is None]
+    bands: dict[str, list[tuple[float, str]]] = {}
+    for (entry, band), row in cells.items():
+        if row.by == DETECTOR and entry in ranked and row.value is not None:
+            bands.setdefault(band, []).append((row.value, entry))
+    return {
+        (entry, band): 1 + sum(other > value for other, _ in entries)
+        for band, entries in bands.items()
+        for value, entry in entries
+    }
+
+
+def _cell(
+    cells: Mapping[tuple[str, str], Row],
+    places: Mapping[tuple[str, str], int],
+    entry: str,
+    band: str,
+) -> str:
+    text = figure(cells.get((entry, band)), 2, interval=False)
+    place = places.get((entry, band))
+    return text if place is None else f"{text} ({place})"
 
 
 def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str], width: int) -> None:
@@ -141,11 +176,13 @@ def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str], width: 
             table.add_row(Text(label, style="not bold"), *map(str, figures), style="dim")
 
 
-def _fitting(bands: Sequence[str], width: int) -> list[str]:
+def _fitting(rows: Sequence[Row], width: int) -> list[str]:
+    """Return the bands of rows that there is room for, at least the first."""
     room = width - (NAME if width >= FULL else NARROW_NAME) - 1
-    shown = []
+    bands, shown = bands_of(rows), []
+    least = RANKED if rows and rows[0].by == DETECTOR else UNRANKED
     for band in bands:
-        room -= max(5, *map(len, heading(band).split("\n"))) + 1
+        room -= max(least, *map(len, heading(band).split("\n"))) + 1
         if room >= 0:
             shown.append(band)
     return shown or list(bands[:1])
@@ -165,8 +202,9 @@ def heading(band: str) -> str:
 def _markdown(results: Results, board: str, cells: Mapping[tuple[str, str], Row]) -> list[str]:
     bands = bands_of(list(cells.values()))
     lines = [markdown_row(["entry", *bands]), markdown_row(["---"] * (len(bands) + 1))]
+    places = _places(results, board, cells)
     for entry in results.entries(board):
-        figures = [figure(cells.get((entry, band)), 2, interval=False) for band in bands]
+        figures = [_cell(cells, places, entry, band) for band in bands]
         lines.append(markdown_row([entry.replace("|", "\\|"), *figures]))
     return lines
 

@@ -21,7 +21,8 @@ from roadscope.benchmarks.metrics.breakdown import broken_down
 from roadscope.benchmarks.metrics.detection import score_detections
 from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.metrics.tracking import score_tracks
-from roadscope.benchmarks.oracle import ORACLE
+from roadscope.benchmarks.noisy import NOISES
+from roadscope.benchmarks.oracle import ORACLE, made_from_truth
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.recorded import OFFLINE, Recording, replayed, sequence_of
 from roadscope.benchmarks.stack import EntryError, describe, perceive, prints_aside, track
@@ -32,7 +33,7 @@ from roadscope.trackers import TRACKERS
 
 PERCEIVING = tuple(
     f"benchmarks/{name}.py"
-    for name in ("stack", "perceived", "oracle", "parked", "episode", "eligibility")
+    for name in ("stack", "perceived", "oracle", "noisy", "parked", "episode", "eligibility")
 )
 """What detections depend on beside the detector and the episode."""
 SCORING = ("benchmarks/metrics", "benchmarks/eligibility.py", "benchmarks/job.py")
@@ -66,15 +67,20 @@ class Job:
         """Everything that the detections depend on."""
         if isinstance(self.episode, Recording):
             return {"episode": self.episode.spec(), "code": code_hash(*PERCEIVING)}
-        oracle = self.detector == ORACLE
-        rule = fingerprint(self.eligibility)
-        by = rule if oracle else plugin_hash(DETECTORS.resolve(self.detector))
         return {
             "detector": self.detector,
-            "by": by,
+            "by": self._made_by(),
             "episode": self.episode.spec(),
             "code": code_hash(*PERCEIVING),
         }
+
+    def _made_by(self) -> str:
+        rule = fingerprint(self.eligibility)
+        if self.detector == ORACLE:
+            return rule
+        if made_from_truth(self.detector):
+            return fingerprint([rule, NOISES.make(self.detector)])
+        return plugin_hash(DETECTORS.resolve(self.detector))
 
     @cached_property
     def spec(self) -> str:
@@ -140,7 +146,7 @@ def detections_of(job: Job, fresh: bool = False) -> Perceived:
 def detection_scores(
     detector: str, perceived: Perceived, eligibility: Eligibility
 ) -> dict[str, Score]:
-    """Return a detector's scores on an episode, and its delay and cost unless it is the oracle.
+    """Return a detector's scores on an episode; its delay and cost, unless made from truth.
 
     unseen_per_frame: objects that do not count for want of returns, the same for every entry.
     delay_s: from a frame to its answer, mean of the answered ones.
@@ -150,7 +156,7 @@ def detection_scores(
     scores = score_detections(found, truths, pairings).named()
     unseen = sum(eligibility.unseen(truth) for truth in truths)
     scores["unseen_per_frame"] = mean(unseen, len(truths), "1/frame")
-    if detector == ORACLE:
+    if made_from_truth(detector):
         return scores
     late_s = float(np.nansum(perceived.delays_s))
     return {**scores, "delay_s": mean(late_s, perceived.answered, "s"), **cost(perceived.calls_ms)}

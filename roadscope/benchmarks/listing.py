@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.suite import SUITES, load_suite, unknown
 from roadscope.core import Registry, SpecError
@@ -21,7 +22,8 @@ def names_of(kind: str) -> list[tuple[str, str]]:
 def _detectors() -> list[tuple[str, str]]:
     from roadscope.detectors import DETECTORS
 
-    return [*_plugins(DETECTORS), (ORACLE, "The true boxes of all eligible objects.")]
+    oracle = (ORACLE, "The true boxes of all eligible objects.")
+    return [*_plugins(DETECTORS), oracle, *_plugins(NOISES)]
 
 
 def _trackers() -> list[tuple[str, str]]:

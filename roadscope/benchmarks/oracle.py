@@ -1,13 +1,16 @@
-"""The marks of a board, which are shown apart: who reads the truth, and who tells nothing apart."""
+"""Detections that are made from truth, and the marks of a board, which are shown apart."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.noisy import NOISES, NoisyDetections
 from roadscope.core import Detections, Truth
+from roadscope.core.registry import split_spec
 
 ORACLE = "oracle"
 """It is no plug-in."""
@@ -31,6 +34,20 @@ def mark_of(entry: str, tracker: str | None) -> str | None:
     if tracker is None:
         return MARKS.get(entry)
     return MARKS[ORACLE] if entry == f"{tracker} on {ORACLE}" else None
+
+
+def made_from_truth(detector: str) -> bool:
+    """Say whether a spec names no plug-in but the oracle or a noise model."""
+    return detector == ORACLE or split_spec(detector)[0] in NOISES
+
+
+def from_truth(
+    detector: str, episode: Episode, eligibility: Eligibility
+) -> Callable[[Truth], Detections]:
+    """Return what makes detections of the frames of an episode, one after the other."""
+    if detector == ORACLE:
+        return lambda truth: oracle_detections(truth, eligibility)
+    return NoisyDetections(NOISES.make(detector), episode, eligibility).of
 
 
 def oracle_detections(truth: Truth, eligibility: Eligibility) -> Detections:

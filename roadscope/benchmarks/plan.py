@@ -9,7 +9,8 @@ from typing import Any
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.job import Job
-from roadscope.benchmarks.oracle import MARK_SPECS, ORACLE
+from roadscope.benchmarks.noisy import NOISES
+from roadscope.benchmarks.oracle import MARK_SPECS, ORACLE, made_from_truth
 from roadscope.benchmarks.recorded_suite import RecordedSuite, recorded_jobs
 from roadscope.benchmarks.suite import Suite, SuiteError, check_names, unknown
 from roadscope.core import Registry, SpecError
@@ -83,6 +84,10 @@ def kind_of(spec: str) -> str:
             return "detector"
         if name in TRACKERS:
             return "tracker"
+        if made_from_truth(spec):
+            raise SpecError(
+                f"'{spec}' is no entry; a suite gives it to trackers: tracking.detectors"
+            )
         known = [*DETECTORS.names(), *TRACKERS.names()]
         raise SpecError(
             unknown("detector or tracker", name, known)
@@ -119,6 +124,14 @@ def check(registry: Registry[Any], spec: str) -> None:
         _make(plugin)
 
 
+def check_detector(spec: str) -> None:
+    """Refuse what makes no detections; the oracle and noise models do, beside detectors."""
+    if not made_from_truth(spec):
+        check(DETECTORS, spec)
+    elif spec != ORACLE:
+        _make(NOISES.resolve(spec))
+
+
 def _make(plugin: Plugin[Any]) -> None:
     try:
         plugin.make()
@@ -135,11 +148,11 @@ def _check_all(suite: Suite, detectors: Sequence[str], trackers: Sequence[str]) 
     for key, registry, specs in (
         ("detection.entries", DETECTORS, suite.detectors),
         ("tracking.entries", TRACKERS, suite.trackers),
-        ("tracking.detectors", DETECTORS, suite.public_detectors),
     ):
         for spec in specs:
-            if spec != ORACLE:
-                _of_suite(suite, key, check, registry, spec)
+            _of_suite(suite, key, check, registry, spec)
+    for spec in suite.public_detectors:
+        _of_suite(suite, "tracking.detectors", check_detector, spec)
 
 
 def _of_suite(suite: Suite, key: str | None, work: Callable[..., None], *arguments: Any) -> None:
@@ -164,10 +177,11 @@ def _detection_jobs(suite: Suite, marks: Mapping[str, str], detectors: Sequence[
 
 
 def tracking_jobs(suite: Suite, trackers: Sequence[str]) -> list[Job]:
-    """Every tracker on every public detector; the first detector goes without saying."""
+    """Every tracker on every public detector, all of them one entry; on the oracle, one apart."""
+    alone = suite.public_detectors == (ORACLE,)
     rows = [
-        (tracker if rank == 0 else f"{tracker} on {detector}", detector, tracker)
-        for rank, detector in enumerate(suite.public_detectors)
+        (tracker if detector != ORACLE or alone else f"{tracker} on {detector}", detector, tracker)
+        for detector in suite.public_detectors
         for tracker in dict.fromkeys(trackers)
     ]
     return _jobs(suite, "tracking", rows)

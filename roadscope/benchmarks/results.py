@@ -15,6 +15,7 @@ from roadscope.benchmarks.rank_agreement import BoardAgreement
 from roadscope.benchmarks.recorded import KITTI_BOARDS
 from roadscope.benchmarks.rows import (
     CONDITIONS,
+    DETECTOR,
     RECORDED_CONDITIONS,
     Record,
     Row,
@@ -27,7 +28,7 @@ from roadscope.benchmarks.suite import unknown
 
 BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
     "detection": (*BANDS, *CONDITIONS),
-    "tracking": tuple(CONDITIONS),
+    "tracking": (*CONDITIONS, DETECTOR),
     **dict.fromkeys(KITTI_BOARDS, (BY_ALPHA, *RECORDED_CONDITIONS)),
 }
 """By what the figures of each board are broken down."""
@@ -174,11 +175,13 @@ def _failure(job: Job, reason: str) -> Failure:
 
 def _record(jobs: Sequence[Job], outcomes: Mapping[str, Outcome]) -> Record:
     first = jobs[0]
-    done = [(job.episode, outcomes[job.key]) for job in jobs]
+    sound = [job for job in jobs if outcomes[job.key].reason is None]
+    public = first.board == "tracking"
     return Record(
         first.board,
         first.entry,
         mark_of(first.entry, first.tracker),
-        tuple((episode, o.scores) for episode, o in done if o.reason is None),
+        tuple((job.episode, outcomes[job.key].scores) for job in sound),
         len(jobs),
+        tuple(job.detector for job in sound) if public else (),
     )

@@ -27,6 +27,8 @@ CONDITIONS: Mapping[str, Callable[[Any], str]] = {
     "scenario": lambda episode: episode.scenario,
 }
 """What whole episodes of simulated traffic are broken down by."""
+DETECTOR = "detector"
+"""Whose detections a tracker was given."""
 RECORDED_CONDITIONS: Mapping[str, Callable[[Any], str]] = {
     "sequence": lambda recording: recording.sequence,
 }
@@ -81,6 +83,8 @@ class Record:
     mark: which mark it is, or None when it is ranked.
     sound: the episodes that it came through, with its scores.
     episodes: number of all.
+    detectors: whose detections it was given in each of the sound ones; empty where it makes its
+        own or they are recorded.
     """
 
     board: str
@@ -88,6 +92,7 @@ class Record:
     mark: str | None
     sound: tuple[tuple[Episode | Recording, Mapping[str, Score]], ...]
     episodes: int
+    detectors: tuple[str, ...] = ()
 
     @property
     def failed(self) -> int:
@@ -109,9 +114,10 @@ def part_rows(record: Record) -> list[Row]:
     """Return an entry's figures broken down; bands in which nobody is to be found are left out."""
     names = _names(record)
     rows = [_row(record, name, _samples(record, name)) for name in names if not _whole(name)]
-    for by, condition in CONDITIONS_OF[record.board].items():
-        for band in dict.fromkeys(condition(episode) for episode, _ in record.sound):
-            part = replace(record, sound=tuple(s for s in record.sound if condition(s[0]) == band))
+    for by, held in conditions_of(record).items():
+        for band in dict.fromkeys(held):
+            sound = [s for s, there in zip(record.sound, held, strict=True) if there == band]
+            part = replace(record, sound=tuple(sound))
             found = [(metric, _samples(part, metric)) for metric in BROKEN_DOWN[record.board]]
             rows += [
                 _row(record, part_name(m, by, band), samples) for m, samples in found if samples
@@ -119,8 +125,15 @@ def part_rows(record: Record) -> list[Row]:
     return [row for row in rows if row.samples]
 
 
+def conditions_of(record: Record) -> dict[str, list[str]]:
+    """Return by name of a condition what held in each of the sound episodes."""
+    known = CONDITIONS_OF[record.board]
+    held = {by: [condition(e) for e, _ in record.sound] for by, condition in known.items()}
+    return {**held, DETECTOR: list(record.detectors)} if record.detectors else held
+
+
 def blocks(samples: Sequence[tuple[Episode | Recording, Score]]) -> dict[tuple[str, int], Score]:
-    """Join what comes from the same traffic: the sample are the seeds, not the weathers."""
+    """Join what comes from the same traffic: seeds are the sample, not weathers or detectors."""
     groups: dict[tuple[str, int], list[Score]] = {}
     for episode, score in samples:
         groups.setdefault((episode.scenario, episode.seed), []).append(score)

@@ -13,13 +13,11 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
 from roadscope.benchmarks.job import detection_scores, tracking_scores
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.perceived import Perceived
-from roadscope.benchmarks.plan import check
+from roadscope.benchmarks.plan import check, check_detector
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.stack import perceive, prints_aside, track
 from roadscope.core import Tracks
-from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS
 
 PICTURES = (".png", ".jpg", ".webp")
@@ -54,8 +52,7 @@ def run_episode(
 
     progress: told the stage, steps done and steps in all.
     """
-    if detector != ORACLE:
-        check(DETECTORS, detector)
+    check_detector(detector)
     check(TRACKERS, tracker)
     check_episode(episode)
     rule = Eligibility() if eligibility is None else eligibility

@@ -17,7 +17,7 @@ import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
-from roadscope.benchmarks.oracle import ORACLE, oracle_detections
+from roadscope.benchmarks.oracle import from_truth, made_from_truth
 from roadscope.benchmarks.parked import parked_centres, parked_owners
 from roadscope.benchmarks.perceived import Perceived, without_sources
 from roadscope.core import Detections, Frame, Tracks, TrackState, Truth
@@ -47,7 +47,7 @@ class Answer:
 
 
 def perceive(detector: str, episode: Episode, eligibility: Eligibility) -> Perceived:
-    """Run a detector, or the oracle, over an episode.
+    """Run a detector, the oracle or a noise model over an episode.
 
     An answer is filed under the frame whose stamp it bears, this one or an earlier one. A frame
     that is never answered has no detections.
@@ -56,7 +56,7 @@ def perceive(detector: str, episode: Episode, eligibility: Eligibility) -> Perce
     truths: list[Truth] = []
     calls_ms = []
     parked: set[int] = set()
-    detect = _detect(detector, eligibility)
+    detect = _detect(detector, episode, eligibility)
     for frame, truth in _warmed_up(detector, sensed(episode)):
         answers.append(None)
         truths.append(without_sources(truth))
@@ -152,7 +152,9 @@ def _warmed_up(
     timed pays for it. It is done once in a process, again until something was detected. Others
     are not called more often than they are asked; of theirs the first call is not counted.
     """
-    if detector == ORACLE or detector in _WARM or not DETECTORS.resolve(detector).ours:
+    if made_from_truth(detector) or detector in _WARM:
+        return frames
+    if not DETECTORS.resolve(detector).ours:
         return frames
     first = list(islice(frames, WARM_FRAMES))
     plugin = guarded(detector, lambda: DETECTORS.make(detector))
@@ -162,10 +164,13 @@ def _warmed_up(
     return chain(first, frames)
 
 
-def _detect(detector: str, eligibility: Eligibility) -> Callable[[Frame, Truth], tuple[Any, float]]:
+def _detect(
+    detector: str, episode: Episode, eligibility: Eligibility
+) -> Callable[[Frame, Truth], tuple[Any, float]]:
     """Return what a frame is given to: what the plug-in answers, and how many ms it took."""
-    if detector == ORACLE:
-        return lambda _, truth: (oracle_detections(truth, eligibility), 0.0)
+    if made_from_truth(detector):
+        make = from_truth(detector, episode, eligibility)
+        return lambda _, truth: (make(truth), 0.0)
     plugin = guarded(detector, lambda: DETECTORS.make(detector))
     guarded(detector, methodcaller("reset"), plugin)
     return lambda frame, _: timed(detector, methodcaller("detect", frame), plugin)

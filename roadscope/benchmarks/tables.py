@@ -74,6 +74,7 @@ COLUMNS: Mapping[str, Columns] = {
         "idf1": ("IDF1", 2),
         "id_switches": ("ID\nsw.", 1),
         "wrong_associations": ("wrong\nassoc", 1),
+        "kept_through_occlusion": ("kept\nhidden", 2),
         "fragmentations": ("frag-\nments", 1),
         "motp_m": ("MOTP\nm", 2),
         "velocity_rmse_m_s": ("vel.\nm/s", 2),
@@ -81,7 +82,6 @@ COLUMNS: Mapping[str, Columns] = {
         "ass_a": ("AssA", 2),
         "samota": ("sAMO-\nTA", 2),
         "gospa_m": ("GOSPA\nm", 2),
-        "kept_through_occlusion": ("kept\nhidden", 2),
         "heading_rmse_deg": ("head.\ndeg", 1),
         "inside_state": ("in\n95 %", 2),
         "call_p50_ms": ("ms\np50", 2),
@@ -97,8 +97,8 @@ WIDER: Mapping[str, Sequence[str]] = {
         "lateral_rmse_m", "delay_s",
     ),
     "tracking": (
-        "motp_m", "fragmentations", "call_p99_ms", "kept_through_occlusion", "ass_a", "det_a",
-        "samota", "gospa_m", "inside_state", "heading_rmse_deg",
+        "velocity_rmse_m_s", "motp_m", "fragmentations", "call_p99_ms", "ass_a", "det_a", "samota",
+         "gospa_m", "inside_state", "heading_rmse_deg",
     ),
     **dict.fromkeys(
         KITTI_BOARDS,
@@ -164,7 +164,9 @@ def conditions(suite: Suite) -> str:
     place = f"within {far:g} m" if near == 0 else f"{near:g} to {far:g} m away"
     text = f"To be found: {families} {place} with at least {rule.min_returns} returns."
     if suite.public_detectors:
-        text += f" Trackers get the detections of {suite.public_detectors[0]}"
+        first, *others = [d for d in suite.public_detectors if d != ORACLE] or [ORACLE]
+        text += f" Trackers get the detections of {', of '.join([first, *others])}"
+        text += "; figures are of all of these together" if others else ""
         text += ", 'on oracle' the true boxes." if ORACLE in suite.public_detectors[1:] else "."
     return text + " In brackets: 95 % intervals over seeds."
 

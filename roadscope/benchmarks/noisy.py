@@ -1,0 +1,182 @@
+"""Detections made from truth with errors of known size: sliders for what trackers are given.
+
+Like the oracle it is no plug-in and belongs to the benchmark alone. It is named by a string, as
+plug-ins are: `noisy?miss=0.2&clutter=2&position_m=0.3`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.fingerprint import fingerprint
+from roadscope.core import Category, Detections, Registry, Truth, wrap_angle
+
+CLUTTER_SIZE_M = (4.5, 1.8, 1.5)
+LEAST_SIZE_M = 0.2
+
+Boxes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Centres, sizes, yaws, categories and scores."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseModel:
+    """How detections differ from truth; all errors are drawn anew in every frame.
+
+    miss: share of an eligible object's frames in which it is not detected, 0 to below 1.
+    miss_run: mean number of frames from the first miss to the next detection, by a two-state
+        Markov chain (Gilbert 1960); None: 1 / (1 - miss), misses that know nothing of each other.
+    occlusion: times the hidden share of an object it is the probability that the object is
+        missed for that; whoever is missed at one share is missed at every greater one.
+    clutter: mean number of false detections a frame, Poisson, uniform over the range band, with
+        a car's size and any yaw.
+    position_m: standard deviation in x and in y.
+    size_m: standard deviation of length, width and height, which stay above 0.2 m.
+    yaw_deg: standard deviation of the yaw.
+    flip: share of detections whose front and rear are taken for each other.
+    score_gap: distance between the log-odds' means of objects and of clutter in standard
+        deviations; an object's score is above that of clutter in the share Phi(gap / sqrt 2),
+        and where both are equally many, scores are probabilities. 0: all scores are 0.5.
+    """
+
+    miss: float = 0.1
+    miss_run: float | None = None
+    occlusion: float = 0.0
+    clutter: float = 1.0
+    position_m: float = 0.2
+    size_m: float = 0.1
+    yaw_deg: float = 3.0
+    flip: float = 0.02
+    score_gap: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name in ("clutter", "position_m", "size_m", "yaw_deg", "score_gap"):
+            self._check(name, "0 or more", 0.0, math.inf)
+        for name in ("occlusion", "flip"):
+            self._check(name, "in 0 to 1", 0.0, 1.0)
+        self._check("miss", "0 or more and below 1", 0.0, math.nextafter(1.0, 0.0))
+        if self.miss_run is not None:
+            least = max(1.0, self.miss / (1 - self.miss))
+            self._check(
+                "miss_run", f"none or at least {least:g} with miss={self.miss:g}", least, math.inf
+            )
+
+    def _check(self, name: str, wanted: str, low: float, high: float) -> None:
+        value = getattr(self, name)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (number and low <= value <= high and math.isfinite(value)):
+            raise ValueError(f"{name} must be {wanted}, got {value!r}")
+
+    @property
+    def stays(self) -> float:
+        """Probability that a miss is followed by another."""
+        return self.miss if self.miss_run is None else 1 - 1 / self.miss_run
+
+    @property
+    def begins(self) -> float:
+        """Probability that a detection is followed by a miss, so that `miss` is their share."""
+        return (1 - self.stays) * self.miss / (1 - self.miss)
+
+
+NOISES: Registry[NoiseModel] = Registry(
+    "noise model",
+    {
+        "noisy": "roadscope.benchmarks.noisy:NoiseModel",
+        "noisy-misses": "roadscope.benchmarks.noisy:NoiseModel"
+        "?miss=0.3&miss_run=4&occlusion=1.0&clutter=0.5",
+        "noisy-clutter": "roadscope.benchmarks.noisy:NoiseModel"
+        "?clutter=8&position_m=0.4&yaw_deg=8&flip=0.1&score_gap=1.5",
+    },
+    summaries={
+        "noisy": "The true boxes with errors of known size: miss, clutter, position_m, ...",
+        "noisy-misses": "Likewise, 3 of 10 missed, in runs, and more the more of them is hidden.",
+        "noisy-clutter": "Likewise, 8 false detections a frame, rough boxes.",
+    },
+)
+
+
+class NoisyDetections:
+    """Detections of one episode, frame after frame.
+
+    Every kind of error has a generator of its own that is asked for all objects in every frame,
+    so with one option changed everything else stays as it was.
+    """
+
+    def __init__(self, model: NoiseModel, episode: Episode, eligibility: Eligibility) -> None:
+        name = int(fingerprint(["noisy", episode.scenario]), 16)
+        streams = np.random.SeedSequence([name, episode.seed]).spawn(5)
+        self._model, self._eligibility = model, eligibility
+        rngs = [np.random.default_rng(stream) for stream in streams]
+        self._misses, self._hiding, self._boxes, self._scores, self._clutter = rngs
+        self._missed: dict[int, bool] = {}
+        self._patience: dict[int, float] = {}
+
+    def of(self, truth: Truth) -> Detections:
+        """Return what is detected of the next frame, world frame."""
+        missed = self._fails(truth) | self._is_hidden(truth)
+        boxes = self._errant(truth)
+        seen = np.flatnonzero(self._eligibility.of(truth) & ~missed)
+        centres, sizes, yaws, categories, scores = (
+            np.concatenate([part[seen], false])
+            for part, false in zip(boxes, self._false(truth), strict=True)
+        )
+        return Detections(centres, sizes, yaws, categories, scores, "world", truth.stamp_s)
+
+    def _fails(self, truth: Truth) -> np.ndarray:
+        """(N,) bool, misses of the Markov chain, which begins in its stationary state."""
+        model, found = self._model, []
+        for identity, draw in zip(truth.ids.tolist(), self._misses.random(len(truth)), strict=True):
+            before = self._missed.get(identity)
+            chance = model.miss if before is None else model.stays if before else model.begins
+            self._missed[identity] = bool(draw < chance)
+            found.append(self._missed[identity])
+        return np.array(found, np.bool_)
+
+    def _is_hidden(self, truth: Truth) -> np.ndarray:
+        """(N,) bool, who is missed because too much of it is hidden."""
+        for identity in truth.ids.tolist():
+            if identity not in self._patience:
+                self._patience[identity] = float(self._hiding.random())
+        patience = np.array([self._patience[identity] for identity in truth.ids.tolist()])
+        hidden: np.ndarray = self._model.occlusion * truth.occluded_fraction > patience
+        return hidden
+
+    def _errant(self, truth: Truth) -> Boxes:
+        """Boxes of all objects with their errors."""
+        count, model = len(truth), self._model
+        normal, turned = self._boxes.standard_normal((count, 6)), self._boxes.random(count)
+        shift = np.pad(model.position_m * normal[:, :2], ((0, 0), (0, 1)))
+        sizes = np.maximum(truth.sizes + model.size_m * normal[:, 2:5], LEAST_SIZE_M)
+        flips = np.pi * (turned < model.flip)
+        yaws = wrap_angle(truth.yaws + np.radians(model.yaw_deg) * normal[:, 5] + flips)
+        scores = self._score(self._scores.standard_normal(count), +0.5)
+        return truth.centres + shift, sizes, yaws, truth.categories, scores
+
+    def _false(self, truth: Truth) -> Boxes:
+        """Boxes where nothing is."""
+        rng, model = self._clutter, self._model
+        count = int(rng.poisson(model.clutter))
+        near, far = self._eligibility.range_m
+        radii = np.sqrt(rng.uniform(near**2, far**2, count))
+        angles, yaws = rng.uniform(-np.pi, np.pi, (2, count))
+        normal = rng.standard_normal((count, 4))
+        sizes = np.maximum(CLUTTER_SIZE_M + model.size_m * normal[:, :3], LEAST_SIZE_M)
+        across = radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+        ego = truth.world_from_ego.translation
+        centres = np.column_stack([ego[:2] + across, ego[2] + sizes[:, 2] / 2])
+        categories = np.full(count, _first_category(self._eligibility), np.int8)
+        return centres, sizes, yaws, categories, self._score(normal[:, 3], -0.5)
+
+    def _score(self, normal: np.ndarray, side: float) -> np.ndarray:
+        """Probability of an object at even odds, given a normal variable about +-gap / 2."""
+        gap = self._model.score_gap
+        scores: np.ndarray = 1 / (1 + np.exp(-gap * (normal + side * gap)))
+        return scores
+
+
+def _first_category(eligibility: Eligibility) -> int:
+    return next(c.value for c in Category if c.family.value in eligibility.families)
