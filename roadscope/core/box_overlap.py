@@ -57,6 +57,8 @@ def generalised_overlaps_3d(one: np.ndarray, other: np.ndarray, least: float = -
 @compiled()
 def _in_space(one: np.ndarray, other: np.ndarray, generalised: bool, least: float) -> np.ndarray:
     shares = np.full((len(one), len(other)), -1.0 if generalised else 0.0)
+    if len(other) == 0:
+        return shares
     polygon, cut = np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
     flat, others = np.empty((len(one), 5)), np.empty((len(other), 5))
     for k in range(5):
@@ -64,19 +66,31 @@ def _in_space(one: np.ndarray, other: np.ndarray, generalised: bool, least: floa
         flat[:, k], others[:, k] = one[:, column], other[:, column]
     reach, other_reach = _half_diagonals(flat[:, 2:4]), _half_diagonals(others[:, 2:4])
     sides, other_sides = _half_sides(flat), _half_sides(others)
+    volumes, other_volumes = _volumes(one), _volumes(other)
+    # Along x pairs that are far apart are passed over without a look.
+    order = np.argsort(others[:, 0])
+    ahead = others[order, 0]
+    narrowest = np.minimum(others[:, 2], others[:, 3]).min()
     for i in range(len(one)):
-        volume = one[i, 3] * one[i, 4] * one[i, 5]
-        for j in range(len(other)):
+        far = reach[i] + other_reach.max()
+        if generalised:
+            width = min(flat[i, 2], flat[i, 3]) + narrowest
+            most = 2 * (volumes[i] + other_volumes.max())
+            far = max(far, most / ((1 + least) * one[i, 5] * width))
+        for at in range(np.searchsorted(ahead, flat[i, 0] - far), len(order)):
+            if ahead[at] > flat[i, 0] + far:
+                break
+            j = order[at]
             dx, dy = flat[i, 0] - others[j, 0], flat[i, 1] - others[j, 1]
             near = dx * dx + dy * dy < (reach[i] + other_reach[j]) ** 2
             if not near and not generalised:
                 continue
-            whole = volume + other[j, 3] * other[j, 4] * other[j, 5]
+            whole = volumes[i] + other_volumes[j]
             if not near:
                 # The hull holds the four corners that lie farthest off the line of centres, and
                 # beyond them the outer half of each box.
                 within = _band(sides[i], dx, dy) + _band(other_sides[j], dx, dy)
-                within += (one[i, 3] * one[i, 4] + other[j, 3] * other[j, 4]) / 2
+                within += (flat[i, 2] * flat[i, 3] + others[j, 2] * others[j, 3]) / 2
                 if whole < (1 + least) * max(one[i, 5], other[j, 5]) * within:
                     continue
             low, high = _heights(one[i], other[j], True)
@@ -92,6 +106,12 @@ def _in_space(one: np.ndarray, other: np.ndarray, generalised: bool, least: floa
                 around = max(_hull_area(flat[i], others[j]) * (top - bottom), whole)
                 shares[i, j] -= (around - whole) / around
     return shares
+
+
+@compiled()
+def _volumes(boxes: np.ndarray) -> np.ndarray:
+    volumes: np.ndarray = boxes[:, 3] * boxes[:, 4] * boxes[:, 5]
+    return volumes
 
 
 @compiled()

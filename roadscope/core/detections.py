@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -62,7 +62,7 @@ class Detections(Record):
         """Keep the rows that a mask or an index array names."""
         centres = self.centres[index]
         require(centres.ndim == 2, self, "select", "a mask or an index array", index)
-        return self._in_part(
+        return self._trusted(
             centres=centres, sizes=self.sizes[index], yaws=self.yaws[index],
             categories=self.categories[index], scores=self.scores[index],
             masses=None if self.masses is None else self.masses[index],
@@ -70,8 +70,7 @@ class Detections(Record):
 
     def moved(self, a_from_b: Pose, frame: str) -> Detections:
         """Express boxes of frame b in frame a, named `frame`."""
-        return replace(
-            self,
+        return self._trusted(
             centres=a_from_b.apply(self.centres),
             yaws=wrap_angle(self.yaws + a_from_b.yaw),
             frame=frame,

@@ -28,12 +28,12 @@ class Record:
 
     __hash__ = None  # type: ignore[assignment]
 
-    def _in_part(self, **arrays: np.ndarray | None) -> Self:
-        """Put some of their rows for arrays: what was checked whole needs no second check."""
+    def _trusted(self, **changes: object) -> Self:
+        """Replace fields by values that need no check, since those they come from had theirs."""
         made = object.__new__(type(self))
         for name in self.__dataclass_fields__:
-            value = arrays[name] if name in arrays else getattr(self, name)
-            if name in arrays and value is not None:
+            value = changes[name] if name in changes else getattr(self, name)
+            if name in changes and isinstance(value, np.ndarray):
                 value = np.ascontiguousarray(value)
             object.__setattr__(made, name, value)
         return made

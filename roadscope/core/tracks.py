@@ -68,7 +68,7 @@ class Tracks(Record):
             len(np.unique(self.ids)) == len(self.ids), self, "ids", "unique ids", self.ids.tolist()
         )
         check_boxes(self, self.sizes, self.categories, self.scores)
-        known = np.isin(self.states, list(TrackState))
+        known = (self.states >= 0) & (self.states < len(TrackState))
         require(
             bool(known.all()), self, "states", f"values of TrackState, 0 to {max(TrackState)}",
             self.states[~known][:1].tolist(),

@@ -65,19 +65,39 @@ def assign_optimally(costs: np.ndarray, gate: float) -> Pairs:
     Costs must lie below the gate, so a pair is worth what it saves. Rows and columns that no
     pair within the gate connects are solved apart.
     """
-    n = len(costs)
-    group = _groups(costs, gate)
+    rows, columns = np.arange(costs.shape[0]), np.arange(costs.shape[1])
+    return _assign_among(costs, rows, columns, gate)
+
+
+@compiled()
+def _assign_among(costs: np.ndarray, rows: np.ndarray, columns: np.ndarray, gate: float) -> Pairs:
+    """Do so for some rows and columns only; return which of these are pairs."""
+    n = len(rows)
+    group = _groups_among(costs, rows, columns, gate)
     partner = np.full(n, -1)
-    done = np.zeros(n, np.bool_)
-    for first in range(n):
-        if done[first] or group[first] < 0:
+    by_row = np.argsort(group[:n], kind="mergesort")
+    by_column = np.argsort(group[n:], kind="mergesort")
+    i = j = 0
+    while i < n:
+        this = group[by_row[i]]
+        last = i
+        while last < n and group[by_row[last]] == this:
+            last += 1
+        some, i = by_row[i:last], last
+        if this < 0:
             continue
-        rows = np.flatnonzero(group[:n] == group[first])
-        columns = np.flatnonzero(group[n:] == group[first])
-        done[rows] = True
-        partner[rows] = _solved(costs, rows, columns, gate)
-    rows = np.flatnonzero(partner >= 0)
-    return rows, partner[rows]
+        while group[n + by_column[j]] < this:
+            j += 1
+        last = j
+        while last < len(columns) and group[n + by_column[last]] == this:
+            last += 1
+        others, j = by_column[j:last], last
+        chosen = _solved(costs, rows[some], columns[others], gate)
+        for k in range(len(some)):
+            if chosen[k] >= 0:
+                partner[some[k]] = others[chosen[k]]
+    found = np.flatnonzero(partner >= 0)
+    return found, partner[found]
 
 
 def assign_in_stages(
@@ -93,7 +113,7 @@ def assign_in_stages(
         rows, columns = np.flatnonzero(some & free_rows), np.flatnonzero(others & free_columns)
         if not (len(rows) and len(columns)):
             continue
-        i, j = assign_optimally(costs[np.ix_(rows, columns)], gate)
+        i, j = _assign_among(costs, rows, columns, gate)
         partner[rows[i]] = columns[j]
         free_rows[rows[i]], free_columns[columns[j]] = False, False
     rows = np.flatnonzero(partner >= 0)
@@ -106,12 +126,19 @@ def _groups(costs: np.ndarray, gate: float) -> np.ndarray:
 
     A row or column without a pair has -1.
     """
-    n, m = costs.shape
+    return _groups_among(costs, np.arange(costs.shape[0]), np.arange(costs.shape[1]), gate)
+
+
+@compiled()
+def _groups_among(
+    costs: np.ndarray, rows: np.ndarray, columns: np.ndarray, gate: float
+) -> np.ndarray:
+    n, m = len(rows), len(columns)
     parent = np.arange(n + m)
     paired = np.zeros(n + m, np.bool_)
     for i in range(n):
         for j in range(m):
-            if costs[i, j] < gate:
+            if costs[rows[i], columns[j]] < gate:
                 paired[i] = paired[n + j] = True
                 a, b = _root(parent, i), _root(parent, n + j)
                 parent[max(a, b)] = min(a, b)
@@ -132,7 +159,7 @@ def _root(parent: np.ndarray, k: int) -> int:
 
 @compiled()
 def _solved(costs: np.ndarray, rows: np.ndarray, columns: np.ndarray, gate: float) -> np.ndarray:
-    """Return for each of the rows its column, or -1."""
+    """Return for each of the rows which of the columns is its, or -1."""
     tall = len(rows) > len(columns)
     saved = np.empty((len(columns), len(rows))) if tall else np.empty((len(rows), len(columns)))
     for i in range(len(rows)):
@@ -147,9 +174,9 @@ def _solved(costs: np.ndarray, rows: np.ndarray, columns: np.ndarray, gate: floa
     for k in range(len(chosen)):
         if saved[k, chosen[k]] < 0:
             if tall:
-                partner[chosen[k]] = columns[k]
+                partner[chosen[k]] = k
             else:
-                partner[k] = columns[chosen[k]]
+                partner[k] = chosen[k]
     return partner
 
 

@@ -83,7 +83,8 @@ class GnnTracker:
         S = self._filter.expected(tracks.beliefs)
         distances = gated_distances(tracks.places, S, targets.centres[:, :2], self._gate)
         possible = same_family(tracks.categories, targets.categories)
-        vagueness = np.linalg.slogdet(S)[1]
+        vagueness = np.log(S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2)
         # Being alone costs more than any pair within its gate.
         alone = self._gate + vagueness.max(initial=-np.inf)
-        return assign_optimally(barred(distances + vagueness[:, None], possible), alone)
+        distances += vagueness[:, None]
+        return assign_optimally(barred(distances, possible), alone)

@@ -79,6 +79,7 @@ def units(vectors: np.ndarray, least: float) -> np.ndarray:
 
 @compiled()
 def agreement(
+    costs: np.ndarray,
     directions: np.ndarray,
     anchors: np.ndarray,
     places: np.ndarray,
@@ -87,6 +88,7 @@ def agreement(
 ) -> np.ndarray:
     """Return (N, M) how well (M, 2) places continue (N, 2) directions from (N, 2) anchors.
 
+    costs: (N, M), of pairs that are possible; where infinite nothing is worked out.
     weights: (M,). Half the weight straight on, minus half straight back, nothing aside, where a
     direction is unknown, or nearer than `moving_m` to the anchor.
     """
@@ -96,6 +98,8 @@ def agreement(
         if x == 0 and y == 0:
             continue
         for j in range(len(places)):
+            if costs[i, j] == np.inf:
+                continue
             dx, dy = places[j, 0] - anchors[i, 0], places[j, 1] - anchors[i, 1]
             apart = dx * dx + dy * dy
             if apart > 0 and apart >= moving_m * moving_m:

@@ -110,7 +110,7 @@ class OcSortTracker:
         alone = 1 - self._least
         possible = same_family(tracks.categories, targets.categories)
         costs = barred(self._overlap_costs(tracks.boxes, targets), possible)
-        costs -= self._momentum * self._consistency(observed, targets)
+        costs -= self._momentum * self._consistency(costs, observed, targets)
         # More than any pair can cost, so that a contrary direction alone undoes none.
         rows, columns = assign_optimally(costs, alone + self._momentum)
         left = left_over(len(tracks), rows)
@@ -122,7 +122,9 @@ class OcSortTracker:
     def _overlap_costs(self, boxes: np.ndarray, targets: Detections) -> np.ndarray:
         return overlap_costs(boxes, boxes_of(targets), overlap=self._overlap, least=self._least)
 
-    def _consistency(self, observed: Observations, targets: Detections) -> np.ndarray:
+    def _consistency(
+        self, costs: np.ndarray, observed: Observations, targets: Detections
+    ) -> np.ndarray:
         """Return (N, M) how well detections continue the directions seen, -1/2 to 1/2.
 
         As in the authors' code, and weighed with the detection's score; 0 where there is no
@@ -130,7 +132,7 @@ class OcSortTracker:
         """
         places = targets.centres[:, :2]
         return agreement(
-            observed.directions, observed.anchors, places, targets.scores, self._moving_m
+            costs, observed.directions, observed.anchors, places, targets.scores, self._moving_m
         )
 
     def _updated_again(self, observed: Observations, places: np.ndarray) -> Gaussians:

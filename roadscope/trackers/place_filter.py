@@ -6,14 +6,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from roadscope.core import Detections, Family
-from roadscope.trackers.gating import FAMILIES
+from roadscope.core import Category, Detections, Family
 from roadscope.trackers.kalman import Gaussians, corrected
 from roadscope.trackers.motion import ConstantVelocity, Motion, carried
 from roadscope.trackers.settings import check_positive
 
 SPEED_SHARES = {Family.VEHICLE: 1.0, Family.CYCLIST: 0.4, Family.PEDESTRIAN: 0.15}
 """How fast road users are, vehicles being 1."""
+SHARES = np.array([SPEED_SHARES[category.family] for category in Category])
+"""The same for each value of `Category`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +50,7 @@ class PlaceFilter:
 
     def started(self, targets: Detections) -> Gaussians:
         """Begin with (N,) detections, at rest more or less."""
-        shares = np.array([SPEED_SHARES[family] for family in Family])
-        speeds = self.speed_m_s * shares[FAMILIES[targets.categories]]
+        speeds = self.speed_m_s * SHARES[targets.categories]
         return self.motion.started(
             targets.centres[:, :2], targets.yaws, position_m=self.position_m, speed_m_s=speeds
         )

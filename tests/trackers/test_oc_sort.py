@@ -74,7 +74,7 @@ def test_momentum_prefers_what_lies_ahead():
     observed = Observations.opened(first, beliefs, 3).moved_on()
     observed = observed.seen(np.array([0]), boxes([(1, 0)], 1), beliefs, 0.5).moved_on()
     targets = boxes([(3, 0), (0, 3), (-3, 0), (0.1, 0)], 2, scores=0.8)
-    agreement = tracker._consistency(observed, targets)
+    agreement = tracker._consistency(np.zeros((1, 4)), observed, targets)
     assert agreement[0].tolist() == pytest.approx([0.4, 0, -0.4, 0])
 
 
