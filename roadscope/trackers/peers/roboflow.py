@@ -1,22 +1,12 @@
-"""Roboflow's `trackers`: SORT, ByteTrack and OC-SORT, boxes seen from above for boxes in an image.
-
-Boxes are the smallest along the world's axes that hold a detection. The filters' noise is fixed in
-pixels and frames: at 1 pixel for a metre, SORT's and ByteTrack's say that detections are off by
-0.3 m, that new targets do 10 m/s more or less and that velocities wander by 3 m/s in a root second.
-Boxes are as small as cars and move as far as cars do, so overlaps are those of grown boxes, BIoU.
-"""
+"""SORT, ByteTrack and OC-SORT of Roboflow's `trackers`, on boxes seen from above."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from dataclasses import dataclass
-from functools import cache
 from typing import Any, ClassVar
 
-import numpy as np
-
 from roadscope.core import Detections, Pose, Requirement, Tracks
-from roadscope.trackers.peers.adapter import Adapter, Told
+from roadscope.trackers.peers.adapter import Adapter
+from roadscope.trackers.peers.roboflow_library import CENTRE, CORNERS, Roboflow, Units
 from roadscope.trackers.settings import (
     check_counts,
     check_not_negative,
@@ -25,14 +15,6 @@ from roadscope.trackers.settings import (
 )
 
 ROBOFLOW = Requirement("trackers", "pip install roadscope[peers]")
-THEIR_RATE_HZ = 30.0
-"""At which `lost_track_buffer` counts frames."""
-CORNERS, CENTRE = "XYXYStateEstimator", "XCYCSRStateEstimator"
-STATES = {
-    CORNERS: np.kron(np.eye(2), np.hstack([np.eye(2), np.eye(2)]) / 2),
-    CENTRE: np.eye(7)[[0, 1, 4, 5]],
-}
-"""What makes x, y, vx, vy of their states."""
 
 
 class RoboflowSortTracker:
@@ -172,26 +154,6 @@ class RoboflowOcSortTracker:
         return self._adapter.update(detections, ego_pose)
 
 
-@dataclass(frozen=True, slots=True)
-class Units:
-    """What pixels, frames and overlaps are.
-
-    buffer_ratio: by which part of their size boxes grow on every side before they are compared.
-    coast_s: seconds without a detection that a confirmed track outlives.
-    pixels_per_m, period_s: what a pixel and a frame of the filters' noise are; steps are as long
-        as they are.
-    """
-
-    buffer_ratio: float
-    coast_s: float
-    pixels_per_m: float
-    period_s: float
-
-    def __post_init__(self) -> None:
-        check_not_negative(buffer_ratio=self.buffer_ratio, coast_s=self.coast_s)
-        check_positive(pixels_per_m=self.pixels_per_m, period_s=self.period_s)
-
-
 def _common(least_overlap: float, confirm_hits: int) -> dict[str, Any]:
     check_shares(least_overlap=least_overlap)
     check_counts(1, confirm_hits=confirm_hits)
@@ -199,86 +161,4 @@ def _common(least_overlap: float, confirm_hits: int) -> dict[str, Any]:
 
 
 def _adapter(name: str, state: str, units: Units, shown_misses: int, **settings: Any) -> Adapter:
-    return Adapter(lambda _: _Roboflow(name, state, units, settings), shown_misses)
-
-
-class _Roboflow:
-    """A tracker of theirs as a library of `Adapter`."""
-
-    def __init__(self, name: str, state: str, units: Units, settings: dict[str, Any]) -> None:
-        import trackers
-
-        self._units, self._planar = units, STATES[state]
-        self._tracker = getattr(trackers, name)(
-            frame_rate=1 / units.period_s,
-            lost_track_buffer=round(units.coast_s * THEIR_RATE_HZ),
-            state_estimator_class=_remembering(state),
-            iou=trackers.BIoU(units.buffer_ratio),
-            **settings,
-        )
-        self._now_s = 0.0
-        self._born = 0
-
-    def follow(self, targets: Detections, period_s: float) -> Told:
-        import supervision
-
-        self._now_s += period_s
-        boxes = upright_boxes(targets) * self._units.pixels_per_m
-        given = supervision.Detections(
-            boxes, confidence=targets.scores, data={"row": np.arange(len(boxes))}
-        )
-        answer = self._tracker.update(given, timestamp=self._now_s)
-        named = answer.tracker_id >= 0
-        answered = set(answer.data["row"][named].tolist()) if named.any() else set()
-        rows = defaultdict(list)
-        for row, box in enumerate(boxes):
-            rows[box.tobytes()].append(row)
-        return Told.of([self._told(track, rows, answered) for track in self._tracker.tracks])
-
-    def _told(
-        self, track: Any, rows: dict[bytes, list[int]], answered: set[int]
-    ) -> tuple[int, np.ndarray, np.ndarray, int, bool]:
-        state = track.state_estimator
-        if state.number is None:
-            state.number = self._born
-            self._born += 1
-        row = rows[state.taken.tobytes()].pop(0) if state.taken is not None else -1
-        state.taken = None
-        confirmed = row in answered if row >= 0 else track.tracker_id >= 0
-        pixel_m, rate_hz = 1 / self._units.pixels_per_m, 1 / self._units.period_s
-        M = (
-            np.array([pixel_m, pixel_m, pixel_m * rate_hz, pixel_m * rate_hz])[:, None]
-            * self._planar
-        )
-        P = M @ state.kf.state_covariance @ M.T
-        return state.number, M @ state.kf.state[:, 0], (P + P.T) / 2, row, confirmed
-
-
-def upright_boxes(detections: Detections) -> np.ndarray:
-    """Return (N, 4) least x, least y, greatest x, greatest y, seen from above."""
-    turned = np.abs(np.stack([np.cos(detections.yaws), np.sin(detections.yaws)], axis=-1))
-    length, width = detections.sizes[:, :1], detections.sizes[:, 1:2]
-    half = (length * turned + width * turned[:, ::-1]) / 2
-    places = detections.centres[:, :2]
-    return np.hstack([places - half, places + half])
-
-
-@cache
-def _remembering(state: str) -> type[Any]:
-    """Return their state of that name, which remembers the box it was given last."""
-    from trackers.utils import state_representations
-
-    base: type[Any] = getattr(state_representations, state)
-
-    class Remembering(base):  # type: ignore[misc]
-        number: int | None = None
-
-        def __init__(self, bbox: np.ndarray) -> None:
-            super().__init__(bbox)
-            self.taken: np.ndarray | None = bbox
-
-        def update(self, bbox: np.ndarray | None) -> None:
-            super().update(bbox)
-            self.taken = bbox
-
-    return Remembering
+    return Adapter(lambda _: Roboflow(name, state, units, settings), shown_misses)
