@@ -160,16 +160,16 @@ def _hull_area(one: np.ndarray, other: np.ndarray) -> float:
     for k in range(1, 8):
         x, y, at = corners[k, 0], corners[k, 1], k
         while at > 0 and (corners[at - 1, 0], corners[at - 1, 1]) > (x, y):
-            corners[at] = corners[at - 1]
+            corners[at, 0], corners[at, 1] = corners[at - 1, 0], corners[at - 1, 1]
             at -= 1
         corners[at, 0], corners[at, 1] = x, y
     n, lower = 0, 1
     for step in range(15):
         k = step if step < 8 else 14 - step
         least = lower + 1
-        while n >= least and _turn(hull[n - 2], hull[n - 1], corners[k]) <= 0:
+        while n >= least and _turn(hull, n, corners[k, 0], corners[k, 1]) <= 0:
             n -= 1
-        hull[n] = corners[k]
+        hull[n, 0], hull[n, 1] = corners[k, 0], corners[k, 1]
         n += 1
         if step == 7:
             lower = n
@@ -177,9 +177,10 @@ def _hull_area(one: np.ndarray, other: np.ndarray) -> float:
 
 
 @compiled()
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Return twice the area of a triangle, positive counter-clockwise."""
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+def _turn(hull: np.ndarray, n: int, x: float, y: float) -> float:
+    """Return twice the area of the hull's last two corners and a point, positive to the left."""
+    ax, ay, bx, by = hull[n - 2, 0], hull[n - 2, 1], hull[n - 1, 0], hull[n - 1, 1]
+    return float((bx - ax) * (y - ay) - (by - ay) * (x - ax))
 
 
 @compiled()
@@ -207,7 +208,8 @@ def _common_area(
         limit = half_length if axis == 0 else half_width
         for side in (1.0, -1.0):
             n = _cut(polygon, n, cut, axis, side, limit)
-            polygon[:n] = cut[:n]
+            for k in range(n):
+                polygon[k, 0], polygon[k, 1] = cut[k, 0], cut[k, 1]
     return _area(polygon, n)
 
 
@@ -230,9 +232,10 @@ def _cut(polygon: np.ndarray, n: int, cut: np.ndarray, axis: int, side: float, l
         room, room_before = limit - side * polygon[k, axis], limit - side * polygon[before, axis]
         if (room >= 0) != (room_before >= 0):
             share = room_before / (room_before - room)
-            cut[kept] = polygon[before] + share * (polygon[k] - polygon[before])
+            for of in range(2):
+                cut[kept, of] = polygon[before, of] + share * (polygon[k, of] - polygon[before, of])
             kept += 1
         if room >= 0:
-            cut[kept] = polygon[k]
+            cut[kept, 0], cut[kept, 1] = polygon[k, 0], polygon[k, 1]
             kept += 1
     return kept
