@@ -35,6 +35,9 @@ def plan(
 ) -> Plan:
     """Return all jobs; unknown names and wrong arguments raise before anything runs.
 
+    Trackers of the suite that need what is not installed are left out; marks stand on no board
+    alone.
+
     entries: specs of detectors and trackers beside (`only`: instead of) those of the suite.
     """
     if only and not entries:
@@ -50,12 +53,13 @@ def plan(
     marks = {} if only else MARK_SPECS
     detectors = [] if only else list(suite.detectors)
     detectors += [s for s, kind in zip(entries, kinds, strict=True) if kind == "detector"]
-    trackers = [] if only else list(suite.trackers)
+    trackers = [] if only else [t for t in suite.trackers if not TRACKERS.missing(t)]
     trackers += [s for s, kind in zip(entries, kinds, strict=True) if kind == "tracker"]
     _check_all(suite, [s for s in entries if s in detectors], [s for s in entries if s in trackers])
     if "tracking" in boards and not suite.public_detectors and ("tracker" in kinds or only):
         raise SpecError(f"suite {suite.title} names no tracking.detectors that trackers could get")
-    detection = _detection_jobs(suite, marks, detectors) if "detection" in boards else []
+    ranked = "detection" in boards and detectors
+    detection = _detection_jobs(suite, marks, detectors) if ranked else []
     tracking = tracking_jobs(suite, trackers) if "tracking" in boards else []
     public = _jobs(suite, "detection", [(d, d, None) for d in suite.public_detectors])
     if not detection and not tracking:

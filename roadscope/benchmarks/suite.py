@@ -17,7 +17,7 @@ from typing import Any
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.core import RecordError
 
-SUITES = ("quick", "standard", "detection")
+SUITES = ("quick", "standard", "detection", "tracking")
 """Suites that ship with the package."""
 
 SPLITS: Mapping[str, range] = {

@@ -18,6 +18,7 @@ from roadscope.benchmarks.results import Results
 from roadscope.benchmarks.rows import FIRST_METRIC, Row
 from roadscope.benchmarks.standing import Standing
 from roadscope.benchmarks.suite import Suite
+from roadscope.trackers import TRACKERS
 
 FULL = 76
 """Width from which on all main figures are shown."""
@@ -168,7 +169,14 @@ def conditions(suite: Suite) -> str:
         text += f" Trackers get the detections of {', of '.join([first, *others])}"
         text += "; figures are of all of these together" if others else ""
         text += ", 'on oracle' the true boxes." if ORACLE in suite.public_detectors[1:] else "."
+    text += "".join(f" Left out: {entry}, {reason}." for entry, reason in absent(suite).items())
     return text + " In brackets: 95 % intervals over seeds."
+
+
+def absent(suite: Suite) -> dict[str, str]:
+    """Return the trackers of a suite that are not installed, and what they need."""
+    reasons = {entry: TRACKERS.missing(entry) for entry in suite.trackers}
+    return {entry: reason for entry, reason in reasons.items() if reason}
 
 
 def recorded_conditions(suite: RecordedSuite) -> str:
