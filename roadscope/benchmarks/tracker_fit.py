@@ -19,12 +19,16 @@ from roadscope.trackers.learned import TRAITS
 
 TOP_SPEED_M_S = {"car": 40.0, "cyclist": 20.0, "pedestrian": 10.0}
 """Not learned: what a training set happens not to hold is not impossible."""
+LEAST_WALK_S = 0.03
+"""Velocities wander by at least this share of the top speed in a second: training sets hold few
+hard brakings, and what is detected of a body wanders over it."""
 GROWTHS = np.arange(0.0, 0.1005, 0.001)
 """Per metre; the likeliest is taken."""
 LEAST_SAMPLES = 30
 """Fewer say nothing of a class."""
 LEAST = 0.01
 """Of every standard deviation."""
+DECILES = np.linspace(0, 1, 11)
 STEPS = 100
 LONGEST_STEP = 0.25
 """Newton's method overshoots where most scores are near 0 or 1."""
@@ -32,11 +36,12 @@ PRIOR = 1.0
 """Weight of calibrated scores, as if each end of the curve had been seen once more."""
 
 
-def fitted(samples: Samples) -> dict[str, float]:
-    """Return the traits of one class."""
+def fitted(samples: Samples, top_speed_m_s: float) -> dict[str, float]:
+    """Return the traits of one class but its top speed."""
     growth, sigmas = spread(samples.errors, samples.ranges_m)
     slope, offset = calibrated(samples.log_odds, samples.right)
     walks = np.sqrt((samples.changes**2 / samples.periods_s[:, None]).mean(axis=0))
+    walks[:2] = np.maximum(walks[:2], LEAST_WALK_S * top_speed_m_s)
     values = [
         slope, offset, *np.maximum(sigmas, LEAST), max(growth, 1e-3), *np.maximum(walks, LEAST),
         max(float(np.sqrt((samples.speeds_m_s**2).mean())), 1.0),
@@ -79,10 +84,11 @@ def source(classes: Mapping[str, Samples], origin: str) -> str:
     A class with too few samples takes the traits of the class with most.
     """
     most = max(classes, key=lambda name: len(classes[name].errors))
-    lines = [f'origin = "{origin}"']
+    odds = np.quantile(np.concatenate([c.log_odds for c in classes.values()]), DECILES)
+    lines = [f'origin = "{origin}"', f"log_odds_deciles = {np.round(odds, 2).tolist()}"]
     for name, samples in classes.items():
         enough = min(len(samples.errors), len(samples.changes)) >= LEAST_SAMPLES
-        traits = fitted(samples if enough else classes[most])
+        traits = fitted(samples if enough else classes[most], TOP_SPEED_M_S[name])
         told = f"{len(samples.errors)} detections" if enough else f"as {most}: too few detections"
         lines += [
             "",

@@ -9,10 +9,10 @@ import numpy as np
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.trackers.assignment import assign_optimally
 from roadscope.trackers.existence_kernels import hidden_shares
-from roadscope.trackers.existence_targets import Measured, Targets
+from roadscope.trackers.existence_targets import Measured, Targets, log_odds
 from roadscope.trackers.gating import barred, centre_distances, overlap_costs, same_family
 from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.learned import learned
+from roadscope.trackers.learned import Choice
 from roadscope.trackers.settings import check_counts, check_positive
 from roadscope.trackers.ticks import Tick
 
@@ -21,7 +21,9 @@ CLUTTER_SPREAD = 4.0
 SURE = 6.0
 """Log odds beyond which nothing is believed or disbelieved."""
 GIVEN_UP = -5.0
-"""Log odds below which an unseen target is no longer looked for."""
+"""Log odds below which an unseen target of few detections is no longer looked for."""
+FEW = 2.0
+"""Sum of scores."""
 
 
 class ExistenceTracker:
@@ -36,7 +38,7 @@ class ExistenceTracker:
     def __init__(
         self,
         *,
-        traits: str = "kitti-pointrcnn",
+        traits: str = "auto",
         least_overlap: float = -0.3,
         coast_s: float = 1.5,
         detected: float = 0.9,
@@ -47,7 +49,8 @@ class ExistenceTracker:
     ) -> None:
         """Set the tracker up.
 
-        traits: what was learned of a detector, a name of `roadscope.trackers.learned` or a file.
+        traits: what was learned of a detector, a name of `roadscope.trackers.learned` or a file;
+            `auto`: the shipped one whose scores are likest to those met so far.
         least_overlap: generalised IoU in space that a pair must exceed.
         coast_s: how long a target is looked for after its last detection.
         detected: probability that a visible target is detected.
@@ -66,7 +69,7 @@ class ExistenceTracker:
         ):  # fmt: skip
             if not 0 < share < 1:
                 raise ValueError(f"{name} must lie between 0 and 1, got {share!r}")
-        self._traits = learned(traits)
+        self._choice = Choice(traits)
         self._least_overlap, self._coast_s, self._memory_s = least_overlap, coast_s, memory_s
         self._detected, self._clutter_detected = detected, clutter_detected
         self._shown = float(np.log(shown_probability / (1 - shown_probability)))
@@ -77,12 +80,15 @@ class ExistenceTracker:
         """Forget all tracks."""
         self._tick: Tick | None = None
         self._next_id = 0
+        self._choice.reset()
+        self._traits = self._choice.after(np.empty(0))
         none = Measured.of(Detections.empty(0.0), np.zeros(2), self._traits)
         self._targets = Targets.opened(np.empty(0, np.int64), none, self._traits)
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Take the detections of one tick and return all tracks, tentative ones included."""
         tick = self._tick = Tick.after(self._tick, detections, ego_pose)
+        self._traits = self._choice.after(log_odds(tick.targets.scores))
         eye = np.zeros(2) if ego_pose is None else ego_pose.translation[:2]
         measured = Measured.of(tick.targets, eye, self._traits)
         targets = self._targets.carried(tick.period_s, self._traits)
@@ -112,7 +118,8 @@ class ExistenceTracker:
     def _judged(self, targets: Targets, visible: np.ndarray, dt: float) -> Targets:
         """Hold against all targets that they were not detected; pairs are judged anew later."""
         missed = np.log((1 - self._detected * visible) / (1 - self._clutter_detected * visible))
-        return replace(targets, existence=self._faded(targets.existence, dt) + missed)
+        told = self._faded(targets.existence, dt) + missed
+        return replace(targets, existence=np.clip(told, -SURE, SURE))
 
     def _confirmed(self, targets: Targets, found: Measured, dt: float) -> Targets:
         before = self._targets.existence[np.searchsorted(self._targets.ids, targets.ids)]
@@ -128,7 +135,8 @@ class ExistenceTracker:
 
     def _kept(self, targets: Targets) -> Targets:
         """Drop who was unseen for too long, or hardly ever was there."""
-        gone = (targets.misses > 0) & (targets.existence < GIVEN_UP)
+        few = targets.votes.sum(axis=1) < FEW
+        gone = (targets.misses > 0) & few & (targets.existence < GIVEN_UP)
         return targets.select(~gone & (targets.idle_s <= self._coast_s))
 
     def _opened(self, measured: Measured, taken: np.ndarray) -> Targets:

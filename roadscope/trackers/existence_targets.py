@@ -15,11 +15,18 @@ from roadscope.trackers.rows import Rows
 from roadscope.trackers.tracklets import boxes_of
 
 SIZE_MEMORY = 1.0
-"""Detections at no range that a size rests on at most, beside the next: boxes follow what is visible."""
+"""Detections at no range that a size rests on at most: boxes follow what is visible."""
 HEADING_MEMORY = 0.9
 """What a vote for front and rear is still worth a tick later."""
 SCORE_EDGE = 1e-4
 """Scores closer to 0 and 1 than this mean no more than this."""
+
+
+def log_odds(scores: np.ndarray) -> np.ndarray:
+    """Return (N,) log odds of scores in 0 to 1."""
+    shares = np.clip(scores, SCORE_EDGE, 1 - SCORE_EDGE)
+    found: np.ndarray = np.log(shares / (1 - shares))
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,9 +56,8 @@ class Measured(Rows):
         errors = ellipses(
             boxes[:, 6], traits.along_m[kinds] * growths, traits.across_m[kinds] * growths
         )
-        shares = np.clip(detections.scores, SCORE_EDGE, 1 - SCORE_EDGE)
-        evidence = traits.score_offset[kinds] + traits.score_slope[kinds] * np.log(
-            shares / (1 - shares)
+        evidence = traits.score_offset[kinds] + traits.score_slope[kinds] * log_odds(
+            detections.scores
         )
         return Measured(boxes, kinds, detections.scores, growths, errors, evidence)
 

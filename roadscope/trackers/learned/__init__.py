@@ -59,6 +59,9 @@ class Learned(Record):
         settle_arrays(self, **{f.name: (np.float64, (COUNT,)) for f in fields(self)})
 
 
+AUTO = "auto"
+LEAST_WIDTH = 0.05
+"""Of a decile, in log odds: where many scores are the same, they have a density none the less."""
 TRAITS = tuple(field.name for field in fields(Learned))
 
 
@@ -67,8 +70,45 @@ def names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
+class Choice:
+    """What is learned of the detector at hand; `auto`: of the shipped one whose scores are likest.
+
+    The choice rests on all scores so far, so it is made online and soon settles.
+    """
+
+    def __init__(self, name: str) -> None:
+        chosen = names() if name == AUTO else [name]
+        read = [_read(one) for one in chosen]
+        self._traits = [traits for traits, _ in read]
+        self._deciles = [deciles for _, deciles in read]
+        self._likelihoods = np.zeros(len(chosen))
+
+    def reset(self) -> None:
+        """Forget all scores."""
+        self._likelihoods = np.zeros(len(self._traits))
+
+    def after(self, log_odds: np.ndarray) -> Learned:
+        """Take the scores of a tick, (N,) log odds, and return what they fit best."""
+        if len(self._traits) > 1:
+            self._likelihoods += [_likelihood(log_odds, edges) for edges in self._deciles]
+        return self._traits[int(self._likelihoods.argmax())]
+
+
+def _likelihood(log_odds: np.ndarray, edges: np.ndarray) -> float:
+    """Return the log likelihood of values whose deciles have (11,) edges; 1 % are strays."""
+    widths = np.maximum(np.diff(edges), LEAST_WIDTH)
+    rows = np.clip(np.searchsorted(edges, log_odds, side="right") - 1, 0, len(widths) - 1)
+    outside = (log_odds < edges[0] - LEAST_WIDTH) | (log_odds > edges[-1] + LEAST_WIDTH)
+    density = 0.99 * np.where(outside, 0.0, 0.1 / widths[rows]) + 0.01 / 20
+    return float(np.log(density).sum())
+
+
 def learned(name: str) -> Learned:
     """Read what is shipped under a name, or a TOML file of one's own."""
+    return _read(name)[0]
+
+
+def _read(name: str) -> tuple[Learned, np.ndarray]:
     path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
     if not path.is_file():
         raise ValueError(f"nothing learned is called '{name}'; known: {', '.join(names())}, or a "
@@ -77,7 +117,10 @@ def learned(name: str) -> Learned:
         data = tomllib.loads(path.read_text("utf-8"))
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: {error}") from error
-    return Learned(*(_trait(path, data, trait) for trait in TRAITS))
+    deciles = data.get("log_odds_deciles")
+    if not isinstance(deciles, list) or len(deciles) != 11 or sorted(deciles) != deciles:
+        raise ValueError(f"{path}: expected 11 increasing log_odds_deciles, got {deciles!r}")
+    return Learned(*(_trait(path, data, trait) for trait in TRAITS)), np.array(deciles, float)
 
 
 def _trait(path: Path, data: dict[str, object], trait: str) -> np.ndarray:

@@ -1,0 +1,148 @@
+import numpy as np
+import pytest
+
+from roadscope.core import Category, Detections, Pose, TrackState
+from roadscope.trackers import learned
+from roadscope.trackers.existence import ExistenceTracker
+from roadscope.trackers.existence_kernels import corrected, ellipses, hidden_shares, moved_on
+from roadscope.trackers.kalman import Gaussians, innovations, predicted, updated
+
+DT = 0.1
+CALIBRATED = "roadscope"
+
+
+def beliefs(n, seed=0):
+    rng = np.random.default_rng(seed)
+    roots = rng.standard_normal((n, 4, 4))
+    return Gaussians(
+        rng.standard_normal((n, 4)), roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(4)
+    )
+
+
+def spreads(n, seed=1):
+    rng = np.random.default_rng(seed)
+    return ellipses(rng.uniform(-3, 3, n), rng.uniform(0.5, 2, n), rng.uniform(0.1, 0.4, n))
+
+
+def scene(places, t, scores=0.95, yaws=0.0, category=Category.CAR):
+    places = np.asarray(places, float).reshape(-1, 2)
+    n = len(places)
+    return Detections(
+        np.column_stack([places, np.full(n, 0.8)]), np.tile([4.5, 1.8, 1.5], (n, 1)),
+        np.full(n, yaws), np.full(n, category), np.full(n, scores), "ego", DT * t,
+    )  # fmt: skip
+
+
+def test_kernels_are_the_kalman_filter():
+    before, wander, errors = beliefs(7), spreads(7), spreads(7, 2)
+    F = np.eye(4) + DT * np.eye(4, k=2)
+    Q = np.block([[wander * DT**3 / 3, wander * DT**2 / 2], [wander * DT**2 / 2, wander * DT]])
+    slow = predicted(before, F, Q)
+    means, covariances = moved_on(before.means, before.covariances, wander, DT)
+    assert means == pytest.approx(slow.means)
+    assert covariances == pytest.approx(slow.covariances)
+    H, measured = np.eye(2, 4), np.random.default_rng(3).standard_normal((7, 2))
+    innovation = innovations(slow, measured, H, errors)
+    after = updated(slow, innovation, H, errors)
+    means, covariances, distances = corrected(means, covariances, measured, errors)
+    assert means == pytest.approx(after.means)
+    assert covariances == pytest.approx(after.covariances)
+    assert distances == pytest.approx(innovation.distances)
+
+
+def test_ellipses_lie_along_the_heading():
+    (found,) = ellipses(np.array([np.pi / 2]), np.array([2.0]), np.array([0.5]))
+    assert found == pytest.approx(np.diag([0.25, 4.0]))
+
+
+def test_only_nearer_ones_hide():
+    boxes = np.array([[10, 0, 1, 2, 4, 2, 0.0], [20, 0, 1, 2, 4, 2, 0], [20, 30, 1, 2, 4, 2, 0]])
+    solid = np.ones(3, bool)
+    assert hidden_shares(boxes, solid, 0.0, 0.0).tolist() == [0, 1, 0]
+    assert hidden_shares(boxes, ~solid, 0.0, 0.0).tolist() == [0, 0, 0]
+    boxes[1, 1] = 4.0
+    assert 0.2 < hidden_shares(boxes, solid, 0.0, 0.0)[1] < 0.8
+
+
+def test_sure_detections_are_told_at_once_and_unsure_ones_later():
+    sure = ExistenceTracker(traits=CALIBRATED).update(scene([10, 0], 0, scores=0.95), None)
+    assert sure.states.tolist() == [TrackState.CONFIRMED]
+    tracker = ExistenceTracker(traits=CALIBRATED)
+    states = [int(tracker.update(scene([10, 0], t, scores=0.55), None).states[0]) for t in range(6)]
+    assert states[0] == TrackState.TENTATIVE
+    assert states[-1] == TrackState.CONFIRMED
+
+
+def test_weak_clutter_is_never_told_however_long_it_stays():
+    tracker = ExistenceTracker(traits=CALIBRATED)
+    told = [tracker.update(scene([10, 0], t, scores=0.1), None) for t in range(40)]
+    assert {int(s) for tracks in told for s in tracks.states} == {TrackState.TENTATIVE}
+
+
+def existence_after_misses(parked_between):
+    tracker, pose = ExistenceTracker(traits=CALIBRATED), Pose.identity()
+    front = [[10, 0]] if parked_between else [[10, 20]]
+    for t in range(10):
+        tracker.update(scene([[20, 0], *front], t), pose)
+    for t in range(10, 14):
+        tracks = tracker.update(scene(front, t), pose)
+    (far,) = np.flatnonzero(np.abs(tracks.centres[:, 0] - 20) < 1)
+    return tracks.scores[far]
+
+
+def test_what_must_be_hidden_is_not_missed():
+    assert existence_after_misses(True) > 0.5 > existence_after_misses(False)
+
+
+def test_identity_outlives_an_occlusion_of_a_second():
+    tracker = ExistenceTracker(traits=CALIBRATED)
+    ids = set()
+    for t in range(40):
+        seen = scene([[10 + 0.8 * t, 0]] if not 15 <= t < 25 else [], t)
+        ids |= set(tracker.update(seen, None).ids.tolist())
+    assert len(ids) == 1
+
+
+def test_headings_outvote_a_detection_the_wrong_way_round():
+    tracker = ExistenceTracker(traits=CALIBRATED)
+    for t in range(12):
+        tracks = tracker.update(scene([10, 0], t, yaws=0.1 if t != 6 else 0.1 - np.pi), None)
+        assert tracks.yaws[0] == pytest.approx(0.1, abs=1e-9)
+
+
+def test_pedestrians_and_cars_are_never_one():
+    tracker = ExistenceTracker(traits=CALIBRATED)
+    first = tracker.update(scene([10, 0], 0), None)
+    second = tracker.update(scene([10, 0], 1, category=Category.PEDESTRIAN), None)
+    assert len(first) == 1
+    assert len(second) == 2
+
+
+def test_traits_are_chosen_by_the_scores_met():
+    choice = learned.Choice("auto")
+    rng = np.random.default_rng(0)
+    for name in learned.names():
+        edges = learned._read(name)[1]
+        choice.reset()
+        for _ in range(30):
+            scores = np.interp(rng.uniform(0, 10, 10), np.arange(11), edges)
+            traits = choice.after(scores)
+        assert traits == learned.learned(name)
+
+
+def test_traits_that_are_none_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="known: kitti-pointrcnn, roadscope"):
+        ExistenceTracker(traits="mine")
+    shipped = (learned.FOLDER / "roadscope.toml").read_text()
+    path = tmp_path / "mine.toml"
+    path.write_text(shipped.replace("along_m", "long_m", 1))
+    with pytest.raises(ValueError, match=r"positive number as along_m in \[car\]"):
+        learned.learned(str(path))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"coast_s": 0}, {"detected": 1}, {"least_overlap": 1}, {"shown_misses": -1}]
+)
+def test_settings_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        ExistenceTracker(**wrong)
