@@ -26,7 +26,7 @@ class RoboflowSortTracker:
         self,
         *,
         least_overlap: float = 0.3,
-        buffer_ratio: float = 0.5,
+        buffer_ratio: float = 0.125,
         new_score: float = 0.25,
         confirm_hits: int = 3,
         coast_s: float = 1.0,
@@ -68,8 +68,8 @@ class RoboflowByteTracker:
         *,
         high_score: float = 0.6,
         new_score: float = 0.7,
-        least_overlap: float = 0.1,
-        buffer_ratio: float = 0.5,
+        least_overlap: float = 0.3,
+        buffer_ratio: float = 0.125,
         confirm_hits: int = 2,
         coast_s: float = 1.0,
         shown_misses: int = 0,
@@ -105,7 +105,7 @@ class RoboflowByteTracker:
 class RoboflowOcSortTracker:
     """Roboflow's `OCSORTTracker`: observations before estimates.
 
-    Its filter takes detections to be off by a whole pixel, so a pixel is smaller here.
+    Its filter says that detections are off by a whole pixel, so a pixel is smaller here.
     """
 
     requires: ClassVar = ROBOFLOW
@@ -115,7 +115,7 @@ class RoboflowOcSortTracker:
         *,
         least_score: float = 0.3,
         least_overlap: float = 0.3,
-        buffer_ratio: float = 0.5,
+        buffer_ratio: float = 0.125,
         momentum: float = 0.2,
         momentum_ticks: int = 3,
         confirm_hits: int = 3,
