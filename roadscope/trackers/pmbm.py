@@ -11,7 +11,7 @@ from roadscope.trackers.gating import barred, chi_square_gate, gated_distances, 
 from roadscope.trackers.jpda_existence import Existence, Sighting
 from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.place_filter import PlaceFilter
-from roadscope.trackers.pmbm_hypotheses import continued
+from roadscope.trackers.pmbm_hypotheses import Parts, all_continued
 from roadscope.trackers.pmbm_mixture import Bernoullis, Mixture, free_detections
 from roadscope.trackers.settings import check_counts, check_not_negative, check_shares
 from roadscope.trackers.ticks import Tick
@@ -22,9 +22,9 @@ class PmbmTracker:
     """Many hypotheses of which detection was whose, from the first tick on, with their weights.
 
     Targets not yet seen are a Poisson process, here as dense everywhere and at all times, so each
-    detection may be a new target's or clutter. Of every global hypothesis the likeliest ways to go
-    on are kept (Murty). Visibility is part of a target's state, as in `JpdaTracker`; scores count
-    as amplitude information does.
+    detection may be a new target's or clutter. Of every hypothesis the likeliest ways to go on
+    are kept (Murty); targets that compete for nothing have hypotheses of their own. Visibility is
+    part of a target's state, as in `JpdaTracker`; scores count as amplitude information does.
 
     Reported are the targets of the likeliest hypothesis, and those of earlier reports that any
     hypothesis still has, as tentative ones. Reported scores are probabilities of existence over
@@ -56,10 +56,10 @@ class PmbmTracker:
         gate_share: share of right pairs that the gate lets through, if the noise is as said.
         detection, clutter_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight: see
             `Sighting`.
-        hypotheses: global ones that are kept.
+        hypotheses: those kept of each cluster of targets that compete.
         least_share: less likely than the likeliest by this factor, a hypothesis is dropped.
         confirm, drop: probabilities of existence from which a track is confirmed, and below which
-            a hypothesis does without it.
+            a hypothesis does without one that it has just missed.
         shown_misses: ticks without a detection in which a track is still answered for.
         position_m, speed_m_s: see `PlaceFilter`.
         velocity_walk: m/s per root second, by which velocities wander.
@@ -91,7 +91,8 @@ class PmbmTracker:
         continuation = self._continued(ahead, tick.targets)
         mixture = self._updated(ahead, continuation, tick.targets)
         newborn = self._newborn(tick.targets)
-        mixture = mixture.with_newborn(newborn, free_detections(continuation[1], tick.targets))
+        cluster, _, columns, _, owner = continuation
+        mixture = mixture.with_newborn(newborn, free_detections(cluster, columns, owner))
         self._mixture = mixture.pruned(self._drop, self._hypotheses, self._gap)
         return self._report(tick)
 
@@ -103,9 +104,7 @@ class PmbmTracker:
             self._mixture, bernoullis=Bernoullis(bernoullis.tracks.moved_on(beliefs), existence)
         )
 
-    def _continued(
-        self, mixture: Mixture, targets: Detections
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _continued(self, mixture: Mixture, targets: Detections) -> Parts:
         """Weigh each local hypothesis with each detection (eq. 40 to 45) and take the best.
 
         All weights are divided by those of detections that are new or clutter.
@@ -121,24 +120,19 @@ class PmbmTracker:
         costs = costs - np.log(known.gains(targets.scores))
         unseen = np.append(np.log(missed), 0.0)[mixture.members].sum(axis=1)
         weights = mixture.log_weights + unseen
-        return continued(mixture.members, weights, costs, self._hypotheses, self._gap)
+        limits = (self._hypotheses, self._gap)
+        return all_continued(mixture.cluster, mixture.members, weights, costs, limits)
 
-    def _updated(
-        self,
-        mixture: Mixture,
-        continuation: tuple[np.ndarray, np.ndarray, np.ndarray],
-        targets: Detections,
-    ) -> Mixture:
+    def _updated(self, mixture: Mixture, continuation: Parts, targets: Detections) -> Mixture:
         """Make each local hypothesis that some global one needs, once."""
-        parents, columns, log_weights = continuation
-        before = mixture.members[parents]
+        cluster, before, columns, log_weights, _ = continuation
         codes = np.where(before >= 0, before * (len(targets) + 1) + columns + 1, -1)
         kinds, index = np.unique(codes, return_inverse=True)
         members = index.reshape(codes.shape) - int(kinds.size > 0 and kinds[0] < 0)
         kinds = kinds[kinds >= 0]
         rows, detected = kinds // (len(targets) + 1), kinds % (len(targets) + 1) - 1
         bernoullis = self._branched(mixture.bernoullis.select(rows), detected, targets)
-        return replace(mixture, bernoullis=bernoullis, members=members, log_weights=log_weights)
+        return Mixture(bernoullis, mixture.roster, cluster, members, log_weights)
 
     def _branched(
         self, bernoullis: Bernoullis, detected: np.ndarray, targets: Detections
@@ -160,7 +154,7 @@ class PmbmTracker:
 
     def _report(self, tick: Tick) -> Tracks:
         mixture, roster = self._mixture, self._mixture.roster
-        here, existence = mixture.members[0] >= 0, mixture.existence
+        here, existence = mixture.here, mixture.existence
         confirmed = roster.confirmed | (here & (existence >= self._confirm))
         shown = roster.shown | here
         roster = replace(roster, shown=shown, confirmed=confirmed)

@@ -1,4 +1,9 @@
-"""How each global hypothesis goes on: its best assignments of tracks and detections."""
+"""How hypotheses go on: by the best assignments of tracks and detections.
+
+Tracks that compete for no detection, directly or through others, are in clusters of their own,
+each with hypotheses and weights of its own (Reid 1979). All hypotheses at once would be their
+product, of which no count would be enough.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,127 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.trackers.assignment import _groups
 from roadscope.trackers.pmbm_assignments import best_assignments
+
+Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@compiled()
+def all_continued(
+    cluster: np.ndarray,
+    members: np.ndarray,
+    log_weights: np.ndarray,
+    costs: np.ndarray,
+    limits: tuple[int, float],
+) -> Parts:
+    """Return how the hypotheses of all clusters go on; clusters that now compete become one.
+
+    cluster: (H,) which cluster a hypothesis is of; members: (H, T), -1 outside of it too.
+    log_weights, costs: as in `continued`; limits: its count, of each cluster, and its gap.
+
+    Returns (K,) new clusters, (K, T) members each hypothesis had, (K, T) detections or -1, (K,)
+    log weights, and (M,) the cluster of each detection.
+    """
+    T, M = members.shape[1], costs.shape[1]
+    clusters = cluster.max() + 1 if len(cluster) else 0
+    group = _groups(_links(cluster, members, costs, clusters, limits[1]), 0.5)
+    owner = np.full(M, -1)
+    parts = [(np.empty(0, np.int64), np.empty((0, 0), np.int64), np.empty((0, 0), np.int64))]
+    weights = [np.empty(0)]
+    for first in range(T):
+        if group[first] != first:
+            continue
+        tracks = np.flatnonzero(group[:T] == first)
+        targets = np.flatnonzero(group[T : T + M] == first)
+        owner[targets] = len(parts) - 1
+        joint, prior = np.full((1, len(tracks)), -1), np.zeros(1)
+        for c in np.flatnonzero(group[T + M :] == first):
+            rows = np.flatnonzero(cluster == c)
+            joint, prior = _product(
+                joint, prior, members[rows][:, tracks], log_weights[rows], limits
+            )
+        used = np.unique(joint)
+        used = used[used >= 0]
+        local = np.where(joint >= 0, np.searchsorted(used, joint), -1)
+        parents, columns, after = continued(
+            local, prior, costs[used][:, targets], limits[0], limits[1]
+        )
+        for k in range(len(columns)):
+            for i in range(len(tracks)):
+                columns[k, i] = targets[columns[k, i]] if columns[k, i] >= 0 else -1
+        parts.append((tracks, joint[parents], columns))
+        weights.append(after)
+    return _spread_out(parts, weights, owner, T)
+
+
+@compiled()
+def _links(
+    cluster: np.ndarray, members: np.ndarray, costs: np.ndarray, clusters: int, gap: float
+) -> np.ndarray:
+    """Return (T, M + C), 0 where a track may have a detection or is of a cluster, otherwise 1."""
+    T, M = members.shape[1], costs.shape[1]
+    least = _least_costs(members, costs)
+    links = np.ones((T, M + clusters))
+    for t in range(T):
+        for j in range(M):
+            if least[t, j] < gap:
+                links[t, j] = 0.0
+    for h in range(len(members)):
+        for t in range(T):
+            if members[h, t] >= 0:
+                links[t, M + cluster[h]] = 0.0
+    return links
+
+
+@compiled()
+def _product(
+    some: np.ndarray,
+    weights: np.ndarray,
+    others: np.ndarray,
+    more: np.ndarray,
+    limits: tuple[int, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Join the hypotheses of two clusters, (A, T) and (B, T), the likeliest pairs first."""
+    sums = np.empty(len(weights) * len(more))
+    for a in range(len(weights)):
+        for b in range(len(more)):
+            sums[a * len(more) + b] = weights[a] + more[b]
+    order = np.argsort(-sums, kind="mergesort")[: limits[0]]
+    size = 0
+    while size < len(order) and sums[order[size]] >= sums[order[0]] - limits[1]:
+        size += 1
+    joint = np.empty((size, some.shape[1]), np.int64)
+    for k in range(size):
+        a, b = order[k] // len(more), order[k] % len(more)
+        joint[k] = np.maximum(some[a], others[b])
+    return joint, sums[order[:size]]
+
+
+@compiled()
+def _spread_out(
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    weights: list[np.ndarray],
+    owner: np.ndarray,
+    T: int,
+) -> Parts:
+    """Put the clusters' hypotheses below one another; a detection alone makes a cluster too."""
+    size = (owner < 0).sum()
+    for each in weights:
+        size += len(each)
+    cluster, log_weights = np.empty(size, np.int64), np.zeros(size)
+    before, columns = np.full((size, T), -1), np.full((size, T), -1)
+    k = 0
+    for c in range(1, len(parts)):
+        tracks, had, took = parts[c]
+        for a in range(len(weights[c])):
+            cluster[k], log_weights[k] = c - 1, weights[c][a]
+            for i in range(len(tracks)):
+                before[k, tracks[i]], columns[k, tracks[i]] = had[a, i], took[a, i]
+            k += 1
+    for j in range(len(owner)):
+        if owner[j] < 0:
+            owner[j] = cluster[k] = len(parts) - 1 + j
+            k += 1
+    return cluster, before, columns, log_weights, owner
 
 
 @compiled()
