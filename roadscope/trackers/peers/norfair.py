@@ -26,8 +26,8 @@ class NorfairTracker:
     def __init__(
         self,
         *,
-        vehicle_gate_m: float = 4.0,
-        cyclist_gate_m: float = 3.0,
+        vehicle_gate_m: float = 3.0,
+        cyclist_gate_m: float = 2.0,
         pedestrian_gate_m: float = 1.0,
         confirm_hits: int = 3,
         coast_frames: int = 10,
@@ -39,7 +39,7 @@ class NorfairTracker:
         """Set the tracker up.
 
         vehicle_gate_m, cyclist_gate_m, pedestrian_gate_m: `distance_threshold`, from a track's
-            expected place.
+            expected place: that of a new car at 30 m/s is 3 m off at 10 Hz.
         confirm_hits: detections in a row after which a track is confirmed; Norfair's
             `initialization_delay` is one less.
         coast_frames: `hit_counter_max`: detections count up to there, misses count down to 0.
