@@ -46,7 +46,7 @@ BROKEN = {
     "roundabout": "round-\nabout", "intersection": "inter-\nsection",
     "racetrack": "race-\ntrack", "parking-lot": "parking\nlot", "motorcycle": "motor-\ncycle",
     "pedestrian": "pedes-\ntrian", "distance-l-shape": "distance\nl-shape",
-    "dbscan-l-shape": "dbscan\nl-shape", "zhang2017": "zhang-\n2017",
+    "dbscan-l-shape": "dbscan\nl-shape", "distance": "distance", "zhang2017": "zhang-\n2017",
     "long-occlusion": "long\nocclu-\nsion",
 }  # fmt: skip
 
