@@ -102,12 +102,11 @@ class Mixture:
     def pruned(self, drop: float, count: int, gap: float) -> Mixture:
         """Keep what matters.
 
-        drop: Bernoullis just missed that exist with less than this probability are left out.
+        drop: Bernoullis that exist with less than this probability are left out.
         count, gap: as many hypotheses of a cluster, and none less likely than its likeliest by
             more than this, as a logarithm. Those that now say the same become one.
         """
-        missed = self.bernoullis.tracks.misses > 0
-        weak = np.append(missed & (self.bernoullis.existence.there < drop), True)
+        weak = np.append(self.bernoullis.existence.there < drop, True)
         members = np.where(weak[self.members], -1, self.members)
         first, same = _alike(self.cluster, members)
         weights = np.full(len(first), -np.inf)
