@@ -92,8 +92,11 @@ class ExistenceTracker:
         eye = np.zeros(2) if ego_pose is None else ego_pose.translation[:2]
         measured = Measured.of(tick.targets, eye, self._traits)
         targets = self._targets.carried(tick.period_s, self._traits)
-        visible = 1 - hidden_shares(targets.boxes, targets.existence > self._shown, *eye)
         rows, columns = self._pairs(targets, measured, tick.period_s)
+        missed = np.ones(len(targets), bool)
+        missed[rows] = False
+        believed = targets.existence > self._shown
+        visible = 1 - hidden_shares(targets.boxes, missed, believed, eye)
         targets = self._judged(targets, visible, tick.period_s)
         targets = targets.replaced(
             rows, self._confirmed(targets.select(rows), measured.select(columns), tick.period_s)

@@ -73,25 +73,31 @@ def corrected(
 
 
 @compiled()
-def hidden_shares(boxes: np.ndarray, solid: np.ndarray, eye_x: float, eye_y: float) -> np.ndarray:
+def hidden_shares(
+    boxes: np.ndarray, asked: np.ndarray, solid: np.ndarray, eye: np.ndarray
+) -> np.ndarray:
     """Return (N,) which share of each target's width nearer solid ones cover, seen from an eye.
 
-    boxes: (N, 7) as in `Tracklets`; solid: (N,) bool, who is believed to be there.
+    boxes: (N, 7) as in `Tracklets`; asked: (N,) bool, whose share is wanted, others have 0;
+    solid: (N,) bool, who is believed to be there; eye: (2,).
     """
     n = len(boxes)
     bearing, half, range_m = np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
-        dx, dy = boxes[i, 0] - eye_x, boxes[i, 1] - eye_y
+        dx, dy = boxes[i, 0] - eye[0], boxes[i, 1] - eye[1]
         bearing[i], range_m[i] = np.arctan2(dy, dx), max(np.hypot(dx, dy), 1e-3)
         turn = boxes[i, 6] - bearing[i]
         width = boxes[i, 3] * abs(np.sin(turn)) + boxes[i, 4] * abs(np.cos(turn))
         half[i] = np.arctan2(width / 2, range_m[i])
     shares = np.zeros(n)
     for i in range(n):
+        if not asked[i]:
+            continue
         for j in range(n):
             if j == i or not solid[j] or range_m[j] >= range_m[i]:
                 continue
-            apart = abs((bearing[j] - bearing[i] + np.pi) % (2 * np.pi) - np.pi)
+            apart = abs(bearing[j] - bearing[i])
+            apart = min(apart, 2 * np.pi - apart)
             covered = min(half[i], apart + half[j]) - max(-half[i], apart - half[j])
             if covered > 0:
                 shares[i] += covered / (2 * half[i])

@@ -57,11 +57,18 @@ def test_ellipses_lie_along_the_heading():
 
 def test_only_nearer_ones_hide():
     boxes = np.array([[10, 0, 1, 2, 4, 2, 0.0], [20, 0, 1, 2, 4, 2, 0], [20, 30, 1, 2, 4, 2, 0]])
-    solid = np.ones(3, bool)
-    assert hidden_shares(boxes, solid, 0.0, 0.0).tolist() == [0, 1, 0]
-    assert hidden_shares(boxes, ~solid, 0.0, 0.0).tolist() == [0, 0, 0]
+    every, eye = np.ones(3, bool), np.zeros(2)
+    assert hidden_shares(boxes, every, every, eye).tolist() == [0, 1, 0]
+    assert hidden_shares(boxes, ~every, every, eye).tolist() == [0, 0, 0]
+    assert hidden_shares(boxes, every, ~every, eye).tolist() == [0, 0, 0]
     boxes[1, 1] = 4.0
-    assert 0.2 < hidden_shares(boxes, solid, 0.0, 0.0)[1] < 0.8
+    assert 0.2 < hidden_shares(boxes, every, every, eye)[1] < 0.8
+
+
+def test_hiding_knows_no_seam_behind_the_eye():
+    boxes = np.array([[-10, 0.1, 1, 2, 4, 2, 0.0], [-20, -0.1, 1, 2, 2, 2, 0]])
+    both = np.ones(2, bool)
+    assert hidden_shares(boxes, both, both, np.zeros(2)).tolist() == [0, 1]
 
 
 def test_sure_detections_are_told_at_once_and_unsure_ones_later():

@@ -67,7 +67,7 @@ def test_one_score_for_a_whole_track_and_weak_ones_dropped():
 
 
 def test_the_beginning_is_told_although_it_was_tentative():
-    history = drive(score=0.9)
+    history = drive(score=0.62)
     assert history[0].states[0] == TrackState.TENTATIVE
     told = rescored(history, Rescoring(least_score=0.1))
     assert [len(tracks) for tracks in told] == [1] * 40

@@ -60,6 +60,8 @@ class Learned(Record):
 
 
 AUTO = "auto"
+SETTLED = 200.0
+"""Difference of log likelihoods from which on nothing is weighed any more."""
 LEAST_WIDTH = 0.05
 """Of a decile, in log odds: where many scores are the same, they have a density none the less."""
 TRAITS = tuple(field.name for field in fields(Learned))
@@ -89,7 +91,7 @@ class Choice:
 
     def after(self, log_odds: np.ndarray) -> Learned:
         """Take the scores of a tick, (N,) log odds, and return what they fit best."""
-        if len(self._traits) > 1:
+        if len(self._traits) > 1 and np.ptp(self._likelihoods) < SETTLED:
             self._likelihoods += [_likelihood(log_odds, edges) for edges in self._deciles]
         return self._traits[int(self._likelihoods.argmax())]
 
