@@ -22,7 +22,7 @@ def box(x, y, t, score=0.95):
 def drive(ticks=40, hidden=(), sigma=0.2, seed=0, score=0.999):
     """One car at 8 m/s, and what a tracker said of it, tentative tracks too."""
     rng = np.random.default_rng(seed)
-    tracker, history = ExistenceTracker(), []
+    tracker, history = ExistenceTracker(traits="roadscope"), []
     for t in range(ticks):
         x, y = np.array([10 + 0.8 * t, 3.0]) + sigma * rng.standard_normal(2)
         seen = box(x, y, t, score) if t not in hidden else Detections.empty(DT * t)
