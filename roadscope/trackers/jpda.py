@@ -126,7 +126,7 @@ class JpdaTracker:
         )
 
     def _existence_after(self, existence: Existence, beta: np.ndarray) -> Existence:
-        """Mix over the events (eq. 30): any detection proves existence, none leaves doubt."""
+        """Mix over the events: any detection proves existence, none leaves doubt."""
         seen = np.clip(beta.sum(axis=1), 0, 1)
         missed = existence.missed(self._sighting.detection)
         return Existence(seen + (1 - seen) * missed.visible, (1 - seen) * missed.hidden)

@@ -1,6 +1,6 @@
 """Whether a target exists, and whether it can be seen: integrated tracking's Markov chain two.
 
-A target is there and visible, there but hidden, or not there (Musicki and Evans 2004, section II).
+A target is there and visible, there but hidden, or not there (Musicki and Evans 2004).
 A hidden target is no missed detection: it is neither confirmed nor given up by not being seen.
 """
 

@@ -20,7 +20,7 @@ def loopy_marginals(pairs: np.ndarray, missed: np.ndarray, free: np.ndarray) -> 
     """Return (N, M) approximate probabilities that track i has detection j.
 
     pairs, missed, free: weights as in `association_marginals`; missed and free must be positive.
-    Exact where pairs form no loop. Messages always converge (theorem 2).
+    Exact where pairs form no loop. Messages always converge, as they prove.
     """
     n, m = pairs.shape
     psi = np.empty((n, m))

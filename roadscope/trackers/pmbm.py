@@ -105,7 +105,7 @@ class PmbmTracker:
         )
 
     def _continued(self, mixture: Mixture, targets: Detections) -> Parts:
-        """Weigh each local hypothesis with each detection (eq. 40 to 45) and take the best.
+        """Weigh each local hypothesis with each detection and take the best.
 
         All weights are divided by those of detections that are new or clutter.
         """
