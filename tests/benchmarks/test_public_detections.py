@@ -15,6 +15,7 @@ from roadscope.benchmarks.suite import Suite, SuiteError, load_suite, parse_suit
 from roadscope.benchmarks.tables import board_table, conditions, shown_columns
 from roadscope.core import SpecError
 from roadscope.envs.traffic.scenarios import SCENARIOS
+from roadscope.trackers import TRACKERS
 
 TINY = """
 name = "tiny"
@@ -143,3 +144,16 @@ def test_the_suite_has_lu_2018_and_eight_scenes_more() -> None:
     assert len(suite.scenarios) - len(lu) >= 8
     assert len(suite.public_detectors) >= 5
     assert ORACLE not in suite.public_detectors
+
+
+def test_trackers_that_are_not_installed_are_left_out_and_named(suite, monkeypatch) -> None:
+    reasons = {"gnn": "gnn-lib is not installed: pip install gnn-lib"}
+    monkeypatch.setattr(TRACKERS, "missing", reasons.get)
+    assert {job.tracker for job in plan(suite, [], ("tracking",)).tracking} == {"nearest"}
+    assert "Left out: gnn, gnn-lib is not installed: pip install gnn-lib." in conditions(suite)
+
+
+def test_marks_stand_on_no_board_alone(suite) -> None:
+    both = plan(suite, [], ("detection", "tracking"))
+    assert both.detection == ()
+    assert both.tracking

@@ -183,13 +183,13 @@ def test_ranks_are_compared_with_suites_that_were_run(results):
 
     matches = agreements(found, recorded, outcomes)
     assert [(m.board, m.suite) for m in matches] == [
-        ("kitti car", "quick v2"), ("kitti pedestrian", "quick v2"),
+        ("kitti car", "quick v3"), ("kitti pedestrian", "quick v3"),
     ]  # fmt: skip
     assert matches[0].entries == tuple(TRACKERS)
     ours = [found.row("kitti car", entry, "hota").value for entry in TRACKERS]
     assert matches[0].rho == pytest.approx(spearman(list(figures.values()), ours))
     shown = agreement_lines(replace(found, agreements=matches), "kitti car")
-    assert shown == [f"Ranks agree with those of suite quick v2 by {matches[0].rho:.2f} "
+    assert shown == [f"Ranks agree with those of suite quick v3 by {matches[0].rho:.2f} "
                      "(Spearman, 3 trackers; 1 is the same order)."]  # fmt: skip
 
 
