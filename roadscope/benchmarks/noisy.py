@@ -92,9 +92,9 @@ NOISES: Registry[NoiseModel] = Registry(
         "?clutter=8&position_m=0.4&yaw_deg=8&flip=0.1&score_gap=1.5",
     },
     summaries={
-        "noisy": "The true boxes with errors of known size: miss, clutter, position_m, ...",
-        "noisy-misses": "Likewise, 3 of 10 missed, in runs, and more the more of them is hidden.",
-        "noisy-clutter": "Likewise, 8 false detections a frame, rough boxes.",
+        "noisy": "True boxes with errors: miss, clutter, position_m, yaw.",
+        "noisy-misses": "Likewise, 3 of 10 missed in runs, the hidden more.",
+        "noisy-clutter": "Likewise, 8 false ones a frame, rough boxes.",
     },
 )
 
