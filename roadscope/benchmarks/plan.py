@@ -35,8 +35,8 @@ def plan(
 ) -> Plan:
     """Return all jobs; unknown names and wrong arguments raise before anything runs.
 
-    Trackers of the suite that need what is not installed are left out; marks stand on no board
-    alone.
+    Trackers of the suite that need what is not installed are left out; beside
+    trackers, marks stand on no board alone.
 
     entries: specs of detectors and trackers beside (`only`: instead of) those of the suite.
     """
@@ -58,9 +58,9 @@ def plan(
     _check_all(suite, [s for s in entries if s in detectors], [s for s in entries if s in trackers])
     if "tracking" in boards and not suite.public_detectors and ("tracker" in kinds or only):
         raise SpecError(f"suite {suite.title} names no tracking.detectors that trackers could get")
-    ranked = "detection" in boards and detectors
-    detection = _detection_jobs(suite, marks, detectors) if ranked else []
     tracking = tracking_jobs(suite, trackers) if "tracking" in boards else []
+    detects = "detection" in boards and (detectors or not tracking)
+    detection = _detection_jobs(suite, marks, detectors) if detects else []
     public = _jobs(suite, "detection", [(d, d, None) for d in suite.public_detectors])
     if not detection and not tracking:
         raise SpecError(f"suite {suite.title} has nothing to run on: {', '.join(boards)}")
