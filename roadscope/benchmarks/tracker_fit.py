@@ -84,15 +84,16 @@ def source(classes: Mapping[str, Samples], origin: str) -> str:
     A class with too few samples takes the traits of the class with most.
     """
     most = max(classes, key=lambda name: len(classes[name].errors))
-    odds = np.quantile(np.concatenate([c.log_odds for c in classes.values()]), DECILES)
-    lines = [f'origin = "{origin}"', f"log_odds_deciles = {np.round(odds, 2).tolist()}"]
+    lines = [f'origin = "{origin}"']
     for name, samples in classes.items():
         enough = min(len(samples.errors), len(samples.changes)) >= LEAST_SAMPLES
-        traits = fitted(samples if enough else classes[most], TOP_SPEED_M_S[name])
+        taken = samples if enough else classes[most]
+        traits = fitted(taken, TOP_SPEED_M_S[name])
         told = f"{len(samples.errors)} detections" if enough else f"as {most}: too few detections"
         lines += [
             "",
             f"[{name}] # {told}",
+            f"log_odds_deciles = {np.quantile(taken.log_odds, DECILES).round(2).tolist()}",
             *(f"{trait} = {traits[trait]}" for trait in TRAITS[:-1]),
         ]
         lines.append(f"{TRAITS[-1]} = {TOP_SPEED_M_S[name]}")

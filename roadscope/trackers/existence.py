@@ -81,14 +81,15 @@ class ExistenceTracker:
         self._tick: Tick | None = None
         self._next_id = 0
         self._choice.reset()
-        self._traits = self._choice.after(np.empty(0))
+        self._traits = self._choice.after(np.empty(0), np.empty(0, np.int8))
         none = Measured.of(Detections.empty(0.0), np.zeros(2), self._traits)
         self._targets = Targets.opened(np.empty(0, np.int64), none, self._traits)
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Take the detections of one tick and return all tracks, tentative ones included."""
         tick = self._tick = Tick.after(self._tick, detections, ego_pose)
-        self._traits = self._choice.after(log_odds(tick.targets.scores))
+        targets = tick.targets
+        self._traits = self._choice.after(log_odds(targets.scores), targets.categories)
         eye = np.zeros(2) if ego_pose is None else ego_pose.translation[:2]
         measured = Measured.of(tick.targets, eye, self._traits)
         targets = self._targets.carried(tick.period_s, self._traits)

@@ -61,7 +61,7 @@ class Learned(Record):
 
 AUTO = "auto"
 SETTLED = 200.0
-"""Difference of log likelihoods from which on nothing is weighed any more."""
+"""Lead in log likelihood from which on nothing is weighed any more."""
 LEAST_WIDTH = 0.05
 """Of a decile, in log odds: where many scores are the same, they have a density none the less."""
 TRAITS = tuple(field.name for field in fields(Learned))
@@ -75,7 +75,8 @@ def names() -> list[str]:
 class Choice:
     """What is learned of the detector at hand; `auto`: of the shipped one whose scores are likest.
 
-    The choice rests on all scores so far, so it is made online and soon settles.
+    The choice rests on all scores so far, so it is made online and soon settles. Scores like no
+    trained detector's are likest to those of `unknown`, which are all over the place.
     """
 
     def __init__(self, name: str) -> None:
@@ -89,19 +90,25 @@ class Choice:
         """Forget all scores."""
         self._likelihoods = np.zeros(len(self._traits))
 
-    def after(self, log_odds: np.ndarray) -> Learned:
+    def after(self, log_odds: np.ndarray, categories: np.ndarray) -> Learned:
         """Take the scores of a tick, (N,) log odds, and return what they fit best."""
-        if len(self._traits) > 1 and np.ptp(self._likelihoods) < SETTLED:
-            self._likelihoods += [_likelihood(log_odds, edges) for edges in self._deciles]
+        if len(self._traits) > 1 and self._lead() < SETTLED:
+            self._likelihoods += [_likelihood(log_odds, e[categories]) for e in self._deciles]
         return self._traits[int(self._likelihoods.argmax())]
+
+    def _lead(self) -> float:
+        second, first = np.sort(self._likelihoods)[-2:]
+        return float(first - second)
 
 
 def _likelihood(log_odds: np.ndarray, edges: np.ndarray) -> float:
-    """Return the log likelihood of values whose deciles have (11,) edges; 1 % are strays."""
+    """Return the log likelihood of (N,) values whose deciles have (N, 11) edges; 1 % are strays."""
     widths = np.maximum(np.diff(edges), LEAST_WIDTH)
-    rows = np.clip(np.searchsorted(edges, log_odds, side="right") - 1, 0, len(widths) - 1)
-    outside = (log_odds < edges[0] - LEAST_WIDTH) | (log_odds > edges[-1] + LEAST_WIDTH)
-    density = 0.99 * np.where(outside, 0.0, 0.1 / widths[rows]) + 0.01 / 20
+    values = log_odds[:, None]
+    rows = np.clip((edges <= values).sum(axis=1) - 1, 0, widths.shape[1] - 1)
+    outside = (values < edges[:, :1] - LEAST_WIDTH) | (values > edges[:, -1:] + LEAST_WIDTH)
+    within = 0.1 / widths[np.arange(len(rows)), rows]
+    density = 0.99 * np.where(outside[:, 0], 0.0, within) + 0.01 / 20
     return float(np.log(density).sum())
 
 
@@ -119,10 +126,22 @@ def _read(name: str) -> tuple[Learned, np.ndarray]:
         data = tomllib.loads(path.read_text("utf-8"))
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: {error}") from error
-    deciles = data.get("log_odds_deciles")
-    if not isinstance(deciles, list) or len(deciles) != 11 or sorted(deciles) != deciles:
-        raise ValueError(f"{path}: expected 11 increasing log_odds_deciles, got {deciles!r}")
-    return Learned(*(_trait(path, data, trait) for trait in TRAITS)), np.array(deciles, float)
+    return Learned(*(_trait(path, data, trait) for trait in TRAITS)), _deciles(path, data)
+
+
+def _deciles(path: Path, data: dict[str, object]) -> np.ndarray:
+    """Return the (7, 11) deciles of log odds, in the order of `Category`."""
+    rows = []
+    for category in Category:
+        section = data.get(SECTION_OF[category])
+        row = section.get("log_odds_deciles") if isinstance(section, dict) else None
+        if not isinstance(row, list) or len(row) != 11 or sorted(row) != row:
+            raise ValueError(
+                f"{path}: expected 11 increasing log_odds_deciles in [{SECTION_OF[category]}], "
+                f"got {row!r}"
+            )
+        rows.append(row)
+    return np.array(rows, float)
 
 
 def _trait(path: Path, data: dict[str, object], trait: str) -> np.ndarray:
