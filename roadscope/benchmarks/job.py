@@ -25,7 +25,7 @@ from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.oracle import ORACLE, made_from_truth
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.recorded import OFFLINE, Recording, replayed, sequence_of
-from roadscope.benchmarks.stack import EntryError, describe, perceive, prints_aside, track
+from roadscope.benchmarks.stack import EntryError, describe, offline, perceive, prints_aside, track
 from roadscope.benchmarks.store import Outcome
 from roadscope.core import RecordError, Tracks
 from roadscope.detectors import DETECTORS
@@ -120,7 +120,8 @@ def execute(job: Job, fresh: bool = False) -> Outcome:
         tracks, calls_ms = track(job.tracker, perceived)
         if isinstance(job.episode, Recording):
             return Outcome(recorded_scores(job.tracker, tracks, calls_ms, job.episode))
-        return Outcome(tracking_scores(tracks, calls_ms, perceived, job.eligibility))
+        scores = tracking_scores(tracks, calls_ms, perceived, job.eligibility)
+        return Outcome(scores | passed(len(tracks)) if offline(job.tracker) else scores)
     except EntryError as error:
         return Outcome({}, str(error))
     except Exception as error:
@@ -179,13 +180,14 @@ def tracking_scores(
 def recorded_scores(
     tracker: str, tracks: Sequence[Tracks], calls_ms: np.ndarray, recording: Recording
 ) -> dict[str, Score]:
-    """Return a tracker's scores on a recording, its cost, and whether it is an offline one.
+    """Return a tracker's scores on a recording, its cost, and whether it is an offline one."""
+    which = passed(len(tracks), offline(tracker))
+    return kitti_scores(tracks, sequence_of(recording)) | which | cost(calls_ms)
 
-    A tracker whose class says `offline = True` looks at frames that were still to come.
-    """
-    offline = bool(getattr(TRACKERS.resolve(tracker).factory, "offline", False))
-    passes = {OFFLINE: Score(float(offline), "1", "lower", len(tracks))}
-    return kitti_scores(tracks, sequence_of(recording)) | passes | cost(calls_ms)
+
+def passed(frames: int, later: bool = True) -> dict[str, Score]:
+    """Return the mark of a tracker that looks at frames that were still to come, or not."""
+    return {OFFLINE: Score(float(later), "1", "lower", frames)}
 
 
 def cost(calls_ms: np.ndarray) -> dict[str, Score]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.oracle import ORACLE
+from roadscope.benchmarks.recorded_suite import kitti_table
 from roadscope.benchmarks.suite import SUITES, load_suite, unknown
 from roadscope.core import Registry, SpecError
 
@@ -75,7 +76,11 @@ def _scenarios() -> list[tuple[str, str]]:
 
 def _suites() -> list[tuple[str, str]]:
     suites = [load_suite(name) for name in SUITES]
-    return [(s.name, f"v{s.version}: {s.summary}.") for s in suites]
+    recorded = kitti_table()
+    return [
+        *((s.name, f"v{s.version}: {s.summary}.") for s in suites),
+        (recorded["name"], f"v{recorded['version']}: {recorded['summary']} (--kitti DIR)."),
+    ]
 
 
 def _rigs() -> list[tuple[str, str]]:

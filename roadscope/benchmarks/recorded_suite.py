@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_folder import DETECTIONS, KittiFolder
@@ -49,8 +50,7 @@ def kitti_suite(folder: Path | str) -> RecordedSuite:
             f"{files.root}: expected {DETECTIONS}NAME/Car/SEQ.txt for a sequence of label_02 "
             f"({known}), got none"
         )
-    content = resources.files("roadscope.benchmarks").joinpath(f"suites/{KITTI}.toml")
-    table = tomllib.loads(content.read_text(encoding="utf-8"))
+    table = kitti_table()
     return RecordedSuite(
         name=table["name"],
         version=table["version"],
@@ -67,6 +67,12 @@ def kitti_suite(folder: Path | str) -> RecordedSuite:
         recordings=recordings,
         labelled=len(files.sequences()),
     )
+
+
+def kitti_table() -> dict[str, Any]:
+    """Return what the suite says of itself, whatever the folder."""
+    content = resources.files("roadscope.benchmarks").joinpath(f"suites/{KITTI}.toml")
+    return tomllib.loads(content.read_text(encoding="utf-8"))
 
 
 def recorded_jobs(suite: RecordedSuite, trackers: Sequence[str]) -> list[Job]:

@@ -221,6 +221,10 @@ def _name(results: Results, standing: Standing) -> Text:
     name = Text(standing.entry, style="not bold" if standing.mark else "")
     if standing.mark and standing.mark.split()[0] not in standing.entry:
         name.append(f" ({standing.mark})")
+    late = results.row(standing.board, standing.entry, OFFLINE)
+    called_so = standing.entry.split()[0].partition("?")[0].endswith(OFFLINE)
+    if late is not None and late.value and not called_so:
+        name.append(f" ({OFFLINE})")
     failed = results.row(standing.board, standing.entry, "failed_episodes")
     if failed is not None and failed.value:
         name.append(f" ({failed.value:.0f} of {failed.n} failed)", style="red")

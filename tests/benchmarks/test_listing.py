@@ -6,6 +6,8 @@ import pytest
 from rich.console import Console
 
 from roadscope.benchmarks.listing import KINDS, names_of
+from roadscope.benchmarks.recorded_suite import KITTI
+from roadscope.benchmarks.suite import SUITES
 from roadscope.benchmarks.tables import name_table
 from roadscope.core import Registry, registry
 from roadscope.detectors import DETECTORS
@@ -29,6 +31,12 @@ def test_each_takes_one_line_of_an_ordinary_terminal(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_everything_is_described(kind):
     assert all(text.strip() for _, text in names_of(kind))
+
+
+def test_suites_of_recorded_data_say_what_they_need():
+    told = dict(names_of("suites"))
+    assert {*SUITES, KITTI} == set(told)
+    assert "--kitti DIR" in told[KITTI]
 
 
 class Theirs:

@@ -3,25 +3,31 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rich.console import Console
 from toy_kitti import write_kitti
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
+from roadscope.benchmarks import job as job_module
 from roadscope.benchmarks.formats import FormatError, read_sequence
 from roadscope.benchmarks.job import execute
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.plan import plan, tracking_jobs
+from roadscope.benchmarks.plan import check, plan, tracking_jobs
 from roadscope.benchmarks.rank_agreement import spearman
 from roadscope.benchmarks.recorded import OFFLINE
 from roadscope.benchmarks.recorded_agreement import agreements, simulated_figures
 from roadscope.benchmarks.recorded_suite import kitti_suite
+from roadscope.benchmarks.results import gather
 from roadscope.benchmarks.runner import run
+from roadscope.benchmarks.speed_trackers import own_trackers
 from roadscope.benchmarks.store import Outcome
 from roadscope.benchmarks.suite import load_suite
 from roadscope.benchmarks.tables import agreement_lines, board_table, conditions
 from roadscope.core import SpecError
+from roadscope.core.registry import split_spec
+from roadscope.trackers import TRACKERS as REGISTRY
 from roadscope.trackers.nearest import NearestTracker
 
 TRACKERS = ["nearest", "nearest-q", "nearest-q-confirmed"]
@@ -99,10 +105,37 @@ def test_an_offline_tracker_is_called_so(folder, tmp_path):
         "from roadscope.trackers.nearest import NearestTracker\n"
         "class Late(NearestTracker):\n    offline = True\n"
     )
-    job = plan(kitti_suite(folder), [f"{plugin}:Late"], ("tracking",), only=True).tracking[0]
-    outcome = execute(job)
-    assert outcome.reason is None
-    assert outcome.scores[OFFLINE].value == 1
+    entries = ["nearest", f"{plugin}:Late", "existence-offline"]
+    jobs = plan(kitti_suite(folder), entries, ("tracking",), only=True).tracking
+    of_one = [job for job in jobs if job.episode == jobs[0].episode]
+    outcomes = {job.key: execute(job) for job in of_one}
+    found = gather(of_one, outcomes, {})
+    assert not found.failures
+    assert [found.row("kitti car", entry, OFFLINE).value for entry in entries] == [0, 1, 1]
+    console = Console(width=160, record=True)
+    console.print(board_table(found, "kitti car", 160))
+    assert console.export_text().count("(offline)") == 1
+
+
+def test_on_simulated_traffic_too_an_offline_tracker_is_marked(monkeypatch):
+    """The table has no column for it there."""
+    jobs = tracking_jobs(load_suite("quick"), ["nearest", "existence-offline"])
+    scores = {"hota": Score(0.5, "1", "higher", 9)}
+    monkeypatch.setattr(job_module, "detections_of", lambda *_: None)
+    monkeypatch.setattr(job_module, "track", lambda *_: ([], np.zeros(0)))
+    monkeypatch.setattr(job_module, "tracking_scores", lambda *_: scores)
+    marks = {job.tracker: execute(job).scores.get(OFFLINE) for job in jobs}
+    assert marks["nearest"] is None
+    assert marks["existence-offline"].value == 1
+
+
+def test_the_suite_has_the_offline_tracker_beside_the_online_one(folder):
+    entries = kitti_suite(folder).trackers
+    assert set(own_trackers()) <= {split_spec(entry)[0] for entry in entries}
+    jobs = plan(kitti_suite(folder), (), ("tracking",)).tracking
+    assert {job.tracker for job in jobs} == set(entries)
+    for spec in entries:
+        check(REGISTRY, spec)
 
 
 def test_trackers_get_the_detections_of_the_file_bit_for_bit(folder, monkeypatch):

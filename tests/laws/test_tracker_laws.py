@@ -1,6 +1,7 @@
 """What every registered tracker promises."""
 
 import inspect
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from roadscope.core import Category, Detections, Pose, RecordError, TrackState
 from roadscope.trackers import TRACKERS
-from roadscope.trackers.api import Tracker
+from roadscope.trackers.api import OfflineTracker, Tracker, is_offline
 
 KNOW_NO_CATEGORIES = {"nearest", "nearest-q", "nearest-q-confirmed"}
 """Lu 2018's targets are all of one kind."""
@@ -292,3 +293,32 @@ def test_values_that_are_no_boxes_never_reach_a_tracker():
         replace(good, sizes=np.zeros((1, 3)))
     with pytest.raises(RecordError, match=r"Detections\.centres: expected shape \(N, 3\)"):
         replace(good, centres=np.zeros((1, 2)))
+
+
+OFFLINE = [name for name in TRACKERS.names() if is_offline(TRACKERS.resolve(name).factory)]
+
+
+@pytest.mark.parametrize("name", OFFLINE)
+def test_an_offline_tracker_is_an_online_one_to_the_last_bit_until_all_is_over(name):
+    online = made(name.removesuffix("-offline"))
+    late = made(name)
+    assert isinstance(late, OfflineTracker)
+    assert not is_offline(type(online))
+    expected = run(online, traffic(9))
+    assert run(late, traffic(9)) == expected
+    late.rescored(expected)
+    after = boxes(np.array([[10.0, 0.0]]), 2.5)
+    assert late.update(after, None) == online.update(after, None)
+
+
+@pytest.mark.parametrize("name", OFFLINE)
+def test_an_offline_tracker_tells_the_same_ticks_anew(name):
+    late = made(name)
+    history = run(late, traffic(9))
+    before = deepcopy(history)
+    told = late.rescored(tuple(history))
+    assert history == before
+    assert [(t.stamp_s, t.frame) for t in told] == [(t.stamp_s, t.frame) for t in history]
+    assert sum(map(len, told)) > 0
+    assert late.rescored(history) == told
+    assert list(late.rescored([])) == []
