@@ -27,10 +27,12 @@ class RecordedSuite(Suite):
 
     recordings: of every detector and class, those sequences that have detections of it.
     labelled: number of sequences that have labels.
+    remark: what a reader must know of entries.
     """
 
     recordings: tuple[Recording, ...] = ()
     labelled: int = 0
+    remark: str = ""
 
 
 def kitti_suite(folder: Path | str) -> RecordedSuite:
@@ -66,6 +68,7 @@ def kitti_suite(folder: Path | str) -> RecordedSuite:
         weathers=(Recording.weather,),
         recordings=recordings,
         labelled=len(files.sequences()),
+        remark=table["remark"],
     )
 
 

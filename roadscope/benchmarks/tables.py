@@ -186,7 +186,7 @@ def recorded_conditions(suite: RecordedSuite) -> str:
     text = f"{sequences} of {suite.labelled} labelled sequences have detections. "
     text += f"Trackers get those of {first}"
     text += f", and where it says so of {', '.join(others)}." if others else "."
-    return text + " In brackets: 95 % intervals over sequences."
+    return f"{text} In brackets: 95 % intervals over sequences. {suite.remark}".rstrip()
 
 
 def board_table(results: Results, board: str, width: int) -> Table:

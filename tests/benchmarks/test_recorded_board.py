@@ -132,6 +132,7 @@ def test_on_simulated_traffic_too_an_offline_tracker_is_marked(monkeypatch):
 def test_the_suite_has_the_offline_tracker_beside_the_online_one(folder):
     entries = kitti_suite(folder).trackers
     assert set(own_trackers()) <= {split_spec(entry)[0] for entry in entries}
+    assert "learned on KITTI's training sequences" in conditions(kitti_suite(folder))
     jobs = plan(kitti_suite(folder), (), ("tracking",)).tracking
     assert {job.tracker for job in jobs} == set(entries)
     for spec in entries:
