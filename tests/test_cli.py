@@ -138,7 +138,9 @@ def test_folders_that_cannot_be_used(tmp_path, suite) -> None:
         (foreign, "another program"),
         (corrupt, "not usable"),
     ):
-        done = roadscope_does("leaderboard", "--suite", suite, "--jobs", 1, "--out", out)
+        done = roadscope_does(
+            "leaderboard", "--suite", suite, "--entry", "pag", "--jobs", 1, "--out", out
+        )
         assert done.returncode == 1
         assert message in done.stderr
         assert done.stderr.count("\n") == 1

@@ -12,7 +12,6 @@ from roadscope.benchmarks.metrics.tracking.sequence import GATE_M as GATE_M
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.metrics.tracking.sequence import near as near
 from roadscope.core import Detections, Tracks, Truth
-from roadscope.core.box_overlap import box_overlaps, box_overlaps_3d
 
 Boxes = Detections | Tracks | Truth
 Similarity = Callable[[Boxes, Boxes], np.ndarray]
@@ -26,6 +25,8 @@ def by_centres(truth: Boxes, tracks: Boxes, gate_m: float = GATE_M) -> np.ndarra
 
 def by_area(truth: Boxes, tracks: Boxes) -> np.ndarray:
     """Return intersection over union seen from above."""
+    from roadscope.core.box_overlap import box_overlaps
+
     flat = [np.column_stack([b.centres[:, :2], b.sizes[:, :2], b.yaws]) for b in (truth, tracks)]
     shares: np.ndarray = box_overlaps(*flat)
     return shares
@@ -33,6 +34,8 @@ def by_area(truth: Boxes, tracks: Boxes) -> np.ndarray:
 
 def by_volume(truth: Boxes, tracks: Boxes) -> np.ndarray:
     """Return intersection over union in space."""
+    from roadscope.core.box_overlap import box_overlaps_3d
+
     return box_overlaps_3d(
         *(np.column_stack([b.centres, b.sizes, b.yaws]) for b in (truth, tracks))
     )
