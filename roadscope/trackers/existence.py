@@ -88,8 +88,8 @@ class ExistenceTracker:
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Take the detections of one tick and return all tracks, tentative ones included."""
         tick = self._tick = Tick.after(self._tick, detections, ego_pose)
-        targets = tick.targets
-        self._traits = self._choice.after(log_odds(targets.scores), targets.categories)
+        seen = tick.targets
+        self._traits = self._choice.after(log_odds(seen.scores), seen.categories)
         eye = np.zeros(2) if ego_pose is None else ego_pose.translation[:2]
         measured = Measured.of(tick.targets, eye, self._traits)
         targets = self._targets.carried(tick.period_s, self._traits)
