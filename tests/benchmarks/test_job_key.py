@@ -27,10 +27,11 @@ def keys(root: Path) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def copy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[list[str]]]:
+    """A copy of the package, and the keys that it gave, the last at the end."""
     root = tmp_path_factory.mktemp("copy")
     shutil.copytree(Path(roadscope.__file__).parent, root / "roadscope")
-    return root
+    return root, [keys(root)]
 
 
 @pytest.mark.parametrize(
@@ -50,9 +51,11 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("benchmarks/tables.py", [False, False]),
     ],
 )
-def test_what_decides_a_result_is_in_its_key(copy: Path, file: str, changed: list[bool]) -> None:
-    before = keys(copy)
-    path = copy / "roadscope" / file
+def test_what_decides_a_result_is_in_its_key(
+    copy: tuple[Path, list[list[str]]], file: str, changed: list[bool]
+) -> None:
+    root, given = copy
+    path = root / "roadscope" / file
     path.write_text(path.read_text() + "# edited\n")
-    after = keys(copy)
-    assert [a != b for a, b in zip(before, after, strict=True)] == changed
+    given.append(keys(root))
+    assert [a != b for a, b in zip(*given[-2:], strict=True)] == changed

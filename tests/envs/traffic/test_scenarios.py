@@ -133,15 +133,15 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FLOWING)
 def test_most_traffic_is_accepted_as_first_drawn(name, monkeypatch):
-    """Scenarios do not live on being drawn again: 18 of 20 seeds pass at once."""
+    """Scenarios do not live on being drawn again: 9 of 10 seeds pass at once."""
     monkeypatch.setattr(scenarios, "TRIES", 1)
     refused = 0
-    for seed in range(100, 120):
+    for seed in range(100, 110):
         try:
             record(name, seed)
         except ScenarioError:
             refused += 1
-    assert refused <= 2
+    assert refused <= 1
 
 
 def test_seeds_differ(recorded):
