@@ -214,8 +214,8 @@ def reproduce(
     """Repeat a paper's experiments and print its figures beside ours."""
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.papers import note_of, reproduction_of
-    from roadscope.benchmarks.reproduction import write_rows
-    from roadscope.benchmarks.reproduction_tables import reproduction_tables
+    from roadscope.benchmarks.papers.reproduction import write_rows
+    from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 
     experiments = reproduction_of(paper)
     folder = None if out is None else usable_folder(out)

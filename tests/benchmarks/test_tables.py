@@ -3,8 +3,8 @@ import io
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks.reproduction import ReproductionRow, summarise
-from roadscope.benchmarks.reproduction_tables import reproduction_tables
+from roadscope.benchmarks.papers.reproduction import ReproductionRow, summarise
+from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 from roadscope.benchmarks.results import Results
 from roadscope.benchmarks.rows import Row
 from roadscope.benchmarks.standing import Standing

@@ -9,8 +9,8 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from law_scenes import take
 
-from roadscope.benchmarks.zhang2017_outline import fusion
-from roadscope.benchmarks.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_outline import fusion
+from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.core import Pose, RecordError
 from roadscope.detectors.pose import axis_difference, fit_multi, fit_ransac, fit_single
 from roadscope.detectors.pose.body_fit import BodyFit

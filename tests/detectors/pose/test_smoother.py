@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.zhang2017_outline import fusion
-from roadscope.benchmarks.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_outline import fusion
+from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.detectors.pose.estimate import axis_difference
 from roadscope.detectors.pose.smoother import Smoother
 

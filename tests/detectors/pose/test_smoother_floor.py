@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.zhang2017_errors import errors
-from roadscope.benchmarks.zhang2017_floor import floor
-from roadscope.benchmarks.zhang2017_methods import METHODS, estimate
-from roadscope.benchmarks.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_errors import errors
+from roadscope.benchmarks.papers.zhang2017_floor import floor
+from roadscope.benchmarks.papers.zhang2017_methods import METHODS, estimate
+from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.detectors.pose.estimate import axis_difference
 
 FITS = {1: "ours, 1 frame", 3: "ours, 3 frames", 7: "ours, 7 frames"}

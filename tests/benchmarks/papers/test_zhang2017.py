@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks import zhang2017, zhang2017_taken
-from roadscope.benchmarks import zhang2017_claims as claims
-from roadscope.benchmarks import zhang2017_names as names
-from roadscope.benchmarks.papers import PAPERS, note_of
-from roadscope.benchmarks.reproduction_tables import reproduction_tables
-from roadscope.benchmarks.zhang2017_claims import band, our_claims, paper_claims, times_claims
-from roadscope.benchmarks.zhang2017_drives import FOLLOWED_M
-from roadscope.benchmarks.zhang2017_errors import (
+from roadscope.benchmarks.papers import PAPERS, note_of, zhang2017, zhang2017_taken
+from roadscope.benchmarks.papers import zhang2017_claims as claims
+from roadscope.benchmarks.papers import zhang2017_names as names
+from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
+from roadscope.benchmarks.papers.zhang2017_claims import (
+    band,
+    our_claims,
+    paper_claims,
+    times_claims,
+)
+from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
+from roadscope.benchmarks.papers.zhang2017_errors import (
     HEADING,
     LATERAL,
     LONGITUDINAL,
@@ -25,8 +29,8 @@ from roadscope.benchmarks.zhang2017_errors import (
     rmse,
     typical,
 )
-from roadscope.benchmarks.zhang2017_floor import floor
-from roadscope.benchmarks.zhang2017_methods import (
+from roadscope.benchmarks.papers.zhang2017_floor import floor
+from roadscope.benchmarks.papers.zhang2017_methods import (
     METHODS,
     MULTI,
     OURS,
@@ -35,9 +39,9 @@ from roadscope.benchmarks.zhang2017_methods import (
     SINGLE,
     estimate,
 )
-from roadscope.benchmarks.zhang2017_paper import FLOOR_SEEDS, PAPER, PAPER_TIMES, SIMULATED
-from roadscope.benchmarks.zhang2017_readings import READINGS
-from roadscope.benchmarks.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_paper import FLOOR_SEEDS, PAPER, PAPER_TIMES, SIMULATED
+from roadscope.benchmarks.papers.zhang2017_readings import READINGS
+from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.detectors.pose.estimate import VehiclePose
 
 SEED = 12345

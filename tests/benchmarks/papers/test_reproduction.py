@@ -4,7 +4,12 @@ import time
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.reproduction import ReproductionRow, over_seeds, summarise, write_rows
+from roadscope.benchmarks.papers.reproduction import (
+    ReproductionRow,
+    over_seeds,
+    summarise,
+    write_rows,
+)
 
 KEYS = ["experiment", "method", "quantity", "unit", "paper", "ours", "low", "high", "n"]
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from roadscope.benchmarks.lu2018_follow import assigned, returns_of_targets, target_places
-from roadscope.benchmarks.lu2018_scene import KINDS, Take
+from roadscope.benchmarks.papers.lu2018_follow import assigned, returns_of_targets, target_places
+from roadscope.benchmarks.papers.lu2018_scene import KINDS, Take
 from roadscope.core import Detections
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import CLUSTERINGS

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from roadscope.benchmarks.reproduction import Key
-from roadscope.benchmarks.zhang2017_errors import BESIDE_UNITS, HEADING, UNITS
-from roadscope.benchmarks.zhang2017_methods import SINGLE
-from roadscope.benchmarks.zhang2017_paper import NOTES, PAPER, PAPER_TIMES
-from roadscope.benchmarks.zhang2017_readings import NOTE as READINGS_NOTE
+from roadscope.benchmarks.papers.reproduction import Key
+from roadscope.benchmarks.papers.zhang2017_errors import BESIDE_UNITS, HEADING, UNITS
+from roadscope.benchmarks.papers.zhang2017_methods import SINGLE
+from roadscope.benchmarks.papers.zhang2017_paper import NOTES, PAPER, PAPER_TIMES
+from roadscope.benchmarks.papers.zhang2017_readings import NOTE as READINGS_NOTE
 
 RMSE = "{}, {} body ({})"
 """Drive, body, table."""

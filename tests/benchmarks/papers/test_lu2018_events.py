@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks import lu2018_events as events
-from roadscope.benchmarks.lu2018_follow import NOBODY, Following
+from roadscope.benchmarks.papers import lu2018_events as events
+from roadscope.benchmarks.papers.lu2018_follow import NOBODY, Following
 from roadscope.envs.traffic.scripted import Event, Script
 
 

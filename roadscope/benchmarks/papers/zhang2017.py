@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from roadscope.benchmarks.reproduction import Key, ReproductionRow, over_seeds, summarise
-from roadscope.benchmarks.zhang2017_drives import FOLLOWED_M
-from roadscope.benchmarks.zhang2017_errors import HEADING, POSITION, TURNED
-from roadscope.benchmarks.zhang2017_methods import METHODS, OURS, REPEATED, SINGLE
-from roadscope.benchmarks.zhang2017_names import (
+from roadscope.benchmarks.papers.reproduction import Key, ReproductionRow, over_seeds, summarise
+from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
+from roadscope.benchmarks.papers.zhang2017_errors import HEADING, POSITION, TURNED
+from roadscope.benchmarks.papers.zhang2017_methods import METHODS, OURS, REPEATED, SINGLE
+from roadscope.benchmarks.papers.zhang2017_names import (
     BESIDE,
     COUNTS,
     FOLLOWING,
@@ -35,11 +35,11 @@ from roadscope.benchmarks.zhang2017_names import (
     paper_figure,
     unit_of,
 )
-from roadscope.benchmarks.zhang2017_paper import FLOOR_SEEDS, HIGH_M, SIMULATED
-from roadscope.benchmarks.zhang2017_readings import compare
-from roadscope.benchmarks.zhang2017_scene import film
-from roadscope.benchmarks.zhang2017_taken import Taken, take, warm_up
-from roadscope.benchmarks.zhang2017_verdicts import verdicts
+from roadscope.benchmarks.papers.zhang2017_paper import FLOOR_SEEDS, HIGH_M, SIMULATED
+from roadscope.benchmarks.papers.zhang2017_readings import compare
+from roadscope.benchmarks.papers.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_taken import Taken, take, warm_up
+from roadscope.benchmarks.papers.zhang2017_verdicts import verdicts
 from roadscope.envs.world.ford_fusion import CORNER_RADII_M
 
 __all__ = ["note_of", "reproduce"]

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from roadscope.benchmarks.reproduction import Key, ReproductionRow, summarise
-from roadscope.benchmarks.zhang2017_claims import (
+from roadscope.benchmarks.papers.reproduction import Key, ReproductionRow, summarise
+from roadscope.benchmarks.papers.zhang2017_claims import (
     BOTH,
     CONSISTENT,
     OF_EACH_DRIVE,
@@ -18,9 +18,9 @@ from roadscope.benchmarks.zhang2017_claims import (
     paper_claims,
     times_claims,
 )
-from roadscope.benchmarks.zhang2017_drives import FOLLOWED_M
-from roadscope.benchmarks.zhang2017_methods import MULTI, OURS, RANSAC, SINGLE
-from roadscope.benchmarks.zhang2017_names import (
+from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
+from roadscope.benchmarks.papers.zhang2017_methods import MULTI, OURS, RANSAC, SINGLE
+from roadscope.benchmarks.papers.zhang2017_names import (
     COUNTS,
     FOLLOWING,
     FRAMES,
@@ -37,7 +37,7 @@ from roadscope.benchmarks.zhang2017_names import (
     TURNED_FRAMES,
     frames_name,
 )
-from roadscope.benchmarks.zhang2017_paper import SIMULATED
+from roadscope.benchmarks.papers.zhang2017_paper import SIMULATED
 
 HOLDS, SEEDS = "holds", "in single seeds"
 Figures = Mapping[Key, float]

@@ -10,11 +10,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from roadscope.benchmarks.zhang2017_drives import FOLLOWED_M
-from roadscope.benchmarks.zhang2017_errors import HEADING, LATERAL, LONGITUDINAL, POSITION
-from roadscope.benchmarks.zhang2017_methods import MULTI, OURS, RANSAC, SINGLE
-from roadscope.benchmarks.zhang2017_names import floor_name
-from roadscope.benchmarks.zhang2017_paper import PAPER, SIMULATED
+from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
+from roadscope.benchmarks.papers.zhang2017_errors import HEADING, LATERAL, LONGITUDINAL, POSITION
+from roadscope.benchmarks.papers.zhang2017_methods import MULTI, OURS, RANSAC, SINGLE
+from roadscope.benchmarks.papers.zhang2017_names import floor_name
+from roadscope.benchmarks.papers.zhang2017_paper import PAPER, SIMULATED
 
 CLOSE = 1.5
 ALL = (LATERAL, LONGITUDINAL, HEADING, POSITION)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.benchmarks.zhang2017_floor import FEWEST, Floor
-from roadscope.benchmarks.zhang2017_methods import Poses
-from roadscope.benchmarks.zhang2017_scene import Run
+from roadscope.benchmarks.papers.zhang2017_floor import FEWEST, Floor
+from roadscope.benchmarks.papers.zhang2017_methods import Poses
+from roadscope.benchmarks.papers.zhang2017_scene import Run
 from roadscope.detectors.pose.estimate import axis_difference
 
 LATERAL, LONGITUDINAL, HEADING, POSITION = ("lateral", "longitudinal", "heading", "position")

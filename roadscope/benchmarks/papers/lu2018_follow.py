@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.benchmarks.lu2018_scene import Take
+from roadscope.benchmarks.papers.lu2018_scene import Take
 from roadscope.core import Detections, Tracks, TrackState, Truth
 from roadscope.trackers import TRACKERS
 from roadscope.trackers.association import associate_nearest

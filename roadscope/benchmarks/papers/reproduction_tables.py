@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
-from roadscope.benchmarks.reproduction import ReproductionRow
+from roadscope.benchmarks.papers.reproduction import ReproductionRow
 from roadscope.benchmarks.tables import plain_table
 
 MOST_COLUMNS = 5

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.zhang2017_drives import FRAME_S
-from roadscope.benchmarks.zhang2017_outline import fusion
-from roadscope.benchmarks.zhang2017_scene import Run, Shot
+from roadscope.benchmarks.papers.zhang2017_drives import FRAME_S
+from roadscope.benchmarks.papers.zhang2017_outline import fusion
+from roadscope.benchmarks.papers.zhang2017_scene import Run, Shot
 from roadscope.detectors.pose.body_fit import BodyFit
 from roadscope.detectors.pose.body_model import BodyModel, saloon
 from roadscope.detectors.pose.estimate import VehiclePose

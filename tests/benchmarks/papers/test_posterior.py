@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.posterior import moments
+from roadscope.benchmarks.papers.posterior import moments
 
 
 def test_a_normal_posterior_comes_back():

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from roadscope.benchmarks.zhang2017_drives import DRIVES, FRAME_S, Drive, drive_of
+from roadscope.benchmarks.papers.zhang2017_drives import DRIVES, FRAME_S, Drive, drive_of
 from roadscope.core import LidarScan, Pose
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import sweep

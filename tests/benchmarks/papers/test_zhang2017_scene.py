@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.zhang2017_drives import DRIVES, drive_of
-from roadscope.benchmarks.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_drives import DRIVES, drive_of
+from roadscope.benchmarks.papers.zhang2017_scene import film
 
 SEED = 12345
 """Outside the seeds of the published figures."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.benchmarks.lu2018_follow import NOBODY, Following
+from roadscope.benchmarks.papers.lu2018_follow import NOBODY, Following
 from roadscope.envs.traffic.scripted import Event, Script
 
 AHEAD, LEFT = "ahead (paper's y)", "left (paper's x)"

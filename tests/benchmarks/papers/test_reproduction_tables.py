@@ -1,7 +1,7 @@
 from rich.console import Console
 
-from roadscope.benchmarks.reproduction import ReproductionRow
-from roadscope.benchmarks.reproduction_tables import compared, reproduction_tables
+from roadscope.benchmarks.papers.reproduction import ReproductionRow
+from roadscope.benchmarks.papers.reproduction_tables import compared, reproduction_tables
 
 
 def row(method, quantity, paper, ours=0.5, unit="m"):

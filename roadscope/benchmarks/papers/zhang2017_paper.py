@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.benchmarks.zhang2017_errors import HEADING, LATERAL, LONGITUDINAL, POSITION
-from roadscope.benchmarks.zhang2017_methods import MULTI, RANSAC, SINGLE
+from roadscope.benchmarks.papers.zhang2017_errors import HEADING, LATERAL, LONGITUDINAL, POSITION
+from roadscope.benchmarks.papers.zhang2017_methods import MULTI, RANSAC, SINGLE
 
 SIMULATED = {"straight": "table 1", "straight-past": "table 1", "curve": "table 2"}
 """The drives, two of them readings of one, and the tables in which they are reported."""

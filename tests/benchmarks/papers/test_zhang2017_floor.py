@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.zhang2017_floor import (
+from roadscope.benchmarks.papers.zhang2017_floor import (
     Floor,
     body_of,
     floor,
@@ -11,8 +11,8 @@ from roadscope.benchmarks.zhang2017_floor import (
     rays_of,
     receiver_of,
 )
-from roadscope.benchmarks.zhang2017_floor_kernels import IMPOSSIBLE, add_log_likelihoods
-from roadscope.benchmarks.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_floor_kernels import IMPOSSIBLE, add_log_likelihoods
+from roadscope.benchmarks.papers.zhang2017_scene import film
 
 SEED = 12345
 

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from roadscope.benchmarks import lu2018_events as events
-from roadscope.benchmarks.lu2018_clutter import clutter_of_clustering, clutter_of_detector
-from roadscope.benchmarks.lu2018_follow import NOBODY, Following, follow
-from roadscope.benchmarks.lu2018_scene import Take, film
-from roadscope.benchmarks.reproduction import Key, ReproductionRow, over_seeds, summarise
+from roadscope.benchmarks.papers import lu2018_events as events
+from roadscope.benchmarks.papers.lu2018_clutter import clutter_of_clustering, clutter_of_detector
+from roadscope.benchmarks.papers.lu2018_follow import NOBODY, Following, follow
+from roadscope.benchmarks.papers.lu2018_scene import Take, film
+from roadscope.benchmarks.papers.reproduction import Key, ReproductionRow, over_seeds, summarise
 from roadscope.core import Detections
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.clustering import CLUSTERINGS

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks import lu2018, lu2018_scene
-from roadscope.benchmarks.lu2018_clutter import majority
-from roadscope.benchmarks.lu2018_follow import NOBODY, follow
-from roadscope.benchmarks.lu2018_scene import KINDS, film
+from roadscope.benchmarks.papers import lu2018, lu2018_scene
+from roadscope.benchmarks.papers.lu2018_clutter import majority
+from roadscope.benchmarks.papers.lu2018_follow import NOBODY, follow
+from roadscope.benchmarks.papers.lu2018_scene import KINDS, film
 from roadscope.core import Detections
 from roadscope.envs.traffic.scripted import SCRIPTS
 

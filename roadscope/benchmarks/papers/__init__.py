@@ -10,8 +10,8 @@ from roadscope.benchmarks.suite import unknown
 from roadscope.core import SpecError
 
 PAPERS = {
-    "lu2018": "roadscope.benchmarks.lu2018",
-    "zhang2017": "roadscope.benchmarks.zhang2017",
+    "lu2018": "roadscope.benchmarks.papers.lu2018",
+    "zhang2017": "roadscope.benchmarks.papers.zhang2017",
 }
 """Name -> module with `reproduce(seeds, progress, *, jobs) -> list[ReproductionRow]` and, where a
 table needs a word of explanation, `note_of(experiment) -> str | None`."""

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from roadscope.benchmarks.zhang2017_errors import (
+from roadscope.benchmarks.papers.zhang2017_errors import (
     errors,
     floor_rmse,
     nees,
@@ -16,10 +16,10 @@ from roadscope.benchmarks.zhang2017_errors import (
     scored,
     typical,
 )
-from roadscope.benchmarks.zhang2017_floor import floors
-from roadscope.benchmarks.zhang2017_methods import METHODS, OURS, estimate
-from roadscope.benchmarks.zhang2017_names import floor_name
-from roadscope.benchmarks.zhang2017_scene import Run, film
+from roadscope.benchmarks.papers.zhang2017_floor import floors
+from roadscope.benchmarks.papers.zhang2017_methods import METHODS, OURS, estimate
+from roadscope.benchmarks.papers.zhang2017_names import floor_name
+from roadscope.benchmarks.papers.zhang2017_scene import Run, film
 
 FLOOR_DRAWS = 512
 

@@ -19,15 +19,15 @@ from functools import cache
 
 import numpy as np
 
-from roadscope.benchmarks.posterior import moments
-from roadscope.benchmarks.zhang2017_drives import FRAME_S
-from roadscope.benchmarks.zhang2017_floor_kernels import (
+from roadscope.benchmarks.papers.posterior import moments
+from roadscope.benchmarks.papers.zhang2017_drives import FRAME_S
+from roadscope.benchmarks.papers.zhang2017_floor_kernels import (
     Body,
     Rays,
     Receiver,
     add_log_likelihoods,
 )
-from roadscope.benchmarks.zhang2017_scene import Run, sensor_path, target_body
+from roadscope.benchmarks.papers.zhang2017_scene import Run, sensor_path, target_body
 from roadscope.core.pose import wrap_angle
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.world.ford_fusion import HEIGHT_M, LENGTH_M, WIDTH_M

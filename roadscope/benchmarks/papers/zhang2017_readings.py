@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
 
-from roadscope.benchmarks.zhang2017_errors import errors, rmse
-from roadscope.benchmarks.zhang2017_methods import Method, estimate, multi, ransac, single
-from roadscope.benchmarks.zhang2017_scene import Run
+from roadscope.benchmarks.papers.zhang2017_errors import errors, rmse
+from roadscope.benchmarks.papers.zhang2017_methods import Method, estimate, multi, ransac, single
+from roadscope.benchmarks.papers.zhang2017_scene import Run
 
 READINGS: Mapping[str, Method] = MappingProxyType(
     {
