@@ -12,6 +12,7 @@ from roadscope.detectors.pose.body_descent import SLACKS_M, descend
 from roadscope.detectors.pose.body_fit import (
     CHANCES,
     COARSE_RAYS,
+    NEAR,
     pose_of,
     still_problem,
     thinned,
@@ -47,7 +48,10 @@ WORSE = 1.1
 BACKWARD_M_S, WAY_M = -1.0, 0.5
 """Speed from which a vehicle is taken to have been turned round, and the way that tells."""
 TURNED = 1e3
-"""Added to the cost of a vehicle turned round."""
+"""Added to the cost of a vehicle turned round, or across the way it goes."""
+COURSE_M, COURSE_M_S = 1.5, 3.0
+"""Way of the returns' mean within the window, and speed, from which it tells where a vehicle
+heads: which of its sides are seen may change that mean by much of its size, but not that fast."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +96,7 @@ class Smoother:
     def reset(self) -> None:
         """Forget every scan."""
         self._window: deque[_Seen] = deque(maxlen=self._frames)
-        self._single: dict[float, np.ndarray] = {}
+        self._single: dict[float, tuple[np.ndarray, np.ndarray]] = {}
         self._last: tuple[float, np.ndarray] | None = None
         self._anchor: tuple[float, np.ndarray] | None = None
         self._velocity: np.ndarray | None = None
@@ -218,10 +222,12 @@ class Smoother:
         if not enough:
             return np.empty((0, WHOLE))
         nearest = min(enough, key=lambda seen: abs(seen.stamp_s - stamp_s))
-        known = [(seen, self._alone(seen)) for seen in (enough[0], nearest, enough[-1])]
+        course = _course(enough[0], enough[-1])
+        known = [(seen, self._alone(seen, course)) for seen in (enough[0], nearest, enough[-1])]
         return np.array([_between(known, stamp_s, turned) for turned in (0.0, np.pi)])
 
-    def _alone(self, seen: _Seen) -> np.ndarray:
+    def _alone(self, seen: _Seen, course: float | None) -> np.ndarray:
+        """Return the pose (3,) that a scan alone has, of those that head the way the body goes."""
         if seen.stamp_s not in self._single:
             sighting = seen.sighting
             problem = still_problem(
@@ -229,8 +235,22 @@ class Smoother:
             )
             guesses = np.stack(starts(sighting.points, sighting.origin, self._model))
             found = descend(problem, guesses)
-            self._single[seen.stamp_s] = found.vectors[np.argmin(found.costs)]
-        return self._single[seen.stamp_s]
+            self._single[seen.stamp_s] = found.vectors, found.costs
+        vectors, costs = self._single[seen.stamp_s]
+        if course is not None:
+            costs = costs + TURNED * (np.cos(vectors[:, 2] - course) < NEAR)
+        pose: np.ndarray = vectors[np.argmin(costs)]
+        return pose
+
+
+def _course(first: _Seen, last: _Seen) -> float | None:
+    """Return the direction, radians, in which the returns' mean went from scan to scan."""
+    span = last.stamp_s - first.stamp_s
+    way = last.sighting.points.mean(axis=0) - first.sighting.points.mean(axis=0)
+    length = float(np.hypot(*way))
+    if length < COURSE_M or length < COURSE_M_S * span:
+        return None
+    return float(np.arctan2(way[1], way[0]))
 
 
 def _between(known: list[tuple[_Seen, np.ndarray]], stamp_s: float, turned: float) -> np.ndarray:

@@ -88,3 +88,11 @@ def test_without_a_return_there_is_no_pose(curve):
 def test_refuses_windows_by_name(options, message, curve):
     with pytest.raises(ValueError, match=message):
         Smoother(curve.spec, fusion(), **options)
+
+
+@pytest.mark.parametrize("seed", [5, 9])
+def test_sharp_noise_turns_no_vehicle_across_its_way(seed):
+    """Seen from behind with little noise, a scan alone fits best with the body across."""
+    run = film("straight", seed, noise=0.5)
+    turned = np.abs(errors(run, follow(run, frames=3))[:, 2])
+    assert turned.max() < np.radians(45.0)
