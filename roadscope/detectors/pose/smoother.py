@@ -227,7 +227,7 @@ class Smoother:
         return np.array([_between(known, stamp_s, turned) for turned in (0.0, np.pi)])
 
     def _alone(self, seen: _Seen, course: float | None) -> np.ndarray:
-        """Return the pose (3,) that a scan alone has, of those that head the way the body goes."""
+        """Return the pose (3,) that a scan alone has, of those that lie along the way the body goes."""
         if seen.stamp_s not in self._single:
             sighting = seen.sighting
             problem = still_problem(
@@ -238,7 +238,7 @@ class Smoother:
             self._single[seen.stamp_s] = found.vectors, found.costs
         vectors, costs = self._single[seen.stamp_s]
         if course is not None:
-            costs = costs + TURNED * (np.cos(vectors[:, 2] - course) < NEAR)
+            costs = costs + TURNED * (np.abs(np.cos(vectors[:, 2] - course)) < NEAR)
         pose: np.ndarray = vectors[np.argmin(costs)]
         return pose
 
