@@ -1,0 +1,149 @@
+"""`roadscope leaderboard`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from roadscope.commands.options import Jobs, workers
+from roadscope.commands.terminal import complain, console, progress_bars
+
+DEFAULT_SUITE = "quick"
+
+
+def leaderboard(
+    board: Annotated[
+        str | None, typer.Argument(help="detection or tracking; both if left out.")
+    ] = None,
+    *,
+    suite: Annotated[
+        str, typer.Option(help="Conditions: a name (roadscope list suites) or a .toml file.")
+    ] = DEFAULT_SUITE,
+    entry: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Your detector or tracker, beside the suite's own: a name, module:Class or "
+            "file.py:Class, with ?argument=value. Can be given several times."
+        ),
+    ] = None,
+    only: Annotated[bool, typer.Option("--only", help="Run the given entries alone.")] = False,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            help="Show it by this too: range, category, occlusion, points or score (detection), "
+            "weather or scenario (both boards)."
+        ),
+    ] = None,
+    jobs: Jobs = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for leaderboard.json, .csv, .md and the results database."),
+    ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Do again what an earlier run has done.")
+    ] = False,
+    kitti: Annotated[
+        Path | None,
+        typer.Option(
+            help="Rank trackers on your folder of KITTI tracking data: label_02, calib, "
+            "det_NAME/Car, ego_pose or oxts."
+        ),
+    ] = None,
+) -> None:
+    """Rank detectors and trackers on a suite of traffic.
+
+    What an earlier run has finished is not done again; a stopped run goes on where it was.
+
+    An entry that fails becomes a row with its reason.
+    """
+    from roadscope.benchmarks.plan import BOARDS
+    from roadscope.benchmarks.recorded import KITTI_BOARDS
+    from roadscope.benchmarks.results import check_breakdown
+    from roadscope.benchmarks.runner import run
+
+    boards = BOARDS if board is None else (board,)
+    conditions = _conditions(suite, kitti)
+    if by is not None and set(boards) <= set(BOARDS):
+        check_breakdown(by, boards if kitti is None else KITTI_BOARDS)
+    with progress_bars() as progress:
+        results = run(
+            conditions,
+            entry or (),
+            boards=boards,
+            only=only,
+            jobs=workers(jobs),
+            out_dir=out,
+            fresh=fresh,
+            progress=progress,
+        )
+    _show(results, conditions, by)
+    if out is not None:
+        typer.echo(f"written: {out / 'leaderboard.json'}")
+    if results.barren():
+        raise typer.Exit(1)
+
+
+def _conditions(suite: str, kitti: Path | None) -> Any:
+    """Return the suite that is meant; a folder of recorded data is one of its own."""
+    from roadscope.benchmarks.recorded_suite import KITTI, kitti_suite
+    from roadscope.benchmarks.suite import load_suite
+
+    if kitti is None and suite == KITTI:
+        raise ValueError("suite kitti is of recorded data: name its folder with --kitti DIR")
+    if kitti is None:
+        return load_suite(suite)
+    if suite not in (KITTI, DEFAULT_SUITE):
+        raise ValueError(f"--kitti is a suite of its own; leave --suite {suite} out")
+    return kitti_suite(kitti)
+
+
+def _show(results: Any, loaded: Any, by: str | None) -> None:
+    from roadscope.benchmarks.tables import (
+        agreement_lines,
+        board_table,
+        comparison,
+        conditions,
+        footnote,
+    )
+
+    screen, jobs = console(), results.manifest["jobs"]
+    summary = f": {loaded.summary}" if loaded.summary else ""
+    screen.print(f"[bold]{loaded.title}[/]{summary}. {conditions(loaded)}")
+    for name in results.boards():
+        screen.print(f"\n[bold]{name} board[/]")
+        screen.print(board_table(results, name, screen.width))
+        if results.nothing_eligible(name):
+            screen.print("No object in any episode was to be found: there is nothing to score.")
+        if text := comparison(results, name):
+            screen.print(text)
+        for text in agreement_lines(results, name):
+            screen.print(text)
+        screen.print(footnote(name, screen.width, jobs), style="dim")
+        if by is not None:
+            _show_breakdown(screen, results, name, by)
+    _complain_of_failures(results)
+
+
+def _show_breakdown(screen: Any, results: Any, board: str, by: str) -> None:
+    from roadscope.benchmarks.breakdown_tables import NOTES, breakdown_tables, left_out
+    from roadscope.benchmarks.results import BREAKDOWNS
+
+    if by not in BREAKDOWNS[board]:
+        return
+    for table in breakdown_tables(results, board, by, screen.width):
+        screen.print()
+        screen.print(table)
+    if by in NOTES:
+        screen.print(NOTES[by], style="dim")
+    if count := left_out(results, board, by, screen.width):
+        screen.print(f"{count} more on a wider terminal; all with --out.", style="dim")
+
+
+def _complain_of_failures(results: Any) -> None:
+    for name, count, reason in results.reasons():
+        spec, _, rest = reason.partition(": ")
+        told = rest if name == spec or name.startswith(f"{spec} on ") else reason
+        counted = results.row(results.board_of(name), name, "failed_episodes")
+        complain(f"failed: {name} in {count} of {counted.n} episodes: {told}")

@@ -1,0 +1,43 @@
+"""`roadscope reproduce`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from roadscope.commands.options import Jobs, workers
+from roadscope.commands.terminal import console, progress_bars, show
+
+
+def reproduce(
+    paper: Annotated[str, typer.Argument(help="lu2018 or zhang2017.")],
+    seeds: Annotated[int, typer.Option(min=1, help="Episodes behind each interval.")] = 30,
+    jobs: Jobs = 0,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Show every method in full, as in PAPER.json.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for PAPER.json.")] = None,
+) -> None:
+    """Repeat a paper's experiments and print its figures beside ours."""
+    from roadscope.benchmarks.cache import usable_folder
+    from roadscope.benchmarks.papers import note_of, reproduction_of
+    from roadscope.benchmarks.papers.reproduction import write_rows
+    from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
+
+    experiments = reproduction_of(paper)
+    folder = None if out is None else usable_folder(out)
+    with progress_bars() as progress:
+        rows = experiments(seeds, lambda done, of: progress("seeds", done, of), jobs=workers(jobs))
+    for experiment in dict.fromkeys(row.experiment for row in rows):
+        show(f"\n[bold]{experiment}[/]")
+        shown = [row for row in rows if row.experiment == experiment]
+        for table in reproduction_tables(shown, everything=everything):
+            show("")
+            show(table)
+        if note := note_of(paper, experiment):
+            console().print(note, style="dim")
+    if folder is not None:
+        write_rows(rows, folder / f"{paper}.json")
+        typer.echo(f"written: {folder / f'{paper}.json'}")

@@ -1,0 +1,51 @@
+"""`roadscope run`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from roadscope.commands.terminal import progress_bars, show
+
+
+def run_scenario(
+    scenario: Annotated[str, typer.Argument(help="Traffic, see: roadscope list scenarios.")],
+    *,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is another episode.")] = 0,
+    rig: Annotated[str, typer.Option(help="Sensors: a name or a .toml file.")] = "lux",
+    weather: Annotated[str, typer.Option(help="Such as rain-2, see: roadscope list weathers.")] = (
+        "clear"
+    ),
+    detector: Annotated[
+        str, typer.Option(help="A name, module:Class or file.py:Class, with ?argument=value.")
+    ] = "distance-l-shape",
+    tracker: Annotated[str, typer.Option(help="Likewise.")] = "nearest-q-confirmed",
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a bird's-eye view of the middle frame here.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Length of the episode; the scenario's own if left out.")
+    ] = None,
+) -> None:
+    """Run one episode through one detector and one tracker."""
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.single import picture_path, run_episode, save_picture
+    from roadscope.benchmarks.tables import score_table
+
+    episode = Episode(scenario, seed, rig, seconds, weather)
+    if picture is not None:
+        picture_path(picture)
+    with progress_bars() as progress:
+        summary = run_episode(episode, detector=detector, tracker=tracker, progress=progress)
+        if picture is not None:
+            progress("picture", 0, 1)
+            save_picture(summary, picture)
+    frames = len(summary.tracks)
+    where = f"{scenario}, seed {seed}, {rig}" + (f", {weather}" if weather != "clear" else "")
+    typer.echo(f"{where}: {frames} frames, vehicles within 60 m")
+    show(score_table(summary.detection, f"detector {detector}"))
+    show(score_table(summary.tracking, f"tracker {tracker}"))
+    if picture is not None:
+        typer.echo(f"picture: {picture}")

@@ -1,0 +1,33 @@
+"""`roadscope speed`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from roadscope.commands.terminal import progress_bars, show
+
+
+def speed(
+    parts: Annotated[
+        list[str] | None,
+        typer.Argument(help="casting, detectors, metrics, trackers; all by default."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
+) -> None:
+    """Measure ray casting, detectors, metrics, trackers, beside others where installed."""
+    from roadscope.benchmarks.cache import usable_folder
+    from roadscope.benchmarks.speed import PARTS, measure_speed, write_speed
+    from roadscope.benchmarks.tables import speed_table
+
+    folder = None if out is None else usable_folder(out)
+    with progress_bars() as progress:
+        rows = measure_speed(
+            parts=parts or PARTS, progress=lambda _, done, of: progress("speed", done, of)
+        )
+    show(speed_table(rows))
+    if folder is not None:
+        write_speed(rows, folder / "speed.json")
+        typer.echo(f"written: {folder / 'speed.json'}")

@@ -1,0 +1,58 @@
+"""What is shown: results on stdout, complaints and progress on stderr."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+
+def console(*, stderr: bool = False) -> Any:
+    """Return a rich console that colours nothing of its own accord."""
+    from rich.console import Console
+
+    return Console(stderr=stderr, highlight=False)
+
+
+def show(thing: Any) -> None:
+    """Print a table or text with rich's markup."""
+    console().print(thing)
+
+
+def complain(text: str) -> None:
+    """Write one line on stderr."""
+    typer.echo(" ".join(text.split()), err=True)
+
+
+@contextmanager
+def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
+    """Show one bar for each stage, with time spent and left."""
+    from rich import progress as bars
+
+    columns = (
+        bars.SpinnerColumn(),
+        bars.TextColumn("{task.description:9}"),
+        bars.BarColumn(),
+        bars.MofNCompleteColumn(),
+        bars.TimeElapsedColumn(),
+        bars.TimeRemainingColumn(),
+    )
+    shown = bars.Progress(*columns, console=console(stderr=True))
+    tasks: dict[str, bars.TaskID] = {}
+
+    def tell(stage: str, done: int, total: int) -> None:
+        # Started late, so that an error in the input is the only line there is.
+        shown.start()
+        if stage not in tasks:
+            tasks[stage] = shown.add_task(stage, total=total)
+        shown.update(tasks[stage], completed=done, total=total)
+
+    try:
+        yield tell
+        for task in shown.tasks:
+            shown.update(task.id, completed=task.total)
+    finally:
+        if tasks:
+            shown.stop()
