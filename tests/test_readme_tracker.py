@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from roadscope.benchmarks.check import load, looked_at
-from roadscope.benchmarks.check_trackers import PROMISES
+from roadscope.benchmarks.check.plugin import load, looked_at
+from roadscope.benchmarks.check.trackers import PROMISES
 
 README = Path(__file__).parents[1] / "README.md"
 PRINTED = re.compile(r"<!-- a tracker of ten lines -->\n```python\n(.*?)```", re.DOTALL)

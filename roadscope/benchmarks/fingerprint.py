@@ -32,7 +32,10 @@ def code_hash(*rooms: str) -> str:
     digest = sha256()
     for room in sorted(rooms):
         place = PACKAGE / room
-        for path in [place] if place.is_file() else sorted(place.rglob("*.py")):
+        paths = [place] if place.is_file() else sorted(place.rglob("*.py"))
+        if not paths:
+            raise FileNotFoundError(f"no source file of the package in {place}")
+        for path in paths:
             digest.update(str(path.relative_to(PACKAGE)).encode() + b"\0")
             digest.update(path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]

@@ -8,7 +8,7 @@ from typing import Any
 
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.oracle import ORACLE
-from roadscope.benchmarks.recorded_suite import kitti_table
+from roadscope.benchmarks.recorded.suite import kitti_table
 from roadscope.benchmarks.suite import SUITES, load_suite, unknown
 from roadscope.core import Registry, SpecError
 

@@ -7,21 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+from roadscope.benchmarks.boards.export import check_targets, save_all
+from roadscope.benchmarks.boards.recorded_agreement import agreements
+from roadscope.benchmarks.boards.results import Results, gather
 from roadscope.benchmarks.cache import cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode, timeline_of, timeline_path
-from roadscope.benchmarks.export import check_targets, save_all
-from roadscope.benchmarks.job import Job, detections_of, execute
-from roadscope.benchmarks.manifest import manifest
-from roadscope.benchmarks.plan import BOARDS, Plan, plan
+from roadscope.benchmarks.jobs.job import Job, detections_of, execute
+from roadscope.benchmarks.jobs.manifest import manifest
+from roadscope.benchmarks.jobs.plan import BOARDS, Plan, plan
+from roadscope.benchmarks.jobs.stack import prints_aside
+from roadscope.benchmarks.jobs.store import Outcome, Store, StoredJob
+from roadscope.benchmarks.jobs.workers import WorkerError, in_parallel
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.recorded import Recording, check_recording
-from roadscope.benchmarks.recorded_agreement import agreements
-from roadscope.benchmarks.recorded_suite import RecordedSuite, kitti_suite
-from roadscope.benchmarks.results import Results, gather
-from roadscope.benchmarks.stack import prints_aside
-from roadscope.benchmarks.store import Outcome, Store, StoredJob
+from roadscope.benchmarks.recorded.recording import Recording, check_recording
+from roadscope.benchmarks.recorded.suite import RecordedSuite, kitti_suite
 from roadscope.benchmarks.suite import Suite, load_suite
-from roadscope.benchmarks.workers import WorkerError, in_parallel
 
 DATABASE = "results.sqlite"
 T = TypeVar("T")

@@ -11,12 +11,12 @@ import numpy as np
 from roadscope.benchmarks.cache import usable_folder, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
-from roadscope.benchmarks.job import detection_scores, tracking_scores
+from roadscope.benchmarks.jobs.job import detection_scores, tracking_scores
+from roadscope.benchmarks.jobs.plan import check, check_detector
+from roadscope.benchmarks.jobs.stack import perceive, prints_aside, track
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.perceived import Perceived
-from roadscope.benchmarks.plan import check, check_detector
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.stack import perceive, prints_aside, track
 from roadscope.core import Tracks
 from roadscope.trackers import TRACKERS
 

@@ -16,7 +16,7 @@ def check(
     ] = 120.0,
 ) -> None:
     """Look at a plug-in of your own: its contract, item by item, and two seconds of traffic."""
-    from roadscope.benchmarks.check import broken, check_plugin, line
+    from roadscope.benchmarks.check.plugin import broken, check_plugin, line
 
     items = check_plugin(spec, deadline_s=deadline, told=lambda item: typer.echo(line(item)))
     if count := broken(items):

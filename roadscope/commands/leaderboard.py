@@ -58,9 +58,9 @@ def leaderboard(
 
     An entry that fails becomes a row with its reason.
     """
-    from roadscope.benchmarks.plan import BOARDS
-    from roadscope.benchmarks.recorded import KITTI_BOARDS
-    from roadscope.benchmarks.results import check_breakdown
+    from roadscope.benchmarks.boards.results import check_breakdown
+    from roadscope.benchmarks.jobs.plan import BOARDS
+    from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
     from roadscope.benchmarks.runner import run
 
     boards = BOARDS if board is None else (board,)
@@ -87,7 +87,7 @@ def leaderboard(
 
 def _conditions(suite: str, kitti: Path | None) -> Any:
     """Return the suite that is meant; a folder of recorded data is one of its own."""
-    from roadscope.benchmarks.recorded_suite import KITTI, kitti_suite
+    from roadscope.benchmarks.recorded.suite import KITTI, kitti_suite
     from roadscope.benchmarks.suite import load_suite
 
     if kitti is None and suite == KITTI:
@@ -100,7 +100,7 @@ def _conditions(suite: str, kitti: Path | None) -> Any:
 
 
 def _show(results: Any, loaded: Any, by: str | None) -> None:
-    from roadscope.benchmarks.tables import (
+    from roadscope.benchmarks.boards.tables import (
         agreement_lines,
         board_table,
         comparison,
@@ -127,8 +127,8 @@ def _show(results: Any, loaded: Any, by: str | None) -> None:
 
 
 def _show_breakdown(screen: Any, results: Any, board: str, by: str) -> None:
-    from roadscope.benchmarks.breakdown_tables import NOTES, breakdown_tables, left_out
-    from roadscope.benchmarks.results import BREAKDOWNS
+    from roadscope.benchmarks.boards.breakdown_tables import NOTES, breakdown_tables, left_out
+    from roadscope.benchmarks.boards.results import BREAKDOWNS
 
     if by not in BREAKDOWNS[board]:
         return

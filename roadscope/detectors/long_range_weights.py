@@ -1,6 +1,6 @@
 """Weights of the score model: constant, and for every feature its knots and log odds.
 
-Fitted by `roadscope.benchmarks.score_fit_moving` on train seeds 300 to 305
+Fitted by `roadscope.benchmarks.fit.moving_scores` on train seeds 300 to 305
 of 8 scenarios, rigs lux, vlp16, hdl32e, hdl64e, clear, rain and fog:
 5007 detections, 4271 of them right.
 """

@@ -1,6 +1,6 @@
 """Weights of the score model: constant, and for every feature its knots and log odds.
 
-Fitted by `roadscope.benchmarks.score_fit` on train seeds 300 to 311
+Fitted by `roadscope.benchmarks.fit.scores` on train seeds 300 to 311
 of 8 scenarios, rigs lux, vlp16, hdl32e, hdl64e, clear, rain and fog:
 94587 detections, 27553 of them right.
 """

@@ -2,7 +2,7 @@
 
 An additive logistic model: every feature adds log odds that run straight between a few knots, so
 that each can be read and drawn by itself. The weights lie in `score_weights` and are fitted by
-`roadscope.benchmarks.score_fit`, which anyone can run again.
+`roadscope.benchmarks.fit.scores`, which anyone can run again.
 """
 
 from __future__ import annotations

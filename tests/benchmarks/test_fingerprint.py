@@ -3,6 +3,7 @@ import sys
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 
 from roadscope.benchmarks import fingerprint as module
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, package_version, plugin_hash
@@ -61,6 +62,11 @@ def test_code_is_hashed_file_by_file(tmp_path, monkeypatch) -> None:
     (tmp_path / "room" / "b.py").write_text("changed")
     assert plain("room") != whole
     assert plain("room/a.py") == one
+
+
+def test_no_room_is_hashed_as_nothing() -> None:
+    with pytest.raises(FileNotFoundError, match=r"no source file .*benchmarks/jb"):
+        code_hash("core", "benchmarks/jb.py")
 
 
 def test_missing_packages_have_no_version() -> None:

@@ -4,13 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.cache import FolderError
 from roadscope.benchmarks.episode import Episode, sensed, timeline_path
+from roadscope.benchmarks.jobs.plan import plan
+from roadscope.benchmarks.jobs.stack import ego_velocities
 from roadscope.benchmarks.perceived import Perceived
-from roadscope.benchmarks.plan import plan
-from roadscope.benchmarks.results import Results
 from roadscope.benchmarks.runner import RunError, run
-from roadscope.benchmarks.stack import ego_velocities
 from roadscope.benchmarks.suite import Suite, parse_suite
 
 PLUGINS = Path(__file__).parent / "plugins.py"

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from roadscope.benchmarks.jobs.plan import kind_of, plan
 from roadscope.benchmarks.oracle import MARKS
-from roadscope.benchmarks.plan import kind_of, plan
 from roadscope.benchmarks.suite import (
     SPLITS,
     SUITES,

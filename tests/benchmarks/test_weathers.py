@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.episode import Episode, check_episode, sensed, timeline_path
+from roadscope.benchmarks.jobs.manifest import manifest
+from roadscope.benchmarks.jobs.plan import plan
 from roadscope.benchmarks.listing import names_of
-from roadscope.benchmarks.manifest import manifest
-from roadscope.benchmarks.plan import plan
 from roadscope.benchmarks.runner import run
 from roadscope.benchmarks.single import picture, run_episode
 from roadscope.benchmarks.suite import SuiteError, parse_suite

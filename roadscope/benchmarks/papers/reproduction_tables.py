@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
+from roadscope.benchmarks.boards.tables import plain_table
 from roadscope.benchmarks.papers.reproduction import ReproductionRow
-from roadscope.benchmarks.tables import plain_table
 
 MOST_COLUMNS = 5
 UNNAMED = ("1", "", "share", "count", "frame", None)

@@ -1,6 +1,6 @@
 """What training data say of a detector's errors and scores and of how road users move.
 
-One file for each detector and its training data; `roadscope.benchmarks.tracker_fit` writes them.
+One file for each detector and its training data; `roadscope.benchmarks.fit.trackers` writes them.
 """
 
 from __future__ import annotations

@@ -1,0 +1,1 @@
+"""From the scores of jobs to leaderboards: figures, ranks, tables, files."""

@@ -1,0 +1,214 @@
+"""Results broken down, as tables for a terminal and for Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from rich.table import Table
+from rich.text import Text
+
+from roadscope.benchmarks.boards.results import BREAKDOWNS, Results
+from roadscope.benchmarks.boards.rows import DETECTOR, Row
+from roadscope.benchmarks.boards.tables import ENTRY, FULL, NAME, NARROW_NAME, figure, plain_table
+from roadscope.benchmarks.metrics.breakdown import BANDS
+from roadscope.benchmarks.recorded.combined import CURVES
+from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
+
+SHOWN: Mapping[str, Sequence[str]] = {
+    "detection": ("detection_rate", "precision"),
+    "tracking": ("hota",),
+    **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", *CURVES)),
+}
+"""What is shown of each board where it is broken down; `leaderboard.json` holds more."""
+HEADINGS = {
+    "detection_rate": "detected", "precision": "precision", "hota": "HOTA", "mota": "MOTA",
+    "idf1": "IDF1", "hota_3d": "HOTA of 3-D boxes", "det_a": "DetA", "ass_a": "AssA",
+    "loc_a": "LocA",
+}  # fmt: skip
+QUANTITIES = {
+    "range": "range, m",
+    "occlusion": "occlusion, % of rays",
+    "points": "points on target",
+}
+NOTES = {
+    "occlusion": "Occlusion: share of the object's rays that something else caught.",
+    "score": "Scores are calibrated where precision lies within their band.",
+    "weather": "What fog and rain leave too few returns from is not to be found.",
+    "detector": "In brackets: the rank on these detections.",
+}
+"""What is said below tables."""
+LONGEST = 7
+"""Headings are broken into lines of this many characters."""
+UNRANKED, RANKED = 5, 9
+"""How wide figures are, and figures with a rank."""
+BROKEN = {
+    "motorway": "motor-\nway", "dense-motorway": "dense\nmotor-\nway",
+    "roundabout": "round-\nabout", "intersection": "inter-\nsection",
+    "racetrack": "race-\ntrack", "parking-lot": "parking\nlot", "motorcycle": "motor-\ncycle",
+    "pedestrian": "pedes-\ntrian", "distance-l-shape": "distance\nl-shape",
+    "dbscan-l-shape": "dbscan\nl-shape", "distance": "distance", "zhang2017": "zhang-\n2017",
+    "long-occlusion": "long\nocclu-\nsion",
+}  # fmt: skip
+
+
+def breakdown_tables(results: Results, board: str, by: str, width: int) -> list[Table]:
+    """Return a table of each metric that is defined, entries by bands, in rank order.
+
+    Bands that the width has no room for are left out from the last one on.
+    """
+    rows = results.breakdown(by, board)
+    tables = []
+    for metric, cells in _shown_cells(rows, board):
+        if cells:
+            table = _table(results, board, _title(metric, by), cells, width)
+            if metric == "detection_rate":
+                _add_counts(table, rows, _fitting(list(cells.values()), width), width)
+            tables.append(table)
+    return tables
+
+
+def left_out(results: Results, board: str, by: str, width: int) -> int:
+    """Return how many bands the width has no room for."""
+    rows = results.breakdown(by, board)
+    return len(bands_of(rows)) - len(_fitting(rows, width))
+
+
+def markdown_lines(results: Results, board: str) -> list[str]:
+    """Return Markdown tables of everything that a board is broken down by."""
+    lines = []
+    for by in BREAKDOWNS[board]:
+        for metric, cells in _shown_cells(results.breakdown(by, board), board):
+            if cells:
+                lines += ["", f"### {_title(metric, by)}", "", *_markdown(results, board, cells)]
+    return lines
+
+
+def _shown_cells(
+    rows: Sequence[Row], board: str
+) -> Iterator[tuple[str, dict[tuple[str, str], Row]]]:
+    """Return each metric shown and its rows by entry and band.
+
+    Where objects are broken down too, a band without any is left out: matched detections may
+    lie a little beyond the farthest object.
+    """
+    wanted = {row.band for row in rows if row.metric == SHOWN[board][0]}
+    for metric in SHOWN[board]:
+        found = [row for row in rows if row.metric == metric]
+        yield metric, {(r.entry, r.band): r for r in found if not wanted or r.band in wanted}
+
+
+def bands_of(rows: Sequence[Row]) -> list[str]:
+    """Return the bands of rows, quantities ascending, conditions as the suite has them."""
+    found = dict.fromkeys(row.band for row in rows)
+    ordered = BANDS[rows[0].by].labels if rows and rows[0].by in BANDS else tuple(found)
+    return [band for band in ordered if band in found]
+
+
+def _title(metric: str, by: str) -> str:
+    return f"{HEADINGS[metric]} by {QUANTITIES.get(by, by)}"
+
+
+def _table(
+    results: Results, board: str, title: str, cells: Mapping[tuple[str, str], Row], width: int
+) -> Table:
+    bands = _fitting(list(cells.values()), width)
+    table = plain_table(title=title, title_justify="left", title_style="bold")
+    narrow = NAME if width >= FULL else NARROW_NAME
+    table.add_column(ENTRY[board], style="bold", min_width=narrow, overflow="fold")
+    for band in bands:
+        table.add_column(heading(band), justify="right", no_wrap=True)
+    marked, places = False, _places(results, board, cells)
+    for entry in results.entries(board):
+        is_mark = results.standing(board, entry).mark is not None
+        if is_mark and not marked:
+            table.add_section()
+        marked = is_mark
+        figures = [_cell(cells, places, entry, band) for band in bands]
+        name = Text(entry, style="not bold" if is_mark else "")
+        table.add_row(name, *figures, style="dim" if is_mark else None)
+    return table
+
+
+def _places(
+    results: Results, board: str, cells: Mapping[tuple[str, str], Row]
+) -> dict[tuple[str, str], int]:
+    """Return the rank of each entry on the detections of each detector, 1 for the best.
+
+    Where results are broken down by anything else there are none.
+    """
+    ranked = [e for e in results.entries(board) if results.standing(board, e).mark is None]
+    bands: dict[str, list[tuple[float, str]]] = {}
+    for (entry, band), row in cells.items():
+        if row.by == DETECTOR and entry in ranked and row.value is not None:
+            bands.setdefault(band, []).append((row.value, entry))
+    return {
+        (entry, band): 1 + sum(other > value for other, _ in entries)
+        for band, entries in bands.items()
+        for value, entry in entries
+    }
+
+
+def _cell(
+    cells: Mapping[tuple[str, str], Row],
+    places: Mapping[tuple[str, str], int],
+    entry: str,
+    band: str,
+) -> str:
+    text = figure(cells.get((entry, band)), 2, interval=False)
+    place = places.get((entry, band))
+    return text if place is None else f"{text} ({place})"
+
+
+def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str], width: int) -> None:
+    """Say how many objects were to be found, and how many not, for want of returns."""
+    counts = {band: [0, 0] for band in bands}
+    for row in rows:
+        if row.band in counts and row.metric == "detection_rate":
+            # Entries that failed in some episodes had fewer to find.
+            counts[row.band][0] = max(counts[row.band][0], row.samples)
+        if row.band in counts and row.metric == "unseen_per_frame":
+            unseen = round((row.value or 0.0) * row.samples)
+            counts[row.band][1] = max(counts[row.band][1], unseen)
+    labels = ("to be found", "too few returns") if width >= FULL else ("to find", "unseen")
+    for index, label in enumerate(labels):
+        figures = [count[index] for count in counts.values()]
+        if any(figures):
+            table.add_row(Text(label, style="not bold"), *map(str, figures), style="dim")
+
+
+def _fitting(rows: Sequence[Row], width: int) -> list[str]:
+    """Return the bands of rows that there is room for, at least the first."""
+    room = width - (NAME if width >= FULL else NARROW_NAME) - 1
+    bands, shown = bands_of(rows), []
+    least = RANKED if rows and rows[0].by == DETECTOR else UNRANKED
+    for band in bands:
+        room -= max(least, *map(len, heading(band).split("\n"))) + 1
+        if room >= 0:
+            shown.append(band)
+    return shown or list(bands[:1])
+
+
+def heading(band: str) -> str:
+    """Break a long label into lines, at its hyphens where it has some."""
+    if band in BROKEN or len(band) <= LONGEST:
+        return BROKEN.get(band, band)
+    lines = []
+    for word in band.split("-"):
+        pieces = [word[i : i + LONGEST] for i in range(0, len(word), LONGEST)]
+        lines += [f"{piece}-" for piece in pieces[:-1]] + pieces[-1:]
+    return "\n".join(lines)
+
+
+def _markdown(results: Results, board: str, cells: Mapping[tuple[str, str], Row]) -> list[str]:
+    bands = bands_of(list(cells.values()))
+    lines = [markdown_row(["entry", *bands]), markdown_row(["---"] * (len(bands) + 1))]
+    places = _places(results, board, cells)
+    for entry in results.entries(board):
+        figures = [_cell(cells, places, entry, band) for band in bands]
+        lines.append(markdown_row([entry.replace("|", "\\|"), *figures]))
+    return lines
+
+
+def markdown_row(cells: Sequence[str]) -> str:
+    """Return a line of a Markdown table."""
+    return "| " + " | ".join(cells) + " |"

@@ -1,0 +1,77 @@
+"""Leaderboards as files for other programs."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import asdict, fields
+from functools import partial
+from io import StringIO
+from pathlib import Path
+
+from roadscope.benchmarks.boards.breakdown_tables import markdown_lines, markdown_row
+from roadscope.benchmarks.boards.results import Results
+from roadscope.benchmarks.boards.rows import FIRST_METRIC, Row
+from roadscope.benchmarks.boards.standing import Standing
+from roadscope.benchmarks.boards.tables import COLUMNS, figure
+from roadscope.benchmarks.cache import FolderError, write_atomically
+
+NAME = "leaderboard"
+
+
+def save_all(results: Results, folder: Path) -> list[Path]:
+    """Write `leaderboard.json`, `.csv` and `.md` to a folder and return their paths."""
+    contents = {"json": results.to_json(), "csv": to_csv(results), "md": to_markdown(results)}
+    paths = [folder / f"{NAME}.{ending}" for ending in contents]
+    for path, content in zip(paths, contents.values(), strict=True):
+        write_atomically(path, partial(_write, content))
+    return paths
+
+
+def check_targets(folder: Path) -> None:
+    """Refuse a folder where something else has the name of a board, before anything is run."""
+    for ending in ("json", "csv", "md"):
+        path = folder / f"{NAME}.{ending}"
+        if path.is_dir():
+            raise FolderError(f"cannot write {path}: it is a folder")
+
+
+def _write(content: str, path: Path) -> None:
+    path.write_text(content, encoding="utf-8")
+
+
+def to_csv(results: Results) -> str:
+    """Return one line for each row, as in the JSON: the whole first, then its parts."""
+    text = StringIO()
+    writer = csv.DictWriter(text, [field.name for field in fields(Row)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(row) for row in (*results.rows, *results.parts))
+    return text.getvalue()
+
+
+def to_markdown(results: Results) -> str:
+    """Return each board as a table, intervals with its first figure, then broken down."""
+    return "\n\n".join(_board(results, board) for board in results.boards()) + "\n"
+
+
+def _board(results: Results, board: str) -> str:
+    columns, first = COLUMNS[board], FIRST_METRIC[board]
+    texts = [heading.replace("-\n", "").replace("\n", " ") for heading, _ in columns.values()]
+    headings = ["", "entry", *texts]
+    lines = [f"## {board}", "", markdown_row(headings), markdown_row(["---"] * len(headings))]
+    for entry in results.entries(board):
+        place = results.standing(board, entry)
+        cells = [
+            figure(results.row(board, entry, metric), digits, interval=metric == first)
+            for metric, (_, digits) in columns.items()
+        ]
+        lines.append(markdown_row([_place(place), entry.replace("|", "\\|"), *cells]))
+    return "\n".join([*lines, *markdown_lines(results, board)])
+
+
+def _place(standing: Standing) -> str:
+    """Return the rank, with the ranks that it may truly be, or which mark an entry is."""
+    if standing.rank is None:
+        return standing.mark or ""
+    if standing.rank_low == standing.rank_high:
+        return str(standing.rank)
+    return f"{standing.rank} [{standing.rank_low}, {standing.rank_high}]"

@@ -1,0 +1,93 @@
+"""Who is better than whom, as far as the seeds tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from roadscope.benchmarks.boards.rows import Record, first_scores
+from roadscope.benchmarks.boards.statistics import Interval, paired_interval, pooled_interval
+from roadscope.benchmarks.metrics.score import Score
+
+LEVEL = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """The place of one entry on its board.
+
+    mark: `upper mark` or `lower mark`, or None when it is ranked.
+    rank: its place, from 1; None for marks.
+    rank_low, rank_high: the places that it may truly have, at 95 % for the entry; None where one
+        seed does not tell.
+    behind: by how much the best entry's first metric is above its own, on the same episodes;
+        behind_low and behind_high: its 95 % interval.
+    """
+
+    board: str
+    entry: str
+    mark: str | None
+    rank: int | None = None
+    rank_low: int | None = None
+    rank_high: int | None = None
+    behind: float | None = None
+    behind_low: float | None = None
+    behind_high: float | None = None
+
+
+def standings(records: Sequence[Record]) -> list[Standing]:
+    """Return the entries of one board in rank order, then its marks.
+
+    Entries that failed come after all others. An entry's rank lies between the number of those
+    that are surely better and of those that are surely worse, by paired intervals at a level
+    that holds for all of its comparisons together (Bonferroni; Mogstad et al. 2024).
+    """
+    ranked = sorted((r for r in records if r.mark is None), key=_order)
+    marks = [Standing(r.board, r.entry, r.mark) for r in records if r.mark is not None]
+    scores = [first_scores(record) for record in ranked]
+    sound = [i for i, record in enumerate(ranked) if not record.failed and scores[i]]
+    found = []
+    for i, record in enumerate(ranked):
+        place = _place(i, scores, sound) if i in sound else (None, None)
+        behind = _compared(scores[sound[0]], scores[i], LEVEL) if sound and scores[i] else None
+        gap = (None, None, None) if behind is None else _known(behind)
+        found.append(Standing(record.board, record.entry, None, i + 1, *place, *gap))
+    return found + sorted(marks, key=lambda s: (s.mark != "upper mark", s.entry))
+
+
+def _order(record: Record) -> tuple[bool, float, str]:
+    """Order by failures, then by the board's first metric."""
+    value = pooled_interval(list(first_scores(record).values())).mean
+    return bool(record.failed), -value if math.isfinite(value) else math.inf, record.entry
+
+
+def _place(
+    own: int, scores: Sequence[Mapping[tuple[str, int], Score]], rivals: Sequence[int]
+) -> tuple[int | None, int | None]:
+    """Return the best and the worst rank that an entry may have among its rivals, itself one."""
+    others = [i for i in rivals if i != own]
+    level = 1 - (1 - LEVEL) / max(len(others), 1)
+    leads = [_compared(scores[i], scores[own], level) for i in others]
+    if any(math.isnan(lead.low) for lead in leads):
+        return None, None
+    better = sum(lead.low > 0 for lead in leads)
+    worse = sum(lead.high < 0 for lead in leads)
+    return 1 + better, len(rivals) - worse
+
+
+def _compared(
+    ones: Mapping[tuple[str, int], Score], others: Mapping[tuple[str, int], Score], level: float
+) -> Interval:
+    common = [block for block in ones if block in others]
+    return paired_interval(
+        [ones[block] for block in common],
+        [others[block] for block in common],
+        [scenario for scenario, _ in common],
+        level=level,
+    )
+
+
+def _known(interval: Interval) -> tuple[float | None, ...]:
+    ends = interval.mean, interval.low, interval.high
+    return tuple(end if math.isfinite(end) else None for end in ends)

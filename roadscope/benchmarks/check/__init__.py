@@ -1,0 +1,1 @@
+"""A plug-in of one's own against its contract."""

@@ -1,0 +1,123 @@
+"""What a detector promises, one by one."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from functools import lru_cache
+from time import perf_counter
+from typing import Any
+
+from roadscope.benchmarks.check.items import (
+    TWO_SECONDS,
+    Promise,
+    PromiseError,
+    has_method,
+    made_by_name,
+)
+from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, guarded
+from roadscope.core import Detections, Frame
+from roadscope.core.registry import Plugin
+
+
+@lru_cache(maxsize=1)
+def frames() -> tuple[Frame, ...]:
+    """Return the frames of the two-second scene."""
+    from roadscope.benchmarks.episode import Episode, sensed
+
+    return tuple(frame for frame, _ in sensed(Episode(*TWO_SECONDS)))
+
+
+def begun(plugin: Plugin[Any]) -> Any:
+    """Make a detector and reset it, as the benchmark does."""
+    detector = plugin.make()
+    guarded(plugin.spec, detector.reset)
+    return detector
+
+
+def detected(plugin: Plugin[Any], detector: Any, frame: Frame) -> Detections:
+    """Call detect; an answer that is not what the contract says is a fault."""
+    found = guarded(plugin.spec, detector.detect, frame)
+    if not isinstance(found, Detections):
+        raise PromiseError(f"detect returned {type(found).__name__}, not roadscope.core.Detections")
+    if found.frame not in ("ego", "world"):
+        raise PromiseError(f"detections in frame '{found.frame}'; possible: ego, world")
+    seen = [f.stamp_s for f in frames() if f.stamp_s <= frame.stamp_s + STAMP_TOLERANCE_S]
+    if all(abs(found.stamp_s - stamp_s) > STAMP_TOLERANCE_S for stamp_s in seen):
+        raise PromiseError(
+            f"detections are stamped {found.stamp_s} s, their frame {frame.stamp_s} s, and no "
+            "earlier frame bears that stamp; return the stamp of the frame you answer"
+        )
+    return found
+
+
+def told(plugin: Plugin[Any], detector: Any) -> list[Detections]:
+    """Run a detector over the scene."""
+    return [detected(plugin, detector, frame) for frame in frames()]
+
+
+def methods(plugin: Plugin[Any]) -> str:
+    """Look for reset and detect."""
+    has_method(plugin, "reset")
+    has_method(plugin, "detect", "frame")
+    return ""
+
+
+def answers(plugin: Plugin[Any]) -> str:
+    """Look at what comes back."""
+    told(plugin, begun(plugin))
+    return ""
+
+
+def input_left_alone(plugin: Plugin[Any]) -> str:
+    """Look at whether frames stay as they were."""
+    detector = begun(plugin)
+    for frame in frames()[:8]:
+        given = deepcopy(frame)
+        detected(plugin, detector, given)
+        if given != frame:
+            raise PromiseError("detect changed the frame it was given; copy it first")
+    return ""
+
+
+def repeats(plugin: Plugin[Any]) -> str:
+    """Look at whether the same frames give the same detections."""
+    if told(plugin, begun(plugin)) != told(plugin, begun(plugin)):
+        raise PromiseError("the same frames give other detections the second time")
+    return ""
+
+
+def forgets(plugin: Plugin[Any]) -> str:
+    """Look at whether anything is left after reset."""
+    detector = begun(plugin)
+    expected = told(plugin, detector)
+    guarded(plugin.spec, detector.reset)
+    if told(plugin, detector) != expected:
+        raise PromiseError("reset does not forget: the same frames after it give other detections")
+    return ""
+
+
+def two_seconds(plugin: Plugin[Any]) -> str:
+    """Detect simulated traffic for two seconds."""
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.single import run_episode
+
+    begin = perf_counter()
+    summary = run_episode(Episode(*TWO_SECONDS), detector=plugin.spec)
+    scores = summary.detection
+    if not any(len(found) for found in summary.perceived.detections):
+        raise PromiseError("two seconds of a motorway full of cars: nothing is detected")
+    return (
+        f"detection rate {scores['detection_rate'].value:.2f} on a motorway, "
+        f"{scores['call_p50_ms'].value:.2g} ms a frame, {perf_counter() - begin:.0f} s in all"
+    )
+
+
+PROMISES = (
+    Promise("made by its name alone", made_by_name),
+    Promise("has reset and detect", methods),
+    Promise("answers with detections of a frame it saw", answers),
+    Promise("leaves its input alone", input_left_alone),
+    Promise("the same frames give the same detections", repeats),
+    Promise("reset forgets everything", forgets),
+    Promise("detects two seconds of traffic", two_seconds),
+)

@@ -1,0 +1,154 @@
+"""A plug-in of one's own against its contract, in plain words.
+
+It runs in a process of its own, one promise after the other, so that one that hangs or ends the
+program is told like any other fault.
+"""
+
+from __future__ import annotations
+
+import io
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import redirect_stdout
+from multiprocessing.connection import Connection
+from typing import Any
+
+from roadscope.benchmarks.check import detectors, trackers
+from roadscope.benchmarks.check.items import Item, Promise, PromiseError
+from roadscope.benchmarks.jobs.stack import EntryError, describe
+from roadscope.core.registry import Plugin, SpecError, split_spec
+from roadscope.detectors import DETECTORS
+from roadscope.trackers import TRACKERS
+
+LOADED = "can be loaded"
+QUIET = "prints nothing"
+DEADLINE_S, LOADING_S = 120.0, 120.0
+"""For one promise, as ours compile what they need on their first call; and to load at all."""
+
+Told = Callable[[Item], None]
+
+
+def check_plugin(
+    spec: str, *, deadline_s: float = DEADLINE_S, told: Told | None = None
+) -> list[Item]:
+    """Look at everything that a detector or tracker promises.
+
+    spec: a name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
+    deadline_s: for each promise; what takes longer hangs.
+    told: called with every item as it is known.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(target=_look_at, args=(spec, theirs), daemon=True)
+    child.start()
+    theirs.close()
+    items: list[Item] = []
+    try:
+        for item in _heard(ours, child, deadline_s):
+            items.append(item)
+            if told is not None:
+                told(item)
+    finally:
+        child.kill()
+        child.join()
+        ours.close()
+    return items
+
+
+def broken(items: Sequence[Item]) -> int:
+    """Return how many items are wrong."""
+    return sum(not item.good for item in items)
+
+
+def line(item: Item) -> str:
+    """Return an item as a line to print."""
+    mark = "ok   " if item.good else "WRONG"
+    return f"{mark}  {item.promise}" + (f": {item.words}" if item.words else "")
+
+
+def _heard(ours: Connection, child: Any, deadline_s: float) -> Iterator[Item]:
+    """Yield items until the child is done, is silent for too long, or is gone."""
+    promise = LOADED
+    while True:
+        patience_s = LOADING_S if promise == LOADED else deadline_s
+        if not ours.poll(patience_s):
+            yield Item(promise, False, f"no answer within {patience_s:g} s: it hangs")
+            return
+        try:
+            message = ours.recv()
+        except EOFError:
+            child.join()
+            yield Item(promise, False, f"ended the whole program, exit code {child.exitcode}")
+            return
+        if message is None:
+            return
+        if isinstance(message, str):
+            promise = message
+        else:
+            yield message
+
+
+def _look_at(spec: str, theirs: Connection) -> None:
+    """Look at all promises, in the child; a string says which is next, None that all are done."""
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        try:
+            plugin, promises = load(spec)
+        except (SpecError, PromiseError) as error:
+            theirs.send(Item(LOADED, False, str(error)))
+            theirs.send(None)
+            return
+        theirs.send(Item(LOADED, True, f"a {_kind(promises)}"))
+        for number, promise in enumerate(promises):
+            theirs.send(promise.words)
+            item = looked_at(promise, plugin)
+            theirs.send(item)
+            # What cannot be made or called need not be asked for more.
+            if not item.good and number < 2:
+                break
+    theirs.send(_quiet(printed.getvalue()))
+    theirs.send(None)
+
+
+def looked_at(promise: Promise, plugin: Plugin[Any]) -> Item:
+    """Look at one promise; whatever the plug-in raises is told."""
+    try:
+        return Item(promise.words, True, promise.look(plugin))
+    except PromiseError as error:
+        return Item(promise.words, False, str(error))
+    except EntryError as error:
+        return Item(promise.words, False, str(error).removeprefix(f"{plugin.spec}: "))
+    except (Exception, SystemExit) as error:
+        return Item(promise.words, False, describe(error, in_plugin=True))
+
+
+def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
+    """Find the plug-in and what its kind promises."""
+    name, _ = split_spec(spec)
+    if name in DETECTORS:
+        return DETECTORS.resolve(spec), detectors.PROMISES
+    if ":" not in name and not name.endswith(".py") and name not in TRACKERS:
+        raise SpecError(
+            f"no tracker or detector '{name}'; name your own: package.module:Class, "
+            "path/to/file.py:Class (ours: roadscope list)"
+        )
+    plugin: Plugin[Any] = TRACKERS.resolve(spec)
+    if name in TRACKERS or hasattr(plugin.factory, "update"):
+        return plugin, trackers.PROMISES
+    if hasattr(plugin.factory, "detect"):
+        return plugin, detectors.PROMISES
+    raise PromiseError(
+        f"{plugin.factory.__name__} has neither a method update, as a tracker does, nor detect, "
+        "as a detector does"
+    )
+
+
+def _kind(promises: Sequence[Promise]) -> str:
+    return "tracker" if promises is trackers.PROMISES else "detector"
+
+
+def _quiet(printed: str) -> Item:
+    if not printed.strip():
+        return Item(QUIET, True)
+    first = printed.strip().splitlines()[0]
+    return Item(QUIET, False, f"stdout is for results, yet it prints '{first[:60]}'; use logging")

@@ -1,0 +1,259 @@
+"""What a tracker promises, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from copy import deepcopy
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.check.items import (
+    TWO_SECONDS,
+    Promise,
+    PromiseError,
+    has_method,
+    made_by_name,
+)
+from roadscope.benchmarks.jobs.stack import guarded
+from roadscope.core import Category, Detections, Pose, Tracks, TrackState
+from roadscope.core.registry import Plugin
+
+PERIOD_S = 0.1
+FRAMES = 20
+FAR_M = 20.0
+"""No road user is so far on after one frame."""
+NEAR_M = 1.0
+FIELDS = ("centres", "sizes", "yaws", "velocities", "covariances", "categories", "scores")
+
+Seen = tuple[Detections, Pose | None]
+
+
+def cars(seed: int = 0, posed: bool = False) -> Iterator[Seen]:
+    """Yield four cars 12 m and more apart, one in ten not detected, from a moving ego or not."""
+    rng = np.random.default_rng(seed)
+    start = np.array([[10.0, -6.0], [25.0, 6.0], [40.0, -6.0], [-15.0, 6.0]])
+    speed = np.array([[5.0, 0.0], [-4.0, 0.0], [0.0, 0.0], [6.0, 0.5]])
+    for k in range(FRAMES):
+        places = start + k * PERIOD_S * speed + 0.05 * rng.standard_normal((4, 2))
+        pose = Pose.planar(0.8 * k, 0.1 * k, 0.01 * k) if posed else None
+        seen = detected(places[rng.random(4) < 0.9], k * PERIOD_S)
+        yield (seen if pose is None else seen.moved(pose.inverse(), "ego")), pose
+
+
+def detected(places: np.ndarray, stamp_s: float) -> Detections:
+    """Return cars at (N, 2) places, ego frame."""
+    n = len(places)
+    return Detections(
+        np.column_stack([places, np.full(n, 0.75)]), np.tile([4.6, 1.85, 1.5], (n, 1)),
+        np.zeros(n), np.full(n, Category.CAR), np.full(n, 0.9), "ego", stamp_s,
+    )  # fmt: skip
+
+
+def updated(plugin: Plugin[Any], tracker: Any, seen: Seen) -> Tracks:
+    """Call update; an answer that is not what the contract says is a fault."""
+    detections, pose = seen
+    tracks = guarded(plugin.spec, tracker.update, detections, pose)
+    if not isinstance(tracks, Tracks):
+        raise PromiseError(f"update returned {type(tracks).__name__}, not roadscope.core.Tracks")
+    if not abs(tracks.stamp_s - detections.stamp_s) <= 1e-6:
+        raise PromiseError(
+            f"tracks are stamped {tracks.stamp_s} s, their detections {detections.stamp_s} s; "
+            "return the stamp of the detections"
+        )
+    possible = ("ego",) if pose is None else ("ego", "world")
+    if tracks.frame not in possible:
+        known = "without an ego pose" if pose is None else "with an ego pose"
+        raise PromiseError(
+            f"tracks in frame '{tracks.frame}' {known}; possible: {', '.join(possible)}"
+        )
+    return tracks
+
+
+def told(plugin: Plugin[Any], tracker: Any, episode: Sequence[Seen]) -> list[Tracks]:
+    """Run a tracker over an episode."""
+    return [updated(plugin, tracker, seen) for seen in episode]
+
+
+def begun(plugin: Plugin[Any]) -> Any:
+    """Make a tracker and reset it, as the benchmark does."""
+    tracker = plugin.make()
+    guarded(plugin.spec, tracker.reset)
+    return tracker
+
+
+def methods(plugin: Plugin[Any]) -> str:
+    """Look for reset and update."""
+    has_method(plugin, "reset")
+    has_method(plugin, "update", "detections", "ego_pose")
+    return ""
+
+
+def answers(plugin: Plugin[Any]) -> str:
+    """Look at what comes back, with the ego's pose and without."""
+    for posed in (False, True):
+        told(plugin, begun(plugin), list(cars(posed=posed)))
+    return ""
+
+
+def nothing_seen(plugin: Plugin[Any]) -> str:
+    """Look at frames without detections, at first and in between."""
+    tracker = begun(plugin)
+    if len(updated(plugin, tracker, (Detections.empty(0.0), None))):
+        raise PromiseError("the first frame has no detections, yet there are tracks")
+    for k in range(1, 8):
+        places = np.array([[10.0, 0.0]]) if k % 3 else np.empty((0, 2))
+        updated(plugin, tracker, (detected(places, k * PERIOD_S), None))
+    return ""
+
+
+def never_again(plugin: Plugin[Any]) -> str:
+    """Look for ids that are given to something else: cars that flash up far apart."""
+    tracker, last = begun(plugin), dict[int, np.ndarray]()
+    for k in range(FRAMES):
+        place = np.array([[40.0 * (k % 4) - 60.0, 40.0 * (k % 3) - 40.0]])
+        seen = detected(place if k % 5 else np.empty((0, 2)), k * PERIOD_S)
+        tracks = updated(plugin, tracker, (seen, None))
+        for identity, centre in zip(tracks.ids.tolist(), tracks.centres, strict=True):
+            jumped = np.linalg.norm(centre - last.get(identity, centre))
+            if jumped > FAR_M:
+                raise PromiseError(
+                    f"id {identity} came back {jumped:.0f} m away, at {tracks.stamp_s:.1f} s; an "
+                    "id belongs to one object and is never used again for another"
+                )
+            last[identity] = centre
+    return ""
+
+
+def one_identity(plugin: Plugin[Any]) -> str:
+    """Look at whether a car that is seen all along keeps its id."""
+    tracker, found = begun(plugin), list[int]()
+    for k in range(FRAMES):
+        place = np.array([[10.0 + 0.5 * k, 3.0]])
+        tracks = updated(plugin, tracker, (detected(place, k * PERIOD_S), None))
+        near = np.hypot(*(tracks.centres[:, :2] - place).T) < NEAR_M
+        found += tracks.ids[near & (tracks.states != TrackState.TENTATIVE)].tolist()
+    if not found:
+        raise PromiseError(
+            "a car at 5 m/s that is seen in every frame is never followed within 1 m"
+        )
+    if len(set(found)) > 1:
+        raise PromiseError(
+            f"a car at 5 m/s that is seen in every frame had the ids {sorted(set(found))}"
+        )
+    return ""
+
+
+def any_order(plugin: Plugin[Any]) -> str:
+    """Look at whether the order of detections matters."""
+    rng, expected = np.random.default_rng(1), told(plugin, begun(plugin), list(cars()))
+    mixed = [(d.select(rng.permutation(len(d))), pose) for d, pose in cars()]
+    if words := difference(expected, told(plugin, begun(plugin), mixed)):
+        raise PromiseError(f"the order of detections matters: in another order {words}")
+    return ""
+
+
+def input_left_alone(plugin: Plugin[Any]) -> str:
+    """Look at whether detections and poses stay as they were."""
+    tracker = begun(plugin)
+    for seen in cars(posed=True):
+        before = deepcopy(seen)
+        updated(plugin, tracker, seen)
+        if seen != before:
+            raise PromiseError(
+                "update changed the detections or the pose it was given; copy them first"
+            )
+    return ""
+
+
+def repeats(plugin: Plugin[Any]) -> str:
+    """Look at whether the same input gives the same tracks."""
+    once, twice = (told(plugin, begun(plugin), list(cars(posed=True))) for _ in range(2))
+    if words := difference(once, twice):
+        raise PromiseError(f"the same input gives other tracks the second time: {words}")
+    return ""
+
+
+def forgets(plugin: Plugin[Any]) -> str:
+    """Look at whether anything is left after reset."""
+    expected, tracker = told(plugin, begun(plugin), list(cars())), begun(plugin)
+    told(plugin, tracker, list(cars(seed=5)))
+    guarded(plugin.spec, tracker.reset)
+    if words := difference(expected, told(plugin, tracker, list(cars()))):
+        raise PromiseError(f"reset does not forget: after another episode {words}")
+    return ""
+
+
+def moving_ego(plugin: Plugin[Any]) -> str:
+    """Look at whether tracks lie where things are while the ego drives."""
+    tracker = begun(plugin)
+    place = np.array([[30.0, 4.0, 0.75]])
+    for k in range(FRAMES):
+        pose = Pose.planar(1.0 * k, 0.0, 0.02 * k)
+        tracks = updated(
+            plugin, tracker, (detected(pose.inverse().apply(place)[:, :2], k * PERIOD_S), pose)
+        )
+    world = tracks if tracks.frame == "world" else tracks.moved(pose, "world")
+    apart = np.hypot(*(world.centres[:, :2] - place[:, :2]).T)
+    if not (apart < NEAR_M).any():
+        nearest = f"{apart.min():.1f} m away" if len(apart) else "not there"
+        raise PromiseError(
+            f"a parked car passed at 10 m/s has its track {nearest}, in frame '{tracks.frame}'; "
+            "ego_pose is world_from_ego, and detections come in the ego frame"
+        )
+    return ""
+
+
+def two_seconds(plugin: Plugin[Any]) -> str:
+    """Follow simulated traffic for two seconds, on perfect detections."""
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.oracle import ORACLE
+    from roadscope.benchmarks.single import run_episode
+
+    begin = perf_counter()
+    summary = run_episode(Episode(*TWO_SECONDS), detector=ORACLE, tracker=plugin.spec)
+    scores = summary.tracking
+    if not any(len(tracks) for tracks in summary.tracks):
+        raise PromiseError("two seconds of a motorway with perfect detections: nothing is followed")
+    return (
+        f"HOTA {scores['hota'].value:.2f} on perfect detections of a motorway, "
+        f"{scores['call_p50_ms'].value:.2g} ms an update, {perf_counter() - begin:.0f} s in all"
+    )
+
+
+def difference(expected: Sequence[Tracks], found: Sequence[Tracks]) -> str:
+    """Say in which frame two runs differ, but for the names of tracks; empty where they agree."""
+    names: dict[int, int] = {}
+    for one, other in zip(expected, found, strict=True):
+        when = f"at {one.stamp_s:.1f} s"
+        if len(one) != len(other):
+            return f"there are {len(other)} tracks instead of {len(one)} {when}"
+        first, second = _by_place(one), _by_place(other)
+        for field in FIELDS:
+            if not np.allclose(getattr(one, field)[first], getattr(other, field)[second]):
+                return f"the {field} of tracks differ {when}"
+        for a, b in zip(one.ids[first].tolist(), other.ids[second].tolist(), strict=True):
+            if names.setdefault(a, b) != b:
+                return f"identities are mixed up {when}"
+    return "" if len(set(names.values())) == len(names) else "two tracks become one"
+
+
+def _by_place(tracks: Tracks) -> np.ndarray:
+    return np.lexsort(np.round(tracks.centres.T, 6))
+
+
+PROMISES = (
+    Promise("made by its name alone", made_by_name),
+    Promise("has reset and update", methods),
+    Promise("answers with tracks of the same moment", answers),
+    Promise("takes frames without detections", nothing_seen),
+    Promise("never uses an id again", never_again),
+    Promise("keeps the id of what it follows", one_identity),
+    Promise("the order of detections is irrelevant", any_order),
+    Promise("leaves its input alone", input_left_alone),
+    Promise("the same input gives the same tracks", repeats),
+    Promise("reset forgets everything", forgets),
+    Promise("follows what stands while the ego moves", moving_ego),
+    Promise("follows two seconds of traffic", two_seconds),
+)

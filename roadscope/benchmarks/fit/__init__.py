@@ -1,0 +1,1 @@
+"""What the package has learned, learned anew from train seeds or recorded data."""

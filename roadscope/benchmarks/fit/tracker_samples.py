@@ -1,0 +1,155 @@
+"""What training data hold for `fit.trackers`: errors of detections, and changes of motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from itertools import product
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.formats.kitti import read_sequence
+from roadscope.benchmarks.formats.kitti_folder import KittiFolder
+from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms
+from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
+from roadscope.benchmarks.jobs.stack import perceive
+from roadscope.benchmarks.metrics.matching import Pairing, centre_distances, match
+from roadscope.core import Category, Detections, Truth
+from roadscope.core.pose import wrap_angle
+
+CLASSES = {"car": Category.CAR, "cyclist": Category.CYCLIST, "pedestrian": Category.PEDESTRIAN}
+GATES_M = {"car": 2.0, "cyclist": 1.0, "pedestrian": 1.0}
+SCENARIOS = ("motorway", "roundabout", "intersection", "two-way")
+RIGS = ("lux", "hdl32e")
+FIRST_SEED = 400
+DURATION_S = 6.0
+WINDOW_S = 1.0
+"""Over which changes are taken: shorter ones are those of labels, not of motion."""
+SCORE_EDGE = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Of one class: N matched detections, M that are right or wrong, L changes of truth.
+
+    errors: (N, 4) along, across the true box, z, heading up to half turns. ranges_m: (N,).
+    log_odds, right: (M,) of scores, and bool.
+    changes: (L, 4) of velocity along and across, heading, z. periods_s, speeds_m_s: (L,).
+    """
+
+    errors: np.ndarray
+    ranges_m: np.ndarray
+    log_odds: np.ndarray
+    right: np.ndarray
+    changes: np.ndarray
+    periods_s: np.ndarray
+    speeds_m_s: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Put samples together."""
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
+
+
+def episode_samples(
+    detections: Sequence[Detections], truths: Sequence[Truth], pairings: Sequence[Pairing],
+    gate_m: float,
+) -> Samples:  # fmt: skip
+    """Collect from an episode, detections and truths in the world frame."""
+    errors, ranges, odds, right = [np.empty((0, 4))], [], [], []
+    for found, truth, pairing in zip(detections, truths, pairings, strict=True):
+        fate = match(pairing, gate_m)
+        errors.append(_errors(found, truth, fate.detected, fate.truth))
+        eye = truth.world_from_ego.translation[:2]
+        ranges.append(np.hypot(*(truth.centres[fate.truth, :2] - eye).T))
+        rows = np.concatenate([fate.detected, fate.false_alarms])
+        shares = np.clip(found.scores[rows], SCORE_EDGE, 1 - SCORE_EDGE)
+        odds.append(np.log(shares / (1 - shares)))
+        right.append(np.arange(len(rows)) < len(fate.detected))
+    changes = _changes(truths)
+    return Samples(
+        np.concatenate(errors), np.concatenate(ranges), np.concatenate(odds),
+        np.concatenate(right), changes[:, :4], changes[:, 4], changes[:, 5],
+    )  # fmt: skip
+
+
+def _errors(found: Detections, truth: Truth, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    off = found.centres[rows] - truth.centres[columns]
+    yaws = truth.yaws[columns]
+    c, s = np.cos(yaws), np.sin(yaws)
+    turned = wrap_angle(2 * (found.yaws[rows] - yaws)) / 2
+    return np.column_stack(
+        [c * off[:, 0] + s * off[:, 1], c * off[:, 1] - s * off[:, 0], off[:, 2], turned]
+    )
+
+
+def _changes(truths: Sequence[Truth]) -> np.ndarray:
+    """Return (L, 6): changes of velocity along and across, heading, z; period and speed."""
+    rows = [
+        (int(i), t.stamp_s, *t.velocities[k], t.yaws[k], t.centres[k, 2])
+        for t in truths for k, i in enumerate(t.ids)
+    ]  # fmt: skip
+    table = np.array(sorted(rows)).reshape(-1, 6)
+    changes = [np.empty((0, 6))]
+    for number in np.unique(table[:, 0]):
+        own = table[table[:, 0] == number]
+        later = np.searchsorted(own[:, 1], own[:, 1] + WINDOW_S - 1e-6)
+        early = np.flatnonzero(later < len(own))
+        a, b = own[early], own[later[early]]
+        c, s, dv = np.cos(a[:, 4]), np.sin(a[:, 4]), b[:, 2:4] - a[:, 2:4]
+        changes.append(np.column_stack([
+            c * dv[:, 0] + s * dv[:, 1], c * dv[:, 1] - s * dv[:, 0],
+            wrap_angle(b[:, 4] - a[:, 4]), b[:, 5] - a[:, 5],
+            b[:, 1] - a[:, 1], np.hypot(a[:, 2], a[:, 3]),
+        ]))  # fmt: skip
+    return np.concatenate(changes)
+
+
+def recorded_samples(
+    folder: Path, sequences: Iterable[str] | None, detector: str | None
+) -> tuple[dict[str, Samples], str]:
+    """Collect from KITTI sequences, with a sentence on where they come from."""
+    files = KittiFolder.find(folder)
+    names = list(sequences) if sequences is not None else files.sequences()
+    classes = {
+        kind: Samples.joined([_of_sequence(files, name, kind, detector) for name in names])
+        for kind in CLASSES
+    }
+    told = f"KITTI tracking training sequences {', '.join(names)}"
+    return classes, f"{told}, detections of {files.the_detector(detector)}"
+
+
+def _of_sequence(files: KittiFolder, name: str, kind: str, detector: str | None) -> Samples:
+    """Collect from one sequence; what is of another type is neither right nor wrong."""
+    category = CLASSES[kind]
+    sequence = read_sequence(files, name, category, detector=detector)
+    poses = sequence.world_from_ego
+    found = [d.moved(p, "world") for d, p in zip(sequence.detections, poses, strict=True)]
+    pairings = []
+    for detections, truth, labels, pose in zip(
+        found, sequence.truths, sequence.labelled, poses, strict=True
+    ):
+        other = labels.select(labels.solid & (labels.types != TYPE_OF[category]))
+        others = pose.apply(centres_from_bottoms(other.bottoms, other.sizes))
+        centres = np.concatenate([truth.centres, others])
+        pairings.append(Pairing(
+            centre_distances(detections.centres, centres),
+            np.arange(len(centres)) < len(truth), np.ones(len(detections), bool),
+        ))  # fmt: skip
+    return episode_samples(found, sequence.truths, pairings, GATES_M[kind])
+
+
+def sensed_samples(detector: str, seeds: int) -> tuple[dict[str, Samples], str]:
+    """Collect from train seeds of our traffic; every class has the samples of all."""
+    parts, last = [], FIRST_SEED + seeds - 1
+    rule = Eligibility()
+    for scenario, rig, seed in product(SCENARIOS, RIGS, range(FIRST_SEED, last + 1)):
+        seen = perceive(detector, Episode(scenario, seed, rig, DURATION_S), rule)
+        pairings = rule.pairings(seen.detections, seen.truths, seen.parked)
+        parts.append(episode_samples(seen.detections, seen.truths, pairings, GATES_M["car"]))
+    told = f"train seeds {FIRST_SEED} to {last} of {', '.join(SCENARIOS)}, rigs {', '.join(RIGS)}"
+    return dict.fromkeys(CLASSES, Samples.joined(parts)), f"{told}, detections of {detector}"

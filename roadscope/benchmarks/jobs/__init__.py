@@ -1,0 +1,1 @@
+"""Jobs, one entry on one episode each: planned, run in parallel, kept."""

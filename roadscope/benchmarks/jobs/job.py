@@ -1,0 +1,211 @@
+"""One entry on one episode: what it depends on, and how it is done."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.cache import cache_dir, write_atomically
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.jobs.stack import (
+    EntryError,
+    describe,
+    offline,
+    perceive,
+    prints_aside,
+    track,
+)
+from roadscope.benchmarks.jobs.store import Outcome
+from roadscope.benchmarks.metrics import METRIC_VERSION
+from roadscope.benchmarks.metrics.breakdown import broken_down
+from roadscope.benchmarks.metrics.detection import score_detections
+from roadscope.benchmarks.metrics.score import Score, mean
+from roadscope.benchmarks.metrics.tracking import score_tracks
+from roadscope.benchmarks.noisy import NOISES
+from roadscope.benchmarks.oracle import ORACLE, made_from_truth
+from roadscope.benchmarks.perceived import Perceived
+from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
+from roadscope.benchmarks.recorded.recording import OFFLINE, Recording, replayed, sequence_of
+from roadscope.core import RecordError, Tracks
+from roadscope.detectors import DETECTORS
+from roadscope.trackers import TRACKERS
+
+PERCEIVING = tuple(
+    f"benchmarks/{name}.py"
+    for name in ("jobs/stack", "perceived", "oracle", "noisy", "parked", "episode", "eligibility")
+)
+"""What detections depend on beside the detector and the episode."""
+SCORING = ("benchmarks/metrics", "benchmarks/eligibility.py", "benchmarks/jobs/job.py")
+"""What scores depend on beside that."""
+RECORDED_SCORING = (
+    "benchmarks/formats",
+    *(f"benchmarks/recorded/{name}.py" for name in ("kitti_scores", "combined", "recording")),
+)
+"""And on recorded episodes."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker is told: names and numbers, no objects.
+
+    board: `detection`, `tracking` or one of `KITTI_BOARDS`.
+    entry: how the board calls it.
+    detector, tracker: specs; a detection job has no tracker. Of recorded episodes the detector
+        is whose detections are on disk.
+    episode: where frames or detections come from: simulated traffic or a recording.
+    """
+
+    board: str
+    entry: str
+    detector: str
+    tracker: str | None
+    episode: Episode | Recording
+    eligibility: Eligibility
+
+    @cached_property
+    def detections_spec(self) -> Mapping[str, Any]:
+        """Everything that the detections depend on."""
+        if isinstance(self.episode, Recording):
+            return {"episode": self.episode.spec(), "code": code_hash(*PERCEIVING)}
+        return {
+            "detector": self.detector,
+            "by": self._made_by(),
+            "episode": self.episode.spec(),
+            "code": code_hash(*PERCEIVING),
+        }
+
+    def _made_by(self) -> str:
+        rule = fingerprint(self.eligibility)
+        if self.detector == ORACLE:
+            return rule
+        if made_from_truth(self.detector):
+            return fingerprint([rule, NOISES.make(self.detector)])
+        return plugin_hash(DETECTORS.resolve(self.detector))
+
+    @cached_property
+    def spec(self) -> str:
+        """Everything that the result depends on, as JSON."""
+        tracker = None if self.tracker is None else plugin_hash(TRACKERS.resolve(self.tracker))
+        recorded = isinstance(self.episode, Recording)
+        content = {
+            "board": self.board,
+            "entry": self.entry,
+            "tracker": tracker,
+            "detections": self.detections_spec,
+            "eligibility": fingerprint(self.eligibility),
+            "metric_version": METRIC_VERSION,
+            "metric_code": code_hash(*SCORING, *(RECORDED_SCORING if recorded else ())),
+        }
+        return json.dumps(content, sort_keys=True)
+
+    @cached_property
+    def key(self) -> str:
+        """The content hash under which the result is kept."""
+        return fingerprint(self.spec)
+
+    @property
+    def detections_path(self) -> Path:
+        """Where the detections are kept."""
+        return cache_dir() / "detections" / f"{fingerprint(self.detections_spec)}.npz"
+
+
+@prints_aside()
+def execute(job: Job, fresh: bool = False) -> Outcome:
+    """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
+    try:
+        perceived = detections_of(job, fresh and job.tracker is None)
+        if job.tracker is None:
+            whole = detection_scores(job.detector, perceived, job.eligibility)
+            return Outcome({**whole, **detection_parts(perceived, job.eligibility)})
+        tracks, calls_ms = track(job.tracker, perceived)
+        if isinstance(job.episode, Recording):
+            return Outcome(recorded_scores(job.tracker, tracks, calls_ms, job.episode))
+        scores = tracking_scores(tracks, calls_ms, perceived, job.eligibility)
+        return Outcome(scores | passed(len(tracks)) if offline(job.tracker) else scores)
+    except EntryError as error:
+        return Outcome({}, str(error))
+    except Exception as error:
+        return Outcome({}, f"not the entry's fault: {describe(error)}")
+
+
+@prints_aside()
+def detections_of(job: Job, fresh: bool = False) -> Perceived:
+    """Read the detections of an episode, or make and keep them."""
+    if isinstance(job.episode, Recording):
+        return replayed(job.episode)
+    path = job.detections_path
+    if path.exists() and not fresh:
+        try:
+            return Perceived.load(path)
+        except RecordError:
+            path.unlink(missing_ok=True)
+    perceived = perceive(job.detector, job.episode, job.eligibility)
+    write_atomically(path, perceived.save)
+    return perceived
+
+
+def detection_scores(
+    detector: str, perceived: Perceived, eligibility: Eligibility
+) -> dict[str, Score]:
+    """Return a detector's scores on an episode; its delay and cost, unless made from truth.
+
+    unseen_per_frame: objects that do not count for want of returns, the same for every entry.
+    delay_s: from a frame to its answer, mean of the answered ones.
+    """
+    found, truths = perceived.detections, perceived.truths
+    pairings = eligibility.pairings(found, truths, perceived.parked)
+    scores = score_detections(found, truths, pairings).named()
+    unseen = sum(eligibility.unseen(truth) for truth in truths)
+    scores["unseen_per_frame"] = mean(unseen, len(truths), "1/frame")
+    if made_from_truth(detector):
+        return scores
+    late_s = float(np.nansum(perceived.delays_s))
+    return {**scores, "delay_s": mean(late_s, perceived.answered, "s"), **cost(perceived.calls_ms)}
+
+
+def detection_parts(perceived: Perceived, eligibility: Eligibility) -> dict[str, Score]:
+    """Return a detector's scores on an episode, broken down."""
+    found, truths = perceived.detections, perceived.truths
+    return broken_down(found, truths, eligibility.pairings(found, truths, perceived.parked))
+
+
+def tracking_scores(
+    tracks: Sequence[Tracks], calls_ms: np.ndarray, perceived: Perceived, eligibility: Eligibility
+) -> dict[str, Score]:
+    """Return a tracker's scores on an episode, and its cost."""
+    pairings = eligibility.pairings(tracks, perceived.truths, perceived.parked)
+    return score_tracks(tracks, perceived.truths, pairings).named() | cost(calls_ms)
+
+
+def recorded_scores(
+    tracker: str, tracks: Sequence[Tracks], calls_ms: np.ndarray, recording: Recording
+) -> dict[str, Score]:
+    """Return a tracker's scores on a recording, its cost, and whether it is an offline one."""
+    which = passed(len(tracks), offline(tracker))
+    return kitti_scores(tracks, sequence_of(recording)) | which | cost(calls_ms)
+
+
+def passed(frames: int, later: bool = True) -> dict[str, Score]:
+    """Return the mark of a tracker that looks at frames that were still to come, or not."""
+    return {OFFLINE: Score(float(later), "1", "lower", frames)}
+
+
+def cost(calls_ms: np.ndarray) -> dict[str, Score]:
+    """Return median and 99th percentile of a plug-in's calls.
+
+    The first is left out: where plug-ins are not ours, it may compile or load what they need.
+    """
+    counted = calls_ms[1:] if len(calls_ms) > 1 else calls_ms
+    middle, worst = np.percentile(counted, [50, 99]) if len(counted) else (np.nan, np.nan)
+    return {
+        "call_p50_ms": Score(float(middle), "ms", "lower", len(counted)),
+        "call_p99_ms": Score(float(worst), "ms", "lower", len(counted)),
+    }

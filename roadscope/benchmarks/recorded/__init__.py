@@ -1,0 +1,1 @@
+"""Recorded traffic in place of simulated: its suite, its episodes, its scores."""

@@ -1,0 +1,70 @@
+"""Scores of a tracker on a recorded sequence, under KITTI's rules."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from roadscope.benchmarks.formats.kitti import KittiSequence
+from roadscope.benchmarks.formats.kitti_export import kitti_objects
+from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
+from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
+from roadscope.benchmarks.metrics.score import Score, ratio
+from roadscope.benchmarks.metrics.tracking.amota import amota
+from roadscope.benchmarks.metrics.tracking.clear import count
+from roadscope.benchmarks.metrics.tracking.following import follow
+from roadscope.benchmarks.metrics.tracking.hota import hota
+from roadscope.benchmarks.metrics.tracking.identity import identity
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
+from roadscope.core import Tracks
+
+
+def kitti_scores(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[str, Score]:
+    """Return scores by image boxes, by 3-D boxes and by centres, each over KITTI's rules.
+
+    tracks: one record a frame, those that the tracker is sure of, of the sequence's class.
+    """
+    view = sequence.calibration.projection, sequence.image_size
+    rows = [
+        kitti_objects(tracked, t, pose, *view)
+        for t, (tracked, pose) in enumerate(zip(tracks, sequence.world_from_ego, strict=True))
+    ]
+    scores: dict[str, Score] = {}
+    for name, suffix in SUFFIXES.items():
+        counted = judged(sequence.labelled, rows, TYPE_OF[sequence.category], name)
+        threshold = SIMILARITIES[name].threshold
+        found = sequence_scores(counted, threshold)
+        scores |= {f"{metric}{suffix}": score for metric, score in found.items()}
+        scores |= alpha_parts(hota(counted), suffix)
+    return scores
+
+
+def sequence_scores(sequence: TrackedSequence, threshold: float) -> dict[str, Score]:
+    """Return HOTA, CLEAR MOT, identity and averages over recall of one sequence."""
+    curves, objects = hota(sequence), len(sequence.truths)
+    c, same = count(sequence, follow(sequence, threshold)), identity(sequence, threshold)
+
+    def averaged(value: float, least: float = 0.0) -> Score:
+        known = value if objects else math.nan
+        return Score(known, "1", "higher", objects, least, 1.0, weight=objects)
+
+    def events(value: int) -> Score:
+        return Score(float(value), "1/sequence", "lower", c.matches)
+
+    wrong = c.misses + c.false_alarms + c.id_switches
+    return {
+        **{n: averaged(float(getattr(curves, n).mean())) for n in ("hota", "det_a", "ass_a")},
+        "loc_a": averaged(float(curves.loc_a.mean())),
+        "mota": averaged(1 - wrong / max(objects, 1), -math.inf),
+        "errors": Score(float(wrong), "1/sequence", "lower", len(sequence)),
+        "motp": Score(c.motp, "1", "higher", c.matches, 0.0, 1.0, weight=c.matches),
+        "idf1": ratio(same.hits, (same.present + same.tracked) / 2),
+        "samota": averaged(amota(sequence, threshold=threshold).samota if objects else math.nan),
+        "id_switches": events(c.id_switches),
+        "fragmentations": events(c.fragmentations),
+        "mostly_tracked": ratio(c.mostly_tracked, c.objects),
+        "mostly_lost": ratio(c.mostly_lost, c.objects, "lower"),
+        "recall": ratio(c.matches, c.present),
+        "precision": ratio(c.matches, c.matches + c.false_alarms),
+    }

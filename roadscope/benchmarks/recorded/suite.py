@@ -1,0 +1,82 @@
+"""The suite `kitti`: sequences of a folder in place of scenarios and seeds."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.formats.kitti_folder import DETECTIONS, KittiFolder
+from roadscope.benchmarks.formats.kitti_objects import TYPE_NAMES, TYPE_OF
+from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.recorded.recording import Recording
+from roadscope.benchmarks.suite import Suite
+from roadscope.core import Category
+
+KITTI = "kitti"
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedSuite(Suite):
+    """A suite whose episodes are sequences of a folder.
+
+    recordings: of every detector and class, those sequences that have detections of it.
+    labelled: number of sequences that have labels.
+    remark: what a reader must know of entries.
+    """
+
+    recordings: tuple[Recording, ...] = ()
+    labelled: int = 0
+    remark: str = ""
+
+
+def kitti_suite(folder: Path | str) -> RecordedSuite:
+    """Return the suite of a folder; a missing folder or a wrong layout raises `FormatError`."""
+    files = KittiFolder.find(folder)
+    files.the_detector(files.detectors()[0] if files.detectors() else None)
+    recordings = tuple(
+        Recording(str(files.root.resolve()), sequence, category.name.lower(), detector, number)
+        for detector in files.detectors()
+        for category in TYPE_OF
+        for number, sequence in enumerate(files.sequences())
+        if _present(files, category) and files.has_detections(sequence, category, detector)
+    )
+    if not recordings:
+        known = ", ".join(files.sequences()[:8])
+        raise FormatError(
+            f"{files.root}: expected {DETECTIONS}NAME/Car/SEQ.txt for a sequence of label_02 "
+            f"({known}), got none"
+        )
+    table = kitti_table()
+    return RecordedSuite(
+        name=table["name"],
+        version=table["version"],
+        summary=table["summary"],
+        scenarios=(KITTI,),
+        seeds=tuple(dict.fromkeys(r.seed for r in recordings)),
+        rig=KITTI,
+        duration_s=None,
+        eligibility=Eligibility(),
+        detectors=(),
+        trackers=tuple(table["tracking"]["entries"]),
+        public_detectors=tuple(dict.fromkeys(r.detector for r in recordings)),
+        weathers=(Recording.weather,),
+        recordings=recordings,
+        labelled=len(files.sequences()),
+        remark=table["remark"],
+    )
+
+
+def kitti_table() -> dict[str, Any]:
+    """Return what the suite says of itself, whatever the folder."""
+    content = resources.files("roadscope.benchmarks").joinpath(f"suites/{KITTI}.toml")
+    return tomllib.loads(content.read_text(encoding="utf-8"))
+
+
+def _present(files: KittiFolder, category: Category) -> bool:
+    """Say whether any label is of the class."""
+    name = f" {TYPE_NAMES[TYPE_OF[category]]} ".encode()
+    return any(name in files.labels(sequence).read_bytes() for sequence in files.sequences())

@@ -1,0 +1,78 @@
+"""Measures casting, detectors, metrics and trackers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+from roadscope.benchmarks.speed.casting import COMPARED, COUNTS, casting_steps, import_open3d
+from roadscope.benchmarks.speed.detectors import (
+    RIGS,
+    measure_dbscan,
+    measure_detectors,
+    measure_stages,
+)
+from roadscope.benchmarks.speed.metrics import measure_metrics
+from roadscope.benchmarks.speed.rows import SpeedRow, Step
+from roadscope.benchmarks.speed.trackers import measure_trackers
+
+PARTS = ("casting", "detectors", "metrics", "trackers")
+
+Progress = Callable[[str, int, int], None]
+"""Told the name of the step that begins, its number from 0 and the number of steps."""
+
+
+def measure_speed(
+    counts: Sequence[int] = COUNTS,
+    *,
+    compared: int = COMPARED,
+    repeats: int = 21,
+    progress: Progress | None = None,
+    parts: Sequence[str] = PARTS,
+) -> list[SpeedRow]:
+    """Measure casting, detectors, metrics, trackers; one thread, medians after a warm-up.
+
+    parts: `casting`: bare casts of an HDL-32E over numbers of bodies, whole sweeps, and Open3D
+    on the same rays in turns; where Open3D is missing its rows are missing too, and `open3d
+    installed` is 0. `detectors`: every stage and every registered detector on three LiDARs, over
+    fewer runs, which detectors are too slow, and DBSCAN beside scikit-learn's. `metrics`:
+    tracking metrics beside TrackEval's and Stone Soup's. `trackers`: every registered one with
+    10, 50, 200 and 500 targets.
+    """
+    for part in parts:
+        if part not in PARTS:
+            raise ValueError(f"no part '{part}'; known: {', '.join(PARTS)}")
+    rows: list[SpeedRow] = []
+    steps: list[Step] = []
+    if "casting" in parts:
+        open3d = import_open3d()
+        rows.append(SpeedRow("open3d installed", float(open3d is not None), "1 yes, 0 no"))
+        steps += casting_steps(open3d, counts, compared, repeats)
+    if "detectors" in parts:
+        steps += _detector_steps(-(-repeats // 7))
+    if "metrics" in parts:
+        steps.append(("tracking metrics", partial(measure_metrics, -(-repeats // 3))))
+    if "trackers" in parts:
+        steps.append(("trackers", measure_trackers))
+    for number, (name, step) in enumerate(steps):
+        if progress is not None:
+            progress(name, number, len(steps))
+        rows.extend(step())
+    return rows
+
+
+def _detector_steps(repeats: int) -> list[Step]:
+    steps: list[Step] = []
+    for rig in RIGS:
+        steps.append((f"stages, {rig}", partial(measure_stages, rig, repeats)))
+        # Many detectors and eight timed frames a scene: one run over them is enough.
+        steps.append((f"detectors, {rig}", partial(measure_detectors, rig, 1)))
+    return [*steps, ("DBSCAN", partial(measure_dbscan, repeats))]
+
+
+def write_speed(rows: Sequence[SpeedRow], path: Path | str) -> None:
+    """Write the rows to a JSON file: a list of objects with name, value and unit."""
+    Path(path).write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n")

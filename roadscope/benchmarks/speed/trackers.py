@@ -1,0 +1,106 @@
+"""How long trackers take for an update, by the number of targets.
+
+In processor time, summed over threads: what one core needs for it, whatever else runs. `nearest`
+has a filterpy filter for every target, each with its own small matrices; that is what it measures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from time import process_time
+
+import numpy as np
+
+from roadscope.benchmarks.speed.rows import SpeedRow
+from roadscope.core import Category, Detections, Pose
+from roadscope.trackers import TRACKERS
+
+COUNTS = (10, 50, 200, 500)
+GOALS_MS = {200: 1.0}
+"""What a whole update may take with so many targets."""
+PERIOD_S = 0.1
+FRAMES, LEAD = 60, 10
+"""Updates, and how many of them are not timed: until then tracks are confirmed."""
+AREA_M2 = 150.0
+"""Road for each target: dense traffic."""
+MISSED, CLUTTER, UNSURE = 0.05, 0.05, 0.2
+"""Shares of targets that are not detected, of detections of nothing, and of low scores."""
+
+Seen = tuple[Detections, Pose]
+
+
+def seen_traffic(count: int, frames: int = FRAMES, seed: int = 0) -> Iterator[Seen]:
+    """Yield detections of cars driving along both ways, and the moving ego's pose."""
+    rng = np.random.default_rng(seed)
+    half = np.sqrt(AREA_M2 * count) / 2
+    places = rng.uniform(-half, half, (count, 2))
+    yaws = np.where(rng.random(count) < 0.5, 0.0, np.pi)
+    speeds = rng.uniform(0, 15, count) * np.cos(yaws)
+    for k in range(frames):
+        there = places + np.outer(k * PERIOD_S * speeds, [1, 0])
+        found = rng.random(count) >= MISSED
+        nothing = rng.uniform(-half, half, (int(CLUTTER * count), 2))
+        centres = np.concatenate([there[found], nothing])
+        headings = np.concatenate([yaws[found], rng.uniform(-np.pi, np.pi, len(nothing))])
+        pose = Pose.planar(10 * k * PERIOD_S, 0.0, 0.0)
+        yield _detected(rng, centres, headings, k * PERIOD_S).moved(pose.inverse(), "ego"), pose
+
+
+def _detected(
+    rng: np.random.Generator, places: np.ndarray, yaws: np.ndarray, stamp_s: float
+) -> Detections:
+    """Put cars at (N, 2) places of the world, a little off."""
+    n = len(places)
+    centres = np.column_stack([places, np.full(n, 0.75)]) + 0.1 * rng.standard_normal((n, 3))
+    return Detections(
+        centres, np.array([4.5, 1.8, 1.5]) * rng.uniform(0.95, 1.05, (n, 3)),
+        yaws + 0.05 * rng.standard_normal(n), np.full(n, Category.CAR),
+        np.where(rng.random(n) < UNSURE, 0.4, 0.9), "world", stamp_s,
+    )  # fmt: skip
+
+
+def measure_trackers(
+    names: Sequence[str] | None = None, counts: Sequence[int] = COUNTS, frames: int = FRAMES
+) -> list[SpeedRow]:
+    """Measure whole updates: median, 99th percentile, and who misses the goal.
+
+    names: specs of trackers; None: all that are registered and need no other package. Those of
+        others take up to seconds for an update.
+    """
+    rows: list[SpeedRow] = []
+    late: list[SpeedRow] = []
+    for name in own_trackers() if names is None else names:
+        for count in counts:
+            times_ms = timed_updates(name, list(seen_traffic(count, frames)))
+            middle, worst = np.percentile(times_ms, [50, 99]).tolist()
+            goal_ms = GOALS_MS.get(count, np.inf)
+            unit = f"ms of {goal_ms:g}" if count in GOALS_MS else "ms"
+            row = SpeedRow(f"tracker {name}, {count} targets", middle, unit)
+            rows += [row, SpeedRow(f"{row.name}, p99", worst, unit)]
+            if middle > goal_ms:
+                late.append(SpeedRow(f"too slow, {count} targets: {name}", middle, unit))
+    return rows + late
+
+
+def own_trackers() -> list[str]:
+    """Return the registered trackers that need no other package."""
+    return [name for name in TRACKERS if TRACKERS.resolve(name).requirement is None]
+
+
+def timed_updates(name: str, episode: Sequence[Seen]) -> np.ndarray:
+    """Run a tracker over an episode, once untimed before; return the ms of each update.
+
+    Raises `ValueError` if it follows nothing, for then there is nothing to time.
+    """
+    tracker = TRACKERS.make(name)
+    for timed in (False, True):
+        tracker.reset()
+        times_ms = []
+        for number, (detections, pose) in enumerate(episode if timed else episode[:LEAD]):
+            start = process_time()
+            tracks = tracker.update(detections, pose)
+            if number >= LEAD:
+                times_ms.append((process_time() - start) * 1e3)
+    if not len(tracks):
+        raise ValueError(f"the tracker '{name}' follows nothing")
+    return np.array(times_ms)

@@ -1,0 +1,104 @@
+import io
+
+import pytest
+from rich.console import Console
+
+from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, heading, left_out
+from roadscope.benchmarks.boards.results import BreakdownError, Results, check_breakdown
+from roadscope.benchmarks.boards.rows import Row
+from roadscope.benchmarks.boards.standing import Standing
+from roadscope.benchmarks.suite import load_suite
+from roadscope.envs.traffic.scenarios import SCENARIOS
+
+PLACES = (
+    Standing("detection", "distance-residual", None, 1, 1, 1),
+    Standing("detection", "oracle", "upper mark"),
+)
+
+
+def row(metric, by, band, value=0.5, entry="distance-residual", samples=10) -> Row:
+    return Row("detection", entry, metric, value, 0.4, 0.6, 3, "1", "higher", by, band, samples)
+
+
+def results(*parts: Row) -> Results:
+    whole = [
+        Row("detection", place.entry, "f1", 0.5, 0.4, 0.6, 3, "1", "higher") for place in PLACES
+    ]
+    return Results({}, tuple(whole), (), parts, PLACES)
+
+
+def printed(found: Results, by: str, width: int = 80) -> str:
+    console = Console(file=io.StringIO(), width=width)
+    for table in breakdown_tables(found, "detection", by, width):
+        console.print(table)
+    return console.file.getvalue()
+
+
+def test_entries_by_bands_with_what_was_to_be_found() -> None:
+    text = printed(
+        results(
+            row("detection_rate", "range", "20-40", 0.25, samples=321),
+            row("detection_rate", "range", "0-20", 0.75, samples=1234),
+            row("precision", "range", "0-20", 0.61),
+            row("precision", "range", "40-60", 1.0),
+            row("detection_rate", "range", "0-20", 1.0, "oracle", samples=1234),
+        ),
+        "range",
+    )
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    assert lines[0] == "detected by range, m"
+    assert lines[1] == "detector 0-20 20-40"
+    assert "distance-residual 0.75 0.25" in lines
+    assert "oracle 1.00 -" in lines
+    assert "to be found 1234 321" in lines
+    assert "40-60" not in text
+    assert "returns" not in text
+    assert "precision by range, m" in lines
+    assert "distance-residual 0.61" in lines
+
+
+def test_what_weather_hides_is_counted() -> None:
+    unseen = Row("detection", "oracle", "unseen_per_frame", 1.25, 1.0, 1.5, 3, "1/frame", "lower",
+                 "weather", "fog", 60)  # fmt: skip
+    text = printed(results(row("detection_rate", "weather", "fog", samples=40), unseen), "weather")
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    assert lines[-2:] == ["to be found 40", "too few returns 75"]
+
+
+def test_there_is_no_precision_by_what_false_alarms_do_not_have() -> None:
+    text = printed(results(row("detection_rate", "category", "car")), "category")
+    assert "detected by category" in text
+    assert "precision" not in text
+
+
+@pytest.mark.parametrize("width", [30, 50, 80, 120])
+def test_bands_that_do_not_fit_are_left_out_whole(width) -> None:
+    found = results(*(row("detection_rate", "scenario", name) for name in SCENARIOS))
+    text = printed(found, "scenario", width)
+    assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+    shown = [word for word in text.splitlines()[-1].split() if word.isdigit()]
+    assert len(shown) + left_out(found, "detection", "scenario", width) == len(SCENARIOS)
+
+
+def test_eight_scenarios_fit_80_columns() -> None:
+    names = load_suite("standard").scenarios
+    found = results(*(row("detection_rate", "scenario", name, samples=12345) for name in names))
+    assert len(names) == 8
+    assert left_out(found, "detection", "scenario", 80) == 0
+
+
+def test_long_headings_are_broken() -> None:
+    assert heading("motorway") == "motor-\nway"
+    assert heading("200+") == "200+"
+    assert heading("my-extraordinary-road") == "my\nextraor-\ndinary\nroad"
+
+
+def test_unknown_breakdowns_are_refused_with_what_there_is() -> None:
+    with pytest.raises(
+        BreakdownError, match=r"no detection breakdown 'rnage' \(did you mean 'range'"
+    ):
+        results().breakdown("rnage")
+    with pytest.raises(BreakdownError, match="no tracking breakdown 'range'; known: weather, scen"):
+        check_breakdown("range", ["tracking"])
+    check_breakdown("range", ["detection", "tracking"])

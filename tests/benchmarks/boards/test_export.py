@@ -1,0 +1,69 @@
+import csv
+import io
+import json
+
+import pytest
+
+from roadscope.benchmarks.boards.export import check_targets, save_all, to_csv, to_markdown
+from roadscope.benchmarks.boards.results import Results
+from roadscope.benchmarks.boards.rows import Row
+from roadscope.benchmarks.boards.standing import Standing
+from roadscope.benchmarks.cache import FolderError
+
+ROWS = (
+    Row("detection", "mine|yours", "f1", 0.5, 0.4, 0.6, 9, "1", "higher"),
+    Row("detection", "mine|yours", "call_p50_ms", None, None, None, 0, "ms", "lower"),
+)
+PARTS = (
+    Row("detection", "mine|yours", "detection_rate", 0.9, 0.8, 1.0, 9, "1", "higher", "range",
+        "0-20", 70),
+    Row("detection", "mine|yours", "precision", 0.7, 0.6, 0.8, 9, "1", "higher", "weather", "fog",
+        90),
+)  # fmt: skip
+PLACES = (
+    Standing("detection", "mine|yours", None, 1, 1, 3),
+    Standing("detection", "all", "lower mark"),
+)
+RESULTS = Results({"suite": "tiny"}, ROWS, (), PARTS, PLACES)
+
+
+def test_csv_has_a_line_for_each_row() -> None:
+    lines = list(csv.DictReader(io.StringIO(to_csv(RESULTS))))
+    assert [line["metric"] for line in lines] == [row.metric for row in (*ROWS, *PARTS)]
+    assert [line["by"] for line in lines] == ["", "", "range", "weather"]
+    assert lines[2]["band"] == "0-20"
+    assert lines[2]["samples"] == "70"
+    assert float(lines[0]["value"]) == 0.5
+    assert lines[1]["value"] == ""
+
+
+def test_markdown_has_a_row_for_each_entry() -> None:
+    text = to_markdown(RESULTS)
+    assert "| 1 [1, 3] | mine\\|yours | 0.50 [.40, .60] |" in text
+    tables = [block for block in text.split("\n\n") if block.startswith("|")]
+    assert len(tables) == 3
+    for table in tables:
+        widths = {line.replace("\\|", "").count("|") for line in table.splitlines()}
+        assert len(widths) == 1
+
+
+def test_markdown_has_what_is_broken_down() -> None:
+    text = to_markdown(RESULTS)
+    assert "### detected by range, m\n\n| entry | 0-20 |" in text
+    assert (
+        "### precision by weather\n\n| entry | fog |\n| --- | --- |\n| mine\\|yours | 0.70 |"
+        in text
+    )
+
+
+def test_all_files_are_written(tmp_path) -> None:
+    paths = save_all(RESULTS, tmp_path)
+    assert [path.suffix for path in paths] == [".json", ".csv", ".md"]
+    assert json.loads(paths[0].read_text())["rows"][1]["value"] is None
+
+
+def test_a_folder_in_the_way_is_named(tmp_path) -> None:
+    check_targets(tmp_path)
+    (tmp_path / "leaderboard.csv").mkdir()
+    with pytest.raises(FolderError, match=r"leaderboard\.csv: it is a folder"):
+        check_targets(tmp_path)

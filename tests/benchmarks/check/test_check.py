@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from roadscope.__main__ import app
+from roadscope.benchmarks.check import detectors, plugin, trackers
+from roadscope.benchmarks.check.items import Item, PromiseError
+from roadscope.benchmarks.check.plugin import LOADED, QUIET, check_plugin, load, looked_at
+from roadscope.core.registry import SpecError
+
+HERE = Path(__file__).parent
+TRACKERS, DETECTORS = HERE / "bad_trackers.py", HERE.parent / "plugins.py"
+SLOW = "follows two seconds of traffic"
+
+
+def item(spec: str, promise: str) -> Item:
+    plugin, promises = load(spec)
+    return looked_at(next(p for p in promises if p.words == promise), plugin)
+
+
+@pytest.mark.parametrize("promise", [p.words for p in trackers.PROMISES if p.words != SLOW])
+@pytest.mark.parametrize("name", [f"{TRACKERS}:Good", "nearest", "gnn"])
+def test_good_trackers_keep_every_promise(name: str, promise: str) -> None:
+    found = item(name, promise)
+    assert found.good, found.words
+
+
+@pytest.mark.parametrize(
+    ("name", "promise", "words"),
+    [
+        ("NeedsArguments", "made by its name alone", "argument 'gate_m' has no default; give it"),
+        ("Positional", "made by its name alone", "def __init__(self, *, gate_m=2.0)"),
+        ("RaisesWhenMade", "made by its name alone", "OSError: no weights (bad_trackers.py:"),
+        ("WithoutReset", "has reset and update", "no method reset; the contract has def reset"),
+        ("WithoutPose", "has reset and update", "update cannot be called as the contract does"),
+        ("WrongType", "answers with tracks of the same moment", "returned Detections, not"),
+        ("ReturnsNan", "answers with tracks of the same moment", "Tracks.centres: must be finite"),
+        ("WrongStamp", "answers with tracks of the same moment", "return the stamp of the det"),
+        ("WorldWithoutPose", "answers with tracks of the same moment", "possible: ego"),
+        ("Raises", "answers with tracks of the same moment", "KeyError: 'what is this' (bad_t"),
+        ("Invents", "takes frames without detections", "no detections, yet there are tracks"),
+        ("ReusesIds", "never uses an id again", "id 0 came back"),
+        ("ChangesIds", "keeps the id of what it follows", "had the ids [0, 1, 2"),
+        ("DependsOnOrder", "the order of detections is irrelevant", "in another order the "),
+        ("MutatesInput", "leaves its input alone", "changed the detections"),
+        ("Random", "the same input gives the same tracks", "gives other tracks the second time"),
+        ("Remembers", "reset forgets everything", "after another episode there are"),
+        ("IgnoresThePose", "follows what stands while the ego moves", "ego_pose is world_from_e"),
+        ("FollowsNothing", "keeps the id of what it follows", "never followed within 1 m"),
+        ("FollowsNothing", SLOW, "nothing is followed"),
+    ],
+)
+def test_what_is_wrong_with_a_tracker_is_said(name: str, promise: str, words: str) -> None:
+    found = item(f"{TRACKERS}:{name}", promise)
+    assert found.good is False
+    assert words in found.words
+
+
+def test_two_seconds_of_traffic_are_scored() -> None:
+    found = item(f"{TRACKERS}:Good", SLOW)
+    assert found.good
+    assert found.words.startswith("HOTA 1.00 on perfect detections of a motorway, ")
+
+
+@pytest.mark.parametrize(
+    ("name", "promise", "words"),
+    [
+        ("Raises", "answers with detections of a frame it saw", "KeyError: 'what\\nis this' (pl"),
+        ("ReturnsNonsense", "answers with detections of a frame it saw", "returned list, not"),
+        ("ReturnsNan", "answers with detections of a frame it saw", "must be finite"),
+        ("Late", "answers with detections of a frame it saw", "return the stamp of the frame"),
+        ("Scribbles", "leaves its input alone", "changed the frame it was given"),
+        ("WithoutReset", "has reset and detect", "no method reset"),
+        ("Prints", "detects two seconds of traffic", "nothing is detected"),
+    ],
+)
+def test_what_is_wrong_with_a_detector_is_said(name: str, promise: str, words: str) -> None:
+    found = item(f"{DETECTORS}:{name}", promise)
+    assert found.good is False
+    assert words in found.words
+
+
+@pytest.mark.parametrize("promise", [p.words for p in detectors.PROMISES])
+def test_a_good_detector_keeps_every_promise(promise: str) -> None:
+    found = item("distance", promise)
+    assert found.good, found.words
+
+
+def test_kinds_are_told_apart() -> None:
+    assert load("gnn")[1] is trackers.PROMISES
+    assert load(f"{DETECTORS}:Late")[1] is detectors.PROMISES
+    with pytest.raises(PromiseError, match="neither a method update"):
+        load(f"{TRACKERS}:Neither")
+    with pytest.raises(SpecError, match="no tracker or detector 'best'; name your own"):
+        load("best")
+    with pytest.raises(SpecError, match="no class 'Best' in"):
+        load(f"{TRACKERS}:Best")
+
+
+def test_all_of_it_in_a_process_of_its_own() -> None:
+    told: list[Item] = []
+    items = check_plugin(f"{TRACKERS}:Prints", told=told.append)
+    assert told == items
+    assert [i.promise for i in items] == [
+        LOADED,
+        *(p.words for p in trackers.PROMISES),
+        QUIET,
+    ]
+    assert [i.promise for i in items if not i.good] == [QUIET]
+    assert "it prints 'hello from a tracker'" in items[-1].words
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("Hangs", "no answer within 2 s: it hangs"),
+        ("Ends", "ended the whole program, exit code 7"),
+    ],
+)
+def test_what_hangs_or_ends_the_program_is_told(name: str, words: str) -> None:
+    items = check_plugin(f"{TRACKERS}:{name}", deadline_s=2.0)
+    assert [i.good for i in items] == [True, True, True, False]
+    assert items[-1] == Item("answers with tracks of the same moment", False, words)
+
+
+def test_what_cannot_be_loaded_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[object] = []
+    pipe = type("Pipe", (), {"send": staticmethod(sent.append)})
+    plugin._look_at("no_such_file.py:Mine", pipe)  # type: ignore[arg-type]
+    assert sent == [Item(LOADED, False, "no file no_such_file.py"), None]
+
+
+def test_the_command_says_what_is_wrong_and_fails() -> None:
+    done = CliRunner().invoke(app, ["check", f"{TRACKERS}:WithoutReset"])
+    assert done.exit_code == 1
+    ok, _, wrong, quiet, verdict = done.output.splitlines()
+    assert ok == "ok     can be loaded: a tracker"
+    assert wrong.startswith("WRONG  has reset and update: there is no method reset")
+    assert quiet == "ok     prints nothing"
+    assert verdict.endswith("WithoutReset: 1 item wrong")

@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.fit.tracker_samples import Samples
+from roadscope.benchmarks.fit.trackers import calibrated, source, spread
+from roadscope.trackers.learned import learned
+
+
+def samples(n=4000, seed=0):
+    rng = np.random.default_rng(seed)
+    ranges = rng.uniform(5, 60, n)
+    errors = rng.standard_normal((n, 4)) * (0.1, 0.05, 0.04, 0.02) * (1 + 0.03 * ranges)[:, None]
+    odds = rng.uniform(-4, 9, n)
+    right = rng.random(n) < 1 / (1 + np.exp(2 - 0.7 * odds))
+    changes = rng.standard_normal((n, 4)) * (2.0, 1.5, 0.1, 0.2)
+    return Samples(errors, ranges, odds, right, changes, np.ones(n), rng.uniform(0, 15, n))
+
+
+def test_growth_and_spread_are_found_again():
+    given = samples()
+    growth, sigmas = spread(given.errors, given.ranges_m)
+    assert growth == pytest.approx(0.03, abs=0.004)
+    assert sigmas == pytest.approx([0.1, 0.05, 0.04, 0.02], rel=0.1)
+
+
+def test_calibration_is_found_again():
+    given = samples()
+    assert calibrated(given.log_odds, given.right) == pytest.approx((0.7, -2.0), abs=0.15)
+
+
+def test_a_file_says_what_was_learned(tmp_path):
+    few = samples(10)
+    path = tmp_path / "mine.toml"
+    text = source({"car": samples(), "cyclist": few, "pedestrian": few}, "numbers of a test")
+    path.write_text(text)
+    traits = learned(str(path))
+    assert traits.along_m[0] == pytest.approx(0.1, rel=0.1)
+    assert traits.accelerate_m_s2[0] == pytest.approx(2.0, rel=0.05)
+    assert traits.score_slope[6] == traits.score_slope[0], "too few samples: as the most"
+    assert 'origin = "numbers of a test"' in text

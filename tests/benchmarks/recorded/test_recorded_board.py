@@ -1,0 +1,242 @@
+"""The board of recorded sequences, from the folder to the table."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+from toy_kitti import write_kitti
+from typer.testing import CliRunner
+
+from roadscope.__main__ import app
+from roadscope.benchmarks.boards.rank_agreement import spearman
+from roadscope.benchmarks.boards.recorded_agreement import agreements, simulated_figures
+from roadscope.benchmarks.boards.results import gather
+from roadscope.benchmarks.boards.tables import agreement_lines, board_table, conditions
+from roadscope.benchmarks.formats import FormatError, read_sequence
+from roadscope.benchmarks.jobs import job as job_module
+from roadscope.benchmarks.jobs.job import execute
+from roadscope.benchmarks.jobs.plan import check, plan, tracking_jobs
+from roadscope.benchmarks.jobs.store import Outcome
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.recorded.recording import OFFLINE
+from roadscope.benchmarks.recorded.suite import kitti_suite
+from roadscope.benchmarks.runner import run
+from roadscope.benchmarks.speed.trackers import own_trackers
+from roadscope.benchmarks.suite import load_suite
+from roadscope.core import SpecError
+from roadscope.core.registry import split_spec
+from roadscope.trackers import TRACKERS as REGISTRY
+from roadscope.trackers.nearest import NearestTracker
+
+TRACKERS = ["nearest", "nearest-q", "nearest-q-confirmed"]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_kitti(tmp_path / "kitti")
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = write_kitti(tmp_path_factory.mktemp("kitti"))
+    out = tmp_path_factory.mktemp("out")
+    found = run("quick", TRACKERS, boards=["tracking"], only=True, kitti=folder, out_dir=out)
+    return found, out, folder
+
+
+def test_each_class_that_is_labelled_has_a_board(results):
+    found, out, _ = results
+    assert found.boards() == ["kitti car", "kitti pedestrian"]
+    assert not found.failures
+    for board in found.boards():
+        assert set(found.entries(board)) == set(TRACKERS)
+        for entry in TRACKERS:
+            row = found.row(board, entry, "hota")
+            assert row.n == 2
+            assert 0.5 < row.value < 1
+            assert row.low < row.value < row.high
+            assert found.row(board, entry, OFFLINE).value == 0
+    assert {r.band for r in found.breakdown("sequence", "kitti car")} == {"0000", "0001"}
+    assert len({r.band for r in found.breakdown("alpha", "kitti car")}) == 19
+    content = json.loads((out / "leaderboard.json").read_text())
+    assert content["agreements"] == []
+    assert "## kitti car" in (out / "leaderboard.md").read_text()
+
+
+def test_the_table_says_that_figures_are_online(results):
+    console = Console(width=160, record=True)
+    console.print(board_table(results[0], "kitti car", 160))
+    text = console.export_text()
+    assert text.count("online") == 3
+    assert "HOTA" in text
+
+
+def test_what_was_done_is_not_done_again(results):
+    _, out, folder = results
+    stages = []
+    again = run(
+        "quick", TRACKERS, boards=["tracking"], only=True, kitti=folder, out_dir=out,
+        progress=lambda stage, done, of: stages.append(stage),
+    )  # fmt: skip
+    assert stages == []
+    assert again.rows == results[0].rows
+
+
+def test_files_decide_the_key_and_their_place_does_not(folder, tmp_path):
+    def keys(where):
+        return [job.key for job in plan(kitti_suite(where), (), ("tracking",)).tracking]
+
+    before = keys(folder)
+    moved = folder.rename(tmp_path / "elsewhere")
+    assert keys(moved) == before
+    path = moved / "label_02" / "0001.txt"
+    path.write_text(path.read_text().replace("Van", "Car"))
+    changed = keys(moved)
+    same = [a == b for a, b in zip(before, changed, strict=True)]
+    assert any(same)
+    assert not all(same)
+
+
+def test_an_offline_tracker_is_called_so(folder, tmp_path):
+    plugin = tmp_path / "late.py"
+    plugin.write_text(
+        "from roadscope.trackers.nearest import NearestTracker\n"
+        "class Late(NearestTracker):\n    offline = True\n"
+    )
+    entries = ["nearest", f"{plugin}:Late", "existence-offline"]
+    jobs = plan(kitti_suite(folder), entries, ("tracking",), only=True).tracking
+    of_one = [job for job in jobs if job.episode == jobs[0].episode]
+    outcomes = {job.key: execute(job) for job in of_one}
+    found = gather(of_one, outcomes, {})
+    assert not found.failures
+    assert [found.row("kitti car", entry, OFFLINE).value for entry in entries] == [0, 1, 1]
+    console = Console(width=160, record=True)
+    console.print(board_table(found, "kitti car", 160))
+    assert console.export_text().count("(offline)") == 1
+
+
+def test_on_simulated_traffic_too_an_offline_tracker_is_marked(monkeypatch):
+    """The table has no column for it there."""
+    jobs = tracking_jobs(load_suite("quick"), ["nearest", "existence-offline"])
+    scores = {"hota": Score(0.5, "1", "higher", 9)}
+    monkeypatch.setattr(job_module, "detections_of", lambda *_: None)
+    monkeypatch.setattr(job_module, "track", lambda *_: ([], np.zeros(0)))
+    monkeypatch.setattr(job_module, "tracking_scores", lambda *_: scores)
+    marks = {job.tracker: execute(job).scores.get(OFFLINE) for job in jobs}
+    assert marks["nearest"] is None
+    assert marks["existence-offline"].value == 1
+
+
+def test_the_suite_has_the_offline_tracker_beside_the_online_one(folder):
+    entries = kitti_suite(folder).trackers
+    assert set(own_trackers()) <= {split_spec(entry)[0] for entry in entries}
+    assert "learned on KITTI's training sequences" in conditions(kitti_suite(folder))
+    jobs = plan(kitti_suite(folder), (), ("tracking",)).tracking
+    assert {job.tracker for job in jobs} == set(entries)
+    for spec in entries:
+        check(REGISTRY, spec)
+
+
+def test_trackers_get_the_detections_of_the_file_bit_for_bit(folder, monkeypatch):
+    seen, update = [], NearestTracker.update
+
+    def watched(self, detections, ego_pose=None):
+        seen.append(detections)
+        return update(self, detections, ego_pose)
+
+    monkeypatch.setattr(NearestTracker, "update", watched)
+    job = plan(kitti_suite(folder), ["nearest"], ("tracking",), only=True).tracking[0]
+    assert execute(job).reason is None
+    assert tuple(seen) == read_sequence(folder, "0000").detections
+
+
+def test_two_detectors_are_told_apart(folder):
+    for name in ("Car", "Pedestrian"):
+        (folder / "det_a" / name).mkdir(parents=True)
+    (folder / "det_a" / "Car" / "0001.txt").write_text("")
+    suite = kitti_suite(folder)
+    entries = {job.entry for job in plan(suite, ["nearest"], ("tracking",), only=True).tracking}
+    assert entries == {"nearest", "nearest on toy"}
+    assert "2 of 2 labelled sequences" in conditions(suite)
+
+
+def test_wrong_folders_and_boards_are_refused(folder, tmp_path):
+    with pytest.raises(FormatError, match="no such folder"):
+        run(kitti=tmp_path / "nowhere")
+    with pytest.raises(SpecError, match="it is for trackers only"):
+        plan(kitti_suite(folder), (), ("detection",))
+    with pytest.raises(SpecError, match="'pag' is a detector; it belongs on the detection board"):
+        plan(kitti_suite(folder), ["pag"], ("tracking",))
+    for path in folder.glob("det_toy/*/*.txt"):
+        path.unlink()
+    with pytest.raises(FormatError, match=r"expected det_NAME/Car/SEQ.txt for a sequence"):
+        kitti_suite(folder)
+    (folder / "det_toy").rename(folder / "found")
+    with pytest.raises(FormatError, match="got no det_NAME"):
+        kitti_suite(folder)
+
+
+def test_malformed_files_are_refused_before_anything_runs(folder, tmp_path):
+    path = folder / "label_02" / "0001.txt"
+    path.write_text(path.read_text() + "29 9 Lorry 0 0\n")
+    with pytest.raises(FormatError, match=r"0001.txt, line \d+: expected 17 columns"):
+        run("quick", ["nearest"], boards=["tracking"], only=True, kitti=folder, out_dir=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--suite", "kitti"], "name its folder with --kitti DIR"),
+        (["--suite", "standard", "--kitti", "."], "leave --suite standard out"),
+        (["--kitti", "nowhere"], "no such folder"),
+        (["--kitti", "."], r"expected label_02/SEQ.txt"),
+    ],
+)
+def test_the_command_line_says_what_is_wrong(options, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    caught = CliRunner().invoke(app, ["leaderboard", "tracking", *options]).exception
+    assert isinstance(caught, ValueError)
+    assert said in str(caught)
+
+
+def test_ranks_are_compared_with_suites_that_were_run(results):
+    """Outcomes of simulated traffic as if a run had left them in the store."""
+    found, _, folder = results
+    recorded = plan(kitti_suite(folder), TRACKERS, ("tracking",), only=True).tracking
+    figures = dict(zip(TRACKERS, (0.1, 0.2, 0.3), strict=True))
+    simulated = {job.key: job.entry for job in tracking_jobs(load_suite("quick"), TRACKERS)}
+
+    def outcomes(keys):
+        return {
+            k: Outcome({"hota": Score(figures[simulated[k]], "1", "higher", 9)})
+            for k in keys
+            if k in simulated
+        }
+
+    matches = agreements(found, recorded, outcomes)
+    assert [(m.board, m.suite) for m in matches] == [
+        ("kitti car", "quick v3"), ("kitti pedestrian", "quick v3"),
+    ]  # fmt: skip
+    assert matches[0].entries == tuple(TRACKERS)
+    ours = [found.row("kitti car", entry, "hota").value for entry in TRACKERS]
+    assert matches[0].rho == pytest.approx(spearman(list(figures.values()), ours))
+    shown = agreement_lines(replace(found, agreements=matches), "kitti car")
+    assert shown == [f"Ranks agree with those of suite quick v3 by {matches[0].rho:.2f} "
+                     "(Spearman, 3 trackers; 1 is the same order)."]  # fmt: skip
+
+
+def test_only_trackers_that_came_through_a_suite_are_compared(results):
+    _, _, folder = results
+    suite = load_suite("quick")
+    score = execute(plan(kitti_suite(folder), ["nearest"], ("tracking",), only=True).tracking[0])
+    some = {"hota": score.scores["hota"]}
+
+    def outcomes(keys):
+        keys = list(keys)
+        # The last job is one of the last tracker.
+        return {key: Outcome(some) for key in keys[:-1]} | {keys[-1]: Outcome({}, "it failed")}
+
+    assert set(simulated_figures(suite, TRACKERS, outcomes)) == {*TRACKERS[:2]}
+    assert simulated_figures(suite, TRACKERS, lambda keys: {}) == {}

@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.speed import metrics
+from roadscope.benchmarks.speed.measure import measure_speed
+from roadscope.benchmarks.speed.metrics import made_sequence, measure_metrics
+
+SMALL = {"frames": 6, "objects": 4, "set_frames": 3}
+
+
+def test_ours_beside_theirs_on_the_same_sequence() -> None:
+    rows = {row.name: row for row in measure_metrics(1, **SMALL)}
+    for name in ("HOTA", "CLEAR", "identity", "AMOTA", "TrackEval's HOTA, CLEAR and identity"):
+        assert rows[f"{name}, 6 frames, 4 objects"].value > 0
+    assert rows["Stone Soup's GOSPA, 4 objects"].unit == "ms a frame"
+    for name in ("HOTA, CLEAR and identity", "the same with the record"):
+        assert rows[f"{name} over TrackEval's"].value > 0
+    assert rows["GOSPA over Stone Soup's"].value > 0
+    assert rows["largest difference to TrackEval's HOTA, MOTA, IDF1"].value < 1e-9
+    assert rows["largest difference to Stone Soup's GOSPA"].value < 1e-9
+
+
+def test_alone_without_the_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(metrics, "import_trackeval", lambda: None)
+    monkeypatch.setattr(metrics, "import_stone_soup", lambda: None)
+    names = [row.name for row in measure_metrics(1, **SMALL)]
+    assert "GOSPA, 4 objects" in names
+    assert not any("TrackEval" in name or "Stone Soup" in name for name in names)
+
+
+def test_the_sequence_is_the_same_each_time_and_holds_what_goes_wrong() -> None:
+    one, other = made_sequence(60), made_sequence(60)
+    assert all(map(np.array_equal, one.tracks, other.tracks))
+    assert len({tuple(np.sort(ids)) for ids in one.track_ids}) > 10
+    assert len(one.truths[0]) == 30
+
+
+def test_a_part_of_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    monkeypatch.setattr("roadscope.benchmarks.speed.measure.measure_metrics", lambda repeats: [])
+    rows = measure_speed(parts=["metrics"], progress=lambda name, *_: told.append(name))
+    assert rows == []
+    assert told == ["tracking metrics"]
