@@ -15,6 +15,9 @@ NEARER_M = 0.6
 """What lies this much nearer than an end hides what is beyond it; three standard deviations of
 the LUX's range noise to either side."""
 
+_Around = tuple[np.ndarray, np.ndarray, float, tuple[float, float]]
+"""Azimuths, ranges and step of a horizon, and its view; infinite for a full turn."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Horizon:
@@ -55,13 +58,20 @@ class Horizon:
 
         It could where the field of view ends and where something nearer stands.
         """
-        x, y = point - self.origin
-        azimuth, reach = np.arctan2(y, x), np.hypot(x, y)
-        if self.view is not None:
-            left = wrap_angle(self.view[(side + 1) // 2] - azimuth) * side
-            if abs(left) < 1.5 * self.step:
-                return True
-        return _nearer_beside(self.azimuths, self.ranges, self.step, side, (azimuth, reach))
+        return bool(_hides(point, side, self.origin, self._around))
+
+    def hides(self, outline: np.ndarray) -> tuple[bool, bool]:
+        """Return `hides_beyond` to the right of the first and to the left of the last point.
+
+        outline: (M, 2) metres, M at least 1.
+        """
+        right, left = _hides_ends(outline, self.origin, self._around)
+        return bool(right), bool(left)
+
+    @property
+    def _around(self) -> _Around:
+        view = (-np.inf, np.inf) if self.view is None else self.view
+        return self.azimuths, self.ranges, self.step, view
 
 
 def _sweep(cloud: Cloud, view: tuple[float, float]) -> tuple[float, bool]:
@@ -86,6 +96,25 @@ def _step(azimuths: np.ndarray, columns: np.ndarray) -> float:
     """Radians from column to column, from one return of each column in order."""
     turns = np.abs(wrap_angle(np.diff(azimuths)))
     return float(np.median(turns / np.diff(columns))) if len(turns) else 0.0
+
+
+@compiled()
+def _hides_ends(outline: np.ndarray, origin: np.ndarray, around: _Around) -> tuple[bool, bool]:
+    return _hides(outline[0], -1, origin, around), _hides(outline[-1], 1, origin, around)
+
+
+@compiled()
+def _hides(point: np.ndarray, side: int, origin: np.ndarray, around: _Around) -> bool:
+    """Whether a surface could go on unseen beyond a (2,) point on one side."""
+    azimuths, ranges, step, view = around
+    x, y = point[0] - origin[0], point[1] - origin[1]
+    azimuth, reach = np.arctan2(y, x), np.hypot(x, y)
+    end = view[(side + 1) // 2]
+    if np.isfinite(end):
+        left = (end - azimuth + np.pi) % (2 * np.pi) - np.pi
+        if abs(left) < 1.5 * step:
+            return True
+    return _nearer_beside(azimuths, ranges, step, side, (azimuth, reach))
 
 
 @compiled()

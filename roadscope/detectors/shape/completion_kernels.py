@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.detectors.shape.bodies import LONGEST_M, WIDEST_M
 
 FACE_M = 0.4
 """How deep a face is taken to be: range noise, and corners of 0.35 m."""
@@ -26,19 +28,100 @@ CLIPPED_M = 2.2
 """From here up the highest return tells a least height only: above, returns are dropped."""
 
 
+class Seen(NamedTuple):
+    """What a cluster shows; the fields are a `Cluster`'s.
+
+    outline: (M, 2). points: (N, 3). ring: (N,). origin: (2,).
+    """
+
+    outline: np.ndarray
+    points: np.ndarray
+    ring: np.ndarray
+    origin: np.ndarray
+
+
+@compiled()
+def diagonal(points: np.ndarray) -> float:
+    """Diagonal of the upright box seen from above around points (N, 2 or 3), N at least 1."""
+    x, y = points[0, 0], points[0, 1]
+    left, right, low, high = x, x, y, y
+    for i in range(1, len(points)):
+        x, y = points[i, 0], points[i, 1]
+        left, right, low, high = min(left, x), max(right, x), min(low, y), max(high, y)
+    return np.hypot(right - left, high - low)
+
+
+@compiled()
+def whole_bodies(
+    seen: Seen, yaws: np.ndarray, around: tuple[tuple[bool, bool], float], bodies: np.ndarray
+) -> np.ndarray:
+    """Return (Y, 9) what completes a cluster for each of (Y,) headings.
+
+    Row of the body, negative where it is too large for any; x and y of its centre; length, width,
+    height; yaw in [-pi/2, pi/2]; root mean square distance of the outline from the faces; log
+    likelihood. around: whether a body may go on beyond the right and the left end of the
+    outline, and radians from column to column. bodies: (K, 7), `body_table`.
+    """
+    hidden, step = around
+    out, tall = np.zeros((len(yaws), 9)), heights(seen.points, seen.ring)
+    for k in range(len(yaws)):
+        yaw, row = yaws[k], out[k]
+        sides, is_open, residual = seen_sides(seen, yaw, hidden)
+        first, second = sides[0, 1] - sides[0, 0], sides[1, 1] - sides[1, 0]
+        faces = sides[0, 2] != 0.0 or sides[1, 2] != 0.0
+        if not faces or min(first, second) > WIDEST_M or max(first, second) > LONGEST_M:
+            row[0] = -1.0
+            continue
+        body, axis, fit, extents = whole_body(sides, is_open, step, tall, bodies)
+        u = centre_along(sides[0], is_open[0], extents[0])
+        v = centre_along(sides[1], is_open[1], extents[1])
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        row[0], row[1], row[2] = body, u * cos - v * sin, u * sin + v * cos
+        row[3], row[4] = extents[axis], extents[1 - axis]
+        row[5] = _height(bodies[body, 5], bodies[body, 6], tall)
+        row[6] = np.arctan(np.tan(yaw + axis * 0.5 * np.pi))
+        row[7], row[8] = residual, fit
+    return out
+
+
+@compiled()
+def heights(points: np.ndarray, ring: np.ndarray) -> tuple[float, float]:
+    """Highest return, and how far above it the body may end; -1 where that is not known."""
+    top, bottom = points[0, 2], points[0, 2]
+    met = np.zeros(ring.max() + 1, np.bool_)
+    for i in range(len(points)):
+        top, bottom = max(top, points[i, 2]), min(bottom, points[i, 2])
+        met[ring[i]] = True
+    levels = met.sum()
+    if levels < LEVELS or top > CLIPPED_M:
+        return top, -1.0
+    return top, (top - bottom) / (levels - 1)
+
+
+@compiled()
+def _height(usual: float, spread: float, tall: tuple[float, float]) -> float:
+    """Height of a body in metres: the usual one, drawn to where its returns end if that is told."""
+    top, gap = tall
+    if gap < 0.0:
+        return max(usual, top)
+    doubt = SLACK_M * SLACK_M + gap * gap / 12.0
+    drawn = (usual * doubt + (top + 0.5 * gap) * spread * spread) / (doubt + spread * spread)
+    return max(drawn, top)
+
+
 @compiled()
 def seen_sides(
-    outline: np.ndarray, points: np.ndarray, yaw: float, origin: np.ndarray, hidden: np.ndarray
+    seen: Seen, yaw: float, hidden: tuple[bool, bool]
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Look at a body along the two axes of its heading.
 
-    outline: (M, 2), in order of azimuth from right to left; points: (N, 3); hidden: (2,) bool,
-    whether the body may go on beyond the right and the left end of the outline.
+    hidden: whether the body may go on beyond the right and the left end of the outline.
     Returns sides (2, 5): lowest and highest seen, which side faces the sensor (-1, 1, or 0 when
     it stands in between), place of that face, place of the sensor; open (2, 2) bool: whether the
     body may go on below and above; and the root mean square distance of the outline from the
     faces, metres.
     """
+    outline, points, origin = seen.outline, seen.points, seen.origin
     sides, is_open = np.zeros((2, 5)), np.zeros((2, 2), np.bool_)
     for k in range(2):
         x, y = (np.cos(yaw), np.sin(yaw)) if k == 0 else (-np.sin(yaw), np.cos(yaw))
@@ -90,30 +173,34 @@ def _face(outline: np.ndarray, x: float, y: float, facing: float) -> float:
 
 @compiled()
 def whole_body(
-    sides: np.ndarray, is_open: np.ndarray, step: float, heights: np.ndarray, bodies: np.ndarray
+    sides: np.ndarray,
+    is_open: np.ndarray,
+    step: float,
+    tall: tuple[float, float],
+    bodies: np.ndarray,
 ) -> tuple[int, int, float, np.ndarray]:
     """Choose the kind of body and which axis is its length; complete both extents.
 
-    heights: (2,) highest return and how far above it the body may end; a negative second: any
-    height above. bodies: (K, 7), `body_table`.
+    tall: highest return and how far above it the body may end; a negative second: any height
+    above. bodies: (K, 7), `body_table`.
     Returns row of the body, axis of its length, log likelihood and (2,) extents along the axes.
     """
     best, row, axis = -np.inf, -1, 0
     for b in range(len(bodies)):
-        tall = _height_fits(heights, bodies[b, 5], bodies[b, 6])
+        high = _height_fits(tall, bodies[b, 5], bodies[b, 6])
         for length_axis in range(2):
-            total = bodies[b, 0] + tall
+            total = bodies[b, 0] + high
             for k in range(2):
                 column = 1 if k == length_axis else 3
-                mean, spread = bodies[b, column], bodies[b, column + 1]
-                total += _side_fits(k, sides, is_open, step, mean, spread)[0]
+                size = bodies[b, column], bodies[b, column + 1]
+                total += _side_fits(k, sides, is_open, step, size)[0]
             if total > best:
                 best, row, axis = total, b, length_axis
     extents = np.empty(2)
     for k in range(2):
         column = 1 if k == axis else 3
-        mean, spread = bodies[row, column], bodies[row, column + 1]
-        extents[k] = _side_fits(k, sides, is_open, step, mean, spread)[1]
+        size = bodies[row, column], bodies[row, column + 1]
+        extents[k] = _side_fits(k, sides, is_open, step, size)[1]
     return row, axis, best, extents
 
 
@@ -133,12 +220,14 @@ def centre_along(side: np.ndarray, is_open: np.ndarray, extent: float) -> float:
 
 @compiled()
 def _side_fits(
-    k: int, sides: np.ndarray, is_open: np.ndarray, step: float, mean: float, spread: float
+    k: int, sides: np.ndarray, is_open: np.ndarray, step: float, size: tuple[float, float]
 ) -> tuple[float, float]:
     """Log likelihood of what is seen along axis k for a known extent, and the expected extent.
 
-    What is seen is either the whole, less up to a spacing of returns, or any part of it.
+    What is seen is either the whole, less up to a spacing of returns, or any part of it. size:
+    mean and standard deviation of the extent, metres.
     """
+    mean, spread = size
     low, high, facing, face, sensor = sides[k]
     other = sides[1 - k]
     across = abs(other[3] - other[4]) if other[2] != 0.0 else 0.0
@@ -178,9 +267,9 @@ def _side_fits(
 
 
 @compiled()
-def _height_fits(heights: np.ndarray, mean: float, spread: float) -> float:
+def _height_fits(tall: tuple[float, float], mean: float, spread: float) -> float:
     """Log likelihood of the highest return on a body of a known height."""
-    top, gap = heights
+    top, gap = tall
     slack = np.sqrt(spread * spread + SLACK_M * SLACK_M)
     fits: float = 0.0
     if gap < 0.0:

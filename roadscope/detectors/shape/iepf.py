@@ -6,13 +6,19 @@ import numpy as np
 
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.recognition import Vehicle, recognise
+from roadscope.detectors.shape.completion_kernels import diagonal
+from roadscope.detectors.shape.line_kernels import split_ends
+from roadscope.detectors.shape.recognition import HALF_FACE_M, MIN_POINTS, Vehicle, recognise
 from roadscope.detectors.shape.segment import Segment
 
 
 def vehicles_by_lines(cluster: Cluster, horizon: Horizon, *, split_m: float = 0.3) -> list[Vehicle]:
     """Return the vehicles whose faces are the lines of a cluster's outline (Lu 2018, 2.2)."""
-    return recognise(fit_iepf(cluster.outline, split_m=split_m), horizon)
+    outline = cluster.outline
+    # No part of it is larger: most clusters, drops of fog say, need no lines.
+    if len(outline) < MIN_POINTS or diagonal(outline) < HALF_FACE_M:
+        return []
+    return recognise(outline, split_ends(outline, split_m), horizon)
 
 
 def fit_iepf(points: np.ndarray, *, split_m: float = 0.3) -> list[Segment]:
@@ -20,30 +26,9 @@ def fit_iepf(points: np.ndarray, *, split_m: float = 0.3) -> list[Segment]:
 
     The line through the first and the last point represents all points when none lies farther
     from it than `split_m`; otherwise it is split at the farthest, which both parts then share.
-    0.3 m is three times the range noise of the LUX, so that noise alone splits nothing.
+    0.3 m is three times the range noise of the LUX, so that noise alone splits nothing. Eq. 3-4
+    write the line as kx - y + b = 0, which has no vertical lines; the cross product gives the
+    same distance for every direction.
     """
-    pending, segments = [(0, len(points) - 1)] if len(points) else [], []
-    while pending:
-        first, last = pending.pop()
-        between = points[first + 1 : last]
-        distances = line_distances(between, points[first], points[last])
-        if not len(between) or distances.max() <= split_m:
-            segments.append(Segment(points[first : last + 1]))
-            continue
-        split = first + 1 + int(distances.argmax())
-        pending += [(split, last), (first, split)]
-    return segments
-
-
-def line_distances(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Distances of (N, 2) points from the line through two points, (N,) metres.
-
-    Eq. 3-4 write the line as kx - y + b = 0, which has no vertical lines; the cross product
-    gives the same distance for every direction. Two equal end points have no line, there it is
-    the distance from the point.
-    """
-    (dx, dy), (x, y) = end - start, (points - start).T
-    length = np.hypot(dx, dy)
-    if length == 0:
-        return np.asarray(np.hypot(x, y))
-    return np.asarray(np.abs(dx * y - dy * x) / length)
+    ends = split_ends(np.asarray(points, np.float64), split_m).tolist()
+    return [Segment(points[first : last + 1]) for first, last in ends]

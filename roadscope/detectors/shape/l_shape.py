@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion import complete
+from roadscope.detectors.shape.completion import completions
 from roadscope.detectors.shape.heading_kernels import (
     AREA,
     CLOSENESS,
@@ -44,11 +44,11 @@ def vehicles_by_l_shape(
 
 def _vehicle(cluster: Cluster, horizon: Horizon, *, criterion: int) -> Vehicle | None:
     outline = _thinned(cluster.outline)
-    searched = searched_heading(outline, criterion, NEAR_M)
-    candidates = [complete(cluster, searched, horizon)]
+    yaws = [searched_heading(outline, criterion, NEAR_M)]
     if len(outline) > 1:
-        candidates.append(complete(cluster, line_heading(outline), horizon))
-    return min((v for v in candidates if v is not None), key=_misfit, default=None)
+        yaws.append(line_heading(outline))
+    candidates = (v for v in completions(cluster, yaws, horizon) if v is not None)
+    return min(candidates, key=_misfit, default=None)
 
 
 def _thinned(outline: np.ndarray) -> np.ndarray:

@@ -7,13 +7,15 @@ road vehicles, not fitted to any scene.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 
 from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
+from roadscope.detectors.shape.line_kernels import Faces, face_ends
 from roadscope.detectors.shape.segment import Segment
 
 GAP_M = 1.2
@@ -33,6 +35,7 @@ SEEN_MIN_M, WIDTH_MAX_M, LENGTH_MAX_M = 1.2, 2.8, 18.0
 longest lorry."""
 HALF_FACE_M = 0.92
 """Least that must be seen of a body that may go on unseen: half a usual car's width."""
+FACES = Faces(GAP_M, JOIN_M, HALF_FACE_M, MIN_POINTS, MAX_SEGMENTS)
 SIZES = (
     (Category.CAR, 5.3, 2.2, (4.6, 1.85, 1.5)),
     (Category.VAN, 7.5, 2.3, (5.9, 2.05, 2.4)),
@@ -60,56 +63,24 @@ class Vehicle:
     fit: float = 0.0
 
 
-def recognise(segments: list[Segment], horizon: Horizon) -> list[Vehicle]:
-    """Return the vehicles in one cluster's segments."""
-    large = (chain for chain in _chains(segments) if _extent(chain) >= HALF_FACE_M)
-    candidates = (_vehicle(_joined(chain), horizon) for chain in large)
-    return [vehicle for vehicle in candidates if vehicle is not None]
+def recognise(outline: np.ndarray, ends: np.ndarray, horizon: Horizon) -> list[Vehicle]:
+    """Return the vehicles in the outline of one cluster.
 
-
-def _chains(segments: list[Segment]) -> Iterator[list[Segment]]:
-    """Cut the outline where it jumps; a cluster may hold several bodies."""
-    chain: list[Segment] = []
-    for segment in segments:
-        gaps = np.hypot(*(segment.points[1:] - segment.points[:-1]).T)
-        jumps = np.flatnonzero(gaps > GAP_M)
-        if not len(jumps):
-            chain.append(segment)
-            continue
-        first, *others = np.split(segment.points, jumps + 1)
-        chain.append(Segment(first))
-        for points in others:
-            yield chain
-            chain = [Segment(points)]
-    if chain:
-        yield chain
-
-
-def _extent(chain: list[Segment]) -> float:
-    """Diagonal of the upright box around an outline in metres."""
-    points = np.concatenate([segment.points for segment in chain])
-    return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
-
-
-def _joined(chain: list[Segment]) -> list[Segment]:
-    """Join neighbouring segments of one face: noise at the end of a chord is no corner."""
-    joined: list[Segment] = []
-    for segment in chain:
-        if joined:
-            both = Segment(np.concatenate([joined[-1].points, segment.points[1:]]))
-            if both.residual_m <= JOIN_M:
-                joined[-1] = both
-                continue
-        joined.append(segment)
-    return joined
+    outline: (N, 2) metres. ends: (S, 2) int64, first and last point of each of its pieces, of
+    which neighbours share a point. Where it jumps another body begins.
+    """
+    rows = face_ends(outline, ends, FACES).tolist()
+    chains = (
+        [Segment(outline[first : last + 1]) for _, first, last in chain]
+        for _, chain in groupby(rows, key=itemgetter(0))
+    )
+    return [v for v in (_vehicle(chain, horizon) for chain in chains) if v is not None]
 
 
 def _vehicle(chain: list[Segment], horizon: Horizon) -> Vehicle | None:
     """Complete the body that shows these segments, None when it is no vehicle."""
     lines = [segment for segment in chain if len(segment) > 1]
     points = np.concatenate([segment.points for segment in chain])
-    if not 1 <= len(lines) <= MAX_SEGMENTS or len(points) < MIN_POINTS:
-        return None
     main = max(lines, key=lambda line: line.length)
     if not all(_square(line, main) for line in lines):
         return None

@@ -4,23 +4,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roadscope.detectors.shape.iepf import fit_iepf, line_distances
+from roadscope.detectors.shape.iepf import fit_iepf
 
 finite = st.floats(-50, 50)
 outlines = st.integers(1, 25).flatmap(lambda n: arrays(float, (n, 2), elements=finite))
 
 
-@given(arrays(float, (5, 2), elements=finite), finite, st.floats(-5, 5))
-def test_distance_is_eq_4_where_there_is_a_slope(points, b, k):
-    start, end = np.array([0.0, b]), np.array([1.0, k + b])
-    expected = np.abs(k * points[:, 0] - points[:, 1] + b) / np.sqrt(k**2 + 1)
-    assert np.allclose(line_distances(points, start, end), expected, atol=1e-9)
+@given(arrays(float, 2, elements=finite), finite, st.floats(-5, 5))
+def test_distance_is_eq_4_where_there_is_a_slope(point, b, k):
+    expected = abs(k * point[0] - point[1] + b) / np.sqrt(k**2 + 1)
+    points = np.array([[0.0, b], point, [1.0, k + b]])
+    assert len(fit_iepf(points, split_m=expected + 1e-9)) == 1
+    assert len(fit_iepf(points, split_m=expected - 1e-9)) == 2
 
 
 def test_vertical_line_and_equal_ends():
-    points = np.array([[3.0, 4.0]])
-    assert line_distances(points, np.zeros(2), np.array([0.0, 9.0])).tolist() == [3.0]
-    assert line_distances(points, np.zeros(2), np.zeros(2)).tolist() == [5.0]
+    aside, around = np.array([[0.0, 0], [3, 4], [0, 9]]), np.array([[0.0, 0], [3, 4], [0, 0]])
+    assert [len(fit_iepf(aside, split_m=s)) for s in (2.99, 3.01)] == [2, 1]
+    assert [len(fit_iepf(around, split_m=s)) for s in (4.99, 5.01)] == [2, 1]
 
 
 def splits_by_recursion(points, limit):

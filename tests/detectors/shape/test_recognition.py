@@ -1,10 +1,13 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape.iepf import fit_iepf
-from roadscope.detectors.shape.recognition import recognise
+from roadscope.detectors.shape.line_kernels import face_ends, split_ends
+from roadscope.detectors.shape.recognition import FACES, GAP_M, HALF_FACE_M, JOIN_M, recognise
 from roadscope.detectors.shape.segment import Segment
 
 FREE = Horizon(np.empty(0), np.empty(0), np.radians(0.25), None, np.zeros(2))
@@ -15,7 +18,8 @@ def line(a, b, count=10):
 
 
 def recognise_points(*pieces, horizon=FREE):
-    return recognise(fit_iepf(np.concatenate(pieces)), horizon)
+    points = np.concatenate(pieces)
+    return recognise(points, split_ends(points, 0.3), horizon)
 
 
 def test_rear_face_alone_is_a_car_ahead():
@@ -118,5 +122,40 @@ def test_a_jump_separates_two_vehicles_of_one_cluster():
 
 def test_a_jump_inside_a_straight_segment_separates_too():
     pieces = np.concatenate([line((20.0, 3.6), (20.0, 1.9)), line((20.0, 0.0), (20.0, -1.7))])
-    assert len(recognise([Segment(pieces)], FREE)) == 2
-    assert recognise([], FREE) == []
+    assert len(recognise(pieces, np.array([[0, len(pieces) - 1]]), FREE)) == 2
+    assert recognise(pieces[:0], np.empty((0, 2), np.int64), FREE) == []
+
+
+def chains_one_by_one(points, ends):
+    """Lines of each body, piece by piece, with the line fit of a `Segment`."""
+    chains, chain = [], []
+    for first, last in ends:
+        piece = points[first : last + 1]
+        jumps = np.flatnonzero(np.hypot(*np.diff(piece, axis=0).T) > GAP_M)
+        parts = np.split(piece, jumps + 1)
+        chain.append(parts[0])
+        for part in parts[1:]:
+            chains.append(chain)
+            chain = [part]
+    for body in [*chains, chain]:
+        joined = []
+        for piece in body:
+            both = np.concatenate([joined[-1], piece[1:]]) if joined else piece
+            if joined and Segment(both).residual_m <= JOIN_M:
+                joined[-1] = both
+            else:
+                joined.append(piece)
+        extent = np.hypot(*np.ptp(np.concatenate(body), axis=0))
+        lines, count = sum(len(p) > 1 for p in joined), sum(len(p) for p in joined)
+        if extent >= HALF_FACE_M and 1 <= lines <= 3 and count >= 3:
+            yield joined
+
+
+@given(st.integers(1, 25).flatmap(lambda n: arrays(float, (n, 2), elements=st.floats(-2, 2))))
+def test_lines_are_those_of_the_slow_way(points):
+    points = np.round(points, 1) * [1, 0.2] + np.linspace(0, 2, len(points))[:, None] ** 2
+    ends = split_ends(points, 0.3)
+    slow = [(k, len(p)) for k, c in enumerate(chains_one_by_one(points, ends)) for p in c]
+    rows = face_ends(points, ends, FACES)
+    numbers = np.unique(rows[:, 0], return_inverse=True)[1]
+    assert list(zip(numbers, rows[:, 2] - rows[:, 1] + 1, strict=True)) == slow
