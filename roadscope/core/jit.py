@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -36,6 +37,7 @@ def compiled(*, borrowing: bool = False, **options: Any) -> Callable[[F], F]:
                 raise
             return cast(F, njit(**settings)(function))
         _tie_to_sources(kernel, Path(function.__code__.co_filename).parent)
+        _compile_once(kernel)
         return cast(F, kernel)
 
     return decorate
@@ -71,6 +73,47 @@ def _tie_to_sources(kernel: Any, folder: Path) -> None:
         )
     except (AttributeError, ImportError, TypeError, OSError):
         return
+
+
+def _compile_once(kernel: Any) -> None:
+    """Let one process compile what several need, and the others wait for its machine code.
+
+    Two workers that start together would otherwise spend half of their first minutes on the
+    same kernels. Numba has no public hook for this; without these inner names each compiles.
+    """
+    try:
+        import fcntl  # noqa: F401
+
+        from numba.core.compiler_lock import global_compiler_lock
+
+        compile_now, cache_file = kernel.compile, kernel._cache._cache_file
+        lock = Path(kernel._cache._cache_path) / f"{Path(cache_file._index_name).stem}.lock"
+    except (AttributeError, ImportError):
+        return
+
+    def compile_alone(signature: Any) -> Any:
+        # Threads in the same order everywhere: first numba's lock, which can be taken again.
+        with global_compiler_lock, _held(lock):
+            return compile_now(signature)
+
+    kernel.compile = compile_alone
+
+
+@contextmanager
+def _held(lock: Path) -> Iterator[None]:
+    """Hold a file's lock, which the system takes back from a process that dies; if it can."""
+    import fcntl
+
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        file = lock.open("a")
+    except OSError:
+        yield
+        return
+    with file:
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 @cache

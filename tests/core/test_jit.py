@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -91,3 +92,40 @@ def test_folders_that_cannot_be_written_cost_only_time(script: Path, tmp_path: P
         )  # fmt: skip
         assert result[0] == 8
         assert result[1] == 0
+
+
+def test_processes_that_start_together_compile_once(script: Path) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        results = list(pool.map(run, [script] * 4))
+    assert sorted(results) == [[8, 0, 1]] + [[8, 1, 0]] * 3
+
+
+HANG = """
+import os, time
+from numba.extending import overload
+
+def dawdle():
+    pass
+
+@overload(dawdle)
+def _dawdle():
+    if os.environ.get("HANG"):
+        print("compiling", flush=True)
+        time.sleep(60)
+    return lambda: None
+"""
+
+
+def test_a_process_killed_while_it_compiles_holds_up_nobody(script: Path) -> None:
+    source = KERNELS.format(constant=0).replace("    return", "    dawdle()\n    return", 1)
+    script.write_text(HANG + source)
+    first = subprocess.Popen(
+        [sys.executable, str(script)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "HANG": "yes"},
+        stdout=subprocess.PIPE,
+    )
+    with first:
+        assert first.stdout is not None
+        assert first.stdout.readline() == b"compiling\n"
+        first.kill()
+    assert run(script) == [8, 0, 1]
