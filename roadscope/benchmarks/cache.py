@@ -8,6 +8,9 @@ import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Protocol, TypeVar
+
+from roadscope.core import RecordError
 
 ENVIRONMENT_VARIABLE = "ROADSCOPE_CACHE"
 
@@ -49,6 +52,32 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         Path(name).replace(path)
     finally:
         Path(name).unlink(missing_ok=True)
+
+
+class Saved(Protocol):
+    """What can be written to a file."""
+
+    def save(self, path: Path) -> None:
+        """Write it."""
+
+
+S = TypeVar("S", bound=Saved)
+
+
+def kept(path: Path, load: Callable[[Path], S], make: Callable[[], S], *, anew: bool = False) -> S:
+    """Read what an earlier run has kept, or make and keep it; what is damaged is made again.
+
+    load: raises `RecordError` where a file is damaged.
+    anew: make it in any case.
+    """
+    if path.exists() and not anew:
+        try:
+            return load(path)
+        except RecordError:
+            path.unlink(missing_ok=True)
+    made = make()
+    write_atomically(path, made.save)
+    return made
 
 
 def _user_cache_dir() -> Path:

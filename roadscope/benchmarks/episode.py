@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
-from roadscope.benchmarks.cache import cache_dir, write_atomically
+from roadscope.benchmarks.cache import cache_dir, kept
 from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
-from roadscope.core import Frame, RecordError, Truth
+from roadscope.core import Frame, Truth
 from roadscope.envs.traffic.timeline import Timeline
 
 KEPT_BYTES = 128_000_000
@@ -68,15 +68,8 @@ def timeline_of(episode: Episode) -> Timeline:
     """Read the traffic of an episode, or record and keep it."""
     from roadscope.envs.traffic.scenarios import record
 
-    path = timeline_path(episode)
-    if path.exists():
-        try:
-            return Timeline.load(path)
-        except RecordError:
-            path.unlink(missing_ok=True)
-    timeline = record(episode.scenario, episode.seed, episode.duration_s)
-    write_atomically(path, timeline.save)
-    return timeline
+    make = partial(record, episode.scenario, episode.seed, episode.duration_s)
+    return kept(timeline_path(episode), Timeline.load, make)
 
 
 def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:

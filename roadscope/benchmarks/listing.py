@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any
+from operator import attrgetter
+from typing import Any, TypeVar
 
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.recorded.suite import kitti_table
 from roadscope.benchmarks.suite import SUITES, load_suite, unknown
 from roadscope.core import Registry, SpecError
+
+T = TypeVar("T")
 
 
 def names_of(kind: str) -> list[tuple[str, str]]:
@@ -71,48 +74,47 @@ def _stages() -> list[tuple[str, str]]:
 def _scenarios() -> list[tuple[str, str]]:
     from roadscope.envs.traffic.scenarios import SCENARIOS
 
-    return [(name, scenario.description) for name, scenario in SCENARIOS.items()]
+    return _each(SCENARIOS, attrgetter("description"))
 
 
 def _suites() -> list[tuple[str, str]]:
-    suites = [load_suite(name) for name in SUITES]
+    suites = {name: load_suite(name) for name in SUITES}
     recorded = kitti_table()
-    return [
-        *((s.name, f"v{s.version}: {s.summary}.") for s in suites),
-        (recorded["name"], f"v{recorded['version']}: {recorded['summary']} (--kitti DIR)."),
-    ]
+    kitti = f"v{recorded['version']}: {recorded['summary']} (--kitti DIR)."
+    return [*_each(suites, lambda s: f"v{s.version}: {s.summary}."), (recorded["name"], kitti)]
 
 
 def _rigs() -> list[tuple[str, str]]:
     from roadscope.envs.sensors.rigs import RIGS
 
-    return [
-        (
-            name,
-            f"{'LiDAR' if p.sensor == name else p.sensor}, {p.x_m:g} m ahead of the rear axle, "
-            f"{p.z_m:g} m above ground.",
-        )
-        for name, p in RIGS.items()
-    ]
+    return _each(
+        RIGS,
+        lambda p: (
+            f"LiDAR {p.sensor}, {p.x_m:g} m ahead of the rear axle, {p.z_m:g} m above ground."
+        ),
+    )
 
 
 def _sensors() -> list[tuple[str, str]]:
     from roadscope.envs.sensors.lidar_specs import SPECS
 
-    return [
-        (
-            name,
+    return _each(
+        SPECS,
+        lambda s: (
             f"LiDAR: {s.beams} beams, {s.columns} columns, {1 / s.period_s:g} Hz, "
-            f"to {s.range_max_m:g} m, range noise {s.range_noise_m * 100:g} cm.",
-        )
-        for name, s in SPECS.items()
-    ]
+            f"to {s.range_max_m:g} m, range noise {s.range_noise_m * 100:g} cm."
+        ),
+    )
 
 
 def _weathers() -> list[tuple[str, str]]:
     from roadscope.envs.sensors.weather import WEATHERS
 
-    return [(name, weather.summary) for name, weather in WEATHERS.items()]
+    return _each(WEATHERS, attrgetter("summary"))
+
+
+def _each(things: Mapping[str, T], describe: Callable[[T], str]) -> list[tuple[str, str]]:
+    return [(name, describe(thing)) for name, thing in things.items()]
 
 
 KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {

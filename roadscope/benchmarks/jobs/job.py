@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.cache import cache_dir, write_atomically
+from roadscope.benchmarks.cache import cache_dir, kept
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
@@ -34,7 +34,7 @@ from roadscope.benchmarks.oracle import ORACLE, made_from_truth
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
 from roadscope.benchmarks.recorded.recording import OFFLINE, Recording, replayed, sequence_of
-from roadscope.core import RecordError, Tracks
+from roadscope.core import Tracks
 from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS
 
@@ -141,15 +141,8 @@ def detections_of(job: Job, fresh: bool = False) -> Perceived:
     """Read the detections of an episode, or make and keep them."""
     if isinstance(job.episode, Recording):
         return replayed(job.episode)
-    path = job.detections_path
-    if path.exists() and not fresh:
-        try:
-            return Perceived.load(path)
-        except RecordError:
-            path.unlink(missing_ok=True)
-    perceived = perceive(job.detector, job.episode, job.eligibility)
-    write_atomically(path, perceived.save)
-    return perceived
+    make = partial(perceive, job.detector, job.episode, job.eligibility)
+    return kept(job.detections_path, Perceived.load, make, anew=fresh)
 
 
 def detection_scores(

@@ -40,7 +40,9 @@ class ReproductionRow:
             )
 
 
-MOST = {"share": 1.0, "%": 100.0}
+YES_OR_NO = "yes or no"
+"""Unit of what is 1 where a claim holds and 0 where it does not; tables say it in words."""
+MOST = {YES_OR_NO: 1.0, "share": 1.0, "%": 100.0}
 Key = tuple[str, str, str]
 """Experiment, method, quantity."""
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from rich.table import Table
 
 from roadscope.benchmarks.boards.tables import plain_table
-from roadscope.benchmarks.papers.reproduction import ReproductionRow
+from roadscope.benchmarks.papers.reproduction import YES_OR_NO, ReproductionRow
 
 MOST_COLUMNS = 5
-UNNAMED = ("1", "", "share", "count", "frame", None)
+UNNAMED = (YES_OR_NO, "1", "", "share", "count", "frame", None)
 DECIMALS = {"m": 4, "deg": 3}
 """In tables without intervals; two for other units."""
 
@@ -55,7 +55,9 @@ def with_intervals(rows: Sequence[ReproductionRow]) -> Table:
     table.add_column("95 %", justify="right", min_width=18, style="dim")
     for row in rows:
         ends = "" if row.low is None else f"{short(row.low)} to {short(row.high)}"
-        table.add_row(_titled(row.quantity, row.unit), short(row.paper), short(row.ours), ends)
+        table.add_row(
+            _titled(row.quantity, row.unit), _figure(row, row.paper), _figure(row, row.ours), ends
+        )
     return table
 
 
@@ -75,7 +77,7 @@ def side_by_side(
         cells = [named[method, quantity] for quantity in quantities]
         table.add_row(method, *(_spread(row, len(cells)) for row in cells))
         if any(row.paper is not None for row in cells):
-            table.add_row("  paper", *(short(row.paper) for row in cells), style="dim")
+            table.add_row("  paper", *(_figure(row, row.paper) for row in cells), style="dim")
     return table
 
 
@@ -86,11 +88,17 @@ def short(value: float | None) -> str:
     return f"{value:.0f}" if float(value).is_integer() else f"{value:.4g}"
 
 
+def _figure(row: ReproductionRow, value: float | None) -> str:
+    if row.unit == YES_OR_NO and value is not None:
+        return "yes" if value else "no"
+    return short(value)
+
+
 def _spread(row: ReproductionRow, columns: int) -> str:
     decimals = DECIMALS.get(row.unit, 2)
     if row.ours is None or row.low is None or row.high is None:
         known = row.ours is not None and row.unit in DECIMALS
-        return f"{row.ours:.{decimals}f}" if known else short(row.ours)
+        return f"{row.ours:.{decimals}f}" if known else _figure(row, row.ours)
     if row.unit == "count" and row.low == row.high:
         return short(row.ours)
     mean, half = f"{row.ours:.{decimals}f}", f"{(row.high - row.low) / 2:.{decimals}f}"

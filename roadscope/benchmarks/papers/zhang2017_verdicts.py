@@ -6,7 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from roadscope.benchmarks.papers.reproduction import Key, ReproductionRow, summarise
+from roadscope.benchmarks.papers.reproduction import (
+    YES_OR_NO,
+    Key,
+    ReproductionRow,
+    summarise,
+)
 from roadscope.benchmarks.papers.zhang2017_claims import (
     BOTH,
     CONSISTENT,
@@ -61,7 +66,7 @@ def verdicts(
                 shares.setdefault((*key[:2], SEEDS), []).append(held)
             elif key[2] in OF_EACH_DRIVE:
                 shares.setdefault((key[0] + SHARE_OF_SEEDS, *key[1:]), []).append(held)
-    rows = [summarise(key[:2], key[2], "1", [held], None) for key, held in whole.items()]
+    rows = [summarise(key[:2], key[2], YES_OR_NO, [held], None) for key, held in whole.items()]
     rows += [summarise(key[:2], key[2], "share", held, None) for key, held in shares.items()]
     order = list(dict.fromkeys(experiment for experiment, _, _ in whole))
     return sorted(rows, key=lambda row: order.index(row.experiment.removesuffix(SHARE_OF_SEEDS)))

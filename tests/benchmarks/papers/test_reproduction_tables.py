@@ -1,6 +1,8 @@
+from dataclasses import replace
+
 from rich.console import Console
 
-from roadscope.benchmarks.papers.reproduction import ReproductionRow
+from roadscope.benchmarks.papers.reproduction import YES_OR_NO, ReproductionRow
 from roadscope.benchmarks.papers.reproduction_tables import compared, reproduction_tables
 
 
@@ -49,6 +51,17 @@ def test_a_unit_that_all_share_stands_in_the_corner():
     assert lines_of(rows)[0].split() == ["m", "10", "m", "20", "m", "30", "m", "40", "m", "50", "m"]
     assert lines_of(rows)[2].split()[3] == "0.5000±.1000"
     assert len(lines_of(rows)) == 3
+
+
+def test_claims_are_answered_in_words():
+    claims = [
+        ReproductionRow("claims", "ours", name, YES_OR_NO, None, value, None, None, 1)
+        for name, value in (("close", 1.0), ("closer", 0.0), ("not asked", None))
+    ]
+    assert lines_of(claims)[0].split() == ["close", "closer", "not", "asked"]
+    assert lines_of(claims)[2].split() == ["ours", "yes", "no", "-"]
+    many = [replace(claim, quantity=f"{claim.quantity} {i}") for i in range(2) for claim in claims]
+    assert lines_of(many)[2].split() == ["close", "0", "-", "yes"]
 
 
 def test_without_an_interval_figures_have_as_many_decimals():
