@@ -23,17 +23,33 @@ MOST = 0.7
 class Chart(NamedTuple):
     """Evidence of motion seen from above, in square cells.
 
-    rows: (X, Y) int32, row of a cell in the arrays below, -1 where it is empty.
-    places: (K, 2) float64, metres, where the returns of a cell are, from the chart's corner.
+    starts: (X + 1,) int64, where each column of cells, x, begins in the arrays below.
+    places: (K, 2) float64, metres, where the returns of a cell are, from the chart's corner, by
+        the cells' x, then y.
     weights: (K,) float64, evidence, above 0 for moving.
     origin: (2,) float64, metres, the sensor, from the corner too. cell_m: side of a cell.
     """
 
-    rows: np.ndarray
+    starts: np.ndarray
     places: np.ndarray
     weights: np.ndarray
     origin: np.ndarray
     cell_m: float
+
+
+class Room(NamedTuple):
+    """Where the cells about a place are written.
+
+    near: (3, K) x and y from the place, metres, and weight. slots: (2, K) bins across and along
+    the line of sight. bins: (4, BINS), evidence and number of cells across, then along it.
+    headings: (TURNS, 2) unit vectors of a box's turns. hopes: (TURNS,) evidence at most.
+    """
+
+    near: np.ndarray
+    slots: np.ndarray
+    bins: np.ndarray
+    headings: np.ndarray
+    hopes: np.ndarray
 
 
 @compiled()
@@ -49,89 +65,111 @@ def slide(chart: Chart, sides: np.ndarray, least: float) -> np.ndarray:
     evidence counts. In the collar counts what speaks against: a piece of wall that goes on is no
     vehicle.
     """
-    open_ = _reachable(chart, int(sides[0] / chart.cell_m))
-    most = (2 * _reach(sides, chart.cell_m) + 1) ** 2
-    near, slots = np.empty((3, most)), np.empty((2, most), np.int64)
-    found, bins = np.empty((open_.sum(), 8)), np.empty((4, BINS))
-    count = 0
+    open_, most = _reachable(chart, int(sides[0] / chart.cell_m)), len(chart.places)
+    yaws = np.arange(TURNS) * np.pi / TURNS
+    headings = np.stack((np.cos(yaws), np.sin(yaws)), axis=1)
+    room = Room(
+        np.empty((3, most)), np.empty((2, most), np.int64), np.empty((4, BINS)),
+        headings, np.empty(TURNS),
+    )  # fmt: skip
+    found, count = np.empty((open_.sum(), 8)), 0
     for a in range(open_.shape[0]):
         for b in range(open_.shape[1]):
             if not open_[a, b]:
                 continue
             x, y = (a * STRIDE + 0.5) * chart.cell_m, (b * STRIDE + 0.5) * chart.cell_m
-            n, hope = _look_about(x, y, chart, sides, (near, slots))
+            n, hope = _look_about(x, y, chart, sides, room)
             if hope < least:
                 continue
             box = found[count]
-            box[0], box[1] = x, y
-            _turn(box, near[:, :n], slots[:, :n], sides, bins)
+            box[0], box[1], box[3] = x, y, 0.0
+            _turn(box, n, room, sides, least)
             count += 1 if box[3] >= least else 0
     return found[:count]
 
 
-@compiled()
-def _reach(sides: np.ndarray, cell_m: float) -> int:
-    """Return cells to either side beyond which no turned box reaches."""
-    return int(np.ceil((sides[0] + sides[1] + sides[2]) / cell_m))
+@compiled(borrowing=True)
+def _columns(x: float, reach: float, chart: Chart) -> tuple[int, int]:
+    """Return the first row, and the one after the last, of the columns within reach of an x."""
+    last = len(chart.starts) - 2
+    low, high = int(max(x - reach, 0.0) / chart.cell_m), int((x + reach) / chart.cell_m)
+    return chart.starts[min(low, last)], chart.starts[min(high, last) + 1]
 
 
-@compiled()
+@compiled(borrowing=True)
 def _look_about(
-    x: float, y: float, chart: Chart, sides: np.ndarray, out: tuple[np.ndarray, np.ndarray]
+    x: float, y: float, chart: Chart, sides: np.ndarray, room: Room
 ) -> tuple[int, float]:
-    """Return how many cells a box about a place can hold, and the most evidence it can have.
-
-    out: (3, M) x, y and weight of those cells, and (2, M) bins across and along the sight.
-    """
-    near, slots = out
+    """Return how many cells a box about a place can hold, and the most evidence it can have."""
+    near, slots = room.near, room.slots
     # No turned box reaches beyond these distances, with and without its collar.
     inner = np.hypot(sides[0], sides[1]) ** 2
     outer = max(np.hypot(sides[0] + sides[2], sides[1]), np.hypot(sides[0], sides[1] + sides[3]))
-    reach, (wide, deep) = _reach(sides, chart.cell_m), chart.rows.shape
-    i, j, sight = int(x / chart.cell_m), int(y / chart.cell_m), _sight(x, y, chart.origin)
+    sight, (first, last) = _sight(x, y, chart.origin), _columns(x, outer, chart)
     count, hope = 0, 0.0
-    for k in range(max(i - reach, 0), min(i + reach + 1, wide)):
-        for m in range(max(j - reach, 0), min(j + reach + 1, deep)):
-            row = chart.rows[k, m]
-            if row < 0:
-                continue
-            dx, dy = chart.places[row, 0] - x, chart.places[row, 1] - y
-            far, weight = dx * dx + dy * dy, chart.weights[row]
-            if far > outer * outer:
-                continue
-            near[0, count], near[1, count], near[2, count] = dx, dy, weight
-            slots[0, count] = _bin(sight[0] * dy - sight[1] * dx)
-            slots[1, count] = _bin(sight[0] * dx + sight[1] * dy)
-            hope += max(weight, 0.0) if far <= inner else 0.0
-            count += 1
+    for row in range(first, last):
+        dx, dy = chart.places[row, 0] - x, chart.places[row, 1] - y
+        far, weight = dx * dx + dy * dy, chart.weights[row]
+        if far > outer * outer:
+            continue
+        near[0, count], near[1, count], near[2, count] = dx, dy, weight
+        slots[0, count] = _bin(sight[0] * dy - sight[1] * dx)
+        slots[1, count] = _bin(sight[0] * dx + sight[1] * dy)
+        hope += max(weight, 0.0) if far <= inner else 0.0
+        count += 1
     return count, hope
 
 
-@compiled()
-def _turn(
-    box: np.ndarray, near: np.ndarray, slots: np.ndarray, sides: np.ndarray, bins: np.ndarray
-) -> None:
-    """Write yaw, score and body of the best turn of a box, score 0 if none has evidence.
+@compiled(borrowing=True)
+def _turn(box: np.ndarray, count: int, room: Room, sides: np.ndarray, least: float) -> None:
+    """Write yaw, score and body of the best turn of a box, where one has `least` evidence.
 
-    near, slots, bins: as in `_evidence`.
+    count: of the cells in the room. Turns are tried from the one with most to hope for on.
     """
-    box[3] = 0.0
-    for turn in range(TURNS):
-        yaw = turn * np.pi / TURNS
-        score = _evidence(near, slots, (np.cos(yaw), np.sin(yaw)), sides, bins)
-        if score > box[3]:
-            box[2], box[3] = yaw, score
+    hopes, bins, best = room.hopes, room.bins, TURNS
+    _hope(room, count, sides)
+    for _ in range(TURNS):
+        turn = int(hopes.argmax())
+        # A hair more, for the order of the sum.
+        if hopes[turn] + 1e-9 < max(box[3], least):
+            break
+        hopes[turn] = -np.inf
+        score = _evidence(room, count, turn, sides)
+        if score > box[3] or (score == box[3] and turn < best):
+            best = turn
+            box[2], box[3] = turn * np.pi / TURNS, score
             _, box[4], box[5] = _best_run(bins[:2], GAP_BINS)
             _, box[6], box[7] = _best_run(bins[2:], DEEP_BINS)
 
 
-@compiled()
+@compiled(borrowing=True, fastmath=True)
+def _hope(room: Room, count: int, sides: np.ndarray) -> None:
+    """Fill in for each turn no less than the evidence of any body in a box at the origin.
+
+    That is what speaks for motion in the box, and against it in its collar, in any order.
+    """
+    near_x, near_y, weights = room.near[0], room.near[1], room.near[2]
+    long, wide = sides[0], sides[1]
+    longer, wider = long + sides[2], wide + sides[3]
+    for turn in range(TURNS):
+        cos, sin = room.headings[turn, 0], room.headings[turn, 1]
+        total = 0.0
+        for k in range(count):
+            dx, dy, weight = near_x[k], near_y[k], weights[k]
+            along, across = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
+            inside = (along <= long) & (across <= wide)
+            around = ((along <= longer) & (across <= wide)) | ((along <= long) & (across <= wider))
+            total += max(weight, 0.0) if inside else (min(weight, 0.0) if around else 0.0)
+        room.hopes[turn] = total
+
+
+@compiled(borrowing=True)
 def _bin(place: float) -> int:
     """Return the bin of a place across or along the line of sight, metres."""
     return min(max(int(place / BIN_M + BINS / 2), 0), BINS - 1)
 
 
-@compiled()
+@compiled(borrowing=True)
 def _sight(x: float, y: float, origin: np.ndarray) -> tuple[float, float]:
     """Return the unit vector from the sensor to a place."""
     dx, dy = x - origin[0], y - origin[1]
@@ -139,28 +177,19 @@ def _sight(x: float, y: float, origin: np.ndarray) -> tuple[float, float]:
     return dx / away, dy / away
 
 
-@compiled()
-def _evidence(
-    near: np.ndarray,
-    slots: np.ndarray,
-    heading: tuple[float, float],
-    sides: np.ndarray,
-    bins: np.ndarray,
-) -> float:
-    """Return the evidence of the best body in a box at the origin.
-
-    near: (3, K) x, y and weight of cells. slots: (2, K) their bins across and along the line of
-    sight. bins: (4, BINS) filled with evidence and number of cells across, then along it.
-    """
-    cos, sin = heading
+@compiled(borrowing=True)
+def _evidence(room: Room, count: int, turn: int, sides: np.ndarray) -> float:
+    """Return the evidence of the best body in a box at the origin, and fill the room's bins."""
+    near_x, near_y, weights = room.near[0], room.near[1], room.near[2]
+    cos, sin, bins = room.headings[turn, 0], room.headings[turn, 1], room.bins
     long, wide, ends, flanks = sides
     bins[:] = 0.0
     against = 0.0
-    for k in range(near.shape[1]):
-        dx, dy, weight = near[0, k], near[1, k], near[2, k]
+    for k in range(count):
+        dx, dy, weight = near_x[k], near_y[k], weights[k]
         along, across = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
         if along <= long and across <= wide:
-            side, deep = slots[0, k], slots[1, k]
+            side, deep = room.slots[0, k], room.slots[1, k]
             bins[0, side] += weight
             bins[1, side] += 1.0
             bins[2, deep] += weight
@@ -173,19 +202,26 @@ def _evidence(
     return best + against
 
 
-@compiled()
+@compiled(borrowing=True)
 def _best_run(bins: np.ndarray, gap: int) -> tuple[float, float, float]:
     """Return evidence, begin and end of the run of bins, without a gap, that has most."""
+    first, end = 0, BINS
+    while first < BINS and bins[1, first] == 0.0:
+        first += 1
+    while end > first and bins[1, end - 1] == 0.0:
+        end -= 1
     best, low, high = 0.0, 0, 0
-    total, start, last = 0.0, 0, -1
-    for k in range(BINS + gap + 1):
-        if last >= 0 and k - last > gap:
+    total, start, last = 0.0, first, first
+    for k in range(first, end):
+        if bins[1, k] == 0.0:
+            continue
+        if k - last > gap:
             if total > best:
                 best, low, high = total, start, last + 1
-            total, last = 0.0, -1
-        if k < BINS and bins[1, k] > 0.0:
-            start = start if last >= 0 else k
-            total, last = total + bins[0, k], k
+            total, start = 0.0, k
+        total, last = total + bins[0, k], k
+    if total > best:
+        best, low, high = total, start, last + 1
     return best, (low - BINS / 2) * BIN_M, (high - BINS / 2) * BIN_M
 
 
@@ -200,7 +236,9 @@ def suppress(boxes: np.ndarray, chart: Chart, sides: np.ndarray, least: float) -
     taken, rows = np.zeros(cells, np.bool_), np.empty(cells, np.int64)
     kept, count = np.empty(len(boxes), np.int64), 0
     for b in range(len(boxes)):
-        n = _held(chart.places, boxes[b], chart.origin, sides, rows)
+        first, last = _columns(boxes[b, 0], sides[0] + sides[1], chart)
+        n = _held(chart.places[first:last], boxes[b], chart.origin, sides, rows)
+        rows[:n] += first
         left = boxes[b, 3]
         for row in rows[:n]:
             left -= chart.weights[row] if taken[row] else 0.0
@@ -213,7 +251,7 @@ def suppress(boxes: np.ndarray, chart: Chart, sides: np.ndarray, least: float) -
     return kept[:count]
 
 
-@compiled()
+@compiled(borrowing=True)
 def _held(
     places: np.ndarray, box: np.ndarray, origin: np.ndarray, sides: np.ndarray, rows: np.ndarray
 ) -> int:
@@ -251,7 +289,11 @@ def gathered(
 @compiled()
 def _reachable(chart: Chart, reach: int) -> np.ndarray:
     """Regions of interest: places of the box, every `STRIDE` cells, with evidence near."""
-    shape = chart.rows.shape[0] // STRIDE + 1, chart.rows.shape[1] // STRIDE + 1
+    wide, deep = chart.places[:, 0], chart.places[:, 1]
+    shape = (
+        (int(np.ceil((wide.max() - wide.min()) / chart.cell_m)) + 3) // STRIDE + 1,
+        (int(np.ceil((deep.max() - deep.min()) / chart.cell_m)) + 3) // STRIDE + 1,
+    )
     open_ = np.zeros(shape, np.bool_)
     for row in range(len(chart.places)):
         if chart.weights[row] <= 0.0:

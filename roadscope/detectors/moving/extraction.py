@@ -131,11 +131,8 @@ def _between(view: View, low_m: float) -> np.ndarray:
 
 def _boxes(points: np.ndarray, weights: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return (B, 8) boxes that hold moving vehicles, as `slide` does."""
-    places, values, corner = _cells(points, weights)
-    rows = np.full(np.ceil(np.ptp(places, axis=0) / CELL_M).astype(int) + 3, -1, np.int32)
-    cells = (places / CELL_M).astype(np.int64)
-    rows[cells[:, 0], cells[:, 1]] = np.arange(len(places))
-    chart = Chart(rows, places, values, origin - corner, CELL_M)
+    starts, places, values, corner = _cells(points, weights)
+    chart = Chart(starts, places, values, origin - corner, CELL_M)
     boxes = slide(chart, SIDES_M, LEAST)
     boxes = boxes[np.lexsort((boxes[:, 2], boxes[:, 1], boxes[:, 0], -boxes[:, 3]))]
     kept = boxes[suppress(boxes, chart, SIDES_M, LEAST)]
@@ -143,18 +140,23 @@ def _boxes(points: np.ndarray, weights: np.ndarray, origin: np.ndarray) -> np.nd
     return np.asarray(kept)
 
 
-def _cells(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean place (K, 2) and evidence (K,) of each occupied cell, and the corner (2,).
+def _cells(
+    points: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return starts, mean places and evidence of occupied cells, as a chart has them, and corner.
 
     A cell weighs the same however many returns it holds.
     """
     corner = CELL_M * np.floor(points[:, :2].min(axis=0) / CELL_M)
     cells = ((points[:, :2] - corner) / CELL_M).astype(np.int64)
-    flat = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
-    _, row, count = np.unique(flat, return_inverse=True, return_counts=True)
+    wide, deep = cells.max(axis=0) + 1
+    flat, row, count = np.unique(
+        cells[:, 0] * deep + cells[:, 1], return_inverse=True, return_counts=True
+    )
+    starts = np.searchsorted(flat, deep * np.arange(wide + 1))
     order = np.lexsort((points[:, 1], points[:, 0]))
     sums = [np.bincount(row[order], v[order]) / count for v in (*points[:, :2].T, weights)]
-    return np.column_stack(sums[:2]) - corner, np.clip(sums[2], -LIMIT, LIMIT), corner
+    return starts, np.column_stack(sums[:2]) - corner, np.clip(sums[2], -LIMIT, LIMIT), corner
 
 
 def _candidate(now: View, rows: np.ndarray, box: np.ndarray) -> Candidate:
