@@ -9,8 +9,8 @@ import numpy as np
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.pose import wrap_angle
 from roadscope.trackers.assignment import assign_optimally, left_over
-from roadscope.trackers.gating import barred, check_overlap, overlap_costs, same_family
-from roadscope.trackers.kalman import Gaussians, innovations, predicted, updated
+from roadscope.trackers.gating import candidates_by_overlap, check_overlap
+from roadscope.trackers.kalman import Gaussians, corrected, predicted
 from roadscope.trackers.life_cycle import LifeCycle
 from roadscope.trackers.settings import check_counts, check_not_negative
 from roadscope.trackers.ticks import Tick
@@ -75,11 +75,10 @@ class Ab3dmotTracker:
         tick = self._tick = Tick.after(self._tick, detections, ego_pose)
         targets = tick.targets.select(tick.targets.scores >= self._least_score)
         tracks = self._predicted(tick.period_s)
-        costs = overlap_costs(
+        near = candidates_by_overlap(
             tracks.boxes, boxes_of(targets), overlap=self._overlap, least=self._least
-        )
-        costs = barred(costs, same_family(tracks.categories, targets.categories))
-        rows, columns = assign_optimally(costs, 1 - self._least)
+        ).within_families(tracks.categories, targets.categories)
+        rows, columns = assign_optimally(near, 1 - self._least)
         found = targets.select(columns)
         beliefs = self._corrected(tracks.beliefs.select(rows), boxes_of(found)[:, MEASURED])
         tracks = self._life.survivors(_shaped(tracks.seen(rows, found, beliefs)))
@@ -110,8 +109,7 @@ class Ab3dmotTracker:
         opposed = np.abs(wrap_angle(measured[:, YAW] - means[:, YAW])) > np.pi / 2
         means[opposed, YAW] += np.pi
         measured[:, YAW] = means[:, YAW] + wrap_angle(measured[:, YAW] - means[:, YAW])
-        turned = Gaussians(means, beliefs.covariances)
-        return updated(turned, innovations(turned, measured, H, R), H, R)
+        return corrected(Gaussians(means, beliefs.covariances), measured, H, R)
 
     def _started(self, targets: Detections) -> Gaussians:
         n = len(targets)

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.trackers.components import components, sorted_by
+from roadscope.trackers.gating import Candidates
 
 Pairs = tuple[np.ndarray, np.ndarray]
 """Rows and columns of the pairs, (K,) int64 each, rows increasing."""
@@ -38,145 +40,106 @@ def assign_greedily(costs: np.ndarray, gate: float) -> Pairs:
     return rows, partner[rows]
 
 
-@compiled()
-def assign_in_turn(costs: np.ndarray, gate: float) -> Pairs:
-    """Let the rows of (N, M) costs take their cheapest free column, one after another.
+def assign_in_turn(candidates: Candidates, turns: np.ndarray) -> Pairs:
+    """Let the rows take their cheapest free column, one after another.
 
-    Costs must lie below the gate. Equal costs go to the earlier column.
+    turns: (N,) rows in the order of their turns. Equal costs go to the earlier column.
     """
-    n, m = costs.shape
-    partner = np.full(n, -1)
-    taken = np.zeros(m, np.bool_)
-    for row in range(n):
-        least = gate
-        for column in range(m):
-            if not taken[column] and costs[row, column] < least:
-                partner[row], least = column, costs[row, column]
+    starts = np.searchsorted(candidates.rows, np.arange(len(turns) + 1))
+    free = np.ones(candidates.shape[1], bool)
+    return _in_turn(candidates.columns, candidates.costs, starts, turns, free)
+
+
+@compiled()
+def _in_turn(
+    columns: np.ndarray, costs: np.ndarray, starts: np.ndarray, turns: np.ndarray, free: np.ndarray
+) -> Pairs:
+    """Do so; starts: (N + 1,) where each row's pairs start; free: overwritten."""
+    partner = np.full(len(turns), -1)
+    for row in turns:
+        least = np.inf
+        for k in range(starts[row], starts[row + 1]):
+            if free[columns[k]] and costs[k] < least:
+                partner[row], least = columns[k], costs[k]
         if partner[row] >= 0:
-            taken[partner[row]] = True
+            free[partner[row]] = False
     rows = np.flatnonzero(partner >= 0)
     return rows, partner[rows]
 
 
-@compiled()
-def assign_optimally(costs: np.ndarray, gate: float) -> Pairs:
-    """Pair rows and columns of (N, M) costs for the least total, where being alone costs the gate.
+def assign_optimally(candidates: Candidates, gate: float) -> Pairs:
+    """Pair rows and columns for the least total, where being alone costs the gate.
 
     Costs must lie below the gate, so a pair is worth what it saves. Rows and columns that no
     pair within the gate connects are solved apart.
     """
-    rows, columns = np.arange(costs.shape[0]), np.arange(costs.shape[1])
-    return _assign_among(costs, rows, columns, gate)
+    near = candidates.where(candidates.costs < gate)
+    return _optimally(near.rows, near.columns, near.costs - gate, near.shape)
 
 
 @compiled()
-def _assign_among(costs: np.ndarray, rows: np.ndarray, columns: np.ndarray, gate: float) -> Pairs:
-    """Do so for some rows and columns only; return which of these are pairs."""
-    n = len(rows)
-    group = _groups_among(costs, rows, columns, gate)
+def _optimally(
+    rows: np.ndarray, columns: np.ndarray, gains: np.ndarray, shape: tuple[int, int]
+) -> Pairs:
+    """Pair for the least sum of gains, which are negative."""
+    n, m = shape
+    group, count = components(rows, columns, shape)
+    some, first_row = sorted_by(group[:n], count)
+    others, first_column = sorted_by(group[n:], count)
+    pairs, first_pair = sorted_by(group[:n][rows], count)
+    place = np.empty(n + m, np.int64)
     partner = np.full(n, -1)
-    by_row = np.argsort(group[:n], kind="mergesort")
-    by_column = np.argsort(group[n:], kind="mergesort")
-    i = j = 0
-    while i < n:
-        this = group[by_row[i]]
-        last = i
-        while last < n and group[by_row[last]] == this:
-            last += 1
-        some, i = by_row[i:last], last
-        if this < 0:
+    for c in range(count):
+        within = pairs[first_pair[c] : first_pair[c + 1]]
+        if len(within) == 1:
+            partner[rows[within[0]]] = columns[within[0]]
             continue
-        while group[n + by_column[j]] < this:
-            j += 1
-        last = j
-        while last < len(columns) and group[n + by_column[last]] == this:
-            last += 1
-        others, j = by_column[j:last], last
-        chosen = _solved(costs, rows[some], columns[others], gate)
-        for k in range(len(some)):
-            if chosen[k] >= 0:
-                partner[some[k]] = others[chosen[k]]
+        mine = some[first_row[c] : first_row[c + 1]]
+        theirs = others[first_column[c] : first_column[c + 1]]
+        place[mine], place[n + theirs] = np.arange(len(mine)), np.arange(len(theirs))
+        saved = np.zeros((len(mine), len(theirs)))
+        for k in within:
+            saved[place[rows[k]], place[n + columns[k]]] = gains[k]
+        chosen = _solved(saved)
+        for i in range(len(mine)):
+            if chosen[i] >= 0:
+                partner[mine[i]] = theirs[chosen[i]]
     found = np.flatnonzero(partner >= 0)
     return found, partner[found]
 
 
 def assign_in_stages(
-    costs: np.ndarray, stages: Iterable[tuple[np.ndarray, np.ndarray, float]]
+    candidates: Candidates, stages: Iterable[tuple[np.ndarray, np.ndarray, float]]
 ) -> Pairs:
     """Pair optimally in stages, each among what the ones before have left.
 
     stages: of each the rows that take part, (N,) bool, the columns, (M,) bool, and the gate.
     """
-    free_rows, free_columns = (np.ones(n, bool) for n in costs.shape)
-    partner = np.full(len(costs), -1)
+    free_rows, free_columns = (np.ones(n, bool) for n in candidates.shape)
+    partner = np.full(candidates.shape[0], -1)
     for some, others, gate in stages:
-        rows, columns = np.flatnonzero(some & free_rows), np.flatnonzero(others & free_columns)
-        if not (len(rows) and len(columns)):
-            continue
-        i, j = _assign_among(costs, rows, columns, gate)
-        partner[rows[i]] = columns[j]
-        free_rows[rows[i]], free_columns[columns[j]] = False, False
+        taking_part = (some & free_rows)[candidates.rows]
+        taking_part &= (others & free_columns)[candidates.columns]
+        rows, columns = assign_optimally(candidates.where(taking_part), gate)
+        partner[rows] = columns
+        free_rows[rows], free_columns[columns] = False, False
     rows = np.flatnonzero(partner >= 0)
     return rows, partner[rows]
 
 
 @compiled()
-def _groups(costs: np.ndarray, gate: float) -> np.ndarray:
-    """Return (N + M,) a number for each row and column, the same where pairs connect them.
-
-    A row or column without a pair has -1.
-    """
-    return _groups_among(costs, np.arange(costs.shape[0]), np.arange(costs.shape[1]), gate)
-
-
-@compiled()
-def _groups_among(
-    costs: np.ndarray, rows: np.ndarray, columns: np.ndarray, gate: float
-) -> np.ndarray:
-    n, m = len(rows), len(columns)
-    parent = np.arange(n + m)
-    paired = np.zeros(n + m, np.bool_)
-    for i in range(n):
-        for j in range(m):
-            if costs[rows[i], columns[j]] < gate:
-                paired[i] = paired[n + j] = True
-                a, b = _root(parent, i), _root(parent, n + j)
-                parent[max(a, b)] = min(a, b)
-    group = np.full(n + m, -1)
-    for k in range(n + m):
-        if paired[k]:
-            group[k] = _root(parent, k)
-    return group
-
-
-@compiled()
-def _root(parent: np.ndarray, k: int) -> int:
-    while parent[k] != k:
-        parent[k] = parent[parent[k]]
-        k = parent[k]
-    return k
-
-
-@compiled()
-def _solved(costs: np.ndarray, rows: np.ndarray, columns: np.ndarray, gate: float) -> np.ndarray:
-    """Return for each of the rows which of the columns is its, or -1."""
-    tall = len(rows) > len(columns)
-    saved = np.empty((len(columns), len(rows))) if tall else np.empty((len(rows), len(columns)))
-    for i in range(len(rows)):
-        for j in range(len(columns)):
-            value = min(costs[rows[i], columns[j]] - gate, 0.0)
-            if tall:
-                saved[j, i] = value
-            else:
-                saved[i, j] = value
-    chosen = least_total(saved)
-    partner = np.full(len(rows), -1)
-    for k in range(len(chosen)):
-        if saved[k, chosen[k]] < 0:
-            if tall:
-                partner[chosen[k]] = k
-            else:
-                partner[k] = chosen[k]
+def _solved(saved: np.ndarray) -> np.ndarray:
+    """Return for each row of (N, M) gains, 0 where there is none, its column, or -1."""
+    n, m = saved.shape
+    partner = np.full(n, -1)
+    if n > m:
+        for column, row in enumerate(least_total(saved.T.copy())):
+            if saved[row, column] < 0:
+                partner[row] = column
+        return partner
+    for row, column in enumerate(least_total(saved)):
+        if saved[row, column] < 0:
+            partner[row] = column
     return partner
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.trackers.assignment import Pairs, assign_in_stages
-from roadscope.trackers.gating import barred, check_overlap, overlap_costs, same_family
+from roadscope.trackers.gating import candidates_by_overlap, check_overlap
 from roadscope.trackers.life_cycle import LifeCycle
+from roadscope.trackers.management import TrackManager
 from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.settings import check_not_negative, check_shares
-from roadscope.trackers.ticks import Tick
 from roadscope.trackers.tracklets import Tracklets, boxes_of
+
+CONFIRM_HITS = 2
 
 
 class ByteTracker:
@@ -56,47 +58,34 @@ class ByteTracker:
         check_not_negative(velocity_walk=velocity_walk)
         self._high, self._low, self._new = high_score, low_score, new_score
         self._overlap, self._least, self._least_again = overlap, least, least_again
-        self._life = LifeCycle(2, coast_frames, 0, shown_misses)
-        self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
-        self.reset()
+        self._manager = TrackManager(
+            PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk)),
+            LifeCycle(CONFIRM_HITS, coast_frames, 0, shown_misses),
+        )
 
     def reset(self) -> None:
         """Forget all tracks."""
-        self._tick: Tick | None = None
-        self._tracks = Tracklets.empty(self._filter.dimensions)
-        self._next_id = 0
+        self._manager.reset()
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Take the detections of one tick and return all tracks."""
-        tick = self._tick = Tick.after(self._tick, detections, ego_pose)
-        targets, tracks = tick.targets, self._tracks
-        tracks = tracks.moved_on(self._filter.predicted(tracks.beliefs, tick.period_s))
-        rows, columns = self._associated(tracks, targets)
-        found = targets.select(columns)
-        beliefs = self._filter.corrected(tracks.beliefs.select(rows), found.centres[:, :2])
-        tracks = self._life.survivors(tracks.seen(rows, found, beliefs))
-        new = targets.scores >= self._new
-        new[columns] = False
-        begun = targets.select(new)
-        opened = Tracklets.opened(self._next_id, begun, self._filter.started(begun))
-        self._tracks = tracks = tracks.joined(opened)
-        self._next_id += len(begun)
-        planar, states = self._filter.planar(tracks.beliefs), self._life.states(tracks)
-        return tracks.report(planar, states, tick.frame, tick.stamp_s)
+        tick = self._manager.arrived(detections, ego_pose)
+        tracks = self._manager.expected(tick)
+        pairs = self._associated(tracks, tick.targets)
+        return self._manager.concluded(tick, tracks, tick.targets, pairs, self._new)
 
     def _associated(self, tracks: Tracklets, targets: Detections) -> Pairs:
         """Pair in the authors' order (algorithm 1; tracks of one detection come last)."""
-        costs = overlap_costs(
+        near = candidates_by_overlap(
             tracks.boxes, boxes_of(targets),
             overlap=self._overlap, least=min(self._least, self._least_again),
-        )  # fmt: skip
-        costs = barred(costs, same_family(tracks.categories, targets.categories))
+        ).within_families(tracks.categories, targets.categories)  # fmt: skip
         sure = targets.scores >= self._high
         unsure = ~sure & (targets.scores >= self._low)
-        confirmed, just_seen = tracks.hits >= self._life.confirm_hits, tracks.misses == 1
+        confirmed, just_seen = tracks.hits >= CONFIRM_HITS, tracks.misses == 1
         stages = [
             (confirmed, sure, 1 - self._least),
             (confirmed & just_seen, unsure, 1 - self._least_again),
             (~confirmed, sure, 1 - self._least),
         ]
-        return assign_in_stages(costs, stages)
+        return assign_in_stages(near, stages)

@@ -10,7 +10,7 @@ from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.trackers.assignment import assign_optimally
 from roadscope.trackers.existence_kernels import hidden_shares
 from roadscope.trackers.existence_targets import Measured, Targets, log_odds
-from roadscope.trackers.gating import barred, centre_distances, overlap_costs, same_family
+from roadscope.trackers.gating import candidates_by_overlap
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.learned import Choice
 from roadscope.trackers.settings import check_counts, check_positive
@@ -109,15 +109,14 @@ class ExistenceTracker:
         self, targets: Targets, measured: Measured, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Pair boxes that overlap most, in sum, and that motion can have brought together."""
-        places = targets.beliefs.means[:, :2]
         kinds = targets.categories
-        reach = dt * self._traits.top_speed_m_s[kinds] + 0.5
-        apart = centre_distances(places, measured.boxes[:, :2], float(reach.max(initial=0.0)))
-        costs = overlap_costs(
+        near = candidates_by_overlap(
             targets.boxes, measured.boxes, overlap="giou", least=self._least_overlap
-        )
-        possible = same_family(kinds, measured.categories) & (apart < reach[:, None])
-        return assign_optimally(barred(costs, possible), 1 - self._least_overlap)
+        ).within_families(kinds, measured.categories)
+        apart = targets.beliefs.means[near.rows, :2] - measured.boxes[near.columns, :2]
+        reach = dt * self._traits.top_speed_m_s[kinds] + 0.5
+        near = near.where(np.hypot(apart[:, 0], apart[:, 1]) < reach[near.rows])
+        return assign_optimally(near, 1 - self._least_overlap)
 
     def _judged(self, targets: Targets, visible: np.ndarray, dt: float) -> Targets:
         """Hold against all targets that they were not detected; pairs are judged anew later."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_optimally, left_over
-from roadscope.trackers.gating import barred, chi_square_gate, gated_distances, same_family
+from roadscope.trackers.assignment import Pairs, assign_optimally
+from roadscope.trackers.gating import candidates_by_likelihood, chi_square_gate, determinants
 from roadscope.trackers.life_cycle import LifeCycle
+from roadscope.trackers.management import TrackManager
 from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.settings import check_not_negative, check_shares
-from roadscope.trackers.ticks import Tick
 from roadscope.trackers.tracklets import Tracklets
 
 
@@ -49,42 +49,32 @@ class GnnTracker:
         check_not_negative(velocity_walk=velocity_walk)
         self._gate = chi_square_gate(gate_share, 2)
         self._least_score = least_score
-        self._life = LifeCycle(confirm_hits, coast_frames, 0, shown_misses)
         self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
-        self.reset()
+        life = LifeCycle(confirm_hits, coast_frames, 0, shown_misses)
+        self._manager = TrackManager(self._filter, life)
 
     def reset(self) -> None:
         """Forget all tracks."""
-        self._tick: Tick | None = None
-        self._tracks = Tracklets.empty(self._filter.dimensions)
-        self._next_id = 0
+        self._manager.reset()
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Take the detections of one tick and return all tracks."""
-        tick = self._tick = Tick.after(self._tick, detections, ego_pose)
+        tick = self._manager.arrived(detections, ego_pose)
         targets = tick.targets.select(tick.targets.scores >= self._least_score)
-        tracks = self._tracks.moved_on(self._filter.predicted(self._tracks.beliefs, tick.period_s))
-        rows, columns = self._associated(tracks, targets)
-        found = targets.select(columns)
-        beliefs = self._filter.corrected(tracks.beliefs.select(rows), found.centres[:, :2])
-        tracks = self._life.survivors(tracks.seen(rows, found, beliefs))
-        new = targets.select(left_over(len(targets), columns))
-        self._tracks = tracks.joined(
-            Tracklets.opened(self._next_id, new, self._filter.started(new))
-        )
-        self._next_id += len(new)
-        planar = self._filter.planar(self._tracks.beliefs)
-        return self._tracks.report(
-            planar, self._life.states(self._tracks), tick.frame, tick.stamp_s
-        )
+        tracks = self._manager.expected(tick)
+        pairs = likeliest_pairs(tracks, targets, self._filter.R, self._gate)
+        return self._manager.concluded(tick, tracks, targets, pairs, 0.0)
 
-    def _associated(self, tracks: Tracklets, targets: Detections) -> Pairs:
-        """Pair by d2 + ln det S: a vague track must not take what a sure one expects."""
-        S = self._filter.expected(tracks.beliefs)
-        distances = gated_distances(tracks.places, S, targets.centres[:, :2], self._gate)
-        possible = same_family(tracks.categories, targets.categories)
-        vagueness = np.log(S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2)
-        # Being alone costs more than any pair within its gate.
-        alone = self._gate + vagueness.max(initial=-np.inf)
-        distances += vagueness[:, None]
-        return assign_optimally(barred(distances, possible), alone)
+
+def likeliest_pairs(tracks: Tracklets, targets: Detections, R: np.ndarray, gate: float) -> Pairs:
+    """Pair by d2 + ln det S: a vague track must not take what a sure one expects.
+
+    R: (2, 2) covariance of a detected place; gate: of d2.
+    """
+    S = tracks.beliefs.covariances[:, :2, :2] + R
+    near = candidates_by_likelihood(tracks.places, S, targets.centres[:, :2], gate)
+    near = near.within_families(tracks.categories, targets.categories)
+    vagueness = np.log(determinants(S))
+    # Being alone costs more than any pair within its gate.
+    alone = gate + vagueness.max(initial=-np.inf)
+    return assign_optimally(near.costing(near.costs + vagueness[near.rows]), alone)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Family, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_in_turn, left_over
-from roadscope.trackers.gating import FAMILIES, barred, centre_distances, same_family
+from roadscope.trackers.assignment import Pairs, assign_in_turn
+from roadscope.trackers.gating import FAMILIES, candidates_by_distance
 from roadscope.trackers.life_cycle import LifeCycle
+from roadscope.trackers.management import TrackManager
 from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.settings import check_not_negative, check_positive
-from roadscope.trackers.ticks import Tick
 from roadscope.trackers.tracklets import Tracklets
 
 
@@ -53,38 +53,28 @@ class GreedyTracker:
         check_positive(**{f"{family}_gate_m": gate for family, gate in gates.items()})
         check_not_negative(velocity_walk=velocity_walk)
         self._gates = np.array([gates[family] for family in Family])
-        self._life = LifeCycle(confirm_hits, coast_frames, coast_frames, shown_misses)
-        self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
-        self.reset()
+        self._manager = TrackManager(
+            PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk)),
+            LifeCycle(confirm_hits, coast_frames, coast_frames, shown_misses),
+        )
 
     def reset(self) -> None:
         """Forget all tracks."""
-        self._tick: Tick | None = None
-        self._tracks = Tracklets.empty(self._filter.dimensions)
-        self._next_id = 0
+        self._manager.reset()
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Take the detections of one tick and return all tracks."""
-        tick = self._tick = Tick.after(self._tick, detections, ego_pose)
-        targets, tracks = tick.targets, self._tracks
-        tracks = tracks.moved_on(self._filter.predicted(tracks.beliefs, tick.period_s))
-        columns, rows = self._associated(targets, tracks)
-        found = targets.select(columns)
-        beliefs = self._filter.corrected(tracks.beliefs.select(rows), found.centres[:, :2])
-        tracks = self._life.survivors(tracks.seen(rows, found, beliefs))
-        new = targets.select(left_over(len(targets), columns))
-        opened = Tracklets.opened(self._next_id, new, self._filter.started(new))
-        self._tracks = tracks = tracks.joined(opened)
-        self._next_id += len(new)
-        planar, states = self._filter.planar(tracks.beliefs), self._life.states(tracks)
-        return tracks.report(planar, states, tick.frame, tick.stamp_s)
+        tick = self._manager.arrived(detections, ego_pose)
+        tracks = self._manager.expected(tick)
+        pairs = self._associated(tick.targets, tracks)
+        return self._manager.concluded(tick, tracks, tick.targets, pairs, 0.0)
 
     def _associated(self, targets: Detections, tracks: Tracklets) -> Pairs:
         """Pair detections with tracks; of equal scores the nearer comes first."""
-        distances = centre_distances(targets.centres[:, :2], tracks.places, self._gates.max())
         gates = self._gates[FAMILIES[targets.categories]]
-        possible = same_family(targets.categories, tracks.categories)
-        costs = barred(distances, possible & (distances < gates[:, None]))
-        turn = np.lexsort([costs.min(axis=1, initial=np.inf), -targets.scores])
-        columns, rows = assign_in_turn(costs[turn], np.inf)
-        return turn[columns], rows
+        near = candidates_by_distance(targets.centres[:, :2], tracks.places, gates)
+        near = near.within_families(targets.categories, tracks.categories)
+        nearest = np.full(len(targets), np.inf)
+        np.minimum.at(nearest, near.rows, near.costs)
+        columns, rows = assign_in_turn(near, np.lexsort([nearest, -targets.scores]))
+        return rows, columns

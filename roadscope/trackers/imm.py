@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_optimally
-from roadscope.trackers.gating import barred, chi_square_gate, gated_distances, same_family
+from roadscope.trackers.assignment import left_over
+from roadscope.trackers.gating import chi_square_gate
+from roadscope.trackers.gnn import likeliest_pairs
 from roadscope.trackers.imm_filter import ImmFilter, Modes
 from roadscope.trackers.imm_turn import CartesianTurn
 from roadscope.trackers.life_cycle import LifeCycle
@@ -66,7 +67,7 @@ class ImmTracker:
         )
         self._gate, self._least_score = chi_square_gate(gate_share, 2), least_score
         self._life = LifeCycle(confirm_hits, coast_frames, 0, shown_misses)
-        self._position_m = position_m
+        self._R = position_m**2 * np.eye(2)
         straight, pushed, turning = (
             PlaceFilter(position_m, speed_m_s, motion)
             for motion in (
@@ -90,24 +91,15 @@ class ImmTracker:
         targets = tick.targets.select(tick.targets.scores >= self._least_score)
         modes = self._filter.predicted(self._followed.modes, tick.period_s)
         tracks = self._followed.tracks.moved_on(modes.mixture)
-        rows, columns = self._associated(tracks, targets)
+        rows, columns = likeliest_pairs(tracks, targets, self._R, self._gate)
         found = targets.select(columns)
         right = self._filter.corrected(modes.select(rows), found.centres[:, :2])
         tracks = tracks.seen(rows, found, right.mixture)
         followed = Followed(tracks, modes.replaced(rows, right)).select(self._life.alive(tracks))
-        new = targets.select(np.setdiff1d(np.arange(len(targets)), columns))
+        new = targets.select(left_over(len(targets), columns))
         self._followed = followed.joined(self._opened(new))
         tracks = self._followed.tracks
         return tracks.report(tracks.beliefs, self._life.states(tracks), tick.frame, tick.stamp_s)
-
-    def _associated(self, tracks: Tracklets, targets: Detections) -> Pairs:
-        """Pair by d2 + ln det S of the mixture, as `GnnTracker` does."""
-        S = tracks.beliefs.covariances[:, :2, :2] + self._position_m**2 * np.eye(2)
-        distances = gated_distances(tracks.places, S, targets.centres[:, :2], self._gate)
-        possible = same_family(tracks.categories, targets.categories)
-        vagueness = np.linalg.slogdet(S)[1]
-        alone = self._gate + vagueness.max(initial=-np.inf)
-        return assign_optimally(barred(distances + vagueness[:, None], possible), alone)
 
     def _opened(self, targets: Detections) -> Followed:
         modes = self._filter.started(targets)

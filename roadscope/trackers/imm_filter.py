@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core import Detections
-from roadscope.trackers.kalman import Gaussians, innovations, updated
+from roadscope.trackers.kalman import Gaussians, weighed
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.rows import Rows
 from roadscope.trackers.settings import check_positive
@@ -85,9 +85,8 @@ class ImmFilter:
         """Take a measured place for each, (N, 2), which also says which model is right."""
         parts, likelihoods = [], np.empty_like(modes.shares)
         for j, (each, part) in enumerate(zip(self.filters, modes.parts, strict=True)):
-            innovation = innovations(part, places, each.H, each.R)
-            parts.append(updated(part, innovation, each.H, each.R))
-            likelihoods[:, j] = innovation.log_likelihoods
+            after, likelihoods[:, j] = weighed(part, places, each.H, each.R)
+            parts.append(after)
         likelihoods -= likelihoods.max(axis=1, keepdims=True)
         shares = modes.shares * np.exp(likelihoods)
         return Modes(parts[0], parts[1], parts[2], shares / shares.sum(axis=1, keepdims=True))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.motion import ConstantVelocity, _sinc, _sinc_slope
+from roadscope.trackers.motion import ConstantVelocity, sinc, sinc_slope
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])
 """Turns a vector by a right angle, to the left."""
@@ -61,7 +61,7 @@ class CartesianTurn:
     def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return (N, 5, 5)."""
         half, velocity = means[:, 4] * dt / 2, means[:, 2:4, None]
-        slope = dt * _sinc_slope(half)[:, None, None] * _rotation(half)
+        slope = dt * sinc_slope(half)[:, None, None] * _rotation(half)
         slope = (slope + QUARTER @ _chord(half, dt)) * dt / 2
         F = np.tile(np.eye(5), (len(means), 1, 1))
         F[:, :2, 2:4] = _chord(half, dt)
@@ -84,7 +84,7 @@ class CartesianTurn:
 
 def _chord(half: np.ndarray, dt: float) -> np.ndarray:
     """Return (N, 2, 2) from velocity to displacement; half: the angle turned through, halved."""
-    chord: np.ndarray = dt * _sinc(half)[:, None, None] * _rotation(half)
+    chord: np.ndarray = dt * sinc(half)[:, None, None] * _rotation(half)
     return chord
 
 

@@ -6,12 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from roadscope.core import Detections, Pose, Tracks, TrackState
-from roadscope.trackers.assignment import Pairs, assign_optimally
-from roadscope.trackers.gating import barred, chi_square_gate, gated_distances, same_family
+from roadscope.core import Detections, Pose, Tracks
+from roadscope.core.jit import compiled
+from roadscope.trackers.assignment import Pairs, assign_optimally, left_over
+from roadscope.trackers.gating import (
+    Candidates,
+    candidates_by_likelihood,
+    chi_square_gate,
+    determinants,
+)
 from roadscope.trackers.jpda_existence import Existence, Sighting
 from roadscope.trackers.jpda_marginals import EXACT_LIMIT, association_marginals
-from roadscope.trackers.kalman import Gaussians, innovations, updated
+from roadscope.trackers.kalman import Gaussians
+from roadscope.trackers.life_cycle import told_states
 from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.rows import Rows
@@ -95,15 +102,15 @@ class JpdaTracker:
         targets, tracks = tick.targets, self._followed.tracks
         tracks = tracks.moved_on(self._filter.predicted(tracks.beliefs, tick.period_s))
         existence = self._sighting.moved_on(self._followed.existence, tick.period_s)
-        beta = self._marginals(tracks, existence, targets)
-        unclaimed = np.clip(1 - beta.sum(axis=0), 0, 1)
-        existence = self._existence_after(existence, beta)
-        shares = beta / existence.there[:, None]
-        beliefs = merged(self._filter, tracks.beliefs, targets.centres[:, :2], shares)
-        rows, columns = likeliest(beta, unclaimed)
+        near = self._marginals(tracks, existence, targets)
+        unclaimed = np.clip(1 - np.bincount(near.columns, near.costs, len(targets)), 0, 1)
+        existence = self._existence_after(existence, near)
+        given = near.costing(near.costs / existence.there[near.rows])
+        beliefs = merged(tracks.beliefs, targets.centres[:, :2], given, self._filter.R)
+        rows, columns = likeliest(near, unclaimed)
         tracks = replace(tracks, beliefs=beliefs)
         tracks = tracks.seen(rows, targets.select(columns), beliefs.select(rows))
-        new = np.setdiff1d(np.arange(len(targets)), columns)
+        new = left_over(len(targets), columns)
         opened = self._opened(targets.select(new), unclaimed[new])
         self._followed = self._managed(Followed(tracks, existence, self._followed.confirmed))
         self._followed = self._followed.joined(opened)
@@ -111,23 +118,23 @@ class JpdaTracker:
 
     def _marginals(
         self, tracks: Tracklets, existence: Existence, targets: Detections
-    ) -> np.ndarray:
-        """Return (N, M) beta; weights are divided by those of detections without a track."""
+    ) -> Candidates:
+        """Return pairs with beta for costs; weights are divided by those of free detections."""
         S = self._filter.expected(tracks.beliefs)
-        distances = gated_distances(tracks.places, S, targets.centres[:, :2], self._gate)
-        distances = barred(distances, same_family(tracks.categories, targets.categories))
-        densities = np.exp(-distances / 2) / (2 * np.pi * np.sqrt(np.linalg.det(S)))[:, None]
-        known = self._sighting
-        pairs = densities * (existence.visible * known.detection)[:, None]
-        missed = 1 - existence.visible * known.detection
-        ones = np.ones(len(targets))
-        return association_marginals(
-            pairs * known.gains(targets.scores), missed, ones, self._exact_limit
+        near = candidates_by_likelihood(tracks.places, S, targets.centres[:, :2], self._gate)
+        near = near.within_families(tracks.categories, targets.categories)
+        found = existence.visible * self._sighting.detection
+        highest = found / (2 * np.pi * np.sqrt(determinants(S)))
+        gains = self._sighting.gains(targets.scores)
+        weights = np.exp(-near.costs / 2) * highest[near.rows] * gains[near.columns]
+        alone = 1 - found, np.ones(len(targets))
+        return near.costing(
+            association_marginals(near.rows, near.columns, weights, alone, self._exact_limit)
         )
 
-    def _existence_after(self, existence: Existence, beta: np.ndarray) -> Existence:
+    def _existence_after(self, existence: Existence, near: Candidates) -> Existence:
         """Mix over the events: any detection proves existence, none leaves doubt."""
-        seen = np.clip(beta.sum(axis=1), 0, 1)
+        seen = np.clip(np.bincount(near.rows, near.costs, len(existence)), 0, 1)
         missed = existence.missed(self._sighting.detection)
         return Existence(seen + (1 - seen) * missed.visible, (1 - seen) * missed.hidden)
 
@@ -146,47 +153,67 @@ class JpdaTracker:
     def _report(self, tick: Tick) -> Tracks:
         followed = self._followed
         tracks = replace(followed.tracks, scores=np.clip(followed.existence.there, 0, 1))
-        states = np.where(tracks.misses > 0, TrackState.COASTING, TrackState.CONFIRMED)
-        states[~followed.confirmed | (tracks.misses > self._shown_misses)] = TrackState.TENTATIVE
+        states = told_states(followed.confirmed, tracks.misses, self._shown_misses)
         planar = self._filter.planar(tracks.beliefs)
-        return tracks.report(planar, states.astype(np.int8), tick.frame, tick.stamp_s)
+        return tracks.report(planar, states, tick.frame, tick.stamp_s)
 
 
-def merged(
-    kalman: PlaceFilter, beliefs: Gaussians, places: np.ndarray, shares: np.ndarray
-) -> Gaussians:
+def merged(beliefs: Gaussians, places: np.ndarray, near: Candidates, R: np.ndarray) -> Gaussians:
     """Return the Gaussian with mean and covariance of each track's mixture.
 
-    shares: (N, M) probabilities, given that the track exists, that it has each of (M, 2) places;
-        what they lack to 1 leaves the track where it was predicted.
+    near: pairs of tracks and (M, 2) places with probabilities for costs, given that the track
+    exists; what they lack to 1 leaves the track where it was predicted. R: of a place.
     """
-    rows, columns = np.nonzero(shares)
-    weights = shares[rows, columns]
-    residuals = places[columns] - beliefs.means[rows, :2]
-    n = len(beliefs)
-    mean = _sums(rows, weights[:, None] * residuals, n)
-    squares = residuals[:, :, None] * residuals[:, None, :] * weights[:, None, None]
-    spread = _sums(rows, squares.reshape(-1, 4), n).reshape(-1, 2, 2)
-    spread -= mean[:, :, None] * mean[:, None, :]
-    innovation = innovations(beliefs, beliefs.means[:, :2] + mean, kalman.H, kalman.R)
-    after = updated(beliefs, innovation, kalman.H, kalman.R)
-    seen = np.bincount(rows, weights, n)[:, None, None]
-    K = innovation.gains
-    covariances = seen * after.covariances + (1 - seen) * beliefs.covariances
-    covariances += K @ spread @ K.transpose(0, 2, 1)
-    return Gaussians(after.means, 0.5 * (covariances + covariances.transpose(0, 2, 1)))
+    shown = places[near.columns] - beliefs.means[near.rows, :2]
+    return Gaussians(
+        *_merged(beliefs.means, beliefs.covariances, near.rows, (shown, near.costs), R)
+    )
 
 
-def _sums(rows: np.ndarray, values: np.ndarray, n: int) -> np.ndarray:
-    """Return (n, K) sums of (P, K) values by row."""
-    return np.column_stack([np.bincount(rows, column, n) for column in values.T])
+@compiled()
+def _merged(
+    means: np.ndarray,
+    covariances: np.ndarray,
+    rows: np.ndarray,
+    shown: tuple[np.ndarray, np.ndarray],
+    R: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return means and covariances.
+
+    shown: (P, 2) residuals and (P,) probabilities. The covariance changes by K (spread of the
+    residuals - their probability S) K'.
+    """
+    after, spread = means.copy(), covariances.copy()
+    residuals, weights = shown
+    k, D = 0, means.shape[1]
+    K = np.empty((D, 2))
+    for n in range(len(means)):
+        seen, x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        while k < len(rows) and rows[k] == n:
+            w, dx, dy = weights[k], residuals[k, 0], residuals[k, 1]
+            seen, x, y = seen + w, x + w * dx, y + w * dy
+            xx, xy, yy = xx + w * dx * dx, xy + w * dx * dy, yy + w * dy * dy
+            k += 1
+        P = covariances[n]
+        a, b, c = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[1, 1] + R[1, 1]
+        xx, xy, yy = xx - x * x - seen * a, xy - x * y - seen * b, yy - y * y - seen * c
+        determinant = a * c - b * b
+        for i in range(D):
+            K[i, 0] = (c * P[i, 0] - b * P[i, 1]) / determinant
+            K[i, 1] = (a * P[i, 1] - b * P[i, 0]) / determinant
+            after[n, i] += K[i, 0] * x + K[i, 1] * y
+            for j in range(i + 1):
+                change = K[i, 0] * (xx * K[j, 0] + xy * K[j, 1])
+                change += K[i, 1] * (xy * K[j, 0] + yy * K[j, 1])
+                spread[n, i, j] += change
+                spread[n, j, i] = spread[n, i, j]
+    return after, spread
 
 
-def likeliest(beta: np.ndarray, unclaimed: np.ndarray) -> Pairs:
+def likeliest(near: Candidates, unclaimed: np.ndarray) -> Pairs:
     """Pair tracks and detections one to one for the greatest sum of marginals.
 
-    beta: (N, M); unclaimed: (M,) probabilities that a detection is of no track, which a pair must
-    exceed.
+    near: with marginals for costs; unclaimed: (M,) probabilities that a detection is of no track,
+    which a pair must exceed.
     """
-    costs = unclaimed - beta
-    return assign_optimally(barred(costs, beta > 0), 0.0)
+    return assign_optimally(near.costing(unclaimed[near.columns] - near.costs), 0.0)

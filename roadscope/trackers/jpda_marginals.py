@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.assignment import _groups
+from roadscope.trackers.components import components, sorted_by
 from roadscope.trackers.jpda_loopy import loopy_marginals
 
 EXACT_LIMIT = 2.0**21
@@ -26,31 +26,41 @@ possible, take 0.6 million, one second has about 500 million."""
 
 @compiled()
 def association_marginals(
-    pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, limit: float
+    rows: np.ndarray,
+    columns: np.ndarray,
+    weights: np.ndarray,
+    alone: tuple[np.ndarray, np.ndarray],
+    limit: float,
 ) -> np.ndarray:
-    """Return (N, M) probabilities that track i has detection j.
+    """Return (P,) probabilities that track `rows` has detection `columns`.
 
-    pairs: (N, M) weights of pairs, 0 where impossible.
-    missed: (N,) weights of tracks without a detection; free: (M,) of detections without a track.
+    rows, columns: (P,) the pairs that are possible; weights: (P,) theirs.
+    alone: (N,) weights of tracks without a detection, (M,) of detections without a track.
     limit: such as `EXACT_LIMIT`; inf is always exact, 0.0 always loopy.
     At least one joint event must be possible.
     """
-    n = len(missed)
-    found = np.zeros(pairs.shape)
-    group = _groups(-pairs, 0.0)
-    for first in range(n):
-        if group[first] != first:
+    missed, free = alone
+    n, m = len(missed), len(free)
+    group, count = components(rows, columns, (n, m))
+    some, first_row = sorted_by(group[:n], count)
+    others, first_column = sorted_by(group[n:], count)
+    pairs, first_pair = sorted_by(group[:n][rows], count)
+    found, place = np.empty(len(rows)), np.empty(n + m, np.int64)
+    for c in range(count):
+        within = pairs[first_pair[c] : first_pair[c + 1]]
+        if len(within) == 1:
+            k = within[0]
+            found[k] = weights[k] / (weights[k] + missed[rows[k]] * free[columns[k]])
             continue
-        rows = np.flatnonzero(group[:n] == first)
-        columns = np.flatnonzero(group[n:] == first)
-        inside = np.empty((len(rows), len(columns)))
-        for i in range(len(rows)):
-            for j in range(len(columns)):
-                inside[i, j] = pairs[rows[i], columns[j]]
-        shares = _cluster(inside, missed[rows], free[columns], limit)
-        for i in range(len(rows)):
-            for j in range(len(columns)):
-                found[rows[i], columns[j]] = shares[i, j]
+        mine = some[first_row[c] : first_row[c + 1]]
+        theirs = others[first_column[c] : first_column[c + 1]]
+        place[mine], place[n + theirs] = np.arange(len(mine)), np.arange(len(theirs))
+        inside = np.zeros((len(mine), len(theirs)))
+        for k in within:
+            inside[place[rows[k]], place[n + columns[k]]] = weights[k]
+        shares = _cluster(inside, missed[mine], free[theirs], limit)
+        for k in within:
+            found[k] = shares[place[rows[k]], place[n + columns[k]]]
     return found
 
 
@@ -139,92 +149,83 @@ def _exact(
     """Sum over all joint events, forwards and backwards through the rows."""
     slot, last, width = _slots(pairs, order)
     steps, states = len(order), 1 << width
-    forward = np.zeros((steps + 1, states))
+    forward = np.empty((steps + 1, states))
+    forward[0] = 0.0
     forward[0, 0] = 1.0
     for k in range(steps):
-        _advance(forward[k], forward[k + 1], pairs[order[k]], missed[order[k]], slot)
-        _retire(forward[k + 1], k, last, slot, free)
+        row = order[k]
+        _spread(forward[k], forward[k + 1], pairs[row], missed[row], (slot, True))
+        _retire(forward[k + 1], np.flatnonzero(last == k), slot, free)
         # Only ratios within a step count; left to grow, weights of long chains overflow.
         forward[k + 1] /= forward[k + 1].max()
-    backward, open_ended = np.zeros(states), np.zeros(states)
+    backward, open_ended = np.zeros(states), np.empty(states)
     backward[0] = 1.0
     found = np.zeros(pairs.shape)
     for k in range(steps - 1, -1, -1):
         row = order[k]
-        _revive(backward, k, last, slot, free)
+        _revive(backward, np.flatnonzero(last == k), slot, free)
         total = missed[row] * (forward[k] * backward).sum()
         for j in range(pairs.shape[1]):
             if pairs[row, j] > 0:
                 found[row, j] = pairs[row, j] * _met(forward[k], backward, 1 << slot[j])
                 total += found[row, j]
         found[row] /= total
-        _recede(backward, open_ended, pairs[row], missed[row], slot)
-        open_ended /= open_ended.max()
-        backward[:] = open_ended
+        _spread(backward, open_ended, pairs[row], missed[row], (slot, False))
+        backward[:] = open_ended / open_ended.max()
     return found
 
 
 @compiled()
-def _advance(
-    before: np.ndarray, after: np.ndarray, row: np.ndarray, missed: float, slot: np.ndarray
+def _spread(
+    before: np.ndarray,
+    after: np.ndarray,
+    row: np.ndarray,
+    missed: float,
+    way: tuple[np.ndarray, bool],
 ) -> None:
-    """Let a row take nothing or any column that is free."""
+    """Let a row take nothing or any column that is free; backwards: have taken it.
+
+    way: (M,) bits, and whether it goes forwards. States that differ in one bit lie in blocks, so
+    that no state is looked at in vain.
+    """
+    slot, forwards = way
     after[:] = missed * before
     for j in range(len(row)):
         if row[j] > 0:
             bit = 1 << slot[j]
-            for state in range(len(before)):
-                if state & bit:
-                    after[state] += row[j] * before[state ^ bit]
+            source, target = (0, bit) if forwards else (bit, 0)
+            for block in range(0, len(before), 2 * bit):
+                for state in range(block, block + bit):
+                    after[state + target] += row[j] * before[state + source]
 
 
 @compiled()
-def _retire(
-    weights: np.ndarray, step: int, last: np.ndarray, slot: np.ndarray, free: np.ndarray
-) -> None:
+def _retire(weights: np.ndarray, done: np.ndarray, slot: np.ndarray, free: np.ndarray) -> None:
     """Forget of columns seen for the last time whether they are taken."""
-    for j in range(len(last)):
-        if last[j] == step:
-            bit = 1 << slot[j]
-            for state in range(len(weights)):
-                if not state & bit:
-                    weights[state] = free[j] * weights[state] + weights[state | bit]
-                    weights[state | bit] = 0.0
+    for j in done:
+        bit = 1 << slot[j]
+        for block in range(0, len(weights), 2 * bit):
+            for state in range(block, block + bit):
+                weights[state] = free[j] * weights[state] + weights[state + bit]
+                weights[state + bit] = 0.0
 
 
 @compiled()
-def _revive(
-    weights: np.ndarray, step: int, last: np.ndarray, slot: np.ndarray, free: np.ndarray
-) -> None:
+def _revive(weights: np.ndarray, done: np.ndarray, slot: np.ndarray, free: np.ndarray) -> None:
     """Undo `_retire`, backwards: what is to come has this weight, taken or not."""
-    for j in range(len(last)):
-        if last[j] == step:
-            bit = 1 << slot[j]
-            for state in range(len(weights)):
-                if not state & bit:
-                    weights[state | bit] = weights[state]
-                    weights[state] *= free[j]
+    for j in done:
+        bit = 1 << slot[j]
+        for block in range(0, len(weights), 2 * bit):
+            for state in range(block, block + bit):
+                weights[state + bit] = weights[state]
+                weights[state] *= free[j]
 
 
 @compiled()
 def _met(forward: np.ndarray, backward: np.ndarray, bit: int) -> float:
     """Sum over all events in which this row takes the column of this bit."""
     total = 0.0
-    for state in range(len(forward)):
-        if not state & bit:
-            total += forward[state] * backward[state | bit]
+    for block in range(0, len(forward), 2 * bit):
+        for state in range(block, block + bit):
+            total += forward[state] * backward[state + bit]
     return total
-
-
-@compiled()
-def _recede(
-    after: np.ndarray, before: np.ndarray, row: np.ndarray, missed: float, slot: np.ndarray
-) -> None:
-    """Undo `_advance`, backwards."""
-    before[:] = missed * after
-    for j in range(len(row)):
-        if row[j] > 0:
-            bit = 1 << slot[j]
-            for state in range(len(after)):
-                if not state & bit:
-                    before[state] += row[j] * after[state | bit]

@@ -10,6 +10,8 @@ from roadscope.core import TrackState
 from roadscope.trackers.settings import check_counts
 from roadscope.trackers.tracklets import Tracklets
 
+TENTATIVE, CONFIRMED, COASTING = (np.int8(state) for state in TrackState)
+
 
 @dataclass(frozen=True, slots=True)
 class LifeCycle:
@@ -61,9 +63,13 @@ def track_states(
     seen and coasts while it is not; after more than `shown_misses` ticks without a detection the
     tracker goes on looking for it but answers for it no longer, so it is tentative again.
     """
-    states = np.where(misses > 0, TrackState.COASTING, TrackState.CONFIRMED)
-    states[(hits < confirm_hits) | (misses > shown_misses)] = TrackState.TENTATIVE
-    return states.astype(np.int8)
+    return told_states(hits >= confirm_hits, misses, shown_misses)
+
+
+def told_states(confirmed: np.ndarray, misses: np.ndarray, shown_misses: int) -> np.ndarray:
+    """Return (N,) int8 states of tracks that are (N,) bool confirmed, or tentative as yet."""
+    seen = np.where(misses > 0, COASTING, CONFIRMED)
+    return np.where(confirmed & (misses <= shown_misses), seen, TENTATIVE)
 
 
 def kept(

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from roadscope.core.pose import wrap_angle
-from roadscope.trackers.kalman import Gaussians
+from roadscope.trackers.kalman import Gaussians, predicted
 
 
 class Motion(Protocol):
@@ -52,9 +52,11 @@ class Motion(Protocol):
 
 def carried(motion: Motion, beliefs: Gaussians, dt: float) -> Gaussians:
     """Move beliefs on by dt seconds: f(x), F P F' + Q (extended Kalman filter)."""
-    F = motion.jacobian(beliefs.means, dt)
-    covariances = F @ beliefs.covariances @ np.swapaxes(F, -1, -2)
-    return Gaussians(motion.moved(beliefs.means, dt), covariances + motion.noise(beliefs.means, dt))
+    F, Q = motion.jacobian(beliefs.means, dt), motion.noise(beliefs.means, dt)
+    ahead = predicted(beliefs, F, Q)
+    if F.ndim == 2:
+        return ahead
+    return Gaussians(motion.moved(beliefs.means, dt), ahead.covariances)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +193,7 @@ class CoordinatedTurn:
         """Drive along the chord: half the turn, v dt sin(h) / h ahead, the other half."""
         _, _, yaw, v, turn = means.T
         half = turn * dt / 2
-        chord, direction = v * dt * _sinc(half), yaw + half
+        chord, direction = v * dt * sinc(half), yaw + half
         after = means.copy()
         after[:, 0] += chord * np.cos(direction)
         after[:, 1] += chord * np.sin(direction)
@@ -204,11 +206,11 @@ class CoordinatedTurn:
         half = turn * dt / 2
         ahead = np.stack([np.cos(yaw + half), np.sin(yaw + half)], axis=-1)
         aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
-        chord = (v * dt * _sinc(half))[:, None]
+        chord = (v * dt * sinc(half))[:, None]
         F = np.tile(np.eye(5), (len(means), 1, 1))
         F[:, :2, 2] = chord * aside
-        F[:, :2, 3] = dt * _sinc(half)[:, None] * ahead
-        F[:, :2, 4] = dt / 2 * ((v * dt * _sinc_slope(half))[:, None] * ahead + chord * aside)
+        F[:, :2, 3] = dt * sinc(half)[:, None] * ahead
+        F[:, :2, 4] = dt / 2 * ((v * dt * sinc_slope(half))[:, None] * ahead + chord * aside)
         F[:, 2, 4] = dt
         return F
 
@@ -262,13 +264,13 @@ def _spreads(n: int, spread: list[np.ndarray | float]) -> np.ndarray:
     return np.column_stack([np.broadcast_to(np.asarray(each, np.float64), n) for each in spread])
 
 
-def _sinc(h: np.ndarray) -> np.ndarray:
+def sinc(h: np.ndarray) -> np.ndarray:
     """Return sin(h) / h."""
     value: np.ndarray = np.sinc(h / np.pi)
     return value
 
 
-def _sinc_slope(h: np.ndarray) -> np.ndarray:
+def sinc_slope(h: np.ndarray) -> np.ndarray:
     """Return the derivative of sin(h) / h, by its series where the formula would cancel."""
     near = np.abs(h) < 1e-3
     safe = np.where(near, 1.0, h)

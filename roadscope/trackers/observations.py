@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import Detections
-from roadscope.core.jit import compiled
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.rows import Rows
 from roadscope.trackers.tracklets import boxes_of
@@ -77,32 +76,13 @@ def units(vectors: np.ndarray, least: float) -> np.ndarray:
     return made
 
 
-@compiled()
-def agreement(
-    costs: np.ndarray,
-    directions: np.ndarray,
-    anchors: np.ndarray,
-    places: np.ndarray,
-    weights: np.ndarray,
-    moving_m: float,
-) -> np.ndarray:
-    """Return (N, M) how well (M, 2) places continue (N, 2) directions from (N, 2) anchors.
+def agreement(directions: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return (P,) how well (P, 2) directions agree, unit vectors or 0.
 
-    costs: (N, M), of pairs that are possible; where infinite nothing is worked out.
-    weights: (M,). Half the weight straight on, minus half straight back, nothing aside, where a
-    direction is unknown, or nearer than `moving_m` to the anchor.
+    1/2 straight on, -1/2 straight back, 0 aside and where either is unknown.
     """
-    found = np.zeros((len(anchors), len(places)))
-    for i in range(len(anchors)):
-        x, y = directions[i]
-        if x == 0 and y == 0:
-            continue
-        for j in range(len(places)):
-            if costs[i, j] == np.inf:
-                continue
-            dx, dy = places[j, 0] - anchors[i, 0], places[j, 1] - anchors[i, 1]
-            apart = dx * dx + dy * dy
-            if apart > 0 and apart >= moving_m * moving_m:
-                angle = np.arctan2(abs(x * dy - y * dx), x * dx + y * dy)
-                found[i, j] = weights[j] * (0.5 - angle / np.pi)
-    return found
+    along = (directions * others).sum(axis=1)
+    across = directions[:, 0] * others[:, 1] - directions[:, 1] * others[:, 0]
+    known = (along != 0) | (across != 0)
+    agreed: np.ndarray = np.where(known, 0.5 - np.arctan2(np.abs(across), along) / np.pi, 0.0)
+    return agreed

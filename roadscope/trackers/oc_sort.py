@@ -9,11 +9,11 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.trackers.assignment import Pairs, assign_optimally, left_over
-from roadscope.trackers.gating import barred, check_overlap, overlap_costs, same_family
+from roadscope.trackers.gating import Candidates, candidates_by_overlap, check_overlap
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.life_cycle import LifeCycle
 from roadscope.trackers.motion import ConstantVelocity
-from roadscope.trackers.observations import Observations, agreement
+from roadscope.trackers.observations import Observations, agreement, units
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.rows import Rows
 from roadscope.trackers.settings import check_counts, check_not_negative, check_shares
@@ -108,32 +108,37 @@ class OcSortTracker:
     def _associated(self, tracks: Tracklets, observed: Observations, targets: Detections) -> Pairs:
         """Pair by overlap and momentum (eq. 4), then by overlap with what was last seen (OCR)."""
         alone = 1 - self._least
-        possible = same_family(tracks.categories, targets.categories)
-        costs = barred(self._overlap_costs(tracks.boxes, targets), possible)
-        costs -= self._momentum * self._consistency(costs, observed, targets)
+        near = self._overlapping(tracks.boxes, tracks.categories, targets)
+        costs = near.costs - self._momentum * self._consistency(near, observed, targets)
         # More than any pair can cost, so that a contrary direction alone undoes none.
-        rows, columns = assign_optimally(costs, alone + self._momentum)
-        left = left_over(len(tracks), rows)
-        free = left_over(len(targets), columns)
-        costs = self._overlap_costs(observed.boxes[left], targets.select(free))
-        i, j = assign_optimally(barred(costs, possible[np.ix_(left, free)]), alone)
+        rows, columns = assign_optimally(near.costing(costs), alone + self._momentum)
+        left, free = left_over(len(tracks), rows), left_over(len(targets), columns)
+        near = self._overlapping(
+            observed.boxes[left], tracks.categories[left], targets.select(free)
+        )
+        i, j = assign_optimally(near, alone)
         return np.concatenate([rows, left[i]]), np.concatenate([columns, free[j]])
 
-    def _overlap_costs(self, boxes: np.ndarray, targets: Detections) -> np.ndarray:
-        return overlap_costs(boxes, boxes_of(targets), overlap=self._overlap, least=self._least)
+    def _overlapping(
+        self, boxes: np.ndarray, categories: np.ndarray, targets: Detections
+    ) -> Candidates:
+        near = candidates_by_overlap(
+            boxes, boxes_of(targets), overlap=self._overlap, least=self._least
+        )
+        return near.within_families(categories, targets.categories)
 
     def _consistency(
-        self, costs: np.ndarray, observed: Observations, targets: Detections
+        self, near: Candidates, observed: Observations, targets: Detections
     ) -> np.ndarray:
-        """Return (N, M) how well detections continue the directions seen, -1/2 to 1/2.
+        """Return (P,) how well pairs continue the directions seen, -1/2 to 1/2.
 
         As in the authors' code, and weighed with the detection's score; 0 where there is no
         direction.
         """
-        places = targets.centres[:, :2]
-        return agreement(
-            costs, observed.directions, observed.anchors, places, targets.scores, self._moving_m
-        )
+        ahead = targets.centres[near.columns, :2] - observed.anchors[near.rows]
+        agreed = agreement(observed.directions[near.rows], units(ahead, self._moving_m))
+        weighed: np.ndarray = targets.scores[near.columns] * agreed
+        return weighed
 
     def _updated_again(self, observed: Observations, places: np.ndarray) -> Gaussians:
         """Filter from the last detections to (N, 2) new ones, through all ticks between (ORU).

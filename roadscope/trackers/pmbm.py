@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from roadscope.core import Detections, Pose, Tracks, TrackState
-from roadscope.trackers.gating import barred, chi_square_gate, gated_distances, same_family
+from roadscope.core import Detections, Pose, Tracks
+from roadscope.trackers.gating import candidates_by_likelihood, chi_square_gate, determinants
 from roadscope.trackers.jpda_existence import Existence, Sighting
+from roadscope.trackers.life_cycle import told_states
 from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.pmbm_hypotheses import Parts, all_continued
@@ -112,12 +113,16 @@ class PmbmTracker:
         tracks, existence = mixture.bernoullis.tracks, mixture.bernoullis.existence
         known = self._sighting
         S = self._filter.expected(tracks.beliefs)
-        distances = gated_distances(tracks.places, S, targets.centres[:, :2], self._gate)
-        distances = barred(distances, same_family(tracks.categories, targets.categories))
+        near = candidates_by_likelihood(tracks.places, S, targets.centres[:, :2], self._gate)
+        near = near.within_families(tracks.categories, targets.categories)
         missed = 1 - existence.visible * known.detection
-        seen = existence.visible * known.detection / (2 * np.pi * np.sqrt(np.linalg.det(S)))
-        costs = distances / 2 - np.log(seen / missed)[:, None]
-        costs = costs - np.log(known.gains(targets.scores))
+        seen = existence.visible * known.detection / (2 * np.pi * np.sqrt(determinants(S)))
+        costs = np.full(near.shape, np.inf)
+        costs[near.rows, near.columns] = (
+            near.costs / 2
+            - np.log(seen / missed)[near.rows]
+            - np.log(known.gains(targets.scores))[near.columns]
+        )
         unseen = np.append(np.log(missed), 0.0)[mixture.members].sum(axis=1)
         weights = mixture.log_weights + unseen
         limits = (self._hypotheses, self._gap)
@@ -161,8 +166,6 @@ class PmbmTracker:
         self._mixture = replace(mixture, roster=roster)
         tracks = mixture.bernoullis.tracks.select(mixture.likeliest[shown])
         tracks = replace(tracks, scores=np.clip(existence[shown], 0, 1))
-        states = np.where(tracks.misses > 0, TrackState.COASTING, TrackState.CONFIRMED)
-        answered = (here & confirmed)[shown] & (tracks.misses <= self._shown_misses)
-        states = np.where(answered, states, TrackState.TENTATIVE).astype(np.int8)
+        states = told_states((here & confirmed)[shown], tracks.misses, self._shown_misses)
         planar = self._filter.planar(tracks.beliefs)
         return tracks.report(planar, states, tick.frame, tick.stamp_s)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.assignment import _groups
+from roadscope.trackers.components import components
 from roadscope.trackers.pmbm_assignments import best_assignments
 
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -34,18 +34,17 @@ def all_continued(
     """
     T, M = members.shape[1], costs.shape[1]
     clusters = cluster.max() + 1 if len(cluster) else 0
-    group = _groups(_links(cluster, members, costs, clusters, limits[1]), 0.5)
+    links = np.nonzero(_links(cluster, members, costs, clusters, limits[1]) < 0.5)
+    group, parts_count = components(links[0], links[1], (T, M + clusters))
     owner = np.full(M, -1)
     parts = [(np.empty(0, np.int64), np.empty((0, 0), np.int64), np.empty((0, 0), np.int64))]
     weights = [np.empty(0)]
-    for first in range(T):
-        if group[first] != first:
-            continue
-        tracks = np.flatnonzero(group[:T] == first)
-        targets = np.flatnonzero(group[T : T + M] == first)
+    for number in range(parts_count):
+        tracks = np.flatnonzero(group[:T] == number)
+        targets = np.flatnonzero(group[T : T + M] == number)
         owner[targets] = len(parts) - 1
         joint, prior = np.full((1, len(tracks)), -1), np.zeros(1)
-        for c in np.flatnonzero(group[T + M :] == first):
+        for c in np.flatnonzero(group[T + M :] == number):
             rows = np.flatnonzero(cluster == c)
             joint, prior = _product(
                 joint, prior, members[rows][:, tracks], log_weights[rows], limits
@@ -156,12 +155,11 @@ def continued(
     shares /= shares.sum()
     columns = [np.full((1, T), -1) for _ in range(H)]
     totals = [np.zeros(1) for _ in range(H)]
-    group = _groups(_least_costs(members, costs), gap)
-    for first in range(T):
-        if group[first] != first:
-            continue
-        tracks = np.flatnonzero(group[:T] == first)
-        targets = np.flatnonzero(group[T:] == first)
+    links = np.nonzero(_least_costs(members, costs) < gap)
+    group, parts_count = components(links[0], links[1], (T, costs.shape[1]))
+    for number in range(parts_count):
+        tracks = np.flatnonzero(group[:T] == number)
+        targets = np.flatnonzero(group[T:] == number)
         same_as = _first_alike(members, tracks)
         ways = [np.empty((0, 0), np.int64) for _ in range(H)]
         prices = [np.empty(0) for _ in range(H)]

@@ -9,7 +9,7 @@ from shapely.geometry import Polygon
 from roadscope.core.box_overlap import (
     box_overlaps,
     box_overlaps_3d,
-    generalised_overlaps_3d,
+    overlapping_pairs,
 )
 
 LENGTHS = st.floats(0.2, 20.0)
@@ -80,6 +80,14 @@ SOLIDS = st.tuples(
 )  # fmt: skip
 
 
+def generalised_overlaps_3d(one_rows, other_rows, least=-1.0):
+    """(N, M) generalised IoU, -1 where it does not exceed the least."""
+    whole = np.full((len(one_rows), len(other_rows)), -1.0)
+    rows, columns, shares = overlapping_pairs(one_rows, other_rows, True, least)
+    whole[rows, columns] = shares
+    return whole
+
+
 def in_space(a, b) -> tuple[float, float]:
     """IoU and generalised IoU as shapely's areas give them."""
     flat, other = (outline((*box[:2], *box[3:5], box[6])) for box in (a, b))
@@ -119,7 +127,26 @@ def test_pairs_left_out_lie_below_the_least(seed, least) -> None:
     one_row, other_row = rng.uniform(low, high, (6, 7)), rng.uniform(low, high, (6, 7))
     whole = generalised_overlaps_3d(one_row, other_row)
     found = generalised_overlaps_3d(one_row, other_row, least)
-    assert ((found == whole) | ((found == -1) & (whole < least))).all()
+    assert ((found == whole) | ((found == -1) & (whole <= least))).all()
+
+
+@given(st.integers(0, 10_000), st.booleans(), st.floats(0.0, 0.5))
+def test_pairs_come_in_order_and_are_all_there_are(seed, generalised, least) -> None:
+    """More of them than there is room for at first, and some in a column along x."""
+    rng = np.random.default_rng(seed)
+    low, high = [-9, -9, -1, 2, 2, 1, -4], [9, 9, 1, 9, 4, 3, 4]
+    one_row, other_row = rng.uniform(low, high, (24, 7)), rng.uniform(low, high, (30, 7))
+    other_row[::2, 0] = 0.0
+    alone = [overlapping_pairs(a[None], other_row, generalised, least) for a in one_row]
+    rows, columns, shares = overlapping_pairs(one_row, other_row, generalised, least)
+    assert rows.tolist() == [i for i, found in enumerate(alone) for _ in found[0]]
+    assert columns.tolist() == [j for found in alone for j in found[1].tolist()]
+    assert np.array_equal(shares, np.concatenate([found[2] for found in alone]))
+    assert (np.diff(rows * 30 + columns) > 0).all()
+    if not generalised:
+        slow = np.array([[in_space(a, b)[0] for b in other_row[:5]] for a in one_row[:5]])
+        found = box_overlaps_3d(one_row[:5], other_row[:5])
+        np.testing.assert_allclose(found, slow, atol=1e-9)
 
 
 def test_far_pairs_are_left_out() -> None:

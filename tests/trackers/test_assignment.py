@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from dense_costs import candidates
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -35,26 +36,29 @@ def test_greedy_equals_the_slow_way(costs, gate):
 @given(costs, st.sampled_from([0.5, 2.0, 20.0]))
 def test_in_turn_equals_the_slow_way(costs, gate):
     expected = {}
-    for row, of_row in enumerate(costs):
+    for row in range(len(costs))[::-1]:
+        of_row = costs[row]
         free = [(c, j) for j, c in enumerate(of_row) if c < gate and j not in expected.values()]
         if free:
             expected[row] = min(free)[1]
-    rows, columns = assign_in_turn(costs, gate)
+    turns = np.arange(len(costs))[::-1]
+    near = candidates(np.where(costs < gate, costs, np.inf))
+    rows, columns = assign_in_turn(near, turns)
     assert dict(zip(rows.tolist(), columns.tolist(), strict=True)) == expected
 
 
 def test_stages_take_what_is_left():
     costs = np.array([[1.0, 3.0, 9.0], [2.0, 4.0, 1.0]])
     every, sure = np.ones(2, bool), np.array([True, False, False])
-    rows, columns = assign_in_stages(costs, [(every, sure, 5.0), (every, ~sure, 4.0)])
+    rows, columns = assign_in_stages(candidates(costs), [(every, sure, 5.0), (every, ~sure, 4.0)])
     assert (rows.tolist(), columns.tolist()) == ([0, 1], [0, 2])
-    narrow = assign_in_stages(costs, [(every, sure, 5.0), (every, ~sure, 0.5)])
+    narrow = assign_in_stages(candidates(costs), [(every, sure, 5.0), (every, ~sure, 0.5)])
     assert narrow[0].tolist() == [0]
 
 
 @given(costs, st.sampled_from([0.5, 2.0, 20.0]))
 def test_optimal_costs_as_little_as_scipy_finds(costs, gate):
-    rows, columns = assign_optimally(costs, gate)
+    rows, columns = assign_optimally(candidates(costs), gate)
     assert len(set(columns.tolist())) == len(columns)
     assert (np.diff(rows) > 0).all()
     assert (costs[rows, columns] < gate).all()
@@ -68,7 +72,7 @@ def test_optimal_in_a_crowd(n, m):
     rng = np.random.default_rng(n)
     apart = np.linalg.norm(rng.uniform(0, 30, (n, 1, 2)) - rng.uniform(0, 30, (m, 2)), axis=-1)
     for gate in (1.0, 4.0, 100.0):
-        rows, columns = assign_optimally(apart, gate)
+        rows, columns = assign_optimally(candidates(apart), gate)
         least = np.minimum(apart - gate, 0.0)
         expected = least[linear_sum_assignment(least)].sum()
         assert (apart[rows, columns] - gate).sum() == pytest.approx(expected, abs=1e-9)
@@ -78,9 +82,9 @@ def test_optimal_in_a_crowd(n, m):
 def test_optimal_gives_up_a_cheap_pair_for_a_cheaper_whole():
     costs = np.array([[1.0, 2.0], [2.0, 9.0]])
     assert assign_greedily(costs, 5.0)[1].tolist() == [0]
-    assert assign_optimally(costs, 5.0)[1].tolist() == [1, 0]
+    assert assign_optimally(candidates(costs), 5.0)[1].tolist() == [1, 0]
     # But two mediocre pairs are worth less than one good one when being alone is cheap.
-    assert assign_optimally(costs, 2.2)[0].tolist() == [0]
+    assert assign_optimally(candidates(costs), 2.2)[0].tolist() == [0]
 
 
 @given(sides.flatmap(lambda n: arrays(float, (min(n), max(n)), elements=st.floats(-9, 9))))

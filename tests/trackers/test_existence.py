@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
+from slow_kalman import innovations, predicted, updated
 
 from roadscope.core import Category, Detections, Pose, TrackState
 from roadscope.trackers import learned
 from roadscope.trackers.existence import ExistenceTracker
 from roadscope.trackers.existence_kernels import corrected, ellipses, hidden_shares, moved_on
-from roadscope.trackers.kalman import Gaussians, innovations, predicted, updated
+from roadscope.trackers.kalman import Gaussians
 
 DT = 0.1
 CALIBRATED = "roadscope"

@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
+from dense_costs import candidates, matrix
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
+from slow_kalman import mahalanobis_squared
 
 from roadscope.core import Category
 from roadscope.trackers.gating import (
-    barred,
-    centre_distances,
+    candidates_by_distance,
+    candidates_by_likelihood,
     chi_square_gate,
-    gated_distances,
-    same_family,
+    neighbours,
 )
-from roadscope.trackers.kalman import mahalanobis_squared
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -20,15 +20,23 @@ seeds = st.integers(0, 2**32 - 1)
 def test_families():
     one = np.array([Category.CAR, Category.PEDESTRIAN], np.int8)
     other = np.array([Category.TRUCK, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
-    assert same_family(one, other).tolist() == [[True, False, False], [False, False, True]]
+    kept = candidates(np.ones((2, 3))).within_families(one, other)
+    assert (kept.rows.tolist(), kept.columns.tolist()) == ([0, 1], [0, 2])
     for a in Category:
         for b in Category:
-            pair = same_family(np.array([a]), np.array([b]))
-            assert pair.item() == (a.family is b.family)
+            pair = candidates(np.ones((1, 1))).within_families(np.array([a]), np.array([b]))
+            assert len(pair) == (a.family is b.family)
 
 
-def test_barred_pairs_cost_infinity():
-    assert barred(np.ones((1, 2)), np.array([[True, False]])).tolist() == [[1, np.inf]]
+@given(seed=seeds, reach=st.floats(0.1, 8.0))
+def test_neighbours_are_found_in_order(seed, reach):
+    rng = np.random.default_rng(seed)
+    one, other = (np.round(rng.uniform(-5, 5, (n, 2))) for n in rng.integers(0, 9, 2))
+    reaches = rng.uniform(0, reach, (len(one), 2))
+    apart = np.abs(one[:, None] - other)
+    rows, columns = np.nonzero((apart < reaches[:, None]).all(axis=2))
+    found = neighbours(one, other, reaches)
+    assert (found[0].tolist(), found[1].tolist()) == (rows.tolist(), columns.tolist())
 
 
 @pytest.mark.parametrize("dimensions", [1, 2, 3, 7])
@@ -45,7 +53,8 @@ def test_mahalanobis_distances_equal_the_slow_way(seed, gate):
     covariances = roots @ roots.transpose(0, 2, 1) + 0.05 * np.eye(2)
     slow = mahalanobis_squared(measured - expected[:, None], covariances[:, None])
     slow[slow >= gate] = np.inf
-    np.testing.assert_allclose(gated_distances(expected, covariances, measured, gate), slow)
+    found = candidates_by_likelihood(expected, covariances, measured, gate)
+    np.testing.assert_allclose(matrix(found), slow)
 
 
 @given(seed=seeds, gate=st.floats(0.1, 10.0))
@@ -54,4 +63,5 @@ def test_centre_distances_equal_the_slow_way(seed, gate):
     one, other = (rng.uniform(-5, 5, (n, 2)) for n in rng.integers(0, 6, 2))
     slow = np.linalg.norm(one[:, None] - other, axis=2)
     slow[slow >= gate] = np.inf
-    np.testing.assert_allclose(centre_distances(one, other, gate), slow)
+    found = candidates_by_distance(one, other, np.full(len(one), gate))
+    np.testing.assert_allclose(matrix(found), slow)

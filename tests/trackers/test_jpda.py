@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from dense_costs import candidates
 
 from roadscope.core import Detections, TrackState
 from roadscope.trackers.jpda import JpdaTracker, likeliest, merged
@@ -21,7 +22,7 @@ def test_merged_has_the_moments_of_the_mixture():
     kalman = PlaceFilter()
     belief = Gaussians(np.array([[1.0, 2, 3, 4]]), np.diag([0.5, 0.4, 2, 3])[None])
     places, shares = np.array([[1.5, 2.2], [0.4, 1.7]]), np.array([[0.5, 0.2]])
-    found = merged(kalman, belief, places, shares)
+    found = merged(belief, places, candidates(shares), kalman.R)
     parts = [belief, *(kalman.corrected(belief, place[None]) for place in places)]
     weights = np.array([0.3, 0.5, 0.2])
     mean = sum(w * part.means[0] for w, part in zip(weights, parts, strict=True))
@@ -52,9 +53,9 @@ def test_a_hidden_target_is_doubted_less_than_a_visible_one():
 
 def test_marginals_are_read_one_to_one():
     beta = np.array([[0.6, 0.3], [0.35, 0.0]])
-    rows, columns = likeliest(beta, np.array([0.05, 0.7]))
+    rows, columns = likeliest(candidates(beta), np.array([0.05, 0.7]))
     assert (rows.tolist(), columns.tolist()) == ([0], [0])
-    rows, columns = likeliest(beta, np.array([0.05, 0.01]))
+    rows, columns = likeliest(candidates(beta), np.array([0.05, 0.01]))
     assert (rows.tolist(), columns.tolist()) == ([0, 1], [1, 0])
 
 

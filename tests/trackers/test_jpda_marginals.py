@@ -5,7 +5,18 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from roadscope.trackers.jpda_loopy import loopy_marginals
-from roadscope.trackers.jpda_marginals import EXACT_LIMIT, association_marginals
+from roadscope.trackers.jpda_marginals import EXACT_LIMIT
+from roadscope.trackers.jpda_marginals import association_marginals as marginals_of_pairs
+
+
+def association_marginals(pairs, missed, free, limit):
+    """(N, M) marginals of (N, M) weights, 0 where impossible."""
+    rows, columns = np.nonzero(pairs)
+    found = np.zeros(pairs.shape)
+    found[rows, columns] = marginals_of_pairs(
+        rows, columns, pairs[rows, columns], (missed, free), limit
+    )
+    return found
 
 
 def by_enumeration(pairs, missed, free):

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from dense_costs import candidates
 from tracked_scenes import T, boxes, identities, told
 
 from roadscope.core import Detections, TrackState
@@ -74,8 +75,8 @@ def test_momentum_prefers_what_lies_ahead():
     observed = Observations.opened(first, beliefs, 3).moved_on()
     observed = observed.seen(np.array([0]), boxes([(1, 0)], 1), beliefs, 0.5).moved_on()
     targets = boxes([(3, 0), (0, 3), (-3, 0), (0.1, 0)], 2, scores=0.8)
-    agreement = tracker._consistency(np.zeros((1, 4)), observed, targets)
-    assert agreement[0].tolist() == pytest.approx([0.4, 0, -0.4, 0])
+    agreement = tracker._consistency(candidates(np.zeros((1, 4))), observed, targets)
+    assert agreement.tolist() == pytest.approx([0.4, 0, -0.4, 0])
 
 
 def test_memory_reaches_back_a_few_ticks_and_then_to_the_last():

@@ -13,9 +13,10 @@ from typing import Protocol
 
 import numpy as np
 
-from roadscope.core import Detections, Family, Pose, Tracks, TrackState
+from roadscope.core import Detections, Family, Pose, Tracks
 from roadscope.trackers.gating import FAMILIES
 from roadscope.trackers.kalman import Gaussians
+from roadscope.trackers.life_cycle import told_states
 from roadscope.trackers.settings import check_counts
 from roadscope.trackers.ticks import Tick
 from roadscope.trackers.tracklets import Tracklets
@@ -93,7 +94,7 @@ class Adapter:
         self._next_id += len(born)
         order = np.concatenate([old, born])
         self._rows = {told.keys[i]: row for row, i in enumerate(order)}
-        states = self._states(told.confirmed[order])
+        states = told_states(told.confirmed[order], self._tracks.misses, self._shown_misses)
         return self._tracks.report(self._tracks.beliefs, states, tick.frame, tick.stamp_s)
 
     def _asked(self, tick: Tick) -> Told:
@@ -115,9 +116,3 @@ class Adapter:
             np.concatenate([answer.rows for answer in answers]),
             np.concatenate([answer.confirmed for answer in answers]),
         )
-
-    def _states(self, confirmed: np.ndarray) -> np.ndarray:
-        misses = self._tracks.misses
-        states = np.where(misses > 0, TrackState.COASTING, TrackState.CONFIRMED)
-        states[~confirmed | (misses > self._shown_misses)] = TrackState.TENTATIVE
-        return states.astype(np.int8)
