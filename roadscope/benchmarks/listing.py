@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.recorded.suite import kitti_table
-from roadscope.benchmarks.suite import SUITES, load_suite, unknown
+from roadscope.benchmarks.suite import SUITES, load_suite
 from roadscope.core import Registry, SpecError
+from roadscope.core.names import unknown
 
 T = TypeVar("T")
 

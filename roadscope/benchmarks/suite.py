@@ -6,7 +6,6 @@ the version. Seeds come from a split, so that training, validation and test neve
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from typing import Any
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.core import RecordError
+from roadscope.core.names import unknown
 
 SUITES = ("quick", "standard", "detection", "tracking")
 """Suites that ship with the package."""
@@ -77,11 +77,7 @@ def load_suite(name_or_path: str | Path) -> Suite:
         content = resources.files("roadscope.benchmarks").joinpath(f"suites/{text}.toml")
         return parse_suite(content.read_text(encoding="utf-8"), text)
     if not text.endswith(".toml"):
-        close = difflib.get_close_matches(text, SUITES, n=1)
-        hint = f" (did you mean '{close[0]}'?)" if close else ""
-        raise SuiteError(
-            f"no suite '{text}'{hint}; known: {', '.join(SUITES)}; or a path ending in .toml"
-        )
+        raise SuiteError(f"{unknown('suite', text, SUITES)}; or a path ending in .toml")
     try:
         content_text = Path(text).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -117,14 +113,6 @@ def check_names(suite: Suite) -> None:
     rig(suite.rig)
     for name in suite.scenarios:
         check_episode(Episode(name, suite.seeds[0], suite.rig, suite.duration_s))
-
-
-def unknown(kind: str, name: str, known: Any) -> str:
-    """Say that a name does not exist, and which do."""
-    names = list(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    hint = f" (did you mean '{close[0]}'?)" if close else ""
-    return f"no {kind} '{name}'{hint}; known: {', '.join(names)}"
 
 
 def _suite(table: Mapping[str, Any]) -> Suite:

@@ -7,7 +7,6 @@ literals and otherwise taken as text. Packages add names by entry points.
 from __future__ import annotations
 
 import ast
-import difflib
 import importlib
 import importlib.util
 import inspect
@@ -24,6 +23,8 @@ from importlib.metadata import (
 )
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
+
+from roadscope.core.names import unknown
 
 T = TypeVar("T")
 
@@ -168,11 +169,8 @@ class Registry(Generic[T]):
         return {point.name: point.value for point in entry_points(group=self._group)}
 
     def _unknown(self, name: str) -> str:
-        known = self.names()
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f" (did you mean '{close[0]}'?)" if close else ""
         return (
-            f"no {self.kind} '{name}'{hint}; known: {', '.join(known)}; "
+            f"{unknown(self.kind, name, self.names())}; "
             "or name your own: package.module:Class, path/to/file.py:Class"
         )
 

@@ -24,7 +24,7 @@ from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.oracle import mark_of
 from roadscope.benchmarks.recorded.combined import BY_ALPHA
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
-from roadscope.benchmarks.suite import unknown
+from roadscope.core.names import unknown
 
 BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
     "detection": (*BANDS, *CONDITIONS),

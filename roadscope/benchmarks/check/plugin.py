@@ -16,6 +16,7 @@ from typing import Any
 from roadscope.benchmarks.check import detectors, trackers
 from roadscope.benchmarks.check.items import Item, Promise, PromiseError
 from roadscope.benchmarks.jobs.stack import EntryError, describe
+from roadscope.core.names import unknown
 from roadscope.core.registry import Plugin, SpecError, split_spec
 from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS
@@ -129,8 +130,8 @@ def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
         return DETECTORS.resolve(spec), detectors.PROMISES
     if ":" not in name and not name.endswith(".py") and name not in TRACKERS:
         raise SpecError(
-            f"no tracker or detector '{name}'; name your own: package.module:Class, "
-            "path/to/file.py:Class (ours: roadscope list)"
+            unknown("tracker or detector", name, [*TRACKERS.names(), *DETECTORS.names()])
+            + "; or name your own: package.module:Class, path/to/file.py:Class"
         )
     plugin: Plugin[Any] = TRACKERS.resolve(spec)
     if name in TRACKERS or hasattr(plugin.factory, "update"):

@@ -8,6 +8,7 @@ from pathlib import Path
 from roadscope.benchmarks.formats.kitti_objects import DETECTION_COLUMNS, TYPE_NAMES, TYPE_OF
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.core import Category
+from roadscope.core.names import unknown
 
 DETECTIONS = "det_"
 SCORE_COLUMN = DETECTION_COLUMNS.index("score")
@@ -84,7 +85,7 @@ class KittiFolder:
         if name is None and len(known) > 1:
             raise FormatError(f"{self.root}: several detectors, name one: {', '.join(known)}")
         if name is not None and name not in known:
-            raise FormatError(f"{self.root}: no detector '{name}'; known: {', '.join(known)}")
+            raise FormatError(f"{self.root}: {unknown('detector', name, known)}")
         return name or known[0]
 
     def scores_are_shares(self, detector: str) -> bool:

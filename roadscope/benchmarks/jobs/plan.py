@@ -13,8 +13,9 @@ from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.oracle import MARK_SPECS, ORACLE, made_from_truth
 from roadscope.benchmarks.recorded.recording import board_of
 from roadscope.benchmarks.recorded.suite import RecordedSuite
-from roadscope.benchmarks.suite import Suite, SuiteError, check_names, unknown
+from roadscope.benchmarks.suite import Suite, SuiteError, check_names
 from roadscope.core import Registry, SpecError
+from roadscope.core.names import unknown
 from roadscope.core.registry import Plugin, split_spec
 from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS

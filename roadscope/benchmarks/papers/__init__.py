@@ -6,8 +6,8 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from roadscope.benchmarks.suite import unknown
 from roadscope.core import SpecError
+from roadscope.core.names import unknown
 
 PAPERS = {
     "lu2018": "roadscope.benchmarks.papers.lu2018",

@@ -18,6 +18,7 @@ from roadscope.benchmarks.speed.detectors import (
 from roadscope.benchmarks.speed.metrics import measure_metrics
 from roadscope.benchmarks.speed.rows import SpeedRow, Step
 from roadscope.benchmarks.speed.trackers import measure_trackers
+from roadscope.core.names import unknown
 
 PARTS = ("casting", "detectors", "metrics", "trackers")
 
@@ -44,7 +45,7 @@ def measure_speed(
     """
     for part in parts:
         if part not in PARTS:
-            raise ValueError(f"no part '{part}'; known: {', '.join(PARTS)}")
+            raise ValueError(unknown("part", part, PARTS))
     rows: list[SpeedRow] = []
     steps: list[Step] = []
     if "casting" in parts:

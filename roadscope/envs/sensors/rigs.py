@@ -21,6 +21,7 @@ from types import MappingProxyType
 from typing import Any
 
 from roadscope.core import Pose, RecordError
+from roadscope.core.names import unknown
 from roadscope.envs.sensors.lidar_specs import SPECS
 from roadscope.envs.sensors.rig import LidarMount, Rig
 
@@ -60,7 +61,7 @@ def rig(name_or_path: str | Path) -> Rig:
         return _rig(text, place.sensor, {"x_m": place.x_m, "z_m": place.z_m})
     if text.endswith(".toml"):
         return load_rig(Path(text))
-    raise RecordError(f"no rig '{text}'; known: {', '.join(RIGS)}; or a path ending in .toml")
+    raise RecordError(f"{unknown('rig', text, RIGS)}; or a path ending in .toml")
 
 
 def load_rig(path: Path | str) -> Rig:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -10,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from roadscope.core.checks import require
+from roadscope.core.names import unknown
 
 KINDS = ("clear", "rain", "fog")
 MIDDLE = 3
@@ -123,8 +123,5 @@ def weather(name: str | Weather) -> Weather:
         raise TypeError(f"weather: expected a name or a Weather, got {name!r}")
     known = WEATHERS.get(f"{name}-{MIDDLE}" if name in ("rain", "fog") else name)
     if known is None:
-        names = [*WEATHERS, "rain", "fog"]
-        close = difflib.get_close_matches(name, names, n=1)
-        hint = f" (did you mean '{close[0]}'?)" if close else ""
-        raise ValueError(f"no weather '{name}'{hint}; known: {', '.join(names)}")
+        raise ValueError(unknown("weather", name, [*WEATHERS, "rain", "fog"]))
     return known

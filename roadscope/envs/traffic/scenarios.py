@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from roadscope.core import Category
+from roadscope.core.names import unknown
 from roadscope.envs.traffic.timeline import Timeline
 
 LEAST_OBJECTS = 5
@@ -155,9 +155,7 @@ def find(name: str) -> Scenario:
     """Return the scenario of that name."""
     if name in SCENARIOS:
         return SCENARIOS[name]
-    close = difflib.get_close_matches(name, SCENARIOS, n=1)
-    hint = f" (did you mean '{close[0]}'?)" if close else ""
-    raise ScenarioError(f"no scenario '{name}'{hint}; known: {', '.join(SCENARIOS)}")
+    raise ScenarioError(unknown("scenario", name, SCENARIOS))
 
 
 def accept(timeline: Timeline) -> Acceptance:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from roadscope.core import RecordError
+from roadscope.core.names import unknown
 
 
 @dataclass(frozen=True)
@@ -57,5 +58,5 @@ STYLES: Mapping[str, Style] = MappingProxyType(
 def style_named(name: str) -> Style:
     """Return the style; an unknown name is refused with what there is."""
     if name not in STYLES:
-        raise RecordError(f"no roadside style '{name}'; known: {', '.join(STYLES)}")
+        raise RecordError(unknown("roadside style", name, STYLES))
     return STYLES[name]

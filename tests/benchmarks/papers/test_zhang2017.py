@@ -9,6 +9,7 @@ from rich.console import Console
 from roadscope.benchmarks.papers import PAPERS, note_of, zhang2017, zhang2017_taken
 from roadscope.benchmarks.papers import zhang2017_claims as claims
 from roadscope.benchmarks.papers import zhang2017_names as names
+from roadscope.benchmarks.papers.reproduction import YES_OR_NO
 from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 from roadscope.benchmarks.papers.zhang2017_claims import (
     band,
@@ -151,7 +152,7 @@ def test_every_method_and_the_floor_are_in_every_table(rows):
         assert {row.method for row in followed} == {*REPEATED, *floor_names}
     assert {row.n for row in rows if row.method in METHODS} == {2}
     assert {row.n for row in rows if row.method.startswith("floor")} == {1}
-    assert {row.unit for row in rows} == {"m", "deg", "ms", "%", "1", "share", "count"}
+    assert {row.unit for row in rows} == {"m", "deg", "ms", "%", "1", "share", "count", YES_OR_NO}
 
 
 def test_readings_are_shown_beside_those_taken(rows):

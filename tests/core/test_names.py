@@ -1,0 +1,14 @@
+from roadscope.core.names import unknown
+
+KNOWN = ("nearest", "gnn", "jpda")
+
+
+def test_the_name_that_may_be_meant_is_suggested_beside_all() -> None:
+    assert unknown("tracker", "nearst", KNOWN) == (
+        "no tracker 'nearst' (did you mean 'nearest'?); known: nearest, gnn, jpda"
+    )
+
+
+def test_nothing_is_suggested_where_nothing_is_near() -> None:
+    assert unknown("tracker", "x", KNOWN) == "no tracker 'x'; known: nearest, gnn, jpda"
+    assert unknown("tracker", "", []) == "no tracker ''; known: "
