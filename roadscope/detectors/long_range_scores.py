@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
 
+from roadscope.core.jit import compiled
+from roadscope.detectors.moving.link_kernels import unsteady
 from roadscope.detectors.moving.links import Chain, Sighting
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.scoring import ScoreModel
@@ -27,40 +30,64 @@ def features(chain: Chain, seen: Sighting, ring: np.ndarray, pose: VehiclePose) 
     from a straight line, how long and wide the returns reach along the pose, which share of them
     lies outside its rectangle and how far it is turned from the way; logarithms are natural.
     """
-    velocity, count = chain.velocity, len(seen.points)
-    speed = float(np.hypot(*velocity))
-    away = seen.at_stamp(velocity) - (pose.x, pose.y)
-    cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)
-    along, across = away @ (cos, sin), away @ (-sin, cos)
-    sides = np.array([pose.length, pose.width]) / 2 + MARGIN_M
-    outside = (np.abs(along) > sides[0]) | (np.abs(across) > sides[1])
-    askew = np.degrees(np.arccos(min(abs(cos * velocity[0] + sin * velocity[1]) / speed, 1.0)))
+    speed = float(np.hypot(chain.velocity[0], chain.velocity[1]))
+    levels, top, bottom, along, across, outside = _about(
+        seen.points, seen.candidate.times_s, ring, chain.velocity,
+        (pose.x, pose.y, pose.yaw, pose.length, pose.width),
+    )  # fmt: skip
+    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+    along_way = abs(cos * chain.velocity[0] + sin * chain.velocity[1])
     return np.array(
         [
-            np.log(count),
-            len(np.unique(ring)),
-            np.log1p(max(seen.candidate.evidence, 0.0)),
+            math.log(len(seen.points)),
+            levels,
+            math.log1p(max(seen.candidate.evidence, 0.0)),
             min(chain.count, MANY),
             speed,
             unsteadiness(chain),
-            float(np.hypot(pose.x - seen.origin[0], pose.y - seen.origin[1])),
-            seen.points[:, 2].max(),
-            seen.points[:, 2].min(),
-            np.ptp(along),
-            np.ptp(across),
-            outside.mean(),
-            askew if speed > 0 else 45.0,
+            math.hypot(pose.x - seen.origin[0], pose.y - seen.origin[1]),
+            top,
+            bottom,
+            along,
+            across,
+            outside,
+            math.degrees(math.acos(min(along_way / speed, 1.0))) if speed > 0 else 45.0,
             pose.length,
         ]
     )
 
 
+@compiled()
+def _about(
+    points: np.ndarray,
+    times_s: np.ndarray,
+    ring: np.ndarray,
+    velocity: np.ndarray,
+    box: tuple[float, float, float, float, float],
+) -> tuple[float, float, float, float, float, float]:
+    """Return beams, highest and lowest z, reach along and across a box, and share outside it.
+
+    Points (N, 3) are carried back by their times (N,) with a (2,) velocity. box: x, y, yaw,
+    length, width.
+    """
+    x, y, yaw, length, width = box
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    met, outside = np.zeros(ring.max() + 1, np.bool_), 0
+    rear, front, right, left = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(len(points)):
+        dx = points[i, 0] - times_s[i] * velocity[0] - x
+        dy = points[i, 1] - times_s[i] * velocity[1] - y
+        u, v = cos * dx + sin * dy, cos * dy - sin * dx
+        rear, front, right, left = min(rear, u), max(front, u), min(right, v), max(left, v)
+        outside += abs(u) > 0.5 * length + MARGIN_M or abs(v) > 0.5 * width + MARGIN_M
+        met[ring[i]] = True
+    high, low = points[:, 2].max(), points[:, 2].min()
+    return met.sum(), high, low, front - rear, left - right, outside / len(points)
+
+
 def unsteadiness(chain: Chain) -> float:
     """Return how far the marks lie from even motion, root mean square in metres."""
-    times = np.array([s.met_s for s in chain.sightings])
-    marks = np.array([s.mark for s in chain.sightings])
-    off = marks - marks.mean(axis=0) - np.multiply.outer(times - times.mean(), chain.velocity)
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
+    return float(unsteady(chain.times, chain.marks, chain.velocity))
 
 
 @cache

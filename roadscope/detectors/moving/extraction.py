@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from roadscope.core.record import Record
-from roadscope.detectors.moving.box_kernels import Chart, gathered, slide, suppress
-from roadscope.detectors.moving.growth import whole_body
+from roadscope.detectors.moving.box_kernels import Chart, slide, suppress
+from roadscope.detectors.moving.growth import bodies
 from roadscope.detectors.moving.memory import Look
 from roadscope.detectors.moving.view import View
 from roadscope.detectors.moving.view_kernels import (
+    carried,
     look_back,
+    middle,
     seen_through,
     spans,
     thinned,
     voxel_of,
 )
+from roadscope.detectors.sorting import order_by
 
 LOW_M, HIGH_M = 0.3, 2.8
 """Heights above the road at which things are looked at: clear of the ground, below bridges and
@@ -84,28 +88,15 @@ def extract(now: View, back: Sequence[Look]) -> list[Candidate]:
     if not (weights > 0).any():
         return []
     boxes = _boxes(upright, weights, now.origin())
-    bodies = _bodies(thin, boxes, now.origin())
-    owner = np.full(len(thin), -1)
-    for body, (members, _) in enumerate(bodies):
-        owner[members] = body
+    owner, found_by = bodies(thin, boxes, now.origin(), SIDES_M)
     held = owner[voxel_of(points, voxels, CELL_M, SLAB_M)]
-    found = [_candidate(now, rows[held == k], boxes[b]) for k, (_, b) in enumerate(bodies)]
+    order = order_by(held)
+    starts = np.searchsorted(held[order], np.arange(len(found_by) + 1))
+    found = [
+        _candidate(now, rows[order[i:j]], boxes[b])
+        for (i, j), b in zip(pairwise(starts), found_by, strict=True)
+    ]
     return [candidate for candidate in found if len(candidate.points) >= MIN_POINTS]
-
-
-def _bodies(
-    thin: np.ndarray, boxes: np.ndarray, origin: np.ndarray
-) -> list[tuple[np.ndarray, int]]:
-    """Return the rows of each body and which box it was found by; none is found twice."""
-    free, bodies = np.ones(len(thin), bool), []
-    for row, box in enumerate(boxes):
-        part = gathered(thin, box, origin, SIDES_M)
-        if len(part) and free[part].mean() > 0.5:
-            body = whole_body(thin, part[free[part]])
-            body = body[free[body]]
-            free[body] = False
-            bodies.append((body, row))
-    return bodies
 
 
 def motion(points: np.ndarray, back: Sequence[Look]) -> np.ndarray:
@@ -117,7 +108,7 @@ def motion(points: np.ndarray, back: Sequence[Look]) -> np.ndarray:
     """
     counts, heights = np.zeros((2, len(points)), np.int64), spans(points, NEIGHBOUR_M)
     for look in back:
-        look_back(look.then_from_now.apply(points), heights, look.view.rays, counts)
+        look_back(carried(points, look.then_from_now), heights, look.view.rays, counts)
     free, taken = np.maximum(counts - [[CHANCE], [0]], 0) / len(back)
     return np.where(free > 0, 1.0 + 5.0 * free - 4.5 * taken, np.where(taken > 0, -4.5 * taken, 1))
 
@@ -162,7 +153,7 @@ def _cells(
 def _candidate(now: View, rows: np.ndarray, box: np.ndarray) -> Candidate:
     rows = rows[np.lexsort(now.points[rows].T)]
     times_s = now.times_s[rows]
-    time_s = float(np.median(times_s)) if len(rows) else 0.0
+    time_s = float(middle(times_s)) if len(rows) else 0.0
     return Candidate(
         now.points[rows], rows, times_s, time_s, now.origin(time_s), box[:3], float(box[3])
     )

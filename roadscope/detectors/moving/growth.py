@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.detectors.moving.box_kernels import gathered
 from roadscope.detectors.shape.bodies import LONGEST_M, WIDEST_M
 
 LINK_M = 1.0
@@ -15,6 +16,30 @@ TALL_M = 1.75
 """What is longer is higher than a car."""
 
 
+@compiled()
+def bodies(
+    points: np.ndarray, boxes: np.ndarray, origin: np.ndarray, sides: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return which body each point belongs to, (N,), -1 for none, and each body's box, (K,).
+
+    points: (N, 3) metres. boxes (B, 8), origin and sides: of `box_kernels`, best box first. What
+    is mostly of a body that was found already is found once.
+    """
+    owner, found, count = np.full(len(points), -1), np.empty(len(boxes), np.int64), 0
+    for b in range(len(boxes)):
+        part = gathered(points, boxes[b], origin, sides)
+        free = part[owner[part] < 0]
+        if 2 * len(free) <= len(part):
+            continue
+        for row in whole_body(points, free):
+            if owner[row] < 0:
+                owner[row] = count
+        found[count] = b
+        count += 1
+    return owner, found[:count]
+
+
+@compiled()
 def whole_body(points: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Return the rows of the body that a part belongs to; the part's where that is no vehicle.
 
@@ -25,13 +50,16 @@ def whole_body(points: np.ndarray, part: np.ndarray) -> np.ndarray:
     return grown if _fits(points[grown]) else part
 
 
+@compiled()
 def _fits(points: np.ndarray) -> bool:
     """Whether a vehicle along the longest way through (N, 3) points would hold them."""
-    place = points[:, :2] - points[:, :2].mean(axis=0)
-    axis = np.linalg.eigh(place.T @ place)[1][:, 1]
-    along, across = np.ptp(place @ axis), np.ptp(place @ np.array([-axis[1], axis[0]]))
-    sides = CAR_M if points[:, 2].max() < TALL_M else (LONGEST_M, WIDEST_M)
-    return bool(along <= sides[0] and across <= sides[1])
+    x, y = points[:, 0] - points[:, 0].mean(), points[:, 1] - points[:, 1].mean()
+    axis = 0.5 * np.arctan2(2.0 * (x * y).sum(), (x * x).sum() - (y * y).sum())
+    along, across = np.cos(axis) * x + np.sin(axis) * y, np.cos(axis) * y - np.sin(axis) * x
+    length, width = along.max() - along.min(), across.max() - across.min()
+    if points[:, 2].max() < TALL_M:
+        return length <= CAR_M[0] and width <= CAR_M[1]
+    return length <= LONGEST_M and width <= WIDEST_M
 
 
 @compiled()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from roadscope.core import Pose
 from roadscope.detectors.moving.extraction import Candidate
+from roadscope.detectors.moving.link_kernels import brought, rate
 
 KEPT = 4
 """Sightings of a vehicle that are remembered."""
@@ -52,46 +53,40 @@ class Sighting:
     @staticmethod
     def of(candidate: Candidate, stamp_s: float, drive_from_ego: Pose) -> Sighting:
         """Bring a candidate into the drive's frame."""
-        points = drive_from_ego.apply(candidate.points)
-        origin = drive_from_ego.apply(np.append(candidate.origin, 0.0))[:2]
-        sight = points[:, :2].mean(axis=0) - origin
-        depth = (points[:, :2] - origin) @ (sight / max(float(np.hypot(*sight)), 1e-9))
-        mark = points[depth <= depth.min() + FACE_M, :2].mean(axis=0)
+        points, origin, mark = brought(
+            candidate.points, candidate.origin, drive_from_ego.matrix, FACE_M
+        )
         return Sighting(stamp_s, stamp_s + candidate.time_s, points, origin, mark, candidate)
 
 
-@dataclass(slots=True, eq=False)
 class Chain:
-    """One vehicle as it was seen lately, oldest first."""
+    """One vehicle as it was seen lately.
 
-    sightings: list[Sighting] = field(default_factory=list)
-    count: int = 0
+    sightings: oldest first. count: of all of them, with those that are forgotten. times: (K,)
+    seconds, when it was met in each, marks: (K, 2) metres, where. velocity: (2,) m/s; all in the
+    drive's frame; zero after one sighting.
+    """
+
+    def __init__(self) -> None:
+        self.sightings: list[Sighting] = []
+        self.count = 0
+        self.times, self.marks, self.velocity = np.empty(0), np.empty((0, 2)), np.zeros(2)
 
     def add(self, sighting: Sighting) -> None:
         """Append a sighting and forget the oldest beyond `KEPT`."""
         self.sightings = [*self.sightings, sighting][-KEPT:]
         self.count += 1
-
-    @property
-    def velocity(self) -> np.ndarray:
-        """(2,) m/s, drive frame; zero after one sighting."""
-        times = np.array([s.met_s for s in self.sightings])
-        marks = np.array([s.mark for s in self.sightings])
-        times = times - times.mean()
-        spread = float(times @ times)
-        return np.asarray(times @ marks / spread if spread > 0 else np.zeros(2))
+        self.times = np.array([s.met_s for s in self.sightings])
+        self.marks = np.array([s.mark for s in self.sightings])
+        self.velocity = np.asarray(rate(self.times, self.marks))
 
     @property
     def moves(self) -> bool:
         """Whether it was seen again and, as far as that can be told, elsewhere."""
         if len(self.sightings) < SURE:
             return len(self.sightings) > 1
-        return float(np.hypot(*self.velocity)) >= SLOWEST_M_S
-
-    def expected(self, met_s: np.ndarray) -> np.ndarray:
-        """Return where its mark is expected at times (T,), (T, 2) metres."""
-        last = self.sightings[-1]
-        return np.asarray(last.mark + np.multiply.outer(met_s - last.met_s, self.velocity))
+        x, y = self.velocity
+        return float(np.hypot(x, y)) >= SLOWEST_M_S
 
 
 class Links:
@@ -112,19 +107,28 @@ class Links:
         stamps = sorted({s.stamp_s for c in self.chains for s in c.sightings} | {stamp_s})
         oldest_s = stamps[-min(len(stamps), MISSED + 1)]
         kept = [c for c in self.chains if c.sightings[-1].stamp_s >= oldest_s]
-        self.chains = kept + [Chain([sightings[column]], 1) for column in free]
+        self.chains = kept + [_begun(sightings[column]) for column in free]
 
     def _pairs(self, sightings: Sequence[Sighting]) -> list[tuple[float, int, int]]:
         """Return distance over gate, chain and sighting of all pairs that can be one vehicle."""
-        if not sightings:
+        if not sightings or not self.chains:
             return []
         met_s = np.array([sighting.met_s for sighting in sightings])
         marks = np.array([sighting.mark for sighting in sightings])
-        pairs: list[tuple[float, int, int]] = []
-        for row, chain in enumerate(self.chains):
-            apart = np.hypot(*(marks - chain.expected(met_s)).T)
-            elapsed_s = met_s - chain.sightings[-1].met_s
-            gate = np.where(len(chain.sightings) > 1, NEAR_M, FASTEST_M_S * elapsed_s)
-            near = np.flatnonzero(apart <= gate)
-            pairs += [(float(apart[k] / gate[k]), row, int(k)) for k in near]
-        return pairs
+        last_s = np.array([chain.times[-1] for chain in self.chains])
+        last = np.array([chain.marks[-1] for chain in self.chains])
+        velocities = np.array([chain.velocity for chain in self.chains])
+        known = np.array([len(chain.sightings) > 1 for chain in self.chains])
+        elapsed_s = met_s - last_s[:, None]
+        off = marks - (last[:, None] + elapsed_s[..., None] * velocities[:, None])
+        apart = np.hypot(off[..., 0], off[..., 1])
+        gate = np.where(known[:, None], NEAR_M, FASTEST_M_S * elapsed_s)
+        rows, columns = np.nonzero(apart <= gate)
+        shares = apart[rows, columns] / gate[rows, columns]
+        return list(zip(shares.tolist(), rows.tolist(), columns.tolist(), strict=True))
+
+
+def _begun(sighting: Sighting) -> Chain:
+    chain = Chain()
+    chain.add(sighting)
+    return chain

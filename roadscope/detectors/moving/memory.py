@@ -16,11 +16,14 @@ SLACK_S = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """An earlier scan, its stamp, and `then_from_now`: from the ego frame now into its own."""
+    """An earlier scan, its stamp, and the way from the ego frame now into its own.
+
+    then_from_now: (4, 4) float64.
+    """
 
     view: View
     stamp_s: float
-    then_from_now: Pose
+    then_from_now: np.ndarray
 
 
 class Memory:
@@ -65,10 +68,11 @@ class Memory:
             return []
         nearest = [int(np.abs(ages_s - age_s).argmin()) for age_s in AGES_S]
         rows = [r for r, a in zip(nearest, AGES_S, strict=True) if abs(ages_s[r] - a) < SLACK_S]
-        return [
-            Look(view, stamp_s, drive_from_then.inverse() @ self.drive_from_ego)
-            for stamp_s, view, drive_from_then in (self._kept[row] for row in dict.fromkeys(rows))
-        ]
+        if not rows:
+            return []
+        looks = [self._kept[row] for row in dict.fromkeys(rows)]
+        ways = np.linalg.inv([then.matrix for _, _, then in looks]) @ self.drive_from_ego.matrix
+        return [Look(v, stamp_s, way) for (stamp_s, v, _), way in zip(looks, ways, strict=True)]
 
     def _keep(self, twist: np.ndarray) -> None:
         """Put the last scan with the earlier ones, and drop the old."""

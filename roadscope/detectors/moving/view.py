@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.core.record import Record
-from roadscope.detectors.moving.view_kernels import Rays, tabulate, unskew
+from roadscope.detectors.moving.view_kernels import Rays, carried, sensor_at, tabulate, unskew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class View(Record):
         twist: (3,) velocity in x and y, m/s, and yaw rate, rad/s, of the ego, its own frame.
         """
         times_s = scan.time_offset_s.astype(np.float64)
-        points = unskew(ego_from_lidar.apply(scan.points), times_s, twist)
+        points = unskew(carried(scan.points, ego_from_lidar.matrix), times_s, twist)
         lidar_from_ego = ego_from_lidar.inverse().matrix
         # A return at the sensor itself has no direction; some drivers put there what never came.
         if not scan.points[:, :2].any():
@@ -76,9 +76,7 @@ class View(Record):
 
         (2,) metres, ego frame at the stamp.
         """
-        mount = -self.lidar_from_ego[:3, :3].T @ self.lidar_from_ego[:3, 3]
-        at = unskew(mount[None], np.array([time_s]), self.twist)
-        return np.asarray(at[0, :2])
+        return np.asarray(sensor_at(self.lidar_from_ego, self.twist, time_s))
 
 
 def evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:

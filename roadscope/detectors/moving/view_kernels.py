@@ -196,6 +196,32 @@ def unskew(points: np.ndarray, times_s: np.ndarray, twist: np.ndarray) -> np.nda
 
 
 @compiled()
+def carried(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Return (N, 3) points mapped by a (4, 4) transform, the same bits as `Pose.apply`."""
+    out = np.empty((len(points), 3))
+    for i in range(len(points)):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        for k in range(3):
+            out[i, k] = x * matrix[k, 0] + y * matrix[k, 1] + z * matrix[k, 2] + matrix[k, 3]
+    return out
+
+
+@compiled()
+def middle(values: np.ndarray) -> float:
+    """Median of (N,) values, N at least 1."""
+    return float(np.median(values))
+
+
+@compiled()
+def sensor_at(lidar_from_ego: np.ndarray, twist: np.ndarray, time_s: float) -> np.ndarray:
+    """Return where the sensor was some seconds after the stamp, (2,) metres, ego frame then."""
+    m, mount = lidar_from_ego, np.empty((1, 3))
+    for k in range(3):
+        mount[0, k] = -(m[0, k] * m[0, 3] + m[1, k] * m[1, 3] + m[2, k] * m[2, 3])
+    return unskew(mount, np.full(1, time_s), twist)[0, :2]
+
+
+@compiled()
 def look_back(points: np.ndarray, heights: np.ndarray, rays: Rays, counts: np.ndarray) -> None:
     """Count up, in place, which places (N, 3) a scan saw free, and which it saw taken.
 
