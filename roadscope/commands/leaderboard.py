@@ -127,7 +127,7 @@ def _show(results: Any, loaded: Any, by: str | None) -> None:
 
 
 def _show_breakdown(screen: Any, results: Any, board: str, by: str) -> None:
-    from roadscope.benchmarks.boards.breakdown_tables import NOTES, breakdown_tables, left_out
+    from roadscope.benchmarks.boards.breakdown_tables import NOTES, breakdown_tables
     from roadscope.benchmarks.boards.results import BREAKDOWNS
 
     if by not in BREAKDOWNS[board]:
@@ -137,13 +137,14 @@ def _show_breakdown(screen: Any, results: Any, board: str, by: str) -> None:
         screen.print(table)
     if by in NOTES:
         screen.print(NOTES[by], style="dim")
-    if count := left_out(results, board, by, screen.width):
-        screen.print(f"{count} more on a wider terminal; all with --out.", style="dim")
 
 
 def _complain_of_failures(results: Any) -> None:
     for name, count, reason in results.reasons():
         spec, _, rest = reason.partition(": ")
         told = rest if name == spec or name.startswith(f"{spec} on ") else reason
+        if results.not_installed(name):
+            complain(f"left out: {name}: {told}")
+            continue
         counted = results.row(results.board_of(name), name, "failed_episodes")
         complain(f"failed: {name} in {count} of {counted.n} episodes: {told}")

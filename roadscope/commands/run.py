@@ -32,6 +32,7 @@ def run_scenario(
     """Run one episode through one detector and one tracker."""
     from roadscope.benchmarks.boards.tables import score_table
     from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.jobs.stack import offline
     from roadscope.benchmarks.single import picture_path, run_episode, save_picture
 
     episode = Episode(scenario, seed, rig, seconds, weather)
@@ -46,6 +47,7 @@ def run_scenario(
     where = f"{scenario}, seed {seed}, {rig}" + (f", {weather}" if weather != "clear" else "")
     typer.echo(f"{where}: {frames} frames, vehicles within 60 m")
     show(score_table(summary.detection, f"detector {detector}"))
-    show(score_table(summary.tracking, f"tracker {tracker}"))
+    late = ", offline: told with all frames at hand" if offline(tracker) else ""
+    show(score_table(summary.tracking, f"tracker {tracker}{late}"))
     if picture is not None:
         typer.echo(f"picture: {picture}")

@@ -42,35 +42,31 @@ LONGEST = 7
 UNRANKED, RANKED = 5, 9
 """How wide figures are, and figures with a rank."""
 BROKEN = {
-    "motorway": "motor-\nway", "dense-motorway": "dense\nmotor-\nway",
-    "roundabout": "round-\nabout", "intersection": "inter-\nsection",
-    "racetrack": "race-\ntrack", "parking-lot": "parking\nlot", "motorcycle": "motor-\ncycle",
-    "pedestrian": "pedes-\ntrian", "distance-l-shape": "distance\nl-shape",
-    "dbscan-l-shape": "dbscan\nl-shape", "distance": "distance", "zhang2017": "zhang-\n2017",
-    "long-occlusion": "long\nocclu-\nsion",
+    "motorway": "motor-\nway", "roundabout": "round-\nabout", "intersection": "inter-\nsection",
+    "racetrack": "race-\ntrack", "motorcycle": "motor-\ncycle", "pedestrian": "pedes-\ntrian",
+    "occlusion": "occlu-\nsion", "vehicles": "vehi-\ncles", "distance": "distance",
+    "zhang2017": "zhang-\n2017", "distance-l-shape": "distance\nl-shape",
+    "dbscan-l-shape": "dbscan\nl-shape",
 }  # fmt: skip
+"""Names, and words of names, that are broken elsewhere."""
 
 
 def breakdown_tables(results: Results, board: str, by: str, width: int) -> list[Table]:
-    """Return a table of each metric that is defined, entries by bands, in rank order.
+    """Return tables of each metric that is defined, entries by bands, in rank order.
 
-    Bands that the width has no room for are left out from the last one on.
+    Bands that the width has no room for continue in a table below.
     """
     rows = results.breakdown(by, board)
     tables = []
     for metric, cells in _shown_cells(rows, board):
-        if cells:
-            table = _table(results, board, _title(metric, by), cells, width)
+        title = _title(metric, by)
+        for bands in _pages(list(cells.values()), width):
+            table = _table(results, board, cells, bands, width)
+            table.title, title = title, f"{_title(metric, by)}, continued"
             if metric == "detection_rate":
-                _add_counts(table, rows, _fitting(list(cells.values()), width), width)
+                _add_counts(table, rows, bands, width)
             tables.append(table)
     return tables
-
-
-def left_out(results: Results, board: str, by: str, width: int) -> int:
-    """Return how many bands the width has no room for."""
-    rows = results.breakdown(by, board)
-    return len(bands_of(rows)) - len(_fitting(rows, width))
 
 
 def markdown_lines(results: Results, board: str) -> list[str]:
@@ -109,10 +105,13 @@ def _title(metric: str, by: str) -> str:
 
 
 def _table(
-    results: Results, board: str, title: str, cells: Mapping[tuple[str, str], Row], width: int
+    results: Results,
+    board: str,
+    cells: Mapping[tuple[str, str], Row],
+    bands: Sequence[str],
+    width: int,
 ) -> Table:
-    bands = _fitting(list(cells.values()), width)
-    table = plain_table(title=title, title_justify="left", title_style="bold")
+    table = plain_table(title_justify="left", title_style="bold")
     narrow = NAME if width >= FULL else NARROW_NAME
     table.add_column(ENTRY[board], style="bold", min_width=narrow, overflow="fold")
     for band in bands:
@@ -176,16 +175,20 @@ def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str], width: 
             table.add_row(Text(label, style="not bold"), *map(str, figures), style="dim")
 
 
-def _fitting(rows: Sequence[Row], width: int) -> list[str]:
-    """Return the bands of rows that there is room for, at least the first."""
-    room = width - (NAME if width >= FULL else NARROW_NAME) - 1
-    bands, shown = bands_of(rows), []
+def _pages(rows: Sequence[Row], width: int) -> list[list[str]]:
+    """Divide the bands of rows into those that there is room for side by side, at least one."""
+    whole = width - (NAME if width >= FULL else NARROW_NAME) - 1
     least = RANKED if rows and rows[0].by == DETECTOR else UNRANKED
-    for band in bands:
-        room -= max(least, *map(len, heading(band).split("\n"))) + 1
-        if room >= 0:
-            shown.append(band)
-    return shown or list(bands[:1])
+    pages: list[list[str]] = []
+    room = 0
+    for band in bands_of(rows):
+        wide = max(least, *map(len, heading(band).split("\n"))) + 1
+        if not pages or room < wide:
+            pages.append([])
+            room = whole
+        pages[-1].append(band)
+        room -= wide
+    return pages
 
 
 def heading(band: str) -> str:
@@ -194,6 +197,9 @@ def heading(band: str) -> str:
         return BROKEN.get(band, band)
     lines = []
     for word in band.split("-"):
+        if word in BROKEN:
+            lines.append(BROKEN[word])
+            continue
         pieces = [word[i : i + LONGEST] for i in range(0, len(word), LONGEST)]
         lines += [f"{piece}-" for piece in pieces[:-1]] + pieces[-1:]
     return "\n".join(lines)

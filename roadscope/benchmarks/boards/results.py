@@ -34,6 +34,10 @@ BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
 """By what the figures of each board are broken down."""
 
 
+NOT_INSTALLED = " is not installed: "
+"""In the reason of an entry that needs another package; see `Requirement.missing`."""
+
+
 class BreakdownError(ValueError):
     """Results are not broken down by that."""
 
@@ -115,6 +119,10 @@ class Results:
             key = failure.entry, failure.reason
             counts[key] = counts.get(key, 0) + 1
         return [(entry, count, reason) for (entry, reason), count in counts.items()]
+
+    def not_installed(self, entry: str) -> bool:
+        """Say whether an entry failed for want of what is not installed."""
+        return any(f.entry == entry and NOT_INSTALLED in f.reason for f in self.failures)
 
     def barren(self) -> bool:
         """Say whether no entry came through a single episode."""

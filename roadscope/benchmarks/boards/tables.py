@@ -18,7 +18,6 @@ from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, OFFLINE
 from roadscope.benchmarks.recorded.suite import RecordedSuite
 from roadscope.benchmarks.suite import Suite
-from roadscope.trackers import TRACKERS
 
 FULL = 76
 """Width from which on all main figures are shown."""
@@ -169,14 +168,7 @@ def conditions(suite: Suite) -> str:
         text += f" Trackers get the detections of {', of '.join([first, *others])}"
         text += "; figures are of all of these together" if others else ""
         text += ", 'on oracle' the true boxes." if ORACLE in suite.public_detectors[1:] else "."
-    text += "".join(f" Left out: {entry}, {reason}." for entry, reason in absent(suite).items())
     return text + " In brackets: 95 % intervals over seeds."
-
-
-def absent(suite: Suite) -> dict[str, str]:
-    """Return the trackers of a suite that are not installed, and what they need."""
-    reasons = {entry: TRACKERS.missing(entry) for entry in suite.trackers}
-    return {entry: reason for entry, reason in reasons.items() if reason}
 
 
 def recorded_conditions(suite: RecordedSuite) -> str:
@@ -209,12 +201,13 @@ def board_table(results: Results, board: str, width: int) -> Table:
             for metric, (_, decimals) in columns.items()
         ]
         style = "dim" if marked else None
-        table.add_row(_place(place), _name(results, place), *cells, style=style)
+        table.add_row(_place(results, place), _name(results, place), *cells, style=style)
     return table
 
 
-def _place(standing: Standing) -> str:
-    return "" if standing.rank is None else str(standing.rank)
+def _place(results: Results, standing: Standing) -> str:
+    ranked = standing.rank is not None and not results.not_installed(standing.entry)
+    return str(standing.rank) if ranked else ""
 
 
 def _name(results: Results, standing: Standing) -> Text:
@@ -226,7 +219,9 @@ def _name(results: Results, standing: Standing) -> Text:
     if late is not None and late.value and not called_so:
         name.append(f" ({OFFLINE})")
     failed = results.row(standing.board, standing.entry, "failed_episodes")
-    if failed is not None and failed.value:
+    if results.not_installed(standing.entry):
+        name.append(" (not installed)", style="red")
+    elif failed is not None and failed.value:
         name.append(f" ({failed.value:.0f} of {failed.n} failed)", style="red")
     return name
 
@@ -270,7 +265,8 @@ def comparison(results: Results, board: str) -> str:
     told = f"Not shown to be worse than {places[0].entry}: {', '.join(level)}."
     if not level:
         told = f"{places[0].entry} is shown to be better than all others."
-    return f"{told} By 95 % intervals of differences on the same seeds."
+    same = "sequences" if board in KITTI_BOARDS else "seeds"
+    return f"{told} By 95 % intervals of differences on the same {same}."
 
 
 def footnote(board: str, width: int, jobs: int) -> str:

@@ -120,6 +120,8 @@ class Job:
 @prints_aside()
 def execute(job: Job, fresh: bool = False) -> Outcome:
     """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
+    if job.tracker is not None and (reason := TRACKERS.missing(job.tracker)):
+        return Outcome({}, f"{job.tracker}: {reason}")
     try:
         perceived = detections_of(job, fresh and job.tracker is None)
         if job.tracker is None:

@@ -37,8 +37,7 @@ def plan(
 ) -> Plan:
     """Return all jobs; unknown names and wrong arguments raise before anything runs.
 
-    Trackers of the suite that need what is not installed are left out; beside
-    trackers, marks stand on no board alone.
+    Beside trackers, marks stand on no board alone.
 
     entries: specs of detectors and trackers beside (`only`: instead of) those of the suite.
     """
@@ -55,7 +54,7 @@ def plan(
     marks = {} if only else MARK_SPECS
     detectors = [] if only else list(suite.detectors)
     detectors += [s for s, kind in zip(entries, kinds, strict=True) if kind == "detector"]
-    trackers = [] if only else [t for t in suite.trackers if not TRACKERS.missing(t)]
+    trackers = [] if only else list(suite.trackers)
     trackers += [s for s, kind in zip(entries, kinds, strict=True) if kind == "tracker"]
     _check_all(suite, [s for s in entries if s in detectors], [s for s in entries if s in trackers])
     if "tracking" in boards and not suite.public_detectors and ("tracker" in kinds or only):

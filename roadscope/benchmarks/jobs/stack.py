@@ -21,7 +21,7 @@ from roadscope.benchmarks.fingerprint import PACKAGE
 from roadscope.benchmarks.oracle import from_truth, made_from_truth
 from roadscope.benchmarks.parked import parked_centres, parked_owners
 from roadscope.benchmarks.perceived import Perceived, without_sources
-from roadscope.core import Detections, Frame, Tracks, TrackState, Truth
+from roadscope.core import Detections, Frame, NotInstalledError, Tracks, TrackState, Truth
 from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS
 from roadscope.trackers.api import OfflineTracker, is_offline
@@ -128,9 +128,14 @@ def ego_velocities(truths: Sequence[Truth]) -> np.ndarray:
 
 
 def guarded(spec: str, call: Callable[..., T], *arguments: Any) -> T:
-    """Call a plug-in; whatever it raises becomes an `EntryError` that says what and where."""
+    """Call a plug-in; whatever it raises becomes an `EntryError` that says what and where.
+
+    What is not installed needs no place.
+    """
     try:
         return call(*arguments)
+    except NotInstalledError as error:
+        raise EntryError(f"{spec}: {error}") from error
     except (Exception, SystemExit) as error:
         raise EntryError(f"{spec}: {describe(error, in_plugin=True)}") from error
 

@@ -3,7 +3,7 @@ import io
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, heading, left_out
+from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, heading
 from roadscope.benchmarks.boards.results import BreakdownError, Results, check_breakdown
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
@@ -72,20 +72,32 @@ def test_there_is_no_precision_by_what_false_alarms_do_not_have() -> None:
 
 
 @pytest.mark.parametrize("width", [30, 50, 80, 120])
-def test_bands_that_do_not_fit_are_left_out_whole(width) -> None:
-    found = results(*(row("detection_rate", "scenario", name) for name in SCENARIOS))
-    text = printed(found, "scenario", width)
+def test_bands_that_do_not_fit_continue_below(width) -> None:
+    parts = [
+        row("detection_rate", "scenario", name, samples=1000 + i)
+        for i, name in enumerate(SCENARIOS)
+    ]
+    text = printed(results(*parts), "scenario", width)
     assert max(map(len, text.splitlines())) <= width
     assert "…" not in text
-    shown = [word for word in text.splitlines()[-1].split() if word.isdigit()]
-    assert len(shown) + left_out(found, "detection", "scenario", width) == len(SCENARIOS)
+    words = text.split()
+    assert " ".join(words).count("detected by scenario") == 1 + words.count("continued") > 1
+    shown = [int(word) for word in words if word.isdigit()]
+    assert shown == list(range(1000, 1000 + len(SCENARIOS)))
 
 
 def test_eight_scenarios_fit_80_columns() -> None:
     names = load_suite("standard").scenarios
     found = results(*(row("detection_rate", "scenario", name, samples=12345) for name in names))
     assert len(names) == 8
-    assert left_out(found, "detection", "scenario", 80) == 0
+    assert "continued" not in printed(found, "scenario")
+
+
+def test_the_twelve_scenarios_of_the_tracking_suite_take_two_tables() -> None:
+    names = load_suite("tracking").scenarios
+    found = results(*(row("detection_rate", "scenario", name) for name in names))
+    assert len(names) == 12
+    assert printed(found, "scenario").count("detected by scenario") == 2
 
 
 def test_long_headings_are_broken() -> None:

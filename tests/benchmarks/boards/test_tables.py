@@ -1,4 +1,5 @@
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -102,6 +103,13 @@ def test_who_may_be_as_good_as_the_best_is_named() -> None:
     assert "a is shown to be better than all others" in comparison(ranked(best, far), "tracking")
     assert comparison(ranked(best), "tracking") == ""
     assert comparison(ranked(best, standing("b", 2, (0.1, None, None))), "tracking") == ""
+
+
+def test_recorded_data_are_compared_on_the_same_sequences() -> None:
+    best, far = standing("a", 1, (0.0, 0.0, 0.0)), standing("b", 2, (0.3, 0.2, 0.4))
+    places = tuple(replace(place, board="kitti car") for place in (best, far))
+    assert comparison(ranked(*places), "kitti car").endswith("on the same sequences.")
+    assert comparison(ranked(best, far), "tracking").endswith("on the same seeds.")
 
 
 def test_what_was_not_measured_is_a_dash() -> None:

@@ -5,15 +5,17 @@ import io
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, left_out, markdown_lines
+from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, markdown_lines
 from roadscope.benchmarks.boards.results import Results, gather
 from roadscope.benchmarks.boards.tables import board_table, conditions, shown_columns
+from roadscope.benchmarks.jobs.job import execute
 from roadscope.benchmarks.jobs.plan import kind_of, plan, tracking_jobs
+from roadscope.benchmarks.jobs.stack import EntryError, guarded
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.suite import Suite, SuiteError, load_suite, parse_suite
-from roadscope.core import SpecError
+from roadscope.core import NotInstalledError, Requirement, SpecError
 from roadscope.envs.traffic.scenarios import SCENARIOS
 from roadscope.trackers import TRACKERS
 
@@ -88,7 +90,7 @@ def test_ranks_are_shown_on_each_makers_detections(results) -> None:
     assert "nearest 0.50 (1) 0.60 (2) 0.60 (2) -" in lines
     assert "gnn on oracle - - - 1.00" in lines
     assert max(map(len, text.splitlines())) <= 80
-    assert left_out(results, "tracking", "detector", 80) == 0
+    assert "continued" not in text
     assert "| gnn | 0.40 (2) | 0.90 (1) | 0.90 (1) | - |" in markdown_lines(results, "tracking")
 
 
@@ -96,12 +98,12 @@ def test_the_five_of_the_suite_fit_80_columns() -> None:
     suite = load_suite("tracking")
     jobs = tracking_jobs(suite, ["gnn", "nearest"])
     found = gather(jobs, {job.key: scored(job) for job in jobs}, {"jobs": 1})
-    assert left_out(found, "tracking", "detector", 80) == 0
     console = Console(file=io.StringIO(), width=80)
     for table in breakdown_tables(found, "tracking", "detector", 80):
         console.print(table)
     console.print(board_table(found, "tracking", 80))
     text = console.file.getvalue()
+    assert "continued" not in text
     assert "distanc-" not in text
     assert "…" not in text
 
@@ -146,11 +148,27 @@ def test_the_suite_has_lu_2018_and_eight_scenes_more() -> None:
     assert ORACLE not in suite.public_detectors
 
 
-def test_trackers_that_are_not_installed_are_left_out_and_named(suite, monkeypatch) -> None:
-    reasons = {"gnn": "gnn-lib is not installed: pip install gnn-lib"}
-    monkeypatch.setattr(TRACKERS, "missing", reasons.get)
-    assert {job.tracker for job in plan(suite, [], ("tracking",)).tracking} == {"nearest"}
-    assert "Left out: gnn, gnn-lib is not installed: pip install gnn-lib." in conditions(suite)
+def test_a_tracker_that_is_not_installed_has_a_row_that_says_so(suite, monkeypatch) -> None:
+    reason = Requirement("no-such-library", "pip install no-such-library").missing
+    monkeypatch.setattr(TRACKERS, "missing", {"gnn": reason}.get)
+    jobs = plan(suite, [], ("tracking",)).tracking
+    done = {job.key: execute(job) if job.tracker == "gnn" else scored(job) for job in jobs}
+    found = gather(jobs, done, {"jobs": 1})
+    console = Console(file=io.StringIO(), width=80)
+    console.print(board_table(found, "tracking", 80))
+    lines = [" ".join(line.split()) for line in console.file.getvalue().splitlines()]
+    assert any(line.startswith("1 nearest 0.57") for line in lines)
+    assert any(line.startswith("gnn (not") for line in lines)
+    assert not found.not_installed("nearest")
+    assert ("gnn", 12, f"gnn: {reason}") in found.reasons()
+
+
+def test_what_is_not_installed_is_said_without_a_place() -> None:
+    def make():
+        raise NotInstalledError("norfair is not installed: pip install norfair")
+
+    with pytest.raises(EntryError, match=r"^norfair: norfair is not installed: pip install norf"):
+        guarded("norfair", make)
 
 
 def test_marks_stand_on_no_board_alone(suite) -> None:
