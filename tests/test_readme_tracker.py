@@ -27,7 +27,7 @@ def test_it_has_ten_lines() -> None:
 
 def test_it_keeps_every_promise(spec: str) -> None:
     plugin, promises = load(spec)
-    assert promises is PROMISES
+    assert promises == PROMISES
     for promise in promises:
         item = looked_at(promise, plugin)
         assert item.good, f"{promise.words}: {item.words}"

@@ -13,13 +13,14 @@ from contextlib import redirect_stdout
 from multiprocessing.connection import Connection
 from typing import Any
 
-from roadscope.benchmarks.check import detectors, trackers
+from roadscope.benchmarks.check import detectors, offline, trackers
 from roadscope.benchmarks.check.items import Item, Promise, PromiseError
 from roadscope.benchmarks.jobs.stack import EntryError, describe
 from roadscope.core.names import unknown
 from roadscope.core.registry import Plugin, SpecError, split_spec
 from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS
+from roadscope.trackers.api import is_offline
 
 LOADED = "can be loaded"
 QUIET = "prints nothing"
@@ -99,7 +100,7 @@ def _look_at(spec: str, theirs: Connection) -> None:
             theirs.send(Item(LOADED, False, str(error)))
             theirs.send(None)
             return
-        theirs.send(Item(LOADED, True, f"a {_kind(promises)}"))
+        theirs.send(Item(LOADED, True, _kind(promises)))
         for number, promise in enumerate(promises):
             theirs.send(promise.words)
             item = looked_at(promise, plugin)
@@ -135,7 +136,8 @@ def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
         )
     plugin: Plugin[Any] = TRACKERS.resolve(spec)
     if name in TRACKERS or hasattr(plugin.factory, "update"):
-        return plugin, trackers.PROMISES
+        late = offline.PROMISES if is_offline(plugin.factory) else ()
+        return plugin, (*trackers.PROMISES, *late)
     if hasattr(plugin.factory, "detect"):
         return plugin, detectors.PROMISES
     raise PromiseError(
@@ -145,7 +147,9 @@ def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
 
 
 def _kind(promises: Sequence[Promise]) -> str:
-    return "tracker" if promises is trackers.PROMISES else "detector"
+    if promises is detectors.PROMISES:
+        return "a detector"
+    return "an offline tracker" if len(promises) > len(trackers.PROMISES) else "a tracker"
 
 
 def _quiet(printed: str) -> Item:

@@ -16,9 +16,10 @@ from roadscope.benchmarks.check.items import (
     has_method,
     made_by_name,
 )
-from roadscope.benchmarks.jobs.stack import guarded
+from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, guarded
 from roadscope.core import Category, Detections, Pose, Tracks, TrackState
 from roadscope.core.registry import Plugin
+from roadscope.trackers.api import is_offline
 
 PERIOD_S = 0.1
 FRAMES = 20
@@ -55,18 +56,26 @@ def updated(plugin: Plugin[Any], tracker: Any, seen: Seen) -> Tracks:
     """Call update; an answer that is not what the contract says is a fault."""
     detections, pose = seen
     tracks = guarded(plugin.spec, tracker.update, detections, pose)
+    return sound("update", tracks, detections.stamp_s, posed=pose is not None)
+
+
+def sound(method: str, tracks: Any, stamp_s: float, *, posed: bool) -> Tracks:
+    """Refuse tracks of another moment or frame than asked for, and what are none.
+
+    posed: whether the ego's pose was known.
+    """
     if not isinstance(tracks, Tracks):
-        raise PromiseError(f"update returned {type(tracks).__name__}, not roadscope.core.Tracks")
-    if not abs(tracks.stamp_s - detections.stamp_s) <= 1e-6:
+        raise PromiseError(f"{method} returned {type(tracks).__name__}, not roadscope.core.Tracks")
+    if not abs(tracks.stamp_s - stamp_s) <= STAMP_TOLERANCE_S:
         raise PromiseError(
-            f"tracks are stamped {tracks.stamp_s} s, their detections {detections.stamp_s} s; "
+            f"{method}: tracks are stamped {tracks.stamp_s} s, their detections {stamp_s} s; "
             "return the stamp of the detections"
         )
-    possible = ("ego",) if pose is None else ("ego", "world")
+    possible = ("ego", "world") if posed else ("ego",)
     if tracks.frame not in possible:
-        known = "without an ego pose" if pose is None else "with an ego pose"
+        known = "with an ego pose" if posed else "without an ego pose"
         raise PromiseError(
-            f"tracks in frame '{tracks.frame}' {known}; possible: {', '.join(possible)}"
+            f"{method}: tracks in frame '{tracks.frame}' {known}; possible: {', '.join(possible)}"
         )
     return tracks
 
@@ -87,6 +96,8 @@ def methods(plugin: Plugin[Any]) -> str:
     """Look for reset and update."""
     has_method(plugin, "reset")
     has_method(plugin, "update", "detections", "ego_pose")
+    if hasattr(plugin.factory, "rescored") and not is_offline(plugin.factory):
+        return "its rescored is never called: the class does not say offline = True"
     return ""
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
-from itertools import islice
+from itertools import islice, pairwise
 from time import thread_time
 from types import MappingProxyType
 from typing import Any
@@ -31,6 +31,8 @@ from roadscope.envs.world.ford_fusion import CORNER_RADII_M, LENGTH_M, WIDTH_M
 
 LENGTH_SD_M, WIDTH_SD_M = 0.1, 0.05
 """Of the size of cars that a class has in common."""
+STEPS = 5
+"""From frame to frame, of which a tracker's velocity is the median."""
 Poses = list[VehiclePose | None]
 Method = Callable[[Run], Iterator[Poses]]
 """Yields, for each frame of a run, the poses that became known with it, in the order of frames;
@@ -120,17 +122,24 @@ def _ours_single(run: Run) -> Iterator[Poses]:
 
 
 def _car_velocity(shots: tuple[Shot, ...], k: int) -> np.ndarray | None:
-    """Return roughly how the car moves, (2,) m/s, from the means of the returns of two frames.
+    """Return roughly how the car moves, (2,) m/s: the median of the steps of its returns' mean.
 
-    What finds moving vehicles knows that much. Front and rear look alike from afar, and as a car
-    is not the same from both its middle would be misplaced; and while a sweep passes over it, it
-    moves on by some centimetres.
+    A tracker knows that much. Front and rear look alike from afar, and as a car is not the same
+    from both its middle would be misplaced; and while a sweep passes over it, it moves on by some
+    centimetres. A single step would mislead: a beam that grazes the roof comes and goes, and
+    takes the mean along by a metre.
     """
-    pair = shots[max(k - 1, 0) : max(k - 1, 0) + 2]
-    if len(pair) < 2 or not all(shot.target.any() for shot in pair):
+    last = max(k, 1)
+    means = [
+        (j, shot.points_xy.mean(axis=0))
+        for j, shot in enumerate(shots[max(last - STEPS, 0) : last + 1])
+        if shot.target.any()
+    ]
+    if len(means) < 2:
         return None
-    way: np.ndarray = pair[1].points_xy.mean(axis=0) - pair[0].points_xy.mean(axis=0)
-    return way / FRAME_S
+    steps = [(b - a) / ((j - i) * FRAME_S) for (i, a), (j, b) in pairwise(means)]
+    way: np.ndarray = np.median(steps, axis=0)
+    return way
 
 
 def _velocity(shots: tuple[Shot, ...], k: int) -> np.ndarray:

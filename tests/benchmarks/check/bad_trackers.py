@@ -187,5 +187,57 @@ class Prints(Good):
         return super().update(detections, ego_pose)
 
 
+class Online(Good):
+    """Has a second pass, and does not call itself offline."""
+
+    def rescored(self, history):
+        return history
+
+
+class Late(Online):
+    """An offline tracker that keeps its promises."""
+
+    offline = True
+
+
+class LateWithout(Good):
+    offline = True
+
+
+class LateNothing(Late):
+    def rescored(self, history):
+        del history
+
+
+class LateShort(Late):
+    def rescored(self, history):
+        return history[1:]
+
+
+class LateSwapped(Late):
+    def rescored(self, history):
+        return history[::-1]
+
+
+class LateScribbles(Late):
+    def rescored(self, history):
+        for tracks in history:
+            tracks.centres.setflags(write=True)
+            tracks.centres[:] = 0
+        return history
+
+
+class LateCounts(Late):
+    def rescored(self, history):
+        self.told = not getattr(self, "told", False)
+        return history if self.told else [tracks_of(h, h.ids[::-1]) for h in history]
+
+
+class LateForgets(Late):
+    def rescored(self, history):
+        self.reset()
+        return history
+
+
 class Neither:
     """No plug-in at all."""

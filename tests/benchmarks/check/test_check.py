@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks.check import detectors, plugin, trackers
+from roadscope.benchmarks.check import detectors, offline, plugin, trackers
 from roadscope.benchmarks.check.items import Item, PromiseError
 from roadscope.benchmarks.check.plugin import LOADED, QUIET, check_plugin, load, looked_at
 from roadscope.core.registry import SpecError
@@ -59,6 +59,38 @@ def test_what_is_wrong_with_a_tracker_is_said(name: str, promise: str, words: st
     assert words in found.words
 
 
+@pytest.mark.parametrize("promise", [p.words for p in offline.PROMISES])
+@pytest.mark.parametrize("name", [f"{TRACKERS}:Late", "existence-offline"])
+def test_good_offline_trackers_keep_every_promise(name: str, promise: str) -> None:
+    found = item(name, promise)
+    assert found.good, found.words
+
+
+@pytest.mark.parametrize(
+    ("name", "promise", "words"),
+    [
+        ("LateWithout", "has rescored, being offline", "no method rescored; the contract has"),
+        ("LateNothing", "tells the same moments anew", "rescored returned NoneType, not a seq"),
+        ("LateShort", "tells the same moments anew", "rescored returned 19 records for the 20"),
+        ("LateSwapped", "tells the same moments anew", "rescored: tracks are stamped 1.9"),
+        ("LateScribbles", "leaves the history alone", "rescored changed the tracks"),
+        ("LateCounts", "tells the same history in the same way", "another way the second time"),
+        ("LateForgets", "goes on as if nothing had been told anew", "changes what update answers"),
+    ],
+)
+def test_what_is_wrong_with_a_second_pass_is_said(name: str, promise: str, words: str) -> None:
+    found = item(f"{TRACKERS}:{name}", promise)
+    assert found.good is False
+    assert words in found.words
+
+
+def test_a_second_pass_that_nobody_asks_for_is_remarked() -> None:
+    assert load(f"{TRACKERS}:Online")[1] == trackers.PROMISES
+    found = item(f"{TRACKERS}:Online", "has reset and update")
+    assert found.good
+    assert "the class does not say offline = True" in found.words
+
+
 def test_two_seconds_of_traffic_are_scored() -> None:
     found = item(f"{TRACKERS}:Good", SLOW)
     assert found.good
@@ -90,7 +122,8 @@ def test_a_good_detector_keeps_every_promise(promise: str) -> None:
 
 
 def test_kinds_are_told_apart() -> None:
-    assert load("gnn")[1] is trackers.PROMISES
+    assert load("gnn")[1] == trackers.PROMISES
+    assert load("existence-offline")[1] == (*trackers.PROMISES, *offline.PROMISES)
     assert load(f"{DETECTORS}:Late")[1] is detectors.PROMISES
     with pytest.raises(PromiseError, match="neither a method update"):
         load(f"{TRACKERS}:Neither")
