@@ -13,7 +13,7 @@ from roadscope.trackers.life_cycle import told_states
 from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.pmbm_hypotheses import Parts, all_continued
-from roadscope.trackers.pmbm_mixture import Bernoullis, Mixture, free_detections
+from roadscope.trackers.pmbm_mixture import Bernoullis, Members, Mixture, Roster
 from roadscope.trackers.settings import check_counts, check_not_negative, check_shares
 from roadscope.trackers.ticks import Tick
 from roadscope.trackers.tracklets import Tracklets
@@ -89,11 +89,8 @@ class PmbmTracker:
         """Take the detections of one tick and return the tracks that matter."""
         tick = self._tick = Tick.after(self._tick, detections, ego_pose)
         ahead = self._predicted(tick.period_s)
-        continuation = self._continued(ahead, tick.targets)
-        mixture = self._updated(ahead, continuation, tick.targets)
-        newborn = self._newborn(tick.targets)
-        cluster, _, columns, _, owner = continuation
-        mixture = mixture.with_newborn(newborn, free_detections(cluster, columns, owner))
+        parts = self._continued(ahead, tick.targets)
+        mixture = self._updated(ahead, parts, tick.targets)
         self._mixture = mixture.pruned(self._drop, self._hypotheses, self._gap)
         return self._report(tick)
 
@@ -117,27 +114,32 @@ class PmbmTracker:
         near = near.within_families(tracks.categories, targets.categories)
         missed = 1 - existence.visible * known.detection
         seen = existence.visible * known.detection / (2 * np.pi * np.sqrt(determinants(S)))
-        costs = np.full(near.shape, np.inf)
-        costs[near.rows, near.columns] = (
-            near.costs / 2
-            - np.log(seen / missed)[near.rows]
-            - np.log(known.gains(targets.scores))[near.columns]
+        costs = near.costs / 2 - np.log(seen / missed)[near.rows]
+        costs -= np.log(known.gains(targets.scores))[near.columns]
+        m = mixture.members
+        unseen = np.bincount(m.hypothesis, np.log(missed)[m.local], len(mixture.cluster))
+        return all_continued(
+            (mixture.cluster, mixture.log_weights + unseen),
+            (m.hypothesis, m.target, m.local),
+            (near.rows, near.columns, costs),
+            (len(mixture.roster.ids), *near.shape),
+            (self._hypotheses, self._gap),
         )
-        unseen = np.append(np.log(missed), 0.0)[mixture.members].sum(axis=1)
-        weights = mixture.log_weights + unseen
-        limits = (self._hypotheses, self._gap)
-        return all_continued(mixture.cluster, mixture.members, weights, costs, limits)
 
-    def _updated(self, mixture: Mixture, continuation: Parts, targets: Detections) -> Mixture:
-        """Make each local hypothesis that some global one needs, once."""
-        cluster, before, columns, log_weights, _ = continuation
-        codes = np.where(before >= 0, before * (len(targets) + 1) + columns + 1, -1)
-        kinds, index = np.unique(codes, return_inverse=True)
-        members = index.reshape(codes.shape) - int(kinds.size > 0 and kinds[0] < 0)
-        kinds = kinds[kinds >= 0]
+    def _updated(self, mixture: Mixture, parts: Parts, targets: Detections) -> Mixture:
+        """Make each local hypothesis that some global one needs, once; new targets come last."""
+        cluster, log_weights, (hypothesis, target, before, column) = parts
+        codes = before * (len(targets) + 1) + column + 1
+        kinds, local = np.unique(codes, return_inverse=True)
         rows, detected = kinds // (len(targets) + 1), kinds % (len(targets) + 1) - 1
-        bernoullis = self._branched(mixture.bernoullis.select(rows), detected, targets)
-        return Mixture(bernoullis, mixture.roster, cluster, members, log_weights)
+        old = rows < len(mixture.bernoullis)
+        bernoullis = self._branched(mixture.bernoullis.select(rows[old]), detected[old], targets)
+        newborn = self._newborn(targets)
+        return Mixture(
+            bernoullis.joined(newborn.select(detected[~old])),
+            mixture.roster.joined(Roster.new(newborn.tracks.ids)),
+            cluster, log_weights, Members(hypothesis, target, local),
+        )  # fmt: skip
 
     def _branched(
         self, bernoullis: Bernoullis, detected: np.ndarray, targets: Detections

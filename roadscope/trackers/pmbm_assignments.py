@@ -17,6 +17,8 @@ def best_assignments(costs: np.ndarray, count: int, gap: float) -> tuple[np.ndar
     Returns (K, N) int64 columns, -1 where a row is alone, and (K,) totals, rising.
     """
     n, m = costs.shape
+    if n == 1:
+        return _best_of_one(costs[0], count, gap)
     wide, dear = _with_own_columns(costs)
     chosen = np.empty((1 + count * n, n), np.int64)
     barred = np.zeros((1 + count * n, m + n), np.bool_)
@@ -45,6 +47,20 @@ def best_assignments(costs: np.ndarray, count: int, gap: float) -> tuple[np.ndar
                 totals[size] = np.inf
         totals[best] = np.inf
     return np.where(found[:k] < m, found[:k], -1), prices[:k]
+
+
+@compiled()
+def _best_of_one(costs: np.ndarray, count: int, gap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Do so for one row of (M,) costs."""
+    totals = np.append(costs, 0.0)
+    order = np.argsort(totals, kind="mergesort")[:count]
+    size = 0
+    while size < len(order) and totals[order[size]] <= totals[order[0]] + gap:
+        if totals[order[size]] == np.inf:
+            break
+        size += 1
+    found = order[:size].reshape(-1, 1)
+    return np.where(found < len(costs), found, -1), totals[order[:size]]
 
 
 @compiled()

@@ -10,76 +10,135 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.components import components
+from roadscope.trackers.components import components, sorted_by
 from roadscope.trackers.pmbm_assignments import best_assignments
 
-Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+Parts = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
+Block = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Of one cluster: (t,) tracks, (m,) detections, (k, t) members each had and what these took."""
 
 
 @compiled()
 def all_continued(
-    cluster: np.ndarray,
-    members: np.ndarray,
-    log_weights: np.ndarray,
-    costs: np.ndarray,
+    hypotheses: tuple[np.ndarray, np.ndarray],
+    members: tuple[np.ndarray, np.ndarray, np.ndarray],
+    near: tuple[np.ndarray, np.ndarray, np.ndarray],
+    counts: tuple[int, int, int],
     limits: tuple[int, float],
 ) -> Parts:
     """Return how the hypotheses of all clusters go on; clusters that now compete become one.
 
-    cluster: (H,) which cluster a hypothesis is of; members: (H, T), -1 outside of it too.
-    log_weights, costs: as in `continued`; limits: its count, of each cluster, and its gap.
+    hypotheses: (H,) their clusters, rising, and (H,) log weights as in `continued`.
+    members: (E,) hypothesis, target and local hypothesis, by hypothesis.
+    near: (P,) rows, columns and costs of local hypotheses and detections that may be a pair.
+    counts: T, L and M of targets, local hypotheses and detections.
+    limits: `count` of `continued`, of each cluster, and its `gap`.
 
-    Returns (K,) new clusters, (K, T) members each hypothesis had, (K, T) detections or -1, (K,)
-    log weights, and (M,) the cluster of each detection.
+    Returns (K,) new clusters, (K,) log weights and (F,) entries of new members: hypothesis,
+    target, the local hypothesis that it had, and its detection or -1. A detection taken by nobody
+    is target T + j, and had local hypothesis L.
     """
-    T, M = members.shape[1], costs.shape[1]
+    (cluster, log_weights), (T, L, M) = hypotheses, counts
+    hypothesis, target, local = members
     clusters = cluster.max() + 1 if len(cluster) else 0
-    links = np.nonzero(_links(cluster, members, costs, clusters, limits[1]) < 0.5)
-    group, parts_count = components(links[0], links[1], (T, M + clusters))
-    owner = np.full(M, -1)
-    parts = [(np.empty(0, np.int64), np.empty((0, 0), np.int64), np.empty((0, 0), np.int64))]
-    weights = [np.empty(0)]
-    for number in range(parts_count):
-        tracks = np.flatnonzero(group[:T] == number)
-        targets = np.flatnonzero(group[T : T + M] == number)
-        owner[targets] = len(parts) - 1
-        joint, prior = np.full((1, len(tracks)), -1), np.zeros(1)
-        for c in np.flatnonzero(group[T + M :] == number):
-            rows = np.flatnonzero(cluster == c)
-            joint, prior = _product(
-                joint, prior, members[rows][:, tracks], log_weights[rows], limits
-            )
-        used = np.unique(joint)
-        used = used[used >= 0]
-        local = np.where(joint >= 0, np.searchsorted(used, joint), -1)
-        parents, columns, after = continued(
-            local, prior, costs[used][:, targets], limits[0], limits[1]
-        )
-        for k in range(len(columns)):
-            for i in range(len(tracks)):
-                columns[k, i] = targets[columns[k, i]] if columns[k, i] >= 0 else -1
-        parts.append((tracks, joint[parents], columns))
+    of_local = np.zeros(L, np.int64)
+    of_local[local] = target
+    likely = np.flatnonzero(near[2] < limits[1])
+    some = np.concatenate((of_local[near[0][likely]], target))
+    others = np.concatenate((near[1][likely], M + cluster[hypothesis]))
+    group, count = components(some, others, (T, M + clusters))
+    tracks, first_track = sorted_by(group[:T], count)
+    targets, first_target = sorted_by(group[T : T + M], count)
+    joined, first_joined = sorted_by(group[T + M :], count)
+    first_hypothesis = np.searchsorted(cluster, np.arange(clusters + 1))
+    first_member = np.searchsorted(hypothesis, np.arange(len(cluster) + 1))
+    place = np.empty(T, np.int64)
+    blocks = [_alone(0, T, L) for _ in range(0)]
+    weights = [np.empty(0) for _ in range(0)]
+    for c in range(count):
+        mine = tracks[first_track[c] : first_track[c + 1]]
+        theirs = targets[first_target[c] : first_target[c + 1]]
+        place[mine] = np.arange(len(mine))
+        joint, prior = np.full((1, len(mine)), -1), np.zeros(1)
+        for k in joined[first_joined[c] : first_joined[c + 1]]:
+            rows = slice(first_hypothesis[k], first_hypothesis[k + 1])
+            table = np.full((rows.stop - rows.start, len(mine)), -1)
+            for e in range(first_member[rows.start], first_member[rows.stop]):
+                table[hypothesis[e] - rows.start, place[target[e]]] = local[e]
+            joint, prior = _product(joint, prior, table, log_weights[rows], limits)
+        used, inside = _inside(joint, theirs, near, limits[1])
+        if joint.size == 1:
+            ways, prices = best_assignments(inside, limits[0], limits[1])
+            parents, after = np.zeros(len(ways), np.int64), prior[0] - prices
+        else:
+            known = np.where(joint >= 0, np.searchsorted(used, joint), -1)
+            parents, ways, after = continued(known, prior, inside, limits[0], limits[1])
+        blocks.append((mine, theirs, joint[parents], ways))
         weights.append(after)
-    return _spread_out(parts, weights, owner, T)
+    for j in range(M):
+        if group[T + j] < 0:
+            blocks.append(_alone(j, T, L))
+            weights.append(np.zeros(1))
+    return _listed_members(blocks, weights, T, L)
 
 
 @compiled()
-def _links(
-    cluster: np.ndarray, members: np.ndarray, costs: np.ndarray, clusters: int, gap: float
-) -> np.ndarray:
-    """Return (T, M + C), 0 where a track may have a detection or is of a cluster, otherwise 1."""
-    T, M = members.shape[1], costs.shape[1]
-    least = _least_costs(members, costs)
-    links = np.ones((T, M + clusters))
-    for t in range(T):
-        for j in range(M):
-            if least[t, j] < gap:
-                links[t, j] = 0.0
-    for h in range(len(members)):
-        for t in range(T):
-            if members[h, t] >= 0:
-                links[t, M + cluster[h]] = 0.0
-    return links
+def _alone(j: int, T: int, L: int) -> Block:
+    """Return the cluster of a detection that no track may have."""
+    none = np.empty((1, 0), np.int64)
+    return np.empty(0, np.int64), np.full(1, j), none, none
+
+
+@compiled()
+def _inside(
+    joint: np.ndarray,
+    targets: np.ndarray,
+    near: tuple[np.ndarray, np.ndarray, np.ndarray],
+    gap: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the local hypotheses of a cluster, rising, and (l, m) their costs up to the gap."""
+    rows, columns, costs = near
+    used = np.unique(joint)
+    used = used[used >= 0]
+    inside = np.full((len(used), len(targets)), np.inf)
+    for i in range(len(used)):
+        first, last = np.searchsorted(rows, used[i]), np.searchsorted(rows, used[i] + 1)
+        for k in range(first, last):
+            j = np.searchsorted(targets, columns[k])
+            if costs[k] <= gap and j < len(targets) and targets[j] == columns[k]:
+                inside[i, j] = costs[k]
+    return used, inside
+
+
+@compiled()
+def _listed_members(blocks: list[Block], weights: list[np.ndarray], T: int, L: int) -> Parts:
+    """Put the clusters' hypotheses below one another, each with those who are new in it."""
+    size, most = 0, 0
+    for c in range(len(blocks)):
+        size += len(weights[c])
+        most += len(weights[c]) * (len(blocks[c][0]) + len(blocks[c][1]))
+    cluster, log_weights = np.empty(size, np.int64), np.empty(size)
+    entries = np.empty((4, most), np.int64)
+    h, e = 0, 0
+    for c in range(len(blocks)):
+        tracks, targets, had, took = blocks[c]
+        for k in range(len(weights[c])):
+            cluster[h], log_weights[h] = c, weights[c][k]
+            taken = np.zeros(len(targets), np.bool_)
+            for i in range(len(tracks)):
+                if took[k, i] >= 0:
+                    taken[took[k, i]] = True
+                if had[k, i] >= 0:
+                    entries[0, e], entries[1, e], entries[2, e] = h, tracks[i], had[k, i]
+                    entries[3, e] = targets[took[k, i]] if took[k, i] >= 0 else -1
+                    e += 1
+            for j in range(len(targets)):
+                if not taken[j]:
+                    entries[0, e], entries[1, e], entries[2, e] = h, T + targets[j], L
+                    entries[3, e] = targets[j]
+                    e += 1
+            h += 1
+    return cluster, log_weights, (entries[0, :e], entries[1, :e], entries[2, :e], entries[3, :e])
 
 
 @compiled()
@@ -104,34 +163,6 @@ def _product(
         a, b = order[k] // len(more), order[k] % len(more)
         joint[k] = np.maximum(some[a], others[b])
     return joint, sums[order[:size]]
-
-
-@compiled()
-def _spread_out(
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    weights: list[np.ndarray],
-    owner: np.ndarray,
-    T: int,
-) -> Parts:
-    """Put the clusters' hypotheses below one another; a detection alone makes a cluster too."""
-    size = (owner < 0).sum()
-    for each in weights:
-        size += len(each)
-    cluster, log_weights = np.empty(size, np.int64), np.zeros(size)
-    before, columns = np.full((size, T), -1), np.full((size, T), -1)
-    k = 0
-    for c in range(1, len(parts)):
-        tracks, had, took = parts[c]
-        for a in range(len(weights[c])):
-            cluster[k], log_weights[k] = c - 1, weights[c][a]
-            for i in range(len(tracks)):
-                before[k, tracks[i]], columns[k, tracks[i]] = had[a, i], took[a, i]
-            k += 1
-    for j in range(len(owner)):
-        if owner[j] < 0:
-            owner[j] = cluster[k] = len(parts) - 1 + j
-            k += 1
-    return cluster, before, columns, log_weights, owner
 
 
 @compiled()
