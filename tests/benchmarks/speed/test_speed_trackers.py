@@ -26,12 +26,24 @@ class Blind:
 
 def test_every_tracker_of_ours_has_its_rows() -> None:
     rows = measure_trackers(counts=(5,), frames=LEAD + 3)
+    tails = dict.fromkeys(own_trackers(), ("", ", p99"))
+    tails["existence-offline"] = (", pass at the end",)
     assert [row.name for row in rows] == [
-        f"tracker {name}, 5 targets{tail}" for name in own_trackers() for tail in ("", ", p99")
+        f"tracker {name}, 5 targets{tail}" for name in own_trackers() for tail in tails[name]
     ]
     assert {"nearest", "gnn", "jpda"} <= set(own_trackers()) < set(TRACKERS.names())
-    assert all(row.value > 0 and row.unit == "ms" for row in rows)
-    assert all(a.value <= b.value for a, b in zip(rows[::2], rows[1::2], strict=True))
+    online = [row for row in rows if "pass" not in row.name]
+    assert all(row.value > 0 and row.unit == "ms" for row in online)
+    assert all(a.value <= b.value for a, b in zip(online[::2], online[1::2], strict=True))
+
+
+def test_of_an_offline_tracker_the_pass_alone_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trackers, "process_time", iter((1.0, 1.6)).__next__)
+    (row,) = measure_trackers(["existence-offline"], (5,), LEAD + 2)
+    assert row.name == "tracker existence-offline, 5 targets, pass at the end"
+    assert (row.value, row.unit) == (pytest.approx(600 / (LEAD + 2)), "ms a frame")
+    with pytest.raises(ValueError, match="'existence' has no pass at the end"):
+        trackers.timed_pass("existence", [])
 
 
 def test_who_misses_the_goal_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
