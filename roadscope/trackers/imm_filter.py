@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core import Detections
+from roadscope.core.jit import compiled
 from roadscope.trackers.kalman import Gaussians, weighed
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.rows import Rows
@@ -38,11 +39,18 @@ class Modes(Rows):
         return self.velocity, self.acceleration, self.turn
 
     @property
+    def shared(self) -> Gaussians:
+        """(3, N, ...) what each model believes of x, y, vx, vy."""
+        return Gaussians(
+            np.stack([part.means[:, :SHARED] for part in self.parts]),
+            np.stack([part.covariances[:, :SHARED, :SHARED] for part in self.parts]),
+        )
+
+    @property
     def mixture(self) -> Gaussians:
         """Mean and covariance of x, y, vx, vy over all models."""
-        means = np.stack([part.means[:, :SHARED] for part in self.parts])
-        covariances = np.stack([part.covariances[:, :SHARED, :SHARED] for part in self.parts])
-        return moments(means, covariances, self.shares)
+        shared = self.shared
+        return Gaussians(*_moments(shared.means, shared.covariances, self.shares))
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +83,10 @@ class ImmFilter:
         flow = modes.shares[:, :, None] * self.transition(dt)
         shares = flow.sum(axis=1)
         mixing = flow / shares[:, None]
+        shared = modes.shared
         v, a, t = (
-            each.predicted(mixed(modes.parts, mixing[:, :, j], j), dt)
-            for j, each in enumerate(self.filters)
+            each.predicted(mixed(own, shared, mixing[:, :, j], j), dt)
+            for j, (each, own) in enumerate(zip(self.filters, modes.parts, strict=True))
         )
         return Modes(v, a, t, shares)
 
@@ -92,30 +101,40 @@ class ImmFilter:
         return Modes(parts[0], parts[1], parts[2], shares / shares.sum(axis=1, keepdims=True))
 
 
-def mixed(parts: tuple[Gaussians, ...], weights: np.ndarray, j: int) -> Gaussians:
-    """Return what model j starts from: the mean and covariance over all, by (N, K) weights.
+def mixed(own: Gaussians, shared: Gaussians, weights: np.ndarray, j: int) -> Gaussians:
+    """Return what model j starts from: the mean and covariance over all, by (N, 3) weights.
 
-    Models share x, y, vx, vy only. Of what model j knows beyond, the others say nothing, so for
-    them its own belief stands, independent of theirs (Granstrom, Willett and Bar-Shalom 2015).
+    own, shared: what it believes, and what all believe of x, y, vx, vy. Of what model j knows
+    beyond, the others say nothing, so for them its own belief stands, independent of theirs
+    (Granstrom, Willett and Bar-Shalom 2015).
     """
-    own = parts[j]
-    means = np.repeat(own.means[None], len(parts), axis=0)
-    covariances = np.repeat(own.covariances[None], len(parts), axis=0)
-    for i, part in enumerate(parts):
-        if i != j:
-            means[i, :, :SHARED] = part.means[:, :SHARED]
-            covariances[i, :, :SHARED, SHARED:] = 0
-            covariances[i, :, SHARED:, :SHARED] = 0
-            covariances[i, :, :SHARED, :SHARED] = part.covariances[:, :SHARED, :SHARED]
-    return moments(means, covariances, weights)
+    means, covariances = own.means.copy(), own.covariances.copy()
+    means[:, :SHARED], covariances[:, :SHARED, :SHARED] = _moments(
+        shared.means, shared.covariances, weights
+    )
+    covariances[:, :SHARED, SHARED:] *= weights[:, j, None, None]
+    covariances[:, SHARED:, :SHARED] *= weights[:, j, None, None]
+    return Gaussians(means, covariances)
 
 
-def moments(means: np.ndarray, covariances: np.ndarray, weights: np.ndarray) -> Gaussians:
+@compiled()
+def _moments(
+    means: np.ndarray, covariances: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and covariance of N mixtures.
 
     means: (K, N, D); covariances: (K, N, D, D); weights: (N, K).
     """
-    mean = np.einsum("nk,knd->nd", weights, means)
-    apart = means - mean
-    spread = covariances + apart[..., :, None] * apart[..., None, :]
-    return Gaussians(mean, np.einsum("nk,kndc->ndc", weights, spread))
+    K, N, D = means.shape
+    mean, spread = np.zeros((N, D)), np.zeros((N, D, D))
+    for n in range(N):
+        for k in range(K):
+            for a in range(D):
+                mean[n, a] += weights[n, k] * means[k, n, a]
+        for k in range(K):
+            for a in range(D):
+                apart = means[k, n, a] - mean[n, a]
+                for b in range(D):
+                    square = apart * (means[k, n, b] - mean[n, b])
+                    spread[n, a, b] += weights[n, k] * (covariances[k, n, a, b] + square)
+    return mean, spread

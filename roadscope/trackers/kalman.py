@@ -98,7 +98,8 @@ def _weighed(
     """Return means, covariances and logarithms of densities.
 
     With S = L L', W = L^-1 H P and w = L^-1 of the residual, the mean grows by W'w, the covariance
-    shrinks by W'W, and w'w is the squared Mahalanobis distance. Most of H is 0.
+    shrinks by W'W, and w'w is the squared Mahalanobis distance. Most of H is 0, and much of W
+    where the parts of a state know nothing of each other.
     """
     N, D = means.shape
     M = measured.shape[1]
@@ -122,9 +123,10 @@ def _weighed(
         for a in range(M):
             distance += w[a] * w[a]
             for i in range(D):
-                after[n, i] += W[a, i] * w[a]
-                for j in range(i, D):
-                    spread[n, i, j] -= W[a, i] * W[a, j]
+                if W[a, i] != 0:
+                    after[n, i] += W[a, i] * w[a]
+                    for j in range(i, D):
+                        spread[n, i, j] -= W[a, i] * W[a, j]
         for i in range(D):
             for j in range(i):
                 spread[n, i, j] = spread[n, j, i]
@@ -146,9 +148,10 @@ def _solve_triangles(S: np.ndarray, W: np.ndarray, w: np.ndarray) -> float:
                 total -= S[a, c] * S[b, c]
             S[a, b] = np.sqrt(total) if a == b else total / S[b, b]
         for b in range(a):
-            w[a] -= S[a, b] * w[b]
-            for j in range(W.shape[1]):
-                W[a, j] -= S[a, b] * W[b, j]
+            if S[a, b] != 0:
+                w[a] -= S[a, b] * w[b]
+                for j in range(W.shape[1]):
+                    W[a, j] -= S[a, b] * W[b, j]
         log_root += np.log(S[a, a])
         w[a] /= S[a, a]
         for j in range(W.shape[1]):

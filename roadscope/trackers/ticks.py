@@ -72,6 +72,10 @@ def in_world(detections: Detections, world_from_ego: Pose | None) -> Detections:
 
 
 def in_order(detections: Detections) -> Detections:
-    """Sort detections by content."""
-    keys = [detections.scores, detections.categories, detections.yaws, *detections.sizes.T]
-    return detections.select(np.lexsort([*keys, *detections.centres.T[::-1]]))
+    """Sort detections by content, x first."""
+    along = detections.centres[:, 0]
+    order = np.argsort(along)
+    if not (np.diff(along[order]) > 0).all():
+        keys = [detections.scores, detections.categories, detections.yaws, *detections.sizes.T]
+        order = np.lexsort([*keys, *detections.centres.T[::-1]])
+    return detections.select(order)

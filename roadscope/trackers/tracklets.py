@@ -71,14 +71,19 @@ class Tracklets(Rows):
 
     def seen(self, rows: np.ndarray, targets: Detections, beliefs: Gaussians) -> Tracklets:
         """Give the rows of an index array one detection and one new belief each."""
-        before = self.select(rows)
-        after = Tracklets(
-            before.ids, beliefs,
-            targets.centres[:, 2], targets.sizes, targets.yaws,
-            targets.categories, targets.scores,
-            before.hits + 1, np.zeros_like(before.misses), before.ages,
+
+        def put(value: np.ndarray, into: np.ndarray | int) -> np.ndarray:
+            changed = value.copy()
+            changed[rows] = into
+            return changed
+
+        return Tracklets(
+            self.ids, self.beliefs.replaced(rows, beliefs),
+            put(self.heights, targets.centres[:, 2]), put(self.sizes, targets.sizes),
+            put(self.yaws, targets.yaws), put(self.categories, targets.categories),
+            put(self.scores, targets.scores),
+            put(self.hits, self.hits[rows] + 1), put(self.misses, 0), self.ages,
         )  # fmt: skip
-        return self.replaced(rows, after)
 
     def report(self, planar: Gaussians, states: np.ndarray, frame: str, stamp_s: float) -> Tracks:
         """Return them as tracks; planar: beliefs of x, y, vx, vy; states: `TrackState`."""
