@@ -26,8 +26,8 @@ MOST_POINTS = 150
 """Returns that a fit is given: more, on a near vehicle, tell it nothing new."""
 FRAMES = 3
 BIN_M, STEP_DEG = 0.04, 2.0
-"""Of the matched filter: as wide as its edges, and a parabola finds the angle between two steps.
-The paper's half as wide are as near and take three times as long."""
+"""Of the matched filter of three frames: bins as wide as its edges, and a parabola finds the angle
+between two steps. Those of the paper, half as wide, are no nearer and take twice as long."""
 
 
 class LongRangeDetector:
@@ -154,10 +154,7 @@ def _posed(chain: Chain, at: int, fit: str, size: tuple[float, float, float]) ->
     if fit == "ransac":
         rng = np.random.default_rng(0)
         return fit_ransac(points[0], origins[0], rng, length_m=length_m, width_m=width_m)
-    return fit_single(
-        points[0], origins[0],
-        length_m=length_m, width_m=width_m, bin_m=BIN_M, step_deg=STEP_DEG,
-    )  # fmt: skip
+    return fit_single(points[0], origins[0], length_m=length_m, width_m=width_m)
 
 
 def _few(points: np.ndarray) -> np.ndarray:

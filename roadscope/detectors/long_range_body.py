@@ -14,9 +14,10 @@ from roadscope.detectors.pose.body_descent import SLACKS_M, descend
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem, thinned
 from roadscope.detectors.pose.body_kernels import HIT, POSE
 from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
-from roadscope.detectors.pose.body_rays import BESIDE, sight
 from roadscope.detectors.pose.body_rays import Sighting as BodySighting
+from roadscope.detectors.pose.body_rays import sight
 from roadscope.detectors.pose.body_sampling import Problem
+from roadscope.detectors.pose.body_sight_kernels import BESIDE
 from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.shape.bodies import Body
@@ -152,7 +153,7 @@ def _likeliest(sighting: BodySighting, model: BodyModel, way: Way) -> VehiclePos
     hits = sighting.rays.kind == HIT
     step = way.speed * np.array([np.cos(way.towards), np.sin(way.towards)])
     points = sighting.points - sighting.rays.time[hits, None] * step
-    guesses = _by_way(np.stack(starts(points, sighting.origin, model)), way)
+    guesses = _by_way(starts(points, sighting.origin, model), way)
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, CHANCES, np.arange(3))
     rough = descend(_going(coarse, way), guesses)
     problem = _going(still_problem(sighting.rays, model, CHANCES), way)

@@ -58,8 +58,8 @@ def _fits(points: np.ndarray) -> bool:
     along, across = np.cos(axis) * x + np.sin(axis) * y, np.cos(axis) * y - np.sin(axis) * x
     length, width = along.max() - along.min(), across.max() - across.min()
     if points[:, 2].max() < TALL_M:
-        return length <= CAR_M[0] and width <= CAR_M[1]
-    return length <= LONGEST_M and width <= WIDEST_M
+        return bool(length <= CAR_M[0] and width <= CAR_M[1])
+    return bool(length <= LONGEST_M and width <= WIDEST_M)
 
 
 @compiled()

@@ -89,7 +89,7 @@ def fit_sighting(
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, chances, np.arange(3))
     if speed is not None:
         problem, coarse = moving(problem, speed), replace(coarse, fixed=at_speed(speed))
-    guesses = np.stack(starts(sighting.points, sighting.origin, model))
+    guesses = starts(sighting.points, sighting.origin, model)
     rough = descend(coarse, guesses)
     costs = rough.costs
     if course is not None:

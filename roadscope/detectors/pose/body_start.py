@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.detectors.pose.body_model import BodyModel
 
 ANGLES = np.radians(np.arange(0.0, 90.0, 3.0))
@@ -13,39 +16,75 @@ MOST = 64
 """Returns looked at."""
 
 
-def starts(points: np.ndarray, origin: np.ndarray, model: BodyModel) -> list[np.ndarray]:
-    """Return x, y, yaw (3,) for the four headings along the sides of an initial rectangle."""
+def starts(points: np.ndarray, origin: np.ndarray, model: BodyModel) -> np.ndarray:
+    """Return x, y, yaw (4, 3) for the headings along the sides of an initial rectangle.
+
+    points: (N, 2) metres, N at least 1. origin: (2,) metres, the sensor.
+    """
     points = points[:: -(-len(points) // MOST)]
-    first = _direction(points, origin)
-    return [_placed(points, origin, model, first + turn * np.pi / 2) for turn in range(4)]
+    return np.asarray(_starts(points, origin, model.length_m[0], model.width_m[0]))
 
 
+@compiled()
+def _starts(points: np.ndarray, origin: np.ndarray, length: float, width: float) -> np.ndarray:
+    out, first = np.empty((4, 3)), _direction(points, origin)
+    for k in range(4):
+        yaw = first + k * 0.5 * np.pi
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        along = _middle(points, origin, (cos, sin), length)
+        across = _middle(points, origin, (-sin, cos), width)
+        out[k] = along * cos - across * sin, along * sin + across * cos, yaw
+    return out
+
+
+@compiled()
 def _direction(points: np.ndarray, origin: np.ndarray) -> float:
     """Return the angle at which the sides next to the sensor are nearest to the returns."""
     if len(points) < 3:
-        x, y = points.mean(axis=0) - origin
-        return float(np.arctan2(y, x))
-    axes = np.stack([np.cos(ANGLES), np.sin(ANGLES)])
-    across = np.stack([-axes[1], axes[0]])
-    off = np.full((len(points), len(ANGLES)), CLOSE_M)
-    for axis in (axes, across):
-        along = points @ axis
-        low, high = along.min(axis=0), along.max(axis=0)
-        ahead = (origin @ axis) > 0.5 * (low + high)
-        off = np.minimum(off, np.where(ahead, high - along, along - low))
-    return float(ANGLES[np.argmin(off.sum(axis=0))])
+        x, y = points[:, 0].mean() - origin[0], points[:, 1].mean() - origin[1]
+        return math.atan2(y, x)
+    off, best, least = np.empty(len(points)), 0.0, np.inf
+    for angle in ANGLES:
+        cos, sin = math.cos(angle), math.sin(angle)
+        off[:] = CLOSE_M
+        _nearer(points, origin, (cos, sin), off)
+        _nearer(points, origin, (-sin, cos), off)
+        total = off.sum()
+        if total < least:
+            best, least = angle, total
+    return best
 
 
-def _placed(points: np.ndarray, origin: np.ndarray, model: BodyModel, yaw: float) -> np.ndarray:
-    axis = np.array([np.cos(yaw), np.sin(yaw)])
-    centre = np.zeros(2)
-    for direction, extent in ((axis, model.length_m[0]), (axis[::-1] * (-1, 1), model.width_m[0])):
-        along, sensor = points @ direction, origin @ direction
-        low, high = along.min(), along.max()
-        middle = 0.5 * (low + high)
-        if sensor > high:
-            middle = high - extent / 2
-        elif sensor < low:
-            middle = low + extent / 2
-        centre += middle * direction
-    return np.array([*centre, yaw])
+@compiled(borrowing=True)
+def _nearer(
+    points: np.ndarray, origin: np.ndarray, axis: tuple[float, float], off: np.ndarray
+) -> None:
+    """Lower `off` (N,) to the distances from the side across an axis that faces the sensor."""
+    low, high = _reach(points, axis)
+    ahead = origin[0] * axis[0] + origin[1] * axis[1] > 0.5 * (low + high)
+    for i in range(len(points)):
+        along = points[i, 0] * axis[0] + points[i, 1] * axis[1]
+        off[i] = min(off[i], high - along if ahead else along - low)
+
+
+@compiled(borrowing=True)
+def _reach(points: np.ndarray, axis: tuple[float, float]) -> tuple[float, float]:
+    low, high = np.inf, -np.inf
+    for i in range(len(points)):
+        along = points[i, 0] * axis[0] + points[i, 1] * axis[1]
+        low, high = min(low, along), max(high, along)
+    return low, high
+
+
+@compiled(borrowing=True)
+def _middle(
+    points: np.ndarray, origin: np.ndarray, axis: tuple[float, float], extent: float
+) -> float:
+    """Return the middle of a body of this extent along an axis, its near side where points are."""
+    low, high = _reach(points, axis)
+    sensor = origin[0] * axis[0] + origin[1] * axis[1]
+    if sensor > high:
+        return high - 0.5 * extent
+    if sensor < low:
+        return low + 0.5 * extent
+    return 0.5 * (low + high)

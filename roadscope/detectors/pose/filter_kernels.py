@@ -162,6 +162,15 @@ def _energy(share: float, extent: float, sigma: float) -> float:
     return math.sqrt(peak + both + plateau)
 
 
+@compiled(borrowing=True, fastmath=True)
+def greatest(values: np.ndarray) -> float:
+    """Return the greatest of (N,) finite values, N at least 1, compared several at a time."""
+    top: float = values[0]
+    for i in range(len(values)):
+        top = values[i] if values[i] > top else top
+    return top
+
+
 @compiled(borrowing=True)
 def summit(response: np.ndarray, tie: float) -> tuple[float, float]:
     """Return the greatest response and its place in bins from the middle.
@@ -169,11 +178,9 @@ def summit(response: np.ndarray, tie: float) -> tuple[float, float]:
     Equal ones (within `tie`) are a plateau, whose middle counts; a single peak is placed by the
     parabola through its neighbours.
     """
-    best = 0
-    for i in range(1, len(response)):
-        if response[i] > response[best]:
-            best = i
-    top = response[best]
+    top, best = greatest(response), 0
+    while response[best] < top:
+        best += 1
     first = last = best
     while first > 0 and response[first - 1] >= top - tie:
         first -= 1

@@ -10,6 +10,7 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.detectors.pose.filter_kernels import (
     gaussian_taps,
+    greatest,
     grid_half,
     near_share,
     respond,
@@ -207,10 +208,7 @@ def _overlay(
         lower, upper = along[f, first + whole : last + whole], along[f, first + whole + 1 :]
         for i in range(len(sums)):
             sums[i] += (1.0 - part) * lower[i] + part * upper[i] - floor
-    top = float(common[0])
-    for i in range(1, size):
-        top = max(top, common[i])
-    return top
+    return greatest(common)
 
 
 @compiled()

@@ -105,9 +105,30 @@ def _searched(views: Views, settings: Filter, plan: Plan, tied: bool) -> tuple[f
         for i in range(k - plan.reach, k + plan.reach + 1):
             near[i % plan.total if plan.closed else min(max(i, 0), plan.total - 1)] = True
     fine = np.flatnonzero(near)
-    rows = sweep(views, start + fine * plan.step, settings, tied)
+    rows = _swept(views, start + fine * plan.step, settings, tied)
     best = int(rows[:, 0].argmax())
     return _refined(views, settings, (start + fine[best] * plan.step, plan.step, tied), rows[best])
+
+
+@compiled()
+def _swept(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> np.ndarray:
+    """Return `sweep` of (A,) angles where that may be the best; score -inf of the others.
+
+    Frames that are moved each by its own shift score no less than frames that are tied.
+    """
+    rows = sweep(views, angles, settings, False)
+    if not tied or len(views.stamps) == 1:
+        return rows
+    bounds, top = rows[:, 0].copy(), -np.inf
+    rows[:, 0] = -np.inf
+    for _ in range(len(angles)):
+        k = int(bounds.argmax())
+        # A hair more, for rounding.
+        if bounds[k] + 1e-9 < top:
+            break
+        rows[k] = sweep(views, angles[k : k + 1], settings, True)[0]
+        bounds[k], top = -np.inf, max(top, rows[k, 0])
+    return rows
 
 
 @compiled()

@@ -227,13 +227,13 @@ class Smoother:
         return np.array([_between(known, stamp_s, turned) for turned in (0.0, np.pi)])
 
     def _alone(self, seen: _Seen, course: float | None) -> np.ndarray:
-        """Return the pose (3,) that a scan alone has, of those that lie along the way the body goes."""
+        """Return the pose (3,) that a scan alone has, of those along the way it goes."""
         if seen.stamp_s not in self._single:
             sighting = seen.sighting
             problem = still_problem(
                 thinned(sighting.rays, COARSE_RAYS), self._model, self._chances, np.arange(3)
             )
-            guesses = np.stack(starts(sighting.points, sighting.origin, self._model))
+            guesses = starts(sighting.points, sighting.origin, self._model)
             found = descend(problem, guesses)
             self._single[seen.stamp_s] = found.vectors, found.costs
         vectors, costs = self._single[seen.stamp_s]

@@ -48,7 +48,7 @@ def diagonal(points: np.ndarray) -> float:
     for i in range(1, len(points)):
         x, y = points[i, 0], points[i, 1]
         left, right, low, high = min(left, x), max(right, x), min(low, y), max(high, y)
-    return np.hypot(right - left, high - low)
+    return float(np.hypot(right - left, high - low))
 
 
 @compiled()
