@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from hashlib import sha256
@@ -50,9 +50,17 @@ def plugin_hash(plugin: Plugin[Any]) -> str:
     """Hash a plug-in's source and arguments; our own count with their whole room."""
     room = str(getattr(plugin.factory, "__module__", "")).split(".")
     shared = code_hash(room[1]) if plugin.ours and len(room) > 1 else ""
-    return fingerprint([source_hash(plugin), shared, dict(plugin.arguments)])
+    source = _source_of_ours(plugin.factory) if plugin.ours else source_hash(plugin)
+    return fingerprint([source, shared, dict(plugin.arguments)])
 
 
+@cache
+def _source_of_ours(factory: Callable[..., Any]) -> str:
+    """Hash once what does not change while a process runs: a file of a user's may."""
+    return source_hash(Plugin("", factory, {}, True))
+
+
+@cache
 def package_version(name: str) -> str:
     """Return the installed version of a distribution, or `not installed`."""
     try:

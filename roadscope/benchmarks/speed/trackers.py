@@ -76,19 +76,16 @@ def measure_trackers(
     late: list[SpeedRow] = []
     for name in own_trackers() if names is None else names:
         for count in counts:
+            what, episode = f"tracker {name}, {count} targets", list(seen_traffic(count, frames))
             if is_offline(TRACKERS.resolve(name).factory):
-                took_ms = timed_pass(name, list(seen_traffic(count, frames)))
-                rows.append(
-                    SpeedRow(
-                        f"tracker {name}, {count} targets, pass at the end", took_ms, PASS_UNIT
-                    )
-                )
+                took_ms = timed_pass(name, episode)
+                rows.append(SpeedRow(f"{what}, pass at the end", took_ms, PASS_UNIT))
                 continue
-            times_ms = timed_updates(name, list(seen_traffic(count, frames)))
+            times_ms = timed_updates(name, episode)
             middle, worst = np.percentile(times_ms, [50, 99]).tolist()
             goal_ms = GOALS_MS.get(count, np.inf)
             unit = f"ms of {goal_ms:g}" if count in GOALS_MS else "ms"
-            row = SpeedRow(f"tracker {name}, {count} targets", middle, unit)
+            row = SpeedRow(what, middle, unit)
             rows += [row, SpeedRow(f"{row.name}, p99", worst, unit)]
             if middle > goal_ms:
                 late.append(SpeedRow(f"too slow, {count} targets: {name}", middle, unit))
