@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.motion import ConstantVelocity, sinc, sinc_slope
-
-QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])
-"""Turns a vector by a right angle, to the left."""
+from roadscope.trackers.motion import ConstantVelocity, Start
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,51 +23,26 @@ class CartesianTurn:
     turn_rad_s: standard deviation of the yaw rate at first.
     """
 
+    dimensions: ClassVar[int] = 5
     velocity_walk: float = 0.5
     turn_walk: float = 0.3
     turn_rad_s: float = 0.3
 
-    @property
-    def dimensions(self) -> int:
-        """5."""
-        return 5
-
-    def started(
-        self,
-        places: np.ndarray,
-        yaws: np.ndarray,
-        *,
-        position_m: float,
-        speed_m_s: np.ndarray | float,
-    ) -> Gaussians:
+    def started(self, start: Start) -> Gaussians:
         """Begin with a velocity and a yaw rate of 0, more or less."""
-        straight = ConstantVelocity().started(
-            places, yaws, position_m=position_m, speed_m_s=speed_m_s
-        )
-        covariances = np.zeros((len(places), 5, 5))
+        straight = ConstantVelocity().started(start)
+        covariances = np.zeros((len(start.places), 5, 5))
         covariances[:, :4, :4] = straight.covariances
         covariances[:, 4, 4] = self.turn_rad_s**2
         return Gaussians(np.pad(straight.means, ((0, 0), (0, 1))), covariances)
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Drive along the chord, which points half the turn aside of the velocity."""
-        half, velocity = means[:, 4] * dt / 2, means[:, 2:4, None]
-        after = means.copy()
-        after[:, :2] += (_chord(half, dt) @ velocity)[..., 0]
-        after[:, 2:4] = (_rotation(2 * half) @ velocity)[..., 0]
-        return after
+        return _turned(np.ascontiguousarray(means), dt)[0]
 
     def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return (N, 5, 5)."""
-        half, velocity = means[:, 4] * dt / 2, means[:, 2:4, None]
-        slope = dt * sinc_slope(half)[:, None, None] * _rotation(half)
-        slope = (slope + QUARTER @ _chord(half, dt)) * dt / 2
-        F = np.tile(np.eye(5), (len(means), 1, 1))
-        F[:, :2, 2:4] = _chord(half, dt)
-        F[:, 2:4, 2:4] = _rotation(2 * half)
-        F[:, :2, 4:] = slope @ velocity
-        F[:, 2:4, 4:] = dt * QUARTER @ F[:, 2:4, 2:4] @ velocity
-        return F
+        return _turned(np.ascontiguousarray(means), dt)[1]
 
     def noise(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return (5, 5)."""
@@ -82,13 +56,33 @@ class CartesianTurn:
         return Gaussians(beliefs.means[:, :4], beliefs.covariances[:, :4, :4])
 
 
-def _chord(half: np.ndarray, dt: float) -> np.ndarray:
-    """Return (N, 2, 2) from velocity to displacement; half: the angle turned through, halved."""
-    chord: np.ndarray = dt * sinc(half)[:, None, None] * _rotation(half)
-    return chord
+@compiled()
+def _turned(means: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N, 5) states after dt seconds and (N, 5, 5) their derivatives.
 
-
-def _rotation(angles: np.ndarray) -> np.ndarray:
-    c, s = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
-    rotation: np.ndarray = c * np.eye(2) + s * QUARTER
-    return rotation
+    h: half the angle turned through; the chord is dt sin(h) / h long for each m/s.
+    """
+    after, F = means.copy(), np.zeros((len(means), 5, 5))
+    for n in range(len(means)):
+        vx, vy, turn = means[n, 2], means[n, 3], means[n, 4]
+        h = turn * dt / 2
+        near = abs(h) < 1e-3
+        length = 1 - h * h / 6 if near else np.sin(h) / h
+        # The formula would cancel near 0; the series' next term is below 1e-10 there.
+        slope = -h / 3 if near else (np.cos(h) - length) / h
+        c, s = np.cos(h), np.sin(h)
+        along, across = dt * length * c, dt * length * s
+        further, aside = dt / 2 * (dt * slope * c - across), dt / 2 * (dt * slope * s + along)
+        cos, sin = np.cos(2 * h), np.sin(2 * h)
+        after[n, 0] += along * vx - across * vy
+        after[n, 1] += across * vx + along * vy
+        after[n, 2], after[n, 3] = cos * vx - sin * vy, sin * vx + cos * vy
+        for k in range(5):
+            F[n, k, k] = 1.0
+        F[n, 0, 2] = F[n, 1, 3] = along
+        F[n, 0, 3], F[n, 1, 2] = -across, across
+        F[n, 2, 2] = F[n, 3, 3] = cos
+        F[n, 2, 3], F[n, 3, 2] = -sin, sin
+        F[n, 0, 4], F[n, 1, 4] = further * vx - aside * vy, aside * vx + further * vy
+        F[n, 2, 4], F[n, 3, 4] = -dt * after[n, 3], dt * after[n, 2]
+    return after, F

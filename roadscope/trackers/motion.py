@@ -9,12 +9,25 @@ wanders in a second, standard deviation, growing with the root of time.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from roadscope.core.pose import wrap_angle
 from roadscope.trackers.kalman import Gaussians, predicted
+
+
+class Start(NamedTuple):
+    """N targets seen for the first time.
+
+    places: (N, 2); yaws: (N,) headings of the boxes.
+    position_m, speed_m_s: standard deviations, along each axis; speeds of all or (N,).
+    """
+
+    places: np.ndarray
+    yaws: np.ndarray
+    position_m: float
+    speed_m_s: np.ndarray | float
 
 
 class Motion(Protocol):
@@ -24,18 +37,8 @@ class Motion(Protocol):
     def dimensions(self) -> int:
         """Length D of the state."""
 
-    def started(
-        self,
-        places: np.ndarray,
-        yaws: np.ndarray,
-        *,
-        position_m: float,
-        speed_m_s: np.ndarray | float,
-    ) -> Gaussians:
-        """Begin at (N, 2) places seen with (N,) headings: standing still, more or less.
-
-        position_m, speed_m_s: standard deviations, along each axis; speeds of all or (N,).
-        """
+    def started(self, start: Start) -> Gaussians:
+        """Begin with N targets: standing still, more or less."""
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return (N, D) states after dt seconds."""
@@ -66,23 +69,12 @@ class ConstantVelocity:
     velocity_walk: m/s per root second, by which each component of the velocity wanders.
     """
 
+    dimensions: ClassVar[int] = 4
     velocity_walk: float = 1.0
 
-    @property
-    def dimensions(self) -> int:
-        """4."""
-        return 4
-
-    def started(
-        self,
-        places: np.ndarray,
-        yaws: np.ndarray,
-        *,
-        position_m: float,
-        speed_m_s: np.ndarray | float,
-    ) -> Gaussians:
+    def started(self, start: Start) -> Gaussians:
         """Begin with a velocity of 0, give or take `speed_m_s`."""
-        return _standing(places, [position_m, speed_m_s])
+        return _standing(start.places, [start.position_m, start.speed_m_s])
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return F x."""
@@ -110,24 +102,14 @@ class ConstantAcceleration:
     acceleration_m_s2: standard deviation of the acceleration at first, along each axis.
     """
 
+    dimensions: ClassVar[int] = 6
     acceleration_walk: float = 1.0
     acceleration_m_s2: float = 2.0
 
-    @property
-    def dimensions(self) -> int:
-        """6."""
-        return 6
-
-    def started(
-        self,
-        places: np.ndarray,
-        yaws: np.ndarray,
-        *,
-        position_m: float,
-        speed_m_s: np.ndarray | float,
-    ) -> Gaussians:
+    def started(self, start: Start) -> Gaussians:
         """Begin with velocity and acceleration of 0, more or less."""
-        return _standing(places, [position_m, speed_m_s, self.acceleration_m_s2])
+        spread = [start.position_m, start.speed_m_s, self.acceleration_m_s2]
+        return _standing(start.places, spread)
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return F x."""
@@ -163,37 +145,24 @@ class CoordinatedTurn:
     yaw_rad, turn_rad_s: standard deviations of heading and yaw rate at first.
     """
 
+    dimensions: ClassVar[int] = 5
     speed_walk: float = 1.0
     turn_walk: float = 0.3
     yaw_rad: float = 0.3
     turn_rad_s: float = 0.3
 
-    @property
-    def dimensions(self) -> int:
-        """5."""
-        return 5
-
-    def started(
-        self,
-        places: np.ndarray,
-        yaws: np.ndarray,
-        *,
-        position_m: float,
-        speed_m_s: np.ndarray | float,
-    ) -> Gaussians:
+    def started(self, start: Start) -> Gaussians:
         """Begin with the box's heading; a speed below 0 drives backwards."""
-        still = np.zeros((len(places), 2))
-        spread = _spreads(
-            len(places), [position_m, position_m, self.yaw_rad, speed_m_s, self.turn_rad_s]
-        )
+        n, place_m = len(start.places), start.position_m
+        spread = _spreads(n, [place_m, place_m, self.yaw_rad, start.speed_m_s, self.turn_rad_s])
         covariances = np.eye(5) * spread[:, None] ** 2
-        return Gaussians(np.column_stack([places, yaws, still]), covariances)
+        return Gaussians(np.column_stack([start.places, start.yaws, np.zeros((n, 2))]), covariances)
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Drive along the chord: half the turn, v dt sin(h) / h ahead, the other half."""
         _, _, yaw, v, turn = means.T
         half = turn * dt / 2
-        chord, direction = v * dt * sinc(half), yaw + half
+        chord, direction = v * dt * _sinc(half), yaw + half
         after = means.copy()
         after[:, 0] += chord * np.cos(direction)
         after[:, 1] += chord * np.sin(direction)
@@ -206,11 +175,11 @@ class CoordinatedTurn:
         half = turn * dt / 2
         ahead = np.stack([np.cos(yaw + half), np.sin(yaw + half)], axis=-1)
         aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
-        chord = (v * dt * sinc(half))[:, None]
+        chord = (v * dt * _sinc(half))[:, None]
         F = np.tile(np.eye(5), (len(means), 1, 1))
         F[:, :2, 2] = chord * aside
-        F[:, :2, 3] = dt * sinc(half)[:, None] * ahead
-        F[:, :2, 4] = dt / 2 * ((v * dt * sinc_slope(half))[:, None] * ahead + chord * aside)
+        F[:, :2, 3] = dt * _sinc(half)[:, None] * ahead
+        F[:, :2, 4] = dt / 2 * ((v * dt * _sinc_slope(half))[:, None] * ahead + chord * aside)
         F[:, 2, 4] = dt
         return F
 
@@ -264,13 +233,13 @@ def _spreads(n: int, spread: list[np.ndarray | float]) -> np.ndarray:
     return np.column_stack([np.broadcast_to(np.asarray(each, np.float64), n) for each in spread])
 
 
-def sinc(h: np.ndarray) -> np.ndarray:
+def _sinc(h: np.ndarray) -> np.ndarray:
     """Return sin(h) / h."""
     value: np.ndarray = np.sinc(h / np.pi)
     return value
 
 
-def sinc_slope(h: np.ndarray) -> np.ndarray:
+def _sinc_slope(h: np.ndarray) -> np.ndarray:
     """Return the derivative of sin(h) / h, by its series where the formula would cancel."""
     near = np.abs(h) < 1e-3
     safe = np.where(near, 1.0, h)

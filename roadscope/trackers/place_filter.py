@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.core import Category, Detections, Family
 from roadscope.trackers.kalman import Gaussians, corrected
-from roadscope.trackers.motion import ConstantVelocity, Motion, carried
+from roadscope.trackers.motion import ConstantVelocity, Motion, Start, carried
 from roadscope.trackers.settings import check_positive
 
 SPEED_SHARES = {Family.VEHICLE: 1.0, Family.CYCLIST: 0.4, Family.PEDESTRIAN: 0.15}
@@ -51,9 +51,8 @@ class PlaceFilter:
     def started(self, targets: Detections) -> Gaussians:
         """Begin with (N,) detections, at rest more or less."""
         speeds = self.speed_m_s * SHARES[targets.categories]
-        return self.motion.started(
-            targets.centres[:, :2], targets.yaws, position_m=self.position_m, speed_m_s=speeds
-        )
+        places = targets.centres[:, :2]
+        return self.motion.started(Start(places, targets.yaws, self.position_m, speeds))
 
     def predicted(self, beliefs: Gaussians, dt: float) -> Gaussians:
         """Move beliefs on by dt seconds."""

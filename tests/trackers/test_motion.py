@@ -10,6 +10,7 @@ from roadscope.trackers.motion import (
     ConstantAcceleration,
     ConstantVelocity,
     CoordinatedTurn,
+    Start,
     carried,
 )
 
@@ -162,7 +163,7 @@ def turn(motion, start, angle):
 
 @model
 def test_a_start_stands_still(motion):
-    start = motion.started(np.array([[3.0, 4.0]]), np.array([0.5]), position_m=0.4, speed_m_s=9.0)
+    start = motion.started(Start(np.array([[3.0, 4.0]]), np.array([0.5]), 0.4, 9.0))
     planar = motion.planar(start)
     assert planar.means[0].tolist() == [3, 4, 0, 0]
     assert np.diagonal(start.covariances[0])[:2].tolist() == pytest.approx([0.16, 0.16])
