@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,15 +14,22 @@ from roadscope.detectors.moving.links import Chain, Sighting
 from roadscope.detectors.moving.view import View
 from roadscope.detectors.pose.body_descent import SLACKS_M, descend
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem, thinned
-from roadscope.detectors.pose.body_kernels import HIT, POSE
+from roadscope.detectors.pose.body_kernels import POSE
 from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
 from roadscope.detectors.pose.body_rays import Sighting as BodySighting
-from roadscope.detectors.pose.body_rays import sight
+from roadscope.detectors.pose.body_rays import beams_of, sighted
 from roadscope.detectors.pose.body_sampling import Problem
-from roadscope.detectors.pose.body_sight_kernels import BESIDE
+from roadscope.detectors.pose.body_sight_kernels import (
+    Beams,
+    Motion,
+    Returns,
+    points_of,
+    returns_about,
+)
 from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.shape.bodies import Body
+from roadscope.detectors.sorting import order_by
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 BUDGET, COARSE_RAYS = 48, 40
@@ -42,13 +51,18 @@ YAW, SPEED = 2, 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """A scan that is to be answered, and where and how it was made."""
+    """A scan that is to be answered, and where and how it was made.
+
+    returns: of the scan. beams: of the LiDAR, None where it is not known or not asked for.
+    order, columns: (N,) int64, rows by column, and the columns in that order.
+    """
 
     scan: LidarScan
     view: View
     drive_from_ego: Pose
     ego_from_lidar: Pose
-    spec: LidarSpec | None
+    beams: Beams | None
+    returns: Returns
     order: np.ndarray
     columns: np.ndarray
 
@@ -62,49 +76,22 @@ class Shot:
     ) -> Shot:
         """Sort the scan's columns, so that what lies about a body is quickly found."""
         # Only rays ask for it, and rays need a LiDAR that is known.
-        order = np.argsort(scan.column[: len(scan) if spec else 0], kind="stable")
-        columns = scan.column[order]
-        return Shot(scan, view, drive_from_ego, ego_from_lidar, spec, order, columns)
+        order = order_by(scan.column[: len(scan) if spec else 0])
+        returns = Returns(scan.points, scan.ring, scan.column.astype(np.int64), scan.intensity)
+        beams = None if spec is None else beams_of(spec)
+        columns = returns.column[order]
+        return Shot(scan, view, drive_from_ego, ego_from_lidar, beams, returns, order, columns)
 
-    def about(self, rows: np.ndarray) -> tuple[LidarScan, np.ndarray]:
-        """Return the body's returns and those that its beams met in its columns and beside them.
+    def sighting(self, rows: np.ndarray, time_s: float) -> BodySighting:
+        """Return what the rays around a body tell of it.
 
-        rows: (N,) returns of the body. The second is (M,) bool, which returns are the body's.
+        rows: (N,) returns of the body, N at least 1. time_s: from the stamp to when it was met.
         """
-        scan, target = self.scan, np.zeros(len(self.scan), bool)
-        target[rows] = True
-        count = self.spec.columns if self.spec is not None else 0
-        columns = scan.column[rows].astype(np.int64)
-        first, last = int(columns.min()), int(columns.max())
-        if last - first > count // 2:
-            turned = (columns + count // 2) % count
-            first, last = int(turned.min()) - count // 2, int(turned.max()) - count // 2
-        if last - first > count // 2:
-            return scan, target
-        first, last = first - BESIDE, last + BESIDE
-        bounds = [(max(first, 0), min(last, count - 1))]
-        bounds += [(first + count, count - 1)] if first < 0 else []
-        bounds += [(0, last - count)] if last >= count else []
-        parts = [
-            self.order[slice(*np.searchsorted(self.columns, [low, high + 1]))]
-            for low, high in bounds
-        ]
-        beams = np.zeros(int(scan.ring.max()) + 1, bool)
-        beams[scan.ring[rows]] = True
-        kept = np.concatenate(parts)
-        kept = kept[beams[scan.ring[kept]]]
-        return _selected(scan, kept), target[kept]
-
-
-def _selected(scan: LidarScan, rows: np.ndarray) -> LidarScan:
-    return replace(
-        scan,
-        points=scan.points[rows],
-        intensity=scan.intensity[rows],
-        ring=scan.ring[rows],
-        column=scan.column[rows],
-        time_offset_s=scan.time_offset_s[rows],
-    )
+        assert self.beams is not None
+        returns, target = returns_about(
+            self.returns, (self.order, self.columns), rows, self.beams.columns
+        )
+        return sighted(self.beams, returns, target, _motion(self, time_s), BUDGET)
 
 
 class Way(NamedTuple):
@@ -120,8 +107,7 @@ class Way(NamedTuple):
     @staticmethod
     def of(chain: Chain) -> Way:
         """Take the way from where a vehicle was met lately."""
-        times = np.array([sighting.met_s for sighting in chain.sightings])
-        spread = float(np.sqrt(((times - times.mean()) ** 2).sum()))
+        spread = float(np.sqrt(((chain.times - chain.times.mean()) ** 2).sum()))
         x, y = chain.velocity
         speed = float(np.hypot(x, y))
         if spread == 0 or speed == 0:
@@ -136,11 +122,9 @@ def body_pose(seen: Sighting, shot: Shot, body: Body, way: Way) -> VehiclePose |
     None without a LiDAR that is known or a ray that counts. There is no covariance: it takes as
     long again.
     """
-    if shot.spec is None:
+    if shot.beams is None:
         return None
-    scan, target = shot.about(seen.candidate.rows)
-    pose, own = _sensor(shot, seen.met_s - seen.stamp_s)
-    sighting = sight(shot.spec, scan, target, pose, sensor_velocity=own, budget=BUDGET)
+    sighting = shot.sighting(seen.candidate.rows, seen.met_s - seen.stamp_s)
     return _likeliest(sighting, _model(body), way) if sighting.returns else None
 
 
@@ -150,9 +134,8 @@ def _likeliest(sighting: BodySighting, model: BodyModel, way: Way) -> VehiclePos
     Of a few returns of one face any heading of four is likely: the way then decides. Where the
     rays tell the heading, its standard deviation is far less than the way's.
     """
-    hits = sighting.rays.kind == HIT
     step = way.speed * np.array([np.cos(way.towards), np.sin(way.towards)])
-    points = sighting.points - sighting.rays.time[hits, None] * step
+    points = points_of(sighting.rays, step)
     guesses = _by_way(starts(points, sighting.origin, model), way)
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, CHANCES, np.arange(3))
     rough = descend(_going(coarse, way), guesses)
@@ -183,19 +166,20 @@ def _going(problem: Problem, way: Way) -> Problem:
     return replace(problem, fixed=fixed, prior=prior, centre=centre)
 
 
-def _sensor(shot: Shot, time_s: float) -> tuple[Pose, np.ndarray]:
+def _motion(shot: Shot, time_s: float) -> Motion:
     """Return place at the stamp, turned as it was a time after it, and velocity of the sensor."""
-    x_s, y_s, turn_s = shot.view.twist
-    mount, drive = shot.ego_from_lidar, shot.drive_from_ego
-    x, y, _ = mount.translation
-    velocity = np.array([x_s - turn_s * y, y_s + turn_s * x, 0.0])
-    cos, sin = np.cos(turn_s * time_s), np.sin(turn_s * time_s)
+    x_s, y_s, turn_s = shot.view.twist.tolist()
+    mount, drive = shot.ego_from_lidar.matrix, shot.drive_from_ego.matrix
+    x, y = mount[:2, 3]
+    velocity = np.array([x_s - turn_s * y, y_s + turn_s * x])
+    cos, sin = math.cos(turn_s * time_s), math.sin(turn_s * time_s)
     turned = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    rotation = drive.rotation @ turned @ mount.rotation
-    place = drive.rotation @ mount.translation + drive.translation
-    return Pose.from_parts(rotation, place), (drive.rotation @ velocity)[:2]
+    matrix = drive @ mount
+    matrix[:3, :3] = drive[:3, :3] @ turned @ mount[:3, :3]
+    return Motion(matrix, drive[:2, :2] @ velocity, 0.0, 1.0)
 
 
+@cache
 def _model(body: Body) -> BodyModel:
     if body.category is Category.CAR:
         return saloon(body.length, body.width)

@@ -6,10 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_lidar import CALIBRATION, scan
 
-from roadscope.detectors.long_range_body import Shot
+from roadscope.core import Pose
+from roadscope.detectors.long_range_body import BUDGET, Shot
 from roadscope.detectors.moving.lidar import lidar_of
 from roadscope.detectors.moving.view import View
 from roadscope.detectors.pose.body_rays import sight
+from roadscope.detectors.pose.body_sight_kernels import returns_about
 
 FIGURES = {"range_noise_m": 0.02, "range_max_m": 100.0, "detection_limit": 0.4}
 CAR = (4.6, 1.85, 1.5)
@@ -30,9 +32,11 @@ def test_the_columns_about_a_body_tell_all(first_deg, y, yaw, seed) -> None:
     spec = lidar_of(seen, **FIGURES)
     assert own.any()
     assert spec is not None
-    shot = Shot.of(seen, View.of(seen, mount, np.zeros(3)), mount, mount, spec)
-    part, target = shot.about(np.flatnonzero(own))
-    assert len(part) < len(seen) / 2
-    few, whole = sight(spec, part, target, mount), sight(spec, seen, own, mount)
+    shot = Shot.of(seen, View.of(seen, mount, np.zeros(3)), Pose.identity(), mount, spec)
+    ordered = shot.order, shot.columns
+    part, _ = returns_about(shot.returns, ordered, np.flatnonzero(own), spec.columns)
+    assert len(part.ring) < len(seen) / 2
+    few = shot.sighting(np.flatnonzero(own), 0.0)
+    whole = sight(spec, seen, own, mount, budget=BUDGET)
     for one, other in zip(few.rays, whole.rays, strict=True):
         assert np.array_equal(one, other)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from roadscope.detectors.pose.body_descent_kernels import Drawn, Rules, Space, descended
 from roadscope.detectors.pose.body_kernels import POSE
 from roadscope.detectors.pose.body_misfits import misfits
+from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_sampling import Problem, normal_points
 
 SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
@@ -25,11 +27,16 @@ LIMIT = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """Best vectors (S, D), their covariances (S, D, D) and costs (S,)."""
+    """Best vectors (S, D), inverses of their covariances (S, D, D) and costs (S,)."""
 
     vectors: np.ndarray
-    covariances: np.ndarray
+    normals: np.ndarray
     costs: np.ndarray
+
+    @property
+    def covariances(self) -> np.ndarray:
+        """(S, D, D)."""
+        return np.linalg.inv(self.normals)
 
 
 def descend(
@@ -44,11 +51,6 @@ def descend(
     around: places around each step's end that are tried too.
     """
     model, free = problem.model, problem.free
-    drawn = Drawn(
-        np.array([model.length_m, model.width_m]),
-        np.array(model.storeys),
-        (*model.radius_m, *model.axles, *model.narrowing),
-    )
     space = Space(
         free,
         problem.fixed,
@@ -60,8 +62,17 @@ def descend(
     )
     starts = np.ascontiguousarray(vectors, np.float64)
     told = problem.rays, Rules(LIMIT, problem.chances.edge_m)
-    best, normals, costs = descended(starts, np.array([*slacks, 0.0]), drawn, space, told)
-    return Best(best, np.linalg.inv(normals), costs)
+    best, normals, costs = descended(starts, np.array([*slacks, 0.0]), _drawn(model), space, told)
+    return Best(best, normals, costs)
+
+
+@cache
+def _drawn(model: BodyModel) -> Drawn:
+    return Drawn(
+        np.array([model.length_m, model.width_m]),
+        np.array(model.storeys),
+        (*model.radius_m, *model.axles, *model.narrowing),
+    )
 
 
 def slopes_of(

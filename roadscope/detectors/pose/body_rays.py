@@ -16,6 +16,7 @@ from roadscope.detectors.pose.body_sight_kernels import (
     joined,
     need_of,
     picked,
+    points_of,
     rays_of,
 )
 from roadscope.envs.sensors.lidar_spec import LidarSpec
@@ -39,10 +40,7 @@ class Sighting:
     @property
     def points(self) -> np.ndarray:
         """(N, 2) returns of the body seen from above, metres, world frame."""
-        hits = self.rays.kind == HIT
-        ways = self.rays.reach[hits, None] * self.rays.direction[hits]
-        points: np.ndarray = self.rays.origin[hits, :2] + ways
-        return points
+        return np.asarray(points_of(self.rays, np.zeros(2)))
 
 
 def sight(

@@ -196,6 +196,7 @@ def normal_points(count: int, dimensions: int) -> np.ndarray:
     return np.asarray(points)
 
 
+@cache
 def free_of(model: BodyModel, moving: bool) -> np.ndarray:
     """Return the indices of what is free for one scan, or for a body on its way."""
     pose = np.arange(POSE if moving else 3)

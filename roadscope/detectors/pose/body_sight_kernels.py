@@ -69,6 +69,41 @@ class Grid(NamedTuple):
 
 
 @compiled()
+def returns_about(
+    returns: Returns, ordered: tuple[np.ndarray, np.ndarray], rows: np.ndarray, turn: int
+) -> tuple[Returns, np.ndarray]:
+    """Return a body's returns and those that its beams met in its columns and beside them.
+
+    ordered: (N,) rows by column, and the columns in that order. rows: (K,) of the body, K at
+    least 1. turn: columns of a turn. The second is (M,) bool, which returns are the body's.
+    """
+    target, met = np.zeros(len(returns.ring), np.bool_), np.zeros(returns.ring.max() + 1, np.bool_)
+    first, last = returns.column[rows[0]], returns.column[rows[0]]
+    for i in rows:
+        target[i], met[returns.ring[i]] = True, True
+        first, last = min(first, returns.column[i]), max(last, returns.column[i])
+    if last - first > turn // 2:
+        turned = (returns.column[rows] + turn // 2) % turn
+        first, last = turned.min() - turn // 2, turned.max() - turn // 2
+    if last - first > turn // 2:
+        return returns, target
+    first, last = first - BESIDE, last + BESIDE
+    order, columns = ordered
+    kept, count = np.empty(len(order), np.int64), 0
+    for low, high in ((first, last), (first + turn, turn - 1), (0, last - turn)):
+        start, end = np.searchsorted(columns, max(low, 0)), np.searchsorted(columns, high + 1)
+        for i in order[start:end]:
+            if met[returns.ring[i]]:
+                kept[count] = i
+                count += 1
+    kept = kept[:count]
+    chosen = Returns(
+        returns.points[kept], returns.ring[kept], returns.column[kept], returns.intensity[kept]
+    )
+    return chosen, target[kept]
+
+
+@compiled()
 def picked(returns: Returns, target: np.ndarray, beams: Beams, budget: int) -> Grid:
     """List the beams that met the body, from a little beside its first return to its last.
 
@@ -80,10 +115,7 @@ def picked(returns: Returns, target: np.ndarray, beams: Beams, budget: int) -> G
         return Grid(none, none, np.empty(0), none)
     turn = beams.columns
     start = _seam(returns.column, rows, turn)
-    last = 0
-    for i in rows:
-        last = max(last, int((returns.column[i] - start) % turn))
-    width = last + 1 + 2 * BESIDE
+    width = int(((returns.column[rows] - start) % turn).max()) + 1 + 2 * BESIDE
     cells = np.full((2, len(beams.elevations), width), np.inf)
     for i in range(len(target)):
         place = ((returns.column[i] - start) % turn + BESIDE) % turn
@@ -251,3 +283,16 @@ def _mean(rays: Rays, first: int, last: int, into: tuple[Rays, int]) -> None:
     rough = ROUGHNESS_M * ROUGHNESS_M
     out.sigma[row] = math.sqrt((rays.sigma[first] ** 2 - rough) / count + rough)
     out.kind[row], out.need[row] = rays.kind[first], rays.need[first]
+
+
+@compiled()
+def points_of(rays: Rays, velocity: np.ndarray) -> np.ndarray:
+    """Return (N, 2) where a body's returns were at the reference time, going at (2,) m/s."""
+    out, count = np.empty((len(rays.kind), 2)), 0
+    for i in range(len(rays.kind)):
+        if rays.kind[i] == HIT:
+            for k in range(2):
+                met = rays.origin[i, k] + rays.reach[i] * rays.direction[i, k]
+                out[count, k] = met - rays.time[i] * velocity[k]
+            count += 1
+    return out[:count]
