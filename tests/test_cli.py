@@ -5,11 +5,13 @@ import sqlite3
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import pytest
 
 import roadscope
+from roadscope.__main__ import main
 
 ROOT = Path(roadscope.__file__).parents[1]
 PLUGINS = Path(__file__).parent / "benchmarks" / "plugins.py"
@@ -115,12 +117,23 @@ def test_list() -> None:
         (["fly"], 2, "fly"),
     ],
 )  # fmt: skip
-def test_bad_input_is_answered_in_one_line(arguments, status, message) -> None:
-    done = roadscope_does(*arguments)
-    assert done.returncode == status
-    assert done.stdout == ""
-    assert message in done.stderr
-    assert done.stderr.startswith("error: ")
+def test_bad_input_is_answered_in_one_line(arguments, status, message, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(sys, "argv", ["roadscope", *map(str, arguments)])
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    answer = capsys.readouterr()
+    assert ended.value.code == status
+    assert answer.out == ""
+    assert message in answer.err
+    assert answer.err.startswith("error: ")
+    assert answer.err.count("\n") == 1
+
+
+def test_bad_input_ends_the_program_too() -> None:
+    done = roadscope_does("list", "trakers")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("error: no kind 'trakers'")
     assert done.stderr.count("\n") == 1
 
 
