@@ -58,18 +58,19 @@ class Horizon:
 
         It could where the field of view ends and where something nearer stands.
         """
-        return bool(_hides(point, side, self.origin, self._around))
+        return bool(_hides(point, side, self.origin, self.around))
 
     def hides(self, outline: np.ndarray) -> tuple[bool, bool]:
         """Return `hides_beyond` to the right of the first and to the left of the last point.
 
         outline: (M, 2) metres, M at least 1.
         """
-        right, left = _hides_ends(outline, self.origin, self._around)
+        right, left = _hides_ends(outline, self.origin, self.around)
         return bool(right), bool(left)
 
     @property
-    def _around(self) -> _Around:
+    def around(self) -> _Around:
+        """Azimuths, ranges and step, and the view; infinite for a full turn."""
         view = (-np.inf, np.inf) if self.view is None else self.view
         return self.azimuths, self.ranges, self.step, view
 

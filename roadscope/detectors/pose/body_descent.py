@@ -45,10 +45,12 @@ def descend(
     slacks: tuple[float, ...] = SLACKS_M,
     *,
     around: int = AROUND,
+    ways: int = 2,
 ) -> Best:
     """Improve (S, D) vectors of a problem, each on its own.
 
-    around: places around each step's end that are tried too.
+    around: places around each step's end that are tried too. ways: in which values are moved to
+    see what follows, 2 or, for half the work, 1.
     """
     model, free = problem.model, problem.free
     space = Space(
@@ -59,6 +61,7 @@ def descend(
         STEPS[free],
         WIDTH * normal_points(AROUND, len(free))[0, :around],
         SHARES,
+        ways,
     )
     starts = np.ascontiguousarray(vectors, np.float64)
     told = problem.rays, Rules(LIMIT, problem.chances.edge_m)

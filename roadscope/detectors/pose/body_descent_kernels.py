@@ -30,7 +30,8 @@ class Space(NamedTuple):
 
     free: (D,) indices. fixed: (11,) values of the others. precision, centre: (D,) of the prior.
     steps: (D,) by which values are moved to see what follows. spread: (T, D) places tried around
-    a step's end, in its standard deviations. shares: of the step that are tried.
+    a step's end, in its standard deviations. shares: of the step that are tried. ways: 2 where
+    values are moved ahead and back, 1 where ahead only: half the work, and less exact at kinks.
     """
 
     free: np.ndarray
@@ -40,6 +41,7 @@ class Space(NamedTuple):
     steps: np.ndarray
     spread: np.ndarray
     shares: np.ndarray
+    ways: int
 
 
 class Rules(NamedTuple):
@@ -61,12 +63,13 @@ def descended(
     rays, rules = told
     count, size = starts.shape
     tries = len(space.shares) + len(space.spread)
-    rows = max(2 * size + 1, tries)
+    moves = space.ways * size + 1
+    rows = max(moves, tries)
     best, normals = starts.copy(), np.zeros((count, size, size))
     least = np.full(count, np.inf)
     misfit, states = np.empty((rows, len(rays.slope))), np.empty((rows, POSE))
     parts = np.empty((rows, len(drawn.storeys), 16))
-    moved, tried = np.empty((2 * size + 1, size)), np.empty((tries, size))
+    moved, tried = np.empty((moves, size)), np.empty((tries, size))
     normal, root, pull = np.empty((size, size)), np.empty((size, size)), np.empty(size)
     for s in range(count):
         vector = starts[s].copy()
@@ -98,13 +101,14 @@ def descended(
 
 @compiled()
 def _moves(vector: np.ndarray, steps: np.ndarray, moved: np.ndarray) -> None:
-    """Fill in the vector, then with each value moved ahead, then back."""
+    """Fill in the vector, then with each value moved ahead, then, where there is room, back."""
     size = len(vector)
-    for k in range(2 * size + 1):
+    for k in range(len(moved)):
         moved[k] = vector
     for d in range(size):
         moved[1 + d, d] += steps[d]
-        moved[1 + size + d, d] -= steps[d]
+        if len(moved) > 1 + size:
+            moved[1 + size + d, d] -= steps[d]
 
 
 @compiled()
@@ -168,7 +172,8 @@ def _normal(
         off = misfit[0, m]
         weight = 1.0 / (1.0 + (off / limit) ** 2)
         for d in range(size):
-            slope[d] = (misfit[1 + d, m] - misfit[1 + size + d, m]) / (2.0 * space.steps[d])
+            back = misfit[1 + size + d, m] if space.ways == 2 else misfit[0, m]
+            slope[d] = (misfit[1 + d, m] - back) / (space.ways * space.steps[d])
         for d in range(size):
             pull[d] += weight * slope[d] * off
             for e in range(d + 1):
