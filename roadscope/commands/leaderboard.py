@@ -100,12 +100,12 @@ def _conditions(suite: str, kitti: Path | None) -> Any:
 
 
 def _show(results: Any, loaded: Any, by: str | None) -> None:
+    from roadscope.benchmarks.boards.columns import footnote
     from roadscope.benchmarks.boards.tables import (
         agreement_lines,
         board_table,
         comparison,
         conditions,
-        footnote,
     )
 
     screen, jobs = console(), results.manifest["jobs"]

@@ -19,8 +19,8 @@ def list_names(
     ] = None,
 ) -> None:
     """Show what can be named."""
-    from roadscope.benchmarks.boards.tables import name_table
     from roadscope.benchmarks.listing import KINDS, names_of
+    from roadscope.benchmarks.tables import name_table
 
     for each in [kind] if kind else KINDS:
         show(name_table(each, names_of(each)))

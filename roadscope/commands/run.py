@@ -30,10 +30,10 @@ def run_scenario(
     ] = None,
 ) -> None:
     """Run one episode through one detector and one tracker."""
-    from roadscope.benchmarks.boards.tables import score_table
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.jobs.stack import offline
     from roadscope.benchmarks.single import picture_path, run_episode, save_picture
+    from roadscope.benchmarks.tables import score_table
 
     episode = Episode(scenario, seed, rig, seconds, weather)
     if picture is not None:

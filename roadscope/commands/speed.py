@@ -18,9 +18,9 @@ def speed(
     out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
 ) -> None:
     """Measure ray casting, detectors, metrics, trackers, beside others where installed."""
-    from roadscope.benchmarks.boards.tables import speed_table
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.speed.measure import PARTS, measure_speed, write_speed
+    from roadscope.benchmarks.tables import speed_table
 
     folder = None if out is None else usable_folder(out)
     with progress_bars() as progress:

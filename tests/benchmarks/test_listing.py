@@ -5,10 +5,10 @@ from importlib.metadata import EntryPoint
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks.boards.tables import name_table
 from roadscope.benchmarks.listing import KINDS, names_of
 from roadscope.benchmarks.recorded.suite import KITTI
 from roadscope.benchmarks.suite import SUITES
+from roadscope.benchmarks.tables import name_table
 from roadscope.core import Registry, registry
 from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS

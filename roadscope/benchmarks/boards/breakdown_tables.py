@@ -7,12 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from rich.table import Table
 from rich.text import Text
 
+from roadscope.benchmarks.boards.columns import ENTRY, FULL, NAME, NARROW_NAME
 from roadscope.benchmarks.boards.results import BREAKDOWNS, Results
 from roadscope.benchmarks.boards.rows import DETECTOR, Row
-from roadscope.benchmarks.boards.tables import ENTRY, FULL, NAME, NARROW_NAME, figure, plain_table
+from roadscope.benchmarks.boards.tables import figure
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.recorded.combined import CURVES
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
+from roadscope.benchmarks.tables import plain_table
 
 SHOWN: Mapping[str, Sequence[str]] = {
     "detection": ("detection_rate", "precision"),

@@ -9,10 +9,11 @@ from io import StringIO
 from pathlib import Path
 
 from roadscope.benchmarks.boards.breakdown_tables import markdown_lines, markdown_row
+from roadscope.benchmarks.boards.columns import COLUMNS
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import FIRST_METRIC, Row
 from roadscope.benchmarks.boards.standing import Standing
-from roadscope.benchmarks.boards.tables import COLUMNS, figure
+from roadscope.benchmarks.boards.tables import figure
 from roadscope.benchmarks.cache import FolderError, write_atomically
 
 NAME = "leaderboard"

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
-from roadscope.benchmarks.boards.tables import plain_table
 from roadscope.benchmarks.papers.reproduction import YES_OR_NO, ReproductionRow
+from roadscope.benchmarks.tables import plain_table
 
 MOST_COLUMNS = 5
 UNNAMED = (YES_OR_NO, "1", "", "share", "count", "frame", None)

@@ -4,16 +4,11 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from roadscope.benchmarks.boards.columns import COLUMNS, footnote, shown_columns
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
-from roadscope.benchmarks.boards.tables import (
-    COLUMNS,
-    board_table,
-    comparison,
-    footnote,
-    shown_columns,
-)
+from roadscope.benchmarks.boards.tables import board_table, comparison
 from roadscope.benchmarks.papers.reproduction import ReproductionRow, summarise
 from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 

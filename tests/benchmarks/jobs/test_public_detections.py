@@ -6,8 +6,9 @@ import pytest
 from rich.console import Console
 
 from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, markdown_lines
+from roadscope.benchmarks.boards.columns import shown_columns
 from roadscope.benchmarks.boards.results import Results, gather
-from roadscope.benchmarks.boards.tables import board_table, conditions, shown_columns
+from roadscope.benchmarks.boards.tables import board_table, conditions
 from roadscope.benchmarks.jobs.job import execute
 from roadscope.benchmarks.jobs.plan import kind_of, plan, tracking_jobs
 from roadscope.benchmarks.jobs.stack import EntryError, guarded

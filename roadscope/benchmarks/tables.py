@@ -1,0 +1,53 @@
+"""Tables for a terminal: of scores, speeds and names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from roadscope.benchmarks.metrics.score import Score
+
+
+def plain_table(**options: Any) -> Table:
+    """Return a table with a rule below its headings and nothing else."""
+    return Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0, **options)
+
+
+def score_table(scores: Mapping[str, Score], title: str) -> Table:
+    """Return the scores of one episode."""
+    table = plain_table(title=title, title_justify="left", title_style="bold")
+    table.add_column("metric")
+    table.add_column("value", justify="right")
+    table.add_column("unit")
+    table.add_column("samples", justify="right")
+    for name, score in scores.items():
+        value = "-" if math.isnan(score.value) else f"{score.value:.3f}"
+        table.add_row(name, value, "" if score.unit == "1" else score.unit, str(score.n))
+    return table
+
+
+def speed_table(rows: Sequence[Any]) -> Table:
+    """Return measured speeds; rows have a name, a value and a unit."""
+    table = plain_table()
+    table.add_column("measured", style="bold", ratio=1)
+    table.add_column("value", justify="right")
+    table.add_column("unit")
+    for row in rows:
+        table.add_row(row.name, f"{row.value:.4g}", row.unit)
+    return table
+
+
+def name_table(kind: str, names: Sequence[tuple[str, str]]) -> Table:
+    """Return names with their descriptions."""
+    table = plain_table(title=kind, title_justify="left", title_style="bold")
+    table.show_header = False
+    table.add_column("name", style="cyan", no_wrap=True)
+    table.add_column("description")
+    for name, text in names:
+        table.add_row(name, Text(text))
+    return table
