@@ -29,7 +29,7 @@ class ByteTracker:
         low_score: float = 0.1,
         new_score: float = 0.7,
         overlap: str = "giou",
-        least: float = -0.5,
+        least: float = -0.2,
         least_again: float = 0.0,
         coast_frames: int = 30,
         shown_misses: int = 0,
@@ -43,7 +43,8 @@ class ByteTracker:
         low_score: those from here on go to tracks seen in the last tick that found no sure one.
         new_score: sure ones from here on open tracks if they find none. The authors' scores.
         overlap: `iou` or `giou`, both in space.
-        least, least_again: what the overlap of a sure pair must exceed, and of an unsure one.
+        least, least_again: what the overlap of a sure pair must exceed, and of an unsure one;
+            the first as in the later code of AB3DMOT's authors, for cars.
         coast_frames, shown_misses: see `LifeCycle`. A track is confirmed by its second sure
             detection, which must follow on the first.
         position_m, speed_m_s: see `PlaceFilter`.

@@ -72,7 +72,8 @@ class JpdaTracker:
         detection, clutter_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight: see
             `Sighting`.
         confirm, drop: probabilities of existence from which a track is confirmed, and below which
-            one is dropped or not even begun.
+            one is dropped when it is missed: however unlikely at first, the next detection at its
+            place may prove it.
         shown_misses: ticks without a detection in which a track is still answered for.
         exact_limit: see `jpda_marginals`.
         position_m, speed_m_s: see `PlaceFilter`.
@@ -85,7 +86,9 @@ class JpdaTracker:
         self._sighting = Sighting(
             detection, clutter_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight
         )
-        self._confirm, self._drop, self._shown_misses = confirm, drop, shown_misses
+        # Where clutter is dense even a target just seen is less likely than `drop`.
+        self._drop = min(drop, self._sighting.new_shares(np.array([0.5])).item())
+        self._confirm, self._shown_misses = confirm, shown_misses
         self._exact_limit = float(exact_limit)
         self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
         self.reset()
@@ -140,7 +143,7 @@ class JpdaTracker:
 
     def _managed(self, followed: Followed) -> Followed:
         confirmed = followed.confirmed | (followed.existence.there >= self._confirm)
-        kept = followed.existence.there >= self._drop
+        kept = (followed.existence.there >= self._drop) | (followed.tracks.misses == 0)
         return replace(followed, confirmed=confirmed).select(kept)
 
     def _opened(self, targets: Detections, unclaimed: np.ndarray) -> Followed:

@@ -43,7 +43,7 @@ class OcSortTracker:
         *,
         least_score: float = 0.3,
         overlap: str = "giou",
-        least: float = -0.5,
+        least: float = -0.2,
         momentum: float = 0.2,
         momentum_ticks: int = 3,
         moving_m: float = 0.5,
@@ -57,7 +57,8 @@ class OcSortTracker:
         """Set the tracker up.
 
         least_score: detections below are not looked at.
-        overlap, least: `iou` or `giou` in space, and what that of a pair must exceed.
+        overlap, least: `iou` or `giou` in space, and what that of a pair must exceed, as in the
+            later code of AB3DMOT's authors, for cars.
         momentum: weight of directions beside overlaps, lambda.
         momentum_ticks: how far back the other end of a direction lies, delta t.
         moving_m: nearer together two places have no direction; otherwise that of a parked car

@@ -60,7 +60,7 @@ class PmbmTracker:
         hypotheses: those kept of each cluster of targets that compete.
         least_share: less likely than the likeliest by this factor, a hypothesis is dropped.
         confirm, drop: probabilities of existence from which a track is confirmed, and below which
-            a hypothesis does without it, be it old or new.
+            a hypothesis does without it when it is missed: see `JpdaTracker`.
         shown_misses: ticks without a detection in which a track is still answered for.
         position_m, speed_m_s: see `PlaceFilter`.
         velocity_walk: m/s per root second, by which velocities wander.
@@ -75,7 +75,9 @@ class PmbmTracker:
         )
         self._hypotheses = hypotheses
         self._gap = -float(np.log(least_share)) if least_share > 0 else np.inf
-        self._confirm, self._drop, self._shown_misses = confirm, drop, shown_misses
+        # Where clutter is dense even a target just seen is less likely than `drop`.
+        self._drop = min(drop, self._sighting.new_shares(np.array([0.5])).item())
+        self._confirm, self._shown_misses = confirm, shown_misses
         self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
         self.reset()
 

@@ -67,7 +67,7 @@ def all_continued(
                 table[hypothesis[e] - rows.start, place[target[e]]] = local[e]
             joint, prior = _product(joint, prior, table, log_weights[rows], limits)
         used, inside = _inside(joint, theirs, near, limits[1])
-        if joint.size == 1:
+        if joint.size == 1 and len(used):
             ways, prices = best_assignments(inside, limits[0], limits[1])
             parents, after = np.zeros(len(ways), np.int64), prior[0] - prices
         else:

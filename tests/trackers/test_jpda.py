@@ -7,6 +7,7 @@ from roadscope.trackers.jpda import JpdaTracker, likeliest, merged
 from roadscope.trackers.jpda_existence import Existence, Sighting
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.place_filter import PlaceFilter
+from roadscope.trackers.pmbm import PmbmTracker
 
 
 def seen(tick, places, score=0.5):
@@ -92,6 +93,19 @@ def test_surer_detections_are_believed_sooner():
     assert JpdaTracker(score_weight=0).update(seen(0, [(5, 5)], 0.3), None).scores[
         0
     ] == pytest.approx(0.9e-5 / (0.9e-5 + 1e-4))
+
+
+@pytest.mark.parametrize("kind", [JpdaTracker, PmbmTracker])
+@pytest.mark.parametrize(("score", "clutter_m2"), [(0.1, 1e-4), (0.5, 2e-3)])
+def test_what_is_unlikely_alone_is_proved_by_coming_back(kind, score, clutter_m2):
+    """Of low scores, or where clutter is dense, every first detection is most likely nothing."""
+    tracker = kind(clutter_m2=clutter_m2)
+    told = [tracker.update(seen(k, [(20 + 0.5 * k, 0)], score), None) for k in range(20)]
+    assert told[0].scores[0] < 0.02
+    assert told[-1].ids[told[-1].states == TrackState.CONFIRMED].tolist() == [0]
+    passing = kind(clutter_m2=clutter_m2)
+    passing.update(seen(0, [(20, 0)], score), None)
+    assert len(passing.update(seen(1, [], score), None)) == 0
 
 
 def test_one_of_two_detections_takes_not_all():

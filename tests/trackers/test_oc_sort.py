@@ -36,7 +36,7 @@ def test_a_stiff_filter_forgets_its_drift():
         seen = [k for k in range(27) if not 15 <= k < 26]
         places = {k: [bending(k) + 0.2 * rng.standard_normal(2)] for k in seen}
         for kind, found in errors.items():
-            wide = {} if kind is OcSortTracker else {"gate_share": 0.9999999}
+            wide = {"least": -0.5} if kind is OcSortTracker else {"gate_share": 0.9999999}
             tracker = kind(coast_frames=20, velocity_walk=0.5, **wide)
             tracks = told(tracker, [boxes(places.get(k, []), k) for k in range(30)])[-1]
             assert tracks.ids.tolist() == [0]

@@ -10,6 +10,7 @@ from roadscope.trackers.gnn import GnnTracker
 from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.place_filter import PlaceFilter
 from roadscope.trackers.pmbm import PmbmTracker
+from roadscope.trackers.pmbm_hypotheses import all_continued
 
 DT, SCORE, DETECTION, CLUTTER, BIRTH = 0.1, 0.7, 0.9, 1e-2, 1e-3
 
@@ -186,3 +187,15 @@ def test_targets_far_apart_have_hypotheses_of_their_own():
 def test_bad_arguments_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
         PmbmTracker(**arguments)
+
+
+def test_the_one_hypothesis_left_may_lack_the_clusters_target():
+    """Two hypotheses, the likelier without the target; its detection is then a new target's."""
+    cluster, log_weights = np.zeros(2, np.int64), np.array([-5.0, 0.0])
+    one = np.zeros(1, np.int64)
+    near = one, one, np.array([-1.0])
+    _, weights, entries = all_continued(
+        (cluster, log_weights), (one, one, one), near, (1, 1, 1), (1, 7.0)
+    )
+    assert weights.tolist() == [0.0]
+    assert [part.tolist() for part in entries] == [[0], [1], [1], [0]]
