@@ -56,8 +56,10 @@ class Measured(Rows):
         errors = ellipses(
             boxes[:, 6], traits.along_m[kinds] * growths, traits.across_m[kinds] * growths
         )
-        evidence = traits.score_offset[kinds] + traits.score_slope[kinds] * log_odds(
-            detections.scores
+        evidence = (
+            traits.score_offset[kinds]
+            + traits.score_slope[kinds] * log_odds(detections.scores)
+            + traits.score_per_m[kinds] * ranges
         )
         return Measured(boxes, kinds, detections.scores, growths, errors, evidence)
 
@@ -75,8 +77,9 @@ class Targets(Rows):
     fronts: (N,) sum of votes that front is front, positive.
     sizes: (N, 3) length width height; size_weights: (N,) what they rest on.
     votes: (N, 7) sum of scores for each category.
-    existence: (N,) log odds that there is something.
-    misses: (N,) ticks since the last detection; idle_s: (N,) seconds.
+    existence: (N,) log odds that there is something; assured: (N,) as the last detection left them.
+    misses: (N,) ticks since the last detection; idle_s: (N,) seconds; away_s: (N,) seconds of
+        these in which it should have been seen.
     """
 
     ids: np.ndarray
@@ -88,8 +91,10 @@ class Targets(Rows):
     size_weights: np.ndarray
     votes: np.ndarray
     existence: np.ndarray
+    assured: np.ndarray
     misses: np.ndarray
     idle_s: np.ndarray
+    away_s: np.ndarray
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -120,7 +125,7 @@ class Targets(Rows):
             np.column_stack([boxes[:, 2], (traits.height_m[kinds] * new.growths) ** 2]),
             np.column_stack([boxes[:, 6], (traits.yaw_rad[kinds] * new.growths) ** 2]),
             new.scores, boxes[:, 3:6], new.growths**-2, votes, new.evidence,
-            np.zeros(n, np.int64), np.zeros(n),
+            new.evidence, np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
         )  # fmt: skip
 
     def carried(self, dt: float, traits: Learned) -> Targets:
@@ -154,7 +159,8 @@ class Targets(Rows):
         votes[np.arange(len(self)), kinds] += found.scores
         after = Targets(
             self.ids, Gaussians(means, covariances), heights, yaws, fronts, sizes, total, votes,
-            self.existence, np.zeros_like(self.misses), np.zeros_like(self.idle_s),
+            self.existence, self.assured, np.zeros_like(self.misses),
+            np.zeros_like(self.idle_s), np.zeros_like(self.away_s),
         )  # fmt: skip
         return after, distances
 

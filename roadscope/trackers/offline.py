@@ -30,7 +30,7 @@ class Rescoring:
     fade_s: float = 0.3
     size_fade_s: float = 2.0
     longest_gap_s: float = 2.5
-    least_score: float = 0.65
+    least_score: float = 0.6
     least_seen: int = 3
 
 

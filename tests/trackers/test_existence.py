@@ -6,6 +6,7 @@ from roadscope.core import Category, Detections, Pose, TrackState
 from roadscope.trackers import learned
 from roadscope.trackers.existence import ExistenceTracker
 from roadscope.trackers.existence_kernels import corrected, ellipses, hidden_shares, moved_on
+from roadscope.trackers.existence_returns import both
 from roadscope.trackers.kalman import Gaussians
 
 DT = 0.1
@@ -99,7 +100,23 @@ def existence_after_misses(parked_between):
 
 
 def test_what_must_be_hidden_is_not_missed():
-    assert existence_after_misses(True) > 0.5 > existence_after_misses(False)
+    assert existence_after_misses(True) > 0.03 + existence_after_misses(False)
+
+
+def test_who_is_missed_in_runs_but_comes_back_is_told_ever_longer():
+    """Ten detections, four misses, and so on; a run that tells nothing at first."""
+    tracker, told = ExistenceTracker(traits=CALIBRATED), []
+    for t in range(300):
+        seen = scene([[10, 0]] if t % 14 < 10 else [], t)
+        told.append(TrackState.TENTATIVE not in tracker.update(seen, None).states)
+    assert all(told[-14:])
+    assert tracker._returns.seen_again > 15
+
+
+def test_both_is_the_product_of_probabilities():
+    a, b = np.meshgrid(np.linspace(-8, 8, 9), np.linspace(-8, 8, 9))
+    p = 1 / (1 + np.exp(-a)) / (1 + np.exp(-b))
+    assert both(a, b) == pytest.approx(np.log(p / (1 - p)), abs=1e-6)
 
 
 def test_identity_outlives_an_occlusion_of_a_second():
@@ -157,9 +174,7 @@ def test_traits_that_are_none_are_refused(tmp_path):
         learned.learned(str(path))
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"coast_s": 0}, {"detected": 1}, {"least_overlap": 1}, {"shown_misses": -1}]
-)
+@pytest.mark.parametrize("wrong", [{"coast_s": 0}, {"shown_probability": 1}, {"least_overlap": 1}])
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         ExistenceTracker(**wrong)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from pathlib import Path
 from typing import Self
@@ -12,6 +12,7 @@ import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.fit.tracker_labels import graded_detections
 from roadscope.benchmarks.formats.kitti import read_sequence
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms
@@ -20,6 +21,7 @@ from roadscope.benchmarks.jobs.stack import perceive
 from roadscope.benchmarks.metrics.matching import Pairing, centre_distances, match
 from roadscope.core import Category, Detections, Truth
 from roadscope.core.pose import wrap_angle
+from roadscope.trackers.existence_targets import log_odds
 
 CLASSES = {"car": Category.CAR, "cyclist": Category.CYCLIST, "pedestrian": Category.PEDESTRIAN}
 GATES_M = {"car": 2.0, "cyclist": 1.0, "pedestrian": 1.0}
@@ -29,22 +31,22 @@ FIRST_SEED = 400
 DURATION_S = 6.0
 WINDOW_S = 1.0
 """Over which changes are taken: shorter ones are those of labels, not of motion."""
-SCORE_EDGE = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Of one class: N matched detections, M that are right or wrong, L changes of truth.
+    """Of one class: N matched detections, M scores, J detections judged, L changes of truth.
 
     errors: (N, 4) along, across the true box, z, heading up to half turns. ranges_m: (N,).
-    log_odds, right: (M,) of scores, and bool.
+    log_odds: (M,) of scores.
+    graded: (J, 3) log odds of the score, range in metres, 1 for right and 0 for wrong.
     changes: (L, 4) of velocity along and across, heading, z. periods_s, speeds_m_s: (L,).
     """
 
     errors: np.ndarray
     ranges_m: np.ndarray
     log_odds: np.ndarray
-    right: np.ndarray
+    graded: np.ndarray
     changes: np.ndarray
     periods_s: np.ndarray
     speeds_m_s: np.ndarray
@@ -60,20 +62,21 @@ def episode_samples(
     gate_m: float,
 ) -> Samples:  # fmt: skip
     """Collect from an episode, detections and truths in the world frame."""
-    errors, ranges, odds, right = [np.empty((0, 4))], [], [], []
+    errors, ranges, odds, graded = [np.empty((0, 4))], [], [], []
     for found, truth, pairing in zip(detections, truths, pairings, strict=True):
         fate = match(pairing, gate_m)
         errors.append(_errors(found, truth, fate.detected, fate.truth))
         eye = truth.world_from_ego.translation[:2]
         ranges.append(np.hypot(*(truth.centres[fate.truth, :2] - eye).T))
         rows = np.concatenate([fate.detected, fate.false_alarms])
-        shares = np.clip(found.scores[rows], SCORE_EDGE, 1 - SCORE_EDGE)
-        odds.append(np.log(shares / (1 - shares)))
-        right.append(np.arange(len(rows)) < len(fate.detected))
+        odds.append(log_odds(found.scores[rows]))
+        away = np.hypot(*(found.centres[rows, :2] - eye).T)
+        right = np.arange(len(rows)) < len(fate.detected)
+        graded.append(np.column_stack([odds[-1], away, right]))
     changes = _changes(truths)
     return Samples(
         np.concatenate(errors), np.concatenate(ranges), np.concatenate(odds),
-        np.concatenate(right), changes[:, :4], changes[:, 4], changes[:, 5],
+        np.concatenate(graded), changes[:, :4], changes[:, 4], changes[:, 5],
     )  # fmt: skip
 
 
@@ -140,7 +143,8 @@ def _of_sequence(files: KittiFolder, name: str, kind: str, detector: str | None)
             centre_distances(detections.centres, centres),
             np.arange(len(centres)) < len(truth), np.ones(len(detections), bool),
         ))  # fmt: skip
-    return episode_samples(found, sequence.truths, pairings, GATES_M[kind])
+    collected = episode_samples(found, sequence.truths, pairings, GATES_M[kind])
+    return replace(collected, graded=graded_detections(sequence))
 
 
 def sensed_samples(detector: str, seeds: int) -> tuple[dict[str, Samples], str]:

@@ -34,19 +34,32 @@ LONGEST_STEP = 0.25
 """Newton's method overshoots where most scores are near 0 or 1."""
 PRIOR = 1.0
 """Weight of calibrated scores, as if each end of the curve had been seen once more."""
+FRAMES_ALIKE = 10
+"""Successive frames say much the same of a detector: so many count as one."""
+RANGE_UNIT_M = 30.0
+FOLDS = 5
+LEAST_GAIN = 0.05
+"""Share by which range must lower what scores leave open, where it was not fitted."""
+FITTED = TRAITS[: TRAITS.index("top_speed_m_s")]
+PERSISTENCE = {
+    "memory_s": 0.5, "score_gain": 3.0, "seen_gain": 6.0, "misfit": 0.6,
+    "back": 0.0, "back_per_m": 0.0, "away_per_s": 3.0, "returned": 0.5,
+}  # fmt: skip
+"""Guessed, where there are too few tracks to learn it from."""
 
 
 def fitted(samples: Samples, top_speed_m_s: float) -> dict[str, float]:
     """Return the traits of one class but its top speed."""
     growth, sigmas = spread(samples.errors, samples.ranges_m)
-    slope, offset = calibrated(samples.log_odds, samples.right)
+    slope, offset, per_m = calibrated(samples.graded)
     walks = np.sqrt((samples.changes**2 / samples.periods_s[:, None]).mean(axis=0))
     walks[:2] = np.maximum(walks[:2], LEAST_WALK_S * top_speed_m_s)
     values = [
-        slope, offset, *np.maximum(sigmas, LEAST), max(growth, 1e-3), *np.maximum(walks, LEAST),
+        slope, offset, per_m, *np.maximum(sigmas, LEAST), max(growth, 1e-3),
+        *np.maximum(walks, LEAST),
         max(float(np.sqrt((samples.speeds_m_s**2).mean())), 1.0),
     ]  # fmt: skip
-    return dict(zip(TRAITS[:-1], (round(float(v), 3) for v in values), strict=True))
+    return dict(zip(FITTED, (round(float(v), 4) for v in values), strict=True))
 
 
 def spread(errors: np.ndarray, ranges_m: np.ndarray) -> tuple[float, np.ndarray]:
@@ -64,18 +77,42 @@ def spread(errors: np.ndarray, ranges_m: np.ndarray) -> tuple[float, np.ndarray]
     return best[1], best[2]
 
 
-def calibrated(log_odds: np.ndarray, right: np.ndarray) -> tuple[float, float]:
-    """Return slope and offset of the log odds of being right (Platt 1999), by Newton's method."""
-    design = np.column_stack([log_odds, np.ones(len(log_odds))])
-    start = np.array([1.0, 0.0])
+def calibrated(graded: np.ndarray) -> tuple[float, float, float]:
+    """Return slope, offset and change per metre of the log odds of being right (Platt 1999).
+
+    graded: (J, 3) log odds of scores, ranges in metres, 1 for right and 0 for wrong. Range is left
+    out where it does not help with what it was not fitted to.
+    """
+    design = np.column_stack([graded[:, 0], np.ones(len(graded)), graded[:, 1] / RANGE_UNIT_M])
+    right = graded[:, 2]
+    ranged = _left_open(design, right) < (1 - LEAST_GAIN) * _left_open(design[:, :2], right)
+    weights = _logistic(design if ranged else design[:, :2], right)
+    per_m = float(weights[2]) / RANGE_UNIT_M if ranged else 0.0
+    return max(float(weights[0]), 0.05), float(weights[1]), per_m
+
+
+def _left_open(design: np.ndarray, right: np.ndarray) -> float:
+    """Return the log loss on each fold, in order of time, of what the others say."""
+    fold = np.arange(len(right)) * FOLDS // max(len(right), 1)
+    loss = 0.0
+    for k in range(FOLDS):
+        told = design[fold == k] @ _logistic(design[fold != k], right[fold != k])
+        loss += float(np.logaddexp(0, np.where(right[fold == k] > 0, -told, told)).sum())
+    return loss
+
+
+def _logistic(design: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return weights, by Newton's method, of columns whose first is the log odds of scores."""
+    start = np.zeros(design.shape[1])
+    start[0] = 1.0
     weights = start.copy()
     for _ in range(STEPS):
         chance = 1 / (1 + np.exp(-np.clip(design @ weights, -30, 30)))
-        slope = design.T @ (right - chance) - PRIOR * (weights - start)
-        curvature = (design * (chance * (1 - chance))[:, None]).T @ design + PRIOR * np.eye(2)
-        step = np.linalg.solve(curvature, slope)
-        weights = weights + step * min(1.0, LONGEST_STEP / np.abs(step).max())
-    return max(float(weights[0]), 0.05), float(weights[1])
+        slope = design.T @ (right - chance) / FRAMES_ALIKE - PRIOR * (weights - start)
+        spread = (design * (chance * (1 - chance) / FRAMES_ALIKE)[:, None]).T @ design
+        step = np.linalg.solve(spread + PRIOR * np.eye(len(start)), slope)
+        weights = weights + step * min(1.0, LONGEST_STEP / max(np.abs(step).max(), 1e-12))
+    return weights
 
 
 def source(classes: Mapping[str, Samples], origin: str) -> str:
@@ -94,9 +131,10 @@ def source(classes: Mapping[str, Samples], origin: str) -> str:
             "",
             f"[{name}] # {told}",
             f"log_odds_deciles = {np.quantile(taken.log_odds, DECILES).round(2).tolist()}",
-            *(f"{trait} = {traits[trait]}" for trait in TRAITS[:-1]),
+            *(f"{trait} = {traits[trait]}" for trait in FITTED),
+            f"top_speed_m_s = {TOP_SPEED_M_S[name]}",
+            *(f"{trait} = {value}" for trait, value in PERSISTENCE.items()),
         ]
-        lines.append(f"{TRAITS[-1]} = {TOP_SPEED_M_S[name]}")
     return "\n".join([*lines, ""])
 
 

@@ -29,8 +29,9 @@ COUNT = len(Category)
 class Learned(Record):
     """Traits of each category, all (7,) float64, by value of `Category`.
 
-    score_slope, score_offset: a detection whose score has the log odds s is right with log odds
-        slope * s + offset; 1 and 0 for calibrated scores.
+    score_slope, score_offset, score_per_m: a detection whose score has the log odds s is right,
+        at a range of r metres, with log odds slope * s + offset + per_m * r; 1, 0 and 0 for
+        calibrated scores.
     along_m, across_m: standard deviations of detected places along and across the box.
     height_m, yaw_rad: likewise of z, and of the heading up to half turns.
     growth_per_m: by which share of their values these grow with every metre of range.
@@ -39,10 +40,17 @@ class Learned(Record):
     turn_rad_s, climb_m_s: likewise heading and z.
     speed_m_s: standard deviation of speeds.
     top_speed_m_s: what nobody exceeds.
+    memory_s: time in which what earlier frames said of existence fades to 1/e.
+    score_gain, seen_gain, misfit: log odds of existence lean towards gain * log odds of the
+        detection + seen - misfit * squared Mahalanobis distance of its place.
+    back, back_per_m: log odds that who is missed is still there, and by how much they grow with
+        every metre of range; away_per_s: by how much they fall with every second of it.
+    returned: share of those missed who were seen again, counted in training.
     """
 
     score_slope: np.ndarray
     score_offset: np.ndarray
+    score_per_m: np.ndarray
     along_m: np.ndarray
     across_m: np.ndarray
     height_m: np.ndarray
@@ -54,6 +62,14 @@ class Learned(Record):
     climb_m_s: np.ndarray
     speed_m_s: np.ndarray
     top_speed_m_s: np.ndarray
+    memory_s: np.ndarray
+    score_gain: np.ndarray
+    seen_gain: np.ndarray
+    misfit: np.ndarray
+    back: np.ndarray
+    back_per_m: np.ndarray
+    away_per_s: np.ndarray
+    returned: np.ndarray
 
     def __post_init__(self) -> None:
         settle_arrays(self, **{f.name: (np.float64, (COUNT,)) for f in fields(self)})
@@ -64,6 +80,7 @@ SETTLED = 200.0
 """Lead in log likelihood from which on nothing is weighed any more."""
 LEAST_WIDTH = 0.05
 """Of a decile, in log odds: where many scores are the same, they have a density none the less."""
+OF_ANY_SIGN = ("score_offset", "score_per_m", "seen_gain", "back", "back_per_m")
 TRAITS = tuple(field.name for field in fields(Learned))
 
 
@@ -150,8 +167,8 @@ def _trait(path: Path, data: dict[str, object], trait: str) -> np.ndarray:
     for category in Category:
         section = data.get(SECTION_OF[category])
         value = section.get(trait) if isinstance(section, dict) else None
-        if not isinstance(value, int | float) or not (value > 0 or trait == "score_offset"):
-            wanted = "a number" if trait == "score_offset" else "a positive number"
+        if not isinstance(value, int | float) or not (value > 0 or trait in OF_ANY_SIGN):
+            wanted = "a number" if trait in OF_ANY_SIGN else "a positive number"
             raise ValueError(
                 f"{path}: expected {wanted} as {trait} in [{SECTION_OF[category]}], got {value!r}"
             )

@@ -13,7 +13,8 @@ def samples(n=4000, seed=0):
     odds = rng.uniform(-4, 9, n)
     right = rng.random(n) < 1 / (1 + np.exp(2 - 0.7 * odds))
     changes = rng.standard_normal((n, 4)) * (2.0, 1.5, 0.1, 0.2)
-    return Samples(errors, ranges, odds, right, changes, np.ones(n), rng.uniform(0, 15, n))
+    graded = np.column_stack([odds, ranges, right])
+    return Samples(errors, ranges, odds, graded, changes, np.ones(n), rng.uniform(0, 15, n))
 
 
 def test_growth_and_spread_are_found_again():
@@ -25,7 +26,17 @@ def test_growth_and_spread_are_found_again():
 
 def test_calibration_is_found_again():
     given = samples()
-    assert calibrated(given.log_odds, given.right) == pytest.approx((0.7, -2.0), abs=0.15)
+    slope, offset, per_m = calibrated(given.graded)
+    assert (slope, offset) == pytest.approx((0.7, -2.0), abs=0.2)
+    assert per_m == 0, "range says nothing there"
+
+
+def test_what_range_says_of_scores_is_found_again():
+    rng = np.random.default_rng(2)
+    odds, ranges = rng.uniform(-4, 6, 20000), rng.uniform(5, 60, 20000)
+    right = rng.random(20000) < 1 / (1 + np.exp(4 - odds - 0.1 * ranges))
+    found = calibrated(np.column_stack([odds, ranges, right]))
+    assert found == pytest.approx((1.0, -4.0, 0.1), rel=0.1)
 
 
 def test_a_file_says_what_was_learned(tmp_path):
