@@ -85,6 +85,7 @@ def _linked(
     sector is as wide as the angle within which points are linked, so neighbouring ones suffice.
     """
     parents, sectors = np.arange(len(points)), len(starts) - 1
+    polar = azimuths, ranges
     around = 1 if sectors > 2 else 0
     for sector in range(sectors):
         for shift in range(-around, around + 1):
@@ -94,7 +95,7 @@ def _linked(
                 # Each pair is seen from its nearer point, whose range gives the limit.
                 while head < end and ranges[head] < ranges[row]:
                     head += 1
-                _link(points, azimuths, ranges, parents, (row, head, end), rule)
+                _link(polar, points, parents, (row, head, end), rule)
     for row in range(len(points)):
         parents[row] = root_of(parents, row)
     return parents
@@ -102,14 +103,17 @@ def _linked(
 
 @compiled()
 def _link(
+    polar: tuple[np.ndarray, np.ndarray],
     points: np.ndarray,
-    azimuths: np.ndarray,
-    ranges: np.ndarray,
     parents: np.ndarray,
     rows: tuple[int, int, int],
     rule: tuple[float, float, float],
 ) -> None:
-    """Join a point with those of a sector from `first` on that satisfy eq. 1."""
+    """Join a point with those of a sector from `first` on that satisfy eq. 1.
+
+    polar: (N,) azimuths and ranges of the points.
+    """
+    azimuths, ranges = polar
     row, first, end = rows
     eps_m, reach, angle = rule
     limit = eps_m + reach * ranges[row]

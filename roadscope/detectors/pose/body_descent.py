@@ -99,5 +99,5 @@ def misfits_of(problem: Problem, vectors: np.ndarray, slack: float) -> np.ndarra
     parts = problem.model.parts(whole[:, POSE:])
     edge = problem.chances.edge_m + slack
     states = np.ascontiguousarray(whole[:, :POSE])
-    misfits(states, parts, problem.rays, slack, edge, out)
+    misfits(states, parts, problem.rays, (slack, edge), out)
     return out

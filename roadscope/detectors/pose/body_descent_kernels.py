@@ -51,6 +51,14 @@ class Rules(NamedTuple):
     edge_m: float
 
 
+class Told(NamedTuple):
+    """All that misfits depend on beside vector and body."""
+
+    space: Space
+    rays: Rays
+    rules: Rules
+
+
 @compiled()
 def descended(
     starts: np.ndarray, slacks: np.ndarray, drawn: Drawn, space: Space, told: tuple[Rays, Rules]
@@ -61,6 +69,7 @@ def descended(
     told: the rays and what is made of them.
     """
     rays, rules = told
+    given = Told(space, rays, rules)
     count, size = starts.shape
     tries = len(space.shares) + len(space.spread)
     moves = space.ways * size + 1
@@ -76,7 +85,7 @@ def descended(
         for turn in range(len(slacks)):
             slack = slacks[turn]
             _moves(vector, space.steps, moved)
-            _misfits(moved, slack, drawn, space, (rays, rules), (states, parts, misfit))
+            _misfits(moved, slack, drawn, given, (states, parts, misfit))
             if slack == 0.0:
                 cost = _cost(misfit[0], vector, space, rules.limit)
             _normal(misfit, vector, space, rules.limit, (normal, pull))
@@ -89,7 +98,7 @@ def descended(
             if turn + 1 == len(slacks):
                 break
             _candidates(vector, normal, pull, space, (root, tried))
-            _misfits(tried, slack, drawn, space, (rays, rules), (states, parts, misfit))
+            _misfits(tried, slack, drawn, given, (states, parts, misfit))
             lowest = np.inf
             for k in range(tries):
                 cost = _cost(misfit[k], tried[k], space, rules.limit)
@@ -116,12 +125,11 @@ def _misfits(
     vectors: np.ndarray,
     slack: float,
     drawn: Drawn,
-    space: Space,
-    told: tuple[Rays, Rules],
+    told: Told,
     room: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> None:
     """Fill the misfits of each vector into the third array of the room."""
-    rays, rules = told
+    space, rules = told.space, told.rules
     states, parts, out = room
     count, whole = len(vectors), np.empty(POSE + UNKNOWNS)
     unknowns, sizes = np.empty((count, UNKNOWNS)), np.empty((2, count))
@@ -133,8 +141,9 @@ def _misfits(
         for side in range(2):
             mean, deviation = drawn.sizes[side]
             sizes[side, k] = max(mean + deviation * unknowns[k, side], 0.3 * mean)
-    fill_parts(unknowns, sizes[0], sizes[1], drawn.storeys, drawn.shape, parts[:count])
-    misfits(states[:count], parts[:count], rays, slack, rules.edge_m + slack, out[:count])
+    fill_parts(unknowns, sizes, drawn.storeys, drawn.shape, parts[:count])
+    noise_m = slack, rules.edge_m + slack
+    misfits(states[:count], parts[:count], told.rays, noise_m, out[:count])
 
 
 @compiled()

@@ -73,8 +73,7 @@ class Chances(NamedTuple):
 def log_likelihoods(
     states: np.ndarray,
     parts: np.ndarray,
-    rays: Rays,
-    chances: Chances,
+    told: tuple[Rays, Chances],
     out: np.ndarray,
     found: np.ndarray,
 ) -> None:
@@ -83,15 +82,14 @@ def log_likelihoods(
     states: (K, 6): x, y, yaw, speed, turn rate, acceleration at the reference time.
     parts: (K, P, 16): the body's parts for each state. found: (3, P), room to work in.
     """
+    times = told[0].time
     for k in range(len(states)):
-        total, product, now = 0.0, 1.0, np.nan
-        x = y = cos = sin = 0.0
-        for m in range(len(rays.slope)):
-            if rays.time[m] != now:
-                now = rays.time[m]
-                x, y, yaw = pose_after(states[k], now)
-                cos, sin = math.cos(yaw), math.sin(yaw)
-            product *= _ray_chance(rays, m, (x, y, cos, sin), parts[k], chances, found)
+        total, product, now, place = 0.0, 1.0, np.nan, (0.0, 0.0, 1.0, 0.0)
+        for m in range(len(times)):
+            if times[m] != now:
+                now = times[m]
+                place = place_after(states[k], now)
+            product *= _ray_chance(told, m, place, parts[k], found)
             # One logarithm for many factors.
             if not 1e-200 < product < 1e200:
                 total += math.log(product)
@@ -103,42 +101,55 @@ def log_likelihoods(
 def log_chances(
     states: np.ndarray,
     parts: np.ndarray,
-    rays: Rays,
-    chances: Chances,
+    told: tuple[Rays, Chances],
     out: np.ndarray,
     found: np.ndarray,
 ) -> None:
     """Fill out (K, M) with the log-likelihood of each ray alone; arguments as above."""
+    times = told[0].time
     for k in range(len(states)):
-        now = np.nan
-        x = y = cos = sin = 0.0
-        for m in range(len(rays.slope)):
-            if rays.time[m] != now:
-                now = rays.time[m]
-                x, y, yaw = pose_after(states[k], now)
-                cos, sin = math.cos(yaw), math.sin(yaw)
-            out[k, m] = math.log(_ray_chance(rays, m, (x, y, cos, sin), parts[k], chances, found))
+        now, place = np.nan, (0.0, 0.0, 1.0, 0.0)
+        for m in range(len(times)):
+            if times[m] != now:
+                now = times[m]
+                place = place_after(states[k], now)
+            out[k, m] = math.log(_ray_chance(told, m, place, parts[k], found))
 
 
 @compiled(borrowing=True, inline="always")
 def _ray_chance(
-    rays: Rays,
+    told: tuple[Rays, Chances],
     m: int,
     place: tuple[float, float, float, float],
     parts: np.ndarray,
-    chances: Chances,
     found: np.ndarray,
 ) -> float:
+    rays, chances = told
+    start, way = into_body(rays, m, place)
+    count = _meet(start, way, parts, chances, found)
+    brought = rays.reach[m], rays.sigma[m], rays.need[m]
+    return _chance(rays.kind[m], brought, count, found, chances)
+
+
+@compiled(borrowing=True, inline="always")
+def into_body(
+    rays: Rays, m: int, place: tuple[float, float, float, float]
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Return start and way of a ray in the frame of a body at a place, as `place_after` has it."""
     x, y, cos, sin = place
     ox, oy = rays.origin[m, 0] - x, rays.origin[m, 1] - y
     ux, uy = rays.direction[m, 0], rays.direction[m, 1]
-    count = _meet(
+    return (
         (cos * ox + sin * oy, cos * oy - sin * ox, rays.origin[m, 2]),
         (cos * ux + sin * uy, cos * uy - sin * ux, rays.slope[m]),
-        parts, chances, found,
-    )  # fmt: skip
-    brought = rays.reach[m], rays.sigma[m], rays.need[m]
-    return _chance(rays.kind[m], brought, count, found, chances)
+    )
+
+
+@compiled(borrowing=True)
+def place_after(state: np.ndarray, time: float) -> tuple[float, float, float, float]:
+    """Return x, y, cosine and sine of the yaw of a state after a time."""
+    x, y, yaw = pose_after(state, time)
+    return x, y, math.cos(yaw), math.sin(yaw)
 
 
 @compiled(borrowing=True)

@@ -28,7 +28,8 @@ from roadscope.detectors.pose.body_kernels import (
     TOP,
     Rays,
     enter,
-    pose_after,
+    into_body,
+    place_after,
     seen,
     support,
 )
@@ -42,45 +43,37 @@ def misfits(
     states: np.ndarray,
     parts: np.ndarray,
     rays: Rays,
-    slack_m: float,
-    edge_m: float,
+    noise_m: tuple[float, float],
     out: np.ndarray,
 ) -> None:
     """Fill out (K, M) with by how many standard deviations each ray disagrees with each state.
 
     A return disagrees by its distance from the surface, or from the silhouette that it misses; a
-    ray that passed by, by its depth inside the silhouette. slack_m is added to the noise.
+    ray that passed by, by its depth inside the silhouette. noise_m: added to the noise of ranges,
+    and of silhouettes.
     """
+    slack_m, edge_m = noise_m
     for k in range(len(states)):
-        now = np.nan
-        x = y = cos = sin = 0.0
+        now, place = np.nan, (0.0, 0.0, 1.0, 0.0)
         for m in range(len(rays.slope)):
             if rays.time[m] != now:
                 now = rays.time[m]
-                x, y, yaw = pose_after(states[k], now)
-                cos, sin = math.cos(yaw), math.sin(yaw)
-            ox, oy = rays.origin[m, 0] - x, rays.origin[m, 1] - y
-            ux, uy = rays.direction[m, 0], rays.direction[m, 1]
+                place = place_after(states[k], now)
             sigma = math.sqrt(rays.sigma[m] * rays.sigma[m] + slack_m * slack_m)
             brought = rays.reach[m], sigma, rays.need[m]
-            out[k, m] = _misfit(
-                (cos * ox + sin * oy, cos * oy - sin * ox, rays.origin[m, 2]),
-                (cos * ux + sin * uy, cos * uy - sin * ux, rays.slope[m]),
-                parts[k], rays.kind[m], brought, edge_m,
-            )  # fmt: skip
+            ray = into_body(rays, m, place)
+            out[k, m] = _misfit(ray, parts[k], rays.kind[m], brought, edge_m)
 
 
 @compiled(borrowing=True)
 def _misfit(
-    start: tuple[float, float, float],
-    way: tuple[float, float, float],
+    ray: tuple[tuple[float, float, float], tuple[float, float, float]],
     parts: np.ndarray,
     kind: int,
     brought: tuple[float, float, float],
     edge_m: float,
 ) -> float:
-    ox, oy, oz = start
-    dx, dy, slope = way
+    (ox, oy, oz), (dx, dy, slope) = ray
     reach, sigma, need = brought
     across = dx * oy - dy * ox
     level = oz - slope * (ox * dx + oy * dy)

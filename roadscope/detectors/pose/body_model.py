@@ -112,22 +112,25 @@ class BodyModel:
         parts = np.empty((len(unknowns), len(self.storeys), COLUMNS))
         shape = (*self.radius_m, *self.axles, *self.narrowing)
         length, width = self.sizes(unknowns)
-        fill_parts(unknowns, length, width, np.array(self.storeys), shape, parts)
+        fill_parts(unknowns, np.stack([length, width]), np.array(self.storeys), shape, parts)
         return parts
 
 
 @compiled(borrowing=True)
 def fill_parts(
     unknowns: np.ndarray,
-    lengths: np.ndarray,
-    widths: np.ndarray,
+    sizes: np.ndarray,
     storeys: np.ndarray,
     shape: tuple[float, float, float, float, float, float],
     parts: np.ndarray,
 ) -> None:
-    """Fill parts (K, P, 16); shape: least and greatest radius, axles, narrowing."""
+    """Fill parts (K, P, 16).
+
+    unknowns: (K, 5). sizes: (2, K) lengths and widths, metres. shape: least and greatest radius,
+    axles, narrowing.
+    """
     for k in range(len(parts)):
-        length, width = lengths[k], widths[k]
+        length, width = sizes[0, k], sizes[1, k]
         # Folded at the least radius, so that a sharp body is no wall that a search runs along.
         share = min(0.5 * abs(1.0 + unknowns[k, 2]), 1.0)
         radius = shape[0] + (shape[1] - shape[0]) * share

@@ -75,5 +75,6 @@ def _logs(problem: Problem, vectors: np.ndarray) -> np.ndarray:
     out = np.empty((len(whole), len(problem.rays.slope)))
     parts = problem.model.parts(whole[:, POSE:])
     states = np.ascontiguousarray(whole[:, :POSE])
-    log_chances(states, parts, problem.rays, problem.chances, out, np.empty((3, MOST_PARTS)))
+    told = problem.rays, problem.chances
+    log_chances(states, parts, told, out, np.empty((3, MOST_PARTS)))
     return out

@@ -66,7 +66,7 @@ class Problem:
         parts = self.model.parts(whole[:, POSE:])
         states = np.ascontiguousarray(whole[:, :POSE])
         found = np.empty((3, MOST_PARTS))
-        log_likelihoods(states, parts, self.rays, self.chances, out, found)
+        log_likelihoods(states, parts, (self.rays, self.chances), out, found)
         off = (samples - self.centre[self.free]) / self.prior[self.free]
         out -= 0.5 * np.einsum("kd,kd->k", off, off)
         return out if self.smooth is None else out + self.smooth.log_density(samples)

@@ -50,26 +50,24 @@ def near_share(
 
 @compiled(borrowing=True)
 def respond(
-    places: np.ndarray,
-    weights: np.ndarray,
-    side: float,
-    extent: float,
-    share: float,
+    weighed: tuple[np.ndarray, np.ndarray],
+    face: tuple[float, float, float],
     settings: tuple[float, float, float],
     taps: np.ndarray,
     work: np.ndarray,
 ) -> None:
     """Fill the filter's response for every place of the body's middle along one axis.
 
-    places: (N,) along the axis, metres from the reference. weights: (N,) returns that each one
-    stands for. side: 1 where the sensor looks along the axis, -1 where against it. extent: of
-    the body along the axis, metres. share: of the returns at the near end. settings: bin, sigma
+    weighed: (N,) places along the axis, metres from the reference, and (N,) returns that each one
+    stands for. face: side, 1 where the sensor looks along the axis, -1 where against it; extent of
+    the body along the axis, metres; share of the returns at the near end. settings: bin, sigma
     in metres and alpha. taps: of the Gaussian. work: (3, K), two rows of work space, then the
     response, entry i for the middle (i - K // 2) bins away.
     """
+    side, extent, share = face
     bin_m, sigma_m, alpha = settings
     smooth, below, response = work
-    low, high = _bin(places, weights, side, extent / bin_m, bin_m, below)
+    low, high = _bin(weighed, side, extent / bin_m, bin_m, below)
     low, high = _smooth(below, low, high, taps, smooth)
     total = _accumulate(smooth, low, high, below)
     energy = _energy(share, extent, sigma_m)
@@ -98,8 +96,7 @@ def respond(
 
 @compiled(borrowing=True)
 def _bin(
-    places: np.ndarray,
-    weights: np.ndarray,
+    weighed: tuple[np.ndarray, np.ndarray],
     side: float,
     extent: float,
     bin_m: float,
@@ -110,6 +107,7 @@ def _bin(
     Places are turned so that the near end comes first, and moved by half the extent (in bins):
     a near edge in a bin then means the middle of the body in it.
     """
+    places, weights = weighed
     counts[:] = 0.0
     half = len(counts) // 2
     low, high = len(counts), 0

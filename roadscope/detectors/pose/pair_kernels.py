@@ -76,9 +76,9 @@ def sweep(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> np.
         normal[0], normal[1] = -axis[1], axis[0]
         across[-1] = 0.0
         for f in range(frames):
-            _respond(views, f, normal, False, settings, (taps, places), across[:3])
+            _respond(views, f, (normal, False), settings, (taps, places, across[:3]))
             across[-1] += across[2]
-            _respond(views, f, axis, True, settings, (taps, places), along[:3])
+            _respond(views, f, (axis, True), settings, (taps, places, along[:3]))
             along[3 + f] = along[2]
         score, place = summit(across[-1], settings.tie)
         found[a, 2] = place * settings.bin_m
@@ -110,18 +110,17 @@ def _work(views: Views, settings: Filter) -> tuple[np.ndarray, np.ndarray]:
 def _respond(
     views: Views,
     f: int,
-    axis: np.ndarray,
-    lengthwise: bool,
+    turned: tuple[np.ndarray, bool],
     settings: Filter,
-    room: tuple[np.ndarray, np.ndarray],
-    work: np.ndarray,
+    room: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> None:
     """Fill row 2 of the work space with one frame's response along a unit axis.
 
-    Lengthwise from the frame's own mean, otherwise from the reference point of all. room: the
-    taps, and (N,) to hold places.
+    turned: the axis, and whether it is lengthwise: then from the frame's own mean, otherwise from
+    the reference point of all. room: the taps, (N,) to hold places, and the work space.
     """
-    taps, places = room
+    axis, lengthwise = turned
+    taps, places, work = room
     first, last = views.starts[f], views.starts[f + 1]
     mean = views.means[f]
     start = 0.0 if lengthwise else mean[0] * axis[0] + mean[1] * axis[1]
@@ -134,8 +133,8 @@ def _respond(
     side = 1.0 if sight[0] * axis[0] + sight[1] * axis[1] >= 0.0 else -1.0
     share = near_share(sight, axis, extent, other, settings.power)
     grid = settings.bin_m, settings.sigma_m, settings.alpha
-    weights = views.weights[first:last]
-    respond(places[first:last], weights, side, extent, share, grid, taps, work)
+    weighed = places[first:last], views.weights[first:last]
+    respond(weighed, (side, extent, share), grid, taps, work)
 
 
 @compiled()

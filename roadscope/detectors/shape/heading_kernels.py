@@ -23,15 +23,15 @@ def searched_heading(points: np.ndarray, criterion: int, near_m: float) -> float
     steps of 1.5 degrees is refined to a quarter degree. Of headings equally good in a row the
     middle is taken, so that a mirrored outline has the mirrored heading.
     """
-    first, second = np.empty(len(points)), np.empty(len(points))
+    room = np.empty(len(points)), np.empty(len(points))
     step, values = 0.5 * np.pi / COARSE, np.empty(COARSE)
     for i in range(COARSE):
-        values[i] = _suits(points, i * step, criterion, near_m, first, second)
+        values[i] = _suits(points, i * step, criterion, near_m, room)
     centre = step * _middle_of_best(values, True)
     fine, values = step / FINE, np.empty(2 * FINE + 1)
     for i in range(len(values)):
         heading = centre + (i - FINE) * fine
-        values[i] = _suits(points, heading, criterion, near_m, first, second)
+        values[i] = _suits(points, heading, criterion, near_m, room)
     return (centre + fine * (_middle_of_best(values, False) - FINE)) % (0.5 * np.pi)
 
 
@@ -55,10 +55,14 @@ def _middle_of_best(values: np.ndarray, around: bool) -> float:
 
 @compiled()
 def _suits(
-    points: np.ndarray, heading: float, criterion: int, near_m: float,
-    first: np.ndarray, second: np.ndarray,
-) -> float:  # fmt: skip
+    points: np.ndarray,
+    heading: float,
+    criterion: int,
+    near_m: float,
+    room: tuple[np.ndarray, np.ndarray],
+) -> float:
     """Value of a criterion for one heading; greater is better (algorithms 3 to 5)."""
+    first, second = room
     low_1, high_1 = _project(points, np.cos(heading), np.sin(heading), first)
     low_2, high_2 = _project(points, -np.sin(heading), np.cos(heading), second)
     if criterion == AREA:

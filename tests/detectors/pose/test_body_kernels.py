@@ -100,7 +100,7 @@ def fan(seed, count=40):
 def test_equals_the_slow_likelihood(seed):
     state, parts, rays, entries = fan(seed)
     out = np.empty((1, len(entries)))
-    log_chances(state[None], parts[None], rays, SHARP, out, np.empty((3, MOST_PARTS)))
+    log_chances(state[None], parts[None], (rays, SHARP), out, np.empty((3, MOST_PARTS)))
     slow = np.array(
         [slow_log_chance(*ray) for ray in zip(entries, rays.kind, rays.reach, strict=True)]
     )
@@ -108,7 +108,7 @@ def test_equals_the_slow_likelihood(seed):
     same = np.isclose(out[0], slow, atol=0.05)
     assert same.mean() >= 0.95
     total = np.empty(1)
-    log_likelihoods(state[None], parts[None], rays, SHARP, total, np.empty((3, MOST_PARTS)))
+    log_likelihoods(state[None], parts[None], (rays, SHARP), total, np.empty((3, MOST_PARTS)))
     assert total[0] == pytest.approx(out.sum())
 
 
@@ -123,7 +123,7 @@ def test_misfits_vanish_on_the_surface_and_grow_beside_it():
         np.array([HIT]), 0.02 * one, 0 * one, 0 * one,
     )  # fmt: skip
     out = np.empty((3, 1))
-    misfits(states, np.repeat(parts, 3, axis=0), ray, 0.0, 0.01, out)
+    misfits(states, np.repeat(parts, 3, axis=0), ray, (0.0, 0.01), out)
     # On the rear; 0.1 m before it with 0.02 m of noise; 0.5 m beside the flank at an edge of 0.01.
     assert out[:, 0] == pytest.approx([0.0, -5.0, 50.0]) or out[:, 0] == pytest.approx([0, 5, 50])
 
@@ -139,7 +139,7 @@ def test_a_ray_just_over_the_roof_begins_to_disagree_without_a_jump():
         np.array([EMPTY]), 0.02 * one, 0 * one, 0 * one,
     )  # fmt: skip
     out = np.empty((201, 1))
-    misfits(states, np.repeat(parts, 201, axis=0), ray, 0.0, 0.01, out)
+    misfits(states, np.repeat(parts, 201, axis=0), ray, (0.0, 0.01), out)
     assert out.min() == 0.0
     assert out.max() > 2.0
     # 5 mm farther at this slope is 0.25 mm lower.
