@@ -15,6 +15,7 @@ from roadscope.__main__ import main
 
 ROOT = Path(roadscope.__file__).parents[1]
 PLUGINS = Path(__file__).parent / "benchmarks" / "plugins.py"
+TRACKERS = Path(__file__).parent / "benchmarks" / "check" / "bad_trackers.py"
 SUITE = """
 name = "tiny"
 version = 1
@@ -192,12 +193,14 @@ def test_a_board_without_any_result_is_a_failure(tmp_path, suite) -> None:
 def test_run_prints_a_summary_and_draws(tmp_path) -> None:
     path = tmp_path / "scene.png"
     done = roadscope_does(
-        "run", "lu2018-occlusion", "--seconds", 1, "--picture", path, "--weather", "rain-2"
-    )
+        "run", "lu2018-occlusion", "--seconds", 1, "--picture", path, "--weather", "rain-2",
+        "--tracker", f"{TRACKERS}:Late",
+    )  # fmt: skip
     assert done.returncode == 0
     assert "lu2018-occlusion, seed 0, lux, rain-2: " in done.stdout
     assert "detection_rate" in done.stdout
     assert "mota" in done.stdout
+    assert "bad_trackers.py:Late (offline)" in " ".join(done.stdout.split())
     assert path.read_bytes().startswith(b"\x89PNG")
     assert "rror" not in done.stderr
 

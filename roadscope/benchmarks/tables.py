@@ -18,9 +18,9 @@ def plain_table(**options: Any) -> Table:
     return Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0, **options)
 
 
-def score_table(scores: Mapping[str, Score], title: str) -> Table:
+def score_table(scores: Mapping[str, Score]) -> Table:
     """Return the scores of one episode."""
-    table = plain_table(title=title, title_justify="left", title_style="bold")
+    table = plain_table()
     table.add_column("metric")
     table.add_column("value", justify="right")
     table.add_column("unit")

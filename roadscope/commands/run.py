@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from roadscope.commands.terminal import progress_bars, show
+from roadscope.commands.terminal import headline, progress_bars, show
 
 
 def run_scenario(
@@ -46,8 +46,10 @@ def run_scenario(
     frames = len(summary.tracks)
     where = f"{scenario}, seed {seed}, {rig}" + (f", {weather}" if weather != "clear" else "")
     typer.echo(f"{where}: {frames} frames, vehicles within 60 m")
-    show(score_table(summary.detection, f"detector {detector}"))
-    late = ", offline: told with all frames at hand" if offline(tracker) else ""
-    show(score_table(summary.tracking, f"tracker {tracker}{late}"))
+    headline(f"detector {detector}")
+    show(score_table(summary.detection))
+    late = " (offline)" if offline(tracker) else ""
+    headline(f"tracker {tracker}{late}")
+    show(score_table(summary.tracking))
     if picture is not None:
         typer.echo(f"picture: {picture}")

@@ -21,6 +21,13 @@ def show(thing: Any) -> None:
     console().print(thing)
 
 
+def headline(text: str) -> None:
+    """Print one bold line, which may be longer than the terminal is wide."""
+    from rich.text import Text
+
+    console().print(Text(text, style="bold"), soft_wrap=True)
+
+
 def complain(text: str) -> None:
     """Write one line on stderr."""
     typer.echo(" ".join(text.split()), err=True)

@@ -38,7 +38,7 @@ FRAMES_ALIKE = 10
 """Successive frames say much the same of a detector: so many count as one."""
 RANGE_UNIT_M = 30.0
 FOLDS = 5
-LEAST_GAIN = 0.05
+LEAST_GAIN = 0.1
 """Share by which range must lower what scores leave open, where it was not fitted."""
 FITTED = TRAITS[: TRAITS.index("top_speed_m_s")]
 PERSISTENCE = {
