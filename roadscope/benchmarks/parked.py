@@ -31,3 +31,8 @@ def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
     # The outline of a body is the same seen from its other side, so this is its middle however
     # the car stands.
     return np.array([(o.min(axis=0) + o.max(axis=0)) / 2 for o in outlines])
+
+
+def parked_among(episode: Episode, truths: Iterable[Truth]) -> np.ndarray:
+    """Return (N, 2) centres, world frame, of the parked cars that any of the truths shows."""
+    return parked_centres(episode, set().union(*map(parked_owners, truths)))

@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from roadscope.benchmarks import cache
+from roadscope.core import RecordError
 
 
 def test_the_variable_names_the_folder(tmp_path, monkeypatch) -> None:
@@ -29,6 +30,27 @@ def test_where_nothing_can_be_written_a_temporary_folder_serves(tmp_path, monkey
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert cache.cache_dir() == spare
+
+
+class Text(str):
+    def save(self, path: Path) -> None:
+        path.write_text(self)
+
+    @staticmethod
+    def load(path: Path) -> "Text":
+        if "half" in path.read_text():
+            raise RecordError("half a file")
+        return Text(path.read_text())
+
+
+def test_what_is_kept_is_made_once_and_again_where_it_is_damaged(tmp_path) -> None:
+    path, made = tmp_path / "sub" / "file.txt", iter(map(Text, ("one", "two", "three")))
+    assert cache.kept(path, Text.load, lambda: next(made)) == "one"
+    assert cache.kept(path, Text.load, lambda: next(made)) == "one"
+    path.write_text("half")
+    assert cache.kept(path, Text.load, lambda: next(made)) == "two"
+    assert cache.kept(path, Text.load, lambda: next(made), anew=True) == "three"
+    assert path.read_text() == "three"
 
 
 def test_a_write_that_fails_leaves_the_old_file(tmp_path) -> None:

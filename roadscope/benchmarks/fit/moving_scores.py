@@ -20,7 +20,7 @@ from roadscope.benchmarks.fit import scores
 from roadscope.benchmarks.fit.scores import Samples
 from roadscope.benchmarks.metrics.detection import GATE_M
 from roadscope.benchmarks.metrics.matching import match
-from roadscope.benchmarks.parked import parked_centres, parked_owners
+from roadscope.benchmarks.parked import parked_among
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.long_range import LongRangeDetector, detections
 from roadscope.detectors.long_range_scores import FEATURES
@@ -50,8 +50,7 @@ def gather(detector: str, given: Iterable[Episode]) -> Samples:
     values, right, missed = [np.empty((0, len(FEATURES)))], [np.empty(0, bool)], 0
     for episode in given:
         plugin, frames = _detector(detector), list(sensed(episode))
-        owners: set[int] = set().union(*(parked_owners(truth) for _, truth in frames))
-        parked = parked_centres(episode, owners)
+        parked = parked_among(episode, [truth for _, truth in frames])
         for number, (frame, truth) in enumerate(frames):
             found, stamp_s = plugin.propose(frame)
             if number % EVERY or not found:

@@ -21,7 +21,7 @@ from roadscope.benchmarks.episode import Episode, sensed
 from roadscope.benchmarks.metrics.calibration import calibration_error, excess
 from roadscope.benchmarks.metrics.detection import GATE_M
 from roadscope.benchmarks.metrics.matching import match
-from roadscope.benchmarks.parked import parked_centres, parked_owners
+from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.suite import SPLITS
 from roadscope.core import Detections, Pose, Truth
 from roadscope.core.checks import settle_arrays
@@ -92,8 +92,7 @@ def gather(detectors: Sequence[str], given: Iterable[Episode], every: int = EVER
     values, right, missed = [np.empty((0, len(FEATURES)))], [np.empty(0, bool)], 0
     for episode in given:
         frames = list(sensed(episode))
-        owners: set[int] = set().union(*(parked_owners(truth) for _, truth in frames))
-        parked = parked_centres(episode, owners)
+        parked = parked_among(episode, [truth for _, truth in frames])
         for frame, truth in islice(frames, every // 2, None, every):
             assert frame.lidar is not None
             mount = frame.calibration.pose(frame.lidar.sensor)
