@@ -46,7 +46,7 @@ def _fitted(vehicle: Vehicle, cluster: Cluster, horizon: Horizon) -> Vehicle:
     guesses = np.zeros((3, len(problem.free)))
     guesses[:2, :3] = starts(cluster.outline, cluster.origin, model)[:2]
     guesses[2, :3] = *vehicle.centre, vehicle.yaw
-    best = descend(problem, guesses, SLACKS_M, around=0, ways=1)
+    best = descend(problem, guesses, SLACKS_M, around=0)
     vector = best.vectors[np.argmin(best.costs)]
     x, y = vehicle.centre
     if not np.hypot(vector[0] - x, vector[1] - y) < MOVED_M:
