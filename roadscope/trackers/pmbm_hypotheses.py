@@ -62,17 +62,12 @@ def all_continued(
         joint, prior = np.full((1, len(mine)), -1), np.zeros(1)
         for k in joined[first_joined[c] : first_joined[c + 1]]:
             rows = slice(first_hypothesis[k], first_hypothesis[k + 1])
+            entries = slice(first_member[rows.start], first_member[rows.stop])
             table = np.full((rows.stop - rows.start, len(mine)), -1)
-            for e in range(first_member[rows.start], first_member[rows.stop]):
-                table[hypothesis[e] - rows.start, place[target[e]]] = local[e]
+            _fill(table, hypothesis[entries] - rows.start, place[target[entries]], local[entries])
             joint, prior = _product(joint, prior, table, log_weights[rows], limits)
         used, inside = _inside(joint, theirs, near, limits[1])
-        if joint.size == 1 and len(used):
-            ways, prices = best_assignments(inside, limits[0], limits[1])
-            parents, after = np.zeros(len(ways), np.int64), prior[0] - prices
-        else:
-            known = np.where(joint >= 0, np.searchsorted(used, joint), -1)
-            parents, ways, after = continued(known, prior, inside, limits[0], limits[1])
+        parents, ways, after = _cluster_continued(joint, prior, used, inside, limits)
         blocks.append((mine, theirs, joint[parents], ways))
         weights.append(after)
     for j in range(M):
@@ -80,6 +75,32 @@ def all_continued(
             blocks.append(_alone(j, T, L))
             weights.append(np.zeros(1))
     return _listed_members(blocks, weights, T, L)
+
+
+@compiled()
+def _fill(table: np.ndarray, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
+    """Write values to places of a table."""
+    for k in range(len(values)):
+        table[rows[k], columns[k]] = values[k]
+
+
+@compiled()
+def _cluster_continued(
+    joint: np.ndarray,
+    prior: np.ndarray,
+    used: np.ndarray,
+    inside: np.ndarray,
+    limits: tuple[int, float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return `continued` of one cluster; of one target alone without a detour.
+
+    joint: (h, t) local hypotheses, those `used` rising; inside: (l, m) their costs.
+    """
+    if joint.size == 1 and len(used) == 1:
+        ways, prices = best_assignments(inside, limits[0], limits[1])
+        return np.zeros(len(ways), np.int64), ways, prior[0] - prices
+    known = np.where(joint >= 0, np.searchsorted(used, joint), -1)
+    return continued(known, prior, inside, limits[0], limits[1])
 
 
 @compiled()
