@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite, pi
 
 import numpy as np
 
-from roadscope.core import wrap_angle
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 
@@ -31,11 +31,11 @@ class VehiclePose(Record):
 
     def __post_init__(self) -> None:
         place = self.x, self.y, self.yaw, self.score
-        require(bool(np.isfinite(place).all()), self, "x, y, yaw, score", "finite numbers", place)
+        require(all(map(isfinite, place)), self, "x, y, yaw, score", "finite numbers", place)
         sides = self.length, self.width
         fits = all(0 < side < np.inf for side in sides)
         require(fits, self, "length, width", "positive lengths in metres", sides)
-        object.__setattr__(self, "yaw", float(wrap_angle(self.yaw)))
+        object.__setattr__(self, "yaw", float((self.yaw + pi) % (2 * pi) - pi))
         if self.covariance is not None:
             settle_arrays(self, covariance=(np.float64, (3, 3)))
 

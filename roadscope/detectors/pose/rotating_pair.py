@@ -44,14 +44,25 @@ def settled_views(
     float64. reference: index of the frame whose stamp counts as 0. All of one frame that stays
     put.
     """
-    means = np.array([points.sum(axis=0) / len(points) for points in frames])
-    point = means[reference]
     starts = np.array([0, *accumulate(len(points) for points in frames)])
-    centred = np.concatenate([points - mean for points, mean in zip(frames, means, strict=True)])
-    sights = means - np.array(origins)
-    weights = np.full(len(centred), 1.0 / len(centred))
+    points = np.concatenate(frames)
+    means = _centred(points, starts)
+    point, weights = means[reference], np.full(len(points), 1.0 / len(points))
     stamps = np.asarray(stamps_s - stamps_s[reference], np.float64)
-    return Views(centred, weights, starts, means - point, sights, stamps), point
+    return Views(points, weights, starts, means - point, means - np.array(origins), stamps), point
+
+
+@compiled()
+def _centred(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Take from (N, 2) points, in place, the means (F, 2) of their frames, and return these."""
+    means = np.zeros((len(starts) - 1, 2))
+    for f in range(len(means)):
+        for i in range(starts[f], starts[f + 1]):
+            means[f] += points[i]
+        means[f] /= starts[f + 1] - starts[f]
+        for i in range(starts[f], starts[f + 1]):
+            points[i] -= means[f]
+    return means
 
 
 @compiled()
@@ -83,7 +94,8 @@ def best_pair(
     """
     count, stride = round(search_deg / step_deg), max(1, round(COARSE_DEG / step_deg))
     # The score of few returns is ragged: its top may lie well off that of the smoothed one.
-    reach = stride - 1 if _are_many(views) else 3 * stride // 2
+    many = len(views.points) > MANY * len(views.stamps)
+    reach = stride - 1 if many else 3 * stride // 2
     plan = Plan(float(np.radians(step_deg)), count, stride, reach, search_deg == 180)
     angle, row = _searched(views, settings, plan, tied)
     return float(angle), row
@@ -134,7 +146,7 @@ def _swept(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> np
 @compiled()
 def thinned(views: Views, cell_m: float) -> Views:
     """Join returns of a frame that share a cell, sides in metres, where there are many."""
-    if not _are_many(views):
+    if len(views.points) <= MANY * len(views.stamps):
         return views
     points, weights = np.empty_like(views.points), np.empty_like(views.weights)
     starts = np.zeros_like(views.starts)
@@ -146,11 +158,6 @@ def thinned(views: Views, cell_m: float) -> Views:
         weights[starts[f] : starts[f + 1]] = sums
     count = starts[-1]
     return Views(points[:count], weights[:count], starts, views.means, views.sights, views.stamps)
-
-
-@compiled()
-def _are_many(views: Views) -> bool:
-    return len(views.points) > MANY * len(views.stamps)
 
 
 @compiled()
