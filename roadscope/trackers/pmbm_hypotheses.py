@@ -31,30 +31,25 @@ def all_continued(
     hypotheses: (H,) their clusters, rising, and (H,) log weights as in `continued`.
     members: (E,) hypothesis, target and local hypothesis, by hypothesis.
     near: (P,) rows, columns and costs of local hypotheses and detections that may be a pair.
-    counts: T, L and M of targets, local hypotheses and detections.
-    limits: `count` of `continued`, of each cluster, and its `gap`.
+    counts, limits: T, L and M; `count` of `continued`, of each cluster, and its `gap`.
 
     Returns (K,) new clusters, (K,) log weights and (F,) entries of new members: hypothesis,
     target, the local hypothesis that it had, and its detection or -1. A detection taken by nobody
     is target T + j, and had local hypothesis L.
     """
-    (cluster, log_weights), (T, L, M) = hypotheses, counts
-    hypothesis, target, local = members
+    (cluster, log_weights), (hypothesis, target, local) = hypotheses, members
+    T, L, M = counts
     clusters = cluster.max() + 1 if len(cluster) else 0
-    of_local = np.zeros(L, np.int64)
-    of_local[local] = target
-    likely = np.flatnonzero(near[2] < limits[1])
-    some = np.concatenate((of_local[near[0][likely]], target))
-    others = np.concatenate((near[1][likely], M + cluster[hypothesis]))
-    group, count = components(some, others, (T, M + clusters))
+    group, count = _competitors(
+        (cluster[hypothesis], target, local), near, (T, L, M, clusters), limits[1]
+    )
     tracks, first_track = sorted_by(group[:T], count)
     targets, first_target = sorted_by(group[T : T + M], count)
     joined, first_joined = sorted_by(group[T + M :], count)
     first_hypothesis = np.searchsorted(cluster, np.arange(clusters + 1))
     first_member = np.searchsorted(hypothesis, np.arange(len(cluster) + 1))
     place = np.empty(T, np.int64)
-    blocks = [_alone(0, T, L) for _ in range(0)]
-    weights = [np.empty(0) for _ in range(0)]
+    blocks, weights = [_alone(0) for _ in range(0)], [np.empty(0) for _ in range(0)]
     for c in range(count):
         mine = tracks[first_track[c] : first_track[c + 1]]
         theirs = targets[first_target[c] : first_target[c + 1]]
@@ -70,11 +65,30 @@ def all_continued(
         parents, ways, after = _cluster_continued(joint, prior, used, inside, limits)
         blocks.append((mine, theirs, joint[parents], ways))
         weights.append(after)
-    for j in range(M):
-        if group[T + j] < 0:
-            blocks.append(_alone(j, T, L))
-            weights.append(np.zeros(1))
+    for j in np.flatnonzero(group[T : T + M] < 0):
+        blocks.append(_alone(int(j)))
+        weights.append(np.zeros(1))
     return _listed_members(blocks, weights, T, L)
+
+
+@compiled()
+def _competitors(
+    members: tuple[np.ndarray, np.ndarray, np.ndarray],
+    near: tuple[np.ndarray, np.ndarray, np.ndarray],
+    counts: tuple[int, int, int, int],
+    gap: float,
+) -> tuple[np.ndarray, int]:
+    """Return `components` of (T,) targets with (M,) detections and (C,) clusters up to now.
+
+    members: (E,) cluster, target and local hypothesis.
+    """
+    (cluster, target, local), (T, L, M, clusters) = members, counts
+    of_local = np.zeros(L, np.int64)
+    of_local[local] = target
+    likely = np.flatnonzero(near[2] < gap)
+    some = np.concatenate((of_local[near[0][likely]], target))
+    others = np.concatenate((near[1][likely], M + cluster))
+    return components(some, others, (T, M + clusters))
 
 
 @compiled()
@@ -104,7 +118,7 @@ def _cluster_continued(
 
 
 @compiled()
-def _alone(j: int, T: int, L: int) -> Block:
+def _alone(j: int) -> Block:
     """Return the cluster of a detection that no track may have."""
     none = np.empty((1, 0), np.int64)
     return np.empty(0, np.int64), np.full(1, j), none, none
