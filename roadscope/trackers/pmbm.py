@@ -60,7 +60,7 @@ class PmbmTracker:
         hypotheses: those kept of each cluster of targets that compete.
         least_share: less likely than the likeliest by this factor, a hypothesis is dropped.
         confirm, drop: probabilities of existence from which a track is confirmed, and below which
-            a hypothesis does without it when it is missed: see `JpdaTracker`.
+            a hypothesis does without it, be it old or new.
         shown_misses: ticks without a detection in which a track is still answered for.
         position_m, speed_m_s: see `PlaceFilter`.
         velocity_walk: m/s per root second, by which velocities wander.

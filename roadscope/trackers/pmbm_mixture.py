@@ -122,13 +122,12 @@ class Mixture:
     def pruned(self, drop: float, count: int, gap: float) -> Mixture:
         """Keep what matters.
 
-        drop: Bernoullis that are missed and exist with less than this probability are left out.
+        drop: Bernoullis that exist with less than this probability are left out.
         count, gap: as many hypotheses of a cluster, and none less likely than its likeliest by
             more than this, as a logarithm. Those that now say the same become one.
         """
-        seen = self.bernoullis.tracks.misses == 0
-        kept = seen | (self.bernoullis.existence.there >= drop)
-        members = self.members.select(kept[self.members.local])
+        strong = self.bernoullis.existence.there >= drop
+        members = self.members.select(strong[self.members.local])
         codes = _signatures(self.cluster, members.hypothesis, members.local)
         _, first, same = np.unique(codes, return_index=True, return_inverse=True)
         weights = np.full(len(first), -np.inf)
