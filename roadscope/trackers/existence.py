@@ -42,7 +42,7 @@ class ExistenceTracker:
         traits: str = "auto",
         least_overlap: float = -0.3,
         coast_s: float = 1.5,
-        shown_probability: float = 0.5,
+        shown_probability: float = 0.45,
     ) -> None:
         """Set the tracker up.
 
@@ -89,12 +89,13 @@ class ExistenceTracker:
         visible = 1 - hidden_shares(targets.boxes, missed, believed, eye)
         unseen_s = tick.period_s * np.where(missed, visible, 0.0)
         targets = replace(targets, away_s=targets.away_s + unseen_s)
-        self._returns.came(before.select(rows))
         targets = targets.replaced(
             rows, self._confirmed(targets.select(rows), measured.select(columns), tick.period_s)
         )
         targets = self._doubted(targets, eye)
-        self._targets = self._kept(targets).joined(self._opened(measured, columns))
+        kept = self._kept(targets)
+        self._returns.count(before, rows, targets.select(~kept))
+        self._targets = targets.select(kept).joined(self._opened(measured, columns))
         return self._report(tick)
 
     def _pairs(
@@ -126,27 +127,28 @@ class ExistenceTracker:
         apart = targets.beliefs.means[:, :2] - eye
         ranges = np.hypot(apart[:, 0], apart[:, 1])
         back = t.back[kinds] + t.back_per_m[kinds] * ranges - t.away_per_s[kinds] * targets.away_s
-        left = both(targets.assured, back + self._returns.lead(t)[kinds])
+        left = both(targets.assured, back + self._returns.missed.lead(t.returned)[kinds])
         existence = np.where(targets.misses > 0, np.clip(left, -SURE, SURE), targets.existence)
         return replace(targets, existence=existence)
 
-    def _kept(self, targets: Targets) -> Targets:
-        """Drop who was unseen for too long, or hardly ever was there."""
+    def _kept(self, targets: Targets) -> np.ndarray:
+        """Return (N,) bool, not those unseen for too long, nor who hardly ever was there."""
         few = targets.votes.sum(axis=1) < FEW
         weak = (targets.misses > 0) & few & (targets.existence < GIVEN_UP)
-        kept = ~weak & (targets.idle_s <= self._coast_s)
-        self._returns.gone(targets.select(~kept))
-        return targets.select(kept)
+        kept: np.ndarray = ~weak & (targets.idle_s <= self._coast_s)
+        return kept
 
     def _opened(self, measured: Measured, taken: np.ndarray) -> Targets:
         new = measured.select(np.setdiff1d(np.arange(len(measured)), taken))
         ids = self._next_id + np.arange(len(new))
         self._next_id += len(new)
-        return Targets.opened(ids, new, self._traits)
+        lead = self._returns.born.lead(self._traits.born)[new.categories]
+        opened = Targets.opened(ids, new, self._traits)
+        return replace(opened, existence=new.evidence + lead, assured=new.evidence + lead)
 
     def _report(self, tick: Tick) -> Tracks:
         targets = self._targets
-        believed = targets.existence >= self._shown
+        believed = both(targets.existence, _certainty(targets)) >= self._shown
         states = np.full(len(targets), TrackState.TENTATIVE, np.int8)
         states[believed] = np.where(
             targets.misses[believed] > 0, TrackState.COASTING, TrackState.CONFIRMED
@@ -158,3 +160,11 @@ class ExistenceTracker:
             targets.categories, 1 / (1 + np.exp(-targets.existence)), states,
             tick.frame, tick.stamp_s,
         )  # fmt: skip
+
+
+def _certainty(targets: Targets) -> np.ndarray:
+    """Return (N,) log odds that those missed are no further off than their width."""
+    spread = targets.beliefs.covariances[:, [0, 1], [0, 1]].sum(axis=1)
+    odds = np.expm1(np.minimum(targets.sizes[:, 1] ** 2 / spread, SURE))
+    found: np.ndarray = np.where(targets.misses > 0, np.log(odds), np.inf)
+    return found

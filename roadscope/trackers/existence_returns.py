@@ -2,43 +2,62 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from roadscope.trackers.existence_targets import Targets
-from roadscope.trackers.learned import Learned
 
 WEIGHT = 10.0
-"""Runs of misses that what was learned counts for."""
+"""Cases that what was learned counts for."""
 
 
 @dataclass(slots=True)
-class Returns:
-    """Runs of misses of believed targets that ended: by a detection, or never.
+class Shares:
+    """How many of those believed in were seen again, and how many never.
 
-    Detectors miss for many reasons, and how often they do so for no good one is told best by how
-    many of those missed are seen again.
+    Detectors miss for many reasons and see many things that are none; how often is told best by
+    how many of those missed, and of those seen once, are seen again.
     """
 
     seen_again: int = 0
     lost: int = 0
 
-    def came(self, targets: Targets) -> None:
-        """Count those who are seen again, as they were before."""
-        self.seen_again += int(((targets.misses > 0) & (targets.assured > 0)).sum())
+    def count(self, seen_again: np.ndarray, lost: np.ndarray) -> None:
+        """Count (N,) and (M,) bool."""
+        self.seen_again += int(seen_again.sum())
+        self.lost += int(lost.sum())
 
-    def gone(self, targets: Targets) -> None:
-        """Count those who are given up."""
-        self.lost += int(((targets.misses > 0) & (targets.assured > 0)).sum())
-
-    def lead(self, traits: Learned) -> np.ndarray:
-        """Return (7,) by how much likelier than in training a return is, log odds."""
-        usual = traits.returned
+    def lead(self, usual: np.ndarray) -> np.ndarray:
+        """Return by how much likelier to be seen again they are than usual, log odds; (7,)."""
         again = self.seen_again + WEIGHT * usual
         lost = self.lost + WEIGHT * (1 - usual)
         lead: np.ndarray = np.log(again / lost) - np.log(usual / (1 - usual))
         return lead
+
+
+@dataclass(slots=True)
+class Returns:
+    """`Shares` of runs of misses and of those seen but once."""
+
+    missed: Shares = field(default_factory=Shares)
+    born: Shares = field(default_factory=Shares)
+
+    def count(self, before: Targets, seen: np.ndarray, gone: Targets) -> None:
+        """Take those of the last tick, the rows of them that are seen, and those given up."""
+        found = before.select(seen)
+        for shares, known in ((self.missed, _missed), (self.born, _born)):
+            shares.count(known(found), known(gone))
+
+
+def _missed(targets: Targets) -> np.ndarray:
+    told: np.ndarray = (targets.misses > 0) & (targets.assured > 0)
+    return told
+
+
+def _born(targets: Targets) -> np.ndarray:
+    told: np.ndarray = (targets.hits == 1) & (targets.claims > 0)
+    return told
 
 
 def both(one: np.ndarray, other: np.ndarray) -> np.ndarray:

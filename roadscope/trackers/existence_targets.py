@@ -78,6 +78,7 @@ class Targets(Rows):
     sizes: (N, 3) length width height; size_weights: (N,) what they rest on.
     votes: (N, 7) sum of scores for each category.
     existence: (N,) log odds that there is something; assured: (N,) as the last detection left them.
+    claims: (N,) evidence of the first detection; hits: (N,) detections so far.
     misses: (N,) ticks since the last detection; idle_s: (N,) seconds; away_s: (N,) seconds of
         these in which it should have been seen.
     """
@@ -92,6 +93,8 @@ class Targets(Rows):
     votes: np.ndarray
     existence: np.ndarray
     assured: np.ndarray
+    claims: np.ndarray
+    hits: np.ndarray
     misses: np.ndarray
     idle_s: np.ndarray
     away_s: np.ndarray
@@ -125,7 +128,8 @@ class Targets(Rows):
             np.column_stack([boxes[:, 2], (traits.height_m[kinds] * new.growths) ** 2]),
             np.column_stack([boxes[:, 6], (traits.yaw_rad[kinds] * new.growths) ** 2]),
             new.scores, boxes[:, 3:6], new.growths**-2, votes, new.evidence,
-            new.evidence, np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
+            new.evidence, new.evidence, np.ones(n, np.int64),
+            np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
         )  # fmt: skip
 
     def carried(self, dt: float, traits: Learned) -> Targets:
@@ -159,7 +163,7 @@ class Targets(Rows):
         votes[np.arange(len(self)), kinds] += found.scores
         after = Targets(
             self.ids, Gaussians(means, covariances), heights, yaws, fronts, sizes, total, votes,
-            self.existence, self.assured, np.zeros_like(self.misses),
+            self.existence, self.assured, self.claims, self.hits + 1, np.zeros_like(self.misses),
             np.zeros_like(self.idle_s), np.zeros_like(self.away_s),
         )  # fmt: skip
         return after, distances

@@ -110,7 +110,7 @@ def test_who_is_missed_in_runs_but_comes_back_is_told_ever_longer():
         seen = scene([[10, 0]] if t % 14 < 10 else [], t)
         told.append(TrackState.TENTATIVE not in tracker.update(seen, None).states)
     assert all(told[-14:])
-    assert tracker._returns.seen_again > 15
+    assert tracker._returns.missed.seen_again > 15
 
 
 def test_both_is_the_product_of_probabilities():

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from roadscope.benchmarks.fit.tracker_persistence import PERSISTENCE, SHARES, recorded_persistence
 from roadscope.benchmarks.fit.tracker_samples import Samples, recorded_samples, sensed_samples
 from roadscope.trackers.learned import TRAITS
 
@@ -41,11 +42,6 @@ FOLDS = 5
 LEAST_GAIN = 0.1
 """Share by which range must lower what scores leave open, where it was not fitted."""
 FITTED = TRAITS[: TRAITS.index("top_speed_m_s")]
-PERSISTENCE = {
-    "memory_s": 0.5, "score_gain": 3.0, "seen_gain": 6.0, "misfit": 0.6,
-    "back": 0.0, "back_per_m": 0.0, "away_per_s": 3.0, "returned": 0.5,
-}  # fmt: skip
-"""Guessed, where there are too few tracks to learn it from."""
 
 
 def fitted(samples: Samples, top_speed_m_s: float) -> dict[str, float]:
@@ -115,10 +111,15 @@ def _logistic(design: np.ndarray, right: np.ndarray) -> np.ndarray:
     return weights
 
 
-def source(classes: Mapping[str, Samples], origin: str) -> str:
+def source(
+    classes: Mapping[str, Samples],
+    origin: str,
+    lasting: Mapping[str, Mapping[str, float]] | None = None,
+) -> str:
     """Return the text of a file of `roadscope.trackers.learned`.
 
     A class with too few samples takes the traits of the class with most.
+    lasting: of each class what `tracker_persistence` learned; left out, what is guessed.
     """
     most = max(classes, key=lambda name: len(classes[name].errors))
     lines = [f'origin = "{origin}"']
@@ -126,6 +127,7 @@ def source(classes: Mapping[str, Samples], origin: str) -> str:
         enough = min(len(samples.errors), len(samples.changes)) >= LEAST_SAMPLES
         taken = samples if enough else classes[most]
         traits = fitted(taken, TOP_SPEED_M_S[name])
+        kept = lasting[name] if lasting else PERSISTENCE | SHARES
         told = f"{len(samples.errors)} detections" if enough else f"as {most}: too few detections"
         lines += [
             "",
@@ -133,7 +135,7 @@ def source(classes: Mapping[str, Samples], origin: str) -> str:
             f"log_odds_deciles = {np.quantile(taken.log_odds, DECILES).round(2).tolist()}",
             *(f"{trait} = {traits[trait]}" for trait in FITTED),
             f"top_speed_m_s = {TOP_SPEED_M_S[name]}",
-            *(f"{trait} = {value}" for trait, value in PERSISTENCE.items()),
+            *(f"{trait} = {value}" for trait, value in kept.items()),
         ]
     return "\n".join([*lines, ""])
 
@@ -157,6 +159,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     else:
         classes, origin = sensed_samples(given.detector or "distance-l-shape", given.seeds)
     given.out.write_text(source(classes, origin), "utf-8")
+    if given.kitti is not None:
+        lasting = recorded_persistence(given.kitti, chosen, given.detector, str(given.out))
+        given.out.write_text(source(classes, origin, lasting), "utf-8")
 
 
 if __name__ == "__main__":

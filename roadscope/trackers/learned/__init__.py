@@ -45,7 +45,8 @@ class Learned(Record):
         detection + seen - misfit * squared Mahalanobis distance of its place.
     back, back_per_m: log odds that who is missed is still there, and by how much they grow with
         every metre of range; away_per_s: by how much they fall with every second of it.
-    returned: share of those missed who were seen again, counted in training.
+    returned, born: share of those missed, and of those seen but once, all of them believed in,
+        who were seen again in training.
     """
 
     score_slope: np.ndarray
@@ -70,6 +71,7 @@ class Learned(Record):
     back_per_m: np.ndarray
     away_per_s: np.ndarray
     returned: np.ndarray
+    born: np.ndarray
 
     def __post_init__(self) -> None:
         settle_arrays(self, **{f.name: (np.float64, (COUNT,)) for f in fields(self)})

@@ -1,0 +1,215 @@
+"""Learns from followed targets how belief in them changes from tick to tick, for `fit.trackers`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.fit.tracker_labels import verdicts
+from roadscope.benchmarks.fit.tracker_samples import CLASSES
+from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
+from roadscope.benchmarks.formats.kitti_folder import KittiFolder
+from roadscope.core import Tracks
+from roadscope.core.jit import compiled
+from roadscope.trackers.existence import FURTHEST, SURE, ExistenceTracker
+from roadscope.trackers.existence_targets import Measured, Targets
+
+PERSISTENCE = {
+    "memory_s": 0.5, "score_gain": 3.0, "seen_gain": 6.0, "misfit": 0.6,
+    "back": 0.0, "back_per_m": 0.0, "away_per_s": 3.0,
+}  # fmt: skip
+"""Guessed, for classes with too few tracks to learn it from."""
+SHARES = {"returned": 0.6, "born": 0.65}
+"""Likewise."""
+POSITIVE = np.array([True, True, False, True, False, False, True])
+UNITS = np.array([1.0, 1.0, 3.0, 1.0, 1.0, 0.03, 1.0])
+"""By how much each may well differ from the guess, of the positive ones the logarithm."""
+LEAST_TRACKS = 150
+FRAMES_ALIKE = 10
+"""Successive ticks say much the same: so many count as one."""
+ROUNDS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lives:
+    """N ticks of followed targets, target by target.
+
+    tracks, ticks: (N,) int64. seen: (N,) bool, detected at that tick.
+    evidence, distances: (N,) of the detection, 0 without one.
+    ranges_m, away_s, steps_s: (N,) from the eye, unseen so far, since the last tick.
+    right: (N,) int8, 1 on an object, 0 not, -1 where neither counts.
+    """
+
+    tracks: np.ndarray
+    ticks: np.ndarray
+    seen: np.ndarray
+    evidence: np.ndarray
+    distances: np.ndarray
+    ranges_m: np.ndarray
+    away_s: np.ndarray
+    steps_s: np.ndarray
+    right: np.ndarray
+
+    @staticmethod
+    def joined(parts: Sequence[Lives]) -> Lives:
+        """Put several sequences together; ids stay apart."""
+        offsets = np.cumsum([0, *(int(p.tracks.max(initial=-1)) + 1 for p in parts)])
+        columns = {
+            f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Lives)
+        }
+        columns["tracks"] = np.concatenate(
+            [p.tracks + o for p, o in zip(parts, offsets, strict=False)]
+        )
+        return Lives(**columns)
+
+    @property
+    def objects(self) -> int:
+        """How many targets were on an object at any tick."""
+        return len(np.unique(self.tracks[self.right == 1]))
+
+
+class Recorder(ExistenceTracker):
+    """The tracker, with a record of what it was told."""
+
+    def reset(self) -> None:
+        """Forget all tracks and what was recorded."""
+        super().reset()
+        self.rows: list[tuple[float, ...]] = []
+        self._told: dict[int, tuple[float, float]] = {}
+        self._ticks = 0
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(2, 2) seen again and never again, of those missed and of those seen but once."""
+        kinds = self._returns.missed, self._returns.born
+        return np.array([[shares.seen_again, shares.lost] for shares in kinds])
+
+    def _confirmed(self, targets: Targets, found: Measured, dt: float) -> Targets:
+        _, distances = targets.seen(found, self._traits)
+        pairs = zip(found.evidence.tolist(), distances.tolist(), strict=True)
+        self._told = dict(zip(targets.ids.tolist(), pairs, strict=True))
+        return super()._confirmed(targets, found, dt)
+
+    def _opened(self, measured: Measured, taken: np.ndarray) -> Targets:
+        opened = super()._opened(measured, taken)
+        for number, evidence in zip(opened.ids.tolist(), opened.existence.tolist(), strict=True):
+            self._told[number] = (evidence, 0.0)
+        return opened
+
+    def record(self, eye: np.ndarray, step_s: float) -> None:
+        """Note where all targets stand after an update."""
+        targets = self._targets
+        ranges = np.hypot(*(targets.beliefs.means[:, :2] - eye).T)
+        for k, number in enumerate(targets.ids.tolist()):
+            seen = targets.misses[k] == 0
+            evidence, distance = self._told[number] if seen else (0.0, 0.0)
+            self.rows.append((
+                number, self._ticks, seen, evidence, distance, ranges[k], targets.away_s[k], step_s,
+            ))  # fmt: skip
+        self._ticks += 1
+
+
+def lived(sequence: KittiSequence, traits: str) -> tuple[Lives, np.ndarray]:
+    """Follow a sequence's targets; with `Recorder.counts`."""
+    tracker, history, last_s = Recorder(traits=traits), list[Tracks](), 0.0
+    for found, pose in zip(sequence.detections, sequence.world_from_ego, strict=True):
+        history.append(tracker.update(found, pose))
+        tracker.record(pose.translation[:2], found.stamp_s - last_s)
+        last_s = found.stamp_s
+    known = verdicts(history, sequence)
+    table = np.array(tracker.rows).reshape(-1, 8)
+    table = table[np.lexsort((table[:, 1], table[:, 0]))]
+    keys = zip(table[:, 1].astype(int).tolist(), table[:, 0].astype(int).tolist(), strict=True)
+    right = np.array([int(known.get(key, -1)) for key in keys], np.int8)
+    tracks, ticks = table[:, :2].astype(np.int64).T
+    evidence, distances, ranges_m, away_s, steps_s = np.ascontiguousarray(table[:, 3:].T)
+    lives = Lives(
+        tracks, ticks, table[:, 2] > 0, evidence, distances, ranges_m, away_s, steps_s, right
+    )
+    return lives, tracker.counts
+
+
+def recorded_persistence(
+    folder: Path, sequences: Iterable[str] | None, detector: str | None, traits: str
+) -> dict[str, dict[str, float]]:
+    """Return of each class what its sequences say, followed with what a file of traits guesses."""
+    files = KittiFolder.find(folder)
+    names = list(sequences) if sequences is not None else files.sequences()
+    found, counts = {}, {}
+    for kind, category in CLASSES.items():
+        read = (read_sequence(files, name, category, detector=detector) for name in names)
+        parts = [lived(sequence, traits) for sequence in read]
+        found[kind] = persistence(Lives.joined([lives for lives, _ in parts]))
+        counts[kind] = np.sum([count for _, count in parts], axis=0)
+    every = sum(counts.values())
+    shares = (every[:, 0] / every.sum(axis=1)).round(2).tolist()
+    return {kind: {**found[kind], **dict(zip(SHARES, shares, strict=True))} for kind in found}
+
+
+def persistence(lives: Lives) -> Mapping[str, float]:
+    """Return the traits under which what was right, and what was not, is likeliest."""
+    if lives.objects < LEAST_TRACKS:
+        return PERSISTENCE
+    from scipy.optimize import minimize
+
+    guess = _packed(np.array(list(PERSISTENCE.values())))
+
+    def cost(shift: np.ndarray) -> float:
+        return loss(lives, _unpacked(guess + shift * UNITS)) + 0.5 * float(shift @ shift)
+
+    found = minimize(
+        cost, np.zeros(len(guess)), method="Powell",
+        options={"maxiter": ROUNDS, "xtol": 1e-2, "ftol": 1e-4},
+    )  # fmt: skip
+    values = _unpacked(guess + found.x * UNITS).tolist()
+    return dict(zip(PERSISTENCE, (round(v, 3) for v in values), strict=True))
+
+
+def loss(lives: Lives, values: np.ndarray) -> float:
+    """Return the log loss of existence under values in the order of `PERSISTENCE`."""
+    told = believed(lives.tracks, lives.seen, _columns(lives), values)
+    counts = lives.right >= 0
+    signed = np.where(lives.right == 1, -told, told)[counts]
+    return float(np.logaddexp(0, signed).sum()) / FRAMES_ALIKE
+
+
+def _columns(lives: Lives) -> np.ndarray:
+    return np.column_stack(
+        [lives.evidence, lives.distances, lives.ranges_m, lives.away_s, lives.steps_s]
+    )
+
+
+@compiled()
+def believed(
+    tracks: np.ndarray, seen: np.ndarray, columns: np.ndarray, values: np.ndarray
+) -> np.ndarray:
+    """Return (N,) log odds of existence, as `ExistenceTracker` works them out.
+
+    columns: (N, 5) evidence, distances, ranges_m, away_s, steps_s of `Lives`.
+    """
+    memory_s, gain, base, misfit, back, back_per_m, away_per_s = values
+    told, now, assured = np.empty(len(tracks)), 0.0, 0.0
+    for i in range(len(tracks)):
+        evidence, distance, range_m, away_s, step_s = columns[i]
+        if i == 0 or tracks[i] != tracks[i - 1]:
+            now = assured = evidence
+        elif seen[i]:
+            kept = np.exp(-step_s / memory_s)
+            says = gain * evidence + base - misfit * min(distance, FURTHEST)
+            now = assured = min(max(kept * now + (1 - kept) * says, -SURE), SURE)
+        else:
+            a, b = np.exp(-assured), np.exp(away_per_s * away_s - back - back_per_m * range_m)
+            now = min(max(-np.log(a + b + a * b), -SURE), SURE)
+        told[i] = now
+    return told
+
+
+def _packed(values: np.ndarray) -> np.ndarray:
+    return np.where(POSITIVE, np.log(np.where(POSITIVE, values, 1.0)), values)
+
+
+def _unpacked(packed: np.ndarray) -> np.ndarray:
+    return np.where(POSITIVE, np.exp(np.where(POSITIVE, packed, 0.0)), packed)
