@@ -72,8 +72,7 @@ class JpdaTracker:
         detection, clutter_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight: see
             `Sighting`.
         confirm, drop: probabilities of existence from which a track is confirmed, and below which
-            one is dropped when it is missed: however unlikely at first, the next detection at its
-            place may prove it.
+            one is dropped or not even begun.
         shown_misses: ticks without a detection in which a track is still answered for.
         exact_limit: see `jpda_marginals`.
         position_m, speed_m_s: see `PlaceFilter`.
@@ -143,7 +142,7 @@ class JpdaTracker:
 
     def _managed(self, followed: Followed) -> Followed:
         confirmed = followed.confirmed | (followed.existence.there >= self._confirm)
-        kept = (followed.existence.there >= self._drop) | (followed.tracks.misses == 0)
+        kept = followed.existence.there >= self._drop
         return replace(followed, confirmed=confirmed).select(kept)
 
     def _opened(self, targets: Detections, unclaimed: np.ndarray) -> Followed:

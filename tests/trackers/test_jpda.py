@@ -97,7 +97,7 @@ def test_surer_detections_are_believed_sooner():
 
 @pytest.mark.parametrize(
     ("kind", "score", "clutter_m2"),
-    [(JpdaTracker, 0.1, 1e-4), (JpdaTracker, 0.5, 2e-3), (PmbmTracker, 0.5, 2e-3)],
+    [(JpdaTracker, 0.5, 2e-3), (PmbmTracker, 0.5, 2e-3)],
 )
 def test_what_is_unlikely_alone_is_proved_by_coming_back(kind, score, clutter_m2):
     """Of low scores, or where clutter is dense, every first detection is most likely nothing."""
