@@ -22,8 +22,8 @@ PERSISTENCE = {
     "back": 0.0, "back_per_m": 0.0, "away_per_s": 3.0,
 }  # fmt: skip
 """Guessed, for classes with too few tracks to learn it from."""
-SHARES = {"returned": 0.6, "born": 0.65}
-"""Likewise."""
+SHARES = {"returned": 0.5, "born": 0.65}
+"""Likewise; returns are taken to be even: `back` says the rest."""
 POSITIVE = np.array([True, True, False, True, False, False, True])
 UNITS = np.array([1.0, 1.0, 3.0, 1.0, 1.0, 0.03, 1.0])
 """By how much each may well differ from the guess, of the positive ones the logarithm."""
@@ -145,8 +145,8 @@ def recorded_persistence(
         found[kind] = persistence(Lives.joined([lives for lives, _ in parts]))
         counts[kind] = np.sum([count for _, count in parts], axis=0)
     every = sum(counts.values())
-    shares = (every[:, 0] / every.sum(axis=1)).round(2).tolist()
-    return {kind: {**found[kind], **dict(zip(SHARES, shares, strict=True))} for kind in found}
+    born = {"born": round(float(every[1, 0] / every[1].sum()), 2)}
+    return {kind: {**found[kind], **SHARES, **born} for kind in found}
 
 
 def persistence(lives: Lives) -> Mapping[str, float]:

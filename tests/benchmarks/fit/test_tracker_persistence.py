@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.fit.tracker_persistence import (
+    PERSISTENCE,
+    Lives,
+    believed,
+    loss,
+    persistence,
+)
+from roadscope.core import Category, Detections
+from roadscope.trackers.existence import ExistenceTracker
+from roadscope.trackers.learned import learned
+
+VALUES = np.array(list(PERSISTENCE.values()))
+
+
+def lives(tracks, ticks=20, seed=0):
+    """Real ones have good scores and come back, false ones have bad scores and do not."""
+    rng = np.random.default_rng(seed)
+    n = tracks * ticks
+    real = np.repeat(np.arange(tracks) % 2, ticks)
+    tick = np.tile(np.arange(ticks), tracks)
+    seen = (rng.random(n) < 0.7) | (tick == 0)
+    evidence = np.where(seen, rng.normal(real * 3.0 - 1.5, 1.0), 0.0)
+    away = np.zeros(n)
+    for i in range(1, n):
+        away[i] = 0.0 if seen[i] else away[i - 1] + 0.1
+    return Lives(
+        np.repeat(np.arange(tracks), ticks), tick, seen, evidence, np.full(n, 2.0),
+        np.full(n, 20.0), away, np.full(n, 0.1), real.astype(np.int8),
+    )  # fmt: skip
+
+
+def test_what_is_learned_is_likelier_than_the_guess():
+    given = lives(400)
+    found = persistence(given)
+    assert loss(given, np.array(list(found.values()))) < 0.9 * loss(given, VALUES)
+    assert found["back"] - found["away_per_s"] * 0.2 > 0, "the real ones come back"
+
+
+def test_of_too_few_tracks_nothing_is_learned():
+    assert persistence(lives(20)) == PERSISTENCE
+
+
+def test_belief_is_the_trackers_own():
+    """One target that is seen, missed and seen again, at a place that fits."""
+    name, traits = "unknown", learned("unknown")
+    values = np.array([getattr(traits, trait)[Category.CAR] for trait in PERSISTENCE])
+    pattern = [True, True, True, False, False]
+    tracker, told = ExistenceTracker(traits=name), []
+    for t, seen in enumerate(pattern):
+        found = Detections(
+            np.array([[10.0, 0.0, 0.8]]), np.array([[4.5, 1.8, 1.5]]), np.zeros(1),
+            np.array([Category.CAR], np.int8), np.array([0.8]), "ego", 0.1 * t,
+        )  # fmt: skip
+        tracks = tracker.update(found.select(np.full(1, seen)), None)
+        told.append(np.log(tracks.scores[0] / (1 - tracks.scores[0])))
+    seen = np.array(pattern)
+    odds = np.where(seen, np.log(4.0), 0.0)
+    away = np.array([0, 0, 0, 0.1, 0.2])
+    columns = np.column_stack([odds, 0 * odds, np.full(5, 10.0), away, np.full(5, 0.1)])
+    assert believed(np.zeros(5, int), seen, columns, values) == pytest.approx(told, abs=1e-6)
