@@ -83,6 +83,8 @@ SETTLED = 200.0
 LEAST_WIDTH = 0.05
 """Of a decile, in log odds: where many scores are the same, they have a density none the less."""
 OF_ANY_SIGN = ("score_offset", "score_per_m", "seen_gain", "back", "back_per_m")
+STRAYS = 0.2
+"""Share of log odds that are all over the place, 20 wide."""
 TRAITS = tuple(field.name for field in fields(Learned))
 
 
@@ -121,13 +123,16 @@ class Choice:
 
 
 def _likelihood(log_odds: np.ndarray, edges: np.ndarray) -> float:
-    """Return the log likelihood of (N,) values whose deciles have (N, 11) edges; 1 % are strays."""
+    """Return the log likelihood of (N,) values whose deciles have (N, 11) edges.
+
+    Scenes differ: a share of values lies anywhere.
+    """
     widths = np.maximum(np.diff(edges), LEAST_WIDTH)
     values = log_odds[:, None]
     rows = np.clip((edges <= values).sum(axis=1) - 1, 0, widths.shape[1] - 1)
     outside = (values < edges[:, :1] - LEAST_WIDTH) | (values > edges[:, -1:] + LEAST_WIDTH)
     within = 0.1 / widths[np.arange(len(rows)), rows]
-    density = 0.99 * np.where(outside[:, 0], 0.0, within) + 0.01 / 20
+    density = (1 - STRAYS) * np.where(outside[:, 0], 0.0, within) + STRAYS / 20
     return float(np.log(density).sum())
 
 
