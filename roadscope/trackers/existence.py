@@ -9,6 +9,7 @@ import numpy as np
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.trackers.assignment import assign_optimally
 from roadscope.trackers.existence_kernels import hidden_shares
+from roadscope.trackers.existence_priors import Neighbours, expected_velocities
 from roadscope.trackers.existence_returns import Returns, both
 from roadscope.trackers.existence_targets import Measured, Targets, log_odds
 from roadscope.trackers.gating import candidates_by_overlap
@@ -71,7 +72,9 @@ class ExistenceTracker:
         self._returns = Returns()
         self._traits = self._choice.after(np.empty(0), np.empty(0, np.int8))
         none = Measured.of(Detections.empty(0.0), np.zeros(2), self._traits)
-        self._targets = Targets.opened(np.empty(0, np.int64), none, self._traits)
+        self._targets = Targets.opened(
+            np.empty(0, np.int64), none, Gaussians.empty(2), self._traits
+        )
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Take the detections of one tick and return all tracks, tentative ones included."""
@@ -95,7 +98,10 @@ class ExistenceTracker:
         targets = self._doubted(targets, eye)
         kept = self._kept(targets)
         self._returns.count(before, rows, targets.select(~kept))
-        self._targets = targets.select(kept).joined(self._opened(measured, columns))
+        targets = targets.select(kept)
+        new = measured.select(np.setdiff1d(np.arange(len(measured)), columns))
+        known = Neighbours.of(targets, eye, tick.ego_velocity)
+        self._targets = targets.joined(self._opened(new, known))
         return self._report(tick)
 
     def _pairs(
@@ -138,12 +144,12 @@ class ExistenceTracker:
         kept: np.ndarray = ~weak & (targets.idle_s <= self._coast_s)
         return kept
 
-    def _opened(self, measured: Measured, taken: np.ndarray) -> Targets:
-        new = measured.select(np.setdiff1d(np.arange(len(measured)), taken))
+    def _opened(self, new: Measured, known: Neighbours) -> Targets:
         ids = self._next_id + np.arange(len(new))
         self._next_id += len(new)
         lead = self._returns.born.lead(self._traits.born)[new.categories]
-        opened = Targets.opened(ids, new, self._traits)
+        velocities = expected_velocities(new, known, self._traits)
+        opened = Targets.opened(ids, new, velocities, self._traits)
         return replace(opened, existence=new.evidence + lead, assured=new.evidence + lead)
 
     def _report(self, tick: Tick) -> Tracks:

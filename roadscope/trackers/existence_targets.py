@@ -115,16 +115,16 @@ class Targets(Rows):
         return found
 
     @staticmethod
-    def opened(ids: np.ndarray, new: Measured, traits: Learned) -> Targets:
-        """Begin to follow N detections, standing still, give or take what speeds are usual."""
+    def opened(ids: np.ndarray, new: Measured, velocities: Gaussians, traits: Learned) -> Targets:
+        """Begin to follow N detections, with (N, 2) velocities expected of them."""
         n, kinds, boxes = len(new), new.categories, new.boxes
         covariances = np.zeros((n, 4, 4))
         covariances[:, :2, :2] = new.errors
-        covariances[:, [2, 3], [2, 3]] = traits.speed_m_s[kinds, None] ** 2
+        covariances[:, 2:, 2:] = velocities.covariances
         votes = np.zeros((n, len(Category)))
         votes[np.arange(n), kinds] = new.scores
         return Targets(
-            ids, Gaussians(np.column_stack([boxes[:, :2], np.zeros((n, 2))]), covariances),
+            ids, Gaussians(np.column_stack([boxes[:, :2], velocities.means]), covariances),
             np.column_stack([boxes[:, 2], (traits.height_m[kinds] * new.growths) ** 2]),
             np.column_stack([boxes[:, 6], (traits.yaw_rad[kinds] * new.growths) ** 2]),
             new.scores, boxes[:, 3:6], new.growths**-2, votes, new.evidence,

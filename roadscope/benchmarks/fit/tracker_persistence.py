@@ -15,6 +15,7 @@ from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.core import Tracks
 from roadscope.core.jit import compiled
 from roadscope.trackers.existence import FURTHEST, SURE, ExistenceTracker
+from roadscope.trackers.existence_priors import Neighbours
 from roadscope.trackers.existence_targets import Measured, Targets
 
 PERSISTENCE = {
@@ -93,8 +94,8 @@ class Recorder(ExistenceTracker):
         self._told = dict(zip(targets.ids.tolist(), pairs, strict=True))
         return super()._confirmed(targets, found, dt)
 
-    def _opened(self, measured: Measured, taken: np.ndarray) -> Targets:
-        opened = super()._opened(measured, taken)
+    def _opened(self, new: Measured, known: Neighbours) -> Targets:
+        opened = super()._opened(new, known)
         for number, evidence in zip(opened.ids.tolist(), opened.existence.tolist(), strict=True):
             self._told[number] = (evidence, 0.0)
         return opened

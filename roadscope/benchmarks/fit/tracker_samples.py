@@ -38,18 +38,21 @@ class Samples:
     """Of one class: N matched detections, M scores, J detections judged, L changes of truth.
 
     errors: (N, 4) along, across the true box, z, heading up to half turns. ranges_m: (N,).
+    fronts: (N,) bool, front and rear not taken for each other.
     log_odds: (M,) of scores.
     graded: (J, 3) log odds of the score, range in metres, 1 for right and 0 for wrong.
-    changes: (L, 4) of velocity along and across, heading, z. periods_s, speeds_m_s: (L,).
+    changes: (L, 4) of velocity along and across, heading, z. periods_s: (L,).
+    velocities: (L, 2) m/s along and across the heading.
     """
 
     errors: np.ndarray
     ranges_m: np.ndarray
+    fronts: np.ndarray
     log_odds: np.ndarray
     graded: np.ndarray
     changes: np.ndarray
     periods_s: np.ndarray
-    speeds_m_s: np.ndarray
+    velocities: np.ndarray
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -62,11 +65,13 @@ def episode_samples(
     gate_m: float,
 ) -> Samples:  # fmt: skip
     """Collect from an episode, detections and truths in the world frame."""
-    errors, ranges, odds, graded = [np.empty((0, 4))], [], [], []
+    errors, ranges, fronts, odds, graded = [np.empty((0, 4))], [], [], [], []
     for found, truth, pairing in zip(detections, truths, pairings, strict=True):
         fate = match(pairing, gate_m)
         errors.append(_errors(found, truth, fate.detected, fate.truth))
         eye = truth.world_from_ego.translation[:2]
+        off = found.yaws[fate.detected] - truth.yaws[fate.truth]
+        fronts.append(np.cos(off) > 0)
         ranges.append(np.hypot(*(truth.centres[fate.truth, :2] - eye).T))
         rows = np.concatenate([fate.detected, fate.false_alarms])
         odds.append(log_odds(found.scores[rows]))
@@ -75,8 +80,9 @@ def episode_samples(
         graded.append(np.column_stack([odds[-1], away, right]))
     changes = _changes(truths)
     return Samples(
-        np.concatenate(errors), np.concatenate(ranges), np.concatenate(odds),
-        np.concatenate(graded), changes[:, :4], changes[:, 4], changes[:, 5],
+        np.concatenate(errors), np.concatenate(ranges), np.concatenate(fronts),
+        np.concatenate(odds), np.concatenate(graded),
+        changes[:, :4], changes[:, 4], changes[:, 5:],
     )  # fmt: skip
 
 
@@ -91,13 +97,13 @@ def _errors(found: Detections, truth: Truth, rows: np.ndarray, columns: np.ndarr
 
 
 def _changes(truths: Sequence[Truth]) -> np.ndarray:
-    """Return (L, 6): changes of velocity along and across, heading, z; period and speed."""
+    """Return (L, 7): changes as in `Samples`, period, velocities likewise."""
     rows = [
         (int(i), t.stamp_s, *t.velocities[k], t.yaws[k], t.centres[k, 2])
         for t in truths for k, i in enumerate(t.ids)
     ]  # fmt: skip
     table = np.array(sorted(rows)).reshape(-1, 6)
-    changes = [np.empty((0, 6))]
+    changes = [np.empty((0, 7))]
     for number in np.unique(table[:, 0]):
         own = table[table[:, 0] == number]
         later = np.searchsorted(own[:, 1], own[:, 1] + WINDOW_S - 1e-6)
@@ -107,7 +113,7 @@ def _changes(truths: Sequence[Truth]) -> np.ndarray:
         changes.append(np.column_stack([
             c * dv[:, 0] + s * dv[:, 1], c * dv[:, 1] - s * dv[:, 0],
             wrap_angle(b[:, 4] - a[:, 4]), b[:, 5] - a[:, 5],
-            b[:, 1] - a[:, 1], np.hypot(a[:, 2], a[:, 3]),
+            b[:, 1] - a[:, 1], c * a[:, 2] + s * a[:, 3], c * a[:, 3] - s * a[:, 2],
         ]))  # fmt: skip
     return np.concatenate(changes)
 

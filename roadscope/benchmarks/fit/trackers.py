@@ -53,9 +53,18 @@ def fitted(samples: Samples, top_speed_m_s: float) -> dict[str, float]:
     values = [
         slope, offset, per_m, *np.maximum(sigmas, LEAST), max(growth, 1e-3),
         *np.maximum(walks, LEAST),
-        max(float(np.sqrt((samples.speeds_m_s**2).mean())), 1.0),
+        *_speeds(samples),
     ]  # fmt: skip
     return dict(zip(FITTED, (round(float(v), 4) for v in values), strict=True))
+
+
+def _speeds(samples: Samples) -> tuple[float, float, float, float]:
+    """Return speed_m_s, cruise_m_s, aside_m_s and front of `Learned`."""
+    along, across = samples.velocities.T
+    usual = max(float(np.sqrt((samples.velocities**2).sum(axis=1).mean())), 1.0)
+    cruise, aside = max(float(along.mean()), LEAST), max(float(np.sqrt((across**2).mean())), 0.1)
+    told = (samples.fronts.sum() + PRIOR) / (len(samples.fronts) + 2 * PRIOR)
+    return usual, cruise, aside, float(told)
 
 
 def spread(errors: np.ndarray, ranges_m: np.ndarray) -> tuple[float, np.ndarray]:

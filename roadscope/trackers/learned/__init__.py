@@ -38,7 +38,9 @@ class Learned(Record):
     accelerate_m_s2, swerve_m_s2: how far velocities wander in a second, standard deviations
         along and across the heading, growing with the root of time.
     turn_rad_s, climb_m_s: likewise heading and z.
-    speed_m_s: standard deviation of speeds.
+    speed_m_s: root mean square of speeds; cruise_m_s: mean of those forward; aside_m_s: root mean
+        square of those across the heading.
+    front: share of detections whose front is at the front.
     top_speed_m_s: what nobody exceeds.
     memory_s: time in which what earlier frames said of existence fades to 1/e.
     score_gain, seen_gain, misfit: log odds of existence lean towards gain * log odds of the
@@ -62,6 +64,9 @@ class Learned(Record):
     turn_rad_s: np.ndarray
     climb_m_s: np.ndarray
     speed_m_s: np.ndarray
+    cruise_m_s: np.ndarray
+    aside_m_s: np.ndarray
+    front: np.ndarray
     top_speed_m_s: np.ndarray
     memory_s: np.ndarray
     score_gain: np.ndarray

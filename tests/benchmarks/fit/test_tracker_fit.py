@@ -14,7 +14,9 @@ def samples(n=4000, seed=0):
     right = rng.random(n) < 1 / (1 + np.exp(2 - 0.7 * odds))
     changes = rng.standard_normal((n, 4)) * (2.0, 1.5, 0.1, 0.2)
     graded = np.column_stack([odds, ranges, right])
-    return Samples(errors, ranges, odds, graded, changes, np.ones(n), rng.uniform(0, 15, n))
+    velocities = np.column_stack([rng.uniform(0, 15, n), rng.normal(0, 0.3, n)])
+    fronts = rng.random(n) < 0.9
+    return Samples(errors, ranges, fronts, odds, graded, changes, np.ones(n), velocities)
 
 
 def test_growth_and_spread_are_found_again():
@@ -47,5 +49,8 @@ def test_a_file_says_what_was_learned(tmp_path):
     traits = learned(str(path))
     assert traits.along_m[0] == pytest.approx(0.1, rel=0.1)
     assert traits.accelerate_m_s2[0] == pytest.approx(2.0, rel=0.05)
+    assert traits.cruise_m_s[0] == pytest.approx(7.5, rel=0.05)
+    assert traits.aside_m_s[0] == pytest.approx(0.3, rel=0.1)
+    assert traits.front[0] == pytest.approx(0.9, abs=0.03)
     assert traits.score_slope[6] == traits.score_slope[0], "too few samples: as the most"
     assert 'origin = "numbers of a test"' in text

@@ -4,12 +4,12 @@ import pytest
 from roadscope.benchmarks.fit.tracker_persistence import (
     PERSISTENCE,
     Lives,
+    Recorder,
     believed,
     loss,
     persistence,
 )
 from roadscope.core import Category, Detections
-from roadscope.trackers.existence import ExistenceTracker
 from roadscope.trackers.learned import learned
 
 VALUES = np.array(list(PERSISTENCE.values()))
@@ -44,20 +44,22 @@ def test_of_too_few_tracks_nothing_is_learned():
 
 
 def test_belief_is_the_trackers_own():
-    """One target that is seen, missed and seen again, at a place that fits."""
+    """One target that is seen and then missed."""
     name, traits = "unknown", learned("unknown")
     values = np.array([getattr(traits, trait)[Category.CAR] for trait in PERSISTENCE])
     pattern = [True, True, True, False, False]
-    tracker, told = ExistenceTracker(traits=name), []
+    tracker, told = Recorder(traits=name), []
     for t, seen in enumerate(pattern):
         found = Detections(
             np.array([[10.0, 0.0, 0.8]]), np.array([[4.5, 1.8, 1.5]]), np.zeros(1),
             np.array([Category.CAR], np.int8), np.array([0.8]), "ego", 0.1 * t,
         )  # fmt: skip
         tracks = tracker.update(found.select(np.full(1, seen)), None)
+        tracker.record(np.zeros(2), 0.1)
         told.append(np.log(tracks.scores[0] / (1 - tracks.scores[0])))
     seen = np.array(pattern)
     odds = np.where(seen, np.log(4.0), 0.0)
     away = np.array([0, 0, 0, 0.1, 0.2])
-    columns = np.column_stack([odds, 0 * odds, np.full(5, 10.0), away, np.full(5, 0.1)])
+    distances = np.array(tracker.rows)[:, 4]
+    columns = np.column_stack([odds, distances, np.full(5, 10.0), away, np.full(5, 0.1)])
     assert believed(np.zeros(5, int), seen, columns, values) == pytest.approx(told, abs=1e-6)
