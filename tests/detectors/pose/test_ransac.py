@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.detectors.pose import axis_difference
-from roadscope.detectors.pose.ransac import _with_corner, fit_ransac
+from roadscope.detectors.pose.ransac import fit_ransac
+from roadscope.detectors.pose.ransac_kernels import with_corner
 
 SIZE = {"length_m": 4.87, "width_m": 1.85}
 ORIGIN = np.zeros(2)
@@ -121,5 +122,5 @@ def test_the_second_face_is_where_most_agree(seed, count):
     behind = ~held & (depths * points[:, 1].mean() > 0) & ((along < low) | (along > high))
     pairs = np.abs(np.subtract.outer(along[behind], along)) <= inlier_m
     most = int((pairs & behind).sum(axis=1).max(initial=0))
-    _, _, second = _with_corner(points, axis, held, ORIGIN, inlier_m)
+    _, _, second = with_corner(points, axis, held, ORIGIN, inlier_m)
     assert second.sum() == (most if most >= 2 else 0)
