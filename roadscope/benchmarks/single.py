@@ -44,7 +44,7 @@ def run_episode(
     episode: Episode,
     *,
     detector: str = "distance-l-shape",
-    tracker: str = "nearest-q-confirmed",
+    tracker: str = "existence",
     eligibility: Eligibility | None = None,
     progress: Progress | None = None,
 ) -> Summary:

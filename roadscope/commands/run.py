@@ -21,7 +21,7 @@ def run_scenario(
     detector: Annotated[
         str, typer.Option(help="A name, module:Class or file.py:Class, with ?argument=value.")
     ] = "distance-l-shape",
-    tracker: Annotated[str, typer.Option(help="Likewise.")] = "nearest-q-confirmed",
+    tracker: Annotated[str, typer.Option(help="Likewise.")] = "existence",
     picture: Annotated[
         Path | None, typer.Option(help="Write a bird's-eye view of the middle frame here.")
     ] = None,
