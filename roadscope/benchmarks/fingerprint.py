@@ -18,6 +18,8 @@ from roadscope.core.registry import Plugin, source_hash
 PACKAGE = Path(__file__).resolve().parents[1]
 LIBRARIES = ("highway-env", "numpy", "scipy", "numba", "filterpy")
 """Whose versions may change a score."""
+KINDS = (".py", ".toml", ".json", ".npz", ".safetensors")
+"""Files that decide: sources, and what was learned."""
 
 
 def fingerprint(value: Any) -> str:
@@ -28,11 +30,15 @@ def fingerprint(value: Any) -> str:
 
 @cache
 def code_hash(*rooms: str) -> str:
-    """Hash all source files of rooms of this package, such as `core`, or single files of it."""
+    """Hash all sources and data of rooms of this package, such as `core`, or single files of it."""
     digest = sha256()
     for room in sorted(rooms):
         place = PACKAGE / room
-        paths = [place] if place.is_file() else sorted(place.rglob("*.py"))
+        paths = (
+            [place]
+            if place.is_file()
+            else sorted(file for file in place.rglob("*.*") if file.suffix in KINDS)
+        )
         if not paths:
             raise FileNotFoundError(f"no source file of the package in {place}")
         for path in paths:
@@ -47,11 +53,24 @@ def sensing_hash() -> str:
 
 
 def plugin_hash(plugin: Plugin[Any]) -> str:
-    """Hash a plug-in's source and arguments; our own count with their whole room."""
+    """Hash a plug-in's source, arguments and files that these name; ours with their whole room."""
     room = str(getattr(plugin.factory, "__module__", "")).split(".")
     shared = code_hash(room[1]) if plugin.ours and len(room) > 1 else ""
     source = _source_of_ours(plugin.factory) if plugin.ours else source_hash(plugin)
-    return fingerprint([source, shared, dict(plugin.arguments)])
+    return fingerprint([source, shared, dict(plugin.arguments), _named_files(plugin.arguments)])
+
+
+def _named_files(arguments: Mapping[str, Any]) -> list[str]:
+    """Return the hashes of files that arguments name, such as learned traits of one's own."""
+    texts = [value for value in arguments.values() if isinstance(value, str)]
+    return [sha256(Path(text).read_bytes()).hexdigest() for text in texts if _is_file(text)]
+
+
+def _is_file(text: str) -> bool:
+    try:
+        return Path(text).is_file()
+    except (OSError, ValueError):
+        return False
 
 
 @cache

@@ -8,6 +8,7 @@ import pytest
 from roadscope.benchmarks import fingerprint as module
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, package_version, plugin_hash
 from roadscope.detectors import DETECTORS
+from roadscope.trackers import TRACKERS
 
 
 @dataclass
@@ -50,6 +51,15 @@ def test_fingerprints_do_not_depend_on_the_process() -> None:
 def test_arguments_and_class_tell_plug_ins_apart() -> None:
     specs = ["pag", "distance", "distance?distance_m=0.7", "distance?split_m=0.2"]
     assert len({plugin_hash(DETECTORS.resolve(spec)) for spec in specs}) == len(specs)
+
+
+def test_a_file_that_an_argument_names_counts_by_content(tmp_path) -> None:
+    traits = tmp_path / "mine.toml"
+    traits.write_text("one")
+    plugin = TRACKERS.resolve(f"existence?traits={traits}")
+    before = plugin_hash(plugin)
+    traits.write_text("two")
+    assert plugin_hash(plugin) != before
 
 
 def test_code_is_hashed_file_by_file(tmp_path, monkeypatch) -> None:

@@ -42,6 +42,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[list[str]
         ("envs/traffic/driving.py", [True, True]),
         ("detectors/clustering/pag.py", [True, True]),
         ("trackers/nearest.py", [False, True]),
+        ("trackers/learned/unknown.toml", [False, True]),
         ("benchmarks/eligibility.py", [True, True]),
         ("benchmarks/episode.py", [True, True]),
         ("benchmarks/parked.py", [True, True]),
