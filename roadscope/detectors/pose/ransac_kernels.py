@@ -155,7 +155,10 @@ def _mean(points: np.ndarray) -> np.ndarray:
 @compiled()
 def _along(points: np.ndarray, start: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """Return (N,) places along a unit axis from a start."""
-    return (points[:, 0] - start[0]) * axis[0] + (points[:, 1] - start[1]) * axis[1]
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        out[i] = (points[i, 0] - start[0]) * axis[0] + (points[i, 1] - start[1]) * axis[1]
+    return out
 
 
 @compiled()
