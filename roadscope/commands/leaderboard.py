@@ -33,7 +33,7 @@ def leaderboard(
         str | None,
         typer.Option(
             help="Show it by this too: range, category, occlusion, points or score (detection), "
-            "weather or scenario (both boards)."
+            "detector (tracking), weather or scenario (both), alpha or sequence (--kitti)."
         ),
     ] = None,
     jobs: Jobs = 0,
@@ -51,6 +51,13 @@ def leaderboard(
             "det_NAME/Car, ego_pose or oxts."
         ),
     ] = None,
+    tracks: Annotated[
+        Path | None,
+        typer.Option(
+            help="With --kitti: folder for every tracker's tracks, kitti/TRACKER/SEQ.txt and "
+            "motchallenge/TRACKER/CLASS/SEQ.txt."
+        ),
+    ] = None,
 ) -> None:
     """Rank detectors and trackers on a suite of traffic.
 
@@ -59,12 +66,14 @@ def leaderboard(
     An entry that fails becomes a row with its reason.
     """
     from roadscope.benchmarks.boards.results import check_breakdown
-    from roadscope.benchmarks.jobs.plan import BOARDS
+    from roadscope.benchmarks.boards.track_files import save_tracks
+    from roadscope.benchmarks.jobs.plan import BOARDS, plan
     from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
     from roadscope.benchmarks.runner import run
 
     boards = BOARDS if board is None else (board,)
     conditions = _conditions(suite, kitti)
+    _check_tracks(tracks, kitti)
     if by is not None and set(boards) <= set(BOARDS):
         check_breakdown(by, boards if kitti is None else KITTI_BOARDS)
     with progress_bars() as progress:
@@ -78,9 +87,14 @@ def leaderboard(
             fresh=fresh,
             progress=progress,
         )
+        if tracks is not None:
+            jobs_done = plan(conditions, entry or (), boards, only=only).tracking
+            save_tracks(jobs_done, tracks, workers=workers(jobs), progress=progress)
     _show(results, conditions, by)
     if out is not None:
         typer.echo(f"written: {out / 'leaderboard.json'}")
+    if tracks is not None:
+        typer.echo(f"written: {tracks}")
     if results.barren():
         raise typer.Exit(1)
 
@@ -97,6 +111,16 @@ def _conditions(suite: str, kitti: Path | None) -> Any:
     if suite not in (KITTI, DEFAULT_SUITE):
         raise ValueError(f"--kitti is a suite of its own; leave --suite {suite} out")
     return kitti_suite(kitti)
+
+
+def _check_tracks(tracks: Path | None, kitti: Path | None) -> None:
+    """Refuse a folder for tracks that nothing would be written to, before anything runs."""
+    from roadscope.benchmarks.cache import usable_folder
+
+    if tracks is not None and kitti is None:
+        raise ValueError("--tracks writes tracks of recorded data: name its folder with --kitti")
+    if tracks is not None:
+        usable_folder(tracks)
 
 
 def _show(results: Any, loaded: Any, by: str | None) -> None:

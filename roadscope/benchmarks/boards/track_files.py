@@ -1,0 +1,130 @@
+"""Tracks of recorded sequences as result files of KITTI and of MOTChallenge."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.cache import usable_folder, write_atomically
+from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
+from roadscope.benchmarks.formats.kitti_objects import KittiObjects
+from roadscope.benchmarks.formats.motchallenge import MotRows, mot_rows, save_mot
+from roadscope.benchmarks.jobs.job import Job
+from roadscope.benchmarks.jobs.stack import EntryError, prints_aside, track
+from roadscope.benchmarks.jobs.workers import in_parallel
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.recorded.recording import Recording, replayed, sequence_of
+from roadscope.core import Tracks
+from roadscope.trackers import TRACKERS
+
+KITTI_FOLDER, MOT_FOLDER = "kitti", "motchallenge"
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """Jobs of one tracker on one sequence, one of each class, and where their tracks go."""
+
+    jobs: tuple[Job, ...]
+    folder: Path
+    name: str
+
+
+def save_tracks(
+    jobs: Sequence[Job],
+    folder: Path | str,
+    *,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> list[str]:
+    """Run trackers on recorded sequences and write what they tell; return who is left out.
+
+    jobs: of recorded sequences, as `recorded_jobs` makes them.
+    folder: gets `kitti/TRACKER/SEQ.txt`, all classes in one file, and
+        `motchallenge/TRACKER/CLASS/SEQ.txt`, for results in that format have no class. Boxes in the
+        image are those around the projected boxes; tracks that the image does not show are left
+        out. One that cannot be written to raises `FolderError`.
+
+    A tracker that fails on a sequence has no files of it.
+    """
+    root = usable_folder(folder)
+    names = folder_names([job.entry for job in jobs])
+    groups: dict[tuple[str, str], list[Job]] = {}
+    for job in jobs:
+        if isinstance(job.episode, Recording):
+            groups.setdefault((job.entry, job.episode.sequence), []).append(job)
+    tasks = [_Task(tuple(group), root, names[entry]) for (entry, _), group in groups.items()]
+    failed = []
+    told = progress or silent
+    for done, (index, proper) in enumerate(in_parallel(_save, tasks, workers), start=1):
+        told("tracks", done, len(tasks))
+        if not proper:
+            failed.append(tasks[index].jobs[0].entry)
+    return list(dict.fromkeys(failed))
+
+
+def folder_names(entries: Sequence[str]) -> Mapping[str, str]:
+    """Return a name that every file system takes for each entry, no two alike."""
+    names: dict[str, str] = {}
+    for entry in dict.fromkeys(entries):
+        plain = name = re.sub(r"[^\w.=+-]+", "_", entry).strip("._") or "tracker"
+        while name.lower() in {known.lower() for known in names.values()}:
+            name = f"{plain}_{len(names)}"
+        names[entry] = name
+    return names
+
+
+@prints_aside()
+def _save(task: _Task) -> bool:
+    """Track one sequence and write its files, or say that the tracker failed."""
+    kitti: list[list[KittiObjects]] = []
+    next_id = 0
+    for job in task.jobs:
+        recording, spec = job.episode, job.tracker
+        assert isinstance(recording, Recording)
+        assert spec is not None
+        if TRACKERS.missing(spec):
+            return False
+        try:
+            tracks, _ = track(spec, replayed(recording))
+        except EntryError:
+            return False
+        rows, boxed = _rows(tracks, recording)
+        _write_mot(task, recording, boxed)
+        # Each class had a tracker of its own, but a file has each id once.
+        kitti.append([_renumbered(row, next_id) for row in rows])
+        next_id += 1 + max((int(row.ids.max(initial=-1)) for row in rows), default=-1)
+        sequence = recording.sequence
+    path = task.folder / KITTI_FOLDER / task.name / f"{sequence}.txt"
+    merged = [row for frame in zip(*kitti, strict=True) for row in frame]
+    write_atomically(path, lambda part: save_results(part, merged))
+    return True
+
+
+def _rows(
+    tracks: Sequence[Tracks], recording: Recording
+) -> tuple[list[KittiObjects], list[MotRows]]:
+    """Return the rows of every frame in either format."""
+    sequence = sequence_of(recording)
+    view = sequence.calibration.projection, sequence.image_size
+    kitti, boxed = [], []
+    for t, (told, pose) in enumerate(zip(tracks, sequence.world_from_ego, strict=True)):
+        rows = kitti_objects(told, t, pose, *view)
+        boxes = np.zeros((len(told), 4))
+        boxes[np.isin(told.ids, rows.ids)] = rows.boxes
+        kitti.append(rows)
+        boxed.append(mot_rows(told, t + 1, boxes))
+    return kitti, boxed
+
+
+def _write_mot(task: _Task, recording: Recording, rows: Sequence[MotRows]) -> None:
+    place = task.folder / MOT_FOLDER / task.name / recording.category
+    write_atomically(place / f"{recording.sequence}.txt", lambda part: save_mot(part, rows))
+
+
+def _renumbered(rows: KittiObjects, first: int) -> KittiObjects:
+    """Return rows whose ids are raised by `first`."""
+    return replace(rows, ids=rows.ids + first)
