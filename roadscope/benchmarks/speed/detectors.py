@@ -30,8 +30,14 @@ GOALS_MS = {"hdl64e": 100.0, "hdl32e": 100.0, "lux": 5.0}
 """What a detector may take for a frame."""
 SEED = 17
 """Of the training seeds."""
-SCENES = (("motorway", "clear"), ("dense-motorway", "clear"), ("motorway", "fog"))
-"""Scenarios and weathers on which whole detectors run: much that moves, and drops."""
+SCENES = (
+    ("motorway", "clear"),
+    ("dense-motorway", "clear"),
+    ("intersection", "clear"),
+    ("parking-lot", "clear"),
+    ("motorway", "fog"),
+)
+"""Scenarios and weathers on which whole detectors run: much that moves or stands, and drops."""
 FRAMES, LEAD = 12, 4
 """Frames of a drive, and how many of them are not timed: a detector that looks for motion
 answers nothing before it has seen a few."""
@@ -108,7 +114,7 @@ def measure_detectors(
     """Measure whole detectors: median of the slowest scene, slowest frame, and who is too slow.
 
     names: specs of detectors; None: all that are registered. scenes: scenarios with weathers.
-    Too slow is one whose median in any of the scenes is above `GOALS_MS`.
+    Too slow is one that takes longer than `GOALS_MS` for any frame, by the median of its repeats.
     """
     drives = [driven_frames(rig, FRAMES, scene)[0] for scene in scenes]
     goal_ms = GOALS_MS[rig]
@@ -116,9 +122,11 @@ def measure_detectors(
     for name in DETECTORS.names() if names is None else names:
         times_ms, found = timed_frames(name, drives, repeats)
         median_ms = float(np.median(times_ms, axis=1).max())
+        slowest_ms = float(times_ms.max())
         row = SpeedRow(f"detector {name}, {rig}", median_ms, f"ms of {goal_ms:g}")
-        rows += [row, SpeedRow(f"{row.name}, slowest frame", float(times_ms.max()), row.unit)]
-        late += [SpeedRow(f"too slow, {rig}: {name}", median_ms, row.unit)] * (median_ms > goal_ms)
+        rows += [row, SpeedRow(f"{row.name}, slowest frame", slowest_ms, row.unit)]
+        if slowest_ms > goal_ms:
+            late.append(SpeedRow(f"too slow, {rig}: {name}", slowest_ms, row.unit))
         fewest = min(fewest, found)
     count = len(rows) // 2
     return [
@@ -136,7 +144,8 @@ def timed_frames(
 ) -> tuple[np.ndarray, float]:
     """Run a detector over drives, the first once untimed before.
 
-    Returns (drives, repeats x frames) ms of the frames from `LEAD` on, and detections a frame.
+    Returns (drives, frames) ms of the frames from `LEAD` on, each the median of its repeats, and
+    detections a frame.
     """
     detector, found = DETECTORS.make(name), 0
     times_ms = np.empty((len(drives), repeats, len(drives[0]) - LEAD))
@@ -144,7 +153,7 @@ def timed_frames(
     for row, column in np.ndindex(len(drives), repeats):
         times_ms[row, column], count = _drive(detector, drives[row])
         found += count
-    return times_ms.reshape(len(drives), -1), found / times_ms.size
+    return np.median(times_ms, axis=1), found / times_ms.size
 
 
 def _drive(detector: Detector, frames: Sequence[Frame]) -> tuple[list[float], int]:
