@@ -31,6 +31,10 @@ KITTI_COLUMNS: Columns = {
     "samota_3d": ("sAMOTA\n3-D", 3),
     "hota_centre": ("HOTA\ncentre", 3),
     "mota_3d": ("MOTA\n3-D", 3),
+    "position_rmse_m": ("pos.\nm", 2),
+    "heading_rmse_deg": ("head.\ndeg", 1),
+    "nees_position": ("NEES", 2),
+    "nees_in_band": ("in\nband", 2),
     "call_p50_ms": ("ms\np50", 2),
     "call_p99_ms": ("ms\np99", 2),
 }
@@ -72,6 +76,8 @@ COLUMNS: Mapping[str, Columns] = {
         "gospa_m": ("GOSPA\nm", 2),
         "heading_rmse_deg": ("head.\ndeg", 1),
         "inside_state": ("in\n95 %", 2),
+        "nees_position": ("NEES", 2),
+        "nees_in_band": ("in\nband", 2),
         "call_p50_ms": ("ms\np50", 2),
         "call_p99_ms": ("ms\np99", 2),
     },
@@ -86,11 +92,14 @@ WIDER: Mapping[str, Sequence[str]] = {
     ),
     "tracking": (
         "velocity_rmse_m_s", "motp_m", "fragmentations", "call_p99_ms", "ass_a", "det_a", "samota",
-         "gospa_m", "inside_state", "heading_rmse_deg",
+        "gospa_m", "inside_state", "heading_rmse_deg", "nees_position", "nees_in_band",
     ),
     **dict.fromkeys(
         KITTI_BOARDS,
-        ("ass_a", "det_a", "samota_3d", "hota_centre", "fragmentations", "mota_3d", "call_p99_ms"),
+        (
+            "ass_a", "det_a", "samota_3d", "nees_position", "nees_in_band", "hota_centre",
+            "position_rmse_m", "fragmentations", "mota_3d", "call_p99_ms", "heading_rmse_deg",
+        ),
     ),
 }  # fmt: skip
 """What only wide terminals show, in the order in which it comes with the width; all of it and
@@ -104,12 +113,21 @@ ENTRY = {
 
 Explained = Sequence[tuple[Sequence[str], str]]
 
+NEES_EXPLAINED = (
+    ("nees_position",), "NEES: of positions, over its degrees of freedom; 1 when consistent, more "
+    "when tracks are too sure.",
+)  # fmt: skip
+
 KITTI_EXPLAINED: Explained = (
     (("hota",), "HOTA, MOTA, IDF1: image boxes, all sequences as one (KITTI's rules)."),
     ((OFFLINE,), "pass: online, or offline with all frames at hand."),
     (("hota_3d", "samota_3d", "mota_3d"), "3-D: IoU in space, from 0.25."),
     (("samota_3d",), "sAMOTA: mean of sequences."),
     (("hota_centre",), "centre: seen from above, gate 2 m."),
+    (("position_rmse_m",), "pos.: RMSE of matches by centres."),
+    (("heading_rmse_deg",), "head.: the same, front and rear told apart."),
+    NEES_EXPLAINED,
+    (("nees_in_band",), "in band: sequences whose NEES lies in its 95 % band, share."),
     (("id_switches", "fragmentations"), "Counts: per sequence."),
 )
 
@@ -136,6 +154,8 @@ EXPLAINED: Mapping[str, Explained] = {
         (("gospa_m",), "GOSPA: order 1, cut-off 2 m, per frame."),
         (("inside_state",), "in 95 %: objects within their tracks' 95 % ellipses."),
         (("heading_rmse_deg",), "head.: RMSE of matches, front and rear told apart."),
+        NEES_EXPLAINED,
+        (("nees_in_band",), "in band: episodes whose NEES lies in its 95 % band, share."),
     ),
     **dict.fromkeys(KITTI_BOARDS, KITTI_EXPLAINED),
 }

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from roadscope.benchmarks.formats.kitti import KittiSequence
 from roadscope.benchmarks.formats.kitti_export import kitti_objects
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
@@ -15,15 +17,27 @@ from roadscope.benchmarks.metrics.tracking.clear import count
 from roadscope.benchmarks.metrics.tracking.following import follow
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
+from roadscope.benchmarks.metrics.tracking.scores import consistency_scores, state_scores
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.metrics.tracking.states import state_errors
 from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
-from roadscope.core import Tracks
+from roadscope.core import Tracks, Truth
+
+STATES = (
+    "position_rmse_m", "heading_rmse_deg", "heading_reversed", "nees_position", "nees_in_band",
+    "inside_position",
+)  # fmt: skip
+"""Scores of states; labels say nothing of velocities, whose differences are as rough as they."""
 
 
 def kitti_scores(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[str, Score]:
     """Return scores by image boxes, by 3-D boxes and by centres, each over KITTI's rules.
 
-    tracks: one record a frame, those that the tracker is sure of, of the sequence's class.
+    Errors of states are those of tracks and objects that follow one another by centres, seen from
+    above, gate 2 m.
+
+    tracks: one record a frame, those that the tracker is sure of, of the sequence's class, world
+        frame.
     """
     view = sequence.calibration.projection, sequence.image_size
     rows = [
@@ -37,7 +51,35 @@ def kitti_scores(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[str,
         found = sequence_scores(counted, threshold)
         scores |= {f"{metric}{suffix}": score for metric, score in found.items()}
         scores |= alpha_parts(hota(counted), suffix)
+        if name == "centre":
+            scores |= label_errors(tracks, sequence.truths, counted, threshold)
     return scores
+
+
+def label_errors(
+    tracks: Sequence[Tracks],
+    truths: Sequence[Truth],
+    counted: TrackedSequence,
+    threshold: float,
+) -> dict[str, Score]:
+    """Return how far tracks are off the labels, in the world frame, and whether they know it."""
+    following = follow(counted, threshold)
+    followers, objects = counted.track_ids[following.columns], counted.truth_ids[following.rows]
+    ends = np.searchsorted(following.frames, np.arange(len(counted) + 1))
+    pairs = [
+        (_rows_of(followers[a:b], told.ids), _rows_of(objects[a:b], truth.ids))
+        for told, truth, a, b in zip(tracks, truths, ends[:-1], ends[1:], strict=True)
+    ]
+    errors = state_errors(tracks, truths, pairs)
+    every = state_scores(errors) | consistency_scores(errors, len(np.unique(objects)))
+    return {name: every[name] for name in STATES}
+
+
+def _rows_of(wanted: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Return (K,) int64, where each wanted id is among unique ids."""
+    order = np.argsort(ids)
+    rows: np.ndarray = order[np.searchsorted(ids, wanted, sorter=order)]
+    return rows
 
 
 def sequence_scores(sequence: TrackedSequence, threshold: float) -> dict[str, Score]:

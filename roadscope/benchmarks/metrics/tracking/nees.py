@@ -38,14 +38,24 @@ class Nees(Record):
         bound = chi_square(LEVEL, self.freedom)
         return float((self.values <= bound).mean()) if len(self) else float("nan")
 
-    def band(self, level: float = LEVEL) -> tuple[float, float]:
+    def band(self, level: float = LEVEL, independent: int | None = None) -> tuple[float, float]:
         """Return between what the mean of as many independent values lies so often.
 
-        Errors of one track in successive frames are not independent: the true band is wider.
+        independent: how many of the values are; None: all of them. Errors of one track in
+            successive frames are not: with the number of tracks the band is the widest possible.
         """
-        freedom, n = self.freedom * len(self), max(len(self), 1)
+        n = len(self) if independent is None else independent
+        freedom, n = self.freedom * n, max(n, 1)
         tail = (1 - level) / 2
         return chi_square(tail, freedom) / n, chi_square(1 - tail, freedom) / n
+
+    def in_band(self, tracks: int) -> bool:
+        """Say whether the mean lies in its 95 % band, each of so many tracks taken for one value.
+
+        False without any values.
+        """
+        low, high = self.band(independent=tracks)
+        return low <= self.mean <= high
 
 
 def nees(errors: StateErrors, *, velocity: bool = False) -> Nees:

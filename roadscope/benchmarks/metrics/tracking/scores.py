@@ -56,6 +56,8 @@ class TrackingScores(ScoreFamily):
     heading_reversed: share of them whose heading is off by more than a right angle.
     nees_position, nees_state: NEES over its degrees of freedom, of position, and of position and
         velocity: 1 when consistent, more when tracks are too sure of themselves.
+    nees_in_band: 1 where the mean NEES of position lies in its 95 % band, each object's errors
+        taken for one value, as those of successive frames are alike; else 0.
     inside_position, inside_state: share of matched tracks whose object lies within their 95 %
         ellipse: 0.95 when consistent.
     """
@@ -95,6 +97,7 @@ class TrackingScores(ScoreFamily):
     heading_reversed: Score
     nees_position: Score
     nees_state: Score
+    nees_in_band: Score
     inside_position: Score
     inside_state: Score
 
@@ -126,8 +129,8 @@ def score_tracks(
         **_averaged_scores(sequence, threshold),
         **_set_scores(sequence),
         **_recovery_scores(sequence, following),
-        **_state_scores(errors),
-        **_consistency_scores(errors),
+        **state_scores(errors),
+        **consistency_scores(errors, len(np.unique(following.objects))),
     )
 
 
@@ -189,7 +192,8 @@ def _recovery_scores(sequence: TrackedSequence, following: Following) -> dict[st
     }
 
 
-def _state_scores(errors: StateErrors) -> dict[str, Score]:
+def state_scores(errors: StateErrors) -> dict[str, Score]:
+    """Return errors of position, velocity and heading of matched tracks."""
     n = len(errors)
     squares = float((np.degrees(errors.headings) ** 2).sum())
     return {
@@ -200,13 +204,17 @@ def _state_scores(errors: StateErrors) -> dict[str, Score]:
     }
 
 
-def _consistency_scores(errors: StateErrors) -> dict[str, Score]:
+def consistency_scores(errors: StateErrors, objects: int) -> dict[str, Score]:
+    """Return NEES, and how often objects lie within ellipses; objects: how many were followed."""
     scores: dict[str, Any] = {}
     for name, velocity in (("position", False), ("state", True)):
         found = nees(errors, velocity=velocity)
         total = float(found.values.sum()) / found.freedom
         scores[f"nees_{name}"] = mean(total, len(found), "1")
         scores[f"inside_{name}"] = _share_of(found.inside * len(found), len(found))
+        if not velocity:
+            within = float(found.in_band(objects)) if len(found) else math.nan
+            scores["nees_in_band"] = Score(within, "1", "higher", len(found), 0.0, 1.0)
     return scores
 
 

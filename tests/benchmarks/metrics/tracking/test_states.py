@@ -87,3 +87,12 @@ def test_consistent_errors_lie_in_the_band(velocity) -> None:
 def test_quantiles_as_scipy_has_them(freedom, probability) -> None:
     assert chi_square(probability, freedom) == pytest.approx(chi2.ppf(probability, freedom))
     assert Nees(np.zeros(1), freedom).band()[0] == pytest.approx(chi2.ppf(0.025, freedom))
+
+
+def test_values_that_go_together_widen_the_band() -> None:
+    found = nees(drawn(4000, 1.2))
+    assert not found.in_band(4000)
+    assert found.in_band(50)
+    assert not nees(drawn(4000, 8.0)).in_band(50)
+    assert not nees(drawn(0, 1.0)).in_band(0)
+    assert found.band(independent=4000) == found.band()

@@ -1,0 +1,71 @@
+"""How far tracks are off recorded labels, and whether they know it."""
+
+import math
+
+import numpy as np
+import pytest
+from toy_kitti import write_kitti
+
+from roadscope.benchmarks.formats import read_sequence
+from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
+from roadscope.core import Tracks, TrackState
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    return read_sequence(write_kitti(tmp_path_factory.mktemp("kitti")), "0000")
+
+
+def told(sequence, off_m=0.3, turned=0.0, variance=0.045, backwards=False):
+    """Tracks of the labelled objects, off along x, with this variance of x and of y."""
+    records = []
+    for truth in sequence.truths:
+        n = len(truth)
+        order = np.arange(n)[::-1] if backwards else np.arange(n)
+        records.append(
+            Tracks(
+                truth.ids[order] + 100, truth.centres[order] + [off_m, 0, 0], truth.sizes[order],
+                truth.yaws[order] + turned, truth.velocities[order],
+                np.tile(variance * np.eye(4), (n, 1, 1)), truth.categories[order], np.ones(n),
+                np.full(n, TrackState.CONFIRMED), "world", truth.stamp_s,
+            )
+        )  # fmt: skip
+    return records
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_errors_of_states_are_those_that_were_put_in(sequence, backwards):
+    scores = kitti_scores(told(sequence, turned=0.1, backwards=backwards), sequence)
+    assert scores["position_rmse_m"].value == pytest.approx(0.3)
+    assert scores["heading_rmse_deg"].value == pytest.approx(math.degrees(0.1))
+    assert scores["heading_reversed"].value == 0
+    assert scores["position_rmse_m"].n == scores["nees_position"].n > 30
+
+
+@pytest.mark.parametrize(
+    ("variance", "ratio", "within"), [(0.045, 1.0, 1.0), (0.0045, 10.0, 0.0), (1.8, 0.025, 0.0)]
+)
+def test_nees_says_whether_tracks_are_too_sure(sequence, variance, ratio, within):
+    """0.3 m along x: 0.09 / variance, of two degrees of freedom."""
+    scores = kitti_scores(told(sequence, variance=variance), sequence)
+    assert scores["nees_position"].value == pytest.approx(ratio)
+    assert scores["nees_in_band"].value == within
+
+
+def test_turned_round_is_told_from_turned(sequence):
+    scores = kitti_scores(told(sequence, turned=np.pi), sequence)
+    assert scores["heading_reversed"].value == 1
+
+
+def test_without_a_covariance_there_is_no_nees(sequence):
+    scores = kitti_scores(told(sequence, variance=0.0), sequence)
+    assert math.isnan(scores["nees_position"].value)
+    assert math.isnan(scores["nees_in_band"].value)
+    assert scores["position_rmse_m"].value == pytest.approx(0.3)
+
+
+def test_without_tracks_there_are_no_errors(sequence):
+    nothing = [Tracks.empty(truth.stamp_s, "world") for truth in sequence.truths]
+    scores = kitti_scores(nothing, sequence)
+    assert math.isnan(scores["position_rmse_m"].value)
+    assert scores["mota_centre"].value == 0
