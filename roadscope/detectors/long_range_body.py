@@ -35,9 +35,15 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 BUDGET, COARSE_RAYS = 48, 40
 """Returns of a vehicle beyond which neighbours are joined, and rays of a first fit: ten vehicles
 are fitted in a tenth of a second."""
-FINE_M = (0.04, 0.01, 0.0)
-"""Rounds of the second fit, which begins near its end. The first one, of the pose alone, looks
-around each step's end; without that its headings on four beams are half as far off again."""
+FIRST_M, NEXT_M, LAST_M = (
+    (0.25, 0.1, 0.04, 0.01, 0.0),
+    (0.04, 0.01, 0.0),
+    (0.04, 0.02, 0.01, 0.0, 0.0),
+)
+"""Rounds of the first fits, of the pose alone, of the next ones and of the last one, which alone
+looks both ways and all around: without that its headings on four beams are a tenth farther off."""
+AROUND = 4
+"""Places that a first fit tries around each step's end."""
 MARK_M = 0.15
 """Scatter of the mark that a vehicle is followed by; from it follows how well its way is known."""
 HEADING_RAD = np.radians(10.0)
@@ -141,17 +147,17 @@ def _likeliest(sighting: BodySighting, model: BodyModel, way: Way) -> VehiclePos
     points = points_of(sighting.rays, step)
     guesses = _by_way(starts(points, sighting.origin, model), way)
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, CHANCES, np.arange(3))
-    rough = descend(_going(coarse, way), guesses, ways=1)
+    rough = descend(_going(coarse, way), guesses, FIRST_M, around=AROUND, ways=1)
     problem = _going(still_problem(sighting.rays, model, CHANCES), way)
     likely = rough.vectors[rough.costs <= rough.costs.min() + CLOSE]
     begin = np.zeros((len(likely), len(problem.free)))
     begin[:, :3] = likely
-    fine = descend(problem, begin, FINE_M, around=0, ways=1)
-    best = int(np.argmin(fine.costs))
-    lengths, widths = model.sizes(problem.whole(fine.vectors)[:, POSE:])
-    x, y, yaw = fine.vectors[best, :3]
-    size = float(lengths[best]), float(widths[best])
-    return VehiclePose(float(x), float(y), float(yaw), *size, score=-float(fine.costs[best]))
+    fine = descend(problem, begin, NEXT_M, around=0, ways=1)
+    last = descend(problem, fine.vectors[np.argmin(fine.costs)][None], LAST_M)
+    lengths, widths = model.sizes(problem.whole(last.vectors)[:, POSE:])
+    x, y, yaw = last.vectors[0, :3]
+    size = float(lengths[0]), float(widths[0])
+    return VehiclePose(float(x), float(y), float(yaw), *size, score=-float(last.costs[0]))
 
 
 def _by_way(guesses: np.ndarray, way: Way) -> np.ndarray:

@@ -52,8 +52,19 @@ def descend(
     around: places around each step's end that are tried too. ways: in which values are moved to
     see what follows, 2 or, for half the work, 1.
     """
-    model, free = problem.model, problem.free
-    space = Space(
+    space = space_of(problem, around=around, ways=ways)
+    starts = np.ascontiguousarray(vectors, np.float64)
+    told = problem.rays, Rules(LIMIT, problem.chances.edge_m)
+    best, normals, costs = descended(
+        starts, np.array([*slacks, 0.0]), drawn(problem.model), space, told
+    )
+    return Best(best, normals, costs)
+
+
+def space_of(problem: Problem, *, around: int, ways: int) -> Space:
+    """Return where a problem is searched; arguments as in `descend`."""
+    free = problem.free
+    return Space(
         free,
         problem.fixed,
         1.0 / problem.prior[free] ** 2,
@@ -63,14 +74,11 @@ def descend(
         SHARES,
         ways,
     )
-    starts = np.ascontiguousarray(vectors, np.float64)
-    told = problem.rays, Rules(LIMIT, problem.chances.edge_m)
-    best, normals, costs = descended(starts, np.array([*slacks, 0.0]), _drawn(model), space, told)
-    return Best(best, normals, costs)
 
 
 @cache
-def _drawn(model: BodyModel) -> Drawn:
+def drawn(model: BodyModel) -> Drawn:
+    """Return a body as kernels draw it."""
     return Drawn(
         np.array([model.length_m, model.width_m]),
         np.array(model.storeys),

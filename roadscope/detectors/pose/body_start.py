@@ -21,12 +21,13 @@ def starts(points: np.ndarray, origin: np.ndarray, model: BodyModel) -> np.ndarr
 
     points: (N, 2) metres, N at least 1. origin: (2,) metres, the sensor.
     """
-    points = points[:: -(-len(points) // MOST)]
-    return np.asarray(_starts(points, origin, model.length_m[0], model.width_m[0]))
+    return np.asarray(along_sides(points, origin, model.length_m[0], model.width_m[0]))
 
 
 @compiled()
-def _starts(points: np.ndarray, origin: np.ndarray, length: float, width: float) -> np.ndarray:
+def along_sides(points: np.ndarray, origin: np.ndarray, length: float, width: float) -> np.ndarray:
+    """Return what `starts` does, of a body's length and width in metres."""
+    points = points[:: -(-len(points) // MOST)]
     out, first = np.empty((4, 3)), _direction(points, origin)
     for k in range(4):
         yaw = first + k * 0.5 * np.pi
