@@ -10,7 +10,7 @@ from roadscope.core.jit import compiled
 
 TURNS = 12
 """Headings tried over half a turn: 7.5 degrees off, the box is still wider than a car."""
-STRIDE = 2
+STRIDE = 3
 """Cells from one place of the box to the next."""
 BINS, BIN_M = 24, 0.4
 GAP_BINS, DEEP_BINS = 2, 5
