@@ -6,7 +6,7 @@ has a filterpy filter for every target, each with its own small matrices; that i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from time import process_time
 
 import numpy as np
@@ -17,8 +17,17 @@ from roadscope.trackers import TRACKERS
 from roadscope.trackers.api import OfflineTracker, is_offline
 
 COUNTS = (10, 50, 200, 500)
-GOALS_MS = {200: 1.0}
-"""What a whole update may take with so many targets."""
+CROWD = 12
+"""Targets that are all within one another's gates."""
+PITCH_M = 0.25
+"""How far apart they stand: nearer than bodies allow, so that every detection may be of each."""
+EVERY = ""
+GOALS_MS: Mapping[tuple[str, str], float] = {
+    (EVERY, "200 targets"): 1.0,
+    ("jpda", "50 targets"): 2.0,
+    ("jpda", "12 crowded targets"): 10.0,
+}
+"""What a whole update of a tracker, or of every one, may take in a scene: median and p90."""
 PASS_UNIT = "ms a frame"
 """Of what is done once, after the last frame."""
 PERIOD_S = 0.1
@@ -62,10 +71,30 @@ def _detected(
     )  # fmt: skip
 
 
+def crowd(frames: int = FRAMES, seed: int = 0) -> Iterator[Seen]:
+    """Yield detections of `CROWD` people who walk on together, and the standing ego's pose."""
+    rng = np.random.default_rng(seed)
+    across = int(np.sqrt(CROWD))
+    start = PITCH_M * np.column_stack(np.divmod(np.arange(CROWD), across)) + [10.0, 0.0]
+    for k in range(frames):
+        places = start + [k * PERIOD_S, 0.0] + 0.1 * rng.standard_normal((CROWD, 2))
+        yield Detections(
+            np.column_stack([places, np.full(CROWD, 0.9)]), np.tile([0.6, 0.6, 1.8], (CROWD, 1)),
+            np.zeros(CROWD), np.full(CROWD, Category.PEDESTRIAN), np.full(CROWD, 0.9), "ego",
+            k * PERIOD_S,
+        ), Pose.planar(0.0, 0.0, 0.0)  # fmt: skip
+
+
+def scenes(counts: Sequence[int], frames: int) -> dict[str, list[Seen]]:
+    """Return what trackers are measured on, by name."""
+    traffic = {f"{count} targets": list(seen_traffic(count, frames)) for count in counts}
+    return {**traffic, f"{CROWD} crowded targets": list(crowd(frames))}
+
+
 def measure_trackers(
     names: Sequence[str] | None = None, counts: Sequence[int] = COUNTS, frames: int = FRAMES
 ) -> list[SpeedRow]:
-    """Measure whole updates: median, 99th percentile, and who misses the goal.
+    """Measure whole updates: median, 90th and 99th percentile, and who misses a goal.
 
     Of offline trackers, whose updates are those of an online one, the pass at the end is measured.
 
@@ -74,22 +103,29 @@ def measure_trackers(
     """
     rows: list[SpeedRow] = []
     late: list[SpeedRow] = []
+    episodes = scenes(counts, frames)
     for name in own_trackers() if names is None else names:
-        for count in counts:
-            what, episode = f"tracker {name}, {count} targets", list(seen_traffic(count, frames))
+        for scene, episode in episodes.items():
+            what = f"tracker {name}, {scene}"
             if is_offline(TRACKERS.resolve(name).factory):
                 took_ms = timed_pass(name, episode)
                 rows.append(SpeedRow(f"{what}, pass at the end", took_ms, PASS_UNIT))
                 continue
-            times_ms = timed_updates(name, episode)
-            middle, worst = np.percentile(times_ms, [50, 99]).tolist()
-            goal_ms = GOALS_MS.get(count, np.inf)
-            unit = f"ms of {goal_ms:g}" if count in GOALS_MS else "ms"
-            row = SpeedRow(what, middle, unit)
-            rows += [row, SpeedRow(f"{row.name}, p99", worst, unit)]
-            if middle > goal_ms:
-                late.append(SpeedRow(f"too slow, {count} targets: {name}", middle, unit))
+            middle, most, worst = np.percentile(timed_updates(name, episode), [50, 90, 99]).tolist()
+            goal_ms = goal(name, scene)
+            unit = "ms" if goal_ms is None else f"ms of {goal_ms:g}"
+            rows += [SpeedRow(what, middle, unit), SpeedRow(f"{what}, p90", most, unit)]
+            rows.append(SpeedRow(f"{what}, p99", worst, "ms"))
+            for value, tail in ((middle, ""), (most, ", p90")):
+                if goal_ms is not None and value > goal_ms:
+                    late.append(SpeedRow(f"too slow, {scene}: {name}{tail}", value, unit))
     return rows + late
+
+
+def goal(name: str, scene: str) -> float | None:
+    """Return the ms that an update may take, the lower where there are two; None without a goal."""
+    found = [GOALS_MS[key] for key in ((name, scene), (EVERY, scene)) if key in GOALS_MS]
+    return min(found, default=None)
 
 
 def own_trackers() -> list[str]:

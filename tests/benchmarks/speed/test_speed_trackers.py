@@ -4,15 +4,17 @@ import pytest
 
 from roadscope.benchmarks.speed import measure, trackers
 from roadscope.benchmarks.speed.trackers import (
+    CROWD,
     FRAMES,
     LEAD,
+    crowd,
     measure_trackers,
     own_trackers,
     seen_traffic,
     timed_updates,
 )
 from roadscope.core import Detections, Tracks
-from roadscope.trackers import TRACKERS
+from roadscope.trackers import TRACKERS, jpda
 
 
 class Blind:
@@ -24,33 +26,69 @@ class Blind:
         return Tracks.empty(detections.stamp_s)
 
 
+SCENES = ("5 targets", "12 crowded targets")
+
+
 def test_every_tracker_of_ours_has_its_rows() -> None:
     rows = measure_trackers(counts=(5,), frames=LEAD + 3)
-    tails = dict.fromkeys(own_trackers(), ("", ", p99"))
+    tails = dict.fromkeys(own_trackers(), ("", ", p90", ", p99"))
     tails["existence-offline"] = (", pass at the end",)
+    rows = [row for row in rows if not row.name.startswith("too slow")]
     assert [row.name for row in rows] == [
-        f"tracker {name}, 5 targets{tail}" for name in own_trackers() for tail in tails[name]
+        f"tracker {name}, {scene}{tail}"
+        for name in own_trackers()
+        for scene in SCENES
+        for tail in tails[name]
     ]
     assert {"nearest", "gnn", "jpda"} <= set(own_trackers()) < set(TRACKERS.names())
     online = [row for row in rows if "pass" not in row.name]
-    assert all(row.value > 0 and row.unit == "ms" for row in online)
-    assert all(a.value <= b.value for a, b in zip(online[::2], online[1::2], strict=True))
+    assert all(row.value > 0 and row.unit.startswith("ms") for row in online)
+    of_one = zip(online[::3], online[1::3], online[2::3], strict=True)
+    assert all(a.value <= b.value <= c.value for a, b, c in of_one)
 
 
 def test_of_an_offline_tracker_the_pass_alone_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trackers, "process_time", iter((1.0, 1.6)).__next__)
-    (row,) = measure_trackers(["existence-offline"], (5,), LEAD + 2)
-    assert row.name == "tracker existence-offline, 5 targets, pass at the end"
-    assert (row.value, row.unit) == (pytest.approx(600 / (LEAD + 2)), "ms a frame")
+    monkeypatch.setattr(trackers, "process_time", iter((1.0, 1.6, 2.0, 2.3)).__next__)
+    rows = measure_trackers(["existence-offline"], (5,), LEAD + 2)
+    assert rows[0].name == "tracker existence-offline, 5 targets, pass at the end"
+    assert (rows[0].value, rows[0].unit) == (pytest.approx(600 / (LEAD + 2)), "ms a frame")
+    assert rows[1].value == pytest.approx(300 / (LEAD + 2))
     with pytest.raises(ValueError, match="'existence' has no pass at the end"):
         trackers.timed_pass("existence", [])
 
 
-def test_who_misses_the_goal_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trackers, "GOALS_MS", {4: 1e-9, 6: 1e9})
-    rows = measure_trackers(["gnn"], (4, 6), LEAD + 3)
-    assert [row.unit for row in rows[:4:2]] == ["ms of 1e-09", "ms of 1e+09"]
-    assert [row.name for row in rows[4:]] == ["too slow, 4 targets: gnn"]
+def test_who_misses_a_goal_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    goals = {("", "4 targets"): 1e9, ("gnn", "4 targets"): 1e-9, ("", "6 targets"): 1e9}
+    monkeypatch.setattr(trackers, "GOALS_MS", goals)
+    rows = measure_trackers(["gnn", "greedy"], (4, 6), LEAD + 3)
+    named = {row.name: row.unit for row in rows}
+    assert named["tracker gnn, 4 targets"] == named["tracker gnn, 4 targets, p90"] == "ms of 1e-09"
+    assert named["tracker greedy, 4 targets"] == "ms of 1e+09"
+    assert named["tracker gnn, 4 targets, p99"] == named["tracker gnn, 12 crowded targets"] == "ms"
+    late = [row.name for row in rows if row.name.startswith("too slow")]
+    assert late == ["too slow, 4 targets: gnn", "too slow, 4 targets: gnn, p90"]
+
+
+def test_goals_are_of_scenes_that_are_measured() -> None:
+    known = [f"{count} targets" for count in trackers.COUNTS] + [SCENES[1]]
+    assert {scene for _, scene in trackers.GOALS_MS} <= set(known)
+    assert trackers.goal("jpda", "50 targets") == 2.0
+    assert trackers.goal("jpda", "200 targets") == trackers.goal("nearest", "200 targets") == 1.0
+    assert trackers.goal("gnn", SCENES[1]) is None
+
+
+def test_in_the_crowd_every_detection_may_be_of_every_track(monkeypatch) -> None:
+    pairs: list[tuple[int, int, int]] = []
+    exact = jpda.association_marginals
+
+    def watched(rows, columns, weights, alone, limit):
+        pairs.append((len(rows), len(alone[0]), len(alone[1])))
+        return exact(rows, columns, weights, alone, limit)
+
+    monkeypatch.setattr(jpda, "association_marginals", watched)
+    times_ms = timed_updates("jpda", list(crowd(LEAD + 4)))
+    assert len(times_ms) == 4
+    assert pairs[-4:] == [(CROWD * CROWD, CROWD, CROWD)] * 4
 
 
 def test_updates_before_the_lead_are_not_timed() -> None:
