@@ -9,6 +9,7 @@ import numpy as np
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.trackers.assignment import assign_optimally
 from roadscope.trackers.existence_kernels import hidden_shares
+from roadscope.trackers.existence_noise import Noise
 from roadscope.trackers.existence_priors import Neighbours, expected_velocities
 from roadscope.trackers.existence_returns import Returns, both
 from roadscope.trackers.existence_targets import Measured, Targets, log_odds
@@ -70,6 +71,7 @@ class ExistenceTracker:
         self._next_id = 0
         self._choice.reset()
         self._returns = Returns()
+        self._noise = Noise()
         self._traits = self._choice.after(np.empty(0), np.empty(0, np.int8))
         none = Measured.of(Detections.empty(0.0), np.zeros(2), self._traits)
         self._targets = Targets.opened(
@@ -82,7 +84,7 @@ class ExistenceTracker:
         seen = tick.targets
         self._traits = self._choice.after(log_odds(seen.scores), seen.categories)
         eye = np.zeros(2) if ego_pose is None else ego_pose.translation[:2]
-        measured = Measured.of(tick.targets, eye, self._traits)
+        measured = Measured.of(tick.targets, eye, self._traits, self._noise.factor)
         before = self._targets
         targets = before.carried(tick.period_s, self._traits)
         rows, columns = self._pairs(targets, measured, tick.period_s)
@@ -97,7 +99,7 @@ class ExistenceTracker:
         )
         targets = self._doubted(targets, eye)
         kept = self._kept(targets)
-        self._returns.count(before, rows, targets.select(~kept))
+        self._returns.count(before, targets, ~kept)
         targets = targets.select(kept)
         new = measured.select(np.setdiff1d(np.arange(len(measured)), columns))
         known = Neighbours.of(targets, eye, tick.ego_velocity)
@@ -120,6 +122,7 @@ class ExistenceTracker:
     def _confirmed(self, targets: Targets, found: Measured, dt: float) -> Targets:
         """Let existence lean towards what a detection says of it."""
         after, distances = targets.seen(found, self._traits)
+        self._noise.count(targets, distances)
         t, kinds = self._traits, found.categories
         misfit = t.misfit[kinds] * np.minimum(distances, FURTHEST)
         told = t.score_gain[kinds] * found.evidence + t.seen_gain[kinds] - misfit
@@ -160,9 +163,11 @@ class ExistenceTracker:
             targets.misses[believed] > 0, TrackState.COASTING, TrackState.CONFIRMED
         )
         beliefs: Gaussians = targets.beliefs
+        covariances = beliefs.covariances.copy()
+        covariances[:, :2, :2] += targets.offsets
         return Tracks(
             targets.ids, np.column_stack([beliefs.means[:, :2], targets.heights[:, 0]]),
-            targets.sizes, targets.yaws[:, 0], beliefs.means[:, 2:], beliefs.covariances,
+            targets.sizes, targets.yaws[:, 0], beliefs.means[:, 2:], covariances,
             targets.categories, 1 / (1 + np.exp(-targets.existence)), states,
             tick.frame, tick.stamp_s,
         )  # fmt: skip

@@ -22,11 +22,12 @@ def ellipses(yaws: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndar
 
 @compiled()
 def moved_on(
-    means: np.ndarray, covariances: np.ndarray, wander: np.ndarray, dt: float
+    means: np.ndarray, covariances: np.ndarray, wander: np.ndarray, drift: np.ndarray, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Move (N, 4) states x, y, vx, vy on by dt seconds at constant velocity.
 
     wander: (N, 2, 2), covariance of how far velocities wander in a second.
+    drift: (N, 2, 2), likewise of how far places do beyond that.
     """
     moved, spread = means.copy(), np.empty_like(covariances)
     for i in range(len(means)):
@@ -37,7 +38,7 @@ def moved_on(
                 q = wander[i, a, b]
                 crossed = P[a, 2 + b] + dt * P[2 + a, 2 + b]
                 far = P[a, b] + dt * P[2 + a, b] + dt * crossed
-                spread[i, a, b] = far + q * dt**3 / 3
+                spread[i, a, b] = far + q * dt**3 / 3 + drift[i, a, b] * dt
                 spread[i, a, 2 + b] = spread[i, 2 + b, a] = crossed + q * dt**2 / 2
                 spread[i, 2 + a, 2 + b] = P[2 + a, 2 + b] + q * dt
     return moved, spread

@@ -12,6 +12,10 @@ WEIGHT = 10.0
 """Cases that what was learned counts for."""
 
 
+SOON_S = 0.3
+"""Within which a newcomer is to be seen again."""
+
+
 @dataclass(slots=True)
 class Shares:
     """How many of those believed in were seen again, and how many never.
@@ -38,16 +42,21 @@ class Shares:
 
 @dataclass(slots=True)
 class Returns:
-    """`Shares` of runs of misses and of those seen but once."""
+    """`Shares` of runs of misses, and of those seen but once, who are to be seen again soon.
+
+    Where there is much clutter, each of it meets some other sooner or later.
+    """
 
     missed: Shares = field(default_factory=Shares)
     born: Shares = field(default_factory=Shares)
 
-    def count(self, before: Targets, seen: np.ndarray, gone: Targets) -> None:
-        """Take those of the last tick, the rows of them that are seen, and those given up."""
-        found = before.select(seen)
-        for shares, known in ((self.missed, _missed), (self.born, _born)):
-            shares.count(known(found), known(gone))
+    def count(self, before: Targets, after: Targets, gone: np.ndarray) -> None:
+        """Take the same targets a tick ago and now, and which of them are given up, (N,) bool."""
+        seen = after.misses == 0
+        missed, born = _missed(before), _born(before)
+        self.missed.count(missed & seen, _missed(after) & gone)
+        late = gone | (after.idle_s > SOON_S)
+        self.born.count(born & seen, born & ~seen & late)
 
 
 def _missed(targets: Targets) -> np.ndarray:
@@ -56,7 +65,8 @@ def _missed(targets: Targets) -> np.ndarray:
 
 
 def _born(targets: Targets) -> np.ndarray:
-    told: np.ndarray = (targets.hits == 1) & (targets.claims > 0)
+    soon = targets.idle_s <= SOON_S
+    told: np.ndarray = (targets.hits == 1) & (targets.claims > 0) & soon
     return told
 
 

@@ -36,7 +36,8 @@ class Measured(Rows):
     boxes: (N, 7) centre x y z, length width height, yaw.
     categories, scores: as in `Detections`.
     growths: (N,) factor of all standard deviations, 1 at no range.
-    errors: (N, 2, 2) covariances of the places.
+    errors: (N, 2, 2) covariances of the places, of what is new in every tick.
+    offsets: (N, 2, 2) likewise, of what lasts.
     evidence: (N,) log odds that they are right, from their scores alone.
     """
 
@@ -45,23 +46,33 @@ class Measured(Rows):
     scores: np.ndarray
     growths: np.ndarray
     errors: np.ndarray
+    offsets: np.ndarray
     evidence: np.ndarray
 
     @staticmethod
-    def of(detections: Detections, eye: np.ndarray, traits: Learned) -> Measured:
-        """Weigh detections as seen from (2,) an eye, in their own frame."""
+    def of(
+        detections: Detections, eye: np.ndarray, traits: Learned, noise: float = 1.0
+    ) -> Measured:
+        """Weigh detections as seen from (2,) an eye, in their own frame.
+
+        noise: factor of the covariances of places.
+        """
         kinds, boxes = detections.categories, boxes_of(detections)
         ranges = np.hypot(boxes[:, 0] - eye[0], boxes[:, 1] - eye[1])
         growths = 1 + traits.growth_per_m[kinds] * ranges
-        errors = ellipses(
+        errors = noise * ellipses(
             boxes[:, 6], traits.along_m[kinds] * growths, traits.across_m[kinds] * growths
         )
+        lasting = traits.lasting[kinds, None, None]
         evidence = (
             traits.score_offset[kinds]
             + traits.score_slope[kinds] * log_odds(detections.scores)
             + traits.score_per_m[kinds] * ranges
         )
-        return Measured(boxes, kinds, detections.scores, growths, errors, evidence)
+        return Measured(
+            boxes, kinds, detections.scores, growths, (1 - lasting) * errors, lasting * errors,
+            evidence,
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.boxes)
@@ -72,7 +83,8 @@ class Targets(Rows):
     """N targets.
 
     ids: (N,) int64.
-    beliefs: (N, 4) x, y, vx, vy and their covariances.
+    beliefs: (N, 4) x, y, vx, vy and their covariances, of the place that detections point to.
+    offsets: (N, 2, 2) covariances of how far that is from the true one.
     heights, yaws: (N, 2) mean and variance.
     fronts: (N,) sum of votes that front is front, positive.
     sizes: (N, 3) length width height; size_weights: (N,) what they rest on.
@@ -85,6 +97,7 @@ class Targets(Rows):
 
     ids: np.ndarray
     beliefs: Gaussians
+    offsets: np.ndarray
     heights: np.ndarray
     yaws: np.ndarray
     fronts: np.ndarray
@@ -125,6 +138,7 @@ class Targets(Rows):
         votes[np.arange(n), kinds] = new.scores
         return Targets(
             ids, Gaussians(np.column_stack([boxes[:, :2], velocities.means]), covariances),
+            new.offsets,
             np.column_stack([boxes[:, 2], (traits.height_m[kinds] * new.growths) ** 2]),
             np.column_stack([boxes[:, 6], (traits.yaw_rad[kinds] * new.growths) ** 2]),
             new.scores, boxes[:, 3:6], new.growths**-2, votes, new.evidence,
@@ -136,7 +150,9 @@ class Targets(Rows):
         """Move on by dt seconds, unseen as yet."""
         kinds = self.categories
         wander = ellipses(self.yaws[:, 0], traits.accelerate_m_s2[kinds], traits.swerve_m_s2[kinds])
-        means, covariances = moved_on(self.beliefs.means, self.beliefs.covariances, wander, dt)
+        drift = 2 * self.offsets / traits.lasting_s[kinds, None, None]
+        beliefs = self.beliefs
+        means, covariances = moved_on(beliefs.means, beliefs.covariances, wander, drift, dt)
         heights, yaws = self.heights.copy(), self.yaws.copy()
         heights[:, 1] += traits.climb_m_s[kinds] ** 2 * dt
         yaws[:, 1] += traits.turn_rad_s[kinds] ** 2 * dt
@@ -162,9 +178,9 @@ class Targets(Rows):
         votes = self.votes.copy()
         votes[np.arange(len(self)), kinds] += found.scores
         after = Targets(
-            self.ids, Gaussians(means, covariances), heights, yaws, fronts, sizes, total, votes,
-            self.existence, self.assured, self.claims, self.hits + 1, np.zeros_like(self.misses),
-            np.zeros_like(self.idle_s), np.zeros_like(self.away_s),
+            self.ids, Gaussians(means, covariances), found.offsets, heights, yaws, fronts, sizes,
+            total, votes, self.existence, self.assured, self.claims, self.hits + 1,
+            np.zeros_like(self.misses), np.zeros_like(self.idle_s), np.zeros_like(self.away_s),
         )  # fmt: skip
         return after, distances
 

@@ -54,7 +54,7 @@ def _distance(early: Trajectory, late: Trajectory, motion: ConstantVelocity, gap
     """Return the squared Mahalanobis distance of the late beginning from where motion leads."""
     mean, covariance = _carried(early.means[-1], early.covariances[-1], motion, gap)
     off = late.means[0, :2] - mean[:2]
-    spread = covariance[:2, :2] + late.covariances[0, :2, :2]
+    spread = covariance[:2, :2] + late.covariances[0, :2, :2] + late.offsets[0]
     if np.trace(spread) > FURTHEST_M**2:
         return np.inf
     return float(off @ np.linalg.solve(spread, off))
@@ -91,6 +91,7 @@ def _joined(early: Trajectory, late: Trajectory, motion: ConstantVelocity) -> Tr
         "ticks": ticks, "stamps_s": stamps,
         "means": np.array([mean for mean, _ in states]).reshape(n, 4),
         "covariances": np.array([spread for _, spread in states]).reshape(n, 4, 4),
+        "offsets": np.tile(early.offsets[-1], (n, 1, 1)),
         "heights": early.heights[-1] + share * (late.heights[0] - early.heights[-1]),
         "sizes": np.tile(early.sizes[-1], (n, 1)), "yaws": np.full(n, early.yaws[-1]),
         "scores": np.full(n, early.scores[-1]), "seen": np.zeros(n, bool),

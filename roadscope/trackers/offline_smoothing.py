@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,16 +11,37 @@ from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.offline_trajectories import Trajectory
 
 
-def smoothed(
-    trajectory: Trajectory, velocity_walk: float, fade_s: float, size_fade_s: float
-) -> Trajectory:
+@dataclass(frozen=True, slots=True)
+class Rescoring:
+    """How tracks are told anew.
+
+    velocity_walk: m/s per root second by which velocities are taken to wander.
+    lasting_s: time in which lasting errors of places change to 1/e.
+    fade_s: time over which heights and headings are averaged, to either side.
+    size_fade_s: likewise sizes, of bodies that do not change.
+    longest_gap_s: time over which fragments are joined.
+    least_score: tracks whose mean score is lower are dropped.
+    least_seen: tracks with fewer detections are dropped.
+    """
+
+    velocity_walk: float = 1.2
+    lasting_s: float = 2.0
+    fade_s: float = 0.3
+    size_fade_s: float = 2.0
+    longest_gap_s: float = 2.5
+    least_score: float = 0.6
+    least_seen: int = 3
+
+
+def smoothed(trajectory: Trajectory, rules: Rescoring) -> Trajectory:
     """Let every tick know of those after it; scores stay."""
     means, covariances = backward(
-        trajectory.stamps_s, trajectory.means, trajectory.covariances, velocity_walk
-    )
+        trajectory.stamps_s, trajectory.means, trajectory.covariances, rules.velocity_walk,
+        2 * trajectory.offsets / rules.lasting_s,
+    )  # fmt: skip
     sure = trajectory.seen.astype(float)
-    near = _shares(trajectory.stamps_s, sure, fade_s)
-    bodies = _shares(trajectory.stamps_s, sure, size_fade_s)
+    near = _shares(trajectory.stamps_s, sure, rules.fade_s)
+    bodies = _shares(trajectory.stamps_s, sure, rules.size_fade_s)
     return replace(
         trajectory, means=means, covariances=covariances, heights=near @ trajectory.heights,
         sizes=bodies @ trajectory.sizes, yaws=_headings(trajectory.yaws, near, bodies),
@@ -28,15 +49,20 @@ def smoothed(
 
 
 def backward(
-    stamps_s: np.ndarray, means: np.ndarray, covariances: np.ndarray, velocity_walk: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (K, 4), (K, 4, 4) smoothed states from filtered ones (Rauch, Tung, Striebel 1965)."""
+    stamps_s: np.ndarray, means: np.ndarray, covariances: np.ndarray, velocity_walk: float,
+    drifts: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return (K, 4), (K, 4, 4) smoothed states from filtered ones (Rauch, Tung, Striebel 1965).
+
+    drifts: (K, 2, 2) covariances of how far places wander in a second, beside velocities.
+    """
     motion = ConstantVelocity(velocity_walk)
     x, P = means.copy(), covariances.copy()
     for k in range(len(x) - 2, -1, -1):
         dt = stamps_s[k + 1] - stamps_s[k]
         F = motion.jacobian(x[:1], dt)
         predicted = F @ covariances[k] @ F.T + motion.noise(x[:1], dt)
+        predicted[:2, :2] += dt * drifts[k]
         gain = np.linalg.solve(predicted, F @ covariances[k]).T
         x[k] += gain @ (x[k + 1] - F @ means[k])
         spread = P[k] + gain @ (P[k + 1] - predicted) @ gain.T

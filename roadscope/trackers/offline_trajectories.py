@@ -15,7 +15,8 @@ class Trajectory:
     """One target from its first to its last detection, K ticks without a hole.
 
     ticks: (K,) int64. stamps_s: (K,).
-    means, covariances: (K, 4) and (K, 4, 4) of x, y, vx, vy.
+    means, covariances: (K, 4) and (K, 4, 4) of x, y, vx, vy, of what does not last of errors.
+    offsets: (K, 2, 2) covariances of what lasts.
     heights, sizes, yaws, scores: (K,), (K, 3), (K,), (K,).
     seen: (K,) bool, whether there was a detection.
     """
@@ -26,6 +27,7 @@ class Trajectory:
     stamps_s: np.ndarray
     means: np.ndarray
     covariances: np.ndarray
+    offsets: np.ndarray
     heights: np.ndarray
     sizes: np.ndarray
     yaws: np.ndarray
@@ -47,11 +49,14 @@ class Trajectory:
 
 
 COLUMNS = (
-    "ticks", "stamps_s", "means", "covariances", "heights", "sizes", "yaws", "scores", "seen",
+    "ticks", "stamps_s", "means", "covariances", "offsets", "heights", "sizes", "yaws", "scores",
+    "seen",
 )  # fmt: skip
 
 
-def trajectories(history: Sequence[Tracks]) -> list[Trajectory]:
+def trajectories(
+    history: Sequence[Tracks], offsets: Sequence[np.ndarray] | None = None
+) -> list[Trajectory]:
     """Sort tracks of T ticks by target; what comes after the last detection is left out."""
     frames = {tracks.frame for tracks in history}
     if len(frames) > 1:
@@ -61,7 +66,9 @@ def trajectories(history: Sequence[Tracks]) -> list[Trajectory]:
     if not len(ids):
         return []
     stamps = np.array([tracks.stamp_s for tracks in history])
-    columns = _columns(history, ticks, stamps)
+    lasting = np.zeros((len(ids), 2, 2)) if offsets is None else np.concatenate(offsets)
+    columns = _columns(history, ticks, stamps) | {"offsets": lasting}
+    columns["covariances"][:, :2, :2] -= lasting
     categories = np.concatenate([t.categories for t in history])
     order = np.lexsort((ticks, ids))
     cuts = np.flatnonzero(np.diff(ids[order])) + 1
@@ -121,8 +128,14 @@ def _record(rows: Sequence[tuple[Trajectory, int]], like: Tracks) -> Tracks:
         np.array([t.id for t, _ in rows]),
         np.column_stack([means[:, :2], [t.heights[k] for t, k in rows]]),
         np.array([t.sizes[k] for t, k in rows]), np.array([t.yaws[k] for t, k in rows]),
-        means[:, 2:], np.array([t.covariances[k] for t, k in rows]),
+        means[:, 2:], np.array([_whole(t, k) for t, k in rows]),
         np.array([t.category for t, _ in rows], np.int8),
         np.clip([t.score for t, _ in rows], 0.0, 1.0), np.array(states, np.int8),
         like.frame, like.stamp_s,
     )  # fmt: skip
+
+
+def _whole(trajectory: Trajectory, k: int) -> np.ndarray:
+    covariance: np.ndarray = trajectory.covariances[k].copy()
+    covariance[:2, :2] += trajectory.offsets[k]
+    return covariance

@@ -36,11 +36,12 @@ def scene(places, t, scores=0.95, yaws=0.0, category=Category.CAR):
 
 
 def test_kernels_are_the_kalman_filter():
-    before, wander, errors = beliefs(7), spreads(7), spreads(7, 2)
+    before, wander, drift, errors = beliefs(7), spreads(7), spreads(7, 4), spreads(7, 2)
     F = np.eye(4) + DT * np.eye(4, k=2)
     Q = np.block([[wander * DT**3 / 3, wander * DT**2 / 2], [wander * DT**2 / 2, wander * DT]])
+    Q[:, :2, :2] += drift * DT
     slow = predicted(before, F, Q)
-    means, covariances = moved_on(before.means, before.covariances, wander, DT)
+    means, covariances = moved_on(before.means, before.covariances, wander, drift, DT)
     assert means == pytest.approx(slow.means)
     assert covariances == pytest.approx(slow.covariances)
     H, measured = np.eye(2, 4), np.random.default_rng(3).standard_normal((7, 2))
@@ -178,3 +179,27 @@ def test_traits_that_are_none_are_refused(tmp_path):
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         ExistenceTracker(**wrong)
+
+
+@pytest.mark.parametrize("sigma", [0.1, 0.8])
+def test_covariances_follow_what_detections_err(sigma):
+    """Squared errors of places over what tracks say of them: near 1 per degree of freedom."""
+    rng, tracker, told = np.random.default_rng(0), ExistenceTracker(traits="unknown"), []
+    cars = np.array([[10.0 * k, 8.0 * (k % 5)] for k in range(20)])
+    for t in range(80):
+        truth = cars + np.array([0.8 * t, 0])
+        tracks = tracker.update(scene(truth + sigma * rng.standard_normal((20, 2)), t), None)
+        apart = np.linalg.norm(tracks.centres[:, None, :2] - truth, axis=2)
+        row, column = np.nonzero(apart < 2.0)
+        off = tracks.centres[row, :2] - truth[column]
+        spread = tracks.covariances[row, :2, :2]
+        told.append((off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=1) / 2)
+    assert 0.3 < np.concatenate(told[40:]).mean() < 1.5
+
+
+def test_newcomers_count_as_seen_again_only_if_soon():
+    tracker = ExistenceTracker(traits=CALIBRATED)
+    for t in range(8):
+        tracker.update(scene([[10, 0]] if t in (0, 7) else [], t), None)
+    born = tracker._returns.born
+    assert (born.seen_again, born.lost) == (0, 1)

@@ -115,7 +115,9 @@ def test_smoothing_is_least_squares_of_all_states():
         vector[4 * k : 4 * k + 2] += measured[k] / r**2
         means.append(x)
         covariances.append(P)
-    smooth, spread = backward(DT * np.arange(n), np.array(means), np.array(covariances), walk)
+    smooth, spread = backward(
+        DT * np.arange(n), np.array(means), np.array(covariances), walk, np.zeros((n, 2, 2))
+    )
     joint = np.linalg.inv(information)
     assert smooth.ravel() == pytest.approx(joint @ vector, abs=1e-9)
     assert spread[2] == pytest.approx(joint[8:12, 8:12], abs=1e-9)
@@ -133,3 +135,17 @@ def test_pure_and_empty():
 def test_frames_must_not_change():
     with pytest.raises(ValueError, match="one frame"):
         rescored([Tracks.empty(0.0, "ego"), Tracks.empty(0.1, "world")])
+
+
+def test_what_lasts_is_not_smoothed_away():
+    history = drive()
+    plain = rescored(history)
+    lasting = [0.01 * np.ones((len(t), 1, 1)) * np.eye(2) for t in history]
+    wider = [
+        replace(t, covariances=t.covariances + 0.01 * np.diag([1.0, 1, 0, 0])) for t in history
+    ]
+    told = rescored(wider, Rescoring(lasting_s=1e9), lasting)
+    for one, other in zip(plain, told, strict=True):
+        assert one.centres == pytest.approx(other.centres, abs=1e-6)
+        added = other.covariances - one.covariances
+        assert added == pytest.approx(0.01 * np.diag([1.0, 1, 0, 0])[None], abs=1e-6)

@@ -19,11 +19,11 @@ from roadscope.trackers.existence_priors import Neighbours
 from roadscope.trackers.existence_targets import Measured, Targets
 
 PERSISTENCE = {
-    "memory_s": 0.5, "score_gain": 3.0, "seen_gain": 6.0, "misfit": 0.6,
+    "memory_s": 0.5, "score_gain": 3.0, "seen_gain": 6.0, "misfit": 0.2,
     "back": 0.0, "back_per_m": 0.0, "away_per_s": 3.0,
 }  # fmt: skip
 """Guessed, for classes with too few tracks to learn it from."""
-SHARES = {"returned": 0.5, "born": 0.65}
+SHARES = {"returned": 0.5, "born": 0.5}
 """Likewise; returns are taken to be even: `back` says the rest."""
 POSITIVE = np.array([True, True, False, True, False, False, True])
 UNITS = np.array([1.0, 1.0, 3.0, 1.0, 1.0, 0.03, 1.0])

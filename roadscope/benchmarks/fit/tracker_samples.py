@@ -29,6 +29,8 @@ SCENARIOS = ("motorway", "roundabout", "intersection", "two-way")
 RIGS = ("lux", "hdl32e")
 FIRST_SEED = 400
 DURATION_S = 6.0
+LAGS_S = (0.2, 1.0)
+"""Between detections whose errors are compared."""
 WINDOW_S = 1.0
 """Over which changes are taken: shorter ones are those of labels, not of motion."""
 
@@ -38,6 +40,8 @@ class Samples:
     """Of one class: N matched detections, M scores, J detections judged, L changes of truth.
 
     errors: (N, 4) along, across the true box, z, heading up to half turns. ranges_m: (N,).
+    echoes: (E, 5) seconds between two detections of one object, and errors along and across of
+        both.
     fronts: (N,) bool, front and rear not taken for each other.
     log_odds: (M,) of scores.
     graded: (J, 3) log odds of the score, range in metres, 1 for right and 0 for wrong.
@@ -47,6 +51,7 @@ class Samples:
 
     errors: np.ndarray
     ranges_m: np.ndarray
+    echoes: np.ndarray
     fronts: np.ndarray
     log_odds: np.ndarray
     graded: np.ndarray
@@ -66,11 +71,14 @@ def episode_samples(
 ) -> Samples:  # fmt: skip
     """Collect from an episode, detections and truths in the world frame."""
     errors, ranges, fronts, odds, graded = [np.empty((0, 4))], [], [], [], []
+    owners, stamps = [np.empty(0)], [np.empty(0)]
     for found, truth, pairing in zip(detections, truths, pairings, strict=True):
         fate = match(pairing, gate_m)
         errors.append(_errors(found, truth, fate.detected, fate.truth))
         eye = truth.world_from_ego.translation[:2]
         off = found.yaws[fate.detected] - truth.yaws[fate.truth]
+        owners.append(truth.ids[fate.truth])
+        stamps.append(np.full(len(fate.truth), truth.stamp_s))
         fronts.append(np.cos(off) > 0)
         ranges.append(np.hypot(*(truth.centres[fate.truth, :2] - eye).T))
         rows = np.concatenate([fate.detected, fate.false_alarms])
@@ -80,10 +88,27 @@ def episode_samples(
         graded.append(np.column_stack([odds[-1], away, right]))
     changes = _changes(truths)
     return Samples(
-        np.concatenate(errors), np.concatenate(ranges), np.concatenate(fronts),
+        np.concatenate(errors), np.concatenate(ranges),
+        echoes(*(np.concatenate(c) for c in (owners, stamps, errors))), np.concatenate(fronts),
         np.concatenate(odds), np.concatenate(graded),
         changes[:, :4], changes[:, 4], changes[:, 5:],
     )  # fmt: skip
+
+
+def echoes(owners: np.ndarray, stamps: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Return `Samples.echoes` of (N,) ids and stamps and (N, 4) errors, at each of `LAGS_S`."""
+    found = [np.empty((0, 5))]
+    for owner in np.unique(owners):
+        own = np.flatnonzero(owners == owner)
+        times = stamps[own]
+        for lag in LAGS_S:
+            later = np.searchsorted(times, times + lag - 1e-3)
+            early = np.flatnonzero(later < len(own))
+            late = later[early]
+            near = np.abs(times[late] - times[early] - lag) < LAGS_S[0] / 2
+            a, b = own[early[near]], own[late[near]]
+            found.append(np.column_stack([np.full(len(a), lag), errors[a, :2], errors[b, :2]]))
+    return np.concatenate(found)
 
 
 def _errors(found: Detections, truth: Truth, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -15,7 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.fit.tracker_persistence import PERSISTENCE, SHARES, recorded_persistence
-from roadscope.benchmarks.fit.tracker_samples import Samples, recorded_samples, sensed_samples
+from roadscope.benchmarks.fit.tracker_samples import (
+    LAGS_S,
+    Samples,
+    recorded_samples,
+    sensed_samples,
+)
 from roadscope.trackers.learned import TRAITS
 
 TOP_SPEED_M_S = {"car": 40.0, "cyclist": 20.0, "pedestrian": 10.0}
@@ -27,6 +32,9 @@ GROWTHS = np.arange(0.0, 0.1005, 0.001)
 """Per metre; the likeliest is taken."""
 LEAST_SAMPLES = 30
 """Fewer say nothing of a class."""
+LASTING_S = (0.3, 10.0)
+MOST_LASTING = 0.9
+"""Something is new in every tick."""
 LEAST = 0.01
 """Of every standard deviation."""
 DECILES = np.linspace(0, 1, 11)
@@ -52,10 +60,26 @@ def fitted(samples: Samples, top_speed_m_s: float) -> dict[str, float]:
     walks[:2] = np.maximum(walks[:2], LEAST_WALK_S * top_speed_m_s)
     values = [
         slope, offset, per_m, *np.maximum(sigmas, LEAST), max(growth, 1e-3),
+        *lasting(samples.echoes),
         *np.maximum(walks, LEAST),
         *_speeds(samples),
     ]  # fmt: skip
     return dict(zip(FITTED, (round(float(v), 4) for v in values), strict=True))
+
+
+def lasting(echoes: np.ndarray) -> tuple[float, float]:
+    """Return share of the variance that lasts and how long, seconds, of `Samples.echoes`.
+
+    The correlation of errors is share * exp(-lag / time); it is known at two lags.
+    """
+    likeness = []
+    for lag in LAGS_S:
+        first, second = np.split(echoes[echoes[:, 0] == lag, 1:], 2, axis=1)
+        scale = np.sqrt((first**2).mean(axis=0) * (second**2).mean(axis=0)) if len(first) else 1.0
+        likeness.append(float(((first * second) / scale).mean()) if len(first) else 0.0)
+    short, long = np.clip(likeness, LEAST, 1 - LEAST)
+    time_s = float(np.clip(np.diff(LAGS_S)[0] / np.log(max(short / long, 1.01)), *LASTING_S))
+    return float(min(short * np.exp(LAGS_S[0] / time_s), MOST_LASTING)), time_s
 
 
 def _speeds(samples: Samples) -> tuple[float, float, float, float]:

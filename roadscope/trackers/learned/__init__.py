@@ -34,6 +34,8 @@ class Learned(Record):
         calibrated scores.
     along_m, across_m: standard deviations of detected places along and across the box.
     height_m, yaw_rad: likewise of z, and of the heading up to half turns.
+    lasting: share of the variance of places that stays for lasting_s, the time in which it changes
+        to 1/e: of who shows but a corner, the same is seen of again and again.
     growth_per_m: by which share of their values these grow with every metre of range.
     accelerate_m_s2, swerve_m_s2: how far velocities wander in a second, standard deviations
         along and across the heading, growing with the root of time.
@@ -59,6 +61,8 @@ class Learned(Record):
     height_m: np.ndarray
     yaw_rad: np.ndarray
     growth_per_m: np.ndarray
+    lasting: np.ndarray
+    lasting_s: np.ndarray
     accelerate_m_s2: np.ndarray
     swerve_m_s2: np.ndarray
     turn_rad_s: np.ndarray

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.fit.tracker_samples import Samples
-from roadscope.benchmarks.fit.trackers import calibrated, source, spread
+from roadscope.benchmarks.fit.tracker_samples import Samples, echoes
+from roadscope.benchmarks.fit.trackers import calibrated, lasting, source, spread
 from roadscope.trackers.learned import learned
 
 
@@ -16,7 +16,9 @@ def samples(n=4000, seed=0):
     graded = np.column_stack([odds, ranges, right])
     velocities = np.column_stack([rng.uniform(0, 15, n), rng.normal(0, 0.3, n)])
     fronts = rng.random(n) < 0.9
-    return Samples(errors, ranges, fronts, odds, graded, changes, np.ones(n), velocities)
+    return Samples(
+        errors, ranges, np.empty((0, 5)), fronts, odds, graded, changes, np.ones(n), velocities
+    )
 
 
 def test_growth_and_spread_are_found_again():
@@ -54,3 +56,18 @@ def test_a_file_says_what_was_learned(tmp_path):
     assert traits.front[0] == pytest.approx(0.9, abs=0.03)
     assert traits.score_slope[6] == traits.score_slope[0], "too few samples: as the most"
     assert 'origin = "numbers of a test"' in text
+
+
+def test_lasting_errors_are_found_again():
+    """Of 200 objects, each with an offset that wanders slowly and with white noise."""
+    rng, keep = np.random.default_rng(3), np.exp(-0.1 / 2.0)
+    ticks, n = 60, 200
+    offset, rows = rng.standard_normal((n, 4)), []
+    for _ in range(ticks):
+        white = rng.standard_normal((n, 4))
+        rows.append(np.sqrt(0.7) * offset + np.sqrt(0.3) * white)
+        offset = keep * offset + np.sqrt(1 - keep**2) * rng.standard_normal((n, 4))
+    owners, stamps = np.tile(np.arange(n), ticks), np.repeat(0.1 * np.arange(ticks), n)
+    share, time_s = lasting(echoes(owners, stamps, np.concatenate(rows)))
+    assert share == pytest.approx(0.7, abs=0.05)
+    assert time_s == pytest.approx(2.0, rel=0.2)
