@@ -13,6 +13,7 @@ from roadscope.benchmarks.boards.columns import (
     shown_columns,
     with_intervals,
 )
+from roadscope.benchmarks.boards.rank_agreement import LEAST
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
@@ -95,14 +96,26 @@ def _name(results: Results, standing: Standing) -> Text:
     return name
 
 
+UNCOMPARED = (
+    "How these ranks agree with those on simulated traffic is told once that was run too: "
+    "roadscope leaderboard tracking --suite tracking, with the same --out if any."
+)
+
+
 def agreement_lines(results: Results, board: str) -> list[str]:
-    """Say how the ranks of a board of recorded data agree with those on simulated traffic."""
-    return [
+    """Say how the ranks of a board of recorded data agree with those on simulated traffic.
+
+    Where nothing was run that they could be compared with, say what to run.
+    """
+    lines = [
         f"Ranks agree with those of suite {a.suite} by {a.rho:.2f} (Spearman, "
         f"{len(a.entries)} trackers; 1 is the same order)."
         for a in results.agreements
         if a.board == board
     ]
+    ranked = [s for s in results.standings if s.board == board and s.rank is not None]
+    comparable = board in KITTI_BOARDS and len(ranked) >= LEAST
+    return lines or [UNCOMPARED] * comparable
 
 
 def comparison(results: Results, board: str) -> str:

@@ -227,6 +227,14 @@ def test_ranks_are_compared_with_suites_that_were_run(results):
                      "(Spearman, 3 trackers; 1 is the same order)."]  # fmt: skip
 
 
+def test_without_anything_to_compare_the_board_says_what_to_run(results, folder, tmp_path):
+    (line,) = agreement_lines(results[0], "kitti car")
+    assert "roadscope leaderboard tracking --suite tracking" in line
+    assert agreement_lines(results[0], "tracking") == []
+    two = run("quick", TRACKERS[:2], boards=["tracking"], only=True, kitti=folder, out_dir=tmp_path)
+    assert agreement_lines(two, "kitti car") == []
+
+
 def test_only_trackers_that_came_through_a_suite_are_compared(results):
     _, _, folder = results
     suite = load_suite("quick")
