@@ -25,7 +25,7 @@ from roadscope.trackers.learned import TRAITS
 
 TOP_SPEED_M_S = {"car": 40.0, "cyclist": 20.0, "pedestrian": 10.0}
 """Not learned: what a training set happens not to hold is not impossible."""
-LEAST_WALK_S = 0.03
+LEAST_WALK_S = 0.015
 """Velocities wander by at least this share of the top speed in a second: training sets hold few
 hard brakings, and what is detected of a body wanders over it."""
 GROWTHS = np.arange(0.0, 0.1005, 0.001)
