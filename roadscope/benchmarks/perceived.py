@@ -43,22 +43,6 @@ class Perceived(Record):
         """Number of frames that were answered."""
         return int(np.isfinite(self.delays_s).sum())
 
-    @property
-    def mean_delay_s(self) -> float:
-        """Seconds from a frame to its answer, mean of the answered frames; nan without any."""
-        return float(np.nanmean(self.delays_s)) if self.answered else float("nan")
-
-    @property
-    def mean_delay_frames(self) -> float:
-        """Frames from a frame to the one in which it was answered, mean as above."""
-        if not self.answered:
-            return float("nan")
-        stamps = np.array([truth.stamp_s for truth in self.truths])
-        rows = np.flatnonzero(np.isfinite(self.delays_s))
-        answered_s = stamps[rows] + self.delays_s[rows]
-        answering = np.abs(answered_s[:, None] - stamps).argmin(axis=1)
-        return float((answering - rows).mean())
-
     def save(self, path: Path) -> None:
         """Write a compressed `.npz` file."""
         arrays = {

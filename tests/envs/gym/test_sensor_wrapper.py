@@ -373,8 +373,11 @@ def test_the_picture_shows_the_scan_and_works_without_a_screen(
     assert env.metadata["render_fps"] == 1
 
 
-def test_closing_twice_is_fine() -> None:
+def test_closing_twice_closes_what_is_wrapped(monkeypatch: pytest.MonkeyPatch) -> None:
     env = SensorWrapper(gym.make("merge-v1"))
+    closed, inner = [], env.unwrapped.close
+    monkeypatch.setattr(env.unwrapped, "close", lambda: (closed.append(True), inner()))
     env.reset(seed=0)
     env.close()
     env.close()
+    assert closed == [True, True]

@@ -39,20 +39,10 @@ class Recovery(Record):
         )
 
     @property
-    def kept_share(self) -> float:
-        """Share of gaps after which the object has its track again; nan without any."""
-        return float(self.kept.mean()) if len(self) else float("nan")
-
-    @property
     def found(self) -> np.ndarray:
         """(G,) bool, gaps after which the object was followed again."""
         again: np.ndarray = self.delays != NEVER
         return again
-
-    @property
-    def mean_delay(self) -> float:
-        """Mean frames until an object is followed again, where it is; nan where none is."""
-        return float(self.delays[self.found].mean()) if self.found.any() else float("nan")
 
     def within(self, least: int, most: int) -> Recovery:
         """Return the gaps of least to most frames."""

@@ -42,11 +42,6 @@ class StateErrors(Record):
         return _root_mean(self.velocities)
 
     @property
-    def heading_rmse_rad(self) -> float:
-        """Root mean square of the headings' errors, radians."""
-        return _root_mean(self.headings[:, None])
-
-    @property
     def reversed(self) -> np.ndarray:
         """(K,) bool, headings that are off by more than a right angle."""
         back: np.ndarray = np.abs(self.headings) > REVERSED_RAD

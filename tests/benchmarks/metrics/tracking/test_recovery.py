@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from toy_sequences import sequence, wandering
 
@@ -47,8 +45,6 @@ def test_nobody_that_had_no_track_is_counted() -> None:
 def test_hidden_twice() -> None:
     found = of(seen(7), GONE, seen(None), GONE, GONE, GONE, seen(7), seen(7))
     assert rows(found) == [(1, False, NEVER), (3, True, 0)]
-    assert found.kept_share == 0.5
-    assert found.mean_delay == 0.0
     assert rows(found.within(2, 5)) == [(3, True, 0)]
     assert rows(found + found) == rows(found) * 2
 
@@ -57,9 +53,9 @@ def test_frames_in_which_others_are_seen_count_too() -> None:
     assert rows(of(seen(7), ([2], [9], [1.0]), GONE, seen(7))) == [(2, True, 0)]
 
 
-def test_no_gaps_no_share() -> None:
-    assert math.isnan(of().kept_share)
-    assert math.isnan(of(seen(7)).mean_delay)
+def test_no_gaps() -> None:
+    assert rows(of()) == []
+    assert not of(seen(7)).found.any()
 
 
 def slow(s: TrackedSequence) -> list[tuple[int, bool, int]]:

@@ -28,7 +28,7 @@ def test_by_hand() -> None:
     found = errors(yaw=0.3)
     assert found.position_rmse_m == pytest.approx(0.6)
     assert found.velocity_rmse_m_s == pytest.approx(5.0)
-    assert found.heading_rmse_rad == pytest.approx(0.3)
+    assert found.headings == pytest.approx([0.3])
 
 
 def test_headings_are_errors_around_the_circle() -> None:
