@@ -138,11 +138,11 @@ def read_mot_sequence(folder: Path | str) -> MotSequence:
                           "in det.txt or gt.txt")  # fmt: skip
     count = last if length is None else length
     probable = bool(np.all((found.confidences >= 0) & (found.confidences <= 1)))
-    rows = _by_frame(found, count)
+    rows = by_frame(found, count)
     return MotSequence(
         root.name,
         tuple(_image_detections(r, t / rate, probable) for t, r in enumerate(rows)),
-        rows, None if true is None else _by_frame(true, count), rate, size,
+        rows, None if true is None else by_frame(true, count), rate, size,
     )  # fmt: skip
 
 
@@ -190,7 +190,8 @@ def _table(path: Path) -> Table:
     return read_table(path, COLUMNS, separator=",")
 
 
-def _by_frame(rows: MotRows, count: int) -> tuple[MotRows, ...]:
+def by_frame(rows: MotRows, count: int) -> tuple[MotRows, ...]:
+    """Return the rows of frames 1 to count, in file order."""
     order = np.argsort(rows.frames, kind="stable")
     cuts = np.searchsorted(rows.frames[order], np.arange(2, count + 1))
     return tuple(rows.select(index) for index in np.split(order, cuts))
