@@ -87,14 +87,14 @@ def _stages(frame: Frame) -> dict[str, Callable[[], Any]]:
     above = GROUNDS[GROUND](cloud)
     standing = cloud.select(above)
     labels = CLUSTERINGS[CLUSTERING](standing)
-    horizon, found = Horizon.of(cloud, above, view), clusters(standing, labels)
+    horizon, found = Horizon.of(cloud, above, view), list(clusters(standing, labels))
     calls: dict[str, Callable[[], Any]] = {"cloud": partial(Cloud.of, scan, pose)}
     for name, ground in GROUNDS.items():
         calls[f"ground {name}"] = partial(ground, cloud)
     calls["horizon"] = partial(Horizon.of, cloud, above, view)
     for name, clustering in CLUSTERINGS.items():
         calls[f"clustering {name}"] = partial(clustering, standing)
-    calls["clusters and outlines"] = partial(clusters, standing, labels)
+    calls["clusters and outlines"] = lambda: list(clusters(standing, labels))
     for name, shape in SHAPES.items():
         calls[f"shape {name}"] = partial(_fit_all, shape, found, horizon)
     return calls

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -30,12 +31,13 @@ class Cluster:
     origin: np.ndarray
 
 
-def clusters(cloud: Cloud, labels: np.ndarray) -> list[Cluster]:
-    """Split a cloud by its (N,) labels; negative ones are outliers and dropped."""
+def clusters(cloud: Cloud, labels: np.ndarray) -> Iterator[Cluster]:
+    """Split a cloud by its (N,) labels; negative ones are outliers and dropped.
+
+    One at a time: thousands at once, as fog gives, would set off a long garbage collection.
+    """
     rows = by_cluster(cloud, labels)
     points, ring, column = cloud.points[rows], cloud.ring[rows], cloud.column[rows]
     ends = starts_of(labels[rows]).tolist()
-    return [
-        Cluster(points[i:j], ring[i:j], column[i:j], outline, cloud.origin)
-        for (i, j), outline in zip(pairwise(ends), outlines(cloud, labels, rows), strict=True)
-    ]
+    for (i, j), outline in zip(pairwise(ends), outlines(cloud, labels, rows), strict=True):
+        yield Cluster(points[i:j], ring[i:j], column[i:j], outline, cloud.origin)

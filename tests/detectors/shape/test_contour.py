@@ -83,4 +83,4 @@ def test_order_by_azimuth_across_the_seam():
 
 def test_nothing():
     assert contours(make([(10.0, 0)], [0]), np.array([-1])) == []
-    assert clusters(make([(10.0, 0)], [0]), np.array([-1])) == []
+    assert not list(clusters(make([(10.0, 0)], [0]), np.array([-1])))
