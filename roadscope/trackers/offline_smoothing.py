@@ -24,7 +24,7 @@ class Rescoring:
     least_seen: tracks with fewer detections are dropped.
     """
 
-    velocity_walk: float = 1.2
+    velocity_walk: float = 0.8
     lasting_s: float = 2.0
     fade_s: float = 0.3
     size_fade_s: float = 2.0

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.fit.tracker_labels import verdicts
-from roadscope.benchmarks.fit.tracker_samples import CLASSES
-from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
+from roadscope.benchmarks.fit.tracker_samples import CLASSES, GATES_M, sensed_episodes
+from roadscope.benchmarks.formats.kitti import read_sequence
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
-from roadscope.core import Tracks
+from roadscope.benchmarks.metrics.matching import match
+from roadscope.benchmarks.perceived import Perceived
+from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
 from roadscope.trackers.existence import FURTHEST, SURE, ExistenceTracker
 from roadscope.trackers.existence_priors import Neighbours
@@ -29,6 +33,8 @@ POSITIVE = np.array([True, True, False, True, False, False, True])
 UNITS = np.array([1.0, 1.0, 3.0, 1.0, 1.0, 0.03, 1.0])
 """By how much each may well differ from the guess, of the positive ones the logarithm."""
 LEAST_TRACKS = 150
+LEAST_SENSED = 50
+"""Of traffic that is made for it."""
 FRAMES_ALIKE = 10
 """Successive ticks say much the same: so many count as one."""
 ROUNDS = 8
@@ -72,6 +78,9 @@ class Lives:
         return len(np.unique(self.tracks[self.right == 1]))
 
 
+Verdicts = Callable[[Sequence[Tracks]], Mapping[tuple[int, int], bool]]
+
+
 class Recorder(ExistenceTracker):
     """The tracker, with a record of what it was told."""
 
@@ -113,14 +122,19 @@ class Recorder(ExistenceTracker):
         self._ticks += 1
 
 
-def lived(sequence: KittiSequence, traits: str) -> tuple[Lives, np.ndarray]:
-    """Follow a sequence's targets; with `Recorder.counts`."""
+def lived(
+    detections: Sequence[Detections], poses: Sequence[Pose], traits: str, verdicts: Verdicts
+) -> tuple[Lives, np.ndarray]:
+    """Follow targets; with `Recorder.counts`.
+
+    verdicts: says of a tracker's records which tracks, by tick and id, are on an object.
+    """
     tracker, history, last_s = Recorder(traits=traits), list[Tracks](), 0.0
-    for found, pose in zip(sequence.detections, sequence.world_from_ego, strict=True):
+    for found, pose in zip(detections, poses, strict=True):
         history.append(tracker.update(found, pose))
         tracker.record(pose.translation[:2], found.stamp_s - last_s)
         last_s = found.stamp_s
-    known = verdicts(history, sequence)
+    known = verdicts(history)
     table = np.array(tracker.rows).reshape(-1, 8)
     table = table[np.lexsort((table[:, 1], table[:, 0]))]
     keys = zip(table[:, 1].astype(int).tolist(), table[:, 0].astype(int).tolist(), strict=True)
@@ -142,17 +156,48 @@ def recorded_persistence(
     found, counts = {}, {}
     for kind, category in CLASSES.items():
         read = (read_sequence(files, name, category, detector=detector) for name in names)
-        parts = [lived(sequence, traits) for sequence in read]
+        parts = [
+            lived(s.detections, s.world_from_ego, traits, partial(verdicts, sequence=s))
+            for s in read
+        ]
         found[kind] = persistence(Lives.joined([lives for lives, _ in parts]))
         counts[kind] = np.sum([count for _, count in parts], axis=0)
-    every = sum(counts.values())
-    born = {"born": round(float(every[1, 0] / every[1].sum()), 2)}
+    born = _seen_again(np.sum(list(counts.values()), axis=0))
     return {kind: {**found[kind], **SHARES, **born} for kind in found}
 
 
-def persistence(lives: Lives) -> Mapping[str, float]:
+def sensed_persistence(detector: str, seeds: int, traits: str) -> dict[str, dict[str, float]]:
+    """Likewise from train seeds of our traffic; every class has what all say."""
+    parts = []
+    for seen in sensed_episodes(detector, seeds):
+        poses = [truth.world_from_ego for truth in seen.truths]
+        found = [
+            d.moved(p.inverse(), "ego") if d.frame == "world" else d
+            for d, p in zip(seen.detections, poses, strict=True)
+        ]
+        parts.append(lived(found, poses, traits, partial(_sensed_verdicts, seen=seen)))
+    whole = persistence(Lives.joined([lives for lives, _ in parts]), least=LEAST_SENSED)
+    told = {**whole, **SHARES, **_seen_again(np.sum([count for _, count in parts], axis=0))}
+    return dict.fromkeys(CLASSES, told)
+
+
+def _seen_again(counts: np.ndarray) -> dict[str, float]:
+    return {"born": round(float((counts[1, 0] + 1) / (counts[1].sum() + 2)), 2)}
+
+
+def _sensed_verdicts(history: Sequence[Tracks], seen: Perceived) -> dict[tuple[int, int], bool]:
+    told: dict[tuple[int, int], bool] = {}
+    pairings = Eligibility().pairings(history, seen.truths, seen.parked)
+    for tick, (tracks, pairing) in enumerate(zip(history, pairings, strict=True)):
+        fate = match(pairing, GATES_M["car"])
+        told |= {(tick, int(i)): True for i in tracks.ids[fate.detected]}
+        told |= {(tick, int(i)): False for i in tracks.ids[fate.false_alarms]}
+    return told
+
+
+def persistence(lives: Lives, least: int = LEAST_TRACKS) -> Mapping[str, float]:
     """Return the traits under which what was right, and what was not, is likeliest."""
-    if lives.objects < LEAST_TRACKS:
+    if lives.objects < least:
         return PERSISTENCE
     from scipy.optimize import minimize
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from pathlib import Path
@@ -19,6 +19,7 @@ from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.jobs.stack import perceive
 from roadscope.benchmarks.metrics.matching import Pairing, centre_distances, match
+from roadscope.benchmarks.perceived import Perceived
 from roadscope.core import Category, Detections, Truth
 from roadscope.core.pose import wrap_angle
 from roadscope.trackers.existence_targets import log_odds
@@ -178,12 +179,17 @@ def _of_sequence(files: KittiFolder, name: str, kind: str, detector: str | None)
     return replace(collected, graded=graded_detections(sequence))
 
 
+def sensed_episodes(detector: str, seeds: int) -> Iterator[Perceived]:
+    """Let a detector see train seeds of our traffic."""
+    for scenario, rig, seed in product(SCENARIOS, RIGS, range(FIRST_SEED, FIRST_SEED + seeds)):
+        yield perceive(detector, Episode(scenario, seed, rig, DURATION_S), Eligibility())
+
+
 def sensed_samples(detector: str, seeds: int) -> tuple[dict[str, Samples], str]:
     """Collect from train seeds of our traffic; every class has the samples of all."""
     parts, last = [], FIRST_SEED + seeds - 1
     rule = Eligibility()
-    for scenario, rig, seed in product(SCENARIOS, RIGS, range(FIRST_SEED, last + 1)):
-        seen = perceive(detector, Episode(scenario, seed, rig, DURATION_S), rule)
+    for seen in sensed_episodes(detector, seeds):
         pairings = rule.pairings(seen.detections, seen.truths, seen.parked)
         parts.append(episode_samples(seen.detections, seen.truths, pairings, GATES_M["car"]))
     told = f"train seeds {FIRST_SEED} to {last} of {', '.join(SCENARIOS)}, rigs {', '.join(RIGS)}"

@@ -14,7 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.fit.tracker_persistence import PERSISTENCE, SHARES, recorded_persistence
+from roadscope.benchmarks.fit.tracker_persistence import (
+    PERSISTENCE,
+    SHARES,
+    recorded_persistence,
+    sensed_persistence,
+)
 from roadscope.benchmarks.fit.tracker_samples import (
     LAGS_S,
     Samples,
@@ -193,8 +198,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         classes, origin = sensed_samples(given.detector or "distance-l-shape", given.seeds)
     given.out.write_text(source(classes, origin), "utf-8")
     if given.kitti is not None:
-        lasting = recorded_persistence(given.kitti, chosen, given.detector, str(given.out))
-        given.out.write_text(source(classes, origin, lasting), "utf-8")
+        kept = recorded_persistence(given.kitti, chosen, given.detector, str(given.out))
+    else:
+        kept = sensed_persistence(given.detector or "distance-l-shape", given.seeds, str(given.out))
+    given.out.write_text(source(classes, origin, kept), "utf-8")
 
 
 if __name__ == "__main__":
