@@ -11,29 +11,35 @@ from pathlib import Path
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF, read_labels
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
 from roadscope.benchmarks.formats.mot_rules import THRESHOLD, mot_judged
-from roadscope.benchmarks.formats.motchallenge import by_frame, read_mot
+from roadscope.benchmarks.formats.motchallenge import by_frame, read_mot, read_mot_sequence
+from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.core import Category
 
 
-def score_mot_results(truth: Path | str, results: Path | str) -> dict[str, Score]:
+def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Score]:
     """Return HOTA, MOTA, IDF1 and the like of one sequence by image boxes.
 
-    truth: `gt.txt` of the sequence. results: what a tracker told of it, 7 or 10 columns.
+    sequence: its folder with `gt/gt.txt`, `det/det.txt` and `seqinfo.ini`.
+    results: what a tracker told of it, 7 or 10 columns.
     Anything malformed raises `FormatError` with file, line and what was expected.
 
     >>> from roadscope.benchmarks.recorded.result_files import score_mot_results
-    >>> scores = score_mot_results("MOT17-02/gt/gt.txt", "mine/MOT17-02.txt")
+    >>> scores = score_mot_results("MOT17-02", "mine/MOT17-02.txt")
     >>> for name in ("hota", "mota", "idf1"):
     ...     print(f"{name} {scores[name].value:.3f}")
     hota 0.707
     mota 0.500
     idf1 0.667
     """
-    true, told = read_mot(Path(truth)), read_mot(Path(results))
-    count = max(int(rows.frames.max(initial=0)) for rows in (true, told))
-    return sequence_scores(mot_judged(by_frame(true, count), by_frame(told, count)), THRESHOLD)
+    true, told = read_mot_sequence(sequence).truth, read_mot(Path(results))
+    if true is None:
+        raise FormatError(f"{Path(sequence) / 'gt' / 'gt.txt'}: missing; nothing to score by")
+    last = int(told.frames.max(initial=0))
+    if last > len(true):
+        raise FormatError(f"{results}: frame {last}, but the sequence {sequence} has {len(true)}")
+    return sequence_scores(mot_judged(true, by_frame(told, len(true))), THRESHOLD)
 
 
 def score_kitti_results(

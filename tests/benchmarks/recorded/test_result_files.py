@@ -28,6 +28,8 @@ def example(folder: Path, results: str) -> tuple[Path, Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
     people = [f"{t},{k},{box}" for t in (1, 2) for k, box in ((1, A), (2, B))]
     truth.write_text(mot_lines(*people, tail=",1,1,1.0"))
+    (truth.parents[1] / "det").mkdir(exist_ok=True)
+    (truth.parents[1] / "det" / "det.txt").write_text("")
     told.write_text(results)
     return truth, told
 
@@ -55,7 +57,7 @@ def test_who_follows_a_distractor_counts_neither_way(kind, tmp_path):
     told = ONE + mot_lines(f"1,8,{C}", tail=",0.9,-1,-1,-1")
     truth, results = example(tmp_path, told)
     truth.write_text(truth.read_text() + f"1,3,{C},0,{kind},1.0\n")
-    scores = score_mot_results(truth, results)
+    scores = score_mot_results(truth.parents[1], results)
     excused = kind in (2, 7, 8, 12)
     assert scores["precision"].value == pytest.approx(1.0 if excused else 2 / 3)
     assert scores["recall"].value == 0.5
@@ -64,7 +66,7 @@ def test_who_follows_a_distractor_counts_neither_way(kind, tmp_path):
 def test_who_is_marked_as_not_counting_does_not(tmp_path):
     truth, results = example(tmp_path, ONE)
     truth.write_text(truth.read_text().replace(f"1,2,{B},1", f"1,2,{B},0"))
-    assert score_mot_results(truth, results)["recall"].n == 3
+    assert score_mot_results(truth.parents[1], results)["recall"].n == 3
 
 
 def test_of_kitti_the_class_asked_for_counts(tmp_path):
@@ -80,9 +82,19 @@ def test_of_kitti_the_class_asked_for_counts(tmp_path):
 def test_malformed_files_are_refused_with_their_line(tmp_path):
     truth, results = example(tmp_path, ONE + "3,7,x,1,1,1,1,-1,-1,-1\n")
     with pytest.raises(FormatError, match=r"MOT17-02.txt, line 3: expected a number as left"):
-        score_mot_results(truth, results)
+        score_mot_results(truth.parents[1], results)
+    results.write_text(mot_lines(f"9,7,{A}", tail=",0.9,-1,-1,-1"))
+    with pytest.raises(FormatError, match=r"frame 9, but the sequence .*MOT17-02 has 2"):
+        score_mot_results(truth.parents[1], results)
     with pytest.raises(FormatError, match=r"gt.txt, line 1: expected 17 columns"):
         score_kitti_results(truth, results)
+
+
+def test_without_ground_truth_there_is_nothing_to_score_by(tmp_path):
+    truth, results = example(tmp_path, ONE)
+    truth.unlink()
+    with pytest.raises(FormatError, match=r"gt.txt: missing; nothing to score by"):
+        score_mot_results(truth.parents[1], results)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -94,6 +106,8 @@ def test_the_same_sequence_as_trackevals(seed, tmp_path):
     for folder in (gt / "gt", out, tmp_path / "gt" / "seqmaps"):
         folder.mkdir(parents=True)
     (tmp_path / "gt" / "seqmaps" / "MOT17-train.txt").write_text("name\nA\n")
+    (gt / "det").mkdir()
+    (gt / "det" / "det.txt").write_text("")
     (gt / "seqinfo.ini").write_text("[Sequence]\nname=A\nframeRate=25\nseqLength=12\n")
     true, told = [], []
     for frame in range(1, 13):
@@ -123,5 +137,5 @@ def test_the_same_sequence_as_trackevals(seed, tmp_path):
     ):
         np.testing.assert_allclose(alike, theirs, atol=1e-9)
     expected = trackeval.metrics.HOTA().eval_sequence(wanted)["HOTA"].mean()
-    scores = score_mot_results(gt / "gt" / "gt.txt", out / "A.txt")
+    scores = score_mot_results(gt, out / "A.txt")
     assert scores["hota"].value == pytest.approx(expected, abs=1e-9)
