@@ -24,7 +24,7 @@ SURE = 9.0
 FURTHEST = 12.0
 """Squared Mahalanobis distance beyond which places fit no worse."""
 GIVEN_UP = -4.0
-"""Log odds below which an unseen target of few detections is no longer looked for."""
+"""Log odds at the last detection below which a target of few is not looked for unseen."""
 FEW = 2.0
 """Sum of scores."""
 
@@ -143,7 +143,7 @@ class ExistenceTracker:
     def _kept(self, targets: Targets) -> np.ndarray:
         """Return (N,) bool, not those unseen for too long, nor who hardly ever was there."""
         few = targets.votes.sum(axis=1) < FEW
-        weak = (targets.misses > 0) & few & (targets.existence < GIVEN_UP)
+        weak = (targets.misses > 0) & few & (targets.assured < GIVEN_UP)
         kept: np.ndarray = ~weak & (targets.idle_s <= self._coast_s)
         return kept
 
