@@ -87,7 +87,7 @@ def test_bands_that_do_not_fit_continue_below(width) -> None:
 
 
 def test_eight_scenarios_fit_80_columns() -> None:
-    names = load_suite("standard").scenarios
+    names = load_suite("detection").scenarios
     found = results(*(row("detection_rate", "scenario", name, samples=12345) for name in names))
     assert len(names) == 8
     assert "continued" not in printed(found, "scenario")
