@@ -61,8 +61,8 @@ def plugin_hash(plugin: Plugin[Any]) -> str:
 
 
 def _named_files(arguments: Mapping[str, Any]) -> list[str]:
-    """Return the hashes of files that arguments name, such as learned traits of one's own."""
-    texts = [value for value in arguments.values() if isinstance(value, str)]
+    """Return the hashes of data that arguments name, such as learned traits of one's own."""
+    texts = [value for value in arguments.values() if str(value).endswith(KINDS)]
     return [sha256(Path(text).read_bytes()).hexdigest() for text in texts if _is_file(text)]
 
 
