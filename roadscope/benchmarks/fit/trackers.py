@@ -9,6 +9,7 @@ With a KITTI folder from its detections and labels, otherwise from train seeds o
 from __future__ import annotations
 
 import argparse
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from roadscope.benchmarks.fit.tracker_samples import (
     recorded_samples,
     sensed_samples,
 )
-from roadscope.trackers.learned import TRAITS
+from roadscope.trackers.learned import FOLDER, TRAITS
 
 TOP_SPEED_M_S = {"car": 40.0, "cyclist": 20.0, "pedestrian": 10.0}
 """Not learned: what a training set happens not to hold is not impossible."""
@@ -37,6 +38,8 @@ GROWTHS = np.arange(0.0, 0.1005, 0.001)
 """Per metre; the likeliest is taken."""
 LEAST_SAMPLES = 30
 """Fewer say nothing of a class."""
+UNFORETOLD = np.linspace(-46.0, 46.0, 11).round(1).tolist()
+"""Deciles of log odds that make no score likely."""
 LASTING_S = (0.3, 10.0)
 MOST_LASTING = 0.9
 """Something is new in every tick."""
@@ -55,6 +58,7 @@ FOLDS = 5
 LEAST_GAIN = 0.1
 """Share by which range must lower what scores leave open, where it was not fitted."""
 FITTED = TRAITS[: TRAITS.index("top_speed_m_s")]
+MOTION = TRAITS[TRAITS.index("accelerate_m_s2") : TRAITS.index("top_speed_m_s")]
 
 
 def fitted(samples: Samples, top_speed_m_s: float) -> dict[str, float]:
@@ -156,25 +160,29 @@ def source(
 ) -> str:
     """Return the text of a file of `roadscope.trackers.learned`.
 
-    A class with too few samples takes the traits of the class with most.
+    A class with too few samples is taken to be detected as the one with most is, and to move as is
+    guessed where nothing is known; its scores are hardly foretold.
     lasting: of each class what `tracker_persistence` learned; left out, what is guessed.
     """
+    guessed = tomllib.loads((FOLDER / "unknown.toml").read_text("utf-8"))
     most = max(classes, key=lambda name: len(classes[name].errors))
     lines = [f'origin = "{origin}"']
     for name, samples in classes.items():
         enough = min(len(samples.errors), len(samples.changes)) >= LEAST_SAMPLES
-        taken = samples if enough else classes[most]
-        traits = fitted(taken, TOP_SPEED_M_S[name])
-        kept = lasting[name] if lasting else PERSISTENCE | SHARES
-        told = f"{len(samples.errors)} detections" if enough else f"as {most}: too few detections"
-        lines += [
-            "",
-            f"[{name}] # {told}",
-            f"log_odds_deciles = {np.quantile(taken.log_odds, DECILES).round(2).tolist()}",
-            *(f"{trait} = {traits[trait]}" for trait in FITTED),
-            f"top_speed_m_s = {TOP_SPEED_M_S[name]}",
-            *(f"{trait} = {value}" for trait, value in kept.items()),
-        ]
+        taken = name if enough else most
+        section = {
+            "log_odds_deciles": np.quantile(classes[taken].log_odds, DECILES).round(2).tolist(),
+            **fitted(classes[taken], TOP_SPEED_M_S[taken]),
+            "top_speed_m_s": TOP_SPEED_M_S[name],
+            **(lasting[taken] if lasting else PERSISTENCE | SHARES),
+        }
+        told = f"{len(samples.errors)} detections"
+        if not enough:
+            section |= {trait: guessed[name][trait] for trait in MOTION}
+            section["log_odds_deciles"] = UNFORETOLD
+            told += f", too few: as {most}, moving as in unknown.toml"
+        lines += ["", f"[{name}] # {told}"]
+        lines += [f"{trait} = {value}" for trait, value in section.items()]
     return "\n".join([*lines, ""])
 
 
