@@ -13,51 +13,58 @@ from roadscope.commands.terminal import complain, console, progress_bars
 DEFAULT_SUITE = "quick"
 
 
+Board = Annotated[str | None, typer.Argument(help="detection or tracking; both if left out.")]
+Suite = Annotated[
+    str, typer.Option(help="Conditions: a name (roadscope list suites) or a .toml file.")
+]
+Entry = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Your detector or tracker, beside the suite's own: a name, module:Class or "
+        "file.py:Class, with ?argument=value. Can be given several times."
+    ),
+]
+Only = Annotated[bool, typer.Option("--only", help="Run the given entries alone.")]
+By = Annotated[
+    str | None,
+    typer.Option(
+        help="Show it by this too: range, category, occlusion, points or score (detection), "
+        "detector (tracking), weather or scenario (both), alpha or sequence (--kitti)."
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Folder for leaderboard.json, .csv, .md and the results database."),
+]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Do again what an earlier run has done.")]
+Kitti = Annotated[
+    Path | None,
+    typer.Option(
+        help="Rank trackers on your folder of KITTI tracking data: label_02, calib, "
+        "det_NAME/Car, ego_pose or oxts."
+    ),
+]
+Tracks = Annotated[
+    Path | None,
+    typer.Option(
+        help="With --kitti: folder for every tracker's tracks, kitti/TRACKER/SEQ.txt and "
+        "motchallenge/TRACKER/CLASS/SEQ.txt."
+    ),
+]
+
+
 def leaderboard(
-    board: Annotated[
-        str | None, typer.Argument(help="detection or tracking; both if left out.")
-    ] = None,
+    board: Board = None,
     *,
-    suite: Annotated[
-        str, typer.Option(help="Conditions: a name (roadscope list suites) or a .toml file.")
-    ] = DEFAULT_SUITE,
-    entry: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Your detector or tracker, beside the suite's own: a name, module:Class or "
-            "file.py:Class, with ?argument=value. Can be given several times."
-        ),
-    ] = None,
-    only: Annotated[bool, typer.Option("--only", help="Run the given entries alone.")] = False,
-    by: Annotated[
-        str | None,
-        typer.Option(
-            help="Show it by this too: range, category, occlusion, points or score (detection), "
-            "detector (tracking), weather or scenario (both), alpha or sequence (--kitti)."
-        ),
-    ] = None,
+    suite: Suite = DEFAULT_SUITE,
+    entry: Entry = None,
+    only: Only = False,
+    by: By = None,
     jobs: Jobs = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for leaderboard.json, .csv, .md and the results database."),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Do again what an earlier run has done.")
-    ] = False,
-    kitti: Annotated[
-        Path | None,
-        typer.Option(
-            help="Rank trackers on your folder of KITTI tracking data: label_02, calib, "
-            "det_NAME/Car, ego_pose or oxts."
-        ),
-    ] = None,
-    tracks: Annotated[
-        Path | None,
-        typer.Option(
-            help="With --kitti: folder for every tracker's tracks, kitti/TRACKER/SEQ.txt and "
-            "motchallenge/TRACKER/CLASS/SEQ.txt."
-        ),
-    ] = None,
+    out: Out = None,
+    fresh: Fresh = False,
+    kitti: Kitti = None,
+    tracks: Tracks = None,
 ) -> None:
     """Rank detectors and trackers on a suite of traffic.
 
@@ -91,10 +98,9 @@ def leaderboard(
             jobs_done = plan(conditions, entry or (), boards, only=only).tracking
             save_tracks(jobs_done, tracks, workers=workers(jobs), progress=progress)
     _show(results, conditions, by)
-    if out is not None:
-        typer.echo(f"written: {out / 'leaderboard.json'}")
-    if tracks is not None:
-        typer.echo(f"written: {tracks}")
+    for written in (out and out / "leaderboard.json", tracks):
+        if written is not None:
+            typer.echo(f"written: {written}")
     if results.barren():
         raise typer.Exit(1)
 
