@@ -1,5 +1,6 @@
 """What a camera sees first in every pixel: the ray caster's answer, face by face instead of ray by
-ray."""
+ray.
+"""
 
 from __future__ import annotations
 

@@ -92,9 +92,7 @@ def _draw_ground(lens: Lens, canvas: Canvas) -> None:
 
 
 @compiled(borrowing=True)
-def _plane(
-    lens: Lens, nx: float, ny: float, nz: float, room: float
-) -> tuple[float, float, float]:
+def _plane(lens: Lens, nx: float, ny: float, nz: float, room: float) -> tuple[float, float, float]:
     """Coefficients of q over columns and rows; room is the way to the plane along its normal."""
     r = lens.rotation
     x = (r[0, 0] * nx + r[0, 1] * ny + r[0, 2] * nz) / room
@@ -225,7 +223,9 @@ def _project(
 ) -> int:
     """Cut a face at the near plane and write its corners in pixels; return how many."""
     count = 0
-    x0, y0, z0 = _into_camera(lens, world[corners - 1, 0], world[corners - 1, 1], world[corners - 1, 2])
+    x0, y0, z0 = _into_camera(
+        lens, world[corners - 1, 0], world[corners - 1, 1], world[corners - 1, 2]
+    )
     for k in range(corners):
         x1, y1, z1 = _into_camera(lens, world[k, 0], world[k, 1], world[k, 2])
         if (z0 < NEAR_M) != (z1 < NEAR_M):

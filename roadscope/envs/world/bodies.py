@@ -9,11 +9,14 @@ Cooksey 2015).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from roadscope.core import Category
+from roadscope.envs.world import materials
 from roadscope.envs.world.footprints import ellipse, rounded
 from roadscope.envs.world.prisms import Prisms
 
@@ -23,6 +26,7 @@ GLASS = 0.08
 RUBBER = 0.05
 DARK_METAL = 0.2
 SKIN = 0.55
+WINDOW: Mapping[str, Any] = MappingProxyType({"reflectivity": GLASS, "look": materials.GLASS})
 PAINTS = np.array([0.1, 0.15, 0.25, 0.35, 0.45, 0.6, 0.8])
 """Black, dark blue, dark grey, red, silver, light grey, white."""
 
@@ -39,37 +43,50 @@ def body_prisms(category: Category, size: np.ndarray, rng: np.random.Generator) 
 
 def _slab(
     size: Size, x: tuple[float, float], z: tuple[float, float],
-    *, breadth: float = 1.0, radius: float = 0.3, reflectivity: float,
+    *, breadth: float = 1.0, radius: float = 0.3, reflectivity: float, look: int = materials.GREY,
 ) -> Prisms:  # fmt: skip
     """Make a rounded slab; x from the rear end, z and breadth are fractions of the size."""
     length, width, height = size
     outline = rounded(
         (x[1] - x[0]) * length, breadth * width, radius, ((x[0] + x[1]) / 2 - 0.5) * length
     )
-    return Prisms.of(outline, z[0] * height, z[1] * height, reflectivity=reflectivity)
+    return Prisms.of(
+        outline, z[0] * height, z[1] * height, reflectivity=reflectivity, material=look
+    )  # fmt: skip
+
+
+def _paint(paint: float, rng: np.random.Generator, family: str = "paint") -> dict[str, Any]:
+    """One of the colours that are as bright as the reflectivity."""
+    row = int(np.searchsorted(PAINTS, paint)) * materials.HUES + int(rng.integers(materials.HUES))
+    return {"reflectivity": paint, "look": materials.first_of(family) + row}
+
+
+def _any(family: str, rng: np.random.Generator) -> int:
+    return materials.first_of(family) + int(rng.integers(materials.size_of(family)))
 
 
 def _car(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Saloon or hatchback: sill, deck, two steps of sloping glass, roof."""
     paint = float(rng.choice(PAINTS))
     rear = (0.02, 0.05, 0.09) if rng.random() < 0.5 else (0.10, 0.17, 0.23)
+    colour = _paint(paint, rng)
     return [
-        _slab(size, (0, 1), (0.12, 0.50), radius=0.35, reflectivity=paint),
-        _slab(size, (0.01, 0.96), (0.50, 0.62), breadth=0.98, reflectivity=paint),
-        _slab(size, (rear[0], 0.70), (0.62, 0.80), breadth=0.90, reflectivity=GLASS),
-        _slab(size, (rear[1], 0.62), (0.80, 0.94), breadth=0.82, reflectivity=GLASS),
-        _slab(size, (rear[2], 0.56), (0.94, 1), breadth=0.76, reflectivity=paint),
+        _slab(size, (0, 1), (0.12, 0.50), radius=0.35, **colour),
+        _slab(size, (0.01, 0.96), (0.50, 0.62), breadth=0.98, **colour),
+        _slab(size, (rear[0], 0.70), (0.62, 0.80), breadth=0.90, **WINDOW),
+        _slab(size, (rear[1], 0.62), (0.80, 0.94), breadth=0.82, **WINDOW),
+        _slab(size, (rear[2], 0.56), (0.94, 1), breadth=0.76, **colour),
     ]
 
 
 def _van(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Box van: short bonnet, one step of windscreen, box."""
-    paint = float(rng.choice(PAINTS))
+    colour = _paint(float(rng.choice(PAINTS)), rng)
     return [
-        _slab(size, (0, 1), (0.1, 0.42), radius=0.25, reflectivity=paint),
-        _slab(size, (0, 0.93), (0.42, 0.55), radius=0.2, reflectivity=paint),
-        _slab(size, (0.76, 0.86), (0.55, 0.80), breadth=0.9, radius=0.15, reflectivity=GLASS),
-        _slab(size, (0, 0.76), (0.55, 1), breadth=0.97, radius=0.15, reflectivity=paint),
+        _slab(size, (0, 1), (0.1, 0.42), radius=0.25, **colour),
+        _slab(size, (0, 0.93), (0.42, 0.55), radius=0.2, **colour),
+        _slab(size, (0.76, 0.86), (0.55, 0.80), breadth=0.9, radius=0.15, **WINDOW),
+        _slab(size, (0, 0.76), (0.55, 1), breadth=0.97, radius=0.15, **colour),
     ]
 
 
@@ -81,12 +98,14 @@ def _truck(size: Size, rng: np.random.Generator) -> list[Prisms]:
     cab = 1 - (2.3 / length if length > 6 else 0.3)
     back = cab - (0.9 if long else 0.25) / length
     wheels = (0.05, 0.30) if long else (0.10, 0.32)
-    rubber, steel = {"radius": 0.1, "reflectivity": RUBBER}, DARK_METAL
+    colour, cover = _paint(paint, rng), {"reflectivity": box, "look": _any("box", rng)}
+    rubber = {"radius": 0.1, "reflectivity": RUBBER, "look": materials.RUBBER}
+    steel = {"reflectivity": DARK_METAL, "look": materials.STEEL}
     return [
-        _slab(size, (cab, 1), (0.09, 0.46), radius=0.2, reflectivity=paint),
-        _slab(size, (cab, 0.995), (0.46, 0.92), breadth=0.98, radius=0.2, reflectivity=paint),
-        _slab(size, (0, back), (0.32, 1), radius=0.05, reflectivity=box),
-        _slab(size, (0, cab), (0.22, 0.32), breadth=0.4, radius=0.05, reflectivity=steel),
+        _slab(size, (cab, 1), (0.09, 0.46), radius=0.2, **colour),
+        _slab(size, (cab, 0.995), (0.46, 0.92), breadth=0.98, radius=0.2, **colour),
+        _slab(size, (0, back), (0.32, 1), radius=0.05, **cover),
+        _slab(size, (0, cab), (0.22, 0.32), breadth=0.4, radius=0.05, **steel),
         _slab(size, wheels, (0, 0.26), breadth=0.98, **rubber),
         _slab(size, (back - 0.4 / length, 0.6 * cab + 0.4), (0, 0.25), breadth=0.96, **rubber),
     ]
@@ -94,11 +113,11 @@ def _truck(size: Size, rng: np.random.Generator) -> list[Prisms]:
 
 def _bus(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """City bus: skirt, band of windows, roof."""
-    paint = float(rng.choice(PAINTS))
+    colour = _paint(float(rng.choice(PAINTS)), rng, "coach")
     return [
-        _slab(size, (0, 1), (0.09, 0.42), radius=0.25, reflectivity=paint),
-        _slab(size, (0.003, 0.995), (0.42, 0.82), breadth=0.98, radius=0.25, reflectivity=GLASS),
-        _slab(size, (0.01, 0.985), (0.82, 1), breadth=0.96, radius=0.25, reflectivity=paint),
+        _slab(size, (0, 1), (0.09, 0.42), radius=0.25, **colour),
+        _slab(size, (0.003, 0.995), (0.42, 0.82), breadth=0.98, radius=0.25, **WINDOW),
+        _slab(size, (0.01, 0.985), (0.82, 1), breadth=0.96, radius=0.25, **colour),
     ]
 
 
@@ -109,12 +128,17 @@ def _two_wheeler(
     cloth, machine = float(rng.uniform(0.25, 0.7)), float(rng.uniform(0.1, 0.4))
     head = min(0.26, 0.6 * size[1], 0.6 * size[0])
     face = 0.5 - head / size[0] / 2, 0.5 + head / size[0] / 2
+    trousers, shirt, skin = (_any(family, rng) for family in ("cloth", "cloth", "skin"))
+    legs, trunk = ({"reflectivity": cloth, "look": look} for look in (trousers, shirt))
+    steel = {"reflectivity": machine, "look": materials.STEEL}
     return [
-        _slab(size, (0, 1), (0, 0.38), breadth=frame, reflectivity=machine / 2),
-        _slab(size, (0.22, 0.78), (0.38, seat), breadth=max(frame, 0.55), reflectivity=cloth),
-        _slab(size, (0.66, 0.76), (seat, seat + 0.08), radius=0.05, reflectivity=machine),
-        _slab(size, (0.30, 0.62), (seat, 0.82), breadth=0.75, reflectivity=cloth),
-        _slab(size, face, (0.82, 1), breadth=head / size[1], reflectivity=SKIN),
+        _slab(
+            size, (0, 1), (0, 0.38), breadth=frame, reflectivity=machine / 2, look=materials.RUBBER
+        ),
+        _slab(size, (0.22, 0.78), (0.38, seat), breadth=max(frame, 0.55), **legs),
+        _slab(size, (0.66, 0.76), (seat, seat + 0.08), radius=0.05, **steel),
+        _slab(size, (0.30, 0.62), (seat, 0.82), breadth=0.75, **trunk),
+        _slab(size, face, (0.82, 1), breadth=head / size[1], reflectivity=SKIN, look=skin),
     ]
 
 
@@ -133,10 +157,12 @@ def _pedestrian(size: Size, rng: np.random.Generator) -> list[Prisms]:
     length, width, height = size
     trousers, shirt = (float(v) for v in rng.uniform(0.25, 0.7, 2))
     head = min(0.24, 0.7 * length, 0.7 * width)
+    hip, neck = 0.47 * height, 0.85 * height
+    legs, trunk, skin = (_any(family, rng) for family in ("cloth", "cloth", "skin"))
     return [
-        Prisms.of(ellipse(length, 0.6 * width), 0, 0.47 * height, reflectivity=trousers),
-        Prisms.of(ellipse(0.7 * length, width), 0.47 * height, 0.85 * height, reflectivity=shirt),
-        Prisms.of(ellipse(head, head), 0.85 * height, height, reflectivity=SKIN),
+        Prisms.of(ellipse(length, 0.6 * width), 0, hip, reflectivity=trousers, material=legs),
+        Prisms.of(ellipse(0.7 * length, width), hip, neck, reflectivity=shirt, material=trunk),
+        Prisms.of(ellipse(head, head), neck, height, reflectivity=SKIN, material=skin),
     ]
 
 

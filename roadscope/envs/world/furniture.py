@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.envs.world import materials
 from roadscope.envs.world.borders import Sites
 from roadscope.envs.world.footprints import ellipse, placed
 from roadscope.envs.world.style import Style
@@ -29,8 +30,10 @@ def guard_rails(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     posts = sites.starts + (RAIL_M + 0.14) * sites.start_normals
     return join(
         [
-            prisms_of(ribbon(sites, RAIL_M, 0.08), 0.45, 0.75, STEEL),
-            prisms_of(boxes(posts, sites.yaws, 0.06, 0.12), 0.0, 0.72, STEEL),
+            prisms_of(ribbon(sites, RAIL_M, 0.08), 0.45, 0.75, STEEL, materials=materials.STEEL),
+            prisms_of(
+                boxes(posts, sites.yaws, 0.06, 0.12), 0.0, 0.72, STEEL, materials=materials.STEEL
+            ),
         ]
     )
 
@@ -38,7 +41,7 @@ def guard_rails(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
 def noise_walls(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     """Concrete walls 3.5 m high along stretches of the border."""
     sites = sites.select(stretches(sites, style.noise_wall, rng))
-    return prisms_of(ribbon(sites, WALL_M, 0.2), 0.0, 3.5, CONCRETE)
+    return prisms_of(ribbon(sites, WALL_M, 0.2), 0.0, 3.5, CONCRETE, materials=materials.CONCRETE)
 
 
 def lamps(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
@@ -47,7 +50,13 @@ def lamps(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     tops = 6.0 + 4.0 * rng.random(len(centres))
     posts = placed(ellipse(0.18, 0.18), centres, yaws)
     lanterns = boxes(centres, yaws, 0.6, 0.25)
-    return join([prisms_of(posts, 0.0, tops, STEEL), prisms_of(lanterns, tops, tops + 0.15, STEEL)])
+    look = {"materials": materials.STEEL}
+    return join(
+        [
+            prisms_of(posts, 0.0, tops, STEEL, **look),
+            prisms_of(lanterns, tops, tops + 0.15, STEEL, **look),
+        ]
+    )
 
 
 def signs(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
@@ -58,7 +67,14 @@ def signs(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     plates = boxes(centres, yaws, 0.03, sides)
     return join(
         [
-            prisms_of(posts, 0.0, 2.0, STEEL),
-            prisms_of(plates, 2.0, 2.0 + sides, RETROREFLECTOR),
+            prisms_of(posts, 0.0, 2.0, STEEL, materials=materials.STEEL),
+            prisms_of(
+                plates,
+                2.0,
+                2.0 + sides,
+                RETROREFLECTOR,
+                materials=materials.graded("sign", (sides - 0.6) / 0.4),
+                headings=yaws,
+            ),
         ]
     )

@@ -10,6 +10,7 @@ from roadscope.core import Category
 from roadscope.envs.world.bodies import body_prisms
 from roadscope.envs.world.borders import SITE_M, Sites
 from roadscope.envs.world.footprints import placed
+from roadscope.envs.world.materials import graded
 from roadscope.envs.world.prisms import Prisms
 from roadscope.envs.world.style import Style
 from roadscope.envs.world.things import Batch, boxes, join, prisms_of
@@ -39,10 +40,13 @@ def buildings(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     yaws, lengths, depths = sites.yaws[taken], lengths[taken], depths[taken]
     tops = 3.0 * (2 + np.floor(5 * storeys[taken]))
     shades = PLASTER[0] + (PLASTER[1] - PLASTER[0]) * paint[taken]
+    look = {"materials": graded("facade", paint[taken]), "headings": yaws}
     return join(
         [
-            prisms_of(boxes(centres, yaws, lengths, depths), 0.0, tops, shades),
-            prisms_of(boxes(centres, yaws, lengths - 2, depths - 2), tops, tops + 2.5, shades),
+            prisms_of(boxes(centres, yaws, lengths, depths), 0.0, tops, shades, **look),
+            prisms_of(
+                boxes(centres, yaws, lengths - 2, depths - 2), tops, tops + 2.5, shades, **look
+            ),
         ]
     )
 
@@ -71,7 +75,8 @@ def _standing(body: Prisms, centre: np.ndarray, yaw: float, thing: int) -> Batch
     outlines = placed(body.footprints, np.tile(centre, (count, 1)), np.full(count, yaw))
     return Batch(
         outlines, body.corners, body.bottoms, body.tops,
-        np.full(count, thing), body.extinctions, body.reflectivities,
+        np.full(count, thing), body.extinctions, body.reflectivities, body.materials,
+        body.headings + yaw,
     )  # fmt: skip
 
 

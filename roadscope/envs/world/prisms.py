@@ -27,6 +27,8 @@ class Prisms(Record):
     extinctions: (M,) float64, 1/m; 0 is solid, otherwise a ray that enters meets something
         after an exponentially distributed path with this rate and may pass through (foliage).
     reflectivities: (M,) float32 in 0 to 1, at normal incidence, 905 nm.
+    materials: (M,) int16, rows of `materials.MATERIALS`: what cameras see.
+    headings: (M,) float64, radians, the direction ahead of the thing in the footprint's frame.
     """
 
     footprints: np.ndarray
@@ -36,6 +38,8 @@ class Prisms(Record):
     owners: np.ndarray
     extinctions: np.ndarray
     reflectivities: np.ndarray
+    materials: np.ndarray
+    headings: np.ndarray
 
     def __post_init__(self) -> None:
         settle_arrays(
@@ -47,6 +51,8 @@ class Prisms(Record):
             owners=(np.int32, ("M",)),
             extinctions=(np.float64, ("M",)),
             reflectivities=(np.float32, ("M",)),
+            materials=(np.int16, ("M",)),
+            headings=(np.float64, ("M",)),
         )
         require(
             bool((self.tops > self.bottoms).all()), self, "tops", "tops above bottoms", "others"
@@ -62,13 +68,14 @@ class Prisms(Record):
         none = np.empty(0)
         return Prisms(
             np.empty((0, MAX_EDGES, 2)), np.empty(0, np.int32), none, none,
-            np.empty(0, np.int32), none, np.empty(0, np.float32),
+            np.empty(0, np.int32), none, np.empty(0, np.float32), np.empty(0, np.int16), none,
         )  # fmt: skip
 
     @staticmethod
     def of(
         footprint: np.ndarray, bottom_m: float, top_m: float,
         *, owner: int = 0, extinction: float = 0.0, reflectivity: float = 0.5,
+        material: int = 0,
     ) -> Prisms:  # fmt: skip
         """Make one prism from a (K, 2) convex, counter-clockwise footprint, K up to 12."""
         corners = len(footprint)
@@ -83,6 +90,8 @@ class Prisms(Record):
             np.array([owner]),
             np.array([extinction]),
             np.array([reflectivity]),
+            np.array([material]),
+            np.zeros(1),
         )
 
     @staticmethod

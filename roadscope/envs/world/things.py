@@ -24,6 +24,8 @@ class Batch(NamedTuple):
     owners: np.ndarray
     extinctions: np.ndarray
     reflectivities: np.ndarray
+    materials: np.ndarray
+    headings: np.ndarray
 
     def select(self, index: np.ndarray) -> Batch:
         """Keep the rows that a mask or an index array names."""
@@ -38,7 +40,7 @@ def join(parts: Sequence[Batch | Prisms]) -> Batch:
 
 def prisms_of(
     outlines: np.ndarray, bottoms: Value, tops: Value, reflectivities: Value,
-    extinctions: Value = 0.0,
+    extinctions: Value = 0.0, *, materials: Value = 0.0, headings: Value = 0.0,
 ) -> Batch:  # fmt: skip
     """Make one prism for each of m things: (m, K, 2) outlines, numbers or (m,) arrays."""
     count = len(outlines)
@@ -51,6 +53,7 @@ def prisms_of(
     return Batch(
         padded(outlines), np.full(count, outlines.shape[1]), full(bottoms), full(tops),
         np.arange(count), full(extinctions), full(reflectivities),
+        full(materials).astype(np.int16), full(headings),
     )  # fmt: skip
 
 
@@ -58,7 +61,8 @@ def with_owners(prisms: Prisms, owners: np.ndarray) -> Prisms:
     """Return the same prisms under other owners."""
     return Prisms(
         prisms.footprints, prisms.corners, prisms.bottoms, prisms.tops,
-        owners.astype(np.int32), prisms.extinctions, prisms.reflectivities,
+        owners.astype(np.int32), prisms.extinctions, prisms.reflectivities, prisms.materials,
+        prisms.headings,
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.envs.world import materials
 from roadscope.envs.world.borders import Sites
 from roadscope.envs.world.footprints import ellipse, placed
 from roadscope.envs.world.style import Style
@@ -32,13 +33,26 @@ def trees(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     radii = np.minimum((0.18 + 0.12 * spread) * tops, style.tree_band_m[0] - 1.0)
     bottoms = np.maximum(0.3 * tops, 2.2)
     extinction = _extinction(TREE_LAD, lad)
+    leaves = materials.graded("leaves", spread)
     stems = _round(centres, yaws, 0.12 + 0.18 * trunk, 0.12 + 0.18 * trunk)
     return join(
         [
-            prisms_of(stems, 0.0, bottoms, BARK),
-            prisms_of(_round(centres, yaws, radii, radii), bottoms, 0.8 * tops, LEAF, extinction),
+            prisms_of(stems, 0.0, bottoms, BARK, materials=materials.BARK),
             prisms_of(
-                _round(centres, yaws, 0.6 * radii, 0.6 * radii), 0.8 * tops, tops, LEAF, extinction
+                _round(centres, yaws, radii, radii),
+                bottoms,
+                0.8 * tops,
+                LEAF,
+                extinction,
+                materials=leaves,
+            ),
+            prisms_of(
+                _round(centres, yaws, 0.6 * radii, 0.6 * radii),
+                0.8 * tops,
+                tops,
+                LEAF,
+                extinction,
+                materials=leaves,
             ),
         ]
     )
@@ -49,7 +63,10 @@ def bushes(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     centres, yaws = scattered(sites, style.bushes, style.bush_band_m, rng)
     length, width, height, lad = rng.random((4, len(centres)))
     outlines = _round(centres, yaws, 0.25 + 0.75 * length, 0.25 + 0.75 * width)
-    return prisms_of(outlines, 0.0, 0.5 + 1.5 * height, LEAF, _extinction(BUSH_LAD, lad))
+    return prisms_of(
+        outlines, 0.0, 0.5 + 1.5 * height, LEAF, _extinction(BUSH_LAD, lad),
+        materials=materials.graded("leaves", lad),
+    )  # fmt: skip
 
 
 def hedges(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
@@ -57,7 +74,10 @@ def hedges(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     sites = sites.select(stretches(sites, style.hedge, rng))
     height, lad = rng.random((2, len(sites)))
     outlines = ribbon(sites, style.bush_band_m[0] + 1.0, 0.8)
-    return prisms_of(outlines, 0.0, 1.0 + 0.3 * height, LEAF, _extinction(HEDGE_LAD, lad))
+    return prisms_of(
+        outlines, 0.0, 1.0 + 0.3 * height, LEAF, _extinction(HEDGE_LAD, lad),
+        materials=materials.first_of("leaves"),
+    )  # fmt: skip
 
 
 def _round(
