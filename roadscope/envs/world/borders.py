@@ -101,6 +101,17 @@ class LaneIndex:
         result: np.ndarray = ~((near & other) | crossed).any(axis=1)
         return result
 
+    def within(self, sites: Sites, depth_m: float) -> np.ndarray:
+        """(S,) bool, whether the middle lies at least that deep inside some other lane."""
+        near = self._tree.query_ball_point(sites.middles, self.widest_m)
+        counts = np.array([len(rows) for rows in near], np.int64)
+        rows = np.concatenate([np.empty(0, np.int64), *(np.asarray(r, np.int64) for r in near)])
+        sides = np.repeat(np.arange(len(sites)), counts)
+        away = np.linalg.norm(self.points[rows] - sites.middles[sides], axis=1)
+        deep = away < self.half_widths[rows] - depth_m
+        deep &= self.lanes[rows] != sites.lanes[sides] // 2
+        return np.bincount(sides[deep], minlength=len(sites)) > 0
+
     def clearances(self, outlines: np.ndarray, within_m: float) -> np.ndarray:
         """(M,) metres from each (M, K, 2) convex outline to the edge of the nearest lane strip.
 

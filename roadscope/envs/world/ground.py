@@ -1,0 +1,79 @@
+"""What lies on the ground: road surface, lane markings, kerb and pavement, grass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from roadscope.core.checks import settle_arrays
+from roadscope.core.record import Record
+from roadscope.envs.traffic.road_map import RoadMap
+from roadscope.envs.world.borders import SITE_M, LaneIndex, border_sites, without_doubles
+from roadscope.envs.world.road_memo import once_a_road
+
+PIECE_M = 12.0
+"""Lanes are cut into straight pieces at most this long."""
+TURN = 0.04
+"""And turning by at most this much, radians."""
+INSIDE_M = 0.6
+"""A border this far inside another lane crosses it and bears no line."""
+SHOULDERS_M: Mapping[str, float] = MappingProxyType(
+    {"motorway": 2.0, "urban": 2.6, "campus": 2.0, "bare": 0.5}
+)
+"""Width of the strip beside the outermost lane, by roadside style."""
+PAVED = frozenset({"urban", "campus"})
+"""Styles whose strip is a pavement behind a kerb; elsewhere it is asphalt."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface(Record):
+    """Strips of road and the lines on them, world frame.
+
+    strips: (N, 5) float64, start x y, end x y, half width: straight pieces of lanes, metres.
+    lines: (M, 6) float64, start x y, end x y, way of the start along its border, 1 if dashed.
+    """
+
+    strips: np.ndarray
+    lines: np.ndarray
+
+    def __post_init__(self) -> None:
+        settle_arrays(self, strips=(np.float64, ("N", 5)), lines=(np.float64, ("M", 6)))
+
+
+@once_a_road
+def surface_of(road: RoadMap) -> Surface:
+    """Find the strips and lines of a road."""
+    strips = [np.empty((0, 5))]
+    for points, widths in road.lanes():
+        if len(points) > 1:
+            strips.append(_strips(points, widths))
+    return Surface(np.concatenate(strips), _lines(road))
+
+
+def _strips(points: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    steps = np.diff(points, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    turned = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])), prepend=0.0))
+    turned[0] = 0.0
+    # A point is kept wherever the way or the turn since the last one is used up.
+    used = np.cumsum(lengths / PIECE_M + turned / TURN)
+    kept = np.flatnonzero(np.diff(np.floor(used), prepend=-1.0, append=np.inf))
+    kept = np.unique(np.concatenate([[0], kept, [len(points) - 1]]))
+    half = (widths[kept[:-1]] + widths[kept[1:]]) / 4
+    return np.column_stack([points[kept[:-1]], points[kept[1:]], half])
+
+
+def _lines(road: RoadMap) -> np.ndarray:
+    sites = border_sites(road)
+    if len(sites) == 0:
+        return np.empty((0, 6))
+    lanes = LaneIndex(road)
+    outer = lanes.outer(sites)
+    kept = without_doubles(sites) & ~lanes.within(sites, INSIDE_M)
+    ways = sites.slots * SITE_M
+    lines = np.column_stack([sites.starts, sites.ends, ways, ~outer])
+    result: np.ndarray = lines[kept]
+    return result
