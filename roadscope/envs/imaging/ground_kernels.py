@@ -39,7 +39,11 @@ class Paving(NamedTuple):
 
 @compiled()
 def paint_tile(
-    strips: np.ndarray, lines: np.ndarray, paving: Paving, cell_m: float, tile: tuple[int, int],
+    strips: np.ndarray,
+    lines: np.ndarray,
+    paving: Paving,
+    cell_m: float,
+    tile: tuple[int, int],
     cells: np.ndarray,
 ) -> None:
     """Paint one tile, in place: square roots of colours times 255 in the array (SIDE, SIDE, 3)."""
@@ -62,7 +66,12 @@ def paint_tile(
 
 @compiled()
 def _deepen(
-    strip: np.ndarray, x0: float, y0: float, reach: float, margin: float, cell_m: float,
+    strip: np.ndarray,
+    x0: float,
+    y0: float,
+    reach: float,
+    margin: float,
+    cell_m: float,
     depth: np.ndarray,
 ) -> None:
     """Raise the map of depths, metres inside the road, to that of one strip with round ends."""
