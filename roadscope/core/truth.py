@@ -35,6 +35,8 @@ class Truth(Record):
     stamp_s: seconds since reset.
     sources: (P,) int64, for each return of the scan the id of the object it came from,
         `GROUND`, `WEATHER`, or otherwise -2 and below for scenery.
+    image_boxes: (N, 4) float64, left top right bottom in pixels of this tick's image, of the
+        whole object as far as it is inside, without extent where it is not; None without image.
     """
 
     ids: np.ndarray
@@ -49,6 +51,7 @@ class Truth(Record):
     world_from_ego: Pose
     stamp_s: float
     sources: np.ndarray
+    image_boxes: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         settle_arrays(
@@ -63,6 +66,7 @@ class Truth(Record):
             visible_pixels=(np.int64, ("N",)),
             occluded_fraction=(np.float64, ("N",)),
             sources=(np.int64, ("P",)),
+            **({} if self.image_boxes is None else {"image_boxes": (np.float64, ("N", 4))}),
         )
 
     def __len__(self) -> int:

@@ -158,7 +158,8 @@ def grain(x: float, y: float) -> float:
     state ^= state >> np.uint64(29)
     state *= np.uint64(0xBF58476D1CE4E5B9)
     state ^= state >> np.uint64(32)
-    return np.float64(state >> np.uint64(11)) * 2.0**-53
+    uniform: float = np.float64(state >> np.uint64(11)) * 2.0**-53
+    return uniform
 
 
 @compiled(forceinline=True, borrowing=True)

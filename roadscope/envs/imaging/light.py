@@ -36,8 +36,8 @@ class Light(Record):
 
     def __post_init__(self) -> None:
         require(
-            0 < self.sun_elevation <= np.pi / 2, self, "sun_elevation", "an angle above the horizon",
-            self.sun_elevation,
+            0 < self.sun_elevation <= np.pi / 2, self, "sun_elevation",
+            "an angle above the horizon", self.sun_elevation,
         )  # fmt: skip
         require(0 <= self.clouds <= 1, self, "clouds", "a share in 0 to 1", self.clouds)
 

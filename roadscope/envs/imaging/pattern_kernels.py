@@ -54,7 +54,7 @@ def paint(
     aside = normal[1] * frame[2] - normal[0] * frame[3]
     out[0], out[1], out[2] = looks.colours[m, 0], looks.colours[m, 1], looks.colours[m, 2]
     out[3], out[4], out[5], out[6] = looks.gloss[m], 0.0, 0.0, 0.0
-    if pattern == BODYWORK or pattern == COACH:
+    if pattern in (BODYWORK, COACH):
         _bodywork(frame, looks.seeds[m], along, across, z, ahead, aside, lamps, out)
     elif pattern == FACADE:
         _facade(x, y, z, normal, looks.seeds[m], lamps, out)

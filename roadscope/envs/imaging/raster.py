@@ -1,6 +1,4 @@
-"""What a camera sees first in every pixel: the ray caster's answer, face by face instead of ray by
-ray.
-"""
+"""What a camera sees first in every pixel: the ray caster's answer, found face by face."""
 
 from __future__ import annotations
 
@@ -70,7 +68,7 @@ def lens_of(pinhole: Pinhole, world_from_camera: Pose) -> Lens:
 
 
 def solids_of(scene: Scene, stamp_s: float) -> Solids:
-    """Put all prisms at one instant into the world frame; those of absent actors lose their corners."""
+    """Put all prisms at one instant into the world frame; absent actors' lose their corners."""
     static, moving = scene.static, scene.moving
     x, y, yaw = scene.poses_at(np.array([stamp_s]))[0][moving.owners].T[:, :, None]
     along, across = moving.footprints[..., 0], moving.footprints[..., 1]

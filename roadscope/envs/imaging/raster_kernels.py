@@ -297,7 +297,7 @@ def _span(polygon: np.ndarray, count: int, row: int, canvas: Canvas) -> tuple[in
 
 @compiled(borrowing=True)
 def _fill(
-    q: np.ndarray, faces: np.ndarray, left: int, right: int, a: float, row: float, face: int
+    q: np.ndarray, faces: np.ndarray, left: int, right: int, a: float, row: float, face: np.int32
 ) -> None:
     for k in range(left, right):
         new = np.float32(a * (k + 0.5) + row)
@@ -401,7 +401,7 @@ def _leaf(
 
 
 @compiled(borrowing=True)
-def _chance(i: int, j: int, k: int) -> float:
+def _chance(i: np.int64, j: np.int64, k: np.int64) -> float:
     """Draw a number in 0 to 1 that belongs to a cell of space."""
     state = np.uint64(i) * np.uint64(0x9E3779B97F4A7C15)
     state ^= np.uint64(j) * np.uint64(0xC2B2AE3D27D4EB4F)
@@ -409,4 +409,5 @@ def _chance(i: int, j: int, k: int) -> float:
     state ^= state >> np.uint64(29)
     state *= np.uint64(0xBF58476D1CE4E5B9)
     state ^= state >> np.uint64(32)
-    return np.float64(state >> np.uint64(11)) * 2.0**-53
+    chance: float = np.float64(state >> np.uint64(11)) * 2.0**-53
+    return chance

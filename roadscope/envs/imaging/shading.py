@@ -57,7 +57,8 @@ def curve() -> np.ndarray:
     """(4096,) uint8, sRGB bytes of linear light in 0 to 1 (IEC 61966-2-1)."""
     linear = np.linspace(0.0, 1.0, CURVE)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.rint(255 * encoded).astype(np.uint8)
+    table: np.ndarray = np.rint(255 * encoded).astype(np.uint8)
+    return table
 
 
 def looks_of(scene: Scene, solids: Solids, stamp_s: float, categories: np.ndarray) -> Looks:

@@ -6,7 +6,11 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.envs.imaging.raster_kernels import (
-    GROUND_FACE, NEAR_M, Lens, Solids, _into_camera,
+    GROUND_FACE,
+    NEAR_M,
+    Lens,
+    Solids,
+    _into_camera,
 )  # fmt: skip
 from roadscope.envs.world.prisms import MAX_EDGES
 
@@ -172,4 +176,5 @@ def _path(solids: Solids, n: int, x: float, y: float, z: float, sun: np.ndarray)
             enter = max(enter, room / pace)
         elif room < 0.0:
             return 0.0
-    return max(0.0, leave - enter)
+    length: float = max(0.0, leave - enter)
+    return length

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from roadscope.core import Calibration, Pose
 from roadscope.core.checks import require
 from roadscope.core.record import Record
+from roadscope.envs.sensors.camera_spec import CameraSpec
 from roadscope.envs.sensors.dead_reckoning import DeadReckoning
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
@@ -32,12 +33,39 @@ class LidarMount(Record):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CameraMount(Record):
+    """A camera on the vehicle.
+
+    name: unique in the rig.
+    ego_from_camera: mounting pose of the optical frame, z ahead, x right, y down.
+    first_stamp_s: middle of the first exposure.
+    """
+
+    name: str
+    spec: CameraSpec
+    ego_from_camera: Pose
+    first_stamp_s: float = 0.02
+
+    def __post_init__(self) -> None:
+        least = self.spec.exposure_s / 2
+        require(
+            self.first_stamp_s >= least, self, "first_stamp_s", f"at least {least} s",
+            self.first_stamp_s,
+        )  # fmt: skip
+
+    def stamp_s(self, index: int) -> float:
+        """Return the stamp of the index-th image."""
+        return self.first_stamp_s + index * self.spec.period_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Rig(Record):
-    """The sensors of a vehicle."""
+    """The sensors of a vehicle; a camera is optional."""
 
     name: str
     lidar: LidarMount
     dead_reckoning: DeadReckoning = field(default_factory=DeadReckoning)
+    camera: CameraMount | None = None
 
     def __post_init__(self) -> None:
         height = self.lidar.ego_from_lidar.translation[2]
@@ -45,4 +73,7 @@ class Rig(Record):
 
     def calibration(self) -> Calibration:
         """Return the true mounting poses."""
-        return Calibration(((self.lidar.name, self.lidar.ego_from_lidar),))
+        poses = [(self.lidar.name, self.lidar.ego_from_lidar)]
+        if self.camera is not None:
+            poses.append((self.camera.name, self.camera.ego_from_camera))
+        return Calibration(tuple(poses))

@@ -22,8 +22,10 @@ from typing import Any
 
 from roadscope.core import Pose, RecordError
 from roadscope.core.names import unknown
+from roadscope.envs.imaging.pinhole import mounted
+from roadscope.envs.sensors.camera_spec import CAMERAS
 from roadscope.envs.sensors.lidar_specs import SPECS
-from roadscope.envs.sensors.rig import LidarMount, Rig
+from roadscope.envs.sensors.rig import CameraMount, LidarMount, Rig
 
 MOUNT_KEYS = ("x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg")
 SPEC_KEYS = (
@@ -35,11 +37,14 @@ KEYS = ("name", "lidar", *MOUNT_KEYS, *SPEC_KEYS)
 
 @dataclass(frozen=True)
 class Place:
-    """Where a sensor of a preset sits, metres, ego frame (rear axle on the ground)."""
+    """Where the sensors of a preset sit, metres, ego frame (rear axle on the ground)."""
 
     sensor: str
     x_m: float
     z_m: float
+    camera: str | None = None
+    camera_x_m: float = 2.0
+    camera_z_m: float = 1.4
 
 
 RIGS: Mapping[str, Place] = MappingProxyType(
@@ -48,9 +53,12 @@ RIGS: Mapping[str, Place] = MappingProxyType(
         "vlp16": Place("vlp16", 2.5, 1.9),
         "hdl32e": Place("hdl32e", 2.5, 1.9),
         "hdl64e": Place("hdl64e", 2.5, 1.73),
+        "li2021": Place("lux", 5.0, 0.55, "bumblebee-xb3", 2.0, 1.4),
+        "wide": Place("hdl32e", 2.5, 1.9, "wide", 2.0, 1.4),
     }
 )
-"""LUX on the front bumper as in Lu 2018, HDL-64E as high as KITTI's, the others on the roof."""
+"""LUX on the front bumper as in Lu 2018, HDL-64E as high as KITTI's, the others on the roof;
+cameras behind the windscreen."""
 
 
 def rig(name_or_path: str | Path) -> Rig:
@@ -58,7 +66,8 @@ def rig(name_or_path: str | Path) -> Rig:
     text = str(name_or_path)
     if text in RIGS:
         place = RIGS[text]
-        return _rig(text, place.sensor, {"x_m": place.x_m, "z_m": place.z_m})
+        made = _rig(text, place.sensor, {"x_m": place.x_m, "z_m": place.z_m})
+        return replace(made, camera=_camera(place))
     if text.endswith(".toml"):
         return load_rig(Path(text))
     raise RecordError(f"{unknown('rig', text, RIGS)}; or a path ending in .toml")
@@ -116,6 +125,13 @@ def _rig(name: str, sensor: str, numbers: Mapping[str, float]) -> Rig:
     angles = {a: math.radians(numbers.get(f"{a}_deg", 0.0)) for a in ("yaw", "pitch", "roll")}
     x, y, z = (numbers.get(key, 0.0) for key in ("x_m", "y_m", "z_m"))
     return Rig(name, LidarMount("lidar", spec, Pose.from_euler(x, y, z, **angles)))
+
+
+def _camera(place: Place) -> CameraMount | None:
+    if place.camera is None:
+        return None
+    pose = mounted(place.camera_x_m, 0.0, place.camera_z_m)
+    return CameraMount("camera", CAMERAS[place.camera], pose)
 
 
 def _number(key: str, value: object) -> float:

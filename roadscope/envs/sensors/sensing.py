@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from roadscope.core import Frame, Pose, Truth
+from roadscope.core import Frame, Pose, RecordError, Truth
+from roadscope.envs.imaging.ground import Ground
+from roadscope.envs.imaging.light import daylight
 from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.sensors.camera import ImageTruth, expose
 from roadscope.envs.sensors.lidar import SweepTruth, sweep
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import CLEAR, Weather
 from roadscope.envs.sensors.weather import weather as find_weather
 from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.world.ground import surface_of
 from roadscope.envs.world.world import World, build_world
 
+IMAGE_RANGE_M = 250.0
+"""Scenery farther from the camera is not drawn."""
 KNOT_S = 0.02
 """Within a sweep poses are linear between knots this close; at 5 m/s^2 that errs by 0.25 mm."""
 
@@ -43,24 +50,43 @@ class Sensing:
     def reset(self, seed: int) -> None:
         """Begin again at the first sweep, with another world."""
         self._world_seed, self._noise_seed, self._motion_seed, self._weather_seed = _seeds(seed)
+        self._image_seed, look = image_seeds(seed)
+        self._light = daylight(np.random.default_rng(look))
         self._world: World | None = None
+        self._ground: Ground | None = None
         self._next = 0
+        self._next_image = 0
 
     def advance(self, timeline: Timeline, until_s: float) -> list[tuple[Frame, Truth]]:
-        """Return all sweeps that end by the given time and have not come out yet.
+        """Return all sweeps and images that end by the given time and have not come out yet.
 
-        A sweep that ends after the timeline waits for the timeline to grow.
+        One that ends after the timeline waits for the timeline to grow.
         """
         return list(self._sweeps(timeline, until_s))
 
     def _sweeps(self, timeline: Timeline, until_s: float) -> Iterator[tuple[Frame, Truth]]:
-        mount = self.rig.lidar
-        end_s = min(until_s, timeline.end_s)
         # A step in time that is off by rounding must not hold back a sweep.
-        while mount.stamp_s(self._next) + mount.spec.sweep_s / 2 <= end_s + 1e-9:
-            index = self._next
-            self._next += 1
-            yield self.sense(timeline, index)
+        end_s = min(until_s, timeline.end_s) + 1e-9
+        while True:
+            sweep_s, image_s = self._sweep_end_s(), self._image_end_s()
+            if min(sweep_s, image_s) > end_s:
+                return
+            if sweep_s <= image_s:
+                self._next += 1
+                yield self.sense(timeline, self._next - 1)
+            else:
+                self._next_image += 1
+                yield self.sense_image(timeline, self._next_image - 1)
+
+    def _sweep_end_s(self) -> float:
+        mount = self.rig.lidar
+        return mount.stamp_s(self._next) + mount.spec.sweep_s / 2
+
+    def _image_end_s(self) -> float:
+        mount = self.rig.camera
+        if mount is None:
+            return np.inf
+        return mount.stamp_s(self._next_image) + mount.spec.exposure_s / 2
 
     def sense(self, timeline: Timeline, index: int) -> tuple[Frame, Truth]:
         """Return the frame and the truth of one sweep."""
@@ -83,6 +109,25 @@ class Sensing:
         frame = Frame(stamp_s, self.rig.calibration(), lidar=scan, previous_from_ego=motion)
         return frame, truth
 
+    def sense_image(self, timeline: Timeline, index: int) -> tuple[Frame, Truth]:
+        """Return the frame and the truth of one image."""
+        mount = self.rig.camera
+        if mount is None:
+            raise RecordError(f"rig '{self.rig.name}' has no camera")
+        stamp_s = mount.stamp_s(index)
+        scene, ego_poses = self._place(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
+        if self._ground is None:
+            style = timeline.style if self.style is None else self.style
+            self._ground = Ground(surface_of(timeline.road), style)
+        image, seen = expose(
+            scene, mount.spec, ego_poses[0] @ mount.ego_from_camera, stamp_s,
+            ground=self._ground, light=self._light, categories=timeline.categories,
+            sensor=mount.name, noise_seed=self._image_seed,
+            extinction_per_m=self.weather.extinction_per_m,
+        )  # fmt: skip
+        frame = Frame(stamp_s, self.rig.calibration(), camera=image)
+        return frame, truth_of_image(timeline, stamp_s, seen)
+
     def _motion(self, timeline: Timeline, index: int, world_from_ego: Pose) -> Pose | None:
         """Estimate the own motion since the sweep before; the first has none."""
         if index == 0:
@@ -97,15 +142,22 @@ class Sensing:
         """Place every body and the ego at the knots of the sweep; the ego does not see itself."""
         half = self.rig.lidar.spec.sweep_s / 2
         knots = np.linspace(stamp_s - half, stamp_s + half, int(np.ceil(2 * half / KNOT_S)) + 1)
-        states = timeline.at(np.append(knots, stamp_s))
+        return self._place(timeline, np.append(knots, stamp_s), self.rig.lidar.spec.range_max_m)
+
+    def _place(
+        self, timeline: Timeline, stamps_s: np.ndarray, radius_m: float
+    ) -> tuple[Scene, list[Pose]]:
+        """Place all at the knots, which are the stamps but for the last, the middle of them."""
+        knots = stamps_s[:-1] if len(stamps_s) > 1 else stamps_s
+        states = timeline.at(stamps_s)
         present = states.present[-1].copy()
         present[0] = False
         centres = states.axles + timeline.centre_ahead_m[:, None] * directions(states.yaws)
-        poses = np.concatenate([centres, states.yaws[..., None]], axis=-1)[:-1]
+        poses = np.concatenate([centres, states.yaws[..., None]], axis=-1)[: len(knots)]
         world = self._world_of(timeline)
-        scenery = world.static_around(states.axles[-1, 0], self.rig.lidar.spec.range_max_m)
+        scenery = world.static_around(states.axles[-1, 0], radius_m)
         scene = Scene(scenery, world.moving, knots, poses, present, self._world_seed)
-        ego = zip(states.axles[:-1, 0], states.yaws[:-1, 0], strict=True)
+        ego = zip(states.axles[: len(knots), 0], states.yaws[: len(knots), 0], strict=True)
         return scene, [Pose.planar(x, y, yaw) for (x, y), yaw in ego]
 
     def _world_of(self, timeline: Timeline) -> World:
@@ -130,33 +182,60 @@ def world_of(timeline: Timeline, seed: int) -> World:
 
 def truth_at(timeline: Timeline, stamp_s: float, seen: SweepTruth) -> Truth:
     """Join what is known of the road users at the stamp with what the sweep saw of them."""
+    sources = seen.owners.astype(np.int64)
+    sources[sources >= 0] = timeline.ids[sources[sources >= 0]]
+    rows, known = _known(timeline, stamp_s)
+    return Truth(
+        **known,
+        lidar_returns=seen.returns[rows],
+        visible_pixels=np.zeros(len(rows), np.int64),
+        occluded_fraction=seen.occluded_fraction[rows],
+        sources=sources,
+    )
+
+
+def truth_of_image(timeline: Timeline, stamp_s: float, seen: ImageTruth) -> Truth:
+    """Join what is known of the road users at the stamp with what the image shows of them."""
+    rows, known = _known(timeline, stamp_s)
+    return Truth(
+        **known,
+        lidar_returns=np.zeros(len(rows), np.int64),
+        visible_pixels=seen.visible_pixels[rows],
+        occluded_fraction=seen.occluded_fraction[rows],
+        sources=np.empty(0, np.int64),
+        image_boxes=seen.boxes[rows],
+    )
+
+
+def _known(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict[str, Any]]:
+    """Rows of the road users that are there but for the ego, and their states."""
     around = timeline.at(np.array([stamp_s - 1e-3, stamp_s, stamp_s + 1e-3]))
     centres = around.axles + timeline.centre_ahead_m[:, None] * directions(around.yaws)
     rows = np.flatnonzero(around.present[1])
     rows = rows[rows > 0]
     heights = timeline.sizes[rows, 2]
-    sources = seen.owners.astype(np.int64)
-    sources[sources >= 0] = timeline.ids[sources[sources >= 0]]
-    return Truth(
-        ids=timeline.ids[rows],
-        categories=timeline.categories[rows],
-        centres=np.column_stack([centres[1, rows], heights / 2]),
-        sizes=timeline.sizes[rows],
-        yaws=around.yaws[1, rows],
-        velocities=(centres[2, rows] - centres[0, rows]) / 2e-3,
-        lidar_returns=seen.returns[rows],
-        visible_pixels=np.zeros(len(rows), np.int64),
-        occluded_fraction=seen.occluded_fraction[rows],
-        world_from_ego=timeline.world_from_ego(stamp_s),
-        stamp_s=stamp_s,
-        sources=sources,
-    )
+    return rows, {
+        "ids": timeline.ids[rows],
+        "categories": timeline.categories[rows],
+        "centres": np.column_stack([centres[1, rows], heights / 2]),
+        "sizes": timeline.sizes[rows],
+        "yaws": around.yaws[1, rows],
+        "velocities": (centres[2, rows] - centres[0, rows]) / 2e-3,
+        "world_from_ego": timeline.world_from_ego(stamp_s),
+        "stamp_s": stamp_s,
+    }
 
 
 def _seeds(seed: int) -> tuple[int, int, int, int]:
     """Seeds of world, noise of the LiDAR, estimate of the own motion, and weather."""
     world, noise, motion, weather = np.random.SeedSequence(seed).generate_state(4)
     return int(world), int(noise), int(motion), int(weather)
+
+
+def image_seeds(seed: int) -> tuple[int, int]:
+    """Seeds of the camera's noise and of the light; the LiDAR's stay as they were without it."""
+    *_, noise, light = np.random.SeedSequence(seed).generate_state(6)
+    return int(noise), int(light)
 
 
 def directions(yaws: np.ndarray) -> np.ndarray:

@@ -21,12 +21,14 @@ from roadscope.envs.world.footprints import ellipse, rounded
 from roadscope.envs.world.prisms import Prisms
 
 Size = tuple[float, float, float]
+Parts = Mapping[str, Any]
+"""Options of a slab."""
 
 GLASS = 0.08
 RUBBER = 0.05
 DARK_METAL = 0.2
 SKIN = 0.55
-WINDOW: Mapping[str, Any] = MappingProxyType({"reflectivity": GLASS, "look": materials.GLASS})
+WINDOW: Parts = MappingProxyType({"reflectivity": GLASS, "look": materials.GLASS})
 PAINTS = np.array([0.1, 0.15, 0.25, 0.35, 0.45, 0.6, 0.8])
 """Black, dark blue, dark grey, red, silver, light grey, white."""
 
@@ -55,7 +57,7 @@ def _slab(
     )  # fmt: skip
 
 
-def _paint(paint: float, rng: np.random.Generator, family: str = "paint") -> dict[str, Any]:
+def _paint(paint: float, rng: np.random.Generator, family: str = "paint") -> Parts:
     """One of the colours that are as bright as the reflectivity."""
     row = int(np.searchsorted(PAINTS, paint)) * materials.HUES + int(rng.integers(materials.HUES))
     return {"reflectivity": paint, "look": materials.first_of(family) + row}
@@ -98,9 +100,10 @@ def _truck(size: Size, rng: np.random.Generator) -> list[Prisms]:
     cab = 1 - (2.3 / length if length > 6 else 0.3)
     back = cab - (0.9 if long else 0.25) / length
     wheels = (0.05, 0.30) if long else (0.10, 0.32)
-    colour, cover = _paint(paint, rng), {"reflectivity": box, "look": _any("box", rng)}
-    rubber = {"radius": 0.1, "reflectivity": RUBBER, "look": materials.RUBBER}
-    steel = {"reflectivity": DARK_METAL, "look": materials.STEEL}
+    colour = _paint(paint, rng)
+    cover: Parts = {"reflectivity": box, "look": _any("box", rng)}
+    rubber: Parts = {"radius": 0.1, "reflectivity": RUBBER, "look": materials.RUBBER}
+    steel: Parts = {"reflectivity": DARK_METAL, "look": materials.STEEL}
     return [
         _slab(size, (cab, 1), (0.09, 0.46), radius=0.2, **colour),
         _slab(size, (cab, 0.995), (0.46, 0.92), breadth=0.98, radius=0.2, **colour),
@@ -129,8 +132,9 @@ def _two_wheeler(
     head = min(0.26, 0.6 * size[1], 0.6 * size[0])
     face = 0.5 - head / size[0] / 2, 0.5 + head / size[0] / 2
     trousers, shirt, skin = (_any(family, rng) for family in ("cloth", "cloth", "skin"))
-    legs, trunk = ({"reflectivity": cloth, "look": look} for look in (trousers, shirt))
-    steel = {"reflectivity": machine, "look": materials.STEEL}
+    legs: Parts = {"reflectivity": cloth, "look": trousers}
+    trunk: Parts = {"reflectivity": cloth, "look": shirt}
+    steel: Parts = {"reflectivity": machine, "look": materials.STEEL}
     return [
         _slab(
             size, (0, 1), (0, 0.38), breadth=frame, reflectivity=machine / 2, look=materials.RUBBER
