@@ -1,0 +1,56 @@
+"""From places around the ego to pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core.checks import require, settle_arrays
+from roadscope.core.pose import Pose
+from roadscope.core.record import Record
+
+NEAR_M = 0.1
+"""What is nearer to the image plane, or behind it, has no place in the image."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projection(Record):
+    """The matrix A of Li 2021 (eq. 4), from the ego frame.
+
+    matrix: (3, 4) float64, maps homogeneous points of the ego frame, metres, to homogeneous
+        pixels; scaled so that the third row gives the depth in metres.
+    width, height: of the image in pixels.
+    """
+
+    matrix: np.ndarray
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        settle_arrays(self, matrix=(np.float64, (3, 4)))
+        block = self.matrix[:, :3]
+        singular = np.linalg.svd(block, compute_uv=False)
+        require(
+            bool(singular[-1] > 1e-9 * singular[0]), self, "matrix",
+            "a left 3 x 3 block that can be inverted", self.matrix.tolist(),
+        )  # fmt: skip
+        length = np.linalg.norm(self.matrix[2, :3])
+        require(bool(abs(length - 1) < 1e-6), self, "matrix", "a third row of unit length", length)
+        require(self.width > 0 and self.height > 0, self, "width", "an image", self.width)
+
+    @staticmethod
+    def of(intrinsics: np.ndarray, ego_from_camera: Pose, width: int, height: int) -> Projection:
+        """Join (3, 3) intrinsics and the mounting pose of a camera."""
+        camera_from_ego = ego_from_camera.inverse().matrix[:3]
+        return Projection(np.asarray(intrinsics) @ camera_from_ego, width, height)
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Map (..., 3) points to (..., 2) pixels and (...) depths in metres.
+
+        Pixels of points nearer than 0.1 m to the image plane or behind it mean nothing.
+        """
+        homogeneous = points @ self.matrix[:, :3].T + self.matrix[:, 3]
+        depths = homogeneous[..., 2]
+        pixels = homogeneous[..., :2] / np.maximum(depths, NEAR_M)[..., None]
+        return pixels, depths

@@ -1,0 +1,27 @@
+"""Fusions by name."""
+
+from roadscope.core import Registry
+from roadscope.fusion.api import Fusion
+
+FUSIONS: Registry[Fusion] = Registry(
+    "fusion",
+    {
+        "li2021": "roadscope.fusion.li2021:Li2021Fusion",
+        "li2021-without-evidence": "roadscope.fusion.li2021:Li2021Fusion?evidence=False",
+        "union": "roadscope.fusion.baselines:UnionFusion",
+        "image-first": "roadscope.fusion.baselines:ImageFirstFusion",
+        "lidar-first": "roadscope.fusion.baselines:LidarFirstFusion",
+        "bayes": "roadscope.fusion.baselines:BayesFusion",
+    },
+    group="roadscope.fusion",
+    summaries={
+        "li2021": "Overlap in the image, Dempster-Shafer for classes (Li 2021).",
+        "li2021-without-evidence": "The same boxes, the camera's class and score alone.",
+        "union": "All targets of both, matched one to one, the better score.",
+        "image-first": "The camera's targets with LiDAR's distance.",
+        "lidar-first": "LiDAR's targets with the camera's class.",
+        "bayes": "All targets of both, log-odds of scores added.",
+    },
+)
+
+__all__ = ["FUSIONS", "Fusion"]

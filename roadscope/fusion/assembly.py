@@ -1,0 +1,83 @@
+"""From pairs of rows to fused detections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core import Category, Detections, ImageDetections, RecordError
+from roadscope.core.fused import FusedDetections
+from roadscope.core.projection import Projection
+from roadscope.fusion.masses import FAMILIES, families_of
+from roadscope.fusion.overlap import projected_boxes
+
+_STAND_IN = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
+
+
+@dataclass(frozen=True, slots=True)
+class Views:
+    """Both sensors' detections of one moment, none for a sensor that brought nothing.
+
+    lidar_boxes: (N, 4) projected into the image, in_image: (N,) bool.
+    """
+
+    lidar: Detections
+    camera: ImageDetections
+    lidar_boxes: np.ndarray
+    in_image: np.ndarray
+
+    @staticmethod
+    def of(
+        lidar: Detections | None, camera: ImageDetections | None, projection: Projection
+    ) -> Views:
+        """Check what came and project it."""
+        if lidar is None and camera is None:
+            raise RecordError("fusion: expected detections of one sensor at least, got none")
+        stamp_s = lidar.stamp_s if lidar is not None else camera.stamp_s if camera else 0.0
+        points = Detections.empty(stamp_s) if lidar is None else lidar
+        if points.frame != "ego":
+            raise RecordError(f"fusion: expected LiDAR detections in frame ego, got {points.frame}")
+        none = ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s)
+        return Views(points, camera or none, *projected_boxes(points, projection))
+
+
+def assemble(
+    views: Views, lidar_rows: np.ndarray, camera_rows: np.ndarray, masses: np.ndarray,
+    scores: np.ndarray | None = None,
+) -> FusedDetections:  # fmt: skip
+    """Join rows of both sensors, -1 where a target has none, with (N, 4) fused masses.
+
+    The family is the one with the greatest mass, the category that of a sensor that says so. The
+    score is the family's mass unless given.
+    """
+    lidar, camera = views.lidar, views.camera
+    has_box, has_image = lidar_rows >= 0, camera_rows >= 0
+    family = masses[:, : len(FAMILIES)].argmax(axis=1)
+    categories = _STAND_IN[family]
+    for rows, detections in ((lidar_rows, lidar), (camera_rows, camera)):
+        known = np.flatnonzero(rows >= 0)
+        said = detections.categories[rows[known]]
+        agrees = families_of(said) == family[known]
+        categories[known[agrees]] = said[agrees]
+    believed = masses[np.arange(len(masses)), family] if scores is None else scores
+    boxes = _taken(camera.boxes, camera_rows, 0.0)
+    projected = has_box & ~has_image
+    projected[projected] = views.in_image[lidar_rows[projected]]
+    boxes[projected] = views.lidar_boxes[lidar_rows[projected]]
+    centres = _taken(lidar.centres, lidar_rows, 0.0)
+    return FusedDetections(
+        categories=categories, scores=np.clip(believed, 0.0, 1.0),
+        by_lidar=has_box, by_camera=has_image,
+        has_box=has_box, centres=centres, sizes=_taken(lidar.sizes, lidar_rows, 1.0),
+        yaws=_taken(lidar.yaws, lidar_rows, 0.0),
+        distances_m=np.where(has_box, np.hypot(centres[:, 0], centres[:, 1]), -1.0),
+        numbers=lidar_rows, has_image_box=has_image | projected, image_boxes=boxes,
+        masses=masses, stamp_s=lidar.stamp_s,
+    )  # fmt: skip
+
+
+def _taken(values: np.ndarray, rows: np.ndarray, otherwise: float) -> np.ndarray:
+    taken = np.full((len(rows), *values.shape[1:]), otherwise)
+    taken[rows >= 0] = values[rows[rows >= 0]]
+    return taken

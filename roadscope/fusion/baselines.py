@@ -1,0 +1,98 @@
+"""What fusion is measured against: simple rules without evidence theory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import Detections, ImageDetections
+from roadscope.core.fused import FusedDetections
+from roadscope.core.projection import Projection
+from roadscope.fusion.assembly import Views, assemble
+from roadscope.fusion.masses import CAMERA_CONFUSION, LIDAR_CONFUSION, masses_of
+from roadscope.fusion.matching import leftovers, matched
+
+
+class UnionFusion:
+    """All targets of both sensors; where their boxes match, one target with the better score."""
+
+    def __init__(self, *, least_iou: float = 0.3) -> None:
+        """Take the overlap from which boxes match."""
+        self.least_iou = least_iou
+
+    def reset(self) -> None:
+        """Forget nothing: every moment stands alone."""
+
+    def fuse(
+        self, lidar: Detections | None, camera: ImageDetections | None, projection: Projection
+    ) -> FusedDetections:
+        """Join both sensors' targets."""
+        views = Views.of(lidar, camera, projection)
+        rows, columns = matched(views, self.least_iou)
+        return self._joined(views, rows, columns)
+
+    def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
+        lidar_only = leftovers(len(views.lidar), rows)
+        camera_only = leftovers(len(views.camera), columns)
+        of_lidar = masses_of(views.lidar, LIDAR_CONFUSION)
+        of_camera = masses_of(views.camera, CAMERA_CONFUSION)
+        better = views.lidar.scores[rows] > views.camera.scores[columns]
+        masses = np.where(better[:, None], of_lidar[rows], of_camera[columns])
+        return assemble(
+            views,
+            np.concatenate([rows, lidar_only, np.full(len(camera_only), -1)]),
+            np.concatenate([columns, np.full(len(lidar_only), -1), camera_only]),
+            np.concatenate([masses, of_lidar[lidar_only], of_camera[camera_only]]),
+            np.concatenate(
+                [
+                    self._score(views.lidar.scores[rows], views.camera.scores[columns]),
+                    views.lidar.scores[lidar_only], views.camera.scores[camera_only],
+                ]
+            ),
+        )  # fmt: skip
+
+    def _score(self, lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:
+        better: np.ndarray = np.maximum(lidar, camera)
+        return better
+
+
+class BayesFusion(UnionFusion):
+    """One-to-one matches whose scores add up as log-odds, as if sensors erred independently."""
+
+    def __init__(self, *, least_iou: float = 0.3, prior: float = 0.5) -> None:
+        """Take the overlap from which boxes match, and the share of candidates that are targets."""
+        super().__init__(least_iou=least_iou)
+        self.prior = prior
+
+    def _score(self, lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:
+        odds = _logit(lidar) + _logit(camera) - _logit(np.array(self.prior))
+        result: np.ndarray = 1 / (1 + np.exp(-odds))
+        return result
+
+
+class ImageFirstFusion(UnionFusion):
+    """The camera's targets; LiDAR adds place and distance where boxes match."""
+
+    def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
+        numbers = np.full(len(views.camera), -1)
+        numbers[columns] = rows
+        masses = masses_of(views.camera, CAMERA_CONFUSION)
+        every = np.arange(len(views.camera))
+        return assemble(views, numbers, every, masses, views.camera.scores)
+
+
+class LidarFirstFusion(UnionFusion):
+    """LiDAR's targets; the camera adds box and class where boxes match."""
+
+    def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
+        images = np.full(len(views.lidar), -1)
+        images[rows] = columns
+        masses = masses_of(views.lidar, LIDAR_CONFUSION).copy()
+        masses[rows] = masses_of(views.camera, CAMERA_CONFUSION)[columns]
+        every = np.arange(len(views.lidar))
+        return assemble(views, every, images, masses, views.lidar.scores)
+
+
+def _logit(scores: np.ndarray) -> np.ndarray:
+    bounded = np.clip(scores, 0.01, 0.99)
+    result: np.ndarray = np.log(bounded / (1 - bounded))
+    return result

@@ -1,0 +1,65 @@
+"""Li and Huang 2021: boxes joined by overlap in the image, classes by Dempster-Shafer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import Detections, ImageDetections
+from roadscope.core.fused import FusedDetections
+from roadscope.core.projection import Projection
+from roadscope.fusion.assembly import Views, assemble
+from roadscope.fusion.evidence import combine
+from roadscope.fusion.masses import CAMERA_CONFUSION, LIDAR_CONFUSION, masses_of
+from roadscope.fusion.overlap import coverage
+
+
+class Li2021Fusion:
+    """Decision-level fusion as in the paper."""
+
+    def __init__(
+        self, *, threshold_1: float = 0.2, threshold_2: float = 0.3, evidence: bool = True
+    ) -> None:
+        """Take both overlap thresholds (5.1); without `evidence` the camera's masses stand."""
+        self.threshold_1 = threshold_1
+        self.threshold_2 = threshold_2
+        self.evidence = evidence
+
+    def reset(self) -> None:
+        """Forget nothing: every moment stands alone."""
+
+    def fuse(
+        self, lidar: Detections | None, camera: ImageDetections | None, projection: Projection
+    ) -> FusedDetections:
+        """Join the boxes (5.1), then the evidence (5.2)."""
+        views = Views.of(lidar, camera, projection)
+        number, overlapped = self._join_boxes(views)
+        of_lidar = masses_of(views.lidar, LIDAR_CONFUSION)
+        masses = masses_of(views.camera, CAMERA_CONFUSION).copy()
+        both = number >= 0
+        if self.evidence and both.any():
+            masses[both] = combine(of_lidar[number[both]], masses[both])
+        alone = np.flatnonzero(~overlapped)
+        return assemble(
+            views,
+            np.concatenate([number, alone]),
+            np.concatenate([np.arange(len(number)), np.full(len(alone), -1)]),
+            np.concatenate([masses, of_lidar[alone]]),
+        )
+
+    def _join_boxes(self, views: Views) -> tuple[np.ndarray, np.ndarray]:
+        """Return the LiDAR row of each camera box, -1 without one, and which rows are taken out.
+
+        A LiDAR box that covers more than threshold 1 of a camera box gives way to it. Reading of
+        threshold 2, which keeps the better match where one object has several boxes: those above
+        it go before those below, and among them the greatest overlap wins. One LiDAR box may
+        lend its number and distance to several camera boxes.
+        """
+        covered = coverage(views.lidar_boxes, views.camera.boxes)
+        covered[~views.in_image] = 0.0
+        if covered.size == 0:
+            return np.full(covered.shape[1], -1), np.zeros(covered.shape[0], bool)
+        overlapping = covered > self.threshold_1
+        best = (covered + (covered > self.threshold_2)).argmax(axis=0)
+        number = np.where(overlapping.any(axis=0), best, -1)
+        taken_out: np.ndarray = overlapping.any(axis=1)
+        return number, taken_out

@@ -1,0 +1,78 @@
+"""How boxes of LiDAR and camera lie on one another in the image."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import Detections
+from roadscope.core.projection import NEAR_M, Projection
+
+_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+_EDGES = np.array(
+    [[a, b] for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 1]
+)  # fmt: skip
+
+
+def projected_boxes(lidar: Detections, projection: Projection) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N, 4) boxes around the projected corners, cut to the image, and (N,) bool: any left.
+
+    What reaches behind the camera is cut at its near plane, edge by edge.
+    """
+    cosine, sine = np.cos(lidar.yaws)[:, None], np.sin(lidar.yaws)[:, None]
+    local = _CORNERS * lidar.sizes[:, None]
+    corners = np.stack(
+        [
+            local[..., 0] * cosine - local[..., 1] * sine,
+            local[..., 0] * sine + local[..., 1] * cosine,
+            local[..., 2],
+        ],
+        axis=-1,
+    ) + lidar.centres[:, None]  # fmt: skip
+    starts, ends = corners[:, _EDGES[:, 0]], corners[:, _EDGES[:, 1]]
+    points = np.concatenate([corners, _at_near_plane(starts, ends, projection)], axis=1)
+    pixels, depths = projection.project(points)
+    inside = (depths >= NEAR_M * 0.999)[..., None]
+    low = np.where(inside, pixels, np.inf).min(axis=1, initial=np.inf)
+    high = np.where(inside, pixels, -np.inf).max(axis=1, initial=-np.inf)
+    size = np.array([projection.width, projection.height], np.float64)
+    low, high = np.clip(low, 0.0, size), np.clip(high, 0.0, size)
+    seen = (high > low).all(axis=1)
+    return np.where(seen[:, None], np.concatenate([low, high], axis=1), 0.0), seen
+
+
+def _at_near_plane(starts: np.ndarray, ends: np.ndarray, projection: Projection) -> np.ndarray:
+    """Where edges cross the near plane; a corner again where they do not."""
+    _, a = projection.project(starts)
+    _, b = projection.project(ends)
+    crosses = (a < NEAR_M) != (b < NEAR_M)
+    share = np.where(crosses, (NEAR_M - a) / np.where(crosses, b - a, 1.0), 0.0)
+    points: np.ndarray = starts + share[..., None] * (ends - starts)
+    return points
+
+
+def intersections(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N, M) areas that (N, 4) and (M, 4) boxes have in common."""
+    low = np.maximum(first[:, None, :2], second[None, :, :2])
+    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
+    common: np.ndarray = np.maximum(high - low, 0.0).prod(axis=-1)
+    return common
+
+
+def areas(boxes: np.ndarray) -> np.ndarray:
+    """(N,) areas of (N, 4) boxes."""
+    result: np.ndarray = np.maximum(boxes[:, 2:] - boxes[:, :2], 0.0).prod(axis=-1)
+    return result
+
+
+def coverage(lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:
+    """(N, M) share of each camera box that a LiDAR box covers (Li 2021, 5.1)."""
+    result: np.ndarray = intersections(lidar, camera) / np.maximum(areas(camera), 1e-9)
+    return result
+
+
+def ious(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N, M) intersection over union."""
+    common = intersections(first, second)
+    union = areas(first)[:, None] + areas(second)[None] - common
+    result: np.ndarray = common / np.maximum(union, 1e-9)
+    return result

@@ -1,0 +1,119 @@
+"""All cases of Li 2021, 5.1, on boxes whose overlaps are known."""
+
+import numpy as np
+import pytest
+
+from roadscope.core import Category, Detections, ImageDetections, Pose, RecordError
+from roadscope.core.projection import Projection
+from roadscope.fusion.evidence import combine
+from roadscope.fusion.li2021 import Li2021Fusion
+from roadscope.fusion.masses import CAMERA_CONFUSION, LIDAR_CONFUSION, masses_of
+from roadscope.fusion.overlap import projected_boxes
+
+OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+LOOK = Projection.of(
+    np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
+    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.0])), 640, 480,
+)  # fmt: skip
+
+
+def lidar(*places: tuple[float, float], size=(2.0, 2.0, 2.0), category=Category.CAR) -> Detections:
+    n = len(places)
+    centres = np.array([[x, y, 1.0] for x, y in places]).reshape(-1, 3)
+    return Detections(
+        centres, np.tile(size, (n, 1)), np.zeros(n), np.full(n, category, np.int8),
+        np.full(n, 0.7), "ego", 1.0,
+    )  # fmt: skip
+
+
+def camera(*boxes: tuple[float, ...], category=Category.CAR) -> ImageDetections:
+    n = len(boxes)
+    return ImageDetections(
+        np.array(boxes, float).reshape(-1, 4), np.full(n, category, np.int8), np.full(n, 0.8), 1.01
+    )
+
+
+def box_of(x: float, y: float) -> np.ndarray:
+    return projected_boxes(lidar((x, y)), LOOK)[0][0]
+
+
+def test_without_overlap_both_keep_what_they_know() -> None:
+    fused = Li2021Fusion().fuse(lidar((20, 6)), camera((300, 200, 340, 280)), LOOK)
+    assert fused.by_camera.tolist() == [True, False]
+    assert fused.by_lidar.tolist() == [False, True]
+    assert fused.distances_m.tolist() == pytest.approx([-1.0, np.hypot(20, 6)])
+    assert fused.numbers.tolist() == [-1, 0]
+    assert fused.has_box.tolist() == [False, True]
+
+
+def test_a_match_has_the_image_box_and_lidar_number_and_distance() -> None:
+    box = box_of(20, 0)
+    fused = Li2021Fusion().fuse(lidar((30, 9), (20, 0)), camera(tuple(box)), LOOK)
+    joint = np.flatnonzero(fused.by_lidar & fused.by_camera)
+    assert joint.tolist() == [0]
+    assert np.allclose(fused.image_boxes[0], box)
+    assert fused.numbers[0] == 1
+    assert fused.distances_m[0] == pytest.approx(20.0)
+    expected = combine(
+        masses_of(lidar((20, 0)), LIDAR_CONFUSION), masses_of(camera(tuple(box)), CAMERA_CONFUSION)
+    )
+    assert np.allclose(fused.masses[0], expected[0])
+    assert fused.scores[0] > 0.8
+
+
+@pytest.mark.parametrize(("share", "joined"), [(0.15, False), (0.25, True), (0.9, True)])
+def test_threshold_1_is_a_share_of_the_camera_box(share: float, joined: bool) -> None:
+    left, top, right, bottom = box_of(20, 0)
+    wide = (right - left) / share
+    fused = Li2021Fusion().fuse(
+        lidar((20, 0)), camera((right - wide, top, right, bottom)), LOOK
+    )  # fmt: skip
+    assert len(fused) == (1 if joined else 2)
+    assert (fused.by_lidar & fused.by_camera).any() == joined
+
+
+def test_of_several_lidar_boxes_the_greatest_overlap_lends_its_number() -> None:
+    left, top, right, bottom = box_of(20, 0)
+    pair = lidar((20, 1.0), (20, 0.2))
+    fused = Li2021Fusion().fuse(pair, camera((left, top, right, bottom)), LOOK)
+    assert fused.numbers.tolist() == [1]
+
+
+def test_a_crowd_shares_one_number_and_distance() -> None:
+    crowd = lidar((20, 0), size=(2.0, 4.0, 2.0), category=Category.PEDESTRIAN)
+    left, top, right, bottom = projected_boxes(crowd, LOOK)[0][0]
+    third = (right - left) / 3
+    people = camera(
+        *[(left + k * third, top, left + (k + 1) * third, bottom) for k in range(3)],
+        category=Category.PEDESTRIAN,
+    )
+    fused = Li2021Fusion().fuse(crowd, people, LOOK)
+    assert fused.numbers.tolist() == [0, 0, 0]
+    assert np.allclose(fused.distances_m, 20.0)
+    assert (fused.categories == Category.PEDESTRIAN).all()
+
+
+@pytest.mark.parametrize("missing", ["lidar", "camera"])
+def test_it_goes_on_with_one_sensor(missing: str) -> None:
+    points, image = lidar((20, 0)), camera((300, 200, 340, 280))
+    fused = Li2021Fusion().fuse(
+        None if missing == "lidar" else points, None if missing == "camera" else image, LOOK
+    )
+    assert len(fused) == 1
+    assert fused.by_lidar.tolist() == [missing == "camera"]
+
+
+def test_two_missing_sensors_are_refused() -> None:
+    with pytest.raises(RecordError, match="one sensor at least"):
+        Li2021Fusion().fuse(None, None, LOOK)
+
+
+def test_a_box_beside_the_camera_is_cut_at_its_plane() -> None:
+    long = lidar((2.0, 2.0), size=(12.0, 1.0, 2.0))
+    boxes, seen = projected_boxes(long, LOOK)
+    assert seen.tolist() == [True]
+    assert boxes[0, 0] == 0.0
+    near, _ = LOOK.project(np.array([8.0, 1.5, 2.0]))
+    assert boxes[0, 2] == pytest.approx(near[0])
+    behind, seen = projected_boxes(lidar((-10, 0)), LOOK)
+    assert seen.tolist() == [False]
