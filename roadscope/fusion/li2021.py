@@ -61,5 +61,5 @@ class Li2021Fusion:
         overlapping = covered > self.threshold_1
         best = (covered + (covered > self.threshold_2)).argmax(axis=0)
         number = np.where(overlapping.any(axis=0), best, -1)
-        taken_out: np.ndarray = overlapping.any(axis=1)
+        taken_out = np.asarray(overlapping.any(axis=1))
         return number, taken_out

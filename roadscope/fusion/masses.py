@@ -33,7 +33,7 @@ def families_of(categories: np.ndarray) -> np.ndarray:
 
 
 def masses_of(detections: Detections | ImageDetections, confusion: Confusion) -> np.ndarray:
-    """Return (N, 4) masses: a detection's own where it brings some, else from score and category."""
+    """Return (N, 4) masses: a detection's own where it has some, else of score and category."""
     if detections.masses is not None:
         return detections.masses
     belief = MOST * detections.scores[:, None]

@@ -9,7 +9,12 @@ from roadscope.core.projection import NEAR_M, Projection
 
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _EDGES = np.array(
-    [[a, b] for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 1]
+    [
+        [a, b]
+        for a in range(8)
+        for b in range(a + 1, 8)
+        if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 1
+    ]
 )  # fmt: skip
 
 
