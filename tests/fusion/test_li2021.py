@@ -115,5 +115,5 @@ def test_a_box_beside_the_camera_is_cut_at_its_plane() -> None:
     assert boxes[0, 0] == 0.0
     near, _ = LOOK.project(np.array([8.0, 1.5, 2.0]))
     assert boxes[0, 2] == pytest.approx(near[0])
-    behind, seen = projected_boxes(lidar((-10, 0)), LOOK)
+    _, seen = projected_boxes(lidar((-10, 0)), LOOK)
     assert seen.tolist() == [False]
