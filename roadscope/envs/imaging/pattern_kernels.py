@@ -14,9 +14,11 @@ from roadscope.envs.world.materials import Pattern
 BODYWORK, COACH = int(Pattern.BODYWORK), int(Pattern.COACH)
 FACADE, CLADDING = int(Pattern.FACADE), int(Pattern.CLADDING)
 SIGN, PLASTER, METAL = int(Pattern.SIGN), int(Pattern.PLASTER), int(Pattern.METAL)
-CLOTH, LEAVES = int(Pattern.CLOTH), int(Pattern.LEAVES)
+CLOTH, LEAVES, GLASS = int(Pattern.CLOTH), int(Pattern.LEAVES), int(Pattern.GLASS)
 TRUCK, CAR = int(Category.TRUCK), int(Category.CAR)
 STOREY_M, BAY_M = 3.0, 2.6
+SLANT = 0.8
+"""Rise over run of the normal of car windows, which prisms can only show as steps."""
 
 
 class Looks(NamedTuple):
@@ -88,6 +90,24 @@ def _set(out: np.ndarray, red: float, green: float, blue: float, gloss: float) -
 @compiled(forceinline=True, borrowing=True)
 def _shine(out: np.ndarray, red: float, green: float, blue: float) -> None:
     out[4], out[5], out[6] = red, green, blue
+
+
+@compiled(borrowing=True)
+def slanted(
+    frame: np.ndarray, normal: tuple[float, float, float], x: float, y: float
+) -> tuple[float, float, float]:
+    """Return the normal of a sloping window where a stack of prisms has a step."""
+    scale = 1.0 / np.sqrt(1.0 + SLANT * SLANT)
+    if normal[2] == 0.0:
+        return normal[0] * scale, normal[1] * scale, SLANT * scale
+    dx, dy = x - frame[0], y - frame[1]
+    along = (dx * frame[2] + dy * frame[3]) / max(frame[4], 0.1)
+    across = (dy * frame[2] - dx * frame[3]) / max(frame[5], 0.1)
+    if abs(along) * 2.2 > abs(across):
+        sign = scale if along > 0.0 else -scale
+        return sign * frame[2], sign * frame[3], SLANT * scale
+    sign = scale if across > 0.0 else -scale
+    return -sign * frame[3], sign * frame[2], SLANT * scale
 
 
 @compiled(borrowing=True)

@@ -395,7 +395,8 @@ def _leaf(
         j = np.int64(np.floor((o[1] + depth * y) / LEAF_M))
         k = np.int64(np.floor((o[2] + depth * z) / LEAF_M))
         if _chance(i, j, k) < chance:
-            return 1.0 / depth
+            met: float = 1.0 / depth
+            return met
         depth += step
     return 0.0
 

@@ -36,9 +36,9 @@ def shade(
     """Return (H, W, 3) uint8 sRGB pixels of what the raster saw."""
     lens = lens_of(pinhole, world_from_camera)
     towards = light.towards_sun
-    lit = np.empty(raster.faces.shape, np.uint8)
+    lit, open_sky = np.empty((2, *raster.faces.shape), np.uint8)
     looks = looks_of(scene, solids, stamp_s, categories)
-    cast_shadows(lens, solids, raster.faces, towards, lit)
+    cast_shadows(lens, solids, raster.faces, towards, lit, open_sky)
     sunlit(solids, towards, lens, looks.lit)
     normals = np.empty((len(solids.corners), 14, 3))
     face_normals(solids.footprints, solids.corners, normals)
@@ -49,7 +49,9 @@ def shade(
         np.array(light.horizon), light.gain,
     )  # fmt: skip
     cells = ground.around(world_from_camera.translation[:2])
-    shade_all(lens, raster.q, raster.faces, lit, normals, looks, cells, air, curve(), pixels)
+    shade_all(
+        lens, raster.q, raster.faces, lit, open_sky, normals, looks, cells, air, curve(), pixels
+    )  # fmt: skip
     return pixels
 
 

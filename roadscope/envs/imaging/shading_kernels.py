@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.envs.imaging.ground_kernels import CELLS_M, SIDE, smooth_grain
-from roadscope.envs.imaging.pattern_kernels import Looks, paint
+from roadscope.envs.imaging.pattern_kernels import GLASS, Looks, paint, slanted
 from roadscope.envs.imaging.raster_kernels import BOTTOM, FACES, GROUND_FACE, SKY_FACE, TOP, Lens
 
 CURVE = 4096
@@ -42,6 +42,7 @@ def shade_all(
     q: np.ndarray,
     faces: np.ndarray,
     lit: np.ndarray,
+    open_sky: np.ndarray,
     normals: np.ndarray,
     looks: Looks,
     cells: np.ndarray,
@@ -70,11 +71,15 @@ def shade_all(
                 reach = depth * size
                 px, py = lens.origin[0] + depth * x, lens.origin[1] + depth * y
                 if face == GROUND_FACE:
-                    _tarmac(lens, cells, px, py, depth, lit[row, column] / 255.0, air, light)
+                    sun = lit[row, column] / 255.0
+                    sky = open_sky[row, column] / 255.0
+                    _tarmac(lens, cells, px, py, depth, sun, sky, air, light)
                 else:
                     pz = lens.origin[2] + depth * z
                     m, side = face // FACES, face % FACES
                     normal = (normals[m, side, 0], normals[m, side, 1], normals[m, side, 2])
+                    if looks.patterns[m] == GLASS:
+                        normal = slanted(looks.frames[m], normal, px, py)
                     paint(looks, m, normal, (px, py, pz), air.lamps, out)
                     view = (x / size, y / size, z / size)
                     _solid(air, normal, view, looks.lit[m], out, light)
@@ -119,6 +124,7 @@ def _tarmac(
     y: float,
     depth: float,
     lit: float,
+    open_sky: float,
     air: Air,
     light: np.ndarray,
 ) -> None:
@@ -142,7 +148,7 @@ def _tarmac(
         root = (a + v * (b - a)) / 255.0
         albedo = root * root if not far else 0.05
         sky = 0.55 * air.zenith[k] + 0.45 * air.horizon[k]
-        light[k] = albedo * (lit * air.sun[k] * air.towards[2] + sky)
+        light[k] = albedo * (lit * air.sun[k] * air.towards[2] + open_sky * sky)
 
 
 @compiled(forceinline=True, borrowing=True)

@@ -14,18 +14,29 @@ from roadscope.envs.imaging.raster_kernels import (
 )  # fmt: skip
 from roadscope.envs.world.prisms import MAX_EDGES
 
+LOW_M, UNDERNEATH = 0.5, 200
+"""What ends lower above the ground takes this much, of 255, of the sky from the ground below."""
 REACH_M = 150.0
 """Shadows that begin farther from the camera are not drawn."""
 
 
 @compiled()
 def cast_shadows(
-    lens: Lens, solids: Solids, faces: np.ndarray, sun: np.ndarray, lit: np.ndarray
+    lens: Lens,
+    solids: Solids,
+    faces: np.ndarray,
+    sun: np.ndarray,
+    lit: np.ndarray,
+    open_sky: np.ndarray,
 ) -> None:
-    """Darken, in place, the ground pixels of lit (H, W) uint8, 255 in full sun."""
+    """Darken, in place, the ground pixels of lit and open_sky (H, W) uint8.
+
+    lit is 255 in full sun. open_sky is 255 where the sky is seen, and less right under things
+    that end close above the ground.
+    """
     points, hull = np.empty((2 * MAX_EDGES, 2)), np.empty((4 * MAX_EDGES + 2, 2))
     world, polygon = np.empty((4 * MAX_EDGES + 2, 3)), np.empty((8 * MAX_EDGES, 2))
-    lit[:] = 255
+    lit[:], open_sky[:] = 255, 255
     for m in range(len(solids.corners)):
         count = solids.corners[m]
         if count == 0:
@@ -49,6 +60,13 @@ def cast_shadows(
                 thick = solids.tops[m] - solids.bottoms[m]
                 shade = int(255.0 * (1.0 - np.exp(-solids.extinctions[m] * thick)))
             _darken(polygon, corners, faces, shade, lit)
+        if 0.0 < solids.bottoms[m] < LOW_M:
+            for k in range(count):
+                world[k, 0], world[k, 1] = solids.footprints[m, k, 0], solids.footprints[m, k, 1]
+                world[k, 2] = 0.0
+            corners = _project_flat(lens, world, count, polygon)
+            if corners >= 3:
+                _darken(polygon, corners, faces, UNDERNEATH, open_sky)
 
 
 @compiled()
