@@ -100,6 +100,14 @@ SCENARIOS: Mapping[str, Scenario] = _scenarios(
         "urban", _HERE + "scenario_waiting:waiting",
     ),
     Scenario(
+        "street", "A street in town: people walk, wait, cross and ride beside the traffic.",
+        "town", _HERE + "scenario_street:street",
+    ),
+    Scenario(
+        "town-crossing", "A crossing in town with people on foot and on bicycles.",
+        "town", _HERE + "scenario_street:town_crossing",
+    ),
+    Scenario(
         "cut-ins", "Vehicles cut in and change places closely before the ego.",
         "motorway", _HERE + "script_cut_ins:cut_ins", 12.0, scripted=True,
     ),

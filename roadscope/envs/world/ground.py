@@ -21,10 +21,10 @@ TURN = 0.04
 INSIDE_M = 0.6
 """A border this far inside another lane crosses it and bears no line."""
 SHOULDERS_M: Mapping[str, float] = MappingProxyType(
-    {"motorway": 2.0, "urban": 2.6, "campus": 2.0, "bare": 0.5}
+    {"motorway": 2.0, "urban": 2.6, "town": 3.8, "campus": 2.0, "bare": 0.5}
 )
 """Width of the strip beside the outermost lane, by roadside style."""
-PAVED = frozenset({"urban", "campus"})
+PAVED = frozenset({"urban", "town", "campus"})
 """Styles whose strip is a pavement behind a kerb; elsewhere it is asphalt."""
 
 

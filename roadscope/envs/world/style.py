@@ -45,6 +45,10 @@ STYLES: Mapping[str, Style] = MappingProxyType(
             hedge=0.1, lamps=0.03, signs=0.015, trees=0.025, bushes=0.01, parked_cars=0.25,
             buildings=0.75, tree_band_m=(3.8, 5.0), bush_band_m=(3.5, 6.0),
         ),
+        "town": Style(
+            hedge=0.1, lamps=0.03, signs=0.015, trees=0.025, buildings=0.75,
+            tree_band_m=(4.2, 5.4), bush_band_m=(3.9, 6.0), building_setback_m=(7.0, 12.0),
+        ),
         "campus": Style(
             hedge=0.08, lamps=0.02, signs=0.006, trees=0.04, bushes=0.08, buildings=0.25,
             tree_band_m=(5.0, 14.0), building_setback_m=(15.0, 25.0),
@@ -52,7 +56,8 @@ STYLES: Mapping[str, Style] = MappingProxyType(
         "bare": Style(),
     }
 )  # fmt: skip
-"""Set once from how such roads look; no detector's result has moved them."""
+"""`town` leaves the pavements to people: nobody parks there. Set once from how such roads look; no
+detector's result has moved them."""
 
 
 def style_named(name: str) -> Style:

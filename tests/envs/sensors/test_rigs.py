@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import RecordError
+from roadscope.envs.sensors.camera_spec import CAMERAS
 from roadscope.envs.sensors.lidar_specs import SPECS
 from roadscope.envs.sensors.rigs import RIGS, load_rig, rig, scaled_noise
 
@@ -19,10 +20,14 @@ def write(tmp_path):
 
 
 @pytest.mark.parametrize("name", RIGS)
-def test_presets_carry_the_sensor_they_are_named_after(name):
-    made = rig(name)
+def test_presets_carry_what_they_say(name):
+    made, place = rig(name), RIGS[name]
     assert made.name == name
-    assert made.lidar.spec == SPECS[name]
+    assert made.lidar.spec == SPECS[place.sensor]
+    assert (made.camera is None) == (place.camera is None)
+    if made.camera is not None:
+        assert made.camera.spec == CAMERAS[place.camera]
+        assert made.calibration().pose("camera") == made.camera.ego_from_camera
     assert made.calibration().pose("lidar") == made.lidar.ego_from_lidar
 
 

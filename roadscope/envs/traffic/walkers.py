@@ -1,0 +1,180 @@
+"""People on foot and on bicycles beside and across the road."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from roadscope.core import Category
+from roadscope.envs.traffic.driving import Driver
+from roadscope.envs.traffic.flow import FlowRoad
+from roadscope.envs.traffic.mix import Body
+
+ACCELERATION_M_S2 = 1.2
+COMFORTABLE_BRAKING_M_S2 = 2.0
+"""Who crosses expects drivers to brake no harder than this."""
+REACTION_S = 0.6
+MARGIN_M = 2.5
+LOOK_M, AHEAD_S = 15.0, 0.8
+CORNER_CUTS = 4
+"""Rounds of corner cutting (Chaikin 1974) that turn a polyline into a path one can walk."""
+
+
+class Walker:
+    """Someone who follows a path at a pace of their own and waits at a kerb until it is safe.
+
+    Positions are in highway-env's frame. Drivers see who is on the carriageway as they see each
+    other; nobody is hit, since who crosses does so only before drivers that can stop.
+    """
+
+    target_lane_index = lane_index = lane = None
+    collidable = check_collisions = False
+    solid = crashed = False
+
+    def __init__(
+        self, path: np.ndarray, body: Body, pace: float, *,
+        start_m: float = 0.0, kerb_m: float | None = None, across_m: float = 0.0,
+        patience_s: float = 0.0,
+    ) -> None:  # fmt: skip
+        """Walk a (K, 2) polyline with rounded corners at a pace in m/s, from start_m on.
+
+        kerb_m: where along the path to wait for a gap, None for nowhere; across_m: how far it is
+        from there to the other side. patience_s: time to stand there before looking.
+        """
+        self.body = body
+        self.LENGTH, self.WIDTH, _ = body.size
+        self.diagonal = float(np.hypot(self.LENGTH, self.WIDTH))
+        self.action = {"steering": 0.0, "acceleration": 0.0}
+        self.speed = 0.0 if kerb_m == start_m else pace
+        self.slot = -1
+        self._pace, self._kerb_m, self._across_m = pace, kerb_m, across_m
+        self._patience_s = patience_s
+        self._points = rounded_path(path)
+        steps = np.linalg.norm(np.diff(self._points, axis=0), axis=1)
+        self._ways = np.concatenate([[0.0], np.cumsum(steps)])
+        self._turns = np.unwrap(np.arctan2(*np.diff(self._points, axis=0).T[::-1]))
+        self._along_m = start_m
+        self._goes = kerb_m is None or start_m > kerb_m
+        self._held = False
+        self._settle()
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(2,) m/s."""
+        return self.speed * np.array([np.cos(self.heading), np.sin(self.heading)])
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the path is at its end."""
+        return bool(self._along_m >= self._ways[-1] - 1e-6)
+
+    def act(self, action: Any = None) -> None:
+        """Decide nothing: `look` has done so."""
+
+    def look(self, road: FlowRoad, dt: float) -> None:
+        """Step off the kerb if every driver who comes can stop before; never walk into one."""
+        drivers = [v for v in road.vehicles if isinstance(v, Driver)]
+        self._held = any(self._in_the_way(driver) for driver in drivers)
+        if self._goes or self._kerb_m is None or self._along_m < self._kerb_m - 0.3:
+            return
+        self._patience_s -= dt
+        if self._patience_s <= 0.0:
+            self._goes = all(self._safe(driver) for driver in drivers)
+
+    def _in_the_way(self, driver: Driver) -> bool:
+        """Whether a driver is, or is about to be, where the next steps lead."""
+        if np.abs(driver.position - self.position).max() > LOOK_M:
+            return False
+        ahead = np.array([np.cos(driver.heading), np.sin(driver.heading)])
+        for step_m in (0.5, 1.0, 0.5 + self.speed):
+            offset = self._place(self._along_m + step_m + self.LENGTH / 2) - driver.position
+            along, across = offset @ ahead, offset[0] * ahead[1] - offset[1] * ahead[0]
+            front = driver.LENGTH / 2 + 0.4 + driver.speed * AHEAD_S
+            if -driver.LENGTH / 2 - 0.4 < along < front and abs(across) < driver.WIDTH / 2 + 0.4:
+                # Who already stands in front of a driver goes on: the driver is the one to stop.
+                here = self.position - driver.position
+                beside = abs(here[0] * ahead[1] - here[1] * ahead[0])
+                return bool(beside > driver.WIDTH / 2 + 0.3 or here @ ahead < driver.LENGTH / 2)
+        return False
+
+    def _safe(self, driver: Driver) -> bool:
+        """Whether a driver can stop before the way across, or has passed it, or never comes."""
+        assert self._kerb_m is not None
+        share = np.linspace(0.0, 1.0, 5)[:, None]
+        here = self._place(self._kerb_m)
+        there = self._place(min(self._kerb_m + self._across_m, self._ways[-1]))
+        line = here + share * (there - here)
+        ahead = np.array([np.cos(driver.heading), np.sin(driver.heading)])
+        offsets = line - driver.position
+        along = offsets @ ahead
+        across = np.abs(offsets[:, 0] * ahead[1] - offsets[:, 1] * ahead[0])
+        met = (across < driver.WIDTH / 2 + 1.5) & (along > -driver.LENGTH / 2 - 1.0)
+        if not met.any():
+            return True
+        room = float(along[met].min()) - driver.LENGTH / 2 - MARGIN_M
+        needed = driver.speed * REACTION_S + driver.speed**2 / (2 * COMFORTABLE_BRAKING_M_S2)
+        return room > needed
+
+    def step(self, dt: float) -> None:
+        """Go on along the path, slowing down for the kerb and for its end."""
+        stop = self._ways[-1] if self._goes or self._kerb_m is None else self._kerb_m
+        room = max(stop - self._along_m, 0.0)
+        pace = 0.0 if self._held else self._pace
+        wish = min(pace, np.sqrt(2 * ACCELERATION_M_S2 * room))
+        change = np.clip(wish - self.speed, -2 * ACCELERATION_M_S2 * dt, ACCELERATION_M_S2 * dt)
+        before, self.speed = self.speed, max(0.0, self.speed + float(change))
+        self._along_m = min(self._along_m + 0.5 * (before + self.speed) * dt, stop)
+        self._settle()
+
+    def handle_collisions(self, other: Any, dt: float) -> None:
+        """Touch nobody."""
+
+    def _place(self, along_m: float) -> np.ndarray:
+        return np.array([np.interp(along_m, self._ways, self._points[:, i]) for i in (0, 1)])
+
+    def _settle(self) -> None:
+        self.position = self._place(self._along_m)
+        middles = (self._ways[:-1] + self._ways[1:]) / 2
+        self.heading = float(np.interp(self._along_m, middles, self._turns))
+
+
+class People:
+    """Lets everybody on foot look before they step; a rule of a stage."""
+
+    def __init__(self, step_s: float) -> None:
+        self._step_s = step_s
+
+    def __call__(self, road: FlowRoad) -> None:
+        """Look, and go home at the end of the way."""
+        people = [v for v in road.vehicles if isinstance(v, Walker)]
+        for walker in people:
+            walker.look(road, self._step_s)
+        if any(walker.arrived for walker in people):
+            road.vehicles = [v for v in road.vehicles if not (isinstance(v, Walker) and v.arrived)]
+            road.refresh()
+
+
+def rounded_path(points: np.ndarray) -> np.ndarray:
+    """Return a polyline whose corners are cut, (K, 2) in and out; the ends stay."""
+    path = np.asarray(points, np.float64)
+    for _ in range(CORNER_CUTS):
+        if len(path) < 3:
+            break
+        near, far = 0.75 * path[:-1] + 0.25 * path[1:], 0.25 * path[:-1] + 0.75 * path[1:]
+        cut = np.stack([near, far], axis=1).reshape(-1, 2)
+        path = np.concatenate([path[:1], cut[1:-1], path[-1:]])
+    kept = np.append(True, np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-9)
+    return path[kept]
+
+
+def pedestrian(rng: np.random.Generator) -> Body:
+    """Draw somebody: adults and some children, standing heights (DIN 33402-2, rounded)."""
+    height = float(rng.normal(1.70, 0.09)) if rng.random() < 0.88 else float(rng.uniform(1.1, 1.5))
+    height = float(np.clip(height, 1.05, 2.0))
+    return Body(Category.PEDESTRIAN, (round(0.34 * height, 3), round(0.29 * height, 3), height))
+
+
+def cyclist(rng: np.random.Generator) -> Body:
+    """Draw somebody on a city bicycle, handlebars 0.6 m wide."""
+    return Body(Category.CYCLIST, (1.80, 0.60, float(np.clip(rng.normal(1.75, 0.06), 1.5, 1.95))))
