@@ -113,8 +113,8 @@ class Walker:
         if not met.any():
             return True
         room = float(along[met].min()) - driver.LENGTH / 2 - MARGIN_M
-        needed = driver.speed * REACTION_S + driver.speed**2 / (2 * COMFORTABLE_BRAKING_M_S2)
-        return room > needed
+        speed = float(driver.speed)
+        return room > speed * REACTION_S + speed**2 / (2 * COMFORTABLE_BRAKING_M_S2)
 
     def step(self, dt: float) -> None:
         """Go on along the path, slowing down for the kerb and for its end."""
@@ -165,7 +165,8 @@ def rounded_path(points: np.ndarray) -> np.ndarray:
         cut = np.stack([near, far], axis=1).reshape(-1, 2)
         path = np.concatenate([path[:1], cut[1:-1], path[-1:]])
     kept = np.append(True, np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-9)
-    return path[kept]
+    walked: np.ndarray = path[kept]
+    return walked
 
 
 def pedestrian(rng: np.random.Generator) -> Body:
