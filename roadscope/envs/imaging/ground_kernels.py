@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.envs.imaging.noise_kernels import blend_of, cell_of, grain
 
 SIDE = 1024
 """Cells along a side of a square."""
@@ -22,6 +23,8 @@ CELLS_M = (0.0625, 0.25, 1.0)
 LINE_M, DASH_M, GAP_M = 0.14, 4.0, 6.0
 """Width of lines, length of dashes and of the gaps between them."""
 KERB_M = 0.16
+SLAB_M = 0.48
+"""Edge of the slabs of a pavement."""
 _FAR = -1e9
 
 
@@ -42,11 +45,15 @@ def paint_tile(
     strips: np.ndarray,
     lines: np.ndarray,
     paving: Paving,
+    noise: np.ndarray,
     cell_m: float,
     tile: tuple[int, int],
     cells: np.ndarray,
 ) -> None:
-    """Paint one tile, in place: square roots of colours times 255 in the array (SIDE, SIDE, 3)."""
+    """Paint one tile of cells (SIDE, SIDE) uint32 in place.
+
+    A cell holds red, green and blue from its lowest byte up: square roots of colours times 255.
+    """
     x0, y0 = tile[0] * TILE * cell_m, tile[1] * TILE * cell_m
     reach = TILE * cell_m
     depth = np.full((TILE, TILE), _FAR)
@@ -61,7 +68,7 @@ def paint_tile(
             row = (tile[1] * TILE + i) % SIDE
             column = (tile[0] * TILE + j) % SIDE
             x, y = x0 + (j + 0.5) * cell_m, y0 + (i + 0.5) * cell_m
-            _paint_cell(paving, cell_m, x, y, depth[i, j], cover[i, j], cells[row, column])
+            cells[row, column] = _cell(paving, noise, cell_m, x, y, depth[i, j], cover[i, j])
 
 
 @compiled()
@@ -115,60 +122,66 @@ def _draw_line(
         for j in range(max(0, int(left / cell_m)), min(TILE, int(right / cell_m) + 1)):
             x = x0 + (j + 0.5) * cell_m - line[0]
             along, across = x * dx + y * dy, y * dx - x * dy
-            if along < 0.0 or along > length:
-                continue
-            if line[5] > 0.0 and (line[4] + along) % (DASH_M + GAP_M) > DASH_M:
+            if along < -0.25 * cell_m or along > length + 0.25 * cell_m:
                 continue
             share = (0.5 * (LINE_M + cell_m) - abs(across)) / cell_m
-            cover[i, j] = max(cover[i, j], min(min(1.0, LINE_M / cell_m), max(0.0, share)))
+            share = min(min(1.0, LINE_M / cell_m), max(0.0, share))
+            if line[5] > 0.0:
+                # The share of the cell along the line that lies on a dash, from its middle.
+                way = (line[4] + along + 0.5 * GAP_M) % (DASH_M + GAP_M)
+                inside = 0.5 * DASH_M - abs(way - 0.5 * (DASH_M + GAP_M))
+                share *= min(1.0, max(0.0, 0.5 + inside / cell_m))
+            cover[i, j] = max(cover[i, j], share)
 
 
-@compiled()
-def _paint_cell(
-    paving: Paving, cell_m: float, x: float, y: float, depth: float, line: float, cell: np.ndarray
-) -> None:
+@compiled(borrowing=True)
+def _cell(
+    paving: Paving,
+    noise: np.ndarray,
+    cell_m: float,
+    x: float,
+    y: float,
+    depth: float,
+    line: float,
+) -> np.uint32:
+    """Mix what lies in one cell; what is finer than the cell counts with its mean."""
     on_road = min(1.0, max(0.0, 0.5 + depth / cell_m))
     beside = min(1.0, max(0.0, 0.5 + (depth + paving.shoulder_m) / cell_m)) - on_road
+    wild = 1.0 - on_road - beside
     kerb = 0.0
     if paving.paved and depth < 0.0:
-        kerb = min(1.0, max(0.0, 0.5 + (depth + KERB_M) / cell_m)) - on_road
-    fine = 0.75 + 0.5 * grain(x / 0.07, y / 0.07)
-    patch = 0.85 + 0.3 * smooth_grain(x / 2.7, y / 2.7)
-    clumps = 0.55 + 0.9 * smooth_grain(x / 0.35, y / 0.35)
-    worn = 0.75 + 0.25 * smooth_grain(x / 0.5, y / 0.5)
-    joint = 1.0
-    if paving.paved and cell_m < 0.1:
-        joint = 0.75 if min((x / 0.5) % 1.0, (y / 0.5) % 1.0) < 0.09 else 1.0
+        kerb = max(0.0, min(1.0, max(0.0, 0.5 + (depth + KERB_M) / cell_m)) - on_road)
+    patch = 0.88 + 0.24 * blend_of(noise, x * 4.1, y * 4.1)
+    broad = 0.8 + 0.4 * blend_of(noise, x * 0.9 + 31.0, y * 0.9)
+    fine, clumps, slab, worn = 1.0, 1.0, 0.94, 0.9
+    if cell_m < 0.5:
+        clumps = 0.6 + 0.8 * cell_of(noise, x * 23.0, y * 23.0)
+    if cell_m < 0.1:
+        fine = 0.86 + 0.28 * grain(x * 16.0, y * 16.0)
+        worn = 0.72 + 0.36 * cell_of(noise, x * 31.0, y * 31.0)
+        slab = _slab(x, y)
+    # Tyres darken the middle of the lane's halves: a slow wave of the depth into the road.
+    tracks = 0.94 + 0.06 * np.cos(3.6 * depth)
+    packed = 0
     for k in range(3):
-        road = paving.asphalt[k] * fine * patch
-        road += line * worn * (paving.paint[k] - road)
-        strip = paving.shoulder[k] * (0.5 + 0.5 * fine) * patch * joint
-        strip += max(0.0, kerb) * (paving.kerb[k] - strip)
-        strip += (line * worn * (paving.paint[k] - strip)) if not paving.paved else 0.0
-        soil = paving.soil[k] * patch * clumps * (0.6 + 0.4 * fine)
-        value = on_road * road + beside * strip + (1.0 - on_road - beside) * soil
-        cell[k] = np.uint8(min(255.0, 255.0 * np.sqrt(max(0.0, value)) + 0.5))
+        road = paving.asphalt[k] * fine * patch * tracks
+        strip = paving.shoulder[k] * (0.7 + 0.3 * fine) * (0.5 + 0.5 * patch)
+        strip *= slab if paving.paved else 0.93
+        strip += kerb * (paving.kerb[k] - strip)
+        soil = paving.soil[k] * broad * clumps * (0.8 + 0.2 * patch)
+        value = on_road * road + beside * strip + wild * soil
+        value += line * worn * (paving.paint[k] - value)
+        root = np.int64(min(255.0, 255.0 * np.sqrt(max(0.0, value)) + 0.5))
+        packed |= root << (8 * k)
+    return np.uint32(packed)
 
 
 @compiled(forceinline=True, borrowing=True)
-def grain(x: float, y: float) -> float:
-    """Draw a number in 0 to 1 that belongs to a unit cell of the plane."""
-    state = np.uint64(np.int64(np.floor(x))) * np.uint64(0x9E3779B97F4A7C15)
-    state ^= np.uint64(np.int64(np.floor(y))) * np.uint64(0xC2B2AE3D27D4EB4F)
-    state ^= state >> np.uint64(29)
-    state *= np.uint64(0xBF58476D1CE4E5B9)
-    state ^= state >> np.uint64(32)
-    uniform: float = np.float64(state >> np.uint64(11)) * 2.0**-53
-    return uniform
-
-
-@compiled(forceinline=True, borrowing=True)
-def smooth_grain(x: float, y: float) -> float:
-    """Blend the draws of neighbouring cells into a continuous field in 0 to 1."""
-    i, j = np.floor(x), np.floor(y)
-    u, v = x - i, y - j
-    u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
-    low = grain(i, j) + u * (grain(i + 1.0, j) - grain(i, j))
-    high = grain(i, j + 1.0) + u * (grain(i + 1.0, j + 1.0) - grain(i, j + 1.0))
-    blended: float = low + v * (high - low)
-    return blended
+def _slab(x: float, y: float) -> float:
+    """Brightness of the slabs of a pavement, each its own, every other row half a slab along."""
+    row = np.floor(y / SLAB_M)
+    along = x / SLAB_M + 0.5 * (row % 2.0)
+    tone = 0.88 + 0.16 * grain(along + 17.0, row)
+    edge = min(along - np.floor(along), y / SLAB_M - row) * SLAB_M
+    tone *= 0.86 if edge < 0.035 else 1.0
+    return tone

@@ -1,27 +1,32 @@
-"""Where the light comes from."""
+"""Where the light comes from: day, dusk, night, overcast."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from roadscope.core.checks import require
+from roadscope.core.names import unknown
 from roadscope.core.record import Record
 
 Colour = tuple[float, float, float]
+GREY = (0.55, 0.57, 0.60)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light(Record):
     """Sun and sky, linear RGB; a white wall that faces the sun has a brightness of about 1.
 
-    sun_azimuth, sun_elevation: radians, world frame, where the sun stands.
+    sun_azimuth, sun_elevation: radians, world frame, where the sun (at night the moon) stands.
     sun, zenith, horizon, ground: colours of the sun's light, of the sky overhead and at the
         horizon, and of what the ground throws back.
-    clouds: share of the sky that is covered, 0 to 1. A covered sun casts no shadow.
+    clouds: share of the sky that is covered, 0 to 1.
     lamps: whether street lamps, headlights and windows are lit.
-    gain: of the camera's exposure.
+    gain: of the camera's exposure. iso: how much of that is gain of the sensor, which makes
+        noise: light that is white fills 1 / iso of a pixel's well.
     """
 
     sun_azimuth: float = 0.9
@@ -33,6 +38,7 @@ class Light(Record):
     clouds: float = 0.3
     lamps: bool = False
     gain: float = 1.15
+    iso: float = 1.0
 
     def __post_init__(self) -> None:
         require(
@@ -40,6 +46,8 @@ class Light(Record):
             "an angle above the horizon", self.sun_elevation,
         )  # fmt: skip
         require(0 <= self.clouds <= 1, self, "clouds", "a share in 0 to 1", self.clouds)
+        require(0 < self.gain < np.inf, self, "gain", "above 0", self.gain)
+        require(0 < self.iso < np.inf, self, "iso", "above 0", self.iso)
 
     @property
     def towards_sun(self) -> np.ndarray:
@@ -60,13 +68,61 @@ def daylight(rng: np.random.Generator) -> Light:
     dull = max(0.0, 2.0 * clouds - 1.0)
     low = max(0.0, 1.0 - elevation / 0.5)
     sun = np.array([0.85, 0.80 - 0.18 * low, 0.70 - 0.38 * low]) * (1.0 - 0.95 * dull)
-    grey = np.array([0.55, 0.57, 0.60])
+    grey = np.array(GREY)
     zenith = (1 - dull) * np.array([0.16, 0.28, 0.52]) + dull * grey
     horizon = (1 - dull) * np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low]) + dull * grey
     return Light(
         float(rng.uniform(-np.pi, np.pi)), elevation, _colour(sun), _colour(zenith),
         _colour(horizon), clouds=clouds, gain=float(rng.uniform(0.95, 1.3)),
     )  # fmt: skip
+
+
+def overcast(rng: np.random.Generator) -> Light:
+    """Draw a closed grey sky; hardly a shadow."""
+    return Light(
+        float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.3, 1.0)), (0.04, 0.04, 0.04),
+        GREY, (0.60, 0.61, 0.62), clouds=1.0, gain=float(rng.uniform(0.95, 1.25)),
+    )  # fmt: skip
+
+
+def dusk(rng: np.random.Generator) -> Light:
+    """Draw the light of a low sun or of the minutes after it has set; lamps are lit."""
+    late = float(rng.random())
+    warm = np.array([0.55, 0.26, 0.10]) * (1 - late)
+    zenith = np.array([0.07, 0.10, 0.22]) * (1 - 0.5 * late)
+    horizon = np.array([0.46, 0.30, 0.24]) * (1 - 0.5 * late)
+    return Light(
+        float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.04, 0.12)), _colour(warm),
+        _colour(zenith), _colour(horizon), (0.05, 0.045, 0.04),
+        clouds=float(rng.uniform(0.1, 0.6)), lamps=True, gain=float(rng.uniform(1.3, 1.8)),
+        iso=2.0,
+    )  # fmt: skip
+
+
+def night(rng: np.random.Generator) -> Light:
+    """Draw a night under the glow of a town."""
+    town = float(rng.uniform(0.5, 1.5))
+    return Light(
+        float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.5, 1.2)), (0.004, 0.005, 0.007),
+        _colour(town * np.array([0.004, 0.0045, 0.007])),
+        _colour(town * np.array([0.018, 0.015, 0.012])), (0.004, 0.004, 0.003),
+        clouds=float(rng.uniform(0.0, 0.7)), lamps=True, gain=float(rng.uniform(0.9, 1.2)),
+        iso=8.0,
+    )  # fmt: skip
+
+
+LIGHTS: Mapping[str, Callable[[np.random.Generator], Light]] = MappingProxyType(
+    {"day": daylight, "overcast": overcast, "dusk": dusk, "night": night}
+)
+
+
+def light_named(name: str | Light, rng: np.random.Generator) -> Light:
+    """Draw a light of a kind by name, or return the light given; anything else is refused."""
+    if isinstance(name, Light):
+        return name
+    if name not in LIGHTS:
+        raise ValueError(unknown("light", str(name), LIGHTS))
+    return LIGHTS[name](rng)
 
 
 def _colour(values: np.ndarray) -> Colour:

@@ -1,23 +1,39 @@
-"""From the nearest surfaces to colours."""
+"""From the nearest surfaces to light."""
 
 from __future__ import annotations
+
+import threading
+from functools import cache
 
 import numpy as np
 
 from roadscope.core import Pose
 from roadscope.envs.imaging.ground import Ground
+from roadscope.envs.imaging.lamp_kernels import POOL_M, POOL_SIDE, light_pools
 from roadscope.envs.imaging.light import Light
-from roadscope.envs.imaging.pattern_kernels import Looks
+from roadscope.envs.imaging.looks import looks_of
+from roadscope.envs.imaging.noise_kernels import noise_tile
+from roadscope.envs.imaging.pattern_kernels import LANTERN, Looks
 from roadscope.envs.imaging.pinhole import Pinhole
-from roadscope.envs.imaging.raster import Raster, Solids, lens_of
-from roadscope.envs.imaging.shading_kernels import CURVE, Air, face_normals, shade_all
+from roadscope.envs.imaging.raster import FACES, Raster, Solids, lens_of
+from roadscope.envs.imaging.raster_kernels import Lens
+from roadscope.envs.imaging.shading_kernels import (
+    FADES,
+    THICKEST,
+    Stage,
+    light_faces,
+    shade_all,
+    shade_plainly,
+)
 from roadscope.envs.imaging.shadow_kernels import cast_shadows, sunlit
+from roadscope.envs.imaging.sky_kernels import BLOCK, Air, skyline, sky_blocks
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.world.materials import MATERIALS
 
-_COLOURS = np.array([m.colour for m in MATERIALS])
-_PATTERNS = np.array([int(m.pattern) for m in MATERIALS])
-_GLOSS = np.array([m.gloss for m in MATERIALS])
+CLEAR_PER_M = 1.2e-4
+"""Extinction of clear air: a visibility of 33 km."""
+CURVE = 4096
+"""Steps of the table from linear light to bytes."""
+_ROOM = threading.local()
 
 
 def shade(
@@ -32,29 +48,118 @@ def shade(
     light: Light,
     categories: np.ndarray,
     extinction_per_m: float = 0.0,
+    wet: float = 0.0,
 ) -> np.ndarray:
-    """Return (H, W, 3) uint8 sRGB pixels of what the raster saw."""
-    lens = lens_of(pinhole, world_from_camera)
-    towards = light.towards_sun
-    lit, open_sky = np.empty((2, *raster.faces.shape), np.uint8)
+    """Return (H, W, 3) float32 linear light of what the raster saw; 1 is white.
+
+    The next call of the same thread with the same size writes into the same array.
+    wet: 0 to 1, how wet the ground is.
+    """
+    lens, air = lens_of(pinhole, world_from_camera), air_of(light, extinction_per_m, wet)
     looks = looks_of(scene, solids, stamp_s, categories)
-    cast_shadows(lens, solids, raster.faces, towards, lit, open_sky)
-    sunlit(solids, towards, lens, looks.lit)
-    normals = np.empty((len(solids.corners), 14, 3))
-    face_normals(solids.footprints, solids.corners, normals)
+    lit, open_sky = room("shadows", (2, *raster.faces.shape), np.uint8)
+    cast_shadows(lens, solids, raster.faces, air.towards, lit, open_sky)
+    sunlit(solids, air.towards, lens, looks.lit)
+    stage = _stage(lens, solids, looks, air, ground, (lit, open_sky))
+    shone = room("light", (*raster.faces.shape, 3), np.float32)
+    shade_all(lens, raster.q, raster.faces, looks, stage, air, shone)
+    return shone
+
+
+def shade_plain(
+    raster: Raster,
+    scene: Scene,
+    solids: Solids,
+    pinhole: Pinhole,
+    world_from_camera: Pose,
+    *,
+    stamp_s: float,
+    ground: Ground,
+    light: Light,
+    categories: np.ndarray,
+) -> np.ndarray:
+    """Return (H, W, 3) uint8 pixels: one colour a face, no shadows, textures or weather."""
+    lens, air = lens_of(pinhole, world_from_camera), air_of(light, 0.0, 0.0)
+    looks = looks_of(scene, solids, stamp_s, categories)
+    none = np.empty((0, 0), np.uint8)
+    stage = _stage(lens, solids, looks, air, ground, (none, none))
+    faces = np.zeros((len(solids.corners), FACES, 3), np.float32)
+    faces[:, : stage.glow.shape[1]] = stage.glow * looks.colours[:, None]
+    steps = (np.clip(faces, 0.0, 1.0) * (CURVE - 1)).astype(np.int64)
+    sky = (np.clip(air.horizon, 0.0, 1.0) * (CURVE - 1)).astype(np.int64)
     pixels = np.empty((*raster.faces.shape, 3), np.uint8)
-    air = Air(
-        towards, np.array(light.sun), np.array(light.zenith), np.array(light.horizon),
-        np.array(light.ground), light.clouds, light.lamps, extinction_per_m,
-        np.array(light.horizon), light.gain,
-    )  # fmt: skip
-    cells = ground.around(world_from_camera.translation[:2])
-    shade_all(
-        lens, raster.q, raster.faces, lit, open_sky, normals, looks, cells, air, curve(), pixels
-    )  # fmt: skip
+    shade_plainly(
+        lens, raster.q, raster.faces, curve()[steps].reshape(-1, 3), stage, curve()[sky], pixels
+    )
     return pixels
 
 
+def air_of(light: Light, extinction_per_m: float, wet: float) -> Air:
+    """Join light and air; fog is as bright as the horizon."""
+    sun, zenith, horizon, ground = (
+        light.gain * np.array(c) for c in (light.sun, light.zenith, light.horizon, light.ground)
+    )
+    # Fog and rain hide the sun from the ground as from the camera.
+    hidden = float(np.exp(-150.0 * extinction_per_m))
+    sky = (1.0 - hidden) * 0.5
+    zenith = zenith + sky * (horizon - zenith)
+    return Air(
+        light.towards_sun, sun * hidden, zenith, horizon, ground, light.clouds, light.lamps,
+        CLEAR_PER_M + extinction_per_m, horizon, wet,
+    )  # fmt: skip
+
+
+def _stage(
+    lens: Lens,
+    solids: Solids,
+    looks: Looks,
+    air: Air,
+    ground: Ground,
+    shadows: tuple[np.ndarray, np.ndarray],
+) -> Stage:
+    """Light the faces and make the tables that the kernels read."""
+    shape = (len(solids.corners), 14, 3)
+    normals, glow = np.zeros(shape), np.zeros(shape, np.float32)
+    light_faces(solids.footprints, solids.corners, looks.lit, air, normals, glow)
+    ahead = lens.rotation[2, :2]
+    cells = ground.around(lens.origin[:2], ahead)
+    height, width = shadows[0].shape
+    blocks = room("sky", (height // BLOCK + 2, width // BLOCK + 2, 3), np.float32)
+    heights = np.empty(width)
+    if width:
+        sky_blocks(lens, air, noise_tile(), blocks)
+        skyline(lens, noise_tile(), heights)
+    pools, corner = _pools(lens, solids, looks, air)
+    return Stage(
+        solids.footprints, solids.corners, normals, glow, *shadows, cells, ground.middles,
+        noise_tile(), pools, corner, blocks, heights, _fades(), _roots(),
+    )  # fmt: skip
+
+
+def _pools(
+    lens: Lens, solids: Solids, looks: Looks, air: Air
+) -> tuple[np.ndarray, tuple[float, float]]:
+    """Map the light of lamps around a place ahead of the camera; nothing by day."""
+    if not air.lamps:
+        return np.empty((0, 0, 2), np.float32), (0.0, 0.0)
+    ahead = lens.rotation[2, :2] / max(float(np.linalg.norm(lens.rotation[2, :2])), 1e-9)
+    x, y = lens.origin[:2] + 0.35 * POOL_SIDE * POOL_M * ahead - 0.5 * POOL_SIDE * POOL_M
+    pools = room("pools", (POOL_SIDE, POOL_SIDE, 2), np.float32)
+    corner = (float(x), float(y))
+    light_pools(solids, looks.patterns == LANTERN, looks.frames, corner, pools)
+    return pools, corner
+
+
+def room(name: str, shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """Return this thread's array of that name and shape, with whatever it held before."""
+    held: dict[tuple[object, ...], np.ndarray] = _ROOM.__dict__.setdefault("held", {})
+    key = (name, shape, dtype)
+    if key not in held:
+        held[key] = np.zeros(shape, dtype)
+    return held[key]
+
+
+@cache
 def curve() -> np.ndarray:
     """(4096,) uint8, sRGB bytes of linear light in 0 to 1 (IEC 61966-2-1)."""
     linear = np.linspace(0.0, 1.0, CURVE)
@@ -63,36 +168,11 @@ def curve() -> np.ndarray:
     return table
 
 
-def looks_of(scene: Scene, solids: Solids, stamp_s: float, categories: np.ndarray) -> Looks:
-    """Find colour, pattern and frame of every prism."""
-    static, moving = scene.static, scene.moving
-    rows = np.concatenate([static.materials, moving.materials]).astype(np.int64)
-    yaws = scene.poses_at(np.array([stamp_s]))[0][moving.owners, 2]
-    headings = np.concatenate([static.headings, moving.headings + yaws])
-    kinds = np.concatenate([np.full(len(static), -1.0), categories[moving.owners]])
-    frames, seeds = _frames(solids, headings, kinds)
-    return Looks(_COLOURS[rows], _PATTERNS[rows], _GLOSS[rows], frames, np.ones(len(rows)), seeds)
+@cache
+def _fades() -> np.ndarray:
+    return np.exp(-np.linspace(0.0, THICKEST, FADES + 1))
 
 
-def _frames(
-    solids: Solids, headings: np.ndarray, kinds: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 8) frames of the things that prisms belong to, and (P,) a number in 0 to 1 each."""
-    if len(headings) == 0:
-        return np.empty((0, 8)), np.empty(0)
-    owners, things = np.unique(solids.owners, return_inverse=True)
-    cosine, sine = np.cos(headings)[:, None], np.sin(headings)[:, None]
-    x, y = solids.footprints[..., 0], solids.footprints[..., 1]
-    along, across = x * cosine + y * sine, y * cosine - x * sine
-    lows, highs = np.full((2, len(owners)), np.inf), np.full((3, len(owners)), -np.inf)
-    for i, values in enumerate((along, across)):
-        np.minimum.at(lows[i], things, values.min(axis=1))
-        np.maximum.at(highs[i], things, values.max(axis=1))
-    np.maximum.at(highs[2], things, solids.tops)
-    u, v = ((lows + highs[:2]) / 2)[:, things]
-    half = ((highs[:2] - lows) / 2)[:, things]
-    c, s = cosine[:, 0], sine[:, 0]
-    seeds = (owners.astype(np.int64) * 2654435761 % 2**32 / 2**32)[things]
-    return np.column_stack(
-        [u * c - v * s, u * s + v * c, c, s, *half, highs[2][things], kinds]
-    ), seeds
+@cache
+def _roots() -> np.ndarray:
+    return (np.arange(256) / 255) ** 2

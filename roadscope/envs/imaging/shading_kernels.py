@@ -1,4 +1,4 @@
-"""Light on surfaces, the sky, the air between, and the exposure of the image."""
+"""From what every pixel shows to the light that comes from there, run by run of one face."""
 
 from __future__ import annotations
 
@@ -7,33 +7,49 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.imaging.ground_kernels import CELLS_M, SIDE, smooth_grain
-from roadscope.envs.imaging.pattern_kernels import GLASS, Looks, paint, slanted
+from roadscope.envs.imaging.ground_kernels import CELLS_M, SIDE
+from roadscope.envs.imaging.lamp_kernels import own_beam, pool_at
+from roadscope.envs.imaging.noise_kernels import blend_of
+from roadscope.envs.imaging.pattern_kernels import GLASS, METAL, PLAIN, SIGN, Looks, paint
 from roadscope.envs.imaging.raster_kernels import BOTTOM, FACES, GROUND_FACE, SKY_FACE, TOP, Lens
+from roadscope.envs.imaging.sky_kernels import BLOCK, Air
+from roadscope.envs.imaging.vehicle_kernels import slanted
 
-CURVE = 4096
-"""Steps of the table from linear light to bytes."""
-MOST = 1.0
-"""Linear light that is white."""
+CHUNK = 32
+"""Pixels of ground along a row that share a degree of detail."""
+DETAIL_M = 14.0
+"""Nearer than this the grain of the ground is seen."""
+FADES = 1024
+"""Steps of the table of what the air lets through, up to an optical depth of `THICKEST`."""
+THICKEST = 12.0
 
 
-class Air(NamedTuple):
-    """Light and air, see `light.Light`.
+class Stage(NamedTuple):
+    """What is lit, beside lens and air.
 
-    towards: (3,). sun, zenith, horizon, ground: (3,). clouds, lamps: as there.
-    extinction: 1/m. veil: (3,) brightness of thick fog. gain: of the exposure.
+    footprints: (P, 12, 2), corners: (P,) of the prisms. normals, glow: (P, 14, 3) of the faces:
+    outward unit vector, and light that falls on it. lit, open_sky: (H, W) uint8, see
+    `cast_shadows`. cells: (3, SIDE, SIDE) uint32, middles: (3, 2) of the ground. noise: see
+    `noise_tile`. pools: (256, 256, 2), corner: x y, see `light_pools`. blocks: see `sky_blocks`.
+    heights: (W,), see `skyline`. fades: (1025,) share of light that passes, by optical depth.
+    roots: (256,) squares of the ground's bytes.
     """
 
-    towards: np.ndarray
-    sun: np.ndarray
-    zenith: np.ndarray
-    horizon: np.ndarray
-    ground: np.ndarray
-    clouds: float
-    lamps: bool
-    extinction: float
-    veil: np.ndarray
-    gain: float
+    footprints: np.ndarray
+    corners: np.ndarray
+    normals: np.ndarray
+    glow: np.ndarray
+    lit: np.ndarray
+    open_sky: np.ndarray
+    cells: np.ndarray
+    middles: np.ndarray
+    noise: np.ndarray
+    pools: np.ndarray
+    corner: tuple[float, float]
+    blocks: np.ndarray
+    heights: np.ndarray
+    fades: np.ndarray
+    roots: np.ndarray
 
 
 @compiled()
@@ -41,167 +57,431 @@ def shade_all(
     lens: Lens,
     q: np.ndarray,
     faces: np.ndarray,
-    lit: np.ndarray,
-    open_sky: np.ndarray,
-    normals: np.ndarray,
     looks: Looks,
-    cells: np.ndarray,
-    air: Air,
-    curve: np.ndarray,
-    pixels: np.ndarray,
-) -> None:
-    """Fill pixels (H, W, 3) uint8; normals (P, 14, 3) of the faces, curve (4096,) uint8."""
-    height, width = q.shape
-    out, light = np.empty(7), np.empty(3)
-    r = lens.rotation
-    for row in range(height):
-        dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
-        for column in range(width):
-            du = (column + 0.5 - lens.centre[0]) / lens.focal[0]
-            x = r[0, 0] * du + r[1, 0] * dv + r[2, 0]
-            y = r[0, 1] * du + r[1, 1] * dv + r[2, 1]
-            z = r[0, 2] * du + r[1, 2] * dv + r[2, 2]
-            size = np.sqrt(1.0 + du * du + dv * dv)
-            face = faces[row, column]
-            if face == SKY_FACE:
-                _sky(air, x / size, y / size, z / size, light)
-                reach = 1e4
-            else:
-                depth = 1.0 / q[row, column]
-                reach = depth * size
-                px, py = lens.origin[0] + depth * x, lens.origin[1] + depth * y
-                if face == GROUND_FACE:
-                    sun = lit[row, column] / 255.0
-                    sky = open_sky[row, column] / 255.0
-                    _tarmac(lens, cells, px, py, depth, sun, sky, air, light)
-                else:
-                    pz = lens.origin[2] + depth * z
-                    m, side = face // FACES, face % FACES
-                    normal = (normals[m, side, 0], normals[m, side, 1], normals[m, side, 2])
-                    if looks.patterns[m] == GLASS:
-                        normal = slanted(looks.frames[m], normal, px, py)
-                    paint(looks, m, normal, (px, py, pz), air.lamps, out)
-                    view = (x / size, y / size, z / size)
-                    _solid(air, normal, view, looks.lit[m], out, light)
-            _expose(air, reach, light, curve, pixels[row, column])
-
-
-@compiled(borrowing=True)
-def _expose(
-    air: Air, reach: float, light: np.ndarray, curve: np.ndarray, pixel: np.ndarray
-) -> None:
-    clear = np.exp(-air.extinction * reach) if air.extinction > 0.0 else 1.0
-    for k in range(3):
-        value = air.gain * (light[k] * clear + air.veil[k] * (1.0 - clear))
-        step = int(value * (CURVE - 1) / MOST)
-        pixel[k] = curve[min(CURVE - 1, max(0, step))]
-
-
-@compiled(borrowing=True)
-def _sky(air: Air, x: float, y: float, z: float, light: np.ndarray) -> None:
-    """Brightness of the sky in a direction; below the horizon the far haze."""
-    up = max(0.0, z)
-    share = 1.0 - (1.0 - min(1.0, up)) ** 3
-    toward = max(0.0, x * air.towards[0] + y * air.towards[1] + z * air.towards[2])
-    glow = 0.35 * toward**24 + (4.0 if toward > 0.99996 else 0.0)
-    cloud = 0.0
-    if air.clouds > 0.0 and up > 0.01:
-        u, v = x / (up + 0.12) * 1.6, y / (up + 0.12) * 1.6
-        field = 0.55 * smooth_grain(u, v) + 0.28 * smooth_grain(2.3 * u, 2.3 * v)
-        field += 0.17 * smooth_grain(5.1 * u, 5.1 * v)
-        cloud = min(1.0, max(0.0, (field - 0.78 + 0.62 * air.clouds) * 4.0)) * min(1.0, 6.0 * up)
-    white = 0.35 * (air.sun[0] + air.sun[1] + air.sun[2]) / 3.0 + 0.75 * air.horizon[1]
-    for k in range(3):
-        clear = air.horizon[k] + share * (air.zenith[k] - air.horizon[k]) + glow * air.sun[k]
-        light[k] = clear + cloud * (white - clear)
-
-
-@compiled(borrowing=True)
-def _tarmac(
-    lens: Lens,
-    cells: np.ndarray,
-    x: float,
-    y: float,
-    depth: float,
-    lit: float,
-    open_sky: float,
+    stage: Stage,
     air: Air,
     light: np.ndarray,
 ) -> None:
-    """Ground: the cell at the degree of detail that one pixel covers."""
-    footprint = depth / lens.focal[0] * np.sqrt(depth / max(0.3, lens.origin[2]))
-    level = 0
-    while level < len(CELLS_M) - 1 and (
-        footprint > 1.4 * CELLS_M[level] or _beyond(lens, x, y, CELLS_M[level])
-    ):
-        level += 1
-    cell_m = CELLS_M[level]
-    fx, fy = x / cell_m - 0.5, y / cell_m - 0.5
-    i, j = np.floor(fy), np.floor(fx)
-    u, v = fx - j, fy - i
-    row, column = int(i) % SIDE, int(j) % SIDE
-    below, right = (row + 1) % SIDE, (column + 1) % SIDE
-    far = _beyond(lens, x, y, cell_m)
-    for k in range(3):
-        a = cells[level, row, column, k] * (1.0 - u) + cells[level, row, right, k] * u
-        b = cells[level, below, column, k] * (1.0 - u) + cells[level, below, right, k] * u
-        root = (a + v * (b - a)) / 255.0
-        albedo = root * root if not far else 0.05
-        sky = 0.55 * air.zenith[k] + 0.45 * air.horizon[k]
-        light[k] = albedo * (lit * air.sun[k] * air.towards[2] + open_sky * sky)
+    """Fill light (H, W, 3) float32, linear; 1 is white."""
+    height, width = q.shape
+    out = np.empty(7)
+    line = np.empty((stage.blocks.shape[1], 3), np.float32)
+    for row in range(height):
+        shade_row(lens, q[row], faces[row], row, looks, stage, air, out, line, light[row])
+
+
+@compiled(borrowing=True)
+def shade_row(
+    lens: Lens,
+    q: np.ndarray,
+    faces: np.ndarray,
+    row: int,
+    looks: Looks,
+    stage: Stage,
+    air: Air,
+    out: np.ndarray,
+    line: np.ndarray,
+    light: np.ndarray,
+) -> None:
+    """Shade one row of pixels; out (7,) and line (W / 8 + 2, 3) are room to work in."""
+    width, start, ready = len(faces), 0, False
+    while start < width:
+        face, end = faces[start], start + 1
+        while end < width and faces[end] == face:
+            end += 1
+        if face == SKY_FACE:
+            if not ready:
+                _sky_line(stage.blocks, row, line)
+                ready = True
+            _sky_run(lens, row, start, end, line, stage.heights, air, light)
+        elif face == GROUND_FACE:
+            for first in range(start, end, CHUNK):
+                _ground_run(lens, q, row, first, min(end, first + CHUNK), stage, air, light)
+        else:
+            _solid_run(lens, q, row, start, end, face, looks, stage, air, out, light)
+        start = end
+
+
+@compiled(borrowing=True)
+def _sky_line(blocks: np.ndarray, row: int, line: np.ndarray) -> None:
+    i = row // BLOCK
+    share = np.float32((row + 0.5 - i * BLOCK) / BLOCK)
+    for j in range(len(line)):
+        for k in range(3):
+            line[j, k] = blocks[i, j, k] + share * (blocks[i + 1, j, k] - blocks[i, j, k])
+
+
+@compiled(borrowing=True)
+def _sky_run(
+    lens: Lens,
+    row: int,
+    start: int,
+    end: int,
+    line: np.ndarray,
+    heights: np.ndarray,
+    air: Air,
+    light: np.ndarray,
+) -> None:
+    """Sky, and near the horizon the trees of the skyline in the haze."""
+    r = lens.rotation
+    dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
+    high = r[1, 2] * dv + r[2, 2]
+    slope = r[0, 2] / lens.focal[0]
+    edge = high + slope * (start + 0.5 - lens.centre[0])
+    other = high + slope * (end - 0.5 - lens.centre[0])
+    near = min(edge, other) < 0.06
+    haze = np.exp(-900.0 * air.extinction)
+    for c in range(start, end):
+        j = c >> 3
+        share = np.float32((c + 0.5 - j * BLOCK) / BLOCK)
+        for k in range(3):
+            light[c, k] = line[j, k] + share * (line[j + 1, k] - line[j, k])
+        if near:
+            du = (c + 0.5 - lens.centre[0]) / lens.focal[0]
+            z = high + slope * (c + 0.5 - lens.centre[0])
+            if z < heights[c] * np.sqrt(1.0 + du * du + dv * dv):
+                for k in range(3):
+                    leaf = 0.05 * (air.zenith[k] + air.horizon[k]) + 0.02 * air.sun[k]
+                    light[c, k] = leaf * haze + air.veil[k] * (1.0 - haze)
 
 
 @compiled(forceinline=True, borrowing=True)
-def _beyond(lens: Lens, x: float, y: float, cell_m: float) -> bool:
-    half = (SIDE // 2 - 129) * cell_m
-    outside: bool = abs(x - lens.origin[0]) > half or abs(y - lens.origin[1]) > half
-    return outside
+def _passed(fades: np.ndarray, thickness: float) -> float:
+    """Share of light that passes an optical depth, exp(-thickness), from the table."""
+    at = min(thickness, 0.999 * THICKEST) * (FADES / THICKEST)
+    step = int(at)
+    low: float = fades[step]
+    return low + (at - step) * (fades[step + 1] - low)
+
+
+@compiled(borrowing=True)
+def _level(lens: Lens, stage: Stage, x: float, y: float, depth: float) -> int:
+    """Degree of detail that fits a pixel's footprint on the ground; 3 beyond all squares."""
+    footprint = depth / lens.focal[0] * np.sqrt(max(1.0, 0.5 * depth / max(0.3, lens.origin[2])))
+    level = 0
+    while level < len(CELLS_M):
+        half = (SIDE // 2 - 2) * CELLS_M[level]
+        inside = abs(x - stage.middles[level, 0]) < half and abs(y - stage.middles[level, 1]) < half
+        if inside and (footprint < 1.6 * CELLS_M[level] or level == len(CELLS_M) - 1):
+            break
+        level += 1
+    return level
+
+
+@compiled(borrowing=True)
+def _ground_run(
+    lens: Lens,
+    q: np.ndarray,
+    row: int,
+    start: int,
+    end: int,
+    stage: Stage,
+    air: Air,
+    light: np.ndarray,
+) -> None:
+    r = lens.rotation
+    dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
+    x0, y0 = r[1, 0] * dv + r[2, 0], r[1, 1] * dv + r[2, 1]
+    ax, ay = r[0, 0] / lens.focal[0], r[0, 1] / lens.focal[0]
+    level = 0
+    for c in (start, end - 1):
+        du, depth = c + 0.5 - lens.centre[0], 1.0 / q[c]
+        x, y = lens.origin[0] + depth * (x0 + ax * du), lens.origin[1] + depth * (y0 + ay * du)
+        level = max(level, _level(lens, stage, x, y, depth))
+    high, open0 = air.towards[2] / 255.0, 0.55 / 255.0
+    open1 = 0.45 / 255.0
+    sun0, sky0 = high * air.sun[0], open0 * air.zenith[0] + open1 * air.horizon[0]
+    sun1, sky1 = high * air.sun[1], open0 * air.zenith[1] + open1 * air.horizon[1]
+    sun2, sky2 = high * air.sun[2], open0 * air.zenith[2] + open1 * air.horizon[2]
+    for c in range(start, end):
+        du, depth = c + 0.5 - lens.centre[0], 1.0 / q[c]
+        x, y = lens.origin[0] + depth * (x0 + ax * du), lens.origin[1] + depth * (y0 + ay * du)
+        red, green, blue = _ground_cell(stage, level, x, y)
+        if depth < DETAIL_M:
+            detail = blend_of(stage.noise, 170.0 * x, 170.0 * y) - 0.5
+            detail = 1.0 + 1.1 * detail * (1.0 - depth / DETAIL_M)
+            red, green, blue = red * detail, green * detail, blue * detail
+        sun, sky = 1.0 * stage.lit[row, c], 1.0 * stage.open_sky[row, c]
+        e0, e1, e2 = sun * sun0 + sky * sky0, sun * sun1 + sky * sky1, sun * sun2 + sky * sky2
+        if air.lamps:
+            warm = pool_at(stage.pools, stage.corner, x, y, 0) * sky / 255.0
+            white = pool_at(stage.pools, stage.corner, x, y, 1) + own_beam(lens, x, y, 0.0, False)
+            e0, e1 = e0 + warm + white, e1 + 0.72 * warm + 0.95 * white
+            e2 += 0.42 * warm + 0.85 * white
+        red, green, blue = red * e0, green * e1, blue * e2
+        if air.wet > 0.0:
+            share = _mirrored(lens, stage, air, x, y, depth)
+            red += share * (air.horizon[0] - red)
+            green += share * (air.horizon[1] - green)
+            blue += share * (air.horizon[2] - blue)
+        du /= lens.focal[0]
+        if air.extinction * depth > 0.004:
+            passed = _passed(
+                stage.fades, air.extinction * depth * np.sqrt(1.0 + du * du + dv * dv)
+            )
+            red = air.veil[0] + passed * (red - air.veil[0])
+            green = air.veil[1] + passed * (green - air.veil[1])
+            blue = air.veil[2] + passed * (blue - air.veil[2])
+        light[c, 0], light[c, 1], light[c, 2] = red, green, blue
+
+
+@compiled(forceinline=True, borrowing=True)
+def _ground_cell(
+    stage: Stage, level: int, x: float, y: float
+) -> tuple[float, float, float]:
+    """Colour of the ground, linear between cells: two bytes of a cell at once."""
+    if level >= len(CELLS_M):
+        return 0.05, 0.065, 0.03
+    scale = 1.0 / CELLS_M[level]
+    fx, fy = x * scale - 0.5, y * scale - 0.5
+    i, j = np.floor(fy), np.floor(fx)
+    u, v = np.int64(256.0 * (fx - j)), np.int64(256.0 * (fy - i))
+    row, column = np.int64(i) & (SIDE - 1), np.int64(j) & (SIDE - 1)
+    below, right = (row + 1) & (SIDE - 1), (column + 1) & (SIDE - 1)
+    a, b = np.int64(stage.cells[level, row, column]), np.int64(stage.cells[level, row, right])
+    c, d = np.int64(stage.cells[level, below, column]), np.int64(stage.cells[level, below, right])
+    outer = 0xFF00FF
+    high = (((a & outer) * (256 - u) + (b & outer) * u) >> 8) & outer
+    low = (((c & outer) * (256 - u) + (d & outer) * u) >> 8) & outer
+    red_blue = ((high * (256 - v) + low * v) >> 8) & outer
+    high = ((a >> 8) & 255) * (256 - u) + ((b >> 8) & 255) * u
+    low = ((c >> 8) & 255) * (256 - u) + ((d >> 8) & 255) * u
+    green = (high * (256 - v) + low * v) >> 16
+    return stage.roots[red_blue & 255], stage.roots[green], stage.roots[red_blue >> 16]
+
+
+@compiled(borrowing=True)
+def _mirrored(
+    lens: Lens, stage: Stage, air: Air, x: float, y: float, depth: float
+) -> float:
+    """Share of light that wet ground mirrors: Schlick's law, more where water stands."""
+    down = lens.origin[2] / np.sqrt(depth * depth + lens.origin[2] * lens.origin[2])
+    graze = 1.0 - min(1.0, down)
+    square = graze * graze
+    puddle = min(1.0, max(0.0, 3.5 * (blend_of(stage.noise, 6.0 * x, 6.0 * y) - 0.42)))
+    return air.wet * (0.25 + 0.75 * puddle) * (0.02 + 0.75 * square * square * graze)
+
+
+@compiled(borrowing=True)
+def _solid_run(
+    lens: Lens,
+    q: np.ndarray,
+    row: int,
+    start: int,
+    end: int,
+    face: int,
+    looks: Looks,
+    stage: Stage,
+    air: Air,
+    out: np.ndarray,
+    light: np.ndarray,
+) -> None:
+    r = lens.rotation
+    m, side = face // FACES, face % FACES
+    normal = (stage.normals[m, side, 0], stage.normals[m, side, 1], stage.normals[m, side, 2])
+    edge = _edge(stage, m, side)
+    pattern = looks.patterns[m]
+    dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
+    x0, y0 = r[1, 0] * dv + r[2, 0], r[1, 1] * dv + r[2, 1]
+    z0 = r[1, 2] * dv + r[2, 2]
+    for c in range(start, end):
+        du, depth = (c + 0.5 - lens.centre[0]) / lens.focal[0], 1.0 / q[c]
+        vx, vy, vz = x0 + r[0, 0] * du, y0 + r[0, 1] * du, z0 + r[0, 2] * du
+        place = (
+            lens.origin[0] + depth * vx, lens.origin[1] + depth * vy, lens.origin[2] + depth * vz,
+        )  # fmt: skip
+        if pattern == PLAIN:
+            out[0], out[1], out[2] = looks.colours[m, 0], looks.colours[m, 1], looks.colours[m, 2]
+            out[3], out[4], out[5], out[6] = looks.gloss[m], 0.0, 0.0, 0.0
+        else:
+            paint(looks, stage.noise, m, edge, normal, place, air.lamps, out)
+        size = 1.0
+        turned = normal
+        if out[3] > 0.0 or air.extinction * depth > 0.004:
+            size = np.sqrt(1.0 + du * du + dv * dv)
+        if pattern == GLASS and out[3] > 0.05:
+            turned = slanted(looks.frames[m], normal, place[0], place[1])
+        _solid(stage, air, m, side, turned, (vx / size, vy / size, vz / size), out)
+        if air.lamps:
+            _lamplight(lens, looks, stage, m, normal, place, out)
+        if air.extinction * depth > 0.004:
+            passed = _passed(stage.fades, air.extinction * depth * size)
+            for k in range(3):
+                out[4 + k] = air.veil[k] + passed * (out[4 + k] - air.veil[k])
+        light[c, 0], light[c, 1], light[c, 2] = out[4], out[5], out[6]
+
+
+@compiled(forceinline=True, borrowing=True)
+def _edge(stage: Stage, m: int, side: int) -> tuple[float, float, float]:
+    """Where an upright face begins, and its length."""
+    if side >= TOP:
+        return 0.0, 0.0, 1.0
+    after = side + 1 if side + 1 < stage.corners[m] else 0
+    x, y = stage.footprints[m, side, 0], stage.footprints[m, side, 1]
+    dx, dy = stage.footprints[m, after, 0] - x, stage.footprints[m, after, 1] - y
+    return x, y, np.sqrt(dx * dx + dy * dy)
 
 
 @compiled(borrowing=True)
 def _solid(
+    stage: Stage,
     air: Air,
+    m: int,
+    side: int,
     normal: tuple[float, float, float],
     view: tuple[float, float, float],
-    lit: float,
     out: np.ndarray,
-    light: np.ndarray,
 ) -> None:
-    """Diffuse light of sun, sky and ground, and what a glossy surface mirrors."""
-    facing = normal[0] * air.towards[0] + normal[1] * air.towards[1] + normal[2] * air.towards[2]
-    sun = max(0.0, facing) * lit
-    up = 0.5 + 0.5 * normal[2]
-    mirrored = 0.0
-    rz = 0.0
+    """Add to the own light in out[4:] what a surface throws back and what it mirrors."""
+    mirrored = rz = 0.0
     if out[3] > 0.0:
         into = -(view[0] * normal[0] + view[1] * normal[1] + view[2] * normal[2])
         into = min(1.0, max(0.0, into))
-        mirrored = out[3] + (1.0 - out[3]) * (1.0 - into) ** 5
+        miss = 1.0 - into
+        mirrored = out[3] + (1.0 - out[3]) * miss * miss * miss * miss * miss
         rz = view[2] + 2.0 * into * normal[2]
+    share = min(1.0, max(0.0, 0.5 + 4.0 * rz))
     for k in range(3):
-        sky = 0.5 * air.zenith[k] + 0.5 * air.horizon[k]
-        diffuse = out[k] * (sun * air.sun[k] + up * sky + (1.0 - up) * air.ground[k])
+        value = out[k] * stage.glow[m, side, k]
         if mirrored > 0.0:
-            share = min(1.0, max(0.0, 0.5 + 4.0 * rz))
-            world = air.ground[k] + share * (
-                air.horizon[k] + max(0.0, rz) * (air.zenith[k] - air.horizon[k]) - air.ground[k]
-            )
-            diffuse += mirrored * (world - diffuse)
-        light[k] = diffuse + out[4 + k]
+            sky = air.horizon[k] + max(0.0, rz) * (air.zenith[k] - air.horizon[k])
+            world = air.ground[k] + share * (sky - air.ground[k])
+            value += mirrored * (world - value)
+        out[4 + k] += value
+
+
+@compiled(borrowing=True)
+def _lamplight(
+    lens: Lens,
+    looks: Looks,
+    stage: Stage,
+    m: int,
+    normal: tuple[float, float, float],
+    place: tuple[float, float, float],
+    out: np.ndarray,
+) -> None:
+    """Add what lamps throw on a surface; sheeting of signs throws headlights back to them."""
+    upright = normal[2] == 0.0
+    white = own_beam(lens, place[0], place[1], place[2], True)
+    if upright:
+        dx, dy = place[0] - lens.origin[0], place[1] - lens.origin[1]
+        away = np.sqrt(dx * dx + dy * dy) + 1e-9
+        white *= max(0.0, -(normal[0] * dx + normal[1] * dy) / away)
+    else:
+        white *= 0.2
+    if looks.patterns[m] == SIGN:
+        white *= 6.0
+    white += 0.4 * pool_at(stage.pools, stage.corner, place[0], place[1], 1) * max(
+        0.0, 1.0 - 0.6 * place[2]
+    )
+    warm = 0.55 * pool_at(stage.pools, stage.corner, place[0], place[1], 0)
+    warm *= max(0.1, 1.0 - place[2] / 8.0) if looks.patterns[m] != METAL else 0.5
+    out[4] += out[0] * (warm + white)
+    out[5] += out[1] * (0.72 * warm + 0.95 * white)
+    out[6] += out[2] * (0.42 * warm + 0.85 * white)
 
 
 @compiled()
-def face_normals(footprints: np.ndarray, corners: np.ndarray, normals: np.ndarray) -> None:
-    """Fill normals (P, 14, 3), outward unit vectors of the sides, top and bottom."""
+def light_faces(
+    footprints: np.ndarray,
+    corners: np.ndarray,
+    lit: np.ndarray,
+    air: Air,
+    normals: np.ndarray,
+    glow: np.ndarray,
+) -> None:
+    """Fill outward normals (P, 14, 3) of sides, top and bottom, and the light on them.
+
+    glow: light of sun, sky and ground that falls on a face, by colour; lit: (P,) share of sun.
+    """
     for m in range(len(corners)):
         count = corners[m]
-        for k in range(count):
-            after = k + 1 if k + 1 < count else 0
-            dx = footprints[m, after, 0] - footprints[m, k, 0]
-            dy = footprints[m, after, 1] - footprints[m, k, 1]
-            length = max(1e-12, np.sqrt(dx * dx + dy * dy))
-            normals[m, k, 0], normals[m, k, 1], normals[m, k, 2] = dy / length, -dx / length, 0.0
-        normals[m, TOP, 0] = normals[m, TOP, 1] = normals[m, BOTTOM, 0] = normals[m, BOTTOM, 1] = (
-            0.0
-        )
-        normals[m, TOP, 2], normals[m, BOTTOM, 2] = 1.0, -1.0
+        for side in range(BOTTOM + 1):
+            x = y = z = 0.0
+            if side >= TOP:
+                z = 1.0 if side == TOP else -1.0
+            elif side < count:
+                after = side + 1 if side + 1 < count else 0
+                dx = footprints[m, after, 0] - footprints[m, side, 0]
+                dy = footprints[m, after, 1] - footprints[m, side, 1]
+                length = max(1e-12, np.sqrt(dx * dx + dy * dy))
+                x, y = dy / length, -dx / length
+            else:
+                continue
+            normals[m, side, 0], normals[m, side, 1], normals[m, side, 2] = x, y, z
+            facing = x * air.towards[0] + y * air.towards[1] + z * air.towards[2]
+            sun, up = max(0.0, facing) * lit[m], 0.5 + 0.5 * z
+            for k in range(3):
+                sky = 0.5 * air.zenith[k] + 0.5 * air.horizon[k]
+                glow[m, side, k] = sun * air.sun[k] + up * sky + (1.0 - up) * air.ground[k]
+
+
+@compiled()
+def shade_plainly(
+    lens: Lens,
+    q: np.ndarray,
+    faces: np.ndarray,
+    flat: np.ndarray,
+    stage: Stage,
+    sky: np.ndarray,
+    pixels: np.ndarray,
+) -> None:
+    """Fill pixels (H, W, 3) uint8 with one colour a face, flat (P * 16, 3) uint8.
+
+    sky: (3,) uint8. The ground shows the painted cell that holds the point.
+    """
+    height, width = q.shape
+    r = lens.rotation
+    for row in range(height):
+        dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
+        x0, y0 = r[1, 0] * dv + r[2, 0], r[1, 1] * dv + r[2, 1]
+        ax, ay = r[0, 0] / lens.focal[0], r[0, 1] / lens.focal[0]
+        start = 0
+        while start < width:
+            face, end = faces[row, start], start + 1
+            while end < width and faces[row, end] == face:
+                end += 1
+            if face == GROUND_FACE:
+                for first in range(start, end, CHUNK):
+                    last = min(end, first + CHUNK)
+                    _plain_ground(
+                        lens, q[row], x0, y0, ax, ay, first, last, stage, pixels[row]
+                    )
+            else:
+                colour = sky if face == SKY_FACE else flat[face]
+                red, green, blue = colour[0], colour[1], colour[2]
+                for c in range(start, end):
+                    pixels[row, c, 0], pixels[row, c, 1], pixels[row, c, 2] = red, green, blue
+            start = end
+
+
+@compiled(borrowing=True)
+def _plain_ground(
+    lens: Lens,
+    q: np.ndarray,
+    x0: float,
+    y0: float,
+    ax: float,
+    ay: float,
+    start: int,
+    end: int,
+    stage: Stage,
+    pixels: np.ndarray,
+) -> None:
+    level = 0
+    for c in (start, end - 1):
+        du, depth = c + 0.5 - lens.centre[0], 1.0 / q[c]
+        x, y = lens.origin[0] + depth * (x0 + ax * du), lens.origin[1] + depth * (y0 + ay * du)
+        level = max(level, _level(lens, stage, x, y, depth))
+    if level >= len(CELLS_M):
+        for c in range(start, end):
+            pixels[c, 0], pixels[c, 1], pixels[c, 2] = 57, 65, 44
+        return
+    scale = 1.0 / CELLS_M[level]
+    for c in range(start, end):
+        du, depth = c + 0.5 - lens.centre[0], scale / q[c]
+        column = np.int64(np.floor(lens.origin[0] * scale + depth * (x0 + ax * du)))
+        row = np.int64(np.floor(lens.origin[1] * scale + depth * (y0 + ay * du)))
+        cell = np.int64(stage.cells[level, row & (SIDE - 1), column & (SIDE - 1)])
+        pixels[c, 0], pixels[c, 1] = cell & 255, (cell >> 8) & 255
+        pixels[c, 2] = cell >> 16

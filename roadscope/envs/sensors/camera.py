@@ -12,11 +12,12 @@ from roadscope.core.record import Record
 from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.imaging.raster import FACES, Raster, Solids, rasterise, solids_of
-from roadscope.envs.imaging.shading import curve, shade
+from roadscope.envs.imaging.shading import shade, shade_plain
 from roadscope.envs.raycast.cast import GROUND, NOTHING
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.exposure_kernels import develop
+from roadscope.envs.sensors.exposure import Motion, exposed
+from roadscope.envs.sensors.exposure_kernels import count_visible, describe
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,50 +51,44 @@ def expose(
     sensor: str = "camera",
     noise_seed: int = 0,
     extinction_per_m: float = 0.0,
+    rain_mm_h: float = 0.0,
+    motion: Motion | None = None,
 ) -> tuple[CameraImage, ImageTruth]:
     """Take one image at the stamp, the middle of the exposure.
 
-    categories: (A,) of the actors. Noise depends on seed and stamp alone.
+    categories: (A,) of the actors. Noise depends on seed and stamp alone. A plain camera
+    (`CameraSpec.plain`) heeds neither weather nor motion.
     """
     solids = solids_of(scene, stamp_s)
     raster = rasterise(
         scene, spec.pinhole, world_from_camera, stamp_s, outlines=True, solids=solids
     )
-    pixels = shade(
-        raster, scene, solids, spec.pinhole, world_from_camera, stamp_s=stamp_s, ground=ground,
-        light=light, categories=categories, extinction_per_m=extinction_per_m,
-    )  # fmt: skip
-    _develop(pixels, spec, noise_seed, stamp_s)
-    image = CameraImage(pixels, spec.pinhole.intrinsics, stamp_s, sensor)
-    return image, image_truth(raster, solids, len(scene.present))
+    truth = image_truth(raster, solids, len(scene.present))
+    seen = (raster, scene, solids, spec.pinhole, world_from_camera)
+    if spec.plain:
+        pixels = shade_plain(
+            *seen, stamp_s=stamp_s, ground=ground, light=light, categories=categories
+        )
+    else:
+        shone = shade(
+            *seen, stamp_s=stamp_s, ground=ground, light=light, categories=categories,
+            extinction_per_m=extinction_per_m, wet=min(1.0, rain_mm_h / 5.0),
+        )  # fmt: skip
+        pixels = exposed(
+            shone, raster, solids, spec, light, world_from_camera=world_from_camera,
+            stamp_s=stamp_s, noise_seed=noise_seed, rain_mm_h=rain_mm_h, motion=motion,
+            extinction_per_m=extinction_per_m,
+        )  # fmt: skip
+    return CameraImage(pixels, spec.pinhole.intrinsics, stamp_s, sensor), truth
 
 
 def image_truth(raster: Raster, solids: Solids, actors: int) -> ImageTruth:
     """Say what every pixel shows."""
-    with np.errstate(divide="ignore"):
-        depth = np.where(raster.q > 0, 1 / raster.q, 0).astype(np.float32)
     # Faces -2 and -1 index the two entries at the end.
     table = np.concatenate([np.repeat(solids.owners, FACES), [NOTHING, GROUND]]).astype(np.int32)
-    owners = table[raster.faces]
-    visible = np.bincount(owners[owners >= 0], minlength=actors)
+    depth, owners = np.empty_like(raster.q), np.empty_like(raster.faces)
+    describe(raster.q, raster.faces, table, depth, owners)
+    visible = np.zeros(actors, np.int64)
+    count_visible(owners, visible)
     hidden = 1 - visible / np.maximum(raster.outline_pixels, 1)
     return ImageTruth(depth, owners, visible, raster.boxes, np.clip(hidden, 0.0, 1.0))
-
-
-def _develop(pixels: np.ndarray, spec: CameraSpec, noise_seed: int, stamp_s: float) -> None:
-    nanoseconds = int(np.rint(stamp_s * 1e9)) % 2**64
-    key = np.random.SeedSequence([noise_seed, nanoseconds]).generate_state(1, np.uint64)[0]
-    u, v = spec.pinhole.centre_px
-    develop(
-        pixels, _light_of_bytes(), curve(), np.array([spec.vignetting, u, v]),
-        np.array([spec.full_well, spec.read_noise]), key,
-    )  # fmt: skip
-
-
-def _light_of_bytes() -> np.ndarray:
-    """(256,) linear light of sRGB bytes (IEC 61966-2-1)."""
-    encoded = np.arange(256) / 255
-    linear: np.ndarray = np.where(
-        encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4
-    )
-    return linear

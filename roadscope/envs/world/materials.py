@@ -29,6 +29,8 @@ class Pattern(IntEnum):
     METAL = 8
     CLOTH = 9
     COACH = 10
+    SKIN = 11
+    LANTERN = 12
 
 
 class Material(NamedTuple):
@@ -78,7 +80,7 @@ _CLOTH = _family(
 )  # fmt: skip
 _SKIN = _family(
     "skin", [(0.50, 0.30, 0.22), (0.36, 0.20, 0.13), (0.19, 0.10, 0.06), (0.08, 0.04, 0.03)],
-    Pattern.PLAIN,
+    Pattern.SKIN,
 )  # fmt: skip
 _FACADE = _family(
     "facade",
