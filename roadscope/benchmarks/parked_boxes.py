@@ -1,0 +1,55 @@
+"""Where parked cars are in an image: like in scans, finding one is neither right nor wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import Pose
+from roadscope.core.projection import Projection
+from roadscope.envs.world.world import World
+
+PARKED_RANGE_M = 150.0
+LEAST_SIDE_PX = 2.0
+BEHIND_M = 0.3
+
+
+def parked_boxes(
+    world: World, world_from_ego: Pose, projection: Projection
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (P, 4) boxes in the image of parked cars, hidden ones too, and (P,) ranges, metres."""
+    from roadscope.envs.world.roadside import KINDS, kinds_of
+
+    here = world_from_ego.translation[:2]
+    things = world.scenery.around(here, PARKED_RANGE_M)
+    cars = np.flatnonzero(kinds_of(things.owners) == list(KINDS).index("parked_cars"))
+    if not len(cars):
+        return np.empty((0, 4)), np.empty(0)
+    footprints, owners = things.footprints[cars], things.owners[cars]
+    heights = np.stack([things.bottoms[cars], things.tops[cars]], axis=1)
+    levels = np.broadcast_to(heights[:, :, None, None], (*heights.shape, footprints.shape[1], 1))
+    flat = np.broadcast_to(footprints[:, None], (*levels.shape[:3], 2))
+    points = world_from_ego.inverse().apply(np.concatenate([flat, levels], -1).reshape(-1, 3))
+    ranges = np.hypot(*(footprints.mean(axis=1) - here).T)
+    return _bounds(points.reshape(len(cars), -1, 3), owners, ranges, projection)
+
+
+def _bounds(
+    points: np.ndarray, owners: np.ndarray, ranges: np.ndarray, projection: Projection
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bound (M, Q, 3) points, ego frame, of each owner in the image."""
+    # Corners beside or behind the camera lie far outside the image, on their side of it.
+    homogeneous = points @ projection.matrix[:, :3].T + projection.matrix[:, 3]
+    depths = homogeneous[..., 2:]
+    pixels = homogeneous[..., :2] / np.maximum(depths, BEHIND_M)
+    limits = np.array([projection.width, projection.height], float)
+    boxes, away = [], []
+    for owner in np.unique(owners):
+        mine = owners == owner
+        if depths[mine].max() <= BEHIND_M:
+            continue
+        low = np.clip(pixels[mine].min(axis=(0, 1)), 0, limits)
+        high = np.clip(pixels[mine].max(axis=(0, 1)), 0, limits)
+        if ((high - low) >= LEAST_SIDE_PX).all():
+            boxes.append(np.concatenate([low, high]))
+            away.append(ranges[mine].mean())
+    return np.array(boxes).reshape(-1, 4), np.array(away)

@@ -1,0 +1,109 @@
+"""Crops of pictures under other light, through other lenses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from roadscope.benchmarks.metrics.image_labels import Labels
+from roadscope.benchmarks.train.targets import Objects
+
+LEAST_SHARE = 0.25
+"""Of a box that must be inside a crop for its object to be asked for."""
+LEAST_SIDE_PX = 2.0
+LEAST_HEIGHT_PX = 7.0
+AT_AN_OBJECT = 0.75
+"""Share of crops that are laid around an object."""
+ZOOM = (0.65, 1.6)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A piece of a picture: its corner, its extent, pixels; and whether it is mirrored."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+    mirrored: bool = False
+
+
+def drawn_window(
+    labels: Labels, size: tuple[int, int], crop: tuple[int, int], rng: np.random.Generator
+) -> Window:
+    """Draw a window for a crop (height, width) of a picture (height, width)."""
+    zoom = np.exp(rng.uniform(*np.log(ZOOM)))
+    scale = min(zoom, size[0] / crop[0], size[1] / crop[1])
+    height, width = (int(round(scale * n)) for n in crop)
+    top, left = rng.random(2) * (size[0] - height, size[1] - width)
+    asked = np.flatnonzero(labels.asked)
+    if len(asked) and rng.random() < AT_AN_OBJECT:
+        box = labels.boxes[rng.choice(asked)]
+        x, y = (box[:2] + box[2:]) / 2 - rng.uniform(0.15, 0.85, 2) * (width, height)
+        left, top = np.clip([x, y], 0, [size[1] - width, size[0] - height])
+    return Window(int(left), int(top), width, height, bool(rng.random() < 0.5))
+
+
+def objects_in(labels: Labels, window: Window, crop: tuple[int, int]) -> Objects:
+    """Return the objects of a crop; those cut off too much, or too small now, are not asked."""
+    extent = np.array([window.width, window.height], float)
+    corners = labels.boxes.reshape(-1, 2, 2) - (window.left, window.top)
+    cut = np.clip(corners, 0, extent)
+    before, after = ((c[:, 1] - c[:, 0]).prod(axis=1) for c in (corners, cut))
+    boxes = (cut * (np.array(crop[::-1]) / extent)).reshape(-1, 4)
+    if window.mirrored:
+        boxes[:, [0, 2]] = crop[1] - boxes[:, [2, 0]]
+    sides = boxes[:, 2:] - boxes[:, :2]
+    there = np.flatnonzero((sides >= LEAST_SIDE_PX).all(axis=1))
+    asked = labels.asked & (after >= LEAST_SHARE * before) & (sides[:, 1] >= LEAST_HEIGHT_PX)
+    return Objects(boxes[there], labels.families[there], labels.categories[there], asked[there])
+
+
+def cut_out(pixels: np.ndarray, window: Window, crop: tuple[int, int]) -> Tensor:
+    """Return the window of (H, W, 3) uint8 pixels as (3, h, w) float32 in 0 to 1."""
+    left, top = int(window.left), int(window.top)
+    part = np.array(pixels[top : top + int(window.height), left : left + int(window.width)])
+    image = torch.from_numpy(part).permute(2, 0, 1).float() / 255
+    if image.shape[1:] != crop:
+        shrinks = image.shape[1] > crop[0]
+        image = F.interpolate(
+            image[None], crop, mode="bilinear", align_corners=False, antialias=shrinks
+        )[0]
+    return image.flip(2) if window.mirrored else image
+
+
+def relit(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Change brightness, contrast, colours, sharpness and noise of (3, h, w) in 0 to 1."""
+    gain, gamma, contrast, colour = np.exp(rng.normal(0, (0.2, 0.2, 0.2, 0.25)))
+    tint = np.exp(rng.normal(0, 0.06, 3))
+    dusk, blur, noise, haze = rng.random(4)
+    if dusk < 0.15:
+        gain *= rng.uniform(0.1, 0.6)
+    image = image.clamp(min=1e-4) ** float(gamma) * float(gain)
+    image = image * torch.tensor(tint, dtype=torch.float32)[:, None, None]
+    grey = image.mean(0, keepdim=True)
+    image = grey + (image - grey) * float(colour)
+    middle = grey.mean()
+    image = middle + (image - middle) * float(contrast)
+    if haze < 0.1:
+        thick = float(rng.uniform(0.1, 0.5))
+        image = (1 - thick) * image + thick * float(rng.uniform(0.4, 0.9))
+    if blur < 0.25:
+        image = _blurred(image, rng)
+    if noise < 0.35:
+        spread = float(rng.uniform(0.005, 0.05))
+        grains = torch.from_numpy(rng.standard_normal(image.shape, np.float32))
+        image = image + spread * grains
+    return image.clamp(0, 1)
+
+
+def _blurred(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Blur along rows, as motion does, or in both directions, as a lens out of focus."""
+    width = 2 * int(rng.integers(1, 3)) + 1
+    rows = width if rng.random() < 0.5 else 1
+    padded = F.pad(image[None], (width // 2, width // 2, rows // 2, rows // 2), mode="replicate")
+    return F.avg_pool2d(padded, (rows, width), stride=1)[0]

@@ -1,0 +1,63 @@
+"""What a training run is made of; all that decides its outcome."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from roadscope.core.checks import require
+from roadscope.core.record import Record
+
+TRAIN_SEEDS = range(0, 9000)
+CALIBRATION_SEEDS = range(9000, 10000)
+"""Train seeds too, but no picture of theirs is learned from: they tell what scores are worth."""
+VALIDATION_SEEDS = range(10000, 20000)
+SCENARIOS = ("street", "town-crossing", "motorway", "two-way", "roundabout", "merge", "racetrack")
+HELD_OUT_SCENARIOS = ("intersection", "waiting", "dense-motorway", "cut-ins")
+"""Never trained on, so that they tell how well what was learned carries over."""
+WEATHERS = ("clear", "clear", "clear", "rain-1", "rain-3", "fog-1", "fog-2", "fog-3")
+"""Drawn from evenly; the heaviest rain and fog are held out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recipe(Record):
+    """Settings of one training run.
+
+    scenarios, weathers: what is drawn from, one episode each.
+    episodes: of training. images: of an episode, every_s apart.
+    steps: of the optimiser. pixels: of a batch, whatever the size of its crops.
+    learning_rate: the highest one of the cycle. weight_decay: of AdamW.
+    seed: of all that is drawn.
+    """
+
+    scenarios: tuple[str, ...] = SCENARIOS
+    weathers: tuple[str, ...] = WEATHERS
+    episodes: int = 280
+    images: int = 12
+    every_s: float = 0.5
+    calibration_episodes: int = 21
+    validation_episodes: int = 28
+    steps: int = 5000
+    pixels: int = 640 * 480 * 2
+    learning_rate: float = 3e-3
+    weight_decay: float = 0.02
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("episodes", "images", "steps", "pixels", "calibration_episodes"):
+            require(getattr(self, name) >= 1, self, name, "at least 1", getattr(self, name))
+        for name in ("every_s", "learning_rate"):
+            require(getattr(self, name) > 0, self, name, "above 0", getattr(self, name))
+
+
+RECIPES = {
+    "full": Recipe(),
+    "small": Recipe(
+        episodes=105, images=10, calibration_episodes=14, validation_episodes=14, steps=1500
+    ),
+    "trial": Recipe(
+        scenarios=("street",), episodes=1, images=2, calibration_episodes=1,
+        validation_episodes=1, steps=4, pixels=320 * 256,
+    ),
+}  # fmt: skip
+"""`full` takes about half an hour on two cores, `small` a third of it, `trial` shows that all
+is there."""

@@ -1,0 +1,85 @@
+"""What the network should say of a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.benchmarks.metrics.image_labels import FAMILIES
+from roadscope.core.record import Record
+
+STRIDE = 4
+SPREAD = 0.54 / 6
+"""Standard deviation of the heat over the side of the box (Liu 2020, TTFNet)."""
+LEAST_SPREAD = 0.6
+"""Squares; smaller objects have this much, or nothing but one square would be taught."""
+NEAR_CENTRE = 0.1
+"""Heat from which on a square answers for the box, and is not asked when the object is not."""
+NO_CATEGORY = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Objects(Record):
+    """Objects of one crop. boxes: (N, 4) pixels. families, categories: (N,). asked: (N,) bool."""
+
+    boxes: np.ndarray
+    families: np.ndarray
+    categories: np.ndarray
+    asked: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Targets(Record):
+    """Maps of h x w squares of 4 x 4 pixels.
+
+    heat: (3, h, w) float32, 1 at centres, falling to 0 around them.
+    judged: (3, h, w) float32, 0 where finding something is neither right nor wrong.
+    boxes: (4, h, w) float32, pixels, left top right bottom. weights: (h, w) float32, how much a
+        square answers for its box; those of one object sum to one.
+    vehicles: (h, w) int64, category of the vehicle, -1 where there is none.
+    """
+
+    heat: np.ndarray
+    judged: np.ndarray
+    boxes: np.ndarray
+    weights: np.ndarray
+    vehicles: np.ndarray
+
+
+def targets_of(objects: Objects, height: int, width: int) -> Targets:
+    """Draw the maps of a crop of height x width pixels; where boxes overlap the smaller wins."""
+    shape = (height // STRIDE, width // STRIDE)
+    heat = np.zeros((len(FAMILIES), *shape), np.float32)
+    judged = np.ones_like(heat)
+    boxes, weights = np.zeros((4, *shape), np.float32), np.zeros(shape, np.float32)
+    vehicles = np.full(shape, NO_CATEGORY, np.int64)
+    areas = (objects.boxes[:, 2:] - objects.boxes[:, :2]).prod(axis=1)
+    for i in np.argsort(-areas, kind="stable"):
+        bell = _bell(objects.boxes[i], shape)
+        family, near = objects.families[i], bell > NEAR_CENTRE
+        if not objects.asked[i]:
+            judged[family][near] = 0.0
+            continue
+        heat[family] = np.maximum(heat[family], bell)
+        boxes[:, near] = objects.boxes[i][:, None]
+        weights[near] = bell[near] / bell[near].sum()
+        vehicles[near] = objects.categories[i] if family == 0 else NO_CATEGORY
+    judged[heat == 1.0] = 1.0
+    return Targets(heat, judged, boxes, weights, vehicles)
+
+
+def _bell(box: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Return (h, w) float32: 1 in the square that holds the centre of a box, less around it."""
+    sides = (box[2:] - box[:2]) / STRIDE
+    middle = np.minimum((box[:2] + box[2:]) / (2 * STRIDE), np.array(shape[::-1]) - 1e-3)
+    spread = np.maximum(SPREAD * sides, LEAST_SPREAD)
+    columns, rows = (
+        np.exp(-0.5 * ((np.arange(n) - np.floor(m)) / s) ** 2)
+        for n, m, s in zip(shape[::-1], middle, spread, strict=True)
+    )
+    bell: np.ndarray = (rows[:, None] * columns).astype(np.float32)
+    return bell

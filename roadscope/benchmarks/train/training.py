@@ -1,0 +1,155 @@
+"""The training loop: AdamW on one cycle of the learning rate, weights averaged over steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from roadscope.benchmarks.cache import write_atomically
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.train.batches import Batch, Deck, batches
+from roadscope.benchmarks.train.losses import losses
+from roadscope.benchmarks.train.recipe import Recipe
+from roadscope.benchmarks.train.views import Pictures
+from roadscope.detectors.camera.network import CentreNetwork
+
+SAVED_EVERY = 100
+AVERAGED = 0.998
+"""How much of the averaged weights stays in a step."""
+LONGEST_STEP = 10.0
+"""Norm of the gradient."""
+
+
+@dataclass(slots=True)
+class Trainer:
+    """All that changes from step to step.
+
+    key: of recipe and pictures; a checkpoint of another key is not gone on with.
+    """
+
+    recipe: Recipe
+    key: str
+    device: torch.device = field(default_factory=lambda: best_device())
+    step: int = 0
+    network: CentreNetwork = field(init=False)
+    average: CentreNetwork = field(init=False)
+    optimiser: torch.optim.AdamW = field(init=False)
+    cycle: torch.optim.lr_scheduler.OneCycleLR = field(init=False)
+
+    def __post_init__(self) -> None:
+        recipe = self.recipe
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(recipe.seed)
+            network = CentreNetwork()
+        self.network = network.to(self.device, memory_format=torch.channels_last)
+        self.average = CentreNetwork().to(self.device)
+        self.average.load_state_dict(network.state_dict())
+        self.average.requires_grad_(False).eval()
+        self.optimiser = torch.optim.AdamW(_groups(self.network, recipe.weight_decay))
+        self.cycle = torch.optim.lr_scheduler.OneCycleLR(
+            self.optimiser, recipe.learning_rate, total_steps=recipe.steps + 1, pct_start=0.15
+        )
+
+    def learn(self, batch: Batch) -> float:
+        """Take one step; return the loss before it."""
+        self.network.train()
+        self.optimiser.zero_grad(set_to_none=True)
+        batch = batch.to(self.device)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=has_bfloat16(self.device)):
+            maps = self.network(batch.pixels)
+        loss = losses(maps, batch.targets).total
+        loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self.network.parameters(), LONGEST_STEP)
+        self.optimiser.step()
+        self.cycle.step()
+        self.step += 1
+        self._average()
+        return float(loss.detach())
+
+    @torch.no_grad()
+    def _average(self) -> None:
+        kept = min(AVERAGED, (1 + self.step) / (10 + self.step))
+        new = self.network.state_dict()
+        for name, value in self.average.state_dict().items():
+            if value.is_floating_point():
+                value.lerp_(new[name], 1 - kept)
+            else:
+                value.copy_(new[name])
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint."""
+        state = {name: getattr(self, name).state_dict() for name in _PARTS}
+        data = {"key": self.key, "step": self.step, **state}
+        write_atomically(path, lambda part: torch.save(data, part))
+
+    def resume(self, path: Path) -> bool:
+        """Go on from a checkpoint of the same key; return whether there was one."""
+        if not path.exists():
+            return False
+        try:
+            # Only tensors and plain values are read: nothing in the file can run.
+            data: dict[str, Any] = torch.load(path, self.device, weights_only=True)
+        except Exception:
+            return False
+        if data.get("key") != self.key:
+            return False
+        for name in _PARTS:
+            getattr(self, name).load_state_dict(data[name])
+        self.step = data["step"]
+        return True
+
+
+_PARTS = ("network", "average", "optimiser", "cycle")
+
+
+def best_device() -> torch.device:
+    """Return CUDA if there is one."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def has_bfloat16(device: torch.device) -> bool:
+    """Say whether bfloat16 is faster than float32 here."""
+    if device.type == "cuda":
+        return True
+    flags = Path("/proc/cpuinfo")
+    return flags.exists() and "avx512_bf16" in flags.read_text("utf-8", errors="replace")
+
+
+def _groups(network: nn.Module, weight_decay: float) -> list[dict[str, Any]]:
+    """Norms and offsets are not pulled towards zero."""
+    wide = [p for p in network.parameters() if p.ndim > 1]
+    flat = [p for p in network.parameters() if p.ndim <= 1]
+    return [
+        {"params": wide, "weight_decay": weight_decay},
+        {"params": flat, "weight_decay": 0.0},
+    ]
+
+
+def train(
+    trainer: Trainer,
+    episodes: Sequence[Pictures],
+    checkpoint: Path,
+    *,
+    progress: Progress = silent,
+    told: Callable[[int, float], None] = lambda step, loss: None,
+) -> CentreNetwork:
+    """Train to the end, from the checkpoint if there is one; return the averaged network.
+
+    told: is given every step and its loss.
+    """
+    recipe = trainer.recipe
+    trainer.resume(checkpoint)
+    deck = Deck(episodes, recipe.seed)
+    progress("training", trainer.step, recipe.steps)
+    for batch in batches(deck, recipe, trainer.step):
+        loss = trainer.learn(batch)
+        told(trainer.step, loss)
+        progress("training", trainer.step, recipe.steps)
+        if trainer.step % SAVED_EVERY == 0 or trainer.step == recipe.steps:
+            trainer.save(checkpoint)
+    return trainer.average

@@ -1,0 +1,147 @@
+"""Finds road users in images with the shipped network."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from roadscope.core import Frame, ImageDetections, RecordError
+from roadscope.detectors.camera.decode import Peaks, decode
+from roadscope.detectors.camera.weight_file import SHIPPED, Calibration, load
+
+if TYPE_CHECKING:
+    from roadscope.detectors.camera.network import CentreNetwork
+
+PRECISIONS = ("float32", "bfloat16")
+COARSEST = 32
+LARGEST_WIDTH = 960
+"""Wider images are looked at with every second pixel row and column averaged, as often as needed:
+1280 become 640, for which the network was trained."""
+DARK = 8
+"""Brightest byte of an image that shows nothing."""
+
+
+class BlackImageWarning(UserWarning):
+    """An image in which nothing can be seen was given: the lens is covered, or there was none."""
+
+
+class CameraDetector:
+    """A convolutional network that was trained on rendered traffic.
+
+    Takes images of any size from 32 x 32 up. A frame without an image is refused; an image in
+    which all is black has no detections and brings a `BlackImageWarning`. Scores are chances of
+    being right, calibrated on pictures that were not learned from.
+    """
+
+    def __init__(
+        self,
+        *,
+        weights: str = "",
+        min_score: float = 0.05,
+        precision: str = "float32",
+        threads: int = 1,
+        device: str = "cpu",
+    ) -> None:
+        """Set the detector up; the network is read with the first image.
+
+        weights: a .safetensors file; the shipped one if left out.
+        min_score: least score that is told.
+        precision: float32, or bfloat16, faster where the processor has instructions for it.
+        threads: processor cores to use; torch has one setting for the whole process.
+        device: cpu or cuda.
+        """
+        if not 0 < min_score < 1:
+            raise ValueError(f"min_score must lie between 0 and 1, got {min_score!r}")
+        if precision not in PRECISIONS:
+            raise ValueError(f"no precision {precision!r}; known: {', '.join(PRECISIONS)}")
+        if threads < 1:
+            raise ValueError(f"threads must be at least 1, got {threads!r}")
+        self.weights = Path(weights) if weights else SHIPPED
+        self.min_score = min_score
+        self.precision = precision
+        self.threads = threads
+        self.device = device
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+    def detect(self, frame: Frame) -> ImageDetections:
+        """Return the boxes in the frame's image, the surest first."""
+        if frame.camera is None:
+            raise RecordError("the frame has no image: a camera detector needs one in each frame")
+        image = frame.camera
+        if image.pixels.max(initial=0) <= DARK:
+            warnings.warn(
+                f"camera '{image.sensor}' at {image.stamp_s:.3f} s: the image is black",
+                BlackImageWarning, stacklevel=2,
+            )  # fmt: skip
+            return _empty(image.stamp_s)
+        peaks = self.peaks(image.pixels)
+        scores = self._loaded[1].scores(peaks.log_odds, peaks.families)
+        kept = np.flatnonzero(scores >= self.min_score)
+        order = kept[np.argsort(-scores[kept], kind="stable")]
+        return ImageDetections(
+            peaks.boxes[order], peaks.categories[order].astype(np.int8), scores[order],
+            image.stamp_s,
+        )  # fmt: skip
+
+    def peaks(self, pixels: np.ndarray) -> Peaks:
+        """Return boxes with uncalibrated scores in (H, W, 3) uint8 pixels."""
+        height, width = pixels.shape[:2]
+        if min(height, width) < COARSEST:
+            raise RecordError(f"an image of at least 32 x 32 pixels is needed, got {width} x "
+                              f"{height}")  # fmt: skip
+        shrunk, factor = _shrunk(pixels)
+        network, calibration = self._loaded
+        maps = _look(network, shrunk, self.threads)
+        peaks = decode(*maps, calibration.least_log_odds(self.min_score))
+        boxes = np.clip(peaks.boxes * factor, 0, [width, height, width, height])
+        inside = np.flatnonzero((boxes[:, 2:] - boxes[:, :2] > 0).all(axis=1))
+        found = Peaks(boxes, peaks.families, peaks.categories, peaks.log_odds)
+        return found.select(inside)
+
+    @cached_property
+    def _loaded(self) -> tuple[CentreNetwork, Calibration]:
+        import torch
+
+        network, calibration = load(self.weights)
+        folded = network.folded(getattr(torch, self.precision))
+        return folded.to(self.device), calibration
+
+
+def _shrunk(pixels: np.ndarray) -> tuple[np.ndarray, int]:
+    """Halve an image until it is narrow enough; return by which factor it shrank too."""
+    factor = 1
+    while pixels.shape[1] > LARGEST_WIDTH:
+        rows, columns = (n // 2 * 2 for n in pixels.shape[:2])
+        even = pixels[:rows, :columns].astype(np.uint16)
+        total = even[::2, ::2] + even[::2, 1::2] + even[1::2, ::2] + even[1::2, 1::2]
+        pixels = ((total + 2) // 4).astype(np.uint8)
+        factor *= 2
+    return pixels, factor
+
+
+def _look(network: CentreNetwork, pixels: np.ndarray, threads: int) -> list[np.ndarray]:
+    """Return the maps of one image, padded below and on the right with grey."""
+    import torch
+
+    height, width = (-(-n // COARSEST) * COARSEST for n in pixels.shape[:2])
+    first = next(network.parameters())
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        with torch.inference_mode():
+            given = torch.from_numpy(np.ascontiguousarray(pixels)).to(first.device, first.dtype)
+            full = torch.zeros(1, height, width, 3, dtype=first.dtype, device=first.device)
+            full[0, : pixels.shape[0], : pixels.shape[1]] = given / 127.5 - 1
+            return [m[0].cpu().numpy() for m in network(full)]
+    finally:
+        torch.set_num_threads(before)
+
+
+def _empty(stamp_s: float) -> ImageDetections:
+    return ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s)

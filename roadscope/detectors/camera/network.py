@@ -1,0 +1,135 @@
+"""A small one-stage detector without anchors: a centre heatmap and distances to the four sides.
+
+Zhou 2019 (objects as points) for the heatmap, Tian 2019 (FCOS) for the distances. Plain 3 x 3
+convolutions: on a processor depthwise ones save nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+ARCHITECTURE = "roadscope-centre-1"
+"""Changes whenever weights of one kind no longer fit the other."""
+FAMILY_COUNT = 3
+VEHICLE_COUNT = 5
+"""Categories of the family vehicle; the others have one each."""
+STRIDE = 4
+COARSEST = 32
+"""Heights and widths must be multiples of it."""
+RARE = -4.6
+"""Log odds of a centre at the start: one place in a hundred."""
+LARGEST = 6.0
+"""Of the logarithm of a distance over the stride."""
+WIDTHS = (24, 48, 80, 96)
+DEPTHS = (1, 2, 2, 2)
+NECK = 32
+HEAD = 48
+
+
+class Maps(NamedTuple):
+    """What the network says at every fourth pixel.
+
+    heat: (B, 3, h, w) log odds of the centre of one of each family.
+    distances: (B, 4, h, w) to the left, top, right and bottom of the box, pixels.
+    vehicles: (B, 5, h, w) log odds among the categories of vehicles.
+    """
+
+    heat: Tensor
+    distances: Tensor
+    vehicles: Tensor
+
+
+def squares(pixels: Tensor) -> Tensor:
+    """Turn (B, H, W, 3) into (B, 48, H / 4, W / 4), channels last: each square one place."""
+    count, height, width, _ = pixels.shape
+    parts = pixels.reshape(count, height // STRIDE, STRIDE, width // STRIDE, STRIDE * 3)
+    return parts.transpose(2, 3).flatten(3).permute(0, 3, 1, 2)
+
+
+class Convolution(nn.Module):
+    """3 x 3 convolution, batch norm and, unless it ends a block, ReLU."""
+
+    def __init__(self, ins: int, outs: int, stride: int = 1, *, rectify: bool = True) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(ins, outs, 3, stride, 1, bias=False)
+        self.norm: nn.Module = nn.BatchNorm2d(outs)
+        self.rectify = rectify
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Map (B, ins, h, w) to (B, outs, h / stride, w / stride)."""
+        y: Tensor = self.norm(self.conv(x))
+        return F.relu(y) if self.rectify else y
+
+    def fold(self) -> None:
+        """Move the norm's running figures into the convolution; for inference alone."""
+        if isinstance(self.norm, nn.BatchNorm2d):
+            self.conv = nn.utils.fuse_conv_bn_eval(self.conv.eval(), self.norm.eval())
+            self.norm = nn.Identity()
+
+
+class Residual(nn.Module):
+    """Two convolutions and a way around them (He 2016)."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.first = Convolution(width, width)
+        self.second = Convolution(width, width, rectify=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Keep the shape."""
+        return F.relu(x + self.second(self.first(x)))
+
+
+class CentreNetwork(nn.Module):
+    """Strides 4 to 32 down, and up again to 4 by sums (Lin 2017), then one head."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        ins = 3 * STRIDE**2
+        stages = []
+        for k, (width, depth) in enumerate(zip(WIDTHS, DEPTHS, strict=True)):
+            down = Convolution(ins, width, 1 if k == 0 else 2)
+            stages.append(nn.Sequential(down, *(Residual(width) for _ in range(depth))))
+            ins = width
+        self.stages = nn.ModuleList(stages)
+        self.lateral = nn.ModuleList(nn.Conv2d(width, NECK, 1) for width in WIDTHS)
+        self.head = Convolution(NECK, HEAD)
+        self.out = nn.Conv2d(HEAD, FAMILY_COUNT + 4 + VEHICLE_COUNT, 1)
+        nn.init.normal_(self.out.weight, std=0.01)
+        nn.init.zeros_(self.out.bias)
+        with torch.no_grad():
+            self.out.bias[:FAMILY_COUNT] = RARE
+            self.out.bias[FAMILY_COUNT : FAMILY_COUNT + 4] = 1.0
+
+    def forward(self, pixels: Tensor) -> Maps:
+        """Look at (B, H, W, 3) colours in -1 to 1; height and width multiples of 32."""
+        x = squares(pixels)
+        seen = []
+        for stage in self.stages:
+            x = stage(x)
+            seen.append(x)
+        y = self.lateral[-1](seen[-1])
+        for k in range(len(seen) - 2, -1, -1):
+            y = self.lateral[k](seen[k]) + F.interpolate(y, scale_factor=2.0, mode="nearest")
+        # Boxes need more digits than bfloat16 has, so the last layer is always float32.
+        features = self.head(F.relu(y))
+        with torch.autocast(pixels.device.type, enabled=False):
+            said = self.out(features.float())
+        heat, sides, vehicles = said.split([FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
+        return Maps(heat, STRIDE * sides.clamp(max=LARGEST).exp(), vehicles)
+
+    def folded(self, dtype: torch.dtype = torch.float32) -> CentreNetwork:
+        """Return a copy for inference: no batch norm, channels last, all but the end in a dtype."""
+        copy = CentreNetwork()
+        copy.load_state_dict(self.state_dict())
+        copy.eval()
+        for module in copy.modules():
+            if isinstance(module, Convolution):
+                module.fold()
+        copy.to(dtype=dtype, memory_format=torch.channels_last)
+        copy.out.float()
+        return copy.requires_grad_(False)

@@ -1,0 +1,120 @@
+"""Weights of the network in files: tensors and text alone, nothing that runs when it is read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from roadscope.detectors.camera.network import CentreNetwork
+
+FOLDER = Path(__file__).parent / "weights"
+SHIPPED = FOLDER / "network.safetensors"
+PICKLED = (b"PK\x03\x04", b"\x80")
+"""How the files of `torch.save` and plain pickles begin."""
+
+
+class WeightsError(ValueError):
+    """A file has no weights of this network."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What the heat is worth: a detection is right with log odds slope * heat + offset (Platt).
+
+    slopes, offsets: of vehicles, cyclists, pedestrians.
+    """
+
+    slopes: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def scores(self, log_odds: np.ndarray, families: np.ndarray) -> np.ndarray:
+        """Return (N,) chances of being right."""
+        told = np.array(self.slopes)[families] * log_odds + np.array(self.offsets)[families]
+        scores: np.ndarray = 1 / (1 + np.exp(-np.clip(told, -40, 40)))
+        return scores
+
+    def least_log_odds(self, score: float) -> float:
+        """Return a heat below which no family reaches the score."""
+        told = np.log(score / (1 - score))
+        return float(((told - np.array(self.offsets)) / np.array(self.slopes)).min())
+
+
+def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
+    """Write a network and what its scores are worth."""
+    from safetensors.torch import save_file
+
+    from roadscope.detectors.camera.network import ARCHITECTURE
+
+    tensors = {k: v.detach().cpu().contiguous() for k, v in network.state_dict().items()}
+    text = json.dumps({"slopes": calibration.slopes, "offsets": calibration.offsets})
+    save_file(tensors, path, {"architecture": ARCHITECTURE, "calibration": text})
+
+
+def load(path: Path | str) -> tuple[CentreNetwork, Calibration]:
+    """Read a network; `WeightsError` names the file and what is wrong with it."""
+    from safetensors import SafetensorError, safe_open
+
+    from roadscope.detectors.camera.network import ARCHITECTURE, CentreNetwork
+
+    path = Path(path)
+    _check_beginning(path)
+    try:
+        with safe_open(path, "pt") as file:
+            about = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except SafetensorError as error:
+        raise WeightsError(f"{path} is not a safetensors file: {error}") from error
+    found = about.get("architecture")
+    if found != ARCHITECTURE:
+        raise WeightsError(f"{path}: expected architecture '{ARCHITECTURE}', got {found!r}")
+    network = CentreNetwork()
+    wanted = network.state_dict()
+    for name in sorted(set(wanted) | set(tensors)):
+        _check_tensor(path, name, wanted, tensors)
+    network.load_state_dict(tensors)
+    return network.eval(), _calibration(path, about)
+
+
+def _check_beginning(path: Path) -> None:
+    try:
+        with path.open("rb") as file:
+            start = file.read(4)
+    except OSError as error:
+        raise WeightsError(f"cannot read weights {path}: {error.strerror or error}") from error
+    if start.startswith(PICKLED):
+        raise WeightsError(
+            f"{path} is a pickle, which can run anything when it is read; weights come as "
+            ".safetensors"
+        )
+
+
+def _check_tensor(
+    path: Path, name: str, wanted: Mapping[str, object], tensors: Mapping[str, object]
+) -> None:
+    expected, given = (
+        tuple(t[name].shape) if name in t else None  # type: ignore[attr-defined]
+        for t in (wanted, tensors)
+    )
+    if expected != given:
+        raise WeightsError(
+            f"{path}: tensor '{name}': expected {expected or 'none of that name'}, "
+            f"got {given if given is not None else 'none'}"
+        )
+
+
+def _calibration(path: Path, about: Mapping[str, str]) -> Calibration:
+    try:
+        table = json.loads(about["calibration"])
+        slopes, offsets = (tuple(float(v) for v in table[k]) for k in ("slopes", "offsets"))
+        sound = len(slopes) == len(offsets) == 3 and min(slopes) > 0
+    except (KeyError, TypeError, ValueError) as error:
+        raise WeightsError(f"{path}: what its scores are worth cannot be read") from error
+    if not (sound and np.isfinite([*slopes, *offsets]).all()):
+        raise WeightsError(f"{path}: expected three positive slopes and offsets, got {table}")
+    return Calibration(slopes, offsets)  # type: ignore[arg-type]
