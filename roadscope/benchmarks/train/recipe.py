@@ -52,7 +52,7 @@ class Recipe(Record):
 RECIPES = {
     "full": Recipe(),
     "small": Recipe(
-        episodes=105, images=10, calibration_episodes=14, validation_episodes=14, steps=1500
+        episodes=105, images=10, calibration_episodes=14, validation_episodes=14, steps=1200
     ),
     "trial": Recipe(
         scenarios=("street",), episodes=1, images=2, calibration_episodes=1,

@@ -1,0 +1,45 @@
+"""`roadscope train`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from roadscope.commands.options import Jobs, workers
+from roadscope.commands.terminal import headline, progress_bars, show
+
+
+def train(
+    what: Annotated[str, typer.Argument(help="camera.")],
+    recipe: Annotated[
+        str, typer.Option(help="full (half an hour on two cores), small or trial.")
+    ] = "full",
+    seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
+    jobs: Jobs = 0,
+    work: Annotated[
+        Path | None,
+        typer.Option(help="Folder for pictures (up to 4 GB) and checkpoints; in the cache."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="File for the weights; a .toml comes beside it.")] = Path(
+        "network.safetensors"
+    ),
+) -> None:
+    """Train the shipped detector again.
+
+    What an earlier run has rendered and learned is kept: a stopped run goes on where it was.
+    """
+    from roadscope.benchmarks.train.camera import train_camera
+
+    if what != "camera":
+        raise ValueError(f"nothing called '{what}' can be trained; known: camera")
+    with progress_bars() as progress:
+        done = train_camera(
+            out, recipe=recipe, seed=seed, work=work, jobs=workers(jobs), progress=progress
+        )
+    from roadscope.benchmarks.tables import score_table
+
+    headline(f"validation seeds, {done.scores.ap50.n} road users")
+    show(score_table(done.scores.named()))
+    typer.echo(f"written: {done.weights}, {done.record}")

@@ -1,0 +1,72 @@
+"""What colours alone tell of an image: the low end of any comparison of camera detectors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import Category, Frame, ImageDetections, RecordError
+
+SQUARE = 4
+"""Pixels are averaged over squares of so many by so many."""
+LEAST_SQUARES = 6
+TALL = 1.6
+"""Blobs higher than this many widths are taken for people."""
+FILLED = 0.35
+"""Least share of its box that a blob fills."""
+
+
+class ColourBlobs:
+    """Boxes around patches whose colour is not that of their row of the image.
+
+    Nothing is learned: most of what is level with the eye or below is road and grass, whose
+    colour hardly changes along a row. Scores grow with how much stands out; they are no chances.
+    """
+
+    def __init__(self, *, contrast: float = 0.14, horizon: float = 0.42) -> None:
+        """Set the detector up.
+
+        contrast: least distance to the row's median colour, all colours in 0 to 1.
+        horizon: share of the image, from the top, that is not looked at.
+        """
+        if contrast <= 0:
+            raise ValueError(f"contrast must be positive, got {contrast!r}")
+        if not 0 <= horizon < 1:
+            raise ValueError(f"horizon must be at least 0 and below 1, got {horizon!r}")
+        self.contrast = contrast
+        self.horizon = horizon
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+    def detect(self, frame: Frame) -> ImageDetections:
+        """Return a box for each patch."""
+        from scipy.ndimage import find_objects, label
+
+        if frame.camera is None:
+            raise RecordError("the frame has no image: a camera detector needs one in each frame")
+        apart = self._apart(frame.camera.pixels)
+        blobs, _ = label(apart >= self.contrast)
+        found = []
+        for number, (rows, columns) in enumerate(find_objects(blobs), start=1):
+            inside = blobs[rows, columns] == number
+            if inside.sum() >= LEAST_SQUARES and inside.mean() >= FILLED:
+                strength = apart[rows, columns][inside].mean()
+                found.append((columns.start, rows.start, columns.stop, rows.stop, strength))
+        return _answer(np.array(found).reshape(-1, 5), frame.camera.stamp_s)
+
+    def _apart(self, pixels: np.ndarray) -> np.ndarray:
+        """(h, w) distance of every square's colour to the median of its row."""
+        height, width = (n // SQUARE for n in pixels.shape[:2])
+        cut = pixels[: height * SQUARE, : width * SQUARE].astype(np.float32) / 255
+        means = cut.reshape(height, SQUARE, width, SQUARE, 3).mean(axis=(1, 3))
+        apart: np.ndarray = np.linalg.norm(means - np.median(means, axis=1)[:, None], axis=-1)
+        apart[: int(self.horizon * height)] = 0.0
+        return apart
+
+
+def _answer(found: np.ndarray, stamp_s: float) -> ImageDetections:
+    """Turn (N, 5) boxes in squares and contrasts into detections."""
+    boxes = found[:, :4] * SQUARE
+    tall = (boxes[:, 3] - boxes[:, 1]) > TALL * (boxes[:, 2] - boxes[:, 0])
+    categories = np.where(tall, Category.PEDESTRIAN, Category.CAR).astype(np.int8)
+    return ImageDetections(boxes, categories, 1 - np.exp(-2 * found[:, 4]), stamp_s)

@@ -1,0 +1,43 @@
+import numpy as np
+
+from roadscope.core import Category
+from roadscope.detectors.camera.decode import decode, distinct
+
+
+def blank(h: int = 8, w: int = 10) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.full((3, h, w), -8.0), np.full((4, h, w), 6.0), np.zeros((5, h, w))
+
+
+def test_a_peak_becomes_its_box() -> None:
+    heat, distances, vehicles = blank()
+    heat[0, 3, 5] = 2.0
+    heat[0, 3, 6] = 1.0
+    distances[:, 3, 5] = (10.0, 4.0, 12.0, 5.0)
+    vehicles[Category.TRUCK, 3, 5] = 3.0
+    peaks = decode(heat, distances, vehicles, 0.0)
+    np.testing.assert_allclose(peaks.boxes, [[22 - 10, 14 - 4, 22 + 12, 14 + 5]])
+    assert peaks.categories.tolist() == [Category.TRUCK]
+    assert peaks.log_odds.tolist() == [2.0]
+
+
+def test_families_keep_their_categories() -> None:
+    heat, distances, vehicles = blank()
+    heat[1, 1, 1], heat[2, 6, 8] = 1.0, 3.0
+    vehicles[3] = 5.0
+    peaks = decode(heat, distances, vehicles, 0.0)
+    assert peaks.categories.tolist() == [Category.PEDESTRIAN, Category.CYCLIST]
+    assert peaks.families.tolist() == [2, 1]
+
+
+def test_low_peaks_and_empty_maps_give_nothing() -> None:
+    assert len(decode(*blank(), 0.0)) == 0
+
+
+def test_of_two_boxes_in_one_place_the_better_stays() -> None:
+    boxes = np.array([[0, 0, 20, 20], [1, 1, 21, 21], [1, 1, 21, 21], [40, 0, 50, 9]], float)
+    assert distinct(boxes, np.array([0, 0, 2, 0])).tolist() == [0, 2, 3]
+
+
+def test_what_is_suppressed_suppresses_nothing() -> None:
+    boxes = np.array([[0, 0, 20, 10], [5, 0, 25, 10], [10, 0, 30, 10]], float)
+    assert distinct(boxes, np.zeros(3, int), 0.5).tolist() == [0, 2]

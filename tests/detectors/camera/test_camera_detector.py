@@ -1,0 +1,108 @@
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from roadscope.core import Calibration, CameraImage, Frame, RecordError
+from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.detectors.camera.detector import BlackImageWarning, CameraDetector
+from roadscope.detectors.camera.network import CentreNetwork
+from roadscope.detectors.camera.weight_file import Calibration as Worth
+from roadscope.detectors.camera.weight_file import WeightsError, save
+
+
+def frame_of(pixels: np.ndarray | None, stamp_s: float = 0.5) -> Frame:
+    image = None if pixels is None else CameraImage(pixels, np.eye(3), stamp_s, "front")
+    return Frame(stamp_s, Calibration(), camera=image)
+
+
+def noise(height: int, width: int) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def eager(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Weights that see something everywhere."""
+    torch.manual_seed(1)
+    network = CentreNetwork()
+    with torch.no_grad():
+        network.out.bias[:3] = 1.0
+        network.out.weight[:3] = torch.randn_like(network.out.weight[:3])
+    path = tmp_path_factory.mktemp("weights") / "eager.safetensors"
+    save(path, network, Worth())
+    return path
+
+
+@pytest.mark.parametrize("size", [(480, 640), (96, 128), (101, 77), (960, 1280), (33, 2000)])
+def test_images_of_any_size_give_boxes_inside(eager: Path, size: tuple[int, int]) -> None:
+    found = CameraDetector(weights=str(eager)).detect(frame_of(noise(*size)))
+    assert len(found)
+    assert found.stamp_s == 0.5
+    assert found.boxes.min() >= 0
+    assert (found.boxes[:, 2:] <= (size[1], size[0])).all()
+    assert (np.diff(found.scores) <= 0).all()
+
+
+def test_it_says_the_same_twice(eager: Path) -> None:
+    detector, frame = CameraDetector(weights=str(eager)), frame_of(noise(96, 128))
+    first = detector.detect(frame)
+    detector.reset()
+    assert detector.detect(frame) == first
+
+
+def test_a_frame_without_image_is_refused() -> None:
+    for name in CAMERA_DETECTORS.names():
+        with pytest.raises(RecordError, match="the frame has no image"):
+            CAMERA_DETECTORS.make(name).detect(frame_of(None))
+
+
+def test_a_tiny_image_is_refused(eager: Path) -> None:
+    with pytest.raises(RecordError, match="at least 32 x 32 pixels is needed, got 40 x 16"):
+        CameraDetector(weights=str(eager)).detect(frame_of(noise(16, 40)))
+
+
+def test_a_black_image_brings_a_warning(eager: Path) -> None:
+    detector = CameraDetector(weights=str(eager))
+    with pytest.warns(BlackImageWarning, match=r"camera 'front' at 0\.500 s: the image is black"):
+        assert len(detector.detect(frame_of(np.full((64, 64, 3), 3, np.uint8)))) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"min_score": 0.0}, "min_score must lie"),
+        ({"precision": "int4"}, "no precision 'int4'; known: float32, bfloat16"),
+        ({"threads": 0}, "threads must be at least 1"),
+    ],
+)
+def test_wrong_arguments_are_refused(arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        CameraDetector(**arguments)  # type: ignore[arg-type]
+
+
+def test_missing_weights_are_named() -> None:
+    with pytest.raises(WeightsError, match="nowhere"):
+        CameraDetector(weights="nowhere.safetensors").detect(frame_of(noise(64, 64)))
+
+
+def test_torch_waits_for_the_first_image() -> None:
+    code = (
+        "import sys; from roadscope.detectors.camera import CAMERA_DETECTORS as d;"
+        "d.make('network'); assert 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_blobs_are_found_where_colour_stands_out() -> None:
+    pixels = np.full((120, 160, 3), 90, np.uint8)
+    pixels[80:100, 40:80] = (200, 30, 30)
+    pixels[64:112, 120:132] = (20, 20, 200)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = CAMERA_DETECTORS.make("colour-blobs").detect(frame_of(pixels))
+    assert sorted(found.boxes.tolist()) == [[40, 80, 80, 100], [120, 64, 132, 112]]
+    assert sorted(found.categories.tolist()) == [0, 6]

@@ -1,0 +1,43 @@
+import torch
+
+from roadscope.detectors.camera.network import CentreNetwork, squares
+
+
+def used_network(seed: int = 0) -> CentreNetwork:
+    """A network whose norms have seen something."""
+    torch.manual_seed(seed)
+    network = CentreNetwork().train()
+    with torch.no_grad():
+        for _ in range(3):
+            network(torch.rand(2, 64, 96, 3) * 2 - 1)
+    return network.eval()
+
+
+def test_it_is_small_and_keeps_its_shapes() -> None:
+    network = CentreNetwork().eval()
+    assert sum(p.numel() for p in network.parameters()) < 1_000_000
+    with torch.inference_mode():
+        maps = network(torch.zeros(2, 64, 96, 3))
+    assert maps.heat.shape == (2, 3, 16, 24)
+    assert maps.distances.shape == (2, 4, 16, 24)
+    assert maps.vehicles.shape == (2, 5, 16, 24)
+    assert bool((maps.distances > 0).all())
+
+
+def test_folded_it_says_the_same() -> None:
+    network = used_network()
+    pixels = torch.rand(1, 64, 96, 3) * 2 - 1
+    with torch.inference_mode():
+        expected, given = network(pixels), network.folded()(pixels)
+        rough = network.folded(torch.bfloat16)(pixels.bfloat16())
+    for a, b, c in zip(expected, given, rough, strict=True):
+        torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-5)
+        assert c.dtype == torch.float32
+        torch.testing.assert_close(c, a, rtol=0.1, atol=0.1)
+
+
+def test_squares_are_those_of_the_image() -> None:
+    pixels = torch.arange(8 * 12 * 3).reshape(1, 8, 12, 3)
+    made = squares(pixels)
+    assert made.shape == (1, 48, 2, 3)
+    assert torch.equal(made[0, :, 1, 2].reshape(4, 4, 3), pixels[0, 4:8, 8:12])

@@ -1,0 +1,64 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from roadscope.detectors.camera.network import ARCHITECTURE, CentreNetwork
+from roadscope.detectors.camera.weight_file import Calibration, WeightsError, load, save
+
+WORTH = json.dumps({"slopes": [1, 1, 1], "offsets": [0, 0, 0]})
+
+
+def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
+    network, worth = CentreNetwork(), Calibration((1.5, 1.0, 0.5), (0.1, -2.0, 0.0))
+    save(tmp_path / "a.safetensors", network, worth)
+    again, same = load(tmp_path / "a.safetensors")
+    assert same == worth
+    for name, tensor in network.state_dict().items():
+        assert torch.equal(tensor, again.state_dict()[name])
+
+
+def test_pickles_are_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "evil.safetensors"
+    torch.save(CentreNetwork().state_dict(), path)
+    with pytest.raises(WeightsError, match=r"evil\.safetensors is a pickle"):
+        load(path)
+
+
+def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "b.safetensors"
+    with pytest.raises(WeightsError, match="cannot read weights"):
+        load(path)
+    path.write_bytes(b"what is this, a poem?")
+    with pytest.raises(WeightsError, match="not a safetensors file"):
+        load(path)
+
+
+def test_another_architecture_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "c.safetensors"
+    save_file({"x": torch.zeros(2)}, path)
+    with pytest.raises(WeightsError, match=f"expected architecture '{ARCHITECTURE}', got None"):
+        load(path)
+    save_file({"x": torch.zeros(2)}, path, {"architecture": ARCHITECTURE, "calibration": WORTH})
+    with pytest.raises(WeightsError, match="tensor '"):
+        load(path)
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"slopes": [1, -1, 1], "offsets": [0, 0, 0]}'])
+def test_scores_without_worth_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "d.safetensors"
+    save_file(CentreNetwork().state_dict(), path, {
+        "architecture": ARCHITECTURE, "calibration": text,
+    })  # fmt: skip
+    with pytest.raises(WeightsError, match=r"d\.safetensors"):
+        load(path)
+
+
+def test_scores_follow_the_curve_of_their_family() -> None:
+    worth = Calibration((1.0, 2.0, 1.0), (0.0, 0.0, 1.0))
+    scores = worth.scores(np.array([0.0, 1.0, -1.0]), np.array([0, 1, 2]))
+    np.testing.assert_allclose(scores, [0.5, 1 / (1 + np.exp(-2)), 0.5])
+    assert worth.least_log_odds(0.5) == -1.0
