@@ -12,6 +12,9 @@ FUSIONS: Registry[Fusion] = Registry(
         "image-first": "roadscope.fusion.baselines:ImageFirstFusion",
         "lidar-first": "roadscope.fusion.baselines:LidarFirstFusion",
         "bayes": "roadscope.fusion.baselines:BayesFusion",
+        "weighted-boxes": "roadscope.fusion.weighted_boxes:WeightedBoxFusion",
+        "icp-boxes": "roadscope.fusion.icp_boxes:IcpBoxFusion",
+        "consistent": "roadscope.fusion.consistent:ConsistentFusion",
     },
     group="roadscope.fusion",
     summaries={
@@ -21,6 +24,9 @@ FUSIONS: Registry[Fusion] = Registry(
         "image-first": "The camera's targets with LiDAR's distance.",
         "lidar-first": "LiDAR's targets with the camera's class.",
         "bayes": "All targets of both, log-odds of scores added.",
+        "weighted-boxes": "Boxes averaged by score (Solovyev 2021).",
+        "icp-boxes": "Box centres matched by ICP, as in Lu 2017: a stand-in.",
+        "consistent": "One to one in bearing, size, depth; learned scores: ours.",
     },
 )
 

@@ -8,7 +8,7 @@ from roadscope.core import Detections, ImageDetections
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
-from roadscope.fusion.masses import CAMERA_CONFUSION, LIDAR_CONFUSION, masses_of
+from roadscope.fusion.masses import camera_masses, lidar_masses
 from roadscope.fusion.matching import leftovers, matched
 
 
@@ -33,8 +33,8 @@ class UnionFusion:
     def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
         lidar_only = leftovers(len(views.lidar), rows)
         camera_only = leftovers(len(views.camera), columns)
-        of_lidar = masses_of(views.lidar, LIDAR_CONFUSION)
-        of_camera = masses_of(views.camera, CAMERA_CONFUSION)
+        of_lidar = lidar_masses(views.lidar)
+        of_camera = camera_masses(views.camera)
         better = views.lidar.scores[rows] > views.camera.scores[columns]
         masses = np.where(better[:, None], of_lidar[rows], of_camera[columns])
         return assemble(
@@ -75,7 +75,7 @@ class ImageFirstFusion(UnionFusion):
     def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
         numbers = np.full(len(views.camera), -1)
         numbers[columns] = rows
-        masses = masses_of(views.camera, CAMERA_CONFUSION)
+        masses = camera_masses(views.camera)
         every = np.arange(len(views.camera))
         return assemble(views, numbers, every, masses, views.camera.scores)
 
@@ -86,8 +86,8 @@ class LidarFirstFusion(UnionFusion):
     def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
         images = np.full(len(views.lidar), -1)
         images[rows] = columns
-        masses = masses_of(views.lidar, LIDAR_CONFUSION).copy()
-        masses[rows] = masses_of(views.camera, CAMERA_CONFUSION)[columns]
+        masses = lidar_masses(views.lidar).copy()
+        masses[rows] = camera_masses(views.camera)[columns]
         every = np.arange(len(views.lidar))
         return assemble(views, every, images, masses, views.lidar.scores)
 

@@ -9,7 +9,7 @@ from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
 from roadscope.fusion.evidence import combine
-from roadscope.fusion.masses import CAMERA_CONFUSION, LIDAR_CONFUSION, masses_of
+from roadscope.fusion.masses import camera_masses, lidar_masses
 from roadscope.fusion.overlap import coverage
 
 
@@ -33,8 +33,8 @@ class Li2021Fusion:
         """Join the boxes (5.1), then the evidence (5.2)."""
         views = Views.of(lidar, camera, projection)
         number, overlapped = self._join_boxes(views)
-        of_lidar = masses_of(views.lidar, LIDAR_CONFUSION)
-        masses = masses_of(views.camera, CAMERA_CONFUSION).copy()
+        of_lidar = lidar_masses(views.lidar)
+        masses = camera_masses(views.camera).copy()
         both = number >= 0
         if self.evidence and both.any():
             masses[both] = combine(of_lidar[number[both]], masses[both])

@@ -11,17 +11,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from roadscope.core import Category, Detections, Family, ImageDetections
+from roadscope.fusion.weights import confusion, odds_model
 
 FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
 """The frame of discernment; masses have these columns and then ignorance."""
 MOST = 0.98
 """No sensor is believed without reserve: full conflict cannot come from scores."""
 
-Confusion = Sequence[Sequence[float]]
-
-LIDAR_CONFUSION: Confusion = ((0.94, 0.04, 0.02), (0.12, 0.64, 0.24), (0.04, 0.26, 0.70))
-CAMERA_CONFUSION: Confusion = ((0.98, 0.01, 0.01), (0.05, 0.86, 0.09), (0.01, 0.06, 0.93))
-"""Of what is called one family (row), the share that is each (column)."""
+Confusion = Sequence[Sequence[float]] | np.ndarray
 
 _FAMILY_OF = np.array([FAMILIES.index(category.family) for category in Category])
 
@@ -32,10 +29,44 @@ def families_of(categories: np.ndarray) -> np.ndarray:
     return families
 
 
-def masses_of(detections: Detections | ImageDetections, confusion: Confusion) -> np.ndarray:
-    """Return (N, 4) masses: a detection's own where it has some, else of score and category."""
+def masses_of(detections: Detections | ImageDetections, split: Confusion) -> np.ndarray:
+    """Return (N, 4) masses: a detection's own where it has some, else of score and category.
+
+    split: of what is called one family (row), the share that is each (column).
+    """
     if detections.masses is not None:
         return detections.masses
     belief = MOST * detections.scores[:, None]
-    split = np.asarray(confusion)[families_of(detections.categories)]
-    return np.concatenate([belief * split, 1 - belief], axis=1)
+    shares = np.asarray(split)[families_of(detections.categories)]
+    return np.concatenate([belief * shares, 1 - belief], axis=1)
+
+
+def lidar_masses(lidar: Detections) -> np.ndarray:
+    """Return (N, 4) masses of LiDAR detections."""
+    return masses_of(lidar, confusion("lidar"))
+
+
+def camera_masses(camera: ImageDetections) -> np.ndarray:
+    """Return (N, 4) masses of camera detections, after how reliable their scores are by size."""
+    if camera.masses is not None:
+        return camera.masses
+    reliable = 1 / (1 + np.exp(-odds_model("camera_alone").odds(camera_features(camera))))
+    belief = MOST * reliable[:, None]
+    shares = confusion("camera")[families_of(camera.categories)]
+    return np.concatenate([belief * shares, 1 - belief], axis=1)
+
+
+def camera_features(camera: ImageDetections) -> np.ndarray:
+    """(N, 4): log odds of the score, log of the height in pixels over 40, and of which family."""
+    heights = np.maximum(camera.boxes[:, 3] - camera.boxes[:, 1], 1.0)
+    family = families_of(camera.categories)
+    return np.column_stack(
+        [log_odds(camera.scores), np.log(heights / 40.0), family == 1, family == 2]
+    )
+
+
+def log_odds(chances: np.ndarray) -> np.ndarray:
+    """(N,) log odds, bounded at 5."""
+    bounded = np.clip(chances, 0.0067, 0.9933)
+    odds: np.ndarray = np.log(bounded / (1 - bounded))
+    return odds

@@ -7,7 +7,7 @@ from roadscope.core import Category, Detections, ImageDetections, Pose, RecordEr
 from roadscope.core.projection import Projection
 from roadscope.fusion.evidence import combine
 from roadscope.fusion.li2021 import Li2021Fusion
-from roadscope.fusion.masses import CAMERA_CONFUSION, LIDAR_CONFUSION, masses_of
+from roadscope.fusion.masses import camera_masses, lidar_masses
 from roadscope.fusion.overlap import projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -54,9 +54,7 @@ def test_a_match_has_the_image_box_and_lidar_number_and_distance() -> None:
     assert np.allclose(fused.image_boxes[0], box)
     assert fused.numbers[0] == 1
     assert fused.distances_m[0] == pytest.approx(20.0)
-    expected = combine(
-        masses_of(lidar((20, 0)), LIDAR_CONFUSION), masses_of(camera(tuple(box)), CAMERA_CONFUSION)
-    )
+    expected = combine(lidar_masses(lidar((20, 0))), camera_masses(camera(tuple(box))))
     assert np.allclose(fused.masses[0], expected[0])
     assert fused.scores[0] > 0.8
 

@@ -1,0 +1,243 @@
+"""Fits what fusion knows of its sensors on train seeds: `roadscope/fusion/weights.toml`.
+
+Run as `python -m roadscope.benchmarks.fit.fusion PATH`; the camera is the imitation
+`noisy-camera`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.metrics.fusion import FALSE, IGNORED, judge
+from roadscope.benchmarks.noisy_camera import FAMILY
+from roadscope.benchmarks.papers.li2021_scene import Moment, film
+from roadscope.core import Detections
+from roadscope.fusion import consistent, weights
+from roadscope.fusion.assembly import Views, assemble
+from roadscope.fusion.cluster_boxes import ClusterBoxes, features
+from roadscope.fusion.masses import camera_features, camera_masses, families_of, lidar_masses
+from roadscope.fusion.matched_views import Agreement
+from roadscope.fusion.matching import leftovers
+from roadscope.fusion.overlap import ious
+
+SEEDS = range(300, 312)
+SCENARIOS, RIGS = ("street", "town-crossing"), ("li2021", "wide")
+NOTHING, UNKNOWN = 3, -1
+BESIDE_M = 0.4
+
+
+def moments_of(seeds: Sequence[int]) -> list[Moment]:
+    """Sense all scenarios with all rigs; clear, and in turn night and fog."""
+    found = []
+    for seed, scenario, rig in product(seeds, SCENARIOS, RIGS):
+        dull = ("fog-3", False) if seed % 2 else ("clear", True)
+        for weather, night in (("clear", False), dull):
+            episode = Episode(scenario, seed, rig, 10.0, weather)
+            found += film(episode, every=8, night=night)
+    return found
+
+
+def fit(moments: Sequence[Moment]) -> dict[str, object]:
+    """Fit one after the other: classes of clusters, the camera's reliability, all candidates."""
+    table: dict[str, object] = {"lidar_classes": fit_classes(moments)}
+    _use(table)
+    detector = ClusterBoxes()
+    lidar = [detector.detect(moment.scan) for moment in moments]
+    odds, confusion = fit_alone(moments, lidar)
+    table |= {"odds": odds, "confusion": confusion}
+    _use(table)
+    odds |= fit_joint(moments, lidar)
+    return table
+
+
+def fit_classes(moments: Sequence[Moment]) -> dict[str, list[object]]:
+    """Multinomial weights of vehicle, cyclist, pedestrian and nothing."""
+    parts, labels = [], []
+    detector = ClusterBoxes()
+    for moment in moments:
+        shapes, _ = detector.propose(moment.scan)
+        assert moment.scan.lidar is not None
+        mount = moment.scan.calibration.pose(moment.scan.lidar.sensor).translation[:2]
+        parts.append(features(shapes, mount))
+        labels.append(labels_of(shapes, moment))
+    values, label = np.concatenate(parts), np.concatenate(labels)
+    values, label = values[label != UNKNOWN], label[label != UNKNOWN]
+    mean, spread = values.mean(axis=0), values.std(axis=0)
+    terms = weights.second_order(np.clip((values - mean) / spread, -3, 3))
+    found = multinomial(terms, label)
+    return {
+        "mean": rounded(mean), "spread": rounded(spread), "weights": rounded(found),
+        "samples": np.bincount(label, minlength=4).tolist(),
+    }  # fmt: skip
+
+
+def labels_of(shapes: np.ndarray, moment: Moment) -> np.ndarray:
+    """(N,) family of the road user in whose box a cluster lies, `NOTHING`, or `UNKNOWN`."""
+    truth, targets = moment.truth, moment.targets
+    label = np.full(len(shapes), NOTHING)
+    parked = targets.centres[~targets.eligible & (targets.families == 0)]
+    near = np.linalg.norm(shapes[:, None, :2] - parked[None, :, :2], axis=-1) < 2.8
+    label[near.any(axis=1)] = UNKNOWN
+    centres = truth.world_from_ego.inverse().apply(truth.centres)
+    yaws = truth.yaws - truth.world_from_ego.yaw
+    for k in range(len(truth)):
+        cosine, sine = np.cos(yaws[k]), np.sin(yaws[k])
+        off = shapes[:, :2] - centres[k, :2]
+        local = np.abs(off @ np.array([[cosine, -sine], [sine, cosine]]))
+        inside = (local <= truth.sizes[k, :2] / 2 + BESIDE_M).all(axis=1)
+        label[inside] = FAMILY[truth.categories[k]]
+    return label
+
+
+def fit_alone(
+    moments: Sequence[Moment], lidar: Sequence[Detections]
+) -> tuple[dict[str, list[object]], dict[str, list[object]]]:
+    """Weights of each sensor alone, and how often each takes one family for another."""
+    features_of: dict[str, list[np.ndarray]] = {"lidar_alone": [], "camera_alone": []}
+    right: dict[str, list[np.ndarray]] = {"lidar_alone": [], "camera_alone": []}
+    counts = {"lidar": np.full((3, 3), 0.5), "camera": np.full((3, 3), 0.5)}
+    for moment, points in zip(moments, lidar, strict=True):
+        camera, real = moment.camera, moment.targets
+        assert camera is not None
+        views = Views.of(points, camera, moment.projection)
+        boxes = ious(camera.boxes, real.image_boxes)
+        apart = np.linalg.norm(points.centres[:, None, :2] - real.centres[None, :, :2], axis=-1)
+        for name, near, found, values in (
+            ("camera", boxes >= 0.5, camera, camera_features(camera)),
+            ("lidar", apart <= 2.0, points, consistent.lidar_features(views)),
+        ):
+            hit, excused = near[:, real.eligible].any(axis=1), near[:, ~real.eligible].any(axis=1)
+            shown = views.in_image if name == "lidar" else np.ones(len(hit), bool)
+            counted = (hit | ~excused) & shown
+            features_of[f"{name}_alone"].append(values[counted])
+            right[f"{name}_alone"].append(hit[counted])
+            best = np.where(real.eligible, near, False)
+            rows = np.flatnonzero(hit)
+            np.add.at(
+                counts[name],
+                (families_of(found.categories[rows]), real.families[best[rows].argmax(axis=1)]), 1,
+            )  # fmt: skip
+    odds = {
+        name: rounded(logistic(np.concatenate(features_of[name]), np.concatenate(right[name])))
+        for name in features_of
+    }
+    shares = {n: rounded(c / c.sum(axis=1, keepdims=True)) for n, c in counts.items()}
+    return odds, shares
+
+
+def fit_joint(
+    moments: Sequence[Moment], lidar: Sequence[Detections]
+) -> dict[str, list[object]]:  # fmt: skip
+    """Weights of pairs and of what one sensor alone found while both were there."""
+    values: dict[str, list[np.ndarray]] = {"pair": [], "lidar_only": [], "camera_only": []}
+    right: dict[str, list[np.ndarray]] = {name: [] for name in values}
+    for moment, points in zip(moments, lidar, strict=True):
+        views = Views.of(points, moment.camera, moment.projection)
+        agreement = Agreement.of(views, moment.projection)
+        rows, columns = agreement.pairs()
+        single = leftovers(len(points), rows), leftovers(len(views.camera), columns)
+        parts = consistent.candidate_features(views, agreement, rows, columns, single)
+        counts = [len(part) for part in parts]
+        masses = np.concatenate(
+            [
+                lidar_masses(points)[rows], lidar_masses(points)[single[0]],
+                camera_masses(views.camera)[single[1]],
+            ]
+        )  # fmt: skip
+        joined = assemble(
+            views,
+            np.concatenate([rows, single[0], np.full(counts[2], -1)]),
+            np.concatenate([columns, np.full(counts[1], -1), single[1]]), masses,
+            # Pairs first: what is left of a target that both found is a second box.
+            np.concatenate([np.full(counts[0], 0.9), 0.5 * points.scores[single[0]],
+                            0.5 * views.camera.scores[single[1]]]),
+        )  # fmt: skip
+        fate = judge([joined], [moment.targets]).target
+        for name, part, end in zip(values, parts, np.cumsum(counts), strict=True):
+            mine = fate[end - len(part) : end]
+            values[name].append(part[mine != IGNORED])
+            right[name].append(mine[mine != IGNORED] != FALSE)
+    return {
+        name: rounded(logistic(np.concatenate(values[name]), np.concatenate(right[name])))
+        for name in values
+    }
+
+
+def logistic(values: np.ndarray, right: np.ndarray, *, ridge: float = 1.0) -> np.ndarray:
+    """(1 + F,) weights of a logistic model, the first for the constant."""
+    from scipy.optimize import minimize
+
+    terms = np.column_stack([np.ones(len(values)), values])
+    signs = np.where(right, 1.0, -1.0)
+
+    def loss(w: np.ndarray) -> tuple[float, np.ndarray]:
+        margin = signs * (terms @ w)
+        slope = -signs / (1 + np.exp(np.clip(margin, -500, 500)))
+        return float(
+            np.logaddexp(0, -margin).sum() + ridge * w @ w / 2
+        ), terms.T @ slope + ridge * w
+
+    found: np.ndarray = minimize(loss, np.zeros(terms.shape[1]), jac=True).x
+    return found
+
+
+def multinomial(terms: np.ndarray, label: np.ndarray, *, ridge: float = 1.0) -> np.ndarray:
+    """(T, 3) log odds of classes 0 to 2 against class 3."""
+    from scipy.optimize import minimize
+
+    truth = np.eye(4)[label]
+
+    def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        w = flat.reshape(-1, 3)
+        odds = np.column_stack([terms @ w, np.zeros(len(terms))])
+        odds -= odds.max(axis=1, keepdims=True)
+        logs = odds - np.log(np.exp(odds).sum(axis=1, keepdims=True))
+        slope = terms.T @ (np.exp(logs) - truth)[:, :3] + ridge * w
+        return float(-(truth * logs).sum() + ridge * (w**2).sum() / 2), slope.ravel()
+
+    start = np.zeros(terms.shape[1] * 3)
+    found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 1000}).x
+    weights_found: np.ndarray = found.reshape(-1, 3)
+    return weights_found
+
+
+def rounded(values: np.ndarray) -> list[object]:
+    """Four digits after the point, as lists."""
+    listed: list[object] = np.round(values, 4).tolist()
+    return listed
+
+
+def written(table: dict[str, object], origin: str) -> str:
+    """Return the table as TOML."""
+    lines = [f'origin = "{origin}"']
+    for name, part in table.items():
+        assert isinstance(part, dict)
+        lines += ["", f"[{name}]", *(f"{key} = {value}" for key, value in part.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _use(table: dict[str, object]) -> None:
+    for cached in (weights.lidar_model, weights.odds_model, weights.confusion):
+        cached.cache_clear()
+    weights.table = lambda: table  # type: ignore[assignment]
+
+
+def main() -> None:
+    """Fit and write."""
+    moments = moments_of(SEEDS)
+    origin = (
+        f"benchmarks.fit.fusion on train seeds {SEEDS[0]} to {SEEDS[-1]} of street and "
+        f"town-crossing, rigs li2021 and wide, clear, fog-3 and night; camera: the imitation "
+        f"noisy-camera; {len(moments)} moments"
+    )
+    Path(sys.argv[1]).write_text(written(fit(moments), origin), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

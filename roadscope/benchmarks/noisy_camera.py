@@ -1,0 +1,149 @@
+"""Camera detections made from truth: misses, clutter, wrong boxes and classes of known size.
+
+An imitation, named by a string as plug-ins are: `noisy-camera?miss=0.1&clutter=1`. It belongs to
+the benchmark; figures that rest on it say so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core import Category, Family, ImageDetections, Registry, Truth
+
+STANDS_FOR = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
+FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
+FAMILY = np.array([FAMILIES.index(category.family) for category in Category])
+HEIGHTS_M = np.array([1.5, 1.75, 1.7])
+LEAST_PX = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraNoise:
+    """How a camera's detections differ from truth, drawn anew in every image.
+
+    miss: share of large, free, well lit objects that are missed.
+    half_px: visible height in pixels at which half are found. steepness: of that in its log.
+    hidden: hidden share at which half are found of what is large.
+    clutter: mean number of false detections an image.
+    box: standard deviation of each edge as a share of the box, at least one pixel.
+    confused: share of wrong families among small ones; large ones have a tenth.
+    gap: standard deviation of the log odds that a score adds to the chance of being found.
+    """
+
+    miss: float = 0.03
+    half_px: float = 20.0
+    steepness: float = 4.0
+    hidden: float = 0.7
+    clutter: float = 0.6
+    box: float = 0.04
+    confused: float = 0.15
+    gap: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("miss", "hidden", "confused"):
+            value = getattr(self, name)
+            if not 0 <= value < 1:
+                raise ValueError(f"{name} must be at least 0 and below 1, got {value!r}")
+        for name in ("half_px", "steepness", "clutter", "box", "gap"):
+            value = getattr(self, name)
+            if not 0 <= value < np.inf:
+                raise ValueError(f"{name} must be 0 or more, got {value!r}")
+
+
+CAMERA_NOISES: Registry[CameraNoise] = Registry(
+    "camera noise model",
+    {"noisy-camera": "roadscope.benchmarks.noisy_camera:CameraNoise"},
+    summaries={"noisy-camera": "True boxes in the image with misses, clutter and errors."},
+)
+
+
+class NoisyCamera:
+    """Detections of one episode, image after image.
+
+    Light is lost in fog by Koschmieder's law; at night what is not a vehicle (with lamps) needs
+    to be nearer to be seen.
+    """
+
+    def __init__(
+        self, model: CameraNoise, seed: int, *, extinction_per_m: float = 0.0, night: bool = False
+    ) -> None:
+        """Take the errors, a seed, and what is between camera and objects."""
+        self._model, self._fog, self._night = model, extinction_per_m, night
+        streams = np.random.SeedSequence([7_103, seed]).spawn(2)
+        self._rng, self._clutter = (np.random.default_rng(stream) for stream in streams)
+
+    def of(self, truth: Truth, width: int, height: int) -> ImageDetections:
+        """Return what is detected of the next image."""
+        assert truth.image_boxes is not None
+        rng, boxes = self._rng, truth.image_boxes
+        sides = boxes[:, 2:] - boxes[:, :2]
+        family = FAMILY[truth.categories]
+        odds = self._odds(truth, sides, family)
+        chance = (1 - self._model.miss) / (1 + np.exp(-odds))
+        draws = rng.random((len(truth), 3))
+        noise = rng.standard_normal((len(truth), 5))
+        found = (draws[:, 0] < chance) & (sides.min(axis=1, initial=LEAST_PX) >= LEAST_PX)
+        errors = np.maximum(self._model.box * np.tile(sides, 2), 1.0) * noise[:, :4]
+        moved = _inside(boxes + errors, width, height)
+        large = np.clip(sides[:, 1] / 80.0, 0.0, 1.0)
+        swaps = draws[:, 1] < self._model.confused * (1 - 0.9 * large)
+        said = np.where(swaps, _another(family, draws[:, 2]), family)
+        scores = _probability(np.minimum(odds, 4.0) + self._model.gap * noise[:, 4])
+        found &= ((moved[:, 2:] - moved[:, :2]) > 1.0).all(axis=1)
+        false, false_families, false_scores = self._false(width, height)
+        return ImageDetections(
+            np.concatenate([moved[found], false]),
+            STANDS_FOR[np.concatenate([said[found], false_families])],
+            np.concatenate([scores[found], false_scores]), truth.stamp_s,
+        )  # fmt: skip
+
+    def _odds(self, truth: Truth, sides: np.ndarray, family: np.ndarray) -> np.ndarray:
+        model = self._model
+        apart = truth.centres - truth.world_from_ego.translation
+        distances = np.linalg.norm(apart, axis=1)
+        contrast = np.exp(-self._fog * distances)
+        if self._night:
+            contrast = contrast * np.where(family == 0, 0.8, np.exp(-distances / 25.0))
+        size = model.steepness * np.log(np.maximum(sides[:, 1], 1.0) / model.half_px)
+        seen = 10.0 * (model.hidden - truth.occluded_fraction)
+        # A contrast of 5 % to the background is where half are found.
+        light = 2.0 * np.log(np.maximum(contrast, 1e-9) / 0.05)
+        odds = np.minimum(np.minimum(size, seen), light)
+        return np.asarray(np.where(truth.visible_pixels > 0, odds, -30.0))
+
+    def _false(self, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        rng = self._clutter
+        count = int(rng.poisson(self._model.clutter))
+        families = rng.choice(3, count, p=(0.4, 0.15, 0.45))
+        # Posts, bins and bushes stand on the ground: 10 to 60 m away, the camera 1.4 m up.
+        focal = 1.25 * width if width > 1000 else 0.656 * width
+        depths = rng.uniform(10, 60, count)
+        tall = focal * HEIGHTS_M[families] / depths * np.exp(0.15 * rng.standard_normal(count))
+        wide = tall * np.choose(families, (1.4, 0.6, 0.4))
+        bottoms = height / 2 + focal * 1.4 / depths + 3 * rng.standard_normal(count)
+        middles = rng.uniform(0, width, count)
+        boxes = np.column_stack(
+            [middles - wide / 2, bottoms - tall, middles + wide / 2, bottoms]
+        )  # fmt: skip
+        scores = _probability(-1.0 + 1.2 * rng.standard_normal(count))
+        return _inside(boxes, width, height), families, scores
+
+
+def _another(family: np.ndarray, draws: np.ndarray) -> np.ndarray:
+    """One of the other two; cyclists and pedestrians are taken for one another most."""
+    first = np.array([2, 2, 1])[family]
+    second = np.array([1, 0, 0])[family]
+    return np.where(draws < 0.75, first, second)
+
+
+def _inside(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
+    size = np.array([width, height, width, height], np.float64)
+    clipped: np.ndarray = np.clip(boxes, 0.0, size)
+    return clipped
+
+
+def _probability(odds: np.ndarray) -> np.ndarray:
+    result: np.ndarray = 1 / (1 + np.exp(-odds))
+    return result

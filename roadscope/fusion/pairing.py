@@ -1,0 +1,65 @@
+"""Which image belongs to a scan, and what the ego did in between (Li 2021, 2.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import Pose, RecordError
+from roadscope.core.projection import Projection
+
+LIMIT_S = 0.05
+"""Half the period of a camera of 10 images/s: with a gap above this an image is missing."""
+ALONE = -1
+
+
+class ClocksApartError(RecordError):
+    """Scans and images have no moment in common."""
+
+
+def nearest_images(
+    scan_stamps_s: np.ndarray, image_stamps_s: np.ndarray, *, limit_s: float = LIMIT_S
+) -> np.ndarray:
+    """Return (S,) rows of the images nearest in time, `ALONE` where none is within the limit.
+
+    Image stamps may have any order; of two equally near the earlier row is taken. A scan without
+    an image is to be fused alone. Where both sensors brought something and not one scan has an
+    image the clocks disagree, and `ClocksApartError` says by how much.
+    """
+    scans, images = _stamps("scan", scan_stamps_s), _stamps("image", image_stamps_s)
+    if not 0 < limit_s < np.inf:
+        raise ValueError(f"limit_s must be a positive time in seconds, got {limit_s!r}")
+    if not len(images) or not len(scans):
+        return np.full(len(scans), ALONE)
+    gaps = np.abs(scans[:, None] - images[None])
+    rows = gaps.argmin(axis=1)
+    least = gaps[np.arange(len(scans)), rows]
+    if least.min() > limit_s:
+        raise ClocksApartError(
+            f"no scan has an image within {limit_s:g} s; the nearest two are {least.min():g} s "
+            "apart: do both clocks count from the same moment?"
+        )
+    return np.where(least <= limit_s, rows, ALONE)
+
+
+def moved_projection(
+    projection: Projection, previous_from_ego: Pose | None, period_s: float, gap_s: float
+) -> Projection:
+    """Project what was measured at the scan's stamp into an image that came `gap_s` later.
+
+    previous_from_ego: own motion over the `period_s` before the scan, taken to go on; None where
+    it is not known, which leaves the projection as it is.
+    """
+    if previous_from_ego is None or gap_s == 0.0:
+        return projection
+    if not 0 < period_s < np.inf:
+        raise ValueError(f"period_s must be a positive time in seconds, got {period_s!r}")
+    scan_from_image = Pose.identity().interpolate(previous_from_ego, gap_s / period_s)
+    image_from_scan = scan_from_image.inverse().matrix
+    return Projection(projection.matrix @ image_from_scan, projection.width, projection.height)
+
+
+def _stamps(name: str, stamps_s: np.ndarray) -> np.ndarray:
+    stamps = np.asarray(stamps_s, np.float64)
+    if stamps.ndim != 1 or not np.isfinite(stamps).all():
+        raise RecordError(f"{name} stamps: expected finite seconds, (N,), got {stamps_s!r}")
+    return stamps

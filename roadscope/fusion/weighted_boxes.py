@@ -1,0 +1,91 @@
+"""Weighted box fusion (Solovyev, Wang and Gabruseva 2021) of both sensors' boxes in the image."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from roadscope.core import Detections, ImageDetections
+from roadscope.core.fused import FusedDetections
+from roadscope.core.projection import Projection
+from roadscope.fusion.assembly import Views, assemble
+from roadscope.fusion.masses import camera_masses, lidar_masses
+from roadscope.fusion.overlap import ious
+
+
+class WeightedBoxFusion:
+    """Overlapping boxes become one, the mean by scores; what one sensor alone saw counts half.
+
+    The paper fuses boxes of one class; families are not asked for here, since clusters of returns
+    say little of them.
+    """
+
+    def __init__(self, *, least_iou: float = 0.4) -> None:
+        """Take the overlap from which a box joins the mean of others."""
+        if not 0 < least_iou < 1:
+            raise ValueError(f"least_iou must be between 0 and 1, got {least_iou!r}")
+        self.least_iou = least_iou
+
+    def reset(self) -> None:
+        """Forget nothing: every moment stands alone."""
+
+    def fuse(
+        self, lidar: Detections | None, camera: ImageDetections | None, projection: Projection
+    ) -> FusedDetections:
+        """Join both sensors' targets."""
+        views = Views.of(lidar, camera, projection)
+        models = 2 - (lidar is None) - (camera is None)
+        seen = np.flatnonzero(views.in_image)
+        unseen = np.flatnonzero(~views.in_image)
+        sources = np.concatenate([np.zeros(len(seen), int), np.ones(len(views.camera), int)])
+        rows = np.concatenate([seen, np.arange(len(views.camera))])
+        boxes = np.concatenate([views.lidar_boxes[seen], views.camera.boxes])
+        scores = np.concatenate([views.lidar.scores[seen], views.camera.scores])
+        groups = _grouped(boxes, scores, self.least_iou)
+        best = np.full((2, len(groups)), -1)
+        mean, confidence = np.empty((len(groups), 4)), np.empty(len(groups))
+        for k, members in enumerate(groups):
+            weights = np.maximum(scores[members], 1e-6)
+            mean[k] = weights @ boxes[members] / weights.sum()
+            confidence[k] = scores[members].mean() * min(len(members), models) / models
+            for source in (0, 1):
+                mine = members[sources[members] == source]
+                if len(mine):
+                    best[source, k] = rows[mine[scores[mine].argmax()]]
+        masses = _masses(views, best)
+        fused = assemble(
+            views, np.concatenate([best[0], unseen]),
+            np.concatenate([best[1], np.full(len(unseen), -1)]),
+            np.concatenate([masses, lidar_masses(views.lidar)[unseen]]),
+            np.concatenate([confidence, views.lidar.scores[unseen] / models]),
+        )  # fmt: skip
+        places = fused.image_boxes.copy()
+        places[: len(groups)] = mean
+        return replace(fused, image_boxes=places)
+
+
+def _grouped(boxes: np.ndarray, scores: np.ndarray, least_iou: float) -> list[np.ndarray]:
+    """Members of each fused box; in order of score each joins the mean that it overlaps most."""
+    groups: list[list[int]] = []
+    means = np.empty((0, 4))
+    for row in np.argsort(-scores, kind="stable"):
+        overlap = ious(boxes[row : row + 1], means)[0]
+        if len(overlap) and overlap.max() > least_iou:
+            group = groups[int(overlap.argmax())]
+            group.append(int(row))
+            weights = np.maximum(scores[group], 1e-6)
+            means[int(overlap.argmax())] = weights @ boxes[group] / weights.sum()
+        else:
+            groups.append([int(row)])
+            means = np.concatenate([means, boxes[row : row + 1]])
+    return [np.array(group) for group in groups]
+
+
+def _masses(views: Views, best: np.ndarray) -> np.ndarray:
+    """Take the camera's masses where it has a box, otherwise the LiDAR's."""
+    masses = np.zeros((best.shape[1], 4))
+    by_camera = best[1] >= 0
+    masses[by_camera] = camera_masses(views.camera)[best[1][by_camera]]
+    masses[~by_camera] = lidar_masses(views.lidar)[best[0][~by_camera]]
+    return masses

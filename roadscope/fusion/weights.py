@@ -1,0 +1,79 @@
+"""What was learned of the sensors: read from `weights.toml`, fitted by `benchmarks.fit.fusion`."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class ClassModel:
+    """Multinomial logistic model of second order.
+
+    mean, spread: (F,) of the features, which are bounded at three spreads.
+    weights: (T, 3), log odds of vehicle, cyclist and pedestrian against nothing; a constant, F
+        features and their products.
+    """
+
+    mean: np.ndarray
+    spread: np.ndarray
+    weights: np.ndarray
+
+    def probabilities(self, features: np.ndarray) -> np.ndarray:
+        """(N, 4) chances of `FAMILIES` and of nothing of (N, F) features."""
+        terms = second_order(np.clip((features - self.mean) / self.spread, -3.0, 3.0))
+        odds = np.column_stack([terms @ self.weights, np.zeros(len(terms))])
+        odds = np.exp(odds - odds.max(axis=1, keepdims=True))
+        chances: np.ndarray = odds / odds.sum(axis=1, keepdims=True)
+        return chances
+
+
+@dataclass(frozen=True, slots=True)
+class OddsModel:
+    """Logistic model: a constant, then one weight a feature."""
+
+    weights: np.ndarray
+
+    def odds(self, features: np.ndarray) -> np.ndarray:
+        """(N,) log odds of (N, F) features."""
+        result: np.ndarray = self.weights[0] + features @ self.weights[1:]
+        return result
+
+
+def second_order(values: np.ndarray) -> np.ndarray:
+    """(N, 1 + F + F (F + 1) / 2) constant, values and their products."""
+    rows, columns = np.triu_indices(values.shape[1])
+    return np.column_stack([np.ones(len(values)), values, values[:, rows] * values[:, columns]])
+
+
+@cache
+def table() -> dict[str, Any]:
+    """Return the whole file."""
+    text = files("roadscope.fusion").joinpath("weights.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+@cache
+def lidar_model() -> ClassModel:
+    """Return the classes of clusters."""
+    part = table()["lidar_classes"]
+    return ClassModel(*(np.array(part[name]) for name in ("mean", "spread", "weights")))
+
+
+@cache
+def odds_model(name: str) -> OddsModel:
+    """Return a logistic model by name."""
+    return OddsModel(np.array(table()["odds"][name]))
+
+
+@cache
+def confusion(sensor: str) -> np.ndarray:
+    """(3, 3) share of each family (column) in what a sensor calls one (row)."""
+    shares = np.array(table()["confusion"][sensor])
+    result: np.ndarray = shares / shares.sum(axis=1, keepdims=True)
+    return result
