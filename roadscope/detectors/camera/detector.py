@@ -135,7 +135,7 @@ def _look(network: CentreNetwork, pixels: np.ndarray, threads: int) -> list[np.n
     torch.set_num_threads(threads)
     try:
         with torch.inference_mode():
-            given = torch.from_numpy(np.ascontiguousarray(pixels)).to(first.device, first.dtype)
+            given = torch.from_numpy(np.array(pixels, order="C")).to(first.device, first.dtype)
             full = torch.zeros(1, height, width, 3, dtype=first.dtype, device=first.device)
             full[0, : pixels.shape[0], : pixels.shape[1]] = given / 127.5 - 1
             return [m[0].cpu().numpy() for m in network(full)]

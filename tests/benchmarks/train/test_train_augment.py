@@ -1,0 +1,52 @@
+import numpy as np
+from toy_pictures import toy_pictures
+
+from roadscope.benchmarks.metrics.image_labels import Labels
+from roadscope.benchmarks.train.augment import Window, cut_out, drawn_window, objects_in, relit
+
+
+def test_boxes_stay_on_their_objects() -> None:
+    pictures = toy_pictures(1)
+    rng = np.random.default_rng(0)
+    seen = 0
+    for k in range(16):
+        pixels, labels = pictures.pixels[k % 4], pictures.labels[k % 4]
+        window = drawn_window(labels, pixels.shape[:2], (256, 320), rng)
+        image = cut_out(pixels, window, (256, 320)).numpy()
+        objects = objects_in(labels, window, (256, 320))
+        for box, category in zip(objects.boxes, objects.categories, strict=True):
+            left, top, right, bottom = np.rint(box).astype(int)
+            inside = image[:, top + 1 : bottom - 1, left + 1 : right - 1]
+            if inside.size:
+                channel = 2 if category == 6 else 0
+                assert inside[channel].min() > 0.6
+                seen += 1
+    assert seen > 16
+
+
+def test_who_is_cut_off_or_too_small_is_not_asked_for() -> None:
+    labels = Labels(
+        np.array([[90.0, 100, 190, 150], [200, 100, 230, 108], [300, 300, 320, 340]]),
+        np.array([0, 0, 6]), np.full(3, 100), np.zeros(3), np.full(3, 9.0),
+    )  # fmt: skip
+    window = Window(170, 50, 320, 256)
+    assert objects_in(labels, window, (256, 320)).asked.tolist() == [False, True, False]
+    smaller = objects_in(labels, window, (128, 160))
+    assert smaller.asked.tolist() == [False, False, False]
+
+
+def test_mirrored_twice_is_as_before() -> None:
+    pictures = toy_pictures(2, 1)
+    window = Window(0, 0, 320, 256, mirrored=True)
+    image = cut_out(pictures.pixels[0], window, (256, 320))
+    plain = cut_out(pictures.pixels[0], Window(0, 0, 320, 256), (256, 320))
+    np.testing.assert_array_equal(image.flip(2), plain)
+
+
+def test_light_changes_but_stays_in_bounds() -> None:
+    image = cut_out(toy_pictures(3, 1).pixels[0], Window(0, 0, 320, 256), (256, 320))
+    for seed in range(12):
+        lit = relit(image, np.random.default_rng(seed))
+        assert lit.shape == image.shape
+        assert 0 <= float(lit.min()) <= float(lit.max()) <= 1
+        assert not np.array_equal(lit, image)

@@ -1,0 +1,82 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from toy_pictures import toy_pictures
+
+from roadscope.benchmarks.train import batches as batching
+from roadscope.benchmarks.train import training
+from roadscope.benchmarks.train.batches import Deck, batch
+from roadscope.benchmarks.train.recipe import Recipe
+from roadscope.benchmarks.train.training import Trainer, train
+
+RECIPE = Recipe(steps=6, pixels=2 * 96 * 128, learning_rate=2e-3)
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(autouse=True)
+def small_crops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batching, "CROPS", ((96, 128),))
+    monkeypatch.setattr(training, "SAVED_EVERY", 3)
+
+
+def same(a: Trainer, b: Trainer) -> bool:
+    pairs = [(a.network, b.network), (a.average, b.average)]
+    return all(
+        torch.equal(one, two)
+        for x, y in pairs
+        for one, two in zip(x.state_dict().values(), y.state_dict().values(), strict=True)
+    )
+
+
+class Killed(Exception):  # noqa: N818
+    pass
+
+
+def test_killed_and_resumed_is_as_never_stopped(tmp_path: Path) -> None:
+    pictures = [toy_pictures(0), toy_pictures(1)]
+    whole = Trainer(RECIPE, "key", CPU)
+    train(whole, pictures, tmp_path / "whole.pt")
+
+    def kill(step: int, loss: float) -> None:
+        if step == 5:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train(Trainer(RECIPE, "key", CPU), pictures, tmp_path / "part.pt", told=kill)
+    again, steps = Trainer(RECIPE, "key", CPU), []
+    train(again, pictures, tmp_path / "part.pt", told=lambda step, _: steps.append(step))
+    assert steps == [4, 5, 6]
+    assert same(whole, again)
+
+
+def test_checkpoints_of_other_data_or_damaged_are_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "c.pt"
+    first = Trainer(RECIPE, "one", CPU)
+    first.save(path)
+    assert Trainer(RECIPE, "one", CPU).resume(path)
+    assert not Trainer(RECIPE, "two", CPU).resume(path)
+    path.write_bytes(path.read_bytes()[:1000])
+    assert not Trainer(RECIPE, "one", CPU).resume(path)
+    assert not Trainer(RECIPE, "one", CPU).resume(tmp_path / "none.pt")
+
+
+def test_the_loss_falls_on_toy_pictures(tmp_path: Path) -> None:
+    recipe = replace(RECIPE, steps=40, pixels=4 * 96 * 128)
+    told: list[float] = []
+    train(
+        Trainer(recipe, "key", CPU), [toy_pictures(0)], tmp_path / "c.pt",
+        told=lambda _, loss: told.append(loss),
+    )  # fmt: skip
+    assert sum(told[-8:]) < 0.6 * sum(told[:8])
+
+
+def test_batches_depend_on_their_number_alone() -> None:
+    pictures = [toy_pictures(0)]
+    first = batch(Deck(pictures, 0), RECIPE, 3)
+    later = batch(Deck(pictures, 0), RECIPE, 3)
+    other = batch(Deck(pictures, 0), RECIPE, 4)
+    assert torch.equal(first.pixels, later.pixels)
+    assert not torch.equal(first.pixels, other.pixels)
+    assert first.targets.heat.shape == (2, 3, 24, 32)
