@@ -22,9 +22,9 @@ def train(
         Path | None,
         typer.Option(help="Folder for pictures (up to 4 GB) and checkpoints; in the cache."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="File for the weights; a .toml comes beside it.")] = Path(
-        "network.safetensors"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="File for the weights; a .toml comes beside it.")
+    ] = Path("network.safetensors"),
 ) -> None:
     """Train the shipped detector again.
 

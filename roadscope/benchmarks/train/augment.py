@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn import functional as F
+from torch.nn import functional
 
 from roadscope.benchmarks.metrics.image_labels import Labels
 from roadscope.benchmarks.train.targets import Objects
@@ -38,7 +38,7 @@ def drawn_window(
     """Draw a window for a crop (height, width) of a picture (height, width)."""
     zoom = np.exp(rng.uniform(*np.log(ZOOM)))
     scale = min(zoom, size[0] / crop[0], size[1] / crop[1])
-    height, width = (int(round(scale * n)) for n in crop)
+    height, width = (round(scale * n) for n in crop)
     top, left = rng.random(2) * (size[0] - height, size[1] - width)
     asked = np.flatnonzero(labels.asked)
     if len(asked) and rng.random() < AT_AN_OBJECT:
@@ -70,7 +70,7 @@ def cut_out(pixels: np.ndarray, window: Window, crop: tuple[int, int]) -> Tensor
     image = torch.from_numpy(part).permute(2, 0, 1).float() / 255
     if image.shape[1:] != crop:
         shrinks = image.shape[1] > crop[0]
-        image = F.interpolate(
+        image = functional.interpolate(
             image[None], crop, mode="bilinear", align_corners=False, antialias=shrinks
         )[0]
     return image.flip(2) if window.mirrored else image
@@ -105,5 +105,7 @@ def _blurred(image: Tensor, rng: np.random.Generator) -> Tensor:
     """Blur along rows, as motion does, or in both directions, as a lens out of focus."""
     width = 2 * int(rng.integers(1, 3)) + 1
     rows = width if rng.random() < 0.5 else 1
-    padded = F.pad(image[None], (width // 2, width // 2, rows // 2, rows // 2), mode="replicate")
-    return F.avg_pool2d(padded, (rows, width), stride=1)[0]
+    padded = functional.pad(
+        image[None], (width // 2, width // 2, rows // 2, rows // 2), mode="replicate"
+    )
+    return functional.avg_pool2d(padded, (rows, width), stride=1)[0]

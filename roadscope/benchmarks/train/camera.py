@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -68,9 +67,7 @@ def train_camera(
     split = _split(plan)
     digests = _rendered([v for part in split for v in part], folder, jobs, progress)
     data_hash = fingerprint(digests)
-    learned, calibration, scores = (
-        [views.read(v, folder) for v in part] for part in split
-    )
+    learned, calibration, scores = ([views.read(v, folder) for v in part] for part in split)
     _learn(plan, data_hash, learned, folder, target, jobs, progress)
     _calibrate(target, calibration)
     found = evaluate(target, scores, progress)
@@ -86,9 +83,7 @@ def _split(plan: Recipe) -> tuple[list[View], list[View], list[View]]:
     )
 
 
-def _rendered(
-    wanted: Sequence[View], folder: Path, jobs: int, progress: Progress
-) -> list[str]:
+def _rendered(wanted: Sequence[View], folder: Path, jobs: int, progress: Progress) -> list[str]:
     """Render what the folder lacks; return the hash of every episode's pictures."""
     from joblib import Parallel, delayed
 
@@ -167,7 +162,7 @@ def _record(
         f'data = "{data_hash}"',
         f'weights = "{sha256(target.read_bytes()).hexdigest()}"',
         f"seconds = {seconds:.0f}",
-        f'scenarios = [{", ".join(repr(s) for s in plan.scenarios)}]'.replace("'", '"'),
+        f"scenarios = [{', '.join(repr(s) for s in plan.scenarios)}]".replace("'", '"'),
         "",
         "[validation] # seeds from 10000 on, scores from 0.5 up for rates and false alarms",
     ]

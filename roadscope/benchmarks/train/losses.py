@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
+from torch.nn import functional
 
 from roadscope.detectors.camera.network import STRIDE, Maps
 
@@ -48,8 +48,8 @@ def heat_loss(log_odds: Tensor, wanted: Tensor, judged: Tensor) -> Tensor:
     """Focal loss of heatmaps (Zhou 2019, eq. 1)."""
     chance = torch.sigmoid(log_odds)
     centre = wanted == 1.0
-    right = -F.logsigmoid(log_odds) * (1 - chance) ** FOCUS
-    wrong = -F.logsigmoid(-log_odds) * chance**FOCUS * (1 - wanted) ** CALM
+    right = -functional.logsigmoid(log_odds) * (1 - chance) ** FOCUS
+    wrong = -functional.logsigmoid(-log_odds) * chance**FOCUS * (1 - wanted) ** CALM
     total = (torch.where(centre, right, wrong) * judged).sum()
     return total / centre.sum().clamp(min=1)
 
@@ -79,6 +79,6 @@ def box_loss(boxes: Tensor, wanted: Tensor, weights: Tensor) -> Tensor:
 def vehicle_loss(log_odds: Tensor, categories: Tensor, weights: Tensor) -> Tensor:
     """Cross entropy of the categories of vehicles, weighted mean over squares."""
     told = categories >= 0
-    each = F.cross_entropy(log_odds, categories.clamp(min=0), reduction="none")
+    each = functional.cross_entropy(log_odds, categories.clamp(min=0), reduction="none")
     here = weights * told
     return (each * here).sum() / here.sum().clamp(min=1)

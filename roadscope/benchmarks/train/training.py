@@ -16,7 +16,7 @@ from roadscope.benchmarks.train.batches import Batch, Deck, batches
 from roadscope.benchmarks.train.losses import losses
 from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.benchmarks.train.views import Pictures
-from roadscope.detectors.camera.network import CentreNetwork
+from roadscope.detectors.camera.network import CentreNetwork, channels_last
 
 SAVED_EVERY = 100
 AVERAGED = 0.998
@@ -46,7 +46,7 @@ class Trainer:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(recipe.seed)
             network = CentreNetwork()
-        self.network = network.to(self.device, memory_format=torch.channels_last)
+        self.network = channels_last(network.to(self.device))
         self.average = CentreNetwork().to(self.device)
         self.average.load_state_dict(network.state_dict())
         self.average.requires_grad_(False).eval()

@@ -160,4 +160,5 @@ def _save(path: Path, pixels: np.ndarray) -> None:
 def _save_labels(path: Path, labels: Sequence[Labels], digest: str) -> None:
     columns = {n: np.concatenate([getattr(x, n) for x in labels]) for n in Labels.names()}
     with path.open("wb") as file:
-        np.savez(file, digest=digest, ends=np.cumsum([len(x) for x in labels]), **columns)
+        ends = np.cumsum([len(x) for x in labels])
+        np.savez(file, allow_pickle=False, digest=np.array(digest), ends=ends, **columns)

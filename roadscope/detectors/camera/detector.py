@@ -97,8 +97,9 @@ class CameraDetector:
                               f"{height}")  # fmt: skip
         shrunk, factor = _shrunk(pixels)
         network, calibration = self._loaded
-        maps = _look(network, shrunk, self.threads)
-        peaks = decode(*maps, calibration.least_log_odds(self.min_score))
+        heat, distances, vehicles = _look(network, shrunk, self.threads)
+        least = calibration.least_log_odds(self.min_score)
+        peaks = decode(heat, distances, vehicles, least)
         boxes = np.clip(peaks.boxes * factor, 0, [width, height, width, height])
         inside = np.flatnonzero((boxes[:, 2:] - boxes[:, :2] > 0).all(axis=1))
         found = Peaks(boxes, peaks.families, peaks.categories, peaks.log_odds)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
+from torch.nn import functional
 
 ARCHITECTURE = "roadscope-centre-1"
 """Changes whenever weights of one kind no longer fit the other."""
@@ -62,7 +62,7 @@ class Convolution(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Map (B, ins, h, w) to (B, outs, h / stride, w / stride)."""
         y: Tensor = self.norm(self.conv(x))
-        return F.relu(y) if self.rectify else y
+        return functional.relu(y) if self.rectify else y
 
     def fold(self) -> None:
         """Move the norm's running figures into the convolution; for inference alone."""
@@ -81,7 +81,7 @@ class Residual(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Keep the shape."""
-        return F.relu(x + self.second(self.first(x)))
+        return functional.relu(x + self.second(self.first(x)))
 
 
 class CentreNetwork(nn.Module):
@@ -100,10 +100,8 @@ class CentreNetwork(nn.Module):
         self.head = Convolution(NECK, HEAD)
         self.out = nn.Conv2d(HEAD, FAMILY_COUNT + 4 + VEHICLE_COUNT, 1)
         nn.init.normal_(self.out.weight, std=0.01)
-        nn.init.zeros_(self.out.bias)
-        with torch.no_grad():
-            self.out.bias[:FAMILY_COUNT] = RARE
-            self.out.bias[FAMILY_COUNT : FAMILY_COUNT + 4] = 1.0
+        offsets = torch.tensor([RARE] * FAMILY_COUNT + [1.0] * 4 + [0.0] * VEHICLE_COUNT)
+        self.out.bias = nn.Parameter(offsets)
 
     def forward(self, pixels: Tensor) -> Maps:
         """Look at (B, H, W, 3) colours in -1 to 1; height and width multiples of 32."""
@@ -114,9 +112,11 @@ class CentreNetwork(nn.Module):
             seen.append(x)
         y = self.lateral[-1](seen[-1])
         for k in range(len(seen) - 2, -1, -1):
-            y = self.lateral[k](seen[k]) + F.interpolate(y, scale_factor=2.0, mode="nearest")
+            y = self.lateral[k](seen[k]) + functional.interpolate(
+                y, scale_factor=2.0, mode="nearest"
+            )
         # Boxes need more digits than bfloat16 has, so the last layer is always float32.
-        features = self.head(F.relu(y))
+        features = self.head(functional.relu(y))
         with torch.autocast(pixels.device.type, enabled=False):
             said = self.out(features.float())
         heat, sides, vehicles = said.split([FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
@@ -130,6 +130,14 @@ class CentreNetwork(nn.Module):
         for module in copy.modules():
             if isinstance(module, Convolution):
                 module.fold()
-        copy.to(dtype=dtype, memory_format=torch.channels_last)
-        copy.out.float()
+        channels_last(copy.to(dtype)).out.float()
         return copy.requires_grad_(False)
+
+
+def channels_last(network: CentreNetwork) -> CentreNetwork:
+    """Lay the weights of convolutions out as the fast kernels want them, in place."""
+    with torch.no_grad():
+        for weight in network.parameters():
+            if weight.ndim == 4:
+                weight.data = weight.data.contiguous(memory_format=torch.channels_last)
+    return network
