@@ -16,6 +16,7 @@ from roadscope.commands.reproduce import reproduce
 from roadscope.commands.run import run_scenario
 from roadscope.commands.speed import speed
 from roadscope.commands.terminal import complain
+from roadscope.commands.train import train
 
 USAGE, FAILED, INTERRUPTED = 2, 1, 130
 
@@ -36,6 +37,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., None], str]] = {
     "check": (check, "roadscope check my_tracker.py:Mine"),
     "reproduce": (reproduce, "roadscope reproduce lu2018 --out results"),
     "speed": (speed, "roadscope speed detectors --out results"),
+    "train": (train, "roadscope train camera --out my_network.safetensors"),
 }
 """What each is, and an example of it."""
 

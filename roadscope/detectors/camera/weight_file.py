@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent / "weights"
 SHIPPED = FOLDER / "network.safetensors"
+ABOUT = "roadscope"
+"""Entry of the file's metadata that holds everything but tensors."""
 PICKLED = (b"PK\x03\x04", b"\x80")
 """How the files of `torch.save` and plain pickles begin."""
 
@@ -52,8 +54,13 @@ def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
     from roadscope.detectors.camera.network import ARCHITECTURE
 
     tensors = {k: v.detach().cpu().contiguous() for k, v in network.state_dict().items()}
-    text = json.dumps({"slopes": calibration.slopes, "offsets": calibration.offsets})
-    save_file(tensors, path, {"architecture": ARCHITECTURE, "calibration": text})
+    about = {
+        "architecture": ARCHITECTURE,
+        "slopes": calibration.slopes,
+        "offsets": calibration.offsets,
+    }
+    # One entry: several come in an order of their own each time, and so other bytes.
+    save_file(tensors, path, {ABOUT: json.dumps(about)})
 
 
 def load(path: Path | str) -> tuple[CentreNetwork, Calibration]:
@@ -66,7 +73,7 @@ def load(path: Path | str) -> tuple[CentreNetwork, Calibration]:
     _check_beginning(path)
     try:
         with safe_open(path, "pt") as file:
-            about = file.metadata() or {}
+            about = _about(file.metadata() or {})
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except SafetensorError as error:
         raise WeightsError(f"{path} is not a safetensors file: {error}") from error
@@ -79,6 +86,14 @@ def load(path: Path | str) -> tuple[CentreNetwork, Calibration]:
         _check_tensor(path, name, wanted, tensors)
     network.load_state_dict(tensors)
     return network.eval(), _calibration(path, about)
+
+
+def _about(metadata: Mapping[str, str]) -> dict[str, Any]:
+    try:
+        about = json.loads(metadata.get(ABOUT, ""))
+    except ValueError:
+        return {}
+    return about if isinstance(about, dict) else {}
 
 
 def _check_beginning(path: Path) -> None:
@@ -108,13 +123,12 @@ def _check_tensor(
         )
 
 
-def _calibration(path: Path, about: Mapping[str, str]) -> Calibration:
+def _calibration(path: Path, about: Mapping[str, Any]) -> Calibration:
     try:
-        table = json.loads(about["calibration"])
-        slopes, offsets = (tuple(float(v) for v in table[k]) for k in ("slopes", "offsets"))
+        slopes, offsets = (tuple(float(v) for v in about[k]) for k in ("slopes", "offsets"))
         sound = len(slopes) == len(offsets) == 3 and min(slopes) > 0
     except (KeyError, TypeError, ValueError) as error:
         raise WeightsError(f"{path}: what its scores are worth cannot be read") from error
     if not (sound and np.isfinite([*slopes, *offsets]).all()):
-        raise WeightsError(f"{path}: expected three positive slopes and offsets, got {table}")
+        raise WeightsError(f"{path}: expected three positive slopes and offsets, got {about}")
     return Calibration(slopes, offsets)  # type: ignore[arg-type]

@@ -9,7 +9,10 @@ from safetensors.torch import save_file
 from roadscope.detectors.camera.network import ARCHITECTURE, CentreNetwork
 from roadscope.detectors.camera.weight_file import Calibration, WeightsError, load, save
 
-WORTH = json.dumps({"slopes": [1, 1, 1], "offsets": [0, 0, 0]})
+
+def about(**changes: object) -> dict[str, str]:
+    sound = {"architecture": ARCHITECTURE, "slopes": [1, 1, 1], "offsets": [0, 0, 0]}
+    return {"roadscope": json.dumps({**sound, **changes})}
 
 
 def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
@@ -42,19 +45,28 @@ def test_another_architecture_is_refused(tmp_path: Path) -> None:
     save_file({"x": torch.zeros(2)}, path)
     with pytest.raises(WeightsError, match=f"expected architecture '{ARCHITECTURE}', got None"):
         load(path)
-    save_file({"x": torch.zeros(2)}, path, {"architecture": ARCHITECTURE, "calibration": WORTH})
+    save_file({"x": torch.zeros(2)}, path, {"roadscope": "no table"})
+    with pytest.raises(WeightsError, match="expected architecture"):
+        load(path)
+    save_file({"x": torch.zeros(2)}, path, about())
     with pytest.raises(WeightsError, match="tensor '"):
         load(path)
 
 
-@pytest.mark.parametrize("text", ["", "{}", '{"slopes": [1, -1, 1], "offsets": [0, 0, 0]}'])
-def test_scores_without_worth_are_refused(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize("change", [{"slopes": None}, {"slopes": [1, -1, 1]}, {"offsets": [1, 2]}])
+def test_scores_without_worth_are_refused(tmp_path: Path, change: dict[str, object]) -> None:
     path = tmp_path / "d.safetensors"
-    save_file(CentreNetwork().state_dict(), path, {
-        "architecture": ARCHITECTURE, "calibration": text,
-    })  # fmt: skip
+    save_file(CentreNetwork().state_dict(), path, about(**change))
     with pytest.raises(WeightsError, match=r"d\.safetensors"):
         load(path)
+
+
+def test_the_same_weights_are_the_same_bytes(tmp_path: Path) -> None:
+    network = CentreNetwork()
+    for name in "ab":
+        save(tmp_path / f"{name}.safetensors", network, Calibration())
+    first, second = ((tmp_path / f"{name}.safetensors").read_bytes() for name in "ab")
+    assert first == second
 
 
 def test_scores_follow_the_curve_of_their_family() -> None:

@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.metrics.image_detection import score_images
+from roadscope.benchmarks.metrics.image_labels import PARKED, Labels, labels_of
+from roadscope.core import ImageDetections, Pose, Truth
+
+CAR, CYCLIST, PERSON = 0, 5, 6
+
+
+def labels(*rows: tuple[list[float], int, int, float]) -> Labels:
+    """Rows of box, category, visible pixels, range."""
+    boxes, categories, pixels, ranges = zip(*rows, strict=True) if rows else ((), (), (), ())
+    return Labels(
+        np.array(boxes, float).reshape(-1, 4),
+        np.array(categories, np.int64),
+        np.array(pixels, np.int64),
+        np.zeros(len(rows)),
+        np.array(ranges, float),
+    )
+
+
+def found(*rows: tuple[list[float], int, float]) -> ImageDetections:
+    boxes, categories, scores = zip(*rows, strict=True) if rows else ((), (), ())
+    return ImageDetections(
+        np.array(boxes, float).reshape(-1, 4), np.array(categories, np.int8), np.array(scores), 0.0
+    )
+
+
+A, B, C = [0.0, 0, 40, 30], [100.0, 100, 120, 150], [300.0, 10, 330, 20]
+
+
+def test_perfect_detections_have_perfect_scores() -> None:
+    truth = labels((A, CAR, 500, 10.0), (B, PERSON, 500, 30.0), (C, CYCLIST, 100, 70.0))
+    scores = score_images([found((A, CAR, 1.0), (B, PERSON, 1.0), (C, CYCLIST, 1.0))], [truth])
+    for name in ("ap50", "ap", "ap50_near", "ap50_far", "detection_rate_cyclist",
+                 "category_accuracy", "ap50_16px"):  # fmt: skip
+        assert scores.named()[name].value == pytest.approx(1.0)
+    assert scores.false_alarms.value == 0.0
+    assert scores.calibration_error.value == 0.0
+    assert scores.objects_per_image.value == 3.0
+    assert scores.ap50_16px.n == 2
+    assert np.isnan(scores.ap50_large.value)
+
+
+def test_another_family_is_a_miss_and_a_false_alarm() -> None:
+    scores = score_images([found((B, CYCLIST, 0.9))], [labels((B, PERSON, 500, 9.0))])
+    assert scores.detection_rate_pedestrian.value == 0.0
+    assert scores.false_alarms_cyclist.value == 1.0
+    assert scores.ap50.value == 0.0
+
+
+def test_another_category_of_the_family_is_found_but_not_named() -> None:
+    scores = score_images([found((A, 2, 0.9))], [labels((A, CAR, 500, 9.0))])
+    assert scores.detection_rate_vehicle.value == 1.0
+    assert scores.category_accuracy.value == 0.0
+
+
+def test_parked_and_hardly_seen_count_neither_way() -> None:
+    truth = labels((A, PARKED, -1, 9.0), (B, PERSON, 5, 9.0), (C, CAR, 100, 9.0))
+    scores = score_images([found((A, CAR, 0.9), (B, PERSON, 0.9))], [truth])
+    assert scores.false_alarms.value == 0.0
+    assert scores.objects_per_image.value == 1.0
+    assert scores.detection_rate.value == 0.0
+
+
+def test_unsure_detections_count_for_precision_alone() -> None:
+    truth = labels((A, CAR, 500, 9.0))
+    scores = score_images([found((A, CAR, 0.3), (C, CAR, 0.2))], [truth])
+    assert scores.ap50.value == pytest.approx(1.0)
+    assert scores.detection_rate.value == 0.0
+    assert scores.false_alarms.value == 0.0
+
+
+def test_nothing_at_all_is_not_a_number() -> None:
+    scores = score_images([found()], [labels()])
+    assert np.isnan(scores.ap50.value)
+    assert scores.false_alarms.value == 0.0
+
+
+def test_labels_are_of_who_is_seen() -> None:
+    n = 3
+    truth = Truth(
+        np.arange(n), np.array([CAR, PERSON, CAR], np.int8), np.array([[3.0, 4, 1]] * n),
+        np.ones((n, 3)), np.zeros(n), np.zeros((n, 2)), np.zeros(n, np.int64),
+        np.array([90, 0, 90]), np.zeros(n), Pose.planar(0.0, 0.0, 0.0), 0.0,
+        np.empty(0, np.int64), np.array([A, B, [5.0, 5, 5, 9]]),
+    )  # fmt: skip
+    made = labels_of(truth, (np.array([C]), np.array([40.0])))
+    assert made.categories.tolist() == [CAR, PARKED]
+    assert made.ranges_m.tolist() == [5.0, 40.0]
+    assert made.asked.tolist() == [True, False]
