@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.imaging.noise_kernels import blend_of, grain
+from roadscope.envs.imaging.noise_kernels import cell_of, grain
 
 STOREY_M, BAY_M = 3.0, 2.6
 CORNICE_M = 0.45
 
 
-@compiled(borrowing=True)
+@compiled(forceinline=True, borrowing=True)
 def facade(
     noise: np.ndarray,
     way: float,
     length: float,
     z: float,
-    top: float,
+    span: np.ndarray,
     up: float,
     seed: float,
     lamps: bool,
@@ -30,15 +30,18 @@ def facade(
     if up > 0.5:
         out[0], out[1], out[2] = 0.15, 0.135, 0.125
         return
-    stain = 0.86 + 0.2 * blend_of(noise, (way + 60.0 * seed) * 7.0, z * 5.0)
+    stain = 0.86 + 0.2 * cell_of(noise, (way + 60.0 * seed) * 9.0, z * 6.0)
     out[0], out[1], out[2] = out[0] * stain, out[1] * stain, out[2] * stain
     bays = np.floor(length / BAY_M)
-    storeys = np.floor((top - CORNICE_M) / STOREY_M)
-    if bays < 1.0 or z > storeys * STOREY_M:
-        _scale(out, 1.08 if z > top - 0.25 else 0.97)
+    high = span[1] - span[0] - CORNICE_M
+    storeys = np.floor(high / STOREY_M + 0.4)
+    if bays < 1.0 or storeys < 1.0 or z > span[1] - CORNICE_M:
+        _scale(out, 1.08 if z > span[1] - 0.25 else 0.97)
         return
-    bay, storey = way * bays / length, z / STOREY_M
+    bay, storey = way * bays / length, (z - span[0]) * storeys / high
     u, v = bay - np.floor(bay), storey - np.floor(storey)
+    if span[0] > 1.0:
+        storey += np.floor(span[0] / STOREY_M)
     if storey < 1.0 and seed > 0.55:
         _shop(bay, u, v, seed, lamps, out)
         return

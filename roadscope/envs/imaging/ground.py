@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.envs.imaging.ground_kernels import CELLS_M, SIDE, TILE, TILES, Paving, paint_tile
+from roadscope.envs.imaging.ground_kernels import (
+    CELLS_M,
+    PADDING,
+    SIDE,
+    TILE,
+    TILES,
+    Paving,
+    paint_tile,
+)
 from roadscope.envs.imaging.noise_kernels import noise_tile
 from roadscope.envs.world.ground import PAVED, SHOULDERS_M, Surface
 
@@ -28,12 +36,12 @@ class Ground:
             np.array(PAINT), np.array(KERB), SHOULDERS_M.get(style, 0.5), paved,
         )  # fmt: skip
         self.surface = surface
-        self.cells = np.zeros((len(CELLS_M), SIDE, SIDE), np.uint32)
+        self.cells = np.zeros((len(CELLS_M), SIDE, SIDE + PADDING), np.uint32)
         self.middles = np.zeros((len(CELLS_M), 2))
         self._painted: list[dict[tuple[int, int], tuple[int, int]]] = [{} for _ in CELLS_M]
 
     def around(self, place: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-        """Return (3, SIDE, SIDE) uint32 cells around an (x, y) place, most of them (x, y) ahead.
+        """Return (3, SIDE, SIDE + PADDING) uint32 cells around an (x, y) place, most of them (x, y) ahead.
 
         `middles` (3, 2) then holds the middles of the squares, metres.
         """

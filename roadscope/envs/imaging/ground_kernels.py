@@ -15,6 +15,8 @@ from roadscope.envs.imaging.noise_kernels import blend_of, cell_of, grain
 
 SIDE = 1024
 """Cells along a side of a square."""
+PADDING = 16
+"""Cells after each row, so that a column of cells does not fall on one set of the cache."""
 TILE = 128
 """Cells along a side of what is painted at once."""
 TILES = SIDE // TILE
@@ -50,7 +52,7 @@ def paint_tile(
     tile: tuple[int, int],
     cells: np.ndarray,
 ) -> None:
-    """Paint one tile of cells (SIDE, SIDE) uint32 in place.
+    """Paint one tile of cells (SIDE, SIDE + PADDING) uint32 in place.
 
     A cell holds red, green and blue from its lowest byte up: square roots of colours times 255.
     """

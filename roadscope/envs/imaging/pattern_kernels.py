@@ -41,7 +41,7 @@ class Looks(NamedTuple):
     spans: np.ndarray
 
 
-@compiled(borrowing=True)
+@compiled(forceinline=True, borrowing=True)
 def paint(
     looks: Looks,
     noise: np.ndarray,
@@ -66,7 +66,7 @@ def paint(
     out[3], out[4], out[5], out[6] = looks.gloss[m], 0.0, 0.0, 0.0
     if pattern == FACADE:
         way = (x - edge[0]) * -normal[1] + (y - edge[1]) * normal[0]
-        facade(noise, way, edge[2], z, looks.spans[m, 1], normal[2], looks.seeds[m], lamps, out)
+        facade(noise, way, edge[2], z, looks.spans[m], normal[2], looks.seeds[m], lamps, out)
     elif pattern == LEAVES:
         _leaves(noise, frame, x, y, z, out)
     elif pattern == BODYWORK or pattern == COACH:
@@ -97,7 +97,7 @@ def _scale(out: np.ndarray, factor: float) -> None:
     out[0], out[1], out[2] = out[0] * factor, out[1] * factor, out[2] * factor
 
 
-@compiled(borrowing=True)
+@compiled(forceinline=True, borrowing=True)
 def _leaves(
     noise: np.ndarray, frame: np.ndarray, x: float, y: float, z: float, out: np.ndarray
 ) -> None:

@@ -20,8 +20,10 @@ TOP, BOTTOM = 12, 13
 GROUND_FACE, SKY_FACE = -1, -2
 NEAR_M = 0.05
 """Nothing nearer to the image plane is drawn."""
-LEAF_M = 0.11
-"""Edge of the cells of which foliage is made."""
+LEAF_M, LEAF_PX = 0.13, 3.5
+"""Edge of the cells of which foliage is made; far away they double until they cover pixels."""
+STRIDE = 16
+"""Pixels along a row for which one face is tried as the one that rays leave through."""
 
 _CORNERS = 2 * MAX_EDGES
 
@@ -68,13 +70,29 @@ def draw_all(lens: Lens, solids: Solids, canvas: Canvas, extents: np.ndarray) ->
     _draw_ground(lens, canvas)
     world, near = np.empty((_CORNERS, 3)), np.empty((_CORNERS, 3))
     polygon, exits = np.empty((_CORNERS, 2)), np.empty((MAX_EDGES + 2, 3))
+    ways = np.full(len(solids.corners), np.inf)
+    porous = 0
     for m in range(len(solids.corners)):
         if solids.corners[m] == 0 or _out_of_view(lens, solids, m, canvas):
             continue
         if solids.extinctions[m] > 0.0:
-            _draw_porous(lens, solids, m, world, near, polygon, exits, canvas)
+            ways[m] = _way(lens, solids, m)
+            porous += 1
         else:
             _draw_solid(lens, solids, m, world, near, polygon, canvas, extents)
+    # Foliage last and from near to far, so that no ray walks through leaves that it cannot see.
+    for m in np.argsort(ways)[:porous]:
+        _draw_porous(lens, solids, m, world, near, polygon, exits, canvas)
+
+
+@compiled(borrowing=True)
+def _way(lens: Lens, solids: Solids, m: int) -> float:
+    """From the camera to a prism's first corner."""
+    x, y, z = _into_camera(
+        lens, solids.footprints[m, 0, 0], solids.footprints[m, 0, 1], solids.bottoms[m]
+    )
+    away: float = np.sqrt(x * x + y * y + z * z)
+    return away
 
 
 @compiled(borrowing=True)
@@ -328,7 +346,8 @@ def _draw_porous(
     canvas: Canvas,
 ) -> None:
     """Draw foliage: cells of leaves that stay where they are, and gaps between them."""
-    chance = 1.0 - np.exp(-solids.extinctions[m] * LEAF_M)
+    leaf = _leaf_size(lens, solids, m)
+    chance = np.uint64((1.0 - np.exp(-solids.extinctions[m] * leaf)) * 2.0**53)
     leaving = 0
     for side in range(BOTTOM + 1):
         turned, a, b, c = _away(lens, solids, m, side)
@@ -346,17 +365,40 @@ def _draw_porous(
         first, last = _rows(polygon, count, canvas)
         for r in range(first, last):
             left, right = _span(polygon, count, r, canvas)
-            for k in range(left, right):
-                enter = a * (k + 0.5) + b * (r + 0.5) + c
-                leave = max(0.0, 1.0 * canvas.q[r, k])
-                for e in range(leaving):
-                    line = exits[e, 0] * (k + 0.5) + exits[e, 1] * (r + 0.5) + exits[e, 2]
-                    leave = max(leave, line)
-                if enter > leave:
-                    met = _leaf(lens, k + 0.5, r + 0.5, enter, leave, chance)
-                    if met > 0.0:
-                        canvas.q[r, k] = np.float32(met)
-                        canvas.faces[r, k] = face
+            for start in range(left, right, STRIDE):
+                end = min(right, start + STRIDE)
+                low = _last_exit(exits, leaving, start + 0.5, r + 0.5)
+                same = low == _last_exit(exits, leaving, end - 0.5, r + 0.5)
+                for k in range(start, end):
+                    e = low if same else _last_exit(exits, leaving, k + 0.5, r + 0.5)
+                    enter = a * (k + 0.5) + b * (r + 0.5) + c
+                    leave = exits[e, 0] * (k + 0.5) + exits[e, 1] * (r + 0.5) + exits[e, 2]
+                    leave = max(leave if e >= 0 else 0.0, max(0.0, 1.0 * canvas.q[r, k]))
+                    if enter > leave:
+                        met = _leaf(lens, k + 0.5, r + 0.5, enter, leave, leaf, chance)
+                        if met > 0.0:
+                            canvas.q[r, k] = np.float32(met)
+                            canvas.faces[r, k] = face
+
+
+@compiled(borrowing=True)
+def _leaf_size(lens: Lens, solids: Solids, m: int) -> float:
+    """Edge of the cells of leaves: doubled until a cell covers some pixels."""
+    away, leaf = _way(lens, solids, m), LEAF_M
+    while lens.focal[0] * leaf < LEAF_PX * away and leaf < 1.0:
+        leaf *= 2.0
+    return leaf
+
+
+@compiled(borrowing=True)
+def _last_exit(exits: np.ndarray, leaving: int, column: float, row: float) -> int:
+    """Which of the faces a ray leaves through: the one of greatest q, hence nearest."""
+    best, last = -np.inf, -1
+    for e in range(leaving):
+        line = exits[e, 0] * column + exits[e, 1] * row + exits[e, 2]
+        if line > best:
+            best, last = line, e
+    return last
 
 
 @compiled(borrowing=True)
@@ -379,7 +421,13 @@ def _away(lens: Lens, solids: Solids, m: int, side: int) -> tuple[bool, float, f
 
 @compiled(borrowing=True)
 def _leaf(
-    lens: Lens, column: float, row: float, enter: float, leave: float, chance: float
+    lens: Lens,
+    column: float,
+    row: float,
+    enter: float,
+    leave: float,
+    leaf: float,
+    chance: np.uint64,
 ) -> float:
     """Walk through the cells on the way; return q at the first with leaves, 0 if there is none."""
     dx = (column - lens.centre[0]) / lens.focal[0]
@@ -388,27 +436,29 @@ def _leaf(
     x = r[0, 0] * dx + r[1, 0] * dy + r[2, 0]
     y = r[0, 1] * dx + r[1, 1] * dy + r[2, 1]
     z = r[0, 2] * dx + r[1, 2] * dy + r[2, 2]
-    step = LEAF_M / np.sqrt(x * x + y * y + z * z)
+    scale = 1.0 / leaf
+    step = leaf / np.sqrt(x * x + y * y + z * z)
     depth, end = 1.0 / enter + 0.5 * step, 1.0 / leave if leave > 0.0 else np.inf
+    x0, y0, z0 = scale * o[0], scale * o[1], scale * o[2]
+    x, y, z = scale * x, scale * y, scale * z
     while depth < end:
-        i = np.int64(np.floor((o[0] + depth * x) / LEAF_M))
-        j = np.int64(np.floor((o[1] + depth * y) / LEAF_M))
-        k = np.int64(np.floor((o[2] + depth * z) / LEAF_M))
-        if _chance(i, j, k) < chance:
+        i = np.int64(np.floor(x0 + depth * x))
+        j = np.int64(np.floor(y0 + depth * y))
+        k = np.int64(np.floor(z0 + depth * z))
+        if _draw(i, j, k) < chance:
             met: float = 1.0 / depth
             return met
         depth += step
     return 0.0
 
 
-@compiled(borrowing=True)
-def _chance(i: np.int64, j: np.int64, k: np.int64) -> float:
-    """Draw a number in 0 to 1 that belongs to a cell of space."""
+@compiled(forceinline=True, borrowing=True)
+def _draw(i: np.int64, j: np.int64, k: np.int64) -> np.uint64:
+    """Draw a number of 53 bits that belongs to a cell of space."""
     state = np.uint64(i) * np.uint64(0x9E3779B97F4A7C15)
     state ^= np.uint64(j) * np.uint64(0xC2B2AE3D27D4EB4F)
     state ^= np.uint64(k) * np.uint64(0x165667B19E3779F9)
     state ^= state >> np.uint64(29)
     state *= np.uint64(0xBF58476D1CE4E5B9)
     state ^= state >> np.uint64(32)
-    chance: float = np.float64(state >> np.uint64(11)) * 2.0**-53
-    return chance
+    return state >> np.uint64(11)

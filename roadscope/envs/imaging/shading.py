@@ -132,7 +132,7 @@ def _stage(
     pools, corner = _pools(lens, solids, looks, air)
     return Stage(
         solids.footprints, solids.corners, normals, glow, *shadows, cells, ground.middles,
-        noise_tile(), pools, corner, blocks, heights, _fades(), _roots(),
+        noise_tile(), pools, corner, blocks, heights, _fades(),
     )  # fmt: skip
 
 
@@ -172,7 +172,3 @@ def curve() -> np.ndarray:
 def _fades() -> np.ndarray:
     return np.exp(-np.linspace(0.0, THICKEST, FADES + 1))
 
-
-@cache
-def _roots() -> np.ndarray:
-    return (np.arange(256) / 255) ** 2

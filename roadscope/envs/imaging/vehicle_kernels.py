@@ -105,6 +105,10 @@ def bodywork(
         _front(wide, height, big, across, z, category, lamps, out)
     elif ahead < -0.5:
         _rear(wide, height, big, across, z, seed, lamps, out)
+    elif z < 0.9 * height and (abs(across) > 0.93 * wide or abs(along) > 0.95 * half):
+        # Ledges between the steps of a body are rounded edges: they mirror no horizon.
+        _scale(out, 0.75)
+        out[3] = 0.0
 
 
 @compiled(forceinline=True, borrowing=True)

@@ -11,10 +11,10 @@ from roadscope.core import Pose
 from roadscope.core.record import Record
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.imaging.raster import Raster, Solids
-from roadscope.envs.imaging.shading import curve, room
+from roadscope.envs.imaging.shading import room
 from roadscope.envs.imaging.sky_kernels import BLOCK
 from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.exposure_kernels import BELL, SPREADS, Sensor, Shutter, develop
+from roadscope.envs.sensors.exposure_kernels import DRAWS, Sensor, Shutter, develop
 from roadscope.envs.sensors.glare_kernels import bloom, rain_streaks, spread_sun
 
 
@@ -54,18 +54,15 @@ def exposed(
     develop(
         light, raster.q, raster.faces, shutter_of(spec, world_from_camera, motion, solids),
         _glare(light, raster, spec, lighting, world_from_camera, extinction_per_m),
-        Sensor(curve(), _bell(), spreads(spec, lighting.iso), spec.vignetting, centre, key),
+        Sensor(*noise_of(spec, lighting.iso), spec.vignetting, centre, key, _draws()),
         pixels,
     )  # fmt: skip
     return pixels
 
 
-def spreads(spec: CameraSpec, iso: float) -> np.ndarray:
-    """(1025,) standard deviation of the noise by light from 0 to 1: shot and read noise."""
-    light = np.linspace(0.0, 1.0, SPREADS + 1)
-    read = iso * spec.read_noise / spec.full_well
-    deviations: np.ndarray = np.sqrt(iso * light / spec.full_well + read * read)
-    return deviations
+def noise_of(spec: CameraSpec, iso: float) -> tuple[float, float]:
+    """Variance of the noise: per light, by the count of electrons, and of reading in the dark."""
+    return iso / spec.full_well, (iso * spec.read_noise / spec.full_well) ** 2
 
 
 def shutter_of(
@@ -117,12 +114,7 @@ def _night(lighting: Light) -> bool:
 
 
 @cache
-def _bell() -> np.ndarray:
-    """(4096,) draws of a normal distribution, mean 0 and variance 1."""
-    from scipy.special import ndtri
-
-    draws = ndtri((np.arange(BELL) + 0.5) / BELL)
-    table: np.ndarray = draws / draws.std()
-    return table
-
-
+def _draws() -> np.ndarray:
+    """(DRAWS,) float32 normal draws of mean 0 and variance 1."""
+    draws: np.ndarray = np.random.default_rng(11).standard_normal(DRAWS, np.float32)
+    return draws

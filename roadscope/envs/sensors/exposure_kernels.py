@@ -9,16 +9,26 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.envs.imaging.sky_kernels import BLOCK
 
-BELL = 4096
-"""Entries of the table of normal draws."""
-SPREADS = 1024
-"""Steps of the table of standard deviations, by light from 0 to 1."""
 MOST_TAPS = 9
 """Most samples along the way of a pixel during the exposure."""
 FOCAL_BLUR = 0.2
 """Share of the light of an edge that the lens throws on each neighbour, against the pixel's 1."""
 LEAST_PX = 0.8
 """Shorter ways than this are not blurred."""
+STRETCH = 32
+"""Most pixels along a row that share one way."""
+CODE = (
+    np.float32(-0.0422323),
+    np.float32(1.5752777),
+    np.float32(-1.8995242),
+    np.float32(3.8985967),
+    np.float32(-5.0034247),
+    np.float32(3.4188949),
+    np.float32(-0.9477371),
+)
+"""sRGB's curve as a polynomial in the root of the light, 0.04 of a byte from it."""
+DRAWS = 1 << 18
+"""Normal draws that the noise is read from, row by row at random places."""
 
 
 class Shutter(NamedTuple):
@@ -40,16 +50,16 @@ class Shutter(NamedTuple):
 class Sensor(NamedTuple):
     """How light becomes bytes.
 
-    curve: (4096,) uint8. bell: (4096,) normal draws. spreads: (1025,) standard deviation of the
-    noise by light. vignetting: share lost in the corners. centre: (2,) pixels. key: of the noise.
+    shot: variance of the noise per light. read: variance of the noise in the dark. vignetting:
+    share lost in the corners. centre: (2,) pixels. key: of the noise. draws: float32, normal.
     """
 
-    curve: np.ndarray
-    bell: np.ndarray
-    spreads: np.ndarray
+    shot: float
+    read: float
     vignetting: float
     centre: np.ndarray
     key: np.uint64
+    draws: np.ndarray
 
 
 @compiled()
@@ -70,54 +80,86 @@ def develop(
     height, width = q.shape
     u, v = sensor.centre[0], sensor.centre[1]
     corner = max(u, width - u) ** 2 + max(v, height - v) ** 2
-    got = np.empty(3)
+    line = np.empty((width, 3), np.float32)
+    passed = np.empty((width, 3), np.float32)
+    squares = np.empty((width, 3), np.float32)
+    for c in range(width):
+        squares[c, :] = (c + 0.5 - u) ** 2
+    lost = np.float32(sensor.vignetting / corner)
     for r in range(height):
-        dy = (r + 0.5 - v) ** 2
-        above, below = max(0, r - 1), min(height - 1, r + 1)
-        for c in range(width):
-            face = faces[r, c]
-            left, right = max(0, c - 1), min(width - 1, c + 1)
-            got[0], got[1], got[2] = light[r, c, 0], light[r, c, 1], light[r, c, 2]
-            taps = 0
-            if shutter.active:
-                taps = _smear(light, q[r, c], face, r, c, shutter, got)
-            if taps == 0 and (
-                face != faces[r, left] or face != faces[r, right]
-                or face != faces[above, c] or face != faces[below, c]
-            ):  # fmt: skip
-                _soften(light, r, c, (above, below, left, right), got)
-            if len(glare) > 0:
-                _dazzle(glare, r, c, got)
-            dx = c + 0.5 - u
-            passed = 1.0 - sensor.vignetting * (dx * dx + dy) / corner
-            _expose(sensor, np.uint64(r * width + c), passed, got, pixels[r, c])
-
-
-@compiled(forceinline=True, borrowing=True)
-def _expose(
-    sensor: Sensor, number: np.uint64, passed: float, got: np.ndarray, pixel: np.ndarray
-) -> None:
-    state = sensor.key + number * np.uint64(0x9E3779B97F4A7C15)
-    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    state ^= state >> np.uint64(31)
-    steps = len(sensor.curve) - 1
-    for k in range(3):
-        value = min(1.0, max(0.0, got[k] * passed))
-        draw = np.int64((state >> np.uint64(20 * k)) & np.uint64(BELL - 1))
-        value += sensor.spreads[int(value * SPREADS)] * sensor.bell[draw]
-        pixel[k] = sensor.curve[int(min(1.0, max(0.0, value)) * steps + 0.5)]
+        base = np.float32(1.0 - lost * (r + 0.5 - v) ** 2)
+        _pass(squares.reshape(-1), base, lost, passed.reshape(-1))
+        line[:] = light[r]
+        _soften_edges(light, faces, r, line)
+        if shutter.active:
+            _smear_row(light, q[r], faces[r], r, shutter, line)
+        if len(glare) > 0:
+            _dazzle(glare, r, line)
+        start = _place(sensor.key, r, len(sensor.draws) - 3 * width)
+        _noise(
+            line.reshape(-1), passed.reshape(-1), sensor.draws[start : start + 3 * width],
+            np.float32(sensor.shot), np.float32(sensor.read), pixels[r].reshape(-1),
+        )  # fmt: skip
 
 
 @compiled(borrowing=True)
-def _soften(
-    light: np.ndarray, r: int, c: int, around: tuple[int, int, int, int], got: np.ndarray
+def _place(key: np.uint64, row: int, places: int) -> int:
+    """Draw where the noise of a row begins."""
+    state = key + np.uint64(row + 1) * np.uint64(0x9E3779B97F4A7C15)
+    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.int64((state ^ (state >> np.uint64(31))) >> np.uint64(2)) % places
+
+
+@compiled(borrowing=True)
+def _pass(squares: np.ndarray, base: np.float32, lost: np.float32, passed: np.ndarray) -> None:
+    for n in range(len(squares)):
+        passed[n] = base - lost * squares[n]
+
+
+@compiled(borrowing=True)
+def _noise(
+    line: np.ndarray,
+    passed: np.ndarray,
+    draws: np.ndarray,
+    shot: np.float32,
+    read: np.float32,
+    pixels: np.ndarray,
 ) -> None:
-    above, below, left, right = around
-    scale = 1.0 / (1.0 + 4.0 * FOCAL_BLUR)
-    for k in range(3):
-        sides = light[above, c, k] + light[below, c, k] + light[r, left, k] + light[r, right, k]
-        got[k] = scale * (got[k] + FOCAL_BLUR * sides)
+    """Add noise to one row of numbers and encode them as sRGB."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    c0, c1, c2, c3, c4, c5, c6 = CODE
+    for n in range(len(line)):
+        value = line[n] * passed[n]
+        value = value if value > zero else zero
+        value = value if value < one else one
+        value += np.sqrt(shot * value + read) * draws[n]
+        value = value if value > zero else zero
+        value = value if value < one else one
+        root = np.sqrt(value)
+        code = c4 + root * (c5 + root * c6)
+        code = c0 + root * (c1 + root * (c2 + root * (c3 + root * code)))
+        code = np.float32(12.92) * value if value < np.float32(0.0031308) else code
+        code = code if code < one else one
+        pixels[n] = np.uint8(code * np.float32(255.0) + np.float32(0.5))
+
+
+@compiled(borrowing=True)
+def _soften_edges(light: np.ndarray, faces: np.ndarray, r: int, line: np.ndarray) -> None:
+    """Let each pixel at the edge of a face take light from its four neighbours."""
+    height, width = faces.shape
+    above, below = max(0, r - 1), min(height - 1, r + 1)
+    scale = np.float32(1.0 / (1.0 + 4.0 * FOCAL_BLUR))
+    share = np.float32(FOCAL_BLUR / (1.0 + 4.0 * FOCAL_BLUR))
+    for c in range(1, width - 1):
+        face = faces[r, c]
+        same = (face == faces[r, c - 1]) & (face == faces[r, c + 1])
+        if same & (face == faces[above, c]) & (face == faces[below, c]):
+            continue
+        for k in range(3):
+            sides = light[above, c, k] + light[below, c, k]
+            sides += light[r, c - 1, k] + light[r, c + 1, k]
+            line[c, k] = scale * light[r, c, k] + share * sides
 
 
 @compiled(forceinline=True, borrowing=True)
@@ -132,43 +174,72 @@ def flow_at(
 
 
 @compiled(borrowing=True)
-def _smear(
+def _smear_row(
     light: np.ndarray,
-    q: float,
-    face: int,
+    q: np.ndarray,
+    faces: np.ndarray,
     r: int,
-    c: int,
     shutter: Shutter,
-    got: np.ndarray,
-) -> int:
-    """Average the light along the pixel's way; return the number of samples, 0 for none."""
-    height, width = light.shape[:2]
-    u = (c + 0.5 - shutter.centre[0]) / shutter.focal[0]
+    line: np.ndarray,
+) -> None:
+    """Blur one row, by stretches of one face that share one way over the image."""
+    width, start = len(q), 0
     v = (r + 0.5 - shutter.centre[1]) / shutter.focal[1]
-    row = shutter.rows[face >> 4] if face >= 0 else len(shutter.ways) - 1
-    dx, dy = flow_at(shutter, q, row, u, v)
-    most = max(abs(dx), abs(dy))
-    if most < LEAST_PX:
-        return 0
-    taps = min(MOST_TAPS, int(most) + 2)
-    got[0] = got[1] = got[2] = 0.0
-    for n in range(taps):
-        share = (n + 0.5) / taps - 0.5
-        i = min(height - 1, max(0, int(r + 0.5 + share * dy)))
-        j = min(width - 1, max(0, int(c + 0.5 + share * dx)))
-        for k in range(3):
-            got[k] += light[i, j, k] / taps
-    return taps
+    while start < width:
+        face, end = faces[start], start + 1
+        while end < width and end < start + STRETCH and faces[end] == face:
+            end += 1
+        middle = (start + end) // 2
+        u = (middle + 0.5 - shutter.centre[0]) / shutter.focal[0]
+        row = shutter.rows[face >> 4] if face >= 0 else len(shutter.ways) - 1
+        dx, dy = flow_at(shutter, q[middle], row, u, v)
+        most = max(abs(dx), abs(dy))
+        if most >= LEAST_PX:
+            _smear(light, r, start, end, (dx, dy), min(MOST_TAPS, int(most) + 2), line)
+        start = end
 
 
 @compiled(borrowing=True)
-def _dazzle(glare: np.ndarray, r: int, c: int, got: np.ndarray) -> None:
-    i, j = r // BLOCK, c // BLOCK
-    v, u = (r + 0.5 - i * BLOCK) / BLOCK, (c + 0.5 - j * BLOCK) / BLOCK
-    for k in range(3):
-        high = glare[i, j, k] + u * (glare[i, j + 1, k] - glare[i, j, k])
-        low = glare[i + 1, j, k] + u * (glare[i + 1, j + 1, k] - glare[i + 1, j, k])
-        got[k] += high + v * (low - high)
+def _smear(
+    light: np.ndarray,
+    r: int,
+    start: int,
+    end: int,
+    way: tuple[float, float],
+    taps: int,
+    line: np.ndarray,
+) -> None:
+    """Average the light of a stretch of pixels along their way."""
+    height, width = light.shape[:2]
+    weight = np.float32(1.0 / taps)
+    for c in range(start, end):
+        line[c, 0] = line[c, 1] = line[c, 2] = np.float32(0.0)
+    for n in range(taps):
+        share = (n + 0.5) / taps - 0.5
+        i = min(height - 1, max(0, int(np.floor(r + 0.5 + share * way[1]))))
+        shift = int(np.floor(0.5 + share * way[0]))
+        shift = min(width - end, max(-start, shift))
+        for c in range(start, end):
+            line[c, 0] += weight * light[i, c + shift, 0]
+            line[c, 1] += weight * light[i, c + shift, 1]
+            line[c, 2] += weight * light[i, c + shift, 2]
+
+
+@compiled(borrowing=True)
+def _dazzle(glare: np.ndarray, r: int, line: np.ndarray) -> None:
+    """Add the glare to one row, linear between the corners of blocks."""
+    i = r // BLOCK
+    v = np.float32((r + 0.5 - i * BLOCK) / BLOCK)
+    width = len(line)
+    for j in range((width + BLOCK - 1) // BLOCK):
+        for k in range(3):
+            left = glare[i, j, k] + v * (glare[i + 1, j, k] - glare[i, j, k])
+            right = glare[i, j + 1, k] + v * (glare[i + 1, j + 1, k] - glare[i, j + 1, k])
+            step = (right - left) * np.float32(1.0 / BLOCK)
+            value = left + np.float32(0.5) * step
+            for c in range(j * BLOCK, min(width, (j + 1) * BLOCK)):
+                line[c, k] += value
+                value += step
 
 
 @compiled()
