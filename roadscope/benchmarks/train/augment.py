@@ -63,49 +63,56 @@ def objects_in(labels: Labels, window: Window, crop: tuple[int, int]) -> Objects
     return Objects(boxes[there], labels.families[there], labels.categories[there], asked[there])
 
 
-def cut_out(pixels: np.ndarray, window: Window, crop: tuple[int, int]) -> Tensor:
-    """Return the window of (H, W, 3) uint8 pixels as (3, h, w) float32 in 0 to 1."""
+def cut_out(pixels: np.ndarray, window: Window, crop: tuple[int, int]) -> np.ndarray:
+    """Return the window of (H, W, 3) uint8 pixels as (h, w, 3) uint8."""
     left, top = int(window.left), int(window.top)
     part = np.array(pixels[top : top + int(window.height), left : left + int(window.width)])
-    image = torch.from_numpy(part).permute(2, 0, 1).float() / 255
-    if image.shape[1:] != crop:
-        shrinks = image.shape[1] > crop[0]
-        image = functional.interpolate(
-            image[None], crop, mode="bilinear", align_corners=False, antialias=shrinks
-        )[0]
-    return image.flip(2) if window.mirrored else image
+    if part.shape[:2] != crop:
+        image = torch.from_numpy(part).permute(2, 0, 1)[None]
+        resized = functional.interpolate(
+            image, crop, mode="bilinear", align_corners=False, antialias=True
+        )
+        part = resized[0].permute(1, 2, 0).numpy()
+    return np.ascontiguousarray(part[:, ::-1] if window.mirrored else part)
 
 
-def relit(image: Tensor, rng: np.random.Generator) -> Tensor:
-    """Change brightness, contrast, colours, sharpness and noise of (3, h, w) in 0 to 1."""
-    gain, gamma, contrast, colour = np.exp(rng.normal(0, (0.2, 0.2, 0.2, 0.25)))
-    tint = np.exp(rng.normal(0, 0.06, 3))
-    dusk, blur, noise, haze = rng.random(4)
-    if dusk < 0.15:
-        gain *= rng.uniform(0.1, 0.6)
-    image = image.clamp(min=1e-4) ** float(gamma) * float(gain)
-    image = image * torch.tensor(tint, dtype=torch.float32)[:, None, None]
-    grey = image.mean(0, keepdim=True)
-    image = grey + (image - grey) * float(colour)
-    middle = grey.mean()
-    image = middle + (image - middle) * float(contrast)
+def relit(pixels: np.ndarray, rng: np.random.Generator) -> Tensor:
+    """Change brightness, contrast, colours, sharpness and noise of (h, w, 3) uint8 pixels.
+
+    Returns (3, h, w) float32 in 0 to 1, in memory as (h, w, 3).
+    """
+    colour = float(np.exp(rng.normal(0, 0.25)))
+    blur, noise, spread = rng.random(3)
+    tables = _tables(pixels[::8, ::8].mean() / 255, rng)
+    lit = np.stack([tables[c][pixels[..., c]] for c in range(3)], axis=-1)
+    grey = lit.mean(axis=-1, keepdims=True)
+    lit = grey + (lit - grey) * np.float32(colour)
+    if noise < 0.3:
+        lit += np.float32(0.005 + 0.04 * spread) * rng.standard_normal(lit.shape, np.float32)
+    image = torch.from_numpy(np.clip(lit, 0, 1, out=lit)).permute(2, 0, 1)
+    return _blurred(image, rng) if blur < 0.2 else image
+
+
+def _tables(mean: float, rng: np.random.Generator) -> np.ndarray:
+    """Draw what becomes of the 256 bytes of each colour, (3, 256) float32 around 0 to 1."""
+    gain, gamma, contrast = np.exp(rng.normal(0, 0.2, 3))
+    tint = np.exp(rng.normal(0, 0.06, 3))[:, None]
+    dusk, darkness, haze, thick, white = rng.random(5)
+    if dusk < 0.12:
+        gain *= 0.1 + 0.5 * darkness
+    bytes_ = np.append(np.arange(256) / 255, mean)
+    tables = gain * tint * bytes_**gamma
+    tables = tables[:, -1:] + contrast * (tables[:, :-1] - tables[:, -1:])
     if haze < 0.1:
-        thick = float(rng.uniform(0.1, 0.5))
-        image = (1 - thick) * image + thick * float(rng.uniform(0.4, 0.9))
-    if blur < 0.25:
-        image = _blurred(image, rng)
-    if noise < 0.35:
-        spread = float(rng.uniform(0.005, 0.05))
-        grains = torch.from_numpy(rng.standard_normal(image.shape, np.float32))
-        image = image + spread * grains
-    return image.clamp(0, 1)
+        share = 0.1 + 0.4 * thick
+        tables = (1 - share) * tables + share * (0.4 + 0.5 * white)
+    return np.asarray(tables, np.float32)
 
 
 def _blurred(image: Tensor, rng: np.random.Generator) -> Tensor:
     """Blur along rows, as motion does, or in both directions, as a lens out of focus."""
     width = 2 * int(rng.integers(1, 3)) + 1
     rows = width if rng.random() < 0.5 else 1
-    padded = functional.pad(
-        image[None], (width // 2, width // 2, rows // 2, rows // 2), mode="replicate"
-    )
+    sides = (width // 2, width // 2, rows // 2, rows // 2)
+    padded = functional.pad(image[None], sides, mode="replicate")
     return functional.avg_pool2d(padded, (rows, width), stride=1)[0]

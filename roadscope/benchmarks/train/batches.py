@@ -16,7 +16,7 @@ from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.benchmarks.train.targets import Targets, targets_of
 from roadscope.benchmarks.train.views import Pictures
 
-CROPS = ((256, 320), (256, 320), (320, 448), (480, 640))
+CROPS = ((192, 256), (256, 320), (256, 320), (384, 512))
 """Height and width, drawn from evenly: multiples of 32. Small ones hold more that differs."""
 AHEAD = 3
 """Batches that are made while the network learns from another."""

@@ -36,9 +36,9 @@ class Recipe(Record):
     every_s: float = 0.5
     calibration_episodes: int = 21
     validation_episodes: int = 28
-    steps: int = 5000
-    pixels: int = 640 * 480 * 2
-    learning_rate: float = 3e-3
+    steps: int = 12000
+    pixels: int = 4 * 256 * 320
+    learning_rate: float = 2e-3
     weight_decay: float = 0.02
     seed: int = 0
 
@@ -52,7 +52,7 @@ class Recipe(Record):
 RECIPES = {
     "full": Recipe(),
     "small": Recipe(
-        episodes=105, images=10, calibration_episodes=14, validation_episodes=14, steps=1200
+        episodes=105, images=10, calibration_episodes=14, validation_episodes=14, steps=2400
     ),
     "trial": Recipe(
         scenarios=("street",), episodes=1, images=2, calibration_episodes=1,

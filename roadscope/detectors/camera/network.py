@@ -98,7 +98,8 @@ class CentreNetwork(nn.Module):
         self.stages = nn.ModuleList(stages)
         self.lateral = nn.ModuleList(nn.Conv2d(width, NECK, 1) for width in WIDTHS)
         self.head = Convolution(NECK, HEAD)
-        self.out = nn.Conv2d(HEAD, FAMILY_COUNT + 4 + VEHICLE_COUNT, 1)
+        # A 1 x 1 convolution; as one, its gradient is slow.
+        self.out = nn.Linear(HEAD, FAMILY_COUNT + 4 + VEHICLE_COUNT)
         nn.init.normal_(self.out.weight, std=0.01)
         offsets = torch.tensor([RARE] * FAMILY_COUNT + [1.0] * 4 + [0.0] * VEHICLE_COUNT)
         self.out.bias = nn.Parameter(offsets)
@@ -118,7 +119,7 @@ class CentreNetwork(nn.Module):
         # Boxes need more digits than bfloat16 has, so the last layer is always float32.
         features = self.head(functional.relu(y))
         with torch.autocast(pixels.device.type, enabled=False):
-            said = self.out(features.float())
+            said = self.out(features.permute(0, 2, 3, 1).float()).permute(0, 3, 1, 2)
         heat, sides, vehicles = said.split([FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
         return Maps(heat, STRIDE * sides.clamp(max=LARGEST).exp(), vehicles)
 

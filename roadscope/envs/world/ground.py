@@ -11,15 +11,26 @@ import numpy as np
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.world.borders import SITE_M, LaneIndex, border_sites, without_doubles
+from roadscope.envs.world.borders import (
+    SITE_M,
+    LaneIndex,
+    Sites,
+    border_sites,
+    without_doubles,
+)
 from roadscope.envs.world.road_memo import once_a_road
 
 PIECE_M = 12.0
 """Lanes are cut into straight pieces at most this long."""
 TURN = 0.04
 """And turning by at most this much, radians."""
-INSIDE_M = 0.6
+INSIDE_M = 0.35
 """A border this far inside another lane crosses it and bears no line."""
+CUT_M = 1.0
+"""Borders are looked at in pieces this long."""
+CUTS = round(SITE_M / CUT_M)
+SHORTEST_M = 4.0
+"""Shorter stretches of a line are left out."""
 SHOULDERS_M: Mapping[str, float] = MappingProxyType(
     {"motorway": 2.0, "urban": 2.6, "town": 3.8, "campus": 2.0, "bare": 0.5}
 )
@@ -71,9 +82,35 @@ def _lines(road: RoadMap) -> np.ndarray:
     if len(sites) == 0:
         return np.empty((0, 6))
     lanes = LaneIndex(road)
-    outer = lanes.outer(sites)
-    kept = without_doubles(sites) & ~lanes.within(sites, INSIDE_M)
-    ways = sites.slots * SITE_M
-    lines = np.column_stack([sites.starts, sites.ends, ways, ~outer])
+    outer = np.repeat(lanes.outer(sites), CUTS)
+    single = np.repeat(without_doubles(sites), CUTS)
+    pieces = _cut(sites)
+    kept = _long_enough(single & ~lanes.within(pieces, INSIDE_M), pieces)
+    ways = pieces.slots * CUT_M
+    lines = np.column_stack([pieces.starts, pieces.ends, ways, ~outer])
     result: np.ndarray = lines[kept]
+    return result
+
+
+def _cut(sites: Sites) -> Sites:
+    """Cut every site into pieces of equal length."""
+    shares = (np.arange(CUTS + 1) / CUTS)[None, :, None]
+
+    def cuts(starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        points = starts[:, None] + shares * (ends - starts)[:, None]
+        return points[:, :-1].reshape(-1, 2), points[:, 1:].reshape(-1, 2)
+
+    slots = (CUTS * sites.slots[:, None] + np.arange(CUTS)).reshape(-1)
+    return Sites(
+        *cuts(sites.starts, sites.ends), *cuts(sites.start_normals, sites.end_normals),
+        slots, np.repeat(sites.lanes, CUTS),
+    )  # fmt: skip
+
+
+def _long_enough(kept: np.ndarray, pieces: Sites) -> np.ndarray:
+    """Leave out stretches of kept pieces that are too short to be a line."""
+    begins = np.ones(len(kept), bool)
+    begins[1:] = (pieces.lanes[1:] != pieces.lanes[:-1]) | (kept[1:] != kept[:-1])
+    stretches = np.cumsum(begins) - 1
+    result: np.ndarray = kept & (np.bincount(stretches)[stretches] * CUT_M >= SHORTEST_M)
     return result

@@ -12,14 +12,14 @@ def test_boxes_stay_on_their_objects() -> None:
     for k in range(16):
         pixels, labels = pictures.pixels[k % 4], pictures.labels[k % 4]
         window = drawn_window(labels, pixels.shape[:2], (256, 320), rng)
-        image = cut_out(pixels, window, (256, 320)).numpy()
+        image = cut_out(pixels, window, (256, 320))
         objects = objects_in(labels, window, (256, 320))
         for box, category in zip(objects.boxes, objects.categories, strict=True):
             left, top, right, bottom = np.rint(box).astype(int)
-            inside = image[:, top + 1 : bottom - 1, left + 1 : right - 1]
+            inside = image[top + 1 : bottom - 1, left + 1 : right - 1]
             if inside.size:
                 channel = 2 if category == 6 else 0
-                assert inside[channel].min() > 0.6
+                assert inside[..., channel].min() > 150
                 seen += 1
     assert seen > 16
 
@@ -40,13 +40,13 @@ def test_mirrored_twice_is_as_before() -> None:
     window = Window(0, 0, 320, 256, mirrored=True)
     image = cut_out(pictures.pixels[0], window, (256, 320))
     plain = cut_out(pictures.pixels[0], Window(0, 0, 320, 256), (256, 320))
-    np.testing.assert_array_equal(image.flip(2), plain)
+    np.testing.assert_array_equal(image[:, ::-1], plain)
 
 
 def test_light_changes_but_stays_in_bounds() -> None:
     image = cut_out(toy_pictures(3, 1).pixels[0], Window(0, 0, 320, 256), (256, 320))
     for seed in range(12):
         lit = relit(image, np.random.default_rng(seed))
-        assert lit.shape == image.shape
+        assert lit.shape == (3, 256, 320)
         assert 0 <= float(lit.min()) <= float(lit.max()) <= 1
-        assert not np.array_equal(lit, image)
+        assert not np.allclose(lit.permute(1, 2, 0).numpy() * 255, image, atol=1)
