@@ -40,6 +40,7 @@ def train(
         )
     from roadscope.benchmarks.tables import score_table
 
-    headline(f"validation seeds, {done.scores.ap50.n} road users")
-    show(score_table(done.scores.named()))
+    for name, scores in {"validation seeds": done.scores, **done.held_out}.items():
+        headline(f"{name.replace('_', ' ')}: {scores.ap50.n} road users")
+        show(score_table(scores.named()))
     typer.echo(f"written: {done.weights}, {done.record}")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.train import views
 from roadscope.benchmarks.train.recipe import (
     CALIBRATION_SEEDS,
+    HELD_OUT_SCENARIOS,
+    HELD_OUT_WEATHERS,
     RECIPES,
     TRAIN_SEEDS,
     VALIDATION_SEEDS,
@@ -25,17 +28,26 @@ from roadscope.benchmarks.train.views import Pictures, View, drawn_views
 from roadscope.core import Calibration, CameraImage, Frame, ImageDetections
 from roadscope.core.names import unknown
 
+if TYPE_CHECKING:
+    from roadscope.benchmarks.train.training import Trainer
+    from roadscope.detectors.camera.network import CentreNetwork
+
 LEAST_SCORE = 0.01
 """Of detections that are calibrated and scored."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trained:
-    """What came out. weights, record: files. seconds: of wall time in this run."""
+    """What came out.
+
+    weights, record: files. seconds: that learning took, pictures not counted.
+    scores: on validation seeds. held_out: likewise, in scenarios and weathers never trained on.
+    """
 
     weights: Path
     record: Path
     scores: ImageScores
+    held_out: Mapping[str, ImageScores]
     data_hash: str
     seconds: float
 
@@ -55,7 +67,7 @@ def train_camera(
     that was stopped goes on from; left out, one in the cache. jobs: processes that render,
     then threads that learn.
     """
-    from dataclasses import replace
+    from roadscope.benchmarks.train.training import Trainer
 
     if recipe not in RECIPES:
         raise ValueError(unknown("recipe", recipe, RECIPES))
@@ -63,16 +75,23 @@ def train_camera(
     target = Path(out).with_suffix(".safetensors")
     usable_folder(target.parent)
     folder = usable_folder(cache_dir() / "camera-training" if work is None else work)
-    began = time.monotonic()
-    split = _split(plan)
+    split, apart = _split(plan), _held_out(plan)
+    _rendered([v for part in apart.values() for v in part], folder, jobs, progress)
     digests = _rendered([v for part in split for v in part], folder, jobs, progress)
     data_hash = fingerprint(digests)
     learned, calibration, scores = ([views.read(v, folder) for v in part] for part in split)
-    _learn(plan, data_hash, learned, folder, target, jobs, progress)
-    _calibrate(target, calibration)
+    trainer = Trainer(plan, fingerprint([plan, data_hash]))
+    network = _learn(trainer, learned, folder, jobs=jobs, progress=progress)
+    _calibrate(network, target, calibration)
     found = evaluate(target, scores, progress)
-    record = _record(target, recipe, plan, data_hash, found, time.monotonic() - began)
-    return Trained(target, record, found, data_hash, time.monotonic() - began)
+    others = {
+        name: evaluate(target, [views.read(v, folder) for v in part], progress)
+        for name, part in apart.items()
+    }
+    record = target.with_suffix(".toml")
+    done = Trained(target, record, found, others, data_hash, trainer.seconds)
+    _record(done, recipe, plan)
+    return done
 
 
 def _split(plan: Recipe) -> tuple[list[View], list[View], list[View]]:
@@ -81,6 +100,19 @@ def _split(plan: Recipe) -> tuple[list[View], list[View], list[View]]:
         drawn_views(plan, plan.calibration_episodes, CALIBRATION_SEEDS),
         drawn_views(plan, plan.validation_episodes, VALIDATION_SEEDS, varied=False),
     )
+
+
+def _held_out(plan: Recipe) -> dict[str, list[View]]:
+    """Draw episodes unlike those learned from: in other places, in heavier weather."""
+    count = max(1, plan.validation_episodes // 3)
+    unlike = {
+        "held_out_scenarios": replace(plan, scenarios=HELD_OUT_SCENARIOS),
+        "held_out_weathers": replace(plan, weathers=HELD_OUT_WEATHERS),
+    }
+    return {
+        name: drawn_views(other, count, VALIDATION_SEEDS, varied=False)
+        for name, other in unlike.items()
+    }
 
 
 def _rendered(wanted: Sequence[View], folder: Path, jobs: int, progress: Progress) -> list[str]:
@@ -98,31 +130,28 @@ def _rendered(wanted: Sequence[View], folder: Path, jobs: int, progress: Progres
 
 
 def _learn(
-    plan: Recipe, data_hash: str, episodes: Sequence[Pictures], folder: Path, target: Path,
-    jobs: int, progress: Progress,
-) -> None:  # fmt: skip
+    trainer: Trainer, episodes: Sequence[Pictures], folder: Path, *, jobs: int, progress: Progress
+) -> CentreNetwork:
     import torch
 
-    from roadscope.benchmarks.train.training import Trainer, train
-    from roadscope.detectors.camera.weight_file import Calibration, save
+    from roadscope.benchmarks.train.training import train
 
     torch.set_num_threads(jobs)
-    key = fingerprint([plan, data_hash])
-    network = train(
-        Trainer(plan, key), episodes, folder / f"checkpoint-{key}.pt", progress=progress
-    )
-    save(target, network, Calibration())
+    checkpoint = folder / f"checkpoint-{trainer.key}.pt"
+    return train(trainer, episodes, checkpoint, progress=progress)
 
 
-def _calibrate(target: Path, episodes: Sequence[Pictures]) -> None:
+def _calibrate(network: CentreNetwork, target: Path, episodes: Sequence[Pictures]) -> None:
+    """Write the network with what its scores are worth on these pictures."""
     from roadscope.benchmarks.train.calibration import calibrated
     from roadscope.detectors.camera.detector import CameraDetector
-    from roadscope.detectors.camera.weight_file import load, save
+    from roadscope.detectors.camera.weight_file import Calibration, save
 
+    save(target, network, Calibration())
     detector = CameraDetector(weights=str(target), min_score=LEAST_SCORE)
     peaks = [detector.peaks(np.asarray(p)) for e in episodes for p in e.pixels]
     worth = calibrated(peaks, [label for e in episodes for label in e.labels])
-    save(target, load(target)[0], worth)
+    save(target, network, worth)
 
 
 def evaluate(
@@ -146,9 +175,7 @@ def _frame(pixels: np.ndarray, stamp_s: float) -> Frame:
     return Frame(stamp_s, Calibration(), camera=image)
 
 
-def _record(
-    target: Path, name: str, plan: Recipe, data_hash: str, scores: ImageScores, seconds: float
-) -> Path:
+def _record(done: Trained, name: str, plan: Recipe) -> None:
     """Write down what produced the weights and what they reach."""
     from hashlib import sha256
 
@@ -159,16 +186,14 @@ def _record(
         f'architecture = "{ARCHITECTURE}"',
         f"seed = {plan.seed}",
         f"steps = {plan.steps}",
-        f'data = "{data_hash}"',
-        f'weights = "{sha256(target.read_bytes()).hexdigest()}"',
-        f"seconds = {seconds:.0f}",
-        f"scenarios = [{', '.join(repr(s) for s in plan.scenarios)}]".replace("'", '"'),
-        "",
-        "[validation] # seeds from 10000 on, scores from 0.5 up for rates and false alarms",
+        f'data = "{done.data_hash}"',
+        f'weights = "{sha256(done.weights.read_bytes()).hexdigest()}"',
+        f"seconds = {done.seconds:.0f} # of learning",
+        f"scenarios = {json.dumps(plan.scenarios)}",
+        f"weathers = {json.dumps(sorted(set(plan.weathers)))}",
+        "# Scores are on validation seeds; rates and false alarms from a score of 0.5 up.",
     ]
-    for key, score in scores.named().items():
-        lines.append(f"{key} = {score.value:.4f}")
-    lines.append(f"objects = {scores.ap50.n}")
-    path = target.with_suffix(".toml")
-    path.write_text("\n".join([*lines, ""]), "utf-8")
-    return path
+    for section, scores in {"validation": done.scores, **done.held_out}.items():
+        lines += ["", f"[{section}]", f"objects = {scores.ap50.n}"]
+        lines += [f"{key} = {score.value:.4f}" for key, score in scores.named().items()]
+    done.record.write_text("\n".join([*lines, ""]), "utf-8")

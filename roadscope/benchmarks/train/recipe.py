@@ -16,6 +16,7 @@ HELD_OUT_SCENARIOS = ("intersection", "waiting", "dense-motorway", "cut-ins")
 """Never trained on, so that they tell how well what was learned carries over."""
 WEATHERS = ("clear", "clear", "clear", "rain-1", "rain-3", "fog-1", "fog-2", "fog-3")
 """Drawn from evenly; the heaviest rain and fog are held out."""
+HELD_OUT_WEATHERS = ("rain-5", "fog-4", "fog-5")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

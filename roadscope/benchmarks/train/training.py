@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,12 +31,14 @@ class Trainer:
     """All that changes from step to step.
 
     key: of recipe and pictures; a checkpoint of another key is not gone on with.
+    seconds: spent on learning, earlier runs included.
     """
 
     recipe: Recipe
     key: str
     device: torch.device = field(default_factory=lambda: best_device())
     step: int = 0
+    seconds: float = 0.0
     network: CentreNetwork = field(init=False)
     average: CentreNetwork = field(init=False)
     optimiser: torch.optim.AdamW = field(init=False)
@@ -84,7 +87,7 @@ class Trainer:
     def save(self, path: Path) -> None:
         """Write a checkpoint."""
         state = {name: getattr(self, name).state_dict() for name in _PARTS}
-        data = {"key": self.key, "step": self.step, **state}
+        data = {"key": self.key, "step": self.step, "seconds": self.seconds, **state}
         write_atomically(path, lambda part: torch.save(data, part))
 
     def resume(self, path: Path) -> bool:
@@ -101,6 +104,7 @@ class Trainer:
         for name in _PARTS:
             getattr(self, name).load_state_dict(data[name])
         self.step = data["step"]
+        self.seconds = data["seconds"]
         return True
 
 
@@ -146,8 +150,10 @@ def train(
     trainer.resume(checkpoint)
     deck = Deck(episodes, recipe.seed)
     progress("training", trainer.step, recipe.steps)
+    before, since = trainer.seconds, time.monotonic()
     for batch in batches(deck, recipe, trainer.step):
         loss = trainer.learn(batch)
+        trainer.seconds = before + time.monotonic() - since
         told(trainer.step, loss)
         progress("training", trainer.step, recipe.steps)
         if trainer.step % SAVED_EVERY == 0 or trainer.step == recipe.steps:

@@ -33,6 +33,7 @@ def test_a_run_writes_weights_that_detect_and_their_record(tmp_path: Path) -> No
     assert record["command"] == "roadscope train camera --recipe trial --seed 0"
     assert record["data"] == done.data_hash
     assert record["validation"]["objects"] == done.scores.ap50.n == 12
+    assert {"held_out_scenarios", "held_out_weathers"} < set(record)
     image = CameraImage(np.full((64, 64, 3), 99, np.uint8), np.eye(3), 0.0, "camera")
     CameraDetector(weights=str(done.weights)).detect(Frame(0.0, Mounting(), camera=image))
 
