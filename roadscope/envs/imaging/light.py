@@ -71,9 +71,12 @@ def daylight(rng: np.random.Generator) -> Light:
     grey = np.array(GREY)
     zenith = (1 - dull) * np.array([0.16, 0.28, 0.52]) + dull * grey
     horizon = (1 - dull) * np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low]) + dull * grey
+    # The camera exposes for what falls on level ground.
+    fallen = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
+    exposure = min(1.7, 1.1 / fallen)
     return Light(
         float(rng.uniform(-np.pi, np.pi)), elevation, _colour(sun), _colour(zenith),
-        _colour(horizon), clouds=clouds, gain=float(rng.uniform(0.95, 1.3)),
+        _colour(horizon), clouds=clouds, gain=exposure * float(rng.uniform(0.95, 1.3)),
     )  # fmt: skip
 
 
@@ -81,7 +84,7 @@ def overcast(rng: np.random.Generator) -> Light:
     """Draw a closed grey sky; hardly a shadow."""
     return Light(
         float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.3, 1.0)), (0.04, 0.04, 0.04),
-        GREY, (0.60, 0.61, 0.62), clouds=1.0, gain=float(rng.uniform(0.95, 1.25)),
+        GREY, (0.60, 0.61, 0.62), clouds=1.0, gain=float(rng.uniform(1.4, 1.8)),
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ TOP, BOTTOM = 12, 13
 GROUND_FACE, SKY_FACE = -1, -2
 NEAR_M = 0.05
 """Nothing nearer to the image plane is drawn."""
-LEAF_M, LEAF_PX = 0.13, 3.5
+LEAF_M, LEAF_PX = 0.12, 2.0
 """Edge of the cells of which foliage is made; far away they double until they cover pixels."""
 STRIDE = 16
 """Pixels along a row for which one face is tried as the one that rays leave through."""

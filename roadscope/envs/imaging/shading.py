@@ -31,6 +31,8 @@ from roadscope.envs.raycast.scene import Scene
 
 CLEAR_PER_M = 1.2e-4
 """Extinction of clear air: a visibility of 33 km."""
+BRIGHTEST_FOG = 0.75
+"""The exposure keeps fog below white."""
 CURVE = 4096
 """Steps of the table from linear light to bytes."""
 _ROOM = threading.local()
@@ -105,7 +107,7 @@ def air_of(light: Light, extinction_per_m: float, wet: float) -> Air:
     zenith = zenith + sky * (horizon - zenith)
     return Air(
         light.towards_sun, sun * hidden, zenith, horizon, ground, light.clouds, light.lamps,
-        CLEAR_PER_M + extinction_per_m, horizon, wet,
+        CLEAR_PER_M + extinction_per_m, horizon * min(1.0, BRIGHTEST_FOG / horizon.max()), wet,
     )  # fmt: skip
 
 

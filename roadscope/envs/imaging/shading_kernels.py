@@ -316,6 +316,8 @@ def _ground_lamps(
             bench[5, n] += bench[8, n] * (0.42 * warm + 0.85 * white) / 255.0**2
         if air.wet > 0.0:
             share = _mirrored(lens, stage, air, x, y, bench[2, n])
+            # Water does not stand on grass.
+            share *= 0.15 if bench[7, n] > 1.15 * bench[6, n] else 1.0
             dark = 1.0 - 0.4 * air.wet - share
             for k in range(3):
                 bench[3 + k, n] = dark * bench[3 + k, n] + share * air.horizon[k]
@@ -357,7 +359,7 @@ def _mirrored(
     graze = 1.0 - min(1.0, down)
     square = graze * graze
     puddle = min(1.0, max(0.0, 3.5 * (blend_of(stage.noise, 6.0 * x, 6.0 * y) - 0.42)))
-    return air.wet * (0.25 + 0.75 * puddle) * (0.02 + 0.75 * square * square * graze)
+    return air.wet * (0.5 + 0.5 * puddle) * (0.02 + 0.6 * square * square * graze)
 
 
 @compiled(forceinline=True, borrowing=True)

@@ -49,7 +49,10 @@ def exposed(
     key, drops = np.random.SeedSequence([noise_seed, nanoseconds]).generate_state(2, np.uint64)
     centre = np.array(spec.pinhole.centre_px, np.float64)
     if rain_mm_h > 0.0:
-        rain_streaks(light, raster.q, spec.pinhole.focal_px[0], spec.exposure_s, rain_mm_h, drops)
+        rain_streaks(
+            light, raster.q, light[0, ::16].mean(axis=0), spec.pinhole.focal_px[0],
+            spec.exposure_s, rain_mm_h, drops,
+        )  # fmt: skip
     pixels = np.empty(light.shape, np.uint8)
     develop(
         light, raster.q, raster.faces, shutter_of(spec, world_from_camera, motion, solids),

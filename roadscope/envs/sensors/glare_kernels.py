@@ -87,6 +87,7 @@ def spread_sun(
 def rain_streaks(
     light: np.ndarray,
     q: np.ndarray,
+    above: np.ndarray,
     focal: float,
     exposure_s: float,
     rate_mm_h: float,
@@ -95,15 +96,10 @@ def rain_streaks(
     """Draw drops as streaks: as long as they fall while the shutter is open, as bright as the sky.
 
     They lie between camera and scene, 0.6 to 12 m away; the number grows as rate ** 0.63, as the
-    extinction does.
+    extinction does. above: (3,) light of the sky.
     """
     height, width = q.shape
     count = int(DROPS * rate_mm_h**0.63 * (width / focal) * (height / focal) * 3.0)
-    above = np.empty(3)
-    for k in range(3):
-        above[k] = 0.0
-        for c in range(0, width, 16):
-            above[k] += light[0, c, k] / ((width + 15) // 16)
     state = key | np.uint64(1)
     for _ in range(count):
         state = _next(state)

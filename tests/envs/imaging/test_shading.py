@@ -1,0 +1,177 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from roadscope.core import Category, Pose
+from roadscope.envs.imaging.ground import Ground
+from roadscope.envs.imaging.light import LIGHTS, Light, light_named
+from roadscope.envs.imaging.pinhole import Pinhole, mounted
+from roadscope.envs.imaging.raster import lens_of, rasterise, solids_of
+from roadscope.envs.imaging.shading import shade
+from roadscope.envs.imaging.shadow_kernels import cast_shadows
+from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.world import materials
+from roadscope.envs.world.bodies import body_prisms
+from roadscope.envs.world.ground import Surface, surface_of
+from roadscope.envs.world.prisms import Prisms
+from tests.envs.worlds import straight
+
+PINHOLE = Pinhole.centred(160, 120, 120.0)
+AHEAD = Pose.from_euler(0, 0, 1.4) @ mounted(0, 0, 0)
+NONE = np.empty((0, 3))
+LEVEL = Light(clouds=0.0, sun_azimuth=np.pi, sun_elevation=0.6)
+
+
+def bare() -> Ground:
+    return Ground(Surface(np.empty((0, 5)), np.empty((0, 6))), "bare")
+
+
+def wall(x: float, y: float, material: int) -> Prisms:
+    corners = np.array([[0, -1], [1, -1], [1, 1], [0, 1]], float) * [1.0, 0.05 * x] + [x, y]
+    return Prisms.of(corners, 0.0, 0.3 * x, owner=-2 - int(x), material=material)
+
+
+def shaded(scene: Scene, pose: Pose = AHEAD, light: Light = LEVEL, **air: float) -> np.ndarray:
+    solids = solids_of(scene, 0.0)
+    raster = rasterise(scene, PINHOLE, pose, 0.0, solids=solids)
+    categories = np.zeros(len(scene.present), np.int8)
+    return shade(
+        raster, scene, solids, PINHOLE, pose, stamp_s=0.0, ground=bare(), light=light,
+        categories=categories, **air,
+    ).copy()  # fmt: skip
+
+
+@pytest.mark.parametrize("visibility_m", [50.0, 120.0, 500.0])
+def test_contrast_falls_as_koschmieder_says(visibility_m: float) -> None:
+    extinction = 3.912 / visibility_m
+    differences = []
+    distances = np.array([8.0, 20.0, 40.0, 70.0])
+    for x in distances:
+        walls = [wall(x, 0.1 * x, materials.GREY), wall(x, -0.1 * x, materials.RUBBER)]
+        scene = Scene.still(Prisms.join(walls), Prisms.empty(), NONE)
+        image = shaded(scene, extinction_per_m=extinction)
+        # Two walls as far as each other: what the air adds is the same and drops out.
+        differences.append(image[58, 80 - 12] - image[58, 80 + 12])
+    expected = np.exp(-(extinction + 1.2e-4) * (distances - distances[0]) * np.hypot(1, 0.1))
+    got = np.array(differences)[:, 0]
+    assert np.allclose(got / got[0], expected, rtol=0.02)
+
+
+def in_shadow(scene: Scene, place: np.ndarray, sun: np.ndarray) -> bool:
+    """Walk towards the sun in small steps and look whether any prism holds the point."""
+    for prism in range(len(scene.static)):
+        corners = scene.static.footprints[prism, : scene.static.corners[prism]]
+        sides = np.roll(corners, -1, axis=0) - corners
+        for z in np.arange(0.01, 5.0, 0.02):
+            arms = place + sun[:2] / sun[2] * z - corners
+            inside = (sides[:, 0] * arms[:, 1] - sides[:, 1] * arms[:, 0] >= 0).all()
+            if inside and scene.static.bottoms[prism] <= z <= scene.static.tops[prism]:
+                return True
+    return False
+
+
+@pytest.mark.parametrize("azimuth", [0.4, 2.0, -1.3])
+def test_shadows_fall_where_a_ray_to_the_sun_is_stopped(azimuth: float) -> None:
+    boxes = [
+        Prisms.of(np.array([[9, -1], [11, -1], [11, 1], [9, 1.0]]), 0.0, 2.0, owner=-2),
+        Prisms.of(np.array([[14, 3], [15, 3], [14.5, 4.0]]), 0.8, 3.0, owner=-3),
+    ]
+    scene = Scene.still(Prisms.join(boxes), Prisms.empty(), NONE)
+    pose = Pose.from_euler(0, 0, 4.0, pitch=0.3) @ mounted(0, 0, 0)
+    raster, solids = rasterise(scene, PINHOLE, pose, 0.0), solids_of(scene, 0.0)
+    sun = Light(sun_azimuth=azimuth, sun_elevation=0.7).towards_sun
+    lit, open_sky = np.empty((2, *raster.faces.shape), np.uint8)
+    cast_shadows(lens_of(PINHOLE, pose), solids, raster.faces, sun, lit, open_sky)
+    ground = np.argwhere(raster.faces == -1)
+    rng = np.random.default_rng(0)
+    wrong = 0
+    picked = np.concatenate([rng.permutation(ground)[:150], np.argwhere(lit == 0)[::40]])
+    for row, column in picked:
+        ray = np.array([column + 0.5 - 80, row + 0.5 - 60, 120.0]) / 120.0
+        place = pose.translation + pose.rotation @ ray / raster.q[row, column]
+        wrong += in_shadow(scene, place[:2], sun) != (lit[row, column] == 0)
+    assert (lit == 0).sum() > 100
+    assert wrong <= 3
+
+
+def test_shadows_point_away_from_the_sun() -> None:
+    box = Prisms.of(np.array([[9, -1], [11, -1], [11, 1], [9, 1.0]]), 0.0, 2.0, owner=-2)
+    scene = Scene.still(box, Prisms.empty(), NONE)
+    pose = Pose.from_euler(0, 0, 4.0, pitch=0.3) @ mounted(0, 0, 0)
+    left = shaded(scene, pose, Light(sun_azimuth=np.pi / 2, sun_elevation=0.5, clouds=0.0))
+    right = shaded(scene, pose, Light(sun_azimuth=-np.pi / 2, sun_elevation=0.5, clouds=0.0))
+    # A sun on the left darkens the ground right of the box, and the other way round.
+    assert left[60:75, 105:115].mean() < 0.6 * right[60:75, 105:115].mean()
+    assert right[60:75, 45:55].mean() < 0.6 * left[60:75, 45:55].mean()
+
+
+@pytest.mark.parametrize("kind", LIGHTS)
+@pytest.mark.parametrize("beta", [0.0, 0.05])
+def test_light_is_finite_whatever_stands_there(kind: str, beta: float) -> None:
+    rng = np.random.default_rng(3)
+    sizes = {c: np.array([4.5 if c < 3 else 0.8, 0.9, 1.7]) for c in Category}
+    bodies = Prisms.join(
+        [replace_owner(body_prisms(c, sizes[c], rng), row) for row, c in enumerate(Category)]
+    )
+    poses = np.array([[6.0 + 3 * k, 2.0 * (k % 3) - 2, 0.7 * k] for k in range(len(Category))])
+    every = [
+        replace_material(wall(12.0 + k, 9.0 - 0.4 * k, 0), k) for k in range(len(materials.MATERIALS))
+    ]
+    scene = Scene.still(Prisms.join(every), bodies, poses)
+    light = light_named(kind, rng)
+    for pose in (AHEAD, Pose.from_euler(0, 0, 3, pitch=1.5) @ mounted(0, 0, 0)):
+        image = shaded(scene, pose, light, extinction_per_m=beta, wet=1.0)
+        assert np.isfinite(image).all()
+        assert (image >= 0).all()
+
+
+def replace_owner(prisms: Prisms, row: int) -> Prisms:
+    return replace(prisms, owners=np.full(len(prisms), row, np.int32))
+
+
+def replace_material(prisms: Prisms, material: int) -> Prisms:
+    return replace(prisms, materials=np.full(len(prisms), material, np.int16))
+
+
+def test_nothing_at_all_is_sky_above_and_ground_below() -> None:
+    image = shaded(Scene.still(Prisms.empty(), Prisms.empty(), NONE))
+    assert np.isfinite(image).all()
+    assert image[5].mean() > 2 * image[110].mean()
+
+
+def test_a_camera_inside_a_body_does_not_see_it() -> None:
+    box = Prisms.of(np.array([[-2, -1], [2, -1], [2, 1], [-2, 1.0]]), 0.0, 3.0, owner=-2)
+    image = shaded(Scene.still(box, Prisms.empty(), NONE))
+    assert np.isfinite(image).all()
+    assert image[5].mean() > 0.2
+
+
+def test_night_is_dark_but_for_lamps() -> None:
+    scene = Scene.still(Prisms.empty(), Prisms.empty(), NONE)
+    night = replace(light_named("night", np.random.default_rng(0)), clouds=0.0)
+    lit = shaded(scene, light=night)
+    unlit = shaded(scene, light=replace(night, lamps=False))
+    assert unlit.max() < 0.05
+    # Headlights light the ground ahead of the car and not the far ground.
+    assert lit[90, 80].mean() > 20 * unlit[90, 80].mean()
+    assert lit[62, 80].mean() < 2 * unlit[62, 80].mean() + 0.01
+
+
+def test_cells_do_not_depend_on_the_way_to_a_place() -> None:
+    surface = surface_of(straight())
+    one, other = Ground(surface, "urban"), Ground(surface, "urban")
+    for x in (-200.0, 0.0, 90.0, 40.0):
+        one.around(np.array([x, 3.0]), np.array([1.0, 0.0]))
+    other.around(np.array([40.0, 3.0]), np.array([1.0, 0.0]))
+    # Rows end in cells that are never used.
+    assert np.array_equal(one.cells[..., :1024], other.cells[..., :1024])
+
+
+def test_an_unknown_light_is_refused_by_name() -> None:
+    with pytest.raises(ValueError, match="noon.*night"):
+        light_named("noon", np.random.default_rng(0))
+    assert light_named(LEVEL, np.random.default_rng(0)) is LEVEL
+    assert light_named("dusk", np.random.default_rng(4)) == light_named(
+        "dusk", np.random.default_rng(4)
+    )
