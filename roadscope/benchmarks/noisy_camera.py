@@ -135,7 +135,7 @@ def _another(family: np.ndarray, draws: np.ndarray) -> np.ndarray:
     """One of the other two; cyclists and pedestrians are taken for one another most."""
     first = np.array([2, 2, 1])[family]
     second = np.array([1, 0, 0])[family]
-    return np.where(draws < 0.75, first, second)
+    return np.asarray(np.where(draws < 0.75, first, second))
 
 
 def _inside(boxes: np.ndarray, width: int, height: int) -> np.ndarray:

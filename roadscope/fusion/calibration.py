@@ -35,20 +35,21 @@ class CalibrationResult:
 
 def calibrate(
     points: np.ndarray, pixels: np.ndarray, width: int, height: int,
-    *, gate_px: float = 8.0, seed: int = 0,
+    *, gate_px: float = 8.0, seed: int = 0, intrinsics: np.ndarray | None = None,
 ) -> CalibrationResult:  # fmt: skip
     """Find the projection from (N, 3) points, metres, and their (N, 2) pixels.
 
     Outliers are left out by random sampling of six points and a gate; the linear solution of the
     rest is refined to a camera with square-cornered pixels and a rotation, by least squares of
-    pixels with a robust loss.
+    pixels with a robust loss. intrinsics: (3, 3) where they are known already, which leaves only
+    the mounting pose to be found.
     """
     points, pixels = np.asarray(points, np.float64), np.asarray(pixels, np.float64)
     _check(points, pixels)
     inliers = _agreeing(points, pixels, gate_px, np.random.default_rng(seed))
     for _ in range(3):
-        matrix = _refined(solve_linear(points[inliers], pixels[inliers]), points[inliers],
-                          pixels[inliers])  # fmt: skip
+        linear = solve_linear(points[inliers], pixels[inliers])
+        matrix = _refined(linear, points[inliers], pixels[inliers], intrinsics)
         errors = distances_px(matrix, points, pixels)
         now = errors < gate_px
         if now.sum() < LEAST_POINTS or (now == inliers).all():
@@ -134,14 +135,17 @@ def _agreeing(
     return best
 
 
-def _refined(matrix: np.ndarray, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def _refined(
+    matrix: np.ndarray, points: np.ndarray, pixels: np.ndarray, known: np.ndarray | None
+) -> np.ndarray:
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation
 
     try:
-        intrinsics, ego_from_camera = decompose(matrix)
+        found, ego_from_camera = decompose(matrix)
     except CalibrationError:
         return matrix
+    intrinsics = found if known is None else np.asarray(known, np.float64)
     camera_from_ego = ego_from_camera.inverse()
 
     def built(numbers: np.ndarray) -> np.ndarray:
@@ -164,8 +168,10 @@ def _refined(matrix: np.ndarray, points: np.ndarray, pixels: np.ndarray) -> np.n
         ]
     )
     scale = np.concatenate([np.full(4, 1000.0), np.ones(6)])
-    found = least_squares(apart, start, loss="soft_l1", x_scale=scale)
-    return built(found.x)
+    if known is None:
+        return built(least_squares(apart, start, loss="soft_l1", x_scale=scale).x)
+    pose = least_squares(lambda six: apart(np.append(start[:4], six)), start[4:], loss="soft_l1")
+    return built(np.append(start[:4], pose.x))
 
 
 def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,6 +21,7 @@ from roadscope.fusion.masses import (
 )
 from roadscope.fusion.matched_views import Agreement
 from roadscope.fusion.matching import leftovers
+from roadscope.fusion.overlap import areas, intersections
 from roadscope.fusion.sizes import USUAL_M
 from roadscope.fusion.weights import odds_model
 
@@ -51,12 +52,18 @@ class ConsistentFusion:
         masses = _masses(views, rows, columns, single)
         features = candidate_features(views, agreement, rows, columns, single)
         names = kinds_of(lidar is None, camera is None)
-        odds = [odds_model(name).odds(part) for name, part in zip(names, features, strict=True)]
+        odds = [odds_of(name, part) for name, part in zip(names, features, strict=True)]
         lidar_rows = np.concatenate([rows, single[0], np.full(len(single[1]), -1)])
         camera_rows = np.concatenate([columns, np.full(len(single[0]), -1), single[1]])
         scores = 1 / (1 + np.exp(-np.concatenate(odds)))
         fused = assemble(views, lidar_rows, camera_rows, masses, scores)
         return with_places(fused, views, agreement, (camera_rows, projection))
+
+
+def odds_of(name: str, features: np.ndarray) -> np.ndarray:
+    """(N,) log odds; a sensor that works alone has the first few features only."""
+    model = odds_model(name)
+    return model.odds(features[:, : model.size])
 
 
 def kinds_of(no_lidar: bool, no_camera: bool) -> tuple[str, str, str]:
@@ -72,11 +79,24 @@ def candidate_features(
     views: Views, agreement: Agreement, rows: np.ndarray, columns: np.ndarray,
     single: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Features of pairs, (P, 9), of LiDAR's alone, (L, 4), of the camera's alone, (C, 4)."""
+    """Features of pairs, (P, 10), of LiDAR's alone, (L, 5), of the camera's alone, (C, 6).
+
+    Beside those of each sensor: how well pairs agree, how much of a cluster lies in a camera's
+    box (it may be a part of what that shows), how far away a camera's box is, and whether a
+    cluster at its depth covers it.
+    """
     of_lidar, of_camera = lidar_features(views), camera_features(views.camera)
-    cost = agreement.cost[rows, columns][:, None] / 10.0
-    pairs = np.column_stack([of_lidar[rows], of_camera[columns], cost])
-    return pairs, of_lidar[single[0]], of_camera[single[1]]
+    cost = agreement.cost[rows, columns] / 10.0
+    far = agreement.log_depths - np.log(20.0)
+    pairs = np.column_stack([of_lidar[rows], of_camera[columns], cost, far[columns]])
+    shared = intersections(views.lidar_boxes, views.camera.boxes).max(axis=1, initial=0.0)
+    part = shared / np.maximum(areas(views.lidar_boxes), 1.0)
+    lent = lenders(views, agreement)[0]
+    return (
+        pairs,
+        np.column_stack([of_lidar, part])[single[0]],
+        np.column_stack([of_camera, far, lent])[single[1]],
+    )
 
 
 def lidar_features(views: Views) -> np.ndarray:
@@ -104,15 +124,8 @@ def with_places(
     boxes = views.camera.boxes[rows]
     middles = (boxes[:, 0] + boxes[:, 2]) / 2
     depths, numbers = np.exp(agreement.log_depths[rows]), np.full(len(rows), -1)
-    if len(views.lidar):
-        covers = (views.lidar_boxes[:, None, 0] <= middles) & (
-            middles <= views.lidar_boxes[:, None, 2]
-        )
-        apart = np.where(covers & views.in_image[:, None], agreement.depth[:, rows], np.inf)
-        best = apart.argmin(axis=0)
-        lent = apart[best, np.arange(len(rows))] < LEND_DEPTH
-        depths = np.where(lent, agreement.lidar_depths[best], depths)
-        numbers = np.where(lent, best, -1)
+    lent, best = (part[rows] for part in lenders(views, agreement))
+    depths[lent], numbers[lent] = agreement.lidar_depths[best[lent]], best[lent]
     sizes = USUAL_M[fused.categories[alone]]
     places = places_at(
         np.column_stack([middles, (boxes[:, 1] + boxes[:, 3]) / 2]), depths, projection
@@ -129,6 +142,19 @@ def with_places(
         numbers=_put(fused.numbers, alone, numbers),
         distances_m=_put(fused.distances_m, alone, np.hypot(places[:, 0], places[:, 1])),
     )
+
+
+def lenders(views: Views, agreement: Agreement) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) bool whether a cluster covers a camera box's middle at its depth, and (M,) which."""
+    boxes = views.camera.boxes
+    if not len(views.lidar):
+        return np.zeros(len(boxes), bool), np.full(len(boxes), -1)
+    middles = (boxes[:, 0] + boxes[:, 2]) / 2
+    left, right = views.lidar_boxes[:, None, 0], views.lidar_boxes[:, None, 2]
+    covers = (left <= middles) & (middles <= right) & views.in_image[:, None]
+    apart = np.where(covers, agreement.depth, np.inf)
+    best = apart.argmin(axis=0)
+    return apart[best, np.arange(len(boxes))] < LEND_DEPTH, best
 
 
 def _masses(

@@ -39,6 +39,11 @@ class OddsModel:
 
     weights: np.ndarray
 
+    @property
+    def size(self) -> int:
+        """Number of features."""
+        return len(self.weights) - 1
+
     def odds(self, features: np.ndarray) -> np.ndarray:
         """(N,) log odds of (N, F) features."""
         result: np.ndarray = self.weights[0] + features @ self.weights[1:]

@@ -17,7 +17,7 @@ from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.metrics.fusion import FALSE, IGNORED, judge
 from roadscope.benchmarks.noisy_camera import FAMILY
 from roadscope.benchmarks.papers.li2021_scene import Moment, film
-from roadscope.core import Detections
+from roadscope.core import Detections, ImageDetections
 from roadscope.fusion import consistent, weights
 from roadscope.fusion.assembly import Views, assemble
 from roadscope.fusion.cluster_boxes import ClusterBoxes, features
@@ -106,12 +106,14 @@ def fit_alone(
         camera, real = moment.camera, moment.targets
         assert camera is not None
         views = Views.of(points, camera, moment.projection)
-        boxes = ious(camera.boxes, real.image_boxes)
+        overlap = ious(camera.boxes, real.image_boxes)
         apart = np.linalg.norm(points.centres[:, None, :2] - real.centres[None, :, :2], axis=-1)
-        for name, near, found, values in (
-            ("camera", boxes >= 0.5, camera, camera_features(camera)),
-            ("lidar", apart <= 2.0, points, consistent.lidar_features(views)),
-        ):
+        in_image, in_space = np.asarray(overlap >= 0.5), np.asarray(apart <= 2.0)
+        sensors: tuple[tuple[str, np.ndarray, Detections | ImageDetections, np.ndarray], ...] = (
+            ("camera", in_image, camera, camera_features(camera)),
+            ("lidar", in_space, points, consistent.lidar_features(views)),
+        )
+        for name, near, found, values in sensors:
             hit, excused = near[:, real.eligible].any(axis=1), near[:, ~real.eligible].any(axis=1)
             shown = views.in_image if name == "lidar" else np.ones(len(hit), bool)
             counted = (hit | ~excused) & shown
@@ -121,7 +123,8 @@ def fit_alone(
             rows = np.flatnonzero(hit)
             np.add.at(
                 counts[name],
-                (families_of(found.categories[rows]), real.families[best[rows].argmax(axis=1)]), 1,
+                (families_of(found.categories[rows]), real.families[best[rows].argmax(axis=1)]),
+                1,
             )  # fmt: skip
     odds = {
         name: rounded(logistic(np.concatenate(features_of[name]), np.concatenate(right[name])))

@@ -1,0 +1,133 @@
+"""The calibration of Li 2021 repeated: a board stands in front of a rig in several poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core import Pose
+from roadscope.core.projection import Projection
+from roadscope.envs.imaging.raster import rasterise
+from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.sensors.lidar import sweep
+from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.world.prisms import Prisms
+from roadscope.fusion.board import Board, corners_in_image, corners_in_scans
+from roadscope.fusion.calibration import (
+    CalibrationError,
+    CalibrationResult,
+    calibrate,
+    distances_px,
+)
+
+SLICE_M = 0.004
+THICK_M = 0.002
+SCANS = 25
+"""Scans of each pose: the board stands still."""
+GREY = {"board": 235.0, "ground": 80.0, "sky": 120.0}
+GREY_NOISE = 4.0
+GATE_PX = 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class BoardErrors:
+    """How far a calibration is from the truth.
+
+    held_out_px: root mean square over a grid of places that were not used, 8 to 30 m away.
+    reprojection_px: of the points that were used. poses: that gave all three corners.
+    """
+
+    held_out_px: float
+    reprojection_px: float
+    poses: int
+
+
+def board_prisms(board: Board, bottom_m: float) -> Prisms:
+    """Stack thin slices into a triangle across x, facing along x, its face at x = 0."""
+    count = round(board.height_m / SLICE_M)
+    parts = []
+    for k in range(count):
+        half = board.base_m / 2 * (1 - (k + 0.5) / count)
+        outline = np.array([[0.0, -half], [THICK_M, -half], [THICK_M, half], [0.0, half]])
+        low = bottom_m + k * SLICE_M
+        parts.append(Prisms.of(outline, low, low + SLICE_M, reflectivity=0.8))
+    return Prisms.join(parts)
+
+
+def corners_of(
+    rig: Rig, board: Board, place: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (3, 3) corners in scans, ego frame, (3, 2) in the image, and (3, 3) the true ones.
+
+    place: (4,) x, y of the middle of the base, height of the base, yaw; ego frame.
+    """
+    x, y, bottom, yaw = place
+    scene = Scene.still(Prisms.empty(), board_prisms(board, bottom), np.array([[x, y, yaw]]))
+    turned = Pose.planar(x, y, yaw, bottom)
+    flat = board.corners
+    true = turned.apply(np.column_stack([np.zeros(3), -flat[:, 0], flat[:, 1]]))
+    return _in_scans(rig, scene, board, rng), _in_image(rig, scene, rng), true
+
+
+def places(rig: Rig, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw (count, 4) poses of the board that both sensors see whole."""
+    ahead = rng.uniform(3.5, 9.0, count) + rig.lidar.ego_from_lidar.translation[0]
+    aside = rng.uniform(-0.22, 0.22, count) * ahead
+    low = rig.lidar.ego_from_lidar.translation[2] < 1.0
+    bottom = rng.uniform(0.1, 0.3, count) if low else rng.uniform(0.2, 0.7, count)
+    return np.column_stack([ahead, aside, bottom, rng.uniform(-0.6, 0.6, count)])
+
+
+def calibrated(
+    rig: Rig, poses: int, seed: int, *, board: Board | None = None, known: bool = False
+) -> tuple[CalibrationResult, BoardErrors]:
+    """Calibrate a rig from boards at random poses and compare with the truth.
+
+    known: whether the intrinsics are known already.
+    """
+    assert rig.camera is not None
+    rng, board = np.random.default_rng([seed, poses]), board or Board()
+    points, pixels = [], []
+    for place in places(rig, poses, rng):
+        try:
+            found, seen, _ = corners_of(rig, board, place, rng)
+        except CalibrationError:
+            continue
+        points.append(found)
+        pixels.append(seen)
+    if not points:
+        raise CalibrationError(f"none of {poses} poses showed the board to both sensors")
+    pinhole = rig.camera.spec.pinhole
+    result = calibrate(np.concatenate(points), np.concatenate(pixels), pinhole.width,
+                       pinhole.height, gate_px=GATE_PX, seed=seed,
+                       intrinsics=pinhole.intrinsics if known else None)  # fmt: skip
+    truth = Projection.of(pinhole.intrinsics, rig.camera.ego_from_camera, pinhole.width,
+                          pinhole.height)  # fmt: skip
+    far = np.stack(np.meshgrid([8.0, 15, 30], [-0.2, 0, 0.2], [0.2, 1.0, 1.8]), -1).reshape(-1, 3)
+    far[:, 1] *= far[:, 0]
+    errors = distances_px(result.projection.matrix, far, truth.project(far)[0])
+    rms = float(np.sqrt((errors**2).mean()))
+    return result, BoardErrors(rms, result.reprojection_px, len(points))
+
+
+def _in_scans(rig: Rig, scene: Scene, board: Board, rng: np.random.Generator) -> np.ndarray:
+    mount, parts = rig.lidar, []
+    for _ in range(SCANS):
+        scan, seen = sweep(scene, mount.spec, [mount.ego_from_lidar], 0.0, rng=rng)
+        # The board stands alone on even ground: whatever is above the ground is the board.
+        high = mount.ego_from_lidar.apply(scan.points)[:, 2] > 0.08
+        near = high & (np.linalg.norm(scan.points, axis=1) < 15.0)
+        parts.append((scan.points[near], scan.ring[near], scan.column[near]))
+    points, ring, column = (np.concatenate(part) for part in zip(*parts, strict=True))
+    step = float(np.abs(np.median(np.diff(mount.spec.azimuths()))))
+    found = corners_in_scans(points.astype(np.float64), ring, column, board, step)
+    return mount.ego_from_lidar.apply(found)
+
+
+def _in_image(rig: Rig, scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    assert rig.camera is not None
+    raster = rasterise(scene, rig.camera.spec.pinhole, rig.camera.ego_from_camera, 0.0)
+    levels = np.array([GREY["sky"], GREY["ground"]])
+    grey = np.where(raster.faces >= 0, GREY["board"], levels[np.minimum(raster.faces, -1) + 2])
+    return corners_in_image(grey + GREY_NOISE * rng.standard_normal(grey.shape))

@@ -1,0 +1,64 @@
+"""A calibration as a TOML file, and read back."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.core import RecordError
+from roadscope.core.projection import Projection
+from roadscope.fusion.calibration import CalibrationError, CalibrationResult
+
+KEYS = ("matrix", "width", "height", "origin", "reprojection_px", "points")
+
+
+def write_calibration(path: Path | str, result: CalibrationResult, origin: str) -> None:
+    """Write matrix, size of the image, error and where it comes from."""
+    projection = result.projection
+    rows = ",\n".join(
+        f"    [{', '.join(repr(float(v)) for v in row)}]" for row in projection.matrix
+    )
+    text = (
+        "# Maps homogeneous points of the ego frame, metres, to homogeneous pixels.\n"
+        f"matrix = [\n{rows},\n]\n"
+        f"width = {projection.width}\nheight = {projection.height}\n"
+        f"reprojection_px = {result.reprojection_px:.4f}\npoints = {int(result.inliers.sum())}\n"
+        f"origin = {_quoted(origin)}\n"
+    )
+    Path(path).write_text(text, encoding="utf-8")
+
+
+def read_calibration(path: Path | str) -> Projection:
+    """Read a projection; a file that holds none is refused with what is wrong in it."""
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CalibrationError(f"cannot read {path}: {error.strerror or error}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CalibrationError(f"{path} is not a TOML file: {error}") from error
+    unknown = [key for key in table if key not in KEYS]
+    missing = [key for key in KEYS[:3] if key not in table]
+    if unknown or missing:
+        what = f"unknown key '{unknown[0]}'" if unknown else f"no key '{missing[0]}'"
+        raise CalibrationError(f"{path}: {what}; known: {', '.join(KEYS)}")
+    try:
+        matrix = np.array(table["matrix"], np.float64)
+    except (ValueError, TypeError) as error:
+        raise CalibrationError(f"{path}: matrix: expected 3 rows of 4 numbers") from error
+    if matrix.shape != (3, 4):
+        raise CalibrationError(f"{path}: matrix: expected 3 rows of 4 numbers, got {matrix.shape}")
+    for key in ("width", "height"):
+        if type(table[key]) is not int:
+            raise CalibrationError(f"{path}: {key}: expected whole pixels, got {table[key]!r}")
+    try:
+        return Projection(matrix, table["width"], table["height"])
+    except RecordError as error:
+        raise CalibrationError(f"{path}: {error}") from error
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
+    return f'"{escaped}"'

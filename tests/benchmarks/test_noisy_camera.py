@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES, CameraNoise, NoisyCamera
+from roadscope.core import Category, Pose, Truth
+
+
+def truth(heights_px: list[float], *, hidden: float = 0.0, far_m: float = 20.0, copies: int = 400,
+          category: Category = Category.PEDESTRIAN) -> Truth:  # fmt: skip
+    tall = np.repeat(heights_px, copies)
+    n = len(tall)
+    left = np.full(n, 300.0)
+    boxes = np.column_stack([left, np.full(n, 200.0), left + tall / 2, 200.0 + tall])
+    zero = np.zeros(n, np.int64)
+    return Truth(
+        np.arange(n), np.full(n, category), np.tile([far_m, 0, 1], (n, 1)), np.ones((n, 3)),
+        np.zeros(n), np.zeros((n, 2)), zero, zero + 500, np.full(n, hidden), Pose.identity(), 0.0,
+        np.empty(0, np.int64), boxes,
+    )  # fmt: skip
+
+
+def share(model: CameraNoise, scene: Truth, **air: object) -> float:
+    found = NoisyCamera(model, 3, **air).of(scene, 1280, 960)  # type: ignore[arg-type]
+    return len(found) / len(scene)
+
+
+QUIET = CameraNoise(clutter=0.0)
+
+
+def test_small_hidden_and_foggy_ones_are_missed_more() -> None:
+    large, small = share(QUIET, truth([120.0])), share(QUIET, truth([20.0]))
+    assert large == pytest.approx(0.97, abs=0.03)
+    assert small == pytest.approx(0.97 / 2, abs=0.08)
+    assert share(QUIET, truth([120.0], hidden=0.7)) == pytest.approx(0.97 / 2, abs=0.08)
+    assert share(QUIET, truth([120.0], far_m=60.0), extinction_per_m=0.08) < 0.3
+    dark = truth([120.0], far_m=90.0)
+    cars = truth([120.0], far_m=90.0, category=Category.CAR)
+    assert share(QUIET, dark, night=True) < share(QUIET, cars, night=True) - 0.2
+
+
+def test_scores_tell_what_is_likely_from_what_is_not() -> None:
+    model = CameraNoise(clutter=50.0)
+    found = NoisyCamera(model, 1).of(truth([120.0], copies=50), 1280, 960)
+    real = np.abs(found.boxes[:, 0] - 300) < 20
+    assert real.sum() >= 40
+    assert np.median(found.scores[real]) > np.median(found.scores[~real]) + 0.4
+    assert (found.boxes[:, :2] >= 0).all()
+    assert (found.boxes[:, 2] <= 1280).all()
+
+
+def test_wrong_families_grow_with_smallness() -> None:
+    wrong = {}
+    for tall in (30.0, 150.0):
+        found = NoisyCamera(QUIET, 2).of(truth([tall]), 1280, 960)
+        wrong[tall] = float((found.categories != Category.PEDESTRIAN).mean())
+    assert wrong[30.0] > 3 * wrong[150.0]
+
+
+def test_the_same_seed_brings_the_same_and_names_take_options() -> None:
+    scene = truth([60.0], copies=20)
+    model = CAMERA_NOISES.make("noisy-camera?clutter=3")
+    assert NoisyCamera(model, 5).of(scene, 640, 480) == NoisyCamera(model, 5).of(scene, 640, 480)
+    with pytest.raises(ValueError, match="miss must be"):
+        CAMERA_NOISES.make("noisy-camera?miss=1.5")

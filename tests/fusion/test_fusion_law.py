@@ -1,0 +1,72 @@
+"""What every fusion does."""
+
+import numpy as np
+import pytest
+
+from roadscope.core import Category, Detections, ImageDetections, Pose, RecordError
+from roadscope.core.projection import Projection
+from roadscope.fusion import FUSIONS
+
+OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+LOOK = Projection.of(
+    np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
+    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])), 640, 480,
+)  # fmt: skip
+
+
+def scene(seed: int, many: int = 8) -> tuple[Detections, ImageDetections]:
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-20, 50, many), rng.uniform(-15, 15, many)
+    categories = rng.choice([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], many)
+    sizes = rng.uniform(0.4, 4.0, (many, 3))
+    lidar = Detections(np.column_stack([x, y, sizes[:, 2] / 2]), sizes, rng.uniform(-3, 3, many),
+                       categories.astype(np.int8), rng.uniform(0, 1, many), "ego", 2.0)  # fmt: skip
+    corner = rng.uniform(0, 400, (many, 2))
+    boxes = np.concatenate([corner, corner + rng.uniform(5, 80, (many, 2))], axis=1)
+    camera = ImageDetections(boxes, rng.permutation(categories).astype(np.int8),
+                             rng.uniform(0, 1, many), 2.02)  # fmt: skip
+    return lidar, camera
+
+
+@pytest.mark.parametrize("name", list(FUSIONS))
+@pytest.mark.parametrize("seed", range(4))
+def test_outputs_are_sound_and_repeatable(name: str, seed: int) -> None:
+    lidar, camera = scene(seed)
+    fusion = FUSIONS.make(name)
+    fused = fusion.fuse(lidar, camera, LOOK)
+    assert fused == fusion.fuse(lidar, camera, LOOK)
+    assert fused.stamp_s == 2.0
+    assert np.allclose(fused.masses.sum(axis=1), 1.0)
+    assert (fused.has_box == (fused.distances_m >= 0)).all()
+    known = fused.has_box
+    assert np.isfinite(fused.centres).all()
+    assert (fused.sizes[known] > 0).all()
+    assert (fused.numbers < len(lidar)).all()
+
+
+@pytest.mark.parametrize("name", list(FUSIONS))
+def test_the_order_of_detections_is_irrelevant(name: str) -> None:
+    lidar, camera = scene(7)
+    one = FUSIONS.make(name).fuse(lidar, camera, LOOK)
+    back = camera.boxes[::-1].copy()
+    turned = ImageDetections(back, camera.categories[::-1], camera.scores[::-1], camera.stamp_s)
+    other = FUSIONS.make(name).fuse(lidar.select(np.arange(len(lidar))[::-1]), turned, LOOK)
+    assert np.allclose(np.sort(one.scores), np.sort(other.scores))
+    assert np.allclose(np.sort(one.distances_m), np.sort(other.distances_m))
+
+
+@pytest.mark.parametrize("name", list(FUSIONS))
+def test_nothing_seen_is_nothing_found(name: str) -> None:
+    none = ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), 2.0)
+    assert len(FUSIONS.make(name).fuse(Detections.empty(2.0), none, LOOK)) == 0
+    with pytest.raises(RecordError, match="one sensor at least"):
+        FUSIONS.make(name).fuse(None, None, LOOK)
+
+
+@pytest.mark.parametrize("name", list(FUSIONS))
+def test_one_sensor_is_enough(name: str) -> None:
+    lidar, camera = scene(3)
+    alone = FUSIONS.make(name).fuse(None, camera, LOOK)
+    assert alone.by_camera.all()
+    assert alone.stamp_s == camera.stamp_s
+    assert not FUSIONS.make(name).fuse(lidar, None, LOOK).by_camera.any()
