@@ -29,6 +29,8 @@ INSIDE_M = 0.35
 CUT_M = 1.0
 """Borders are looked at in pieces this long."""
 CUTS = round(SITE_M / CUT_M)
+BESIDE_M = 0.8
+"""Pieces of borders whose middles are this close are one line."""
 SHORTEST_M = 4.0
 """Shorter stretches of a line are left out."""
 SHOULDERS_M: Mapping[str, float] = MappingProxyType(
@@ -85,7 +87,8 @@ def _lines(road: RoadMap) -> np.ndarray:
     outer = np.repeat(lanes.outer(sites), CUTS)
     single = np.repeat(without_doubles(sites), CUTS)
     pieces = _cut(sites)
-    kept = _long_enough(single & ~lanes.within(pieces, INSIDE_M), pieces)
+    kept = single & ~lanes.within(pieces, INSIDE_M)
+    kept = _long_enough(kept & ~_drawn_already(pieces, kept & ~outer), pieces)
     ways = pieces.slots * CUT_M
     lines = np.column_stack([pieces.starts, pieces.ends, ways, ~outer])
     result: np.ndarray = lines[kept]
@@ -105,6 +108,23 @@ def _cut(sites: Sites) -> Sites:
         *cuts(sites.starts, sites.ends), *cuts(sites.start_normals, sites.end_normals),
         slots, np.repeat(sites.lanes, CUTS),
     )  # fmt: skip
+
+
+def _drawn_already(pieces: Sites, shared: np.ndarray) -> np.ndarray:
+    """(S,) bool, shared borders along which that of a lane of lower number runs too.
+
+    Two lanes in opposite directions would else fill each other's gaps between dashes.
+    """
+    from scipy.spatial import cKDTree
+
+    rows = np.flatnonzero(shared)
+    taken = np.zeros(len(shared), bool)
+    if len(rows) > 1:
+        pairs = rows[cKDTree(pieces.middles[rows]).query_pairs(BESIDE_M, output_type="ndarray")]
+        lanes = pieces.lanes[pairs]
+        later = np.where(lanes[:, 0] > lanes[:, 1], pairs[:, 0], pairs[:, 1])
+        taken[later[lanes[:, 0] // 2 != lanes[:, 1] // 2]] = True
+    return taken
 
 
 def _long_enough(kept: np.ndarray, pieces: Sites) -> np.ndarray:

@@ -90,7 +90,6 @@ def test_same_seed_same_bytes(rain: float) -> None:
 
 def test_rain_draws_streaks_and_its_amount_counts() -> None:
     spec = replace(SPEC, vignetting=0.0, full_well=1e9, read_noise=0.0)
-    dark = np.zeros(3)
     counts = []
     for rate in (2.0, 50.0):
         pinhole = spec.pinhole
@@ -104,7 +103,6 @@ def test_rain_draws_streaks_and_its_amount_counts() -> None:
         )  # fmt: skip
         counts.append((pixels[10:] > pixels[10:].min()).sum())
     assert counts[1] > 3 * counts[0] > 0
-    assert (dark == 0).all()
 
 
 def test_a_plain_camera_has_neither_noise_nor_shadow() -> None:
@@ -122,12 +120,13 @@ def test_a_plain_camera_has_neither_noise_nor_shadow() -> None:
 
 def test_sideways_motion_smears_upright_edges_only() -> None:
     spec = replace(SPEC, vignetting=0.0, full_well=1e9, read_noise=0.0, exposure_s=0.02)
+    spec = replace(spec, full_well=1e12)
     block = Prisms.of(np.array([[5, -60], [6, -60], [6, 0], [5, 0.0]]), 0.0, 20.0, owner=-2)
     scene = Scene.still(block, Prisms.empty(), np.empty((0, 3)))
     solids = solids_of(scene, 0.0)
     raster = rasterise(scene, spec.pinhole, POSE, 0.0, solids=solids)
     stripes = np.zeros((240, 320, 3), np.float32)
-    stripes[:, 240:] = 0.5
+    stripes[:, 240:] = 0.49
     motion = Motion(np.array([0.0, 5.0, 0.0]), np.zeros(3), np.empty((0, 2)))
     sharp, smeared = (
         exposed(
@@ -162,9 +161,7 @@ def test_what_the_lidar_meets_the_camera_sees_too(seed: int) -> None:
     hits = cast(scene, columns, slopes, max_range_m=200.0)
     direction = ahead[:, None] + slopes[:, None] * up[:, None]
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
-    ranges = hits.ranges.reshape(hits.ranges.shape)
-    ranges = ranges if ranges.shape == (300, 60) else ranges.T
-    owners = hits.owners if hits.owners.shape == (300, 60) else hits.owners.T
+    ranges, owners = (a if a.shape == (300, 60) else a.T for a in (hits.ranges, hits.owners))
     met = np.isfinite(ranges) & (ranges > 0) & (owners >= -60)
     points = POSE.translation + ranges[met][:, None] * direction[met]
     seen = POSE.inverse().apply(points)

@@ -1,0 +1,27 @@
+import tomllib
+from hashlib import sha256
+
+import numpy as np
+
+from roadscope.core import Calibration, CameraImage, Frame
+from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.detectors.camera.network import ARCHITECTURE
+from roadscope.detectors.camera.weight_file import SHIPPED, load
+
+
+def test_shipped_weights_are_small_and_their_record_is_of_them() -> None:
+    assert SHIPPED.stat().st_size < 5_000_000
+    record = tomllib.loads(SHIPPED.with_suffix(".toml").read_text("utf-8"))
+    assert record["weights"] == sha256(SHIPPED.read_bytes()).hexdigest()
+    assert record["architecture"] == ARCHITECTURE
+    assert record["command"].startswith("roadscope train camera")
+    assert 0 < record["validation"]["ap50"] <= 1
+
+
+def test_shipped_weights_load_and_see_nothing_in_a_plain_image() -> None:
+    network, calibration = load(SHIPPED)
+    assert not network.training
+    assert min(calibration.slopes) > 0
+    grey = CameraImage(np.full((480, 640, 3), 120, np.uint8), np.eye(3), 0.0, "camera")
+    found = CAMERA_DETECTORS.make("network").detect(Frame(0.0, Calibration(), camera=grey))
+    assert (found.scores < 0.5).all()
