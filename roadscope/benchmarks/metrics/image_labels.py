@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from roadscope.core.record import Record
 LEAST_PIXELS = 40
 MOST_OCCLUDED = 0.75
 LEAST_HEIGHT_PX = 8.0
+LEAST_CONTRAST = 0.05
+"""Share of the contrast to the air behind it that something must keep (Koschmieder)."""
 PARKED = -1
 """Category of parked cars, which are scenery."""
 
@@ -49,6 +51,11 @@ class Labels(Record):
 
     def __len__(self) -> int:
         return len(self.boxes)
+
+    def in_air(self, extinction_per_m: float) -> Labels:
+        """Return the labels with all hidden that rain or fog leaves too little contrast."""
+        faint = np.exp(-extinction_per_m * self.ranges_m) < LEAST_CONTRAST
+        return replace(self, occluded=np.where(faint, 1.0, self.occluded))
 
     @staticmethod
     def names() -> list[str]:

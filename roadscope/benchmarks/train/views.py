@@ -138,14 +138,20 @@ def keep(view: View, folder: Path) -> str:
 
 
 def read(view: View, folder: Path) -> Pictures:
-    """Read kept pictures; pixels stay on the disk until they are looked at."""
+    """Read kept pictures; pixels stay on the disk until they are looked at.
+
+    Who is lost in rain or fog is not asked for.
+    """
+    from roadscope.envs.sensors.weather import weather
+
     pixels = np.load(_pixels_path(view, folder), mmap_mode="r")
     with np.load(folder / f"{view.name}.npz") as data:
         rows = {name: data[name] for name in Labels.names()}
         ends = data["ends"]
     split = {name: np.split(values, ends[:-1]) for name, values in rows.items()}
-    labels = [Labels(**{name: split[name][k] for name in rows}) for k in range(len(ends))]
-    return Pictures(pixels, tuple(labels))
+    labels = (Labels(**{name: split[name][k] for name in rows}) for k in range(len(ends)))
+    extinction = weather(view.weather).extinction_per_m
+    return Pictures(pixels, tuple(each.in_air(extinction) for each in labels))
 
 
 def _pixels_path(view: View, folder: Path) -> Path:
