@@ -136,8 +136,10 @@ def _agreeing(
 
 
 def _refined(
-    matrix: np.ndarray, points: np.ndarray, pixels: np.ndarray, known: np.ndarray | None
-) -> np.ndarray:
+    matrix: np.ndarray, points: np.ndarray, pixels: np.ndarray,
+    known: np.ndarray | None,
+) -> np.ndarray:  # fmt: skip
+    """Refine all numbers, or the mounting pose alone where the intrinsics are known."""
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation
 

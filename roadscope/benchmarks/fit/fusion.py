@@ -114,7 +114,8 @@ def fit_alone(
             ("lidar", in_space, points, consistent.lidar_features(views)),
         )
         for name, near, found, values in sensors:
-            hit, excused = near[:, real.eligible].any(axis=1), near[:, ~real.eligible].any(axis=1)
+            hit = np.asarray(near[:, real.eligible]).max(axis=1, initial=False)
+            excused = np.asarray(near[:, ~real.eligible]).max(axis=1, initial=False)
             shown = views.in_image if name == "lidar" else np.ones(len(hit), bool)
             counted = (hit | ~excused) & shown
             features_of[f"{name}_alone"].append(values[counted])

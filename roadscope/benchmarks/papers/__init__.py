@@ -10,6 +10,7 @@ from roadscope.core import SpecError
 from roadscope.core.names import unknown
 
 PAPERS = {
+    "li2021": "roadscope.benchmarks.papers.li2021",
     "lu2018": "roadscope.benchmarks.papers.lu2018",
     "zhang2017": "roadscope.benchmarks.papers.zhang2017",
 }

@@ -114,7 +114,7 @@ def calibrated(
 def _in_scans(rig: Rig, scene: Scene, board: Board, rng: np.random.Generator) -> np.ndarray:
     mount, parts = rig.lidar, []
     for _ in range(SCANS):
-        scan, seen = sweep(scene, mount.spec, [mount.ego_from_lidar], 0.0, rng=rng)
+        scan, _ = sweep(scene, mount.spec, [mount.ego_from_lidar], 0.0, rng=rng)
         # The board stands alone on even ground: whatever is above the ground is the board.
         high = mount.ego_from_lidar.apply(scan.points)[:, 2] > 0.08
         near = high & (np.linalg.norm(scan.points, axis=1) < 15.0)

@@ -12,6 +12,7 @@ from roadscope.benchmarks.noisy_camera import FAMILY, CameraNoise, NoisyCamera
 from roadscope.benchmarks.parked import parked_among
 from roadscope.core import Detections, Frame, ImageDetections, Truth
 from roadscope.core.projection import Projection
+from roadscope.detectors import Detector
 from roadscope.envs.imaging.raster import rasterise, solids_of
 from roadscope.envs.sensors.camera import image_truth
 from roadscope.envs.sensors.rigs import rig
@@ -56,12 +57,20 @@ class _WithoutPixels(Sensing):
 
 
 def film(
-    episode: Episode, *, every: int = 6, night: bool = False, noise: CameraNoise | None = None
-) -> list[Moment]:
-    """Sense every n-th scan of an episode and its image, seen by the imitation of a camera."""
+    episode: Episode, *, every: int = 6, night: bool = False, noise: CameraNoise | None = None,
+    detector: Detector | None = None,
+) -> list[Moment]:  # fmt: skip
+    """Sense every n-th scan of an episode and the image nearest in time.
+
+    detector: of images, which are drawn for it, always by day; None: the imitation of one, with
+    its errors in `noise`, by day or by night.
+    """
+    if detector is not None and (night or noise is not None):
+        raise ValueError("night and noise are of the imitation, and a detector was given")
     timeline, carrier = timeline_of(episode), rig(episode.rig)
     assert carrier.camera is not None
-    sensing = _WithoutPixels(carrier, episode.seed, weather=episode.weather)
+    kind = _WithoutPixels if detector is None else Sensing
+    sensing = kind(carrier, episode.seed, weather=episode.weather)
     pinhole = carrier.camera.spec.pinhole
     projection = Projection.of(pinhole.intrinsics, carrier.camera.ego_from_camera, pinhole.width,
                                pinhole.height)  # fmt: skip
@@ -77,17 +86,30 @@ def film(
         if row == ALONE:
             continue
         frame, truth = sensing.sense(timeline, int(scan))
-        _, seen = sensing.sense_image(timeline, int(images[row]))
+        image, seen = sensing.sense_image(timeline, int(images[row]))
+        boxes = (
+            camera.of(seen, pinhole.width, pinhole.height)
+            if detector is None
+            else in_image(detector, image)
+        )
         gap_s = seen.stamp_s - truth.stamp_s
         moved = moved_projection(
             projection, frame.previous_from_ego, carrier.lidar.spec.period_s, gap_s
         )
-        taken.append((frame, truth, seen, camera.of(seen, pinhole.width, pinhole.height), moved))
+        taken.append((frame, truth, seen, boxes, moved))
     parked = parked_among(episode, [truth for _, truth, *_ in taken])
     return [
         Moment(frame, truth, boxes, targets_of(truth, seen, parked, moved), moved)
         for frame, truth, seen, boxes, moved in taken
     ]
+
+
+def in_image(detector: Detector, frame: Frame) -> ImageDetections:
+    """Detect in an image; what finds boxes in space is refused."""
+    found = detector.detect(frame)
+    if not isinstance(found, ImageDetections):
+        raise TypeError(f"{type(detector).__name__} finds no boxes in images")
+    return found
 
 
 def targets_of(
