@@ -65,7 +65,8 @@ def train_camera(
 
     recipe: a name of `recipe.RECIPES`. work: folder for pictures and checkpoints, which a run
     that was stopped goes on from; left out, one in the cache. jobs: processes that render,
-    then threads that learn.
+    then threads that learn: sums are rounded otherwise with another number of them, so the same
+    weights, byte by byte, need the same jobs and processor.
     """
     from roadscope.benchmarks.train.training import Trainer
 
