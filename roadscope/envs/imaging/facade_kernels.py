@@ -155,12 +155,14 @@ def cladding(
             if lamps:
                 out[4], out[5], out[6] = 2.0, 0.08, 0.06
         elif z < low + 0.02:
-            out[0], out[1], out[2] = (0.5, 0.5, 0.5) if (across / 0.3) % 1.0 < 0.5 else (0.4, 0.02, 0.02)
+            pale = (across / 0.3) % 1.0 < 0.5
+            out[0], out[1] = 0.5 if pale else 0.4, 0.5 if pale else 0.02
+            out[2] = out[1]
 
 
 @compiled(borrowing=True)
 def sign(frame: np.ndarray, across: float, z: float, ahead: float, out: np.ndarray) -> None:
-    """Some kinds of plates in front, grey metal behind."""
+    """Draw some kinds of plates in front, grey metal behind."""
     side = max(frame[4], frame[5])
     level = abs(z - (frame[6] - side)) / side
     edge = max(abs(across) / side, level)

@@ -41,7 +41,7 @@ class Ground:
         self._painted: list[dict[tuple[int, int], tuple[int, int]]] = [{} for _ in CELLS_M]
 
     def around(self, place: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-        """Return (3, SIDE, SIDE + PADDING) uint32 cells around an (x, y) place, most of them (x, y) ahead.
+        """Return (3, SIDE, SIDE + PADDING) uint32 cells around a place, most of them ahead, (x, y).
 
         `middles` (3, 2) then holds the middles of the squares, metres.
         """

@@ -164,7 +164,7 @@ def _cell(
         slab = _slab(x, y)
     # Tyres darken the middle of the lane's halves: a slow wave of the depth into the road.
     tracks = 0.94 + 0.06 * np.cos(3.6 * depth)
-    packed = 0
+    packed = np.int64(0)
     for k in range(3):
         road = paving.asphalt[k] * fine * patch * tracks
         strip = paving.shoulder[k] * (0.7 + 0.3 * fine) * (0.5 + 0.5 * patch)

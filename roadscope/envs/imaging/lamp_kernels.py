@@ -6,7 +6,7 @@ import numpy as np
 
 from roadscope.core import Category
 from roadscope.core.jit import compiled
-from roadscope.envs.imaging.raster_kernels import Lens, Solids
+from roadscope.envs.imaging.face_kernels import Lens, Solids
 
 POOL_SIDE, POOL_M = 256, 0.75
 """Cells along a side of the map and their edge."""
@@ -37,9 +37,9 @@ def light_pools(
             _lantern(frames[m], solids.bottoms[m], corner, pools)
         owner = solids.owners[m]
         kind = frames[m, 7]
-        if owner >= 0 and owner != before and solids.corners[m] > 0:
-            if kind not in (_PEDESTRIAN, _CYCLIST):
-                _headlights(frames[m], corner, pools)
+        first = owner >= 0 and owner != before and solids.corners[m] > 0
+        if first and kind not in (_PEDESTRIAN, _CYCLIST):
+            _headlights(frames[m], corner, pools)
         before = owner
 
 
@@ -86,9 +86,7 @@ def beam(along: float, across: float) -> float:
 
 
 @compiled(forceinline=True, borrowing=True)
-def pool_at(
-    pools: np.ndarray, corner: tuple[float, float], x: float, y: float, kind: int
-) -> float:
+def pool_at(pools: np.ndarray, corner: tuple[float, float], x: float, y: float, kind: int) -> float:
     """Light of one kind at a place on the ground, linear between the cells of the map."""
     u, v = (x - corner[0]) / POOL_M - 0.5, (y - corner[1]) / POOL_M - 0.5
     if not (0.0 <= u < POOL_SIDE - 1.0 and 0.0 <= v < POOL_SIDE - 1.0):

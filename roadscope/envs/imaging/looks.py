@@ -49,6 +49,4 @@ def _frames(
     u, v = ((lows + highs[:2]) / 2)[:, things]
     half = ((highs[:2] - lows) / 2)[:, things]
     c, s = cosine[:, 0], sine[:, 0]
-    return np.column_stack(
-        [u * c - v * s, u * s + v * c, c, s, *half, highs[2][things], kinds]
-    )
+    return np.column_stack([u * c - v * s, u * s + v * c, c, s, *half, highs[2][things], kinds])

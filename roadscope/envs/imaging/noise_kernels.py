@@ -34,7 +34,8 @@ def _widened(rows: np.ndarray, step: int) -> np.ndarray:
     share = share * share * (3 - 2 * share)
     after = np.roll(rows, -1, axis=0)
     blended = rows[:, None] + share * (after - rows)[:, None]
-    return blended.reshape(-1, rows.shape[1])
+    table: np.ndarray = blended.reshape(-1, rows.shape[1])
+    return table
 
 
 @compiled(forceinline=True, borrowing=True)

@@ -69,7 +69,7 @@ def paint(
         facade(noise, way, edge[2], z, looks.spans[m], normal[2], looks.seeds[m], lamps, out)
     elif pattern == LEAVES:
         _leaves(noise, frame, x, y, z, out)
-    elif pattern == BODYWORK or pattern == COACH:
+    elif pattern in (BODYWORK, COACH):
         bodywork(frame, looks.seeds[m], along, across, z, ahead, aside, lamps, out)
     elif pattern == GLASS:
         way = (x - edge[0]) * -normal[1] + (y - edge[1]) * normal[0]

@@ -8,8 +8,9 @@ import numpy as np
 
 from roadscope.core import Pose
 from roadscope.core.record import Record
+from roadscope.envs.imaging.face_kernels import FACES, Canvas, Lens, Solids
 from roadscope.envs.imaging.pinhole import Pinhole
-from roadscope.envs.imaging.raster_kernels import FACES, Canvas, Lens, Solids, draw_all
+from roadscope.envs.imaging.raster_kernels import draw_all
 from roadscope.envs.raycast.scene import Scene
 
 __all__ = ["FACES", "Lens", "Raster", "Solids", "lens_of", "rasterise", "solids_of"]

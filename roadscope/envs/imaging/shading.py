@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from roadscope.core import Pose
+from roadscope.envs.imaging.face_kernels import Lens
 from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.lamp_kernels import POOL_M, POOL_SIDE, light_pools
 from roadscope.envs.imaging.light import Light
@@ -16,17 +17,10 @@ from roadscope.envs.imaging.noise_kernels import noise_tile
 from roadscope.envs.imaging.pattern_kernels import LANTERN, Looks
 from roadscope.envs.imaging.pinhole import Pinhole
 from roadscope.envs.imaging.raster import FACES, Raster, Solids, lens_of
-from roadscope.envs.imaging.raster_kernels import Lens
-from roadscope.envs.imaging.shading_kernels import (
-    FADES,
-    THICKEST,
-    Stage,
-    light_faces,
-    shade_all,
-    shade_plainly,
-)
+from roadscope.envs.imaging.shading_kernels import light_faces, shade_all, shade_plainly
 from roadscope.envs.imaging.shadow_kernels import cast_shadows, sunlit
-from roadscope.envs.imaging.sky_kernels import BLOCK, Air, skyline, sky_blocks
+from roadscope.envs.imaging.sky_kernels import BLOCK, Air, sky_blocks, skyline
+from roadscope.envs.imaging.stage_kernels import FADES, THICKEST, Stage
 from roadscope.envs.raycast.scene import Scene
 
 CLEAR_PER_M = 1.2e-4
@@ -173,4 +167,3 @@ def curve() -> np.ndarray:
 @cache
 def _fades() -> np.ndarray:
     return np.exp(-np.linspace(0.0, THICKEST, FADES + 1))
-

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.imaging.raster_kernels import (
+from roadscope.envs.imaging.face_kernels import (
     GROUND_FACE,
     NEAR_M,
     Lens,
     Solids,
-    _into_camera,
+    into_camera,
 )  # fmt: skip
 from roadscope.envs.world.prisms import MAX_EDGES
 
@@ -104,9 +104,9 @@ def _project_flat(lens: Lens, world: np.ndarray, corners: int, polygon: np.ndarr
     """Cut a polygon at the near plane and write it in pixels; return its corners."""
     count = 0
     last = corners - 1
-    x0, y0, z0 = _into_camera(lens, world[last, 0], world[last, 1], world[last, 2])
+    x0, y0, z0 = into_camera(lens, world[last, 0], world[last, 1], world[last, 2])
     for k in range(corners):
-        x1, y1, z1 = _into_camera(lens, world[k, 0], world[k, 1], world[k, 2])
+        x1, y1, z1 = into_camera(lens, world[k, 0], world[k, 1], world[k, 2])
         if (z0 < NEAR_M) != (z1 < NEAR_M):
             share = (NEAR_M - z0) / (z1 - z0)
             x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)

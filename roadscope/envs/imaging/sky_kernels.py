@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.envs.imaging.face_kernels import Lens
 from roadscope.envs.imaging.noise_kernels import blend_of
-from roadscope.envs.imaging.raster_kernels import Lens
 
 BLOCK = 8
 """Edge of the blocks in pixels; between their corners the sky is linear."""
@@ -73,9 +73,7 @@ def _sky(air: Air, noise: np.ndarray, x: float, y: float, z: float, light: np.nd
 
 
 @compiled(borrowing=True)
-def _cloud(
-    air: Air, noise: np.ndarray, x: float, y: float, up: float
-) -> tuple[float, float]:
+def _cloud(air: Air, noise: np.ndarray, x: float, y: float, up: float) -> tuple[float, float]:
     """How much cloud hides the sky, and how bright its underside is."""
     scale = 18.0 / (up + 0.10)
     u, v = x * scale, y * scale

@@ -108,7 +108,7 @@ def _place(key: np.uint64, row: int, places: int) -> int:
     state = key + np.uint64(row + 1) * np.uint64(0x9E3779B97F4A7C15)
     state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return np.int64((state ^ (state >> np.uint64(31))) >> np.uint64(2)) % places
+    return int((state ^ (state >> np.uint64(31))) >> np.uint64(2)) % places
 
 
 @compiled(borrowing=True)
@@ -163,9 +163,7 @@ def _soften_edges(light: np.ndarray, faces: np.ndarray, r: int, line: np.ndarray
 
 
 @compiled(forceinline=True, borrowing=True)
-def flow_at(
-    shutter: Shutter, q: float, row: int, u: float, v: float
-) -> tuple[float, float]:
+def flow_at(shutter: Shutter, q: float, row: int, u: float, v: float) -> tuple[float, float]:
     """Way of a pixel over the image while the shutter is open; u, v: its ray, z = 1."""
     wx, wy, wz = shutter.turn[0], shutter.turn[1], shutter.turn[2]
     x, y, z = shutter.ways[row, 0] * q, shutter.ways[row, 1] * q, shutter.ways[row, 2] * q

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.imaging.raster_kernels import SKY_FACE
+from roadscope.envs.imaging.face_kernels import SKY_FACE
 from roadscope.envs.imaging.sky_kernels import BLOCK
 
 HALO = 0.10

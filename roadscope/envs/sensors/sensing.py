@@ -123,7 +123,7 @@ class Sensing:
             scene, mount.spec, ego_poses[0] @ mount.ego_from_camera, stamp_s,
             ground=self._ground, light=self._light, categories=timeline.categories,
             sensor=mount.name, noise_seed=self._image_seed,
-            extinction_per_m=self.weather.extinction_per_m,
+            extinction_per_m=self.weather.extinction_per_m, rain_mm_h=self.weather.rain_rate_mm_h,
         )  # fmt: skip
         frame = Frame(stamp_s, self.rig.calibration(), camera=image)
         return frame, truth_of_image(timeline, stamp_s, seen)

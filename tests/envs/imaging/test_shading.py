@@ -116,7 +116,8 @@ def test_light_is_finite_whatever_stands_there(kind: str, beta: float) -> None:
     )
     poses = np.array([[6.0 + 3 * k, 2.0 * (k % 3) - 2, 0.7 * k] for k in range(len(Category))])
     every = [
-        replace_material(wall(12.0 + k, 9.0 - 0.4 * k, 0), k) for k in range(len(materials.MATERIALS))
+        replace_material(wall(12.0 + k, 9.0 - 0.4 * k, 0), k)
+        for k in range(len(materials.MATERIALS))
     ]
     scene = Scene.still(Prisms.join(every), bodies, poses)
     light = light_named(kind, rng)
@@ -169,7 +170,7 @@ def test_cells_do_not_depend_on_the_way_to_a_place() -> None:
 
 
 def test_an_unknown_light_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="noon.*night"):
+    with pytest.raises(ValueError, match=r"noon.*night"):
         light_named("noon", np.random.default_rng(0))
     assert light_named(LEVEL, np.random.default_rng(0)) is LEVEL
     assert light_named("dusk", np.random.default_rng(4)) == light_named(

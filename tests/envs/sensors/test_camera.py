@@ -130,9 +130,15 @@ def test_sideways_motion_smears_upright_edges_only() -> None:
     motion = Motion(np.array([0.0, 5.0, 0.0]), np.zeros(3), np.empty((0, 2)))
     sharp, smeared = (
         exposed(
-            stripes.copy(), raster, solids, spec, Light(sun_azimuth=np.pi),
-            world_from_camera=POSE, stamp_s=0.0, motion=m,
-        )  # fmt: skip
+            stripes.copy(),
+            raster,
+            solids,
+            spec,
+            Light(sun_azimuth=np.pi),
+            world_from_camera=POSE,
+            stamp_s=0.0,
+            motion=m,
+        )
         for m in (None, motion)
     )
     # 5 m/s for 20 ms at 5 m: 0.1 m, or 4.8 pixels.
