@@ -51,12 +51,19 @@ VEHICLES, CYCLISTS, PEDESTRIANS = (f"detection rate, {family.value}s" for family
 FALSE = "false alarms"
 DISTANCE, HIDDEN = "distance right", "distance right, more than a third hidden"
 CLAIMS, MORE = "claims", "finds more than either sensor alone"
+MORE_AT_EQUAL = "finds more at half a false alarm a scan"
+EVERY_SCORE = "clear, every score"
+"""Without thresholds, as the paper counts, which gives no false alarms."""
 CONDITIONS = ("clear", "fog", "night", "crowds", "LiDAR fails", "camera fails")
-PAPER = {
-    ("clear", "li2021", VEHICLES): 94.8,
-    ("clear", "li2021", PEDESTRIANS): 96.4,
-    ("clear", "icp-boxes", VEHICLES): 90.3,
-    ("clear", "icp-boxes", PEDESTRIANS): 85.6,
+TABLE_2 = {
+    ("li2021", VEHICLES): 94.8,
+    ("li2021", PEDESTRIANS): 96.4,
+    ("icp-boxes", VEHICLES): 90.3,
+    ("icp-boxes", PEDESTRIANS): 85.6,
+}
+PAPER: dict[Key, float] = {
+    **{("clear", *key): rate for key, rate in TABLE_2.items()},
+    **{(EVERY_SCORE, *key): rate for key, rate in TABLE_2.items()},
     (CLAIMS, "li2021", MORE): 1.0,
 }
 """Table 2, on 58 vehicles and 204 pedestrians, false alarms not given: the 95 % interval of the
@@ -89,7 +96,7 @@ def note_of(experiment: str) -> str | None:
 
 def unit_of(quantity: str) -> str:
     """Return the unit in which a quantity is given."""
-    if quantity == MORE:
+    if quantity in (MORE, MORE_AT_EQUAL):
         return YES_OR_NO
     return "1/scan" if quantity == FALSE else "%"
 
@@ -115,12 +122,18 @@ def measure(seed: int) -> dict[Key, float]:
             fused = outcomes(method, taken, lidar, condition)
             if fused is None:
                 continue
-            result = rates(judge(fused, targets), THRESHOLDS[method])
+            judged = judge(fused, targets)
+            result = rates(judged, THRESHOLDS[method])
+            if condition == "clear":
+                free = rates(judged)
+                shares[EVERY_SCORE, method] = free
+                found |= {(EVERY_SCORE, method, name): v for name, v in quantities(free).items()}
             shares[condition, method] = result
             found |= {(condition, method, name): v for name, v in quantities(result).items()}
-    for method in FUSED:
-        alone = max(shares["clear", one].all_found for one in (LIDAR, CAMERA))
-        found[CLAIMS, method, MORE] = float(shares["clear", method].all_found > alone)
+    for claim, shown in ((MORE, EVERY_SCORE), (MORE_AT_EQUAL, "clear")):
+        alone = max(shares[shown, one].all_found for one in (LIDAR, CAMERA))
+        for method in FUSED:
+            found[CLAIMS, method, claim] = float(shares[shown, method].all_found > alone)
     return found
 
 
