@@ -9,6 +9,7 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.detectors.pose.pair_kernels import FIXED, Filter, Views, merge, sweep
+from roadscope.detectors.pose.score_kernels import free_scores
 
 COARSE_DEG = 4.0
 """Step of the first round, in which the edges are smoothed by as much as half of it turns them."""
@@ -110,37 +111,42 @@ def _searched(views: Views, settings: Filter, plan: Plan, tied: bool) -> tuple[f
     if plan.stride > 1:
         blurred = _blurred(settings, plan.stride * plan.step)
         seen = thinned(views, blurred.sigma_m)
-        rough = sweep(seen, start + chosen * plan.step, blurred, False)
-        chosen = chosen[_summits(rough[:, 0])]
+        chosen = chosen[_summits(free_scores(seen, start + chosen * plan.step, blurred))]
     near = np.zeros(plan.total, np.bool_)
     for k in chosen:
         for i in range(k - plan.reach, k + plan.reach + 1):
             near[i % plan.total if plan.closed else min(max(i, 0), plan.total - 1)] = True
     fine = np.flatnonzero(near)
-    rows = _swept(views, start + fine * plan.step, settings, tied)
-    best = int(rows[:, 0].argmax())
-    return _refined(views, settings, (start + fine[best] * plan.step, plan.step, tied), rows[best])
+    scores = _scores(views, start + fine * plan.step, settings, tied)
+    best = int(scores.argmax())
+    angle = start + fine[best] * plan.step
+    beside = np.array([angle - plan.step, angle + plan.step])
+    if tied and len(views.stamps) > 1:
+        before, after = sweep(views, beside, settings, True)[:, 0]
+    else:
+        before, after = free_scores(views, beside, settings)
+    angle += plan.step * _off(before, scores[best], after)
+    return angle, sweep(views, np.array([angle]), settings, tied)[0]
 
 
 @compiled()
-def _swept(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> np.ndarray:
-    """Return `sweep` of (A,) angles where that may be the best; score -inf of the others.
+def _scores(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> np.ndarray:
+    """Return scores of (A,) angles, -inf of those that are not the best.
 
     Frames that are moved each by its own shift score no less than frames that are tied.
     """
-    rows = sweep(views, angles, settings, False)
+    bounds = free_scores(views, angles, settings)
     if not tied or len(views.stamps) == 1:
-        return rows
-    bounds, top = rows[:, 0].copy(), -np.inf
-    rows[:, 0] = -np.inf
+        return bounds
+    scores, top = np.full(len(angles), -np.inf), -np.inf
     for _ in range(len(angles)):
         k = int(bounds.argmax())
         # A hair more, for rounding.
         if bounds[k] + 1e-9 < top:
             break
-        rows[k] = sweep(views, angles[k : k + 1], settings, True)[0]
-        bounds[k], top = -np.inf, max(top, rows[k, 0])
-    return rows
+        scores[k] = sweep(views, angles[k : k + 1], settings, True)[0, 0]
+        bounds[k], top = -np.inf, max(top, scores[k])
+    return scores
 
 
 @compiled()
@@ -182,17 +188,10 @@ def _summits(scores: np.ndarray) -> np.ndarray:
 
 
 @compiled()
-def _refined(
-    views: Views, settings: Filter, peak: tuple[float, float, bool], row: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """Move the best angle to the top of the parabola through it and its neighbours."""
-    angle, step, tied = peak
-    beside = sweep(views, np.array([angle - step, angle + step]), settings, tied)[:, 0]
-    bend = beside[0] - 2 * row[0] + beside[1]
-    if bend >= 0:
-        return angle, row.copy()
-    moved = angle + step * min(max(0.5 * (beside[0] - beside[1]) / bend, -0.5), 0.5)
-    return moved, sweep(views, np.array([moved]), settings, tied)[0]
+def _off(before: float, top: float, after: float) -> float:
+    """Return how far the top of the parabola through three scores lies off the middle, steps."""
+    bend = before - 2 * top + after
+    return min(max(0.5 * (before - after) / bend, -0.5), 0.5) if bend < 0 else 0.0
 
 
 def placed(angle: float, row: np.ndarray, frame: int, point: np.ndarray) -> tuple[float, float]:
