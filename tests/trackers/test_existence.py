@@ -104,12 +104,17 @@ def test_what_must_be_hidden_is_not_missed():
     assert existence_after_misses(True) > 0.03 + existence_after_misses(False)
 
 
-def test_who_is_missed_in_runs_but_comes_back_is_told_ever_longer():
+def test_who_is_missed_in_runs_but_comes_back_is_believed_in_ever_more():
     """Ten detections, four misses, and so on."""
-    tracker, told = ExistenceTracker(traits=CALIBRATED), []
-    for t in range(300):
-        seen = scene([[10, 0]] if t % 14 < 10 else [], t)
-        told.append(TrackState.TENTATIVE not in tracker.update(seen, None).states)
+    tracker, told, existence = ExistenceTracker(traits=CALIBRATED), [], []
+    for t in range(21 * 14):
+        tracks = tracker.update(scene([[10, 0]] if t % 14 < 10 else [], t), None)
+        told.append(TrackState.TENTATIVE not in tracks.states)
+        existence.append(tracks.scores[0])
+    missed = np.reshape(existence, (21, 14))[:, 10:]
+    assert (np.diff(missed, axis=0) > 0).all(), "from run to run"
+    assert (np.diff(missed, axis=1) < 0).all(), "but less with every miss of one"
+    assert missed[-1, 0] > 2 * missed[0, 0]
     assert sum(told[-14:]) > sum(told[:14])
     assert tracker._returns.missed.seen_again > 15
 
