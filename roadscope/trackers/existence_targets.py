@@ -64,11 +64,7 @@ class Measured(Rows):
             boxes[:, 6], traits.along_m[kinds] * growths, traits.across_m[kinds] * growths
         )
         lasting = traits.lasting[kinds, None, None]
-        evidence = (
-            traits.score_offset[kinds]
-            + traits.score_slope[kinds] * log_odds(detections.scores)
-            + traits.score_per_m[kinds] * ranges
-        )
+        evidence = traits.right(log_odds(detections.scores), kinds, ranges)
         return Measured(
             boxes, kinds, detections.scores, growths, (1 - lasting) * errors, lasting * errors,
             evidence,

@@ -85,6 +85,15 @@ class Learned(Record):
     def __post_init__(self) -> None:
         settle_arrays(self, **{f.name: (np.float64, (COUNT,)) for f in fields(self)})
 
+    def right(self, odds: np.ndarray, kinds: np.ndarray, ranges_m: np.ndarray) -> np.ndarray:
+        """Return (N,) log odds that detections are right, of log odds of scores and ranges."""
+        told: np.ndarray = (
+            self.score_offset[kinds]
+            + self.score_slope[kinds] * odds
+            + self.score_per_m[kinds] * ranges_m
+        )
+        return told
+
 
 AUTO = "auto"
 SETTLED = 200.0
@@ -125,6 +134,17 @@ class Choice:
         if len(self._traits) > 1 and self._lead() < SETTLED:
             self._likelihoods += [_likelihood(log_odds, e[categories]) for e in self._deciles]
         return self._traits[int(self._likelihoods.argmax())]
+
+    def base_odds(self, range_m: float) -> np.ndarray:
+        """Return (7,) log odds that any detection of a category was right where it was learned."""
+        best = int(self._likelihoods.argmax())
+        edges, traits = self._deciles[best], self._traits[best]
+        middles = (edges[:, 1:] + edges[:, :-1]) / 2
+        kinds = np.repeat(np.arange(COUNT), middles.shape[1])
+        told = traits.right(middles.ravel(), kinds, np.full(middles.size, range_m))
+        shares = (1 / (1 + np.exp(-told))).reshape(middles.shape).mean(axis=1)
+        found: np.ndarray = np.log(shares / (1 - shares))
+        return found
 
     def _lead(self) -> float:
         second, first = np.sort(self._likelihoods)[-2:]
