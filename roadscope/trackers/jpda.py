@@ -158,16 +158,16 @@ class JpdaTracker:
     @property
     def _drop(self) -> float:
         """Where clutter is dense even a target just seen is less likely than it should be."""
-        return min(self._least, self._new(np.array([0.5])).item())
+        return min(self._least, float(self._new(np.array([0.5]))[0]))
 
     def _new(self, shares: np.ndarray) -> np.ndarray:
         return self._sighting.new_shares(shares)
 
     def _opened(self, targets: Detections, there: np.ndarray) -> Followed:
         """Begin with detections that are, with these probabilities, of new targets."""
-        opened = Tracklets.opened(self._next_id, targets, self._filter.started(targets))
+        tracks = Tracklets.opened(self._next_id, targets, self._filter.started(targets))
         self._next_id += len(targets)
-        opened = Followed(opened, Existence.first(there), there >= self._confirm)
+        opened = Followed(tracks, Existence.first(there), there >= self._confirm)
         return opened.select(there >= self._drop)
 
     def _report(self, tick: Tick) -> Tracks:

@@ -26,7 +26,8 @@ def test_density_is_found_again_beside_real_ones(kind, a_tick, most):
     cars = np.array([[8.0 * k, 6.0 * (k % 4)] for k in range(-4, 5)])
     for t in range(150):
         false = rng.uniform(-40, 40, (rng.poisson(a_tick), 2))
-        tracker.update(places(np.concatenate([cars + [0.05 * t, 0], false]), t), None)
+        moved = cars + np.array([0.05 * t, 0.0])
+        tracker.update(places(np.concatenate([moved, false]), t), None)
     assert 0.7 < tracker._clutter.density_m2 / (a_tick / 80**2) < most
     tracker.reset()
     assert tracker._clutter.density_m2 == FIRST_M2
