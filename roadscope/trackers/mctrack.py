@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
+from roadscope.core.jit import compiled
 from roadscope.core.pose import wrap_angle
 from roadscope.trackers.assignment import Pairs, assign_optimally, left_over
 from roadscope.trackers.gating import Candidates, candidates_by_overlap
@@ -90,6 +91,8 @@ class McTracker:
         kinds = tracks.categories, targets.categories
         near = overlaps_from_above(boxes, others, self._least).within_families(*kinds)
         rows, columns = assign_optimally(near, 1 - self._least)
+        if self._least_again == 1:
+            return rows, columns
         left, free = left_over(len(boxes), rows), left_over(len(others), columns)
         near = overlaps_from_ego(boxes[left], others[free], eye, self._least_again)
         near = near.within_families(kinds[0][left], kinds[1][free])
@@ -107,13 +110,34 @@ def overlaps_from_above(boxes: np.ndarray, others: np.ndarray, least: float) -> 
     near = candidates_by_overlap(
         boxes * FLAT + LEVEL, others * FLAT + LEVEL, overlap="giou", least=max(least, -1 + 1e-9)
     )
-    i, j = near.rows, near.columns
-    c2 = ((boxes[i, :2] - others[j, :2]) ** 2).sum(axis=1)
-    ones, twos = (_corners(b)[:, ::2, :2] for b in (boxes, others))
-    corners = np.concatenate([ones[i], twos[j]], axis=1)
-    d2 = ((corners[:, :, None] - corners[:, None]) ** 2).sum(axis=-1).max(axis=(1, 2), initial=0)
-    costs = near.costs + c2 / d2
+    costs = near.costs + _distances(boxes, others, near.rows, near.columns)
     return near.costing(costs).where(costs < 1 - least)
+
+
+@compiled()
+def _distances(
+    boxes: np.ndarray, others: np.ndarray, rows: np.ndarray, columns: np.ndarray
+) -> np.ndarray:
+    """Return (P,) c2 / d2 of pairs."""
+    shares, corners = np.empty(len(rows)), np.empty((8, 2))
+    for k in range(len(rows)):
+        for n in range(8):
+            box = boxes[rows[k]] if n < 4 else others[columns[k]]
+            if n % 4 == 0:
+                c, s = np.cos(box[6]), np.sin(box[6])
+            along = box[3] / 2 if n % 2 == 0 else -box[3] / 2
+            across = box[4] / 2 if n % 4 < 2 else -box[4] / 2
+            corners[n, 0] = box[0] + c * along - s * across
+            corners[n, 1] = box[1] + s * along + c * across
+        d2 = 0.0
+        for n in range(8):
+            for m in range(n):
+                dx, dy = corners[n, 0] - corners[m, 0], corners[n, 1] - corners[m, 1]
+                d2 = max(d2, dx * dx + dy * dy)
+        dx = boxes[rows[k], 0] - others[columns[k], 0]
+        dy = boxes[rows[k], 1] - others[columns[k], 1]
+        shares[k] = (dx * dx + dy * dy) / d2
+    return shares
 
 
 def overlaps_from_ego(
@@ -152,7 +176,7 @@ def _views(boxes: np.ndarray, eye: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(boxes: np.ndarray) -> np.ndarray:
-    """Return (N, 8, 3) corners; every second one is at the bottom."""
+    """Return (N, 8, 3) corners."""
     local = CORNERS * boxes[:, None, 3:6]
     c, s = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
     turned = [c * local[..., 0] - s * local[..., 1], s * local[..., 0] + c * local[..., 1]]
