@@ -14,7 +14,12 @@ import numpy as np
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.bodies import BODIES, LONGEST_M, WIDEST_M, body_table
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion_kernels import Seen, diagonal, whole_bodies
+from roadscope.detectors.shape.completion_kernels import (
+    Seen,
+    diagonal,
+    least_bodies,
+    whole_bodies,
+)
 from roadscope.detectors.shape.recognition import Vehicle
 
 MIN_POINTS = 3
@@ -42,10 +47,20 @@ def complete(cluster: Cluster, yaw: float, horizon: Horizon) -> Vehicle | None:
 
 def completions(cluster: Cluster, yaws: Sequence[float], horizon: Horizon) -> list[Vehicle | None]:
     """Return what `complete` does for each of several headings."""
-    seen = Seen(cluster.outline, cluster.points, cluster.ring, cluster.origin)
-    around = horizon.hides(cluster.outline), horizon.step
-    rows = whole_bodies(seen, np.array(yaws), around, _table())
+    rows = whole_bodies(*_seen(cluster, horizon), np.array(yaws), _table())
     return [_vehicle(row, len(cluster.outline)) for row in rows.tolist()]
+
+
+def least_rectangle(cluster: Cluster, horizon: Horizon) -> Vehicle | None:
+    """Return what `complete` does for the heading of a cluster's minimum-area rectangle."""
+    (row,) = least_bodies(*_seen(cluster, horizon), _table()).tolist()
+    return _vehicle(row, len(cluster.outline))
+
+
+def _seen(cluster: Cluster, horizon: Horizon) -> tuple[Seen, tuple[tuple[bool, bool], float]]:
+    """Return what a cluster shows, and what is hidden about it."""
+    seen = Seen(cluster.outline, cluster.points, cluster.ring, cluster.origin)
+    return seen, (horizon.hides(cluster.outline), horizon.step)
 
 
 def _vehicle(row: list[float], points: int) -> Vehicle | None:

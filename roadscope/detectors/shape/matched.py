@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
 from functools import partial
-
-import numpy as np
 
 from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion import complete
+from roadscope.detectors.shape.completion import complete, least_rectangle
 from roadscope.detectors.shape.parts import bodies_in
 from roadscope.detectors.shape.recognition import Vehicle
-from roadscope.detectors.shape.rectangle import least_rectangle
 
 BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
 """What shows two faces; a person or a cyclist has no straight ones to filter for."""
@@ -54,10 +51,12 @@ def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle 
     vehicle = complete(cluster, pose.yaw, horizon)
     if vehicle is None:
         return None
-    return replace(
-        vehicle,
-        centre=(pose.x, pose.y),
-        size=(pose.length, pose.width, vehicle.size[2]),
-        yaw=float(np.arctan(np.tan(pose.yaw))),
-        category=first.category,
+    return Vehicle(
+        (pose.x, pose.y),
+        (pose.length, pose.width, vehicle.size[2]),
+        math.atan(math.tan(pose.yaw)),
+        first.category,
+        vehicle.residual_m,
+        vehicle.points,
+        vehicle.fit,
     )

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from roadscope.detectors.pose.pair_kernels import Filter, sweep
-from roadscope.detectors.pose.rotating_pair import settled_views
+from roadscope.detectors.pose.rotating_pair import Frames, settled_views
 from roadscope.detectors.pose.score_kernels import LANES, free_scores
 
 CAR = Filter(0.04, 0.05, 0.5, 4.5, 1.8, 2, 1e-3)
@@ -15,7 +15,14 @@ def scattered(rng, frames):
         rng.uniform((17.6 + 2 * k, 2), (22.4 + 2 * k, 4), (n, 2)) for k, n in enumerate(counts)
     ]
     origins = [rng.uniform((2 * k - 3, -3), (2 * k + 3, 3)) for k in range(frames)]
-    return settled_views(points, origins, 0.1 * np.arange(frames), frames // 2)[0]
+    return viewed(points, origins)
+
+
+def viewed(points, origins):
+    starts, count = np.cumsum([0, *map(len, points)]), len(points)
+    stamps = 0.1 * np.arange(count)
+    given = Frames(np.concatenate(points), starts, np.array(origins), stamps, count // 2)
+    return settled_views(given)[0]
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3])
@@ -32,7 +39,6 @@ def test_many_angles_at_a_time_score_what_each_scores_alone(frames, settings):
 def test_sensors_at_opposite_ends_are_scored_too():
     points = [np.array([[10.0, 0.0], [12.0, 0.3]]), np.array([[10.2, 0.1], [11.0, 0.0]])]
     origins = [np.array([0.0, 0.0]), np.array([20.0, 0.0])]
-    views, _ = settled_views(points, origins, np.array([0.0, 0.1]), 0)
-    angles = np.linspace(0, np.pi, 12)
+    views, angles = viewed(points, origins), np.linspace(0, np.pi, 12)
     alone = sweep(views, angles, CAR, False)[:, 0]
     np.testing.assert_allclose(free_scores(views, angles, CAR), alone, atol=1e-4)
