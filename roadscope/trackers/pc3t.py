@@ -18,14 +18,15 @@ from roadscope.trackers.tracklets import Tracklets
 class Pc3tTracker:
     """Each track in turn, by falling confidence in its prediction, takes the cheapest detection.
 
-    From the paper: motion of constant acceleration; a prediction is as sure as the track's last
-    detection and less so with every frame unseen; what a pair costs adds up from places, boxes,
-    headings and speeds; new tracks are given up sooner than old ones.
+    From the paper: motion of constant acceleration; a confidence in each prediction that guides
+    the association; costs of pairs that add several features up.
 
-    Our reading: the surer prediction chooses first; costs are in metres, a heading's times the
-    box's length, and a speed's what it comes to in the time since the last tick. The paper's cost
-    of points within boxes is left out: detections come without points. Its filter after the
-    fact, tracks of a low mean score, is no part of what is online.
+    Our reading: a prediction is as sure as the track's last detection and less so with every
+    frame unseen, and the surest chooses first; features are places, boxes, headings and speeds,
+    all in metres, a heading's times the box's length and a speed's what it comes to in the time
+    since the last tick; new tracks are given up sooner than old ones, as in what the authors
+    published. What that drops after the fact, tracks of a low mean score, is no part of what is
+    online. Gate and noise are ours.
     """
 
     def __init__(

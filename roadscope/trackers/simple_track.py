@@ -33,8 +33,8 @@ class SimpleTracker:
     for frame rates such as a LiDAR's.
 
     Our reading: an unsure detection says that the target is still there, not where; the track is
-    told where the filter expects it. The paper's other choices, Mahalanobis distance and greedy
-    matching, which it finds no better, are left out.
+    told where the filter expects it. Mahalanobis distances and greedy matching, which the paper
+    looks at too, are left out.
     """
 
     def __init__(
