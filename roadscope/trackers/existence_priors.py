@@ -14,6 +14,8 @@ from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.learned import Learned
 from roadscope.trackers.rows import Rows
 
+# Set by hand: lanes are 3 to 4 m wide, drivers in them keep within a few m/s of one another over
+# the distance in which they can react to each other; the last two are round figures.
 AHEAD_M, ASIDE_M = 40.0, 3.0
 """Over which road users move alike, standard deviations: along a lane, and from lane to lane."""
 ALIKE_M_S = 2.0

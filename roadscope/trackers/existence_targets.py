@@ -14,6 +14,7 @@ from roadscope.trackers.learned import Learned
 from roadscope.trackers.rows import Rows
 from roadscope.trackers.tracklets import boxes_of
 
+# Set by hand; the last is where scores of five digits end.
 SIZE_MEMORY = 1.0
 """Detections at no range that a size rests on at most: boxes follow what is visible."""
 HEADING_MEMORY = 0.9

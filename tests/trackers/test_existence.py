@@ -208,3 +208,20 @@ def test_newcomers_count_as_seen_again_only_if_soon():
         tracker.update(scene([[10, 0]] if t in (0, 7) else [], t), None)
     born = tracker._returns.born
     assert (born.seen_again, born.lost) == (0, 1)
+
+
+def test_surplus_widens_what_is_said_of_places_alone(tmp_path):
+    shipped = (learned.FOLDER / "unknown.toml").read_text("utf-8")
+    path = tmp_path / "wide.toml"
+    path.write_text(shipped.replace("surplus = 1.0", "surplus = 4.0"), "utf-8")
+    told = []
+    for traits in ("unknown", str(path)):
+        tracker = ExistenceTracker(traits=traits)
+        for t in range(10):
+            tracks = tracker.update(scene([10 + 0.5 * t, 0], t), None)
+        told.append(tracks)
+    one, other = told
+    assert other.centres == pytest.approx(one.centres)
+    assert other.covariances[:, :2, :2] == pytest.approx(4 * one.covariances[:, :2, :2])
+    assert other.covariances[:, 2:, :] == pytest.approx(one.covariances[:, 2:, :])
+    assert (np.linalg.eigvalsh(other.covariances) > 0).all()
