@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
+from itertools import accumulate, pairwise
+from math import isfinite
 from typing import Unpack
 
 import numpy as np
@@ -39,13 +40,16 @@ def fit_multi(
     that is searched. Not tied, each frame has its own shift, which is the weaker assumption of
     figure 4: then the velocity is the slope of the shifts.
     """
-    points, places = [settled_points(p) for p in frames], [settled_origin(o) for o in origins]
-    stamps = _settled_stamps(stamps_s, len(points), len(places))
-    frame = _settled_frame(at, len(points))
+    stamps = _settled_stamps(stamps_s, len(frames), len(origins))
+    frame, places = _settled_frame(at, len(frames)), np.array(origins, np.float64)
+    if places.shape != (len(frames), 2) or not np.isfinite(places).all():
+        places = np.array([settled_origin(o) for o in origins])
     settings, plan = settled_reading(length_m, width_m, **reading)
-    starts = np.array([0, *accumulate(map(len, points))])
-    frames_of = Frames(np.concatenate(points), starts, np.array(places), stamps, frame)
-    x, y, yaw, velocity, score = best_pair(frames_of, settings, plan._replace(tied=tied))
+    if not all(len(points) for points in frames):
+        raise ValueError("a pose needs at least 1 point in each frame, got none in one")
+    points, starts = settled_points(np.concatenate(frames)), [0, *accumulate(map(len, frames))]
+    seen = Frames(points, np.array(starts), places, stamps, frame)
+    x, y, yaw, velocity, score = best_pair(seen, settings, plan._replace(tied=tied))
     if velocity <= -MOVING_M_S:
         yaw += np.pi
     return VehiclePose(x, y, yaw, length_m, width_m, score=score)
@@ -61,7 +65,7 @@ def _settled_stamps(
         raise ValueError(
             f"frames, origins and stamps must be as many, got {frames}, {origins}, {stamps.shape}"
         )
-    if not np.isfinite(stamps).all() or (np.diff(stamps) <= 0).any():
+    if not all(map(isfinite, stamps)) or not all(a < b for a, b in pairwise(stamps)):
         raise ValueError(f"stamps must be finite and rising, got {stamps}")
     return stamps
 
