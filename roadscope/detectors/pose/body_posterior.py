@@ -15,7 +15,7 @@ LEVELS = (2.5,)
 """Standard deviations along each principal axis at which rays are tried."""
 STRAIGHT = 0.3
 """Departure of a ray's log-likelihood from its quadratic form up to which the form is used."""
-WORK, FEWEST, MOST = 30_000, 160, 512
+WORK, FEWEST, MOST = 18_000, 160, 512
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
 ROUNDS = 3, 3

@@ -20,7 +20,7 @@ from roadscope.detectors.pose.body_fit import (
 )
 from roadscope.detectors.pose.body_kernels import HIT, POSE, Chances, Rays, pose_after
 from roadscope.detectors.pose.body_model import BodyModel
-from roadscope.detectors.pose.body_posterior import ENOUGH, Guess, around, posterior
+from roadscope.detectors.pose.body_posterior import Guess, around, posterior
 from roadscope.detectors.pose.body_rays import Sighting, sight
 from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
 from roadscope.detectors.pose.body_start import starts
@@ -41,9 +41,11 @@ NEAR_SLACKS_M = (0.06, 0.02, 0.0)
 WIDER = 1.5
 """How much wider than the last posterior, as a factor on its covariance, the next one is looked
 for: of windows as long all but one scan are the same."""
+COUNTED = 50.0
+"""Effective samples from which the posterior around the last one is taken as it is."""
 LONG = 3
 """Scans from which a window's posterior is told by the last one."""
-FITTING = 1.0
+FITTING = 2.0
 """Standard deviations of the cost, above its mean, up to which the last answer, moved on, is
 taken to be right."""
 CLOSE = 30.0
@@ -187,7 +189,7 @@ class Smoother:
         off = misfits_of(problem, state, 0.0)[0]
         cost = LIMIT**2 * np.log1p((off / LIMIT) ** 2).sum()
         turned = self._turned(problem.whole(state))[0]
-        if found.effective < ENOUGH or cost > self._bound(problem) or turned:
+        if found.effective < COUNTED or cost > self._bound(problem) or turned:
             return None
         return found
 
