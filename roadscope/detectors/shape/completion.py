@@ -27,6 +27,8 @@ LEAST_M = 0.25
 """Least diagonal of what is seen: a thin post is nobody."""
 FIT_MIN = -18.0
 """Least log likelihood of the best kind of body; far below that of any that was seen."""
+Shown = tuple[Seen, tuple[tuple[bool, bool], float]]
+"""What kernels ask of a cluster, and of what is hidden about it."""
 _table = cache(body_table)
 
 
@@ -47,17 +49,27 @@ def complete(cluster: Cluster, yaw: float, horizon: Horizon) -> Vehicle | None:
 
 def completions(cluster: Cluster, yaws: Sequence[float], horizon: Horizon) -> list[Vehicle | None]:
     """Return what `complete` does for each of several headings."""
-    rows = whole_bodies(*_seen(cluster, horizon), np.array(yaws), _table())
-    return [_vehicle(row, len(cluster.outline)) for row in rows.tolist()]
+    return whole_ones(shown(cluster, horizon), yaws)
 
 
 def least_rectangle(cluster: Cluster, horizon: Horizon) -> Vehicle | None:
     """Return what `complete` does for the heading of a cluster's minimum-area rectangle."""
-    (row,) = least_bodies(*_seen(cluster, horizon), _table()).tolist()
-    return _vehicle(row, len(cluster.outline))
+    return least_one(shown(cluster, horizon))
 
 
-def _seen(cluster: Cluster, horizon: Horizon) -> tuple[Seen, tuple[tuple[bool, bool], float]]:
+def whole_ones(seen: Shown, yaws: Sequence[float]) -> list[Vehicle | None]:
+    """Return what completes what is shown, for each of several headings."""
+    rows = whole_bodies(*seen, np.array(yaws), _table())
+    return [_vehicle(row, len(seen[0].outline)) for row in rows.tolist()]
+
+
+def least_one(seen: Shown) -> Vehicle | None:
+    """Return what completes what is shown, for the heading of its minimum-area rectangle."""
+    (row,) = least_bodies(*seen, _table()).tolist()
+    return _vehicle(row, len(seen[0].outline))
+
+
+def shown(cluster: Cluster, horizon: Horizon) -> Shown:
     """Return what a cluster shows, and what is hidden about it."""
     seen = Seen(cluster.outline, cluster.points, cluster.ring, cluster.origin)
     return seen, (horizon.hides(cluster.outline), horizon.step)

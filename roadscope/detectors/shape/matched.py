@@ -9,7 +9,7 @@ from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion import complete, least_rectangle
+from roadscope.detectors.shape.completion import least_one, shown, whole_ones
 from roadscope.detectors.shape.parts import bodies_in
 from roadscope.detectors.shape.recognition import Vehicle
 
@@ -34,7 +34,8 @@ def vehicles_by_matched_filter(
 
 
 def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle | None:
-    first = least_rectangle(cluster, horizon)
+    seen = shown(cluster, horizon)
+    first = least_one(seen)
     if first is None or first.category not in BRICKS or len(cluster.points) < LEAST:
         return first
     length, width, _ = first.size
@@ -48,7 +49,7 @@ def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle 
         bin_m=sigma_m,
         step_deg=STEP_DEG,
     )
-    vehicle = complete(cluster, pose.yaw, horizon)
+    (vehicle,) = whole_ones(seen, (pose.yaw,))
     if vehicle is None:
         return None
     return Vehicle(
