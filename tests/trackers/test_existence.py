@@ -188,7 +188,10 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 
 @pytest.mark.parametrize("sigma", [0.1, 0.8])
 def test_covariances_follow_what_detections_err(sigma):
-    """Squared errors of places over what tracks say of them: near 1 per degree of freedom."""
+    """Squared errors of places over what tracks say of them, per degree of freedom.
+
+    Below 1: of an unknown detector a share of errors is taken to last, and here none does.
+    """
     rng, tracker, told = np.random.default_rng(0), ExistenceTracker(traits="unknown"), []
     cars = np.array([[10.0 * k, 8.0 * (k % 5)] for k in range(20)])
     for t in range(80):
@@ -199,7 +202,7 @@ def test_covariances_follow_what_detections_err(sigma):
         off = tracks.centres[row, :2] - truth[column]
         spread = tracks.covariances[row, :2, :2]
         told.append((off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=1) / 2)
-    assert 0.15 < np.concatenate(told[40:]).mean() < 1.5
+    assert 0.25 < np.concatenate(told[40:]).mean() < 0.6
 
 
 def test_newcomers_count_as_seen_again_only_if_soon():
