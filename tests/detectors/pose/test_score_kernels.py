@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from roadscope.detectors.pose.filter_kernels import gaussian_taps, respond
 from roadscope.detectors.pose.pair_kernels import Filter, sweep
 from roadscope.detectors.pose.rotating_pair import Frames, settled_views
 from roadscope.detectors.pose.score_kernels import LANES, free_scores
@@ -42,3 +43,14 @@ def test_sensors_at_opposite_ends_are_scored_too():
     views, angles = viewed(points, origins), np.linspace(0, np.pi, 12)
     alone = sweep(views, angles, CAR, False)[:, 0]
     np.testing.assert_allclose(free_scores(views, angles, CAR), alone, atol=1e-4)
+
+
+def test_a_body_holds_a_return_from_one_of_its_ends_to_the_other():
+    work, taps = np.empty((3, 401)), gaussian_taps(1.0)
+    weighed = np.array([0.0, 4.0]), np.array([0.5, 0.5])
+    respond(weighed, (1.0, 1.8, 0.0), (0.04, 0.04, 0.5), taps, work)
+    middles_m, response = 0.04 * (np.arange(401) - 200), work[2]
+    held = response[np.abs(middles_m) < 0.7]
+    np.testing.assert_allclose(held, held[0], atol=1e-6)
+    assert held[0] > response[0] + 0.2
+    np.testing.assert_allclose(response[np.abs(middles_m) > 1.2].min(), -0.5)
