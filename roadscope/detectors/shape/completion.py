@@ -39,21 +39,16 @@ def is_body_sized(cluster: Cluster) -> bool:
     return bool(LEAST_M <= diagonal(cluster.points) <= LONGEST_M + WIDEST_M)
 
 
-def complete(cluster: Cluster, yaw: float, horizon: Horizon) -> Vehicle | None:
-    """Return the road user that shows a cluster, None where it is too large for any.
-
-    yaw: radians, along either side of the rectangle.
-    """
-    return completions(cluster, (yaw,), horizon)[0]
-
-
 def completions(cluster: Cluster, yaws: Sequence[float], horizon: Horizon) -> list[Vehicle | None]:
-    """Return what `complete` does for each of several headings."""
+    """Return the road user that shows a cluster for each heading, None where it is too large.
+
+    yaws: radians, along either side of the rectangle.
+    """
     return whole_ones(shown(cluster, horizon), yaws)
 
 
 def least_rectangle(cluster: Cluster, horizon: Horizon) -> Vehicle | None:
-    """Return what `complete` does for the heading of a cluster's minimum-area rectangle."""
+    """Return what `completions` does for the heading of a cluster's minimum-area rectangle."""
     return least_one(shown(cluster, horizon))
 
 
