@@ -24,7 +24,8 @@ class ExistenceOfflineTracker(ExistenceTracker):
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Do as the online tracker, and remember which errors last."""
         tracks = super().update(detections, ego_pose)
-        self._offsets[tracks.stamp_s] = self._targets.offsets
+        passing = self._targets.beliefs.covariances[:, :2, :2]
+        self._offsets[tracks.stamp_s] = tracks.covariances[:, :2, :2] - passing
         return tracks
 
     def rescored(self, history: Sequence[Tracks]) -> list[Tracks]:

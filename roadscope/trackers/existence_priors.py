@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core import Category
+from roadscope.core.jit import compiled
 from roadscope.trackers.existence_kernels import ellipses
 from roadscope.trackers.existence_targets import Measured, Targets
 from roadscope.trackers.gating import FAMILIES
@@ -14,6 +15,8 @@ from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.learned import Learned
 from roadscope.trackers.rows import Rows
 
+# Set by hand: lanes are 3 to 4 m wide, drivers in them keep within a few m/s of one another over
+# the distance in which they can react to each other; the last two are round figures.
 AHEAD_M, ASIDE_M = 40.0, 3.0
 """Over which road users move alike, standard deviations: along a lane, and from lane to lane."""
 ALIKE_M_S = 2.0
@@ -55,33 +58,47 @@ def expected_velocities(new: Measured, known: Neighbours, traits: Learned) -> Ga
     kinds, yaws = new.categories, new.boxes[:, 6]
     headings = np.column_stack([np.cos(yaws), np.sin(yaws)])
     front = traits.front[kinds]
-    speeds, weights = _guesses(new, headings, known, front)
-    usual, total = (2 * front - 1) * traits.cruise_m_s[kinds], USUAL + weights.sum(axis=1)
-    mean = (USUAL * usual + (weights * speeds).sum(axis=1)) / total
+    told, drawn, squared = _guessed(
+        new.boxes, FAMILIES[kinds], front, known.places, known.velocities, known.families
+    ).T
+    usual, total = (2 * front - 1) * traits.cruise_m_s[kinds], USUAL + told
+    mean = (USUAL * usual + drawn) / total
     # The second moment of the usual speed is the same, whatever the mean.
     spread = USUAL * (traits.speed_m_s[kinds] ** 2 + mean**2 - 2 * usual * mean)
-    spread += (weights * (ALIKE_M_S**2 + (speeds - mean[:, None]) ** 2)).sum(axis=1)
+    spread += told * (ALIKE_M_S**2 + mean**2) + squared - 2 * mean * drawn
     along = np.sqrt(spread / total)
     skew = np.minimum(traits.yaw_rad[kinds] * new.growths, 1.0)
     across = np.hypot(traits.aside_m_s[kinds], skew * np.hypot(mean, along))
     return Gaussians(mean[:, None] * headings, ellipses(yaws, along, across))
 
 
-def _guesses(
-    new: Measured, headings: np.ndarray, known: Neighbours, front: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, M) speeds of neighbours along newcomers' headings, and their weights."""
-    apart = known.places[None] - new.boxes[:, None, :2]
-    speeds, sideways = _turned(np.broadcast_to(known.velocities, apart.shape), headings)
-    ahead, aside = _turned(apart, headings)
-    skew = sideways / (ALIKE_M_S + 0.2 * np.abs(speeds))
-    weights = np.exp(-0.5 * ((ahead / AHEAD_M) ** 2 + (aside / ASIDE_M) ** 2 + skew**2))
-    facing = np.where(speeds > 0, front[:, None], 1 - front[:, None])
-    alike = FAMILIES[new.categories][:, None] == known.families
-    return speeds, weights * alike * facing
+@compiled()
+def _guessed(
+    boxes: np.ndarray,
+    families: np.ndarray,
+    front: np.ndarray,
+    places: np.ndarray,
+    velocities: np.ndarray,
+    others: np.ndarray,
+) -> np.ndarray:
+    """Return (N, 3) sums over neighbours of weights, and of these times speeds and their squares.
 
-
-def _turned(vectors: np.ndarray, headings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, M) components along and across (N, 2) headings of (N, M, 2) vectors."""
-    c, s = headings[:, None, 0], headings[:, None, 1]
-    return c * vectors[..., 0] + s * vectors[..., 1], c * vectors[..., 1] - s * vectors[..., 0]
+    Speeds are those along newcomers' headings; others: (M,) families of neighbours.
+    """
+    sums = np.zeros((len(boxes), 3))
+    for i in range(len(boxes)):
+        c, s = np.cos(boxes[i, 6]), np.sin(boxes[i, 6])
+        for j in range(len(places)):
+            if families[i] != others[j]:
+                continue
+            dx, dy = places[j, 0] - boxes[i, 0], places[j, 1] - boxes[i, 1]
+            speed = c * velocities[j, 0] + s * velocities[j, 1]
+            skew = c * velocities[j, 1] - s * velocities[j, 0]
+            skew /= ALIKE_M_S + 0.2 * abs(speed)
+            ahead, aside = (c * dx + s * dy) / AHEAD_M, (c * dy - s * dx) / ASIDE_M
+            weight = np.exp(-0.5 * (ahead**2 + aside**2 + skew**2))
+            weight *= front[i] if speed > 0 else 1 - front[i]
+            sums[i, 0] += weight
+            sums[i, 1] += weight * speed
+            sums[i, 2] += weight * speed**2
+    return sums

@@ -8,6 +8,7 @@ import numpy as np
 
 from roadscope.trackers.existence_targets import Targets
 
+# Round figures set by hand; the share that they begin with is learned.
 WEIGHT = 10.0
 """Cases that what was learned counts for."""
 

@@ -14,6 +14,7 @@ from roadscope.trackers.learned import Learned
 from roadscope.trackers.rows import Rows
 from roadscope.trackers.tracklets import boxes_of
 
+# Set by hand; the last is where scores of five digits end.
 SIZE_MEMORY = 1.0
 """Detections at no range that a size rests on at most: boxes follow what is visible."""
 HEADING_MEMORY = 0.9
@@ -64,11 +65,7 @@ class Measured(Rows):
             boxes[:, 6], traits.along_m[kinds] * growths, traits.across_m[kinds] * growths
         )
         lasting = traits.lasting[kinds, None, None]
-        evidence = (
-            traits.score_offset[kinds]
-            + traits.score_slope[kinds] * log_odds(detections.scores)
-            + traits.score_per_m[kinds] * ranges
-        )
+        evidence = traits.right(log_odds(detections.scores), kinds, ranges)
         return Measured(
             boxes, kinds, detections.scores, growths, (1 - lasting) * errors, lasting * errors,
             evidence,

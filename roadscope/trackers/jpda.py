@@ -9,6 +9,7 @@ import numpy as np
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
 from roadscope.trackers.assignment import Pairs, assign_optimally, left_over
+from roadscope.trackers.clutter import FIRST_M2, Clutter, Scores
 from roadscope.trackers.gating import (
     Candidates,
     candidates_by_likelihood,
@@ -52,12 +53,13 @@ class JpdaTracker:
         *,
         gate_share: float = 0.997,
         detection: float = 0.9,
-        clutter_m2: float = 1e-4,
+        clutter_m2: float | None = None,
         birth_m2: float = 1e-5,
         lifetime_s: float = 30.0,
         visible_s: float = 10.0,
         hidden_s: float = 1.0,
         score_weight: float = 1.0,
+        traits: str = "auto",
         confirm: float = 0.99,
         drop: float = 0.02,
         shown_misses: int = 0,
@@ -70,7 +72,8 @@ class JpdaTracker:
 
         gate_share: share of right pairs that the gate lets through, if the noise is as said.
         detection, clutter_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight: see
-            `Sighting`.
+            `Sighting`; clutter_m2 None: counted while tracking.
+        traits: what scores mean, see `ExistenceTracker`.
         confirm, drop: probabilities of existence from which a track is confirmed, and below which
             one is dropped or not even begun.
         shown_misses: ticks without a detection in which a track is still answered for.
@@ -82,11 +85,11 @@ class JpdaTracker:
         check_counts(0, shown_misses=shown_misses)
         check_not_negative(velocity_walk=velocity_walk)
         self._gate = chi_square_gate(gate_share, 2)
+        self._counts, first_m2 = clutter_m2 is None, FIRST_M2 if clutter_m2 is None else clutter_m2
         self._sighting = Sighting(
-            detection, clutter_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight
+            detection, first_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight
         )
-        # Where clutter is dense even a target just seen is less likely than `drop`.
-        self._drop = min(drop, self._sighting.new_shares(np.array([0.5])).item())
+        self._least, self._scores = drop, Scores(traits)
         self._confirm, self._shown_misses = confirm, shown_misses
         self._exact_limit = float(exact_limit)
         self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
@@ -96,15 +99,20 @@ class JpdaTracker:
         """Forget all tracks."""
         self._tick: Tick | None = None
         self._next_id = 0
+        self._clutter = Clutter()
+        self._scores.reset()
         self._followed = self._opened(Detections.empty(0.0), np.empty(0))
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
         """Take the detections of one tick and return all tracks."""
         tick = self._tick = Tick.after(self._tick, detections, ego_pose)
-        targets, tracks = tick.targets, self._followed.tracks
+        self._clutter.seen(tick)
+        if self._counts:
+            self._sighting = replace(self._sighting, clutter_m2=self._clutter.density_m2)
+        targets, tracks, shares = tick.targets, self._followed.tracks, self._scores.shares(tick)
         tracks = tracks.moved_on(self._filter.predicted(tracks.beliefs, tick.period_s))
         existence = self._sighting.moved_on(self._followed.existence, tick.period_s)
-        near = self._marginals(tracks, existence, targets)
+        near = self._marginals(tracks, existence, targets, shares)
         unclaimed = np.clip(1 - np.bincount(near.columns, near.costs, len(targets)), 0, 1)
         existence = self._existence_after(existence, near)
         given = near.costing(near.costs / existence.there[near.rows])
@@ -113,13 +121,14 @@ class JpdaTracker:
         tracks = replace(tracks, beliefs=beliefs)
         tracks = tracks.seen(rows, targets.select(columns), beliefs.select(rows))
         new = left_over(len(targets), columns)
-        opened = self._opened(targets.select(new), unclaimed[new])
+        opened = self._opened(targets.select(new), unclaimed[new] * self._new(shares[new]))
+        self._clutter.lost(len(new) - len(opened.confirmed))
         self._followed = self._managed(Followed(tracks, existence, self._followed.confirmed))
         self._followed = self._followed.joined(opened)
         return self._report(tick)
 
     def _marginals(
-        self, tracks: Tracklets, existence: Existence, targets: Detections
+        self, tracks: Tracklets, existence: Existence, targets: Detections, shares: np.ndarray
     ) -> Candidates:
         """Return pairs with beta for costs; weights are divided by those of free detections."""
         S = self._filter.expected(tracks.beliefs)
@@ -127,7 +136,7 @@ class JpdaTracker:
         near = near.within_families(tracks.categories, targets.categories)
         found = existence.visible * self._sighting.detection
         highest = found / (2 * np.pi * np.sqrt(determinants(S)))
-        gains = self._sighting.gains(targets.scores)
+        gains = self._sighting.gains(shares)
         weights = np.exp(-near.costs / 2) * highest[near.rows] * gains[near.columns]
         alone = 1 - found, np.ones(len(targets))
         return near.costing(
@@ -143,14 +152,23 @@ class JpdaTracker:
     def _managed(self, followed: Followed) -> Followed:
         confirmed = followed.confirmed | (followed.existence.there >= self._confirm)
         kept = followed.existence.there >= self._drop
+        self._clutter.lost(int(followed.tracks.hits[~kept & ~confirmed].sum()))
         return replace(followed, confirmed=confirmed).select(kept)
 
-    def _opened(self, targets: Detections, unclaimed: np.ndarray) -> Followed:
-        """Begin with detections that are, with these probabilities, of no track."""
-        there = unclaimed * self._sighting.new_shares(targets.scores)
-        opened = Tracklets.opened(self._next_id, targets, self._filter.started(targets))
+    @property
+    def _drop(self) -> float:
+        """Where clutter is dense even a target just seen is less likely than it should be."""
+        return min(self._least, float(self._new(np.array([0.5]))[0]))
+
+    def _new(self, shares: np.ndarray) -> np.ndarray:
+        return self._sighting.new_shares(shares)
+
+    def _opened(self, targets: Detections, there: np.ndarray) -> Followed:
+        """Begin with detections that are, with these probabilities, of new targets."""
+        tracks = Tracklets.opened(self._next_id, targets, self._filter.started(targets))
         self._next_id += len(targets)
-        return self._managed(Followed(opened, Existence.first(there), np.zeros(len(there), bool)))
+        opened = Followed(tracks, Existence.first(there), there >= self._confirm)
+        return opened.select(there >= self._drop)
 
     def _report(self, tick: Tick) -> Tracks:
         followed = self._followed

@@ -13,6 +13,7 @@ from roadscope.trackers.gating import chi_square_gate
 from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.offline_trajectories import COLUMNS, Trajectory
 
+# Round figures set by hand: bodies and gaps that no tracker would join are not joined.
 SHARE = 0.99
 """Of right pairs, so many lie within the gate."""
 SIZE_RATIO = 1.5

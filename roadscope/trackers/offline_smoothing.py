@@ -11,6 +11,9 @@ from roadscope.trackers.motion import ConstantVelocity
 from roadscope.trackers.offline_trajectories import Trajectory
 
 
+# The defaults are set by hand: the pass takes tracks of any tracker, of which nothing is learned.
+# So one walk serves all classes. It lies between what was learned of cars (0.85) and of cyclists
+# (0.67); pedestrians (0.28) are smoothed less than they could be.
 @dataclass(frozen=True, slots=True)
 class Rescoring:
     """How tracks are told anew.

@@ -3,6 +3,8 @@
 Single stages have laws beside them; here are those of the boxes that come out in the end.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
@@ -37,8 +39,12 @@ EXACT = (1e-6, 1e-6, 1e-6, 1e-5)
 """Metres of place and of size, radians, score."""
 ROUNDED = (1e-3, 1e-3, 1e-3, 1e-2)
 """A scan's numbers are rounded anew, to a few micrometres."""
+DESCENDED = {"body": (2e-3, 3e-3, 1e-3, 1e-2)}
+"""A descent ends a little before the bottom, another little when numbers are rounded anew."""
 CLOSE = (0.02, 0.01, 0.005, 0.02)
-"""Cells of height and sectors decide otherwise on single low returns."""
+"""Where bins or sectors of angle do not turn with the scene."""
+LOW = (0.02, 0.01, 0.005, 0.15)
+"""Cells of height and sectors decide otherwise on single low returns, which scores count."""
 TURNED = {
     # The headings that it tries, a quarter degree apart, do not turn with the scene.
     "l-shape": (0.05, 0.03, np.radians(0.5), 0.05),
@@ -63,7 +69,7 @@ quarter_turns = st.integers(1, 3).map(lambda k: k * np.pi / 2)
 half_metres = st.integers(-60, 60).map(lambda k: 0.5 * k)
 """Multiples of the height grid's cells, which stay in place in the ego frame."""
 seeds = st.integers(0, 2**32 - 1)
-few = settings(max_examples=2, phases=[Phase.generate])
+several = settings(max_examples=15, phases=[Phase.generate])
 """A smaller seed is no simpler scene."""
 
 
@@ -80,7 +86,13 @@ def scene(stages, seed):
     """Bodies, and a ground where it is taken away: patches of it are triangles, whose least
     rectangle may as well lie on any of their sides.
     """
-    return look_around(seed=seed, ground=stages[0] != "keep")
+    return seen_once(look_around, seed, stages[0] != "keep")
+
+
+@cache
+def seen_once(look, seed, ground):
+    """Keep a scene: all pairs are shown the same ones, and none writes into them."""
+    return look(seed=seed, ground=ground)
 
 
 every_pair = pytest.mark.parametrize("stages", PAIRS, ids=" ".join)
@@ -93,7 +105,7 @@ def test_any_two_stages_are_paired():
 
 
 @every_pair
-@few
+@several
 @given(seed=seeds)
 def test_order_of_the_returns_changes_no_bit(stages, seed):
     seen = scene(stages, seed % 7)
@@ -104,7 +116,7 @@ def test_order_of_the_returns_changes_no_bit(stages, seed):
 
 
 @every_pair
-@few
+@several
 @given(seed=st.integers(0, 99), turn=quarter_turns, x=half_metres, y=half_metres)
 def test_right_angles_and_whole_cells_move_the_boxes(stages, seed, turn, x, y):
     """What every method owes, cells or not."""
@@ -115,7 +127,7 @@ def test_right_angles_and_whole_cells_move_the_boxes(stages, seed, turn, x, y):
 
 
 @every_pair
-@few
+@several
 @given(seed=st.integers(0, 99))
 def test_left_and_right_are_alike(stages, seed):
     seen, detector = scene(stages, seed), make(stages)
@@ -125,7 +137,7 @@ def test_left_and_right_are_alike(stages, seed):
 
 
 @every_pair
-@few
+@several
 @given(
     seed=st.integers(0, 99), turn=st.floats(-3.1, 3.1), x=st.floats(-30, 30), y=st.floats(-30, 30)
 )
@@ -133,21 +145,23 @@ def test_any_rigid_motion_moves_the_boxes(stages, seed, turn, x, y):
     """Without a ground: cells of height and sectors decide on a body's lowest returns alone."""
     if stages[1] in CELLS_OF_THE_BOUNDING_BOX:
         turn = 0.0
-    seen, motion = look_ahead(seed=seed, ground=False), Pose.planar(x, y, turn)
+    seen, motion = seen_once(look_ahead, seed, False), Pose.planar(x, y, turn)
     detector = make(stages)
     expected = detector.detect(seen).moved(motion, "ego")
     difference = apart(detector.detect(carried(seen, motion)), expected)
-    assert (difference <= TURNED.get(stages[2], CLOSE)).all()
+    allowed = TURNED.get(stages[2], CLOSE if stages[0] == "keep" else LOW)
+    assert (difference <= allowed).all()
 
 
 @every_pair
-@few
+@several
 @given(turn=st.floats(-3.1, 3.1), seed=st.integers(0, 99))
 def test_the_way_the_sensor_is_mounted_changes_nothing(stages, turn, seed):
     """The returns stay where they are in the ego frame, to the rounding of the scan's numbers."""
     seen, detector = scene(stages, seed), make(stages)
     there = turned_sensor(seen, Pose.planar(0.0, 0.0, turn))
-    assert (apart(detector.detect(there), detector.detect(seen)) <= ROUNDED).all()
+    difference = apart(detector.detect(there), detector.detect(seen))
+    assert (difference <= DESCENDED.get(stages[2], ROUNDED)).all()
 
 
 def test_height_of_the_sensor_changes_no_box(stages):
@@ -180,7 +194,7 @@ def test_fewer_than_three_places_are_nobody(stages, count):
 
 
 @every_pair
-@few
+@several
 @given(
     bearing=st.floats(-0.9, 0.9), along=st.floats(-3.2, 3.2), span=st.floats(0.0, 8.0),
     rings=st.integers(1, 4), seed=seeds,

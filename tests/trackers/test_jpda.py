@@ -61,7 +61,7 @@ def test_marginals_are_read_one_to_one():
 
 
 def test_existence_rises_with_hits_and_falls_with_misses():
-    tracker = JpdaTracker()
+    tracker = JpdaTracker(traits="unknown")
     rising = [tracker.update(seen(k, [(20 + k, 0)]), None) for k in range(6)]
     scores = [tracks.scores[0] for tracks in rising]
     assert scores[0] < 0.2
@@ -80,7 +80,7 @@ def test_existence_rises_with_hits_and_falls_with_misses():
 
 def test_clutter_alone_confirms_nothing():
     rng = np.random.default_rng(5)
-    tracker = JpdaTracker()
+    tracker = JpdaTracker(traits="unknown")
     for k in range(100):
         places = rng.uniform(-50, 50, (rng.poisson(1.0), 2))
         states = tracker.update(seen(k, places), None).states
@@ -88,11 +88,14 @@ def test_clutter_alone_confirms_nothing():
 
 
 def test_surer_detections_are_believed_sooner():
-    first = [JpdaTracker().update(seen(0, [(5, 5)], s), None).scores[0] for s in (0.3, 0.9)]
+    first = [
+        JpdaTracker(traits="unknown").update(seen(0, [(5, 5)], s), None).scores[0]
+        for s in (0.3, 0.9)
+    ]
     assert first[0] < first[1]
-    assert JpdaTracker(score_weight=0).update(seen(0, [(5, 5)], 0.3), None).scores[
-        0
-    ] == pytest.approx(0.9e-5 / (0.9e-5 + 1e-4))
+    assert JpdaTracker(score_weight=0, traits="unknown", clutter_m2=1e-4).update(
+        seen(0, [(5, 5)], 0.3), None
+    ).scores[0] == pytest.approx(0.9e-5 / (0.9e-5 + 1e-4))
 
 
 @pytest.mark.parametrize(
@@ -101,18 +104,18 @@ def test_surer_detections_are_believed_sooner():
 )
 def test_what_is_unlikely_alone_is_proved_by_coming_back(kind, score, clutter_m2):
     """Of low scores, or where clutter is dense, every first detection is most likely nothing."""
-    tracker = kind(clutter_m2=clutter_m2)
+    tracker = kind(clutter_m2=clutter_m2, traits="unknown")
     told = [tracker.update(seen(k, [(20 + 0.5 * k, 0)], score), None) for k in range(20)]
     assert told[0].scores[0] < 0.02
     assert told[-1].ids[told[-1].states == TrackState.CONFIRMED].tolist() == [0]
-    passing = kind(clutter_m2=clutter_m2)
+    passing = kind(clutter_m2=clutter_m2, traits="unknown")
     passing.update(seen(0, [(20, 0)], score), None)
     assert len(passing.update(seen(1, [], score), None)) == 0
 
 
 def test_one_of_two_detections_takes_not_all():
     """Between two detections alike the track goes to their mean, and is less sure of it."""
-    tracker, sure = JpdaTracker(), JpdaTracker()
+    tracker, sure = JpdaTracker(traits="unknown"), JpdaTracker(traits="unknown")
     for k in range(10):
         tracker.update(seen(k, [(0, 0)]), None)
         sure.update(seen(k, [(0, 0)]), None)

@@ -98,6 +98,7 @@ def test_equals_bayes_over_all_histories(seed, counts):
         scans.append(places[np.argsort(places[:, 0])])
     tracker = PmbmTracker(
         gate_share=1 - 1e-12, detection=DETECTION, clutter_m2=CLUTTER, birth_m2=BIRTH,
+        traits="unknown",
         hypotheses=10**5, least_share=0.0, drop=0.0,
     )  # fmt: skip
     for tick, places in enumerate(scans):
@@ -113,7 +114,7 @@ def test_equals_bayes_over_all_histories(seed, counts):
 
 def test_clutter_alone_confirms_nothing():
     rng = np.random.default_rng(5)
-    tracker = PmbmTracker()
+    tracker = PmbmTracker(traits="unknown")
     for k in range(60):
         places = rng.uniform(-50, 50, (rng.poisson(1.0), 2))
         states = tracker.update(seen(k, places, 0.5), None).states
@@ -121,7 +122,7 @@ def test_clutter_alone_confirms_nothing():
 
 
 def test_existence_rises_with_hits_and_falls_with_misses():
-    tracker = PmbmTracker()
+    tracker = PmbmTracker(traits="unknown")
     for k in range(6):
         tracks = tracker.update(seen(k, [(20 + k, 0)], 0.5), None)
     assert tracks.scores[0] > 0.99
@@ -161,7 +162,7 @@ def test_crossing_targets_are_told_apart_where_nearest_neighbours_are_not():
 
 
 def test_targets_far_apart_have_hypotheses_of_their_own():
-    tracker = PmbmTracker()
+    tracker = PmbmTracker(traits="unknown")
     rng = np.random.default_rng(0)
     centres = np.array([[0, 0], [60, 0], [0, 60]])
     for k in range(8):

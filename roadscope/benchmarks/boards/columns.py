@@ -73,6 +73,8 @@ COLUMNS: Mapping[str, Columns] = {
         "det_a": ("DetA", 2),
         "ass_a": ("AssA", 2),
         "samota": ("sAMO-\nTA", 2),
+        "amota_nuscenes": ("AMOTA\nnuSc.", 2),
+        "amotp_nuscenes_m": ("AMOTP\nnuSc.", 2),
         "gospa_m": ("GOSPA\nm", 2),
         "heading_rmse_deg": ("head.\ndeg", 1),
         "inside_state": ("in\n95 %", 2),
@@ -93,6 +95,7 @@ WIDER: Mapping[str, Sequence[str]] = {
     "tracking": (
         "velocity_rmse_m_s", "motp_m", "fragmentations", "call_p99_ms", "ass_a", "det_a", "samota",
         "gospa_m", "inside_state", "heading_rmse_deg", "nees_position", "nees_in_band",
+        "amota_nuscenes", "amotp_nuscenes_m",
     ),
     **dict.fromkeys(
         KITTI_BOARDS,
@@ -151,6 +154,10 @@ EXPLAINED: Mapping[str, Explained] = {
         (("velocity_rmse_m_s",), "vel.: RMSE of matches."),
         (("kept_through_occlusion",), "kept hidden: same track after a time unseen, share."),
         (("samota",), "sAMOTA: as AB3DMOT has it."),
+        (
+            ("amota_nuscenes", "amotp_nuscenes_m"),
+            "nuSc.: as nuScenes has them, AMOTP in metres, 2 where a recall is not reached.",
+        ),
         (("gospa_m",), "GOSPA: order 1, cut-off 2 m, per frame."),
         (("inside_state",), "in 95 %: objects within their tracks' 95 % ellipses."),
         (("heading_rmse_deg",), "head.: RMSE of matches, front and rear told apart."),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from functools import lru_cache
+from functools import lru_cache, partial
 from time import perf_counter
 from typing import Any
 
@@ -11,7 +11,9 @@ from roadscope.benchmarks.check.items import (
     TWO_SECONDS,
     Promise,
     PromiseError,
+    begun,
     has_method,
+    left_alone,
     made_by_name,
 )
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, guarded
@@ -25,13 +27,6 @@ def frames() -> tuple[Frame, ...]:
     from roadscope.benchmarks.episode import Episode, sensed
 
     return tuple(frame for frame, _ in sensed(Episode(*TWO_SECONDS)))
-
-
-def begun(plugin: Plugin[Any]) -> Any:
-    """Make a detector and reset it, as the benchmark does."""
-    detector = plugin.make()
-    guarded(plugin.spec, detector.reset)
-    return detector
 
 
 def detected(plugin: Plugin[Any], detector: Any, frame: Frame) -> Detections:
@@ -72,10 +67,10 @@ def input_left_alone(plugin: Plugin[Any]) -> str:
     """Look at whether frames stay as they were."""
     detector = begun(plugin)
     for frame in frames()[:8]:
-        given = deepcopy(frame)
-        detected(plugin, detector, given)
-        if given != frame:
-            raise PromiseError("detect changed the frame it was given; copy it first")
+        left_alone(
+            partial(detected, plugin, detector), deepcopy(frame),
+            "detect changed the frame it was given",
+        )  # fmt: skip
     return ""
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
+from roadscope.benchmarks.jobs.stack import guarded
 from roadscope.core.registry import Plugin
 
 TWO_SECONDS = ("motorway", 0, "lux", 2.0)
@@ -59,6 +61,21 @@ def made_by_name(plugin: Plugin[Any]) -> str:
         given.append(parameter.name)
     plugin.make()
     return f"arguments: {', '.join(given)}" if given else ""
+
+
+def begun(plugin: Plugin[Any]) -> Any:
+    """Make a plug-in and reset it, as the benchmark does."""
+    made = plugin.make()
+    guarded(plugin.spec, made.reset)
+    return made
+
+
+def left_alone(call: Callable[[Any], object], given: Any, words: str) -> None:
+    """Refuse a call that changes what it is given."""
+    before = deepcopy(given)
+    call(given)
+    if given != before:
+        raise PromiseError(f"{words}; copy first")
 
 
 def has_method(plugin: Plugin[Any], name: str, *arguments: str) -> None:

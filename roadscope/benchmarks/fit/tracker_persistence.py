@@ -27,7 +27,7 @@ PERSISTENCE = {
     "back": 0.0, "back_per_m": 0.0, "away_per_s": 3.0,
 }  # fmt: skip
 """Guessed, for classes with too few tracks to learn it from."""
-SHARES = {"returned": 0.5, "born": 0.5}
+SHARES = {"returned": 0.5, "born": 0.5, "surplus": 1.0}
 """Likewise; returns are taken to be even: `back` says the rest."""
 POSITIVE = np.array([True, True, False, True, False, False, True])
 UNITS = np.array([1.0, 1.0, 3.0, 1.0, 1.0, 0.03, 1.0])

@@ -13,7 +13,7 @@ import numpy as np
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fit.tracker_labels import graded_detections
-from roadscope.benchmarks.formats.kitti import read_sequence
+from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
@@ -164,19 +164,25 @@ def _of_sequence(files: KittiFolder, name: str, kind: str, detector: str | None)
     sequence = read_sequence(files, name, category, detector=detector)
     poses = sequence.world_from_ego
     found = [d.moved(p, "world") for d, p in zip(sequence.detections, poses, strict=True)]
+    pairings = recorded_pairings([d.centres for d in found], sequence)
+    collected = episode_samples(found, sequence.truths, pairings, GATES_M[kind])
+    return replace(collected, graded=graded_detections(sequence))
+
+
+def recorded_pairings(found: Sequence[np.ndarray], sequence: KittiSequence) -> list[Pairing]:
+    """Pair (N, 3) centres of each frame, world frame, with objects; other classes' do not count."""
     pairings = []
-    for detections, truth, labels, pose in zip(
-        found, sequence.truths, sequence.labelled, poses, strict=True
+    for shown, truth, labels, pose in zip(
+        found, sequence.truths, sequence.labelled, sequence.world_from_ego, strict=True
     ):
-        other = labels.select(labels.solid & (labels.types != TYPE_OF[category]))
+        other = labels.select(labels.solid & (labels.types != TYPE_OF[sequence.category]))
         others = pose.apply(centres_from_bottoms(other.bottoms, other.sizes))
         centres = np.concatenate([truth.centres, others])
         pairings.append(Pairing(
-            centre_distances(detections.centres, centres),
-            np.arange(len(centres)) < len(truth), np.ones(len(detections), bool),
+            centre_distances(shown, centres),
+            np.arange(len(centres)) < len(truth), np.ones(len(shown), bool),
         ))  # fmt: skip
-    collected = episode_samples(found, sequence.truths, pairings, GATES_M[kind])
-    return replace(collected, graded=graded_detections(sequence))
+    return pairings
 
 
 def sensed_episodes(detector: str, seeds: int) -> Iterator[Perceived]:

@@ -27,6 +27,7 @@ from roadscope.benchmarks.fit.tracker_samples import (
     recorded_samples,
     sensed_samples,
 )
+from roadscope.benchmarks.fit.tracker_surplus import recorded_surplus, sensed_surplus
 from roadscope.trackers.learned import FOLDER, TRAITS
 
 TOP_SPEED_M_S = {"car": 40.0, "cyclist": 20.0, "pedestrian": 10.0}
@@ -209,6 +210,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         kept = recorded_persistence(given.kitti, chosen, given.detector, str(given.out))
     else:
         kept = sensed_persistence(given.detector or "distance-l-shape", given.seeds, str(given.out))
+    given.out.write_text(source(classes, origin, kept), "utf-8")
+    if given.kitti is not None:
+        off = recorded_surplus(given.kitti, chosen, given.detector, str(given.out))
+    else:
+        off = sensed_surplus(given.detector or "distance-l-shape", given.seeds, str(given.out))
+    kept = {kind: {**traits, "surplus": off[kind]} for kind, traits in kept.items()}
     given.out.write_text(source(classes, origin, kept), "utf-8")
 
 

@@ -36,12 +36,6 @@ def read_poses(path: Path) -> list[Pose]:
     return poses
 
 
-def write_poses(path: Path, world_from_ego: list[Pose]) -> None:
-    """Undo `read_poses`."""
-    rows = ((CAMERA_FROM_EGO @ p @ EGO_FROM_CAMERA).matrix[:3].ravel() for p in world_from_ego)
-    path.write_text("".join(" ".join(f"{v:.12e}" for v in row) + "\n" for row in rows))
-
-
 def read_oxts(path: Path, calibration: KittiCalibration) -> list[Pose]:
     """Read the inertial unit's records as `world_from_ego`.
 

@@ -35,7 +35,7 @@ from roadscope.benchmarks.papers.zhang2017_names import (
     paper_figure,
     unit_of,
 )
-from roadscope.benchmarks.papers.zhang2017_paper import FLOOR_SEEDS, HIGH_M, SIMULATED
+from roadscope.benchmarks.papers.zhang2017_paper import HIGH_M, SIMULATED
 from roadscope.benchmarks.papers.zhang2017_readings import compare
 from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.benchmarks.papers.zhang2017_taken import Taken, take, warm_up
@@ -60,7 +60,7 @@ def reproduce(
 ) -> list[ReproductionRow]:
     """Run all experiments and return the paper's figures beside ours.
 
-    seeds: how many seeds stand behind every interval, except the floor's.
+    seeds: how many seeds stand behind every interval.
     progress: called with seeds done and seeds in all, after each.
     jobs: processes that share the seeds; all rows but the times are the same for any number.
     """
@@ -70,15 +70,14 @@ def reproduce(
         summarise(key[:2], key[2], unit_of(key), values, paper_figure(key))
         for key, values in measured.items()
     ]
-    return rows + verdicts(measured, FLOOR_SEEDS, BODIES)
+    return rows + verdicts(measured, BODIES)
 
 
 def measure(seed: int) -> Values:
     """Measure every quantity of every experiment and method with one seed."""
     warm_up()
-    floored = FIRST_SEED <= seed < FIRST_SEED + FLOOR_SEEDS
     simulated = [
-        take(film(drive, seed, body=body), tuple(METHODS), floored=floored)
+        take(film(drive, seed, body=body), tuple(METHODS), floored=True)
         for body in BODIES
         for drive in SIMULATED
     ]
@@ -86,15 +85,13 @@ def measure(seed: int) -> Values:
         take(
             film(f"following-{metres}", seed, body=body, frames=FOLLOWED_FRAMES),
             REPEATED,
-            floored=floored,
+            floored=True,
         )
         for body in BODIES
         for metres in FOLLOWED_M
     ]
     noisy = {
-        factor: [
-            take(film(drive, seed, noise=factor), REPEATED, floored=floored) for drive in APART
-        ]
+        factor: [take(film(drive, seed, noise=factor), REPEATED, floored=True) for drive in APART]
         for factor in NOISES
     }
     high = [take(film(drive, seed, sensor_height_m=HIGH_M), REPEATED) for drive in APART]

@@ -56,11 +56,15 @@ def rmse(run: Run, found: np.ndarray) -> dict[str, float]:
     return _columns(squares)
 
 
-def floor_rmse(run: Run, least: Floor) -> dict[str, float]:
-    """Return the same columns for the information floor."""
+def floor_rmse(run: Run, least: Floor, *, expected: bool = True) -> dict[str, float]:
+    """Return the same columns for the information floor.
+
+    expected: what the posterior says its error is; otherwise what the error of its mean is. Where
+    the posterior covers other bodies than the run's, it speaks of the mean over all of them.
+    """
     used = scored(run) & (least.shares > 0)
-    squares = np.diagonal(least.covariances[used], axis1=1, axis2=2)
-    return _columns(squares.mean(axis=0) if len(squares) else np.full(3, np.nan))
+    squares = np.diagonal(least.covariances, axis1=1, axis2=2) if expected else least.errors**2
+    return _columns(squares[used].mean(axis=0) if used.any() else np.full(3, np.nan))
 
 
 def typical(run: Run, found: np.ndarray) -> dict[str, float]:

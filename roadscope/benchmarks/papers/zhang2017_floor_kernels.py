@@ -12,6 +12,8 @@ from roadscope.core.jit import compiled
 IMPOSSIBLE = -60.0
 """Log-likelihood of a return where nothing can have sent it: finite, so that of many bad poses
 the less bad can be told."""
+SURELY = 11.0
+"""Standard deviations short of the greatest range at which none is lost for being beyond it."""
 
 
 class Rays(NamedTuple):
@@ -30,17 +32,32 @@ class Rays(NamedTuple):
     observed: np.ndarray
 
 
-class Body(NamedTuple):
-    """M prisms: planes (M, 12, 3) with n.p <= c, corners (M,), spans (M, 2) bottom and top.
+class Bodies(NamedTuple):
+    """G bodies of M prisms that differ in their corners.
 
-    circles: (M, 3) x, y, radius around the footprints. reflectivities: (M,).
+    planes: (G, M, 12, 3) with n.p <= c, corners: (G, M) how many of them count.
+    spans: (M, 2) bottom and top, reflectivities: (M,).
+    boxes: (M, 4) middle x and y of all G footprints, half their extents.
     """
 
     planes: np.ndarray
     corners: np.ndarray
-    circles: np.ndarray
     spans: np.ndarray
     reflectivities: np.ndarray
+    boxes: np.ndarray
+
+
+class Road(NamedTuple):
+    """What rays meet were the body not there.
+
+    reaches, echoes: (B,) horizontal way to the ground and what it reflects, inf and 0 for none.
+    logs: (C, B) log-chances of what was measured; sums: (C,) of them.
+    """
+
+    reaches: np.ndarray
+    echoes: np.ndarray
+    logs: np.ndarray
+    sums: np.ndarray
 
 
 class Receiver(NamedTuple):
@@ -56,15 +73,22 @@ class Receiver(NamedTuple):
 
 @compiled()
 def add_log_likelihoods(
-    offsets: np.ndarray, rays: Rays, body: Body, receiver: Receiver, out: np.ndarray
+    states: tuple[np.ndarray, np.ndarray],
+    rays: Rays,
+    bodies: Bodies,
+    receiver: Receiver,
+    out: np.ndarray,
 ) -> None:
     """Add to out (N,) the log-likelihood of the body being off its true pose.
 
-    offsets: (N, 3) x, y (metres) and yaw (radians), in the body's true frame. The density of a
-    range is taken relative to its greatest, 1 / (sigma sqrt(2 pi)), which all poses share.
+    states: offsets (N, 3) x, y (metres) and yaw (radians), in the body's true frame, and which
+    (N,) of the bodies it is. The density of a range is taken relative to its greatest,
+    1 / (sigma sqrt(2 pi)), which all poses share.
     """
-    count = len(body.corners)
-    found = np.empty((4, count))
+    offsets, which = states
+    chances = (math.log1p(-receiver.dropout), _log(receiver.dropout))
+    road = _road(rays, receiver, chances)
+    found = np.empty((4, len(bodies.spans)))
     for n in range(len(offsets)):
         cos, sin = math.cos(offsets[n, 2]), math.sin(offsets[n, 2])
         total = 0.0
@@ -72,39 +96,74 @@ def add_log_likelihoods(
             x, y = rays.origins[c, 0] - offsets[n, 0], rays.origins[c, 1] - offsets[n, 1]
             u, v = rays.directions[c, 0], rays.directions[c, 1]
             line = (cos * x + sin * y, cos * y - sin * x, cos * u + sin * v, cos * v - sin * u)
-            near, met = np.inf, 0
-            for m in range(count):
-                enter, leave, face = _clip(line, body, m)
-                if enter < np.inf:
-                    found[0, met], found[1, met], found[2, met] = enter, leave, face
-                    found[3, met] = m
-                    near, met = min(near, enter), met + 1
+            total += road.sums[c]
+            near, met = _cross(line, bodies, which[n], found)
+            if met == 0:
+                continue
             for b in range(len(rays.slopes)):
-                reach, signal = _ground(rays, b, receiver)
-                if near < reach:
-                    reach, signal = _meet(rays, b, body, found[:, :met], (reach, signal))
-                total += _log_chance(
-                    rays.observed[c, b], reach / rays.cosines[b], signal, receiver
-                )  # fmt: skip
+                if near < road.reaches[b]:
+                    behind = (road.reaches[b], road.echoes[b])
+                    reach, signal = _meet(rays, b, bodies, found[:, :met], behind)
+                    if reach < road.reaches[b]:
+                        true = reach / rays.cosines[b]
+                        chance = _log_chance(rays.observed[c, b], true, signal, receiver, chances)
+                        total += chance - road.logs[c, b]
         out[n] += total
+
+
+@compiled()
+def _road(rays: Rays, receiver: Receiver, chances: tuple[float, float]) -> Road:
+    road = Road(
+        np.full(len(rays.slopes), np.inf), np.zeros(len(rays.slopes)),
+        np.empty(rays.observed.shape), np.zeros(len(rays.observed)),
+    )  # fmt: skip
+    for b in range(len(rays.slopes)):
+        slope, cosine = rays.slopes[b], rays.cosines[b]
+        if slope < 0.0:
+            road.reaches[b] = -rays.height_m / slope
+            road.echoes[b] = -receiver.ground * slope * cosine
+        true = road.reaches[b] / cosine
+        for c in range(len(rays.observed)):
+            observed = rays.observed[c, b]
+            road.logs[c, b] = _log_chance(observed, true, road.echoes[b], receiver, chances)
+            road.sums[c] += road.logs[c, b]
+    return road
+
+
+@compiled(borrowing=True)
+def _cross(
+    line: tuple[float, float, float, float], bodies: Bodies, g: int, found: np.ndarray
+) -> tuple[float, int]:
+    """Find which footprints a line crosses; return the nearest entry and how many they are.
+
+    found: (4, M), filled with entries, exits, cosines at the entry, and rows of the prisms.
+    """
+    x, y, u, v = line
+    near, met = np.inf, 0
+    for m in range(len(bodies.spans)):
+        box = bodies.boxes[m]
+        if abs((box[0] - x) * v - (box[1] - y) * u) > abs(v) * box[2] + abs(u) * box[3]:
+            continue
+        enter, leave, face = _clip(line, bodies, g, m)
+        if enter < np.inf:
+            found[0, met], found[1, met], found[2, met], found[3, met] = enter, leave, face, m
+            near, met = min(near, enter), met + 1
+    return near, met
 
 
 @compiled(borrowing=True)
 def _clip(
-    line: tuple[float, float, float, float], body: Body, m: int
+    line: tuple[float, float, float, float], bodies: Bodies, g: int, m: int
 ) -> tuple[float, float, float]:
     """Where a line (x, y, dx, dy) enters and leaves a footprint, and the cosine at the entry.
 
     An entry of inf: it passes by, or begins inside.
     """
     x, y, u, v = line
-    aside = (body.circles[m, 0] - x) * v - (body.circles[m, 1] - y) * u
-    if abs(aside) >= body.circles[m, 2]:
-        return np.inf, np.inf, 0.0
     enter, leave, face = -np.inf, np.inf, 0.0
-    for k in range(body.corners[m]):
-        a, b = body.planes[m, k, 0], body.planes[m, k, 1]
-        room, speed = body.planes[m, k, 2] - a * x - b * y, a * u + b * v
+    for k in range(bodies.corners[g, m]):
+        a, b = bodies.planes[g, m, k, 0], bodies.planes[g, m, k, 1]
+        room, speed = bodies.planes[g, m, k, 2] - a * x - b * y, a * u + b * v
         if speed < 0.0:
             if room < enter * speed:
                 enter, face = room / speed, -speed
@@ -113,24 +172,18 @@ def _clip(
                 leave = room / speed
         elif room < 0.0:
             return np.inf, np.inf, 0.0
-    if enter < leave and enter > 0.0:
+        if enter >= leave:
+            return np.inf, np.inf, 0.0
+    if enter > 0.0:
         return enter, leave, face
     return np.inf, np.inf, 0.0
-
-
-@compiled(borrowing=True)
-def _ground(rays: Rays, b: int, receiver: Receiver) -> tuple[float, float]:
-    """Horizontal way to the ground and what it reflects, inf and 0 for none."""
-    if rays.slopes[b] >= 0.0:
-        return np.inf, 0.0
-    return -rays.height_m / rays.slopes[b], -receiver.ground * rays.slopes[b] * rays.cosines[b]
 
 
 @compiled(borrowing=True)
 def _meet(
     rays: Rays,
     b: int,
-    body: Body,
+    bodies: Bodies,
     found: np.ndarray,
     behind: tuple[float, float],
 ) -> tuple[float, float]:
@@ -143,7 +196,7 @@ def _meet(
             continue
         incidence = found[2, i] * cosine
         height = rays.height_m + slope * way
-        bottom, top = body.spans[m, 0], body.spans[m, 1]
+        bottom, top = bodies.spans[m, 0], bodies.spans[m, 1]
         if height > top or height < bottom:
             # The sides are passed above or below: through the lid or the floor, if at all.
             edge = top if height > top else bottom
@@ -152,20 +205,34 @@ def _meet(
             if not found[0, i] <= way < found[1, i]:
                 continue
         if way < reach:
-            reach, signal = way, incidence * body.reflectivities[m]
+            reach, signal = way, incidence * bodies.reflectivities[m]
     return reach, signal
 
 
 @compiled(borrowing=True)
-def _log_chance(observed: float, true: float, signal: float, receiver: Receiver) -> float:
+def _log_chance(
+    observed: float,
+    true: float,
+    signal: float,
+    receiver: Receiver,
+    chances: tuple[float, float],
+) -> float:
+    """chances: logarithms of a return's being kept and of its being lost."""
     seen = true < receiver.far_m and signal * receiver.far_m**2 >= receiver.limit * true**2
     if observed > 0.0:
         if not seen:
             return IMPOSSIBLE
         off = (observed - true) / receiver.sigma_m
-        return max(math.log1p(-receiver.dropout) - 0.5 * off * off, IMPOSSIBLE)
+        return max(chances[0] - 0.5 * off * off, IMPOSSIBLE)
     if not seen:
         return 0.0
-    beyond = 0.5 * math.erfc((receiver.far_m - true) / (receiver.sigma_m * math.sqrt(2.0)))
-    lost = receiver.dropout + (1.0 - receiver.dropout) * beyond
-    return max(math.log(lost), IMPOSSIBLE) if lost > 0.0 else IMPOSSIBLE
+    short = (receiver.far_m - true) / receiver.sigma_m
+    if short > SURELY:
+        return chances[1]
+    beyond = 0.5 * math.erfc(short / math.sqrt(2.0))
+    return _log(receiver.dropout + (1.0 - receiver.dropout) * beyond)
+
+
+@compiled(borrowing=True)
+def _log(chance: float) -> float:
+    return max(math.log(chance), IMPOSSIBLE) if chance > 0.0 else IMPOSSIBLE

@@ -31,9 +31,9 @@ def frames_name(frames: int) -> str:
     return f"{frames} frame{'s' if frames > 1 else ''}"
 
 
-def floor_name(frames: int) -> str:
-    """Return the row of the information floor given so many frames."""
-    return f"floor, {frames_name(frames)}"
+def floor_name(frames: int, *, told: bool = False) -> str:
+    """Return the row of the information floor given so many frames; told: the corners' radius."""
+    return f"told floor, {frames}" if told else f"floor, {frames_name(frames)}"
 
 
 def note_of(experiment: str) -> str | None:

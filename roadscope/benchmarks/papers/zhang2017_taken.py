@@ -29,7 +29,7 @@ class Taken:
     """One run.
 
     frames, few: all frames, and those with too few returns to be scored.
-    rmse: columns of tables 1 and 2 by method, the information floor among them.
+    rmse: columns of tables 1 and 2 by method, the information floors among them.
     beside: medians, and percentages of scored frames, by method.
     nees: by method that gives a covariance.
     spent: milliseconds of each frame that was answered alone, by method.
@@ -46,7 +46,7 @@ class Taken:
 
 
 def take(run: Run, methods: Sequence[str], *, floored: bool = False) -> Taken:
-    """Run the methods, and, if floored, compute the floor of as many frames as ours use."""
+    """Run the methods, and, if floored, compute the floors of as many frames as ours use."""
     few = int((~scored(run)).sum())
     taken = Taken(run.drive.name, run.body, len(run.shots), few, {}, {}, {}, {})
     for name in methods:
@@ -56,9 +56,10 @@ def take(run: Run, methods: Sequence[str], *, floored: bool = False) -> Taken:
         taken.beside[name] = typical(run, found)
         if np.isfinite(consistency := nees(run, poses)):
             taken.nees[name] = consistency
-    if floored:
-        for frames, least in floors(run, tuple(OURS.values()), draws=FLOOR_DRAWS).items():
-            taken.rmse[floor_name(frames)] = floor_rmse(run, least)
+    for told in (False, True) if floored else ():
+        found_by = floors(run, tuple(OURS.values()), draws=FLOOR_DRAWS, knows_corners=told)
+        for frames, least in found_by.items():
+            taken.rmse[floor_name(frames, told=told)] = floor_rmse(run, least, expected=told)
     return taken
 
 

@@ -49,19 +49,19 @@ Figures = Mapping[Key, float]
 
 
 def verdicts(
-    measured: Mapping[Key, Sequence[float]], floor_seeds: int, bodies: Sequence[str]
+    measured: Mapping[Key, Sequence[float]], bodies: Sequence[str]
 ) -> list[ReproductionRow]:
     """Return rows of 1 (holds) and 0 on the means over seeds, and shares of seeds that hold alone.
 
-    measured: a value a seed, in the order of seeds; those of the floor for the first seeds only.
+    measured: a value a seed, in the order of seeds.
     """
     seeds = max(map(len, measured.values()))
-    least = _means(measured, floor_seeds)
-    whole = _judged(_means(measured, seeds), least, least, bodies, seeds)
+    means = {key: _mean(values) for key, values in measured.items()}
+    whole = _judged(means, means, bodies, seeds)
     shares: dict[Key, list[float]] = {}
     for i in range(seeds):
-        single = {key: values[i] for key, values in measured.items() if i < len(values)}
-        for key, held in _judged(single, single, least, bodies, 1).items():
+        single = {key: values[i] for key, values in measured.items()}
+        for key, held in _judged(single, means, bodies, 1).items():
             if key[2] == HOLDS:
                 shares.setdefault((*key[:2], SEEDS), []).append(held)
             elif key[2] in OF_EACH_DRIVE:
@@ -72,21 +72,21 @@ def verdicts(
     return sorted(rows, key=lambda row: order.index(row.experiment.removesuffix(SHARE_OF_SEEDS)))
 
 
-def _means(measured: Mapping[Key, Sequence[float]], seeds: int) -> dict[Key, float]:
-    return {key: float(np.mean(values[:seeds])) for key, values in measured.items()}
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values))
 
 
 def _judged(
-    figures: Figures, floored: Figures, least: Figures, bodies: Sequence[str], seeds: int
+    figures: Figures, least: Figures, bodies: Sequence[str], seeds: int
 ) -> dict[Key, float]:
-    """Judge all claims on one set of figures; floored and least as in `our_claims`."""
+    """Judge all claims on one set of figures; least as in `our_claims`."""
     held: dict[Key, float] = {}
     for body in bodies:
         table = table_of(figures, body)
         for claim, agreed in paper_claims(table).items():
             held[OF_PAPER.format(body), claim, HOLDS] = float(agreed)
         inside = _inside(figures, body, seeds)
-        ours = our_claims(table, table_of(floored, body), table_of(least, body))
+        ours = our_claims(table, table_of(least, body))
         for drive, claims in ours.items():
             for claim, holds in claims.items():
                 held[OF_OURS.format(body), drive, claim] = holds

@@ -41,7 +41,8 @@ def measure_speed(
     installed` is 0. `detectors`: every stage and every registered detector on three LiDARs, over
     fewer runs, which detectors are too slow, and DBSCAN beside scikit-learn's. `metrics`:
     tracking metrics beside TrackEval's and Stone Soup's. `trackers`: every registered one with
-    10, 50, 200 and 500 targets.
+    10, 50, 200 and 500 targets, and with 12 crowded ones, all within one another's gates, which
+    JPDA has to weigh together.
     """
     for part in parts:
         if part not in PARTS:

@@ -119,9 +119,9 @@ def _three(frames: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]) 
     return [f(sequence) for f in (hota, clear, identity)]
 
 
-def _trackeval(metrics: Any, sequence: TrackedSequence) -> Callable[[], dict[str, Any]]:
-    """Return a call of TrackEval's three metrics on what it makes of a sequence."""
-    data = {
+def as_trackeval(sequence: TrackedSequence) -> dict[str, Any]:
+    """Return a sequence as TrackEval's metrics take it."""
+    return {
         "num_timesteps": len(sequence),
         "gt_ids": np.split(sequence.truths, sequence.truth_starts[1:-1]),
         "tracker_ids": np.split(sequence.tracks, sequence.track_starts[1:-1]),
@@ -131,6 +131,11 @@ def _trackeval(metrics: Any, sequence: TrackedSequence) -> Callable[[], dict[str
         "num_gt_ids": sequence.objects,
         "num_tracker_ids": sequence.followers,
     }
+
+
+def _trackeval(metrics: Any, sequence: TrackedSequence) -> Callable[[], dict[str, Any]]:
+    """Return a call of TrackEval's three metrics on what it makes of a sequence."""
+    data = as_trackeval(sequence)
     quiet = {"PRINT_CONFIG": False}
     each = [metrics.HOTA(), metrics.CLEAR(quiet), metrics.Identity(quiet)]
 

@@ -10,7 +10,7 @@ from roadscope.core import LidarScan, Pose
 from roadscope.detectors.pose.body_descent import SLACKS_M, descend
 from roadscope.detectors.pose.body_kernels import POSE, Chances, Rays
 from roadscope.detectors.pose.body_model import BodyModel
-from roadscope.detectors.pose.body_posterior import posterior
+from roadscope.detectors.pose.body_posterior import around, posterior
 from roadscope.detectors.pose.body_rays import Sighting, sight
 from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
 from roadscope.detectors.pose.body_start import starts
@@ -99,7 +99,7 @@ def fit_sighting(
     vectors[:, :3] = rough.vectors[order]
     best = descend(problem, vectors, SLACKS_M[3:])
     tries = [
-        posterior(problem, mean, covariance)
+        posterior(problem, around(problem, mean, covariance))
         for mean, covariance in zip(best.vectors, best.covariances, strict=True)
     ]
     return max(tries, key=lambda found: found.evidence), problem

@@ -132,17 +132,19 @@ def _off(
     facets = FACET_REACH * r
     # farthest facing side, its cosine, farthest beyond another side, its cosine
     state = -np.inf, 1.0, 0.0, 0.0
-    for nx, ny, reach in (
-        (1.0, 0.0, part[FRONT]),
-        (-1.0, 0.0, -part[REAR]),
-        (0.0, 1.0, part[HALF]),
-        (0.0, -1.0, part[HALF]),
-        (part[FORE_X], part[FORE_Y], part[FORE_REACH]),
-        (part[FORE_X], -part[FORE_Y], part[FORE_REACH]),
-        (part[AFT_X], part[AFT_Y], part[AFT_REACH]),
-        (part[AFT_X], -part[AFT_Y], part[AFT_REACH]),
-    ):
+    state = _farther(state, x - part[FRONT], dx)
+    state = _farther(state, part[REAR] - x, -dx)
+    state = _farther(state, y - part[HALF], dy)
+    state = _farther(state, -y - part[HALF], -dy)
+    # Flanks that do not narrow are the sides.
+    nx, ny, reach = part[FORE_X], part[FORE_Y], part[FORE_REACH]
+    if nx != 0.0:
         state = _farther(state, nx * x + ny * y - reach, nx * dx + ny * dy)
+        state = _farther(state, nx * x - ny * y - reach, nx * dx - ny * dy)
+    nx, ny, reach = part[AFT_X], part[AFT_Y], part[AFT_REACH]
+    if nx != 0.0:
+        state = _farther(state, nx * x + ny * y - reach, nx * dx + ny * dy)
+        state = _farther(state, nx * x - ny * y - reach, nx * dx - ny * dy)
     u, v = fx * (x - cx), abs(y) - cy
     if r > 0.0:
         for i in range(3):

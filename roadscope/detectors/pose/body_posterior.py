@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.detectors.pose.body_descent import STEPS, slopes_of
+from roadscope.detectors.pose.body_descent import LIMIT, STEPS, slopes_of
 from roadscope.detectors.pose.body_kernels import MOST_PARTS, POSE, Rays, log_chances
 from roadscope.detectors.pose.body_sampling import Posterior, Problem, Smooth, refine
 
@@ -14,60 +15,97 @@ LEVELS = (2.5,)
 """Standard deviations along each principal axis at which rays are tried."""
 STRAIGHT = 0.3
 """Departure of a ray's log-likelihood from its quadratic form up to which the form is used."""
-WORK, FEWEST, MOST = 30_000, 160, 512
+WORK, FEWEST, MOST = 18_000, 160, 512
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
-ROUNDS = 2, 3
+ROUNDS = 3, 3
 """Rounds of sampling after the first look at the rays, and after the second."""
 WIDE = 2.0
 """How much wider the first proposal is than the guessed covariance."""
-LOOSE = 0.5
-"""How far off a descent leaves the body's unknowns, as a share of its steps: a corner's radius is
-bound from one side, which no quadratic form around its best value tells."""
+LOOSE, LOOSE_SD = 0.5, 4.0
+"""How far off a descent leaves the body's unknowns, as a share of its steps, and at most in
+standard deviations: a corner's radius is bound from one side, which no quadratic form around its
+best value tells."""
 ENOUGH = 100.0
 """Effective number of samples that gives mean and covariance."""
 MOVED = 2.0
 """Standard deviations of the guess by which the mean may move for one look to be enough."""
+DAMPED = 0.1
+"""Share of a guess's precision that holds it where it is."""
 
 
-def posterior(
-    problem: Problem, vector: np.ndarray, covariance: np.ndarray, *, work: int = WORK
-) -> Posterior:
-    """Return the posterior of a problem around a vector (D,) with a guessed covariance (D, D).
+class Guess(NamedTuple):
+    """Where a posterior is looked for: mean (D,) and covariance (D, D).
+
+    rough: whether the mean is no more than the end of a descent, whose steps are coarse.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    rough: bool
+
+
+def around(problem: Problem, vector: np.ndarray, covariance: np.ndarray) -> Guess:
+    """Return where to look around a descent's end."""
+    body = problem.free >= POSE
+    known = LOOSE_SD * np.sqrt(np.diag(covariance))
+    loose = np.where(body, np.minimum(LOOSE * STEPS[problem.free], known), 0.0)
+    return Guess(vector, WIDE * covariance + np.diag(loose**2), True)
+
+
+def posterior(problem: Problem, guess: Guess, *, work: int = WORK) -> Posterior:
+    """Return the posterior of a problem around a guess.
 
     Returns well inside a face are merged into one quadratic form first, so that the many samples
     cost only the rays near a silhouette or a corner. Where the samples move away or few of them
     count, that is done again around them. work: rays times samples of a round.
     """
-    loose = np.where(problem.free >= POSE, LOOSE * STEPS[problem.free], 0.0)
-    mean, spread = vector, WIDE * covariance + np.diag(loose**2)
     for rounds in ROUNDS:
-        near = split(problem, mean, spread)
+        near, mean = split(problem, guess)
         count = int(np.clip(work // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
+        spread = guess.covariance
         found = refine(near, mean, spread, count=count, rounds=rounds, enough=ENOUGH)
         off = found.mean - mean
         if found.effective > ENOUGH and off @ np.linalg.solve(spread, off) < MOVED**2:
             break
-        mean, spread = found.mean, found.covariance
+        guess = Guess(found.mean, found.covariance, False)
     return found
 
 
-def split(problem: Problem, vector: np.ndarray, covariance: np.ndarray) -> Problem:
-    """Merge the rays whose log-likelihood is quadratic within three standard deviations."""
+def split(problem: Problem, guess: Guess) -> tuple[Problem, np.ndarray]:
+    """Merge the rays whose log-likelihood is quadratic within three standard deviations.
+
+    The second is the mean of the guess, a rough one after one more step of least squares.
+    """
+    start, covariance = guess.mean, guess.covariance
+    steps = np.maximum(0.5 * np.sqrt(np.diag(covariance)), 0.02 * STEPS[problem.free])
+    misfits, slopes = slopes_of(problem, start[None], steps, 0.0)
+    misfit, slope = misfits[0], slopes[0]
+    step = _step(problem, guess, misfit, slope) if guess.rough else np.zeros(len(start))
+    vector, misfit = start + step, misfit + slope @ step
     values, axes = np.linalg.eigh(covariance)
     ways = (axes * np.sqrt(np.maximum(values, 0.0))).T
     moves = np.concatenate([[0.0 * vector]] + [s * ways for f in LEVELS for s in (f, -f)])
     logs = _logs(problem, vector + moves)
-    steps = np.maximum(0.5 * np.sqrt(np.diag(covariance)), 0.02 * STEPS[problem.free])
-    misfit, slope = slopes_of(problem, vector[None], steps, 0.0)
-    bent = misfit[0][:, None] + slope[0] @ moves.T
+    bent = misfit[:, None] + slope @ moves.T
     form = -0.5 * (bent**2 - bent[:, :1] ** 2).T
     straight = (np.abs(logs - logs[0] - form) < STRAIGHT).all(axis=0)
-    normal = slope[0][straight].T @ slope[0][straight]
-    pull = slope[0][straight].T @ misfit[0][straight]
+    normal = slope[straight].T @ slope[straight]
+    pull = slope[straight].T @ misfit[straight]
     smooth = Smooth(vector, normal, pull, float(logs[0, straight].sum()))
     rays = Rays(*(np.ascontiguousarray(column[~straight]) for column in problem.rays))
-    return replace(problem, rays=rays, smooth=smooth)
+    return replace(problem, rays=rays, smooth=smooth), vector
+
+
+def _step(problem: Problem, guess: Guess, misfit: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Return the step (D,) of weighted least squares from a guess."""
+    weights = 1.0 / (1.0 + (misfit / LIMIT) ** 2)
+    precision = 1.0 / problem.prior[problem.free] ** 2
+    normal = (slope * weights[:, None]).T @ slope + np.diag(precision)
+    normal += DAMPED * np.linalg.inv(guess.covariance)
+    pull = slope.T @ (weights * misfit)
+    pull += precision * (guess.mean - problem.centre[problem.free])
+    return -np.linalg.solve(normal, pull)
 
 
 def _logs(problem: Problem, vectors: np.ndarray) -> np.ndarray:

@@ -80,18 +80,16 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Weighted samples with their mean and covariance.
+    """Mean and covariance of weighted samples.
 
     mean (D,), covariance (D, D); evidence: log of the density's integral; effective: number of
-    samples that count; samples (K, D), weights (K,) sum to 1.
+    samples that count.
     """
 
     mean: np.ndarray
     covariance: np.ndarray
     evidence: float
     effective: float
-    samples: np.ndarray
-    weights: np.ndarray
 
 
 def refine(
@@ -131,7 +129,7 @@ def refine(
             break
     # So many samples know mean and covariance no better (Hotelling's distribution of x, y, yaw).
     covariance = covariance * (effective + 1.0) / max(effective - 5.0, 1.0)
-    return Posterior(mean, covariance, float(evidence), float(effective), samples, weights)
+    return Posterior(mean, covariance, float(evidence), float(effective))
 
 
 def _mixture(drawn: list[tuple[np.ndarray, np.ndarray]], samples: np.ndarray) -> np.ndarray:

@@ -70,13 +70,13 @@ def respond(
     low, high = _bin(weighed, side, extent / bin_m, bin_m, below)
     low, high = _smooth(below, low, high, taps, smooth)
     total = _accumulate(smooth, low, high, below)
-    energy = _energy(share, extent, sigma_m)
-    edge, plateau = share / (bin_m * energy), (1.0 - share) / (extent * energy) + alpha
+    edge, plateau = template_weights(share, extent, bin_m, sigma_m)
+    plateau += alpha
     size, far = len(response), extent / bin_m
     whole = math.floor(far)
     part = far - whole
     ends, last = high - whole - 1, min(size - 1, high)
-    first = max(0, min(low, ends))
+    first = max(0, low - whole - 1)
     # Loops without a branch over views from zero: several bins at a time.
     response[:] = -alpha * total
     inside = response[first : last + 1]
@@ -147,6 +147,15 @@ def _accumulate(smooth: np.ndarray, low: int, high: int, below: np.ndarray) -> f
         below[i] = total + 0.5 * smooth[i]
         total += smooth[i]
     return total
+
+
+@compiled(borrowing=True)
+def template_weights(
+    share: float, extent: float, bin_m: float, sigma_m: float
+) -> tuple[float, float]:
+    """Return what one in the bin of the near edge and one on the plateau give, at unit energy."""
+    energy = _energy(share, extent, sigma_m)
+    return share / (bin_m * energy), (1.0 - share) / (extent * energy)
 
 
 @compiled(borrowing=True)

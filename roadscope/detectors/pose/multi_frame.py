@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate, pairwise
+from math import isfinite
+from typing import Unpack
 
 import numpy as np
 
 from roadscope.detectors.pose.estimate import VehiclePose, settled_origin, settled_points
-from roadscope.detectors.pose.matched_filter import (
-    Template,
-    away,
-    check_search,
-    settled_filter,
-)
-from roadscope.detectors.pose.rotating_pair import best_pair, placed, settled_views
+from roadscope.detectors.pose.matched_filter import Reading, settled_reading
+from roadscope.detectors.pose.rotating_pair import Frames, best_pair
 
 MOVING_M_S = 1.0
 """From this speed on the way that the body went tells its front."""
@@ -27,13 +25,8 @@ def fit_multi(
     length_m: float,
     width_m: float,
     at: int | None = None,
-    bin_m: float = 0.02,
-    sigma_m: float = 0.04,
-    alpha: float = 0.5,
-    step_deg: float = 1.0,
-    search_deg: float = 180.0,
-    template: Template = "echo",
     tied: bool = True,
+    **reading: Unpack[Reading],
 ) -> VehiclePose:
     """Return the rectangle of known size in one of F frames, fitted to all (Zhang 2017, eq. 10-12).
 
@@ -47,19 +40,19 @@ def fit_multi(
     that is searched. Not tied, each frame has its own shift, which is the weaker assumption of
     figure 4: then the velocity is the slope of the shifts.
     """
-    points, places = [settled_points(p) for p in frames], [settled_origin(o) for o in origins]
-    stamps = _settled_stamps(stamps_s, len(points), len(places))
-    frame = _settled_frame(at, len(points))
-    settings = settled_filter(length_m, width_m, bin_m, (sigma_m, alpha), template)
-    check_search(step_deg, search_deg)
-    views, mean = settled_views(points, places, stamps, frame)
-    angle, row = best_pair(views, settings, step_deg=step_deg, search_deg=search_deg, tied=tied)
-    x, y = placed(angle, row, frame, mean)
-    velocity = row[1]
-    yaw = away(angle, mean - places[frame])
-    if abs(velocity) >= MOVING_M_S:
-        yaw = angle if velocity > 0 else angle + np.pi
-    return VehiclePose(x, y, yaw, length_m, width_m, score=float(row[0]))
+    stamps = _settled_stamps(stamps_s, len(frames), len(origins))
+    frame, places = _settled_frame(at, len(frames)), np.array(origins, np.float64)
+    if places.shape != (len(frames), 2) or not np.isfinite(places).all():
+        places = np.array([settled_origin(o) for o in origins])
+    settings, plan = settled_reading(length_m, width_m, **reading)
+    if not all(len(points) for points in frames):
+        raise ValueError("a pose needs at least 1 point in each frame, got none in one")
+    points, starts = settled_points(np.concatenate(frames)), [0, *accumulate(map(len, frames))]
+    seen = Frames(points, np.array(starts), places, stamps, frame)
+    x, y, yaw, velocity, score = best_pair(seen, settings, plan._replace(tied=tied))
+    if velocity <= -MOVING_M_S:
+        yaw += np.pi
+    return VehiclePose(x, y, yaw, length_m, width_m, score=score)
 
 
 def _settled_stamps(
@@ -72,7 +65,7 @@ def _settled_stamps(
         raise ValueError(
             f"frames, origins and stamps must be as many, got {frames}, {origins}, {stamps.shape}"
         )
-    if not np.isfinite(stamps).all() or (np.diff(stamps) <= 0).any():
+    if not all(map(isfinite, stamps)) or not all(a < b for a, b in pairwise(stamps)):
         raise ValueError(f"stamps must be finite and rising, got {stamps}")
     return stamps
 

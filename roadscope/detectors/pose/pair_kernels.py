@@ -166,16 +166,23 @@ def _tied(
     """Place all frames at the velocity and the place of the greatest common response.
 
     Velocities are searched around that of the frames' own places, in steps that move the
-    outermost frame by one bin.
+    outermost frame by one bin. Only bins where every frame responds well enough for the sum to
+    come near the one at that velocity are looked at, and all of them beside the best velocity.
     """
-    _free(along, ways, stamps, settings, row)
+    most = _free(along, ways, stamps, settings, row)
     step = settings.bin_m / np.abs(stamps).max()
     count = math.ceil(LAG_M / settings.bin_m)
     tops, common = np.empty(2 * count + 1), np.empty(along.shape[1])
     floors = np.array([along[f].min() for f in range(len(stamps))])
+    least = _overlay(along, (stamps * row[1] - ways) / settings.bin_m, floors, common)
+    windows = _windows(along, most - least + 2 * settings.tie)
     for k in range(-count, count + 1):
         shifts = (stamps * (row[1] + k * step) - ways) / settings.bin_m
-        tops[k + count] = _overlay(along, shifts, floors, common)
+        tops[k + count] = _overlay_within(along, shifts, windows)
+    best = int(tops.argmax())
+    for k in (max(best - 1, 0), min(best + 1, 2 * count)):
+        shifts = (stamps * (row[1] + (k - count) * step) - ways) / settings.bin_m
+        tops[k] = _overlay(along, shifts, floors, common)
     velocity = row[1] + summit(tops, settings.tie)[1] * step
     _overlay(along, (stamps * velocity - ways) / settings.bin_m, floors, common)
     score, place = summit(common, settings.tie)
@@ -208,6 +215,43 @@ def _overlay(
         for i in range(len(sums)):
             sums[i] += (1.0 - part) * lower[i] + part * upper[i] - floor
     return greatest(common)
+
+
+@compiled()
+def _windows(along: np.ndarray, slack: float) -> np.ndarray:
+    """Return (F, 2) first and last bin at which each frame's response is near its greatest."""
+    windows = np.empty((len(along), 2), np.int64)
+    for f in range(len(along)):
+        least, first, last = greatest(along[f]) - slack, 0, along.shape[1] - 1
+        while along[f, first] < least:
+            first += 1
+        while along[f, last] < least:
+            last -= 1
+        windows[f] = first, last
+    return windows
+
+
+@compiled()
+def _overlay_within(along: np.ndarray, shifts: np.ndarray, windows: np.ndarray) -> float:
+    """Return what `_overlay` does if the greatest sum lies within every frame's window.
+
+    Else a lower one, the least of all where windows do not meet. windows: (F, 2) bins.
+    """
+    first, last = -along.shape[1], 2 * along.shape[1]
+    for f in range(len(shifts)):
+        whole = math.floor(shifts[f])
+        # Between two bins the response is near its greatest if it is so at either.
+        first = max(first, max(windows[f, 0] - 1, 0) - whole)
+        last = min(last, min(windows[f, 1], along.shape[1] - 2) - whole)
+    top = -np.inf
+    for i in range(max(first, 0), min(last, along.shape[1] - 1) + 1):
+        total = 0.0
+        for f in range(len(shifts)):
+            place = i + math.floor(shifts[f])
+            part = shifts[f] - math.floor(shifts[f])
+            total += (1.0 - part) * along[f, place] + part * along[f, place + 1]
+        top = max(top, total)
+    return top
 
 
 @compiled()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.detectors.pose.pair_kernels import FIXED, Filter, Views, merge, sweep
+from roadscope.detectors.pose.score_kernels import free_scores
 
 COARSE_DEG = 4.0
 """Step of the first round, in which the edges are smoothed by as much as half of it turns them."""
@@ -24,32 +24,74 @@ one was the best after all in 2 of 1200 fits."""
 class Plan(NamedTuple):
     """Angles that are tried: multiples of a step, radians, from the initial one on.
 
-    total: how many. stride: from one of the first round to the next. reach: steps to either
-    side of the best of those that are tried then. closed: whether the last is next to the first.
+    total: how many. stride: from one of the first round to the next. closed: whether the last is
+    next to the first. tied: as in the sweep.
     """
 
     step: float
     total: int
     stride: int
-    reach: int
     closed: bool
+    tied: bool
 
 
-def settled_views(
-    frames: list[np.ndarray], origins: list[np.ndarray], stamps_s: np.ndarray, reference: int
-) -> tuple[Views, np.ndarray]:
-    """Gather checked frames; return them and the (2,) reference point, the reference's mean.
+class Frames(NamedTuple):
+    """One vehicle's returns in F frames, in one frame of reference that stays put.
 
-    frames: F of (N, 2) points, metres. origins: F of (2,) metres, the sensor. stamps_s: (F,)
-    float64. reference: index of the frame whose stamp counts as 0. All of one frame that stays
-    put.
+    points: (N, 2) float64, metres, frame after frame; starts: (F + 1,) int64, where each begins.
+    origins: (F, 2) float64, metres, the sensor. stamps: (F,) float64, seconds. reference: index
+    of the frame whose pose is looked for.
     """
-    starts = np.array([0, *accumulate(len(points) for points in frames)])
-    points = np.concatenate(frames)
+
+    points: np.ndarray
+    starts: np.ndarray
+    origins: np.ndarray
+    stamps: np.ndarray
+    reference: int
+
+
+def planned(step_deg: float, search_deg: float, *, tied: bool = True) -> Plan:
+    """Return the plan of a search over an angle in steps, degrees.
+
+    The paper tries all; here a coarse round finds the best few and only what is near them is
+    tried at the full step. The parabola through the best and its neighbours stands for smaller
+    steps.
+    """
+    count, stride = round(search_deg / step_deg), max(1, round(COARSE_DEG / step_deg))
+    return Plan(float(np.radians(step_deg)), count, stride, search_deg == 180, tied)
+
+
+@compiled()
+def best_pair(
+    frames: Frames, settings: Filter, plan: Plan
+) -> tuple[float, float, float, float, float]:
+    """Return x, y, yaw, velocity and score of the rectangle that answers best, reference frame's.
+
+    Metres and radians; yaw is that of the long side, away from the sensor. velocity: along it,
+    m/s, 0 of a single frame.
+    """
+    views, point = settled_views(frames)
+    angle, row = _searched(views, settings, plan)
+    cos, sin = np.cos(angle), np.sin(angle)
+    along, across = row[FIXED + frames.reference], row[2]
+    x, y = point[0] + along * cos - across * sin, point[1] + along * sin + across * cos
+    sight = views.sights[frames.reference]
+    if cos * sight[0] + sin * sight[1] >= 0.0:
+        return x, y, angle, row[1], row[0]
+    return x, y, angle + np.pi, -row[1], row[0]
+
+
+@compiled()
+def settled_views(frames: Frames) -> tuple[Views, np.ndarray]:
+    """Return the frames as the sweep takes them, and the (2,) reference point.
+
+    That is the mean of the reference's points, and the reference's stamp counts as 0.
+    """
+    points, starts = frames.points.copy(), frames.starts
     means = _centred(points, starts)
-    point, weights = means[reference], np.full(len(points), 1.0 / len(points))
-    stamps = np.asarray(stamps_s - stamps_s[reference], np.float64)
-    return Views(points, weights, starts, means - point, means - np.array(origins), stamps), point
+    point, weights = means[frames.reference].copy(), np.full(len(points), 1.0 / len(points))
+    stamps = frames.stamps - frames.stamps[frames.reference]
+    return Views(points, weights, starts, means - point, means - frames.origins, stamps), point
 
 
 @compiled()
@@ -81,66 +123,54 @@ def initial_angle(views: Views) -> float:
     return float(0.5 * np.arctan2(2 * xy, xx - yy))
 
 
-def best_pair(
-    views: Views, settings: Filter, *, step_deg: float, search_deg: float, tied: bool = True
-) -> tuple[float, np.ndarray]:
-    """Return the angle of the long side in radians and its row of `pair_kernels.sweep`.
-
-    The row is (3 + F,); the angle is in the frame of the views. tied: as in the sweep.
-
-    Angles are multiples of step_deg from the initial one over search_deg. The paper tries all;
-    here a coarse round finds the best few and only what is near them is tried at the full step.
-    The parabola through the best and its neighbours stands for smaller steps.
-    """
-    count, stride = round(search_deg / step_deg), max(1, round(COARSE_DEG / step_deg))
+@compiled()
+def _searched(views: Views, settings: Filter, plan: Plan) -> tuple[float, np.ndarray]:
+    """Return the best angle of a plan, between its steps, and its row of the sweep."""
+    start, tied = initial_angle(views), plan.tied
     # The score of few returns is ragged: its top may lie well off that of the smoothed one.
     many = len(views.points) > MANY * len(views.stamps)
-    reach = stride - 1 if many else 3 * stride // 2
-    plan = Plan(float(np.radians(step_deg)), count, stride, reach, search_deg == 180)
-    angle, row = _searched(views, settings, plan, tied)
-    return float(angle), row
-
-
-@compiled()
-def _searched(views: Views, settings: Filter, plan: Plan, tied: bool) -> tuple[float, np.ndarray]:
-    """Return the best angle of a plan, between its steps, and its row of the sweep."""
-    start = initial_angle(views)
+    reach = plan.stride - 1 if many else 3 * plan.stride // 2
     views = thinned(views, settings.sigma_m)
     chosen = np.arange(0, plan.total, plan.stride)
     if plan.stride > 1:
         blurred = _blurred(settings, plan.stride * plan.step)
         seen = thinned(views, blurred.sigma_m)
-        rough = sweep(seen, start + chosen * plan.step, blurred, False)
-        chosen = chosen[_summits(rough[:, 0])]
+        chosen = chosen[_summits(free_scores(seen, start + chosen * plan.step, blurred))]
     near = np.zeros(plan.total, np.bool_)
     for k in chosen:
-        for i in range(k - plan.reach, k + plan.reach + 1):
+        for i in range(k - reach, k + reach + 1):
             near[i % plan.total if plan.closed else min(max(i, 0), plan.total - 1)] = True
     fine = np.flatnonzero(near)
-    rows = _swept(views, start + fine * plan.step, settings, tied)
-    best = int(rows[:, 0].argmax())
-    return _refined(views, settings, (start + fine[best] * plan.step, plan.step, tied), rows[best])
+    scores = _scores(views, start + fine * plan.step, settings, tied)
+    best = int(scores.argmax())
+    angle = start + fine[best] * plan.step
+    beside = np.array([angle - plan.step, angle + plan.step])
+    if tied and len(views.stamps) > 1:
+        before, after = sweep(views, beside, settings, True)[:, 0]
+    else:
+        before, after = free_scores(views, beside, settings)
+    angle += plan.step * _off(before, scores[best], after)
+    return angle, sweep(views, np.array([angle]), settings, tied)[0]
 
 
 @compiled()
-def _swept(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> np.ndarray:
-    """Return `sweep` of (A,) angles where that may be the best; score -inf of the others.
+def _scores(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> np.ndarray:
+    """Return scores of (A,) angles, -inf of those that are not the best.
 
     Frames that are moved each by its own shift score no less than frames that are tied.
     """
-    rows = sweep(views, angles, settings, False)
+    bounds = free_scores(views, angles, settings)
     if not tied or len(views.stamps) == 1:
-        return rows
-    bounds, top = rows[:, 0].copy(), -np.inf
-    rows[:, 0] = -np.inf
+        return bounds
+    scores, top = np.full(len(angles), -np.inf), -np.inf
     for _ in range(len(angles)):
         k = int(bounds.argmax())
         # A hair more, for rounding.
         if bounds[k] + 1e-9 < top:
             break
-        rows[k] = sweep(views, angles[k : k + 1], settings, True)[0]
-        bounds[k], top = -np.inf, max(top, rows[k, 0])
-    return rows
+        scores[k] = sweep(views, angles[k : k + 1], settings, True)[0, 0]
+        bounds[k], top = -np.inf, max(top, scores[k])
+    return scores
 
 
 @compiled()
@@ -182,26 +212,7 @@ def _summits(scores: np.ndarray) -> np.ndarray:
 
 
 @compiled()
-def _refined(
-    views: Views, settings: Filter, peak: tuple[float, float, bool], row: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """Move the best angle to the top of the parabola through it and its neighbours."""
-    angle, step, tied = peak
-    beside = sweep(views, np.array([angle - step, angle + step]), settings, tied)[:, 0]
-    bend = beside[0] - 2 * row[0] + beside[1]
-    if bend >= 0:
-        return angle, row.copy()
-    moved = angle + step * min(max(0.5 * (beside[0] - beside[1]) / bend, -0.5), 0.5)
-    return moved, sweep(views, np.array([moved]), settings, tied)[0]
-
-
-def placed(angle: float, row: np.ndarray, frame: int, point: np.ndarray) -> tuple[float, float]:
-    """Return x, y of the middle in one frame, metres, from a row of the sweep.
-
-    angle: radians, the row's. row: (3 + F,). frame: which of the F. point: (2,) metres, the
-    reference point that `settled_views` returns.
-    """
-    cos, sin = np.cos(angle), np.sin(angle)
-    along, across = row[FIXED + frame], row[2]
-    x, y = along * cos - across * sin, along * sin + across * cos
-    return float(point[0] + x), float(point[1] + y)
+def _off(before: float, top: float, after: float) -> float:
+    """Return how far the top of the parabola through three scores lies off the middle, steps."""
+    bend = before - 2 * top + after
+    return min(max(0.5 * (before - after) / bend, -0.5), 0.5) if bend < 0 else 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
-from roadscope.detectors.pose.body_descent import SLACKS_M, descend
+from roadscope.detectors.pose.body_descent import LIMIT, SLACKS_M, descend, misfits_of
 from roadscope.detectors.pose.body_fit import (
     CHANCES,
     COARSE_RAYS,
@@ -20,9 +20,9 @@ from roadscope.detectors.pose.body_fit import (
 )
 from roadscope.detectors.pose.body_kernels import HIT, POSE, Chances, Rays, pose_after
 from roadscope.detectors.pose.body_model import BodyModel
-from roadscope.detectors.pose.body_posterior import posterior
+from roadscope.detectors.pose.body_posterior import Guess, around, posterior
 from roadscope.detectors.pose.body_rays import Sighting, sight
-from roadscope.detectors.pose.body_sampling import WHOLE, Problem, free_of
+from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
 from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
@@ -38,7 +38,14 @@ WORK = 14_000
 """Effort of the sampling: a window's posterior is nearer to a normal one than a scan's."""
 NEAR_SLACKS_M = (0.06, 0.02, 0.0)
 """Added to the noise on the way from a guess that is nearly right."""
-FITTING = 1.0
+WIDER = 1.5
+"""How much wider than the last posterior, as a factor on its covariance, the next one is looked
+for: of windows as long all but one scan are the same."""
+COUNTED = 50.0
+"""Effective samples from which the posterior around the last one is taken as it is."""
+LONG = 3
+"""Scans from which a window's posterior is told by the last one."""
+FITTING = 2.0
 """Standard deviations of the cost, above its mean, up to which the last answer, moved on, is
 taken to be right."""
 CLOSE = 30.0
@@ -61,6 +68,29 @@ class _Seen:
     stamp_s: float
     sighting: Sighting
     place: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """The last answer: when, what of it was free, and what is known of that."""
+
+    stamp_s: float
+    free: np.ndarray
+    found: Posterior
+
+    def moved(self, stamp_s: float) -> Guess:
+        """Return where to look at another stamp, in a window as long."""
+        mean = self.found.mean.copy()
+        mean[:POSE] = _state_after(mean[:POSE], stamp_s - self.stamp_s)
+        return Guess(mean, WIDER * self.found.covariance, False)
+
+
+def _state_after(state: np.ndarray, span: float) -> np.ndarray:
+    """Return x to acceleration (6,) after a time."""
+    moved = state.copy()
+    moved[:3] = pose_after(state, span)
+    moved[3] += state[5] * span
+    return moved
 
 
 class Smoother:
@@ -98,6 +128,7 @@ class Smoother:
         self._window: deque[_Seen] = deque(maxlen=self._frames)
         self._single: dict[float, tuple[np.ndarray, np.ndarray]] = {}
         self._last: tuple[float, np.ndarray] | None = None
+        self._known: _Known | None = None
         self._anchor: tuple[float, np.ndarray] | None = None
         self._velocity: np.ndarray | None = None
         self._settled = 0.0
@@ -135,19 +166,42 @@ class Smoother:
             return None
         stamp_s = self._window[at].stamp_s
         problem = self._problem(stamp_s)
-        best = self._best(problem, stamp_s)
-        if best is None:
-            return None
-        vector, covariance = best
-        found = posterior(problem, vector, covariance, work=WORK)
+        found = self._followed(problem, stamp_s)
+        if found is None:
+            best = self._best(problem, stamp_s)
+            if best is None:
+                return None
+            found = posterior(problem, around(problem, *best), work=WORK)
         self._last = stamp_s, problem.whole(found.mean[None])[0]
+        self._known = _Known(stamp_s, problem.free, found)
         self._note_way(stamp_s, found.mean[:2])
         return pose_of(found, problem)
+
+    def _followed(self, problem: Problem, stamp_s: float) -> Posterior | None:
+        """Return the posterior around the last one, moved on; None where that is not right."""
+        known = self._known
+        if known is None or len(self._window) < LONG:
+            return None
+        if not np.array_equal(known.free, problem.free):
+            return None
+        found = posterior(problem, known.moved(stamp_s), work=WORK)
+        state = found.mean[None]
+        off = misfits_of(problem, state, 0.0)[0]
+        cost = LIMIT**2 * np.log1p((off / LIMIT) ** 2).sum()
+        turned = self._turned(problem.whole(state))[0]
+        if found.effective < COUNTED or cost > self._bound(problem) or turned:
+            return None
+        return found
+
+    def _bound(self, problem: Problem) -> float:
+        """Return the cost up to which the last answer, moved on, is taken to be right."""
+        hits = (problem.rays.kind == HIT).sum()
+        return float(max(hits + FITTING * np.sqrt(2 * hits), WORSE * self._settled * hits))
 
     def _best(self, problem: Problem, stamp_s: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Return the best state and its covariance, from the last one or, if bad, from anew."""
         hits = (problem.rays.kind == HIT).sum()
-        bound = max(hits + FITTING * np.sqrt(2 * hits), WORSE * self._settled * hits)
+        bound = self._bound(problem)
         tries = []
         before = self._moved(stamp_s)
         if before is not None and not self._turned(before[None])[0]:
@@ -210,10 +264,7 @@ class Smoother:
         if self._last is None:
             return None
         before, state = self._last
-        moved = state.copy()
-        moved[:3] = pose_after(state[:POSE], stamp_s - before)
-        moved[3] += state[5] * (stamp_s - before)
-        return moved
+        return np.concatenate([_state_after(state[:POSE], stamp_s - before), state[POSE:]])
 
     def _guesses(self, stamp_s: float) -> np.ndarray:
         """Return first guesses (S, 11) of the state at a stamp from the poses of single scans."""

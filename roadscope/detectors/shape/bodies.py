@@ -2,8 +2,11 @@
 
 Means and standard deviations over the outer dimensions that makers publish, without mirrors: small
 to large cars, small and large vans, rigid trucks of 6 to 9 m, rigid trucks and articulated ones
-at the length that Directive 96/53/EC allows, city buses, and two-wheelers with their riders. The
-shares say how often each is met; a body twice as common wins only where its size fits as well.
+at the length that Directive 96/53/EC allows, city buses, and two-wheelers with their riders.
+
+Shares sum to one. They are our guess at mixed European traffic, taken from no statistics. Only
+their ratios count, and only where sizes leave a doubt: a body twice as common makes up for 1.2
+standard deviations of one dimension.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from roadscope.core import Category
 class Body(NamedTuple):
     """One kind of road user.
 
-    share: how often it is met; length, width, height: mean and standard deviation in metres.
+    share: of all road users; length, width, height: mean and standard deviation in metres.
     """
 
     category: Category
@@ -28,7 +31,7 @@ class Body(NamedTuple):
     height: tuple[float, float]
 
 
-BODIES = (
+_WEIGHED = (
     Body(Category.CAR, 0.67, (4.40, 0.38), (1.82, 0.09), (1.49, 0.10)),
     Body(Category.VAN, 0.09, (4.70, 0.30), (1.88, 0.07), (1.90, 0.12)),
     Body(Category.VAN, 0.07, (5.70, 0.40), (2.03, 0.07), (2.55, 0.15)),
@@ -40,6 +43,9 @@ BODIES = (
     Body(Category.CYCLIST, 0.02, (1.80, 0.12), (0.65, 0.12), (1.75, 0.12)),
     Body(Category.PEDESTRIAN, 0.05, (0.50, 0.20), (0.60, 0.12), (1.72, 0.12)),
 )
+
+_TOTAL = sum(body.share for body in _WEIGHED)
+BODIES = tuple(body._replace(share=body.share / _TOTAL) for body in _WEIGHED)
 
 LONGEST_M = 18.5
 """The longest vehicle that needs no permit, and a little for noise."""

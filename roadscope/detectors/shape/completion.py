@@ -14,7 +14,12 @@ import numpy as np
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.bodies import BODIES, LONGEST_M, WIDEST_M, body_table
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion_kernels import Seen, diagonal, whole_bodies
+from roadscope.detectors.shape.completion_kernels import (
+    Seen,
+    diagonal,
+    least_bodies,
+    whole_bodies,
+)
 from roadscope.detectors.shape.recognition import Vehicle
 
 MIN_POINTS = 3
@@ -22,6 +27,8 @@ LEAST_M = 0.25
 """Least diagonal of what is seen: a thin post is nobody."""
 FIT_MIN = -18.0
 """Least log likelihood of the best kind of body; far below that of any that was seen."""
+Shown = tuple[Seen, tuple[tuple[bool, bool], float]]
+"""What kernels ask of a cluster, and of what is hidden about it."""
 _table = cache(body_table)
 
 
@@ -32,20 +39,35 @@ def is_body_sized(cluster: Cluster) -> bool:
     return bool(LEAST_M <= diagonal(cluster.points) <= LONGEST_M + WIDEST_M)
 
 
-def complete(cluster: Cluster, yaw: float, horizon: Horizon) -> Vehicle | None:
-    """Return the road user that shows a cluster, None where it is too large for any.
-
-    yaw: radians, along either side of the rectangle.
-    """
-    return completions(cluster, (yaw,), horizon)[0]
-
-
 def completions(cluster: Cluster, yaws: Sequence[float], horizon: Horizon) -> list[Vehicle | None]:
-    """Return what `complete` does for each of several headings."""
+    """Return the road user that shows a cluster for each heading, None where it is too large.
+
+    yaws: radians, along either side of the rectangle.
+    """
+    return whole_ones(shown(cluster, horizon), yaws)
+
+
+def least_rectangle(cluster: Cluster, horizon: Horizon) -> Vehicle | None:
+    """Return what `completions` does for the heading of a cluster's minimum-area rectangle."""
+    return least_one(shown(cluster, horizon))
+
+
+def whole_ones(seen: Shown, yaws: Sequence[float]) -> list[Vehicle | None]:
+    """Return what completes what is shown, for each of several headings."""
+    rows = whole_bodies(*seen, np.array(yaws), _table())
+    return [_vehicle(row, len(seen[0].outline)) for row in rows.tolist()]
+
+
+def least_one(seen: Shown) -> Vehicle | None:
+    """Return what completes what is shown, for the heading of its minimum-area rectangle."""
+    (row,) = least_bodies(*seen, _table()).tolist()
+    return _vehicle(row, len(seen[0].outline))
+
+
+def shown(cluster: Cluster, horizon: Horizon) -> Shown:
+    """Return what a cluster shows, and what is hidden about it."""
     seen = Seen(cluster.outline, cluster.points, cluster.ring, cluster.origin)
-    around = horizon.hides(cluster.outline), horizon.step
-    rows = whole_bodies(seen, np.array(yaws), around, _table())
-    return [_vehicle(row, len(cluster.outline)) for row in rows.tolist()]
+    return seen, (horizon.hides(cluster.outline), horizon.step)
 
 
 def _vehicle(row: list[float], points: int) -> Vehicle | None:

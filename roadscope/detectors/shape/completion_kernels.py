@@ -9,6 +9,7 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.detectors.shape.bodies import LONGEST_M, WIDEST_M
+from roadscope.detectors.shape.heading_kernels import hull_heading
 
 FACE_M = 0.4
 """How deep a face is taken to be: range noise, and corners of 0.35 m."""
@@ -52,8 +53,19 @@ def diagonal(points: np.ndarray) -> float:
 
 
 @compiled()
+def least_bodies(
+    seen: Seen, around: tuple[tuple[bool, bool], float], bodies: np.ndarray
+) -> np.ndarray:
+    """Return (1, 9) what `whole_bodies` does for the heading of the least rectangle around all."""
+    points = seen.points[:, :2]
+    order = np.argsort(points[:, 1], kind="mergesort")
+    order = order[np.argsort(points[order, 0], kind="mergesort")]
+    return whole_bodies(seen, around, np.array([hull_heading(points[order])]), bodies)
+
+
+@compiled()
 def whole_bodies(
-    seen: Seen, yaws: np.ndarray, around: tuple[tuple[bool, bool], float], bodies: np.ndarray
+    seen: Seen, around: tuple[tuple[bool, bool], float], yaws: np.ndarray, bodies: np.ndarray
 ) -> np.ndarray:
     """Return (Y, 9) what completes a cluster for each of (Y,) headings.
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
 from functools import partial
-
-import numpy as np
 
 from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion import complete
+from roadscope.detectors.shape.completion import least_one, shown, whole_ones
 from roadscope.detectors.shape.parts import bodies_in
 from roadscope.detectors.shape.recognition import Vehicle
-from roadscope.detectors.shape.rectangle import least_rectangle
 
 BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
 """What shows two faces; a person or a cyclist has no straight ones to filter for."""
@@ -37,7 +34,8 @@ def vehicles_by_matched_filter(
 
 
 def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle | None:
-    first = least_rectangle(cluster, horizon)
+    seen = shown(cluster, horizon)
+    first = least_one(seen)
     if first is None or first.category not in BRICKS or len(cluster.points) < LEAST:
         return first
     length, width, _ = first.size
@@ -51,13 +49,15 @@ def _filtered(cluster: Cluster, horizon: Horizon, *, sigma_m: float) -> Vehicle 
         bin_m=sigma_m,
         step_deg=STEP_DEG,
     )
-    vehicle = complete(cluster, pose.yaw, horizon)
+    (vehicle,) = whole_ones(seen, (pose.yaw,))
     if vehicle is None:
         return None
-    return replace(
-        vehicle,
-        centre=(pose.x, pose.y),
-        size=(pose.length, pose.width, vehicle.size[2]),
-        yaw=float(np.arctan(np.tan(pose.yaw))),
-        category=first.category,
+    return Vehicle(
+        (pose.x, pose.y),
+        (pose.length, pose.width, vehicle.size[2]),
+        math.atan(math.tan(pose.yaw)),
+        first.category,
+        vehicle.residual_m,
+        vehicle.points,
+        vehicle.fit,
     )

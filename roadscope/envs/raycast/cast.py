@@ -11,7 +11,7 @@ from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 from roadscope.envs.raycast.blocks import Rays, is_level
 from roadscope.envs.raycast.depth import NOTHING, Surfaces
-from roadscope.envs.raycast.kernels import cast_all
+from roadscope.envs.raycast.kernels import World, cast_all
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.raycast.shapes import gather
 
@@ -89,12 +89,12 @@ def cast(
         np.empty(shape, np.float32), np.empty(shape, np.float32),
     )  # fmt: skip
     outline = np.zeros(len(scene.present) if outlines else 0, np.int64)
-    shapes = gather(scene)
     # Other number types would make numba compile everything once more.
-    cast_all(
-        rays, shapes, scene.poses, scene.knots_s, int(scene.seed),
-        float(scene.ground_reflectivity), float(max_range_m), surfaces, outline,
+    world = World(
+        gather(scene), scene.poses, scene.knots_s, int(scene.seed),
+        float(scene.ground_reflectivity), float(max_range_m),
     )  # fmt: skip
+    cast_all(rays, world, surfaces, outline)
     ranges, owners, cosines, reflectivity = (surface.T for surface in surfaces)
     if not outlines:
         return Hits(ranges, owners, cosines, reflectivity)

@@ -1,6 +1,12 @@
-"""The ray caster's inner loops: each block of columns against the units it may see."""
+"""The ray caster's inner loops: each block of columns against the units it may see.
+
+`cast_all` is called from Python. What is below it, here and in the files beside, only kernels
+call: it takes as many arguments as it needs.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,20 +30,25 @@ from roadscope.envs.raycast.windows import Members, Motion, assign, follow
 _SMALL_TURN = 0.05
 
 
+class World(NamedTuple):
+    """What rays meet, or that they meet nothing up to the greatest range.
+
+    poses: (K, A, 3) x, y, yaw of the actors at knots_s (K,). seed: of the paths in what is porous.
+    """
+
+    shapes: Shapes
+    poses: np.ndarray
+    knots_s: np.ndarray
+    seed: int
+    ground_reflectivity: float
+    max_range_m: float
+
+
 @compiled()
-def cast_all(
-    rays: Rays,
-    shapes: Shapes,
-    poses: np.ndarray,
-    knots_s: np.ndarray,
-    seed: int,
-    ground_reflectivity: float,
-    max_range_m: float,
-    surfaces: Surfaces,
-    outline: np.ndarray,
-) -> None:
+def cast_all(rays: Rays, world: World, surfaces: Surfaces, outline: np.ndarray) -> None:
     """Fill the surfaces; count rays per actor in outline (A,) unless it is empty."""
-    blocks, motion = arrange(rays), follow(poses, knots_s)
+    shapes, max_range_m = world.shapes, world.max_range_m
+    blocks, motion = arrange(rays), follow(world.poses, world.knots_s)
     members = assign(rays, blocks, shapes, motion, max_range_m)
     beams = len(rays.slopes)
     depth = Depth(
@@ -50,8 +61,8 @@ def cast_all(
         np.zeros((beams, WIDTH)),
     )  # fmt: skip
     _cast_blocks(
-        rays, blocks, members, shapes, motion, seed, ground_reflectivity, scratch, depth,
-        surfaces, outline,
+        rays, blocks, members, shapes, motion, world.seed, world.ground_reflectivity, scratch,
+        depth, surfaces, outline,
     )  # fmt: skip
 
 
@@ -74,17 +85,8 @@ def _cast_blocks(
         clear(rays.slopes, ground_reflectivity, scratch.world, depth)
         for i in range(members.starts[n], members.starts[n + 1]):
             _cast_unit(
-                rays,
-                blocks,
-                n,
-                shapes,
-                motion,
-                members.units[i],
-                seed,
-                scratch,
-                depth,
-                outline,
-            )
+                rays, blocks, n, shapes, motion, members.units[i], seed, scratch, depth, outline,
+            )  # fmt: skip
         store(blocks, n, depth, surfaces)
 
 

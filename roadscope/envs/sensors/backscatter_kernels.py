@@ -7,6 +7,7 @@ import numpy as np
 from roadscope.core import WEATHER
 from roadscope.core.jit import compiled
 from roadscope.envs.raycast.cast import NOTHING
+from roadscope.envs.raycast.depth import Surfaces
 from roadscope.envs.raycast.lines import mix
 from roadscope.envs.sensors.backscatter import OVERLAP_M, Echoes
 
@@ -16,21 +17,16 @@ STEP = np.uint64(0x9E3779B97F4A7C15)
 
 @compiled(borrowing=True)
 def cloud_over(
-    ranges: np.ndarray,
-    cosines: np.ndarray,
-    reflectivity: np.ndarray,
-    owners: np.ndarray,
-    echoes: Echoes,
-    air: tuple[float, float],
-    key: np.uint64,
+    surfaces: Surfaces, echoes: Echoes, air: tuple[float, float], key: np.uint64
 ) -> None:
     """Put weather between sensor and surfaces, in place: the strongest return of a ray wins.
 
-    ranges to owners (B, C), as in `raycast.Hits` but beam by beam. Surfaces lose reflectivity;
-    where an echo wins it takes the ray, with the reflectivity of a wall as bright.
+    Surfaces lose reflectivity; where an echo wins it takes the ray, with the reflectivity of a
+    wall as bright.
     air: extinction per metre, and least power that the receiver reports.
     key: of the sweep; an echo depends on it, beam and column alone.
     """
+    ranges, owners, cosines, reflectivity = surfaces
     extinction, least = air
     expected = echoes.tails[-1] if len(echoes.tails) else 0.0
     loudest = np.exp(echoes.log_powers[0]) if len(echoes.tails) else 0.0

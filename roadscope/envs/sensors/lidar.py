@@ -11,10 +11,11 @@ from roadscope.core import LidarScan, Pose, RecordError
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 from roadscope.envs.raycast.cast import Columns, Hits, cast
+from roadscope.envs.raycast.depth import Surfaces
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.backscatter import LEAST_POWER, echoes
 from roadscope.envs.sensors.backscatter_kernels import cloud_over
-from roadscope.envs.sensors.lidar_kernels import collect, interpolate_columns
+from roadscope.envs.sensors.lidar_kernels import Firings, Way, collect, interpolate_columns
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.sensors.weather import CLEAR, Weather
 
@@ -96,10 +97,10 @@ def lidar_columns(scene: Scene, spec: LidarSpec, world_from_lidar: Path, stamp_s
     matrices = np.stack([pose.matrix for pose in world_from_lidar])
     starts = matrices[:, :3, :3]
     turns, angles = _turns(np.swapaxes(starts, 1, 2) @ np.concatenate([starts[1:], starts[-1:]]))
-    origins, ahead, up = np.empty((3, len(stamps_s), 3))
+    columns = np.empty((3, len(stamps_s), 3))
     knots, fractions = scene.segments(stamps_s)
-    interpolate_columns(matrices, turns, angles, knots, fractions, azimuths, origins, ahead, up)
-    return Columns(origins, ahead, up, stamps_s)
+    interpolate_columns(Way(matrices, turns, angles), knots, fractions, azimuths, columns)
+    return Columns(columns[0], columns[1], columns[2], stamps_s)
 
 
 def _turns(rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -114,10 +115,14 @@ def _cloud_over(spec: LidarSpec, hits: Hits, weather: Weather, key: np.uint64) -
     """Let the weather take what it takes of the hits, in place, and put its echoes there."""
     least = max(spec.detection_limit / spec.range_max_m**2, LEAST_POWER)
     cloud_over(
-        hits.ranges.T, hits.cosines.T, hits.reflectivity.T, hits.owners.T,
-        echoes(weather, spec.range_min_m, spec.range_max_m, least),
+        _surfaces(hits), echoes(weather, spec.range_min_m, spec.range_max_m, least),
         (weather.extinction_per_m, least), key,
     )  # fmt: skip
+
+
+def _surfaces(hits: Hits) -> Surfaces:
+    """Turn the hits beam by beam, as they are stored; what is written there is theirs."""
+    return Surfaces(hits.ranges.T, hits.owners.T, hits.cosines.T, hits.reflectivity.T)
 
 
 def _measure(
@@ -133,10 +138,10 @@ def _measure(
             spec.dropout, spec.detection_limit,
         ]
     )  # fmt: skip
+    firings = Firings(_directions(spec.azimuths()), _directions(spec.elevations), order)
     points, intensity, ring, column, owners = collect(
-        hits.ranges.T, hits.cosines.T, hits.reflectivity.T, hits.owners.T, noise, chances,
-        _directions(spec.azimuths()), _directions(spec.elevations), order, limits,
-    )  # fmt: skip
+        _surfaces(hits), noise, chances, firings, limits
+    )
     times = spec.column_offsets_s()[column] + spec.firing_offsets_s[ring]
     scan = LidarScan(
         points, intensity, ring, column, times.astype(np.float32), stamp_s, sensor

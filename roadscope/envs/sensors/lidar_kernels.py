@@ -2,23 +2,44 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.envs.raycast.cast import NOTHING
+from roadscope.envs.raycast.depth import Surfaces
+
+
+class Firings(NamedTuple):
+    """Where C columns of B beams look: azimuths (C, 2), elevations (B, 2), cosines and sines.
+
+    order: (B,) beams as they fire.
+    """
+
+    azimuths: np.ndarray
+    elevations: np.ndarray
+    order: np.ndarray
+
+
+class Way(NamedTuple):
+    """How a sensor moves between K knots.
+
+    matrices: (K, 4, 4), world_from_lidar. turns: (K, 3, 3), cross-product matrix of the unit axis
+    about which it turns after the knot; angles: (K,), by how many radians until the next.
+    """
+
+    matrices: np.ndarray
+    turns: np.ndarray
+    angles: np.ndarray
 
 
 @compiled()
 def collect(
-    ranges: np.ndarray,
-    cosines: np.ndarray,
-    reflectivity: np.ndarray,
-    owners: np.ndarray,
+    surfaces: Surfaces,
     noise: np.ndarray,
     chances: np.ndarray,
-    azimuths: np.ndarray,
-    elevations: np.ndarray,
-    order: np.ndarray,
+    firings: Firings,
     limits: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return points, intensity, ring, column and owner of each return, in firing order.
@@ -27,10 +48,11 @@ def collect(
     below the limit it is lost. The receiver makes up for the range squared only in the far
     field, so intensity is reflectivity * cosine / (1 + (4 range / range_max)^2).
 
-    ranges to chances (B, C), as in `raycast.Hits` but beam by beam; noise (B, C) normal, chances
-    uniform. azimuths (C, 2), elevations (B, 2): cosines and sines. order (B,): beams as they fire.
+    noise: (B, C) normal, chances: (B, C) uniform.
     limits: range_min, range_max, noise, resolution in metres, dropout, detection limit.
     """
+    ranges, owners, cosines, reflectivity = surfaces
+    azimuths, elevations, order = firings
     near, far, sigma, step, dropout, limit = limits
     size = ranges.size
     points = np.empty((size, 3), np.float32)
@@ -61,22 +83,15 @@ def collect(
 
 @compiled()
 def interpolate_columns(
-    matrices: np.ndarray,
-    turns: np.ndarray,
-    angles: np.ndarray,
-    knots: np.ndarray,
-    fractions: np.ndarray,
-    azimuths: np.ndarray,
-    origins: np.ndarray,
-    ahead: np.ndarray,
-    up: np.ndarray,
+    way: Way, knots: np.ndarray, fractions: np.ndarray, azimuths: np.ndarray, columns: np.ndarray
 ) -> None:
-    """Fill origin, direction and z axis of each column, (C, 3), from poses at the knots.
+    """Fill origin, direction and z axis of each column, (3, C, 3), from poses at the knots.
 
-    matrices (K, 4, 4): world_from_lidar. turns (K, 3, 3): cross-product matrix of the unit axis
-    about which the sensor turns after the knot; angles (K,): by how many radians until the next.
-    azimuths (C, 2): cosines and sines.
+    knots, fractions: (C,) which knot is before a column, and the share of the way to the next.
+    azimuths: (C, 2) cosines and sines.
     """
+    matrices, turns, angles = way
+    origins, ahead, up = columns[0], columns[1], columns[2]
     step, lidar = np.empty((3, 3)), np.empty((3, 3))
     for c in range(len(knots)):
         k, f = knots[c], fractions[c]

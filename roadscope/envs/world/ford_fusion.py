@@ -56,11 +56,15 @@ def ford_fusion(corners: str = "sharp") -> Prisms:
     """
     if corners not in CORNER_RADII_M:
         raise ValueError(f"no body '{corners}'; known: {', '.join(CORNER_RADII_M)}")
-    radius = CORNER_RADII_M[corners]
+    return with_corners(CORNER_RADII_M[corners])
+
+
+def with_corners(radius_m: float) -> Prisms:
+    """Return the same body with vertical corners of any radius."""
     halves = [
         Prisms.of(outline, slab.bottom_m, slab.top_m, reflectivity=slab.reflectivity)
         for slab in SLABS
-        for outline in _halves(slab, radius)
+        for outline in _halves(slab, radius_m)
     ]
     return Prisms.join(halves)
 

@@ -56,7 +56,7 @@ def test_footnotes_explain_what_is_shown() -> None:
 
 
 def test_wide_boards_have_all_intervals() -> None:
-    text = printed(board_table(board(0.512, 0.4, 0.613), "tracking", 400), width=400)
+    text = printed(board_table(board(0.512, 0.4, 0.613), "tracking", 440), width=440)
     assert text.count("[.4") == len(COLUMNS["tracking"])
 
 

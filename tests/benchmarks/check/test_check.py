@@ -14,23 +14,8 @@ from roadscope.core.registry import SpecError
 HERE = Path(__file__).parent
 TRACKERS, DETECTORS = HERE / "bad_trackers.py", HERE.parent / "plugins.py"
 SLOW = "follows two seconds of traffic"
-
-
-def item(spec: str, promise: str) -> Item:
-    plugin, promises = load(spec)
-    return looked_at(next(p for p in promises if p.words == promise), plugin)
-
-
-@pytest.mark.parametrize("promise", [p.words for p in trackers.PROMISES if p.words != SLOW])
-@pytest.mark.parametrize("name", [f"{TRACKERS}:Good", "nearest", "gnn"])
-def test_good_trackers_keep_every_promise(name: str, promise: str) -> None:
-    found = item(name, promise)
-    assert found.good, found.words
-
-
-@pytest.mark.parametrize(
-    ("name", "promise", "words"),
-    [
+WRONG = {
+    TRACKERS: [
         ("NeedsArguments", "made by its name alone", "argument 'gate_m' has no default; give it"),
         ("Positional", "made by its name alone", "def __init__(self, *, gate_m=2.0)"),
         ("RaisesWhenMade", "made by its name alone", "OSError: no weights (bad_trackers.py:"),
@@ -51,10 +36,45 @@ def test_good_trackers_keep_every_promise(name: str, promise: str) -> None:
         ("IgnoresThePose", "follows what stands while the ego moves", "ego_pose is world_from_e"),
         ("FollowsNothing", "keeps the id of what it follows", "never followed within 1 m"),
         ("FollowsNothing", SLOW, "nothing is followed"),
+        ("LateWithout", "has rescored, being offline", "no method rescored; the contract has"),
+        ("LateNothing", "tells the same moments anew", "rescored returned NoneType, not a seq"),
+        ("LateShort", "tells the same moments anew", "rescored returned 19 records for the 20"),
+        ("LateSwapped", "tells the same moments anew", "rescored: tracks are stamped 1.9"),
+        ("LateScribbles", "leaves the history alone", "rescored changed the tracks"),
+        ("LateCounts", "tells the same history in the same way", "another way the second time"),
+        ("LateForgets", "goes on as if nothing had been told anew", "changes what update answers"),
     ],
+    DETECTORS: [
+        ("Raises", "answers with detections of a frame it saw", "KeyError: 'what\\nis this' (pl"),
+        ("ReturnsNonsense", "answers with detections of a frame it saw", "returned list, not"),
+        ("ReturnsNan", "answers with detections of a frame it saw", "must be finite"),
+        ("Late", "answers with detections of a frame it saw", "return the stamp of the frame"),
+        ("Scribbles", "leaves its input alone", "changed the frame it was given"),
+        ("WithoutReset", "has reset and detect", "no method reset"),
+        ("Prints", "detects two seconds of traffic", "nothing is detected"),
+    ],
+}
+"""Plug-ins of a file, the promise that each breaks, and what is said of it."""
+
+
+def item(spec: str, promise: str) -> Item:
+    plugin, promises = load(spec)
+    return looked_at(next(p for p in promises if p.words == promise), plugin)
+
+
+@pytest.mark.parametrize("promise", [p.words for p in trackers.PROMISES if p.words != SLOW])
+@pytest.mark.parametrize("name", [f"{TRACKERS}:Good", "nearest", "gnn"])
+def test_good_trackers_keep_every_promise(name: str, promise: str) -> None:
+    found = item(name, promise)
+    assert found.good, found.words
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "promise", "words"),
+    [(file, *row) for file, rows in WRONG.items() for row in rows],
 )
-def test_what_is_wrong_with_a_tracker_is_said(name: str, promise: str, words: str) -> None:
-    found = item(f"{TRACKERS}:{name}", promise)
+def test_what_is_wrong_is_said(file: Path, name: str, promise: str, words: str) -> None:
+    found = item(f"{file}:{name}", promise)
     assert found.good is False
     assert words in found.words
 
@@ -64,24 +84,6 @@ def test_what_is_wrong_with_a_tracker_is_said(name: str, promise: str, words: st
 def test_good_offline_trackers_keep_every_promise(name: str, promise: str) -> None:
     found = item(name, promise)
     assert found.good, found.words
-
-
-@pytest.mark.parametrize(
-    ("name", "promise", "words"),
-    [
-        ("LateWithout", "has rescored, being offline", "no method rescored; the contract has"),
-        ("LateNothing", "tells the same moments anew", "rescored returned NoneType, not a seq"),
-        ("LateShort", "tells the same moments anew", "rescored returned 19 records for the 20"),
-        ("LateSwapped", "tells the same moments anew", "rescored: tracks are stamped 1.9"),
-        ("LateScribbles", "leaves the history alone", "rescored changed the tracks"),
-        ("LateCounts", "tells the same history in the same way", "another way the second time"),
-        ("LateForgets", "goes on as if nothing had been told anew", "changes what update answers"),
-    ],
-)
-def test_what_is_wrong_with_a_second_pass_is_said(name: str, promise: str, words: str) -> None:
-    found = item(f"{TRACKERS}:{name}", promise)
-    assert found.good is False
-    assert words in found.words
 
 
 def test_a_second_pass_that_nobody_asks_for_is_remarked() -> None:
@@ -95,24 +97,6 @@ def test_two_seconds_of_traffic_are_scored() -> None:
     found = item(f"{TRACKERS}:Good", SLOW)
     assert found.good
     assert found.words.startswith("HOTA 1.00 on perfect detections of a motorway, ")
-
-
-@pytest.mark.parametrize(
-    ("name", "promise", "words"),
-    [
-        ("Raises", "answers with detections of a frame it saw", "KeyError: 'what\\nis this' (pl"),
-        ("ReturnsNonsense", "answers with detections of a frame it saw", "returned list, not"),
-        ("ReturnsNan", "answers with detections of a frame it saw", "must be finite"),
-        ("Late", "answers with detections of a frame it saw", "return the stamp of the frame"),
-        ("Scribbles", "leaves its input alone", "changed the frame it was given"),
-        ("WithoutReset", "has reset and detect", "no method reset"),
-        ("Prints", "detects two seconds of traffic", "nothing is detected"),
-    ],
-)
-def test_what_is_wrong_with_a_detector_is_said(name: str, promise: str, words: str) -> None:
-    found = item(f"{DETECTORS}:{name}", promise)
-    assert found.good is False
-    assert words in found.words
 
 
 @pytest.mark.parametrize("promise", [p.words for p in detectors.PROMISES])

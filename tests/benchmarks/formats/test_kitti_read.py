@@ -10,8 +10,9 @@ from toy_kitti import EGO_SPEED_M_S, FRAMES, IMAGE_SIZE, P2, write_kitti
 from roadscope.benchmarks.formats import FormatError, KittiFolder, read_sequence
 from roadscope.benchmarks.formats.kitti import UNKNOWN, logistic
 from roadscope.benchmarks.formats.kitti_calibration import read_calibration
+from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, EGO_FROM_CAMERA
 from roadscope.benchmarks.formats.kitti_objects import KittiType, read_detections, read_labels
-from roadscope.benchmarks.formats.kitti_poses import read_oxts, read_poses, write_poses
+from roadscope.benchmarks.formats.kitti_poses import read_oxts, read_poses
 from roadscope.core import Category, Pose
 
 LABEL = "0 0 Car 0 0 -1.5 100.0 150.0 200.0 220.0 1.5 1.7 4.2 2.0 1.7 12.0 -1.57"
@@ -238,7 +239,8 @@ def test_poses_come_back(tmp_path):
         Pose.from_euler(*rng.normal(0, 50, 3), yaw=a, pitch=b, roll=c)
         for a, b, c in rng.normal(0, 1, (20, 3))
     ]
-    write_poses(tmp_path / "poses.txt", poses)
+    rows = [(CAMERA_FROM_EGO @ p @ EGO_FROM_CAMERA).matrix[:3].ravel() for p in poses]
+    np.savetxt(tmp_path / "poses.txt", rows)
     for one, other in zip(read_poses(tmp_path / "poses.txt"), poses, strict=True):
         np.testing.assert_allclose(one.matrix, other.matrix, atol=1e-9)
 

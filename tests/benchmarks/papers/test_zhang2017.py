@@ -40,7 +40,7 @@ from roadscope.benchmarks.papers.zhang2017_methods import (
     SINGLE,
     estimate,
 )
-from roadscope.benchmarks.papers.zhang2017_paper import FLOOR_SEEDS, PAPER, PAPER_TIMES, SIMULATED
+from roadscope.benchmarks.papers.zhang2017_paper import PAPER, PAPER_TIMES, SIMULATED
 from roadscope.benchmarks.papers.zhang2017_readings import READINGS
 from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.detectors.pose.estimate import VehiclePose
@@ -107,7 +107,6 @@ def test_empty_frames_have_no_answer_and_stop_nothing():
 def rows():
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(zhang2017, "FIRST_SEED", SEED)
-        patched.setattr(zhang2017, "FLOOR_SEEDS", 1)
         patched.setattr(zhang2017, "FOLLOWED_FRAMES", 4)
         patched.setattr(zhang2017, "BODIES", ("rounded",))
         patched.setattr(zhang2017, "film", few_frames)
@@ -124,8 +123,8 @@ def few_frames(name, seed, frames=2, **changes):
     return film(name, seed, frames=frames, **changes)
 
 
-def a_single_floor(run, frames, *, draws):
-    return dict.fromkeys(frames, floor(run, draws=draws // 4))
+def a_single_floor(run, frames, *, draws, **knowing):
+    return dict.fromkeys(frames, floor(run, draws=draws // 4, **knowing))
 
 
 def test_every_figure_of_the_paper_stands_beside_ours(rows):
@@ -143,7 +142,7 @@ def test_every_figure_of_the_paper_stands_beside_ours(rows):
 
 def test_every_method_and_the_floor_are_in_every_table(rows):
     methods = {row.method for row in rows if row.experiment == "curve, rounded body (table 2)"}
-    floor_names = set(map(names.floor_name, OURS.values()))
+    floor_names = {names.floor_name(n, told=told) for n in OURS.values() for told in (0, 1)}
     assert methods == {*METHODS, *floor_names}
     for quantity in (POSITION, HEADING):
         name = names.FOLLOWING.format("rounded", quantity)
@@ -151,7 +150,7 @@ def test_every_method_and_the_floor_are_in_every_table(rows):
         assert {row.quantity for row in followed} == {f"{metres} m" for metres in FOLLOWED_M}
         assert {row.method for row in followed} == {*REPEATED, *floor_names}
     assert {row.n for row in rows if row.method in METHODS} == {2}
-    assert {row.n for row in rows if row.method.startswith("floor")} == {1}
+    assert {row.n for row in rows if "floor" in row.method} == {2}
     assert {row.unit for row in rows} == {"m", "deg", "ms", "%", "1", "share", "count", YES_OR_NO}
 
 
@@ -192,8 +191,9 @@ def test_every_claim_is_judged_on_the_means_and_in_single_seeds(rows):
         assert held[names.OF_ALL, f"{method}: none turned by 90 deg", "holds"] in (0, 1)
         assert 0 <= held[names.OF_ALL, f"{method}: 15 ms following", "in single seeds"] <= 1
     shares = names.OF_OURS.format("rounded") + names.SHARE_OF_SEEDS
-    near = [r for r in rows if r.experiment == shares and r.quantity == claims.NEAR]
-    assert {r.n for r in near} == {1}
+    for claim in (claims.NEAR, claims.NEAR_TOLD):
+        near = [r for r in rows if r.experiment == shares and r.quantity == claim]
+        assert {r.n for r in near} == {2}
 
 
 def test_tables_fit_into_80_columns(rows):
@@ -215,9 +215,6 @@ def test_printed_positions_follow_from_their_parts():
     for row in PAPER.values():
         assert row[POSITION] == pytest.approx(np.hypot(row[LATERAL], row[LONGITUDINAL]), abs=1e-4)
     assert "0.575" in (note_of("zhang2017", "curve, sharp body (table 2)") or "")
-    assert f"first {FLOOR_SEEDS} seeds" in (
-        note_of("zhang2017", "straight, sharp body (table 1)") or ""
-    )
     assert note_of("zhang2017", "claims of the paper, rounded body") is None
     assert note_of("lu2018", "claims") is None
     assert set(PAPERS) >= {"lu2018", "zhang2017"}
@@ -225,7 +222,8 @@ def test_printed_positions_follow_from_their_parts():
 
 def a_table(single=1.0, multi=0.8, ransac=2.0, ours=(0.3, 0.02, 0.01), floors=(0.2, 0.015, 0.008)):
     values = {SINGLE: single, MULTI: multi, RANSAC: ransac, **dict(zip(OURS, ours, strict=True))}
-    values |= {names.floor_name(n): v for n, v in zip(OURS.values(), floors, strict=True)}
+    for n, value in zip(OURS.values(), floors, strict=True):
+        values |= {names.floor_name(n): value, names.floor_name(n, told=True): 0.9 * value}
     scale = {"curve": 1.2, "following-40": 1.1, "following-50": 1.2}
     return {
         (drive, method): dict.fromkeys(
@@ -246,7 +244,7 @@ def test_claims_hold_on_figures_like_the_papers_and_fail_on_others():
 
 
 def judged(table):
-    return our_claims(table, table, table)
+    return our_claims(table, table)
 
 
 def test_what_is_asked_of_ours_on_each_drive():
@@ -257,8 +255,14 @@ def test_what_is_asked_of_ours_on_each_drive():
     assert not failed[claims.FALLING]
     assert not failed[claims.NEAR]
     assert failed[claims.BEATEN]
-    without = {k: v for k, v in a_table().items() if not k[1].startswith("floor")}
-    assert np.isnan(our_claims(without, without, a_table())["curve"][claims.NEAR])
+    without = {k: v for k, v in a_table().items() if "floor" not in k[1]}
+    assert np.isnan(our_claims(without, a_table())["curve"][claims.NEAR])
+
+
+def test_who_is_told_the_radius_has_a_floor_of_its_own():
+    held = judged(a_table(ours=(0.38, 0.02, 0.01)))["curve"]
+    assert held[claims.NEAR]
+    assert not held[claims.NEAR_TOLD]
 
 
 def test_following_ours_is_compared_with_the_papers_method_on_the_same_seeds():

@@ -3,24 +3,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers.zhang2017_floor import (
-    Floor,
-    body_of,
-    floor,
-    offsets_after,
-    rays_of,
-    receiver_of,
-)
+from roadscope.benchmarks.papers.zhang2017_floor import Floor, floor
+from roadscope.benchmarks.papers.zhang2017_floor_corners import bodies_of, told, untold
 from roadscope.benchmarks.papers.zhang2017_floor_kernels import IMPOSSIBLE, add_log_likelihoods
+from roadscope.benchmarks.papers.zhang2017_floor_motion import offsets_after
+from roadscope.benchmarks.papers.zhang2017_floor_views import rays_of, receiver_of
+from roadscope.benchmarks.papers.zhang2017_outline import fusion
 from roadscope.benchmarks.papers.zhang2017_scene import film
+from roadscope.detectors.pose.body_kernels import RADIUS
+from roadscope.envs.raycast.cast import Columns, cast
+from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.world.ford_fusion import with_corners
+from roadscope.envs.world.prisms import Prisms
 
 SEED = 12345
 
 
 def log_likelihood(run, k, offset):
-    out = np.zeros(1)
-    receiver = receiver_of(run.spec)
-    add_log_likelihoods(np.array([offset]), rays_of(run, k), body_of(run.body), receiver, out)
+    out, states = np.zeros(1), (np.array([offset]), np.zeros(1, int))
+    receiver, bodies = receiver_of(run.spec), told(run.body).bodies
+    add_log_likelihoods(states, rays_of(run, k), bodies, receiver, out)
     return float(out[0])
 
 
@@ -47,6 +49,60 @@ def test_other_poses_are_less_likely():
     best = log_likelihood(run, 0, (0.0, 0.0, 0.0))
     for offset in [(0.2, 0, 0), (-0.2, 0, 0), (0, 0.2, 0), (0, -0.2, 0), (0, 0, 0.1), (0, 0, -0.1)]:
         assert log_likelihood(run, 0, offset) < best - 20
+
+
+def by_ray_caster(run, k, offset, body) -> float:
+    """The same likelihood, ray by ray, with the caster that made the scans."""
+    rays, spec = rays_of(run, k), run.spec
+    flat = np.zeros(len(rays.origins))
+    columns = Columns(
+        np.column_stack([rays.origins, flat + rays.height_m]),
+        np.column_stack([rays.directions, flat]),
+        np.tile([0.0, 0.0, 1.0], (len(flat), 1)),
+        flat,
+    )
+    scene = Scene.still(Prisms.empty(), body, np.array([offset]))
+    seen = cast(scene, columns, rays.slopes, max_range_m=1000.0)
+    signal = seen.cosines * seen.reflectivity
+    echoes = (seen.ranges > 0) & (seen.ranges < spec.range_max_m)
+    echoes &= signal * spec.range_max_m**2 >= spec.detection_limit * seen.ranges**2
+    off = (rays.observed - seen.ranges) / spec.range_noise_m
+    returned = np.maximum(np.log1p(-spec.dropout) - 0.5 * off**2, IMPOSSIBLE)
+    logs = np.where(echoes, returned, IMPOSSIBLE)
+    nothing = np.where(echoes, np.log(spec.dropout) if spec.dropout else IMPOSSIBLE, 0.0)
+    return float(np.where(rays.observed > 0, logs, nothing).sum())
+
+
+@pytest.mark.parametrize("name", ["straight-past", "curve", "following-10"])
+@pytest.mark.parametrize("radius_m", [0.0, 0.2, 0.4])
+def test_the_likelihood_is_that_of_the_ray_caster(name, radius_m):
+    run, rng = film(name, SEED, frames=19), np.random.default_rng(1)
+    offsets = np.concatenate([np.zeros((1, 3)), rng.normal(size=(8, 3)) * (0.1, 0.1, 0.03)])
+    bodies, out = bodies_of((0.1, radius_m)), np.zeros(len(offsets))
+    states = offsets, np.ones(len(offsets), int)
+    add_log_likelihoods(states, rays_of(run, 18), bodies, receiver_of(run.spec), out)
+    cast_ones = [by_ray_caster(run, 18, offset, with_corners(radius_m)) for offset in offsets]
+    # Ranges of the caster are rounded to some micrometres, and a few rays graze an edge.
+    assert out == pytest.approx(cast_ones, rel=2e-3)
+
+
+def test_radii_are_spread_as_our_fit_supposes():
+    rng = np.random.default_rng(1)
+    fitted = fusion().parts(rng.normal(size=(20_000, 5)))[:, 0, RADIUS]
+    rows = untold().which(rng.normal(size=(20_000, 1)))
+    shares = np.linspace(0.05, 0.95, 10)
+    least, most = fusion().radius_m
+    floors = least + (most - least) * np.quantile(rows, shares) / 80
+    assert floors == pytest.approx(np.quantile(fitted, shares), abs=0.01)
+    assert (np.diff(untold().which(np.linspace(-4, 4, 50)[:, None])) >= 0).all()
+
+
+def test_corners_that_are_not_known_raise_the_floor():
+    run = film("curve", SEED, body="rounded", frames=12)
+    known, unknown = (floor(run, draws=512, knows_corners=told) for told in (True, False))
+    assert (unknown.shares > 0).all()
+    assert np.mean(unknown.heading_rad**2) > 1.02 * np.mean(known.heading_rad**2)
+    assert np.mean(unknown.position_m**2) > 1.02 * np.mean(known.position_m**2)
 
 
 def test_posterior_is_calibrated():

@@ -9,6 +9,7 @@ from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.recorded.combined import alpha_parts, combined_hota, combined_mota
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
+from roadscope.benchmarks.speed.metrics import as_trackeval
 
 
 def random_sequence(seed: int, objects: int = 4, frames: int = 20) -> TrackedSequence:
@@ -86,17 +87,3 @@ def test_nothing_to_track_has_no_figure():
     empty = [EPISODES[2]]
     assert np.isnan(mean_of(combined_hota(empty, "hota")))
     assert np.isnan(mean_of(combined_mota(empty, "mota")))
-
-
-def as_trackeval(sequence: TrackedSequence) -> dict:
-    """The sequence as TrackEval's data sets hand it to the metrics."""
-    ends = sequence.truth_starts, sequence.track_starts
-    frames = range(len(sequence))
-    return {
-        "num_timesteps": len(sequence),
-        "num_gt_ids": sequence.objects, "num_tracker_ids": sequence.followers,
-        "num_gt_dets": len(sequence.truths), "num_tracker_dets": len(sequence.tracks),
-        "gt_ids": [sequence.truths[ends[0][t] : ends[0][t + 1]] for t in frames],
-        "tracker_ids": [sequence.tracks[ends[1][t] : ends[1][t + 1]] for t in frames],
-        "similarity_scores": sequence.matrices(sequence.similarities),
-    }  # fmt: skip

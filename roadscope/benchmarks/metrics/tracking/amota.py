@@ -55,16 +55,16 @@ def amota(*sequences: TrackedSequence, threshold: float = 0.5) -> Amota:
     A track is as sure as it is on average over its frames. For every recall the score is
     sought from which on matched tracks reach it, and what is surer is scored by CLEAR MOT.
     """
-    sureness = [_sureness(sequence) for sequence in sequences]
+    surenesses = [sureness(sequence) for sequence in sequences]
     present = sum(len(sequence.truths) for sequence in sequences)
     matched = [
         sure[follow(sequence, threshold).tracks]
-        for sequence, sure in zip(sequences, sureness, strict=True)
+        for sequence, sure in zip(sequences, surenesses, strict=True)
     ]
     wanted = least_scores(np.concatenate([np.empty(0), *matched]), present)
     known: dict[float, Clear] = {}
     for least in np.unique(wanted).tolist():
-        for sequence, sure in zip(sequences, sureness, strict=True):
+        for sequence, sure in zip(sequences, surenesses, strict=True):
             alive = sure >= least
             part = count(sequence, follow(sequence, threshold, alive), alive)
             known[least] = known[least] + part if least in known else part
@@ -107,8 +107,8 @@ def _accuracy(counts: Clear, recall: float) -> tuple[float, float, float]:
     return counts.mota, min(1.0, max(0.0, scaled)), counts.motp
 
 
-def _sureness(sequence: TrackedSequence) -> np.ndarray:
-    """Return the mean score of each track."""
+def sureness(sequence: TrackedSequence) -> np.ndarray:
+    """Return (tracks,) the mean score of each track over its frames."""
     frames = np.bincount(sequence.tracks, minlength=sequence.followers)
     sums = np.bincount(sequence.tracks, sequence.scores, minlength=sequence.followers)
     mean: np.ndarray = sums / frames

@@ -91,8 +91,8 @@ def count(
         misses=len(sequence.truths) - matches,
         false_alarms=int(there.sum()) - matches,
         closeness=float(sequence.similarities[following.pairs].sum()),
-        id_switches=_changes(following.objects, following.tracks),
-        wrong_associations=_changes(following.tracks, following.objects),
+        id_switches=int(changed(following.objects, following.tracks).sum()),
+        wrong_associations=int(changed(following.tracks, following.objects).sum()),
         fragmentations=_interruptions(following, frames_with_both(sequence, there)),
         objects=sequence.objects,
         mostly_tracked=mostly,
@@ -101,11 +101,13 @@ def count(
     )
 
 
-def _changes(ones: np.ndarray, others: np.ndarray) -> int:
-    """Count how often one goes over to another other; in order of time."""
+def changed(ones: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return (K,) bool, pairs in order of time in which one has gone over to another other."""
     order = np.argsort(ones, kind="stable")
     ones, others = ones[order], others[order]
-    return int(((ones[1:] == ones[:-1]) & (others[1:] != others[:-1])).sum())
+    over = np.zeros(len(order), bool)
+    over[order[1:]] = (ones[1:] == ones[:-1]) & (others[1:] != others[:-1])
+    return over
 
 
 def _interruptions(following: Following, both: np.ndarray) -> int:

@@ -31,23 +31,11 @@ class Recovery(Record):
     def __len__(self) -> int:
         return len(self.hidden)
 
-    def __add__(self, other: Recovery) -> Recovery:
-        return Recovery(
-            np.concatenate([self.hidden, other.hidden]),
-            np.concatenate([self.kept, other.kept]),
-            np.concatenate([self.delays, other.delays]),
-        )
-
     @property
     def found(self) -> np.ndarray:
         """(G,) bool, gaps after which the object was followed again."""
         again: np.ndarray = self.delays != NEVER
         return again
-
-    def within(self, least: int, most: int) -> Recovery:
-        """Return the gaps of least to most frames."""
-        some = (self.hidden >= least) & (self.hidden <= most)
-        return Recovery(self.hidden[some], self.kept[some], self.delays[some])
 
 
 def recovery(sequence: TrackedSequence, following: Following) -> Recovery:

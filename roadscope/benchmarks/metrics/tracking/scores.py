@@ -12,6 +12,7 @@ import numpy as np
 from roadscope.benchmarks.metrics.matching import Pairing
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio, rms
 from roadscope.benchmarks.metrics.tracking.amota import amota
+from roadscope.benchmarks.metrics.tracking.amota_nuscenes import amota_nuscenes
 from roadscope.benchmarks.metrics.tracking.clear import Clear, count
 from roadscope.benchmarks.metrics.tracking.counted import (
     counted_rows,
@@ -47,6 +48,8 @@ class TrackingScores(ScoreFamily):
         between, under 20 % of frames.
     recall, precision: matched over object frames and over track frames.
     samota, amota, amotp: averages over recall, as AB3DMOT defines them (Weng et al. 2020).
+    amota_nuscenes, amotp_nuscenes_m: as nuScenes defines them (Caesar et al. 2020), by centres
+        whatever the similarity.
     ospa_m, gospa_m: order 1, cut-off at the gate, mean over frames (Schuhmacher et al. 2008;
         Rahmathullah et al. 2017).
     kept_through_occlusion: share of times in which an object that had a track could not be seen
@@ -87,6 +90,8 @@ class TrackingScores(ScoreFamily):
     samota: Score
     amota: Score
     amotp: Score
+    amota_nuscenes: Score
+    amotp_nuscenes_m: Score
     ospa_m: Score
     gospa_m: Score
     kept_through_occlusion: Score
@@ -168,10 +173,14 @@ def _identity_scores(sequence: TrackedSequence, threshold: float) -> dict[str, S
 
 def _averaged_scores(sequence: TrackedSequence, threshold: float) -> dict[str, Score]:
     found, objects = amota(sequence, threshold=threshold), len(sequence.truths)
+    by_centres = amota_nuscenes(sequence)
+    apart = by_centres.amotp_m if objects else math.nan
     return {
         "samota": _averaged(found.samota, objects),
         "amota": _averaged(found.amota, objects, -math.inf),
         "amotp": _averaged(found.amotp, objects),
+        "amota_nuscenes": _averaged(by_centres.amota, objects),
+        "amotp_nuscenes_m": Score(apart, "m", "lower", objects, 0.0, GATE_M, weight=objects),
     }
 
 

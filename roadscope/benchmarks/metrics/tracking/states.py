@@ -32,16 +32,6 @@ class StateErrors(Record):
         return len(self.headings)
 
     @property
-    def position_rmse_m(self) -> float:
-        """Root mean square distance of centres, metres; nan without pairs."""
-        return _root_mean(self.positions)
-
-    @property
-    def velocity_rmse_m_s(self) -> float:
-        """Root mean square length of the difference of velocities, m/s."""
-        return _root_mean(self.velocities)
-
-    @property
     def reversed(self) -> np.ndarray:
         """(K,) bool, headings that are off by more than a right angle."""
         back: np.ndarray = np.abs(self.headings) > REVERSED_RAD
@@ -69,7 +59,3 @@ def _errors(
         wrap_angle(tracks.yaws[rows] - truth.yaws[columns]),
         tracks.covariances[rows],
     )
-
-
-def _root_mean(errors: np.ndarray) -> float:
-    return float(np.sqrt((errors**2).sum(axis=1).mean())) if len(errors) else float("nan")

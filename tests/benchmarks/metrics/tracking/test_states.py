@@ -26,8 +26,8 @@ def errors(yaw: float = 0.0, covariance: np.ndarray | None = None) -> StateError
 
 def test_by_hand() -> None:
     found = errors(yaw=0.3)
-    assert found.position_rmse_m == pytest.approx(0.6)
-    assert found.velocity_rmse_m_s == pytest.approx(5.0)
+    assert found.positions == pytest.approx(np.array([[0.0, 0.6]]))
+    assert found.velocities == pytest.approx(np.array([[3.0, 4.0]]))
     assert found.headings == pytest.approx([0.3])
 
 
@@ -40,7 +40,6 @@ def test_headings_are_errors_around_the_circle() -> None:
 def test_no_pairs_no_errors() -> None:
     found = state_errors([], [], [])
     assert len(found) == 0
-    assert math.isnan(found.position_rmse_m)
     assert math.isnan(nees(found).mean)
     assert math.isnan(nees(found).inside)
     assert nees(found).band() == (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Tracked sequences by hand and at random, and the same as TrackEval wants them."""
+"""Tracked sequences by hand and at random."""
 
 from __future__ import annotations
 
@@ -47,16 +47,3 @@ def wandering(
             column.append(values)
     truth_ids, track_ids, alike, apart_m, scores = columns
     return TrackedSequence.of(truth_ids, track_ids, alike, distances_m=apart_m, scores=scores)
-
-
-def as_trackeval(s: TrackedSequence) -> dict[str, Any]:
-    return {
-        "num_timesteps": len(s),
-        "gt_ids": np.split(s.truths, s.truth_starts[1:-1]),
-        "tracker_ids": np.split(s.tracks, s.track_starts[1:-1]),
-        "similarity_scores": s.matrices(s.similarities),
-        "num_gt_dets": len(s.truths),
-        "num_tracker_dets": len(s.tracks),
-        "num_gt_ids": s.objects,
-        "num_tracker_ids": s.followers,
-    }

@@ -1,0 +1,110 @@
+"""Learns how much more tracks err than their filter says, for `fit.trackers`.
+
+Errors that last as long as a track, boxes of cut-off bodies and errors of labels are in no model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.fit.tracker_samples import (
+    CLASSES,
+    GATES_M,
+    recorded_pairings,
+    sensed_episodes,
+)
+from roadscope.benchmarks.formats.kitti import read_sequence
+from roadscope.benchmarks.formats.kitti_folder import KittiFolder
+from roadscope.benchmarks.metrics.matching import Pairing, match
+from roadscope.benchmarks.metrics.tracking.nees import nees
+from roadscope.benchmarks.metrics.tracking.states import state_errors
+from roadscope.core import Detections, Pose, Tracks, TrackState, Truth
+from roadscope.trackers.existence import ExistenceTracker
+
+OBJECTS = 5.0
+"""Of all classes together, that a class begins with."""
+
+Errors = tuple[np.ndarray, int]
+"""NEES of places over its degrees of freedom, (K,), and of how many objects."""
+
+
+def recorded_surplus(
+    folder: Path, sequences: Iterable[str] | None, detector: str | None, traits: str
+) -> dict[str, float]:
+    """Return `Learned.surplus` of each class, followed with a file in which it is 1."""
+    files = KittiFolder.find(folder)
+    names = list(sequences) if sequences is not None else files.sequences()
+    found = {}
+    for kind, category in CLASSES.items():
+        parts = []
+        for name in names:
+            s = read_sequence(files, name, category, detector=detector)
+            tracks = followed(s.detections, s.world_from_ego, traits)
+            pairings = recorded_pairings([t.centres for t in tracks], s)
+            parts.append(_errors(tracks, s.truths, pairings, GATES_M[kind]))
+        found[kind] = _together(parts)
+    return shrunk(found)
+
+
+def sensed_surplus(detector: str, seeds: int, traits: str) -> dict[str, float]:
+    """Likewise from train seeds of our traffic; every class has what all say."""
+    parts = []
+    for seen in sensed_episodes(detector, seeds):
+        poses = [truth.world_from_ego for truth in seen.truths]
+        found = [
+            d.moved(p.inverse(), "ego") if d.frame == "world" else d
+            for d, p in zip(seen.detections, poses, strict=True)
+        ]
+        tracks = followed(found, poses, traits)
+        pairings = Eligibility().pairings(tracks, seen.truths, seen.parked)
+        parts.append(_errors(tracks, seen.truths, pairings, GATES_M["car"]))
+    return dict.fromkeys(CLASSES, shrunk({"car": _together(parts)})["car"])
+
+
+def followed(detections: Sequence[Detections], poses: Sequence[Pose], traits: str) -> list[Tracks]:
+    """Return the tracks that `ExistenceTracker` is sure of."""
+    tracker = ExistenceTracker(traits=traits)
+    told = [tracker.update(found, pose) for found, pose in zip(detections, poses, strict=True)]
+    return [_sure(tracks) for tracks in told]
+
+
+def _sure(tracks: Tracks) -> Tracks:
+    kept = tracks.states != TrackState.TENTATIVE
+    columns = (
+        "ids", "centres", "sizes", "yaws", "velocities", "covariances", "categories", "scores",
+        "states",
+    )  # fmt: skip
+    rows = {name: getattr(tracks, name)[kept] for name in columns}
+    return Tracks(**rows, frame=tracks.frame, stamp_s=tracks.stamp_s)
+
+
+def _errors(
+    tracks: Sequence[Tracks], truths: Sequence[Truth], pairings: Sequence[Pairing], gate_m: float
+) -> Errors:
+    fates = [match(pairing, gate_m) for pairing in pairings]
+    objects = {int(i) for t, fate in zip(truths, fates, strict=True) for i in t.ids[fate.truth]}
+    errors = state_errors(tracks, truths, [(fate.detected, fate.truth) for fate in fates])
+    found = nees(errors)
+    return found.values / found.freedom, len(objects)
+
+
+def _together(parts: Sequence[Errors]) -> Errors:
+    return np.concatenate([values for values, _ in parts]), sum(count for _, count in parts)
+
+
+def shrunk(classes: Mapping[str, Errors]) -> dict[str, float]:
+    """Return means drawn towards that of all classes, as if each had `OBJECTS` more objects.
+
+    At least 1: how much too large an error is said to be differs from one data set to another.
+    """
+    everything = float(np.concatenate([values for values, _ in classes.values()]).mean())
+    told = {}
+    for kind, (values, objects) in classes.items():
+        total = objects * float(values.mean()) if len(values) else 0.0
+        mean = (total + OBJECTS * everything) / ((objects if len(values) else 0) + OBJECTS)
+        told[kind] = round(max(mean, 1.0), 2)
+    return told

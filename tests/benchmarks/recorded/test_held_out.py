@@ -1,0 +1,78 @@
+"""What was learned on one half of the recorded sequences leads on the other half."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.fit.trackers import main as fit
+from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
+from roadscope.benchmarks.formats.kitti_export import kitti_objects
+from roadscope.benchmarks.formats.kitti_folder import KittiFolder
+from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
+from roadscope.benchmarks.formats.kitti_rules import judged
+from roadscope.benchmarks.jobs.stack import _select
+from roadscope.benchmarks.metrics.tracking.hota import hota
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.core import Category, TrackState
+from roadscope.trackers import TRACKERS
+from roadscope.trackers.api import is_offline
+
+OTHERS = ("gnn", "ab3dmot", "bytetrack", "simple-track", "pc3t", "mctrack")
+
+
+@pytest.fixture(scope="module")
+def folder() -> Path:
+    given = os.environ.get("ROADSCOPE_KITTI")
+    if not given:
+        pytest.skip("ROADSCOPE_KITTI names no folder of KITTI tracking data")
+    return Path(given)
+
+
+@pytest.fixture(scope="module")
+def halves(folder) -> list[list[str]]:
+    names = KittiFolder.find(folder).sequences()
+    if len(names) < 2:
+        pytest.skip("one sequence has no halves")
+    return [names[::2], names[1::2]]
+
+
+def followed(spec: str, sequence: KittiSequence) -> TrackedSequence:
+    """Run a tracker over a sequence, and its second pass if it has one; by image boxes."""
+    tracker, poses = TRACKERS.make(spec), sequence.world_from_ego
+    told = [tracker.update(d, p) for d, p in zip(sequence.detections, poses, strict=True)]
+    if is_offline(type(tracker)):
+        told = tracker.rescored(told)
+    view = sequence.calibration.projection, sequence.image_size
+    rows = [
+        kitti_objects(_select(tracks, tracks.states != TrackState.TENTATIVE), t, pose, *view)
+        for t, (tracks, pose) in enumerate(zip(told, poses, strict=True))
+    ]
+    return judged(sequence.labelled, rows, TYPE_OF[sequence.category])
+
+
+def as_one(parts: list[TrackedSequence]) -> float:
+    """HOTA of all sequences together: what it is made of is added up at each alpha."""
+    curves = [hota(part) for part in parts]
+    hits = sum(c.hits for c in curves)
+    found = hits / sum(c.hits + c.misses + c.false_alarms for c in curves)
+    alike = sum(c.ass_a * c.hits for c in curves) / np.maximum(hits, 1)
+    return float(np.sqrt(found * alike).mean())
+
+
+@pytest.mark.slow
+def test_existence_leads_on_cars_that_it_was_not_taught(folder, halves, tmp_path):
+    """Both ways, and all that was not taught as one."""
+    scored: dict[str, list[TrackedSequence]] = {}
+    for taught, held_out in (halves, halves[::-1]):
+        traits = tmp_path / f"{taught[0]}.toml"
+        fit([str(traits), "--kitti", str(folder), "--sequences", ",".join(taught)])
+        ours = {name: f"{name}?traits={traits}" for name in ("existence", "existence-offline")}
+        for name in held_out:
+            sequence = read_sequence(folder, name, Category.CAR)
+            for entry, spec in ({other: other for other in OTHERS} | ours).items():
+                scored.setdefault(entry, []).append(followed(spec, sequence))
+    figures = {entry: as_one(parts) for entry, parts in scored.items()}
+    assert figures["existence"] > max(figures[other] for other in OTHERS), figures
+    assert figures["existence-offline"] > figures["existence"], figures

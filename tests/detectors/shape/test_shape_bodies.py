@@ -1,0 +1,21 @@
+import numpy as np
+import pytest
+
+from roadscope.core import Category
+from roadscope.detectors.shape.bodies import BODIES, body_table
+
+
+def test_shares_are_a_distribution():
+    assert sum(body.share for body in BODIES) == pytest.approx(1.0, abs=1e-12)
+    assert all(body.share > 0 for body in BODIES)
+
+
+def test_every_category_has_a_body():
+    assert {body.category for body in BODIES} == set(Category)
+
+
+def test_table_has_logs_of_shares_and_all_sizes():
+    table = body_table()
+    assert table.shape == (len(BODIES), 7)
+    assert np.exp(table[:, 0]).sum() == pytest.approx(1.0)
+    assert table[0, 1:].tolist() == [*BODIES[0].length, *BODIES[0].width, *BODIES[0].height]
