@@ -21,7 +21,7 @@ from roadscope.envs.world.ground import surface_of
 
 # Scenario, seed, time, kind of light, weather.
 PICTURES = {
-    "street-day": ("intersection", 3, 6.0, "day", "clear"),
+    "street-day": ("town-crossing", 5, 4.0, "day", "clear"),
     "motorway-rain": ("motorway", 5, 3.0, "overcast", "rain-3"),
     "roundabout-dusk": ("roundabout", 1, 4.0, "dusk", "clear"),
     "street-night": ("street", 11, 8.0, "night", "clear"),
@@ -54,7 +54,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, choice in PICTURES.items():
         half = Image.fromarray(picture(*choice)).reduce(2)
-        half.quantize(256, dither=Image.Dither.NONE).save(folder / f"{name}.png", optimize=True)
+        half.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(folder / f"{name}.png", optimize=True)
         print(folder / f"{name}.png")
 
 

@@ -161,12 +161,15 @@ def cladding(
 
 
 @compiled(borrowing=True)
-def sign(frame: np.ndarray, across: float, z: float, ahead: float, out: np.ndarray) -> None:
-    """Draw some kinds of plates in front, grey metal behind."""
-    side = max(frame[4], frame[5])
-    level = abs(z - (frame[6] - side)) / side
+def sign(
+    way: float, length: float, span: np.ndarray, z: float, ahead: float, out: np.ndarray
+) -> None:
+    """Draw some kinds of plates in front, grey metal behind; way along the plate, metres."""
+    side = 0.5 * (span[1] - span[0])
+    across = way - 0.5 * length
+    level = abs(z - span[0] - side) / side
     edge = max(abs(across) / side, level)
-    if abs(ahead) < 0.5 or ahead > 0.0:
+    if length < 0.2 or ahead > -0.5:
         out[0], out[1], out[2] = 0.28, 0.28, 0.29
         return
     pale = out[0] > 0.5 and out[1] > 0.5

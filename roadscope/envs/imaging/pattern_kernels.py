@@ -81,7 +81,8 @@ def paint(
     elif pattern == CLADDING:
         cladding(along, across, z, ahead, aside, frame, lamps, out)
     elif pattern == SIGN:
-        sign(frame, across, z, ahead, out)
+        way = (x - edge[0]) * -normal[1] + (y - edge[1]) * normal[0]
+        sign(way, edge[2], looks.spans[m], z, ahead, out)
     elif pattern == PLASTER:
         _scale(out, 0.82 + 0.3 * blend_of(noise, (x + y) * 14.0, z * 14.0))
         if normal[2] == 0.0 and looks.spans[m, 1] > 3.0 and (x + 1.7 * y) % 4.0 < 0.05:

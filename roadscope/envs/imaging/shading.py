@@ -25,6 +25,7 @@ from roadscope.envs.raycast.scene import Scene
 
 CLEAR_PER_M = 1.2e-4
 """Extinction of clear air: a visibility of 33 km."""
+BALANCE = 0.5
 BRIGHTEST_FOG = 0.75
 """The exposure keeps fog below white."""
 CURVE = 4096
@@ -97,11 +98,13 @@ def air_of(light: Light, extinction_per_m: float, wet: float) -> Air:
     )
     # Fog and rain hide the sun from the ground as from the camera.
     hidden = float(np.exp(-150.0 * extinction_per_m))
-    sky = (1.0 - hidden) * 0.5
-    zenith = zenith + sky * (horizon - zenith)
+    zenith = zenith + 0.5 * (1.0 - hidden) * (horizon - zenith)
+    open_sky = 0.45 * zenith + 0.55 * horizon
+    # The camera's white balance takes out part of the blue of the sky.
+    balanced = open_sky + BALANCE * (open_sky.mean() - open_sky)
     return Air(
         light.towards_sun, sun * hidden, zenith, horizon, ground, light.clouds, light.lamps,
-        CLEAR_PER_M + extinction_per_m, horizon * min(1.0, BRIGHTEST_FOG / horizon.max()), wet,
+        CLEAR_PER_M + extinction_per_m, horizon * min(1.0, BRIGHTEST_FOG / horizon.max()), wet, balanced,
     )  # fmt: skip
 
 

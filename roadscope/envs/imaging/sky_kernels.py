@@ -19,6 +19,7 @@ class Air(NamedTuple):
 
     towards: (3,). sun, zenith, horizon, ground: (3,). clouds, lamps: as there.
     extinction: 1/m. veil: (3,) brightness of thick fog. wet: 0 to 1, how wet the ground is.
+    sky: (3,) light of the open sky on level ground.
     """
 
     towards: np.ndarray
@@ -31,6 +32,7 @@ class Air(NamedTuple):
     extinction: float
     veil: np.ndarray
     wet: float
+    sky: np.ndarray
 
 
 @compiled(borrowing=True)

@@ -151,7 +151,7 @@ def _ground_light(
     for k in range(3):
         # Bytes of roots are squared, so 255 comes in twice, and once more with the shares.
         sun = np.float32(air.towards[2] * air.sun[k] / 255.0**3)
-        sky = np.float32((0.4 * air.zenith[k] + 0.6 * air.horizon[k]) / 255.0**3)
+        sky = np.float32(air.sky[k] / 255.0**3)
         for n in range(count):
             shine = sun * np.float32(stage.lit[row, start + n])
             shine += sky * np.float32(stage.open_sky[row, start + n])
