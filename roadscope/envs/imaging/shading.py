@@ -102,9 +102,10 @@ def air_of(light: Light, extinction_per_m: float, wet: float) -> Air:
     open_sky = 0.45 * zenith + 0.55 * horizon
     # The camera's white balance takes out part of the blue of the sky.
     balanced = open_sky + BALANCE * (open_sky.mean() - open_sky)
+    veil = horizon * min(1.0, BRIGHTEST_FOG / horizon.max())
     return Air(
         light.towards_sun, sun * hidden, zenith, horizon, ground, light.clouds, light.lamps,
-        CLEAR_PER_M + extinction_per_m, horizon * min(1.0, BRIGHTEST_FOG / horizon.max()), wet, balanced,
+        CLEAR_PER_M + extinction_per_m, veil, wet, balanced,
     )  # fmt: skip
 
 
