@@ -73,11 +73,14 @@ def timeline_of(episode: Episode) -> Timeline:
 
 
 def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
-    """Sense an episode from its traffic: every time the same bytes, in arrays of one's own."""
+    """Sense an episode's scans from its traffic: every time the same bytes, in arrays of one's own.
+
+    A camera of the rig stays shut.
+    """
     from roadscope.envs.sensors.rigs import rig
     from roadscope.envs.sensors.sensing import sense
 
-    timeline, sensors = timeline_of(episode), rig(episode.rig)
+    timeline, sensors = timeline_of(episode), replace(rig(episode.rig), camera=None)
     spec = sensors.lidar.spec
     scans = (timeline.end_s - timeline.start_s) / spec.period_s
     if scans * spec.beams * spec.columns * BYTES_PER_RETURN > KEPT_BYTES:
@@ -96,7 +99,7 @@ def _kept(episode: Episode, key: str) -> tuple[tuple[Frame, Truth], ...]:
     from roadscope.envs.sensors.rigs import rig
     from roadscope.envs.sensors.sensing import sense
 
-    timeline, sensors = timeline_of(episode), rig(episode.rig)
+    timeline, sensors = timeline_of(episode), replace(rig(episode.rig), camera=None)
     return tuple(sense(timeline, sensors, episode.seed, weather=episode.weather))
 
 

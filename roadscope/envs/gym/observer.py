@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.core import Frame, Truth
+from roadscope.core import CameraImage, Frame, Truth
 from roadscope.envs.gym.spaces import Lanes, ego_state, range_image
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
@@ -63,6 +63,7 @@ class Observer:
     ) -> None:
         self.rig = rig
         self.latest: tuple[Frame, Truth] | None = None
+        self._image: CameraImage | None = None
         if style is not None:
             style_named(style)
         self._records = records
@@ -85,14 +86,20 @@ class Observer:
         self._sensing.reset(seed)
         self._start_s = now_s
         self._lanes = Lanes(timeline.road)
-        self.latest = self._look(timeline, now_s)
+        self.latest, self._image = self._look(timeline, now_s), None
+        mount = self.rig.camera
+        if mount is not None:
+            stamp_s = now_s - mount.spec.exposure_s / 2
+            self._image = self._sensing.sense_image_at(timeline, stamp_s)[0].camera
         return self._report([], timeline, now_s)
 
     def advance(self, timeline: Timeline, until_s: float) -> Report:
         """Sense on to an instant; return observation and info of what was completed by then."""
         pairs = self._sensing.advance(timeline, until_s)
-        if pairs:
-            self.latest = pairs[-1]
+        for frame, truth in pairs:
+            if frame.lidar is not None:
+                self.latest = frame, truth
+            self._image = frame.camera or self._image
         return self._report(pairs, timeline, until_s)
 
     def render(self, timeline: Timeline) -> np.ndarray:
@@ -117,6 +124,8 @@ class Observer:
         assert self.latest is not None
         frame, truth = self.latest
         observation = range_image(frame.lidar, self.rig.lidar.spec)
+        if self._image is not None:
+            observation["image"] = self._image.pixels.copy()
         observation["ego"] = ego_state(timeline, now_s, self._lanes)
         info: dict[str, Any] = {"time_s": now_s - self._start_s, "truth": truth}
         if self._records:

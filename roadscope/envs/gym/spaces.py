@@ -29,7 +29,7 @@ GOAL_BOUNDS = np.array([200.0, 200.0, 1.0, 1.0], np.float32)
 
 
 def observation_space(rig: Rig, *, goal: bool = False) -> spaces.Space[Observation]:
-    """Return the space of `range_image` and `ego_state` for a rig, with a goal if wanted."""
+    """Return the space of `range_image` and `ego_state` for a rig, of images and a goal if any."""
     spec = rig.lidar.spec
     shape = (spec.beams, spec.columns)
     boxes: dict[str, spaces.Space[Any]] = {
@@ -37,6 +37,9 @@ def observation_space(rig: Rig, *, goal: bool = False) -> spaces.Space[Observati
         "lidar_intensity": spaces.Box(0.0, 1.0, shape, np.float32),
         "ego": spaces.Box(-EGO_BOUNDS, EGO_BOUNDS, dtype=np.float32),
     }
+    if rig.camera is not None:
+        pinhole = rig.camera.spec.pinhole
+        boxes["image"] = spaces.Box(0, 255, (pinhole.height, pinhole.width, 3), np.uint8)
     if goal:
         boxes["goal"] = spaces.Box(-GOAL_BOUNDS, GOAL_BOUNDS, dtype=np.float32)
     space: Any = spaces.Dict(boxes)

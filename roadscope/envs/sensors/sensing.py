@@ -13,7 +13,7 @@ from roadscope.envs.imaging.light import daylight
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera import ImageTruth, expose
 from roadscope.envs.sensors.lidar import SweepTruth, sweep
-from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.sensors.rig import CameraMount, Rig
 from roadscope.envs.sensors.weather import CLEAR, Weather
 from roadscope.envs.sensors.weather import weather as find_weather
 from roadscope.envs.traffic.timeline import Timeline
@@ -111,10 +111,11 @@ class Sensing:
 
     def sense_image(self, timeline: Timeline, index: int) -> tuple[Frame, Truth]:
         """Return the frame and the truth of one image."""
-        mount = self.rig.camera
-        if mount is None:
-            raise RecordError(f"rig '{self.rig.name}' has no camera")
-        stamp_s = mount.stamp_s(index)
+        return self.sense_image_at(timeline, self._camera().stamp_s(index))
+
+    def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
+        """Return the frame and the truth of an image whose exposure has its middle at the stamp."""
+        mount = self._camera()
         scene, ego_poses = self._place(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         if self._ground is None:
             style = timeline.style if self.style is None else self.style
@@ -127,6 +128,11 @@ class Sensing:
         )  # fmt: skip
         frame = Frame(stamp_s, self.rig.calibration(), camera=image)
         return frame, truth_of_image(timeline, stamp_s, seen)
+
+    def _camera(self) -> CameraMount:
+        if self.rig.camera is None:
+            raise RecordError(f"rig '{self.rig.name}' has no camera")
+        return self.rig.camera
 
     def _motion(self, timeline: Timeline, index: int, world_from_ego: Pose) -> Pose | None:
         """Estimate the own motion since the sweep before; the first has none."""

@@ -1,0 +1,50 @@
+"""Images through Gymnasium: in the observation, in the frames, and as recorded."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import roadscope  # noqa: F401
+from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.sensors.sensing import Sensing
+from roadscope.envs.traffic.scenarios import record
+
+
+@pytest.mark.filterwarnings("ignore:.*precision lowered:UserWarning")
+def test_an_environment_with_a_camera_keeps_gymnasiums_rules() -> None:
+    env = gym.make("roadscope/TwoWay-v0", rig="wide")
+    assert env.observation_space["image"].shape == (480, 640, 3)
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_the_latest_image_is_observed_and_every_one_is_in_the_frames() -> None:
+    env = gym.make("roadscope/TwoWay-v0", rig="wide")
+    first, _ = env.reset(seed=3)
+    assert first["image"].std() > 5
+    observation, _, _, _, info = env.step(env.action_space.sample())
+    images = [frame for frame in info["frames"] if frame.camera is not None]
+    scans = [frame for frame in info["frames"] if frame.lidar is not None]
+    assert len(images) > len(scans) > 0
+    assert np.array_equal(observation["image"], images[-1].camera.pixels)
+    stamps = [frame.stamp_s for frame in info["frames"]]
+    assert len(set(stamps)) == len(stamps)
+    seen = [truth for frame, truth in zip(info["frames"], info["truths"], strict=True)
+            if frame.camera is not None]  # fmt: skip
+    assert all(truth.image_boxes is not None for truth in seen)
+
+
+def test_images_leave_scans_as_they_are_and_are_the_same_again() -> None:
+    from dataclasses import replace
+
+    timeline = record("street", 2, 2.0)
+    with_camera, without = rig("wide"), replace(rig("wide"), camera=None)
+    frames = Sensing(with_camera, 2).advance(timeline, 1.0)
+    scans = [pair for pair in frames if pair[0].lidar is not None]
+    alone = Sensing(without, 2).advance(timeline, 1.0)
+    assert [f.lidar for f, _ in scans] == [f.lidar for f, _ in alone]
+    again = Sensing(with_camera, 2).advance(timeline, 1.0)
+    assert [f.camera for f, _ in frames] == [f.camera for f, _ in again]
+    in_steps = Sensing(with_camera, 2)
+    pieces = [p for until in (0.3, 0.55, 1.0) for p in in_steps.advance(timeline, until)]
+    assert [f for f, _ in pieces] == [f for f, _ in frames]
