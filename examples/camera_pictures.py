@@ -54,8 +54,9 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, choice in PICTURES.items():
         half = Image.fromarray(picture(*choice)).reduce(2)
-        # Noise in the last two bits is what makes such files large.
-        smooth = half.point([(v & 0xFC) + (v >> 6) for v in range(256)] * 3)
+        # Noise in the last bits is what makes such files large; at night there is more of it.
+        step = 8 if choice[3] == "night" else 4
+        smooth = half.point([step * (v // step) for v in range(256)] * 3)
         smooth.save(folder / f"{name}.png", optimize=True)
         print(folder / f"{name}.png")
 
