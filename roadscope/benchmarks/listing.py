@@ -31,6 +31,18 @@ def _detectors() -> list[tuple[str, str]]:
     return [*_plugins(DETECTORS), oracle, *_plugins(NOISES)]
 
 
+def _camera_detectors() -> list[tuple[str, str]]:
+    from roadscope.detectors.camera import CAMERA_DETECTORS
+
+    return _plugins(CAMERA_DETECTORS)
+
+
+def _fusions() -> list[tuple[str, str]]:
+    from roadscope.fusion import FUSIONS
+
+    return _plugins(FUSIONS)
+
+
 def _trackers() -> list[tuple[str, str]]:
     from roadscope.trackers import TRACKERS
 
@@ -86,26 +98,35 @@ def _suites() -> list[tuple[str, str]]:
 
 
 def _rigs() -> list[tuple[str, str]]:
-    from roadscope.envs.sensors.rigs import RIGS
+    from roadscope.envs.sensors.rigs import RIGS, Place
 
-    return _each(
-        RIGS,
-        lambda p: (
-            f"LiDAR {p.sensor}, {p.x_m:g} m ahead of the rear axle, {p.z_m:g} m above ground."
-        ),
-    )
+    def described(place: Place) -> str:
+        camera = f" Camera {place.camera}." if place.camera else ""
+        ahead = f"{place.x_m:g} m ahead of the rear axle, {place.z_m:g} m above ground."
+        return f"LiDAR {place.sensor}, {ahead}{camera}"
+
+    return _each(RIGS, described)
 
 
 def _sensors() -> list[tuple[str, str]]:
+    from roadscope.envs.sensors.camera_spec import CAMERAS
     from roadscope.envs.sensors.lidar_specs import SPECS
 
-    return _each(
+    lidars = _each(
         SPECS,
         lambda s: (
             f"LiDAR: {s.beams} beams, {s.columns} columns, {1 / s.period_s:g} Hz, "
             f"to {s.range_max_m:g} m, range noise {s.range_noise_m * 100:g} cm."
         ),
     )
+    cameras = _each(
+        CAMERAS,
+        lambda s: (
+            f"Camera: {s.pinhole.width} x {s.pinhole.height} pixels, "
+            f"focal length {s.pinhole.focal_px[0]:g} pixels, {1 / s.period_s:g} Hz."
+        ),
+    )
+    return [*lidars, *cameras]
 
 
 def _weathers() -> list[tuple[str, str]]:
@@ -121,6 +142,8 @@ def _each(things: Mapping[str, T], describe: Callable[[T], str]) -> list[tuple[s
 KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "detectors": _detectors,
     "stages": _stages,
+    "camera-detectors": _camera_detectors,
+    "fusions": _fusions,
     "trackers": _trackers,
     "scenarios": _scenarios,
     "suites": _suites,
