@@ -113,7 +113,8 @@ def off(name, found, expected, motion=None):
 def test_finds_the_car(name):
     for drive in ("straight", "curve"):
         found, (x, y, yaw) = ESTIMATORS[name](seen(drive)), seen(drive)[1].truth
-        assert np.hypot(found.x - x, found.y - y) < 0.1
+        # Three standard deviations of the paper's methods on these drives.
+        assert np.hypot(found.x - x, found.y - y) < 0.15
         assert abs(axis_difference(found.yaw, yaw)) < np.radians(1)
 
 

@@ -143,7 +143,9 @@ def test_any_sequence_gives_proper_tracks(seed, name):
     tracker = TRACKERS.make(name)
     for k in range(12):
         n = rng.integers(0, 6)
-        centres = np.round(rng.uniform(-5, 5, (n, 2)))
+        # So far apart that no tracker takes two of them for one.
+        places = rng.permutation(25)[:n]
+        centres = 6.0 * np.column_stack(np.divmod(places, 5)) + rng.integers(-1, 1, (n, 2))
         tracks = tracker.update(boxes(centres, 0.1 * k), None)
         # Every sure detection is in some track's place or drew one towards it.
         assert len(tracks) >= n

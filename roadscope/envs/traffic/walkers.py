@@ -88,7 +88,7 @@ class Walker:
             return False
         ahead = np.array([np.cos(driver.heading), np.sin(driver.heading)])
         for step_m in (0.5, 1.0, 0.5 + self.speed):
-            offset = self._place(self._along_m + step_m + self.LENGTH / 2) - driver.position
+            offset = self._place(self._along_m + step_m + self.LENGTH) - driver.position
             along, across = offset @ ahead, offset[0] * ahead[1] - offset[1] * ahead[0]
             front = driver.LENGTH / 2 + 0.4 + driver.speed * AHEAD_S
             if -driver.LENGTH / 2 - 0.4 < along < front and abs(across) < driver.WIDTH / 2 + 0.4:
@@ -134,9 +134,11 @@ class Walker:
         return np.array([np.interp(along_m, self._ways, self._points[:, i]) for i in (0, 1)])
 
     def _settle(self) -> None:
-        self.position = self._place(self._along_m)
         middles = (self._ways[:-1] + self._ways[1:]) / 2
         self.heading = float(np.interp(self._along_m, middles, self._turns))
+        # The rear end follows the path: timelines take it for an axle that does not slip.
+        ahead = np.array([np.cos(self.heading), np.sin(self.heading)])
+        self.position = self._place(self._along_m) + self.LENGTH / 2 * ahead
 
 
 class People:

@@ -35,7 +35,7 @@ def test_the_named_scenarios_are_there():
     assert set(SCENARIOS) == {
         "motorway", "dense-motorway", "merge", "roundabout", "intersection", "racetrack", "two-way",
         "parking-lot", "waiting", "cut-ins", "long-occlusion", "lu2018-two-vehicles",
-        "lu2018-occlusion", "lu2018-three-vehicles",
+        "lu2018-occlusion", "lu2018-three-vehicles", "street", "town-crossing",
     }  # fmt: skip
     for name, scenario in SCENARIOS.items():
         assert scenario.name == name
@@ -90,7 +90,7 @@ def test_bodies_are_of_many_kinds_and_the_ego_is_a_car(recorded):
         assert line.categories[0] == Category.CAR
         assert line.sizes[0].tolist() == [5.0, 1.9, 1.5]
         np.testing.assert_array_equal(line.centre_ahead_m * 2, line.sizes[:, 0])
-    assert kinds == {0, 1, 2, 3, 4}
+    assert kinds == set(Category)
 
 
 def test_vehicles_change_lanes_and_merge(recorded):

@@ -199,7 +199,7 @@ def test_grow_follows_a_path_and_its_generator():
 
 
 def test_an_unknown_style_is_refused_with_what_there_is():
-    with pytest.raises(RecordError, match=r"'jungle'; known: motorway, urban, campus, bare"):
+    with pytest.raises(RecordError, match=r"'jungle'; known: motorway, urban, town, campus, bare"):
         Scenery(straight(), "jungle", 0)
 
 
