@@ -62,6 +62,8 @@ TOLERANCE = {"single": (0.01, 0.002), "multi": (0.01, 0.002), "ransac": (1e-5, 1
 SAMPLED = (0.06, 0.006)
 """Metres and radians: the others draw few samples, along axes that turn with the scene up to a
 sign; the standard deviations of what they estimate here are 0.02 to 0.05 m and 0.01 rad."""
+FINDS_M = {"multi": 0.15}
+"""Three times the RMSE of the paper's three-frame fit on the curve, 0.05 m over 30 seeds."""
 NO_ANSWER = {"body", "smoother"}
 """Without a return these answer None; those that are given points refuse none by name."""
 
@@ -113,8 +115,7 @@ def off(name, found, expected, motion=None):
 def test_finds_the_car(name):
     for drive in ("straight", "curve"):
         found, (x, y, yaw) = ESTIMATORS[name](seen(drive)), seen(drive)[1].truth
-        # Three standard deviations of the paper's methods on these drives.
-        assert np.hypot(found.x - x, found.y - y) < 0.15
+        assert np.hypot(found.x - x, found.y - y) < FINDS_M.get(name, 0.1)
         assert abs(axis_difference(found.yaw, yaw)) < np.radians(1)
 
 
