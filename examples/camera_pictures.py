@@ -1,23 +1,18 @@
 """Render the pictures of the documentation: python examples/camera_pictures.py docs/images."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from roadscope.core import Pose
-from roadscope.envs.imaging.ground import Ground
-from roadscope.envs.imaging.light import light_named
 from roadscope.envs.imaging.pinhole import Pinhole, mounted
-from roadscope.envs.sensors.camera import expose
 from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.exposure import Motion
+from roadscope.envs.sensors.rig import CameraMount
 from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.sensors.sensing import Sensing
-from roadscope.envs.sensors.weather import weather
 from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.world.ground import surface_of
 
 # Scenario, seed, time, kind of light, weather.
 PICTURES = {
@@ -30,22 +25,13 @@ PICTURES = {
 SPEC = CameraSpec("picture", Pinhole.centred(1280, 960, 900.0), period_s=0.05)
 
 
-def picture(scenario: str, seed: int, stamp_s: float, kind: str, air: str) -> np.ndarray:
+def picture(scenario: str, seed: int, stamp_s: float, light: str, air: str) -> np.ndarray:
     """Return what a camera behind the ego's windscreen sees, (960, 1280, 3) uint8."""
     timeline = record(scenario, seed, stamp_s + 1.0)
-    scene, egos = Sensing(rig("wide"), seed)._place(timeline, np.array([stamp_s]), 250.0)
-    axles = timeline.at(np.array([stamp_s - 0.01, stamp_s + 0.01])).axles
-    speeds = (axles[1] - axles[0]) / 0.02
-    motion = Motion(np.append(speeds[0], 0.0), np.zeros(3), speeds)
-    world_from_camera: Pose = egos[0] @ mounted(2.0, 0.0, 1.4)
-    rain_or_fog = weather(air)
-    image, _ = expose(
-        scene, SPEC, world_from_camera, stamp_s, motion=motion,
-        ground=Ground(surface_of(timeline.road), timeline.style),
-        light=light_named(kind, np.random.default_rng(seed)), categories=timeline.categories,
-        extinction_per_m=rain_or_fog.extinction_per_m, rain_mm_h=rain_or_fog.rain_rate_mm_h,
-    )  # fmt: skip
-    return image.pixels
+    camera = CameraMount("camera", SPEC, mounted(2.0, 0.0, 1.4))
+    sensing = Sensing(replace(rig("wide"), camera=camera), seed, weather=air, light=light)
+    frame, _ = sensing.sense_image_at(timeline, stamp_s)
+    return frame.camera.pixels
 
 
 def main() -> None:

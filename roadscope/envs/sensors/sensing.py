@@ -9,7 +9,7 @@ import numpy as np
 
 from roadscope.core import Frame, Pose, RecordError, Truth
 from roadscope.envs.imaging.ground import Ground
-from roadscope.envs.imaging.light import daylight
+from roadscope.envs.imaging.light import Light, daylight, light_named
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera import ImageTruth, expose
 from roadscope.envs.sensors.lidar import SweepTruth, sweep
@@ -40,18 +40,24 @@ class Sensing:
         style: str | None = None,
         *,
         weather: str | Weather = CLEAR,
+        light: str | Light | None = None,
     ) -> None:
-        """Take rig, seed of world and noise, roadside style (None: the timeline's), weather."""
+        """Take rig, seed of world and noise, roadside style (None: the timeline's), weather.
+
+        light: a name of `imaging.light.LIGHTS` or a light, for the camera; None: some daylight.
+        """
         self.rig = rig
         self.style = style
         self.weather = find_weather(weather)
+        self.light = light
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
         """Begin again at the first sweep, with another world."""
         self._world_seed, self._noise_seed, self._motion_seed, self._weather_seed = _seeds(seed)
         self._image_seed, look = image_seeds(seed)
-        self._light = daylight(np.random.default_rng(look))
+        rng = np.random.default_rng(look)
+        self._light = daylight(rng) if self.light is None else light_named(self.light, rng)
         self._world: World | None = None
         self._ground: Ground | None = None
         self._next = 0

@@ -48,3 +48,15 @@ def test_images_leave_scans_as_they_are_and_are_the_same_again() -> None:
     in_steps = Sensing(with_camera, 2)
     pieces = [p for until in (0.3, 0.55, 1.0) for p in in_steps.advance(timeline, until)]
     assert [f for f, _ in pieces] == [f for f, _ in frames]
+
+
+def test_light_is_chosen_by_name() -> None:
+    timeline = record("street", 2, 2.0)
+    brightness = {}
+    for light in ("day", "night"):
+        sensing = Sensing(rig("wide"), 2, light=light)
+        frame, _ = sensing.sense_image_at(timeline, 1.0)
+        brightness[light] = frame.camera.pixels[:200].mean()
+    assert brightness["night"] < 0.5 * brightness["day"]
+    with pytest.raises(ValueError, match="no light 'noon'"):
+        Sensing(rig("wide"), 2, light="noon")
