@@ -11,6 +11,7 @@ from pathlib import Path
 from roadscope.benchmarks.cache import cache_dir, kept
 from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
 from roadscope.core import Frame, Truth
+from roadscope.core.names import unknown
 from roadscope.envs.traffic.timeline import Timeline
 
 KEPT_BYTES = 128_000_000
@@ -26,6 +27,7 @@ class Episode:
     rig: a name of `roadscope.envs.sensors.rigs.RIGS` or a path to a TOML file.
     duration_s: None: as long as the scenario says.
     weather: a name of `roadscope.envs.sensors.weather.WEATHERS`; the traffic does not know it.
+    light: a name of `roadscope.envs.imaging.light.LIGHTS`; scans do not know it.
     """
 
     scenario: str
@@ -33,6 +35,7 @@ class Episode:
     rig: str
     duration_s: float | None = None
     weather: str = "clear"
+    light: str = "day"
 
     def traffic_spec(self) -> dict[str, object]:
         """Return what the traffic depends on."""
@@ -55,6 +58,7 @@ class Episode:
             **self.traffic_spec(),
             "rig": fingerprint(rig(self.rig)),
             "weather": fingerprint(weather(self.weather)),
+            "light": self.light,
         }
 
 
@@ -116,12 +120,15 @@ def _copied(frame: Frame) -> Frame:
 
 def check_episode(episode: Episode) -> None:
     """Refuse what cannot be sensed: unknown names, less time than one sweep takes."""
+    from roadscope.envs.imaging.light import LIGHTS
     from roadscope.envs.sensors.rigs import rig
     from roadscope.envs.sensors.weather import weather
     from roadscope.envs.traffic.scenarios import find
 
     find(episode.scenario)
     weather(episode.weather)
+    if episode.light not in LIGHTS:
+        raise ValueError(unknown("light", episode.light, LIGHTS))
     mount = rig(episode.rig).lidar
     least_s = mount.stamp_s(0) + mount.spec.sweep_s / 2
     if episode.duration_s is not None and not least_s <= episode.duration_s < math.inf:

@@ -28,8 +28,8 @@ SPLITS: Mapping[str, range] = {
 """Seeds of each split; nothing is tuned on test seeds."""
 
 KEYS = (
-    "name", "version", "summary", "rig", "duration_s", "scenarios", "weathers", "split", "seeds",
-    "eligibility", "detection", "tracking",
+    "name", "version", "summary", "rig", "duration_s", "scenarios", "weathers", "lights", "split",
+    "seeds", "eligibility", "detection", "tracking", "camera", "fusion",
 )  # fmt: skip
 
 
@@ -49,6 +49,10 @@ class Suite:
     public_detectors: whose detections all trackers get; `oracle` stands for the eligible
         truth boxes themselves.
     weathers: names of `roadscope.envs.sensors.weather.WEATHERS`; every episode is sensed in each.
+    lights: names of `roadscope.envs.imaging.light.LIGHTS`; further ones in the first weather.
+    camera_detectors: entries of the camera board, on an image every `image_every_s`.
+    fusions: entries of the fusion board; all get, every `fused_every_s`, the detections of each
+        of `fused_lidar` with those of each of `fused_camera`.
     """
 
     name: str
@@ -63,6 +67,13 @@ class Suite:
     trackers: tuple[str, ...]
     public_detectors: tuple[str, ...]
     weathers: tuple[str, ...] = ("clear",)
+    lights: tuple[str, ...] = ("day",)
+    camera_detectors: tuple[str, ...] = ()
+    image_every_s: float = 0.5
+    fusions: tuple[str, ...] = ()
+    fused_lidar: tuple[str, ...] = ()
+    fused_camera: tuple[str, ...] = ()
+    fused_every_s: float = 0.4
 
     @property
     def title(self) -> str:
@@ -112,17 +123,18 @@ def check_names(suite: Suite) -> None:
             raise SuiteError(unknown("scenario", name, SCENARIOS))
     rig(suite.rig)
     for name in suite.scenarios:
-        check_episode(Episode(name, suite.seeds[0], suite.rig, suite.duration_s))
+        for light in suite.lights:
+            check_episode(Episode(name, suite.seeds[0], suite.rig, suite.duration_s, light=light))
 
 
 def _suite(table: Mapping[str, Any]) -> Suite:
     _known_keys(table, KEYS, "")
     detection = _table(table, "detection", ("entries",))
     tracking = _table(table, "tracking", ("entries", "detectors"))
+    camera = _table(table, "camera", ("entries", "every_s"))
+    fusion = _table(table, "fusion", ("entries", "lidar", "camera", "every_s"))
     eligibility = _table(table, "eligibility", ("range_m", "min_returns", "families"))
-    duration = _take(table, "duration_s", (int, float), None)
-    if duration is not None and not 0 < duration < float("inf"):
-        raise SuiteError(f"duration_s: expected seconds above 0, got {duration}")
+    duration = _seconds(table, "duration_s", None)
     return Suite(
         name=_take(table, "name", str),
         version=_take(table, "version", int),
@@ -130,13 +142,27 @@ def _suite(table: Mapping[str, Any]) -> Suite:
         scenarios=_strings(table, "scenarios"),
         seeds=_seeds(table),
         rig=_take(table, "rig", str),
-        duration_s=None if duration is None else float(duration),
+        duration_s=duration,
         eligibility=_eligibility(eligibility),
         detectors=_strings(detection, "entries", ()),
         trackers=_strings(tracking, "entries", ()),
         public_detectors=_strings(tracking, "detectors", ()),
         weathers=_weathers(table),
+        lights=_lights(table),
+        camera_detectors=_strings(camera, "entries", ()),
+        image_every_s=_seconds(camera, "every_s", 0.5) or 0.5,
+        fusions=_strings(fusion, "entries", ()),
+        fused_lidar=_strings(fusion, "lidar", ()),
+        fused_camera=_strings(fusion, "camera", ()),
+        fused_every_s=_seconds(fusion, "every_s", 0.4) or 0.4,
     )
+
+
+def _seconds(table: Mapping[str, Any], key: str, default: float | None) -> float | None:
+    value = _take(table, key, (int, float), default)
+    if value is not None and not 0 < value < float("inf"):
+        raise SuiteError(f"{key}: expected seconds above 0, got {value}")
+    return None if value is None else float(value)
 
 
 def _weathers(table: Mapping[str, Any]) -> tuple[str, ...]:
@@ -150,6 +176,18 @@ def _weathers(table: Mapping[str, Any]) -> tuple[str, ...]:
         return tuple(dict.fromkeys(weather(name).name for name in given))
     except ValueError as error:
         raise SuiteError(f"weathers: {error}") from error
+
+
+def _lights(table: Mapping[str, Any]) -> tuple[str, ...]:
+    from roadscope.envs.imaging.light import LIGHTS
+
+    given = _strings(table, "lights", ("day",))
+    if not given:
+        raise SuiteError("lights: expected at least one")
+    for name in given:
+        if name not in LIGHTS:
+            raise SuiteError(f"lights: {unknown('light', name, LIGHTS)}")
+    return given
 
 
 def _eligibility(table: Mapping[str, Any]) -> Eligibility:

@@ -215,10 +215,13 @@ def _jobs(suite: Suite, board: str, rows: Sequence[tuple[str, str, str | None]])
 
 
 def episodes(suite: Suite) -> list[Episode]:
-    """Return every scenario with every seed in every weather."""
+    """Return every scenario with every seed in every weather and, in the first, every light."""
+    first = suite.lights[0]
+    seen = [(weather, first) for weather in suite.weathers]
+    seen += [(suite.weathers[0], light) for light in suite.lights[1:]]
     return [
-        Episode(scenario, seed, suite.rig, suite.duration_s, weather)
+        Episode(scenario, seed, suite.rig, suite.duration_s, weather, light)
         for seed in suite.seeds
         for scenario in suite.scenarios
-        for weather in suite.weathers
+        for weather, light in seen
     ]
