@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.core import Detections, Pose, RecordError, Truth
+from roadscope.core import Detections, ImageDetections, Pose, RecordError, Truth
 from roadscope.core.record import Record
 
 DETECTION_FIELDS = ("centres", "sizes", "yaws", "categories", "scores")
@@ -51,8 +51,9 @@ class Perceived(Record):
             "delays_s": self.delays_s,
             "stamps_s": np.array([t.stamp_s for t in self.truths]),
             "world_from_ego": np.array([t.world_from_ego.matrix for t in self.truths]),
-            **_joined("d", self.detections, DETECTION_FIELDS),
-            **_joined("t", self.truths, TRUTH_FIELDS),
+            **joined("d", self.detections, DETECTION_FIELDS),
+            **joined_masses(self.detections),
+            **joined("t", self.truths, TRUTH_FIELDS),
         }
         with path.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -80,8 +81,9 @@ def without_sources(truth: Truth) -> Truth:
 
 def _perceived(data: dict[str, np.ndarray]) -> Perceived:
     stamps = data["stamps_s"].tolist()
-    detected = _split("d", data, DETECTION_FIELDS)
-    true = _split("t", data, TRUTH_FIELDS)
+    names = (*DETECTION_FIELDS, "masses") if "d_masses" in data else DETECTION_FIELDS
+    detected = split("d", data, names)
+    true = split("t", data, TRUTH_FIELDS)
     no_sources = np.empty(0, np.int64)
     return Perceived(
         detections=tuple(
@@ -98,16 +100,25 @@ def _perceived(data: dict[str, np.ndarray]) -> Perceived:
     )
 
 
-def _joined(
-    prefix: str, records: Sequence[Detections] | Sequence[Truth], names: Sequence[str]
-) -> dict[str, np.ndarray]:
+def joined_masses(found: Sequence[Detections | ImageDetections]) -> dict[str, np.ndarray]:
+    """Return the masses of detections, where all of them have some."""
+    masses = [each.masses for each in found if len(each)]
+    known = [each for each in masses if each is not None]
+    if not known or len(known) < len(masses):
+        return {}
+    return {"d_masses": np.concatenate(known)}
+
+
+def joined(prefix: str, records: Sequence[Any], names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return arrays of one name each from many records, and how long each record is."""
     arrays = {f"{prefix}_count": np.array([len(r) for r in records], np.int64)}
     for name in names:
         arrays[f"{prefix}_{name}"] = np.concatenate([getattr(r, name) for r in records])
     return arrays
 
 
-def _split(prefix: str, data: dict[str, np.ndarray], names: Sequence[str]) -> list[dict[str, Any]]:
+def split(prefix: str, data: dict[str, np.ndarray], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Undo `joined`."""
     cuts = np.cumsum(data[f"{prefix}_count"])[:-1]
     columns = [np.split(data[f"{prefix}_{name}"], cuts) for name in names]
     return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]

@@ -1,0 +1,114 @@
+"""Images of an episode with what is in them, drawn again whenever they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from roadscope.benchmarks.episode import Episode, timeline_of
+from roadscope.benchmarks.fingerprint import fingerprint
+from roadscope.benchmarks.parked_boxes import parked_boxes
+from roadscope.core import Frame, Truth
+from roadscope.core.projection import Projection
+from roadscope.envs.imaging.raster import rasterise, solids_of
+from roadscope.envs.sensors.camera import image_truth
+from roadscope.envs.sensors.rig import CameraMount, Rig
+from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.sensors.sensing import IMAGE_RANGE_M, Sensing, truth_of_image, world_of
+from roadscope.envs.traffic.timeline import Timeline
+
+KEPT_BYTES = 400_000_000
+"""Images of one episode that are kept for the next entry on it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One image, which a failing camera leaves out, and what is really there.
+
+    index: number of the image. parked: (P, 4) boxes of parked cars and (P,) ranges.
+    """
+
+    index: int
+    frame: Frame
+    truth: Truth
+    parked: tuple[np.ndarray, np.ndarray]
+
+
+class WithoutPixels(Sensing):
+    """Images are not drawn; what is in them is found as ever."""
+
+    def sense_image(self, timeline: Timeline, index: int) -> tuple[Frame, Truth]:
+        """Return the truth of one image and a frame without it."""
+        mount = self.rig.camera
+        assert mount is not None
+        stamp_s = mount.stamp_s(index)
+        scene, poses = self._place(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
+        solids = solids_of(scene, stamp_s)
+        raster = rasterise(scene, mount.spec.pinhole, poses[0] @ mount.ego_from_camera, stamp_s,
+                           outlines=True, solids=solids)  # fmt: skip
+        seen = image_truth(raster, solids, len(scene.present))
+        return Frame(stamp_s, self.rig.calibration()), truth_of_image(timeline, stamp_s, seen)
+
+
+def camera_of(carrier: Rig) -> CameraMount:
+    """Return the rig's camera; a rig without one is refused."""
+    if carrier.camera is None:
+        raise ValueError(f"rig '{carrier.name}' has no camera; li2021 and wide have one")
+    return carrier.camera
+
+
+def projection_of(carrier: Rig) -> Projection:
+    """Return the true projection from the ego frame into the rig's images."""
+    camera = camera_of(carrier)
+    pinhole = camera.spec.pinhole
+    return Projection.of(pinhole.intrinsics, camera.ego_from_camera, pinhole.width, pinhole.height)
+
+
+def sensing_of(episode: Episode, *, pixels: bool = True) -> Sensing:
+    """Return what senses an episode; without pixels, images are empty and cheap."""
+    kind = Sensing if pixels else WithoutPixels
+    return kind(rig(episode.rig), episode.seed, weather=episode.weather, light=episode.light)
+
+
+def image_rows(episode: Episode, every_s: float) -> list[int]:
+    """Return the numbers of images that are about `every_s` apart, each once."""
+    camera, end_s = camera_of(rig(episode.rig)), timeline_of(episode).end_s
+    last = int(np.floor((end_s - camera.spec.exposure_s / 2 - camera.stamp_s(0))
+                        / camera.spec.period_s + 1e-6))  # fmt: skip
+    return list(range(0, last + 1, max(1, round(every_s / camera.spec.period_s))))
+
+
+def pictures(episode: Episode, rows: tuple[int, ...], *, pixels: bool = True) -> Iterator[Picture]:
+    """Take images by number, every time the same bytes, in arrays of one's own."""
+    spec = camera_of(rig(episode.rig)).spec
+    size = len(rows) * spec.pinhole.width * spec.pinhole.height * 3
+    if pixels and size > KEPT_BYTES:
+        yield from _taken(episode, rows, pixels)
+        return
+    for picture in _kept(episode, rows, pixels, fingerprint(episode.spec())):
+        image = picture.frame.camera
+        if image is None:
+            yield picture
+        else:
+            own = replace(picture.frame, camera=replace(image, pixels=image.pixels.copy()))
+            yield replace(picture, frame=own)
+
+
+@lru_cache(maxsize=1)
+def _kept(episode: Episode, rows: tuple[int, ...], pixels: bool, key: str) -> tuple[Picture, ...]:
+    """Keep the last episode: the next job of a worker is often another entry on the same.
+
+    key: changes when the rig file that the episode names does.
+    """
+    return tuple(_taken(episode, rows, pixels))
+
+
+def _taken(episode: Episode, rows: tuple[int, ...], pixels: bool) -> Iterator[Picture]:
+    timeline, sensing = timeline_of(episode), sensing_of(episode, pixels=pixels)
+    projection, world = projection_of(sensing.rig), world_of(timeline, episode.seed)
+    for row in rows:
+        frame, truth = sensing.sense_image(timeline, row)
+        yield Picture(row, frame, truth, parked_boxes(world, truth.world_from_ego, projection))
