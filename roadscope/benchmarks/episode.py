@@ -7,12 +7,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from roadscope.benchmarks.cache import cache_dir, kept
 from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
 from roadscope.core import Frame, Truth
 from roadscope.core.names import unknown
+from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.traffic.timeline import Timeline
+
+if TYPE_CHECKING:
+    from roadscope.envs.sensors.sensing import Sensing
 
 KEPT_BYTES = 128_000_000
 BYTES_PER_RETURN = 40
@@ -28,6 +33,7 @@ class Episode:
     duration_s: None: as long as the scenario says.
     weather: a name of `roadscope.envs.sensors.weather.WEATHERS`; the traffic does not know it.
     light: a name of `roadscope.envs.imaging.light.LIGHTS`; scans do not know it.
+    faults: such as `fog:3`, of `roadscope.envs.sensors.faults.FAULTS`; the traffic knows none.
     """
 
     scenario: str
@@ -36,6 +42,14 @@ class Episode:
     duration_s: float | None = None
     weather: str = "clear"
     light: str = "day"
+    faults: tuple[str, ...] = ()
+
+    @property
+    def condition(self) -> str:
+        """Weather, light and faults in one line: `clear`, `rain-3`, `fog:3 + night:2`."""
+        parts = [self.weather] if self.weather != "clear" else []
+        parts += [self.light] if self.light != "day" else []
+        return " + ".join([*parts, *self.faults]) or "clear"
 
     def traffic_spec(self) -> dict[str, object]:
         """Return what the traffic depends on."""
@@ -51,14 +65,18 @@ class Episode:
 
     def spec(self) -> dict[str, object]:
         """Return what frames and truth depend on."""
+        from roadscope.envs.sensors.faults import faults_of
         from roadscope.envs.sensors.rigs import rig
         from roadscope.envs.sensors.weather import weather
 
+        # Without faults the hash is as it was before there were any.
+        faulty = {"faults": fingerprint(faults_of(self.faults))} if self.faults else {}
         return {
             **self.traffic_spec(),
             "rig": fingerprint(rig(self.rig)),
             "weather": fingerprint(weather(self.weather)),
             "light": self.light,
+            **faulty,
         }
 
 
@@ -76,19 +94,31 @@ def timeline_of(episode: Episode) -> Timeline:
     return kept(timeline_path(episode), Timeline.load, make)
 
 
+def sensing_of(episode: Episode, carrier: Rig | None = None) -> Sensing:
+    """Return what senses an episode; carrier: in place of its rig."""
+    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.sensors.sensing import Sensing
+
+    # Without a name the light is that of some day too, and a fault may make it night.
+    light = None if episode.light == "day" else episode.light
+    return Sensing(
+        rig(episode.rig) if carrier is None else carrier, episode.seed,
+        weather=episode.weather, light=light, faults=episode.faults,
+    )  # fmt: skip
+
+
 def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
     """Sense an episode's scans from its traffic: every time the same bytes, in arrays of one's own.
 
     A camera of the rig stays shut.
     """
     from roadscope.envs.sensors.rigs import rig
-    from roadscope.envs.sensors.sensing import sense
 
     timeline, sensors = timeline_of(episode), replace(rig(episode.rig), camera=None)
     spec = sensors.lidar.spec
     scans = (timeline.end_s - timeline.start_s) / spec.period_s
     if scans * spec.beams * spec.columns * BYTES_PER_RETURN > KEPT_BYTES:
-        yield from sense(timeline, sensors, episode.seed, weather=episode.weather)
+        yield from sensing_of(episode, sensors).whole(timeline)
         return
     for frame, truth in _kept(episode, fingerprint(episode.spec())):
         yield _copied(frame), truth
@@ -101,10 +131,9 @@ def _kept(episode: Episode, key: str) -> tuple[tuple[Frame, Truth], ...]:
     key: changes when the rig file that the episode names does.
     """
     from roadscope.envs.sensors.rigs import rig
-    from roadscope.envs.sensors.sensing import sense
 
     timeline, sensors = timeline_of(episode), replace(rig(episode.rig), camera=None)
-    return tuple(sense(timeline, sensors, episode.seed, weather=episode.weather))
+    return tuple(sensing_of(episode, sensors).whole(timeline))
 
 
 def _copied(frame: Frame) -> Frame:
@@ -121,15 +150,12 @@ def _copied(frame: Frame) -> Frame:
 def check_episode(episode: Episode) -> None:
     """Refuse what cannot be sensed: unknown names, less time than one sweep takes."""
     from roadscope.envs.imaging.light import LIGHTS
-    from roadscope.envs.sensors.rigs import rig
-    from roadscope.envs.sensors.weather import weather
     from roadscope.envs.traffic.scenarios import find
 
     find(episode.scenario)
-    weather(episode.weather)
     if episode.light not in LIGHTS:
         raise ValueError(unknown("light", episode.light, LIGHTS))
-    mount = rig(episode.rig).lidar
+    mount = sensing_of(episode).rig.lidar
     least_s = mount.stamp_s(0) + mount.spec.sweep_s / 2
     if episode.duration_s is not None and not least_s <= episode.duration_s < math.inf:
         raise ValueError(

@@ -135,6 +135,12 @@ def _weathers() -> list[tuple[str, str]]:
     return _each(WEATHERS, attrgetter("summary"))
 
 
+def _faults() -> list[tuple[str, str]]:
+    from roadscope.envs.sensors.faults import FAULTS, summary_of
+
+    return [(kind, summary_of(kind)) for kind in FAULTS]
+
+
 def _each(things: Mapping[str, T], describe: Callable[[T], str]) -> list[tuple[str, str]]:
     return [(name, describe(thing)) for name, thing in things.items()]
 
@@ -150,4 +156,5 @@ KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "rigs": _rigs,
     "sensors": _sensors,
     "weathers": _weathers,
+    "faults": _faults,
 }

@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.benchmarks.cache import usable_folder, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.episode import Episode, check_episode, timeline_of
+from roadscope.benchmarks.episode import Episode, check_episode, sensing_of, timeline_of
 from roadscope.benchmarks.jobs.job import detection_scores, tracking_scores
 from roadscope.benchmarks.jobs.plan import check, check_detector
 from roadscope.benchmarks.jobs.stack import perceive, prints_aside, track
@@ -78,14 +78,11 @@ def run_episode(
 def picture(summary: Summary, index: int | None = None) -> np.ndarray:
     """Return a bird's-eye view of one frame, the middle one by default: (H, W, 3) uint8."""
     from roadscope.envs.gym.render import birds_eye
-    from roadscope.envs.sensors.rigs import rig
-    from roadscope.envs.sensors.sensing import Sensing
 
     episode = summary.episode
     index = len(summary.tracks) // 2 if index is None else index
     timeline = timeline_of(episode)
-    sensing = Sensing(rig(episode.rig), episode.seed, weather=episode.weather)
-    frame, truth = sensing.sense(timeline, index)
+    frame, truth = sensing_of(episode).sense(timeline, index)
     ego_from_world = truth.world_from_ego.inverse()
     return birds_eye(
         frame,

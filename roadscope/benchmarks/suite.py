@@ -28,8 +28,8 @@ SPLITS: Mapping[str, range] = {
 """Seeds of each split; nothing is tuned on test seeds."""
 
 KEYS = (
-    "name", "version", "summary", "rig", "duration_s", "scenarios", "weathers", "lights", "split",
-    "seeds", "eligibility", "detection", "tracking", "camera", "fusion",
+    "name", "version", "summary", "rig", "duration_s", "scenarios", "weathers", "lights", "faults",
+    "split", "seeds", "eligibility", "detection", "tracking", "camera", "fusion",
 )  # fmt: skip
 
 
@@ -50,6 +50,8 @@ class Suite:
         truth boxes themselves.
     weathers: names of `roadscope.envs.sensors.weather.WEATHERS`; every episode is sensed in each.
     lights: names of `roadscope.envs.imaging.light.LIGHTS`; further ones in the first weather.
+    faults: sets of faults of `roadscope.envs.sensors.faults.FAULTS`, further ones likewise. They
+        hold fog and rain too, so a suite names weathers or faults.
     camera_detectors: entries of the camera board, on an image every `image_every_s`.
     fusions: entries of the fusion board; all get, every `fused_every_s`, the detections of each
         of `fused_lidar` with those of each of `fused_camera`.
@@ -68,6 +70,7 @@ class Suite:
     public_detectors: tuple[str, ...]
     weathers: tuple[str, ...] = ("clear",)
     lights: tuple[str, ...] = ("day",)
+    faults: tuple[tuple[str, ...], ...] = ((),)
     camera_detectors: tuple[str, ...] = ()
     image_every_s: float = 0.5
     fusions: tuple[str, ...] = ()
@@ -125,6 +128,9 @@ def check_names(suite: Suite) -> None:
     for name in suite.scenarios:
         for light in suite.lights:
             check_episode(Episode(name, suite.seeds[0], suite.rig, suite.duration_s, light=light))
+    first = Episode(suite.scenarios[0], suite.seeds[0], suite.rig, light=suite.lights[0])
+    for faults in suite.faults:
+        check_episode(replace(first, faults=faults))
 
 
 def _suite(table: Mapping[str, Any]) -> Suite:
@@ -149,6 +155,7 @@ def _suite(table: Mapping[str, Any]) -> Suite:
         public_detectors=_strings(tracking, "detectors", ()),
         weathers=_weathers(table),
         lights=_lights(table),
+        faults=_faults(table),
         camera_detectors=_strings(camera, "entries", ()),
         image_every_s=_seconds(camera, "every_s", 0.5) or 0.5,
         fusions=_strings(fusion, "entries", ()),
@@ -188,6 +195,21 @@ def _lights(table: Mapping[str, Any]) -> tuple[str, ...]:
         if name not in LIGHTS:
             raise SuiteError(f"lights: {unknown('light', name, LIGHTS)}")
     return given
+
+
+def _faults(table: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
+    """Read one set of faults a text, such as `night:2 + glare:1`; `clear` is none."""
+    from roadscope.envs.sensors.faults import NO_FAULT, faults_of
+
+    given = _strings(table, "faults", (NO_FAULT,))
+    if not given:
+        raise SuiteError("faults: expected at least one")
+    if "faults" in table and "weathers" in table:
+        raise SuiteError("weathers and faults: choose one; faults hold weather too, as fog:3")
+    try:
+        return tuple(dict.fromkeys(tuple(map(str, faults_of(text))) for text in given))
+    except ValueError as error:
+        raise SuiteError(f"faults: {error}") from error
 
 
 def _eligibility(table: Mapping[str, Any]) -> Eligibility:

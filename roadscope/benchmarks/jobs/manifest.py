@@ -36,6 +36,7 @@ def manifest(suite: Suite, jobs: int) -> dict[str, Any]:
         "suite_hash": fingerprint(suite),
         "scenarios": list(suite.scenarios),
         "weathers": list(suite.weathers),
+        "faults": [" + ".join(faults) or "clear" for faults in suite.faults],
         "seeds": list(suite.seeds),
         "rig": suite.rig,
         "jobs": jobs,

@@ -215,13 +215,18 @@ def _jobs(suite: Suite, board: str, rows: Sequence[tuple[str, str, str | None]])
 
 
 def episodes(suite: Suite) -> list[Episode]:
-    """Return every scenario with every seed in every weather and, in the first, every light."""
-    first = suite.lights[0]
-    seen = [(weather, first) for weather in suite.weathers]
-    seen += [(suite.weathers[0], light) for light in suite.lights[1:]]
+    """Return every scenario with every seed in every weather, light and set of faults.
+
+    These are not crossed: further lights and faults come with the first of the others.
+    """
+    (weather, *weathers), (light, *lights) = suite.weathers, suite.lights
+    first, *faults = suite.faults
+    seen = [(weather, light, first), *((other, light, first) for other in weathers)]
+    seen += [(weather, other, first) for other in lights]
+    seen += [(weather, light, other) for other in faults]
     return [
-        Episode(scenario, seed, suite.rig, suite.duration_s, weather, light)
+        Episode(scenario, seed, suite.rig, suite.duration_s, *conditions)
         for seed in suite.seeds
         for scenario in suite.scenarios
-        for weather, light in seen
+        for conditions in seen
     ]

@@ -25,6 +25,7 @@ class Light(Record):
         horizon, and of what the ground throws back.
     clouds: share of the sky that is covered, 0 to 1.
     lamps: whether street lamps, headlights and windows are lit.
+    flare: how much light goes astray before the lens, as a multiple of what a clean one throws.
     gain: of the camera's exposure. iso: how much of that is gain of the sensor, which makes
         noise: light that is white fills 1 / iso of a pixel's well.
     """
@@ -39,6 +40,7 @@ class Light(Record):
     lamps: bool = False
     gain: float = 1.15
     iso: float = 1.0
+    flare: float = 1.0
 
     def __post_init__(self) -> None:
         require(
@@ -48,6 +50,7 @@ class Light(Record):
         require(0 <= self.clouds <= 1, self, "clouds", "a share in 0 to 1", self.clouds)
         require(0 < self.gain < np.inf, self, "gain", "above 0", self.gain)
         require(0 < self.iso < np.inf, self, "iso", "above 0", self.iso)
+        require(0 <= self.flare < np.inf, self, "flare", "from 0 up", self.flare)
 
     @property
     def towards_sun(self) -> np.ndarray:

@@ -109,6 +109,8 @@ def _glare(
     if dazzling:
         focal, centre = np.array(spec.pinhole.focal_px), np.array(spec.pinhole.centre_px)
         spread_sun(light, raster.faces, sun, strength, focal, centre, glare)
+    if lighting.flare != 1.0:
+        glare *= np.float32(lighting.flare)
     return glare
 
 

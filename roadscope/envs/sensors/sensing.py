@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from roadscope.core import Frame, Pose, RecordError, Truth
+from roadscope.core import Calibration, CameraImage, Frame, Pose, RecordError, Truth
 from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.light import Light, daylight, light_named
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera import ImageTruth, expose
+from roadscope.envs.sensors.disturbance import Disturbance
+from roadscope.envs.sensors.faults import Fault, Faults, faults_of
 from roadscope.envs.sensors.lidar import SweepTruth, sweep
 from roadscope.envs.sensors.rig import CameraMount, Rig
 from roadscope.envs.sensors.weather import CLEAR, Weather
@@ -30,7 +33,8 @@ class Sensing:
     """Measures a timeline that may still be growing; every sweep comes out exactly once.
 
     Noise of a sweep depends on seed and sweep number alone, so that a live environment and a
-    recorded timeline give the same bytes.
+    recorded timeline give the same bytes. Faults change what is measured and what the user is told
+    of it, stamps and calibration; the truth beside a frame is of what was really there and when.
     """
 
     def __init__(
@@ -41,16 +45,34 @@ class Sensing:
         *,
         weather: str | Weather = CLEAR,
         light: str | Light | None = None,
+        faults: Faults = (),
     ) -> None:
         """Take rig, seed of world and noise, roadside style (None: the timeline's), weather.
 
         light: a name of `imaging.light.LIGHTS` or a light, for the camera; None: some daylight.
+        faults: such as `fog:3` or `("night:2", "dropped-scans:1")`, see `faults.FAULTS`; what
+            contradicts weather or light is refused. `idle_faults` are those that the rig lacks
+            the sensor for: they change nothing.
         """
         self.rig = rig
         self.style = style
-        self.weather = find_weather(weather)
+        self.faults = faults_of(faults)
+        self._disturbance = Disturbance.of(self.faults, seed)
+        self.weather = self._disturbance.weather(find_weather(weather))
         self.light = light
+        if light is not None:
+            _refuse_night(light, self.faults)
         self.reset(seed)
+
+    @property
+    def idle_faults(self) -> tuple[Fault, ...]:
+        """The faults that the rig does not feel."""
+        return self._disturbance.idle_on(self.rig)
+
+    @property
+    def calibration(self) -> Calibration:
+        """Where the user believes the sensors to be, as every frame says."""
+        return self._disturbance.calibration(self.rig)
 
     def reset(self, seed: int) -> None:
         """Begin again at the first sweep, with another world."""
@@ -58,6 +80,8 @@ class Sensing:
         self._image_seed, look = image_seeds(seed)
         rng = np.random.default_rng(look)
         self._light = daylight(rng) if self.light is None else light_named(self.light, rng)
+        self._disturbance = Disturbance.of(self.faults, seed)
+        self._ahead_rad: float | None = None
         self._world: World | None = None
         self._ground: Ground | None = None
         self._next = 0
@@ -69,6 +93,10 @@ class Sensing:
         One that ends after the timeline waits for the timeline to grow.
         """
         return list(self._sweeps(timeline, until_s))
+
+    def whole(self, timeline: Timeline) -> Iterator[tuple[Frame, Truth]]:
+        """Yield the sweeps and images up to the timeline's end that have not come out yet."""
+        yield from self._sweeps(timeline, timeline.end_s)
 
     def _sweeps(self, timeline: Timeline, until_s: float) -> Iterator[tuple[Frame, Truth]]:
         # A step in time that is off by rounding must not hold back a sweep.
@@ -112,8 +140,10 @@ class Sensing:
         )
         truth = truth_at(timeline, stamp_s, seen)
         motion = self._motion(timeline, index, truth.world_from_ego)
-        frame = Frame(stamp_s, self.rig.calibration(), lidar=scan, previous_from_ego=motion)
-        return frame, truth
+        if self._disturbance.scan_lost(index):
+            truth = replace(truth, sources=np.empty(0, np.int64))
+            return Frame(stamp_s, self.calibration, previous_from_ego=motion), truth
+        return Frame(stamp_s, self.calibration, lidar=scan, previous_from_ego=motion), truth
 
     def sense_image(self, timeline: Timeline, index: int) -> tuple[Frame, Truth]:
         """Return the frame and the truth of one image."""
@@ -128,12 +158,40 @@ class Sensing:
             self._ground = Ground(surface_of(timeline.road), style)
         image, seen = expose(
             scene, mount.spec, ego_poses[0] @ mount.ego_from_camera, stamp_s,
-            ground=self._ground, light=self._light, categories=timeline.categories,
-            sensor=mount.name, noise_seed=self._image_seed,
+            ground=self._ground, light=self._light_of(timeline, stamp_s),
+            categories=timeline.categories, sensor=mount.name, noise_seed=self._image_seed,
             extinction_per_m=self.weather.extinction_per_m, rain_mm_h=self.weather.rain_rate_mm_h,
         )  # fmt: skip
-        frame = Frame(stamp_s, self.rig.calibration(), camera=image)
+        believed_s = stamp_s + self._disturbance.image_late_s
+        frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
         return frame, truth_of_image(timeline, stamp_s, seen)
+
+    def _light_of(self, timeline: Timeline, stamp_s: float) -> Light:
+        """Return the light, which may depend on where the camera looks when the ego sets out.
+
+        A live timeline forgets its beginning.
+        """
+        first_s = self._camera().stamp_s(0)
+        covered = timeline.start_s <= first_s <= timeline.end_s
+        if self._ahead_rad is None and covered:
+            self._ahead_rad = self._looks(timeline, first_s)
+        ahead = self._looks(timeline, stamp_s) if self._ahead_rad is None else self._ahead_rad
+        return self._disturbance.light(self._light, ahead)
+
+    def _looks(self, timeline: Timeline, stamp_s: float) -> float:
+        """Heading of the camera, world frame."""
+        pose = timeline.world_from_ego(stamp_s) @ self._camera().ego_from_camera
+        return float(np.arctan2(pose.matrix[1, 2], pose.matrix[0, 2]))
+
+    def _passed_on(self, image: CameraImage, stamp_s: float) -> CameraImage | None:
+        """Return what of an image reaches the user, None if nothing does."""
+        mount = self._camera()
+        slot = int(np.floor((image.stamp_s - mount.first_stamp_s) / mount.spec.period_s + 0.5))
+        lost = self._disturbance.image_lost(slot, mount.spec.period_s)
+        if lost == "missing":
+            return None
+        pixels = np.zeros_like(image.pixels) if lost == "black" else image.pixels
+        return replace(image, pixels=pixels, stamp_s=stamp_s)
 
     def _camera(self) -> CameraMount:
         if self.rig.camera is None:
@@ -180,11 +238,25 @@ class Sensing:
 
 
 def sense(
-    timeline: Timeline, rig: Rig, seed: int, *, weather: str | Weather = CLEAR
+    timeline: Timeline,
+    rig: Rig,
+    seed: int,
+    *,
+    weather: str | Weather = CLEAR,
+    faults: Faults = (),
 ) -> Iterator[tuple[Frame, Truth]]:
     """Measure a whole timeline: one frame and its truth a sweep, in order."""
-    sensing = Sensing(rig, seed, weather=weather)
-    yield from sensing._sweeps(timeline, timeline.end_s)
+    yield from Sensing(rig, seed, weather=weather, faults=faults).whole(timeline)
+
+
+def _refuse_night(light: str | Light, faults: tuple[Fault, ...]) -> None:
+    """Refuse a light beside the fault that says what the light is."""
+    for fault in faults:
+        if fault.kind == "night":
+            name = light if isinstance(light, str) else "of your own"
+            raise ValueError(
+                f"light '{name}' and fault '{fault}' both say what the light is: leave one out"
+            )
 
 
 def world_of(timeline: Timeline, seed: int) -> World:

@@ -97,9 +97,9 @@ def fog(visibility_m: float, severity: int = 0) -> Weather:
 
 CLEAR = Weather()
 
-_RAIN_MM_H = (2.0, 10.0, 25.0, 50.0, 100.0)
+RAIN_MM_H = (2.0, 10.0, 25.0, 50.0, 100.0)
 """Light, moderate, heavy, violent, and a cloudburst's."""
-_VISIBILITY_M = (500.0, 200.0, 120.0, 80.0, 50.0)
+VISIBILITY_M = (500.0, 200.0, 120.0, 80.0, 50.0)
 """Fog begins below 1000 m, thick fog below 200 m; at 50 m rear fog lamps are lit."""
 
 WEATHERS: Mapping[str, Weather] = MappingProxyType(
@@ -107,8 +107,8 @@ WEATHERS: Mapping[str, Weather] = MappingProxyType(
         each.name: each
         for each in (
             CLEAR,
-            *(rain(rate, n) for n, rate in enumerate(_RAIN_MM_H, start=1)),
-            *(fog(visibility, n) for n, visibility in enumerate(_VISIBILITY_M, start=1)),
+            *(rain(rate, n) for n, rate in enumerate(RAIN_MM_H, start=1)),
+            *(fog(visibility, n) for n, visibility in enumerate(VISIBILITY_M, start=1)),
         )
     }
 )
