@@ -14,6 +14,7 @@ from gymnasium.envs.registration import load_env_creator
 from roadscope.envs.gym.playback import PlaybackEnv
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
 from roadscope.envs.gym.spaces import Observation
+from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
 from roadscope.envs.traffic.driver_constants import original_constants
@@ -62,7 +63,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
     ego: `agent`: the action drives the ego, with the action space, the reward and the ends of
         highway-env's own environment; `idm`: a recorded scenario is played whose ego drives
         itself, and the one action is to go on. None: `agent` where there is one to drive.
-    rig, style, weather, records: as in `SensorWrapper`.
+    rig, style, weather, faults, records: as in `SensorWrapper`.
     config: settings of highway-env that an agent's environment should have.
     duration_s: the episode is truncated there at the latest.
     step_s: time from step to step of a played scenario; None for the period of the LiDAR.
@@ -78,6 +79,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         rig: str | Rig = "vlp16",
         style: str | None = None,
         weather: str | Weather = "clear",
+        faults: Faults = (),
         records: bool = True,
         config: Mapping[str, Any] | None = None,
         duration_s: float | None = None,
@@ -86,7 +88,9 @@ class ScenarioEnv(gym.Env[Observation, Any]):
     ) -> None:
         driver = _driver(scenario, ego)
         _check_render_mode(render_mode, self.metadata["render_modes"])
-        sensing: dict[str, Any] = {"style": style, "weather": weather, "records": records}
+        sensing: dict[str, Any] = {
+            "style": style, "weather": weather, "faults": faults, "records": records
+        }  # fmt: skip
         if duration_s is not None and not duration_s > 0:
             raise ValueError(f"duration_s: expected a positive number of seconds, got {duration_s}")
         if driver == "agent":

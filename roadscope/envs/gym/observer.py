@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.core import CameraImage, Frame, Truth
+from roadscope.core import Frame, Truth
 from roadscope.envs.gym.spaces import Lanes, ego_state, range_image
+from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.sensors.sensing import Sensing
@@ -59,16 +60,17 @@ class Observer:
         seed: int | None = None,
         style: str | None = None,
         weather: str | Weather = CLEAR,
+        faults: Faults = (),
         records: bool = True,
     ) -> None:
         self.rig = rig
         self.latest: tuple[Frame, Truth] | None = None
-        self._image: CameraImage | None = None
+        self._pixels: np.ndarray | None = None
         if style is not None:
             style_named(style)
         self._records = records
         self._seeds = np.random.SeedSequence(seed)
-        self._sensing = Sensing(rig, 0, style, weather=weather)
+        self._sensing = Sensing(rig, 0, style, weather=weather, faults=faults)
 
     def next_seed(self, seed: int | None) -> int:
         """Return the seed of the next episode, the given one if there is one."""
@@ -86,11 +88,14 @@ class Observer:
         self._sensing.reset(seed)
         self._start_s = now_s
         self._lanes = Lanes(timeline.road)
-        self.latest, self._image = self._look(timeline, now_s), None
+        self.latest, self._pixels = self._look(timeline, now_s), None
         mount = self.rig.camera
         if mount is not None:
             stamp_s = now_s - mount.spec.exposure_s / 2
-            self._image = self._sensing.sense_image_at(timeline, stamp_s)[0].camera
+            image = self._sensing.sense_image_at(timeline, stamp_s)[0].camera
+            # Before the first image that arrives, a dark one is observed.
+            dark = (mount.spec.pinhole.height, mount.spec.pinhole.width, 3)
+            self._pixels = np.zeros(dark, np.uint8) if image is None else image.pixels
         return self._report([], timeline, now_s)
 
     def advance(self, timeline: Timeline, until_s: float) -> Report:
@@ -99,7 +104,8 @@ class Observer:
         for frame, truth in pairs:
             if frame.lidar is not None:
                 self.latest = frame, truth
-            self._image = frame.camera or self._image
+            if frame.camera is not None:
+                self._pixels = frame.camera.pixels
         return self._report(pairs, timeline, until_s)
 
     def render(self, timeline: Timeline) -> np.ndarray:
@@ -124,8 +130,8 @@ class Observer:
         assert self.latest is not None
         frame, truth = self.latest
         observation = range_image(frame.lidar, self.rig.lidar.spec)
-        if self._image is not None:
-            observation["image"] = self._image.pixels.copy()
+        if self._pixels is not None:
+            observation["image"] = self._pixels.copy()
         observation["ego"] = ego_state(timeline, now_s, self._lanes)
         info: dict[str, Any] = {"time_s": now_s - self._start_s, "truth": truth}
         if self._records:

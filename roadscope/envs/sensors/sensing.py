@@ -74,6 +74,11 @@ class Sensing:
         """Where the user believes the sensors to be, as every frame says."""
         return self._disturbance.calibration(self.rig)
 
+    @property
+    def image_late_s(self) -> float:
+        """By how much the stamps of images are later than the images."""
+        return self._disturbance.image_late_s
+
     def reset(self, seed: int) -> None:
         """Begin again at the first sweep, with another world."""
         self._world_seed, self._noise_seed, self._motion_seed, self._weather_seed = _seeds(seed)
@@ -162,7 +167,7 @@ class Sensing:
             categories=timeline.categories, sensor=mount.name, noise_seed=self._image_seed,
             extinction_per_m=self.weather.extinction_per_m, rain_mm_h=self.weather.rain_rate_mm_h,
         )  # fmt: skip
-        believed_s = stamp_s + self._disturbance.image_late_s
+        believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
         return frame, truth_of_image(timeline, stamp_s, seen)
 
