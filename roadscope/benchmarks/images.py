@@ -8,10 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from roadscope.benchmarks.episode import Episode, timeline_of
+from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
 from roadscope.benchmarks.fingerprint import fingerprint
 from roadscope.benchmarks.parked_boxes import parked_boxes
-from roadscope.core import Frame, Truth
+from roadscope.core import CameraImage, Frame, Truth
 from roadscope.core.projection import Projection
 from roadscope.envs.imaging.raster import rasterise, solids_of
 from roadscope.envs.sensors.camera import image_truth
@@ -38,19 +38,21 @@ class Picture:
 
 
 class WithoutPixels(Sensing):
-    """Images are not drawn; what is in them is found as ever."""
+    """One white pixel stands for every image; what is in them is found as ever."""
 
-    def sense_image(self, timeline: Timeline, index: int) -> tuple[Frame, Truth]:
-        """Return the truth of one image and a frame without it."""
-        mount = self.rig.camera
-        assert mount is not None
-        stamp_s = mount.stamp_s(index)
+    def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
+        """Return the truth of one image and a frame with a pixel, where it would arrive."""
+        mount = camera_of(self.rig)
         scene, poses = self._place(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         solids = solids_of(scene, stamp_s)
         raster = rasterise(scene, mount.spec.pinhole, poses[0] @ mount.ego_from_camera, stamp_s,
                            outlines=True, solids=solids)  # fmt: skip
         seen = image_truth(raster, solids, len(scene.present))
-        return Frame(stamp_s, self.rig.calibration()), truth_of_image(timeline, stamp_s, seen)
+        white = np.full((1, 1, 3), 255, np.uint8)
+        image = CameraImage(white, mount.spec.pinhole.intrinsics, stamp_s, mount.name)
+        believed_s = stamp_s + self._disturbance.image_late_s
+        frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
+        return frame, truth_of_image(timeline, stamp_s, seen)
 
 
 def camera_of(carrier: Rig) -> CameraMount:
@@ -67,10 +69,15 @@ def projection_of(carrier: Rig) -> Projection:
     return Projection.of(pinhole.intrinsics, camera.ego_from_camera, pinhole.width, pinhole.height)
 
 
-def sensing_of(episode: Episode, *, pixels: bool = True) -> Sensing:
-    """Return what senses an episode; without pixels, images are empty and cheap."""
-    kind = Sensing if pixels else WithoutPixels
-    return kind(rig(episode.rig), episode.seed, weather=episode.weather, light=episode.light)
+def sensing_without_pixels(episode: Episode) -> Sensing:
+    """Return what senses an episode without drawing its images."""
+    drawing = sensing_of(episode)
+    return WithoutPixels(drawing.rig, episode.seed, weather=episode.weather, faults=episode.faults)
+
+
+def scan_lost(sensing: Sensing, index: int) -> bool:
+    """Say whether a fault takes the index-th scan."""
+    return sensing._disturbance.scan_lost(index)
 
 
 def image_rows(episode: Episode, every_s: float) -> list[int]:
@@ -79,6 +86,20 @@ def image_rows(episode: Episode, every_s: float) -> list[int]:
     last = int(np.floor((end_s - camera.spec.exposure_s / 2 - camera.stamp_s(0))
                         / camera.spec.period_s + 1e-6))  # fmt: skip
     return list(range(0, last + 1, max(1, round(every_s / camera.spec.period_s))))
+
+
+def image_rows_of_scans(episode: Episode, every_s: float) -> list[int]:
+    """Return the numbers of the images nearest to scans that are about `every_s` apart."""
+    sensing, timeline = sensing_of(episode), timeline_of(episode)
+    lidar, rows = sensing.rig.lidar, np.array(image_rows(episode, 0.0))
+    stamps_s = np.array([camera_of(sensing.rig).stamp_s(int(k)) for k in rows])
+    stamps_s += sensing._disturbance.image_late_s
+    scans = int(timeline.end_s / lidar.spec.period_s) + 1
+    step = max(1, round(every_s / lidar.spec.period_s))
+    last_s = timeline.end_s - lidar.spec.sweep_s / 2 + 1e-9
+    scan_s = np.array([lidar.stamp_s(k) for k in range(0, scans, step)])
+    nearest = np.abs(stamps_s - scan_s[scan_s <= last_s, None]).argmin(axis=1)
+    return list(dict.fromkeys(rows[nearest].tolist()))
 
 
 def pictures(episode: Episode, rows: tuple[int, ...], *, pixels: bool = True) -> Iterator[Picture]:
@@ -107,7 +128,8 @@ def _kept(episode: Episode, rows: tuple[int, ...], pixels: bool, key: str) -> tu
 
 
 def _taken(episode: Episode, rows: tuple[int, ...], pixels: bool) -> Iterator[Picture]:
-    timeline, sensing = timeline_of(episode), sensing_of(episode, pixels=pixels)
+    timeline = timeline_of(episode)
+    sensing = sensing_of(episode) if pixels else sensing_without_pixels(episode)
     projection, world = projection_of(sensing.rig), world_of(timeline, episode.seed)
     for row in rows:
         frame, truth = sensing.sense_image(timeline, row)

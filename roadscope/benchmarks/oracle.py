@@ -14,6 +14,14 @@ from roadscope.core.registry import split_spec
 
 ORACLE = "oracle"
 """It is no plug-in."""
+FUSED = "fused"
+"""Names a LiDAR's and a camera's detections joined: `fused?lidar=...&camera=...&fusion=...`."""
+CLUSTER_BOXES = "cluster-boxes"
+SUITES_ONLY: Mapping[str, str] = {
+    CLUSTER_BOXES: "roadscope.fusion.cluster_boxes:ClusterBoxes",
+}
+"""Detectors that suites and `fused` name beside those of `DETECTORS`, made to be joined with a
+camera's: its boxes are in steps of 5 degrees and completed to usual sizes."""
 ONE_CLUSTER = "one-cluster"
 """All returns above the ground are one cluster, and the cluster is one box; with a shape that
 divides clusters into lines, vehicles would be told apart again."""
@@ -34,6 +42,17 @@ def mark_of(entry: str, tracker: str | None) -> str | None:
     if tracker is None:
         return MARKS.get(entry)
     return MARKS[ORACLE] if entry == f"{tracker} on {ORACLE}" else None
+
+
+def is_fused(detector: str) -> bool:
+    """Say whether a spec names a LiDAR's and a camera's detections joined."""
+    return split_spec(detector)[0] == FUSED
+
+
+def full_name(detector: str) -> str:
+    """Return the spec by which a detector of `DETECTORS` or `SUITES_ONLY` is made."""
+    name, mark, arguments = detector.partition("?")
+    return SUITES_ONLY.get(name, name) + mark + arguments
 
 
 def made_from_truth(detector: str) -> bool:

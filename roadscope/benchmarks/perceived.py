@@ -68,14 +68,15 @@ class Perceived(Record):
             raise RecordError(f"{path}: not a file of detections: {error}") from error
 
 
-def without_sources(truth: Truth) -> Truth:
-    """Drop what only the scan itself can be read with."""
+def without_sources(truth: Truth, *, image: bool = False) -> Truth:
+    """Drop what only the scan itself can be read with; image: keep boxes in the image."""
     fields: dict[str, Any] = {name: getattr(truth, name) for name in TRUTH_FIELDS}
     return Truth(
         **fields,
         world_from_ego=truth.world_from_ego,
         stamp_s=truth.stamp_s,
         sources=np.empty(0, np.int64),
+        image_boxes=truth.image_boxes if image else None,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,9 +12,12 @@ from roadscope.benchmarks.boards.recorded_agreement import agreements
 from roadscope.benchmarks.boards.results import Results, gather
 from roadscope.benchmarks.cache import cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode, timeline_of, timeline_path
+from roadscope.benchmarks.jobs.apart import DEADLINE_S, ApartError, apart
+from roadscope.benchmarks.jobs.camera_job import CameraJob, execute_camera, seen_of
+from roadscope.benchmarks.jobs.fusion_job import AnyJob, FusionJob, execute_fusion
 from roadscope.benchmarks.jobs.job import Job, detections_of, execute
 from roadscope.benchmarks.jobs.manifest import manifest
-from roadscope.benchmarks.jobs.plan import BOARDS, Plan, plan
+from roadscope.benchmarks.jobs.plan import Plan, boards_of, plan
 from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.jobs.store import Outcome, Store, StoredJob
 from roadscope.benchmarks.jobs.workers import WorkerError, in_parallel
@@ -36,31 +39,40 @@ def run(
     suite: Suite | str = "quick",
     entries: Sequence[str] = (),
     *,
-    boards: Sequence[str] = BOARDS,
+    boards: Sequence[str] | None = None,
     only: bool = False,
     jobs: int = 1,
     out_dir: Path | str | None = None,
     fresh: bool = False,
     progress: Progress | None = None,
     kitti: Path | str | None = None,
+    calibration: Path | str | None = None,
+    deadline_s: float = DEADLINE_S,
 ) -> Results:
     """Run a suite's entries and yours, and return the leaderboard.
 
     suite: a suite, its name or a path to its TOML file.
-    entries: specs of detectors and trackers to compare with the suite's own; with `only`, they
-        alone.
+    entries: specs of detectors, trackers, camera detectors and fusions to compare with the
+        suite's own; with `only`, they alone.
+    boards: some of `detection`, `tracking`, `camera`, `fusion`; None: all that the suite has
+        entries for.
     jobs: worker processes.
     out_dir: where results are kept (`results.sqlite`) and `leaderboard.json`, `.csv` and `.md`
         are written; None keeps results in the cache folder and writes no board.
     fresh: do again what an earlier run has done.
     kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
+    calibration: a file of `roadscope calibrate`, which the fusion board believes.
+    deadline_s: for a camera detector or fusion that is not ours on one episode, in a process of
+        its own.
     """
     if kitti is not None:
         suite = kitti_suite(kitti)
     suite = load_suite(suite) if isinstance(suite, str) else suite
     with prints_aside():
-        plans = plan(suite, entries, boards, only=only)
+        given = "" if calibration is None else str(calibration)
+        asked = boards_of(suite) if boards is None else boards
+        plans = plan(suite, entries, asked, only=only, calibration=given)
     if jobs < 1:
         raise RunError(f"jobs: expected 1 or more worker processes, got {jobs}")
     folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
@@ -69,13 +81,17 @@ def run(
     conditions = manifest(suite, jobs)
     with Store(folder / DATABASE) as store:
         number = store.begin(conditions)
-        wanted = [*plans.detection, *plans.tracking]
+        wanted: Sequence[AnyJob] = plans.jobs
         known = {} if fresh else _finished(store, wanted)
         recorder = _Recorder(store, number, known)
-        _work(plans, recorder, jobs, fresh, progress or silent)
+        tell = progress or silent
+        _work(plans, recorder, jobs, fresh, tell)
+        _work_on_images(plans, recorder, _Way(jobs, fresh, deadline_s), tell)
         results = gather(wanted, known, conditions)
         if isinstance(suite, RecordedSuite):
-            results = replace(results, agreements=agreements(results, wanted, store.outcomes))
+            results = replace(
+                results, agreements=agreements(results, plans.tracking, store.outcomes)
+            )
     if out_dir is not None:
         save_all(results, folder)
     return results
@@ -89,14 +105,23 @@ class _Recorder:
         self._store = store
         self._number = number
 
-    def take(self, job: Job, outcome: Outcome) -> None:
+    def take(self, job: AnyJob, outcome: Outcome) -> None:
         episode = job.episode
         row = StoredJob(job.key, job.board, job.entry, episode.scenario, episode.seed, job.spec)
         self._store.put(row, outcome, self._number)
         self.known[job.key] = outcome
 
 
-def _finished(store: Store, jobs: Sequence[Job]) -> dict[str, Outcome]:
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """How jobs are done."""
+
+    jobs: int
+    fresh: bool
+    deadline_s: float
+
+
+def _finished(store: Store, jobs: Sequence[AnyJob]) -> dict[str, Outcome]:
     """Return what earlier runs found; failures are tried again."""
     found = store.outcomes(job.key for job in jobs)
     return {key: outcome for key, outcome in found.items() if outcome.reason is None}
@@ -117,18 +142,83 @@ def _work(plans: Plan, recorder: _Recorder, jobs: int, fresh: bool, progress: Pr
         if job.detections_path in needed - at_hand and not job.detections_path.exists()
     ]
     simulated = [job.episode for job in [*detection, *public]]
-    asked = dict.fromkeys(e for e in simulated if isinstance(e, Episode))
-    # Episodes that differ in weather share their traffic.
-    recorded = {timeline_path(episode): episode for episode in asked}
-    traffic = [episode for path, episode in recorded.items() if not path.exists()]
-    for _ in _each(_record, traffic, jobs, "traffic", progress):
-        pass
+    _drive([e for e in simulated if isinstance(e, Episode)], jobs, progress)
     seeing = [(job, fresh, job.key in {d.key for d in detection}) for job in [*detection, *public]]
     for (job, _, _), outcome in _each(_see, seeing, jobs, "detection", progress):
         if outcome is not None:
             recorder.take(job, outcome)
     for job, outcome in _each(execute, tracking, jobs, "tracking", progress):
         recorder.take(job, outcome)
+
+
+def _drive(episodes: Sequence[Episode], jobs: int, progress: Progress) -> None:
+    """Record the traffic that is not kept; episodes that differ in weather share theirs."""
+    recorded = {timeline_path(episode): episode for episode in dict.fromkeys(episodes)}
+    traffic = [episode for path, episode in recorded.items() if not path.exists()]
+    for _ in _each(_record, traffic, jobs, "traffic", progress):
+        pass
+
+
+def _work_on_images(plans: Plan, recorder: _Recorder, way: _Way, progress: Progress) -> None:
+    """Do what is missing of the boards with a camera: images, shared detections, fusions."""
+    camera = [job for job in plans.camera if job.key not in recorder.known]
+    fusion = [job for job in plans.fusion if job.key not in recorder.known]
+    _drive([*(j.episode for j in camera), *(j.episode for j in fusion)], way.jobs, progress)
+    looking = [(job, way) for job in camera]
+    for (looked, _), outcome in _each(execute_seen, looking, way.jobs, "images", progress):
+        recorder.take(looked, outcome)
+    for _ in _each(_share, _shared(fusion, way.fresh), way.jobs, "sensors", progress):
+        pass
+    fusing = [(job, way) for job in fusion]
+    for (fused, _), outcome in _each(execute_fused, fusing, way.jobs, "fusion", progress):
+        recorder.take(fused, outcome)
+
+
+def execute_seen(task: tuple[CameraJob, _Way]) -> Outcome:
+    """Look at images; a stranger's detector does so in a process of its own."""
+    job, way = task
+    if job.ours:
+        return execute_camera(job, way.fresh)
+    return _apart(job.entry, execute_camera, job, way.fresh, deadline_s=way.deadline_s)
+
+
+def execute_fused(task: tuple[FusionJob, _Way]) -> Outcome:
+    """Fuse; a stranger's fusion does so in a process of its own."""
+    job, way = task
+    if job.ours:
+        return execute_fusion(job)
+    return _apart(job.entry, execute_fusion, job, deadline_s=way.deadline_s)
+
+
+def _apart(
+    entry: str, execute: Callable[..., Outcome], *arguments: object, deadline_s: float
+) -> Outcome:
+    try:
+        return apart(execute, *arguments, deadline_s=deadline_s)
+    except ApartError as error:
+        return Outcome({}, f"{entry}: {error}")
+
+
+def _shared(jobs: Sequence[FusionJob], fresh: bool) -> list[tuple[Job | CameraJob, bool]]:
+    """Return the jobs whose detections fusions share, and which are not there yet."""
+    found: dict[Path, tuple[Job | CameraJob, bool]] = {}
+    for job in jobs:
+        for one in job.given.jobs(job.episode, job.eligibility, job.every_s):
+            if fresh or not one.detections_path.exists():
+                found[one.detections_path] = one, fresh
+    return list(found.values())
+
+
+def _share(task: tuple[Job | CameraJob, bool]) -> None:
+    """Make detections; what goes wrong is told by the fusions that need them."""
+    job, fresh = task
+    try:
+        if isinstance(job, CameraJob):
+            seen_of(job, fresh)
+        else:
+            detections_of(job, fresh)
+    except Exception:
+        return
 
 
 def _record(episode: Episode) -> None:

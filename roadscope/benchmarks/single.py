@@ -11,9 +11,9 @@ import numpy as np
 from roadscope.benchmarks.cache import usable_folder, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, sensing_of, timeline_of
-from roadscope.benchmarks.jobs.job import detection_scores, tracking_scores
+from roadscope.benchmarks.jobs.job import detection_scores, perceived_by, tracking_scores
 from roadscope.benchmarks.jobs.plan import check, check_detector
-from roadscope.benchmarks.jobs.stack import perceive, prints_aside, track
+from roadscope.benchmarks.jobs.stack import prints_aside, track
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.progress import Progress, silent
@@ -61,7 +61,7 @@ def run_episode(
     timeline_of(episode)
     tell("traffic", 1, 1)
     tell("detection", 0, 1)
-    perceived = perceive(detector, episode, rule)
+    perceived = perceived_by(detector, episode, rule)
     tell("detection", 1, 1)
     tell("tracking", 0, 1)
     tracks, calls_ms = track(tracker, perceived)

@@ -17,7 +17,7 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.core import RecordError
 from roadscope.core.names import unknown
 
-SUITES = ("quick", "standard", "detection", "tracking")
+SUITES = ("quick", "standard", "detection", "tracking", "camera", "fusion", "crossing")
 """Suites that ship with the package."""
 
 SPLITS: Mapping[str, range] = {

@@ -13,14 +13,23 @@ from roadscope.commands.terminal import complain, console, progress_bars
 DEFAULT_SUITE = "quick"
 
 
-Board = Annotated[str | None, typer.Argument(help="detection or tracking; both if left out.")]
+Board = Annotated[
+    str | None,
+    typer.Argument(
+        help="detection, tracking, camera or fusion; all that the suite has if left out."
+    ),
+]
 Suite = Annotated[
-    str, typer.Option(help="Conditions: a name (roadscope list suites) or a .toml file.")
+    str | None,
+    typer.Option(
+        help="Conditions: a name (roadscope list suites) or a .toml file; quick if left out, for "
+        "the boards camera and fusion the suite of that name."
+    ),
 ]
 Entry = Annotated[
     list[str] | None,
     typer.Option(
-        help="Your detector or tracker, beside the suite's own: a name, module:Class or "
+        help="Your detector, tracker or fusion, beside the suite's own: a name, module:Class or "
         "file.py:Class, with ?argument=value. Can be given several times."
     ),
 ]
@@ -29,7 +38,9 @@ By = Annotated[
     str | None,
     typer.Option(
         help="Show it by this too: range, category, occlusion, points or score (detection), "
-        "detector (tracking), weather or scenario (both), alpha or sequence (--kitti)."
+        "detector (tracking), family, size, range, category or score (camera), family, range, "
+        "crowd, score or inputs (fusion), condition (these two), weather or scenario (all), "
+        "alpha or sequence (--kitti)."
     ),
 ]
 Out = Annotated[
@@ -51,12 +62,27 @@ Tracks = Annotated[
         "motchallenge/TRACKER/CLASS/SEQ.txt."
     ),
 ]
+Detections = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Whose detections trackers get, in place of the suite's: a detector or "
+        "fused?lidar=NAME&camera=NAME&fusion=NAME. Can be given several times."
+    ),
+]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(help="What fusions believe of the sensors: a file of roadscope calibrate."),
+]
+Deadline = Annotated[
+    float,
+    typer.Option(min=1, help="Seconds for a camera detector or fusion of yours on one episode."),
+]
 
 
 def leaderboard(
     board: Board = None,
     *,
-    suite: Suite = DEFAULT_SUITE,
+    suite: Suite = None,
     entry: Entry = None,
     only: Only = False,
     by: By = None,
@@ -65,8 +91,11 @@ def leaderboard(
     fresh: Fresh = False,
     kitti: Kitti = None,
     tracks: Tracks = None,
+    detections: Detections = None,
+    calibration: Calibration = None,
+    deadline: Deadline = 300.0,
 ) -> None:
-    """Rank detectors and trackers on a suite of traffic.
+    """Rank detectors, trackers, camera detectors and fusions on a suite of traffic.
 
     What an earlier run has finished is not done again; a stopped run goes on where it was.
 
@@ -74,14 +103,16 @@ def leaderboard(
     """
     from roadscope.benchmarks.boards.results import check_breakdown
     from roadscope.benchmarks.boards.track_files import save_tracks
-    from roadscope.benchmarks.jobs.plan import BOARDS, plan
+    from roadscope.benchmarks.jobs.plan import ALL_BOARDS, boards_of, plan
     from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
     from roadscope.benchmarks.runner import run
 
-    boards = BOARDS if board is None else (board,)
-    conditions = _conditions(suite, kitti)
+    conditions = _conditions(suite or _usual(board), kitti)
+    if detections:
+        conditions = _given(conditions, detections)
+    boards = boards_of(conditions) if board is None else (board,)
     _check_tracks(tracks, kitti)
-    if by is not None and set(boards) <= set(BOARDS):
+    if by is not None and set(boards) <= set(ALL_BOARDS):
         check_breakdown(by, boards if kitti is None else KITTI_BOARDS)
     with progress_bars() as progress:
         results = run(
@@ -93,6 +124,8 @@ def leaderboard(
             out_dir=out,
             fresh=fresh,
             progress=progress,
+            calibration=calibration,
+            deadline_s=deadline,
         )
         if tracks is not None:
             jobs_done = plan(conditions, entry or (), boards, only=only).tracking
@@ -103,6 +136,23 @@ def leaderboard(
             typer.echo(f"written: {written}")
     if results.barren():
         raise typer.Exit(1)
+
+
+def _usual(board: str | None) -> str:
+    from roadscope.benchmarks.jobs.plan import SENSOR_BOARDS
+
+    return board if board in SENSOR_BOARDS else DEFAULT_SUITE
+
+
+def _given(suite: Any, detections: list[str]) -> Any:
+    """Return the suite with other detections for its trackers."""
+    from dataclasses import replace
+
+    from roadscope.benchmarks.recorded.suite import RecordedSuite
+
+    if isinstance(suite, RecordedSuite):
+        raise ValueError("--detections is for simulated traffic; --kitti has its own")
+    return replace(suite, public_detectors=tuple(dict.fromkeys(detections)))
 
 
 def _conditions(suite: str, kitti: Path | None) -> Any:
@@ -137,10 +187,11 @@ def _show(results: Any, loaded: Any, by: str | None) -> None:
         comparison,
         conditions,
     )
+    from roadscope.benchmarks.jobs.plan import SENSOR_BOARDS
 
     screen, jobs = console(), results.manifest["jobs"]
     summary = f": {loaded.summary}" if loaded.summary else ""
-    screen.print(f"[bold]{loaded.title}[/]{summary}. {conditions(loaded)}")
+    screen.print(f"[bold]{loaded.title}[/]{summary}. {conditions(loaded, results.boards())}")
     for name in results.boards():
         screen.print(f"\n[bold]{name} board[/]")
         screen.print(board_table(results, name, screen.width))
@@ -151,19 +202,25 @@ def _show(results: Any, loaded: Any, by: str | None) -> None:
         for text in agreement_lines(results, name):
             screen.print(text)
         screen.print(footnote(name, screen.width, jobs), style="dim")
+        if name in SENSOR_BOARDS and by != "family":
+            _show_breakdown(screen, results, name, "family", ("detection_rate",))
         if by is not None:
             _show_breakdown(screen, results, name, by)
     _complain_of_failures(results)
 
 
-def _show_breakdown(screen: Any, results: Any, board: str, by: str) -> None:
+def _show_breakdown(
+    screen: Any, results: Any, board: str, by: str, metrics: tuple[str, ...] = ()
+) -> None:
     from roadscope.benchmarks.boards.breakdown_tables import NOTES, breakdown_tables
     from roadscope.benchmarks.boards.results import BREAKDOWNS
 
     if by not in BREAKDOWNS[board]:
         return
-    for table in breakdown_tables(results, board, by, screen.width):
-        screen.print()
+    for table in breakdown_tables(results, board, by, screen.width, metrics):
+        # A title within the table would be broken at the table's width.
+        screen.print(f"\n[bold]{table.title}[/]")
+        table.title = None
         screen.print(table)
     if by in NOTES:
         screen.print(NOTES[by], style="dim")

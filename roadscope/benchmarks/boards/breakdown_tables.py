@@ -9,7 +9,7 @@ from rich.text import Text
 
 from roadscope.benchmarks.boards.columns import ENTRY, FULL, NAME, NARROW_NAME
 from roadscope.benchmarks.boards.results import BREAKDOWNS, Results
-from roadscope.benchmarks.boards.rows import DETECTOR, Row
+from roadscope.benchmarks.boards.rows import DETECTOR, INPUTS, Row
 from roadscope.benchmarks.boards.tables import figure
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.recorded.combined import CURVES
@@ -19,30 +19,37 @@ from roadscope.benchmarks.tables import plain_table
 SHOWN: Mapping[str, Sequence[str]] = {
     "detection": ("detection_rate", "precision"),
     "tracking": ("hota",),
+    "camera": ("ap50", "detection_rate", "precision"),
+    "fusion": ("ap", "detection_rate", "precision"),
     **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", *CURVES)),
 }
 """What is shown of each board where it is broken down; `leaderboard.json` holds more."""
 HEADINGS = {
     "detection_rate": "detected", "precision": "precision", "hota": "HOTA", "mota": "MOTA",
     "idf1": "IDF1", "hota_3d": "HOTA of 3-D boxes", "det_a": "DetA", "ass_a": "AssA",
-    "loc_a": "LocA",
+    "loc_a": "LocA", "ap50": "AP50", "ap": "AP",
 }  # fmt: skip
 QUANTITIES = {
     "range": "range, m",
     "occlusion": "occlusion, % of rays",
     "points": "points on target",
+    "size": "size in the image",
 }
 NOTES = {
     "occlusion": "Occlusion: share of the object's rays that something else caught.",
     "score": "Scores are calibrated where precision lies within their band.",
     "weather": "What fog and rain leave too few returns from is not to be found.",
     "detector": "In brackets: the rank on these detections.",
+    "inputs": "In brackets: the rank on these detections.",
+    "size": "small: below 32 x 32 pixels, large: above 96 x 96.",
 }
 """What is said below tables."""
 LONGEST = 7
 """Headings are broken into lines of this many characters."""
-UNRANKED, RANKED = 5, 9
-"""How wide figures are, and figures with a rank."""
+UNRANKED, RANKED, PAIRED = 5, 9, 11
+"""How wide figures are, figures with a rank, and rates with false alarms."""
+ALARMS = {"camera": "false alarms per image", "fusion": "false alarms per scan"}
+"""What is said of rates beside, in brackets, where detectors tell no score to choose by."""
 BROKEN = {
     "motorway": "motor-\nway", "roundabout": "round-\nabout", "intersection": "inter-\nsection",
     "racetrack": "race-\ntrack", "motorcycle": "motor-\ncycle", "pedestrian": "pedes-\ntrian",
@@ -53,18 +60,25 @@ BROKEN = {
 """Names, and words of names, that are broken elsewhere."""
 
 
-def breakdown_tables(results: Results, board: str, by: str, width: int) -> list[Table]:
+def breakdown_tables(
+    results: Results, board: str, by: str, width: int, metrics: Sequence[str] = ()
+) -> list[Table]:
     """Return tables of each metric that is defined, entries by bands, in rank order.
+
+    metrics: these alone, if any are named.
 
     Bands that the width has no room for continue in a table below.
     """
     rows = results.breakdown(by, board)
     tables = []
     for metric, cells in _shown_cells(rows, board):
-        title = _title(metric, by)
-        for bands in _pages(list(cells.values()), width):
-            table = _table(results, board, cells, bands, width)
-            table.title, title = title, f"{_title(metric, by)}, continued"
+        if metrics and metric not in metrics:
+            continue
+        remarks = _remarks(results, board, metric, cells)
+        title = whole = _title(metric, by, board if _alarms(results, board, cells) else "")
+        for bands in _pages(list(cells.values()), width, board if remarks else ""):
+            table = _table(results, board, cells, remarks, (bands, width))
+            table.title, title = title, f"{whole}, continued"
             if metric == "detection_rate":
                 _add_counts(table, rows, bands, width)
             tables.append(table)
@@ -77,7 +91,10 @@ def markdown_lines(results: Results, board: str) -> list[str]:
     for by in BREAKDOWNS[board]:
         for metric, cells in _shown_cells(results.breakdown(by, board), board):
             if cells:
-                lines += ["", f"### {_title(metric, by)}", "", *_markdown(results, board, cells)]
+                paired = board if _alarms(results, board, cells) else ""
+                remarks = _remarks(results, board, metric, cells)
+                table = _markdown(results, board, cells, remarks)
+                lines += ["", f"### {_title(metric, by, paired)}", "", *table]
     return lines
 
 
@@ -99,32 +116,36 @@ def bands_of(rows: Sequence[Row]) -> list[str]:
     """Return the bands of rows, quantities ascending, conditions as the suite has them."""
     found = dict.fromkeys(row.band for row in rows)
     ordered = BANDS[rows[0].by].labels if rows and rows[0].by in BANDS else tuple(found)
-    return [band for band in ordered if band in found]
+    known = [band for band in ordered if band in found]
+    return known + [band for band in found if band not in known]
 
 
-def _title(metric: str, by: str) -> str:
-    return f"{HEADINGS[metric]} by {QUANTITIES.get(by, by)}"
+def _title(metric: str, by: str, board: str = "") -> str:
+    """Name a table; board: where rates have false alarms beside them."""
+    beside = f" ({ALARMS[board]})" if board else ""
+    return f"{HEADINGS[metric]}{beside} by {QUANTITIES.get(by, by)}"
 
 
 def _table(
     results: Results,
     board: str,
     cells: Mapping[tuple[str, str], Row],
-    bands: Sequence[str],
-    width: int,
+    remarks: Mapping[tuple[str, str], str],
+    place: tuple[Sequence[str], int],
 ) -> Table:
+    bands, width = place
     table = plain_table(title_justify="left", title_style="bold")
     narrow = NAME if width >= FULL else NARROW_NAME
     table.add_column(ENTRY[board], style="bold", min_width=narrow, overflow="fold")
     for band in bands:
         table.add_column(heading(band), justify="right", no_wrap=True)
-    marked, places = False, _places(results, board, cells)
+    marked = False
     for entry in results.entries(board):
         is_mark = results.standing(board, entry).mark is not None
         if is_mark and not marked:
             table.add_section()
         marked = is_mark
-        figures = [_cell(cells, places, entry, band) for band in bands]
+        figures = [_cell(cells, remarks, entry, band) for band in bands]
         name = Text(entry, style="not bold" if is_mark else "")
         table.add_row(name, *figures, style="dim" if is_mark else None)
     return table
@@ -140,7 +161,7 @@ def _places(
     ranked = [e for e in results.entries(board) if results.standing(board, e).mark is None]
     bands: dict[str, list[tuple[float, str]]] = {}
     for (entry, band), row in cells.items():
-        if row.by == DETECTOR and entry in ranked and row.value is not None:
+        if row.by in (DETECTOR, INPUTS) and entry in ranked and row.value is not None:
             bands.setdefault(band, []).append((row.value, entry))
     return {
         (entry, band): 1 + sum(other > value for other, _ in entries)
@@ -149,15 +170,40 @@ def _places(
     }
 
 
+def _alarms(
+    results: Results, board: str, cells: Mapping[tuple[str, str], Row]
+) -> dict[tuple[str, str], str]:
+    """Return the false alarms that stand beside detection rates."""
+    first = next(iter(cells.values()), None)
+    if board not in ALARMS or first is None or first.metric != "detection_rate":
+        return {}
+    return {
+        (row.entry, row.band): f"{row.value:.2f}"
+        for row in results.breakdown(first.by, board)
+        if row.metric == "false_alarms" and row.value is not None
+    }
+
+
+def _remarks(
+    results: Results, board: str, metric: str, cells: Mapping[tuple[str, str], Row]
+) -> dict[tuple[str, str], str]:
+    """Return what stands in brackets: a rank, or false alarms."""
+    if alarms := _alarms(results, board, cells):
+        return alarms
+    if metric != SHOWN[board][0]:
+        return {}
+    return {cell: str(rank) for cell, rank in _places(results, board, cells).items()}
+
+
 def _cell(
     cells: Mapping[tuple[str, str], Row],
-    places: Mapping[tuple[str, str], int],
+    remarks: Mapping[tuple[str, str], str],
     entry: str,
     band: str,
 ) -> str:
     text = figure(cells.get((entry, band)), 2, interval=False)
-    place = places.get((entry, band))
-    return text if place is None else f"{text} ({place})"
+    remark = remarks.get((entry, band))
+    return text if remark is None else f"{text} ({remark})"
 
 
 def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str], width: int) -> None:
@@ -177,10 +223,11 @@ def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str], width: 
             table.add_row(Text(label, style="not bold"), *map(str, figures), style="dim")
 
 
-def _pages(rows: Sequence[Row], width: int) -> list[list[str]]:
+def _pages(rows: Sequence[Row], width: int, board: str = "") -> list[list[str]]:
     """Divide the bands of rows into those that there is room for side by side, at least one."""
     whole = width - (NAME if width >= FULL else NARROW_NAME) - 1
-    least = RANKED if rows and rows[0].by == DETECTOR else UNRANKED
+    ranked = bool(rows) and rows[0].by in (DETECTOR, INPUTS)
+    least = RANKED if ranked else PAIRED if board in ALARMS else UNRANKED
     pages: list[list[str]] = []
     room = 0
     for band in bands_of(rows):
@@ -197,6 +244,8 @@ def heading(band: str) -> str:
     """Break a long label into lines, at its hyphens where it has some."""
     if band in BROKEN or len(band) <= LONGEST:
         return BROKEN.get(band, band)
+    if ":" in band or " + " in band:
+        return band.replace(" + ", "\n").replace("-", "-\n")
     lines = []
     for word in band.split("-"):
         if word in BROKEN:
@@ -207,12 +256,16 @@ def heading(band: str) -> str:
     return "\n".join(lines)
 
 
-def _markdown(results: Results, board: str, cells: Mapping[tuple[str, str], Row]) -> list[str]:
+def _markdown(
+    results: Results,
+    board: str,
+    cells: Mapping[tuple[str, str], Row],
+    remarks: Mapping[tuple[str, str], str],
+) -> list[str]:
     bands = bands_of(list(cells.values()))
     lines = [markdown_row(["entry", *bands]), markdown_row(["---"] * (len(bands) + 1))]
-    places = _places(results, board, cells)
     for entry in results.entries(board):
-        figures = [_cell(cells, places, entry, band) for band in bands]
+        figures = [_cell(cells, remarks, entry, band) for band in bands]
         lines.append(markdown_row([entry.replace("|", "\\|"), *figures]))
     return lines
 

@@ -83,6 +83,30 @@ COLUMNS: Mapping[str, Columns] = {
         "call_p50_ms": ("ms\np50", 2),
         "call_p99_ms": ("ms\np99", 2),
     },
+    "camera": {
+        "ap50": ("AP50", 2),
+        "ap": ("AP", 2),
+        "detection_rate": ("detec-\nted", 2),
+        "false_alarms": ("false/\nimage", 2),
+        "category_accuracy": ("cate-\ngory", 2),
+        "calibration_error": ("cal.\nerror", 2),
+        "ap50_16px": ("AP50\n16 px", 2),
+        "call_p50_ms": ("ms\np50", 1),
+        "call_p99_ms": ("ms\np99", 1),
+    },
+    "fusion": {
+        "ap": ("AP", 2),
+        "f1": ("F1", 2),
+        "detection_rate": ("detec-\nted", 2),
+        "false_alarms": ("false/\nscan", 2),
+        "precision": ("preci-\nsion", 2),
+        "distance_right": ("dist.\nright", 2),
+        "hidden_distance_right": ("dist.\nhidden", 2),
+        "family_right": ("class\nright", 2),
+        "calibration_error": ("cal.\nerror", 2),
+        "call_p50_ms": ("ms\np50", 2),
+        "call_p99_ms": ("ms\np99", 2),
+    },
     **dict.fromkeys(KITTI_BOARDS, KITTI_COLUMNS),
 }
 
@@ -97,6 +121,8 @@ WIDER: Mapping[str, Sequence[str]] = {
         "gospa_m", "inside_state", "heading_rmse_deg", "nees_position", "nees_in_band",
         "amota_nuscenes", "amotp_nuscenes_m",
     ),
+    "camera": ("call_p99_ms", "ap50_16px"),
+    "fusion": ("calibration_error", "hidden_distance_right", "precision", "call_p99_ms"),
     **dict.fromkeys(
         KITTI_BOARDS,
         (
@@ -111,6 +137,8 @@ more is in `leaderboard.json`."""
 ENTRY = {
     "detection": "detector",
     "tracking": "tracker",
+    "camera": "detector",
+    "fusion": "fusion",
     **dict.fromkeys(KITTI_BOARDS, "tracker"),
 }
 
@@ -164,6 +192,22 @@ EXPLAINED: Mapping[str, Explained] = {
         NEES_EXPLAINED,
         (("nees_in_band",), "in band: episodes whose NEES lies in its 95 % band, share."),
     ),
+    "camera": (
+        (("ap50",), "AP50: from an IoU of 0.5, mean of the families; episodes by their objects."),
+        (("ap",), "AP: IoU 0.5 to 0.95."),
+        (("detection_rate", "false_alarms"), "detected, false: from a score of 0.5."),
+        (("category_accuracy",), "category: share right of those found."),
+        (("calibration_error",), "cal. error: of the scores (ECE)."),
+        (("ap50_16px",), "16 px: of objects that high."),
+    ),
+    "fusion": (
+        (("ap",), "AP: of targets of any class, in the image by IoU 0.5, else within 2 m."),
+        (("f1", "detection_rate", "false_alarms"), "Others: from a score of 0.5."),
+        (("distance_right",), "dist. right: of those found, within 10 % or 1 m."),
+        (("hidden_distance_right",), "hidden: more than a third."),
+        (("family_right",), "class right: vehicle, cyclist or pedestrian."),
+        (("calibration_error",), "cal. error: of the scores (ECE)."),
+    ),
     **dict.fromkeys(KITTI_BOARDS, KITTI_EXPLAINED),
 }
 """Metrics and what is said of them when one is shown."""
@@ -193,7 +237,8 @@ def footnote(board: str, width: int, jobs: int) -> str:
     shown = shown_columns(board, width)
     texts = [text for metrics, text in EXPLAINED[board] if any(m in shown for m in metrics)]
     if "call_p50_ms" in shown:
-        texts.append("ms: per frame, the plug-in's call.")
+        what = {"camera": "image", "fusion": "scan"}.get(board, "frame")
+        texts.append(f"ms: per {what}, the plug-in's call.")
         if jobs > 1:
             texts.append(f"Taken with {jobs} workers at once; use --jobs 1 for timing.")
     if len(shown) < len(COLUMNS[board]):

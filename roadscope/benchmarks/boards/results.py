@@ -11,29 +11,41 @@ from roadscope.benchmarks.boards.rank_agreement import BoardAgreement
 from roadscope.benchmarks.boards.rows import (
     CONDITIONS,
     DETECTOR,
+    GIVEN,
+    INPUTS,
     RECORDED_CONDITIONS,
+    SENSOR_CONDITIONS,
     Record,
     Row,
     part_rows,
     whole_rows,
 )
 from roadscope.benchmarks.boards.standing import Standing, standings
-from roadscope.benchmarks.jobs.job import Job
+from roadscope.benchmarks.jobs.fusion_job import ALONE, AnyJob
+from roadscope.benchmarks.jobs.plan import SENSOR_BOARDS
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics.breakdown import BANDS
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.oracle import mark_of
 from roadscope.benchmarks.recorded.combined import BY_ALPHA
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
 from roadscope.core.names import unknown
+from roadscope.core.registry import split_spec
 
 BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
     "detection": (*BANDS, *CONDITIONS),
     "tracking": (*CONDITIONS, DETECTOR),
+    "camera": ("family", "size", "range", "category", "score", *SENSOR_CONDITIONS),
+    "fusion": ("family", "range", "crowd", "score", *SENSOR_CONDITIONS, INPUTS),
     **dict.fromkeys(KITTI_BOARDS, (BY_ALPHA, *RECORDED_CONDITIONS)),
 }
 """By what the figures of each board are broken down."""
 
 
+ONE_SENSOR = "alone"
+"""The mark of what one sensor finds without the other."""
+IMITATION = "imitation"
+"""The mark of what is made from truth with errors."""
 NOT_INSTALLED = " is not installed: "
 """In the reason of an entry that needs another package; see `Requirement.missing`."""
 
@@ -108,7 +120,7 @@ class Results:
 
     def nothing_eligible(self, board: str) -> bool:
         """Say whether a board lacks every value of what is a share of the objects to be found."""
-        share = "detection_rate" if board == "detection" else "mota"
+        share = "detection_rate" if board in ("detection", *SENSOR_BOARDS) else "mota"
         values = [row.value for row in self.rows if (row.board, row.metric) == (board, share)]
         return bool(values) and all(value is None for value in values)
 
@@ -150,10 +162,10 @@ def check_breakdown(by: str, boards: Sequence[str]) -> None:
 
 
 def gather(
-    jobs: Sequence[Job], outcomes: Mapping[str, Outcome], manifest: Mapping[str, Any]
+    jobs: Sequence[AnyJob], outcomes: Mapping[str, Outcome], manifest: Mapping[str, Any]
 ) -> Results:
     """Join the outcomes of jobs into rows, ranked."""
-    grouped: dict[str, dict[str, list[Job]]] = {}
+    grouped: dict[str, dict[str, list[AnyJob]]] = {}
     for job in jobs:
         grouped.setdefault(job.board, {}).setdefault(job.entry, []).append(job)
     order: list[Standing] = []
@@ -175,20 +187,28 @@ def gather(
     )
 
 
-def _failure(job: Job, reason: str) -> Failure:
+def _failure(job: AnyJob, reason: str) -> Failure:
     episode = job.episode
     weather = CONDITIONS["weather"](episode)
     return Failure(job.board, job.entry, episode.scenario, episode.seed, weather, reason)
 
 
-def _record(jobs: Sequence[Job], outcomes: Mapping[str, Outcome]) -> Record:
+def _mark(job: AnyJob) -> str | None:
+    if job.board == "fusion":
+        return ONE_SENSOR if job.entry in ALONE else None
+    if split_spec(job.entry)[0] in CAMERA_NOISES:
+        return IMITATION
+    return mark_of(job.entry, job.tracker)
+
+
+def _record(jobs: Sequence[AnyJob], outcomes: Mapping[str, Outcome]) -> Record:
     first = jobs[0]
     sound = [job for job in jobs if outcomes[job.key].reason is None]
-    public = first.board == "tracking"
+    public = first.board in GIVEN
     return Record(
         first.board,
         first.entry,
-        mark_of(first.entry, first.tracker),
+        _mark(first),
         tuple((job.episode, outcomes[job.key].scores) for job in sound),
         len(jobs),
         tuple(job.detector for job in sound) if public else (),

@@ -18,6 +18,8 @@ from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, Recording
 FIRST_METRIC: Mapping[str, str] = {
     "detection": "f1",
     "tracking": "hota",
+    "camera": "ap50",
+    "fusion": "ap",
     **dict.fromkeys(KITTI_BOARDS, "hota"),
 }
 """By which each board is ranked."""
@@ -27,8 +29,14 @@ CONDITIONS: Mapping[str, Callable[[Any], str]] = {
     "scenario": lambda episode: episode.scenario,
 }
 """What whole episodes of simulated traffic are broken down by."""
-DETECTOR = "detector"
-"""Whose detections a tracker was given."""
+SENSOR_CONDITIONS: Mapping[str, Callable[[Any], str]] = {
+    "condition": lambda episode: episode.condition,
+    **CONDITIONS,
+}
+"""And where cameras are: weather, light and faults together too."""
+DETECTOR, INPUTS = "detector", "inputs"
+"""Whose detections a tracker was given, and a fusion."""
+GIVEN = {"tracking": DETECTOR, "fusion": INPUTS}
 RECORDED_CONDITIONS: Mapping[str, Callable[[Any], str]] = {
     "sequence": lambda recording: recording.sequence,
 }
@@ -36,6 +44,8 @@ RECORDED_CONDITIONS: Mapping[str, Callable[[Any], str]] = {
 CONDITIONS_OF: Mapping[str, Mapping[str, Callable[[Any], str]]] = {
     "detection": CONDITIONS,
     "tracking": CONDITIONS,
+    "camera": SENSOR_CONDITIONS,
+    "fusion": SENSOR_CONDITIONS,
     **dict.fromkeys(KITTI_BOARDS, RECORDED_CONDITIONS),
 }
 
@@ -45,6 +55,8 @@ BROKEN_DOWN: Mapping[str, Sequence[str]] = {
         "heading_rmse_deg", "objects_per_frame", "unseen_per_frame",
     ),
     "tracking": ("hota", "mota", "idf1"),
+    "camera": ("ap50", "detection_rate", "false_alarms", "objects_per_image"),
+    "fusion": ("ap", "f1", "detection_rate", "false_alarms", "distance_right", "family_right"),
     **dict.fromkeys(KITTI_BOARDS, ("hota", "mota", "idf1", "hota_3d")),
 }  # fmt: skip
 """Metrics of whole episodes that are broken down by their conditions."""
@@ -129,7 +141,9 @@ def conditions_of(record: Record) -> dict[str, list[str]]:
     """Return by name of a condition what held in each of the sound episodes."""
     known = CONDITIONS_OF[record.board]
     held = {by: [condition(e) for e, _ in record.sound] for by, condition in known.items()}
-    return {**held, DETECTOR: list(record.detectors)} if record.detectors else held
+    if not record.detectors:
+        return held
+    return {**held, GIVEN[record.board]: list(record.detectors)}
 
 
 def blocks(samples: Sequence[tuple[Episode | Recording, Score]]) -> dict[tuple[str, int], Score]:

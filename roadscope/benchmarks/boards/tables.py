@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.table import Table
 from rich.text import Text
 
@@ -17,17 +19,38 @@ from roadscope.benchmarks.boards.rank_agreement import LEAST
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
+from roadscope.benchmarks.jobs.plan import BOARDS
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, OFFLINE
 from roadscope.benchmarks.recorded.suite import RecordedSuite
 from roadscope.benchmarks.suite import Suite
 from roadscope.benchmarks.tables import plain_table
 
+IN_IMAGES = (
+    "To be found in images: road users of whom 40 pixels show, 8 high, at most three quarters "
+    "hidden and not lost in fog or rain; parked cars count neither way."
+)
+IN_BOTH = (
+    "To be found by fusions: road users in the image, 3 to 60 m away, with 5 returns or 60 pixels, "
+    "12 high, less than nine tenths hidden."
+)
 
-def conditions(suite: Suite) -> str:
+
+def conditions(suite: Suite, boards: Sequence[str] = BOARDS) -> str:
     """Say what is to be found, by whom, and how sure the figures are."""
     if isinstance(suite, RecordedSuite):
         return recorded_conditions(suite)
+    texts = [_of_lidar(suite)] if set(boards) & set(BOARDS) else []
+    texts += [IN_IMAGES] if "camera" in boards else []
+    if "fusion" in boards:
+        lidar, camera = (" and ".join(d) for d in (suite.fused_lidar, suite.fused_camera))
+        texts += [IN_BOTH, f"They get the detections of {lidar} with those of {camera}."]
+        if any(d.startswith("noisy-camera") for d in suite.fused_camera):
+            texts.append("noisy-camera is an imitation made from truth.")
+    return " ".join([*texts, "In brackets: 95 % intervals over seeds."])
+
+
+def _of_lidar(suite: Suite) -> str:
     rule = suite.eligibility
     near, far = rule.range_m
     families = " and ".join(f"{family}s" for family in rule.families)
@@ -38,7 +61,7 @@ def conditions(suite: Suite) -> str:
         text += f" Trackers get the detections of {', of '.join([first, *others])}"
         text += "; figures are of all of these together" if others else ""
         text += ", 'on oracle' the true boxes." if ORACLE in suite.public_detectors[1:] else "."
-    return text + " In brackets: 95 % intervals over seeds."
+    return text
 
 
 def recorded_conditions(suite: RecordedSuite) -> str:

@@ -30,7 +30,7 @@ from roadscope.benchmarks.metrics.detection import score_detections
 from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.noisy import NOISES
-from roadscope.benchmarks.oracle import ORACLE, made_from_truth
+from roadscope.benchmarks.oracle import ORACLE, full_name, is_fused, made_from_truth
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
 from roadscope.benchmarks.recorded.recording import OFFLINE, Recording, replayed, sequence_of
@@ -88,7 +88,11 @@ class Job:
             return rule
         if made_from_truth(self.detector):
             return fingerprint([rule, NOISES.make(self.detector)])
-        return plugin_hash(DETECTORS.resolve(self.detector))
+        if is_fused(self.detector) and isinstance(self.episode, Episode):
+            from roadscope.benchmarks.jobs.fused import FusedSpec
+
+            return FusedSpec.parse(self.detector).made_by(self.episode, self.eligibility, 0.0)
+        return plugin_hash(DETECTORS.resolve(full_name(self.detector)))
 
     @cached_property
     def spec(self) -> str:
@@ -143,8 +147,17 @@ def detections_of(job: Job, fresh: bool = False) -> Perceived:
     """Read the detections of an episode, or make and keep them."""
     if isinstance(job.episode, Recording):
         return replayed(job.episode)
-    make = partial(perceive, job.detector, job.episode, job.eligibility)
+    make = partial(perceived_by, job.detector, job.episode, job.eligibility)
     return kept(job.detections_path, Perceived.load, make, anew=fresh)
+
+
+def perceived_by(detector: str, episode: Episode, eligibility: Eligibility) -> Perceived:
+    """Run whatever makes detections in space over an episode, a fusion with its sensors too."""
+    if not is_fused(detector):
+        return perceive(full_name(detector), episode, eligibility)
+    from roadscope.benchmarks.jobs.fused import perceive_fused
+
+    return perceive_fused(detector, episode, eligibility)
 
 
 def detection_scores(

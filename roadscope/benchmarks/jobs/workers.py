@@ -63,12 +63,12 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _in_worker(parent: int, function: Callable[[Any], R], index: int, item: Any) -> tuple[int, R]:
-    _leave_with(parent)
+    leave_with(parent)
     return index, function(item)
 
 
 @cache
-def _leave_with(parent: int) -> None:
+def leave_with(parent: int) -> None:
     """End this worker soon after the process that started it was killed."""
 
     def watch() -> None:

@@ -61,11 +61,12 @@ def _precision_of(
         fates = outcomes(np.array(cost), order, pairing.eligible, pairing.counted)
         hits.append(fates[fates != IGNORED] == HIT)
         ranked.append(frame_scores[fates != IGNORED])
-    value = _area(np.concatenate(hits), np.concatenate(ranked), total) if total else np.nan
+    value = area_under(np.concatenate(hits), np.concatenate(ranked), total) if total else np.nan
     return Score(value, "1", "higher", total, 0.0, 1.0, weight=total)
 
 
-def _area(hits: np.ndarray, scores: np.ndarray, total: int) -> float:
+def area_under(hits: np.ndarray, scores: np.ndarray, total: int) -> float:
+    """Return average precision of (N,) detections, (N,) bool right, of a total to be found."""
     order = np.argsort(-scores, kind="stable")
     last_of_step = np.flatnonzero(np.diff(scores[order], append=-np.inf))
     found = np.cumsum(hits[order])[last_of_step]

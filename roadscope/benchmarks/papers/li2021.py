@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.metrics.fusion import FusionRates, Targets, judge, rates
+from roadscope.benchmarks.metrics.fusion_parts import in_crowd
 from roadscope.benchmarks.papers.li2021_scene import Moment, film
 from roadscope.benchmarks.papers.li2021_table import table_1
 from roadscope.benchmarks.papers.reproduction import (
@@ -31,8 +30,6 @@ from roadscope.fusion.masses import FAMILIES
 
 FIRST_SEED = 20000
 SCENARIOS, RIG, DURATION_S, EVERY = ("street", "town-crossing"), "li2021", 10.0, 8
-CROWD_M = 1.5
-"""People are in a crowd whose next one stands this near."""
 LIDAR, CAMERA = "LiDAR alone", "camera alone"
 THRESHOLDS = {
     LIDAR: 0.8226,
@@ -162,12 +159,7 @@ def outcomes(
 
 def crowded(targets: Targets) -> Targets:
     """Ask for people in crowds only."""
-    people = targets.families == 2
-    apart = np.linalg.norm(targets.centres[:, None, :2] - targets.centres[None, :, :2], axis=-1)
-    apart[:, ~people] = np.inf
-    np.fill_diagonal(apart, np.inf)
-    near = apart.min(axis=1, initial=np.inf) < CROWD_M
-    return replace(targets, eligible=targets.eligible & people & near)
+    return replace(targets, eligible=targets.eligible & in_crowd(targets))
 
 
 def quantities(result: FusionRates) -> dict[str, float]:

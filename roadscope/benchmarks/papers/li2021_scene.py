@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.benchmarks.episode import Episode, timeline_of
-from roadscope.benchmarks.images import sensing_of
+from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
+from roadscope.benchmarks.images import sensing_without_pixels
 from roadscope.benchmarks.metrics.fusion import Targets
 from roadscope.benchmarks.noisy_camera import CameraNoise, NoisyCamera
 from roadscope.benchmarks.parked import parked_among
@@ -46,7 +46,7 @@ def film(
         raise ValueError("night and noise are of the imitation, and a detector was given")
     timeline, carrier = timeline_of(episode), rig(episode.rig)
     assert carrier.camera is not None
-    sensing = sensing_of(episode, pixels=detector is not None)
+    sensing = sensing_without_pixels(episode) if detector is None else sensing_of(episode)
     pinhole = carrier.camera.spec.pinhole
     projection = Projection.of(pinhole.intrinsics, carrier.camera.ego_from_camera, pinhole.width,
                                pinhole.height)  # fmt: skip

@@ -69,6 +69,10 @@ class CameraDetector:
     def reset(self) -> None:
         """Nothing is remembered."""
 
+    def prepare(self) -> None:
+        """Read the network now; `WeightsError` names the file and what is wrong with it."""
+        _ = self._loaded
+
     def detect(self, frame: Frame) -> ImageDetections:
         """Return the boxes in the frame's image, the surest first."""
         if frame.camera is None:

@@ -1,0 +1,84 @@
+"""A stranger's plug-in in a process of its own, with a deadline.
+
+Whatever it does there, hang, use up memory, end the program, costs it its own row and no more.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from roadscope.benchmarks.jobs.workers import leave_with
+
+R = TypeVar("R")
+
+DEADLINE_S = 300.0
+"""For an entry that is not ours, on one episode."""
+
+
+class ApartError(RuntimeError):
+    """The process did not answer; the message says why."""
+
+
+def apart(function: Callable[..., R], *arguments: Any, deadline_s: float = DEADLINE_S) -> R:
+    """Call a function of a module in another process and return what it returns.
+
+    Arguments and result are pickled. `ApartError` when it takes longer, or ends otherwise.
+    """
+    with tempfile.TemporaryDirectory(prefix="roadscope-") as place:
+        given, answer = Path(place) / "given", Path(place) / "answer"
+        given.write_bytes(pickle.dumps((os.getpid(), list(sys.path), function, arguments)))
+        child = subprocess.Popen(
+            [sys.executable, "-m", "roadscope.benchmarks.jobs.apart", str(given), str(answer)],
+            stdout=sys.stderr if hasattr(sys.stderr, "fileno") and _has_file() else None,
+        )
+        try:
+            code = child.wait(deadline_s)
+        except subprocess.TimeoutExpired:
+            raise ApartError(f"no answer within {deadline_s:g} s: it hangs") from None
+        finally:
+            child.kill()
+            child.wait()
+        if code != 0 or not answer.exists():
+            raise ApartError(f"ended its whole process, {_ended(code)}")
+        result: R = pickle.loads(answer.read_bytes())
+        return result
+
+
+def _has_file() -> bool:
+    try:
+        sys.stderr.fileno()
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def _ended(code: int) -> str:
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return f"signal {signal.Signals(-code).name}"
+    except ValueError:
+        return f"signal {-code}"
+
+
+def main() -> None:
+    """Do what the file says and write the answer."""
+    given, answer = map(Path, sys.argv[1:3])
+    # Both are files of the parent's own.
+    parent, sys.path[:], function, arguments = pickle.loads(given.read_bytes())
+    leave_with(parent)
+    part = answer.with_suffix(".part")
+    part.write_bytes(pickle.dumps(function(*arguments)))
+    part.replace(answer)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""One fusion on one episode, given one LiDAR's and one camera's detections."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.fingerprint import code_hash, fingerprint
+from roadscope.benchmarks.jobs.camera_job import CameraJob
+from roadscope.benchmarks.jobs.fused import CAMERA_ALONE, LIDAR_ALONE, FusedSpec, Moments, fuse
+from roadscope.benchmarks.jobs.job import Job, cost
+from roadscope.benchmarks.jobs.stack import EntryError, describe, prints_aside
+from roadscope.benchmarks.jobs.store import Outcome
+from roadscope.benchmarks.metrics import METRIC_VERSION
+from roadscope.benchmarks.metrics.fusion_parts import fusion_scores
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.fusion import FUSIONS
+
+SCORING = ("benchmarks/metrics", "benchmarks/jobs/fusion_job.py")
+ALONE = (LIDAR_ALONE, CAMERA_ALONE)
+"""What one sensor finds without the other: marks of the board."""
+
+
+@dataclass(frozen=True)
+class FusionJob:
+    """What a worker is told: names and numbers, no objects.
+
+    entry: how the board calls it. given: whose detections are joined, and by what.
+    every_s: from scan to scan.
+    """
+
+    entry: str
+    given: FusedSpec
+    episode: Episode
+    eligibility: Eligibility
+    every_s: float
+
+    board = "fusion"
+    tracker = None
+
+    @property
+    def detector(self) -> str:
+        """Whose detections are joined, in words."""
+        return f"{self.given.lidar} + {self.given.camera}"
+
+    @property
+    def ours(self) -> bool:
+        """Whether what is called ships with this package."""
+        return self.given.fusion in ALONE or FUSIONS.resolve(self.given.fusion).ours
+
+    @cached_property
+    def spec(self) -> str:
+        """Everything that the result depends on, as JSON."""
+        content = {
+            "board": self.board,
+            "entry": self.entry,
+            "given": self.detector,
+            "fused": self.given.made_by(self.episode, self.eligibility, self.every_s),
+            "every_s": self.every_s,
+            "metric_version": METRIC_VERSION,
+            "metric_code": code_hash(*SCORING),
+        }
+        return json.dumps(content, sort_keys=True)
+
+    @cached_property
+    def key(self) -> str:
+        """The content hash under which the result is kept."""
+        return fingerprint(self.spec)
+
+
+AnyJob = Job | CameraJob | FusionJob
+
+
+@prints_aside()
+def execute_fusion(job: FusionJob) -> Outcome:
+    """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
+    try:
+        moments = fuse(job.given, job.episode, job.eligibility, job.every_s)
+        return Outcome(moment_scores(moments, marked=job.given.fusion in ALONE))
+    except EntryError as error:
+        return Outcome({}, str(error))
+    except Exception as error:
+        return Outcome({}, f"not the entry's fault: {describe(error)}")
+
+
+def moment_scores(moments: Moments, *, marked: bool = False) -> dict[str, Score]:
+    """Return the scores of an episode's fused targets, and what fusing them took."""
+    scores = fusion_scores(moments.fused, moments.targets)
+    return scores if marked else scores | cost(moments.calls_ms)
