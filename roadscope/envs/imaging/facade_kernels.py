@@ -38,7 +38,7 @@ def facade(
     if bays < 1.0 or storeys < 1.0 or z > span[1] - CORNICE_M:
         _scale(out, 1.08 if z > span[1] - 0.25 else 0.97)
         return
-    bay, storey = way * bays / length, (z - span[0]) * storeys / high
+    bay, storey = way * (bays / length), (z - span[0]) * (storeys / high)
     u, v = bay - np.floor(bay), storey - np.floor(storey)
     if span[0] > 1.0:
         storey += np.floor(span[0] / STOREY_M)

@@ -10,7 +10,7 @@ from roadscope.envs.imaging.lamp_kernels import own_beam, pool_at
 from roadscope.envs.imaging.pattern_kernels import GLASS, METAL, PLAIN, SIGN, Looks, paint
 from roadscope.envs.imaging.sky_kernels import BLOCK, Air
 from roadscope.envs.imaging.stage_kernels import Stage, share_passed
-from roadscope.envs.imaging.tarmac_kernels import CHUNK, ground_run, plain_ground
+from roadscope.envs.imaging.tarmac_kernels import CHUNK, LAMP_STEP, ground_run, plain_ground
 from roadscope.envs.imaging.vehicle_kernels import slanted
 
 
@@ -95,12 +95,22 @@ def _sky_run(
     haze = np.exp(-900.0 * air.extinction)
     for j in range(start // BLOCK, (end + BLOCK - 1) // BLOCK):
         first, last = max(start, j * BLOCK), min(end, (j + 1) * BLOCK)
-        for k in range(3):
-            step = (line[j + 1, k] - line[j, k]) * np.float32(1.0 / BLOCK)
-            value = line[j, k] + np.float32(first + 0.5 - j * BLOCK) * step
-            for c in range(first, last):
-                light[c, k] = value
-                value += step
+        # The three colours in one loop: none waits for another's sum.
+        share = np.float32(1.0 / BLOCK)
+        red_step, green_step = (
+            (line[j + 1, 0] - line[j, 0]) * share,
+            (line[j + 1, 1] - line[j, 1]) * share,
+        )
+        blue_step = (line[j + 1, 2] - line[j, 2]) * share
+        way = np.float32(first + 0.5 - j * BLOCK)
+        red, green, blue = (
+            line[j, 0] + way * red_step,
+            line[j, 1] + way * green_step,
+            line[j, 2] + way * blue_step,
+        )
+        for c in range(first, last):
+            light[c, 0], light[c, 1], light[c, 2] = red, green, blue
+            red, green, blue = red + red_step, green + green_step, blue + blue_step
     if near:
         for c in range(start, end):
             du = (c + 0.5 - lens.centre[0]) / lens.focal[0]
@@ -133,8 +143,12 @@ def _solid_run(
     dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
     x0, y0 = r[1, 0] * dv + r[2, 0], r[1, 1] * dv + r[2, 1]
     z0 = r[1, 2] * dv + r[2, 2]
+    here = ahead = step = (0.0, 0.0)
+    slope = 1.0 / lens.focal[0]
+    if air.lamps:
+        ahead = _lamps_on(lens, looks, stage, m, normal, _place_of(lens, q, start, (x0, y0, z0)))
     for c in range(start, end):
-        du, depth = (c + 0.5 - lens.centre[0]) / lens.focal[0], 1.0 / q[c]
+        du, depth = (c + 0.5 - lens.centre[0]) * slope, 1.0 / q[c]
         vx, vy, vz = x0 + r[0, 0] * du, y0 + r[0, 1] * du, z0 + r[0, 2] * du
         place = (
             lens.origin[0] + depth * vx, lens.origin[1] + depth * vy, lens.origin[2] + depth * vz,
@@ -155,7 +169,17 @@ def _solid_run(
             out[5] += out[1] * stage.glow[m, side, 1]
             out[6] += out[2] * stage.glow[m, side, 2]
         if air.lamps:
-            _lamplight(lens, looks, stage, m, normal, place, out)
+            along = (c - start) % LAMP_STEP
+            if along == 0:
+                last = min(end - 1, c + LAMP_STEP)
+                there = _place_of(lens, q, last, (x0, y0, z0))
+                here, ahead = ahead, _lamps_on(lens, looks, stage, m, normal, there)
+                share = 1.0 / max(1, last - c)
+                step = (share * (ahead[0] - here[0]), share * (ahead[1] - here[1]))
+            warm, white = here[0] + along * step[0], here[1] + along * step[1]
+            out[4] += out[0] * (warm + white)
+            out[5] += out[1] * (0.72 * warm + 0.95 * white)
+            out[6] += out[2] * (0.42 * warm + 0.85 * white)
         if air.extinction * depth > 0.004:
             size = np.sqrt(1.0 + du * du + dv * dv)
             clear = share_passed(stage.fades, air.extinction * depth * size)
@@ -201,16 +225,18 @@ def _glossy(
 
 
 @compiled(borrowing=True)
-def _lamplight(
+def _lamps_on(
     lens: Lens,
     looks: Looks,
     stage: Stage,
     m: int,
     normal: tuple[float, float, float],
     place: tuple[float, float, float],
-    out: np.ndarray,
-) -> None:
-    """Add what lamps throw on a surface; sheeting of signs throws headlights back to them."""
+) -> tuple[float, float]:
+    """Light of street lamps and of headlights on a surface.
+
+    Sheeting of signs throws headlights back to them.
+    """
     upright = normal[2] == 0.0
     white = own_beam(lens, place[0], place[1], place[2], True)
     if upright:
@@ -228,9 +254,21 @@ def _lamplight(
     )
     warm = 0.55 * pool_at(stage.pools, stage.corner, place[0], place[1], 0)
     warm *= max(0.1, 1.0 - place[2] / 8.0) if looks.patterns[m] != METAL else 0.5
-    out[4] += out[0] * (warm + white)
-    out[5] += out[1] * (0.72 * warm + 0.95 * white)
-    out[6] += out[2] * (0.42 * warm + 0.85 * white)
+    return warm, white
+
+
+@compiled(forceinline=True, borrowing=True)
+def _place_of(
+    lens: Lens, q: np.ndarray, c: int, ray: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Place of the surface behind a pixel of a row; ray: of the row, at the optical centre."""
+    r = lens.rotation
+    du, depth = (c + 0.5 - lens.centre[0]) / lens.focal[0], 1.0 / q[c]
+    return (
+        lens.origin[0] + depth * (ray[0] + r[0, 0] * du),
+        lens.origin[1] + depth * (ray[1] + r[0, 1] * du),
+        lens.origin[2] + depth * (ray[2] + r[0, 2] * du),
+    )
 
 
 @compiled()

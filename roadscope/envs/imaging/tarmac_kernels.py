@@ -8,7 +8,7 @@ from roadscope.core.jit import compiled
 from roadscope.envs.imaging.face_kernels import Lens
 from roadscope.envs.imaging.ground_kernels import CELLS_M, SIDE
 from roadscope.envs.imaging.lamp_kernels import own_beam, pool_at
-from roadscope.envs.imaging.noise_kernels import blend_of, cell_of
+from roadscope.envs.imaging.noise_kernels import NOISE_SIDE, blend_of, cell_of
 from roadscope.envs.imaging.sky_kernels import Air
 from roadscope.envs.imaging.stage_kernels import Stage, share_passed
 
@@ -18,6 +18,8 @@ SPECKS = 170.0
 """Cells of noise to a metre of ground seen close by."""
 DETAIL_M = 14.0
 """Nearer than this the grain of the ground is seen."""
+LAMP_STEP = 8
+"""Pixels along a row between which the light of lamps changes evenly."""
 OUTER, MIDDLE, ALL = 0xFF00FF, 0x00FF00, 0xFF00FF00FF
 """Red and blue, green of a packed colour, and all three a byte apart."""
 
@@ -66,8 +68,10 @@ def ground_run(
     )  # fmt: skip
     _ground_cells(stage, level, base, bench, end - start)
     _ground_light(stage, air, row, start, end - start, bench)
-    if air.lamps or air.wet > 0.0:
-        _ground_lamps(lens, stage, air, base, row, start, end - start, bench)
+    if air.lamps:
+        _ground_lamps(lens, stage, base, row, start, end - start, bench)
+    if air.wet > 0.0:
+        _ground_water(lens, stage, air, base, end - start, bench)
     if air.extinction * max(bench[2, 0], bench[2, end - start - 1]) > 0.004:
         _ground_air(lens, stage, air, dv, start, end, bench)
     for c in range(start, end):
@@ -131,10 +135,13 @@ def _ground_cells(
         bench[5, n] = (mixed >> 16) & 255
     if bench[2, 0] < DETAIL_M:
         # A tile of noise is as wide as 256 specks; places far out lose no digits.
-        fine_x, fine_y = SPECKS * (base[0] % 256.0), SPECKS * (base[1] % 256.0)
+        fine_x = np.float32(SPECKS * (base[0] % 256.0) % NOISE_SIDE)
+        fine_y = np.float32(SPECKS * (base[1] % 256.0) % NOISE_SIDE)
+        specks = np.float32(SPECKS)
         for n in range(count):
-            x, y = fine_x + SPECKS * bench[0, n], fine_y + SPECKS * bench[1, n]
-            speck = cell_of(stage.noise, x, y)
+            speck = cell_of(
+                stage.noise, fine_x + specks * bench[0, n], fine_y + specks * bench[1, n]
+            )
             near = np.float32(max(0.0, 1.0 - bench[2, n] / DETAIL_M))
             grain = (
                 np.float32(1.0) + np.float32(0.45) * (np.float32(speck) - np.float32(0.5)) * near
@@ -163,30 +170,54 @@ def _ground_light(
 def _ground_lamps(
     lens: Lens,
     stage: Stage,
-    air: Air,
     base: tuple[float, float],
     row: int,
     start: int,
     count: int,
     bench: np.ndarray,
 ) -> None:
-    """Add the light of lamps, and what wet ground mirrors."""
+    """Add the light of lamps: exact every `LAMP_STEP` pixels, linear between them."""
+    ahead = _lamps_at(lens, stage, base, bench, 0)
+    for first in range(0, count, LAMP_STEP):
+        last = min(count - 1, first + LAMP_STEP)
+        here, ahead = ahead, _lamps_at(lens, stage, base, bench, last)
+        share = np.float32(1.0 / max(1, last - first))
+        step = (share * (ahead[0] - here[0]), share * (ahead[1] - here[1]))
+        for n in range(first, min(count, first + LAMP_STEP)):
+            along = np.float32(n - first)
+            warm = (here[0] + along * step[0]) * np.float32(stage.open_sky[row, start + n])
+            warm *= np.float32(1.0 / 255.0)
+            white = here[1] + along * step[1]
+            bench[3, n] += bench[6, n] * (warm + white)
+            bench[4, n] += bench[7, n] * (np.float32(0.72) * warm + np.float32(0.95) * white)
+            bench[5, n] += bench[8, n] * (np.float32(0.42) * warm + np.float32(0.85) * white)
+
+
+@compiled(forceinline=True, borrowing=True)
+def _lamps_at(
+    lens: Lens, stage: Stage, base: tuple[float, float], bench: np.ndarray, n: int
+) -> tuple[np.float32, np.float32]:
+    """Light of street lamps and of headlights on one pixel of ground, over 255 squared."""
+    x, y = base[0] + bench[0, n], base[1] + bench[1, n]
+    warm = pool_at(stage.pools, stage.corner, x, y, 0)
+    white = pool_at(stage.pools, stage.corner, x, y, 1) + own_beam(lens, x, y, 0.0, False)
+    return np.float32(warm / 255.0**2), np.float32(white / 255.0**2)
+
+
+@compiled(borrowing=True)
+def _ground_water(
+    lens: Lens, stage: Stage, air: Air, base: tuple[float, float], count: int, bench: np.ndarray
+) -> None:
+    """Let wet ground be darker, and mirror the sky."""
     for n in range(count):
-        x, y = base[0] + bench[0, n], base[1] + bench[1, n]
-        if air.lamps:
-            warm = pool_at(stage.pools, stage.corner, x, y, 0)
-            warm *= stage.open_sky[row, start + n] / 255.0
-            white = pool_at(stage.pools, stage.corner, x, y, 1) + own_beam(lens, x, y, 0.0, False)
-            bench[3, n] += bench[6, n] * (warm + white) / 255.0**2
-            bench[4, n] += bench[7, n] * (0.72 * warm + 0.95 * white) / 255.0**2
-            bench[5, n] += bench[8, n] * (0.42 * warm + 0.85 * white) / 255.0**2
-        if air.wet > 0.0:
-            share = _mirrored(lens, stage, air, x, y, bench[2, n])
-            # Water does not stand on grass.
-            share *= 0.15 if bench[7, n] > 1.15 * bench[6, n] else 1.0
-            dark = 1.0 - 0.4 * air.wet - share
-            for k in range(3):
-                bench[3 + k, n] = dark * bench[3 + k, n] + share * air.horizon[k]
+        share = _mirrored(
+            lens, stage, air, base[0] + bench[0, n], base[1] + bench[1, n], bench[2, n]
+        )
+        # Water does not stand on grass.
+        share *= 0.15 if bench[7, n] > 1.15 * bench[6, n] else 1.0
+        dark = 1.0 - 0.4 * air.wet - share
+        for k in range(3):
+            bench[3 + k, n] = dark * bench[3 + k, n] + share * air.horizon[k]
 
 
 @compiled(forceinline=True, borrowing=True)
