@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from roadscope.commands.calibrate import calibrate
 from roadscope.commands.check import check
 from roadscope.commands.leaderboard import leaderboard
 from roadscope.commands.list import list_names
@@ -22,7 +23,7 @@ USAGE, FAILED, INTERRUPTED = 2, 1, 130
 
 app = typer.Typer(
     name="roadscope",
-    help="Compare LiDAR detectors and trackers on simulated traffic with perfect truth.",
+    help="Compare detectors, trackers and fusions on simulated traffic with perfect truth.",
     epilog="Start with:  roadscope leaderboard",
     no_args_is_help=True,
     add_completion=False,
@@ -35,6 +36,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., None], str]] = {
     "run": (run_scenario, "roadscope run roundabout --seed 3 --picture scene.png"),
     "leaderboard": (leaderboard, 'roadscope leaderboard --entry "my_tracker.py:Mine?gate_m=2.5"'),
     "check": (check, "roadscope check my_tracker.py:Mine"),
+    "calibrate": (calibrate, "roadscope calibrate --rig li2021 --poses 20 --out calibration.json"),
     "reproduce": (reproduce, "roadscope reproduce lu2018 --out results"),
     "speed": (speed, "roadscope speed detectors --out results"),
     "train": (train, "roadscope train camera --out my_network.safetensors"),

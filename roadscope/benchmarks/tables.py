@@ -42,6 +42,24 @@ def speed_table(rows: Sequence[Any]) -> Table:
     return table
 
 
+def pose_table(rows: Sequence[Any]) -> Table:
+    """Return what numbers of poses of a board give; rows are `calibrating.PoseRow`s."""
+    table = plain_table()
+    for name in (
+        "poses", "reprojection\npx", "8 to 30 m\npx", "worst\npx", "position\ncm",
+        "rotation\ndeg",
+    ):  # fmt: skip
+        table.add_column(f"  {name}" if name != "poses" else name, justify="right")
+    for row in rows:
+        figures = (
+            row.reprojection_px, row.held_out_px, row.held_out_most_px, 100 * row.position_m,
+            row.rotation_deg,
+        )  # fmt: skip
+        told = ("-" if not math.isfinite(value) else f"{value:.2f}" for value in figures)
+        table.add_row(str(row.poses), *told)
+    return table
+
+
 def name_table(kind: str, names: Sequence[tuple[str, str]]) -> Table:
     """Return names with their descriptions."""
     table = plain_table(title=kind, title_justify="left", title_style="bold")

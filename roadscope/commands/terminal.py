@@ -16,9 +16,9 @@ def console(*, stderr: bool = False) -> Any:
     return Console(stderr=stderr, highlight=False)
 
 
-def show(thing: Any) -> None:
+def show(thing: Any, *, dim: bool = False) -> None:
     """Print a table or text with rich's markup."""
-    console().print(thing)
+    console().print(thing, style="dim" if dim else None)
 
 
 def headline(text: str) -> None:

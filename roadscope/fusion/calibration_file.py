@@ -1,7 +1,8 @@
-"""A calibration as a TOML file, and read back."""
+"""A calibration as a TOML or JSON file, and read back."""
 
 from __future__ import annotations
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -15,8 +16,14 @@ KEYS = ("matrix", "width", "height", "origin", "reprojection_px", "points")
 
 
 def write_calibration(path: Path | str, result: CalibrationResult, origin: str) -> None:
-    """Write matrix, size of the image, error and where it comes from."""
-    projection = result.projection
+    """Write matrix, size of the image, error and where it comes from.
+
+    A path that ends in .json gets JSON, any other TOML.
+    """
+    projection, path = result.projection, Path(path)
+    if path.suffix.lower() == ".json":
+        path.write_text(_json(result, origin), encoding="utf-8")
+        return
     rows = ",\n".join(
         f"    [{', '.join(repr(float(v)) for v in row)}]" for row in projection.matrix
     )
@@ -27,18 +34,35 @@ def write_calibration(path: Path | str, result: CalibrationResult, origin: str) 
         f"reprojection_px = {result.reprojection_px:.4f}\npoints = {int(result.inliers.sum())}\n"
         f"origin = {_quoted(origin)}\n"
     )
-    Path(path).write_text(text, encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
+
+
+def _json(result: CalibrationResult, origin: str) -> str:
+    projection = result.projection
+    content = {
+        "matrix": projection.matrix.tolist(),
+        "width": projection.width,
+        "height": projection.height,
+        "reprojection_px": round(result.reprojection_px, 4),
+        "points": int(result.inliers.sum()),
+        "origin": origin,
+    }
+    return json.dumps(content, indent=1) + "\n"
 
 
 def read_calibration(path: Path | str) -> Projection:
     """Read a projection; a file that holds none is refused with what is wrong in it."""
     path = Path(path)
+    kind = "JSON" if path.suffix.lower() == ".json" else "TOML"
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        table = json.loads(text) if kind == "JSON" else tomllib.loads(text)
     except OSError as error:
         raise CalibrationError(f"cannot read {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"{path} is not a TOML file: {error}") from error
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise CalibrationError(f"{path} is not a {kind} file: {error}") from error
+    if not isinstance(table, dict):
+        raise CalibrationError(f"{path}: expected names with values, got {type(table).__name__}")
     unknown = [key for key in table if key not in KEYS]
     missing = [key for key in KEYS[:3] if key not in table]
     if unknown or missing:
@@ -48,6 +72,8 @@ def read_calibration(path: Path | str) -> Projection:
         matrix = np.array(table["matrix"], np.float64)
     except (ValueError, TypeError) as error:
         raise CalibrationError(f"{path}: matrix: expected 3 rows of 4 numbers") from error
+    if not np.isfinite(matrix).all():
+        raise CalibrationError(f"{path}: matrix: expected finite numbers")
     if matrix.shape != (3, 4):
         raise CalibrationError(f"{path}: matrix: expected 3 rows of 4 numbers, got {matrix.shape}")
     for key in ("width", "height"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +80,66 @@ def places(rig: Rig, count: int, rng: np.random.Generator) -> np.ndarray:
     return np.column_stack([ahead, aside, bottom, rng.uniform(-0.6, 0.6, count)])
 
 
+@dataclass(frozen=True, slots=True)
+class Views:
+    """The board's corners in both sensors, pose by pose; poses that failed are not among them.
+
+    points: (3, 3) each, metres, ego frame. pixels: (3, 2) each.
+    """
+
+    points: tuple[np.ndarray, ...]
+    pixels: tuple[np.ndarray, ...]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def select(self, rows: Sequence[int]) -> Views:
+        """Keep some poses."""
+        return Views(tuple(self.points[k] for k in rows), tuple(self.pixels[k] for k in rows))
+
+
+def board_views(
+    rig: Rig, poses: int, rng: np.random.Generator, *, board: Board | None = None,
+    told: Callable[[int], None] | None = None,
+) -> Views:  # fmt: skip
+    """Hold the board before a rig in random poses; told: how many are done."""
+    points, pixels = [], []
+    for number, place in enumerate(places(rig, poses, rng), start=1):
+        try:
+            found, seen, _ = corners_of(rig, board or Board(), place, rng)
+        except CalibrationError:
+            continue
+        finally:
+            if told is not None:
+                told(number)
+        points.append(found)
+        pixels.append(seen)
+    if not points:
+        raise CalibrationError(f"none of {poses} poses showed the board to both sensors")
+    return Views(tuple(points), tuple(pixels))
+
+
+def solved(rig: Rig, views: Views, seed: int, *, known: bool = False) -> CalibrationResult:
+    """Calibrate a rig; known: whether the intrinsics are known already."""
+    assert rig.camera is not None
+    pinhole = rig.camera.spec.pinhole
+    return calibrate(np.concatenate(views.points), np.concatenate(views.pixels), pinhole.width,
+                     pinhole.height, gate_px=GATE_PX, seed=seed,
+                     intrinsics=pinhole.intrinsics if known else None)  # fmt: skip
+
+
+def held_out_px(rig: Rig, projection: Projection) -> float:
+    """Return how far a calibration puts places that were not used from where they are."""
+    assert rig.camera is not None
+    pinhole = rig.camera.spec.pinhole
+    truth = Projection.of(pinhole.intrinsics, rig.camera.ego_from_camera, pinhole.width,
+                          pinhole.height)  # fmt: skip
+    far = np.stack(np.meshgrid([8.0, 15, 30], [-0.2, 0, 0.2], [0.2, 1.0, 1.8]), -1).reshape(-1, 3)
+    far[:, 1] *= far[:, 0]
+    errors = distances_px(projection.matrix, far, truth.project(far)[0])
+    return float(np.sqrt((errors**2).mean()))
+
+
 def calibrated(
     rig: Rig, poses: int, seed: int, *, board: Board | None = None, known: bool = False
 ) -> tuple[CalibrationResult, BoardErrors]:
@@ -86,29 +147,10 @@ def calibrated(
 
     known: whether the intrinsics are known already.
     """
-    assert rig.camera is not None
-    rng, board = np.random.default_rng([seed, poses]), board or Board()
-    points, pixels = [], []
-    for place in places(rig, poses, rng):
-        try:
-            found, seen, _ = corners_of(rig, board, place, rng)
-        except CalibrationError:
-            continue
-        points.append(found)
-        pixels.append(seen)
-    if not points:
-        raise CalibrationError(f"none of {poses} poses showed the board to both sensors")
-    pinhole = rig.camera.spec.pinhole
-    result = calibrate(np.concatenate(points), np.concatenate(pixels), pinhole.width,
-                       pinhole.height, gate_px=GATE_PX, seed=seed,
-                       intrinsics=pinhole.intrinsics if known else None)  # fmt: skip
-    truth = Projection.of(pinhole.intrinsics, rig.camera.ego_from_camera, pinhole.width,
-                          pinhole.height)  # fmt: skip
-    far = np.stack(np.meshgrid([8.0, 15, 30], [-0.2, 0, 0.2], [0.2, 1.0, 1.8]), -1).reshape(-1, 3)
-    far[:, 1] *= far[:, 0]
-    errors = distances_px(result.projection.matrix, far, truth.project(far)[0])
-    rms = float(np.sqrt((errors**2).mean()))
-    return result, BoardErrors(rms, result.reprojection_px, len(points))
+    views = board_views(rig, poses, np.random.default_rng([seed, poses]), board=board)
+    result = solved(rig, views, seed, known=known)
+    off_px = held_out_px(rig, result.projection)
+    return result, BoardErrors(off_px, result.reprojection_px, len(views))
 
 
 def _in_scans(rig: Rig, scene: Scene, board: Board, rng: np.random.Generator) -> np.ndarray:

@@ -1,0 +1,152 @@
+"""A rig calibrated with a triangular board, and how many poses of the board that takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.cache import FolderError, usable_folder, write_atomically
+from roadscope.benchmarks.images import camera_of
+from roadscope.benchmarks.papers.li2021_board import Views, board_views, held_out_px, solved
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.envs.sensors.rig import Rig
+from roadscope.envs.sensors.rigs import rig as find_rig
+from roadscope.fusion.calibration import CalibrationError, CalibrationResult, decompose
+from roadscope.fusion.calibration_file import write_calibration
+
+LEAST_POSES = 4
+STEPS = (4, 6, 8, 10, 12, 16, 20, 30, 40, 60, 80, 100)
+"""Numbers of poses that are compared, up to those that there are."""
+DRAWS = 9
+"""Choices of so many poses among all, whose median is told."""
+ENDINGS = (".json", ".toml")
+
+
+@dataclass(frozen=True, slots=True)
+class PoseRow:
+    """What so many poses give, medians over choices of them.
+
+    reprojection_px: of the points used. held_out_px: of places 8 to 30 m away, against the truth;
+    held_out_most_px: the worst choice's. position_m, rotation_deg: errors of the camera's pose.
+    """
+
+    poses: int
+    reprojection_px: float
+    held_out_px: float
+    held_out_most_px: float
+    position_m: float
+    rotation_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class RigCalibration:
+    """A calibration from all poses, and what fewer give.
+
+    seen: poses in which both sensors found all three corners, of `asked`.
+    """
+
+    result: CalibrationResult
+    rows: tuple[PoseRow, ...]
+    seen: int
+    asked: int
+
+
+def calibrate_rig(
+    name: str = "li2021",
+    *,
+    poses: int = 20,
+    seed: int = 0,
+    known_intrinsics: bool = False,
+    progress: Progress | None = None,
+) -> RigCalibration:
+    """Hold a board before a rig and find the matrix from places to pixels (Li 2021, 2.2).
+
+    name: of a rig with a camera. seed: of poses and noise. known_intrinsics: only the camera's
+    pose is to be found. `CalibrationError` where poses are too few or the board is not seen.
+    """
+    if poses < LEAST_POSES:
+        raise CalibrationError(f"poses: expected at least {LEAST_POSES}, got {poses}")
+    carrier, tell = find_rig(name), progress or silent
+    camera_of(carrier)
+    tell("poses", 0, poses)
+    views = board_views(
+        carrier, poses, np.random.default_rng([seed, poses]),
+        told=lambda done: tell("poses", done, poses),
+    )  # fmt: skip
+    if len(views) < LEAST_POSES:
+        raise CalibrationError(
+            f"both sensors saw the whole board in {len(views)} of {poses} poses only, "
+            f"{LEAST_POSES} are needed"
+        )
+    counts = [n for n in STEPS if n < len(views)] + [len(views)]
+    rows = []
+    for number, count in enumerate(counts):
+        tell("solving", number, len(counts))
+        rows.append(_row(carrier, views, count, seed, known_intrinsics))
+    tell("solving", len(counts), len(counts))
+    result = solved(carrier, views, seed, known=known_intrinsics)
+    return RigCalibration(result, tuple(rows), len(views), poses)
+
+
+def save_rig_calibration(found: RigCalibration, path: Path | str, origin: str) -> None:
+    """Write what fusions read; nobody ever sees half of the file."""
+    place = calibration_path(path)
+
+    def write(part: Path) -> None:
+        whole = part.with_name(part.name + place.suffix)
+        write_calibration(whole, found.result, origin)
+        whole.replace(part)
+
+    write_atomically(place, write)
+
+
+def calibration_path(path: Path | str) -> Path:
+    """Refuse a path that no calibration can be written to, before anything is computed."""
+    place = Path(path)
+    if place.suffix.lower() not in ENDINGS:
+        raise FolderError(f"a calibration ends in {' or '.join(ENDINGS)}, got {place}")
+    if place.is_dir():
+        raise FolderError(f"cannot write a calibration to {place}: it is a folder")
+    usable_folder(place.parent)
+    return place
+
+
+def enough(rows: Sequence[PoseRow], share: float = 1.5) -> int:
+    """Return from how many poses on the median held-out error stays within a share of the last."""
+    good = rows[-1].poses
+    for row in reversed(rows):
+        if row.held_out_px > share * rows[-1].held_out_px:
+            break
+        good = row.poses
+    return good
+
+
+def _row(carrier: Rig, views: Views, count: int, seed: int, known: bool) -> PoseRow:
+    rng = np.random.default_rng([seed, count])
+    draws = 1 if count == len(views) else DRAWS
+    found = []
+    for _ in range(draws):
+        chosen = np.sort(rng.choice(len(views), count, replace=False)).tolist()
+        try:
+            result = solved(carrier, views.select(chosen), seed, known=known)
+            found.append((result.reprojection_px, *_errors(carrier, result)))
+        except CalibrationError:
+            found.append((np.inf,) * 4)
+    middle = np.median(found, axis=0).tolist()
+    most = float(np.max([row[1] for row in found]))
+    return PoseRow(count, middle[0], middle[1], most, middle[2], middle[3])
+
+
+def _errors(carrier: Rig, result: CalibrationResult) -> tuple[float, float, float]:
+    """Return pixels of places not used, and metres and degrees of the camera's pose."""
+    true = camera_of(carrier).ego_from_camera
+    _, pose = decompose(result.projection.matrix)
+    turn = pose.rotation.T @ true.rotation
+    # The arccosine of the trace loses half the digits where the angle is small.
+    sine = np.linalg.norm(turn - turn.T) / np.sqrt(8.0)
+    angle = float(np.degrees(np.arctan2(sine, (np.trace(turn) - 1) / 2)))
+    away = float(np.linalg.norm(pose.translation - true.translation))
+    return held_out_px(carrier, result.projection), away, angle

@@ -1,0 +1,53 @@
+"""`roadscope calibrate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from roadscope.commands.terminal import headline, progress_bars, show
+
+
+def calibrate(
+    rig: Annotated[str, typer.Option(help="Sensors with a camera: li2021, wide.")] = "li2021",
+    poses: Annotated[int, typer.Option(min=4, max=100, help="Poses of the board.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Of poses and noise.")] = 0,
+    known_intrinsics: Annotated[
+        bool, typer.Option("--known-intrinsics", help="Find the camera's pose alone.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="File for the calibration, .json or .toml.")
+    ] = None,
+) -> None:
+    """Calibrate LiDAR and camera with a triangular board that both see (Li 2021).
+
+    The file is what fusions believe with roadscope leaderboard fusion --calibration FILE.
+    """
+    from roadscope.benchmarks.calibrating import (
+        calibrate_rig,
+        calibration_path,
+        enough,
+        save_rig_calibration,
+    )
+    from roadscope.benchmarks.tables import pose_table
+
+    place = None if out is None else calibration_path(out)
+    with progress_bars() as progress:
+        found = calibrate_rig(
+            rig, poses=poses, seed=seed, known_intrinsics=known_intrinsics, progress=progress
+        )
+    last = found.rows[-1]
+    headline(f"{rig}: both sensors saw the whole board in {found.seen} of {found.asked} poses")
+    show(f"reprojection error   {last.reprojection_px:.2f} px of {found.result.inliers.sum()} "
+         f"corners, {len(found.result.inliers) - found.result.inliers.sum()} left out")  # fmt: skip
+    show(f"camera's pose        {100 * last.position_m:.1f} cm and {last.rotation_deg:.2f} deg off")
+    show(f"places 8 to 30 m off {last.held_out_px:.2f} px off the truth\n")
+    show(pose_table(found.rows))
+    show("Medians over choices of poses; worst: of them. Errors against the truth.", dim=True)
+    show(f"From {enough(found.rows)} poses on the error stays within half more than with all.")
+    if place is not None:
+        origin = f"roadscope calibrate --rig {rig} --poses {poses} --seed {seed}"
+        save_rig_calibration(found, place, origin + " --known-intrinsics" * known_intrinsics)
+        typer.echo(f"written: {place}")
