@@ -12,7 +12,7 @@ from roadscope.core.record import Record
 from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.imaging.raster import FACES, Raster, Solids, rasterise, solids_of
-from roadscope.envs.imaging.shading import shade, shade_plain
+from roadscope.envs.imaging.shading import Sight, shade, shade_plain
 from roadscope.envs.raycast.cast import GROUND, NOTHING
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera_spec import CameraSpec
@@ -64,16 +64,13 @@ def expose(
         scene, spec.pinhole, world_from_camera, stamp_s, outlines=True, solids=solids
     )
     truth = image_truth(raster, solids, len(scene.present))
-    seen = (raster, scene, solids, spec.pinhole, world_from_camera)
+    sight = Sight(raster, scene, solids, spec.pinhole, world_from_camera, stamp_s, categories)
     if spec.plain:
-        pixels = shade_plain(
-            *seen, stamp_s=stamp_s, ground=ground, light=light, categories=categories
-        )
+        pixels = shade_plain(sight, ground, light)
     else:
         shone = shade(
-            *seen, stamp_s=stamp_s, ground=ground, light=light, categories=categories,
-            extinction_per_m=extinction_per_m, wet=min(1.0, rain_mm_h / 5.0),
-        )  # fmt: skip
+            sight, ground, light, extinction_per_m=extinction_per_m, wet=min(1.0, rain_mm_h / 5.0)
+        )
         pixels = exposed(
             shone, raster, solids, spec, light, world_from_camera=world_from_camera,
             stamp_s=stamp_s, noise_seed=noise_seed, rain_mm_h=rain_mm_h, motion=motion,

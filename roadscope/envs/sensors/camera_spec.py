@@ -20,6 +20,7 @@ class CameraSpec(Record):
     full_well: electrons that make a pixel white; the root of the count is its shot noise.
     read_noise: standard deviation in electrons of a dark pixel.
     vignetting: share of the light that is lost in the corners.
+    motion_blur: whether what moves while the shutter is open is smeared; it costs a tenth more.
     plain: whether images show one colour a face, without shadows, textures, weather or noise.
     """
 
@@ -30,6 +31,7 @@ class CameraSpec(Record):
     full_well: float = 9000.0
     read_noise: float = 12.0
     vignetting: float = 0.25
+    motion_blur: bool = False
     plain: bool = False
 
     def __post_init__(self) -> None:

@@ -12,6 +12,7 @@ from roadscope.core import Calibration, CameraImage, Frame, Pose, RecordError, T
 from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.light import Light, daylight, light_named
 from roadscope.envs.raycast.scene import Scene
+from roadscope.envs.sensors.blur import motion_during
 from roadscope.envs.sensors.camera import ImageTruth, expose
 from roadscope.envs.sensors.disturbance import Disturbance
 from roadscope.envs.sensors.faults import Fault, Faults, faults_of
@@ -161,11 +162,13 @@ class Sensing:
         if self._ground is None:
             style = timeline.style if self.style is None else self.style
             self._ground = Ground(surface_of(timeline.road), style)
+        blurred = mount.spec.motion_blur and not mount.spec.plain
         image, seen = expose(
             scene, mount.spec, ego_poses[0] @ mount.ego_from_camera, stamp_s,
             ground=self._ground, light=self._light_of(timeline, stamp_s),
             categories=timeline.categories, sensor=mount.name, noise_seed=self._image_seed,
             extinction_per_m=self.weather.extinction_per_m, rain_mm_h=self.weather.rain_rate_mm_h,
+            motion=motion_during(timeline, mount, stamp_s) if blurred else None,
         )  # fmt: skip
         believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))

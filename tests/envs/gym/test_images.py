@@ -60,3 +60,33 @@ def test_light_is_chosen_by_name() -> None:
     assert brightness["night"] < 0.5 * brightness["day"]
     with pytest.raises(ValueError, match="no light 'noon'"):
         Sensing(rig("wide"), 2, light="noon")
+
+
+def test_live_frames_with_faults_equal_the_recorded_ones() -> None:
+    faults = "rain:2 + glare:3 + dropped-scans:5 + blackout:5 + clock-offset:4 + extrinsic-error:3"
+    env = gym.make("roadscope/TwoWay-v0", rig="wide", faults=faults, render_mode="rgb_array")
+    live = []
+    for action in (None, 1, 1):
+        if action is None:
+            observation, info = env.reset(seed=3)
+        else:
+            observation, *_, info = env.step(action)
+        assert env.observation_space.contains(observation)
+        assert env.render().shape[2] == 3
+        live += zip(info["frames"], info["truths"], strict=True)
+    recording = env.unwrapped._inner.recording()
+    sensing = Sensing(rig("wide"), 3, "urban", faults=faults)
+    assert live == sensing.advance(recording, recording.end_s)
+    assert any(frame.camera is None and frame.lidar is None for frame, _ in live)
+    with pytest.raises(ValueError, match="no fault 'hail'"):
+        gym.make("roadscope/TwoWay-v0", faults=["hail:1"])
+
+
+def test_the_sun_stays_where_it_was_when_the_ego_set_out() -> None:
+    timeline = record("racetrack", 2, 6.0)
+    sensing = Sensing(rig("wide"), 2, faults="glare:3")
+    suns = [sensing._light_of(timeline, stamp_s).sun_azimuth for stamp_s in (5.0, 0.02, 3.0)]
+    turned = [timeline.world_from_ego(stamp_s).yaw for stamp_s in (0.02, 5.0)]
+    assert len(set(suns)) == 1
+    assert abs(suns[0] - turned[0]) <= 0.1
+    assert abs(turned[1] - turned[0]) > 0.2
