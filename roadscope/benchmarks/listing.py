@@ -8,7 +8,8 @@ from operator import attrgetter
 from typing import Any, TypeVar
 
 from roadscope.benchmarks.noisy import NOISES
-from roadscope.benchmarks.oracle import ORACLE
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
+from roadscope.benchmarks.oracle import CLUSTER_BOXES, FUSED, ORACLE
 from roadscope.benchmarks.recorded.suite import kitti_table
 from roadscope.benchmarks.suite import SUITES, load_suite
 from roadscope.core import Registry, SpecError
@@ -27,14 +28,19 @@ def names_of(kind: str) -> list[tuple[str, str]]:
 def _detectors() -> list[tuple[str, str]]:
     from roadscope.detectors import DETECTORS
 
-    oracle = (ORACLE, "The true boxes of all eligible objects.")
-    return [*_plugins(DETECTORS), oracle, *_plugins(NOISES)]
+    made = [
+        (CLUSTER_BOXES, "Likewise cyclists, pedestrians; to be fused."),
+        (FUSED, "Joined with a camera's: ?lidar=A&camera=B&fusion=C."),
+        (ORACLE, "The true boxes of all eligible objects."),
+    ]
+    return [*_plugins(DETECTORS), *made, *_plugins(NOISES)]
 
 
 def _camera_detectors() -> list[tuple[str, str]]:
     from roadscope.detectors.camera import CAMERA_DETECTORS
 
-    return _plugins(CAMERA_DETECTORS)
+    oracle = (ORACLE, "The true boxes of all that images show.")
+    return [*_plugins(CAMERA_DETECTORS), oracle, *_plugins(CAMERA_NOISES)]
 
 
 def _fusions() -> list[tuple[str, str]]:
@@ -141,6 +147,12 @@ def _faults() -> list[tuple[str, str]]:
     return [(kind, summary_of(kind)) for kind in FAULTS]
 
 
+def _lights() -> list[tuple[str, str]]:
+    from roadscope.envs.imaging.light import LIGHTS
+
+    return _each(LIGHTS, _first_line)
+
+
 def _each(things: Mapping[str, T], describe: Callable[[T], str]) -> list[tuple[str, str]]:
     return [(name, describe(thing)) for name, thing in things.items()]
 
@@ -156,5 +168,6 @@ KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "rigs": _rigs,
     "sensors": _sensors,
     "weathers": _weathers,
+    "lights": _lights,
     "faults": _faults,
 }

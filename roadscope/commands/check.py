@@ -9,7 +9,11 @@ import typer
 
 def check(
     spec: Annotated[
-        str, typer.Argument(help="A tracker or LiDAR detector: module:Class or file.py:Class.")
+        str,
+        typer.Argument(
+            help="A detector (of LiDAR; of images if detect() is said to return "
+            "ImageDetections), tracker or fusion: module:Class or file.py:Class."
+        ),
     ],
     deadline: Annotated[
         float, typer.Option(min=1, help="Seconds for each item; what takes longer hangs.")

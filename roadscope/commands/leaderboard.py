@@ -39,7 +39,7 @@ By = Annotated[
     typer.Option(
         help="Show it by this too: range, category, occlusion, points or score (detection), "
         "detector (tracking), family, size, range, category or score (camera), family, range, "
-        "crowd, score or inputs (fusion), condition (these two), weather or scenario (all), "
+        "crowd, score or inputs (fusion), condition, weather or scenario (all), "
         "alpha or sequence (--kitti)."
     ),
 ]

@@ -18,6 +18,9 @@ def run_scenario(
     weather: Annotated[str, typer.Option(help="Such as rain-2, see: roadscope list weathers.")] = (
         "clear"
     ),
+    faults: Annotated[
+        str, typer.Option(help="Such as 'fog:3 + dropped-scans:2', see: roadscope list faults.")
+    ] = "clear",
     detector: Annotated[
         str, typer.Option(help="A name, module:Class or file.py:Class, with ?argument=value.")
     ] = "distance-l-shape",
@@ -34,8 +37,10 @@ def run_scenario(
     from roadscope.benchmarks.jobs.stack import offline
     from roadscope.benchmarks.single import picture_path, run_episode, save_picture
     from roadscope.benchmarks.tables import score_table
+    from roadscope.envs.sensors.faults import faults_of, of_camera_alone
 
-    episode = Episode(scenario, seed, rig, seconds, weather)
+    told = tuple(map(str, faults_of(faults)))
+    episode = Episode(scenario, seed, rig, seconds, weather, faults=told)
     if picture is not None:
         picture_path(picture)
     with progress_bars() as progress:
@@ -44,8 +49,11 @@ def run_scenario(
             progress("picture", 0, 1)
             save_picture(summary, picture)
     frames = len(summary.tracks)
-    where = f"{scenario}, seed {seed}, {rig}" + (f", {weather}" if weather != "clear" else "")
+    condition = "" if episode.condition == "clear" else f", {episode.condition}"
+    where = f"{scenario}, seed {seed}, {rig}{condition}"
     typer.echo(f"{where}: {frames} frames, vehicles within 60 m")
+    if idle := ", ".join(of_camera_alone(told)):
+        typer.echo(f"without effect on LiDAR detectors: {idle}")
     headline(f"detector {detector}")
     show(score_table(summary.detection))
     late = " (offline)" if offline(tracker) else ""

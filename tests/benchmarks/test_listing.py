@@ -11,17 +11,19 @@ from roadscope.benchmarks.suite import SUITES
 from roadscope.benchmarks.tables import name_table
 from roadscope.core import Registry, registry
 from roadscope.detectors import DETECTORS
+from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.fusion import FUSIONS
 from roadscope.trackers import TRACKERS
 
 
-@pytest.mark.parametrize("ours", [DETECTORS, TRACKERS], ids=lambda ours: ours.kind)
+@pytest.mark.parametrize("ours", [DETECTORS, TRACKERS, CAMERA_DETECTORS, FUSIONS], ids=lambda ours: ours.kind)
 def test_every_registered_name_of_ours_and_no_other_has_a_line_of_its_own(ours):
     names = [name for name in ours.names() if ours.resolve(name).ours]
     assert list(ours.summaries) == names
     assert len(set(ours.summaries.values())) == len(names)
 
 
-@pytest.mark.parametrize("kind", ["detectors", "trackers"])
+@pytest.mark.parametrize("kind", ["detectors", "trackers", "camera-detectors", "fusions"])
 def test_each_takes_one_line_of_an_ordinary_terminal(kind):
     names = names_of(kind)
     console = Console(width=80, record=True, file=None, quiet=True)

@@ -6,6 +6,7 @@ program is told like any other fault.
 
 from __future__ import annotations
 
+import inspect
 import io
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
@@ -13,12 +14,14 @@ from contextlib import redirect_stdout
 from multiprocessing.connection import Connection
 from typing import Any
 
-from roadscope.benchmarks.check import detectors, offline, trackers
+from roadscope.benchmarks.check import camera_detectors, detectors, fusions, offline, trackers
 from roadscope.benchmarks.check.items import Item, Promise, PromiseError
 from roadscope.benchmarks.jobs.stack import EntryError, describe
 from roadscope.core.names import unknown
-from roadscope.core.registry import Plugin, SpecError, split_spec
+from roadscope.core.registry import Plugin, Registry, SpecError, split_spec
 from roadscope.detectors import DETECTORS
+from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.fusion import FUSIONS
 from roadscope.trackers import TRACKERS
 from roadscope.trackers.api import is_offline
 
@@ -33,7 +36,7 @@ Told = Callable[[Item], None]
 def check_plugin(
     spec: str, *, deadline_s: float = DEADLINE_S, told: Told | None = None
 ) -> list[Item]:
-    """Look at everything that a detector or tracker promises.
+    """Look at everything that a detector, tracker or fusion promises.
 
     spec: a name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
     deadline_s: for each promise; what takes longer hangs.
@@ -125,31 +128,61 @@ def looked_at(promise: Promise, plugin: Plugin[Any]) -> Item:
 
 
 def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
-    """Find the plug-in and what its kind promises."""
+    """Find the plug-in and what its kind promises.
+
+    A class with detect() is taken for a LiDAR's detector, unless what it is said to return is
+    boxes in an image.
+    """
     name, _ = split_spec(spec)
-    if name in DETECTORS:
-        return DETECTORS.resolve(spec), detectors.PROMISES
-    if ":" not in name and not name.endswith(".py") and name not in TRACKERS:
+    for registry, promises in KINDS:
+        if name in registry:
+            found = registry.resolve(spec)
+            return found, _promises(found, promises)
+    if ":" not in name and not name.endswith(".py"):
+        known = [n for registry, _ in KINDS for n in registry.names()]
         raise SpecError(
-            unknown("tracker or detector", name, [*TRACKERS.names(), *DETECTORS.names()])
+            unknown("tracker or detector", name, known)
             + "; or name your own: package.module:Class, path/to/file.py:Class"
         )
     plugin: Plugin[Any] = TRACKERS.resolve(spec)
-    if name in TRACKERS or hasattr(plugin.factory, "update"):
-        late = offline.PROMISES if is_offline(plugin.factory) else ()
-        return plugin, (*trackers.PROMISES, *late)
+    if hasattr(plugin.factory, "update"):
+        return plugin, _promises(plugin, trackers.PROMISES)
+    if hasattr(plugin.factory, "fuse"):
+        return plugin, fusions.PROMISES
     if hasattr(plugin.factory, "detect"):
-        return plugin, detectors.PROMISES
+        seen = in_images(plugin.factory)
+        return plugin, camera_detectors.PROMISES if seen else detectors.PROMISES
     raise PromiseError(
         f"{plugin.factory.__name__} has neither a method update, as a tracker does, nor detect, "
-        "as a detector does"
+        "as a detector does, nor fuse, as a fusion does"
     )
 
 
+def in_images(factory: Any) -> bool:
+    """Say whether detect() is said to return boxes in an image: `-> ImageDetections`."""
+    said = inspect.signature(factory.detect).return_annotation
+    return "ImageDetections" in (said if isinstance(said, str) else getattr(said, "__name__", ""))
+
+
+KINDS: tuple[tuple[Registry[Any], Sequence[Promise]], ...] = (
+    (DETECTORS, detectors.PROMISES),
+    (TRACKERS, trackers.PROMISES),
+    (CAMERA_DETECTORS, camera_detectors.PROMISES),
+    (FUSIONS, fusions.PROMISES),
+)
+
+
+def _promises(plugin: Plugin[Any], promises: Sequence[Promise]) -> Sequence[Promise]:
+    late = promises is trackers.PROMISES and is_offline(plugin.factory)
+    return (*promises, *offline.PROMISES) if late else promises
+
+
 def _kind(promises: Sequence[Promise]) -> str:
-    if promises is detectors.PROMISES:
-        return "a detector"
-    return "an offline tracker" if len(promises) > len(trackers.PROMISES) else "a tracker"
+    names = ("a detector", "a tracker", "a camera detector", "a fusion")
+    for name, (_, known) in zip(names, KINDS, strict=True):
+        if promises is known:
+            return name
+    return "an offline tracker"
 
 
 def _quiet(printed: str) -> Item:

@@ -1,4 +1,4 @@
-"""Measures casting, detectors, metrics and trackers."""
+"""Measures casting, detectors, metrics, trackers and cameras."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from roadscope.benchmarks.speed.rows import SpeedRow, Step
 from roadscope.benchmarks.speed.trackers import measure_trackers
 from roadscope.core.names import unknown
 
-PARTS = ("casting", "detectors", "metrics", "trackers")
+PARTS = ("casting", "detectors", "metrics", "trackers", "camera")
 
 Progress = Callable[[str, int, int], None]
 """Told the name of the step that begins, its number from 0 and the number of steps."""
@@ -34,7 +34,7 @@ def measure_speed(
     progress: Progress | None = None,
     parts: Sequence[str] = PARTS,
 ) -> list[SpeedRow]:
-    """Measure casting, detectors, metrics, trackers; one thread, medians after a warm-up.
+    """Measure casting, detectors, metrics, trackers, cameras; one thread, medians after a warm-up.
 
     parts: `casting`: bare casts of an HDL-32E over numbers of bodies, whole sweeps, and Open3D
     on the same rays in turns; where Open3D is missing its rows are missing too, and `open3d
@@ -42,7 +42,7 @@ def measure_speed(
     fewer runs, which detectors are too slow, and DBSCAN beside scikit-learn's. `metrics`:
     tracking metrics beside TrackEval's and Stone Soup's. `trackers`: every registered one with
     10, 50, 200 and 500 targets, and with 12 crowded ones, all within one another's gates, which
-    JPDA has to weigh together.
+    JPDA has to weigh together. `camera`: drawing images and looking at them.
     """
     for part in parts:
         if part not in PARTS:
@@ -59,11 +59,20 @@ def measure_speed(
         steps.append(("tracking metrics", partial(measure_metrics, -(-repeats // 3))))
     if "trackers" in parts:
         steps.append(("trackers", measure_trackers))
+    if "camera" in parts:
+        steps += _camera_steps(-(-repeats // 3))
     for number, (name, step) in enumerate(steps):
         if progress is not None:
             progress(name, number, len(steps))
         rows.extend(step())
     return rows
+
+
+def _camera_steps(repeats: int) -> list[Step]:
+    # torch takes a second to load: only who measures cameras waits for it.
+    from roadscope.benchmarks.speed import camera
+
+    return [(f"camera, {r}", partial(camera.measure_camera, r, repeats)) for r in camera.RIGS]
 
 
 def _detector_steps(repeats: int) -> list[Step]:

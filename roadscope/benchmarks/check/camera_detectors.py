@@ -1,0 +1,137 @@
+"""What a camera detector promises, one by one."""
+
+from __future__ import annotations
+
+import warnings
+from copy import deepcopy
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.check.items import (
+    Promise,
+    PromiseError,
+    begun,
+    has_method,
+    left_alone,
+    made_by_name,
+)
+from roadscope.benchmarks.jobs.look import checked
+from roadscope.benchmarks.jobs.stack import EntryError, guarded
+from roadscope.core import CameraImage, Frame, ImageDetections
+from roadscope.core.registry import Plugin
+
+IMAGES = ("street", 0, "wide", 2.0)
+"""The scene: traffic, one of the training seeds, sensors, length."""
+ROWS = (0, 10, 20, 30)
+SIZES = ((480, 640), (240, 320), (600, 1000))
+"""Heights and widths that are tried."""
+
+
+@lru_cache(maxsize=1)
+def frames() -> tuple[Frame, ...]:
+    """Return a few frames with images of the scene."""
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.images import pictures
+
+    return tuple(picture.frame for picture in pictures(Episode(*IMAGES), ROWS))
+
+
+def detected(plugin: Plugin[Any], detector: Any, frame: Frame) -> ImageDetections:
+    """Call detect; an answer that is not what the contract says is a fault."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        answer = guarded(plugin.spec, detector.detect, frame)
+    try:
+        return checked(plugin.spec, answer, frame.stamp_s)
+    except EntryError as error:
+        raise PromiseError(str(error).removeprefix(f"{plugin.spec}: ")) from None
+
+
+def told(plugin: Plugin[Any], detector: Any) -> list[ImageDetections]:
+    """Run a detector over the scene."""
+    return [detected(plugin, detector, frame) for frame in frames()]
+
+
+def methods(plugin: Plugin[Any]) -> str:
+    """Look for reset and detect."""
+    has_method(plugin, "reset")
+    has_method(plugin, "detect", "frame")
+    return ""
+
+
+def answers(plugin: Plugin[Any]) -> str:
+    """Look at what comes back."""
+    count = sum(len(found) for found in told(plugin, begun(plugin)))
+    return f"{count / len(ROWS):.1f} boxes an image of a street"
+
+
+def input_left_alone(plugin: Plugin[Any]) -> str:
+    """Look at whether frames stay as they were."""
+    detector = begun(plugin)
+    call = partial(detected, plugin, detector)
+    for frame in frames():
+        left_alone(call, deepcopy(frame), "detect changed the frame it was given")
+    return ""
+
+
+def repeats(plugin: Plugin[Any]) -> str:
+    """Look at whether the same images give the same boxes."""
+    if told(plugin, begun(plugin)) != told(plugin, begun(plugin)):
+        raise PromiseError("the same images give other boxes the second time")
+    return ""
+
+
+def forgets(plugin: Plugin[Any]) -> str:
+    """Look at whether anything is left after reset."""
+    detector = begun(plugin)
+    expected = told(plugin, detector)
+    guarded(plugin.spec, detector.reset)
+    if told(plugin, detector) != expected:
+        raise PromiseError("reset does not forget: the same images after it give other boxes")
+    return ""
+
+
+def takes_black_images(plugin: Plugin[Any]) -> str:
+    """Look at what is found where nothing can be seen, as of a covered lens."""
+    found = detected(plugin, begun(plugin), with_pixels(np.zeros((480, 640, 3), np.uint8)))
+    if len(found):
+        raise PromiseError(f"{len(found)} boxes in an image that is black all over")
+    return ""
+
+
+def takes_other_sizes(plugin: Plugin[Any]) -> str:
+    """Look at images of other sizes: boxes lie within them."""
+    detector = begun(plugin)
+    image = frames()[0].camera
+    assert image is not None
+    for height, width in SIZES:
+        rows = np.arange(height) * image.pixels.shape[0] // height
+        columns = np.arange(width) * image.pixels.shape[1] // width
+        found = detected(plugin, detector, with_pixels(image.pixels[rows][:, columns].copy()))
+        limit = np.array([width, height, width, height])
+        if ((found.boxes < 0) | (found.boxes > limit)).any():
+            raise PromiseError(f"boxes reach beyond an image of {width} x {height} pixels")
+    return ""
+
+
+def with_pixels(pixels: np.ndarray) -> Frame:
+    """Return the first frame with other pixels in it."""
+    frame = frames()[0]
+    image = frame.camera
+    assert image is not None
+    return replace(frame, camera=CameraImage(pixels, image.intrinsics, image.stamp_s, image.sensor))
+
+
+PROMISES = (
+    Promise("made by its name alone", made_by_name),
+    Promise("has reset and detect", methods),
+    Promise("answers with boxes in the image it saw", answers),
+    Promise("leaves its input alone", input_left_alone),
+    Promise("the same images give the same boxes", repeats),
+    Promise("reset forgets everything", forgets),
+    Promise("finds nothing in a black image", takes_black_images),
+    Promise("takes images of other sizes", takes_other_sizes),
+)
