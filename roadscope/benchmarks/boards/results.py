@@ -14,7 +14,6 @@ from roadscope.benchmarks.boards.rows import (
     GIVEN,
     INPUTS,
     RECORDED_CONDITIONS,
-    SENSOR_CONDITIONS,
     Record,
     Row,
     part_rows,
@@ -35,8 +34,8 @@ from roadscope.core.registry import split_spec
 BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
     "detection": (*BANDS, *CONDITIONS),
     "tracking": (*CONDITIONS, DETECTOR),
-    "camera": ("family", "size", "range", "category", "score", *SENSOR_CONDITIONS),
-    "fusion": ("family", "range", "crowd", "score", *SENSOR_CONDITIONS, INPUTS),
+    "camera": ("family", "size", "range", "category", "score", *CONDITIONS),
+    "fusion": ("family", "range", "crowd", "score", *CONDITIONS, INPUTS),
     **dict.fromkeys(KITTI_BOARDS, (BY_ALPHA, *RECORDED_CONDITIONS)),
 }
 """By what the figures of each board are broken down."""
@@ -189,8 +188,8 @@ def gather(
 
 def _failure(job: AnyJob, reason: str) -> Failure:
     episode = job.episode
-    weather = CONDITIONS["weather"](episode)
-    return Failure(job.board, job.entry, episode.scenario, episode.seed, weather, reason)
+    condition = CONDITIONS["condition"](episode)
+    return Failure(job.board, job.entry, episode.scenario, episode.seed, condition, reason)
 
 
 def _mark(job: AnyJob) -> str | None:

@@ -27,13 +27,10 @@ FIRST_METRIC: Mapping[str, str] = {
 CONDITIONS: Mapping[str, Callable[[Any], str]] = {
     "weather": lambda episode: episode.weather,
     "scenario": lambda episode: episode.scenario,
-}
-"""What whole episodes of simulated traffic are broken down by."""
-SENSOR_CONDITIONS: Mapping[str, Callable[[Any], str]] = {
     "condition": lambda episode: episode.condition,
-    **CONDITIONS,
 }
-"""And where cameras are: weather, light and faults together too."""
+"""What whole episodes of simulated traffic are broken down by; the condition is weather, light
+and faults together."""
 DETECTOR, INPUTS = "detector", "inputs"
 """Whose detections a tracker was given, and a fusion."""
 GIVEN = {"tracking": DETECTOR, "fusion": INPUTS}
@@ -44,8 +41,8 @@ RECORDED_CONDITIONS: Mapping[str, Callable[[Any], str]] = {
 CONDITIONS_OF: Mapping[str, Mapping[str, Callable[[Any], str]]] = {
     "detection": CONDITIONS,
     "tracking": CONDITIONS,
-    "camera": SENSOR_CONDITIONS,
-    "fusion": SENSOR_CONDITIONS,
+    "camera": CONDITIONS,
+    "fusion": CONDITIONS,
     **dict.fromkeys(KITTI_BOARDS, RECORDED_CONDITIONS),
 }
 

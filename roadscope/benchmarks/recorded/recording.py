@@ -34,7 +34,7 @@ class Recording:
     seed: int
 
     scenario = "kitti"
-    weather = "as recorded"
+    weather = condition = "as recorded"
 
     def spec(self) -> dict[str, object]:
         """Return what detections and truth depend on: the bytes of the files, not their place."""

@@ -126,6 +126,11 @@ def condition_name(faults: Iterable[Fault]) -> str:
     return " + ".join(map(str, faults)) or NO_FAULT
 
 
+def of_camera_alone(faults: Faults) -> tuple[str, ...]:
+    """Return the faults that scans do not feel."""
+    return tuple(str(f) for f in faults_of(faults) if "lidar" not in FAULTS[f.kind].sensors)
+
+
 def summary_of(kind: str) -> str:
     """One line with the figures."""
     fault = FAULTS[kind]

@@ -58,6 +58,7 @@ def test_by_condition_and_by_band() -> None:
         ("scenario", "merge"): (0.5, 2),
         ("scenario", "two-way"): (0.75, 4),
         ("weather", "clear"): (pytest.approx(4 / 6), 6),
+        ("condition", "clear"): (pytest.approx(4 / 6), 6),
     }
     assert {row.metric for row in rows} == {"detection_rate"}
 
