@@ -18,15 +18,15 @@ FUSIONS: Registry[Fusion] = Registry(
     },
     group="roadscope.fusion",
     summaries={
-        "li2021": "Overlap in the image, Dempster-Shafer for classes (Li 2021).",
+        "li2021": "Overlap in the image, Dempster-Shafer (Li 2021).",
         "li2021-without-evidence": "The same boxes, the camera's class and score alone.",
-        "union": "All targets of both, matched one to one, the better score.",
+        "union": "All targets of both, one to one, the better score.",
         "image-first": "The camera's targets with LiDAR's distance.",
         "lidar-first": "LiDAR's targets with the camera's class.",
         "bayes": "All targets of both, log-odds of scores added.",
         "weighted-boxes": "Boxes averaged by score (Solovyev 2021).",
         "icp-boxes": "Box centres matched by ICP, as in Lu 2017: a stand-in.",
-        "consistent": "One to one in bearing, size, depth; learned scores: ours.",
+        "consistent": "Bearing, size, depth agree; learned scores: ours.",
     },
 )
 

@@ -16,7 +16,9 @@ from roadscope.fusion import FUSIONS
 from roadscope.trackers import TRACKERS
 
 
-@pytest.mark.parametrize("ours", [DETECTORS, TRACKERS, CAMERA_DETECTORS, FUSIONS], ids=lambda ours: ours.kind)
+@pytest.mark.parametrize(
+    "ours", [DETECTORS, TRACKERS, CAMERA_DETECTORS, FUSIONS], ids=lambda ours: ours.kind
+)
 def test_every_registered_name_of_ours_and_no_other_has_a_line_of_its_own(ours):
     names = [name for name in ours.names() if ours.resolve(name).ours]
     assert list(ours.summaries) == names

@@ -6,10 +6,19 @@ import pytest
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks.check import detectors, offline, plugin, trackers
+from roadscope.benchmarks.check import (
+    camera_detectors,
+    detectors,
+    fusions,
+    offline,
+    plugin,
+    trackers,
+)
 from roadscope.benchmarks.check.items import Item, PromiseError
 from roadscope.benchmarks.check.plugin import LOADED, QUIET, check_plugin, load, looked_at
 from roadscope.core.registry import SpecError
+from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.fusion import FUSIONS
 
 HERE = Path(__file__).parent
 TRACKERS, DETECTORS = HERE / "bad_trackers.py", HERE.parent / "plugins.py"
@@ -105,14 +114,53 @@ def test_a_good_detector_keeps_every_promise(promise: str) -> None:
     assert found.good, found.words
 
 
+@pytest.mark.parametrize("promise", [p.words for p in camera_detectors.PROMISES])
+@pytest.mark.parametrize("name", CAMERA_DETECTORS.installed())
+def test_our_camera_detectors_keep_every_promise(name: str, promise: str) -> None:
+    found = item(name, promise)
+    assert found.good, found.words
+
+
+@pytest.mark.parametrize("promise", [p.words for p in fusions.PROMISES])
+@pytest.mark.parametrize("name", FUSIONS.installed())
+def test_our_fusions_keep_every_promise(name: str, promise: str) -> None:
+    found = item(name, promise)
+    assert found.good, found.words
+
+
+@pytest.mark.parametrize(
+    ("name", "promise", "words"),
+    [
+        ("BoxesInSpace", "answers with boxes in the image it saw", "returned Detections, not Im"),
+        ("AnHourLate", "answers with boxes in the image it saw", "stamped 3600"),
+        ("SeesInTheDark", "finds nothing in a black image", "1 boxes in an image that is black"),
+        ("Greyscale", "takes images of other sizes", "boxes reach beyond an image of 320 x 240"),
+        ("NeedsBoth", "goes on with one sensor, and finds nothing of nothing", "AttributeError"),
+        ("MakesUp", "goes on with one sensor, and finds nothing of nothing", "which found nothing"),
+        ("ReturnsDetections", "answers with targets of that moment", "returned Detections, not"),
+        ("Unsettled", "the same detections give the same targets", "the second time"),
+    ],
+)
+def test_what_is_wrong_with_cameras_and_fusions_is_said(
+    name: str, promise: str, words: str
+) -> None:
+    found = item(f"{HERE / 'bad_sensors.py'}:{name}", promise)
+    assert found.good is False
+    assert words in found.words
+
+
 def test_kinds_are_told_apart() -> None:
     assert load("gnn")[1] == trackers.PROMISES
     assert load("existence-offline")[1] == (*trackers.PROMISES, *offline.PROMISES)
     assert load(f"{DETECTORS}:Late")[1] is detectors.PROMISES
+    assert load("colour-blobs")[1] is camera_detectors.PROMISES
+    assert load("roadscope.detectors.camera_baselines:ColourBlobs")[1] is camera_detectors.PROMISES
+    assert load("union")[1] is fusions.PROMISES
+    assert load("roadscope.fusion.baselines:UnionFusion")[1] is fusions.PROMISES
     with pytest.raises(PromiseError, match="neither a method update"):
         load(f"{TRACKERS}:Neither")
-    with pytest.raises(SpecError, match=r"no tracker or detector 'best'; .*; or name your"):
-        load("best")
+    with pytest.raises(SpecError, match=r"no tracker or detector 'utmost'; .*; or name your"):
+        load("utmost")
     with pytest.raises(SpecError, match="no class 'Best' in"):
         load(f"{TRACKERS}:Best")
 

@@ -1,0 +1,96 @@
+"""Camera detectors and fusions as a user would bring them, some of them bad."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from roadscope.core import Detections, ImageDetections
+from roadscope.fusion.baselines import UnionFusion
+
+
+def box(stamp_s, right=600.0):
+    return ImageDetections([[10.0, 10.0, right, 90.0]], [0], [0.9], stamp_s)
+
+
+class Fine:
+    """One box wherever there is light."""
+
+    def reset(self): ...
+
+    def detect(self, frame) -> ImageDetections:
+        lit = frame.camera.pixels.max() > 8
+        found = box(frame.stamp_s, 50.0)
+        return found if lit else ImageDetections(np.empty((0, 4)), [], [], frame.stamp_s)
+
+
+class BoxesInSpace(Fine):
+    def detect(self, frame) -> ImageDetections:
+        return Detections.empty(frame.stamp_s)
+
+
+class AnHourLate(Fine):
+    def detect(self, frame) -> ImageDetections:
+        return box(frame.stamp_s + 3600.0)
+
+
+class SeesInTheDark(Fine):
+    def detect(self, frame) -> ImageDetections:
+        return box(frame.stamp_s)
+
+
+class Greyscale(Fine):
+    def detect(self, frame) -> ImageDetections:
+        return box(frame.stamp_s)
+
+
+class Raises(Fine):
+    def detect(self, frame) -> ImageDetections:
+        raise KeyError("what is this")
+
+
+class Hangs(Fine):
+    def detect(self, frame) -> ImageDetections:
+        time.sleep(600)
+
+
+class EndsAll(Fine):
+    def detect(self, frame) -> ImageDetections:
+        import os
+
+        os._exit(3)
+
+
+class Mine(UnionFusion):
+    """A good one."""
+
+
+class NeedsBoth(UnionFusion):
+    def fuse(self, lidar, camera, projection):
+        assert len(camera.boxes) >= 0
+        return super().fuse(lidar, camera, projection)
+
+
+class MakesUp(UnionFusion):
+    """Remembers its first targets for ever."""
+
+    kept = None
+
+    def fuse(self, lidar, camera, projection):
+        found = super().fuse(lidar, camera, projection)
+        self.kept = self.kept or found
+        if len(found):
+            return found
+        some = np.ones(len(self.kept), bool)
+        return replace(self.kept, by_lidar=~some, by_camera=some, stamp_s=found.stamp_s)
+
+
+class ReturnsDetections(UnionFusion):
+    def fuse(self, lidar, camera, projection):
+        return Detections.empty(2.0)
+
+
+class Unsettled(UnionFusion):
+    def fuse(self, lidar, camera, projection):
+        found = super().fuse(lidar, camera, projection)
+        return replace(found, scores=np.random.default_rng().random(len(found)))
