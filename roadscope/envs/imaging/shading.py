@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from roadscope.core import Pose
+from roadscope.core.record import Record
 from roadscope.envs.imaging.face_kernels import Lens
 from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.lamp_kernels import POOL_M, POOL_SIDE, light_pools
@@ -33,27 +35,43 @@ CURVE = 4096
 _ROOM = threading.local()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight(Record):
+    """What a camera looks at, and from where, at one instant.
+
+    raster: of the solids, seen from world_from_camera through the pinhole. solids: of the scene
+    at the stamp. categories: (A,) of the actors.
+    """
+
+    raster: Raster
+    scene: Scene
+    solids: Solids
+    pinhole: Pinhole
+    world_from_camera: Pose
+    stamp_s: float
+    categories: np.ndarray
+
+    @property
+    def lens(self) -> Lens:
+        """The camera in the world."""
+        return lens_of(self.pinhole, self.world_from_camera)
+
+    @property
+    def looks(self) -> Looks:
+        """How the solids look."""
+        return looks_of(self.scene, self.solids, self.stamp_s, self.categories)
+
+
 def shade(
-    raster: Raster,
-    scene: Scene,
-    solids: Solids,
-    pinhole: Pinhole,
-    world_from_camera: Pose,
-    *,
-    stamp_s: float,
-    ground: Ground,
-    light: Light,
-    categories: np.ndarray,
-    extinction_per_m: float = 0.0,
-    wet: float = 0.0,
+    sight: Sight, ground: Ground, light: Light, *, extinction_per_m: float = 0.0, wet: float = 0.0
 ) -> np.ndarray:
-    """Return (H, W, 3) float32 linear light of what the raster saw; 1 is white.
+    """Return (H, W, 3) float32 linear light of what is in sight; 1 is white.
 
     The next call of the same thread with the same size writes into the same array.
     wet: 0 to 1, how wet the ground is.
     """
-    lens, air = lens_of(pinhole, world_from_camera), air_of(light, extinction_per_m, wet)
-    looks = looks_of(scene, solids, stamp_s, categories)
+    lens, air = sight.lens, air_of(light, extinction_per_m, wet)
+    raster, solids, looks = sight.raster, sight.solids, sight.looks
     lit, open_sky = room("shadows", (2, *raster.faces.shape), np.uint8)
     cast_shadows(lens, solids, raster.faces, air.towards, lit, open_sky)
     sunlit(solids, air.towards, lens, looks.lit)
@@ -63,21 +81,10 @@ def shade(
     return shone
 
 
-def shade_plain(
-    raster: Raster,
-    scene: Scene,
-    solids: Solids,
-    pinhole: Pinhole,
-    world_from_camera: Pose,
-    *,
-    stamp_s: float,
-    ground: Ground,
-    light: Light,
-    categories: np.ndarray,
-) -> np.ndarray:
+def shade_plain(sight: Sight, ground: Ground, light: Light) -> np.ndarray:
     """Return (H, W, 3) uint8 pixels: one colour a face, no shadows, textures or weather."""
-    lens, air = lens_of(pinhole, world_from_camera), air_of(light, 0.0, 0.0)
-    looks = looks_of(scene, solids, stamp_s, categories)
+    lens, air = sight.lens, air_of(light, 0.0, 0.0)
+    raster, solids, looks = sight.raster, sight.solids, sight.looks
     none = np.empty((0, 0), np.uint8)
     stage = _stage(lens, solids, looks, air, ground, (none, none))
     faces = np.zeros((len(solids.corners), FACES, 3), np.float32)
