@@ -14,7 +14,7 @@ from roadscope.benchmarks.cache import cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode, timeline_of, timeline_path
 from roadscope.benchmarks.jobs.apart import DEADLINE_S, ApartError, apart
 from roadscope.benchmarks.jobs.camera_job import CameraJob, execute_camera, seen_of
-from roadscope.benchmarks.jobs.fusion_job import AnyJob, FusionJob, execute_fusion
+from roadscope.benchmarks.jobs.fusion_job import AnyJob, FusionJob, execute_fusions
 from roadscope.benchmarks.jobs.job import Job, detections_of, execute
 from roadscope.benchmarks.jobs.manifest import manifest
 from roadscope.benchmarks.jobs.plan import Plan, boards_of, plan
@@ -169,9 +169,18 @@ def _work_on_images(plans: Plan, recorder: _Recorder, way: _Way, progress: Progr
         recorder.take(looked, outcome)
     for _ in _each(_share, _shared(fusion, way.fresh), way.jobs, "sensors", progress):
         pass
-    fusing = [(job, way) for job in fusion]
-    for (fused, _), outcome in _each(execute_fused, fusing, way.jobs, "fusion", progress):
-        recorder.take(fused, outcome)
+    fusing = [(group, way) for group in _together(fusion)]
+    for (group, _), outcomes in _each(execute_fused, fusing, way.jobs, "fusion", progress):
+        for fused, outcome in zip(group, outcomes, strict=True):
+            recorder.take(fused, outcome)
+
+
+def _together(jobs: Sequence[FusionJob]) -> list[tuple[FusionJob, ...]]:
+    """Put a stranger's jobs on one episode together: a process takes seconds to begin."""
+    groups: dict[object, list[FusionJob]] = {}
+    for number, job in enumerate(jobs):
+        groups.setdefault(number if job.ours else (job.entry, job.episode), []).append(job)
+    return [tuple(group) for group in groups.values()]
 
 
 def execute_seen(task: tuple[CameraJob, _Way]) -> Outcome:
@@ -179,24 +188,21 @@ def execute_seen(task: tuple[CameraJob, _Way]) -> Outcome:
     job, way = task
     if job.ours:
         return execute_camera(job, way.fresh)
-    return _apart(job.entry, execute_camera, job, way.fresh, deadline_s=way.deadline_s)
-
-
-def execute_fused(task: tuple[FusionJob, _Way]) -> Outcome:
-    """Fuse; a stranger's fusion does so in a process of its own."""
-    job, way = task
-    if job.ours:
-        return execute_fusion(job)
-    return _apart(job.entry, execute_fusion, job, deadline_s=way.deadline_s)
-
-
-def _apart(
-    entry: str, execute: Callable[..., Outcome], *arguments: object, deadline_s: float
-) -> Outcome:
     try:
-        return apart(execute, *arguments, deadline_s=deadline_s)
+        return apart(execute_camera, job, way.fresh, deadline_s=way.deadline_s)
     except ApartError as error:
-        return Outcome({}, f"{entry}: {error}")
+        return Outcome({}, f"{job.entry}: {error}")
+
+
+def execute_fused(task: tuple[tuple[FusionJob, ...], _Way]) -> list[Outcome]:
+    """Fuse; a stranger's fusion does so in a process of its own."""
+    jobs, way = task
+    if all(job.ours for job in jobs):
+        return execute_fusions(jobs)
+    try:
+        return apart(execute_fusions, jobs, deadline_s=way.deadline_s)
+    except ApartError as error:
+        return [Outcome({}, f"{job.entry}: {error}") for job in jobs]
 
 
 def _shared(jobs: Sequence[FusionJob], fresh: bool) -> list[tuple[Job | CameraJob, bool]]:

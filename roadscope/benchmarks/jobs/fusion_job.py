@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -72,6 +73,11 @@ class FusionJob:
 
 
 AnyJob = Job | CameraJob | FusionJob
+
+
+def execute_fusions(jobs: Sequence[FusionJob]) -> list[Outcome]:
+    """Do several jobs, one after the other."""
+    return [execute_fusion(job) for job in jobs]
 
 
 @prints_aside()

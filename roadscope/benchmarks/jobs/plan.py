@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.images import camera_of
 from roadscope.benchmarks.jobs.camera_job import CameraJob
 from roadscope.benchmarks.jobs.fused import FusedSpec
 from roadscope.benchmarks.jobs.fusion_job import FusionJob
@@ -33,6 +34,7 @@ from roadscope.core.names import unknown
 from roadscope.core.registry import Plugin, split_spec
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.envs.sensors.rigs import rig
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.calibration_file import read_calibration
 from roadscope.trackers import TRACKERS
@@ -286,6 +288,8 @@ def _check_suite(suite: Suite) -> None:
     ):
         for spec in specs:
             _of_suite(suite, key, check_detector, spec)
+            if is_fused(spec):
+                _of_suite(suite, key, camera_of, rig(suite.rig))
     for key, specs in (
         ("camera.entries", suite.camera_detectors),
         ("fusion.camera", suite.fused_camera),

@@ -35,6 +35,7 @@ def fusion_jobs(
     *, marks: bool,
 ) -> list[FusionJob]:  # fmt: skip
     """Every fusion on all pairs of detectors on every episode; marks: one sensor alone."""
+    camera_of(rig(suite.rig))
     if calibration:
         fitting(read_calibration(calibration), projection_of(rig(suite.rig)), calibration)
     if not (suite.fused_lidar and suite.fused_camera):

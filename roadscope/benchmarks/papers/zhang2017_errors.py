@@ -95,6 +95,13 @@ def nees(run: Run, poses: Poses) -> float:
     return float(np.mean(values)) if values else np.nan
 
 
+def floor_nees(run: Run, least: Floor) -> float:
+    """Return the same of an information floor's posterior; NaN where no frame has any."""
+    values = least.nees[scored(run)]
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else np.nan
+
+
 def _columns(squares: np.ndarray) -> dict[str, float]:
     """Name mean squares along, across (square metres) and in heading (square radians)."""
     return {

@@ -7,8 +7,8 @@ error of the best estimator there is, for a pose not known beforehand. Rays that
 silhouette say as much as those that meet it, and what they say is a bound, not a slope: a
 Cramer-Rao bound of the ranges misses it, sampling does not.
 
-Whoever does not know how round the car's corners are has a higher floor: the posterior then
-covers their radius, too, with the prior of our fit.
+Whoever does not know how round the car's corners are, or that it keeps its speed, has a higher
+floor: the posterior then covers their radius and the acceleration, too, with the priors of our fit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from roadscope.benchmarks.papers.zhang2017_drives import FRAME_S
 from roadscope.benchmarks.papers.zhang2017_floor_corners import Corners, told, untold
 from roadscope.benchmarks.papers.zhang2017_floor_motion import (
     STATE,
+    acceleration_of,
     joined,
+    log_prior,
     motion_of,
     offsets_after,
 )
@@ -40,6 +42,8 @@ PASSING = 0.1
 """Effective share of the sample that is enough before all columns are used."""
 WIDER = 2.0
 """How much wider than the frame before the search begins."""
+FEWEST_COUNTED = 8.0
+"""Effective samples that a covariance is made of at least to be judged."""
 RAYS, LEAST_DRAWS = 500_000, 6
 """Rays a stage casts before it makes do with less, and the least share of draws it takes."""
 
@@ -51,11 +55,28 @@ class Floor:
     errors: (K, 3) posterior mean minus truth: along and across the car (metres), yaw (radians).
     covariances: (K, 3, 3) of the same.
     shares: (K,) effective share of the sample, 0 where the sampling failed.
+    counts: (K,) effective number of samples.
     """
 
     errors: np.ndarray
     covariances: np.ndarray
     shares: np.ndarray
+    counts: np.ndarray
+
+    @property
+    def nees(self) -> np.ndarray:
+        """(K,) squared errors of the exact posterior's mean in units of its covariance.
+
+        Freed, on average, of what mean and covariance of so few samples add (Hotelling's
+        distribution). 3 is expected over all that the priors cover, not of one body on one way:
+        whoever knows the priors alone is too sure of what is rare in them.
+        """
+        found = np.full(len(self.shares), np.nan)
+        used = (self.shares > 0) & (self.counts > FEWEST_COUNTED)
+        off, n = self.errors[used], self.counts[used]
+        turned = np.linalg.solve(self.covariances[used], off[..., None])[..., 0]
+        found[used] = (off * turned).sum(axis=1) * (n - 5) / (n - 1) * n / (n + 1)
+        return found
 
     @property
     def position_m(self) -> np.ndarray:
@@ -85,14 +106,19 @@ def floor(
     lag: int | None = None,
     draws: int = 2048,
     knows_corners: bool = True,
+    knows_acceleration: bool = True,
 ) -> Floor:
     """Return the floor of each frame's pose, given so many frames around it.
 
     frames: how many consecutive frames are used; at the ends of the run those that are there.
     lag: how many of them come after the one whose pose is asked, half of them if left out.
-    knows_corners: whether the radius of the car's corners is known.
+    knows_corners: whether the radius of the car's corners is known. knows_acceleration: whether
+    its acceleration is.
     """
-    found = floors(run, (frames,), lag=lag, draws=draws, knows_corners=knows_corners)
+    found = floors(
+        run, (frames,), lag=lag, draws=draws,
+        knows_corners=knows_corners, knows_acceleration=knows_acceleration,
+    )  # fmt: skip
     return found[frames]
 
 
@@ -103,6 +129,7 @@ def floors(
     lag: int | None = None,
     draws: int = 2048,
     knows_corners: bool = True,
+    knows_acceleration: bool = True,
 ) -> dict[int, Floor]:
     """Return the floor for each of several numbers of frames; see `floor`."""
     corners = told(run.body) if knows_corners else untold()
@@ -112,7 +139,7 @@ def floors(
     for view, enough in zip(views, seen, strict=True):
         before = singles[-1] if singles else _nothing(corners)
         singles.append(_single(view, corners, before, draws) if enough else _nothing(corners))
-    given = _Given(run, corners, views, singles)
+    given = _Given(run, corners, views, singles, knows_acceleration)
     return {
         many: _stacked(
             [_joint(given, k, window, draws) for k, window in _windows(len(views), many, lag)]
@@ -131,8 +158,9 @@ def _windows(count: int, frames: int, lag: int | None) -> list[tuple[int, range]
     ]
 
 
-Answer = tuple[np.ndarray, np.ndarray, float]
-"""Mean and covariance of a frame's pose and of the corners' unknowns, effective share."""
+Answer = tuple[np.ndarray, np.ndarray, float, float]
+"""Mean and covariance of a frame's pose and of the corners' unknowns; effective share of samples,
+effective number of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,19 +171,21 @@ class _Given:
     corners: Corners
     views: list[View]
     singles: list[Answer]
+    knows_acceleration: bool
 
 
 def _nothing(corners: Corners) -> Answer:
     size = 3 + corners.unknowns
-    return np.full(size, np.nan), np.full((size, size), np.nan), 0.0
+    return np.full(size, np.nan), np.full((size, size), np.nan), 0.0, 0.0
 
 
 def _stacked(answers: list[Answer]) -> Floor:
-    means, covariances, shares = zip(*answers, strict=True)
+    means, covariances, shares, counts = zip(*answers, strict=True)
     return Floor(
         np.stack([mean[:3] for mean in means]),
         np.stack([covariance[:3, :3] for covariance in covariances]),
         np.array(shares),
+        np.array(counts),
     )
 
 
@@ -176,7 +206,9 @@ def _single(view: View, corners: Corners, before: Answer, draws: int) -> Answer:
         density = _density(view.thinned(stride), corners)
         mean, covariance, _ = moments(density, mean, covariance, draws=draws // 2, wanted=PASSING)
         stride //= THINNER
-    return moments(_density(view, corners), mean, covariance, draws=_affordable([view], draws))
+    sample = _affordable([view], draws)
+    mean, covariance, share = moments(_density(view, corners), mean, covariance, draws=sample)
+    return mean, covariance, share, share * sample
 
 
 def _density(view: View, corners: Corners) -> LogDensity:
@@ -208,18 +240,22 @@ def _joint(given: _Given, k: int, window: range, draws: int) -> Answer:
         # One frame tells nothing of the motion.
         return singles[k]
     motion = motion_of(given.run, k)
+    gained = None if given.knows_acceleration else acceleration_of(given.run, k)
+    moving = STATE + (gained is not None)
     times = {j: FRAME_S * (j - k) for j in usable}
 
     def log_density(states: np.ndarray) -> np.ndarray:
-        unknowns = states[:, STATE:]
+        unknowns = states[:, moving:]
         out, which = _log_prior(unknowns), corners.which(unknowns)
+        if gained is not None:
+            out += log_prior(states[:, STATE], gained)
         for j, time_s in times.items():
-            offsets = offsets_after(states[:, :STATE], motion, time_s)
+            offsets = offsets_after(states[:, :moving], motion, time_s)
             out += given.views[j].log_densities(offsets, which)
         return out
 
-    first = joined(motion, [(time_s, *singles[j][:2]) for j, time_s in times.items()])
+    first = joined(motion, [(time_s, *singles[j][:2]) for j, time_s in times.items()], gained)
     sample = _affordable([given.views[j] for j in usable], draws)
     mean, covariance, share = moments(log_density, *first, draws=sample)
-    # x, y and yaw lead the state; its speed and turn rate are not asked.
-    return mean[:3], covariance[:3, :3], share
+    # x, y and yaw lead the state; how it moves is not asked.
+    return mean[:3], covariance[:3, :3], share, share * sample

@@ -10,6 +10,7 @@ import numpy as np
 
 from roadscope.benchmarks.papers.zhang2017_errors import (
     errors,
+    floor_nees,
     floor_rmse,
     nees,
     rmse,
@@ -31,7 +32,7 @@ class Taken:
     frames, few: all frames, and those with too few returns to be scored.
     rmse: columns of tables 1 and 2 by method, the information floors among them.
     beside: medians, and percentages of scored frames, by method.
-    nees: by method that gives a covariance.
+    nees: by method that gives a covariance, the floors' posteriors among them.
     spent: milliseconds of each frame that was answered alone, by method.
     """
 
@@ -57,9 +58,14 @@ def take(run: Run, methods: Sequence[str], *, floored: bool = False) -> Taken:
         if np.isfinite(consistency := nees(run, poses)):
             taken.nees[name] = consistency
     for told in (False, True) if floored else ():
-        found_by = floors(run, tuple(OURS.values()), draws=FLOOR_DRAWS, knows_corners=told)
+        found_by = floors(
+            run, tuple(OURS.values()), draws=FLOOR_DRAWS,
+            knows_corners=told, knows_acceleration=told,
+        )  # fmt: skip
         for frames, least in found_by.items():
-            taken.rmse[floor_name(frames, told=told)] = floor_rmse(run, least, expected=told)
+            name = floor_name(frames, told=told)
+            taken.rmse[name] = floor_rmse(run, least, expected=told)
+            taken.nees[name] = floor_nees(run, least)
     return taken
 
 

@@ -18,7 +18,7 @@ from roadscope.benchmarks.papers.zhang2017_claims import (
     OF_EACH_DRIVE,
     UNTURNED,
     Table,
-    band,
+    consistent,
     our_claims,
     paper_claims,
     times_claims,
@@ -27,6 +27,8 @@ from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
 from roadscope.benchmarks.papers.zhang2017_methods import MULTI, OURS, RANSAC, SINGLE
 from roadscope.benchmarks.papers.zhang2017_names import (
     COUNTS,
+    EXACT,
+    EXACT_INSIDE,
     FOLLOWING,
     FRAMES,
     INSIDE,
@@ -57,11 +59,11 @@ def verdicts(
     """
     seeds = max(map(len, measured.values()))
     means = {key: _mean(values) for key, values in measured.items()}
-    whole = _judged(means, means, bodies, seeds)
+    whole = _judged(measured, means, bodies)
     shares: dict[Key, list[float]] = {}
     for i in range(seeds):
-        single = {key: values[i] for key, values in measured.items()}
-        for key, held in _judged(single, means, bodies, 1).items():
+        single = {key: values[i : i + 1] for key, values in measured.items()}
+        for key, held in _judged(single, means, bodies).items():
             if key[2] == HOLDS:
                 shares.setdefault((*key[:2], SEEDS), []).append(held)
             elif key[2] in OF_EACH_DRIVE:
@@ -77,23 +79,26 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _judged(
-    figures: Figures, least: Figures, bodies: Sequence[str], seeds: int
+    measured: Mapping[Key, Sequence[float]], least: Figures, bodies: Sequence[str]
 ) -> dict[Key, float]:
-    """Judge all claims on one set of figures; least as in `our_claims`."""
+    """Judge all claims on some seeds; least as in `our_claims`."""
     held: dict[Key, float] = {}
+    figures = {key: _mean(values) for key, values in measured.items()}
     for body in bodies:
         table = table_of(figures, body)
         for claim, agreed in paper_claims(table).items():
             held[OF_PAPER.format(body), claim, HOLDS] = float(agreed)
-        inside = _inside(figures, body, seeds)
+        inside = _inside(measured, body, NEES)
+        exact = _inside(measured, body, EXACT)
         ours = our_claims(table, table_of(least, body))
         for drive, claims in ours.items():
             for claim, holds in claims.items():
                 held[OF_OURS.format(body), drive, claim] = holds
             held[OF_OURS.format(body), drive, CONSISTENT] = float(all(inside[drive].values()))
-        for drive, windows in inside.items():
-            for name, within in windows.items():
-                held[INSIDE.format(body), drive, name] = float(within)
+        for experiment, found in ((INSIDE, inside), (EXACT_INSIDE, exact)):
+            for drive, windows in found.items():
+                for name, within in windows.items():
+                    held[experiment.format(body), drive, name] = float(within)
     return held | _everywhere(figures)
 
 
@@ -110,16 +115,18 @@ def _everywhere(figures: Figures) -> dict[Key, float]:
     return {(OF_ALL, claim, HOLDS): float(holds) for claim, holds in claims.items()}
 
 
-def _inside(figures: Figures, body: str, seeds: int) -> dict[str, dict[str, bool]]:
-    """Return by drive and window whether the mean NEES is inside its 95 % band."""
+def _inside(
+    measured: Mapping[Key, Sequence[float]], body: str, experiment: str
+) -> dict[str, dict[str, bool]]:
+    """Return by drive and window whether the NEES of an experiment is consistent with 3."""
     found: dict[str, dict[str, bool]] = {}
     for drive in (*SIMULATED, *(f"following-{metres}" for metres in FOLLOWED_M)):
-        scored = figures[COUNTS, drive, FRAMES] - figures[COUNTS, drive, body]
-        found[drive] = {}
-        for frames in OURS.values():
-            low, high = band(seeds * scored, frames)
-            value = figures[NEES.format(body), drive, frames_name(frames)]
-            found[drive][frames_name(frames)] = low <= value <= high
+        scored = _mean(measured[COUNTS, drive, FRAMES]) - _mean(measured[COUNTS, drive, body])
+        found[drive] = {
+            name: consistent(measured[experiment.format(body), drive, name], scored, frames)
+            for frames in OURS.values()
+            for name in (frames_name(frames),)
+        }
     return found
 
 
