@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
+from typer.testing import CliRunner
 
+from roadscope.__main__ import app
 from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.tables import board_table
-from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures
+from roadscope.benchmarks.episode import sensing_of
+from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures, scan_lost
 from roadscope.benchmarks.jobs.camera_job import CameraJob, seen_of
 from roadscope.benchmarks.jobs.fused import FusedSpec, fuse, perceive_fused
 from roadscope.benchmarks.jobs.job import Job, detections_of
@@ -290,3 +293,58 @@ def test_kinds_belong_on_their_boards(suite) -> None:
 def test_suites_of_the_package_have_jobs_on_all_their_boards(name: str) -> None:
     loaded = load_suite(name)
     assert plan(loaded, (), boards_of(loaded)).jobs
+
+
+def test_a_scan_or_an_image_that_is_lost_leaves_the_other_sensor(suite) -> None:
+    lossy = replace(suite, faults=(("dropped-scans:5", "blackout:5"),), seeds=(10007, 10009))
+    sensors = set()
+    for episode in episodes(lossy):
+        moments = fuse(FusedSpec(camera="noisy-camera", fusion="union"), episode, suite.eligibility)
+        lost = [scan_lost(sensing_of(episode), row) for row in moments.rows.tolist()]
+        for gone, fused, targets in zip(lost, moments.fused, moments.targets, strict=True):
+            sensors.add((bool(fused.by_lidar.any()), bool(fused.by_camera.any())))
+            assert not (gone and fused.by_lidar.any())
+            # What was to be found does not depend on what failed.
+            assert targets.eligible.any()
+    assert {(False, True), (True, False), (True, True)} <= sensors
+
+
+def test_an_error_of_the_calibration_is_believed(suite) -> None:
+    matrices = []
+    for faults in ((), ("extrinsic-error:5",)):
+        (episode, *_) = episodes(replace(suite, faults=(faults,)))
+        sensing = sensing_of(episode)
+        matrices.append(sensing.calibration.pose("camera").matrix)
+        moments = fuse(FusedSpec(camera="oracle", fusion="image-first"), episode, suite.eligibility)
+        matrices.append(np.array([f.by_lidar.sum() for f in moments.fused]).sum())
+    true, joined, off, apart = matrices
+    assert not np.allclose(true, off)
+    assert apart < joined
+
+
+def test_the_command_line_shows_both_boards(tmp_path, suite, results) -> None:
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    for board, words in (
+        ("camera", ("AP50", "false alarms per image) by family", "AP50 by size")),
+        ("fusion", ("dist.", "false alarms per scan) by family", "AP by inputs")),
+    ):
+        by = {"camera": "size", "fusion": "inputs"}[board]
+        arguments = ["leaderboard", board, "--suite", str(path), "--by", by, "--jobs", "1"]
+        said = CliRunner().invoke(app, arguments, env={"COLUMNS": "80"})
+        assert said.exit_code == 0, said.output
+        for each in words:
+            assert each in said.output
+        lines = [line for line in said.stdout.splitlines() if not line.startswith("written")]
+        assert max(map(len, lines)) <= 80
+
+
+def test_detections_on_the_command_line_replace_the_suites(tmp_path) -> None:
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    arguments = ["leaderboard", "tracking", "--suite", str(path), "--jobs", "1", "--detections"]
+    said = CliRunner().invoke(app, [*arguments, "cluster-boxes"])
+    assert said.exit_code == 0, said.output
+    assert "detections of cluster-boxes" in " ".join(said.output.split())
+    said = CliRunner().invoke(app, [*arguments, "fused?fusion=nobody"])
+    assert "no fusion 'nobody'" in str(said.exception)

@@ -1,0 +1,154 @@
+"""A rig calibrated with a board, as a function and on the command line."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from roadscope.__main__ import app
+from roadscope.benchmarks import calibrating
+from roadscope.benchmarks.calibrating import PoseRow, calibrate_rig, enough, save_rig_calibration
+from roadscope.benchmarks.images import projection_of
+from roadscope.benchmarks.papers import li2021_board
+from roadscope.benchmarks.papers.li2021_board import Views, places
+from roadscope.envs.sensors.rigs import rig
+from roadscope.fusion.board import Board
+from roadscope.fusion.calibration import CalibrationError
+from roadscope.fusion.calibration_file import read_calibration
+
+
+def true_views(carrier, poses: int, noise_px: float, seed: int = 0) -> Views:
+    """Corners where they truly are, without scans and images."""
+    rng, flat = np.random.default_rng(seed), Board().corners
+    points, pixels = [], []
+    for x, y, bottom, yaw in places(carrier, poses, rng):
+        turn = np.array([-np.sin(yaw), np.cos(yaw)])
+        corners = np.column_stack([[x, y] - flat[:, :1] * turn, bottom + flat[:, 1]])
+        points.append(corners)
+        pixels.append(projection_of(carrier).project(corners)[0])
+        pixels[-1] = pixels[-1] + noise_px * rng.standard_normal((3, 2))
+    return Views(tuple(points), tuple(pixels))
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """No board is sensed: its corners are known to half a pixel."""
+
+    def views(carrier, poses, rng, *, told=None, **_):
+        for number in range(1, poses + 1):
+            told(number)
+        return true_views(carrier, poses, 0.5)
+
+    monkeypatch.setattr(calibrating, "board_views", views)
+
+
+def test_corners_without_errors_give_the_truth(monkeypatch) -> None:
+    monkeypatch.setattr(calibrating, "board_views", lambda c, n, *_, **__: true_views(c, n, 0.0))
+    last = calibrate_rig("wide", poses=8).rows[-1]
+    assert last.held_out_px < 1e-3
+    assert last.position_m < 1e-4
+    assert last.rotation_deg < 1e-3
+
+
+@pytest.mark.usefixtures("quick")
+def test_more_poses_are_told_to_be_better() -> None:
+    told = []
+    found = calibrate_rig("wide", poses=20, progress=lambda *t: told.append(t))
+    rows = found.rows
+    assert [row.poses for row in rows] == [4, 6, 8, 10, 12, 16, 20]
+    assert rows[0].held_out_px > rows[-1].held_out_px
+    assert told[0] == ("poses", 0, 20)
+    assert ("poses", 20, 20) in told
+    assert told[-1] == ("solving", 7, 7)
+
+
+@pytest.mark.usefixtures("quick")
+def test_known_intrinsics_leave_less_to_be_wrong() -> None:
+    free, known = (
+        calibrate_rig("wide", poses=6, known_intrinsics=k).rows[-1].rotation_deg
+        for k in (False, True)
+    )
+    assert known < free
+
+
+def test_how_many_are_enough() -> None:
+    def row(poses, off):
+        return PoseRow(poses, 1.0, off, off, 0.0, 0.0)
+
+    assert enough([row(4, 3.0), row(6, 1.4), row(8, 1.6), row(10, 1.2), row(12, 1.0)]) == 10
+    assert enough([row(4, 1.0), row(6, 1.0)]) == 4
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_is_written_is_what_fusion_reads(tmp_path: Path) -> None:
+    found = calibrate_rig("wide", poses=6)
+    for name in ("rig.json", "rig.toml"):
+        save_rig_calibration(found, tmp_path / name, "a board")
+        assert np.allclose(
+            read_calibration(tmp_path / name).matrix, found.result.projection.matrix, rtol=1e-12
+        )
+    assert json.loads((tmp_path / "rig.json").read_text())["width"] == 640
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["rig.json", "rig.toml"]
+
+
+def test_what_cannot_be_calibrated_is_named(monkeypatch) -> None:
+    with pytest.raises(CalibrationError, match="at least 4, got 3"):
+        calibrate_rig("wide", poses=3)
+    with pytest.raises(ValueError, match="rig 'lux' has no camera"):
+        calibrate_rig("lux")
+    few = true_views(rig("wide"), 3, 0.0)
+    monkeypatch.setattr(calibrating, "board_views", lambda *_, **__: few)
+    with pytest.raises(CalibrationError, match="in 3 of 20 poses only, 4 are needed"):
+        calibrate_rig("wide")
+
+    def blind(*_):
+        raise CalibrationError("the image cuts the board")
+
+    monkeypatch.setattr(li2021_board, "corners_of", blind)
+    with pytest.raises(CalibrationError, match="none of 5 poses showed the board"):
+        li2021_board.board_views(rig("wide"), 5, np.random.default_rng(0))
+
+
+@pytest.mark.usefixtures("quick")
+def test_the_command_tells_errors_and_a_table(tmp_path: Path) -> None:
+    out = tmp_path / "calibration.json"
+    said = CliRunner().invoke(
+        app, ["calibrate", "--rig", "wide", "--poses", "8", "--out", str(out)]
+    )
+    assert said.exit_code == 0, said.output
+    for words in ("reprojection error", "camera's pose", "poses", f"written: {out}"):
+        assert words in said.output
+    assert read_calibration(out).width == 640
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--out", "calibration.png"], "ends in .json or .toml"),
+        (["--rig", "lux"], "rig 'lux' has no camera"),
+        (["--rig", "nowhere"], "no rig 'nowhere'"),
+    ],
+)
+def test_bad_input_is_one_error(arguments, words) -> None:
+    said = CliRunner().invoke(app, ["calibrate", *arguments])
+    assert said.exit_code != 0
+    assert words in str(said.exception)
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_it_and_writes_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "rig.json"
+    command = [sys.executable, "-m", "roadscope", "calibrate", "--poses", "100", "--out", str(out)]
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    time.sleep(12.0)
+    child.send_signal(signal.SIGINT)
+    _, complaint = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert complaint.strip().endswith("interrupted")
+    assert list(tmp_path.iterdir()) == []
