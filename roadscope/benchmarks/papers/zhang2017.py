@@ -174,7 +174,7 @@ def _nees(runs: Iterable[Taken]) -> Values:
             place = taken.drive, frames_name(frames)
             found[NEES.format(taken.body), *place] = taken.nees[method]
             found[EXACT.format(taken.body), *place] = taken.nees[floor_name(frames)]
-    return dict(sorted(found.items(), key=lambda item: item[0][0]))
+    return found
 
 
 def _turned(kinds: Mapping[str, Sequence[Taken]]) -> Values:

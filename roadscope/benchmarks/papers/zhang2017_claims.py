@@ -121,12 +121,13 @@ def consistent(values: Sequence[float], scored: float, frames: int) -> bool:
     one seed share scans and the view of the car, and errors at the edge of a silhouette are not
     normal; only seeds are independent. A single seed has its frames alone: see `band`.
     """
-    known = [value for value in values if np.isfinite(value)]
-    if len(known) > 1:
-        row = summarise(("", ""), "", "1", known, None)
-        return bool(row.low <= FREEDOM <= row.high)
-    low, high = band(scored, frames)
-    return bool(known) and low <= known[0] <= high
+    row = summarise((CONSISTENT, ""), "", "1", values, None)
+    if row.ours is None:
+        return False
+    if row.low is None or row.high is None:
+        low, high = band(scored, frames)
+        return low <= row.ours <= high
+    return row.low <= FREEDOM <= row.high
 
 
 def band(scored: float, frames: int) -> tuple[float, float]:

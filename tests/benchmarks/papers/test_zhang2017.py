@@ -175,7 +175,7 @@ def test_frames_are_counted_and_what_turned_is_named(rows):
 
 def test_every_drive_and_window_has_its_consistency(rows):
     windows = {names.frames_name(frames) for frames in OURS.values()}
-    for experiment in (names.NEES, names.INSIDE):
+    for experiment in (names.NEES, names.EXACT, names.INSIDE, names.EXACT_INSIDE):
         name = experiment.format("rounded")
         found = {(row.method, row.quantity) for row in rows if row.experiment == name}
         assert found == {(drive, window) for drive in DRIVES for window in windows}
@@ -285,6 +285,26 @@ def test_the_band_of_the_nees_is_that_of_independent_windows():
     means = (rng.normal(size=(2000, 40, 3)) ** 2).sum(axis=2).mean(axis=1)
     low, high = band(40, 1)
     assert ((low < means) & (means < high)).mean() == pytest.approx(0.95, abs=0.015)
+
+
+def test_a_nees_is_consistent_if_3_is_in_the_interval_of_its_seeds():
+    """However few frames are behind a seed, what all seeds agree on is no chance."""
+    assert claims.consistent([2.5, 3.2, 3.4, 2.8], 1000, 1)
+    assert not claims.consistent([3.3, 3.4, 3.2, 3.35], 8, 7)
+    assert claims.consistent([3.3], 8, 7)
+    assert not claims.consistent([3.3], 10_000, 1)
+    assert not claims.consistent([np.nan], 8, 7)
+
+
+def test_intervals_of_seeds_cover_3_where_frames_of_a_seed_repeat_each_other():
+    """Where chi square of all frames would call a true covariance wrong every other time."""
+    rng = np.random.default_rng(2)
+    squares = (rng.normal(size=(400, 30, 5, 3)) ** 2).sum(axis=3).mean(axis=2)
+    held = [claims.consistent(list(values), 150 * 20, 1) for values in squares]
+    assert np.mean(held) == pytest.approx(0.95, abs=0.03)
+    low, high = band(30 * 5 * 20, 1)
+    means = squares.mean(axis=1)
+    assert ((low < means) & (means < high)).mean() < 0.5
 
 
 def test_times_are_held_against_their_limits():

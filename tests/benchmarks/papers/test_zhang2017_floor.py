@@ -6,7 +6,11 @@ import pytest
 from roadscope.benchmarks.papers.zhang2017_floor import Floor, floor
 from roadscope.benchmarks.papers.zhang2017_floor_corners import bodies_of, told, untold
 from roadscope.benchmarks.papers.zhang2017_floor_kernels import IMPOSSIBLE, add_log_likelihoods
-from roadscope.benchmarks.papers.zhang2017_floor_motion import offsets_after
+from roadscope.benchmarks.papers.zhang2017_floor_motion import (
+    acceleration_of,
+    motion_of,
+    offsets_after,
+)
 from roadscope.benchmarks.papers.zhang2017_floor_views import rays_of, receiver_of
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
 from roadscope.benchmarks.papers.zhang2017_scene import film
@@ -27,9 +31,20 @@ def log_likelihood(run, k, offset):
 
 
 def nees(found: Floor) -> np.ndarray:
-    used = np.isfinite(found.errors[:, 0])
-    errors, covariances = found.errors[used], found.covariances[used]
-    return np.einsum("ki,kij,kj->k", errors, np.linalg.inv(covariances), errors)
+    return found.nees[np.isfinite(found.nees)]
+
+
+def test_few_samples_do_not_make_a_posterior_too_sure():
+    """Mean and covariance of 26 normal samples, and a truth that they do not know."""
+    rng = np.random.default_rng(3)
+    drawn, truth = rng.normal(size=(4000, 26, 3)), rng.normal(size=(4000, 3))
+    covariances = np.stack([np.cov(samples.T) for samples in drawn])
+    count = np.full(4000, 26.0)
+    found = Floor(drawn.mean(axis=1) - truth, covariances, count / 85, count)
+    raw = np.einsum("ki,kij,kj->k", found.errors, np.linalg.inv(covariances), found.errors)
+    assert raw.mean() > 3.4
+    assert found.nees.mean() == pytest.approx(3.0, abs=0.15)
+    assert np.isnan(replace(found, counts=0 * count).nees).all()
 
 
 @pytest.mark.parametrize("name", ["straight", "straight-past", "curve", "following-10"])
@@ -143,6 +158,22 @@ def test_frames_with_too_few_returns_have_no_floor():
     assert np.isnan(floor(empty, 3).position_m).all()
 
 
+def test_a_speed_that_may_change_raises_the_floor_along_the_way():
+    run = film("straight", SEED, frames=9)
+    steady, gaining = (floor(run, 7, draws=512, knows_acceleration=k) for k in (True, False))
+    assert np.nanmean(gaining.longitudinal_m**2) > 1.3 * np.nanmean(steady.longitudinal_m**2)
+    alone = floor(run, 1, draws=512, knows_acceleration=False)
+    assert np.array_equal(alone.covariances, floor(run, 1, draws=512).covariances, equal_nan=True)
+
+
+def test_the_acceleration_is_that_of_the_way():
+    run = film("following-10", SEED, frames=4)
+    speeds = [motion_of(run, k)[0] for k in (1, 3)]
+    assert acceleration_of(run, 2) == pytest.approx((speeds[1] - speeds[0]) / 0.2, abs=1e-3)
+    assert abs(acceleration_of(run, 2)) > 0.005
+    assert acceleration_of(film("curve", SEED, frames=2), 1) == pytest.approx(0, abs=1e-6)
+
+
 def test_offsets_later_are_those_of_the_closed_form():
     """A car that is displaced and turned now is displaced by the turned way later."""
     states = np.array([[0.1, 0.2, 0.05, 0.3, -0.1]])
@@ -153,3 +184,5 @@ def test_offsets_later_are_those_of_the_closed_form():
         [0.1 + chord * np.cos(heading) - 2.0, 0.2 + chord * np.sin(heading), 0.05 - 0.01]
     )
     assert offsets_after(np.zeros((1, 5)), (20.0, 0.5), 0.3) == pytest.approx(np.zeros((1, 3)))
+    gained = offsets_after(np.array([[0, 0, 0, 0, 0, 2.0]]), (20.0, 0.0), -0.3)
+    assert gained == pytest.approx(np.array([[0.09, 0.0, 0.0]]))

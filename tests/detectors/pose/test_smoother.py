@@ -94,6 +94,19 @@ def test_a_scan_with_one_return_feeds_the_window(curve):
             assert np.hypot(pose.x - truth[0], pose.y - truth[1]) < 0.05
 
 
+@pytest.mark.parametrize("seed", [3, 6])
+def test_how_the_sensor_went_in_its_first_scan_is_told_by_the_second(seed):
+    """At 3 m/s a rear end 10 m away seems turned by a third of a degree to whoever stands."""
+    run = film("following-10", seed, frames=5)
+    told, untold = (Smoother(run.spec, fusion(), frames=5, lag=1) for _ in range(2))
+    before, *shots = run.shots
+    told.update(before.scan, np.zeros_like(before.target), before.world_from_lidar)
+    for s in shots:
+        one, other = (x.update(s.scan, s.target, s.world_from_lidar) for x in (told, untold))
+    assert np.hypot(one.x - other.x, one.y - other.y) < 0.001
+    assert abs(one.yaw - other.yaw) < np.radians(0.02)
+
+
 def test_without_a_return_there_is_no_pose(curve):
     smoother = Smoother(curve.spec, fusion(), frames=3, lag=0)
     shot = curve.shots[0]
