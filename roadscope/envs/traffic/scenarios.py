@@ -33,6 +33,7 @@ class Scenario:
         scripted scenario a `Timeline` from name, seed and duration.
     duration_s: default length of a recording.
     scripted: whether all motion is written down; such scenarios are exempt from `accept`.
+    unseen: whether vehicles have the shapes of `unseen.UNSEEN`, from which nothing is learned.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Scenario:
     builder: str
     duration_s: float = 20.0
     scripted: bool = False
+    unseen: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +110,14 @@ SCENARIOS: Mapping[str, Scenario] = _scenarios(
         "town", _HERE + "scenario_street:town_crossing",
     ),
     Scenario(
+        "unseen-motorway", "As motorway, with flatbeds, tankers and other bodies never learned.",
+        "motorway", _HERE + "scenario_motorway:motorway", unseen=True,
+    ),
+    Scenario(
+        "unseen-street", "As street, with vehicles of such bodies.",
+        "town", _HERE + "scenario_street:street", unseen=True,
+    ),
+    Scenario(
         "cut-ins", "Vehicles cut in and change places closely before the ego.",
         "motorway", _HERE + "script_cut_ins:cut_ins", 12.0, scripted=True,
     ),
@@ -145,6 +155,7 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
         timeline: Timeline = build(scenario.name, seed, duration_s)
         return timeline
     from roadscope.envs.traffic.stage import play
+    from roadscope.envs.traffic.unseen import with_unseen_bodies
 
     for child in np.random.SeedSequence(seed).spawn(TRIES):
         traffic, dressing = child.spawn(2)
@@ -155,7 +166,7 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
             seed=dressing,
         )
         if accept(timeline).accepted:
-            return timeline
+            return with_unseen_bodies(timeline) if scenario.unseen else timeline
     raise ScenarioError(f"'{name}' with seed {seed}: no traffic accepted in {TRIES} tries")
 
 

@@ -9,86 +9,63 @@ Cooksey 2015).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
 from roadscope.core import Category
 from roadscope.envs.world import materials
-from roadscope.envs.world.footprints import ellipse, rounded
+from roadscope.envs.world.body_parts import (
+    DARK_METAL,
+    PAINTS,
+    RUBBER,
+    SKIN,
+    WINDOW,
+    Parts,
+    Size,
+    any_of,
+    painted,
+    slab,
+)
+from roadscope.envs.world.footprints import ellipse
 from roadscope.envs.world.prisms import Prisms
-
-Size = tuple[float, float, float]
-Parts = Mapping[str, Any]
-"""Options of a slab."""
-
-GLASS = 0.08
-RUBBER = 0.05
-DARK_METAL = 0.2
-SKIN = 0.55
-WINDOW: Parts = MappingProxyType({"reflectivity": GLASS, "look": materials.GLASS})
-PAINTS = np.array([0.1, 0.15, 0.25, 0.35, 0.45, 0.6, 0.8])
-"""Black, dark blue, dark grey, red, silver, light grey, white."""
+from roadscope.envs.world.unseen_bodies import BY_SIZE
 
 
 def body_prisms(category: Category, size: np.ndarray, rng: np.random.Generator) -> Prisms:
     """Return the body of a road user, owner 0, box centre on the ground, x ahead.
 
-    size: (3,) metres, length width height; the body touches its front, rear, sides and top.
+    size: (3,) metres, length width height; the body touches its front, rear, sides and top. Those
+        of `traffic.unseen` have shapes of their own.
     rng: chooses paint, clothes and variants.
     """
     length, width, height = (float(v) for v in size)
-    return Prisms.join(_BUILDERS[category]((length, width, height), rng))
-
-
-def _slab(
-    size: Size, x: tuple[float, float], z: tuple[float, float],
-    *, breadth: float = 1.0, radius: float = 0.3, reflectivity: float, look: int = materials.GREY,
-) -> Prisms:  # fmt: skip
-    """Make a rounded slab; x from the rear end, z and breadth are fractions of the size."""
-    length, width, height = size
-    outline = rounded(
-        (x[1] - x[0]) * length, breadth * width, radius, ((x[0] + x[1]) / 2 - 0.5) * length
-    )
-    return Prisms.of(
-        outline, z[0] * height, z[1] * height, reflectivity=reflectivity, material=look
-    )  # fmt: skip
-
-
-def _paint(paint: float, rng: np.random.Generator, family: str = "paint") -> Parts:
-    """One of the colours that are as bright as the reflectivity."""
-    row = int(np.searchsorted(PAINTS, paint)) * materials.HUES + int(rng.integers(materials.HUES))
-    return {"reflectivity": paint, "look": materials.first_of(family) + row}
-
-
-def _any(family: str, rng: np.random.Generator) -> int:
-    return materials.first_of(family) + int(rng.integers(materials.size_of(family)))
+    build = BY_SIZE.get((length, width, height), _BUILDERS[category])
+    return Prisms.join(build((length, width, height), rng))
 
 
 def _car(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Saloon or hatchback: sill, deck, two steps of sloping glass, roof."""
     paint = float(rng.choice(PAINTS))
     rear = (0.02, 0.05, 0.09) if rng.random() < 0.5 else (0.10, 0.17, 0.23)
-    colour = _paint(paint, rng)
+    colour = painted(paint, rng)
     return [
-        _slab(size, (0, 1), (0.12, 0.50), radius=0.35, **colour),
-        _slab(size, (0.01, 0.96), (0.50, 0.62), breadth=0.98, **colour),
-        _slab(size, (rear[0], 0.70), (0.62, 0.80), breadth=0.90, **WINDOW),
-        _slab(size, (rear[1], 0.62), (0.80, 0.94), breadth=0.82, **WINDOW),
-        _slab(size, (rear[2], 0.56), (0.94, 1), breadth=0.76, **colour),
+        slab(size, (0, 1), (0.12, 0.50), radius=0.35, **colour),
+        slab(size, (0.01, 0.96), (0.50, 0.62), breadth=0.98, **colour),
+        slab(size, (rear[0], 0.70), (0.62, 0.80), breadth=0.90, **WINDOW),
+        slab(size, (rear[1], 0.62), (0.80, 0.94), breadth=0.82, **WINDOW),
+        slab(size, (rear[2], 0.56), (0.94, 1), breadth=0.76, **colour),
     ]
 
 
 def _van(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Box van: short bonnet, one step of windscreen, box."""
-    colour = _paint(float(rng.choice(PAINTS)), rng)
+    colour = painted(float(rng.choice(PAINTS)), rng)
     return [
-        _slab(size, (0, 1), (0.1, 0.42), radius=0.25, **colour),
-        _slab(size, (0, 0.93), (0.42, 0.55), radius=0.2, **colour),
-        _slab(size, (0.76, 0.86), (0.55, 0.80), breadth=0.9, radius=0.15, **WINDOW),
-        _slab(size, (0, 0.76), (0.55, 1), breadth=0.97, radius=0.15, **colour),
+        slab(size, (0, 1), (0.1, 0.42), radius=0.25, **colour),
+        slab(size, (0, 0.93), (0.42, 0.55), radius=0.2, **colour),
+        slab(size, (0.76, 0.86), (0.55, 0.80), breadth=0.9, radius=0.15, **WINDOW),
+        slab(size, (0, 0.76), (0.55, 1), breadth=0.97, radius=0.15, **colour),
     ]
 
 
@@ -100,27 +77,27 @@ def _truck(size: Size, rng: np.random.Generator) -> list[Prisms]:
     cab = 1 - (2.3 / length if length > 6 else 0.3)
     back = cab - (0.9 if long else 0.25) / length
     wheels = (0.05, 0.30) if long else (0.10, 0.32)
-    colour = _paint(paint, rng)
-    cover: Parts = {"reflectivity": box, "look": _any("box", rng)}
+    colour = painted(paint, rng)
+    cover: Parts = {"reflectivity": box, "look": any_of("box", rng)}
     rubber: Parts = {"radius": 0.1, "reflectivity": RUBBER, "look": materials.RUBBER}
     steel: Parts = {"reflectivity": DARK_METAL, "look": materials.STEEL}
     return [
-        _slab(size, (cab, 1), (0.09, 0.46), radius=0.2, **colour),
-        _slab(size, (cab, 0.995), (0.46, 0.92), breadth=0.98, radius=0.2, **colour),
-        _slab(size, (0, back), (0.32, 1), radius=0.05, **cover),
-        _slab(size, (0, cab), (0.22, 0.32), breadth=0.4, radius=0.05, **steel),
-        _slab(size, wheels, (0, 0.26), breadth=0.98, **rubber),
-        _slab(size, (back - 0.4 / length, 0.6 * cab + 0.4), (0, 0.25), breadth=0.96, **rubber),
+        slab(size, (cab, 1), (0.09, 0.46), radius=0.2, **colour),
+        slab(size, (cab, 0.995), (0.46, 0.92), breadth=0.98, radius=0.2, **colour),
+        slab(size, (0, back), (0.32, 1), radius=0.05, **cover),
+        slab(size, (0, cab), (0.22, 0.32), breadth=0.4, radius=0.05, **steel),
+        slab(size, wheels, (0, 0.26), breadth=0.98, **rubber),
+        slab(size, (back - 0.4 / length, 0.6 * cab + 0.4), (0, 0.25), breadth=0.96, **rubber),
     ]
 
 
 def _bus(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """City bus: skirt, band of windows, roof."""
-    colour = _paint(float(rng.choice(PAINTS)), rng, "coach")
+    colour = painted(float(rng.choice(PAINTS)), rng, "coach")
     return [
-        _slab(size, (0, 1), (0.09, 0.42), radius=0.25, **colour),
-        _slab(size, (0.003, 0.995), (0.42, 0.82), breadth=0.98, radius=0.25, **WINDOW),
-        _slab(size, (0.01, 0.985), (0.82, 1), breadth=0.96, radius=0.25, **colour),
+        slab(size, (0, 1), (0.09, 0.42), radius=0.25, **colour),
+        slab(size, (0.003, 0.995), (0.42, 0.82), breadth=0.98, radius=0.25, **WINDOW),
+        slab(size, (0.01, 0.985), (0.82, 1), breadth=0.96, radius=0.25, **colour),
     ]
 
 
@@ -131,18 +108,18 @@ def _two_wheeler(
     cloth, machine = float(rng.uniform(0.25, 0.7)), float(rng.uniform(0.1, 0.4))
     head = min(0.26, 0.6 * size[1], 0.6 * size[0])
     face = 0.5 - head / size[0] / 2, 0.5 + head / size[0] / 2
-    trousers, shirt, skin = (_any(family, rng) for family in ("cloth", "cloth", "skin"))
+    trousers, shirt, skin = (any_of(family, rng) for family in ("cloth", "cloth", "skin"))
     legs: Parts = {"reflectivity": cloth, "look": trousers}
     trunk: Parts = {"reflectivity": cloth, "look": shirt}
     steel: Parts = {"reflectivity": machine, "look": materials.STEEL}
     return [
-        _slab(
+        slab(
             size, (0, 1), (0, 0.38), breadth=frame, reflectivity=machine / 2, look=materials.RUBBER
         ),
-        _slab(size, (0.22, 0.78), (0.38, seat), breadth=max(frame, 0.55), **legs),
-        _slab(size, (0.66, 0.76), (seat, seat + 0.08), radius=0.05, **steel),
-        _slab(size, (0.30, 0.62), (seat, 0.82), breadth=0.75, **trunk),
-        _slab(size, face, (0.82, 1), breadth=head / size[1], reflectivity=SKIN, look=skin),
+        slab(size, (0.22, 0.78), (0.38, seat), breadth=max(frame, 0.55), **legs),
+        slab(size, (0.66, 0.76), (seat, seat + 0.08), radius=0.05, **steel),
+        slab(size, (0.30, 0.62), (seat, 0.82), breadth=0.75, **trunk),
+        slab(size, face, (0.82, 1), breadth=head / size[1], reflectivity=SKIN, look=skin),
     ]
 
 
@@ -162,7 +139,7 @@ def _pedestrian(size: Size, rng: np.random.Generator) -> list[Prisms]:
     trousers, shirt = (float(v) for v in rng.uniform(0.25, 0.7, 2))
     head = min(0.24, 0.7 * length, 0.7 * width)
     hip, neck = 0.47 * height, 0.85 * height
-    legs, trunk, skin = (_any(family, rng) for family in ("cloth", "cloth", "skin"))
+    legs, trunk, skin = (any_of(family, rng) for family in ("cloth", "cloth", "skin"))
     return [
         Prisms.of(ellipse(length, 0.6 * width), 0, hip, reflectivity=trousers, material=legs),
         Prisms.of(ellipse(0.7 * length, width), hip, neck, reflectivity=shirt, material=trunk),
