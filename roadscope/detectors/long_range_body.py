@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.core import Category, LidarScan, Pose, wrap_angle
+from roadscope.core import Category, LidarScan, Pose
 from roadscope.detectors.moving.links import Chain, Sighting
 from roadscope.detectors.moving.view import View
-from roadscope.detectors.pose.body_descent import descend
-from roadscope.detectors.pose.body_fit import CHANCES, still_problem, thinned
-from roadscope.detectors.pose.body_kernels import POSE
+from roadscope.detectors.pose.body_descent import AROUND as ALL
+from roadscope.detectors.pose.body_descent import LIMIT, drawn, space_of
+from roadscope.detectors.pose.body_descent_kernels import Rules
+from roadscope.detectors.pose.body_fit import CHANCES, still_problem
+from roadscope.detectors.pose.body_glance import Search, Sought, likeliest
+from roadscope.detectors.pose.body_kernels import Rays
 from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
 from roadscope.detectors.pose.body_rays import Sighting as BodySighting
-from roadscope.detectors.pose.body_rays import beams_of, sighted
-from roadscope.detectors.pose.body_sampling import Problem
-from roadscope.detectors.pose.body_sight_kernels import (
-    Beams,
-    Motion,
-    Returns,
-    points_of,
-    returns_about,
-)
-from roadscope.detectors.pose.body_start import starts
+from roadscope.detectors.pose.body_rays import beams_of
+from roadscope.detectors.pose.body_sight_kernels import Beams, Motion, Returns, rays_about
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.shape.bodies import Body
 from roadscope.detectors.sorting import order_by
@@ -51,8 +46,10 @@ UNLIKELY = 12.0
 """First guesses whose squared deviation from the way is so much more than the best's are left."""
 CLOSE = 15.0
 """First fits whose cost is no more than so much above the best's are followed to the end."""
-YAW, SPEED = 2, 3
-"""Places among what a pose problem may leave free."""
+SEARCH = Search(
+    np.array([*FIRST_M, 0.0]), np.array([*NEXT_M, 0.0]), np.array([*LAST_M, 0.0]),
+    COARSE_RAYS, UNLIKELY, CLOSE, Rules(LIMIT, CHANCES.edge_m),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,10 +91,10 @@ class Shot:
         rows: (N,) returns of the body, N at least 1. time_s: from the stamp to when it was met.
         """
         assert self.beams is not None
-        returns, target = returns_about(
-            self.returns, (self.order, self.columns), rows, self.beams.columns
-        )
-        return sighted(self.beams, returns, target, _motion(self, time_s), BUDGET)
+        lidar = self.beams, _motion(self, time_s)
+        ordered = self.order, self.columns
+        rays, hits = rays_about(self.returns, ordered, rows, lidar, BUDGET)
+        return BodySighting(rays, lidar[1].matrix[:2, 3].copy(), int(hits))
 
 
 class Way(NamedTuple):
@@ -131,45 +128,12 @@ def body_pose(seen: Sighting, shot: Shot, body: Body, way: Way) -> VehiclePose |
     if shot.beams is None:
         return None
     sighting = shot.sighting(seen.candidate.rows, seen.met_s - seen.stamp_s)
-    return _likeliest(sighting, _model(body), way) if sighting.returns else None
-
-
-def _likeliest(sighting: BodySighting, model: BodyModel, way: Way) -> VehiclePose:
-    """Descend from the sides of an initial rectangle; the way is what is known of the heading.
-
-    Of a few returns of one face any heading of four is likely: the way then decides. Where the
-    rays tell the heading, its standard deviation is far less than the way's.
-    """
-    step = way.speed * np.array([np.cos(way.towards), np.sin(way.towards)])
-    points = points_of(sighting.rays, step)
-    guesses = _by_way(starts(points, sighting.origin, model), way)
-    coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, CHANCES, np.arange(3))
-    rough = descend(_going(coarse, way), guesses, FIRST_M, around=AROUND, ways=1)
-    problem = _going(still_problem(sighting.rays, model, CHANCES), way)
-    likely = rough.vectors[rough.costs <= rough.costs.min() + CLOSE]
-    begin = np.zeros((len(likely), len(problem.free)))
-    begin[:, :3] = likely
-    fine = descend(problem, begin, NEXT_M, around=0, ways=1)
-    last = descend(problem, fine.vectors[np.argmin(fine.costs)][None], LAST_M, ways=1)
-    lengths, widths = model.sizes(problem.whole(last.vectors)[:, POSE:])
-    x, y, yaw = last.vectors[0, :3]
-    size = float(lengths[0]), float(widths[0])
-    return VehiclePose(float(x), float(y), float(yaw), *size, score=-float(last.costs[0]))
-
-
-def _by_way(guesses: np.ndarray, way: Way) -> np.ndarray:
-    """Turn headings to within half a turn of the way and leave those that it makes unlikely."""
-    off = wrap_angle(guesses[:, 2] - way.towards)
-    square = (off / way.heading_sd) ** 2
-    turned = np.column_stack([guesses[:, :2], way.towards + off])
-    return np.asarray(turned[square <= square.min() + UNLIKELY])
-
-
-def _going(problem: Problem, way: Way) -> Problem:
-    """Return the problem of a body that goes such a way while it is swept."""
-    fixed, prior, centre = problem.fixed.copy(), problem.prior.copy(), problem.centre.copy()
-    fixed[SPEED], centre[YAW], prior[YAW] = way.speed, way.towards, way.heading_sd
-    return replace(problem, fixed=fixed, prior=prior, centre=centre)
+    if not sighting.returns:
+        return None
+    x, y, yaw, length, width, cost = likeliest(
+        sighting.rays, sighting.origin, way, _sought(body), SEARCH
+    )
+    return VehiclePose(x, y, yaw, length, width, score=-cost)
 
 
 def _motion(shot: Shot, time_s: float) -> Motion:
@@ -186,6 +150,19 @@ def _motion(shot: Shot, time_s: float) -> Motion:
 
 
 @cache
+def _sought(body: Body) -> Sought:
+    """Return a body, and where it is searched, whatever the rays."""
+    model, none = _model(body), np.empty(0)
+    rays = Rays(
+        np.empty((0, 3)), np.empty((0, 2)), none, none, np.empty(0, np.int64), none, none, none
+    )
+    pose = still_problem(rays, model, CHANCES, np.arange(3))
+    whole = still_problem(rays, model, CHANCES)
+    return Sought(
+        drawn(model), space_of(pose, around=AROUND, ways=1), space_of(whole, around=ALL, ways=1)
+    )
+
+
 def _model(body: Body) -> BodyModel:
     if body.category is Category.CAR:
         return saloon(body.length, body.width)

@@ -8,9 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.detectors.pose.body_kernels import POSE, Rays
-from roadscope.detectors.pose.body_misfits import misfits
-from roadscope.detectors.pose.body_model import UNKNOWNS, fill_parts
+from roadscope.detectors.pose.body_kernels import Rays
+from roadscope.detectors.pose.body_lane_misfits import lane_misfits
+from roadscope.detectors.pose.body_lanes import LANES, draw, even, lay, new_room, stand
+
+WIDE = 16
+"""Most values of a vector: a whole number of those that are worked on at a time."""
 
 
 class Drawn(NamedTuple):
@@ -51,12 +54,23 @@ class Rules(NamedTuple):
     edge_m: float
 
 
-class Told(NamedTuple):
-    """All that misfits depend on beside vector and body."""
+class Room(NamedTuple):
+    """Room to work in, for several starts side by side.
 
-    space: Space
-    rays: Rays
-    rules: Rules
+    lanes, parts: of `body_lanes`. misfit: (M, LANES). sums: (2, LANES), costs and products.
+    moved, tried: (LANES, D) vectors. normal, root: (D, D). pull, slope: (D,).
+    """
+
+    lanes: np.ndarray
+    parts: np.ndarray
+    misfit: np.ndarray
+    sums: np.ndarray
+    moved: np.ndarray
+    tried: np.ndarray
+    normal: np.ndarray
+    root: np.ndarray
+    pull: np.ndarray
+    slopes: np.ndarray
 
 
 @compiled()
@@ -68,85 +82,140 @@ def descended(
     starts: (S, D). slacks: (T,) metres added to noise and edges, round by round, the last one 0.
     told: the rays and what is made of them.
     """
-    rays, rules = told
-    given = Told(space, rays, rules)
-    count, size = starts.shape
-    tries = len(space.shares) + len(space.spread)
-    moves = space.ways * size + 1
-    rows = max(moves, tries)
-    best, normals = starts.copy(), np.zeros((count, size, size))
+    size = starts.shape[1]
+    return _descended(starts, slacks, (drawn, space), told, np.zeros((len(starts), size, size)))
+
+
+@compiled()
+def lowest(
+    starts: np.ndarray, slacks: np.ndarray, drawn: Drawn, space: Space, told: tuple[Rays, Rules]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return best vectors (S, D) and costs (S,) as `descended` does, in less time.
+
+    slacks: the last two 0.
+    """
+    none = np.empty((len(starts), 0, 0))
+    best, _, least = _descended(starts, slacks, (drawn, space), told, none)
+    return best, least
+
+
+@compiled()
+def _descended(
+    starts: np.ndarray,
+    slacks: np.ndarray,
+    sought: tuple[Drawn, Space],
+    told: tuple[Rays, Rules],
+    normals: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what `descended` does, and fill in normals unless there is no room for them."""
+    (count, size), (drawn, space) = starts.shape, sought
+    best = starts.copy()
     least = np.full(count, np.inf)
-    misfit, states = np.empty((rows, len(rays.slope))), np.empty((rows, POSE))
-    parts = np.empty((rows, len(drawn.storeys), 16))
-    moved, tried = np.empty((moves, size)), np.empty((tries, size))
-    normal, root, pull = np.empty((size, size)), np.empty((size, size)), np.empty(size)
-    for s in range(count):
-        vector = starts[s].copy()
-        for turn in range(len(slacks)):
-            slack = slacks[turn]
-            _moves(vector, space.steps, moved)
-            _misfits(moved, slack, drawn, given, (states, parts, misfit))
-            if slack == 0.0:
-                cost = _cost(misfit[0], vector, space, rules.limit)
-            _normal(misfit, vector, space, rules.limit, (normal, pull))
-            for d in range(size):
-                # Keeps what the rays say little of from running away.
-                normal[d, d] += 1.0 / ((0.3 + slack) * 30.0 * space.steps[d]) ** 2
-            if slack == 0.0 and cost < least[s]:
-                least[s] = cost
-                best[s], normals[s] = vector, normal
-            if turn + 1 == len(slacks):
-                break
-            _candidates(vector, normal, pull, space, (root, tried))
-            _misfits(tried, slack, drawn, given, (states, parts, misfit))
-            lowest = np.inf
-            for k in range(tries):
-                cost = _cost(misfit[k], tried[k], space, rules.limit)
-                if cost < lowest:
-                    lowest = cost
-                    vector[:] = tried[k]
+    room = _room(size, drawn, told[0])
+    widest = max(space.ways * size + 1, len(space.shares) + len(space.spread))
+    for first in range(0, count, LANES // widest):
+        last = min(first + LANES // widest, count)
+        found = best[first:last], normals[first:last], least[first:last]
+        _descend(found, slacks, sought, told, room)
     return best, normals, least
 
 
 @compiled()
+def _room(size: int, drawn: Drawn, rays: Rays) -> Room:
+    return Room(
+        new_room(len(drawn.storeys)), np.empty((len(drawn.storeys), 3)),
+        np.empty((len(rays.slope), LANES)), np.empty((2, LANES)),
+        np.empty((LANES, size)), np.empty((LANES, size)),
+        np.empty((size, size)), np.empty((size, size)), np.empty(size), np.empty((WIDE + 2) * WIDE),
+    )  # fmt: skip
+
+
+@compiled()
+def _descend(
+    found: tuple[np.ndarray, np.ndarray, np.ndarray],
+    slacks: np.ndarray,
+    sought: tuple[Drawn, Space],
+    told: tuple[Rays, Rules],
+    room: Room,
+) -> None:
+    """Improve as many starts as lanes hold; fill in what `descended` returns of them."""
+    best, normals, least = found
+    (_, space), (_, rules) = sought, told
+    vectors, size = best.copy(), best.shape[1]
+    moves, tries = space.ways * size + 1, len(space.shares) + len(space.spread)
+    for turn in range(len(slacks)):
+        slack, final = slacks[turn], turn + 1 == len(slacks)
+        # Its cost is that of the last tries, and nobody asks for its slopes.
+        if final and normals.shape[1] == 0:
+            _keep_better(vectors, room.sums[1], best, least)
+            break
+        moved = room.moved[: moves * len(vectors)]
+        for s in range(len(vectors)):
+            _moves(vectors[s], space.steps, moved[s * moves : (s + 1) * moves])
+        _misfits(moved, slack, sought, told, room)
+        for s in range(len(vectors)):
+            normal, vector = room.normal, vectors[s]
+            _normal(s * moves, vector, space, rules.limit, room)
+            for d in range(size):
+                # Keeps what the rays say little of from running away.
+                normal[d, d] += 1.0 / ((0.3 + slack) * 30.0 * space.steps[d]) ** 2
+            if slack == 0.0:
+                cost = _cost(room.misfit[:, s * moves], vector, space, rules.limit)
+                if cost < least[s]:
+                    least[s], best[s] = cost, vector
+                    if normals.shape[1]:
+                        normals[s] = normal
+            if not final:
+                _candidates(vector, space, room, room.tried[s * tries : (s + 1) * tries])
+        if not final:
+            _misfits(room.tried[: tries * len(vectors)], slack, sought, told, room)
+            _choose(vectors, tries, space, rules.limit, room)
+
+
+@compiled(borrowing=True)
+def _keep_better(
+    vectors: np.ndarray, costs: np.ndarray, best: np.ndarray, least: np.ndarray
+) -> None:
+    """Take those vectors over that cost less than the best so far."""
+    for s in range(len(vectors)):
+        if costs[s] < least[s]:
+            least[s] = costs[s]
+            for d in range(vectors.shape[1]):
+                best[s, d] = vectors[s, d]
+
+
+@compiled(borrowing=True)
 def _moves(vector: np.ndarray, steps: np.ndarray, moved: np.ndarray) -> None:
     """Fill in the vector, then with each value moved ahead, then, where there is room, back."""
     size = len(vector)
     for k in range(len(moved)):
-        moved[k] = vector
+        for d in range(size):
+            moved[k, d] = vector[d]
     for d in range(size):
         moved[1 + d, d] += steps[d]
         if len(moved) > 1 + size:
             moved[1 + size + d, d] -= steps[d]
 
 
-@compiled()
+@compiled(borrowing=True)
 def _misfits(
     vectors: np.ndarray,
     slack: float,
-    drawn: Drawn,
-    told: Told,
-    room: tuple[np.ndarray, np.ndarray, np.ndarray],
+    sought: tuple[Drawn, Space],
+    told: tuple[Rays, Rules],
+    room: Room,
 ) -> None:
-    """Fill the misfits of each vector into the third array of the room."""
-    space, rules = told.space, told.rules
-    states, parts, out = room
-    count, whole = len(vectors), np.empty(POSE + UNKNOWNS)
-    unknowns, sizes = np.empty((count, UNKNOWNS)), np.empty((2, count))
-    for k in range(count):
-        whole[:] = space.fixed
-        for d in range(len(space.free)):
-            whole[space.free[d]] = vectors[k, d]
-        states[k], unknowns[k] = whole[:POSE], whole[POSE:]
-        for side in range(2):
-            mean, deviation = drawn.sizes[side]
-            sizes[side, k] = max(mean + deviation * unknowns[k, side], 0.3 * mean)
-    fill_parts(unknowns, sizes, drawn.storeys, drawn.shape, parts[:count])
+    """Fill in the misfits of each vector, one a lane."""
+    (drawn, space), (rays, rules) = sought, told
+    lanes = even(len(vectors))
+    lay(vectors, space.free, space.fixed, room.lanes)
+    turns = stand(lanes, room.lanes)
+    draw(drawn.sizes, drawn.storeys, drawn.shape, lanes, (room.lanes, room.parts))
     noise_m = slack, rules.edge_m + slack
-    misfits(states[:count], parts[:count], told.rays, noise_m, out[:count])
+    lane_misfits(rays, noise_m, (lanes, turns), room.parts, (room.lanes, room.misfit))
 
 
-@compiled()
+@compiled(borrowing=True)
 def _cost(misfit: np.ndarray, vector: np.ndarray, space: Space, limit: float) -> float:
     """Sum of squares, tempered for what fits nothing, and of the prior."""
     cost, product = 0.0, 1.0
@@ -156,55 +225,96 @@ def _cost(misfit: np.ndarray, vector: np.ndarray, space: Space, limit: float) ->
         if product > 1e200:
             cost += math.log(product)
             product = 1.0
-    cost = limit * limit * (cost + math.log(product))
+    return _prior(limit * limit * (cost + math.log(product)), vector, space)
+
+
+@compiled(borrowing=True)
+def _prior(cost: float, vector: np.ndarray, space: Space) -> float:
+    """Add to a cost what the prior says of a vector."""
     for d in range(len(vector)):
         cost += space.precision[d] * (vector[d] - space.centre[d]) ** 2
     return cost
 
 
-@compiled()
-def _normal(
-    misfit: np.ndarray,
-    vector: np.ndarray,
-    space: Space,
-    limit: float,
-    room: tuple[np.ndarray, np.ndarray],
-) -> None:
-    """Fill normal matrix (D, D) and gradient (D,) of the weighted squares and the prior."""
-    normal, pull = room
-    size, slope = len(vector), np.empty(len(vector))
-    normal[:] = 0.0
+@compiled(borrowing=True)
+def _choose(vectors: np.ndarray, tries: int, space: Space, limit: float, room: Room) -> None:
+    """Put the best of its tries in each vector's place, and its cost in the second sums."""
+    costs = room.sums[0]
+    _add_up(room.misfit, even(len(vectors) * tries), limit, room.sums)
+    for s in range(len(vectors)):
+        least, best = np.inf, -1
+        for k in range(s * tries, (s + 1) * tries):
+            cost = _prior(limit * limit * costs[k], room.tried[k], space)
+            if cost < least:
+                least, best = cost, k
+        room.sums[1, s] = least
+        if best >= 0:
+            for d in range(vectors.shape[1]):
+                vectors[s, d] = room.tried[best, d]
+
+
+@compiled(borrowing=True)
+def _add_up(misfit: np.ndarray, lanes: int, limit: float, sums: np.ndarray) -> None:
+    """Fill in each lane's sum of logarithms of 1 + the square of a misfit over the limit."""
+    costs, products = sums[0, :lanes], sums[1, :lanes]
+    costs[:] = 0.0
+    products[:] = 1.0
+    for m in range(len(misfit)):
+        row, many = misfit[m], 0
+        for k in range(lanes):
+            product = products[k] * (1.0 + (row[k] / limit) ** 2)
+            products[k] = product
+            many |= product > 1e200
+        if many:
+            for k in range(lanes):
+                if products[k] > 1e200:
+                    costs[k] += math.log(products[k])
+                    products[k] = 1.0
+    for k in range(lanes):
+        costs[k] += math.log(products[k])
+
+
+@compiled(borrowing=True)
+def _normal(first: int, vector: np.ndarray, space: Space, limit: float, room: Room) -> None:
+    """Fill normal matrix (D, D) and gradient (D,) of the weighted squares and the prior.
+
+    first: lane of the vector; those of its moves come next.
+    """
+    normal, size = room.normal, len(vector)
+    sums = room.slopes[: (WIDE + 2) * WIDE]
+    sums[:] = 0.0
+    pull, slope = WIDE * WIDE, (WIDE + 1) * WIDE
+    wide = even(size)
     for d in range(size):
-        normal[d, d] = space.precision[d]
-        pull[d] = space.precision[d] * (vector[d] - space.centre[d])
-    for m in range(misfit.shape[1]):
-        off = misfit[0, m]
+        sums[d * WIDE + d] = space.precision[d]
+        sums[pull + d] = space.precision[d] * (vector[d] - space.centre[d])
+    for m in range(len(room.misfit)):
+        row = room.misfit[m, first : first + space.ways * size + 1]
+        off = row[0]
         weight = 1.0 / (1.0 + (off / limit) ** 2)
         for d in range(size):
-            back = misfit[1 + size + d, m] if space.ways == 2 else misfit[0, m]
-            slope[d] = (misfit[1 + d, m] - back) / (space.ways * space.steps[d])
+            back = row[1 + size + d] if space.ways == 2 else off
+            sums[slope + d] = (row[1 + d] - back) / (space.ways * space.steps[d])
+        for e in range(wide):
+            sums[pull + e] += weight * sums[slope + e] * off
         for d in range(size):
-            pull[d] += weight * slope[d] * off
-            for e in range(d + 1):
-                normal[d, e] += weight * slope[d] * slope[e]
+            scaled = weight * sums[slope + d]
+            # Whole rows, though a triangle is asked for: several entries at a time.
+            for e in range(wide):
+                sums[d * WIDE + e] += scaled * sums[slope + e]
     for d in range(size):
-        for e in range(d):
-            normal[e, d] = normal[d, e]
+        room.pull[d] = sums[pull + d]
+        for e in range(d + 1):
+            normal[d, e] = normal[e, d] = sums[d * WIDE + e]
 
 
 @compiled()
-def _candidates(
-    vector: np.ndarray,
-    normal: np.ndarray,
-    pull: np.ndarray,
-    space: Space,
-    room: tuple[np.ndarray, np.ndarray],
-) -> None:
+def _candidates(vector: np.ndarray, space: Space, room: Room, tried: np.ndarray) -> None:
     """Fill in the ends of shares of a step and places around: silhouettes make no parabola."""
-    root, tried = room
+    root = room.root
     size, shares = len(vector), len(space.shares)
-    inverse = _inverse(normal, root)
-    step = inverse @ pull
+    inverse = _inverse(room.normal, root)
+    step = inverse @ room.pull
     _root(inverse, root)
     for k in range(len(tried)):
         share = space.shares[k] if k < shares else space.shares[0]

@@ -104,6 +104,25 @@ def returns_about(
 
 
 @compiled()
+def rays_about(
+    returns: Returns,
+    ordered: tuple[np.ndarray, np.ndarray],
+    rows: np.ndarray,
+    lidar: tuple[Beams, Motion],
+    budget: int,
+) -> tuple[Rays, int]:
+    """Return the rays that tell of a body, and how many returns it sent back.
+
+    rows: (K,) of the body, K at least 1; the rest as in `returns_about` and `joined`.
+    """
+    beams, motion = lidar
+    near, target = returns_about(returns, ordered, rows, beams.columns)
+    grid = picked(near, target, beams, budget)
+    rays = rays_of(grid, beams, motion, need_of(near, target, beams))
+    return joined(rays, grid, budget), (grid.kind == HIT).sum()
+
+
+@compiled()
 def picked(returns: Returns, target: np.ndarray, beams: Beams, budget: int) -> Grid:
     """List the beams that met the body, from a little beside its first return to its last.
 

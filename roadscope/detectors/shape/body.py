@@ -12,7 +12,7 @@ from roadscope.core import Category
 from roadscope.core.jit import compiled
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.body_descent import LIMIT, drawn, space_of
-from roadscope.detectors.pose.body_descent_kernels import Drawn, Rules, Space, descended
+from roadscope.detectors.pose.body_descent_kernels import Drawn, Rules, Space, lowest
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem
 from roadscope.detectors.pose.body_kernels import POSE, Rays
 from roadscope.detectors.pose.body_model import BodyModel, Storey
@@ -82,7 +82,7 @@ def _likeliest(
     begin[:2, :3] = along_sides(outline, origin, means[0], means[1])[:2]
     begin[2, :3] = guess
     rays = outline_rays(outline, origin, around)
-    vectors, _, costs = descended(begin, slacks, body, space, (rays, rules))
+    vectors, costs = lowest(begin, slacks, body, space, (rays, rules))
     whole = space.fixed.copy()
     whole[space.free] = vectors[costs.argmin()]
     sides = np.maximum(means + body.sizes[:, 1] * whole[POSE : POSE + 2], 0.3 * means)

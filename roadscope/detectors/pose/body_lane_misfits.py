@@ -1,0 +1,387 @@
+"""How far rays disagree with many states of a body at a time, one a lane.
+
+The same as `body_misfits.misfits`, to the bit; a look at how far the body reaches at most spares
+most rays that pass beside it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+from roadscope.detectors.pose.body_kernels import (
+    AFT,
+    AFT_REACH,
+    AFT_X,
+    AFT_Y,
+    CORNER_X,
+    EMPTY,
+    FACET_REACH,
+    FACET_X,
+    FORE,
+    FORE_REACH,
+    FORE_X,
+    FORE_Y,
+    FRONT,
+    HALF,
+    HIT,
+    NOSE,
+    RADIUS,
+    REAR,
+    TAIL,
+    Rays,
+    seen,
+)
+from roadscope.detectors.pose.body_lanes import (
+    AHEAD,
+    ASIDE,
+    AT_X,
+    AT_Y,
+    BACK,
+    COS,
+    COSINE,
+    INSIDE,
+    LANES,
+    NEAR,
+    PART,
+    PARTS,
+    SIN,
+    START_X,
+    START_Y,
+    WAY_X,
+    WAY_Y,
+    go,
+)
+from roadscope.detectors.pose.body_misfits import SURPRISE
+
+MISSED = 100.0
+"""What a return disagrees by that meets no part's heights."""
+HAIR_M = 1e-6
+"""Rays that pass farther than this outside of all parts need no closer look."""
+
+
+Ray = tuple[float, float, float, float]
+"""Height above the road, rise per metre, reach, need: as in `Rays`."""
+Path = tuple[float, float, float, float]
+"""Seen from above: x and y of origin and direction."""
+
+
+@compiled(borrowing=True)
+def lane_misfits(
+    rays: Rays,
+    noise_m: tuple[float, float],
+    told: tuple[int, bool],
+    parts: np.ndarray,
+    rooms: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """Fill out (M, K) with by how many standard deviations each ray disagrees with each lane.
+
+    noise_m: added to the noise of ranges, and of silhouettes. told: number of lanes, and whether
+    any turns. parts: (P, 3) of `body_lanes.draw`. rooms: that of `body_lanes`, with places and
+    parts, and out.
+    """
+    slack_m, edge_m = noise_m
+    lanes, turns = told
+    room, out = rooms
+    now = np.nan
+    for m in range(len(rays.slope)):
+        if rays.time[m] != now:
+            now = rays.time[m]
+            go(now, turns, lanes, room)
+        row = out[m, :lanes]
+        path = rays.origin[m, 0], rays.origin[m, 1], rays.direction[m, 0], rays.direction[m, 1]
+        ray = rays.origin[m, 2], rays.slope[m], rays.reach[m], rays.need[m]
+        if rays.kind[m] == HIT:
+            sigma = math.sqrt(rays.sigma[m] * rays.sigma[m] + slack_m * slack_m)
+            row[:] = MISSED
+            height = ray[0] + ray[1] * ray[2]
+            for p in range(len(parts)):
+                if height <= parts[p, 1] + 0.02 and height >= parts[p, 0] - 0.02:
+                    _off((path, ray[2]), (sigma, edge_m), room, PARTS + p * PART, row)
+        else:
+            dark = rays.kind[m] == EMPTY and ray[3] > 0.0
+            _see(path, lanes, room)
+            _passed(ray, (edge_m, dark), parts, room, row)
+
+
+@compiled(borrowing=True, forceinline=True)
+def _see(path: Path, lanes: int, room: np.ndarray) -> None:
+    """Fill in start and way of a ray in the frame of each lane's body."""
+    x, y, ux, uy = path
+    for k in range(lanes):
+        cos, sin = room[COS + k], room[SIN + k]
+        ox, oy = x - room[AT_X + k], y - room[AT_Y + k]
+        room[START_X + k], room[START_Y + k] = cos * ox + sin * oy, cos * oy - sin * ox
+        room[WAY_X + k], room[WAY_Y + k] = cos * ux + sin * uy, cos * uy - sin * ux
+
+
+@compiled(borrowing=True, forceinline=True)
+def _off(
+    seen_at: tuple[Path, float],
+    noise: tuple[float, float],
+    room: np.ndarray,
+    base: int,
+    row: np.ndarray,
+) -> None:
+    """Lower the row to how far a return is outside a part, over its standard deviation."""
+    ((from_x, from_y, ux, uy), reach), (sigma, edge) = seen_at, noise
+    part = room[base : base + PART]
+    for k in range(len(row)):
+        cos, sin = room[COS + k], room[SIN + k]
+        ox, oy = from_x - room[AT_X + k], from_y - room[AT_Y + k]
+        dx, dy = cos * ux + sin * uy, cos * uy - sin * ux
+        x, y = cos * ox + sin * oy + reach * dx, cos * oy - sin * ox + reach * dy
+        rear, front, half = part[REAR * LANES + k], part[FRONT * LANES + k], part[HALF * LANES + k]
+        state = -np.inf, 1.0, 0.0, 0.0
+        state = _farther(state, x - front, dx)
+        state = _farther(state, rear - x, -dx)
+        state = _farther(state, y - half, dy)
+        state = _farther(state, -y - half, -dy)
+        # A flank that does not narrow is a side again, and no farther than it.
+        nx, ny = part[FORE_X * LANES + k], part[FORE_Y * LANES + k]
+        far = part[FORE_REACH * LANES + k]
+        state = _farther(state, nx * x + ny * y - far, nx * dx + ny * dy)
+        state = _farther(state, nx * x - ny * y - far, nx * dx - ny * dy)
+        nx, ny = part[AFT_X * LANES + k], part[AFT_Y * LANES + k]
+        far = part[AFT_REACH * LANES + k]
+        state = _farther(state, nx * x + ny * y - far, nx * dx + ny * dy)
+        state = _farther(state, nx * x - ny * y - far, nx * dx - ny * dy)
+        r, ahead = part[RADIUS * LANES + k], x + x > front + rear
+        middle = front - r if ahead else rear + r
+        fx, fy = 1.0 if ahead else -1.0, math.copysign(1.0, y)
+        u = fx * (x - middle)
+        tail, nose = part[TAIL * LANES + k], part[NOSE * LANES + k]
+        v = abs(y) - ((nose if ahead else tail) - r)
+        for i in range(3):
+            over = FACET_X[i] * u + FACET_X[2 - i] * v - FACET_REACH * r
+            over = over if r > 0.0 else -np.inf
+            state = _farther(state, over, FACET_X[i] * fx * dx + FACET_X[2 - i] * fy * dy)
+        off = _over(state, sigma, edge)
+        row[k] = off if abs(off) < abs(row[k]) else row[k]
+
+
+_Sides = tuple[float, float, float, float]
+"""Farthest side that faces the ray, its cosine, farthest beyond another side, its cosine."""
+
+
+@compiled(borrowing=True, forceinline=True)
+def _farther(state: _Sides, over: float, speed: float) -> _Sides:
+    facing, cosine, beside, aside = state
+    faces = (speed < 0.0) & (over > facing)
+    passes = (not speed < 0.0) & (over > beside)
+    return (
+        over if faces else facing,
+        -speed if faces else cosine,
+        over if passes else beside,
+        speed if passes else aside,
+    )
+
+
+@compiled(borrowing=True, forceinline=True)
+def _over(state: _Sides, sigma: float, edge: float) -> float:
+    facing, cosine, beside, aside = state
+    lies_beside = (beside > 0.0) & (beside > facing)
+    facing = beside if lies_beside else facing
+    cosine = aside if lies_beside else cosine
+    across = sigma * cosine
+    return facing / math.sqrt(across * across + edge * edge * (1.0 - cosine * cosine))
+
+
+@compiled(borrowing=True)
+def _passed(
+    ray: Ray, told: tuple[float, bool], parts: np.ndarray, room: np.ndarray, row: np.ndarray
+) -> None:
+    """Fill in how deep inside the silhouettes of parts a ray passes that did not meet them.
+
+    told: softness of silhouettes, metres, and whether nothing came back that could have.
+    """
+    row[:] = 0.0
+    lanes = len(row)
+    near, first, last = _may_meet(lanes, room)
+    if not near:
+        return
+    (level, slope, reach, need), (edge_m, dark) = ray, told
+    low, high = level - slope * first, level - slope * last
+    low, high = min(low, high) - HAIR_M, max(low, high) + HAIR_M
+    for p in range(len(parts)):
+        base, bottom, top = PARTS + p * PART, parts[p, 0], parts[p, 1]
+        span = abs(slope) * 0.6 * parts[p, 2]
+        if low - span > top or high + span < bottom:
+            continue
+        if _lie_inside((level, slope), (bottom, top), lanes, room, base):
+            _enter(lanes, room, base)
+            _sink((level, slope, reach, edge_m), (bottom, top), lanes, room)
+            if dark:
+                _darken(need, lanes, room)
+            for k in range(lanes):
+                depth = room[INSIDE + k]
+                row[k] = depth if depth > row[k] else row[k]
+
+
+@compiled(borrowing=True, fastmath=True)
+def _may_meet(lanes: int, room: np.ndarray) -> tuple[bool, float, float]:
+    """Tell whether a ray comes near what any lane's body does not reach beyond, and where.
+
+    The others are the least and greatest distance from where the ray passes a body's middle to
+    its start.
+    """
+    near, first, last = 0, np.inf, -np.inf
+    for k in range(lanes):
+        dx, dy = room[WAY_X + k], room[WAY_Y + k]
+        ox, oy = room[START_X + k], room[START_Y + k]
+        along, across = ox * dx + oy * dy, dx * oy - dy * ox
+        first, last = along if along < first else first, along if along > last else last
+        aside = abs(dx) * room[ASIDE + k] + HAIR_M
+        fore, rear = dy * room[AHEAD + k], dy * room[BACK + k]
+        low, high = fore if fore < rear else rear, rear if fore < rear else fore
+        near |= (aside - low - across > 0.0) & (aside + high + across > 0.0)
+    return near > 0, first, last
+
+
+@compiled(borrowing=True)
+def _lie_inside(
+    rise: tuple[float, float],
+    ends: tuple[float, float],
+    lanes: int,
+    room: np.ndarray,
+    base: int,
+) -> bool:
+    """Fill in how far inside a part's silhouette a ray passes, below 0 outside; tell if any is."""
+    (level, slope), (bottom, top) = rise, ends
+    part = room[base : base + PART]
+    met = 0
+    for k in range(lanes):
+        ox, oy, dx, dy = room[START_X + k], room[START_Y + k], room[WAY_X + k], room[WAY_Y + k]
+        across = dx * oy - dy * ox
+        front, rear = part[FRONT * LANES + k], part[REAR * LANES + k]
+        half, r = part[HALF * LANES + k], part[RADIUS * LANES + k]
+        span = abs(slope) * 0.6 * (front - rear + half)
+        height = level - slope * (ox * dx + oy * dy)
+        at_height = (not height - span > top) & (not height + span < bottom)
+        up, wide = abs(dx), abs(dy)
+        rx, ry = _facet(wide, up)
+        corner = wide * (r * rx), up * r * ry
+        fore, aft = part[FORE * LANES + k], part[AFT * LANES + k]
+        flat = up * (half - r)
+        nose = up * (part[NOSE * LANES + k] - r), front - r
+        tail = up * (part[TAIL * LANES + k] - r), rear + r
+        left = _most(-dy, nose, tail, (fore, aft, flat)) + corner[0] + corner[1]
+        right = _most(dy, nose, tail, (fore, aft, flat)) + corner[0] + corner[1]
+        a, b = left - across, right + across
+        inside = b if b < a else a
+        inside = inside if at_height else -1.0
+        room[INSIDE + k] = inside
+        met |= inside > 0.0
+    return met > 0
+
+
+@compiled(borrowing=True, forceinline=True)
+def _most(
+    nx: float,
+    nose: tuple[float, float],
+    tail: tuple[float, float],
+    flank: tuple[float, float, float],
+) -> float:
+    """Return how far a part's corner centres reach along a normal."""
+    fore, aft, flat = flank
+    best = nx * nose[1] + nose[0]
+    reach = nx * fore + flat
+    best = reach if reach > best else best
+    reach = nx * aft + flat
+    best = reach if reach > best else best
+    reach = nx * tail[1] + tail[0]
+    return reach if reach > best else best
+
+
+@compiled(borrowing=True, forceinline=True)
+def _facet(nx: float, ny: float) -> tuple[float, float]:
+    """Return the point of a unit corner's outline, cut into facets, farthest along a normal."""
+    x, y = CORNER_X[0], CORNER_X[3]
+    best = x * nx + y * ny
+    for i in range(1, 4):
+        reach = CORNER_X[i] * nx + CORNER_X[3 - i] * ny
+        farther = reach > best
+        best = reach if farther else best
+        x, y = CORNER_X[i] if farther else x, CORNER_X[3 - i] if farther else y
+    return x, y
+
+
+@compiled(borrowing=True)
+def _enter(lanes: int, room: np.ndarray, base: int) -> None:
+    """Fill in where a ray enters a part that it is known to meet, and the incidence."""
+    part = room[base : base + PART]
+    for k in range(lanes):
+        ox, oy, dx, dy = room[START_X + k], room[START_Y + k], room[WAY_X + k], room[WAY_Y + k]
+        front, rear = part[FRONT * LANES + k], part[REAR * LANES + k]
+        half, r = part[HALF * LANES + k], part[RADIUS * LANES + k]
+        tail, nose = part[TAIL * LANES + k], part[NOSE * LANES + k]
+        near = ((rear if dx > 0.0 else front) - ox) / dx
+        near, cosine = near if dx != 0.0 else -np.inf, abs(dx) if dx != 0.0 else 1.0
+        side = ((-half if dy > 0.0 else half) - oy) / dy
+        later = (dy != 0.0) & (side > near)
+        met = side if later else near, abs(dy) if later else cosine
+        nx, ny = part[FORE_X * LANES + k], part[FORE_Y * LANES + k]
+        far = part[FORE_REACH * LANES + k]
+        met = _later(met, far - nx * ox - ny * oy, nx * dx + ny * dy)
+        mirrored = far - nx * ox + ny * oy, nx * dx - ny * dy
+        nx, ny = part[AFT_X * LANES + k], part[AFT_Y * LANES + k]
+        far = part[AFT_REACH * LANES + k]
+        met = _later(met, far - nx * ox - ny * oy, nx * dx + ny * dy)
+        met = _later(met, mirrored[0], mirrored[1])
+        met = _later(met, far - nx * ox + ny * oy, nx * dx - ny * dy)
+        near, cosine = met
+        qx, qy = ox + near * dx, oy + near * dy
+        behind = qx + qx < front + rear
+        cx, fx = rear + r if behind else front - r, -1.0 if behind else 1.0
+        cy = (tail if behind else nose) - r
+        rounded = (r > 0.0) & (abs(qy) > cy) & (fx * (qx - cx) > 0.0)
+        px, py = ox - cx, oy - math.copysign(cy, qy)
+        for i in range(3):
+            nx, ny = fx * FACET_X[i], math.copysign(FACET_X[2 - i], qy)
+            speed = nx * dx + ny * dy
+            speed = speed if rounded else 1.0
+            met = _later(met, FACET_REACH * r - nx * px - ny * py, speed)
+        room[NEAR + k], room[COSINE + k] = met
+
+
+@compiled(borrowing=True, forceinline=True)
+def _later(met: tuple[float, float], way: float, speed: float) -> tuple[float, float]:
+    near, cosine = met
+    t = way / speed
+    later = (speed < 0.0) & (t > near)
+    return t if later else near, -speed if later else cosine
+
+
+@compiled(borrowing=True)
+def _sink(
+    ray: tuple[float, float, float, float],
+    ends: tuple[float, float],
+    lanes: int,
+    room: np.ndarray,
+) -> None:
+    """Turn how far inside a ray passes into standard deviations of depth, 0 where it does not."""
+    (level, slope, reach, edge_m), (bottom, top) = ray, ends
+    for k in range(lanes):
+        near, inside = room[NEAR + k], room[INSIDE + k]
+        height = level + slope * near
+        lower = top - height
+        upper = height - bottom
+        # Over a roof or under a bumper is a way past too: no jump, or it would count as knowledge.
+        least = lower if lower < inside else inside
+        least = upper if upper < least else least
+        meets = (inside > 0.0) & (near > 0.0) & (not near > reach) & (least > 0.0)
+        depth = least / edge_m
+        depth = SURPRISE if depth > SURPRISE else depth
+        room[INSIDE + k] = depth if meets else 0.0
+
+
+@compiled(borrowing=True)
+def _darken(need: float, lanes: int, room: np.ndarray) -> None:
+    """Lower depths for rays without a return: no surprise where a surface would hardly be seen."""
+    for k in range(lanes):
+        if room[INSIDE + k] > 0.0:
+            dark = 1.0 - seen(need, room[NEAR + k], room[COSINE + k])
+            most = math.sqrt(-2.0 * math.log(max(dark, 1e-30)))
+            room[INSIDE + k] = min(room[INSIDE + k], most)
