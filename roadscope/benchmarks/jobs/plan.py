@@ -298,7 +298,7 @@ def _check_suite(suite: Suite) -> None:
             _of_suite(suite, key, check_camera, spec)
 
 
-def _of_suite(suite: Suite, key: str | None, work: Callable[..., None], *arguments: Any) -> None:
+def _of_suite(suite: Suite, key: str | None, work: Callable[..., object], *arguments: Any) -> None:
     """Name the suite, and the key in it, in what is wrong with it."""
     try:
         work(*arguments)
