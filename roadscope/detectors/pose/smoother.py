@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +33,9 @@ SPEED_SD, TURN_SD, ACCELERATION_SD = 30.0, 0.7, 0.7
 before it is seen."""
 SEEN = 3
 """Returns from which a scan alone gives a good first guess."""
-BUDGET, LEAST = 480, 48
-"""Returns of all scans of a window, and of one, above which neighbours are joined."""
+BUDGET, LEAST = 480, 96
+"""Returns of all scans of a window, and of one, above which neighbours are joined: with fewer of
+one scan, beams of a near vehicle would be left out."""
 WORK = 14_000
 """Effort of the sampling: a window's posterior is nearer to a normal one than a scan's."""
 NEAR_SLACKS_M = (0.06, 0.02, 0.0)
@@ -68,6 +70,15 @@ class _Seen:
     stamp_s: float
     sighting: Sighting
     place: np.ndarray
+
+
+class _Shot(NamedTuple):
+    """One scan as it came; fields as in `Smoother.update`."""
+
+    scan: LidarScan
+    target: np.ndarray
+    world_from_lidar: Pose
+    rolling: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +143,7 @@ class Smoother:
         self._anchor: tuple[float, np.ndarray] | None = None
         self._velocity: np.ndarray | None = None
         self._settled = 0.0
+        self._first: _Shot | None = None
 
     def update(
         self, scan: LidarScan, target: np.ndarray, world_from_lidar: Pose, *, rolling: bool = True
@@ -147,13 +159,22 @@ class Smoother:
             motion = place - before.place
             motion[2] = wrap_angle(motion[2])
             motion /= scan.stamp_s - before.stamp_s
-        sighting = sight(
-            self._spec, scan, target, world_from_lidar,
-            sensor_velocity=motion[:2], sensor_turn=float(motion[2]), rolling=rolling,
+        if self._first is not None and rolling:
+            # Only now is known how the sensor went while it took its first scan.
+            self._window[0] = replace(self._window[0], sighting=self._sighted(self._first, motion))
+            self._single.clear()
+        shot = _Shot(scan, target, world_from_lidar, rolling)
+        self._first = None if self._window else shot
+        self._window.append(_Seen(scan.stamp_s, self._sighted(shot, motion), place))
+        return self._solve(len(self._window) - 1 - self._lag)
+
+    def _sighted(self, shot: _Shot, motion: np.ndarray) -> Sighting:
+        """Return what a scan tells; motion: (3,) of the sensor, m/s and rad/s, world frame."""
+        return sight(
+            self._spec, shot.scan, shot.target, shot.world_from_lidar,
+            sensor_velocity=motion[:2], sensor_turn=float(motion[2]), rolling=shot.rolling,
             budget=max(BUDGET // self._frames, LEAST),
         )  # fmt: skip
-        self._window.append(_Seen(scan.stamp_s, sighting, place))
-        return self._solve(len(self._window) - 1 - self._lag)
 
     def flush(self) -> list[VehiclePose | None]:
         """Return the poses of the last `lag` scans, from the scans that there are."""
