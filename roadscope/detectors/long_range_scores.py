@@ -30,13 +30,14 @@ def features(chain: Chain, seen: Sighting, ring: np.ndarray, pose: VehiclePose) 
     from a straight line, how long and wide the returns reach along the pose, which share of them
     lies outside its rectangle and how far it is turned from the way; logarithms are natural.
     """
-    speed = float(np.hypot(chain.velocity[0], chain.velocity[1]))
+    way_x, way_y = chain.velocity.tolist()
+    speed, (x, y) = math.hypot(way_x, way_y), seen.origin.tolist()
     levels, top, bottom, along, across, outside = _about(
         seen.points, seen.candidate.times_s, ring, chain.velocity,
         (pose.x, pose.y, pose.yaw, pose.length, pose.width),
     )  # fmt: skip
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-    along_way = abs(cos * chain.velocity[0] + sin * chain.velocity[1])
+    along_way = abs(cos * way_x + sin * way_y)
     return np.array(
         [
             math.log(len(seen.points)),
@@ -45,7 +46,7 @@ def features(chain: Chain, seen: Sighting, ring: np.ndarray, pose: VehiclePose) 
             min(chain.count, MANY),
             speed,
             unsteadiness(chain),
-            math.hypot(pose.x - seen.origin[0], pose.y - seen.origin[1]),
+            math.hypot(pose.x - x, pose.y - y),
             top,
             bottom,
             along,

@@ -43,6 +43,7 @@ class Room(NamedTuple):
     near: (3, K) x and y from the place, metres, and weight. slots: (2, K) bins across and along
     the line of sight. bins: (4, BINS), evidence and number of cells across, then along it.
     headings: (TURNS, 2) unit vectors of a box's turns. hopes: (TURNS,) evidence at most.
+    run: (4,) metres, from where to where the body reaches across and along.
     """
 
     near: np.ndarray
@@ -50,6 +51,7 @@ class Room(NamedTuple):
     bins: np.ndarray
     headings: np.ndarray
     hopes: np.ndarray
+    run: np.ndarray
 
 
 @compiled()
@@ -70,7 +72,7 @@ def slide(chart: Chart, sides: np.ndarray, least: float) -> np.ndarray:
     headings = np.stack((np.cos(yaws), np.sin(yaws)), axis=1)
     room = Room(
         np.empty((3, most)), np.empty((2, most), np.int64), np.empty((4, BINS)),
-        headings, np.empty(TURNS),
+        headings, np.empty(TURNS), np.empty(4),
     )  # fmt: skip
     found, count = np.empty((open_.sum(), 8)), 0
     for a in range(open_.shape[0]):
@@ -126,7 +128,7 @@ def _turn(box: np.ndarray, count: int, room: Room, sides: np.ndarray, least: flo
 
     count: of the cells in the room. Turns are tried from the one with most to hope for on.
     """
-    hopes, bins, best = room.hopes, room.bins, TURNS
+    hopes, best = room.hopes, TURNS
     _hope(room, count, sides)
     for _ in range(TURNS):
         turn = int(hopes.argmax())
@@ -134,12 +136,12 @@ def _turn(box: np.ndarray, count: int, room: Room, sides: np.ndarray, least: flo
         if hopes[turn] + 1e-9 < max(box[3], least):
             break
         hopes[turn] = -np.inf
-        score = _evidence(room, count, turn, sides)
+        score = _evidence(room, count, turn, sides, max(box[3], least))
         if score > box[3] or (score == box[3] and turn < best):
             best = turn
             box[2], box[3] = turn * np.pi / TURNS, score
-            _, box[4], box[5] = _best_run(bins[:2], GAP_BINS)
-            _, box[6], box[7] = _best_run(bins[2:], DEEP_BINS)
+            for k in range(4):
+                box[4 + k] = room.run[k]
 
 
 @compiled(borrowing=True, fastmath=True)
@@ -178,8 +180,11 @@ def _sight(x: float, y: float, origin: np.ndarray) -> tuple[float, float]:
 
 
 @compiled(borrowing=True)
-def _evidence(room: Room, count: int, turn: int, sides: np.ndarray) -> float:
-    """Return the evidence of the best body in a box at the origin, and fill the room's bins."""
+def _evidence(room: Room, count: int, turn: int, sides: np.ndarray, least: float) -> float:
+    """Return the evidence of the best body in a box at the origin, and fill in its run.
+
+    Where that is less than the least, it may be any number less than that.
+    """
     near_x, near_y, weights = room.near[0], room.near[1], room.near[2]
     cos, sin, bins = room.headings[turn, 0], room.headings[turn, 1], room.bins
     long, wide, ends, flanks = sides
@@ -198,8 +203,12 @@ def _evidence(room: Room, count: int, turn: int, sides: np.ndarray) -> float:
             (along <= long + ends and across <= wide) or (along <= long and across <= wide + flanks)
         ):
             against += weight
-    best = min(_best_run(bins[:2], GAP_BINS)[0], _best_run(bins[2:], DEEP_BINS)[0])
-    return best + against
+    run = room.run
+    side, run[0], run[1] = _best_run(bins[:2], GAP_BINS)
+    if side + against < least:
+        return side + against
+    deep, run[2], run[3] = _best_run(bins[2:], DEEP_BINS)
+    return min(side, deep) + against
 
 
 @compiled(borrowing=True)

@@ -9,20 +9,18 @@ from itertools import pairwise
 import numpy as np
 
 from roadscope.core.record import Record
-from roadscope.detectors.moving.box_kernels import Chart, slide, suppress
+from roadscope.detectors.moving.chart_kernels import boxes_in, met_at, shared_out
 from roadscope.detectors.moving.growth import bodies
 from roadscope.detectors.moving.memory import Look
 from roadscope.detectors.moving.view import View
 from roadscope.detectors.moving.view_kernels import (
     carried,
     look_back,
-    middle,
     seen_through,
     spans,
     thinned,
     voxel_of,
 )
-from roadscope.detectors.sorting import order_by
 
 LOW_M, HIGH_M = 0.3, 2.8
 """Heights above the road at which things are looked at: clear of the ground, below bridges and
@@ -87,16 +85,10 @@ def extract(now: View, back: Sequence[Look]) -> list[Candidate]:
     weights[through] = np.minimum(weights[through], 0.0)
     if not (weights > 0).any():
         return []
-    boxes = _boxes(upright, weights, now.origin())
+    boxes = boxes_in(upright, weights, now.origin(), SIDES_M, (CELL_M, LIMIT, LEAST))
     owner, found_by = bodies(thin, boxes, now.origin(), SIDES_M)
     held = owner[voxel_of(points, voxels, CELL_M, SLAB_M)]
-    order = order_by(held)
-    starts = np.searchsorted(held[order], np.arange(len(found_by) + 1))
-    found = [
-        _candidate(now, rows[order[i:j]], boxes[b])
-        for (i, j), b in zip(pairwise(starts), found_by, strict=True)
-    ]
-    return [candidate for candidate in found if len(candidate.points) >= MIN_POINTS]
+    return _candidates(now, (rows, held), boxes[found_by])
 
 
 def motion(points: np.ndarray, back: Sequence[Look]) -> np.ndarray:
@@ -120,40 +112,21 @@ def _between(view: View, low_m: float) -> np.ndarray:
     return np.asarray((z > low_m) & (z < HIGH_M) & near)
 
 
-def _boxes(points: np.ndarray, weights: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Return (B, 8) boxes that hold moving vehicles, as `slide` does."""
-    starts, places, values, corner = _cells(points, weights)
-    chart = Chart(starts, places, values, origin - corner, CELL_M)
-    boxes = slide(chart, SIDES_M, LEAST)
-    boxes = boxes[np.lexsort((boxes[:, 2], boxes[:, 1], boxes[:, 0], -boxes[:, 3]))]
-    kept = boxes[suppress(boxes, chart, SIDES_M, LEAST)]
-    kept[:, :2] += corner
-    return np.asarray(kept)
+def _candidates(
+    now: View, held: tuple[np.ndarray, np.ndarray], boxes: np.ndarray
+) -> list[Candidate]:
+    """Return the vehicles of boxes (B, 8), without those that have too few returns.
 
-
-def _cells(
-    points: np.ndarray, weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return starts, mean places and evidence of occupied cells, as a chart has them, and corner.
-
-    A cell weighs the same however many returns it holds.
+    held: (K,) rows of returns, and which box's vehicle each belongs to, -1 for none.
     """
-    corner = CELL_M * np.floor(points[:, :2].min(axis=0) / CELL_M)
-    cells = ((points[:, :2] - corner) / CELL_M).astype(np.int64)
-    wide, deep = cells.max(axis=0) + 1
-    flat, row, count = np.unique(
-        cells[:, 0] * deep + cells[:, 1], return_inverse=True, return_counts=True
-    )
-    starts = np.searchsorted(flat, deep * np.arange(wide + 1))
-    order = np.lexsort((points[:, 1], points[:, 0]))
-    sums = [np.bincount(row[order], v[order]) / count for v in (*points[:, :2].T, weights)]
-    return starts, np.column_stack(sums[:2]) - corner, np.clip(sums[2], -LIMIT, LIMIT), corner
-
-
-def _candidate(now: View, rows: np.ndarray, box: np.ndarray) -> Candidate:
-    rows = rows[np.lexsort(now.points[rows].T)]
-    times_s = now.times_s[rows]
-    time_s = float(middle(times_s)) if len(rows) else 0.0
-    return Candidate(
-        now.points[rows], rows, times_s, time_s, now.origin(time_s), box[:3], float(box[3])
-    )
+    starts, rows, points, times_s = shared_out(now.points, now.times_s, *held, len(boxes))
+    met_s, origins = met_at(times_s, starts, now.lidar_from_ego, now.twist)
+    ends, met = starts.tolist(), met_s.tolist()
+    return [
+        Candidate(
+            points[i:j], rows[i:j], times_s[i:j], met[b], origins[b], boxes[b, :3],
+            float(boxes[b, 3]),
+        )
+        for b, (i, j) in enumerate(pairwise(ends))
+        if j - i >= MIN_POINTS
+    ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -42,12 +43,15 @@ class Sighting:
     mark: np.ndarray
     candidate: Candidate
 
-    def at_stamp(self, velocity: np.ndarray) -> np.ndarray:
-        """Return (N, 2) points where they were at the stamp on a body with a (2,) velocity.
+    def at_stamp(self, velocity: np.ndarray, most: int) -> np.ndarray:
+        """Return at most so many points, (N, 2), where they were at the stamp.
 
-        A body across the seam of a sweep is met at its beginning and at its end.
+        velocity: (2,) m/s, of the body. One across the seam of a sweep is met at its beginning
+        and at its end.
         """
-        points: np.ndarray = self.points[:, :2] - self.candidate.times_s[:, None] * velocity
+        step = -(-len(self.points) // most)
+        moved = self.candidate.times_s[::step, None] * velocity
+        points: np.ndarray = self.points[::step, :2] - moved
         return points
 
     @staticmethod
@@ -85,8 +89,7 @@ class Chain:
         """Whether it was seen again and, as far as that can be told, elsewhere."""
         if len(self.sightings) < SURE:
             return len(self.sightings) > 1
-        x, y = self.velocity
-        return float(np.hypot(x, y)) >= SLOWEST_M_S
+        return math.hypot(*self.velocity.tolist()) >= SLOWEST_M_S
 
 
 class Links:

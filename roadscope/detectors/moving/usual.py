@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from statistics import median
-
-import numpy as np
 
 from roadscope.core import Category
 from roadscope.detectors.moving.link_kernels import spans
@@ -24,7 +23,8 @@ def usual(chain: Chain) -> tuple[Body, tuple[float, float, float]]:
     Two-wheelers come first, and are told by their rider: as narrow a part of a car is low.
     """
     velocity = chain.velocity
-    towards = float(np.arctan2(velocity[1], velocity[0]))
+    x, y = velocity.tolist()
+    towards = math.atan2(y, x)
     seen = [spans(s.points, s.candidate.times_s, velocity, towards) for s in chain.sightings]
     along, across = median(s[0] for s in seen), median(s[1] for s in seen)
     top = max(s[2] for s in seen)

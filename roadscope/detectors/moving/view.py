@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.core import LidarScan, Pose, wrap_angle
+from roadscope.core import LidarScan, Pose
 from roadscope.core.record import Record
-from roadscope.detectors.moving.view_kernels import Rays, carried, sensor_at, tabulate, unskew
+from roadscope.detectors.moving.view_kernels import Rays, carried, imaged, sensor_at, unskew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,24 +44,14 @@ class View(Record):
         """
         times_s = scan.time_offset_s.astype(np.float64)
         points = unskew(carried(scan.points, ego_from_lidar.matrix), times_s, twist)
-        lidar_from_ego = ego_from_lidar.inverse().matrix
+        lidar_from_ego = inverse_of(ego_from_lidar)
         # A return at the sensor itself has no direction; some drivers put there what never came.
         if not scan.points[:, :2].any():
             image, none = np.empty((0, 0), np.float32), np.empty(0)
             nowhere, never = points[:0], times_s[:0]
             return View(nowhere, never, image, none, 0.0, 0.0, none, twist, lidar_from_ego)
-        table = tabulate(
-            scan.points, scan.ring - scan.ring.min(), scan.column - scan.column.min(), times_s
-        )
-        image, slopes, azimuths, column_times_s = table
-        rows = np.argsort(slopes, kind="stable")[: np.isfinite(slopes).sum()]
-        seen = np.flatnonzero(np.isfinite(azimuths))
-        azimuth, step = evenly(seen, azimuths[seen])
-        column_times_s = np.interp(np.arange(len(azimuths)), seen, column_times_s[seen])
-        image, slopes = np.ascontiguousarray(image[rows]), slopes[rows]
-        return View(
-            points, times_s, image, slopes, azimuth, step, column_times_s, twist, lidar_from_ego
-        )
+        image, slopes, grid, column_times_s = imaged(scan.points, scan.ring, scan.column, times_s)
+        return View(points, times_s, image, slopes, *grid, column_times_s, twist, lidar_from_ego)
 
     @property
     def rays(self) -> Rays:
@@ -79,14 +69,9 @@ class View(Record):
         return np.asarray(sensor_at(self.lidar_from_ego, self.twist, time_s))
 
 
-def evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
-    """Return azimuth of column 0 and the step of evenly spaced columns, radians, lidar frame.
-
-    columns: (K,) int64, rising, K at least 1, some of them. azimuths: (K,) float64, radians,
-    where each of those looks. The step is 0 where there is but one.
-    """
-    if len(columns) < 2:
-        return float(azimuths[0]), 0.0
-    step = float(np.median(wrap_angle(np.diff(azimuths)) / np.diff(columns)))
-    off = wrap_angle(azimuths - step * columns - azimuths[0])
-    return float(azimuths[0] + np.median(off)), step
+def inverse_of(pose: Pose) -> np.ndarray:
+    """Return the (4, 4) matrix of a pose's inverse."""
+    matrix, rotation = np.eye(4), pose.matrix[:3, :3].T
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = -rotation @ pose.matrix[:3, 3]
+    return matrix

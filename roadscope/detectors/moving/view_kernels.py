@@ -84,6 +84,41 @@ def tabulate(
 
 
 @compiled()
+def evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
+    """Return azimuth of column 0 and the step of evenly spaced columns, radians, lidar frame.
+
+    columns: (K,) int64, rising, K at least 1, some of them. azimuths: (K,) float64, radians,
+    where each of those looks. The step is 0 where there is but one.
+    """
+    if len(columns) < 2:
+        return azimuths[0], 0.0
+    turns = (azimuths[1:] - azimuths[:-1] + np.pi) % (2 * np.pi) - np.pi
+    step = np.median(turns / (columns[1:] - columns[:-1]))
+    off = (azimuths - step * columns - azimuths[0] + np.pi) % (2 * np.pi) - np.pi
+    return azimuths[0] + np.median(off), step
+
+
+@compiled()
+def imaged(
+    points: np.ndarray, ring: np.ndarray, column: np.ndarray, times_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[float, float], np.ndarray]:
+    """Return the image by rising slope and column, slopes, azimuth and step, and column times.
+
+    Arguments as in `tabulate`, with rings and columns from any number up. Columns without a
+    return get the time that lies evenly between their neighbours'.
+    """
+    image, slopes, azimuths, column_times_s = tabulate(
+        points, ring - ring.min(), column - column.min(), times_s
+    )
+    met = np.isfinite(slopes)
+    rows = np.argsort(np.where(met, slopes, np.inf), kind="mergesort")[: met.sum()]
+    seen = np.flatnonzero(np.isfinite(azimuths))
+    every = np.arange(len(azimuths))
+    times = np.interp(every, seen, column_times_s[seen])
+    return image[rows], slopes[rows], evenly(seen, azimuths[seen]), times
+
+
+@compiled()
 def _before(points: np.ndarray, i: int, k: int) -> bool:
     """Whether row i comes before row k by x, then y, then z."""
     for axis in range(3):
@@ -204,12 +239,6 @@ def carried(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
         for k in range(3):
             out[i, k] = x * matrix[k, 0] + y * matrix[k, 1] + z * matrix[k, 2] + matrix[k, 3]
     return out
-
-
-@compiled()
-def middle(values: np.ndarray) -> float:
-    """Median of (N,) values, N at least 1."""
-    return float(np.median(values))
 
 
 @compiled()
