@@ -17,11 +17,16 @@ from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.train import views
 from roadscope.benchmarks.train.recipe import (
     CALIBRATION_SEEDS,
+    FAULTS,
+    HELD_OUT_FAULTS,
     HELD_OUT_SCENARIOS,
     HELD_OUT_WEATHERS,
+    LOOKS,
     RECIPES,
     TRAIN_SEEDS,
     VALIDATION_SEEDS,
+    WEATHERS,
+    WORST,
     Recipe,
 )
 from roadscope.benchmarks.train.views import Pictures, View, drawn_views
@@ -96,6 +101,9 @@ def train_camera(
 
 
 def _split(plan: Recipe) -> tuple[list[View], list[View], list[View]]:
+    """Draw episodes to learn from, to calibrate and to score on; bodies held out are refused."""
+    if kept := set(plan.scenarios) & set(LOOKS):
+        raise ValueError(f"scenarios {', '.join(sorted(kept))} are held out: nothing learns there")
     return (
         drawn_views(plan, plan.episodes, TRAIN_SEEDS),
         drawn_views(plan, plan.calibration_episodes, CALIBRATION_SEEDS),
@@ -104,11 +112,14 @@ def _split(plan: Recipe) -> tuple[list[View], list[View], list[View]]:
 
 
 def _held_out(plan: Recipe) -> dict[str, list[View]]:
-    """Draw episodes unlike those learned from: in other places, in heavier weather."""
+    """Draw episodes unlike those learned from: other places and bodies, heavier weather, faults."""
     count = max(1, plan.validation_episodes // 3)
+    plain = replace(plan, weathers=WEATHERS, faulty=0.0, lights=("day",))
     unlike = {
-        "held_out_scenarios": replace(plan, scenarios=HELD_OUT_SCENARIOS),
-        "held_out_weathers": replace(plan, weathers=HELD_OUT_WEATHERS),
+        "held_out_scenarios": replace(plain, scenarios=HELD_OUT_SCENARIOS),
+        "held_out_looks": replace(plain, scenarios=LOOKS),
+        "held_out_weathers": replace(plain, weathers=HELD_OUT_WEATHERS),
+        "held_out_faults": replace(plain, weathers=("clear",), conditions=HELD_OUT_FAULTS),
     }
     return {
         name: drawn_views(other, count, VALIDATION_SEEDS, varied=False)
@@ -192,6 +203,8 @@ def _record(done: Trained, name: str, plan: Recipe) -> None:
         f"seconds = {done.seconds:.0f} # of learning",
         f"scenarios = {json.dumps(plan.scenarios)}",
         f"weathers = {json.dumps(sorted(set(plan.weathers)))}",
+        f"lights = {json.dumps(sorted(set(plan.lights)))}",
+        f"faulty = {plan.faulty} # share of the episodes with {', '.join(FAULTS)}, 1 to {WORST}",
         "# Scores are on validation seeds; rates and false alarms from a score of 0.5 up.",
     ]
     for section, scores in {"validation": done.scores, **done.held_out}.items():

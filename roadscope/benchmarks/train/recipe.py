@@ -17,6 +17,12 @@ HELD_OUT_SCENARIOS = ("intersection", "waiting", "dense-motorway", "cut-ins")
 WEATHERS = ("clear", "clear", "clear", "rain-1", "rain-3", "fog-1", "fog-2", "fog-3")
 """Drawn from evenly; the heaviest rain and fog are held out."""
 HELD_OUT_WEATHERS = ("rain-5", "fog-4", "fog-5")
+LOOKS = ("unseen-motorway", "unseen-street")
+"""Traffic in bodies of shapes that no recipe may train on."""
+FAULTS = ("fog", "rain", "night", "glare")
+"""What a camera meets and still takes pictures in; severities up to `WORST` are drawn evenly."""
+WORST = 4
+HELD_OUT_FAULTS = ("fog:5", "rain:5", "night:5", "glare:5", "rain:5 + night:5")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,6 +30,9 @@ class Recipe(Record):
     """Settings of one training run.
 
     scenarios, weathers: what is drawn from, one episode each.
+    faulty: share of the episodes with a fault of `FAULTS`, half of these at night too; these are
+        in clear air but for it. lights: what is drawn from for the others.
+    conditions: sets of faults that are drawn from instead.
     episodes: of training. images: of an episode, every_s apart.
     steps: of the optimiser. pixels: of a batch, whatever the size of its crops.
     learning_rate: the highest one of the cycle. weight_decay: of AdamW.
@@ -32,6 +41,9 @@ class Recipe(Record):
 
     scenarios: tuple[str, ...] = SCENARIOS
     weathers: tuple[str, ...] = WEATHERS
+    faulty: float = 0.0
+    lights: tuple[str, ...] = ("day",)
+    conditions: tuple[str, ...] = ()
     episodes: int = 280
     images: int = 12
     every_s: float = 0.5
@@ -48,10 +60,15 @@ class Recipe(Record):
             require(getattr(self, name) >= 1, self, name, "at least 1", getattr(self, name))
         for name in ("every_s", "learning_rate"):
             require(getattr(self, name) > 0, self, name, "above 0", getattr(self, name))
+        require(0 <= self.faulty <= 1, self, "faulty", "a share in 0 to 1", self.faulty)
 
 
 RECIPES = {
     "full": Recipe(),
+    "all-conditions": Recipe(
+        episodes=420, weathers=("clear",), faulty=0.6, lights=("day", "day", "overcast", "dusk"),
+        steps=18000,
+    ),
     "small": Recipe(
         episodes=105, images=10, calibration_episodes=14, validation_episodes=14, steps=2400
     ),
@@ -61,4 +78,4 @@ RECIPES = {
     ),
 }  # fmt: skip
 """`full` takes about half an hour on two cores, `small` a third of it, `trial` shows that all
-is there."""
+is there. `all-conditions` has night, glare, fog and rain in every severity but the worst."""

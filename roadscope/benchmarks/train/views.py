@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,8 +14,12 @@ from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
 from roadscope.benchmarks.metrics.image_labels import Labels, labels_of
 from roadscope.benchmarks.parked_boxes import parked_boxes
-from roadscope.benchmarks.train.recipe import Recipe
+from roadscope.benchmarks.train.recipe import FAULTS, WORST, Recipe
+from roadscope.envs.sensors.faults import condition_name, faults_of
 from roadscope.envs.sensors.rig import CameraMount, Rig
+
+if TYPE_CHECKING:
+    from roadscope.envs.sensors.sensing import Sensing
 
 FOCALS_PX = (360.0, 840.0)
 """Between a wide camera's and half of a Bumblebee's."""
@@ -28,6 +33,7 @@ USUAL = 0.5
 class View:
     """What decides every pixel of an episode's pictures.
 
+    light: a name of `LIGHTS`. faults: one condition, such as `rain:2 + night:3`.
     focal_px, height_m, pitch_rad: of the camera; None, as the rig has it.
     images, every_s: how many pictures, and the time from one to the next.
     """
@@ -40,12 +46,21 @@ class View:
     focal_px: float | None = None
     height_m: float = 1.4
     pitch_rad: float = 0.0
+    light: str = "day"
+    faults: str = "clear"
 
     @property
     def name(self) -> str:
         """A name for files, another one whenever anything differs, code of sensors included."""
         key = fingerprint({"view": repr(self), "code": sensing_hash()})
         return f"{self.scenario}-{self.seed}-{key}"
+
+    def sensing(self) -> Sensing:
+        """Return what takes the pictures."""
+        from roadscope.envs.sensors.sensing import Sensing
+
+        light = None if self.light == "day" else self.light
+        return Sensing(self.rig(), self.seed, weather=self.weather, light=light, faults=self.faults)
 
     def rig(self) -> Rig:
         """Return the rig that takes the pictures."""
@@ -78,6 +93,8 @@ class Pictures:
 def drawn_views(recipe: Recipe, count: int, seeds: range, *, varied: bool = True) -> list[View]:
     """Draw episodes for a recipe; the same recipe and seeds give the same ones."""
     rng = np.random.default_rng([recipe.seed, seeds.start])
+    # What is met on the way is drawn apart: without it, all else is drawn as ever.
+    met = np.random.default_rng([recipe.seed, seeds.start, 1])
     numbers = np.sort(rng.choice(seeds, count, replace=False))
     views = []
     for i, number in enumerate(rng.permutation(numbers).tolist()):
@@ -93,8 +110,23 @@ def drawn_views(recipe: Recipe, count: int, seeds: range, *, varied: bool = True
                 height_m=round(_between(HEIGHTS_M, height), 2),
                 pitch_rad=round(_between(PITCHES_RAD, pitch), 4),
             )
-        views.append(view)
+        views.append(_met(recipe, view, met))
     return views
+
+
+def _met(recipe: Recipe, view: View, rng: np.random.Generator) -> View:
+    """Draw light and faults of a view."""
+    if recipe.conditions:
+        return replace(view, faults=str(rng.choice(recipe.conditions)))
+    chance, dark = rng.random(2)
+    light = str(rng.choice(recipe.lights))
+    kind = str(rng.choice(FAULTS))
+    severity, night = (int(n) for n in rng.integers(1, WORST + 1, 2))
+    if chance >= recipe.faulty:
+        return replace(view, light=light)
+    found = [f"{kind}:{severity}"]
+    found += [f"night:{night}"] if dark < 0.5 and kind != "night" else []
+    return replace(view, weather="clear", faults=condition_name(faults_of(found)))
 
 
 def _between(bounds: tuple[float, float], share: float) -> float:
@@ -104,13 +136,14 @@ def _between(bounds: tuple[float, float], share: float) -> float:
 def render(view: View) -> Pictures:
     """Record the traffic and take the pictures."""
     from roadscope.core.projection import Projection
-    from roadscope.envs.sensors.sensing import Sensing, world_of
+    from roadscope.envs.sensors.sensing import world_of
     from roadscope.envs.traffic.scenarios import record
 
-    rig = view.rig()
+    sensing = view.sensing()
+    rig = sensing.rig
     assert rig.camera is not None
     timeline = record(view.scenario, view.seed, (view.images + 0.5) * view.every_s)
-    sensing, world = Sensing(rig, view.seed, weather=view.weather), world_of(timeline, view.seed)
+    world = world_of(timeline, view.seed)
     pinhole = rig.camera.spec.pinhole
     projection = Projection.of(
         pinhole.intrinsics, rig.camera.ego_from_camera, pinhole.width, pinhole.height
@@ -142,15 +175,13 @@ def read(view: View, folder: Path) -> Pictures:
 
     Who is lost in rain or fog is not asked for.
     """
-    from roadscope.envs.sensors.weather import weather
-
     pixels = np.load(_pixels_path(view, folder), mmap_mode="r")
     with np.load(folder / f"{view.name}.npz") as data:
         rows = {name: data[name] for name in Labels.names()}
         ends = data["ends"]
     split = {name: np.split(values, ends[:-1]) for name, values in rows.items()}
     labels = (Labels(**{name: split[name][k] for name in rows}) for k in range(len(ends)))
-    extinction = weather(view.weather).extinction_per_m
+    extinction = view.sensing().weather.extinction_per_m
     return Pictures(pixels, tuple(each.in_air(extinction) for each in labels))
 
 
