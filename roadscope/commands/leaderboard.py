@@ -112,6 +112,7 @@ def leaderboard(
         conditions = _given(conditions, detections)
     boards = boards_of(conditions) if board is None else (board,)
     _check_tracks(tracks, kitti)
+    _refuse_idle(boards, calibration, detections)
     if by is not None and set(boards) <= set(ALL_BOARDS):
         check_breakdown(by, boards if kitti is None else KITTI_BOARDS)
     with progress_bars() as progress:
@@ -167,6 +168,14 @@ def _conditions(suite: str, kitti: Path | None) -> Any:
     if suite not in (KITTI, DEFAULT_SUITE):
         raise ValueError(f"--kitti is a suite of its own; leave --suite {suite} out")
     return kitti_suite(kitti)
+
+
+def _refuse_idle(boards: Any, calibration: Path | None, detections: list[str] | None) -> None:
+    """Refuse options that no board of the run would heed."""
+    if calibration is not None and "fusion" not in boards:
+        raise ValueError(f"--calibration is for the board fusion, not {' and '.join(boards)}")
+    if detections and "tracking" not in boards:
+        raise ValueError(f"--detections is for the board tracking, not {' and '.join(boards)}")
 
 
 def _check_tracks(tracks: Path | None, kitti: Path | None) -> None:

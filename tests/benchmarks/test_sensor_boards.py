@@ -348,3 +348,15 @@ def test_detections_on_the_command_line_replace_the_suites(tmp_path) -> None:
     assert "detections of cluster-boxes" in " ".join(said.output.split())
     said = CliRunner().invoke(app, [*arguments, "fused?fusion=nobody"])
     assert "no fusion 'nobody'" in str(said.exception)
+
+
+@pytest.mark.parametrize(
+    ("board", "option", "words"),
+    [
+        ("camera", "--detections", "--detections is for the board tracking, not camera"),
+        ("detection", "--calibration", "--calibration is for the board fusion, not detection"),
+    ],
+)
+def test_options_that_a_board_does_not_heed_are_refused(board, option, words) -> None:
+    said = CliRunner().invoke(app, ["leaderboard", board, option, "cluster-boxes"])
+    assert words in str(said.exception)
