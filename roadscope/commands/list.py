@@ -13,8 +13,8 @@ def list_names(
     kind: Annotated[
         str | None,
         typer.Argument(
-            help="detectors, stages (of detectors), camera-detectors, fusions, trackers, scenarios, "
-            "suites, rigs, sensors, weathers, lights or faults; all if left out."
+            help="detectors, stages (of detectors), camera-detectors, fusions, trackers, "
+            "scenarios, suites, rigs, sensors, weathers, lights or faults; all if left out."
         ),
     ] = None,
 ) -> None:
