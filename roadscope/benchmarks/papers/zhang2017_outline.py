@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from roadscope.detectors.pose.body_model import BodyModel, Storey
-from roadscope.envs.world.ford_fusion import AXLES_M, LENGTH_M, NARROWING, SLABS, WIDTH_M
+from roadscope.envs.world.ford_fusion import AXLES_M, GLASS, LENGTH_M, NARROWING, SLABS, WIDTH_M
 
 
 def fusion(radius_m: tuple[float, float] = (0.0, 0.4)) -> BodyModel:
     """Return the car with the maker's sizes; radius_m: least and greatest corner radius."""
     rear, front = AXLES_M
+    windows = [slab for slab in SLABS if slab.reflectivity == GLASS]
     return BodyModel(
         (LENGTH_M, 0.0),
         (WIDTH_M, 0.0),
@@ -19,4 +20,5 @@ def fusion(radius_m: tuple[float, float] = (0.0, 0.4)) -> BodyModel:
         ),
         (rear / LENGTH_M, front / LENGTH_M),
         NARROWING,
+        glass_m=(windows[0].bottom_m, windows[-1].top_m),
     )

@@ -64,6 +64,7 @@ class BodyFit:
         )  # fmt: skip
         if sighting.returns == 0:
             return None
+        sighting = replace(sighting, rays=self.model.glazed(sighting.rays))
         speed = None if velocity is None or not rolling else float(np.hypot(*velocity))
         course = None if towards is None else (towards, QUARTER)
         if velocity is not None and towards is None:

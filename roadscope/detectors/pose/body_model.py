@@ -22,16 +22,21 @@ from roadscope.detectors.pose.body_kernels import (
     FORE_Y,
     FRONT,
     HALF,
+    HIT,
     MOST_PARTS,
     NOSE,
     RADIUS,
     REAR,
     TAIL,
     TOP,
+    Rays,
 )
 
 UNKNOWNS = 5
 """Length, width, corner radius, set-backs of the nose and of the tail."""
+GLASS = 6.0
+"""By how much less a window sends back than light paint: two surfaces of refractive index 1.5
+reflect 4 % each (Fresnel), light paint half of the light."""
 
 
 class Storey(NamedTuple):
@@ -60,6 +65,7 @@ class BodyModel:
     tail and at the nose as shares of the width between the axles. drawn_m: standard deviation,
     along and across, of where what is seen lies on the body; one for all returns, so that no
     number of them makes the pose surer than that.
+    glass_m: heights from and up to which the body is of glass, metres above the road.
     """
 
     length_m: tuple[float, float]
@@ -69,6 +75,7 @@ class BodyModel:
     axles: tuple[float, float] = (-0.28, 0.3)
     narrowing: tuple[float, float] = (1.0, 1.0)
     drawn_m: float = 0.0
+    glass_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("length_m", "width_m"):
@@ -85,6 +92,8 @@ class BodyModel:
             )
         if not 0 <= self.drawn_m < np.inf:
             raise ValueError(f"drawn_m must be zero or more metres, got {self.drawn_m}")
+        if self.glass_m is not None and not 0 <= self.glass_m[0] < self.glass_m[1]:
+            raise ValueError(f"glass_m must be (from, up to) in metres, got {self.glass_m}")
         if not 1 <= len(self.storeys) <= MOST_PARTS:
             raise ValueError(f"a body has 1 to {MOST_PARTS} storeys, got {len(self.storeys)}")
 
@@ -106,6 +115,22 @@ class BodyModel:
         width = self.width_m[0] + self.width_m[1] * unknowns[:, 1]
         floor_length, floor_width = 0.3 * self.length_m[0], 0.3 * self.width_m[0]
         return np.maximum(length, floor_length), np.maximum(width, floor_width)
+
+    def glazed(self, rays: Rays) -> Rays:
+        """Return the rays of one scan, those at the windows' height with what glass needs.
+
+        A window seen at a slant sends nothing back where paint still would; taken for paint, a
+        silent ray would tell for certain that the body does not reach there. Rays without a
+        return of the body have the height that they have at its mean distance.
+        """
+        hits = rays.kind == HIT
+        if self.glass_m is None or not hits.any():
+            return rays
+        reach = np.where(hits, rays.reach, rays.reach[hits].mean())
+        height = rays.origin[:, 2] + rays.slope * reach
+        low, high = self.glass_m
+        dark = (low < height) & (height < high)
+        return rays._replace(need=np.where(dark, GLASS * rays.need, rays.need))
 
     def parts(self, unknowns: np.ndarray) -> np.ndarray:
         """Return the parts (K, P, 16) as the likelihood wants them for (K, 5) unknowns."""

@@ -170,11 +170,12 @@ class Smoother:
 
     def _sighted(self, shot: _Shot, motion: np.ndarray) -> Sighting:
         """Return what a scan tells; motion: (3,) of the sensor, m/s and rad/s, world frame."""
-        return sight(
+        sighting = sight(
             self._spec, shot.scan, shot.target, shot.world_from_lidar,
             sensor_velocity=motion[:2], sensor_turn=float(motion[2]), rolling=shot.rolling,
             budget=max(BUDGET // self._frames, LEAST),
         )  # fmt: skip
+        return replace(sighting, rays=self._model.glazed(sighting.rays))
 
     def flush(self) -> list[VehiclePose | None]:
         """Return the poses of the last `lag` scans, from the scans that there are."""

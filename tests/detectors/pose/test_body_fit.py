@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 from roadscope.core import LidarScan, Pose, RecordError, wrap_angle
 from roadscope.detectors.pose.body_fit import BodyFit
-from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
+from roadscope.detectors.pose.body_kernels import HIT
+from roadscope.detectors.pose.body_model import GLASS, BodyModel, Storey, saloon
+from roadscope.detectors.pose.body_rays import sight
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import sweep
 from roadscope.envs.sensors.lidar_specs import SPECS
@@ -126,6 +128,7 @@ def test_refuses_what_is_no_scan():
         ({"radius_m": (0.3, 0.1)}, "radius_m"),
         ({"storeys": ()}, "storeys"),
         ({"drawn_m": -0.1}, "drawn_m"),
+        ({"glass_m": (1.4, 1.0)}, "glass_m"),
     ],
 )
 def test_refuses_bodies_by_name(change, message):
@@ -146,3 +149,42 @@ def test_a_body_drawn_by_eye_is_never_placed_better_than_drawn():
         for d in (0.0, 0.03)
     )
     assert rough.covariance - exact.covariance == pytest.approx(np.diag([9e-4, 9e-4, 0.0]))
+
+
+def test_only_rays_at_the_windows_height_need_what_glass_needs():
+    scan, target = seen(20.0, 0.0, 0.0)
+    sighting = sight(SPEC, scan, target, HERE)
+    rays = sighting.rays
+    half = replace(BRICK, glass_m=(0.8, 2.0)).glazed(rays)
+    more = half.need > rays.need
+    assert half.need[more] == pytest.approx(GLASS * rays.need[more])
+    hits = rays.kind == HIT
+    heights = rays.origin[hits, 2] + rays.slope[hits] * rays.reach[hits]
+    assert np.array_equal(more[hits], heights > 0.8)
+    # Beside the body, too, beam by beam.
+    slopes = np.unique(rays.slope[more].round(6))
+    assert np.array_equal(more, np.isin(rays.slope.round(6), slopes))
+    assert BRICK.glazed(rays) is rays
+
+
+def test_a_window_that_sends_nothing_back_is_no_empty_space():
+    """Of the dark upper half the rear alone is seen, from 30 m: paint would show the flank, too."""
+    halves = [
+        Prisms.of(rectangle(LENGTH_M, WIDTH_M), low, high, reflectivity=bright)
+        for low, high, bright in ((0.15, 0.9, 0.5), (0.9, 2.5, 0.05))
+    ]
+    scene = Scene(
+        Prisms.empty(), Prisms.join(halves), np.zeros(1), np.array([[[30.0, 0.0, 0.5]]]),
+        np.ones(1, bool),
+    )  # fmt: skip
+    scan, truth = sweep(scene, SPEC, [HERE], 0.0, rng=np.random.default_rng(0))
+    tall = replace(BRICK, storeys=(Storey(0.15, 2.5),))
+    paint, glass = (
+        BodyFit(SPEC, replace(tall, glass_m=where)).fit(
+            scan, truth.owners == 0, HERE, rolling=False, towards=0.5
+        )
+        for where in (None, (0.9, 2.5))
+    )
+    assert glass.score > paint.score + 10.0
+    off = np.array([glass.x - 30.0, glass.y, wrap_angle(glass.yaw - 0.5)])
+    assert off @ np.linalg.solve(glass.covariance, off) < 14.0
