@@ -99,6 +99,20 @@ class Tracks(Record):
             np.full(n, TrackState.CONFIRMED, np.int8), detections.frame, detections.stamp_s,
         )  # fmt: skip
 
+    def select(self, index: np.ndarray) -> Tracks:
+        """Keep the rows that a mask or an index array names."""
+        return Tracks(
+            self.ids[index], self.centres[index], self.sizes[index], self.yaws[index],
+            self.velocities[index], self.covariances[index], self.categories[index],
+            self.scores[index], self.states[index], self.frame, self.stamp_s,
+        )  # fmt: skip
+
+    @property
+    def sure(self) -> Tracks:
+        """Those that are not tentative."""
+        kept = self.states != TrackState.TENTATIVE
+        return self if kept.all() else self.select(kept)
+
     def moved(self, a_from_b: Pose, frame: str) -> Tracks:
         """Express tracks of frame b in frame a, named `frame`, both frames held still."""
         turn = np.kron(np.eye(2), a_from_b.rotation[:2, :2])

@@ -5,6 +5,10 @@ those before. A tracker whose class says `offline = True` is an offline one: onc
 over, its `rescored` is given all that `update` answered and tells every tick anew, with later
 ones at hand. Boards run `rescored` of such classes only and call their figures offline; without
 that mark it is never called, so that no online figure can contain it.
+
+What counts are tracks that are not tentative. A tracker whose class says `weighed = True` scores
+tentative ones, too, by how likely they are there: averages over recall, which ask for tracks of
+every sureness, take all of them. Of others they take those that are not tentative.
 """
 
 from __future__ import annotations
@@ -45,6 +49,11 @@ class OfflineTracker(Tracker, Protocol):
         history: what `update` answered from the reset on, tentative tracks included; it and
             what `update` would answer next stay as they are.
         """
+
+
+def is_weighed(kind: Any) -> bool:
+    """Say whether a tracker's class says that scores of its tentative tracks mean something."""
+    return bool(getattr(kind, "weighed", False))
 
 
 def is_offline(kind: Any) -> bool:

@@ -40,6 +40,8 @@ class ExistenceTracker:
     said counts less with time instead of adding up without end.
     """
 
+    weighed = True
+
     def __init__(
         self,
         *,

@@ -11,7 +11,7 @@ from roadscope.benchmarks.formats.kitti_export import kitti_objects
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
 from roadscope.benchmarks.metrics.tracking.following import follow
-from roadscope.core import Detections, Tracks, TrackState
+from roadscope.core import Tracks
 from roadscope.trackers.existence_targets import log_odds
 
 MEASURE = "iou_2d"
@@ -35,7 +35,8 @@ def verdicts(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[tuple[in
 
 def graded_detections(sequence: KittiSequence) -> np.ndarray:
     """Return (J, 3) log odds of the score, range in metres, 1 for right and 0 for wrong."""
-    known = verdicts([_as_tracks(found) for found in sequence.detections], sequence)
+    shown = [Tracks.of(found, np.arange(len(found))) for found in sequence.detections]
+    known = verdicts(shown, sequence)
     rows = [np.empty((0, 3))]
     for t, found in enumerate(sequence.detections):
         counts = [i for i in range(len(found)) if (t, i) in known]
@@ -43,12 +44,3 @@ def graded_detections(sequence: KittiSequence) -> np.ndarray:
         right = np.array([known[t, i] for i in counts], float)
         rows.append(np.column_stack([log_odds(found.scores[counts]), ranges, right]))
     return np.concatenate(rows)
-
-
-def _as_tracks(found: Detections) -> Tracks:
-    n = len(found)
-    return Tracks(
-        np.arange(n), found.centres, found.sizes, found.yaws, np.zeros((n, 2)),
-        np.tile(np.eye(4), (n, 1, 1)), found.categories, found.scores,
-        np.full(n, TrackState.CONFIRMED, np.int8), found.frame, found.stamp_s,
-    )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from pathlib import Path
@@ -20,7 +20,7 @@ from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.jobs.stack import perceive
 from roadscope.benchmarks.metrics.matching import Pairing, centre_distances, match
 from roadscope.benchmarks.perceived import Perceived
-from roadscope.core import Category, Detections, Truth
+from roadscope.core import Category, Detections, Pose, Truth
 from roadscope.core.pose import wrap_angle
 from roadscope.trackers.existence_targets import log_odds
 
@@ -145,7 +145,7 @@ def _changes(truths: Sequence[Truth]) -> np.ndarray:
 
 
 def recorded_samples(
-    folder: Path, sequences: Iterable[str] | None, detector: str | None
+    folder: Path, sequences: Sequence[str] | None, detector: str | None
 ) -> tuple[dict[str, Samples], str]:
     """Collect from KITTI sequences, with a sentence on where they come from."""
     files = KittiFolder.find(folder)
@@ -169,6 +169,15 @@ def _of_sequence(files: KittiFolder, name: str, kind: str, detector: str | None)
     return replace(collected, graded=graded_detections(sequence))
 
 
+def of_class(
+    kind: str, folder: Path, sequences: Sequence[str] | None, detector: str | None
+) -> Iterator[KittiSequence]:
+    """Read the sequences named, or all, one after the other, with detections of one class."""
+    files = KittiFolder.find(folder)
+    for name in sequences if sequences is not None else files.sequences():
+        yield read_sequence(files, name, CLASSES[kind], detector=detector)
+
+
 def recorded_pairings(found: Sequence[np.ndarray], sequence: KittiSequence) -> list[Pairing]:
     """Pair (N, 3) centres of each frame, world frame, with objects; other classes' do not count."""
     pairings = []
@@ -189,6 +198,16 @@ def sensed_episodes(detector: str, seeds: int) -> Iterator[Perceived]:
     """Let a detector see train seeds of our traffic."""
     for scenario, rig, seed in product(SCENARIOS, RIGS, range(FIRST_SEED, FIRST_SEED + seeds)):
         yield perceive(detector, Episode(scenario, seed, rig, DURATION_S), Eligibility())
+
+
+def in_ego(seen: Perceived) -> tuple[list[Detections], list[Pose]]:
+    """Return an episode's detections as trackers are given them, and the ego's poses."""
+    poses = [truth.world_from_ego for truth in seen.truths]
+    found = [
+        d.moved(p.inverse(), "ego") if d.frame == "world" else d
+        for d, p in zip(seen.detections, poses, strict=True)
+    ]
+    return found, poses
 
 
 def sensed_samples(detector: str, seeds: int) -> tuple[dict[str, Samples], str]:

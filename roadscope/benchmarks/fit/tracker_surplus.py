@@ -5,7 +5,7 @@ Errors that last as long as a track, boxes of cut-off bodies and errors of label
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +14,15 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.fit.tracker_samples import (
     CLASSES,
     GATES_M,
+    in_ego,
+    of_class,
     recorded_pairings,
     sensed_episodes,
 )
-from roadscope.benchmarks.formats.kitti import read_sequence
-from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.metrics.matching import Pairing, match
 from roadscope.benchmarks.metrics.tracking.nees import nees
 from roadscope.benchmarks.metrics.tracking.states import state_errors
-from roadscope.core import Detections, Pose, Tracks, TrackState, Truth
+from roadscope.core import Detections, Pose, Tracks, Truth
 from roadscope.trackers.existence import ExistenceTracker
 
 OBJECTS = 5.0
@@ -33,16 +33,13 @@ Errors = tuple[np.ndarray, int]
 
 
 def recorded_surplus(
-    folder: Path, sequences: Iterable[str] | None, detector: str | None, traits: str
+    folder: Path, sequences: Sequence[str] | None, detector: str | None, traits: str
 ) -> dict[str, float]:
     """Return `Learned.surplus` of each class, followed with a file in which it is 1."""
-    files = KittiFolder.find(folder)
-    names = list(sequences) if sequences is not None else files.sequences()
     found = {}
-    for kind, category in CLASSES.items():
+    for kind in CLASSES:
         parts = []
-        for name in names:
-            s = read_sequence(files, name, category, detector=detector)
+        for s in of_class(kind, folder, sequences, detector):
             tracks = followed(s.detections, s.world_from_ego, traits)
             pairings = recorded_pairings([t.centres for t in tracks], s)
             parts.append(_errors(tracks, s.truths, pairings, GATES_M[kind]))
@@ -54,11 +51,7 @@ def sensed_surplus(detector: str, seeds: int, traits: str) -> dict[str, float]:
     """Likewise from train seeds of our traffic; every class has what all say."""
     parts = []
     for seen in sensed_episodes(detector, seeds):
-        poses = [truth.world_from_ego for truth in seen.truths]
-        found = [
-            d.moved(p.inverse(), "ego") if d.frame == "world" else d
-            for d, p in zip(seen.detections, poses, strict=True)
-        ]
+        found, poses = in_ego(seen)
         tracks = followed(found, poses, traits)
         pairings = Eligibility().pairings(tracks, seen.truths, seen.parked)
         parts.append(_errors(tracks, seen.truths, pairings, GATES_M["car"]))
@@ -69,17 +62,7 @@ def followed(detections: Sequence[Detections], poses: Sequence[Pose], traits: st
     """Return the tracks that `ExistenceTracker` is sure of."""
     tracker = ExistenceTracker(traits=traits)
     told = [tracker.update(found, pose) for found, pose in zip(detections, poses, strict=True)]
-    return [_sure(tracks) for tracks in told]
-
-
-def _sure(tracks: Tracks) -> Tracks:
-    kept = tracks.states != TrackState.TENTATIVE
-    columns = (
-        "ids", "centres", "sizes", "yaws", "velocities", "covariances", "categories", "scores",
-        "states",
-    )  # fmt: skip
-    rows = {name: getattr(tracks, name)[kept] for name in columns}
-    return Tracks(**rows, frame=tracks.frame, stamp_s=tracks.stamp_s)
+    return [tracks.sure for tracks in told]
 
 
 def _errors(

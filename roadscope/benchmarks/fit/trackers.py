@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -201,7 +201,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     given = parser.parse_args(arguments)
     if given.kitti is not None:
-        chosen: Iterable[str] | None = given.sequences.split(",") if given.sequences else None
+        chosen: Sequence[str] | None = given.sequences.split(",") if given.sequences else None
         classes, origin = recorded_samples(given.kitti, chosen, given.detector)
     else:
         classes, origin = sensed_samples(given.detector or "distance-l-shape", given.seeds)

@@ -22,6 +22,7 @@ from roadscope.benchmarks.jobs.stack import (
     perceive,
     prints_aside,
     track,
+    weighed,
 )
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics import METRIC_VERSION
@@ -131,9 +132,10 @@ def execute(job: Job, fresh: bool = False) -> Outcome:
         if job.tracker is None:
             whole = detection_scores(job.detector, perceived, job.eligibility)
             return Outcome({**whole, **detection_parts(perceived, job.eligibility)})
-        tracks, calls_ms = track(job.tracker, perceived)
         if isinstance(job.episode, Recording):
+            tracks, calls_ms = track(job.tracker, perceived, unsure=weighed(job.tracker))
             return Outcome(recorded_scores(job.tracker, tracks, calls_ms, job.episode))
+        tracks, calls_ms = track(job.tracker, perceived)
         scores = tracking_scores(tracks, calls_ms, perceived, job.eligibility)
         return Outcome(scores | passed(len(tracks)) if offline(job.tracker) else scores)
     except EntryError as error:

@@ -6,7 +6,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from operator import methodcaller
 from pathlib import Path
@@ -21,10 +21,10 @@ from roadscope.benchmarks.fingerprint import PACKAGE
 from roadscope.benchmarks.oracle import from_truth, made_from_truth
 from roadscope.benchmarks.parked import parked_centres, parked_owners
 from roadscope.benchmarks.perceived import Perceived, without_sources
-from roadscope.core import Detections, Frame, NotInstalledError, Tracks, TrackState, Truth
+from roadscope.core import Detections, Frame, NotInstalledError, Tracks, Truth
 from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS
-from roadscope.trackers.api import OfflineTracker, is_offline
+from roadscope.trackers.api import OfflineTracker, is_offline, is_weighed
 
 T = TypeVar("T")
 
@@ -79,12 +79,16 @@ def perceive(detector: str, episode: Episode, eligibility: Eligibility) -> Perce
     )
 
 
-def track(tracker: str, perceived: Perceived) -> tuple[list[Tracks], np.ndarray]:
+def track(
+    tracker: str, perceived: Perceived, *, unsure: bool = False
+) -> tuple[list[Tracks], np.ndarray]:
     """Run a tracker over an episode's detections, with the true pose of the ego.
 
     Returns confirmed and coasting tracks in the world frame, and the time of each call in ms.
     Of an offline tracker they are what it told after the last frame; every call bears its share
     of the time of that.
+
+    unsure: tentative tracks are wanted, too.
     """
     plugin = guarded(tracker, lambda: TRACKERS.make(tracker))
     guarded(tracker, methodcaller("reset"), plugin)
@@ -95,7 +99,7 @@ def track(tracker: str, perceived: Perceived) -> tuple[list[Tracks], np.ndarray]
     ):
         seen = _in_ego(detections, truth)
         tracks, took_ms = timed(tracker, methodcaller("update", seen, truth.world_from_ego), plugin)
-        followed.append(_world_tracks(tracker, tracks, truth, motion))
+        followed.append(_world_tracks(tracker, tracks, truth, motion, unsure))
         history.append(tracks)
         calls_ms.append(took_ms)
     if not (offline(tracker) and isinstance(plugin, OfflineTracker)):
@@ -105,7 +109,7 @@ def track(tracker: str, perceived: Perceived) -> tuple[list[Tracks], np.ndarray]
         found = len(anew) if isinstance(anew, Sequence) else type(anew).__name__
         raise EntryError(f"{tracker}: rescored returned {found} for {len(history)} records")
     whole = [
-        _world_tracks(tracker, tracks, truth, motion)
+        _world_tracks(tracker, tracks, truth, motion, unsure)
         for tracks, truth, motion in zip(anew, perceived.truths, velocities, strict=True)
     ]
     return whole, np.array(calls_ms) + took_ms / max(len(whole), 1)
@@ -114,6 +118,11 @@ def track(tracker: str, perceived: Perceived) -> tuple[list[Tracks], np.ndarray]
 def offline(tracker: str) -> bool:
     """Say whether what a tracker is scored by was told with all frames at hand."""
     return is_offline(TRACKERS.resolve(tracker).factory)
+
+
+def weighed(tracker: str) -> bool:
+    """Say whether scores of a tracker's tentative tracks mean something."""
+    return is_weighed(TRACKERS.resolve(tracker).factory)
 
 
 def ego_velocities(truths: Sequence[Truth]) -> np.ndarray:
@@ -243,8 +252,8 @@ def _world_detections(spec: str, found: Detections, truth: Truth) -> Detections:
     return found
 
 
-def _world_tracks(spec: str, tracks: Any, truth: Truth, motion: np.ndarray) -> Tracks:
-    """Bring tracks into the world frame and leave tentative ones out.
+def _world_tracks(spec: str, tracks: Any, truth: Truth, motion: np.ndarray, unsure: bool) -> Tracks:
+    """Bring tracks into the world frame and leave tentative ones out, unless they are wanted.
 
     motion: (3,) velocity and yaw rate of the ego, which tracks in its frame are relative to.
     """
@@ -253,29 +262,15 @@ def _world_tracks(spec: str, tracks: Any, truth: Truth, motion: np.ndarray) -> T
     _same_moment(spec, "tracks", tracks.stamp_s, truth.stamp_s)
     if tracks.frame not in ("ego", "world"):
         raise EntryError(f"{spec}: tracks in frame '{tracks.frame}'; possible: ego, world")
-    sure = _select(tracks, tracks.states != TrackState.TENTATIVE)
-    if sure.frame == "world":
-        return sure
-    moved = sure.moved(truth.world_from_ego, "world")
+    wanted = tracks if unsure else tracks.sure
+    if wanted.frame == "world":
+        return wanted
+    moved = wanted.moved(truth.world_from_ego, "world")
     lever = moved.centres[:, :2] - truth.world_from_ego.translation[:2]
     turning = motion[2] * np.column_stack([-lever[:, 1], lever[:, 0]])
-    return _replaced(moved, velocities=moved.velocities + motion[:2] + turning)
+    return replace(moved, velocities=moved.velocities + motion[:2] + turning)
 
 
 def _same_moment(spec: str, what: str, stamp_s: float, frame_s: float) -> None:
     if not abs(stamp_s - frame_s) <= STAMP_TOLERANCE_S:
         raise EntryError(f"{spec}: {what} are stamped {stamp_s} s, their frame is at {frame_s} s")
-
-
-_TRACK_ROWS = (
-    "ids", "centres", "sizes", "yaws", "velocities", "covariances", "categories", "scores", "states"
-)  # fmt: skip
-
-
-def _select(tracks: Tracks, index: np.ndarray) -> Tracks:
-    return _replaced(tracks, **{name: getattr(tracks, name)[index] for name in _TRACK_ROWS})
-
-
-def _replaced(tracks: Tracks, **changes: np.ndarray) -> Tracks:
-    fields = {name: getattr(tracks, name) for name in _TRACK_ROWS} | changes
-    return Tracks(**fields, frame=tracks.frame, stamp_s=tracks.stamp_s)

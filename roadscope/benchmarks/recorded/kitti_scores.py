@@ -9,7 +9,7 @@ import numpy as np
 
 from roadscope.benchmarks.formats.kitti import KittiSequence
 from roadscope.benchmarks.formats.kitti_export import kitti_objects
-from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
+from roadscope.benchmarks.formats.kitti_objects import TYPE_OF, KittiObjects
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
 from roadscope.benchmarks.metrics.score import Score, ratio
 from roadscope.benchmarks.metrics.tracking.amota import amota
@@ -34,26 +34,33 @@ def kitti_scores(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[str,
     """Return scores by image boxes, by 3-D boxes and by centres, each over KITTI's rules.
 
     Errors of states are those of tracks and objects that follow one another by centres, seen from
-    above, gate 2 m.
+    above, gate 2 m. Averages over recall take tentative tracks, too, the others do not.
 
-    tracks: one record a frame, those that the tracker is sure of, of the sequence's class, world
-        frame.
+    tracks: one record a frame, of the sequence's class, world frame; tentative ones where their
+        scores mean something.
     """
-    view = sequence.calibration.projection, sequence.image_size
-    rows = [
-        kitti_objects(tracked, t, pose, *view)
-        for t, (tracked, pose) in enumerate(zip(tracks, sequence.world_from_ego, strict=True))
-    ]
-    scores: dict[str, Score] = {}
+    every = _image_rows(tracks, sequence)
+    tracks = [tracked.sure for tracked in tracks]
+    rows = _image_rows(tracks, sequence)
+    kind, scores = TYPE_OF[sequence.category], dict[str, Score]()
     for name, suffix in SUFFIXES.items():
-        counted = judged(sequence.labelled, rows, TYPE_OF[sequence.category], name)
+        counted = judged(sequence.labelled, rows, kind, name)
+        swept = judged(sequence.labelled, every, kind, name)
         threshold = SIMILARITIES[name].threshold
-        found = sequence_scores(counted, threshold)
+        found = sequence_scores(counted, threshold, swept)
         scores |= {f"{metric}{suffix}": score for metric, score in found.items()}
         scores |= alpha_parts(hota(counted), suffix)
         if name == "centre":
             scores |= label_errors(tracks, sequence.truths, counted, threshold)
     return scores
+
+
+def _image_rows(tracks: Sequence[Tracks], sequence: KittiSequence) -> list[KittiObjects]:
+    view = sequence.calibration.projection, sequence.image_size
+    return [
+        kitti_objects(tracked, t, pose, *view)
+        for t, (tracked, pose) in enumerate(zip(tracks, sequence.world_from_ego, strict=True))
+    ]
 
 
 def label_errors(
@@ -82,8 +89,14 @@ def _rows_of(wanted: np.ndarray, ids: np.ndarray) -> np.ndarray:
     return rows
 
 
-def sequence_scores(sequence: TrackedSequence, threshold: float) -> dict[str, Score]:
-    """Return HOTA, CLEAR MOT, identity and averages over recall of one sequence."""
+def sequence_scores(
+    sequence: TrackedSequence, threshold: float, swept: TrackedSequence | None = None
+) -> dict[str, Score]:
+    """Return HOTA, CLEAR MOT, identity and averages over recall of one sequence.
+
+    swept: the same with tentative tracks, for averages over recall; None: there are none.
+    """
+    swept = sequence if swept is None else swept
     curves, objects = hota(sequence), len(sequence.truths)
     c, same = count(sequence, follow(sequence, threshold)), identity(sequence, threshold)
 
@@ -102,7 +115,7 @@ def sequence_scores(sequence: TrackedSequence, threshold: float) -> dict[str, Sc
         "errors": Score(float(wrong), "1/sequence", "lower", len(sequence)),
         "motp": Score(c.motp, "1", "higher", c.matches, 0.0, 1.0, weight=c.matches),
         "idf1": ratio(same.hits, (same.present + same.tracked) / 2),
-        "samota": averaged(amota(sequence, threshold=threshold).samota if objects else math.nan),
+        "samota": averaged(amota(swept, threshold=threshold).samota if objects else math.nan),
         "id_switches": events(c.id_switches),
         "fragmentations": events(c.fragmentations),
         "mostly_tracked": ratio(c.mostly_tracked, c.objects),

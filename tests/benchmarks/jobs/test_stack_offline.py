@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toy_boxes import detections, truth
 
-from roadscope.benchmarks.jobs.stack import EntryError, offline, track
+from roadscope.benchmarks.jobs.stack import EntryError, offline, track, weighed
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.core import Pose, Tracks, TrackState
 from roadscope.trackers.nearest import NearestTracker
@@ -86,6 +86,14 @@ def test_the_second_pass_is_run_for_offline_trackers_only():
 
 def test_the_tentative_beginning_reaches_the_second_pass():
     assert [len(tracks) for tracks in followed(f"{HERE}:Whole?confirm_hits=3")] == [1] * 20
+
+
+def test_tentative_tracks_are_told_only_where_they_are_wanted():
+    spec = "nearest?confirm_hits=3"
+    every = track(spec, drive(), unsure=True)[0]
+    assert [len(tracks) for tracks in every] == [1] * 20
+    assert [tracks.sure for tracks in every] == followed(spec)
+    assert [weighed(name) for name in (spec, "existence", f"{HERE}:Late")] == [False, True, False]
 
 
 def test_every_call_bears_its_share_of_the_second_pass(monkeypatch):

@@ -12,10 +12,9 @@ from roadscope.benchmarks.formats.kitti_export import kitti_objects
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.formats.kitti_rules import judged
-from roadscope.benchmarks.jobs.stack import _select
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.core import Category, TrackState
+from roadscope.core import Category
 from roadscope.trackers import TRACKERS
 from roadscope.trackers.api import is_offline
 
@@ -46,7 +45,7 @@ def followed(spec: str, sequence: KittiSequence) -> TrackedSequence:
         told = tracker.rescored(told)
     view = sequence.calibration.projection, sequence.image_size
     rows = [
-        kitti_objects(_select(tracks, tracks.states != TrackState.TENTATIVE), t, pose, *view)
+        kitti_objects(tracks.sure, t, pose, *view)
         for t, (tracks, pose) in enumerate(zip(told, poses, strict=True))
     ]
     return judged(sequence.labelled, rows, TYPE_OF[sequence.category])

@@ -1,6 +1,7 @@
 """How far tracks are off recorded labels, and whether they know it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,3 +70,26 @@ def test_without_tracks_there_are_no_errors(sequence):
     scores = kitti_scores(nothing, sequence)
     assert math.isnan(scores["position_rmse_m"].value)
     assert scores["mota_centre"].value == 0
+
+
+def test_only_averages_over_recall_take_tentative_tracks(sequence):
+    """Objects that are followed half the time for sure, the rest by unsure tracks."""
+    sure, unsure = told(sequence), told(sequence)
+    unsure = [
+        replace(
+            tracks, ids=tracks.ids + 1000, scores=np.full(len(tracks), 0.1),
+            states=np.full(len(tracks), TrackState.TENTATIVE),
+        )
+        for tracks in unsure
+    ]  # fmt: skip
+    half = len(sure) // 2
+    shown = sure[:half] + [tracks.sure for tracks in unsure[half:]]
+    every = sure[:half] + unsure[half:]
+    without, given = kitti_scores(shown, sequence), kitti_scores(every, sequence)
+    changed = {
+        name
+        for name, score in given.items()
+        if not np.array_equal(score.value, without[name].value, equal_nan=True)
+    }
+    assert changed == {"samota", "samota_3d", "samota_centre"}
+    assert given["samota"].value > without["samota"].value
