@@ -112,10 +112,14 @@ def _split(plan: Recipe) -> tuple[list[View], list[View], list[View]]:
 
 
 def _held_out(plan: Recipe) -> dict[str, list[View]]:
-    """Draw episodes unlike those learned from: other places and bodies, heavier weather, faults."""
+    """Draw episodes in clear air by day, then such as nothing was learned from.
+
+    Other places and bodies, heavier weather and faults.
+    """
     count = max(1, plan.validation_episodes // 3)
     plain = replace(plan, weathers=WEATHERS, faulty=0.0, lights=("day",))
     unlike = {
+        "clear_days": replace(plain, weathers=("clear",)),
         "held_out_scenarios": replace(plain, scenarios=HELD_OUT_SCENARIOS),
         "held_out_looks": replace(plain, scenarios=LOOKS),
         "held_out_weathers": replace(plain, weathers=HELD_OUT_WEATHERS),

@@ -14,7 +14,7 @@ from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
 from roadscope.benchmarks.metrics.image_labels import Labels, labels_of
 from roadscope.benchmarks.parked_boxes import parked_boxes
-from roadscope.benchmarks.train.recipe import FAULTS, WORST, Recipe
+from roadscope.benchmarks.train.recipe import DARK, FAULTS, WORST, Recipe
 from roadscope.envs.sensors.faults import condition_name, faults_of
 from roadscope.envs.sensors.rig import CameraMount, Rig
 
@@ -125,7 +125,7 @@ def _met(recipe: Recipe, view: View, rng: np.random.Generator) -> View:
     if chance >= recipe.faulty:
         return replace(view, light=light)
     found = [f"{kind}:{severity}"]
-    found += [f"night:{night}"] if dark < 0.5 and kind != "night" else []
+    found += [f"night:{night}"] if dark < DARK and kind != "night" else []
     return replace(view, weather="clear", faults=condition_name(faults_of(found)))
 
 
