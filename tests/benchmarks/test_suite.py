@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from roadscope.benchmarks.jobs.plan import kind_of, plan
+from roadscope.benchmarks.jobs.plan import boards_of, kind_of, plan
 from roadscope.benchmarks.oracle import MARKS
 from roadscope.benchmarks.suite import (
     SPLITS,
@@ -37,12 +37,17 @@ def test_shipped_suites_name_what_exists(name) -> None:
     check_names(suite)
     assert suite.name == name
     assert set(suite.seeds) <= set(SPLITS["test"])
-    jobs = plan(suite, [], ("detection", "tracking"))
-    episodes = len(suite.scenarios) * len(suite.seeds) * len(suite.weathers)
+    jobs = plan(suite, [], boards_of(suite))
+    seen = len(suite.weathers) + len(suite.lights) + len(suite.faults) - 2
+    episodes = len(suite.scenarios) * len(suite.seeds) * seen
     ranked = len(suite.detectors)
     assert len(jobs.detection) == episodes * (len(MARKS) + ranked if ranked else 0)
     followed = len(suite.trackers) * len(suite.public_detectors)
     assert len(jobs.tracking) == episodes * followed
+    looking = len(suite.camera_detectors)
+    assert len(jobs.camera) == episodes * (looking + 1 if looking else 0)
+    pairs, joining = len(suite.fused_lidar) * len(suite.fused_camera), len(suite.fusions)
+    assert len(jobs.fusion) == episodes * pairs * (joining + 2 if joining else 0)
 
 
 def test_splits_share_no_seed() -> None:

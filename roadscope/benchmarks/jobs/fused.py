@@ -11,7 +11,6 @@ import numpy as np
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensing_of
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
-from roadscope.benchmarks.images import camera_of, projection_of, scan_lost
 from roadscope.benchmarks.jobs.camera_job import CameraJob, seen_of
 from roadscope.benchmarks.jobs.job import Job, detections_of
 from roadscope.benchmarks.jobs.stack import EntryError, guarded, timed
@@ -24,7 +23,6 @@ from roadscope.core import Detections, ImageDetections, Pose, SpecError
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.core.registry import split_spec
-from roadscope.envs.sensors.rigs import rig
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.calibration_file import read_calibration
 from roadscope.fusion.pairing import ALONE, ClocksApartError, moved_projection, nearest_images
@@ -124,6 +122,8 @@ def fuse(
 
 def scan_rows(episode: Episode, scans: int, every_s: float) -> np.ndarray:
     """Return (K,) int64, which scans are joined; the first is not, nothing is known before it."""
+    from roadscope.envs.sensors.rigs import rig
+
     period_s = rig(episode.rig).lidar.spec.period_s
     step = max(1, round(every_s / period_s))
     return np.arange(0 if step == 1 else step, scans, step)
@@ -136,6 +136,8 @@ def _views(
     spec: FusedSpec, episode: Episode, perceived: Perceived, seen: Seen, rows: np.ndarray
 ) -> list[View]:
     """Pair scans and images by their stamps, in the frames in which the user believes."""
+    from roadscope.benchmarks.images import camera_of, scan_lost
+
     sensing = sensing_of(episode)
     camera = camera_of(sensing.rig)
     pinhole = camera.spec.pinhole
@@ -190,6 +192,9 @@ def _targets(
     episode: Episode, perceived: Perceived, seen: Seen, rows: np.ndarray
 ) -> tuple[Targets, ...]:
     """Return what both sensors could find; the image is the nearest one, lost or not."""
+    from roadscope.benchmarks.images import projection_of
+    from roadscope.envs.sensors.rigs import rig
+
     true = projection_of(rig(episode.rig))
     image_s = np.array([t.stamp_s for t in seen.truths])
     found = []

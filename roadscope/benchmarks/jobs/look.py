@@ -5,18 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from operator import methodcaller
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.images import (
-    Picture,
-    camera_of,
-    image_rows,
-    image_rows_of_scans,
-    pictures,
-)
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, EntryError, guarded, timed
 from roadscope.benchmarks.metrics.image_labels import Labels, labels_of
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES, NoisyCamera
@@ -26,10 +19,11 @@ from roadscope.benchmarks.seen import Seen, nothing_seen
 from roadscope.core import ImageDetections
 from roadscope.core.registry import split_spec
 from roadscope.detectors.camera import CAMERA_DETECTORS
-from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.weather import weather
 
-Look = Callable[[Picture], tuple[ImageDetections, float]]
+if TYPE_CHECKING:
+    from roadscope.benchmarks.images import Picture
+
+Look = Callable[["Picture"], tuple[ImageDetections, float]]
 """Returns what is found in an image and how many milliseconds that took."""
 DARK = 8
 """Brightest byte of an image that shows nothing."""
@@ -49,6 +43,8 @@ def look(detector: str, episode: Episode, every_s: float, *, scans: bool = False
     scans so far apart, by the stamps that a user sees. An image that is missing has no
     detections and costs nothing.
     """
+    from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures
+
     rows = tuple(image_rows_of_scans(episode, every_s) if scans else image_rows(episode, every_s))
     seeing = _seeing(detector, episode)
     found, truths, parked, calls_ms = [], [], [], []
@@ -66,6 +62,8 @@ def look(detector: str, episode: Episode, every_s: float, *, scans: bool = False
 
 def air_of(episode: Episode) -> float:
     """Return how much light the air of an episode takes, per metre."""
+    from roadscope.envs.sensors.weather import weather
+
     for fault in episode.faults:
         kind, _, severity = fault.partition(":")
         if kind in ("fog", "rain"):
@@ -107,6 +105,9 @@ def _seeing(detector: str, episode: Episode) -> Look:
 
 
 def _imitated(detector: str, episode: Episode) -> Look:
+    from roadscope.benchmarks.images import camera_of
+    from roadscope.envs.sensors.rigs import rig
+
     pinhole = camera_of(rig(episode.rig)).spec.pinhole
     air = air_of(episode)
     if detector == ORACLE:

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.images import camera_of
 from roadscope.benchmarks.jobs.camera_job import CameraJob
 from roadscope.benchmarks.jobs.fused import FusedSpec
 from roadscope.benchmarks.jobs.fusion_job import FusionJob
 from roadscope.benchmarks.jobs.job import Job
 from roadscope.benchmarks.jobs.look import drawn_from_truth
-from roadscope.benchmarks.jobs.sensor_plan import camera_jobs, fusion_jobs
+from roadscope.benchmarks.jobs.sensor_plan import camera_jobs, check_camera_of, fusion_jobs
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.oracle import (
@@ -34,7 +33,6 @@ from roadscope.core.names import unknown
 from roadscope.core.registry import Plugin, split_spec
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
-from roadscope.envs.sensors.rigs import rig
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.calibration_file import read_calibration
 from roadscope.trackers import TRACKERS
@@ -289,7 +287,7 @@ def _check_suite(suite: Suite) -> None:
         for spec in specs:
             _of_suite(suite, key, check_detector, spec)
             if is_fused(spec):
-                _of_suite(suite, key, camera_of, rig(suite.rig))
+                _of_suite(suite, key, check_camera_of, suite)
     for key, specs in (
         ("camera.entries", suite.camera_detectors),
         ("fusion.camera", suite.fused_camera),

@@ -6,22 +6,28 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.images import camera_of, projection_of
 from roadscope.benchmarks.jobs.camera_job import CameraJob
 from roadscope.benchmarks.jobs.fused import FusedSpec, fitting
 from roadscope.benchmarks.jobs.fusion_job import ALONE, FusionJob
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import SpecError
-from roadscope.envs.sensors.rigs import rig
 from roadscope.fusion.calibration_file import read_calibration
+
+
+def check_camera_of(suite: Suite) -> None:
+    """Refuse a suite whose rig has no camera."""
+    from roadscope.benchmarks.images import camera_of
+    from roadscope.envs.sensors.rigs import rig
+
+    camera_of(rig(suite.rig))
 
 
 def camera_jobs(
     suite: Suite, detectors: Sequence[str], episodes: Sequence[Episode], *, marks: bool
 ) -> list[CameraJob]:
     """Every camera detector on every episode, and with `marks` the true boxes."""
-    camera_of(rig(suite.rig))
+    check_camera_of(suite)
     specs = dict.fromkeys([*detectors, *([ORACLE] if marks else [])])
     return [
         CameraJob(spec, spec, episode, suite.image_every_s)
@@ -35,7 +41,10 @@ def fusion_jobs(
     *, marks: bool,
 ) -> list[FusionJob]:  # fmt: skip
     """Every fusion on all pairs of detectors on every episode; marks: one sensor alone."""
-    camera_of(rig(suite.rig))
+    from roadscope.benchmarks.images import projection_of
+    from roadscope.envs.sensors.rigs import rig
+
+    check_camera_of(suite)
     if calibration:
         fitting(read_calibration(calibration), projection_of(rig(suite.rig)), calibration)
     if not (suite.fused_lidar and suite.fused_camera):
