@@ -12,8 +12,17 @@ from typing import Any, TypeVar, cast
 from numba import njit
 
 F = TypeVar("F", bound=Callable[..., Any])
-BUILT_ON = ("envs/raycast",)
-"""Folders whose kernels those of other folders call, beside this one."""
+BUILT_ON = {
+    "benchmarks/fit": ("trackers",),
+    "detectors": ("detectors/moving",),
+    "detectors/clustering": ("detectors",),
+    "detectors/moving": ("detectors/shape",),
+    "detectors/shape": ("detectors/pose",),
+    "envs/imaging": ("envs/world",),
+    "envs/raycast": ("envs/world",),
+    "envs/sensors": ("envs/imaging", "envs/raycast"),
+}
+"""By folder, the others whose kernels and constants its kernels use, beside this one's."""
 
 
 def compiled(*, borrowing: bool = False, **options: Any) -> Callable[[F], F]:
@@ -118,7 +127,18 @@ def _held(lock: Path) -> Iterator[None]:
 
 @cache
 def _digest(folder: Path) -> str:
-    here = Path(__file__).parent
-    folders = {folder, here, *(here.parent / shared for shared in BUILT_ON)}
-    files = sorted({file for each in folders for file in each.glob("*.py")})
+    files = sorted({file for each in _sources_of(folder) for file in each.glob("*.py")})
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+
+
+def _sources_of(folder: Path) -> set[Path]:
+    """Return the folder, this one, and those that they are built on, one after the other."""
+    house = Path(__file__).parents[1]
+    found, ahead = {Path(__file__).parent}, [folder]
+    while ahead:
+        here = ahead.pop()
+        if here not in found:
+            found.add(here)
+            inside = here.relative_to(house).as_posix() if here.is_relative_to(house) else ""
+            ahead += [house / other for other in BUILT_ON.get(inside, ())]
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
@@ -10,6 +11,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+
+import roadscope
+from roadscope.core import jit
+
+HOUSE = Path(roadscope.__file__).parent
 
 KERNELS = """
 from roadscope.core.jit import compiled
@@ -129,3 +135,43 @@ def test_a_process_killed_while_it_compiles_holds_up_nobody(script: Path) -> Non
         assert first.stdout.readline() == b"compiling\n"
         first.kill()
     assert run(script) == [8, 0, 1]
+
+
+def _kernels() -> dict[str, set[str]]:
+    """By module that compiles anything, what others can use of it in their kernels."""
+    found = {}
+    for path in HOUSE.rglob("*.py"):
+        text = path.read_text("utf-8")
+        tree = ast.parse(text if "@compiled(" in text else "")
+        made = {
+            node.name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.FunctionDef)
+            and any("compiled(" in ast.unparse(d) for d in node.decorator_list)
+        }
+        if made:
+            found[".".join(path.relative_to(HOUSE.parent).with_suffix("").parts)] = made
+    return found
+
+
+def test_kernels_are_tied_to_the_folders_of_all_kernels_and_constants_they_use() -> None:
+    kernels, used, loose = _kernels(), 0, []
+    for module in kernels:
+        path = _path_of(module)
+        tied = jit._sources_of(path.parent)
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if not isinstance(node, ast.ImportFrom) or not node.module:
+                continue
+            names = {alias.name for alias in node.names}
+            mine = node.module.startswith("roadscope")
+            if mine and (any(map(str.isupper, names)) or names & kernels.get(node.module, set())):
+                used += 1
+                if _path_of(node.module).parent not in tied:
+                    loose.append(f"{module}: {', '.join(names)} of {node.module}")
+    assert not loose
+    assert used > 50
+
+
+def _path_of(module: str) -> Path:
+    path = HOUSE.parent.joinpath(*module.split("."))
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
