@@ -40,7 +40,7 @@ def test_what_is_learned_is_likelier_than_the_guess():
 
 
 def test_of_too_few_tracks_nothing_is_learned():
-    assert persistence(lives(8)) == PERSISTENCE
+    assert persistence(lives(20)) == PERSISTENCE
 
 
 def test_belief_is_the_trackers_own():
