@@ -46,7 +46,7 @@ def test_it_runs(printed: str) -> None:
 
 
 def test_the_environment_tells_what_is_said() -> None:
-    ranges, (frames, truths), truth = values(block("roadscope/Highway-v0"))
+    ranges, (frames, truths), truth = values(block("lidar_range"))
     assert ranges.dtype == "float32"
     assert ranges.shape[0] == 16
     assert len(frames) == len(truths)
