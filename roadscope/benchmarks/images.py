@@ -19,6 +19,7 @@ from roadscope.envs.sensors.rig import CameraMount, Rig
 from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.sensors.sensing import IMAGE_RANGE_M, Sensing, truth_of_image, world_of
 from roadscope.envs.traffic.timeline import Timeline
+from roadscope.fusion.pairing import LIMIT_S
 
 KEPT_BYTES = 400_000_000
 """Images of one episode that are kept for the next entry on it."""
@@ -50,7 +51,7 @@ class WithoutPixels(Sensing):
         seen = image_truth(raster, solids, len(scene.present))
         white = np.full((1, 1, 3), 255, np.uint8)
         image = CameraImage(white, mount.spec.pinhole.intrinsics, stamp_s, mount.name)
-        believed_s = stamp_s + self._disturbance.image_late_s
+        believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
         return frame, truth_of_image(timeline, stamp_s, seen)
 
@@ -75,11 +76,6 @@ def sensing_without_pixels(episode: Episode) -> Sensing:
     return WithoutPixels(drawing.rig, episode.seed, weather=episode.weather, faults=episode.faults)
 
 
-def scan_lost(sensing: Sensing, index: int) -> bool:
-    """Say whether a fault takes the index-th scan."""
-    return sensing._disturbance.scan_lost(index)
-
-
 def image_rows(episode: Episode, every_s: float) -> list[int]:
     """Return the numbers of images that are about `every_s` apart, each once."""
     camera, end_s = camera_of(rig(episode.rig)), timeline_of(episode).end_s
@@ -89,17 +85,24 @@ def image_rows(episode: Episode, every_s: float) -> list[int]:
 
 
 def image_rows_of_scans(episode: Episode, every_s: float) -> list[int]:
-    """Return the numbers of the images nearest to scans that are about `every_s` apart."""
+    """Return the numbers of the images nearest to scans that are about `every_s` apart.
+
+    Where a fault takes the nearest, the nearest of the others is there too if it may be paired.
+    """
     sensing, timeline = sensing_of(episode), timeline_of(episode)
     lidar, rows = sensing.rig.lidar, np.array(image_rows(episode, 0.0))
     stamps_s = np.array([camera_of(sensing.rig).stamp_s(int(k)) for k in rows])
-    stamps_s += sensing._disturbance.image_late_s
+    stamps_s += sensing.image_late_s
     scans = int(timeline.end_s / lidar.spec.period_s) + 1
     step = max(1, round(every_s / lidar.spec.period_s))
     last_s = timeline.end_s - lidar.spec.sweep_s / 2 + 1e-9
     scan_s = np.array([lidar.stamp_s(k) for k in range(0, scans, step)])
-    nearest = np.abs(stamps_s - scan_s[scan_s <= last_s, None]).argmin(axis=1)
-    return list(dict.fromkeys(rows[nearest].tolist()))
+    gaps = np.abs(stamps_s - scan_s[scan_s <= last_s, None])
+    lost = np.array([sensing.image_lost(row) is not None for row in rows.tolist()], bool)
+    second = np.where(lost, np.inf, gaps).argmin(axis=1)
+    paired = np.where(lost, np.inf, gaps).min(axis=1) <= LIMIT_S
+    wanted: list[int] = rows[np.union1d(gaps.argmin(axis=1), second[paired])].tolist()
+    return wanted
 
 
 def pictures(episode: Episode, rows: tuple[int, ...], *, pixels: bool = True) -> Iterator[Picture]:

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,8 @@ from roadscope.__main__ import app
 from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.tables import board_table
-from roadscope.benchmarks.episode import sensing_of
-from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures, scan_lost
+from roadscope.benchmarks.episode import Episode, sensing_of
+from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures
 from roadscope.benchmarks.jobs.camera_job import CameraJob, seen_of
 from roadscope.benchmarks.jobs.fused import FusedSpec, fuse, perceive_fused
 from roadscope.benchmarks.jobs.job import Job, detections_of
@@ -29,6 +30,7 @@ from roadscope.detectors.camera.weight_file import SHIPPED
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.calibration import CalibrationResult
 from roadscope.fusion.calibration_file import write_calibration
+from roadscope.fusion.pairing import LIMIT_S
 
 SENSORS = Path(__file__).parent / "check" / "bad_sensors.py"
 TINY = """
@@ -190,6 +192,26 @@ def test_images_of_scans_are_the_nearest_of_all(suite) -> None:
         )
 
 
+def test_where_an_image_is_lost_the_nearest_that_arrives_is_looked_at(suite) -> None:
+    instead = 0
+    for severity, seed in product(range(1, 6), suite.seeds):
+        episode = Episode("street", seed, "li2021", 1.2, faults=(f"blackout:{severity}",))
+        sensing, every = sensing_of(episode), image_rows(episode, 0.0)
+        stamps = np.array([sensing.rig.camera.stamp_s(k) for k in every])
+        lost = np.array([sensing.image_lost(k) is not None for k in every])
+        rows = image_rows_of_scans(episode, 0.0)
+        left = [k for k in rows if not lost[k]]
+        for scan_s in np.arange(sensing.rig.lidar.stamp_s(0), 1.1, 0.08):
+            gaps = np.abs(stamps - scan_s)
+            # The nearest, lost or not, tells what is to be found.
+            assert gaps[rows].min() == gaps.min()
+            least = gaps[~lost].min(initial=np.inf)
+            if least <= LIMIT_S:
+                assert gaps[left].min() == least
+                instead += least > gaps.min()
+    assert instead
+
+
 def test_pixels_or_none_the_truth_of_images_is_the_same(suite) -> None:
     for episode in episodes(suite)[2:]:
         with_pixels, without = (
@@ -300,7 +322,7 @@ def test_a_scan_or_an_image_that_is_lost_leaves_the_other_sensor(suite) -> None:
     sensors = set()
     for episode in episodes(lossy):
         moments = fuse(FusedSpec(camera="noisy-camera", fusion="union"), episode, suite.eligibility)
-        lost = [scan_lost(sensing_of(episode), row) for row in moments.rows.tolist()]
+        lost = [sensing_of(episode).scan_lost(row) for row in moments.rows.tolist()]
         for gone, fused, targets in zip(lost, moments.fused, moments.targets, strict=True):
             sensors.add((bool(fused.by_lidar.any()), bool(fused.by_camera.any())))
             assert not (gone and fused.by_lidar.any())

@@ -204,6 +204,24 @@ def test_names_are_read_as_they_are_written() -> None:
     assert "120, 80, 50 m" in summary_of("fog")
 
 
+@pytest.mark.parametrize("severity", [1, 5])
+def test_what_is_said_to_be_lost_is_lost(severity: int) -> None:
+    for kind, sensor in (("dropped-scans", "lidar"), ("blackout", "camera")):
+        sensing = Sensing(small(), SEED, "bare", faults=f"{kind}:{severity}")
+        frames = [
+            frame for frame, truth in sensed(f"{kind}:{severity}")
+            if (truth.image_boxes is None) == (sensor == "lidar")
+        ]  # fmt: skip
+        for index, frame in enumerate(frames):
+            came = getattr(frame, sensor)
+            if sensor == "lidar":
+                assert sensing.scan_lost(index) == (came is None)
+            else:
+                black = came is not None and not came.pixels.any()
+                said = "missing" if came is None else "black" if black else None
+                assert sensing.image_lost(index) == said
+
+
 @KINDS
 def test_figures_only_get_worse(kind: str) -> None:
     figures = FAULTS[kind].figures

@@ -24,12 +24,15 @@ from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.seen import Seen
 from roadscope.detectors.camera import CAMERA_DETECTORS
 
-LOOKING = tuple(
-    f"benchmarks/{name}.py"
-    for name in (
-        "jobs/look", "jobs/stack", "seen", "perceived", "noisy_camera", "images", "episode",
-        "parked_boxes", "metrics/image_labels",
-    )
+LOOKING = (
+    *(
+        f"benchmarks/{name}.py"
+        for name in (
+            "jobs/look", "jobs/stack", "seen", "perceived", "noisy_camera", "images", "episode",
+            "parked_boxes", "metrics/image_labels",
+        )
+    ),
+    "fusion/pairing.py",
 )  # fmt: skip
 """What detections in images depend on beside the detector and the episode."""
 SCORING = ("benchmarks/metrics", "benchmarks/jobs/camera_job.py")

@@ -136,7 +136,7 @@ def _views(
     spec: FusedSpec, episode: Episode, perceived: Perceived, seen: Seen, rows: np.ndarray
 ) -> list[View]:
     """Pair scans and images by their stamps, in the frames in which the user believes."""
-    from roadscope.benchmarks.images import camera_of, scan_lost
+    from roadscope.benchmarks.images import camera_of
 
     sensing = sensing_of(episode)
     camera = camera_of(sensing.rig)
@@ -153,7 +153,7 @@ def _views(
     for row, image in zip(rows.tolist(), nearest.tolist(), strict=True):
         truth = perceived.truths[row]
         boxes = None if image == ALONE or spec.fusion == LIDAR_ALONE else there[image]
-        lost = scan_lost(sensing, row) or spec.fusion == CAMERA_ALONE
+        lost = sensing.scan_lost(row) or spec.fusion == CAMERA_ALONE
         points = perceived.detections[row].moved(truth.world_from_ego.inverse(), "ego")
         gap_s = 0.0 if boxes is None else boxes.stamp_s - truth.stamp_s
         views.append((None if lost else points, boxes, _moved(believed, perceived, row, gap_s)))

@@ -80,6 +80,14 @@ class Sensing:
         """By how much the stamps of images are later than the images."""
         return self._disturbance.image_late_s
 
+    def scan_lost(self, index: int) -> bool:
+        """Say whether a fault takes the index-th scan."""
+        return self._disturbance.scan_lost(index)
+
+    def image_lost(self, index: int) -> str | None:
+        """Say whether a fault leaves the index-th image `missing` or `black`; None: neither."""
+        return self._disturbance.image_lost(index, self._camera().spec.period_s)
+
     def reset(self, seed: int) -> None:
         """Begin again at the first sweep, with another world."""
         self._world_seed, self._noise_seed, self._motion_seed, self._weather_seed = _seeds(seed)
@@ -146,7 +154,7 @@ class Sensing:
         )
         truth = truth_at(timeline, stamp_s, seen)
         motion = self._motion(timeline, index, truth.world_from_ego)
-        if self._disturbance.scan_lost(index):
+        if self.scan_lost(index):
             truth = replace(truth, sources=np.empty(0, np.int64))
             return Frame(stamp_s, self.calibration, previous_from_ego=motion), truth
         return Frame(stamp_s, self.calibration, lidar=scan, previous_from_ego=motion), truth
@@ -195,7 +203,7 @@ class Sensing:
         """Return what of an image reaches the user, None if nothing does."""
         mount = self._camera()
         slot = int(np.floor((image.stamp_s - mount.first_stamp_s) / mount.spec.period_s + 0.5))
-        lost = self._disturbance.image_lost(slot, mount.spec.period_s)
+        lost = self.image_lost(slot)
         if lost == "missing":
             return None
         pixels = np.zeros_like(image.pixels) if lost == "black" else image.pixels
