@@ -135,6 +135,9 @@ def test_a_strangers_fusion_runs_apart_and_costs_only_its_own_row(suite, out) ->
     reasons = [reason for name, _, reason in found.reasons() if name == bad]
     assert reasons
     assert all("AttributeError" in reason for reason in reasons)
+    conditions = {failure.condition for failure in found.failures}
+    assert conditions
+    assert conditions <= {episode.condition for episode in episodes(small)}
 
 
 def test_a_second_run_does_nothing_again(suite, out, results, monkeypatch) -> None:

@@ -201,7 +201,11 @@ EXPLAINED: Mapping[str, Explained] = {
         (("ap50_16px",), "16 px: of objects that high."),
     ),
     "fusion": (
-        (("ap",), "AP: of targets of any class, in the image by IoU 0.5, else within 2 m."),
+        (
+            ("ap",),
+            "AP: of targets of any class, in the image by IoU 0.5, else within 2 m; episodes by "
+            "their objects.",
+        ),
         (("f1", "detection_rate", "false_alarms"), "Others: from a score of 0.5."),
         (("distance_right",), "dist. right: of those found, within 10 % or 1 m."),
         (("hidden_distance_right",), "hidden: more than a third."),

@@ -55,13 +55,16 @@ class BreakdownError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """An entry that did not come through an episode, and why."""
+    """An entry that did not come through an episode, and why.
+
+    condition: weather, light and faults in words.
+    """
 
     board: str
     entry: str
     scenario: str
     seed: int
-    weather: str
+    condition: str
     reason: str
 
 

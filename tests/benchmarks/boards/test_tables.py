@@ -45,6 +45,11 @@ def test_narrow_boards_keep_the_name() -> None:
     assert max(map(len, text.splitlines())) <= 40
 
 
+@pytest.mark.parametrize("board", ["camera", "fusion"])
+def test_an_average_of_episodes_says_how_they_are_weighed(board: str) -> None:
+    assert "episodes by their objects" in footnote(board, 80, 1)
+
+
 def test_footnotes_explain_what_is_shown() -> None:
     narrow, wide = footnote("detection", 80, 4), footnote("detection", 320, 1)
     assert "head." not in narrow
