@@ -128,7 +128,7 @@ def with_pixels(pixels: np.ndarray) -> Frame:
 PROMISES = (
     Promise("made by its name alone", made_by_name),
     Promise("has reset and detect", methods),
-    Promise("answers with boxes in the image it saw", answers),
+    Promise("answers with boxes in the image it saw", answers, frames),
     Promise("leaves its input alone", input_left_alone),
     Promise("the same images give the same boxes", repeats),
     Promise("reset forgets everything", forgets),

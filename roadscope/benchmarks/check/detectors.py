@@ -15,6 +15,7 @@ from roadscope.benchmarks.check.items import (
     has_method,
     left_alone,
     made_by_name,
+    traffic_ready,
 )
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, guarded
 from roadscope.core import Detections, Frame
@@ -97,7 +98,7 @@ def two_seconds(plugin: Plugin[Any]) -> str:
     from roadscope.benchmarks.single import run_episode
 
     begin = perf_counter()
-    summary = run_episode(Episode(*TWO_SECONDS), detector=plugin.spec)
+    summary = run_episode(Episode(*TWO_SECONDS), detector=plugin.spec, tracker="nearest")
     scores = summary.detection
     if not any(len(found) for found in summary.perceived.detections):
         raise PromiseError("two seconds of a motorway full of cars: nothing is detected")
@@ -110,9 +111,9 @@ def two_seconds(plugin: Plugin[Any]) -> str:
 PROMISES = (
     Promise("made by its name alone", made_by_name),
     Promise("has reset and detect", methods),
-    Promise("answers with detections of a frame it saw", answers),
+    Promise("answers with detections of a frame it saw", answers, frames),
     Promise("leaves its input alone", input_left_alone),
     Promise("the same frames give the same detections", repeats),
     Promise("reset forgets everything", forgets),
-    Promise("detects two seconds of traffic", two_seconds),
+    Promise("detects two seconds of traffic", two_seconds, traffic_ready),
 )

@@ -26,9 +26,12 @@ from roadscope.trackers import TRACKERS
 from roadscope.trackers.api import is_offline
 
 LOADED = "can be loaded"
+READY = "our own part of the scene is ready"
 QUIET = "prints nothing"
-DEADLINE_S, LOADING_S = 120.0, 120.0
-"""For one promise, as ours compile what they need on their first call; and to load at all."""
+DEADLINE_S = 120.0
+"""For one promise, as ours compile what they need on their first call."""
+PATIENCE_S = {LOADED: 120.0, READY: 900.0}
+"""For what is not the plug-in's own."""
 
 Told = Callable[[Item], None]
 
@@ -39,7 +42,7 @@ def check_plugin(
     """Look at everything that a detector, tracker or fusion promises.
 
     spec: a name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
-    deadline_s: for each promise; what takes longer hangs.
+    deadline_s: for each promise; what takes longer hangs. What ours take to be ready is not counted.
     told: called with every item as it is known.
     """
     context = multiprocessing.get_context("spawn")
@@ -75,7 +78,7 @@ def _heard(ours: Connection, child: Any, deadline_s: float) -> Iterator[Item]:
     """Yield items until the child is done, is silent for too long, or is gone."""
     promise = LOADED
     while True:
-        patience_s = LOADING_S if promise == LOADED else deadline_s
+        patience_s = PATIENCE_S.get(promise, deadline_s)
         if not ours.poll(patience_s):
             yield Item(promise, False, f"no answer within {patience_s:g} s: it hangs")
             return
@@ -105,6 +108,9 @@ def _look_at(spec: str, theirs: Connection) -> None:
             return
         theirs.send(Item(LOADED, True, _kind(promises)))
         for number, promise in enumerate(promises):
+            if promise.ready is not None:
+                theirs.send(READY)
+                promise.ready()
             theirs.send(promise.words)
             item = looked_at(promise, plugin)
             theirs.send(item)

@@ -17,6 +17,7 @@ from roadscope.benchmarks.check.items import (
     has_method,
     left_alone,
     made_by_name,
+    traffic_ready,
 )
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, guarded
 from roadscope.core import Category, Detections, Pose, Tracks, TrackState
@@ -259,5 +260,5 @@ PROMISES = (
     Promise("the same input gives the same tracks", repeats),
     Promise("reset forgets everything", forgets),
     Promise("follows what stands while the ego moves", moving_ego),
-    Promise("follows two seconds of traffic", two_seconds),
+    Promise("follows two seconds of traffic", two_seconds, traffic_ready),
 )

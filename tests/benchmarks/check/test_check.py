@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from typer.testing import CliRunner
@@ -14,11 +15,20 @@ from roadscope.benchmarks.check import (
     plugin,
     trackers,
 )
-from roadscope.benchmarks.check.items import Item, PromiseError
-from roadscope.benchmarks.check.plugin import LOADED, QUIET, check_plugin, load, looked_at
+from roadscope.benchmarks.check.items import Item, Promise, PromiseError, traffic_ready
+from roadscope.benchmarks.check.plugin import (
+    LOADED,
+    PATIENCE_S,
+    QUIET,
+    READY,
+    check_plugin,
+    load,
+    looked_at,
+)
 from roadscope.core.registry import SpecError
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import FUSIONS
+from roadscope.trackers import TRACKERS as TRACKERS_OF_OURS
 
 HERE = Path(__file__).parent
 TRACKERS, DETECTORS = HERE / "bad_trackers.py", HERE.parent / "plugins.py"
@@ -196,6 +206,34 @@ def test_what_cannot_be_loaded_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     pipe = type("Pipe", (), {"send": staticmethod(sent.append)})
     plugin._look_at("no_such_file.py:Mine", pipe)  # type: ignore[arg-type]
     assert sent == [Item(LOADED, False, "no file no_such_file.py"), None]
+
+
+def test_what_ours_compile_is_not_held_against_a_plug_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent, done = [], []
+    seen = Promise("is seen", lambda _: "ready" if done else "", lambda: done.append(1))
+    monkeypatch.setattr(plugin, "load", lambda spec: (TRACKERS_OF_OURS.resolve("gnn"), [seen]))
+    monkeypatch.setattr(plugin, "_kind", lambda promises: "a tracker")
+    plugin._look_at("gnn", type("Pipe", (), {"send": staticmethod(sent.append)}))  # type: ignore[arg-type]
+    assert sent[1:4] == [READY, "is seen", Item("is seen", True, "ready")]
+
+    waited, coming = list[float](), iter(sent)
+    ears = {"poll": staticmethod(lambda s: not waited.append(s)), "recv": lambda _: next(coming)}
+    heard = list(plugin._heard(type("Pipe", (), ears)(), None, 2.0))
+    assert heard == [item for item in sent if isinstance(item, Item)]
+    assert waited[:4] == [PATIENCE_S[LOADED]] * 2 + [PATIENCE_S[READY], 2.0]
+
+
+@pytest.mark.parametrize("kind", [trackers, detectors, camera_detectors])
+def test_who_looks_at_traffic_has_it_ready_before(kind: ModuleType) -> None:
+    ready = {promise.ready for promise in kind.PROMISES} - {None}
+    assert (
+        ready
+        == {
+            trackers: {traffic_ready},
+            detectors: {traffic_ready, detectors.frames},
+            camera_detectors: {camera_detectors.frames},
+        }[kind]
+    )
 
 
 def test_the_command_says_what_is_wrong_and_fails() -> None:
