@@ -334,6 +334,26 @@ def test_a_scan_or_an_image_that_is_lost_leaves_the_other_sensor(suite) -> None:
     assert {(False, True), (True, False), (True, True)} <= sensors
 
 
+def test_a_black_image_is_none_and_speaks_against_nothing(suite) -> None:
+    dark = 0
+    for seed in (10015, 10034):
+        episode = Episode("street", seed, "wide", 1.2, faults=("blackout:5",))
+        sensing, every = sensing_of(episode), image_rows(episode, 0.0)
+        lost = [sensing.image_lost(k) for k in every]
+        stamps = np.array([sensing.rig.camera.stamp_s(k) for k in every])
+        mean, alone = (
+            fuse(FusedSpec(camera="noisy-camera", fusion=name), episode, suite.eligibility).fused
+            for name in ("weighted-boxes", "LiDAR alone")
+        )
+        for averaged, lidar in zip(mean, alone, strict=True):
+            near = np.abs(stamps - lidar.stamp_s) <= LIMIT_S + 1e-9
+            if {lost[k] for k in np.flatnonzero(near)} == {"black"} and len(lidar):
+                # What a camera that looked did not see would count half.
+                assert averaged.scores.max() > lidar.scores.max() / 2 + 1e-9
+                dark += 1
+    assert dark
+
+
 def test_an_error_of_the_calibration_is_believed(suite) -> None:
     matrices = []
     for faults in ((), ("extrinsic-error:5",)):

@@ -99,7 +99,8 @@ def fuse(
     """Join the kept detections of both sensors; those that are missing are made and kept.
 
     every_s: from scan to scan; 0: all of them. A scan is joined with the image whose stamp is
-    nearest, moved by what the ego did in between; without one, or without a scan, with nothing.
+    nearest, moved by what the ego did in between; a black image is none. Without an image, or
+    without a scan, fusions are told so.
     """
     lidar, camera = spec.jobs(episode, eligibility, every_s)
     perceived, seen = detections_of(lidar), seen_of(camera)
@@ -146,7 +147,12 @@ def _views(
     )
     if spec.calibration:
         believed = fitting(read_calibration(spec.calibration), believed, spec.calibration)
-    there = [d for d in seen.detections if d is not None]
+    # What a detector makes of a black image says nothing of what is there.
+    there = [
+        d
+        for d, image in zip(seen.detections, seen.rows.tolist(), strict=True)
+        if d is not None and sensing.image_lost(image) is None
+    ]
     scan_s = np.array([perceived.truths[row].stamp_s for row in rows])
     nearest = _paired(scan_s, np.array([d.stamp_s for d in there]))
     views: list[View] = []
