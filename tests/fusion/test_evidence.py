@@ -52,6 +52,21 @@ def test_the_closed_form_is_the_rule(given_masses: tuple[np.ndarray, ...]) -> No
     )
 
 
+def test_it_is_the_rule_of_another_library() -> None:
+    pyds = pytest.importorskip("pyds", reason="py_dempster_shafer is not installed")
+    if not hasattr(pyds, "MassFunction"):
+        pytest.skip("another package that is called pyds is installed")
+    rng = np.random.default_rng(0)
+    for classes in (2, 3, 5):
+        sets = [frozenset({c}) for c in range(classes)] + [frozenset(range(classes))]
+        for a, b in rng.dirichlet(np.ones(classes + 1), (20, 2)):
+            one, other = (pyds.MassFunction(dict(zip(sets, m, strict=True))) for m in (a, b))
+            theirs = one & other
+            assert np.allclose(combine(a, b), [theirs[s] for s in sets], atol=1e-12)
+            # Theirs is the logarithm of what is left to agree, its sign changed.
+            assert one.conflict(other) == pytest.approx(-np.log(1 - conflict(a, b)))
+
+
 def test_table_1_of_li_2021() -> None:
     fused = combine([0.612, 0.302, 0.086], [0.865, 0.122, 0.013])
     # Printed to three digits of inputs that were rounded to three themselves.
