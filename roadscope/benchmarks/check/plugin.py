@@ -42,7 +42,7 @@ def check_plugin(
     """Look at everything that a detector, tracker or fusion promises.
 
     spec: a name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
-    deadline_s: for each promise; what takes longer hangs. What ours take to be ready is not counted.
+    deadline_s: for each promise; what takes longer hangs. Making our own part ready is not counted.
     told: called with every item as it is known.
     """
     context = multiprocessing.get_context("spawn")

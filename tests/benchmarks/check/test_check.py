@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -209,16 +210,21 @@ def test_what_cannot_be_loaded_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_ours_compile_is_not_held_against_a_plug_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    sent, done = [], []
+    sent, done = list[Any](), list[int]()
     seen = Promise("is seen", lambda _: "ready" if done else "", lambda: done.append(1))
     monkeypatch.setattr(plugin, "load", lambda spec: (TRACKERS_OF_OURS.resolve("gnn"), [seen]))
     monkeypatch.setattr(plugin, "_kind", lambda promises: "a tracker")
     plugin._look_at("gnn", type("Pipe", (), {"send": staticmethod(sent.append)}))  # type: ignore[arg-type]
     assert sent[1:4] == [READY, "is seen", Item("is seen", True, "ready")]
 
-    waited, coming = list[float](), iter(sent)
-    ears = {"poll": staticmethod(lambda s: not waited.append(s)), "recv": lambda _: next(coming)}
-    heard = list(plugin._heard(type("Pipe", (), ears)(), None, 2.0))
+    waited = list[float]()
+
+    def poll(patience_s: float) -> bool:
+        waited.append(patience_s)
+        return True
+
+    ears = {"poll": staticmethod(poll), "recv": staticmethod(iter(sent).__next__)}
+    heard = list(plugin._heard(type("Pipe", (), ears), None, 2.0))  # type: ignore[arg-type]
     assert heard == [item for item in sent if isinstance(item, Item)]
     assert waited[:4] == [PATIENCE_S[LOADED]] * 2 + [PATIENCE_S[READY], 2.0]
 
