@@ -11,8 +11,8 @@ import numpy as np
 from roadscope.benchmarks.cache import usable_folder, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, sensing_of, timeline_of
+from roadscope.benchmarks.jobs.entries import check, check_detector
 from roadscope.benchmarks.jobs.job import detection_scores, perceived_by, tracking_scores
-from roadscope.benchmarks.jobs.plan import check, check_detector
 from roadscope.benchmarks.jobs.stack import prints_aside, track
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.perceived import Perceived

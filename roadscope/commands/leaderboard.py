@@ -103,7 +103,8 @@ def leaderboard(
     """
     from roadscope.benchmarks.boards.results import check_breakdown
     from roadscope.benchmarks.boards.track_files import save_tracks
-    from roadscope.benchmarks.jobs.plan import ALL_BOARDS, boards_of, plan
+    from roadscope.benchmarks.jobs.entries import ALL_BOARDS
+    from roadscope.benchmarks.jobs.plan import boards_of, plan
     from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
     from roadscope.benchmarks.runner import run
 
@@ -140,7 +141,7 @@ def leaderboard(
 
 
 def _usual(board: str | None) -> str:
-    from roadscope.benchmarks.jobs.plan import SENSOR_BOARDS
+    from roadscope.benchmarks.jobs.entries import SENSOR_BOARDS
 
     return board if board in SENSOR_BOARDS else DEFAULT_SUITE
 
@@ -196,7 +197,7 @@ def _show(results: Any, loaded: Any, by: str | None) -> None:
         comparison,
         conditions,
     )
-    from roadscope.benchmarks.jobs.plan import SENSOR_BOARDS
+    from roadscope.benchmarks.jobs.entries import SENSOR_BOARDS
 
     screen, jobs = console(), results.manifest["jobs"]
     summary = f": {loaded.summary}" if loaded.summary else ""

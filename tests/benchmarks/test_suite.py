@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from roadscope.benchmarks.jobs.plan import boards_of, kind_of, plan
+from roadscope.benchmarks.jobs.entries import kind_of
+from roadscope.benchmarks.jobs.plan import boards_of, plan
 from roadscope.benchmarks.oracle import MARKS
 from roadscope.benchmarks.suite import (
     SPLITS,

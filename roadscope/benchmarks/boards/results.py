@@ -20,8 +20,8 @@ from roadscope.benchmarks.boards.rows import (
     whole_rows,
 )
 from roadscope.benchmarks.boards.standing import Standing, standings
+from roadscope.benchmarks.jobs.entries import SENSOR_BOARDS
 from roadscope.benchmarks.jobs.fusion_job import ALONE, AnyJob
-from roadscope.benchmarks.jobs.plan import SENSOR_BOARDS
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES

@@ -19,7 +19,7 @@ from roadscope.benchmarks.boards.rank_agreement import LEAST
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
-from roadscope.benchmarks.jobs.plan import BOARDS
+from roadscope.benchmarks.jobs.entries import BOARDS
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, OFFLINE
 from roadscope.benchmarks.recorded.suite import RecordedSuite

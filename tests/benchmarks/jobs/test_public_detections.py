@@ -9,8 +9,9 @@ from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, markd
 from roadscope.benchmarks.boards.columns import shown_columns
 from roadscope.benchmarks.boards.results import Results, gather
 from roadscope.benchmarks.boards.tables import board_table, conditions
+from roadscope.benchmarks.jobs.entries import kind_of
 from roadscope.benchmarks.jobs.job import execute
-from roadscope.benchmarks.jobs.plan import kind_of, plan, tracking_jobs
+from roadscope.benchmarks.jobs.plan import plan, tracking_jobs
 from roadscope.benchmarks.jobs.stack import EntryError, guarded
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics.score import Score

@@ -9,7 +9,7 @@ import pytest
 from toy_boxes import detections
 from tracked_scenes import both, boxes, identities, told
 
-from roadscope.benchmarks.jobs.plan import check
+from roadscope.benchmarks.jobs.entries import check
 from roadscope.benchmarks.jobs.stack import EntryError, track
 from roadscope.core import Category, Pose, TrackState
 from roadscope.core.registry import NotInstalledError, source_hash
