@@ -37,13 +37,17 @@ def kitti_suite(folder: Path | str) -> RecordedSuite:
     """Return the suite of a folder; a missing folder or a wrong layout raises `FormatError`."""
     files = KittiFolder.find(folder)
     files.the_detector(files.detectors()[0] if files.detectors() else None)
+    labelled = _labelled(files)
     recordings = tuple(
         Recording(str(files.root.resolve()), sequence, category.name.lower(), detector, number)
         for detector in files.detectors()
-        for category in TYPE_OF
+        for category in labelled
         for number, sequence in enumerate(files.sequences())
-        if _present(files, category) and files.has_detections(sequence, category, detector)
+        if files.has_detections(sequence, category, detector)
     )
+    if not labelled:
+        known = ", ".join(TYPE_NAMES[kind] for kind in TYPE_OF.values())
+        raise FormatError(f"{files.root / 'label_02'}: expected labels of {known}, got none")
     if not recordings:
         known = ", ".join(files.sequences()[:8])
         raise FormatError(
@@ -76,7 +80,9 @@ def kitti_table() -> dict[str, Any]:
     return tomllib.loads(content.read_text(encoding="utf-8"))
 
 
-def _present(files: KittiFolder, category: Category) -> bool:
-    """Say whether any label is of the class."""
-    name = f" {TYPE_NAMES[TYPE_OF[category]]} ".encode()
-    return any(name in files.labels(sequence).read_bytes() for sequence in files.sequences())
+def _labelled(files: KittiFolder) -> list[Category]:
+    """Return the classes that any label is of; who reads a file is told of its malformed lines."""
+    paths = [files.labels(sequence) for sequence in files.sequences()]
+    lines = (line.split() for path in paths for line in path.read_bytes().splitlines())
+    names = {fields[2].lower() for fields in lines if len(fields) > 2}
+    return [c for c, kind in TYPE_OF.items() if TYPE_NAMES[kind].lower().encode() in names]

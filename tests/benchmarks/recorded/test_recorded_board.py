@@ -1,7 +1,9 @@
 """The board of recorded sequences, from the folder to the table."""
 
 import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -176,6 +178,24 @@ def test_wrong_folders_and_boards_are_refused(folder, tmp_path):
     (folder / "det_toy").rename(folder / "found")
     with pytest.raises(FormatError, match="got no det_NAME"):
         kitti_suite(folder)
+
+
+def test_labels_are_found_however_they_are_spaced_and_spelt(folder, tmp_path):
+    where = Path(shutil.copytree(folder, tmp_path / "tabs"))
+    for path in (where / "label_02").glob("*.txt"):
+        path.write_text(path.read_text().replace(" ", "\t").lower())
+    assert kitti_suite(where).recordings == tuple(
+        replace(r, folder=str(where)) for r in kitti_suite(folder).recordings
+    )
+
+
+@pytest.mark.parametrize("content", [b"", b"\n\n", b"\x00\xff\xfe" * 30, b"0 1 Tram"])
+def test_labels_of_nobody_who_is_tracked_are_refused(content, folder, tmp_path):
+    where = Path(shutil.copytree(folder, tmp_path / "nobody"))
+    for path in (where / "label_02").glob("*.txt"):
+        path.write_bytes(content)
+    with pytest.raises(FormatError, match="label_02: expected labels of Car, Pedestrian, Cyclist"):
+        kitti_suite(where)
 
 
 def test_malformed_files_are_refused_before_anything_runs(folder, tmp_path):
