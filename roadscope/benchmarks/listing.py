@@ -55,6 +55,12 @@ def _trackers() -> list[tuple[str, str]]:
     return _plugins(TRACKERS)
 
 
+def _odometries() -> list[tuple[str, str]]:
+    from roadscope.odometry import ODOMETRIES
+
+    return _plugins(ODOMETRIES)
+
+
 def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:
     """Describe plug-ins: by their summary, those of other packages by their class."""
     return [
@@ -163,6 +169,7 @@ KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "camera-detectors": _camera_detectors,
     "fusions": _fusions,
     "trackers": _trackers,
+    "odometries": _odometries,
     "scenarios": _scenarios,
     "suites": _suites,
     "rigs": _rigs,

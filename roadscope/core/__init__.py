@@ -6,6 +6,7 @@ from roadscope.core.detections import Detections, ImageDetections
 from roadscope.core.frame import Calibration, Frame
 from roadscope.core.image import CameraImage
 from roadscope.core.imu import ImuSamples
+from roadscope.core.odometry import OdometryEstimate, OdometryStatus
 from roadscope.core.pose import Pose, wrap_angle
 from roadscope.core.registry import NotInstalledError, Plugin, Registry, Requirement, SpecError
 from roadscope.core.scan import LidarScan
@@ -25,6 +26,8 @@ __all__ = [
     "ImuSamples",
     "LidarScan",
     "NotInstalledError",
+    "OdometryEstimate",
+    "OdometryStatus",
     "Plugin",
     "Pose",
     "RecordError",

@@ -1,0 +1,56 @@
+"""The stamps of scans, and what is wrong with them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+GAP_PERIODS = 2.5
+"""So many periods between two scans are a gap: one lost scan is none, vehicles hardly change
+their speed in 0.2 s."""
+
+RESTART = 3
+"""So many stamps in a row that are not later than the last good one: the clock began anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One scan's place in time.
+
+    elapsed_s: since the last scan in order; 0 for the first, and for one that is out of order.
+    reason: what is wrong, or empty.
+    in_order: whether the stamp is later than all before.
+    """
+
+    elapsed_s: float
+    reason: str = ""
+    in_order: bool = True
+
+
+class Clock:
+    """Tells from the stamps of scans how much time passed, and finds gaps and steps back."""
+
+    def __init__(self) -> None:
+        self.last_s = math.nan
+        self._period_s = math.inf
+        self._late = 0
+
+    def tick(self, stamp_s: float) -> Tick:
+        """Take the next stamp, seconds."""
+        if not math.isfinite(stamp_s):
+            return Tick(0.0, f"a stamp of {stamp_s}", in_order=False)
+        if math.isnan(self.last_s):
+            self.last_s = stamp_s
+            return Tick(0.0)
+        elapsed_s = stamp_s - self.last_s
+        if elapsed_s <= 0:
+            self._late += 1
+            if self._late >= RESTART:
+                self.last_s, self._late = stamp_s, 0
+            said = "repeats the last" if elapsed_s == 0 else f"is {-elapsed_s:.3g} s before it"
+            return Tick(0.0, f"the stamp {said}", in_order=False)
+        self.last_s, self._late = stamp_s, 0
+        known, self._period_s = self._period_s, min(self._period_s, elapsed_s)
+        if elapsed_s > GAP_PERIODS * known:
+            return Tick(elapsed_s, f"no scan for {elapsed_s:.3g} s")
+        return Tick(elapsed_s)

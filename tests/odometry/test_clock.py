@@ -1,0 +1,36 @@
+"""What the stamps of scans tell."""
+
+from roadscope.odometry.clock import RESTART, Clock
+
+
+def ticks(*stamps):
+    clock = Clock()
+    return [clock.tick(stamp) for stamp in stamps]
+
+
+def test_steady_stamps_are_nothing_to_speak_of():
+    told = ticks(0.05, 0.15, 0.25, 0.45)
+    assert [round(t.elapsed_s, 9) for t in told] == [0.0, 0.1, 0.1, 0.2]
+    assert not any(t.reason for t in told)
+
+
+def test_a_dropped_second_is_a_gap():
+    assert "no scan for 1.1 s" in ticks(0.0, 0.1, 0.2, 1.3)[-1].reason
+
+
+def test_repeated_and_backward_stamps_take_no_time():
+    told = ticks(0.0, 0.1, 0.1, 0.05, 0.2)
+    assert [t.in_order for t in told] == [True, True, False, False, True]
+    assert [t.elapsed_s for t in told[2:4]] == [0.0, 0.0]
+    assert told[-1].elapsed_s == 0.2 - 0.1
+
+
+def test_a_clock_that_began_anew_is_followed():
+    told = ticks(100.0, 100.1, *(0.1 * k for k in range(RESTART + 2)))
+    assert not any(t.in_order for t in told[2 : 2 + RESTART])
+    assert all(t.in_order for t in told[2 + RESTART :])
+
+
+def test_a_stamp_that_is_no_number_is_out_of_order():
+    told = ticks(0.0, float("nan"), 0.1)
+    assert [t.in_order for t in told] == [True, False, True]
