@@ -78,22 +78,26 @@ def run(
     folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
     if out_dir is not None:
         check_targets(folder)
-    conditions = manifest(suite, jobs)
     with Store(folder / DATABASE) as store:
-        number = store.begin(conditions)
-        wanted: Sequence[AnyJob] = plans.jobs
-        known = {} if fresh else _finished(store, wanted)
-        recorder = _Recorder(store, number, known)
-        tell = progress or silent
-        _work(plans, recorder, jobs, fresh, tell)
-        _work_on_images(plans, recorder, _Way(jobs, fresh, deadline_s), tell)
-        results = gather(wanted, known, conditions)
-        if isinstance(suite, RecordedSuite):
-            results = replace(
-                results, agreements=agreements(results, plans.tracking, store.outcomes)
-            )
+        way = _Way(jobs, fresh, deadline_s)
+        results = _worked_out(store, suite, plans, way, progress or silent)
     if out_dir is not None:
         save_all(results, folder)
+    return results
+
+
+def _worked_out(store: Store, suite: Suite, plans: Plan, way: _Way, tell: Progress) -> Results:
+    """Do what a store does not know yet, and gather the results."""
+    conditions = manifest(suite, way.jobs)
+    number = store.begin(conditions)
+    wanted: Sequence[AnyJob] = plans.jobs
+    known = {} if way.fresh else _finished(store, wanted)
+    recorder = _Recorder(store, number, known)
+    _work(plans, recorder, way.jobs, way.fresh, tell)
+    _work_on_images(plans, recorder, way, tell)
+    results = gather(wanted, known, conditions)
+    if isinstance(suite, RecordedSuite):
+        return replace(results, agreements=agreements(results, plans.tracking, store.outcomes))
     return results
 
 

@@ -120,14 +120,18 @@ def read_table(
     width = len(rows[0]) if rows and len(rows[0]) in allowed else None
     for row, number in zip(rows, lines, strict=True):
         if width is None or len(row) != width:
-            _refuse_width(path, number, columns, allowed, width, len(row))
+            _refuse_width(path, number, columns, (allowed, width), len(row))
     return Table(path, rows, lines, columns)
 
 
 def _refuse_width(
-    path: Path, line: int, columns: Sequence[str], allowed: range, width: int | None, given: int
+    path: Path, line: int, columns: Sequence[str], wide: tuple[range, int | None], given: int
 ) -> NoReturn:
-    """Say how many columns there must be, and which."""
+    """Say how many columns there must be, and which.
+
+    wide: how many are allowed, and how many the first line has if that is one of these.
+    """
+    allowed, width = wide
     counts = f"{allowed[0]} to {allowed[-1]}" if len(allowed) > 1 else str(allowed[0])
     wanted = f"{width} columns as in the first line" if width else f"{counts} columns"
     refuse(path, line, f"{wanted} ({' '.join(columns)})", f"{given} columns")
