@@ -126,7 +126,7 @@ def test_tables_fit_a_terminal(results) -> None:
         assert console.measure(board_table(results, board, 80)).minimum <= 80
 
 
-def test_a_strangers_fusion_runs_apart_and_costs_only_its_own_row(suite, out) -> None:
+def test_a_strangers_fusion_runs_apart_and_costs_only_its_own_row(suite, out, capfd) -> None:
     small = replace(suite, seeds=suite.seeds[1:], fused_lidar=("cluster-boxes",))
     good, bad = f"{SENSORS}:Mine", f"{SENSORS}:NeedsBoth"
     found = run(small, [good, bad, "union"], boards=("fusion",), only=True, out_dir=out)
@@ -138,6 +138,7 @@ def test_a_strangers_fusion_runs_apart_and_costs_only_its_own_row(suite, out) ->
     conditions = {failure.condition for failure in found.failures}
     assert conditions
     assert conditions <= {episode.condition for episode in episodes(small)}
+    assert "Warning" not in capfd.readouterr().err
 
 
 def test_a_second_run_does_nothing_again(suite, out, results, monkeypatch) -> None:
@@ -308,6 +309,12 @@ def test_kinds_belong_on_their_boards(suite) -> None:
         plan(suite, ["union"], ("camera",))
     with pytest.raises(SpecError, match="no camera detector 'netwrk'"):
         plan(suite, ["netwrk"], ("camera",))
+    unsaid = f"{SENSORS}:Unsaid"
+    both = plan(replace(suite, detectors=("distance",)), [unsaid], ("detection", "camera"))
+    assert unsaid in {job.entry for job in both.camera}
+    assert unsaid not in {job.entry for job in both.detection}
+    with pytest.raises(SpecError, match="is a camera detector; it belongs on the camera board"):
+        plan(suite, [unsaid], ("detection",))
     blind = replace(suite, rig="lux")
     for board in ("camera", "fusion"):
         with pytest.raises(ValueError, match="rig 'lux' has no camera; li2021 and wide"):

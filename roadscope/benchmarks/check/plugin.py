@@ -6,7 +6,6 @@ program is told like any other fault.
 
 from __future__ import annotations
 
-import inspect
 import io
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +15,7 @@ from typing import Any
 
 from roadscope.benchmarks.check import camera_detectors, detectors, fusions, offline, trackers
 from roadscope.benchmarks.check.items import Item, Promise, PromiseError
+from roadscope.benchmarks.jobs.entries import in_images
 from roadscope.benchmarks.jobs.stack import EntryError, describe
 from roadscope.core.names import unknown
 from roadscope.core.registry import Plugin, Registry, SpecError, split_spec
@@ -136,8 +136,7 @@ def looked_at(promise: Promise, plugin: Plugin[Any]) -> Item:
 def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
     """Find the plug-in and what its kind promises.
 
-    A class with detect() is taken for a LiDAR's detector, unless what it is said to return is
-    boxes in an image.
+    A class with detect() is taken for a LiDAR's detector, unless `in_images` says otherwise.
     """
     name, _ = split_spec(spec)
     for registry, promises in KINDS:
@@ -162,12 +161,6 @@ def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
         f"{plugin.factory.__name__} has neither a method update, as a tracker does, nor detect, "
         "as a detector does, nor fuse, as a fusion does"
     )
-
-
-def in_images(factory: Any) -> bool:
-    """Say whether detect() is said to return boxes in an image: `-> ImageDetections`."""
-    said = inspect.signature(factory.detect).return_annotation
-    return "ImageDetections" in (said if isinstance(said, str) else getattr(said, "__name__", ""))
 
 
 KINDS: tuple[tuple[Registry[Any], Sequence[Promise]], ...] = (

@@ -21,6 +21,8 @@ R = TypeVar("R")
 
 DEADLINE_S = 300.0
 """For an entry that is not ours, on one episode."""
+RUN = f"from {__name__} import main; main()"
+"""As `-m` it would be loaded twice, once with its package, which Python warns of."""
 
 
 class ApartError(RuntimeError):
@@ -36,7 +38,7 @@ def apart(function: Callable[..., R], *arguments: Any, deadline_s: float = DEADL
         given, answer = Path(place) / "given", Path(place) / "answer"
         given.write_bytes(pickle.dumps((os.getpid(), list(sys.path), function, arguments)))
         child = subprocess.Popen(
-            [sys.executable, "-m", "roadscope.benchmarks.jobs.apart", str(given), str(answer)],
+            [sys.executable, "-c", RUN, str(given), str(answer)],
             stdout=sys.stderr if hasattr(sys.stderr, "fileno") and _has_file() else None,
         )
         try:
@@ -78,7 +80,3 @@ def main() -> None:
     part = answer.with_suffix(".part")
     part.write_bytes(pickle.dumps(function(*arguments)))
     part.replace(answer)
-
-
-if __name__ == "__main__":
-    main()

@@ -58,7 +58,8 @@ REGISTRIES: Mapping[str, Registry[Any]] = {
 def kind_of(spec: str, boards: Sequence[str] = BOARDS) -> str:
     """Say which kind of plug-in a spec names.
 
-    boards: a class of one's own with detect() is of the camera where they have no detection board.
+    boards: a class of one's own with detect() is of the camera where they have no detection
+        board, or as `in_images` says.
     """
     name, _ = split_spec(spec)
     if ":" not in name:
@@ -76,7 +77,7 @@ def kind_of(spec: str, boards: Sequence[str] = BOARDS) -> str:
         )
     factory: Any = DETECTORS.resolve(spec).factory
     if hasattr(factory, "detect"):
-        by_camera = "camera" in boards and "detection" not in boards
+        by_camera = in_images(factory) or ("camera" in boards and "detection" not in boards)
         return "camera detector" if by_camera else "detector"
     if hasattr(factory, "update"):
         return "tracker"
@@ -86,6 +87,17 @@ def kind_of(spec: str, boards: Sequence[str] = BOARDS) -> str:
         f"'{spec}' has neither detect() as a detector nor update() as a tracker, nor fuse() as a "
         "fusion"
     )
+
+
+def in_images(factory: Any) -> bool:
+    """Say whether detect() looks at images.
+
+    Its answer is declared `-> ImageDetections`, or it reads a frame's camera and no LiDAR.
+    """
+    said = getattr(factory.detect, "__annotations__", {}).get("return", "")
+    name = said if isinstance(said, str) else getattr(said, "__name__", "")
+    read = getattr(getattr(factory.detect, "__code__", None), "co_names", ())
+    return "ImageDetections" in name or ("camera" in read and "lidar" not in read)
 
 
 def check(registry: Registry[Any], spec: str) -> None:

@@ -24,6 +24,11 @@ class Fine:
         return found if lit else ImageDetections(np.empty((0, 4)), [], [], frame.stamp_s)
 
 
+class Unsaid(Fine):
+    def detect(self, frame):
+        return box(frame.stamp_s, float(frame.camera.pixels.shape[1]))
+
+
 class BoxesInSpace(Fine):
     def detect(self, frame) -> ImageDetections:
         return Detections.empty(frame.stamp_s)

@@ -166,6 +166,8 @@ def test_kinds_are_told_apart() -> None:
     assert load(f"{DETECTORS}:Late")[1] is detectors.PROMISES
     assert load("colour-blobs")[1] is camera_detectors.PROMISES
     assert load("roadscope.detectors.camera_baselines:ColourBlobs")[1] is camera_detectors.PROMISES
+    # Without a word on what it returns, by what it reads.
+    assert load(f"{HERE / 'bad_sensors.py'}:Unsaid")[1] is camera_detectors.PROMISES
     assert load("union")[1] is fusions.PROMISES
     assert load("roadscope.fusion.baselines:UnionFusion")[1] is fusions.PROMISES
     with pytest.raises(PromiseError, match="neither a method update"):
