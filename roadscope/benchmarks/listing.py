@@ -115,7 +115,8 @@ def _rigs() -> list[tuple[str, str]]:
     def described(place: Place) -> str:
         camera = f" Camera {place.camera}." if place.camera else ""
         ahead = f"{place.x_m:g} m ahead of the rear axle, {place.z_m:g} m above ground."
-        return f"LiDAR {place.sensor}, {ahead}{camera}"
+        imu = f" IMU {place.imu}, wheel speed, swaying body." if place.imu else ""
+        return f"LiDAR {place.sensor}, {ahead}{camera}{imu}"
 
     return _each(RIGS, described)
 

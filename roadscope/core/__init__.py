@@ -12,6 +12,7 @@ from roadscope.core.registry import NotInstalledError, Plugin, Registry, Require
 from roadscope.core.scan import LidarScan
 from roadscope.core.tracks import Tracks, TrackState
 from roadscope.core.truth import GROUND, WEATHER, Truth
+from roadscope.core.wheels import WheelSamples
 
 __all__ = [
     "GROUND",
@@ -37,5 +38,6 @@ __all__ = [
     "TrackState",
     "Tracks",
     "Truth",
+    "WheelSamples",
     "wrap_angle",
 ]

@@ -9,6 +9,7 @@ from roadscope.core.imu import ImuSamples
 from roadscope.core.pose import Pose
 from roadscope.core.record import Record
 from roadscope.core.scan import LidarScan
+from roadscope.core.wheels import WheelSamples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +36,7 @@ class Frame(Record):
     stamp_s: seconds since reset.
     previous_from_ego: estimate of the own motion since the last tick: maps points of the
         ego frame now into the ego frame of the last tick; None when unknown.
+    imu, wheels: samples since the last tick that had some, up to the end of this one's scan.
     """
 
     stamp_s: float
@@ -43,3 +45,4 @@ class Frame(Record):
     camera: CameraImage | None = None
     imu: ImuSamples | None = None
     previous_from_ego: Pose | None = None
+    wheels: WheelSamples | None = None

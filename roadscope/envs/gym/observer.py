@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from roadscope.core import Frame, Truth
-from roadscope.envs.gym.spaces import Lanes, ego_state, range_image
+from roadscope.envs.gym.spaces import Lanes, ego_state, imu_block, imu_samples, range_image
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
@@ -66,6 +66,7 @@ class Observer:
         self.rig = rig
         self.latest: tuple[Frame, Truth] | None = None
         self._pixels: np.ndarray | None = None
+        self._felt = np.zeros((imu_samples(rig), 6), np.float32)
         if style is not None:
             style_named(style)
         self._records = records
@@ -89,6 +90,8 @@ class Observer:
         self._start_s = now_s
         self._lanes = Lanes(timeline.road)
         self.latest, self._pixels = self._look(timeline, now_s), None
+        # Before the first sweep is complete, nothing has been felt.
+        self._felt = np.zeros_like(self._felt)
         mount = self.rig.camera
         if mount is not None:
             stamp_s = now_s - mount.spec.exposure_s / 2
@@ -106,6 +109,8 @@ class Observer:
                 self.latest = frame, truth
             if frame.camera is not None:
                 self._pixels = frame.camera.pixels
+            if frame.imu is not None:
+                self._felt = imu_block(self._felt, frame.imu)
         return self._report(pairs, timeline, until_s)
 
     def render(self, timeline: Timeline) -> np.ndarray:
@@ -120,7 +125,9 @@ class Observer:
         """Sense the sweep that ends now; the world that it makes serves the whole episode."""
         mount = self.rig.lidar
         first_stamp_s = now_s - mount.spec.sweep_s / 2 - LOOK * mount.spec.period_s
-        self._sensing.rig = replace(self.rig, lidar=replace(mount, first_stamp_s=first_stamp_s))
+        self._sensing.rig = replace(
+            self.rig, lidar=replace(mount, first_stamp_s=first_stamp_s), imu=None, wheels=None
+        )
         try:
             return self._sensing.sense(timeline, LOOK)
         finally:
@@ -132,6 +139,8 @@ class Observer:
         observation = range_image(frame.lidar, self.rig.lidar.spec)
         if self._pixels is not None:
             observation["image"] = self._pixels.copy()
+        if self.rig.imu is not None:
+            observation["imu"] = self._felt.copy()
         observation["ego"] = ego_state(timeline, now_s, self._lanes)
         info: dict[str, Any] = {"time_s": now_s - self._start_s, "truth": truth}
         if self._records:

@@ -13,6 +13,7 @@ from roadscope.core import Pose
 from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
 from roadscope.envs.gym.spaces import Observation, goal_state, observation_space
+from roadscope.envs.sensors.ego_motion import AHEAD
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
@@ -36,6 +37,9 @@ STYLES_OF = {
     "ParkingEnv": "bare",
 }
 """Roadside of each family of environments, by class name."""
+
+STATES_AROUND = 3 * AHEAD
+"""Recorded states that a smooth motion needs at most: a wait, and the supports of its splines."""
 
 
 class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorArgs):
@@ -81,6 +85,9 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         self._recorder = TrafficRecorder()
         self._constants: Constants = {}
         self._period_s = chosen.lidar.spec.period_s
+        self._history_s = chosen.memory_s
+        if chosen.inertial:
+            self._history_s += STATES_AROUND / env.unwrapped.config["simulation_frequency"]  # type: ignore[attr-defined]
         self.observation_space = observation_space(chosen, goal=_goal(env.unwrapped) is not None)
         rate = env.unwrapped.config["policy_frequency"]  # type: ignore[attr-defined]
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate}
@@ -106,8 +113,9 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         with own_constants(self._constants):
             _, reward, terminated, truncated, info = self.env.step(action)
         now_s = self._recorder.stamp_s
-        # The oldest sweep that is still open began less than two periods before the step.
-        timeline = self._recorder.timeline(now_s - before_s + 2 * self._period_s)
+        # The oldest sweep that is still open began less than two periods before the step, or before
+        # the instant until which the ego's motion was settled then.
+        timeline = self._recorder.timeline(now_s - before_s + 2 * self._period_s + self._history_s)
         observation, sensed = self._observer.advance(timeline, now_s)
         observation = self._with_goal(observation)
         return observation, reward, bool(terminated), bool(truncated), {**info, **sensed}

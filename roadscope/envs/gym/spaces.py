@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from roadscope.core import LidarScan, Pose, wrap_angle
+from roadscope.core import ImuSamples, LidarScan, Pose, wrap_angle
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.traffic.road_map import RoadMap
@@ -40,6 +40,10 @@ def observation_space(rig: Rig, *, goal: bool = False) -> spaces.Space[Observati
     if rig.camera is not None:
         pinhole = rig.camera.spec.pinhole
         boxes["image"] = spaces.Box(0, 255, (pinhole.height, pinhole.width, 3), np.uint8)
+    if rig.imu is not None:
+        limits = np.repeat([rig.imu.spec.gyro_range, rig.imu.spec.accelerometer_range], 3)
+        block = np.tile(limits.astype(np.float32), (imu_samples(rig), 1))
+        boxes["imu"] = spaces.Box(-block, block, dtype=np.float32)
     if goal:
         boxes["goal"] = spaces.Box(-GOAL_BOUNDS, GOAL_BOUNDS, dtype=np.float32)
     space: Any = spaces.Dict(boxes)
@@ -59,6 +63,22 @@ def range_image(scan: LidarScan | None, spec: LidarSpec) -> Observation:
         ranges[scan.ring, scan.column] = np.clip(measured, 0.0, np.float32(spec.range_max_m))
         intensities[scan.ring, scan.column] = np.clip(scan.intensity, 0.0, 1.0)
     return {"lidar_range": ranges, "lidar_intensity": intensities}
+
+
+def imu_samples(rig: Rig) -> int:
+    """Return how many of the latest inertial samples are observed: those of a turn of the LiDAR."""
+    if rig.imu is None:
+        return 0
+    return max(1, round(rig.imu.spec.rate_hz * rig.lidar.spec.period_s))
+
+
+def imu_block(before: np.ndarray, samples: ImuSamples) -> np.ndarray:
+    """(K, 6) float32 of angular velocity and specific force, the latest last; a fresh array.
+
+    before: (K, 6) block of which the newest remain.
+    """
+    new = np.column_stack([samples.angular_velocity, samples.specific_force])
+    return np.concatenate([before, new.astype(np.float32)])[-len(before) :]
 
 
 def ego_state(timeline: Timeline, stamp_s: float, lanes: Lanes) -> np.ndarray:

@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 from roadscope.core import Calibration, Pose
 from roadscope.core.checks import require
 from roadscope.core.record import Record
+from roadscope.envs.sensors.body_sway import BodySway
 from roadscope.envs.sensors.camera_spec import CameraSpec
 from roadscope.envs.sensors.dead_reckoning import DeadReckoning
+from roadscope.envs.sensors.imu_spec import ImuSpec
 from roadscope.envs.sensors.lidar_spec import LidarSpec
+from roadscope.envs.sensors.wheels import WheelSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,21 +62,57 @@ class CameraMount(Record):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ImuMount(Record):
+    """An inertial measurement unit on the vehicle.
+
+    name: unique in the rig.
+    ego_from_imu: mounting pose.
+    """
+
+    name: str
+    spec: ImuSpec
+    ego_from_imu: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Rig(Record):
-    """The sensors of a vehicle; a camera is optional."""
+    """The sensors of a vehicle; all but the LiDAR are optional.
+
+    sway: how the body that carries the sensors leans; None: it stays level, and the sensors are
+        where the recorded traffic has the ego, to the bit.
+    wheels: what tells the speed.
+    """
 
     name: str
     lidar: LidarMount
     dead_reckoning: DeadReckoning = field(default_factory=DeadReckoning)
     camera: CameraMount | None = None
+    imu: ImuMount | None = None
+    wheels: WheelSpec | None = None
+    sway: BodySway | None = None
 
     def __post_init__(self) -> None:
         height = self.lidar.ego_from_lidar.translation[2]
         require(height > 0, self, "lidar", "a sensor above the ground", f"height {height} m")
+
+    @property
+    def inertial(self) -> bool:
+        """Whether it matters how the ego moves between recorded states."""
+        return not (self.imu is None and self.wheels is None and self.sway is None)
+
+    @property
+    def memory_s(self) -> float:
+        """How long before a sensor's first instant motion still tells on it."""
+        swaying = 0.0 if self.sway is None else self.sway.memory_s
+        if self.imu is None:
+            return swaying
+        return swaying + len(self.imu.spec.response()) / self.imu.spec.rate_hz
 
     def calibration(self) -> Calibration:
         """Return the true mounting poses."""
         poses = [(self.lidar.name, self.lidar.ego_from_lidar)]
         if self.camera is not None:
             poses.append((self.camera.name, self.camera.ego_from_camera))
+        if self.imu is not None:
+            poses.append((self.imu.name, self.imu.ego_from_imu))
         return Calibration(tuple(poses))

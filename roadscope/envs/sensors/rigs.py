@@ -7,6 +7,9 @@ A file names a LiDAR and may change its mount and its figures:
     z_m = 1.8
     pitch_deg = 1.0
     range_noise_m = 0.03
+
+`imu` names an inertial unit, `wheels = true` adds the speed of the wheels, `sway = true` lets the
+body lean when the vehicle brakes and turns.
 """
 
 from __future__ import annotations
@@ -23,21 +26,30 @@ from typing import Any
 from roadscope.core import Pose, RecordError
 from roadscope.core.names import unknown
 from roadscope.envs.imaging.pinhole import mounted
+from roadscope.envs.sensors.body_sway import BodySway
 from roadscope.envs.sensors.camera_spec import CAMERAS
+from roadscope.envs.sensors.imu_specs import IMUS
 from roadscope.envs.sensors.lidar_specs import SPECS
-from roadscope.envs.sensors.rig import CameraMount, LidarMount, Rig
+from roadscope.envs.sensors.rig import CameraMount, ImuMount, LidarMount, Rig
+from roadscope.envs.sensors.wheels import WheelSpec
 
 MOUNT_KEYS = ("x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg")
 SPEC_KEYS = (
     "range_noise_m", "range_resolution_m", "dropout", "detection_limit",
     "range_min_m", "range_max_m",
 )  # fmt: skip
-KEYS = ("name", "lidar", *MOUNT_KEYS, *SPEC_KEYS)
+SWITCHES = ("wheels", "sway")
+KEYS = ("name", "lidar", "imu", *SWITCHES, *MOUNT_KEYS, *SPEC_KEYS)
+IMU_X_M, IMU_Z_M = 1.3, 0.6
+"""Inertial units sit level between the front seats."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where the sensors of a preset sit, metres, ego frame (rear axle on the ground)."""
+    """Where the sensors of a preset sit, metres, ego frame (rear axle on the ground).
+
+    imu: its inertial unit; with one the wheels tell their speed too, and the body sways.
+    """
 
     sensor: str
     x_m: float
@@ -45,6 +57,7 @@ class Place:
     camera: str | None = None
     camera_x_m: float = 2.0
     camera_z_m: float = 1.4
+    imu: str | None = None
 
 
 RIGS: Mapping[str, Place] = MappingProxyType(
@@ -55,6 +68,9 @@ RIGS: Mapping[str, Place] = MappingProxyType(
         "hdl64e": Place("hdl64e", 2.5, 1.73),
         "li2021": Place("lux", 5.0, 0.55, "bumblebee-xb3", 2.0, 1.4),
         "wide": Place("hdl32e", 2.5, 1.9, "wide", 2.0, 1.4),
+        "vlp16-imu": Place("vlp16", 2.5, 1.9, imu="adis16448"),
+        "hdl32e-imu": Place("hdl32e", 2.5, 1.9, imu="adis16448"),
+        "hdl64e-imu": Place("hdl64e", 2.5, 1.73, imu="adis16448"),
     }
 )
 """LUX on the front bumper as in Lu 2018, HDL-64E as high as KITTI's, the others on the roof;
@@ -67,7 +83,8 @@ def rig(name_or_path: str | Path) -> Rig:
     if text in RIGS:
         place = RIGS[text]
         made = _rig(text, place.sensor, {"x_m": place.x_m, "z_m": place.z_m})
-        return replace(made, camera=_camera(place))
+        made = replace(made, camera=_camera(place))
+        return made if place.imu is None else _inertial(made, place.imu)
     if text.endswith(".toml"):
         return load_rig(Path(text))
     raise RecordError(f"{unknown('rig', text, RIGS)}; or a path ending in .toml")
@@ -96,8 +113,12 @@ def scaled_noise(rig: Rig, factor: float) -> Rig:
     noisy = replace(
         spec, range_noise_m=spec.range_noise_m * factor, dropout=min(spec.dropout * factor, 0.99)
     )
-    lidar, wheels = replace(rig.lidar, spec=noisy), rig.dead_reckoning.scaled(factor)
-    return replace(rig, lidar=lidar, dead_reckoning=wheels)
+    imu = None if rig.imu is None else replace(rig.imu, spec=rig.imu.spec.scaled(factor))
+    return replace(
+        rig, lidar=replace(rig.lidar, spec=noisy), imu=imu,
+        dead_reckoning=rig.dead_reckoning.scaled(factor),
+        wheels=None if rig.wheels is None else rig.wheels.scaled(factor),
+    )  # fmt: skip
 
 
 def _from_table(table: Mapping[str, Any], stem: str) -> Rig:
@@ -113,10 +134,35 @@ def _from_table(table: Mapping[str, Any], stem: str) -> Rig:
         raise RecordError(f"no LiDAR {sensor!r}; known: {', '.join(SPECS)}")
     if not isinstance(name, str) or not name:
         raise RecordError(f"name: expected text, got {name!r}")
-    numbers = {k: _number(k, v) for k, v in table.items() if k not in ("name", "lidar")}
+    plain = ("name", "lidar", "imu", *SWITCHES)
+    numbers = {k: _number(k, v) for k, v in table.items() if k not in plain}
     place = RIGS.get(sensor)
     preset = {} if place is None else {"x_m": place.x_m, "z_m": place.z_m}
-    return _rig(name, sensor, {**preset, **numbers})
+    return _with_extras(_rig(name, sensor, {**preset, **numbers}), table)
+
+
+def _with_extras(rig: Rig, table: Mapping[str, Any]) -> Rig:
+    """Add inertial unit, wheels and sway as far as a table asks for them."""
+    unit = table.get("imu")
+    if unit is not None and (not isinstance(unit, str) or unit not in IMUS):
+        raise RecordError(f"no inertial unit {unit!r}; known: {', '.join(IMUS)}")
+    for switch in SWITCHES:
+        if not isinstance(table.get(switch, False), bool):
+            raise RecordError(f"{switch}: expected true or false, got {table[switch]!r}")
+    return replace(
+        rig,
+        imu=None if unit is None else _imu(unit),
+        wheels=WheelSpec() if table.get("wheels") else None,
+        sway=BodySway() if table.get("sway") else None,
+    )
+
+
+def _inertial(rig: Rig, unit: str) -> Rig:
+    return replace(rig, imu=_imu(unit), wheels=WheelSpec(), sway=BodySway())
+
+
+def _imu(unit: str) -> ImuMount:
+    return ImuMount("imu", IMUS[unit], Pose.planar(IMU_X_M, 0.0, 0.0, IMU_Z_M))
 
 
 def _rig(name: str, sensor: str, numbers: Mapping[str, float]) -> Rig:

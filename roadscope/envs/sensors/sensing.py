@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,10 @@ from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.blur import motion_during
 from roadscope.envs.sensors.camera import ImageTruth, expose
 from roadscope.envs.sensors.disturbance import Disturbance
+from roadscope.envs.sensors.ego_motion import EgoMotion, settled_s
 from roadscope.envs.sensors.faults import Fault, Faults, faults_of
-from roadscope.envs.sensors.lidar import SweepTruth, sweep
+from roadscope.envs.sensors.inertial import Inertial
+from roadscope.envs.sensors.lidar import Path, SweepTruth, sweep
 from roadscope.envs.sensors.rig import CameraMount, Rig
 from roadscope.envs.sensors.weather import CLEAR, Weather
 from roadscope.envs.sensors.weather import weather as find_weather
@@ -36,6 +39,10 @@ class Sensing:
     Noise of a sweep depends on seed and sweep number alone, so that a live environment and a
     recorded timeline give the same bytes. Faults change what is measured and what the user is told
     of it, stamps and calibration; the truth beside a frame is of what was really there and when.
+
+    Samples of inertial unit and wheels come with the sweep at whose end they are complete; a rig
+    that has them, or sways, gets its frames a few recorded states late, when it is settled how the
+    ego moved meanwhile. Where it sways, the smooth motion of the body counts as its true one.
     """
 
     def __init__(
@@ -98,6 +105,8 @@ class Sensing:
         self._ahead_rad: float | None = None
         self._world: World | None = None
         self._ground: Ground | None = None
+        self._inertial = Inertial(self.rig, seed)
+        self._followed: EgoMotion | None = None
         self._next = 0
         self._next_image = 0
 
@@ -114,7 +123,8 @@ class Sensing:
 
     def _sweeps(self, timeline: Timeline, until_s: float) -> Iterator[tuple[Frame, Truth]]:
         # A step in time that is off by rounding must not hold back a sweep.
-        end_s = min(until_s, timeline.end_s) + 1e-9
+        known_s = settled_s(timeline) if self.rig.inertial else timeline.end_s
+        end_s = min(until_s, known_s) + 1e-9
         while True:
             sweep_s, image_s = self._sweep_end_s(), self._image_end_s()
             if min(sweep_s, image_s) > end_s:
@@ -145,7 +155,7 @@ class Sensing:
         scan, seen = sweep(
             scene,
             mount.spec,
-            [p @ mount.ego_from_lidar for p in ego_poses],
+            self._lidar_path(timeline, ego_poses),
             stamp_s,
             sensor=mount.name,
             rng=rng,
@@ -154,10 +164,13 @@ class Sensing:
         )
         truth = truth_at(timeline, stamp_s, seen)
         motion = self._motion(timeline, index, truth.world_from_ego)
+        frame = Frame(stamp_s, self.calibration, lidar=scan, previous_from_ego=motion)
+        if self.rig.inertial:
+            frame = self._inertial.beside(frame, self._ego_motion(timeline), index)
+            truth = self._swayed(truth, timeline)
         if self.scan_lost(index):
-            truth = replace(truth, sources=np.empty(0, np.int64))
-            return Frame(stamp_s, self.calibration, previous_from_ego=motion), truth
-        return Frame(stamp_s, self.calibration, lidar=scan, previous_from_ego=motion), truth
+            return replace(frame, lidar=None), replace(truth, sources=np.empty(0, np.int64))
+        return frame, truth
 
     def sense_image(self, timeline: Timeline, index: int) -> tuple[Frame, Truth]:
         """Return the frame and the truth of one image."""
@@ -167,20 +180,46 @@ class Sensing:
         """Return the frame and the truth of an image whose exposure has its middle at the stamp."""
         mount = self._camera()
         scene, ego_poses = self._place(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
+        ego_at = self._ego_at(timeline)
+        world_from_ego = ego_poses[0] if self.rig.sway is None else ego_at(stamp_s)
         if self._ground is None:
             style = timeline.style if self.style is None else self.style
             self._ground = Ground(surface_of(timeline.road), style)
         blurred = mount.spec.motion_blur and not mount.spec.plain
         image, seen = expose(
-            scene, mount.spec, ego_poses[0] @ mount.ego_from_camera, stamp_s,
+            scene, mount.spec, world_from_ego @ mount.ego_from_camera, stamp_s,
             ground=self._ground, light=self._light_of(timeline, stamp_s),
             categories=timeline.categories, sensor=mount.name, noise_seed=self._image_seed,
             extinction_per_m=self.weather.extinction_per_m, rain_mm_h=self.weather.rain_rate_mm_h,
-            motion=motion_during(timeline, mount, stamp_s) if blurred else None,
+            motion=motion_during(timeline, mount, stamp_s, ego_at) if blurred else None,
         )  # fmt: skip
         believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
-        return frame, truth_of_image(timeline, stamp_s, seen)
+        return frame, self._swayed(truth_of_image(timeline, stamp_s, seen), timeline)
+
+    def _ego_motion(self, timeline: Timeline) -> EgoMotion:
+        """Return the smooth motion, worked out once for as long as the timeline is the same."""
+        if self._followed is None or self._followed.timeline is not timeline:
+            self._followed = EgoMotion(timeline, self.rig.sway)
+        return self._followed
+
+    def _ego_at(self, timeline: Timeline) -> Callable[[float], Pose]:
+        """Return what says where the body that carries the sensors is."""
+        if self.rig.sway is None:
+            return timeline.world_from_ego
+        return self._ego_motion(timeline).world_from_ego
+
+    def _swayed(self, truth: Truth, timeline: Timeline) -> Truth:
+        """Let the true pose be that of the body."""
+        if self.rig.sway is None:
+            return truth
+        return replace(truth, world_from_ego=self._ego_at(timeline)(truth.stamp_s))
+
+    def _lidar_path(self, timeline: Timeline, ego_poses: list[Pose]) -> Path:
+        ego_from_lidar = self.rig.lidar.ego_from_lidar
+        if self.rig.sway is None:
+            return [world_from_ego @ ego_from_lidar for world_from_ego in ego_poses]
+        return partial(self._ego_motion(timeline).mounted, ego_from_lidar)
 
     def _light_of(self, timeline: Timeline, stamp_s: float) -> Light:
         """Return the light, which may depend on where the camera looks when the ego sets out.
