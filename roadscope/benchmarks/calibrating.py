@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,14 @@ import numpy as np
 
 from roadscope.benchmarks.cache import FolderError, usable_folder, write_atomically
 from roadscope.benchmarks.images import camera_of
-from roadscope.benchmarks.papers.li2021_board import Views, board_views, held_out_px, solved
+from roadscope.benchmarks.papers.li2021_board import (
+    SCANS,
+    Views,
+    board_views,
+    held_out_px,
+    solved,
+    solved_jointly,
+)
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
@@ -31,6 +39,7 @@ class PoseRow:
 
     reprojection_px: of the points used. held_out_px: of places 8 to 30 m away, against the truth;
     held_out_most_px: the worst choice's. position_m, rotation_deg: errors of the camera's pose.
+    corners_px: held_out_px of the paper's way, from corners alone.
     """
 
     poses: int
@@ -39,6 +48,7 @@ class PoseRow:
     held_out_most_px: float
     position_m: float
     rotation_deg: float
+    corners_px: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,21 +70,27 @@ def calibrate_rig(
     poses: int = 20,
     seed: int = 0,
     known_intrinsics: bool = False,
+    corners_only: bool = False,
+    scans: int = SCANS,
     progress: Progress | None = None,
 ) -> RigCalibration:
     """Hold a board before a rig and find the matrix from places to pixels (Li 2021, 2.2).
 
     name: of a rig with a camera. seed: of poses and noise. known_intrinsics: only the camera's
-    pose is to be found. `CalibrationError` where poses are too few or the board is not seen.
+    pose is to be found. corners_only: the paper's way, without the joint refinement of camera and
+    boards. scans: of each pose. `CalibrationError` where poses are too few or the board is not
+    seen.
     """
     if poses < LEAST_POSES:
         raise CalibrationError(f"poses: expected at least {LEAST_POSES}, got {poses}")
+    if scans < 1:
+        raise CalibrationError(f"scans: expected at least 1, got {scans}")
     carrier, tell = find_rig(name), progress or silent
     camera_of(carrier)
     tell("poses", 0, poses)
     views = board_views(
         carrier, poses, np.random.default_rng([seed, poses]),
-        told=lambda done: tell("poses", done, poses),
+        told=lambda done: tell("poses", done, poses), scans=scans,
     )  # fmt: skip
     if len(views) < LEAST_POSES:
         raise CalibrationError(
@@ -82,12 +98,13 @@ def calibrate_rig(
             f"{LEAST_POSES} are needed"
         )
     counts = [n for n in STEPS if n < len(views)] + [len(views)]
+    trial = _Trial(carrier, seed, known_intrinsics, corners_only)
     rows = []
     for number, count in enumerate(counts):
         tell("solving", number, len(counts))
-        rows.append(_row(carrier, views, count, seed, known_intrinsics))
+        rows.append(_row(trial, views, count))
     tell("solving", len(counts), len(counts))
-    result = solved(carrier, views, seed, known=known_intrinsics)
+    _, result = trial.solved(views)
     return RigCalibration(result, tuple(rows), len(views), poses)
 
 
@@ -124,20 +141,38 @@ def enough(rows: Sequence[PoseRow], share: float = 1.5) -> int:
     return good
 
 
-def _row(carrier: Rig, views: Views, count: int, seed: int, known: bool) -> PoseRow:
-    rng = np.random.default_rng([seed, count])
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """How a rig is calibrated."""
+
+    rig: Rig
+    seed: int
+    known: bool
+    corners_only: bool
+
+    def solved(self, views: Views) -> tuple[CalibrationResult, CalibrationResult]:
+        """Return the paper's calibration, and the refined one unless that is not asked for."""
+        start = solved(self.rig, views, self.seed, known=self.known)
+        if self.corners_only:
+            return start, start
+        return start, solved_jointly(self.rig, views, start, known=self.known)
+
+
+def _row(trial: _Trial, views: Views, count: int) -> PoseRow:
+    rng = np.random.default_rng([trial.seed, count])
     draws = 1 if count == len(views) else DRAWS
     found = []
     for _ in range(draws):
         chosen = np.sort(rng.choice(len(views), count, replace=False)).tolist()
         try:
-            result = solved(carrier, views.select(chosen), seed, known=known)
-            found.append((result.reprojection_px, *_errors(carrier, result)))
+            start, result = trial.solved(views.select(chosen))
+            before = held_out_px(trial.rig, start.projection)
+            found.append((result.reprojection_px, *_errors(trial.rig, result), before))
         except CalibrationError:
-            found.append((np.inf,) * 4)
+            found.append((np.inf,) * 5)
     middle = np.median(found, axis=0).tolist()
     most = float(np.max([row[1] for row in found]))
-    return PoseRow(count, middle[0], middle[1], most, middle[2], middle[3])
+    return PoseRow(count, middle[0], middle[1], most, *middle[2:])
 
 
 def _errors(carrier: Rig, result: CalibrationResult) -> tuple[float, float, float]:

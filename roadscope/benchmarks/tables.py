@@ -47,13 +47,13 @@ def pose_table(rows: Sequence[Any]) -> Table:
     table = plain_table()
     for name in (
         "poses", "reprojection\npx", "8 to 30 m\npx", "worst\npx", "position\ncm",
-        "rotation\ndeg",
+        "rotation\ndeg", "by corners\npx",
     ):  # fmt: skip
         table.add_column(f"  {name}" if name != "poses" else name, justify="right")
     for row in rows:
         figures = (
             row.reprojection_px, row.held_out_px, row.held_out_most_px, 100 * row.position_m,
-            row.rotation_deg,
+            row.rotation_deg, row.corners_px,
         )  # fmt: skip
         told = ("-" if not math.isfinite(value) else f"{value:.2f}" for value in figures)
         table.add_row(str(row.poses), *told)

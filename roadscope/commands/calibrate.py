@@ -17,6 +17,10 @@ def calibrate(
     known_intrinsics: Annotated[
         bool, typer.Option("--known-intrinsics", help="Find the camera's pose alone.")
     ] = False,
+    corners_only: Annotated[
+        bool, typer.Option("--corners-only", help="The paper's way: from the corners alone.")
+    ] = False,
+    scans: Annotated[int, typer.Option(min=1, max=1000, help="Scans of each pose.")] = 25,
     out: Annotated[
         Path | None, typer.Option(help="File for the calibration, .json or .toml.")
     ] = None,
@@ -36,18 +40,21 @@ def calibrate(
     place = None if out is None else calibration_path(out)
     with progress_bars() as progress:
         found = calibrate_rig(
-            rig, poses=poses, seed=seed, known_intrinsics=known_intrinsics, progress=progress
-        )
+            rig, poses=poses, seed=seed, known_intrinsics=known_intrinsics,
+            corners_only=corners_only, scans=scans, progress=progress,
+        )  # fmt: skip
     last = found.rows[-1]
     headline(f"{rig}: both sensors saw the whole board in {found.seen} of {found.asked} poses")
     show(f"reprojection error   {last.reprojection_px:.2f} px of {found.result.inliers.sum()} "
-         f"corners, {len(found.result.inliers) - found.result.inliers.sum()} left out")  # fmt: skip
+         f"corners in scans, {(~found.result.inliers).sum()} left out")  # fmt: skip
     show(f"camera's pose        {100 * last.position_m:.1f} cm and {last.rotation_deg:.2f} deg off")
-    show(f"places 8 to 30 m off {last.held_out_px:.2f} px off the truth\n")
+    show(f"places 8 to 30 m off {last.held_out_px:.2f} px off the truth, "
+         f"{last.corners_px:.2f} px from corners alone\n")  # fmt: skip
     show(pose_table(found.rows))
     show("Medians over choices of poses; worst: of them. Errors against the truth.", dim=True)
     show(f"From {enough(found.rows)} poses on the error stays within half more than with all.")
     if place is not None:
         origin = f"roadscope calibrate --rig {rig} --poses {poses} --seed {seed}"
-        save_rig_calibration(found, place, origin + " --known-intrinsics" * known_intrinsics)
+        origin += " --known-intrinsics" * known_intrinsics + " --corners-only" * corners_only
+        save_rig_calibration(found, place, origin + f" --scans {scans}" * (scans != 25))
         typer.echo(f"written: {place}")

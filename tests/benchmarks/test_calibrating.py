@@ -110,7 +110,7 @@ def test_what_cannot_be_calibrated_is_named(monkeypatch) -> None:
     def blind(*_):
         raise CalibrationError("the image cuts the board")
 
-    monkeypatch.setattr(li2021_board, "corners_of", blind)
+    monkeypatch.setattr(li2021_board, "board_view", blind)
     with pytest.raises(CalibrationError, match="none of 5 poses showed the board"):
         li2021_board.board_views(rig("wide"), 5, np.random.default_rng(0))
 

@@ -15,6 +15,8 @@ from roadscope.envs.sensors.lidar import sweep
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.world.prisms import Prisms
 from roadscope.fusion.board import Board, corners_in_image, corners_in_scans
+from roadscope.fusion.board_sight import Beams, BoardSight, board_sight
+from roadscope.fusion.bundle import refine
 from roadscope.fusion.calibration import (
     CalibrationError,
     CalibrationResult,
@@ -25,7 +27,9 @@ from roadscope.fusion.calibration import (
 SLICE_M = 0.004
 THICK_M = 0.002
 SCANS = 25
-"""Scans of each pose: the board stands still."""
+"""Scans of each pose, two seconds of a LUX: the board stands still."""
+LEAST_BOARDS = 3
+"""Boards seen without outliers that a joint refinement needs."""
 GREY = {"board": 235.0, "ground": 80.0, "sky": 120.0}
 GREY_NOISE = 4.0
 GATE_PX = 25.0
@@ -63,12 +67,30 @@ def corners_of(
 
     place: (4,) x, y of the middle of the base, height of the base, yaw; ego frame.
     """
+    corners, pixels, _ = board_view(rig, board, place, rng)
+    return corners, pixels, true_corners(board, place)
+
+
+def board_view(
+    rig: Rig, board: Board, place: np.ndarray, rng: np.random.Generator, scans: int = SCANS
+) -> tuple[np.ndarray, np.ndarray, BoardSight]:
+    """Return (3, 3) corners in scans, ego frame, (3, 2) in the image, and what scans tell besides.
+
+    place: as of `corners_of`.
+    """
     x, y, bottom, yaw = place
     scene = Scene.still(Prisms.empty(), board_prisms(board, bottom), np.array([[x, y, yaw]]))
-    turned = Pose.planar(x, y, yaw, bottom)
+    corners, sight = _in_scans(rig, scene, board, rng, scans)
+    return corners, _in_image(rig, scene, rng), sight
+
+
+def true_corners(board: Board, place: np.ndarray) -> np.ndarray:
+    """(3, 3) left, right and top corner of a board at a place, ego frame."""
+    x, y, bottom, yaw = place
     flat = board.corners
-    true = turned.apply(np.column_stack([np.zeros(3), -flat[:, 0], flat[:, 1]]))
-    return _in_scans(rig, scene, board, rng), _in_image(rig, scene, rng), true
+    return Pose.planar(x, y, yaw, bottom).apply(
+        np.column_stack([np.zeros(3), -flat[:, 0], flat[:, 1]])
+    )
 
 
 def places(rig: Rig, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -84,48 +106,78 @@ def places(rig: Rig, count: int, rng: np.random.Generator) -> np.ndarray:
 class Views:
     """The board's corners in both sensors, pose by pose; poses that failed are not among them.
 
-    points: (3, 3) each, metres, ego frame. pixels: (3, 2) each.
+    points: (3, 3) each, metres, ego frame. pixels: (3, 2) each. sights: what the scans tell
+    besides, or none at all.
     """
 
     points: tuple[np.ndarray, ...]
     pixels: tuple[np.ndarray, ...]
+    sights: tuple[BoardSight, ...] = ()
 
     def __len__(self) -> int:
         return len(self.points)
 
     def select(self, rows: Sequence[int]) -> Views:
         """Keep some poses."""
-        return Views(tuple(self.points[k] for k in rows), tuple(self.pixels[k] for k in rows))
+        sights = tuple(self.sights[k] for k in rows) if self.sights else ()
+        return Views(
+            tuple(self.points[k] for k in rows), tuple(self.pixels[k] for k in rows), sights
+        )
 
 
 def board_views(
     rig: Rig, poses: int, rng: np.random.Generator, *, board: Board | None = None,
-    told: Callable[[int], None] | None = None,
+    told: Callable[[int], None] | None = None, scans: int = SCANS,
 ) -> Views:  # fmt: skip
     """Hold the board before a rig in random poses; told: how many are done."""
-    points, pixels = [], []
+    views = []
     for number, place in enumerate(places(rig, poses, rng), start=1):
         try:
-            found, seen, _ = corners_of(rig, board or Board(), place, rng)
+            views.append(board_view(rig, board or Board(), place, rng, scans))
         except CalibrationError:
             continue
         finally:
             if told is not None:
                 told(number)
-        points.append(found)
-        pixels.append(seen)
-    if not points:
+    if not views:
         raise CalibrationError(f"none of {poses} poses showed the board to both sensors")
-    return Views(tuple(points), tuple(pixels))
+    points, pixels, sights = zip(*views, strict=True)
+    return Views(points, pixels, sights)
 
 
 def solved(rig: Rig, views: Views, seed: int, *, known: bool = False) -> CalibrationResult:
-    """Calibrate a rig; known: whether the intrinsics are known already."""
+    """Calibrate a rig from corners, the paper's way; known: whether the intrinsics are known."""
     assert rig.camera is not None
     pinhole = rig.camera.spec.pinhole
     return calibrate(np.concatenate(views.points), np.concatenate(views.pixels), pinhole.width,
                      pinhole.height, gate_px=GATE_PX, seed=seed,
                      intrinsics=pinhole.intrinsics if known else None)  # fmt: skip
+
+
+def solved_jointly(
+    rig: Rig, views: Views, start: CalibrationResult, *, known: bool = False,
+    board: Board | None = None,
+) -> CalibrationResult:  # fmt: skip
+    """Refine camera and boards together from the paper's solution, without boards it left out.
+
+    The result's reprojection error is of corners in scans, as before: what is left of it is
+    their own error. Views without sights, or with too few whole boards, leave the start.
+    """
+    good = np.flatnonzero(start.inliers.reshape(-1, 3).all(axis=1)).tolist()
+    if not views.sights or len(good) < LEAST_BOARDS:
+        return start
+    ego_from_lidar, seen = rig.lidar.ego_from_lidar, views.select(good)
+    found = refine(
+        start.projection.matrix @ ego_from_lidar.matrix,
+        np.stack([ego_from_lidar.inverse().apply(corners) for corners in seen.points]),
+        np.stack(seen.pixels), seen.sights, board or Board(), free=not known,
+    )  # fmt: skip
+    matrix = found.matrix @ ego_from_lidar.inverse().matrix
+    errors = distances_px(matrix, np.concatenate(seen.points), np.concatenate(seen.pixels))
+    projection = Projection(matrix, start.projection.width, start.projection.height)
+    kept = np.zeros(len(views), bool)
+    kept[good] = True
+    return CalibrationResult(projection, np.repeat(kept, 3), float(np.sqrt((errors**2).mean())))
 
 
 def held_out_px(rig: Rig, projection: Projection) -> float:
@@ -153,18 +205,21 @@ def calibrated(
     return result, BoardErrors(off_px, result.reprojection_px, len(views))
 
 
-def _in_scans(rig: Rig, scene: Scene, board: Board, rng: np.random.Generator) -> np.ndarray:
+def _in_scans(
+    rig: Rig, scene: Scene, board: Board, rng: np.random.Generator, scans: int
+) -> tuple[np.ndarray, BoardSight]:
     mount, parts = rig.lidar, []
-    for _ in range(SCANS):
+    for _ in range(scans):
         scan, _ = sweep(scene, mount.spec, [mount.ego_from_lidar], 0.0, rng=rng)
         # The board stands alone on even ground: whatever is above the ground is the board.
         high = mount.ego_from_lidar.apply(scan.points)[:, 2] > 0.08
         near = high & (np.linalg.norm(scan.points, axis=1) < 15.0)
         parts.append((scan.points[near], scan.ring[near], scan.column[near]))
     points, ring, column = (np.concatenate(part) for part in zip(*parts, strict=True))
-    step = float(np.abs(np.median(np.diff(mount.spec.azimuths()))))
-    found = corners_in_scans(points.astype(np.float64), ring, column, board, step)
-    return mount.ego_from_lidar.apply(found)
+    points = points.astype(np.float64)
+    beams = Beams(mount.spec.azimuths(), mount.spec.elevations)
+    found = corners_in_scans(points, ring, column, board, beams.step_rad)
+    return mount.ego_from_lidar.apply(found), board_sight(points, ring, column, beams, scans)
 
 
 def _in_image(rig: Rig, scene: Scene, rng: np.random.Generator) -> np.ndarray:

@@ -1,0 +1,198 @@
+"""Camera and boards together: laws on boards that four rings of thin beams meet."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from roadscope.core import Pose
+from roadscope.fusion.board import Board, corners_in_scans
+from roadscope.fusion.board_model import edge_errors, image_errors, range_errors, stacked
+from roadscope.fusion.board_sight import Beams, BoardSight, board_sight
+from roadscope.fusion.bundle import State, descend, refine
+from roadscope.fusion.calibration import CalibrationError, calibrate, decompose, distances_px
+
+BOARD = Board()
+BEAMS = Beams(np.radians(30 - 0.25 * np.arange(240)), np.radians([-1.2, -0.4, 0.4, 1.2]))
+INNER = np.array([[1600.0, 0, 640], [0, 1600, 480], [0, 0, 1]])
+CAMERA = INNER @ np.array([[0.0, -1, 0, 0.1], [0, 0, -1, 0.85], [1, 0, 0, 3]])
+SCANS = 25
+
+
+def poses(count: int, seed: int) -> list[Pose]:
+    """Of the board's plane y-z, LiDAR frame."""
+    rng = np.random.default_rng(seed)
+    ahead = rng.uniform(3.5, 9.0, count)
+    return [
+        Pose.from_euler(x, 0.2 * x * a, z, yaw=yaw, pitch=pitch, roll=roll)
+        for x, a, z, yaw, pitch, roll in zip(
+            ahead, rng.uniform(-1, 1, count), rng.uniform(-0.45, -0.25, count),
+            *rng.uniform(-1, 1, (3, count)) * [[0.5], [0.2], [0.1]], strict=True,
+        )
+    ]  # fmt: skip
+
+
+def corners_at(pose: Pose) -> np.ndarray:
+    flat = BOARD.corners
+    return pose.apply(np.column_stack([np.zeros(3), -flat[:, 0], flat[:, 1]]))
+
+
+def returns(pose: Pose, noise_m: float, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
+    """Points, ring and column of a triangle that is met exactly inside its edges."""
+    ring, column = (x.ravel() for x in np.meshgrid(np.arange(4), np.arange(240), indexing="ij"))
+    rays = BEAMS.rays(ring, column)
+    normal = pose.rotation[:, 0]
+    ranges = (normal @ pose.translation) / (rays @ normal)
+    _, y, z = pose.inverse().apply(rays * ranges[:, None]).T
+    half = BOARD.base_m / 2 * (1 - z / BOARD.height_m)
+    on = np.flatnonzero((ranges > 0) & (z > 0) & (np.abs(y) < half))
+    on = np.repeat(on, SCANS)
+    far = ranges[on] + noise_m * rng.standard_normal(len(on))
+    return rays[on] * far[:, None], ring[on], column[on]
+
+
+def project(points: np.ndarray) -> np.ndarray:
+    seen = points @ CAMERA[:, :3].T + CAMERA[:, 3]
+    return seen[:, :2] / seen[:, 2:]
+
+
+def seen(
+    count: int, seed: int, noise_px: float = 0.1, noise_m: float = 0.1
+) -> tuple[np.ndarray, np.ndarray, list[BoardSight]]:
+    """Corners in scans, pixels and sights."""
+    rng = np.random.default_rng([seed, 1])
+    corners, pixels, sights = [], [], []
+    for pose in poses(count, seed):
+        got = returns(pose, noise_m, rng)
+        corners.append(corners_in_scans(*got, BOARD, BEAMS.step_rad))
+        pixels.append(project(corners_at(pose)) + noise_px * rng.standard_normal((3, 2)))
+        sights.append(board_sight(*got, BEAMS, SCANS))
+    return np.stack(corners), np.stack(pixels), sights
+
+
+def linear(corners: np.ndarray, pixels: np.ndarray, known: bool = False) -> np.ndarray:
+    found = calibrate(
+        corners.reshape(-1, 3), pixels.reshape(-1, 2), 1280, 960, gate_px=25.0,
+        intrinsics=INNER if known else None,
+    )  # fmt: skip
+    return found.projection.matrix
+
+
+def off_px(matrix: np.ndarray) -> float:
+    """Of boards that were not used."""
+    fresh = np.concatenate([corners_at(pose) for pose in poses(30, 99)])
+    return float(np.sqrt((distances_px(matrix, fresh, project(fresh)) ** 2).mean()))
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_it_beats_corners_alone(known: bool) -> None:
+    shares = []
+    for seed in range(5):
+        corners, pixels, sights = seen(8, seed)
+        start = linear(corners, pixels, known)
+        found = refine(start, corners, pixels, sights, BOARD, free=not known)
+        shares.append(off_px(found.matrix) / off_px(start))
+    assert np.median(shares) < 0.7
+
+
+def test_many_boards_leave_less_than_a_pixel() -> None:
+    corners, pixels, sights = seen(20, 7)
+    found = refine(linear(corners, pixels), corners, pixels, sights, BOARD)
+    assert off_px(found.matrix) < 1.0
+    true = np.stack([corners_at(pose) for pose in poses(20, 7)])
+    middle = [np.median(np.linalg.norm(c - true, axis=2)) for c in (found.corners, corners)]
+    assert middle[0] < middle[1]
+
+
+def test_a_found_board_has_the_sides_of_the_board() -> None:
+    corners, pixels, sights = seen(5, 3)
+    found = refine(linear(corners, pixels), corners, pixels, sights, BOARD)
+    flat = BOARD.corners
+    for k in range(3):
+        sides = np.linalg.norm(found.corners[:, k] - found.corners[:, k - 1], axis=1)
+        assert sides == pytest.approx(np.linalg.norm(flat[k] - flat[k - 1]), abs=1e-9)
+
+
+def test_known_intrinsics_are_kept() -> None:
+    corners, pixels, sights = seen(5, 3)
+    start = linear(corners, pixels, known=True)
+    found = refine(start, corners, pixels, sights, BOARD, free=False)
+    assert decompose(found.matrix)[0] == pytest.approx(INNER, abs=1e-6)
+
+
+def test_the_order_of_boards_is_irrelevant() -> None:
+    corners, pixels, sights = seen(6, 4)
+    start = linear(corners, pixels)
+    found = refine(start, corners, pixels, sights, BOARD)
+    turned = refine(start, corners[::-1], pixels[::-1], sights[::-1], BOARD)
+    # Both stop within the same thousandths of a pixel, not at the same bit.
+    assert abs(off_px(found.matrix) - off_px(turned.matrix)) < 0.05
+
+
+def test_a_beam_that_met_something_else_moves_little() -> None:
+    corners, pixels, sights = seen(12, 5)
+    start = linear(corners, pixels)
+    wrong = []
+    for sight in sights:
+        met = sight.met.copy()
+        met[0] = 1 - met[0]
+        wrong.append(BoardSight(sight.plane, sight.plane_root, sight.rays, met, sight.step_rad))
+    found = refine(start, corners, pixels, wrong, BOARD)
+    assert off_px(found.matrix) < off_px(start)
+
+
+def test_the_plane_is_as_sure_as_it_says() -> None:
+    rng, pose = np.random.default_rng(2), poses(1, 8)[0]
+    normal = pose.rotation[:, 0]
+    true = normal / (normal @ pose.translation)
+    squares = []
+    for _ in range(60):
+        sight = board_sight(*returns(pose, 0.1, rng), BEAMS, SCANS)
+        squares.append(float(((sight.plane_root @ (true - sight.plane)) ** 2).sum()))
+    # Mean of 60 chi squares of three degrees of freedom: 3 with a standard deviation of 0.32.
+    assert 2.0 < np.mean(squares) < 4.3
+
+
+def test_stray_ranges_do_not_move_the_plane() -> None:
+    rng, pose = np.random.default_rng(2), poses(1, 8)[0]
+    points, ring, column = returns(pose, 0.02, rng)
+    clean = board_sight(points, ring, column, BEAMS, SCANS)
+    stray = rng.random(len(points)) < 0.05
+    points = points * np.where(stray, 1.3, 1.0)[:, None]
+    mixed = board_sight(points, ring, column, BEAMS, SCANS)
+    assert np.linalg.norm(clean.plane_root @ (mixed.plane - clean.plane)) < 1.0
+
+
+def test_beams_on_both_sides_of_every_end_are_kept() -> None:
+    _, _, sights = seen(4, 6)
+    for sight in sights:
+        assert min((sight.met > 0.5).sum(), (sight.met < 0.5).sum()) >= 8
+
+
+def test_the_descent_ends_where_a_dense_one_does() -> None:
+    """The slow, obvious way: one dense problem of all unknowns."""
+    corners, pixels, sights = seen(4, 9)
+    camera = decompose(linear(corners, pixels, known=True))[1].inverse().matrix[:3]
+    boards = np.stack([pose.matrix[:3] for pose in poses(4, 9)])[:, :, [1, 2, 0, 3]]
+    boards = boards * [-1.0, 1.0, -1.0, 1.0]  # right, up, towards the sensor
+    state, data = State(np.array([1600.0, 1600, 640, 480]), camera, boards), stacked(pixels, sights)
+
+    def errors(at: State) -> np.ndarray:
+        image = image_errors(at.inner, at.camera, at.boards, data, BOARD)
+        edges = edge_errors(at.boards, data, BOARD, 0.5)
+        return np.concatenate([image, range_errors(at.boards, data), edges], axis=1)
+
+    def dense(x: np.ndarray) -> np.ndarray:
+        return errors(state.moved(x[:6], x[6:].reshape(-1, 6))).ravel()
+
+    found = descend(errors, state, 6)
+    slow = least_squares(dense, np.zeros(30), xtol=1e-10, ftol=1e-10, gtol=1e-10)
+    assert (errors(found) ** 2).sum() == pytest.approx(2 * slow.cost, rel=1e-3)
+    assert (errors(state) ** 2).sum() > 4 * slow.cost
+
+
+def test_unequal_numbers_are_refused() -> None:
+    corners, pixels, sights = seen(4, 1)
+    with pytest.raises(CalibrationError, match="got 4, 4 and 3"):
+        refine(CAMERA, corners, pixels, sights[:3], BOARD)
+    with pytest.raises(CalibrationError, match="at least 6 returns, got 2"):
+        board_sight(np.ones((2, 3)), np.zeros(2, int), np.zeros(2, int), BEAMS, 1)
