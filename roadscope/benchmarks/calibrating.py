@@ -71,6 +71,7 @@ def calibrate_rig(
     seed: int = 0,
     known_intrinsics: bool = False,
     corners_only: bool = False,
+    upright: bool = False,
     scans: int = SCANS,
     progress: Progress | None = None,
 ) -> RigCalibration:
@@ -78,7 +79,8 @@ def calibrate_rig(
 
     name: of a rig with a camera. seed: of poses and noise. known_intrinsics: only the camera's
     pose is to be found. corners_only: the paper's way, without the joint refinement of camera and
-    boards. scans: of each pose. `CalibrationError` where poses are too few or the board is not
+    boards. upright: whether the board stands on even ground rather than being held at a tilt, which
+    tells more. scans: of each pose. `CalibrationError` where poses are too few or the board is not
     seen.
     """
     if poses < LEAST_POSES:
@@ -91,6 +93,7 @@ def calibrate_rig(
     views = board_views(
         carrier, poses, np.random.default_rng([seed, poses]),
         told=lambda done: tell("poses", done, poses), scans=scans,
+        tilted=not upright,
     )  # fmt: skip
     if len(views) < LEAST_POSES:
         raise CalibrationError(

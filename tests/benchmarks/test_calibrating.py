@@ -16,7 +16,7 @@ from roadscope.benchmarks import calibrating
 from roadscope.benchmarks.calibrating import PoseRow, calibrate_rig, enough, save_rig_calibration
 from roadscope.benchmarks.images import projection_of
 from roadscope.benchmarks.papers import li2021_board
-from roadscope.benchmarks.papers.li2021_board import Views, places
+from roadscope.benchmarks.papers.li2021_board import Views, places, true_corners
 from roadscope.envs.sensors.rigs import rig
 from roadscope.fusion.board import Board
 from roadscope.fusion.calibration import CalibrationError
@@ -25,11 +25,10 @@ from roadscope.fusion.calibration_file import read_calibration
 
 def true_views(carrier, poses: int, noise_px: float, seed: int = 0) -> Views:
     """Corners where they truly are, without scans and images."""
-    rng, flat = np.random.default_rng(seed), Board().corners
+    rng = np.random.default_rng(seed)
     points, pixels = [], []
-    for x, y, bottom, yaw in places(carrier, poses, rng):
-        turn = np.array([-np.sin(yaw), np.cos(yaw)])
-        corners = np.column_stack([[x, y] - flat[:, :1] * turn, bottom + flat[:, 1]])
+    for place in places(carrier, poses, rng):
+        corners = true_corners(Board(), place)
         points.append(corners)
         pixels.append(projection_of(carrier).project(corners)[0])
         pixels[-1] = pixels[-1] + noise_px * rng.standard_normal((3, 2))
@@ -75,6 +74,15 @@ def test_known_intrinsics_leave_less_to_be_wrong() -> None:
         for k in (False, True)
     )
     assert known < free
+
+
+def test_the_joint_way_beats_corners_alone_which_stay_callable() -> None:
+    joint = calibrate_rig("li2021", poses=8, seed=3).rows[-1]
+    corners = calibrate_rig("li2021", poses=8, seed=3, corners_only=True).rows[-1]
+    assert corners.held_out_px == corners.corners_px == joint.corners_px
+    assert joint.held_out_px < 0.7 * joint.corners_px
+    with pytest.raises(CalibrationError, match="at least 1, got 0"):
+        calibrate_rig("li2021", scans=0)
 
 
 def test_how_many_are_enough() -> None:

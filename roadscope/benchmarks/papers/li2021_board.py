@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,6 +29,9 @@ SLICE_M = 0.004
 THICK_M = 0.002
 SCANS = 25
 """Scans of each pose, two seconds of a LUX: the board stands still."""
+PITCH_RAD = 0.3
+ROLL_RAD = 0.15
+"""Tilts of a board; turned farther in its plane, its base is no longer below its slopes."""
 LEAST_BOARDS = 3
 """Boards seen without outliers that a joint refinement needs."""
 GREY = {"board": 235.0, "ground": 80.0, "sky": 120.0}
@@ -48,16 +52,33 @@ class BoardErrors:
     poses: int
 
 
-def board_prisms(board: Board, bottom_m: float) -> Prisms:
-    """Stack thin slices into a triangle across x, facing along x, its face at x = 0."""
-    count = round(board.height_m / SLICE_M)
-    parts = []
-    for k in range(count):
-        half = board.base_m / 2 * (1 - (k + 0.5) / count)
-        outline = np.array([[0.0, -half], [THICK_M, -half], [THICK_M, half], [0.0, half]])
-        low = bottom_m + k * SLICE_M
-        parts.append(Prisms.of(outline, low, low + SLICE_M, reflectivity=0.8))
+def board_prisms(
+    board: Board, bottom_m: float, pitch_rad: float = 0.0, roll_rad: float = 0.0
+) -> Prisms:
+    """Stack thin slices into a triangle that faces along -x, the middle of its base above 0, 0.
+
+    bottom_m: height of that middle. Pitch leans it ahead, roll turns it in its plane.
+    """
+    corners = true_corners(board, np.array([0.0, 0.0, bottom_m, 0.0, pitch_rad, roll_rad]))
+    low, high = float(corners[:, 2].min()), float(corners[:, 2].max())
+    count = round((high - low) / SLICE_M)
+    edges = low + (high - low) / count * np.arange(count + 1)
+    parts, behind = [], np.array([THICK_M, 0.0])
+    for bottom, top in pairwise(edges.tolist()):
+        right, left = _cut(corners, (bottom + top) / 2)
+        outline = np.array([right, right + behind, left + behind, left])
+        parts.append(Prisms.of(outline, bottom, top, reflectivity=0.8))
     return Prisms.join(parts)
+
+
+def _cut(corners: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """(2,) x and y of where two edges of a triangle pass a height, the one farther right first."""
+    ends = []
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if (a[2] - height) * (b[2] - height) < 0:
+            ends.append(a[:2] + (height - a[2]) / (b[2] - a[2]) * (b[:2] - a[:2]))
+    first, second = ends
+    return (first, second) if first[1] < second[1] else (second, first)
 
 
 def corners_of(
@@ -65,7 +86,7 @@ def corners_of(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (3, 3) corners in scans, ego frame, (3, 2) in the image, and (3, 3) the true ones.
 
-    place: (4,) x, y of the middle of the base, height of the base, yaw; ego frame.
+    place: (6,) x, y and height of the middle of the base, yaw, pitch, roll; ego frame.
     """
     corners, pixels, _ = board_view(rig, board, place, rng)
     return corners, pixels, true_corners(board, place)
@@ -78,28 +99,40 @@ def board_view(
 
     place: as of `corners_of`.
     """
-    x, y, bottom, yaw = place
-    scene = Scene.still(Prisms.empty(), board_prisms(board, bottom), np.array([[x, y, yaw]]))
+    x, y, bottom, yaw, pitch, roll = place.tolist()
+    prisms = board_prisms(board, bottom, pitch, roll)
+    scene = Scene.still(Prisms.empty(), prisms, np.array([[x, y, yaw]]))
     corners, sight = _in_scans(rig, scene, board, rng, scans)
     return corners, _in_image(rig, scene, rng), sight
 
 
 def true_corners(board: Board, place: np.ndarray) -> np.ndarray:
     """(3, 3) left, right and top corner of a board at a place, ego frame."""
-    x, y, bottom, yaw = place
+    x, y, bottom, yaw, pitch, roll = place.tolist()
     flat = board.corners
-    return Pose.planar(x, y, yaw, bottom).apply(
+    return Pose.from_euler(x, y, bottom, yaw=yaw, pitch=pitch, roll=roll).apply(
         np.column_stack([np.zeros(3), -flat[:, 0], flat[:, 1]])
     )
 
 
-def places(rig: Rig, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw (count, 4) poses of the board that both sensors see whole."""
+def places(rig: Rig, count: int, rng: np.random.Generator, *, tilted: bool = False) -> np.ndarray:
+    """Draw (count, 6) poses of the board that both sensors see whole, near and far, left and right.
+
+    tilted: whether it is also leaned and turned in its plane, as a person would who holds it.
+    """
     ahead = rng.uniform(3.5, 9.0, count) + rig.lidar.ego_from_lidar.translation[0]
     aside = rng.uniform(-0.22, 0.22, count) * ahead
     low = rig.lidar.ego_from_lidar.translation[2] < 1.0
     bottom = rng.uniform(0.1, 0.3, count) if low else rng.uniform(0.2, 0.7, count)
-    return np.column_stack([ahead, aside, bottom, rng.uniform(-0.6, 0.6, count)])
+    yaw, pitch, roll = rng.uniform(-0.6, 0.6, count), np.zeros(count), np.zeros(count)
+    if tilted:
+        pitch, roll = (
+            rng.uniform(-PITCH_RAD, PITCH_RAD, count),
+            rng.uniform(-ROLL_RAD, ROLL_RAD, count),
+        )
+        # The lower corner keeps off the ground.
+        bottom = bottom + Board().base_m / 2 * np.abs(np.sin(roll))
+    return np.column_stack([ahead, aside, bottom, yaw, pitch, roll])
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,10 +161,11 @@ class Views:
 def board_views(
     rig: Rig, poses: int, rng: np.random.Generator, *, board: Board | None = None,
     told: Callable[[int], None] | None = None, scans: int = SCANS,
+    tilted: bool = False,
 ) -> Views:  # fmt: skip
     """Hold the board before a rig in random poses; told: how many are done."""
     views = []
-    for number, place in enumerate(places(rig, poses, rng), start=1):
+    for number, place in enumerate(places(rig, poses, rng, tilted=tilted), start=1):
         try:
             views.append(board_view(rig, board or Board(), place, rng, scans))
         except CalibrationError:

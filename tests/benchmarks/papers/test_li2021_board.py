@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers.li2021_board import board_prisms, calibrated, corners_of
+from roadscope.benchmarks.papers.li2021_board import (
+    board_prisms,
+    calibrated,
+    corners_of,
+    true_corners,
+)
 from roadscope.core.projection import Projection
 from roadscope.envs.sensors.rigs import rig
 from roadscope.fusion.board import Board
@@ -16,9 +21,22 @@ def test_the_board_is_a_triangle_of_thin_slices() -> None:
     assert widths[len(widths) // 2] == pytest.approx(0.75, abs=0.01)
 
 
-def test_both_sensors_find_the_corners_where_they_are() -> None:
+def test_a_tilted_board_reaches_from_corner_to_corner() -> None:
+    tilt = (0.3, -0.15)
+    corners = true_corners(Board(), np.array([0.0, 0.0, 0.4, 0.0, *tilt]))
+    prisms = board_prisms(Board(), 0.4, *tilt)
+    assert prisms.bottoms.min() == pytest.approx(corners[:, 2].min())
+    assert prisms.tops.max() == pytest.approx(corners[:, 2].max())
+    for axis in (0, 1):
+        met = prisms.footprints[..., axis]
+        assert met.min() == pytest.approx(corners[:, axis].min(), abs=0.02)
+        assert met.max() == pytest.approx(corners[:, axis].max(), abs=0.02)
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.25, -0.12)])
+def test_both_sensors_find_the_corners_where_they_are(tilt: tuple[float, float]) -> None:
     rng, carrier = np.random.default_rng(0), rig("wide")
-    found, seen, true = corners_of(carrier, Board(), np.array([7.0, 0.4, 0.4, 0.2]), rng)
+    found, seen, true = corners_of(carrier, Board(), np.array([7.0, 0.4, 0.5, 0.2, *tilt]), rng)
     assert np.abs(found - true).max() < 0.03
     assert carrier.camera is not None
     pinhole = carrier.camera.spec.pinhole
