@@ -29,7 +29,7 @@ def _detectors() -> list[tuple[str, str]]:
     from roadscope.detectors import DETECTORS
 
     made = [
-        (CLUSTER_BOXES, "Likewise cyclists, pedestrians; to be fused."),
+        (CLUSTER_BOXES, "Every cluster's box, people too; to be fused."),
         (FUSED, "Joined with a camera's: ?lidar=A&camera=B&fusion=C."),
         (ORACLE, "The true boxes of all eligible objects."),
     ]
