@@ -32,6 +32,8 @@ BUMP = 1e-6
 PIXELS_A_UNIT = 1000.0
 """Intrinsics are counted in thousands of pixels, so that all unknowns move on like scales."""
 STEPS = 50
+ENOUGH = 1e-4
+"""A step that betters twice the negative log likelihood by less than this share is the last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,35 +91,40 @@ def refine(
         np.stack([_laid(board, one) for one in corners]),
     )
     seen = stacked(np.asarray(pixels, np.float64), sights)
+
+    def image(at: State) -> np.ndarray:
+        return image_errors(at.inner, at.camera, at.boards, seen, board)
+
     for spot in spots:
 
-        def errors(at: State, spot: float = spot) -> np.ndarray:
-            return np.concatenate(
-                [
-                    image_errors(at.inner, at.camera, at.boards, seen, board),
-                    range_errors(at.boards, seen),
-                    edge_errors(at.boards, seen, board, spot),
-                ],
-                axis=1,
-            )
+        def alone(at: State, spot: float = spot) -> np.ndarray:
+            edges = edge_errors(at.boards, seen, board, spot)
+            return np.concatenate([range_errors(at.boards, seen), edges], axis=1)
 
-        state = descend(errors, state, 10 if free else 6)
+        state = descend(image, alone, state, 10 if free else 6)
     fx, fy, cx, cy = state.inner
     upper = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
     return Bundle(upper @ state.camera, corners_of_boards(state.boards, board))
 
 
-def descend(errors: Errors, state: State, shared: int) -> State:
-    """Levenberg and Marquardt; errors: (P, M), each row of its own board and the shared unknowns.
+def descend(image: Errors, alone: Errors, state: State, shared: int) -> State:
+    """Levenberg and Marquardt; shared: 6 unknowns of the camera, or 10 with its intrinsics.
 
-    Boards do not know of each other, so that each is solved for alone and the camera from what
-    they leave (Schur complement): time grows with the number of boards, not with its cube.
+    image: (P, M) errors that depend on each row's board and on the shared unknowns. alone: (P, L)
+    errors that depend on the row's board only. Boards do not know of each other, so that each is
+    solved for alone and the camera from what they leave (Schur complement): time grows with the
+    number of boards, not with its cube.
     """
+
+    def errors(at: State) -> np.ndarray:
+        return np.concatenate([image(at), alone(at)], axis=1)
+
     damping, now = 1e-3, errors(state)
     for _ in range(STEPS):
-        slopes = _slopes(errors, state, now, shared)
+        ours = _slopes(image, state, np.eye(shared), np.zeros((shared, 6)))
+        own = _slopes(errors, state, np.zeros((6, shared)), np.eye(6))
         for _ in range(8):
-            tried = state.moved(*_step(*slopes, now, damping))
+            tried = state.moved(*_step(ours, own, now, damping))
             after = errors(tried)
             gain = (now**2).sum() - (after**2).sum()
             if gain > 0:
@@ -126,29 +133,39 @@ def descend(errors: Errors, state: State, shared: int) -> State:
         else:
             return state
         state, now, damping = tried, after, damping / 5
-        if gain < 1e-6 * (1 + (now**2).sum()):
+        if gain < ENOUGH * (1 + (now**2).sum()):
             break
     return state
 
 
-def _slopes(
-    errors: Errors, state: State, now: np.ndarray, shared: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """(P, M, shared) and (P, M, 6) derivatives by differences, of all boards at once."""
-    none, still = np.zeros(shared), np.zeros((len(now), 6))
-    ours = [(errors(state.moved(bump, still)) - now) / BUMP for bump in BUMP * np.eye(shared)]
-    own = [(errors(state.moved(none, still + bump)) - now) / BUMP for bump in BUMP * np.eye(6)]
-    return np.stack(ours, axis=-1), np.stack(own, axis=-1)
+def _slopes(errors: Errors, state: State, shared: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """(P, M, K) derivatives by differences along K directions, of all boards at once.
+
+    shared: (K, 6 or 10), own: (K, 6), the same for every board.
+    """
+    now, still = errors(state), np.zeros((len(state.boards), 6))
+    bumped = [
+        errors(state.moved(BUMP * ours, still + BUMP * theirs))
+        for ours, theirs in zip(shared, own, strict=True)
+    ]
+    return (np.stack(bumped, axis=-1) - now[..., None]) / BUMP
 
 
 def _step(
     shared: np.ndarray, own: np.ndarray, errors: np.ndarray, damping: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the step of the shared unknowns and of each board's."""
-    mixed = np.einsum("pms,pmo->pso", shared, own)
-    inner = _damped(np.einsum("pmo,pmq->poq", own, own), damping)
+    """Return the step of the shared unknowns and of each board's.
+
+    shared: (P, M, S) of the first M errors. own: (P, M + L, 6). errors: (P, M + L).
+    """
+    first = shared.shape[1]
+    mixed = np.swapaxes(shared, 1, 2) @ own[:, :first]
+    inner = _damped(np.swapaxes(own, 1, 2) @ own, damping)
     outer = _damped(np.einsum("pms,pmt->st", shared, shared), damping)
-    pull, push = np.einsum("pmo,pm->po", own, errors), np.einsum("pms,pm->s", shared, errors)
+    pull, push = (
+        np.einsum("pmo,pm->po", own, errors),
+        np.einsum("pms,pm->s", shared, errors[:, :first]),
+    )
     solved = np.linalg.solve(inner, np.concatenate([np.swapaxes(mixed, 1, 2), pull[..., None]], 2))
     left = outer - np.einsum("pso,pot->st", mixed, solved[..., :-1])
     step = -np.linalg.lstsq(left, push - np.einsum("pso,po->s", mixed, solved[..., -1]))[0]

@@ -176,15 +176,20 @@ def test_the_descent_ends_where_a_dense_one_does() -> None:
     boards = boards * [-1.0, 1.0, -1.0, 1.0]  # right, up, towards the sensor
     state, data = State(np.array([1600.0, 1600, 640, 480]), camera, boards), stacked(pixels, sights)
 
-    def errors(at: State) -> np.ndarray:
-        image = image_errors(at.inner, at.camera, at.boards, data, BOARD)
+    def image(at: State) -> np.ndarray:
+        return image_errors(at.inner, at.camera, at.boards, data, BOARD)
+
+    def alone(at: State) -> np.ndarray:
         edges = edge_errors(at.boards, data, BOARD, 0.5)
-        return np.concatenate([image, range_errors(at.boards, data), edges], axis=1)
+        return np.concatenate([range_errors(at.boards, data), edges], axis=1)
+
+    def errors(at: State) -> np.ndarray:
+        return np.concatenate([image(at), alone(at)], axis=1)
 
     def dense(x: np.ndarray) -> np.ndarray:
         return errors(state.moved(x[:6], x[6:].reshape(-1, 6))).ravel()
 
-    found = descend(errors, state, 6)
+    found = descend(image, alone, state, 6)
     slow = least_squares(dense, np.zeros(30), xtol=1e-10, ftol=1e-10, gtol=1e-10)
     assert (errors(found) ** 2).sum() == pytest.approx(2 * slow.cost, rel=1e-3)
     assert (errors(state) ** 2).sum() > 4 * slow.cost
