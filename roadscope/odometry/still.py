@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, OdometryStatus, Pose
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
+from roadscope.odometry.estimates import estimate
 
 
 class StillOdometry:
@@ -19,11 +20,6 @@ class StillOdometry:
         self._clock = Clock()
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Return the start, with the certainty that it claims."""
+        """Return the start, whatever the scan shows."""
         tick = self._clock.tick(scan.stamp_s)
-        reason = tick.reason or ("" if len(scan) else "an empty scan")
-        status = OdometryStatus.DEGRADED if reason else OdometryStatus.OK
-        return OdometryEstimate(
-            Pose.identity(), np.zeros((6, 6)), np.zeros(len(scan), bool), scan.stamp_s,
-            status, reason,
-        )  # fmt: skip
+        return estimate(np.eye(4), np.zeros((6, 6)), scan.stamp_s, len(scan), tick.reason)

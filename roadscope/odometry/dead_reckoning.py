@@ -1,0 +1,108 @@
+"""Dead reckoning from the IMU alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.odometry.clock import Clock, Tick
+from roadscope.odometry.estimates import estimate, grown
+from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.rigid import exp_so3, hat, inverse, orthonormal
+
+REST_S = 1.0
+"""Longest stretch at the start over which the IMU is averaged while nothing is felt."""
+REST_RATE_RAD_S, REST_FORCE_M_S2 = 0.02, 0.15
+"""Mean changes from the first scan on below which nothing is felt."""
+RATE_RAD_SQRT_S, FORCE_M_S_SQRT_S = 2.4e-4, 2.3e-3
+"""Noise densities of an ADIS16448, for the covariance."""
+RATE_BIAS_RAD_S, FORCE_BIAS_M_S2 = 1e-3, 0.03
+"""What is left of the biases after a rest."""
+
+
+class DeadReckoningOdometry:
+    """Integrates turn rate and specific force from a start at rest: the lower mark.
+
+    While nothing is felt after the start the samples are averaged: their mean rate is the gyro's
+    bias, their mean force is gravity, along with the accelerometer's bias. An IMU does not feel
+    speed, so a drive that begins at speed is taken for one from rest. Without samples the speed
+    is held and the estimate is degraded.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget pose, speed, biases."""
+        self._clock, self._imu = Clock(), ImuBuffer(lidar_from_imu)
+        self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
+        self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
+        self._velocity, self._bias = np.zeros(3), np.zeros(3)
+        self._gravity: np.ndarray | None = None
+        self._sums, self._rested_s, self._moving_s = np.zeros(6), 0.0, 0.0
+        self._at_rest = True
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Integrate up to the stamp of the scan, whose points do not matter."""
+        self._imu.add(imu)
+        tick = self._clock.tick(scan.stamp_s)
+        if not tick.in_order:
+            return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
+        reason = self._advance(scan.stamp_s, tick)
+        return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
+
+    def _advance(self, stamp_s: float, tick: Tick) -> str:
+        if not tick.elapsed_s:
+            return ""
+        before = self._pose.copy()
+        start_s = stamp_s - tick.elapsed_s
+        covered = self._imu.covers(start_s, stamp_s)
+        if covered:
+            samples = self._imu.within(start_s, stamp_s)
+            if not (self._at_rest and self._rest(*samples)):
+                self._integrate(*samples)
+        else:
+            self._pose[:3, 3] += self._velocity * tick.elapsed_s
+        self._moving_s += 0.0 if self._at_rest else tick.elapsed_s
+        motion = inverse(before) @ self._pose
+        self._covariance = grown(self._covariance, motion, self._spread(tick.elapsed_s))
+        return tick.reason if covered else "no inertial samples"
+
+    def _rest(self, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> bool:
+        """Average over a stretch in which nothing is felt; False from the first that is felt."""
+        elapsed_s = float(lengths.sum())
+        mean = lengths @ np.hstack([rates, forces]) / elapsed_s
+        known = self._sums / self._rested_s if self._rested_s else mean
+        change = np.abs(mean - known)
+        felt = change[:3].max() > REST_RATE_RAD_S or change[3:].max() > REST_FORCE_M_S2
+        self._at_rest = not felt and self._rested_s < REST_S
+        if self._at_rest or not self._rested_s:
+            self._sums = self._sums + mean * elapsed_s
+            self._rested_s += elapsed_s
+        known = self._sums / self._rested_s
+        self._bias, self._gravity = known[:3], known[3:]
+        return self._at_rest
+
+    def _integrate(self, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> None:
+        """Carry pose and velocity on, the force felt turned with the sensor."""
+        assert self._gravity is not None
+        rotation, at, speed = self._pose[:3, :3], self._pose[:3, 3], self._velocity
+        for length_s, rate, force in zip(lengths, rates - self._bias, forces, strict=True):
+            # At the LiDAR, not at the IMU: turning pulls at the lever between the two.
+            pull = hat(rate) @ hat(rate) @ self._lever
+            turned = rotation @ exp_so3(rate * length_s)
+            pushed = (rotation + turned) / 2 @ (force - pull) - self._gravity
+            at = at + speed * length_s + pushed * length_s**2 / 2
+            speed, rotation = speed + pushed * length_s, turned
+        self._pose[:3, :3], self._pose[:3, 3], self._velocity = rotation, at, speed
+        self._pose = orthonormal(self._pose)
+
+    def _spread(self, elapsed_s: float) -> np.ndarray:
+        """Return the (6, 6) covariance of the last motion, biases and noise since the start."""
+        t = self._moving_s
+        turned = RATE_BIAS_RAD_S * t + RATE_RAD_SQRT_S * np.sqrt(t)
+        tilted = 9.81 * turned
+        speed = (FORCE_BIAS_M_S2 + tilted) * t + FORCE_M_S_SQRT_S * np.sqrt(t)
+        turn = RATE_BIAS_RAD_S * elapsed_s + RATE_RAD_SQRT_S * np.sqrt(elapsed_s)
+        spread: np.ndarray = np.diag([(speed * elapsed_s) ** 2] * 3 + [turn**2] * 3)
+        return spread

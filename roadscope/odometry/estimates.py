@@ -1,0 +1,29 @@
+"""How an odometry's estimates come about from a pose and what is known of its motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import OdometryEstimate, OdometryStatus, Pose
+from roadscope.odometry.rigid import adjoint, inverse, orthonormal
+
+
+def estimate(
+    pose: np.ndarray, covariance: np.ndarray, stamp_s: float, returns: int, reason: str = ""
+) -> OdometryEstimate:
+    """Make the record of a (4, 4) pose; degraded if there is a reason. No return is dynamic."""
+    status = OdometryStatus.DEGRADED if reason else OdometryStatus.OK
+    symmetric = (covariance + covariance.T) / 2
+    return OdometryEstimate(
+        Pose(orthonormal(pose)), symmetric, np.zeros(returns, bool), stamp_s, status, reason
+    )
+
+
+def grown(covariance: np.ndarray, motion: np.ndarray, of_motion: np.ndarray) -> np.ndarray:
+    """Return the (6, 6) covariance of a pose after a motion with a covariance of its own.
+
+    motion: (4, 4) `previous_from_now`; of_motion: (6, 6), in the frame now.
+    """
+    carried = adjoint(inverse(motion))
+    larger: np.ndarray = carried @ covariance @ carried.T + of_motion
+    return larger

@@ -1,0 +1,84 @@
+"""The latest inertial samples, in order, and what they tell of a stretch of time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import ImuSamples, Pose
+
+KEPT_S = 3.0
+GAP_S = 0.03
+"""Longer without a sample is a gap: a dozen samples at 400 Hz, three at 100 Hz."""
+
+
+class ImuBuffer:
+    """Keeps samples of the last seconds in the LiDAR's axes; what is not a number is dropped.
+
+    stamps_s: (K,) increasing. rates: (K, 3) rad/s. forces: (K, 3) m/s^2, where the IMU is.
+    """
+
+    def __init__(self, lidar_from_imu: Pose | None) -> None:
+        self._axes = np.eye(3) if lidar_from_imu is None else lidar_from_imu.rotation
+        self.stamps_s = np.empty(0)
+        self.rates = np.empty((0, 3))
+        self.forces = np.empty((0, 3))
+
+    def add(self, imu: ImuSamples | None) -> None:
+        """Take further samples; those not later than all before are left out."""
+        if imu is None or not len(imu.stamps_s):
+            return
+        block = np.column_stack([imu.stamps_s, imu.angular_velocity, imu.specific_force])
+        block = block[np.isfinite(block).all(axis=1)]
+        last = self.stamps_s[-1] if len(self.stamps_s) else -np.inf
+        if len(block) and block[0, 0] < last - KEPT_S:
+            self.forget()
+            last = -np.inf
+        ahead = np.maximum.accumulate(np.concatenate([[last], block[:, 0]]))[:-1]
+        block = block[block[:, 0] > ahead]
+        self.stamps_s = np.concatenate([self.stamps_s, block[:, 0]])
+        self.rates = np.concatenate([self.rates, block[:, 1:4] @ self._axes.T])
+        self.forces = np.concatenate([self.forces, block[:, 4:] @ self._axes.T])
+        self._drop_old()
+
+    def forget(self) -> None:
+        """Drop all samples: the clock began anew."""
+        self.stamps_s, self.rates, self.forces = self.stamps_s[:0], self.rates[:0], self.forces[:0]
+
+    def covers(self, start_s: float, end_s: float) -> bool:
+        """Say whether samples lie in the whole stretch without a gap."""
+        inside = self._between(start_s - GAP_S, end_s + GAP_S)
+        stamps = self.stamps_s[inside]
+        if not len(stamps):
+            return False
+        marks = np.concatenate([[start_s], np.clip(stamps, start_s, end_s), [end_s]])
+        return bool(np.diff(marks).max() <= GAP_S)
+
+    def within(self, start_s: float, end_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return lengths of time, (K,) s, and rates and forces, (K, 3), that fill a stretch.
+
+        Each sample holds until the next one; the first one from the start. For stretches that
+        are covered.
+        """
+        first = max(int(np.searchsorted(self.stamps_s, start_s, side="right")) - 1, 0)
+        last = int(np.searchsorted(self.stamps_s, end_s, side="left"))
+        rows = slice(first, max(last, first + 1))
+        marks = np.concatenate([[start_s], self.stamps_s[rows][1:], [end_s]])
+        return np.diff(marks), self.rates[rows], self.forces[rows]
+
+    def mean_rate(self, start_s: float, end_s: float) -> np.ndarray | None:
+        """Return the mean turn rate, (3,) rad/s, of a stretch; None if it is not covered."""
+        if not self.covers(start_s, end_s):
+            return None
+        lengths, rates, _ = self.within(start_s, end_s)
+        mean: np.ndarray = lengths @ rates / lengths.sum()
+        return mean
+
+    def _between(self, start_s: float, end_s: float) -> slice:
+        low = int(np.searchsorted(self.stamps_s, start_s, side="left"))
+        return slice(low, int(np.searchsorted(self.stamps_s, end_s, side="right")))
+
+    def _drop_old(self) -> None:
+        if len(self.stamps_s) and self.stamps_s[0] < self.stamps_s[-1] - 2 * KEPT_S:
+            rows = self._between(self.stamps_s[-1] - KEPT_S, np.inf)
+            self.stamps_s, self.rates = self.stamps_s[rows], self.rates[rows]
+            self.forces = self.forces[rows]

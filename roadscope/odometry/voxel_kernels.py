@@ -1,0 +1,177 @@
+"""A hash table of voxels, of several sizes, that keep the moments of the points within them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+from roadscope.odometry.eigen_kernels import eigen3
+
+SIZES_M = (0.5, 1.0, 2.0)
+EMPTY = -1
+BITS, HALF = 20, 1 << 19
+LEAST = 5
+"""Points from which a voxel has a surface."""
+MOST = 400.0
+"""At so many points a voxel forgets half: what stays is weighed by the latest."""
+GROWN = 1.15
+"""A surface is fitted again when there are so many times as many points."""
+THIN_M = 0.1
+"""Root mean square thickness up to which points are a surface or an edge: rough ground, leaves."""
+WIDE = 0.12
+"""Least extent, of the voxel's size, along a surface. One beam's trace across a road is a line
+that travels with the sensor: it has no width and must not be taken for an edge."""
+UPRIGHT = 0.8
+"""Least cosine to the vertical of an edge: poles and trunks. Level lines are mostly such traces."""
+NOISE_M = 0.03
+"""Range noise of a single return."""
+
+
+class Voxels(NamedTuple):
+    """A table of M slots, by open addressing.
+
+    keys: (M,) int64. counts: (M,) points. sums: (M, 3), squares: (M, 6), of the points less the
+        voxel's centre. fitted: (M,) count when its surface was last fitted.
+    means: (M, 3) metres. axes: (M, 3, 3) unit vectors as rows. weights: (M, 3) 1/m^2, how firmly
+        points are held along each axis; 0 for not at all.
+    used: (1,) slots taken.
+    """
+
+    keys: np.ndarray
+    counts: np.ndarray
+    sums: np.ndarray
+    squares: np.ndarray
+    fitted: np.ndarray
+    means: np.ndarray
+    axes: np.ndarray
+    weights: np.ndarray
+    used: np.ndarray
+
+
+def empty_voxels(slots: int) -> Voxels:
+    """Return a table without voxels; slots: a power of 2."""
+    return Voxels(
+        np.full(slots, EMPTY, np.int64), np.zeros(slots), np.zeros((slots, 3)),
+        np.zeros((slots, 6)), np.zeros(slots), np.zeros((slots, 3)), np.zeros((slots, 3, 3)),
+        np.zeros((slots, 3)), np.zeros(1, np.int64),
+    )  # fmt: skip
+
+
+@compiled()
+def key_of(x: float, y: float, z: float, level: int) -> int:
+    """Return the key of the voxel of a level that holds a point; negative if it is too far off."""
+    size = SIZES_M[level]
+    i = np.int64(np.floor(x / size)) + HALF
+    j = np.int64(np.floor(y / size)) + HALF
+    k = np.int64(np.floor(z / size)) + HALF
+    if min(i, j, k) < 0 or max(i, j, k) >= 2 * HALF:
+        return EMPTY
+    return (np.int64(level) << 3 * BITS) | (i << 2 * BITS) | (j << BITS) | k
+
+
+@compiled()
+def slot_of(keys: np.ndarray, key: int) -> int:
+    """Return the slot that holds a key, or the free one where it belongs."""
+    mask = len(keys) - 1
+    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    slot = np.int64(mixed >> np.uint64(33)) & mask
+    while keys[slot] != EMPTY and keys[slot] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@compiled()
+def insert(voxels: Voxels, points: np.ndarray) -> None:
+    """Add (N, 3) points, metres, and fit the surfaces of the voxels that have grown."""
+    matrix, values, vectors = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    for n in range(len(points)):
+        x, y, z = points[n]
+        for level in range(len(SIZES_M)):
+            key = key_of(x, y, z, level)
+            if key < 0:
+                continue
+            slot = slot_of(voxels.keys, key)
+            if voxels.keys[slot] == EMPTY:
+                voxels.keys[slot] = key
+                voxels.used[0] += 1
+            _add(voxels, slot, key, points[n])
+            count = voxels.counts[slot]
+            if count >= LEAST and count >= GROWN * voxels.fitted[slot]:
+                _fit(voxels, slot, key, (matrix, values, vectors))
+
+
+@compiled()
+def _centre(key: int, axis: int) -> float:
+    size = SIZES_M[key >> 3 * BITS]
+    return (((key >> (2 - axis) * BITS) & (2 * HALF - 1)) - HALF + 0.5) * size
+
+
+@compiled()
+def _add(voxels: Voxels, slot: int, key: int, point: np.ndarray) -> None:
+    x, y, z = point[0] - _centre(key, 0), point[1] - _centre(key, 1), point[2] - _centre(key, 2)
+    if voxels.counts[slot] >= MOST:
+        voxels.counts[slot] *= 0.5
+        voxels.fitted[slot] *= 0.5
+        voxels.sums[slot] *= 0.5
+        voxels.squares[slot] *= 0.5
+    voxels.counts[slot] += 1.0
+    sums, squares = voxels.sums[slot], voxels.squares[slot]
+    sums[0] += x
+    sums[1] += y
+    sums[2] += z
+    squares[0] += x * x
+    squares[1] += x * y
+    squares[2] += x * z
+    squares[3] += y * y
+    squares[4] += y * z
+    squares[5] += z * z
+
+
+@compiled()
+def _fit(
+    voxels: Voxels, slot: int, key: int, room: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> None:
+    """Find how the points of a voxel lie, and along which axes that holds others in place."""
+    matrix, values, vectors = room
+    n, sums, squares = voxels.counts[slot], voxels.sums[slot], voxels.squares[slot]
+    at = 0
+    for i in range(3):
+        for j in range(i, 3):
+            matrix[i, j] = matrix[j, i] = squares[at] / n - sums[i] / n * (sums[j] / n)
+            at += 1
+    eigen3(matrix, values, vectors)
+    weights = voxels.weights[slot]
+    weights[:] = 0.0
+    wide = (WIDE * SIZES_M[key >> 3 * BITS]) ** 2
+    thin = THIN_M * THIN_M
+    edge = values[1] < thin and abs(vectors[2, 2]) > UPRIGHT and values[2] > wide
+    if values[0] < thin and (values[1] > wide or edge):
+        weights[0] = 1.0 / (values[0] + NOISE_M * NOISE_M)
+    if edge:
+        weights[1] = 1.0 / (values[1] + NOISE_M * NOISE_M)
+    for i in range(3):
+        voxels.means[slot, i] = sums[i] / n + _centre(key, i)
+        for j in range(3):
+            voxels.axes[slot, i, j] = vectors[i, j]
+    voxels.fitted[slot] = n
+
+
+@compiled()
+def copy_near(old: Voxels, new: Voxels, centre: np.ndarray, reach_m: float) -> None:
+    """Copy the voxels within a reach, in x and y, of a place into an empty table."""
+    for slot in range(len(old.keys)):
+        key = old.keys[slot]
+        if key == EMPTY:
+            continue
+        away = max(abs(_centre(key, 0) - centre[0]), abs(_centre(key, 1) - centre[1]))
+        if away > reach_m:
+            continue
+        to = slot_of(new.keys, key)
+        new.keys[to] = key
+        new.used[0] += 1
+        new.counts[to], new.fitted[to] = old.counts[slot], old.fitted[slot]
+        new.sums[to], new.squares[to] = old.sums[slot], old.squares[slot]
+        new.means[to], new.axes[to] = old.means[slot], old.axes[slot]
+        new.weights[to] = old.weights[slot]

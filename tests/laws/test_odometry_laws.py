@@ -1,0 +1,201 @@
+"""What every registered odometry promises."""
+
+import copy
+import inspect
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_drive import Drive, driven, emptied, kept, offset
+
+from roadscope.core import ImuSamples, OdometryEstimate, Pose
+from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.api import Odometry
+
+READ_NO_SCANS = {"still", "dead-reckoning"}
+"""They look at stamps only, so that a poor scan does them no harm."""
+READ_NO_IMU = {"still"}
+FOLLOW = {"scan-to-scan": (0.5, 0.02), "voxel-map": (0.1, 0.01)}
+"""How far off, in metres and radians, those that look may be after a dozen scans, 9 m."""
+
+
+@pytest.fixture(params=ODOMETRIES.names())
+def name(request):
+    if ODOMETRIES.missing(request.param):
+        pytest.skip(ODOMETRIES.missing(request.param))
+    return request.param
+
+
+@pytest.fixture
+def odometry(name):
+    return ODOMETRIES.make(name)
+
+
+def run(odometry, inputs):
+    return [odometry.update(scan, imu) for scan, imu in inputs]
+
+
+def check_finite(estimates):
+    for told in estimates:
+        matrix = told.start_from_lidar.matrix
+        assert np.isfinite(matrix).all()
+        assert np.abs(matrix[:3, :3] @ matrix[:3, :3].T - np.eye(3)).max() < 1e-9
+        assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1)
+        assert np.isfinite(told.covariance).all()
+        assert np.linalg.eigvalsh(told.covariance)[0] > -1e-9 * (1 + told.covariance.max())
+
+
+def test_constructor_is_keyword_only_with_defaults(name):
+    for parameter in inspect.signature(ODOMETRIES.resolve(name).factory).parameters.values():
+        assert parameter.kind is parameter.KEYWORD_ONLY
+        assert parameter.default is not parameter.empty
+
+
+def test_meets_the_protocol(odometry):
+    assert isinstance(odometry, Odometry)
+
+
+def test_answers_each_scan_with_a_proper_pose(odometry):
+    _, inputs = driven()
+    told = run(odometry, inputs)
+    check_finite(told)
+    for (scan, _), each in zip(inputs, told, strict=True):
+        assert isinstance(each, OdometryEstimate)
+        assert each.stamp_s == scan.stamp_s
+        assert each.dynamic.shape == (len(scan),)
+    assert np.allclose(told[0].start_from_lidar.matrix, np.eye(4))
+
+
+def test_follows_a_drive(name, odometry):
+    if name not in FOLLOW:
+        pytest.skip("does not look at scans")
+    drive, inputs = driven()
+    told = run(odometry, inputs)
+    away_m, turned = offset(told[-1], drive.pose(inputs[-1][0].stamp_s))
+    assert all(each.ok for each in told)
+    assert away_m < FOLLOW[name][0]
+    assert turned < FOLLOW[name][1]
+
+
+def test_reset_forgets(odometry):
+    _, inputs = driven(6)
+    first = run(odometry, inputs)
+    run(odometry, driven(4, 3.0)[1])
+    odometry.reset()
+    assert run(odometry, inputs) == first
+
+
+def test_same_input_same_output_and_input_is_left_alone(name, odometry):
+    _, inputs = driven(6)
+    before = copy.deepcopy(inputs)
+    first = run(odometry, inputs)
+    assert inputs == before
+    assert run(ODOMETRIES.make(name), inputs) == first
+
+
+def test_needs_no_imu(odometry):
+    _, inputs = driven(6)
+    check_finite(run(odometry, [(scan, None) for scan, _ in inputs]))
+
+
+def test_takes_the_mounting_of_the_imu(name, odometry):
+    _, inputs = driven(8)
+    turned = Pose.from_euler(0, 0, 0, yaw=1.0, pitch=0.2, roll=-2.0)
+    mounted = [
+        (s, replace(i, angular_velocity=turned.inverse().apply(i.angular_velocity),
+                    specific_force=turned.inverse().apply(i.specific_force)))
+        for s, i in inputs
+    ]  # fmt: skip
+    level = run(odometry, inputs)
+    odometry.reset(turned)
+    for one, other in zip(level, run(odometry, mounted), strict=True):
+        same = np.abs(one.start_from_lidar.matrix - other.start_from_lidar.matrix)
+        assert same.max() < 1e-3
+
+
+POOR = {
+    "empty": emptied,
+    "one ring": lambda scan: kept(scan, scan.ring == 8),
+    "few points": lambda scan: kept(scan, np.arange(len(scan)) % 400 == 0),
+}
+
+
+@pytest.mark.parametrize("kind", POOR)
+def test_poor_scans_are_told_and_passed_over(name, odometry, kind):
+    drive, inputs = driven(14)
+    told = run(odometry, [(POOR[kind](s) if 5 <= k < 7 else s, i)
+                          for k, (s, i) in enumerate(inputs)])  # fmt: skip
+    check_finite(told)
+    if name not in READ_NO_SCANS:
+        assert [each.ok for each in told[4:8]] == [True, False, False, True]
+        assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < FOLLOW[name][0]
+
+
+@pytest.mark.parametrize("kind", POOR)
+def test_a_poor_first_scan_is_survived(name, odometry, kind):
+    _, inputs = driven(8)
+    told = run(odometry, [(POOR[kind](inputs[0][0]), inputs[0][1]), *inputs[1:]])
+    check_finite(told)
+    if name not in READ_NO_SCANS:
+        assert [told[0].ok, told[-1].ok] == [False, True]
+
+
+def test_points_that_are_no_numbers_are_passed_over(odometry):
+    _, inputs = driven(6)
+    spoilt = copy.deepcopy(inputs)
+    for scan, _ in spoilt:
+        scan.points[::7] = np.nan
+        scan.points[3::11] = np.inf
+    check_finite(run(odometry, spoilt))
+    spoilt[-1][0].points[:] = np.nan
+    check_finite(run(odometry, spoilt))
+
+
+@pytest.mark.parametrize("stamps", [(5, 5), (5, 3), (5, float("nan"))])
+def test_stamps_that_do_not_advance_are_told(name, odometry, stamps):
+    drive, inputs = driven(12)
+    again = [kept(inputs[5][0], slice(None), stamp_s=0.05 + 0.1 * stamps[1])]
+    told = run(odometry, [*inputs[:6], (again[0], None), *inputs[6:]])
+    check_finite(told)
+    assert not told[6].ok
+    assert told[-1].ok
+    if name not in READ_NO_SCANS:
+        assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < FOLLOW[name][0]
+
+
+def test_a_dropped_second_is_told_and_made_up_for(name, odometry):
+    drive, inputs = driven(26)
+    told = run(odometry, inputs[:6] + inputs[16:])
+    check_finite(told)
+    assert not told[6].ok
+    assert all(each.ok for each in told[8:]) or name == "dead-reckoning"
+    if name == "voxel-map":
+        assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < 0.3
+
+
+@pytest.mark.parametrize("fault", ["gap", "nan", "backward"])
+def test_a_faulty_imu_leaves_poses_finite(name, odometry, fault):
+    drive, inputs = driven(14)
+    told = run(odometry, [(s, broken(i, fault) if 5 <= k < 8 else i)
+                          for k, (s, i) in enumerate(inputs)])  # fmt: skip
+    check_finite(told)
+    assert told[-1].ok
+    if name == "dead-reckoning":
+        assert not all(each.ok for each in told[5:9])
+    elif name not in READ_NO_IMU:
+        assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < FOLLOW[name][0]
+
+
+def broken(imu, fault):
+    if fault == "gap":
+        return ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
+    if fault == "backward":
+        return replace(imu, stamps_s=imu.stamps_s[::-1])
+    spoilt = copy.deepcopy(imu)
+    spoilt.angular_velocity[:] = np.nan
+    return spoilt
+
+
+def test_ten_times_the_noise_leaves_poses_finite(odometry):
+    loud = Drive(noise_m=0.3)
+    check_finite(run(odometry, [(loud.scan(k), loud.imu(k)) for k in range(8)]))

@@ -1,0 +1,109 @@
+"""A street of boxes, driven through at constant speed and turn rate, with scans and IMU."""
+
+from functools import cache
+
+import numpy as np
+
+from roadscope.core import ImuSamples, LidarScan
+from roadscope.odometry.rigid import exp_se3
+
+ELEVATIONS = np.deg2rad(np.arange(-15, 16, 2.0))
+COLUMNS, PERIOD_S, HEIGHT_M, RATE_HZ = 360, 0.1, 1.9, 400
+GRAVITY_M_S2 = 9.81
+
+
+@cache
+def street(seed=0):
+    """Centres and half sizes, (B, 3), of houses, poles and bins on both sides of a road."""
+    rng = np.random.default_rng(seed)
+    houses = [(x, s * rng.uniform(12, 16), 3, rng.uniform(3, 6), 3, 6) for s in (-1, 1)
+              for x in np.arange(-40, 80, 14.0)]  # fmt: skip
+    poles = [(x + rng.uniform(-3, 3), s * 8, 3, 0.1, 0.1, 4) for s in (-1, 1)
+             for x in np.arange(-40, 80, 17.0)]  # fmt: skip
+    boxes = np.array(houses + poles)
+    return boxes[:, :3], boxes[:, 3:]
+
+
+def ranges(origins, ways):
+    """Distance along (N, 3) unit rays to ground or boxes; inf where there is nothing."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ground = np.where(ways[:, 2] < 0, -origins[:, 2] / ways[:, 2], np.inf)
+        centres, halves = street()
+        low = (centres - halves - origins[:, None]) / ways[:, None]
+        high = (centres + halves - origins[:, None]) / ways[:, None]
+        enter = np.minimum(low, high).max(axis=2)
+        leave = np.maximum(low, high).min(axis=2)
+    hit = np.where((enter <= leave) & (enter > 0), enter, np.inf)
+    return np.minimum(ground, hit.min(axis=1))
+
+
+class Drive:
+    """Constant speed and turn rate; every scan a full turn of 16 beams around its stamp."""
+
+    def __init__(self, speed_m_s=8.0, yaw_rate_rad_s=0.1, noise_m=0.01, seed=0):
+        self.twist = np.array([speed_m_s, 0, 0, 0, 0, yaw_rate_rad_s])
+        self.noise_m, self.seed = noise_m, seed
+
+    def pose(self, stamp_s):
+        """`start_from_lidar` at a stamp; the first scan's is 0.05 s."""
+        return exp_se3(self.twist * (stamp_s - 0.05))
+
+    def scan(self, k):
+        rng = np.random.default_rng([self.seed, k])
+        stamp_s = 0.05 + PERIOD_S * k
+        offsets = (np.arange(COLUMNS) + 0.5) / COLUMNS * PERIOD_S - PERIOD_S / 2
+        azimuths = -np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)
+        poses = np.array([self.pose(stamp_s + t) for t in offsets])
+        column, ring = (a.ravel() for a in np.meshgrid(
+            np.arange(COLUMNS), np.arange(16), indexing="ij"))  # fmt: skip
+        flat = np.cos(ELEVATIONS[ring])
+        ways = np.column_stack([
+            flat * np.cos(azimuths[column]), flat * np.sin(azimuths[column]),
+            np.sin(ELEVATIONS[ring])])  # fmt: skip
+        origins = poses[column, :3, 3] + [0, 0, HEIGHT_M]
+        reach = ranges(origins, np.einsum("nij,nj->ni", poses[column, :3, :3], ways))
+        reach = reach + self.noise_m * rng.standard_normal(len(reach))
+        seen = reach < 80
+        n = int(seen.sum())
+        return LidarScan(
+            (reach[seen, None] * ways[seen]).astype(np.float32), np.full(n, 0.5), ring[seen],
+            column[seen], offsets[column[seen]], stamp_s, "lidar",
+        )  # fmt: skip
+
+    def imu(self, k, bias=(0.0, 0.0, 0.0)):
+        """Samples from the end of scan k - 1 to that of scan k."""
+        stamps = np.arange(round(PERIOD_S * RATE_HZ)) / RATE_HZ + PERIOD_S * k
+        speed, rate = self.twist[0], self.twist[5]
+        n = len(stamps)
+        return ImuSamples(
+            stamps, np.tile([0, 0, rate], (n, 1)) + bias,
+            np.tile([0, speed * rate, GRAVITY_M_S2], (n, 1)),
+        )  # fmt: skip
+
+
+@cache
+def moment(speed_m_s, k):
+    drive = Drive(speed_m_s)
+    return drive.scan(k), drive.imu(k)
+
+
+def driven(scans=12, speed_m_s=8.0):
+    """A drive with its scans and IMU blocks, which are kept: tests leave them alone."""
+    return Drive(speed_m_s), [moment(speed_m_s, k) for k in range(scans)]
+
+
+def emptied(scan):
+    return kept(scan, np.zeros(len(scan), bool))
+
+
+def kept(scan, rows, **changes):
+    arrays = {name: getattr(scan, name)[rows]
+              for name in ("points", "intensity", "ring", "column", "time_offset_s")}  # fmt: skip
+    return LidarScan(**arrays, stamp_s=changes.get("stamp_s", scan.stamp_s), sensor=scan.sensor)
+
+
+def offset(estimate, truth):
+    """Metres and radians between an estimate and a (4, 4) truth."""
+    rest = np.linalg.inv(truth) @ estimate.start_from_lidar.matrix
+    turn = np.arccos(np.clip((np.trace(rest[:3, :3]) - 1) / 2, -1, 1))
+    return float(np.linalg.norm(rest[:3, 3])), float(turn)
