@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, ImageDetections
+from roadscope.core.checks import require
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
@@ -17,6 +18,7 @@ class UnionFusion:
 
     def __init__(self, *, least_iou: float = 0.3) -> None:
         """Take the overlap from which boxes match."""
+        require(0 < least_iou < 1, self, "least_iou", "between 0 and 1", least_iou)
         self.least_iou = least_iou
 
     def reset(self) -> None:
@@ -61,6 +63,7 @@ class BayesFusion(UnionFusion):
     def __init__(self, *, least_iou: float = 0.3, prior: float = 0.5) -> None:
         """Take the overlap from which boxes match, and the share of candidates that are targets."""
         super().__init__(least_iou=least_iou)
+        require(0 < prior < 1, self, "prior", "between 0 and 1", prior)
         self.prior = prior
 
     def _score(self, lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:

@@ -128,9 +128,11 @@ def _agreeing(
         near = distances_px(solve_linear(points[chosen], pixels[chosen]), points, pixels) < gate_px
         if near.sum() > best.sum():
             best = near
-    if best.sum() < LEAST_POINTS:
+    # Any six points have a matrix of their own.
+    if 2 * best.sum() <= len(points):
         raise CalibrationError(
-            f"no camera explains {LEAST_POINTS} of the {len(points)} points to {gate_px} pixels"
+            f"no camera explains more than half of the {len(points)} points to {gate_px} pixels; "
+            f"at best {best.sum()} of them"
         )
     return best
 

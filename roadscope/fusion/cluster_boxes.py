@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from roadscope.core import Category, Detections, Frame
+from roadscope.core.checks import require
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.dbscan import cluster_dbscan
 from roadscope.detectors.drops import without_faint
@@ -30,6 +31,9 @@ class ClusterBoxes:
         faint: float = 0.01,
     ) -> None:  # fmt: skip
         """Set DBSCAN, the least score that is reported, and how faint drops of fog are."""
+        require(0 < eps_m < np.inf, self, "eps_m", "a positive distance", eps_m)
+        require(min_points >= 1, self, "min_points", "at least 1", min_points)
+        require(0 <= min_score <= 1, self, "min_score", "a score in 0 to 1", min_score)
         self.eps_m = eps_m
         self.min_points = min_points
         self.min_score = min_score

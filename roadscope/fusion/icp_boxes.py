@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, ImageDetections
+from roadscope.core.checks import require
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views
@@ -22,6 +23,8 @@ class IcpBoxFusion(ImageFirstFusion):
     def __init__(self, *, gate: float = 0.5, turns: int = 10) -> None:
         """Take the gate, in widths of the camera's box, and the greatest number of turns."""
         super().__init__()
+        require(0 < gate < np.inf, self, "gate", "positive widths", gate)
+        require(turns >= 0, self, "turns", "a number from 0 up", turns)
         self.gate = gate
         self.turns = turns
 

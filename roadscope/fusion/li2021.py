@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, ImageDetections
+from roadscope.core.checks import require
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
@@ -20,6 +21,8 @@ class Li2021Fusion:
         self, *, threshold_1: float = 0.2, threshold_2: float = 0.3, evidence: bool = True
     ) -> None:
         """Take both overlap thresholds (5.1); without `evidence` the camera's masses stand."""
+        for name, value in (("threshold_1", threshold_1), ("threshold_2", threshold_2)):
+            require(0 <= value < 1, self, name, "a share from 0 to below 1", value)
         self.threshold_1 = threshold_1
         self.threshold_2 = threshold_2
         self.evidence = evidence

@@ -84,3 +84,10 @@ def test_what_determines_nothing_is_refused() -> None:
         calibrate(points, truth.project(points)[0] * np.nan, 1280, 960)
     with pytest.raises(CalibrationError, match="no camera explains"):
         calibrate(points, rng.uniform(0, 1000, (15, 2)), 1280, 960, gate_px=1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_points_that_have_nothing_to_do_with_one_another_have_no_camera(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    with pytest.raises(CalibrationError, match="more than half of the 21 points"):
+        calibrate(rng.uniform(2, 9, (21, 3)), rng.uniform(0, 600, (21, 2)), 640, 480)

@@ -6,6 +6,7 @@ import pytest
 from roadscope.core import Category, Detections, ImageDetections, Pose, RecordError
 from roadscope.core.projection import Projection
 from roadscope.fusion import FUSIONS
+from roadscope.fusion.cluster_boxes import ClusterBoxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(
@@ -70,3 +71,26 @@ def test_one_sensor_is_enough(name: str) -> None:
     assert alone.by_camera.all()
     assert alone.stamp_s == camera.stamp_s
     assert not FUSIONS.make(name).fuse(lidar, None, LOOK).by_camera.any()
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("li2021?threshold_1=1.5", r"threshold_1: expected a share from 0 to below 1, got 1\.5"),
+        ("li2021?threshold_2=-0.1", "threshold_2: expected a share"),
+        ("union?least_iou=0", "least_iou: expected between 0 and 1, got 0"),
+        ("bayes?prior=1", "prior: expected between 0 and 1, got 1"),
+        ("weighted-boxes?least_iou=2", "least_iou must be between 0 and 1"),
+        ("icp-boxes?gate=-1", "gate: expected positive widths, got -1"),
+        ("icp-boxes?turns=-1", "turns: expected a number from 0 up, got -1"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(spec: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        FUSIONS.make(spec)
+
+
+@pytest.mark.parametrize("setting", [{"eps_m": 0.0}, {"min_points": 0}, {"min_score": 2.0}])
+def test_clusters_are_made_with_settings_that_make_sense(setting: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=f"{next(iter(setting))}: expected"):
+        ClusterBoxes(**setting)

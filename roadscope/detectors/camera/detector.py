@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from roadscope.detectors.camera.network import CentreNetwork
 
 PRECISIONS = ("float32", "bfloat16")
+DEVICES = ("cpu", "cuda")
 COARSEST = 32
 LARGEST_WIDTH = 960
 """Wider images are looked at with every second pixel row and column averaged, as often as needed:
@@ -60,6 +61,8 @@ class CameraDetector:
             raise ValueError(f"no precision {precision!r}; known: {', '.join(PRECISIONS)}")
         if threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads!r}")
+        if device.partition(":")[0] not in DEVICES:
+            raise ValueError(f"no device {device!r}; known: {', '.join(DEVICES)}")
         self.weights = Path(weights) if weights else SHIPPED
         self.min_score = min_score
         self.precision = precision
@@ -113,6 +116,8 @@ class CameraDetector:
     def _loaded(self) -> tuple[CentreNetwork, Calibration]:
         import torch
 
+        if self.device != "cpu" and not torch.cuda.is_available():
+            raise ValueError(f"torch finds no device {self.device!r} here; there is: cpu")
         network, calibration = load(self.weights)
         folded = network.folded(getattr(torch, self.precision))
         return folded.to(self.device), calibration

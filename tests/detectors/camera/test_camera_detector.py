@@ -77,11 +77,18 @@ def test_a_black_image_brings_a_warning(eager: Path) -> None:
         ({"min_score": 0.0}, "min_score must lie"),
         ({"precision": "int4"}, "no precision 'int4'; known: float32, bfloat16"),
         ({"threads": 0}, "threads must be at least 1"),
+        ({"device": "tpu"}, "no device 'tpu'; known: cpu, cuda"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         CameraDetector(**arguments)  # type: ignore[arg-type]
+
+
+def test_a_device_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    with pytest.raises(ValueError, match=r"no device 'cuda:1' here; there is: cpu"):
+        CameraDetector(device="cuda:1").detect(frame_of(noise(64, 64)))
 
 
 def test_missing_weights_are_named() -> None:
