@@ -25,11 +25,13 @@ class Item:
     """What came of one promise.
 
     words: what is wrong, or a remark.
+    times: how many promises it stands for.
     """
 
     promise: str
     good: bool
     words: str = ""
+    times: int = 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import multiprocessing
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
 from multiprocessing.connection import Connection
@@ -17,6 +18,8 @@ from roadscope.benchmarks.check import camera_detectors, detectors, fusions, off
 from roadscope.benchmarks.check.items import Item, Promise, PromiseError
 from roadscope.benchmarks.jobs.entries import in_images
 from roadscope.benchmarks.jobs.stack import EntryError, describe
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
+from roadscope.benchmarks.oracle import FUSED, full_name, made_from_truth
 from roadscope.core.names import unknown
 from roadscope.core.registry import Plugin, Registry, SpecError, split_spec
 from roadscope.detectors import DETECTORS
@@ -42,7 +45,8 @@ def check_plugin(
     """Look at everything that a detector, tracker or fusion promises.
 
     spec: a name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
-    deadline_s: for each promise; what takes longer hangs. Making our own part ready is not counted.
+    deadline_s: for each promise; what takes longer hangs. Making our own part ready is not
+        counted, and a plug-in of ours has at least the time for that: its first call compiles it.
     told: called with every item as it is known.
     """
     context = multiprocessing.get_context("spawn")
@@ -52,7 +56,7 @@ def check_plugin(
     theirs.close()
     items: list[Item] = []
     try:
-        for item in _heard(ours, child, deadline_s):
+        for item in _heard(ours, child, _patience_s(spec, deadline_s)):
             items.append(item)
             if told is not None:
                 told(item)
@@ -65,13 +69,21 @@ def check_plugin(
 
 def broken(items: Sequence[Item]) -> int:
     """Return how many items are wrong."""
-    return sum(not item.good for item in items)
+    return sum(item.times for item in items if not item.good)
 
 
 def line(item: Item) -> str:
     """Return an item as a line to print."""
     mark = "ok   " if item.good else "WRONG"
     return f"{mark}  {item.promise}" + (f": {item.words}" if item.words else "")
+
+
+def _patience_s(spec: str, deadline_s: float) -> float:
+    """Return the deadline of each promise of a plug-in, which is not loaded for that."""
+    name = full_name(spec.partition("?")[0])
+    targets = [registry.target(name) for registry, _ in KINDS if name in registry]
+    ours = any(target.startswith("roadscope.") for target in targets or [name])
+    return max(deadline_s, PATIENCE_S[READY]) if ours else deadline_s
 
 
 def _heard(ours: Connection, child: Any, deadline_s: float) -> Iterator[Item]:
@@ -97,8 +109,11 @@ def _heard(ours: Connection, child: Any, deadline_s: float) -> Iterator[Item]:
 
 
 def _look_at(spec: str, theirs: Connection) -> None:
-    """Look at all promises, in the child; a string says which is next, None that all are done."""
-    printed = io.StringIO()
+    """Look at all promises, in the child; a string says which is next, None that all are done.
+
+    What is wrong in the same words once more is counted, and told when all else is.
+    """
+    printed, wrong = io.StringIO(), Counter[str]()
     with redirect_stdout(printed):
         try:
             plugin, promises = load(spec)
@@ -113,10 +128,15 @@ def _look_at(spec: str, theirs: Connection) -> None:
                 promise.ready()
             theirs.send(promise.words)
             item = looked_at(promise, plugin)
-            theirs.send(item)
+            if item.good or item.words not in wrong:
+                theirs.send(item)
+            wrong.update([] if item.good else [item.words])
             # What cannot be made or called need not be asked for more.
             if not item.good and number < 2:
                 break
+    for words, times in wrong.items():
+        if times > 1:
+            theirs.send(Item(f"and {times - 1} more", False, f"the same: {words}", times - 1))
     theirs.send(_quiet(printed.getvalue()))
     theirs.send(None)
 
@@ -125,7 +145,7 @@ def looked_at(promise: Promise, plugin: Plugin[Any]) -> Item:
     """Look at one promise; whatever the plug-in raises is told."""
     try:
         return Item(promise.words, True, promise.look(plugin))
-    except PromiseError as error:
+    except (PromiseError, SpecError) as error:
         return Item(promise.words, False, str(error))
     except EntryError as error:
         return Item(promise.words, False, str(error).removeprefix(f"{plugin.spec}: "))
@@ -138,7 +158,12 @@ def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
 
     A class with detect() is taken for a LiDAR's detector, unless `in_images` says otherwise.
     """
+    spec = full_name(spec)
     name, _ = split_spec(spec)
+    if name == FUSED:
+        raise PromiseError("it joins two detectors by a fusion; check each of the three")
+    if made_from_truth(name) or name in CAMERA_NOISES:
+        raise PromiseError("it is made from the truth and is no plug-in: it promises nothing")
     for registry, promises in KINDS:
         if name in registry:
             found = registry.resolve(spec)
@@ -148,6 +173,12 @@ def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
         raise SpecError(
             unknown("tracker or detector", name, known)
             + "; or name your own: package.module:Class, path/to/file.py:Class"
+        )
+    place, _, _ = name.rpartition(":")
+    if ":" in place and not place.endswith(".py"):
+        raise SpecError(
+            f"'{name}' has more than one colon; possible: package.module:Class, "
+            "path/to/file.py:Class"
         )
     plugin: Plugin[Any] = TRACKERS.resolve(spec)
     if hasattr(plugin.factory, "update"):

@@ -26,6 +26,8 @@ from roadscope.benchmarks.check.plugin import (
     load,
     looked_at,
 )
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
+from roadscope.benchmarks.oracle import CLUSTER_BOXES, FUSED, ORACLE
 from roadscope.core.registry import SpecError
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import FUSIONS
@@ -176,6 +178,33 @@ def test_kinds_are_told_apart() -> None:
         load("utmost")
     with pytest.raises(SpecError, match="no class 'Best' in"):
         load(f"{TRACKERS}:Best")
+    with pytest.raises(SpecError, match=r"'mine\.py:X:Y' has more than one colon; possible: pack"):
+        load("mine.py:X:Y")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (ORACLE, "made from the truth and is no plug-in"),
+        ("noisy?miss=0.2", "made from the truth and is no plug-in"),
+        (next(iter(CAMERA_NOISES)), "made from the truth and is no plug-in"),
+        (f"{FUSED}?lidar=pag", "check each of the three"),
+    ],
+)
+def test_what_is_listed_but_no_plug_in_is_said_to_be_none(name: str, words: str) -> None:
+    with pytest.raises(PromiseError, match=words):
+        load(name)
+
+
+def test_detectors_that_only_suites_name_can_be_looked_at() -> None:
+    assert load(CLUSTER_BOXES)[1] is detectors.PROMISES
+
+
+def test_a_wrong_argument_is_told_without_where_it_was_raised() -> None:
+    found = looked_at(trackers.PROMISES[0], TRACKERS_OF_OURS.resolve("gnn?foo=1"))
+    assert not found.good
+    assert found.words.startswith("'gnn?foo=1': got an unexpected keyword argument 'foo'; its arg")
+    assert ".py:" not in found.words
 
 
 def test_all_of_it_in_a_process_of_its_own() -> None:
@@ -209,6 +238,42 @@ def test_what_cannot_be_loaded_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     pipe = type("Pipe", (), {"send": staticmethod(sent.append)})
     plugin._look_at("no_such_file.py:Mine", pipe)  # type: ignore[arg-type]
     assert sent == [Item(LOADED, False, "no file no_such_file.py"), None]
+
+
+def test_what_is_wrong_everywhere_is_told_once_with_the_count(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def wrong(_: object) -> str:
+        raise PromiseError("it raises")
+
+    promises = [Promise(f"promise {k}", wrong if k > 1 else lambda _: "") for k in range(5)]
+    sent = list[Any]()
+    monkeypatch.setattr(plugin, "load", lambda spec: (TRACKERS_OF_OURS.resolve("gnn"), promises))
+    monkeypatch.setattr(plugin, "_kind", lambda promises: "a tracker")
+    plugin._look_at("gnn", type("Pipe", (), {"send": staticmethod(sent.append)}))  # type: ignore[arg-type]
+    items = [each for each in sent if isinstance(each, Item)]
+    assert [each for each in items if not each.good] == [
+        Item("promise 2", False, "it raises"),
+        Item("and 2 more", False, "the same: it raises", 2),
+    ]
+    assert plugin.broken(items) == 3
+
+
+@pytest.mark.parametrize(
+    ("spec", "ours"),
+    [
+        ("long-range", True),
+        ("long-range?fit=body", True),
+        (CLUSTER_BOXES, True),
+        ("roadscope.fusion.baselines:UnionFusion", True),
+        (f"{TRACKERS}:Hangs", False),
+        ("utmost", False),
+        ("?", False),
+    ],
+)
+def test_ours_are_given_the_time_that_compiling_takes(spec: str, ours: bool) -> None:
+    assert plugin._patience_s(spec, 2.0) == (PATIENCE_S[READY] if ours else 2.0)
+    assert plugin._patience_s(spec, 1e4) == 1e4
 
 
 def test_what_ours_compile_is_not_held_against_a_plug_in(monkeypatch: pytest.MonkeyPatch) -> None:
