@@ -80,7 +80,8 @@ def note_of(experiment: str) -> str | None:
         return "The printed LiDAR row of the car sums to 0.993; 0.693 is read as 0.700."
     return (
         "The camera's detections are an imitation made from truth (noisy-camera). Every method is "
-        "shown from the score on at which it has half a false alarm a scan, in each condition. 'icp-boxes' stands for the paper's reference 6."
+        "shown from the score on at which it has half a false alarm a scan, in each condition. "
+        "'icp-boxes' stands for the paper's reference 6."
     )
 
 
