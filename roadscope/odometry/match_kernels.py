@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.odometry.voxel_kernels import EMPTY, SIZES_M, Voxels, key_of, slot_of
+from roadscope.odometry.voxel_kernels import EMPTY, SIZES_M, Index, Voxels, key_of, slot_of
 
 
 @compiled()
@@ -61,7 +61,7 @@ def normal_equations(
 
 
 @compiled()
-def surface_at(voxels: Voxels, x: float, y: float, z: float) -> int:
+def surface_at(voxels: Voxels, x: float, y: float, z: float) -> Index:
     """Return the slot of the largest voxel around a place that has a surface; -1 if none has."""
     for up in range(len(SIZES_M)):
         key = key_of(x, y, z, len(SIZES_M) - 1 - up)

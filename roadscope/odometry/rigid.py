@@ -25,7 +25,7 @@ def exp_so3(turn: np.ndarray) -> np.ndarray:
     angle = math.sqrt(float(turn @ turn))
     across = hat(turn)
     if angle < SMALL:
-        return np.eye(3) + across
+        return np.asarray(np.eye(3) + across)
     sine, cosine = math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2
     turned: np.ndarray = np.eye(3) + sine * across + cosine * (across @ across)
     return turned
@@ -84,7 +84,7 @@ def _left(turn: np.ndarray) -> np.ndarray:
     angle = math.sqrt(float(turn @ turn))
     across = hat(turn)
     if angle < 1e-4:
-        return np.eye(3) + across / 2 + across @ across / 6
+        return np.asarray(np.eye(3) + across / 2 + across @ across / 6)
     once = (1 - math.cos(angle)) / angle**2
     twice = (angle - math.sin(angle)) / angle**3
     bent: np.ndarray = np.eye(3) + once * across + twice * (across @ across)

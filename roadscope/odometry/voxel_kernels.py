@@ -12,6 +12,7 @@ from roadscope.odometry.eigen_kernels import eigen3
 SIZES_M = (0.5, 1.0, 2.0)
 EMPTY = -1
 BITS, HALF = 20, 1 << 19
+Index = int | np.signedinteger
 LEAST = 5
 """Points from which a voxel has a surface."""
 MOST = 400.0
@@ -60,7 +61,7 @@ def empty_voxels(slots: int) -> Voxels:
 
 
 @compiled()
-def key_of(x: float, y: float, z: float, level: int) -> int:
+def key_of(x: float, y: float, z: float, level: int) -> Index:
     """Return the key of the voxel of a level that holds a point; negative if it is too far off."""
     size = SIZES_M[level]
     i = np.int64(np.floor(x / size)) + HALF
@@ -72,7 +73,7 @@ def key_of(x: float, y: float, z: float, level: int) -> int:
 
 
 @compiled()
-def slot_of(keys: np.ndarray, key: int) -> int:
+def slot_of(keys: np.ndarray, key: Index) -> Index:
     """Return the slot that holds a key, or the free one where it belongs."""
     mask = len(keys) - 1
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
@@ -103,13 +104,13 @@ def insert(voxels: Voxels, points: np.ndarray) -> None:
 
 
 @compiled()
-def _centre(key: int, axis: int) -> float:
+def _centre(key: Index, axis: int) -> float:
     size = SIZES_M[key >> 3 * BITS]
     return (((key >> (2 - axis) * BITS) & (2 * HALF - 1)) - HALF + 0.5) * size
 
 
 @compiled()
-def _add(voxels: Voxels, slot: int, key: int, point: np.ndarray) -> None:
+def _add(voxels: Voxels, slot: Index, key: Index, point: np.ndarray) -> None:
     x, y, z = point[0] - _centre(key, 0), point[1] - _centre(key, 1), point[2] - _centre(key, 2)
     if voxels.counts[slot] >= MOST:
         voxels.counts[slot] *= 0.5
@@ -131,7 +132,7 @@ def _add(voxels: Voxels, slot: int, key: int, point: np.ndarray) -> None:
 
 @compiled()
 def _fit(
-    voxels: Voxels, slot: int, key: int, room: tuple[np.ndarray, np.ndarray, np.ndarray]
+    voxels: Voxels, slot: Index, key: Index, room: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> None:
     """Find how the points of a voxel lie, and along which axes that holds others in place."""
     matrix, values, vectors = room
