@@ -15,6 +15,7 @@ from roadscope.commands.leaderboard import leaderboard
 from roadscope.commands.list import list_names
 from roadscope.commands.reproduce import reproduce
 from roadscope.commands.run import run_scenario
+from roadscope.commands.run_odometry import run_odometry
 from roadscope.commands.speed import speed
 from roadscope.commands.terminal import complain
 from roadscope.commands.train import train
@@ -37,6 +38,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., None], str]] = {
     "leaderboard": (leaderboard, 'roadscope leaderboard --entry "my_tracker.py:Mine?gate_m=2.5"'),
     "check": (check, "roadscope check my_tracker.py:Mine"),
     "calibrate": (calibrate, "roadscope calibrate --rig li2021 --poses 20 --out calibration.json"),
+    "run-odometry": (run_odometry, "roadscope run-odometry scans --out poses.txt"),
     "reproduce": (reproduce, "roadscope reproduce lu2018 --out results"),
     "speed": (speed, "roadscope speed detectors --out results"),
     "train": (train, "roadscope train camera --out my_network.safetensors"),

@@ -14,7 +14,8 @@ def list_names(
         str | None,
         typer.Argument(
             help="detectors, stages (of detectors), camera-detectors, fusions, trackers, "
-            "odometries, scenarios, suites, rigs, sensors, weathers, lights or faults; all if left out."
+            "odometries, scenarios, suites, rigs, sensors, weathers, lights or faults; "
+            "all if left out."
         ),
     ] = None,
 ) -> None:

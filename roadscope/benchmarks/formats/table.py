@@ -104,15 +104,16 @@ def read_table(
     *,
     separator: str | None = None,
     least: int | None = None,
+    comment: str | None = None,
 ) -> Table:
     """Read lines of the named columns; an empty file is a table without rows.
 
-    separator: None for white space.
+    separator: None for white space. comment: what lines that are passed over begin with.
     least: columns that must be there when the last ones may be missing, the same in all lines.
     """
     rows, lines = [], []
     for number, line in enumerate(read_lines(path), start=1):
-        if not line.strip():
+        if not line.strip() or (comment and line.lstrip().startswith(comment)):
             continue
         rows.append([field.strip() for field in line.strip().split(separator)])
         lines.append(number)

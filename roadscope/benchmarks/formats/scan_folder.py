@@ -1,0 +1,147 @@
+"""Folders of scans, one file each: KITTI's `.bin`, `.pcd`, `.npy`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.formats.pcd import read_pcd
+from roadscope.benchmarks.formats.scan_layout import rings_and_columns
+from roadscope.benchmarks.formats.table import FormatError, read_table
+from roadscope.core import LidarScan
+from roadscope.core.scan import FARTHEST_M
+
+SUFFIXES = (".bin", ".pcd", ".npy")
+TIMES = "times.txt"
+TIME_FIELDS = ("time", "t", "timestamp", "offset_time", "time_offset_s")
+"""What drivers call a point's time."""
+INTENSITY_FIELDS = ("intensity", "i", "reflectivity")
+COLUMNS = "x y z [intensity [time in seconds]]"
+
+
+@dataclass(frozen=True, slots=True)
+class ScanFolder:
+    """Files of scans, in order, and when each was taken.
+
+    stamps_s: as many; from `times.txt`, one number a line, or at `rate_hz`.
+    """
+
+    files: tuple[Path, ...]
+    stamps_s: tuple[float, ...]
+    rate_hz: float
+
+    @staticmethod
+    def find(folder: Path | str, *, rate_hz: float = 10.0) -> ScanFolder:
+        """Take a folder of scans of one kind; others are refused with what was found."""
+        root = Path(folder)
+        if not root.is_dir():
+            raise FormatError(f"{root}: no such folder; expected one with {', '.join(SUFFIXES)}")
+        if not rate_hz > 0:
+            raise FormatError(f"a rate is above 0 Hz, got {rate_hz}")
+        files = sorted((p for p in root.iterdir() if p.suffix in SUFFIXES), key=_order)
+        if not files:
+            seen = ", ".join(sorted(p.name for p in root.iterdir())[:8]) or "nothing"
+            raise FormatError(f"{root}: expected files {', '.join(SUFFIXES)}, got {seen}")
+        kinds = sorted({p.suffix for p in files})
+        if len(kinds) > 1:
+            raise FormatError(f"{root}: expected scans of one kind, got {' and '.join(kinds)}")
+        stamps = _stamps(root, len(files), rate_hz)
+        return ScanFolder(tuple(files), stamps, rate_hz)
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def __iter__(self) -> Iterator[LidarScan]:
+        for path, stamp_s in zip(self.files, self.stamps_s, strict=True):
+            yield read_scan(path, stamp_s)
+
+
+def read_scan(path: Path, stamp_s: float) -> LidarScan:
+    """Read a scan; its points' times, where it has any, are told from the middle of the sweep.
+
+    Without times the scan is taken as seen all at once, as one is whose own motion has been taken
+    out. Points that are no numbers, as drivers write for rays without a return, are left out.
+    """
+    rows = _pcd_rows(path) if path.suffix == ".pcd" else _rows(path)
+    near = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & rows[:, :3].any(axis=1)
+    rows = rows[near & np.isfinite(rows).all(axis=1)]
+    points = rows[:, :3].astype(np.float32)
+    ring, column = rings_and_columns(points)
+    intensity = rows[:, 3] / max(1.0, float(rows[:, 3].max(initial=0)))
+    return LidarScan(
+        points, np.clip(intensity, 0, 1), ring, column, _offsets(path, rows[:, 4]), stamp_s,
+        "lidar",
+    )  # fmt: skip
+
+
+def _rows(path: Path) -> np.ndarray:
+    """Return (N, 5) x y z intensity time of a `.bin` or `.npy`."""
+    if path.suffix == ".bin":
+        return _filled(_bin(path))
+    try:
+        given = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise FormatError(f"{path}: expected an array saved by numpy, got: {error}") from error
+    if not isinstance(given, np.ndarray) or given.ndim != 2 or not 3 <= given.shape[1] <= 5:
+        raise FormatError(f"{path}: expected an array (N, 3) to (N, 5) of {COLUMNS}, got "
+                          f"{getattr(given, 'shape', type(given).__name__)}")  # fmt: skip
+    if given.dtype.kind not in "fiu":
+        raise FormatError(f"{path}: expected numbers, got {given.dtype}")
+    return _filled(given)
+
+
+def _bin(path: Path) -> np.ndarray:
+    size = path.stat().st_size
+    if size % 16:
+        raise FormatError(f"{path}: expected float32 x y z intensity, 16 bytes a point, "
+                          f"got {size} bytes")  # fmt: skip
+    return np.fromfile(path, "<f4").reshape(-1, 4)
+
+
+def _pcd_rows(path: Path) -> np.ndarray:
+    fields = read_pcd(path)
+    rows = np.zeros((len(fields["x"]), 5))
+    for column, names in enumerate([("x",), ("y",), ("z",), INTENSITY_FIELDS, TIME_FIELDS]):
+        name = next((n for n in names if n in fields), None)
+        if name is not None:
+            rows[:, column] = fields[name]
+    return rows
+
+
+def _filled(given: np.ndarray) -> np.ndarray:
+    rows = np.zeros((len(given), 5))
+    rows[:, : given.shape[1]] = given
+    return rows
+
+
+def _offsets(path: Path, times: np.ndarray) -> np.ndarray:
+    """Return seconds about the middle of the sweep; nanoseconds and microseconds are told apart."""
+    if not len(times) or times.max() == times.min():
+        return np.zeros(len(times))
+    length = float(times.max() - times.min())
+    unit = next((u for u in (1.0, 1e-3, 1e-6, 1e-9) if 0.005 <= length * u <= 1.0), None)
+    if unit is None:
+        raise FormatError(
+            f"{path}: expected times of points over 5 ms to 1 s, in seconds or milli-, micro- or "
+            f"nanoseconds, got {length:g} from first to last"
+        )
+    offsets: np.ndarray = (times - (times.max() + times.min()) / 2) * unit
+    return offsets
+
+
+def _stamps(root: Path, count: int, rate_hz: float) -> tuple[float, ...]:
+    path = next((p for p in (root / TIMES, root.parent / TIMES) if p.is_file()), None)
+    if path is None:
+        return tuple(k / rate_hz for k in range(count))
+    table = read_table(path, ("seconds",))
+    if len(table) != count:
+        raise FormatError(f"{path}: expected {count} lines, one a scan, got {len(table)}")
+    return tuple(table.numbers(0, 1)[:, 0].tolist())
+
+
+def _order(path: Path) -> tuple[int, str]:
+    """Numbers count, so that 10 comes after 9."""
+    return (int(path.stem), "") if path.stem.isdigit() else (-1, path.name)

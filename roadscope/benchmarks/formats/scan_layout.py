@@ -1,0 +1,24 @@
+"""Beam and azimuth step of points whose file does not tell them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+STEP = np.deg2rad(0.2)
+"""Azimuth steps of a common turn rate."""
+BEAM = np.deg2rad(0.4)
+"""Elevations this near are one beam: HDL-64E's lie 0.33 to 0.5 degrees apart."""
+
+
+def rings_and_columns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N,) bands of elevation, 0 the lowest, and azimuth steps, of (N, 3) points.
+
+    Bands stand for beams. Beams of one band may be two of the sensor; none is lost.
+    """
+    if not len(points):
+        return np.zeros(0, np.int16), np.zeros(0, np.int32)
+    x, y, z = points.T.astype(np.float64)
+    elevation = np.arctan2(z, np.hypot(x, y))
+    band = np.floor((elevation - elevation.min()) / BEAM)
+    column = np.floor((np.pi - np.arctan2(y, x)) / STEP)
+    return band.astype(np.int16), column.astype(np.int32)

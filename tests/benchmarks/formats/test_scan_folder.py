@@ -1,0 +1,120 @@
+"""Scans from files: all kinds bring the same points, malformed ones are refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.formats.pcd import read_pcd
+from roadscope.benchmarks.formats.scan_folder import ScanFolder, read_scan
+from roadscope.benchmarks.formats.table import FormatError
+
+ROWS = np.random.default_rng(0).uniform(1, 30, (40, 5)).astype(np.float32)
+ROWS[:, 3] /= 30
+ROWS[:, 4] = np.linspace(0.0, 0.1, 40)
+
+
+def pcd(data, rows=ROWS, fields="x y z intensity t", size="4 4 4 4 4", kind="F F F F F"):
+    head = (
+        f"# .PCD v0.7\nVERSION 0.7\nFIELDS {fields}\nSIZE {size}\nTYPE {kind}\nCOUNT 1 1 1 1 1\n"
+        f"WIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(rows)}\nDATA {data}\n"
+    ).encode()
+    if data == "binary":
+        return head + rows.astype("<f4").tobytes()
+    return head + "".join(" ".join(f"{v:.9g}" for v in row) + "\n" for row in rows).encode()
+
+
+def write(folder, kind):
+    if kind == "bin":
+        ROWS[:, :4].tofile(folder / "7.bin")
+        return folder / "7.bin"
+    if kind == "npy":
+        np.save(folder / "7.npy", ROWS)
+        return folder / "7.npy"
+    (folder / "7.pcd").write_bytes(pcd(kind))
+    return folder / "7.pcd"
+
+
+@pytest.mark.parametrize("kind", ["bin", "npy", "ascii", "binary"])
+def test_all_kinds_bring_the_same_points(tmp_path, kind):
+    scan = read_scan(write(tmp_path, kind), 0.5)
+    assert np.array_equal(scan.points, ROWS[:, :3])
+    assert scan.intensity == pytest.approx(ROWS[:, 3], abs=1e-6)
+    times = np.zeros(40) if kind == "bin" else ROWS[:, 4] - 0.05
+    assert scan.time_offset_s == pytest.approx(times, abs=1e-6)
+    assert scan.stamp_s == 0.5
+    assert scan.ring.max() > 0
+
+
+@pytest.mark.parametrize("unit", [1, 1e3, 1e6, 1e9])
+def test_times_may_be_in_any_unit_and_begin_anywhere(tmp_path, unit):
+    rows = ROWS.astype(float)
+    rows[:, 4] = (rows[:, 4] + 3.0) * unit
+    np.save(tmp_path / "0.npy", rows)
+    scan = read_scan(tmp_path / "0.npy", 0.0)
+    assert scan.time_offset_s == pytest.approx(ROWS[:, 4] - 0.05, abs=1e-6)
+
+
+def test_points_that_are_none_are_left_out(tmp_path):
+    rows = ROWS.copy()
+    rows[3, 0], rows[5], rows[6, 2] = np.nan, 0, 1e6
+    np.save(tmp_path / "0.npy", rows)
+    assert len(read_scan(tmp_path / "0.npy", 0.0)) == 37
+    np.save(tmp_path / "1.npy", np.empty((0, 4)))
+    assert len(read_scan(tmp_path / "1.npy", 0.0)) == 0
+
+
+def test_folders_are_in_order_of_numbers(tmp_path):
+    for k in (10, 9, 0):
+        np.save(tmp_path / f"{k}.npy", ROWS[:, :3])
+    found = ScanFolder.find(tmp_path, rate_hz=20)
+    assert [p.stem for p in found.files] == ["0", "9", "10"]
+    assert found.stamps_s == (0, 0.05, 0.1)
+    (tmp_path / "times.txt").write_text("1.0\n1.1\n1.25\n")
+    assert [s.stamp_s for s in ScanFolder.find(tmp_path)] == [1.0, 1.1, 1.25]
+    (tmp_path / "times.txt").write_text("1.0\n")
+    with pytest.raises(FormatError, match="expected 3 lines, one a scan, got 1"):
+        ScanFolder.find(tmp_path)
+
+
+BAD_PCD = {
+    "no header": (b"points", "expected a PCD header"),
+    "no x": (pcd("ascii", fields="a y z intensity t"), "line 3: expected fields x, y and z"),
+    "odd type": (pcd("ascii", kind="F F F F Q"), "line 5: expected types F of 4 or 8"),
+    "few sizes": (pcd("ascii", size="4 4 4 4"), "line 4: expected 5 values, one a field"),
+    "odd size": (pcd("ascii", size="4 4 4 4 x"), "line 4: expected a whole number"),
+    "compressed": (pcd("binary_compressed"), "line 11: expected DATA ascii or DATA binary"),
+    "cut off": (pcd("binary")[:-8], "expected 800 bytes after the header"),
+    "lines lost": (pcd("ascii")[:-60], "expected 40 points"),
+    "words": (pcd("ascii").replace(pcd("ascii").split(b"\n")[11], b"a b c d e"), "line 12: "),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD_PCD)
+def test_malformed_pcd_is_refused(tmp_path, name):
+    content, message = BAD_PCD[name]
+    path = tmp_path / "bad.pcd"
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=rf"bad\.pcd.*{re.escape(message)}"):
+        read_pcd(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("0.bin", b"\0" * 17, "16 bytes a point, got 17 bytes"),
+        ("0.npy", b"nothing", "expected an array saved by numpy"),
+        ("0.txt", b"", "expected files .bin, .pcd, .npy, got 0.txt"),
+    ],
+)
+def test_other_files_are_refused(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FormatError, match=re.escape(message)):
+        list(ScanFolder.find(tmp_path))
+
+
+def test_arrays_of_other_shapes_are_refused(tmp_path):
+    for array in (np.zeros((4, 2)), np.zeros(5), np.array([["a", "b", "c"]])):
+        np.save(tmp_path / "0.npy", array)
+        with pytest.raises(FormatError, match=r"0\.npy: expected"):
+            list(ScanFolder.find(tmp_path))
