@@ -222,7 +222,7 @@ def _show(results: Any, loaded: Any, by: str | None) -> None:
 def _show_breakdown(
     screen: Any, results: Any, board: str, by: str, metrics: tuple[str, ...] = ()
 ) -> None:
-    from roadscope.benchmarks.boards.breakdown_tables import NOTES, breakdown_tables
+    from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, note
     from roadscope.benchmarks.boards.results import BREAKDOWNS
 
     if by not in BREAKDOWNS[board]:
@@ -232,8 +232,8 @@ def _show_breakdown(
         screen.print(f"\n[bold]{table.title}[/]")
         table.title = None
         screen.print(table)
-    if by in NOTES:
-        screen.print(NOTES[by], style="dim")
+    if text := note(board, by):
+        screen.print(text, style="dim")
 
 
 def _complain_of_failures(results: Any) -> None:

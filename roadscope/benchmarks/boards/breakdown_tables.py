@@ -17,17 +17,22 @@ from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
 from roadscope.benchmarks.tables import plain_table
 
 SHOWN: Mapping[str, Sequence[str]] = {
-    "detection": ("detection_rate", "precision"),
+    "detection": (
+        "detection_rate", "precision", "f1", "false_alarms_per_frame", "ap", "position_rmse_m",
+        "heading_rmse_deg", "size_rmse_m",
+    ),
     "tracking": ("hota",),
     "camera": ("ap50", "detection_rate", "precision"),
     "fusion": ("ap", "detection_rate", "precision"),
     **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", *CURVES)),
-}
+}  # fmt: skip
 """What is shown of each board where it is broken down; `leaderboard.json` holds more."""
 HEADINGS = {
     "detection_rate": "detected", "precision": "precision", "hota": "HOTA", "mota": "MOTA",
     "idf1": "IDF1", "hota_3d": "HOTA of 3-D boxes", "det_a": "DetA", "ass_a": "AssA",
-    "loc_a": "LocA", "ap50": "AP50", "ap": "AP",
+    "loc_a": "LocA", "ap50": "AP50", "ap": "AP", "f1": "F1",
+    "false_alarms_per_frame": "false alarms per frame", "position_rmse_m": "position RMSE (m)",
+    "heading_rmse_deg": "heading RMSE (degrees)", "size_rmse_m": "size RMSE (m)",
 }  # fmt: skip
 QUANTITIES = {
     "range": "range, m",
@@ -35,15 +40,21 @@ QUANTITIES = {
     "points": "points on target",
     "size": "size in the image",
 }
+EVERYWHERE = "A false detection has none: in AP it counts in each band, and there is no precision."
+OWN = {
+    by: f"Objects and their errors by the true {by}, false detections by their own."
+    for by in ("range", "category")
+}
 NOTES = {
-    "occlusion": "Occlusion: share of the object's rays that something else caught.",
+    "occlusion": f"Occlusion: share of the object's rays that something else caught. {EVERYWHERE}",
+    "points": f"Points: returns from the object. {EVERYWHERE}",
     "score": "Scores are calibrated where precision lies within their band.",
     "weather": "What fog and rain leave too few returns from is not to be found.",
     "detector": "In brackets: the rank on these detections.",
     "inputs": "In brackets: the rank on these detections.",
     "size": "small: below 32 x 32 pixels, large: above 96 x 96.",
 }
-"""What is said below tables."""
+"""What is said below tables of every board; `OWN` of the detection board's."""
 LONGEST = 7
 """Headings are broken into lines of this many characters."""
 UNRANKED, RANKED, PAIRED = 5, 9, 11
@@ -83,6 +94,11 @@ def breakdown_tables(
                 _add_counts(table, rows, bands, width)
             tables.append(table)
     return tables
+
+
+def note(board: str, by: str) -> str:
+    """Return what is said below a board's tables by a quantity; often nothing."""
+    return OWN[by] if board == "detection" and by in OWN else NOTES.get(by, "")
 
 
 def markdown_lines(results: Results, board: str) -> list[str]:

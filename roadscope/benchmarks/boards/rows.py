@@ -49,7 +49,7 @@ CONDITIONS_OF: Mapping[str, Mapping[str, Callable[[Any], str]]] = {
 BROKEN_DOWN: Mapping[str, Sequence[str]] = {
     "detection": (
         "f1", "detection_rate", "precision", "false_alarms_per_frame", "ap", "position_rmse_m",
-        "heading_rmse_deg", "objects_per_frame", "unseen_per_frame",
+        "heading_rmse_deg", "size_rmse_m", "objects_per_frame", "unseen_per_frame",
     ),
     "tracking": ("hota", "mota", "idf1"),
     "camera": ("ap50", "detection_rate", "false_alarms", "objects_per_image"),

@@ -7,10 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from roadscope.benchmarks.metrics.average_precision import (
+    Ranked,
+    precision_by_group,
+    ranked_by_distance,
+)
 from roadscope.benchmarks.metrics.calibration import BINS, excess, score_bins
-from roadscope.benchmarks.metrics.detection import GATE_M, judged
+from roadscope.benchmarks.metrics.detection import AP_GATES_M, GATE_M, judged
+from roadscope.benchmarks.metrics.errors import BoxErrors, box_errors
+from roadscope.benchmarks.metrics.grouped import (
+    f1_by_group,
+    precision_and_alarms,
+    rate_by_group,
+    rms_by_group,
+)
 from roadscope.benchmarks.metrics.matching import Match, Pairing, centre_distances, match_all
-from roadscope.benchmarks.metrics.score import Score, mean, ratio
+from roadscope.benchmarks.metrics.score import Score, ratio
 from roadscope.core import Category, Detections, Truth
 
 EXCESS = "score_excess"
@@ -74,18 +86,33 @@ def broken_down(
     """Return scores of an episode's bands by `part_name`; empty bands have n = 0.
 
     detections: in the world frame, like truth.
-    Objects are broken down by what is true of them, detections by their own range and score.
-    False alarms have no true category, occlusion or returns, so there is no precision by those.
+    Objects, and errors of what was matched with them, are broken down by what is true of the
+    object, detections by their own range, category and score. F1 is of objects found and missed
+    and of false alarms, each in its band. False alarms have no occlusion and no returns: there
+    is neither precision nor F1 by those, and in average precision they count in each band.
     """
     matches = match_all(pairings, gate_m)
-    scores = {}
-    found = _found(pairings, matches)
+    pairs = _pairs(pairings, matches)
+    hits = _among_all([len(d) for d in detections], [m.detected for m in matches])
+    alarms = _among_all([len(d) for d in detections], [m.false_alarms for m in matches])
+    squares = _squares(box_errors(detections, truths, matches))
+    scores_of = [d.scores for d in detections]
+    ranked = [ranked_by_distance(pairings, scores_of, gate) for gate in AP_GATES_M]
+    own_bands, scores = _own_bands(detections, truths), {}
     for by, values in _qualities(truths, pairings).items():
-        bands = BANDS[by].of(values)
-        for index, band in enumerate(BANDS[by].labels):
-            inside = found[bands == index]
-            scores[part_name("detection_rate", by, band)] = ratio(int(inside.sum()), len(inside))
-    return scores | _by_range(detections, truths, matches) | _by_score(detections, matches)
+        objects, own, count = BANDS[by].of(values), own_bands.get(by), len(BANDS[by].labels)
+        columns = {
+            "detection_rate": rate_by_group(objects, objects[pairs], count),
+            "ap": _ap_by_group(ranked, objects, own, count),
+            **{n: rms_by_group(s, objects[pairs], count, u) for n, (s, u) in squares.items()},
+        }
+        if own is not None:
+            columns |= precision_and_alarms(own[hits], own[alarms], count, len(matches))
+            columns["f1"] = f1_by_group(objects, objects[pairs], own[alarms], count)
+        for metric, column in columns.items():
+            for band, score in zip(BANDS[by].labels, column, strict=True):
+                scores[part_name(metric, by, band)] = score
+    return scores | _by_score(detections, matches)
 
 
 QUALITIES: Mapping[str, Callable[[Truth], np.ndarray]] = {
@@ -105,34 +132,45 @@ def _qualities(truths: Sequence[Truth], pairings: Sequence[Pairing]) -> dict[str
     }
 
 
-def _found(pairings: Sequence[Pairing], matches: Sequence[Match]) -> np.ndarray:
-    """Return bool for each eligible object of each frame."""
-    return np.concatenate(
-        [
-            np.empty(0, bool),
-            *(
-                np.isin(np.flatnonzero(p.eligible), m.truth)
-                for p, m in zip(pairings, matches, strict=True)
-            ),
-        ]
-    )
+def _own_bands(detections: Sequence[Detections], truths: Sequence[Truth]) -> dict[str, np.ndarray]:
+    """Return the bands of all detections, frame after frame, by what is known of them too."""
+    ranges = [_ranges(d.centres, t) for d, t in zip(detections, truths, strict=True)]
+    values = {"range": ranges, "category": [d.categories for d in detections]}
+    return {by: BANDS[by].of(np.concatenate([np.empty(0), *v])) for by, v in values.items()}
 
 
-def _by_range(
-    detections: Sequence[Detections], truths: Sequence[Truth], matches: Sequence[Match]
-) -> dict[str, Score]:
-    """Return precision and false alarms by the range of the detections."""
-    bands, counts = BANDS["range"], np.zeros((2, len(BANDS["range"].labels)), np.int64)
-    for found, truth, match in zip(detections, truths, matches, strict=True):
-        inside = bands.of(_ranges(found.centres, truth))
-        for row, index in enumerate((match.detected, match.false_alarms)):
-            counts[row] += np.bincount(inside[index], minlength=counts.shape[1])
-    scores = {}
-    for band, hits, wrong in zip(bands.labels, *counts.tolist(), strict=True):
-        scores[part_name("precision", "range", band)] = ratio(hits, hits + wrong)
-        alarms = mean(wrong, len(matches), "1/frame")
-        scores[part_name("false_alarms_per_frame", "range", band)] = alarms
-    return scores
+def _pairs(pairings: Sequence[Pairing], matches: Sequence[Match]) -> np.ndarray:
+    """Return for each matched pair which of all eligible objects it is with."""
+    eligible = np.concatenate([np.empty(0, bool), *(p.eligible for p in pairings)])
+    columns = _among_all([len(p.eligible) for p in pairings], [m.truth for m in matches])
+    numbers: np.ndarray = np.cumsum(eligible)[columns] - 1
+    return numbers
+
+
+def _among_all(lengths: Sequence[int], indices: Sequence[np.ndarray]) -> np.ndarray:
+    """Turn indices within frames into those within all frames one after another."""
+    starts = np.cumsum([0, *lengths])[:-1]
+    moved = (start + index for start, index in zip(starts, indices, strict=True))
+    return np.concatenate([np.empty(0, np.int64), *moved])
+
+
+def _squares(errors: BoxErrors) -> dict[str, tuple[np.ndarray, str]]:
+    """Return squared errors of each pair, and their unit, by the name of their RMS."""
+    return {
+        "position_rmse_m": ((errors.along**2 + errors.across**2)[:, None], "m"),
+        "heading_rmse_deg": ((errors.heading_deg**2)[:, None], "deg"),
+        "size_rmse_m": (errors.size**2, "m"),
+    }
+
+
+def _ap_by_group(
+    ranked: Sequence[Ranked], groups: np.ndarray, own: np.ndarray | None, count: int
+) -> list[Score]:
+    """Return the mean over the gates in each group."""
+    values = np.mean([precision_by_group(each, groups, own, count) for each in ranked], axis=0)
+    totals = np.bincount(groups, minlength=count)
+    pairs = zip(values.tolist(), totals.tolist(), strict=True)
+    return [ratio(value * n if n else 0.0, n) for value, n in pairs]
 
 
 def _by_score(detections: Sequence[Detections], matches: Sequence[Match]) -> dict[str, Score]:

@@ -6,17 +6,19 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 
-HIT, FALSE_ALARM, IGNORED = 1, 0, -1
+FALSE_ALARM, IGNORED = -1, -2
+"""Fates of detections that take no eligible object."""
 
 
 @compiled()
 def outcomes(
     costs: np.ndarray, order: np.ndarray, eligible: np.ndarray, counted: np.ndarray
 ) -> np.ndarray:
-    """Return (N,) the fate of each detection, taken in order; costs are written over.
+    """Return (N,) the object that each detection takes or its fate; costs are written over.
 
-    Each takes the cheapest eligible object that is still free; without one, the cheapest of the
-    others excuses it, and so does lying outside the range band.
+    Objects are columns of costs. In order, each takes the cheapest eligible
+    object that is still free; without one, the cheapest of the others excuses it, and so does
+    lying outside the range band.
     """
     fates = np.full(len(order), FALSE_ALARM)
     for row in order:
@@ -27,7 +29,7 @@ def outcomes(
                     best, cost = column, costs[row, column]
             if best >= 0:
                 costs[:, best] = np.inf
-                fates[row] = HIT if group else IGNORED
+                fates[row] = best if group else IGNORED
                 break
         if fates[row] == FALSE_ALARM and not counted[row]:
             fates[row] = IGNORED

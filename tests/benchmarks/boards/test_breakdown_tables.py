@@ -3,10 +3,17 @@ import io
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, heading
+from roadscope.benchmarks.boards.breakdown_tables import (
+    HEADINGS,
+    SHOWN,
+    breakdown_tables,
+    heading,
+    note,
+)
 from roadscope.benchmarks.boards.results import BreakdownError, Results, check_breakdown
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
+from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.suite import load_suite
 from roadscope.envs.traffic.scenarios import SCENARIOS
 
@@ -66,9 +73,30 @@ def test_what_weather_hides_is_counted() -> None:
 
 
 def test_there_is_no_precision_by_what_false_alarms_do_not_have() -> None:
-    text = printed(results(row("detection_rate", "category", "car")), "category")
-    assert "detected by category" in text
+    text = printed(results(row("detection_rate", "occlusion", "none")), "occlusion")
+    assert "detected by occlusion" in text
     assert "precision" not in text
+    assert "there is no precision" in note("detection", "occlusion")
+
+
+@pytest.mark.parametrize("width", [50, 80])
+@pytest.mark.parametrize("by", ["range", "category", "occlusion", "points"])
+def test_every_score_of_a_band_has_a_table_and_a_dash_where_it_is_not_known(by, width) -> None:
+    first, *others = BANDS[by].labels
+    parts = [row(metric, by, band, 12.34) for metric in SHOWN["detection"] for band in others]
+    text = printed(results(*parts, row("detection_rate", by, first)), by, width)
+    assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+    for metric in SHOWN["detection"]:
+        assert f"{HEADINGS[metric]} by " in text
+    assert text.count("12.34") == len(parts)
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    assert any(line.startswith("oracle - -") for line in lines)
+
+
+def test_what_false_detections_belong_to_is_said_of_the_board_that_it_holds_for() -> None:
+    assert "by their own" in note("detection", "range")
+    assert note("camera", "range") == note("detection", "weathers") == ""
 
 
 @pytest.mark.parametrize("width", [30, 50, 80, 120])

@@ -4,8 +4,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score
 
-from roadscope.benchmarks.metrics.average_precision import average_precision, overlap_precision
-from roadscope.benchmarks.metrics.greedy import FALSE_ALARM, HIT, IGNORED, outcomes
+from roadscope.benchmarks.metrics.average_precision import (
+    average_precision,
+    overlap_precision,
+    precision_by_group,
+    ranked_by_distance,
+)
+from roadscope.benchmarks.metrics.greedy import FALSE_ALARM, IGNORED, outcomes
 from roadscope.benchmarks.metrics.matching import Pairing
 
 
@@ -72,11 +77,11 @@ def slow_outcomes(costs, order, eligible, counted) -> np.ndarray:
     """Return what `outcomes` does, with plain NumPy."""
     fates = np.full(len(order), FALSE_ALARM)
     for row in order:
-        for group, fate in ((eligible, HIT), (~eligible, IGNORED)):
+        for group, hit in ((eligible, True), (~eligible, False)):
             free = np.where(group, costs[row], np.inf)
             if fates[row] == FALSE_ALARM and free.size and np.isfinite(free.min()):
                 costs[:, free.argmin()] = np.inf
-                fates[row] = fate
+                fates[row] = free.argmin() if hit else IGNORED
                 break
         if fates[row] == FALSE_ALARM and not counted[row]:
             fates[row] = IGNORED
@@ -129,3 +134,51 @@ def test_overlap_below_the_threshold_is_no_hit() -> None:
     assert overlap_precision([frame], shares, scores, 0.7, 2.0).value == pytest.approx(
         51 * 0.5 / 101
     )
+
+
+def episode(seed: int, frames: int = 5) -> tuple[list[Pairing], list[np.ndarray]]:
+    rng = np.random.default_rng(seed)
+    sizes = rng.integers(0, 6, (frames, 2)).tolist()
+    pairings = [
+        Pairing(rng.uniform(0, 6, (n, m)), rng.random(m) < 0.8, rng.random(n) < 0.9)
+        for n, m in sizes
+    ]
+    return pairings, [rng.random(n) for n, _ in sizes]
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_one_group_of_all_is_the_whole(seed) -> None:
+    pairings, scores = episode(seed)
+    ranked = ranked_by_distance(pairings, scores, 2.0)
+    detections = sum(len(s) for s in scores)
+    for own in (None, np.full(detections, 1)):
+        groups = np.full(ranked.objects, 1)
+        empty, whole = precision_by_group(ranked, groups, own, 2)
+        assert np.isnan(empty)
+        expected = average_precision(pairings, scores, 2.0).value
+        np.testing.assert_equal(whole, expected)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_a_group_is_what_is_left_without_the_objects_and_detections_of_others(seed) -> None:
+    pairings, scores = episode(seed)
+    ranked = ranked_by_distance(pairings, scores, 2.0)
+    rng = np.random.default_rng(seed)
+    groups = rng.integers(0, 3, ranked.objects)
+    own = rng.integers(0, 3, sum(len(s) for s in scores))
+    apart = precision_by_group(ranked, groups, own, 3)
+    shared = precision_by_group(ranked, groups, None, 3)
+    alone = np.full((2, 3), np.nan)
+    for group in range(3):
+        mine = [k for k in range(len(ranked.rows)) if ranked.taken[k] < 0
+                or groups[ranked.taken[k]] == group]  # fmt: skip
+        near = [k for k in mine if ranked.taken[k] >= 0 or own[ranked.rows[k]] == group]
+        for row, kept in enumerate((near, mine)):
+            table = np.full((len(kept), int((groups == group).sum())), 9.0)
+            hits = [i for i, k in enumerate(kept) if ranked.taken[k] >= 0]
+            table[hits, range(len(hits))] = 0.0
+            alone[row, group] = ap(table, ranked.scores[kept])
+    np.testing.assert_allclose([apart, shared], alone)
+    assert not (shared > apart).any()
