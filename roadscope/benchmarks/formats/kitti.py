@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import KittiCalibration, read_calibration
+from roadscope.benchmarks.formats.kitti_classes import other_rows
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms, yaws_from_rotations
 from roadscope.benchmarks.formats.kitti_objects import (
@@ -42,6 +43,7 @@ class KittiSequence(Record):
         `occluded_fraction`) is `UNKNOWN`, -1.
     labelled: all labels, of every type, as the file has them.
     image_size: width and height in pixels: the least that all image boxes fit in.
+    left_out: number of rows in the file of detections that are of another class.
     """
 
     name: str
@@ -54,6 +56,7 @@ class KittiSequence(Record):
     labelled: tuple[KittiObjects, ...]
     calibration: KittiCalibration
     image_size: tuple[int, int]
+    left_out: int = 0
 
     def __len__(self) -> int:
         return len(self.detections)
@@ -70,7 +73,8 @@ def read_sequence(
 
     category: car, pedestrian or cyclist.
     detector: NAME of the folder `det_NAME`; None for the only one.
-    A sequence is as long as its poses.
+    A sequence is as long as its poses. Detections of another class are left out; where all are,
+    in the files of every sequence, classes are numbered otherwise and that is an error.
     """
     files = folder if isinstance(folder, KittiFolder) else KittiFolder.find(folder)
     if category not in TYPE_OF:
@@ -84,7 +88,10 @@ def read_sequence(
     labels, found = read_labels(labels_path), read_detections(found_path)
     for path, objects in ((labels_path, labels), (found_path, found)):
         _check_length(path, objects, files.poses(sequence), len(poses))
-    found = found.select(found.types == TYPE_OF[category])
+    wanted = found.types == TYPE_OF[category]
+    if len(found) and not wanted.any():
+        other_rows(files, category, name)
+    found = found.select(wanted)
     true = labels.select((labels.types == TYPE_OF[category]) & (labels.ids >= 0))
     by_frame = found.by_frame(len(poses))
     scaled = files.scores_are_shares(name)
@@ -99,6 +106,7 @@ def read_sequence(
         labelled=tuple(labels.by_frame(len(poses))),
         calibration=calibration,
         image_size=_image_size(labels, found),
+        left_out=int((~wanted).sum()),
     )  # fmt: skip
 
 

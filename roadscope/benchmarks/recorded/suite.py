@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.formats.kitti_classes import said_of_others
 from roadscope.benchmarks.formats.kitti_folder import DETECTIONS, KittiFolder
 from roadscope.benchmarks.formats.kitti_objects import TYPE_NAMES, TYPE_OF
 from roadscope.benchmarks.formats.table import FormatError
@@ -25,7 +27,7 @@ class RecordedSuite(Suite):
 
     recordings: of every detector and class, those sequences that have detections of it.
     labelled: number of sequences that have labels.
-    remark: what a reader must know of entries.
+    remark: what a reader must know of entries, and of detections that are left out.
     """
 
     recordings: tuple[Recording, ...] = ()
@@ -70,7 +72,7 @@ def kitti_suite(folder: Path | str) -> RecordedSuite:
         weathers=(Recording.weather,),
         recordings=recordings,
         labelled=len(files.sequences()),
-        remark=table["remark"],
+        remark=" ".join([*_left_out(files, recordings), table["remark"]]),
     )
 
 
@@ -78,6 +80,13 @@ def kitti_table() -> dict[str, Any]:
     """Return what the suite says of itself, whatever the folder."""
     content = resources.files("roadscope.benchmarks").joinpath(f"suites/{KITTI}.toml")
     return tomllib.loads(content.read_text(encoding="utf-8"))
+
+
+def _left_out(files: KittiFolder, recordings: Sequence[Recording]) -> list[str]:
+    """Say of each detector and class which rows are left out, if any."""
+    pairs = dict.fromkeys((r.detector, Category[r.category.upper()]) for r in recordings)
+    texts = [said_of_others(files, category, detector) for detector, category in pairs]
+    return [text for text in texts if text]
 
 
 def _labelled(files: KittiFolder) -> list[Category]:

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from toy_kitti import EGO_SPEED_M_S, FRAMES, IMAGE_SIZE, P2, write_kitti
 
+from roadscope.benchmarks.boards.tables import conditions
 from roadscope.benchmarks.formats import FormatError, KittiFolder, read_sequence
 from roadscope.benchmarks.formats.kitti import UNKNOWN, logistic
 from roadscope.benchmarks.formats.kitti_calibration import read_calibration
 from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, EGO_FROM_CAMERA
 from roadscope.benchmarks.formats.kitti_objects import KittiType, read_detections, read_labels
 from roadscope.benchmarks.formats.kitti_poses import read_oxts, read_poses
+from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.core import Category, Pose
 
 LABEL = "0 0 Car 0 0 -1.5 100.0 150.0 200.0 220.0 1.5 1.7 4.2 2.0 1.7 12.0 -1.57"
@@ -66,6 +68,48 @@ def test_pedestrians_are_another_class(folder):
     assert all(not len(d) for d in read_sequence(folder, "0000", Category.CYCLIST).detections)
     with pytest.raises(FormatError, match="truck; of: car, pedestrian, cyclist"):
         read_sequence(folder, "0000", Category.TRUCK)
+
+
+def renumbered(folder, number: int, sequence: str, every: int = 1) -> int:
+    """Give every so many car rows of a sequence another class; return how many."""
+    path = folder / "det_toy" / "Car" / f"{sequence}.txt"
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    for row in rows[::every]:
+        row[1] = str(number)
+    path.write_text("".join(",".join(row) + "\n" for row in rows))
+    return len(rows[::every])
+
+
+def test_cars_that_are_numbered_otherwise_are_refused(folder):
+    total = renumbered(folder, 1, "0000") + renumbered(folder, 1, "0001")
+    said = (
+        rf"det_toy/Car: expected rows of class 2 in the second column \(1 pedestrian, 2 car, "
+        rf"3 cyclist\), got {total} rows, all of class 1"
+    )
+    with pytest.raises(FormatError, match=said):
+        read_sequence(folder, "0000")
+    with pytest.raises(FormatError, match=said):
+        kitti_suite(folder)
+
+
+def test_rows_of_other_classes_are_counted_and_told(folder):
+    whole = read_sequence(folder, "0000")
+    assert whole.left_out == 0
+    assert "left out" not in conditions(kitti_suite(folder))
+    few = renumbered(folder, 3, "0000", every=4)
+    mixed = read_sequence(folder, "0000")
+    assert mixed.left_out == few
+    assert sum(map(len, mixed.detected)) == sum(map(len, whole.detected)) - few
+    rows = sum(map(len, whole.detected)) + sum(map(len, read_sequence(folder, "0001").detected))
+    said = f"{few} of {rows} rows in det_toy/Car are left out: their class is not car (1 ped"
+    assert said in conditions(kitti_suite(folder))
+
+
+def test_a_file_without_the_class_is_fine_where_another_has_it(folder):
+    every = renumbered(folder, 1, "0000")
+    alone = read_sequence(folder, "0000")
+    assert alone.left_out == every
+    assert all(not len(d) for d in alone.detections)
 
 
 def test_the_standard_folder_with_training_works_too(folder, tmp_path):
