@@ -49,6 +49,10 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     os.close(handle)
     try:
         write(Path(name))
+        # Temporary files are for their owner alone; this one is to be as any other.
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(name).chmod(0o666 & ~mask)
         Path(name).replace(path)
     finally:
         Path(name).unlink(missing_ok=True)

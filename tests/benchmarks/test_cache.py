@@ -69,3 +69,10 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path) -> None:
 
 def _write(path: Path, text: str) -> None:
     path.write_text(text)
+
+
+def test_what_is_written_can_be_read_by_whoever_may_read_other_files(tmp_path: Path) -> None:
+    usual = tmp_path / "usual"
+    usual.write_text("x")
+    cache.write_atomically(tmp_path / "kept", lambda p: _write(p, "x"))
+    assert (tmp_path / "kept").stat().st_mode == usual.stat().st_mode
