@@ -7,8 +7,9 @@ ones at hand. Boards run `rescored` of such classes only and call their figures 
 that mark it is never called, so that no online figure can contain it.
 
 What counts are tracks that are not tentative. A tracker whose class says `weighed = True` scores
-tentative ones, too, by how likely they are there: averages over recall, which ask for tracks of
-every sureness, take all of them. Of others they take those that are not tentative.
+tentative ones, too, by how likely they are there. On recorded traffic sAMOTA, which asks for
+tracks of every sureness, takes all of its tracks, of others those that are not tentative. On
+simulated traffic, and so in `roadscope run`, averages over recall leave tentative ones out of all.
 """
 
 from __future__ import annotations

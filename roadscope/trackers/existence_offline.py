@@ -15,6 +15,8 @@ class ExistenceOfflineTracker(ExistenceTracker):
     """`ExistenceTracker` online, to the last bit; `rescored` is not online."""
 
     offline = True
+    weighed = False
+    """`rescored` drops weak tracks and leaves none tentative."""
 
     def reset(self) -> None:
         """Forget all tracks."""

@@ -48,6 +48,8 @@ class JpdaTracker:
     rather than from the one that it stems from most likely, opens a new one.
     """
 
+    weighed = True
+
     def __init__(
         self,
         *,

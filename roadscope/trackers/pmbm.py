@@ -33,6 +33,8 @@ class PmbmTracker:
     all hypotheses.
     """
 
+    weighed = True
+
     def __init__(
         self,
         *,
@@ -78,8 +80,7 @@ class PmbmTracker:
         self._sighting = Sighting(
             detection, first_m2, birth_m2, lifetime_s, visible_s, hidden_s, score_weight
         )
-        self._least, self._scores = drop, Scores(traits)
-        self._hypotheses = hypotheses
+        self._least, self._hypotheses, self._scores = drop, hypotheses, Scores(traits)
         self._gap = -float(np.log(least_share)) if least_share > 0 else np.inf
         self._confirm, self._shown_misses = confirm, shown_misses
         self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))

@@ -10,6 +10,7 @@ from toy_boxes import detections, truth
 from roadscope.benchmarks.jobs.stack import EntryError, offline, track, weighed
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.core import Pose, Tracks, TrackState
+from roadscope.trackers import TRACKERS
 from roadscope.trackers.nearest import NearestTracker
 
 
@@ -93,7 +94,14 @@ def test_tentative_tracks_are_told_only_where_they_are_wanted():
     every = track(spec, drive(), unsure=True)[0]
     assert [len(tracks) for tracks in every] == [1] * 20
     assert [tracks.sure for tracks in every] == followed(spec)
-    assert [weighed(name) for name in (spec, "existence", f"{HERE}:Late")] == [False, True, False]
+    assert [weighed(name) for name in (spec, f"{HERE}:Late")] == [False, False]
+
+
+def test_tentative_tracks_count_of_those_that_tell_how_likely_they_exist_and_leave_them():
+    by_existence = {name for name in TRACKERS.installed() if weighed(name)}
+    assert by_existence == {"jpda", "pmbm", "existence"}
+    every = track("existence-offline", drive(), unsure=True)[0]
+    assert every == followed("existence-offline")
 
 
 def test_every_call_bears_its_share_of_the_second_pass(monkeypatch):
