@@ -37,6 +37,10 @@ def test_everything_is_described(kind):
     assert all(text.strip() for _, text in names_of(kind))
 
 
+def test_stages_say_nothing_of_the_shapes_of_their_answers():
+    assert [text for _, text in names_of("stages") if "(N" in text or "int64" in text] == []
+
+
 def test_suites_of_recorded_data_say_what_they_need():
     told = dict(names_of("suites"))
     assert {*SUITES, KITTI} == set(told)

@@ -1,12 +1,14 @@
 """Charts, boxes, vehicles' returns and range images are those of the slow NumPy versions."""
 
+from time import process_time
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.moving.box_kernels import slide, suppress
-from roadscope.detectors.moving.chart_kernels import boxes_in, charted, shared_out
+from roadscope.detectors.moving.chart_kernels import _order_by, boxes_in, charted, shared_out
 from roadscope.detectors.moving.extraction import CELL_M, LEAST, LIMIT, SIDES_M
 from roadscope.detectors.moving.view_kernels import imaged, tabulate
 
@@ -49,6 +51,24 @@ def test_a_chart_is_that_of_sorted_cells(seed) -> None:
     assert np.array_equal(chart.weights, values)
     assert np.array_equal(corner, slow_corner)
     assert np.array_equal(chart.origin, ORIGIN - corner)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 300), st.sampled_from([(0, 1), (2, 1, 0)]))
+@settings(max_examples=40, deadline=None)
+def test_an_order_by_axes_is_numpys(seed, count, axes) -> None:
+    points = np.random.default_rng(seed).integers(-1, 2, (count, 3)).astype(float)
+    expected = np.lexsort([points[:, axis] for axis in reversed(axes)])
+    assert np.array_equal(_order_by(points, axes), expected)
+
+
+def test_a_straight_wall_seen_from_its_far_end_is_in_order_before_long() -> None:
+    count = 100_000
+    wall = np.column_stack([np.full(count, 5.0), -np.arange(count), np.ones(count)])
+    for axes in ((0, 1), (2, 1, 0)):
+        _order_by(wall[:2], axes)
+        begin = process_time()
+        assert np.array_equal(_order_by(wall, axes), np.arange(count)[::-1])
+        assert process_time() - begin < 1.0
 
 
 @given(st.integers(0, 2**32 - 1))

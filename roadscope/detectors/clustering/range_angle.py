@@ -21,10 +21,12 @@ UPRIGHT = 0.05
 def cluster_range_angle(
     cloud: Cloud, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30
 ) -> np.ndarray:
-    """Grow clusters within a scan angle (Zhang 2022): (N,) int64 labels, negative when small.
+    """Grow clusters within a scan angle (Zhang 2022).
 
-    Returns nearer than or at epsilon in space (eq. 1), and within `angle_deg` of one another as
-    the sensor turns, are linked.
+    Returns (N,) int64 labels, negative where a cluster has fewer than `min_points`.
+
+    LiDAR returns nearer than or at epsilon in space (eq. 1), and within `angle_deg` of one
+    another as the sensor turns, are linked.
 
     Readings taken. The printed epsilon of 0.02 m is less than the gap between two beams of the
     paper's VLP-16 from 0.6 m on and between two columns from 6 m on; here it is what noise adds

@@ -8,6 +8,9 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.moving.box_kernels import Chart, slide, suppress
 from roadscope.detectors.moving.view_kernels import sensor_at
 
+MOST_MOVES = 8
+"""Of a row, on average: equals that need more, as of a straight wall, are sorted by each axis."""
+
 
 @compiled()
 def boxes_in(
@@ -42,7 +45,7 @@ def charted(
     A cell weighs the same however many returns it holds. Arguments as in `boxes_in`.
     """
     cell_m, limit = rules
-    corner, order = np.empty(2), _by_place(points)
+    corner, order = np.empty(2), _order_by(points, (0, 1))
     for axis in range(2):
         corner[axis] = cell_m * np.floor(points[:, axis].min() / cell_m)
     deep = int((points[:, 1].max() - corner[1]) / cell_m) + 1
@@ -70,17 +73,36 @@ def charted(
 
 
 @compiled()
-def _by_place(points: np.ndarray) -> np.ndarray:
-    """Return the order of (N, 2 or more) points by x, then by y."""
-    order = np.argsort(points[:, 0], kind="mergesort")
+def _order_by(points: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+    """Return the order of (N, D) points by their first axis named, then by the next of those."""
+    order, moves = np.argsort(points[:, axes[0]], kind="mergesort"), 0
     for k in range(1, len(order)):
         row, place = order[k], k
-        while place > 0 and points[order[place - 1], 0] == points[row, 0]:
-            if points[order[place - 1], 1] <= points[row, 1]:
-                break
+        while place > 0 and _behind(points, order[place - 1], row, axes):
             order[place] = order[place - 1]
             place -= 1
         order[place] = row
+        moves += k - place
+        if moves > MOST_MOVES * len(order):
+            return _order_by_sorts(points, axes)
+    return order
+
+
+@compiled(borrowing=True)
+def _behind(points: np.ndarray, one: int, other: int, axes: tuple[int, ...]) -> bool:
+    """Say whether a point comes after another."""
+    for axis in axes:
+        if points[one, axis] != points[other, axis]:
+            return bool(points[one, axis] > points[other, axis])
+    return False
+
+
+@compiled()
+def _order_by_sorts(points: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+    """Return the order by as many sorts, the last axis first: each keeps equals in place."""
+    order = np.arange(len(points))
+    for level in range(len(axes) - 1, -1, -1):
+        order = order[np.argsort(points[order, axes[level]], kind="mergesort")]
     return order
 
 
@@ -106,26 +128,8 @@ def shared_out(
             filled[owner[k]] += 1
     for body in range(bodies):
         part = found[starts[body] : starts[body + 1]]
-        part[:] = part[_by_height(points[part])]
+        part[:] = part[_order_by(points[part], (2, 1, 0))]
     return starts, found, points[found], times_s[found]
-
-
-@compiled()
-def _by_height(points: np.ndarray) -> np.ndarray:
-    """Return the order of (N, 3) points by z, then by y, then by x."""
-    order = np.argsort(points[:, 2], kind="mergesort")
-    for k in range(1, len(order)):
-        row, place = order[k], k
-        while place > 0 and points[order[place - 1], 2] == points[row, 2]:
-            before = order[place - 1]
-            if points[before, 1] < points[row, 1]:
-                break
-            if points[before, 1] == points[row, 1] and points[before, 0] <= points[row, 0]:
-                break
-            order[place] = before
-            place -= 1
-        order[place] = row
-    return order
 
 
 @compiled()

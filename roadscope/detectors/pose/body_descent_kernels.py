@@ -58,7 +58,8 @@ class Room(NamedTuple):
     """Room to work in, for several starts side by side.
 
     lanes, parts: of `body_lanes`. misfit: (M, LANES). sums: (2, LANES), costs and products.
-    moved, tried: (LANES, D) vectors. normal, root: (D, D). pull, slope: (D,).
+    moved, tried: (LANES, D) vectors. normal, root: (D, D). pull: (D,).
+    slopes: ((WIDE + 2) * WIDE,), sums of products of slopes, of their pull, and slopes of a ray.
     """
 
     lanes: np.ndarray
