@@ -111,9 +111,8 @@ def _ascii(path: Path, header: Header, body: bytes) -> np.ndarray:
     if len(lines) != header.points:
         last = lines[-1][0] if lines else header.lines
         refuse(path, last, f"{header.points} points", f"{len(lines)} points")
-    columns = sum(
-        int(np.prod(header.layout[i].shape, dtype=int)) for i in range(len(header.layout))
-    )
+    names = header.layout.names or ()
+    columns = sum(int(np.prod(header.layout[name].shape)) for name in names)
     values = np.empty((len(lines), columns))
     for row, (number, line) in enumerate(lines):
         words = line.split()
@@ -122,9 +121,9 @@ def _ascii(path: Path, header: Header, body: bytes) -> np.ndarray:
         except ValueError:
             refuse(path, number, f"{columns} numbers", line.decode("ascii", "replace"))
     rows, at = np.empty(len(lines), header.layout), 0
-    for name in header.layout.names or ():
+    for name in names:
         shape = header.layout[name].shape
-        width = int(np.prod(shape, dtype=int))
+        width = int(np.prod(shape))
         rows[name] = values[:, at : at + width].reshape(len(lines), *shape)
         at += width
     return rows
