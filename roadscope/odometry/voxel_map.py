@@ -32,7 +32,8 @@ GYRO_RAD_S = 0.01
 """How far a gyro's mean rate may be off: its bias before it is learned."""
 BIAS_GAIN = 0.05
 SIMILAR = 50.0
-"""So many returns are worth one: neighbours err alike, by the same misfit surface."""
+"""So many returns are worth one, beside the prediction and for the covariance: neighbours err
+alike, by the same misfit surface, and traffic errs together."""
 
 
 @dataclass(slots=True)
@@ -175,7 +176,7 @@ class VoxelMapOdometry:
         if self._turned is not None:
             turn = min(turn, GYRO_RAD_S * tick.elapsed_s)
         spread = np.array([shift_m] * 3 + [turn] * 3)
-        return Belief(self._pose @ exp_se3(twist * tick.elapsed_s), np.diag(1.0 / spread**2))
+        return Belief(self._pose @ exp_se3(twist * tick.elapsed_s), np.diag(SIMILAR / spread**2))
 
     def _uncertainty(self, found: Match) -> np.ndarray:
         """Return the (6, 6) covariance of a match in the sensor's frame."""
