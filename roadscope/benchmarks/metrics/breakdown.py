@@ -87,9 +87,10 @@ def broken_down(
 
     detections: in the world frame, like truth.
     Objects, and errors of what was matched with them, are broken down by what is true of the
-    object, detections by their own range, category and score. F1 is of objects found and missed
-    and of false alarms, each in its band. False alarms have no occlusion and no returns: there
-    is neither precision nor F1 by those, and in average precision they count in each band.
+    object, detections by their own range and score, false alarms by their own category too. F1
+    is of objects found and missed and of false alarms, each in its band. False alarms have no
+    occlusion and no returns: there is neither precision nor F1 by those, and in average
+    precision they count in each band.
     """
     matches = match_all(pairings, gate_m)
     pairs = _pairs(pairings, matches)
@@ -107,7 +108,9 @@ def broken_down(
             **{n: rms_by_group(s, objects[pairs], count, u) for n, (s, u) in squares.items()},
         }
         if own is not None:
-            columns |= precision_and_alarms(own[hits], own[alarms], count, len(matches))
+            # By what they are called, cars taken for vans would make vans found that were not.
+            right = own[hits] if by == "range" else objects[pairs]
+            columns |= precision_and_alarms(right, own[alarms], count, len(matches))
             columns["f1"] = f1_by_group(objects, objects[pairs], own[alarms], count)
         for metric, column in columns.items():
             for band, score in zip(BANDS[by].labels, column, strict=True):

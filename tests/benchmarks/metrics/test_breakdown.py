@@ -114,7 +114,7 @@ def test_false_alarms_by_their_own_range_and_category_and_in_every_band_of_the_r
     # The false one is called a car, and so is the lorry, which it is not: cars are found.
     assert values("ap", "category", "car", "truck") == [0.5, 1.0]
     assert values("f1", "category", "car", "truck") == [pytest.approx(2 / 3), 1.0]
-    assert values("precision", "category", "car") == [pytest.approx(2 / 3)]
+    assert values("precision", "category", "car", "truck") == [0.5, 1.0]
     assert values("false_alarms_per_frame", "category", "car", "truck") == [1.0, 0.0]
     assert values("ap", "occlusion", "none", "25-50") == [0.5, 0.5]
     assert values("ap", "points", "10-19", "200+") == [0.5, 0.5]
@@ -167,6 +167,13 @@ def test_bands_add_up_to_the_whole() -> None:
             assert squares == pytest.approx(all_of_it.value**2 * all_of_it.weight)
         rows = [s[part_name("ap", by, band)] for band in BANDS[by].labels]
         assert sum(r.n for r in rows) == whole.ap.n
+    for band in BANDS["category"].labels:
+        recall, precision, f1 = (
+            s[part_name(metric, "category", band)].value
+            for metric in ("detection_rate", "precision", "f1")
+        )
+        if recall and precision:
+            assert f1 == pytest.approx(2 * recall * precision / (recall + precision), nan_ok=True)
     for by in ("range", "category"):
         alarms = [s[part_name("false_alarms_per_frame", by, b)] for b in BANDS[by].labels]
         assert sum(a.value for a in alarms) == pytest.approx(whole.false_alarms_per_frame.value)
