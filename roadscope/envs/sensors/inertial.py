@@ -19,12 +19,11 @@ class Inertial:
     def __init__(self, rig: Rig, seed: int) -> None:
         """Draw biases; what the LiDAR draws stays as it is without an inertial unit."""
         *_, imu, wheels = np.random.SeedSequence(seed).generate_state(8)
-        self._rig, self._wheel_seed = rig, int(wheels)
+        self._wheel_seed = int(wheels)
         self._noise = None if rig.imu is None else ImuNoise(rig.imu.spec, int(imu))
 
-    def beside(self, frame: Frame, motion: EgoMotion, index: int) -> Frame:
-        """Return the frame of the index-th sweep with its samples."""
-        rig = self._rig
+    def beside(self, frame: Frame, rig: Rig, motion: EgoMotion, index: int) -> Frame:
+        """Return the frame of the index-th sweep with what a rig has of its samples."""
         if rig.imu is not None and self._noise is not None:
             span = samples_of(rig.lidar, index, rig.imu.spec.rate_hz)
             frame = replace(frame, imu=measure(motion, rig.imu, self._noise, *span))

@@ -166,7 +166,7 @@ class Sensing:
         motion = self._motion(timeline, index, truth.world_from_ego)
         frame = Frame(stamp_s, self.calibration, lidar=scan, previous_from_ego=motion)
         if self.rig.inertial:
-            frame = self._inertial.beside(frame, self._ego_motion(timeline), index)
+            frame = self._inertial.beside(frame, self.rig, self._ego_motion(timeline), index)
             truth = self._swayed(truth, timeline)
         if self.scan_lost(index):
             return replace(frame, lidar=None), replace(truth, sources=np.empty(0, np.int64))
