@@ -78,7 +78,7 @@ def test_a_pedestrian_beside_a_car_keeps_its_own_track(tracker: str) -> None:
 
 @pytest.mark.parametrize("fusion", FUSED)
 def test_whichever_fusion_names_it(fusion: str) -> None:
-    told = followed("existence", fusion)
+    told = followed("gnn", fusion)
     assert len(set().union(*(p for p, _ in told))) == 1
 
 
