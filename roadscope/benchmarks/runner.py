@@ -18,6 +18,7 @@ from roadscope.benchmarks.jobs.fusion_job import AnyJob, FusionJob, execute_fusi
 from roadscope.benchmarks.jobs.job import Job, detections_of, execute
 from roadscope.benchmarks.jobs.manifest import manifest
 from roadscope.benchmarks.jobs.plan import Plan, boards_of, plan
+from roadscope.benchmarks.jobs.public import PublicDetections
 from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.jobs.store import Outcome, Store, StoredJob
 from roadscope.benchmarks.jobs.workers import WorkerError, in_parallel
@@ -209,24 +210,26 @@ def execute_fused(task: tuple[tuple[FusionJob, ...], _Way]) -> list[Outcome]:
         return [Outcome({}, f"{job.entry}: {error}") for job in jobs]
 
 
-def _shared(jobs: Sequence[FusionJob], fresh: bool) -> list[tuple[Job | CameraJob, bool]]:
-    """Return the jobs whose detections fusions share, and which are not there yet."""
-    found: dict[Path, tuple[Job | CameraJob, bool]] = {}
+def _shared(
+    jobs: Sequence[FusionJob], fresh: bool
+) -> list[tuple[PublicDetections | CameraJob, bool]]:
+    """Return whose detections fusions share, as far as they are not there yet."""
+    found: dict[Path, tuple[PublicDetections | CameraJob, bool]] = {}
     for job in jobs:
-        for one in job.given.jobs(job.episode, job.eligibility, job.every_s):
+        for one in job.given.sources(job.episode, job.eligibility, job.every_s):
             if fresh or not one.detections_path.exists():
                 found[one.detections_path] = one, fresh
     return list(found.values())
 
 
-def _share(task: tuple[Job | CameraJob, bool]) -> None:
+def _share(task: tuple[PublicDetections | CameraJob, bool]) -> None:
     """Make detections; what goes wrong is told by the fusions that need them."""
-    job, fresh = task
+    source, fresh = task
     try:
-        if isinstance(job, CameraJob):
-            seen_of(job, fresh)
+        if isinstance(source, CameraJob):
+            seen_of(source, fresh)
         else:
-            detections_of(job, fresh)
+            source.read(fresh)
     except Exception:
         return
 

@@ -144,6 +144,7 @@ def test_a_strangers_fusion_runs_apart_and_costs_only_its_own_row(suite, out, ca
 def test_a_second_run_does_nothing_again(suite, out, results, monkeypatch) -> None:
     for name in ("execute_camera", "execute_fusions", "seen_of", "detections_of", "apart"):
         monkeypatch.setattr(f"roadscope.benchmarks.runner.{name}", None)
+    monkeypatch.setattr("roadscope.benchmarks.jobs.public.PublicDetections.read", None)
     again = run(suite, boards=("camera", "fusion"), out_dir=out)
     assert again.row("fusion", "union", "ap") == results.row("fusion", "union", "ap")
     assert again.row("camera", "network", "ap50") == results.row("camera", "network", "ap50")

@@ -12,7 +12,7 @@ from typing import Any
 from roadscope.benchmarks.cache import cache_dir, kept
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, package_version, plugin_hash
-from roadscope.benchmarks.jobs.job import cost
+from roadscope.benchmarks.jobs.cost import cost
 from roadscope.benchmarks.jobs.look import air_of, drawn_from_truth, look
 from roadscope.benchmarks.jobs.stack import EntryError, describe, prints_aside
 from roadscope.benchmarks.jobs.store import Outcome

@@ -12,7 +12,7 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensing_of
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.jobs.camera_job import CameraJob, seen_of
-from roadscope.benchmarks.jobs.job import Job, detections_of
+from roadscope.benchmarks.jobs.public import PublicDetections
 from roadscope.benchmarks.jobs.stack import EntryError, guarded, timed
 from roadscope.benchmarks.metrics.fusion import Targets
 from roadscope.benchmarks.oracle import FUSED
@@ -56,24 +56,24 @@ class FusedSpec:
                 raise SpecError(f"'{spec}': no argument '{key}'; known: {', '.join(known)}")
         return FusedSpec(**{key: str(value) for key, value in arguments.items()})
 
-    def jobs(
+    def sources(
         self, episode: Episode, eligibility: Eligibility, every_s: float
-    ) -> tuple[Job, CameraJob]:
-        """Return the jobs whose detections are joined; every_s: from scan to scan."""
+    ) -> tuple[PublicDetections, CameraJob]:
+        """Return whose detections are joined; every_s: from scan to scan."""
         return (
-            Job("detection", self.lidar, self.lidar, None, episode, eligibility),
+            PublicDetections(self.lidar, episode, eligibility),
             CameraJob(self.camera, self.camera, episode, every_s, scans=True),
         )
 
     def made_by(self, episode: Episode, eligibility: Eligibility, every_s: float) -> str:
         """Hash everything that the joined detections depend on."""
-        lidar, camera = self.jobs(episode, eligibility, every_s)
+        lidar, camera = self.sources(episode, eligibility, every_s)
         alone = self.fusion in (LIDAR_ALONE, CAMERA_ALONE)
         plugin = FUSIONS.resolve("union" if alone else self.fusion)
         calibration = read_calibration(self.calibration).matrix if self.calibration else None
         return fingerprint(
             [
-                lidar.detections_spec, camera.detections_spec, plugin_hash(plugin), self.fusion,
+                lidar.spec, camera.detections_spec, plugin_hash(plugin), self.fusion,
                 calibration, code_hash(*CODE),
             ]
         )  # fmt: skip
@@ -102,8 +102,8 @@ def fuse(
     nearest, moved by what the ego did in between; a black image is none. Without an image, or
     without a scan, fusions are told so.
     """
-    lidar, camera = spec.jobs(episode, eligibility, every_s)
-    perceived, seen = detections_of(lidar), seen_of(camera)
+    lidar, camera = spec.sources(episode, eligibility, every_s)
+    perceived, seen = lidar.read(), seen_of(camera)
     rows = scan_rows(episode, len(perceived.truths), every_s)
     views = _views(spec, episode, perceived, seen, rows)
     call = _caller(spec.fusion)
@@ -247,8 +247,8 @@ def perceive_fused(detector: str, episode: Episode, eligibility: Eligibility) ->
     Its time is that of both detectors and of the fusion.
     """
     spec = FusedSpec.parse(detector)
-    lidar, camera = spec.jobs(episode, eligibility, 0.0)
-    perceived, seen = detections_of(lidar), seen_of(camera)
+    lidar, camera = spec.sources(episode, eligibility, 0.0)
+    perceived, seen = lidar.read(), seen_of(camera)
     moments = fuse(spec, episode, eligibility)
     looked_ms = float(seen.calls_ms.sum()) / max(len(moments.rows), 1)
     return replace(

@@ -11,8 +11,9 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint
 from roadscope.benchmarks.jobs.camera_job import CameraJob
+from roadscope.benchmarks.jobs.cost import cost
 from roadscope.benchmarks.jobs.fused import CAMERA_ALONE, LIDAR_ALONE, FusedSpec, Moments, fuse
-from roadscope.benchmarks.jobs.job import Job, cost
+from roadscope.benchmarks.jobs.job import Job
 from roadscope.benchmarks.jobs.stack import EntryError, describe, prints_aside
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics import METRIC_VERSION

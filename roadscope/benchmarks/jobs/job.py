@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.cache import cache_dir, kept
+from roadscope.benchmarks.cache import kept
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.jobs.cost import cost
+from roadscope.benchmarks.jobs.fused import FusedSpec, perceive_fused
+from roadscope.benchmarks.jobs.public import PERCEIVING, PublicDetections, path_of, spec_of
 from roadscope.benchmarks.jobs.stack import (
     EntryError,
     describe,
@@ -30,22 +33,15 @@ from roadscope.benchmarks.metrics.breakdown import broken_down
 from roadscope.benchmarks.metrics.detection import score_detections
 from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.metrics.tracking import score_tracks
-from roadscope.benchmarks.noisy import NOISES
-from roadscope.benchmarks.oracle import ORACLE, full_name, is_fused, made_from_truth
+from roadscope.benchmarks.oracle import full_name, is_fused, made_from_truth
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
 from roadscope.benchmarks.recorded.recording import OFFLINE, Recording, replayed, sequence_of
 from roadscope.core import Tracks
-from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS
 
-PERCEIVING = tuple(
-    f"benchmarks/{name}.py"
-    for name in ("jobs/stack", "perceived", "oracle", "noisy", "parked", "episode", "eligibility")
-)
-"""What detections depend on beside the detector and the episode."""
 SCORING = ("benchmarks/metrics", "benchmarks/eligibility.py", "benchmarks/jobs/job.py")
-"""What scores depend on beside that."""
+"""What scores depend on beside the detections."""
 RECORDED_SCORING = (
     "benchmarks/formats",
     *(f"benchmarks/recorded/{name}.py" for name in ("kitti_scores", "combined", "recording")),
@@ -74,26 +70,13 @@ class Job:
     @cached_property
     def detections_spec(self) -> Mapping[str, Any]:
         """Everything that the detections depend on."""
-        if isinstance(self.episode, Recording):
-            return {"episode": self.episode.spec(), "code": code_hash(*PERCEIVING)}
-        return {
-            "detector": self.detector,
-            "by": self._made_by(),
-            "episode": self.episode.spec(),
-            "code": code_hash(*PERCEIVING),
-        }
-
-    def _made_by(self) -> str:
-        rule = fingerprint(self.eligibility)
-        if self.detector == ORACLE:
-            return rule
-        if made_from_truth(self.detector):
-            return fingerprint([rule, NOISES.make(self.detector)])
-        if is_fused(self.detector) and isinstance(self.episode, Episode):
-            from roadscope.benchmarks.jobs.fused import FusedSpec
-
-            return FusedSpec.parse(self.detector).made_by(self.episode, self.eligibility, 0.0)
-        return plugin_hash(DETECTORS.resolve(full_name(self.detector)))
+        episode = self.episode
+        if isinstance(episode, Recording):
+            return {"episode": episode.spec(), "code": code_hash(*PERCEIVING)}
+        if is_fused(self.detector):
+            made_by = FusedSpec.parse(self.detector).made_by(episode, self.eligibility, 0.0)
+            return spec_of(self.detector, made_by, episode)
+        return PublicDetections(self.detector, episode, self.eligibility).spec
 
     @cached_property
     def spec(self) -> str:
@@ -119,7 +102,7 @@ class Job:
     @property
     def detections_path(self) -> Path:
         """Where the detections are kept."""
-        return cache_dir() / "detections" / f"{fingerprint(self.detections_spec)}.npz"
+        return path_of(self.detections_spec)
 
 
 @prints_aside()
@@ -155,11 +138,9 @@ def detections_of(job: Job, fresh: bool = False) -> Perceived:
 
 def perceived_by(detector: str, episode: Episode, eligibility: Eligibility) -> Perceived:
     """Run whatever makes detections in space over an episode, a fusion with its sensors too."""
-    if not is_fused(detector):
-        return perceive(full_name(detector), episode, eligibility)
-    from roadscope.benchmarks.jobs.fused import perceive_fused
-
-    return perceive_fused(detector, episode, eligibility)
+    if is_fused(detector):
+        return perceive_fused(detector, episode, eligibility)
+    return perceive(full_name(detector), episode, eligibility)
 
 
 def detection_scores(
@@ -206,16 +187,3 @@ def recorded_scores(
 def passed(frames: int, later: bool = True) -> dict[str, Score]:
     """Return the mark of a tracker that looks at frames that were still to come, or not."""
     return {OFFLINE: Score(float(later), "1", "lower", frames)}
-
-
-def cost(calls_ms: np.ndarray) -> dict[str, Score]:
-    """Return median and 99th percentile of a plug-in's calls.
-
-    The first is left out: where plug-ins are not ours, it may compile or load what they need.
-    """
-    counted = calls_ms[1:] if len(calls_ms) > 1 else calls_ms
-    middle, worst = np.percentile(counted, [50, 99]) if len(counted) else (np.nan, np.nan)
-    return {
-        "call_p50_ms": Score(float(middle), "ms", "lower", len(counted)),
-        "call_p99_ms": Score(float(worst), "ms", "lower", len(counted)),
-    }
