@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.fusion import Targets
+from roadscope.benchmarks.metrics.fusion import Targets, judge, rates
 from roadscope.benchmarks.papers import li2021
 from roadscope.benchmarks.papers.li2021_scene import Moment
 from roadscope.benchmarks.papers.li2021_table import table_1
+from roadscope.benchmarks.papers.reproduction_tables import MOST_COLUMNS
 from roadscope.core import Calibration, Detections, Frame, ImageDetections, Pose, Truth
 from roadscope.core.projection import Projection
 from roadscope.fusion.overlap import projected_boxes
@@ -69,3 +70,10 @@ def test_one_seed_gives_every_figure_of_the_paper() -> None:
     found = li2021.measure(10300)
     assert set(li2021.PAPER) <= set(found)
     assert found["clear", "consistent", li2021.DISTANCE] > found["clear", "li2021", li2021.DISTANCE]
+
+
+def test_all_methods_of_a_condition_fit_one_table() -> None:
+    judged = judge([], [])
+    names = li2021.quantities(rates(judged))
+    assert len(names) <= MOST_COLUMNS
+    assert list(names)[-1] == li2021.FALSE
