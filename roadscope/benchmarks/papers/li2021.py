@@ -37,8 +37,8 @@ FUSED = (
 METHODS = (LIDAR, CAMERA, *FUSED)
 EQUAL_FALSE = 0.5
 """False alarms a scan at which all methods are compared, condition by condition."""
-VEHICLES, CYCLISTS, PEDESTRIANS = (f"detection rate, {family.value}s" for family in FAMILIES)
-FALSE = "false alarms"
+VEHICLES, CYCLISTS, PEDESTRIANS = (f"{family.value}s found" for family in FAMILIES)
+FALSE = "false"
 DISTANCE = "distance right"
 HIDDEN = "distance right of those more than a third hidden"
 """A table of its own, by condition."""
