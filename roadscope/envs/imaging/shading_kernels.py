@@ -158,16 +158,15 @@ def _solid_run(
             out[3], out[4], out[5], out[6] = looks.gloss[m], 0.0, 0.0, 0.0
         else:
             paint(looks, stage.noise, m, edge, normal, place, air.lamps, out)
+        size = np.sqrt(1.0 + du * du + dv * dv)
         if out[3] > 0.0:
             turned = normal
             if pattern == GLASS and out[3] > 0.05:
                 turned = slanted(looks.frames[m], normal, place[0], place[1])
-            short = 1.0 / np.sqrt(1.0 + du * du + dv * dv)
+            short = 1.0 / size
             _glossy(stage, air, m, side, turned, (vx * short, vy * short, vz * short), out)
         else:
-            out[4] += out[0] * stage.glow[m, side, 0]
-            out[5] += out[1] * stage.glow[m, side, 1]
-            out[6] += out[2] * stage.glow[m, side, 2]
+            _matt(stage, m, side, out)
         if air.lamps:
             along = (c - start) % LAMP_STEP
             if along == 0:
@@ -176,16 +175,34 @@ def _solid_run(
                 here, ahead = ahead, _lamps_on(lens, looks, stage, m, normal, there)
                 share = 1.0 / max(1, last - c)
                 step = (share * (ahead[0] - here[0]), share * (ahead[1] - here[1]))
-            warm, white = here[0] + along * step[0], here[1] + along * step[1]
-            out[4] += out[0] * (warm + white)
-            out[5] += out[1] * (0.72 * warm + 0.95 * white)
-            out[6] += out[2] * (0.42 * warm + 0.85 * white)
+            _lamplit(here[0] + along * step[0], here[1] + along * step[1], out)
         if air.extinction * depth > 0.004:
-            size = np.sqrt(1.0 + du * du + dv * dv)
-            clear = share_passed(stage.fades, air.extinction * depth * size)
-            for k in range(3):
-                out[4 + k] = air.veil[k] + clear * (out[4 + k] - air.veil[k])
+            _haze(stage, air, air.extinction * depth * size, out)
         light[c, 0], light[c, 1], light[c, 2] = out[4], out[5], out[6]
+
+
+@compiled(forceinline=True, borrowing=True)
+def _matt(stage: Stage, m: int, side: int, out: np.ndarray) -> None:
+    """Add to the own light in out[4:] what a surface without gloss throws back."""
+    out[4] += out[0] * stage.glow[m, side, 0]
+    out[5] += out[1] * stage.glow[m, side, 1]
+    out[6] += out[2] * stage.glow[m, side, 2]
+
+
+@compiled(forceinline=True, borrowing=True)
+def _lamplit(warm: float, white: float, out: np.ndarray) -> None:
+    """Add what a surface throws back of street lamps and of headlights."""
+    out[4] += out[0] * (warm + white)
+    out[5] += out[1] * (0.72 * warm + 0.95 * white)
+    out[6] += out[2] * (0.42 * warm + 0.85 * white)
+
+
+@compiled(forceinline=True, borrowing=True)
+def _haze(stage: Stage, air: Air, thickness: float, out: np.ndarray) -> None:
+    """Let the air take light and give its own; thickness: optical depth."""
+    clear = share_passed(stage.fades, thickness)
+    for k in range(3):
+        out[4 + k] = air.veil[k] + clear * (out[4 + k] - air.veil[k])
 
 
 @compiled(forceinline=True, borrowing=True)
