@@ -104,6 +104,7 @@ def test_list() -> None:
         (["run", "motorwy"], 1, "no scenario 'motorwy' (did you mean 'motorway'?)"),
         (["run", "motorway", "--rig", "lxu"], 1, "no rig 'lxu' (did you mean 'lux'?)"),
         (["run", "motorway", "--weather", "fgo"], 1, "no weather 'fgo' (did you mean 'fog'?)"),
+        (["run", "motorway", "--light", "dsk"], 1, "no light 'dsk' (did you mean 'dusk'?)"),
         (["run", "motorway", "--detector", "pga"], 1, "no detector 'pga' (did you mean 'pag'?)"),
         (["run", "motorway", "--tracker", "x"], 1, "no tracker 'x'; known: nearest"),
         (["run", "motorway", "--tracker", "nearst"], 1, "(did you mean 'nearest'?); known: near"),
@@ -194,10 +195,11 @@ def test_run_prints_a_summary_and_draws(tmp_path) -> None:
     path = tmp_path / "scene.png"
     done = roadscope_does(
         "run", "lu2018-occlusion", "--seconds", 1, "--picture", path, "--weather", "rain-2",
-        "--tracker", f"{TRACKERS}:Late",
+        "--light", "dusk", "--tracker", f"{TRACKERS}:Late",
     )  # fmt: skip
     assert done.returncode == 0
-    assert "lu2018-occlusion, seed 0, lux, rain-2: " in done.stdout
+    assert "lu2018-occlusion, seed 0, lux, rain-2 + dusk: " in done.stdout
+    assert "without effect on LiDAR detectors: dusk" in done.stdout
     assert "detection_rate" in done.stdout
     assert "mota" in done.stdout
     assert "bad_trackers.py:Late (offline)" in " ".join(done.stdout.split())

@@ -18,6 +18,7 @@ def run_scenario(
     weather: Annotated[str, typer.Option(help="Such as rain-2, see: roadscope list weathers.")] = (
         "clear"
     ),
+    light: Annotated[str, typer.Option(help="For a camera, see: roadscope list lights.")] = "day",
     faults: Annotated[
         str, typer.Option(help="Such as 'fog:3 + dropped-scans:2', see: roadscope list faults.")
     ] = "clear",
@@ -35,12 +36,13 @@ def run_scenario(
     """Run one episode through one detector and one tracker."""
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.jobs.stack import offline
+    from roadscope.benchmarks.oracle import is_fused
     from roadscope.benchmarks.single import picture_path, run_episode, save_picture
     from roadscope.benchmarks.tables import score_table
     from roadscope.envs.sensors.faults import faults_of, of_camera_alone
 
     told = tuple(map(str, faults_of(faults)))
-    episode = Episode(scenario, seed, rig, seconds, weather, faults=told)
+    episode = Episode(scenario, seed, rig, seconds, weather, light, told)
     if picture is not None:
         picture_path(picture)
     with progress_bars() as progress:
@@ -52,7 +54,9 @@ def run_scenario(
     condition = "" if episode.condition == "clear" else f", {episode.condition}"
     where = f"{scenario}, seed {seed}, {rig}{condition}"
     typer.echo(f"{where}: {frames} frames, vehicles within 60 m")
-    if idle := ", ".join(of_camera_alone(told)):
+    dark = (light,) if light != "day" else ()
+    idle = "" if is_fused(detector) else ", ".join(dark + of_camera_alone(told))
+    if idle:
         typer.echo(f"without effect on LiDAR detectors: {idle}")
     headline(f"detector {detector}")
     show(score_table(summary.detection))

@@ -14,6 +14,7 @@ from gymnasium.envs.registration import load_env_creator
 from roadscope.envs.gym.playback import PlaybackEnv
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
 from roadscope.envs.gym.spaces import Observation
+from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
@@ -63,7 +64,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
     ego: `agent`: the action drives the ego, with the action space, the reward and the ends of
         highway-env's own environment; `idm`: a recorded scenario is played whose ego drives
         itself, and the one action is to go on. None: `agent` where there is one to drive.
-    rig, style, weather, faults, records: as in `SensorWrapper`.
+    rig, style, weather, light, faults, records: as in `SensorWrapper`.
     config: settings of highway-env that an agent's environment should have.
     duration_s: the episode is truncated there at the latest.
     step_s: time from step to step of a played scenario; None for the period of the LiDAR.
@@ -79,6 +80,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         rig: str | Rig = "vlp16",
         style: str | None = None,
         weather: str | Weather = "clear",
+        light: str | Light | None = None,
         faults: Faults = (),
         records: bool = True,
         config: Mapping[str, Any] | None = None,
@@ -89,7 +91,8 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         driver = _driver(scenario, ego)
         _check_render_mode(render_mode, self.metadata["render_modes"])
         sensing: dict[str, Any] = {
-            "style": style, "weather": weather, "faults": faults, "records": records
+            "style": style, "weather": weather, "light": light, "faults": faults,
+            "records": records,
         }  # fmt: skip
         if duration_s is not None and not duration_s > 0:
             raise ValueError(f"duration_s: expected a positive number of seconds, got {duration_s}")

@@ -9,6 +9,7 @@ import numpy as np
 
 from roadscope.core import Frame, Truth
 from roadscope.envs.gym.spaces import Lanes, ego_state, imu_block, imu_samples, range_image
+from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
@@ -60,6 +61,7 @@ class Observer:
         seed: int | None = None,
         style: str | None = None,
         weather: str | Weather = CLEAR,
+        light: str | Light | None = None,
         faults: Faults = (),
         records: bool = True,
     ) -> None:
@@ -71,7 +73,7 @@ class Observer:
             style_named(style)
         self._records = records
         self._seeds = np.random.SeedSequence(seed)
-        self._sensing = Sensing(rig, 0, style, weather=weather, faults=faults)
+        self._sensing = Sensing(rig, 0, style, weather=weather, light=light, faults=faults)
 
     def next_seed(self, seed: int | None) -> int:
         """Return the seed of the next episode, the given one if there is one."""

@@ -13,6 +13,7 @@ from gymnasium import spaces
 from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, rig_of
 from roadscope.envs.gym.spaces import Observation, observation_space
+from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
@@ -25,7 +26,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
 
     scenario, duration_s: as in `scenarios.record`. `reset(seed=s)` plays the recording of seed
         s, byte for byte what `sensing.sense` makes of it; a reset without seed draws the next.
-    rig, style, weather, faults, records: as in `SensorWrapper`.
+    rig, style, weather, light, faults, records: as in `SensorWrapper`.
     step_s: time from step to step; None for the period of the LiDAR.
 
     The reward is 0, and an episode is truncated where the recording ends.
@@ -42,6 +43,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         step_s: float | None = None,
         style: str | None = None,
         weather: str | Weather = "clear",
+        light: str | Light | None = None,
         faults: Faults = (),
         records: bool = True,
         render_mode: str | None = None,
@@ -50,7 +52,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(1)
         self._observer = Observer(
-            chosen, style=style, weather=weather, faults=faults, records=records
+            chosen, style=style, weather=weather, light=light, faults=faults, records=records
         )
         self.observation_space = observation_space(chosen)
         self._scenario = scenario

@@ -13,6 +13,7 @@ from roadscope.core import Pose
 from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
 from roadscope.envs.gym.spaces import Observation, goal_state, observation_space
+from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.ego_motion import AHEAD
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
@@ -49,6 +50,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
     seed: of the sensors when the first `reset` brings none; a seed given to `reset` counts.
     style: roadside, a name of `roadside.STYLES`; None for what suits the environment.
     weather: name of a preset (`roadscope list weathers`) or a `Weather`.
+    light: name of a preset (`roadscope list lights`) or a `Light`, for the camera; None: some day.
     faults: such as `fog:3` or a list of them (`roadscope list faults`); they hold weather too.
     records: whether `info` carries every frame and its truth; training without them is lighter.
 
@@ -67,20 +69,22 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         seed: int | None = None,
         style: str | None = None,
         weather: str | Weather = "clear",
+        light: str | Light | None = None,
         faults: Faults = (),
         records: bool = True,
     ) -> None:
         RecordConstructorArgs.__init__(
-            self, rig=rig, seed=seed, style=style, weather=weather, faults=faults, records=records
-        )
+            self, rig=rig, seed=seed, style=style, weather=weather, light=light, faults=faults,
+            records=records,
+        )  # fmt: skip
         gym.Wrapper.__init__(self, env)
         _refuse_sensors(env)
         refuse_multi_agent(env)
         chosen = rig_of(rig)
         suited = suited_style(env.unwrapped) if style is None else style
         self._observer = Observer(
-            chosen, seed=checked_seed(seed), style=suited, weather=weather, faults=faults,
-            records=records,
+            chosen, seed=checked_seed(seed), style=suited, weather=weather, light=light,
+            faults=faults, records=records,
         )  # fmt: skip
         self._recorder = TrafficRecorder()
         self._constants: Constants = {}

@@ -62,6 +62,16 @@ def test_light_is_chosen_by_name() -> None:
         Sensing(rig("wide"), 2, light="noon")
 
 
+@pytest.mark.parametrize("name", ["TwoWay-v0", "Lu2018Occlusion-v0"])
+def test_light_is_chosen_in_gymnasium_too(name: str) -> None:
+    shown = {}
+    for light in (None, "night"):
+        env = gym.make(f"roadscope/{name}", rig="wide", light=light)
+        shown[light], _ = env.reset(seed=3)
+    assert shown["night"]["image"].mean() < 0.5 * shown[None]["image"].mean()
+    assert np.array_equal(shown["night"]["lidar_range"], shown[None]["lidar_range"])
+
+
 def test_live_frames_with_faults_equal_the_recorded_ones() -> None:
     faults = "rain:2 + glare:3 + dropped-scans:5 + blackout:5 + clock-offset:4 + extrinsic-error:3"
     env = gym.make("roadscope/TwoWay-v0", rig="wide", faults=faults, render_mode="rgb_array")

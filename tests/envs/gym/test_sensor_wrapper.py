@@ -155,6 +155,10 @@ def test_unknown_rigs_styles_and_weathers_list_what_there_is() -> None:
         SensorWrapper(env, weather="fgo")
     with pytest.raises(TypeError, match="weather: expected a name or a Weather, got 3"):
         SensorWrapper(env, weather=3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="no light 'noon'; known: day"):
+        SensorWrapper(env, light="noon")
+    with pytest.raises(ValueError, match="light 'dusk' and fault 'night:2' both say"):
+        SensorWrapper(env, light="dusk", faults="night:2")
 
 
 @pytest.mark.parametrize(
