@@ -14,9 +14,11 @@ from roadscope.benchmarks.check.items import (
     Promise,
     PromiseError,
     begun,
+    forgetting,
     has_method,
     left_alone,
     made_by_name,
+    repeating,
 )
 from roadscope.benchmarks.jobs.look import checked
 from roadscope.benchmarks.jobs.stack import EntryError, guarded
@@ -77,23 +79,6 @@ def input_left_alone(plugin: Plugin[Any]) -> str:
     return ""
 
 
-def repeats(plugin: Plugin[Any]) -> str:
-    """Look at whether the same images give the same boxes."""
-    if told(plugin, begun(plugin)) != told(plugin, begun(plugin)):
-        raise PromiseError("the same images give other boxes the second time")
-    return ""
-
-
-def forgets(plugin: Plugin[Any]) -> str:
-    """Look at whether anything is left after reset."""
-    detector = begun(plugin)
-    expected = told(plugin, detector)
-    guarded(plugin.spec, detector.reset)
-    if told(plugin, detector) != expected:
-        raise PromiseError("reset does not forget: the same images after it give other boxes")
-    return ""
-
-
 def takes_black_images(plugin: Plugin[Any]) -> str:
     """Look at what is found where nothing can be seen, as of a covered lens."""
     found = detected(plugin, begun(plugin), with_pixels(np.zeros((480, 640, 3), np.uint8)))
@@ -130,8 +115,8 @@ PROMISES = (
     Promise("has reset and detect", methods),
     Promise("answers with boxes in the image it saw", answers, frames),
     Promise("leaves its input alone", input_left_alone),
-    Promise("the same images give the same boxes", repeats),
-    Promise("reset forgets everything", forgets),
+    Promise("the same images give the same boxes", repeating(told, "images", "boxes")),
+    Promise("reset forgets everything", forgetting(told, "images", "boxes")),
     Promise("finds nothing in a black image", takes_black_images),
     Promise("takes images of other sizes", takes_other_sizes),
 )

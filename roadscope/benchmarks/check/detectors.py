@@ -12,9 +12,11 @@ from roadscope.benchmarks.check.items import (
     Promise,
     PromiseError,
     begun,
+    forgetting,
     has_method,
     left_alone,
     made_by_name,
+    repeating,
     traffic_ready,
 )
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, guarded
@@ -75,23 +77,6 @@ def input_left_alone(plugin: Plugin[Any]) -> str:
     return ""
 
 
-def repeats(plugin: Plugin[Any]) -> str:
-    """Look at whether the same frames give the same detections."""
-    if told(plugin, begun(plugin)) != told(plugin, begun(plugin)):
-        raise PromiseError("the same frames give other detections the second time")
-    return ""
-
-
-def forgets(plugin: Plugin[Any]) -> str:
-    """Look at whether anything is left after reset."""
-    detector = begun(plugin)
-    expected = told(plugin, detector)
-    guarded(plugin.spec, detector.reset)
-    if told(plugin, detector) != expected:
-        raise PromiseError("reset does not forget: the same frames after it give other detections")
-    return ""
-
-
 def two_seconds(plugin: Plugin[Any]) -> str:
     """Detect simulated traffic for two seconds."""
     from roadscope.benchmarks.episode import Episode
@@ -113,7 +98,7 @@ PROMISES = (
     Promise("has reset and detect", methods),
     Promise("answers with detections of a frame it saw", answers, frames),
     Promise("leaves its input alone", input_left_alone),
-    Promise("the same frames give the same detections", repeats),
-    Promise("reset forgets everything", forgets),
+    Promise("the same frames give the same detections", repeating(told, "frames", "detections")),
+    Promise("reset forgets everything", forgetting(told, "frames", "detections")),
     Promise("detects two seconds of traffic", two_seconds, traffic_ready),
 )

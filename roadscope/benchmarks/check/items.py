@@ -34,16 +34,22 @@ class Item:
     times: int = 1
 
 
+Look = Callable[[Plugin[Any]], str]
+"""Takes a plug-in, makes instances of it, returns a remark or raises `PromiseError`."""
+
+Tell = Callable[[Plugin[Any], Any], object]
+"""Takes a plug-in and an instance, returns what that makes of a whole scene."""
+
+
 @dataclass(frozen=True, slots=True)
 class Promise:
     """A promise and how it is looked at.
 
-    look: takes the plug-in, makes instances of it, returns a remark or raises.
     ready: makes what of ours is looked at with; the time it takes is not the plug-in's.
     """
 
     words: str
-    look: Callable[[Plugin[Any]], str]
+    look: Look
     ready: Callable[[], object] | None = None
 
 
@@ -83,6 +89,33 @@ def begun(plugin: Plugin[Any]) -> Any:
     made = plugin.make()
     guarded(plugin.spec, made.reset)
     return made
+
+
+def repeating(tell: Tell, given: str, answers: str) -> Look:
+    """Look at whether the same scene gives the same answers to another instance."""
+
+    def look(plugin: Plugin[Any]) -> str:
+        if tell(plugin, begun(plugin)) != tell(plugin, begun(plugin)):
+            raise PromiseError(f"the same {given} give other {answers} the second time")
+        return ""
+
+    return look
+
+
+def forgetting(tell: Tell, given: str, answers: str) -> Look:
+    """Look at whether anything of a scene is left after reset."""
+
+    def look(plugin: Plugin[Any]) -> str:
+        made = begun(plugin)
+        expected = tell(plugin, made)
+        guarded(plugin.spec, made.reset)
+        if tell(plugin, made) != expected:
+            raise PromiseError(
+                f"reset does not forget: the same {given} after it give other {answers}"
+            )
+        return ""
+
+    return look
 
 
 def left_alone(call: Callable[[Any], object], given: Any, words: str) -> None:
