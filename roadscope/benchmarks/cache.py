@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -16,7 +16,7 @@ ENVIRONMENT_VARIABLE = "ROADSCOPE_CACHE"
 
 
 class FolderError(ValueError):
-    """A folder cannot be written to."""
+    """A folder or file cannot be written to."""
 
 
 def cache_dir() -> Path:
@@ -40,6 +40,20 @@ def usable_folder(path: Path | str) -> Path:
         raise FolderError(f"cannot write to folder {folder}: a file is in the way") from error
     except OSError as error:
         raise FolderError(f"cannot write to folder {folder}: {error.strerror or error}") from error
+
+
+def usable_file(path: Path | str, endings: Sequence[str], what: str) -> Path:
+    """Refuse a path to which no file of such endings can be written, before anything is computed.
+
+    what: in the words of the error, such as `a picture`.
+    """
+    place = Path(path)
+    if place.suffix.lower() not in endings:
+        raise FolderError(f"{what} ends in {' or '.join(endings)}, got {place}")
+    if place.is_dir():
+        raise FolderError(f"cannot write {what} to {place}: it is a folder")
+    usable_folder(place.parent)
+    return place
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:

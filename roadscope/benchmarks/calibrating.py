@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.cache import FolderError, usable_folder, write_atomically
+from roadscope.benchmarks.cache import usable_file, write_atomically
 from roadscope.benchmarks.images import camera_of
 from roadscope.benchmarks.papers.li2021_board import (
     SCANS,
@@ -125,13 +125,7 @@ def save_rig_calibration(found: RigCalibration, path: Path | str, origin: str) -
 
 def calibration_path(path: Path | str) -> Path:
     """Refuse a path that no calibration can be written to, before anything is computed."""
-    place = Path(path)
-    if place.suffix.lower() not in ENDINGS:
-        raise FolderError(f"a calibration ends in {' or '.join(ENDINGS)}, got {place}")
-    if place.is_dir():
-        raise FolderError(f"cannot write a calibration to {place}: it is a folder")
-    usable_folder(place.parent)
-    return place
+    return usable_file(path, ENDINGS, "a calibration")
 
 
 def enough(rows: Sequence[PoseRow], share: float = 1.5) -> int:

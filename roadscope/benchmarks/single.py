@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.cache import usable_folder, write_atomically
+from roadscope.benchmarks.cache import usable_file, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, sensing_of, timeline_of
 from roadscope.benchmarks.jobs.entries import check, check_detector
@@ -95,13 +95,7 @@ def picture(summary: Summary, index: int | None = None) -> np.ndarray:
 
 def picture_path(path: Path | str) -> Path:
     """Refuse a path that no picture can be written to, before anything is computed."""
-    path = Path(path)
-    if path.suffix.lower() not in PICTURES:
-        raise ValueError(f"a picture ends in {', '.join(PICTURES)}, got {path}")
-    if path.is_dir():
-        raise ValueError(f"cannot write a picture to {path}: it is a folder")
-    usable_folder(path.parent)
-    return path
+    return usable_file(path, PICTURES, "a picture")
 
 
 def save_picture(summary: Summary, path: Path | str) -> None:
