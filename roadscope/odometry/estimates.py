@@ -9,14 +9,17 @@ from roadscope.odometry.rigid import adjoint, inverse, orthonormal
 
 
 def estimate(
-    pose: np.ndarray, covariance: np.ndarray, stamp_s: float, returns: int, reason: str = ""
-) -> OdometryEstimate:
-    """Make the record of a (4, 4) pose; degraded if there is a reason. No return is dynamic."""
+    pose: np.ndarray, covariance: np.ndarray, stamp_s: float, returns: int, reason: str = "",
+    *, dynamic: np.ndarray | None = None,
+) -> OdometryEstimate:  # fmt: skip
+    """Make the record of a (4, 4) pose; degraded if there is a reason.
+
+    dynamic: (N,) bool, returns held to be of things that move; None: not one of them.
+    """
     status = OdometryStatus.DEGRADED if reason else OdometryStatus.OK
     symmetric = (covariance + covariance.T) / 2
-    return OdometryEstimate(
-        Pose(orthonormal(pose)), symmetric, np.zeros(returns, bool), stamp_s, status, reason
-    )
+    moving = np.zeros(returns, bool) if dynamic is None else dynamic
+    return OdometryEstimate(Pose(orthonormal(pose)), symmetric, moving, stamp_s, status, reason)
 
 
 def grown(covariance: np.ndarray, motion: np.ndarray, of_motion: np.ndarray) -> np.ndarray:
