@@ -12,16 +12,18 @@ from roadscope.benchmarks.boards.recorded_agreement import agreements
 from roadscope.benchmarks.boards.results import Results, gather
 from roadscope.benchmarks.cache import cache_dir, usable_folder
 from roadscope.benchmarks.episode import Episode, timeline_of, timeline_path
-from roadscope.benchmarks.jobs.apart import DEADLINE_S, ApartError, apart
+from roadscope.benchmarks.jobs.apart import DEADLINE_S, MEMORY_GB, ApartError, apart
 from roadscope.benchmarks.jobs.camera_job import CameraJob, execute_camera, seen_of
 from roadscope.benchmarks.jobs.fusion_job import AnyJob, FusionJob, execute_fusions
 from roadscope.benchmarks.jobs.job import Job, detections_of, execute
 from roadscope.benchmarks.jobs.manifest import manifest
+from roadscope.benchmarks.jobs.odometry_job import OdometryJob, execute_odometry
 from roadscope.benchmarks.jobs.plan import Plan, boards_of, plan
 from roadscope.benchmarks.jobs.public import PublicDetections
 from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.jobs.store import Outcome, Store, StoredJob
 from roadscope.benchmarks.jobs.workers import WorkerError, in_parallel
+from roadscope.benchmarks.oracle_odometry import method_of
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.recording import Recording, check_recording
 from roadscope.benchmarks.recorded.suite import RecordedSuite, kitti_suite
@@ -53,19 +55,19 @@ def run(
     """Run a suite's entries and yours, and return the leaderboard.
 
     suite: a suite, its name or a path to its TOML file.
-    entries: specs of detectors, trackers, camera detectors and fusions to compare with the
-        suite's own; with `only`, they alone.
-    boards: some of `detection`, `tracking`, `camera`, `fusion`; None: all that the suite has
-        entries for.
+    entries: specs of detectors, trackers, camera detectors, fusions and odometries to compare
+        with the suite's own; with `only`, they alone.
+    boards: some of `detection`, `tracking`, `camera`, `fusion`, `odometry`; None: all that the
+        suite has entries for.
     jobs: worker processes.
-    out_dir: where results are kept (`results.sqlite`) and `leaderboard.json`, `.csv` and `.md`
-        are written; None keeps results in the cache folder and writes no board.
+    out_dir: where results are kept (`results.sqlite`) and `leaderboard.json`, `.csv`, `.md`
+        and `.tex` are written; None keeps results in the cache folder and writes no board.
     fresh: do again what an earlier run has done.
     kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
     calibration: a file of `roadscope calibrate`, which the fusion board believes.
-    deadline_s: for a camera detector or fusion that is not ours on one episode, in a process of
-        its own.
+    deadline_s: for a camera detector, fusion or odometry that is not ours on one episode, in a
+        process of its own.
     """
     if kitti is not None:
         suite = kitti_suite(kitti)
@@ -96,6 +98,7 @@ def _worked_out(store: Store, suite: Suite, plans: Plan, way: _Way, tell: Progre
     recorder = _Recorder(store, number, known)
     _work(plans, recorder, way.jobs, way.fresh, tell)
     _work_on_images(plans, recorder, way, tell)
+    _work_on_rides(plans, recorder, way, tell)
     results = gather(wanted, known, conditions)
     if isinstance(suite, RecordedSuite):
         return replace(results, agreements=agreements(results, plans.tracking, store.outcomes))
@@ -180,6 +183,15 @@ def _work_on_images(plans: Plan, recorder: _Recorder, way: _Way, progress: Progr
             recorder.take(fused, outcome)
 
 
+def _work_on_rides(plans: Plan, recorder: _Recorder, way: _Way, progress: Progress) -> None:
+    """Do what is missing of the odometry board."""
+    missing = [job for job in plans.odometry if job.key not in recorder.known]
+    _drive([job.episode for job in missing], way.jobs, progress)
+    riding = [(job, way) for job in missing]
+    for (job, _), outcome in _each(execute_ridden, riding, way.jobs, "odometry", progress):
+        recorder.take(job, outcome)
+
+
 def _together(jobs: Sequence[FusionJob]) -> list[tuple[FusionJob, ...]]:
     """Put a stranger's jobs on one episode together: a process takes seconds to begin."""
     groups: dict[object, list[FusionJob]] = {}
@@ -208,6 +220,17 @@ def execute_fused(task: tuple[tuple[FusionJob, ...], _Way]) -> list[Outcome]:
         return apart(execute_fusions, jobs, deadline_s=way.deadline_s)
     except ApartError as error:
         return [Outcome({}, f"{job.entry}: {error}") for job in jobs]
+
+
+def execute_ridden(task: tuple[OdometryJob, _Way]) -> Outcome:
+    """Run an odometry; a stranger's runs in a process of its own, with only so much memory."""
+    job, way = task
+    if job.ours:
+        return execute_odometry(job)
+    try:
+        return apart(execute_odometry, job, deadline_s=way.deadline_s, memory_gb=MEMORY_GB)
+    except ApartError as error:
+        return Outcome({}, f"{method_of(job.odometry)}: {error}")
 
 
 def _shared(

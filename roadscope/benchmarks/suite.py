@@ -14,10 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.metrics.odometry import SHORT_M
 from roadscope.core import RecordError
 from roadscope.core.names import unknown
 
-SUITES = ("quick", "standard", "detection", "tracking", "camera", "fusion", "crossing")
+SUITES = (
+    "quick", "standard", "detection", "tracking", "camera", "fusion", "odometry", "crossing",
+)  # fmt: skip
 """Suites that ship with the package."""
 
 SPLITS: Mapping[str, range] = {
@@ -29,7 +32,7 @@ SPLITS: Mapping[str, range] = {
 
 KEYS = (
     "name", "version", "summary", "rig", "duration_s", "scenarios", "weathers", "lights", "faults",
-    "split", "seeds", "eligibility", "detection", "tracking", "camera", "fusion",
+    "split", "seeds", "eligibility", "detection", "tracking", "camera", "fusion", "odometry",
 )  # fmt: skip
 
 
@@ -55,6 +58,8 @@ class Suite:
     camera_detectors: entries of the camera board, on an image every `image_every_s`.
     fusions: entries of the fusion board; all get, every `fused_every_s`, the detections of each
         of `fused_lidar` with those of each of `fused_camera`.
+    odometries: entries of the odometry board; their drift is measured over stretches of
+        `odometry_lengths_m`.
     """
 
     name: str
@@ -77,6 +82,8 @@ class Suite:
     fused_lidar: tuple[str, ...] = ()
     fused_camera: tuple[str, ...] = ()
     fused_every_s: float = 0.4
+    odometries: tuple[str, ...] = ()
+    odometry_lengths_m: tuple[float, ...] = SHORT_M
 
     @property
     def title(self) -> str:
@@ -139,6 +146,7 @@ def _suite(table: Mapping[str, Any]) -> Suite:
     tracking = _table(table, "tracking", ("entries", "detectors"))
     camera = _table(table, "camera", ("entries", "every_s"))
     fusion = _table(table, "fusion", ("entries", "lidar", "camera", "every_s"))
+    odometry = _table(table, "odometry", ("entries", "lengths_m"))
     eligibility = _table(table, "eligibility", ("range_m", "min_returns", "families"))
     duration = _seconds(table, "duration_s", None)
     return Suite(
@@ -162,6 +170,8 @@ def _suite(table: Mapping[str, Any]) -> Suite:
         fused_lidar=_strings(fusion, "lidar", ()),
         fused_camera=_strings(fusion, "camera", ()),
         fused_every_s=_seconds(fusion, "every_s", 0.4) or 0.4,
+        odometries=_strings(odometry, "entries", ()),
+        odometry_lengths_m=_lengths(odometry),
     )
 
 
@@ -170,6 +180,13 @@ def _seconds(table: Mapping[str, Any], key: str, default: float | None) -> float
     if value is not None and not 0 < value < float("inf"):
         raise SuiteError(f"{key}: expected seconds above 0, got {value}")
     return None if value is None else float(value)
+
+
+def _lengths(table: Mapping[str, Any]) -> tuple[float, ...]:
+    given = _take(table, "lengths_m", list, list(SHORT_M))
+    if not given or not all(type(v) in (int, float) and 0 < v < float("inf") for v in given):
+        raise SuiteError(f"odometry.lengths_m: expected metres above 0, got {given}")
+    return tuple(dict.fromkeys(float(v) for v in given))
 
 
 def _weathers(table: Mapping[str, Any]) -> tuple[str, ...]:

@@ -16,21 +16,21 @@ DEFAULT_SUITE = "quick"
 Board = Annotated[
     str | None,
     typer.Argument(
-        help="detection, tracking, camera or fusion; all that the suite has if left out."
+        help="detection, tracking, camera, fusion or odometry; all that the suite has if left out."
     ),
 ]
 Suite = Annotated[
     str | None,
     typer.Option(
         help="Conditions: a name (roadscope list suites) or a .toml file; quick if left out, for "
-        "the boards camera and fusion the suite of that name."
+        "the boards camera, fusion and odometry the suite of that name."
     ),
 ]
 Entry = Annotated[
     list[str] | None,
     typer.Option(
-        help="Your detector, tracker or fusion, beside the suite's own: a name, module:Class or "
-        "file.py:Class, with ?argument=value. Can be given several times."
+        help="Your detector, tracker, fusion or odometry, beside the suite's own: a name, "
+        "module:Class or file.py:Class, with ?argument=value. Can be given several times."
     ),
 ]
 Only = Annotated[bool, typer.Option("--only", help="Run the given entries alone.")]
@@ -39,13 +39,13 @@ By = Annotated[
     typer.Option(
         help="Show it by this too: range, category, occlusion, points or score (detection), "
         "detector (tracking), family, size, range, category or score (camera), family, range, "
-        "crowd, score or inputs (fusion), condition, weather or scenario (all), "
-        "alpha or sequence (--kitti)."
+        "crowd, score or inputs (fusion), distance (odometry), condition, weather or scenario "
+        "(all), alpha or sequence (--kitti)."
     ),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Folder for leaderboard.json, .csv, .md and the results database."),
+    typer.Option(help="Folder for leaderboard.json, .csv, .md, .tex and the results database."),
 ]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Do again what an earlier run has done.")]
 Kitti = Annotated[
@@ -75,7 +75,9 @@ Calibration = Annotated[
 ]
 Deadline = Annotated[
     float,
-    typer.Option(min=1, help="Seconds for a camera detector or fusion of yours on one episode."),
+    typer.Option(
+        min=1, help="Seconds for a camera detector, fusion or odometry of yours on one episode."
+    ),
 ]
 
 
@@ -95,7 +97,7 @@ def leaderboard(
     calibration: Calibration = None,
     deadline: Deadline = 300.0,
 ) -> None:
-    """Rank detectors, trackers, camera detectors and fusions on a suite of traffic.
+    """Rank detectors, trackers, camera detectors, fusions, odometries on a suite of traffic.
 
     What an earlier run has finished is not done again; a stopped run goes on where it was.
 
@@ -141,9 +143,9 @@ def leaderboard(
 
 
 def _usual(board: str | None) -> str:
-    from roadscope.benchmarks.jobs.entries import SENSOR_BOARDS
+    from roadscope.benchmarks.jobs.entries import ODOMETRY, SENSOR_BOARDS
 
-    return board if board in SENSOR_BOARDS else DEFAULT_SUITE
+    return board if board in (*SENSOR_BOARDS, ODOMETRY) else DEFAULT_SUITE
 
 
 def _given(suite: Any, detections: list[str]) -> Any:

@@ -24,6 +24,7 @@ SHOWN: Mapping[str, Sequence[str]] = {
     "tracking": ("hota",),
     "camera": ("ap50", "detection_rate", "precision"),
     "fusion": ("ap", "detection_rate", "precision"),
+    "odometry": ("failed", "t_rel", "end", "position_error", "false_motion", "dynamic_recall"),
     **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", *CURVES)),
 }  # fmt: skip
 """What is shown of each board where it is broken down; `leaderboard.json` holds more."""
@@ -33,12 +34,16 @@ HEADINGS = {
     "loc_a": "LocA", "ap50": "AP50", "ap": "AP", "f1": "F1",
     "false_alarms_per_frame": "false alarms per frame", "position_rmse_m": "position RMSE (m)",
     "heading_rmse_deg": "heading RMSE (degrees)", "size_rmse_m": "size RMSE (m)",
+    "failed": "failure rate", "t_rel": "t_rel (%)", "position_error": "error of the position (m)",
+    "end": "error of the last position (m)", "false_motion": "false motion of a standing ego (m)",
+    "dynamic_recall": "dynamic returns told",
 }  # fmt: skip
 QUANTITIES = {
     "range": "range, m",
     "occlusion": "occlusion, % of rays",
     "points": "points on target",
     "size": "size in the image",
+    "distance": "distance, m",
 }
 EVERYWHERE = "A false detection has none: in AP it counts in each band, and there is no precision."
 OWN = {
@@ -52,6 +57,7 @@ NOTES = {
     "weather": "What fog and rain leave too few returns from is not to be found.",
     "detector": "In brackets: the rank on these detections.",
     "inputs": "In brackets: the rank on these detections.",
+    "distance": "t_rel: over all stretches of that length; position: where that way is driven.",
     "size": "small: below 32 x 32 pixels, large: above 96 x 96.",
 }
 """What is said below tables of every board; `OWN` of the detection board's."""
@@ -64,7 +70,8 @@ ALARMS = {"camera": "false alarms per image", "fusion": "false alarms per scan"}
 BROKEN = {
     "motorway": "motor-\nway", "roundabout": "round-\nabout", "intersection": "inter-\nsection",
     "racetrack": "race-\ntrack", "motorcycle": "motor-\ncycle", "pedestrian": "pedes-\ntrian",
-    "occlusion": "occlu-\nsion", "vehicles": "vehi-\ncles", "distance": "distance",
+    "occlusion": "occlu-\nsion", "vehicles": "vehi-\ncles", "standing": "stand-\ning",
+    "barriers": "barri-\ners", "distance": "distance",
     "zhang2017": "zhang-\n2017", "distance-l-shape": "distance\nl-shape",
     "dbscan-l-shape": "dbscan\nl-shape",
 }  # fmt: skip
@@ -104,14 +111,22 @@ def note(board: str, by: str) -> str:
 def markdown_lines(results: Results, board: str) -> list[str]:
     """Return Markdown tables of everything that a board is broken down by."""
     lines = []
+    for title, (headings, *rows) in parts_as_text(results, board):
+        table = [markdown_row(headings), markdown_row(["---"] * len(headings))]
+        for entry, *figures in rows:
+            table.append(markdown_row([entry.replace("|", "\\|"), *figures]))
+        lines += ["", f"### {title}", "", *table]
+    return lines
+
+
+def parts_as_text(results: Results, board: str) -> Iterator[tuple[str, list[list[str]]]]:
+    """Yield title and rows, the headings first, of everything that a board is broken down by."""
     for by in BREAKDOWNS[board]:
         for metric, cells in _shown_cells(results.breakdown(by, board), board):
             if cells:
                 paired = board if _alarms(results, board, cells) else ""
                 remarks = _remarks(results, board, metric, cells)
-                table = _markdown(results, board, cells, remarks)
-                lines += ["", f"### {_title(metric, by, paired)}", "", *table]
-    return lines
+                yield _title(metric, by, paired), _texts(results, board, cells, remarks)
 
 
 def _shown_cells(
@@ -272,18 +287,18 @@ def heading(band: str) -> str:
     return "\n".join(lines)
 
 
-def _markdown(
+def _texts(
     results: Results,
     board: str,
     cells: Mapping[tuple[str, str], Row],
     remarks: Mapping[tuple[str, str], str],
-) -> list[str]:
+) -> list[list[str]]:
     bands = bands_of(list(cells.values()))
-    lines = [markdown_row(["entry", *bands]), markdown_row(["---"] * (len(bands) + 1))]
-    for entry in results.entries(board):
-        figures = [_cell(cells, remarks, entry, band) for band in bands]
-        lines.append(markdown_row([entry.replace("|", "\\|"), *figures]))
-    return lines
+    rows = [
+        [entry, *(_cell(cells, remarks, entry, band) for band in bands)]
+        for entry in results.entries(board)
+    ]
+    return [["entry", *bands], *rows]
 
 
 def markdown_row(cells: Sequence[str]) -> str:

@@ -107,6 +107,26 @@ COLUMNS: Mapping[str, Columns] = {
         "call_p50_ms": ("ms\np50", 2),
         "call_p99_ms": ("ms\np99", 2),
     },
+    "odometry": {
+        "t_rel": ("t_rel\n%", 2),
+        "failed": ("fail-\nures", 2),
+        "r_rel": ("r_rel\ndeg", 2),
+        "ate": ("ATE\nm", 2),
+        "rpe": ("RPE\nm", 3),
+        "rpe_rotation": ("RPE\ndeg", 3),
+        "end": ("end\nm", 2),
+        "error_mean": ("mean\nm", 2),
+        "error_std": ("std\nm", 2),
+        "error_min": ("min\nm", 2),
+        "error_max": ("max\nm", 2),
+        "false_motion": ("false\nm", 2),
+        "false_motion_end": ("false\nend m", 2),
+        "degraded": ("degra-\nded", 2),
+        "dynamic_precision": ("dyn.\nprec.", 2),
+        "dynamic_recall": ("dyn.\nrecall", 2),
+        "call_p50_ms": ("ms\np50", 1),
+        "call_p99_ms": ("ms\np99", 1),
+    },
     **dict.fromkeys(KITTI_BOARDS, KITTI_COLUMNS),
 }
 
@@ -123,6 +143,10 @@ WIDER: Mapping[str, Sequence[str]] = {
     ),
     "camera": ("call_p99_ms", "ap50_16px"),
     "fusion": ("calibration_error", "hidden_distance_right", "precision", "call_p99_ms"),
+    "odometry": (
+        "rpe", "call_p99_ms", "dynamic_recall", "dynamic_precision", "degraded", "rpe_rotation",
+        "error_max", "error_mean", "error_std", "false_motion_end", "error_min",
+    ),
     **dict.fromkeys(
         KITTI_BOARDS,
         (
@@ -139,6 +163,7 @@ ENTRY = {
     "tracking": "tracker",
     "camera": "detector",
     "fusion": "fusion",
+    "odometry": "odometry",
     **dict.fromkeys(KITTI_BOARDS, "tracker"),
 }
 
@@ -212,9 +237,28 @@ EXPLAINED: Mapping[str, Explained] = {
         (("family_right",), "class right: vehicle, cyclist or pedestrian."),
         (("calibration_error",), "cal. error: of the scores (ECE)."),
     ),
+    "odometry": (
+        (("r_rel",), "r_rel: degrees in 100 m."),
+        (
+            ("failed",),
+            "failures: share of episodes that end more than 1 m and 5 % of the way off.",
+        ),
+        (("ate",), "ATE, end: of positions, first pose on first pose."),
+        (("rpe", "rpe_rotation"), "RPE: from scan to scan."),
+        (("error_mean",), "mean, std, min, max: of positions' errors, mean of the episodes."),
+        (("false_motion",), "false: farthest that a standing ego is told to have gone."),
+        (("false_motion_end",), "false end: how far at the end of its rest."),
+        (("degraded",), "degraded: share of scans whose pose is said to rest on little."),
+        (("dynamic_recall",), "dyn.: returns held to be of what moves."),
+    ),
     **dict.fromkeys(KITTI_BOARDS, KITTI_EXPLAINED),
 }
 """Metrics and what is said of them when one is shown."""
+
+
+def in_one_line(heading: str) -> str:
+    """Return the heading of a column without its breaks."""
+    return heading.replace("-\n", "").replace("\n", " ")
 
 
 def shown_columns(board: str, width: int) -> Columns:
@@ -241,8 +285,9 @@ def footnote(board: str, width: int, jobs: int) -> str:
     shown = shown_columns(board, width)
     texts = [text for metrics, text in EXPLAINED[board] if any(m in shown for m in metrics)]
     if "call_p50_ms" in shown:
-        what = {"camera": "image", "fusion": "scan"}.get(board, "frame")
-        texts.append(f"ms: per {what}, the plug-in's call.")
+        what = {"camera": "image", "fusion": "scan", "odometry": "scan"}.get(board, "frame")
+        clock = " in processor time" if board == "odometry" else ""
+        texts.append(f"ms: per {what}, the plug-in's call{clock}.")
         if jobs > 1:
             texts.append(f"Taken with {jobs} workers at once; use --jobs 1 for timing.")
     if len(shown) < len(COLUMNS[board]):

@@ -9,10 +9,10 @@ from io import StringIO
 from pathlib import Path
 
 from roadscope.benchmarks.boards.breakdown_tables import markdown_lines, markdown_row
-from roadscope.benchmarks.boards.columns import COLUMNS
+from roadscope.benchmarks.boards.columns import COLUMNS, in_one_line
+from roadscope.benchmarks.boards.latex import to_latex
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import FIRST_METRIC, Row
-from roadscope.benchmarks.boards.standing import Standing
 from roadscope.benchmarks.boards.tables import figure
 from roadscope.benchmarks.cache import FolderError, write_atomically
 
@@ -20,8 +20,13 @@ NAME = "leaderboard"
 
 
 def save_all(results: Results, folder: Path) -> list[Path]:
-    """Write `leaderboard.json`, `.csv` and `.md` to a folder and return their paths."""
-    contents = {"json": results.to_json(), "csv": to_csv(results), "md": to_markdown(results)}
+    """Write `leaderboard.json`, `.csv`, `.md` and `.tex` to a folder and return their paths."""
+    contents = {
+        "json": results.to_json(),
+        "csv": to_csv(results),
+        "md": to_markdown(results),
+        "tex": to_latex(results),
+    }
     paths = [folder / f"{NAME}.{ending}" for ending in contents]
     for path, content in zip(paths, contents.values(), strict=True):
         write_atomically(path, partial(_write, content))
@@ -30,7 +35,7 @@ def save_all(results: Results, folder: Path) -> list[Path]:
 
 def check_targets(folder: Path) -> None:
     """Refuse a folder where something else has the name of a board, before anything is run."""
-    for ending in ("json", "csv", "md"):
+    for ending in ("json", "csv", "md", "tex"):
         path = folder / f"{NAME}.{ending}"
         if path.is_dir():
             raise FolderError(f"cannot write {path}: it is a folder")
@@ -56,7 +61,7 @@ def to_markdown(results: Results) -> str:
 
 def _board(results: Results, board: str) -> str:
     columns, first = COLUMNS[board], FIRST_METRIC[board]
-    texts = [heading.replace("-\n", "").replace("\n", " ") for heading, _ in columns.values()]
+    texts = [in_one_line(heading) for heading, _ in columns.values()]
     headings = ["", "entry", *texts]
     lines = [f"## {board}", "", markdown_row(headings), markdown_row(["---"] * len(headings))]
     for entry in results.entries(board):
@@ -65,14 +70,5 @@ def _board(results: Results, board: str) -> str:
             figure(results.row(board, entry, metric), digits, interval=metric == first)
             for metric, (_, digits) in columns.items()
         ]
-        lines.append(markdown_row([_place(place), entry.replace("|", "\\|"), *cells]))
+        lines.append(markdown_row([place.place, entry.replace("|", "\\|"), *cells]))
     return "\n".join([*lines, *markdown_lines(results, board)])
-
-
-def _place(standing: Standing) -> str:
-    """Return the rank, with the ranks that it may truly be, or which mark an entry is."""
-    if standing.rank is None:
-        return standing.mark or ""
-    if standing.rank_low == standing.rank_high:
-        return str(standing.rank)
-    return f"{standing.rank} [{standing.rank_low}, {standing.rank_high}]"

@@ -22,10 +22,13 @@ from roadscope.benchmarks.boards.rows import (
 from roadscope.benchmarks.boards.standing import Standing, standings
 from roadscope.benchmarks.jobs.entries import SENSOR_BOARDS
 from roadscope.benchmarks.jobs.fusion_job import ALONE, AnyJob
+from roadscope.benchmarks.jobs.odometry_job import OdometryJob
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics.breakdown import BANDS
+from roadscope.benchmarks.metrics.odometry.by_distance import DISTANCE
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.oracle import mark_of
+from roadscope.benchmarks.oracle_odometry import odometry_mark
 from roadscope.benchmarks.recorded.combined import BY_ALPHA
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
 from roadscope.core.names import unknown
@@ -36,6 +39,7 @@ BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
     "tracking": (*CONDITIONS, DETECTOR),
     "camera": ("family", "size", "range", "category", "score", *CONDITIONS),
     "fusion": ("family", "range", "crowd", "score", *CONDITIONS, INPUTS),
+    "odometry": (DISTANCE, *CONDITIONS),
     **dict.fromkeys(KITTI_BOARDS, (BY_ALPHA, *RECORDED_CONDITIONS)),
 }
 """By what the figures of each board are broken down."""
@@ -196,6 +200,8 @@ def _failure(job: AnyJob, reason: str) -> Failure:
 
 
 def _mark(job: AnyJob) -> str | None:
+    if isinstance(job, OdometryJob):
+        return odometry_mark(job.odometry)
     if job.board == "fusion":
         return ONE_SENSOR if job.entry in ALONE else None
     if split_spec(job.entry)[0] in CAMERA_NOISES:

@@ -20,6 +20,7 @@ FIRST_METRIC: Mapping[str, str] = {
     "tracking": "hota",
     "camera": "ap50",
     "fusion": "ap",
+    "odometry": "t_rel",
     **dict.fromkeys(KITTI_BOARDS, "hota"),
 }
 """By which each board is ranked."""
@@ -43,6 +44,7 @@ CONDITIONS_OF: Mapping[str, Mapping[str, Callable[[Any], str]]] = {
     "tracking": CONDITIONS,
     "camera": CONDITIONS,
     "fusion": CONDITIONS,
+    "odometry": CONDITIONS,
     **dict.fromkeys(KITTI_BOARDS, RECORDED_CONDITIONS),
 }
 
@@ -54,6 +56,10 @@ BROKEN_DOWN: Mapping[str, Sequence[str]] = {
     "tracking": ("hota", "mota", "idf1"),
     "camera": ("ap50", "detection_rate", "false_alarms", "objects_per_image"),
     "fusion": ("ap", "f1", "detection_rate", "false_alarms", "distance_right", "family_right"),
+    "odometry": (
+        "failed", "t_rel", "r_rel", "end", "false_motion", "dynamic_precision", "dynamic_recall",
+        "degraded",
+    ),
     **dict.fromkeys(KITTI_BOARDS, ("hota", "mota", "idf1", "hota_3d")),
 }  # fmt: skip
 """Metrics of whole episodes that are broken down by their conditions."""
@@ -111,7 +117,8 @@ class Record:
 
 def whole_rows(record: Record) -> list[Row]:
     """Return an entry's figures over all episodes, and how often it failed."""
-    rows = [_row(record, name, _samples(record, name)) for name in _names(record) if _whole(name)]
+    names = [name for name in _names(record) if _whole(name) and not _silent(record, name)]
+    rows = [_row(record, name, _samples(record, name)) for name in names]
     failed = Row(
         record.board, record.entry, "failed_episodes", record.failed, None, None, record.episodes,
         "1", "lower",
@@ -127,7 +134,8 @@ def part_rows(record: Record) -> list[Row]:
         for band in dict.fromkeys(held):
             sound = [s for s, there in zip(record.sound, held, strict=True) if there == band]
             part = replace(record, sound=tuple(sound))
-            found = [(metric, _samples(part, metric)) for metric in BROKEN_DOWN[record.board]]
+            named = [m for m in BROKEN_DOWN[record.board] if not _silent(record, m)]
+            found = [(metric, _samples(part, metric)) for metric in named]
             rows += [
                 _row(record, part_name(m, by, band), samples) for m, samples in found if samples
             ]
@@ -162,6 +170,13 @@ def _names(record: Record) -> list[str]:
 
 def _whole(name: str) -> bool:
     return split_name(name)[1] == ""
+
+
+def _silent(record: Record, name: str) -> bool:
+    """Say whether a recall is of an odometry that never holds anything to be dynamic."""
+    if name != "dynamic_recall":
+        return False
+    return not any(scores["dynamic_precision"].n for _, scores in record.sound if name in scores)
 
 
 def _samples(record: Record, name: str) -> list[tuple[Episode | Recording, Score]]:

@@ -21,7 +21,7 @@ class Standing:
     rank: its place, from 1; None for marks.
     rank_low, rank_high: the places that it may truly have, at 95 % for the entry; None where one
         seed does not tell.
-    behind: by how much the best entry's first metric is above its own, on the same episodes;
+    behind: by how much the best entry's first metric is better than its own, on the same episodes;
         behind_low and behind_high: its 95 % interval.
     """
 
@@ -35,6 +35,15 @@ class Standing:
     behind_low: float | None = None
     behind_high: float | None = None
 
+    @property
+    def place(self) -> str:
+        """The rank, with the ranks that it may truly be, or which mark an entry is."""
+        if self.rank is None:
+            return self.mark or ""
+        if self.rank_low == self.rank_high:
+            return str(self.rank)
+        return f"{self.rank} [{self.rank_low}, {self.rank_high}]"
+
 
 def standings(records: Sequence[Record]) -> list[Standing]:
     """Return the entries of one board in rank order, then its marks.
@@ -44,7 +53,7 @@ def standings(records: Sequence[Record]) -> list[Standing]:
     that holds for all of its comparisons together (Bonferroni; Mogstad et al. 2024).
     """
     ranked = sorted((r for r in records if r.mark is None), key=_order)
-    marks = [Standing(r.board, r.entry, r.mark) for r in records if r.mark is not None]
+    marks = sorted((r for r in records if r.mark is not None), key=_order_of_marks)
     scores = [first_scores(record) for record in ranked]
     sound = [i for i, record in enumerate(ranked) if not record.failed and scores[i]]
     found = []
@@ -53,13 +62,19 @@ def standings(records: Sequence[Record]) -> list[Standing]:
         behind = _compared(scores[sound[0]], scores[i], LEVEL) if sound and scores[i] else None
         gap = (None, None, None) if behind is None else _known(behind)
         found.append(Standing(record.board, record.entry, None, i + 1, *place, *gap))
-    return found + sorted(marks, key=lambda s: (s.mark != "upper mark", s.entry))
+    return found + [Standing(r.board, r.entry, r.mark) for r in marks]
+
+
+def _order_of_marks(record: Record) -> tuple[bool, bool, float, str]:
+    return record.mark != "upper mark", *_order(record)
 
 
 def _order(record: Record) -> tuple[bool, float, str]:
     """Order by failures, then by the board's first metric."""
-    value = pooled_interval(list(first_scores(record).values())).mean
-    return bool(record.failed), -value if math.isfinite(value) else math.inf, record.entry
+    scores = list(first_scores(record).values())
+    value = pooled_interval(scores).mean
+    sign = 1 if any(score.better == "lower" for score in scores) else -1
+    return bool(record.failed), sign * value if math.isfinite(value) else math.inf, record.entry
 
 
 def _place(
@@ -79,7 +94,10 @@ def _place(
 def _compared(
     ones: Mapping[tuple[str, int], Score], others: Mapping[tuple[str, int], Score], level: float
 ) -> Interval:
+    """Return by how much the ones are better than the others."""
     common = [block for block in ones if block in others]
+    if any(ones[block].better == "lower" for block in common):
+        ones, others = others, ones
     return paired_interval(
         [ones[block] for block in common],
         [others[block] for block in common],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from rich.table import Table
@@ -19,6 +20,7 @@ from roadscope.benchmarks.boards.rank_agreement import LEAST
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
+from roadscope.benchmarks.drive import MOVING_M_S
 from roadscope.benchmarks.jobs.entries import BOARDS
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, OFFLINE
@@ -47,6 +49,8 @@ def conditions(suite: Suite, boards: Sequence[str] = BOARDS) -> str:
         texts += [IN_BOTH, f"They get the detections of {lidar} with those of {camera}."]
         if any(d.startswith("noisy-camera") for d in suite.fused_camera):
             texts.append("noisy-camera is an imitation made from truth.")
+    if "odometry" in boards:
+        texts.append(_of_odometry(suite))
     return " ".join([*texts, "In brackets: 95 % intervals over seeds."])
 
 
@@ -62,6 +66,16 @@ def _of_lidar(suite: Suite) -> str:
         text += "; figures are of all of these together" if others else ""
         text += ", 'on oracle' the true boxes." if ORACLE in suite.public_detectors[1:] else "."
     return text
+
+
+def _of_odometry(suite: Suite) -> str:
+    *lengths, last = (f"{length_m:g}" for length_m in suite.odometry_lengths_m)
+    over = f"{', '.join(lengths)} and {last}" if lengths else last
+    return (
+        f"Drift t_rel and r_rel is over stretches of {over} m, as KITTI has it. 'on oracle': "
+        "without the returns of what truly moves, faster than "
+        f"{MOVING_M_S:g} m/s; what stands at that time stays."
+    )
 
 
 def recorded_conditions(suite: RecordedSuite) -> str:
@@ -105,7 +119,8 @@ def _place(results: Results, standing: Standing) -> str:
 
 def _name(results: Results, standing: Standing) -> Text:
     name = Text(standing.entry, style="not bold" if standing.mark else "")
-    if standing.mark and standing.mark.split()[0] not in standing.entry:
+    told = standing.entry.endswith(f" on {ORACLE}") and standing.board == "odometry"
+    if standing.mark and not told and standing.mark.split()[0] not in standing.entry:
         name.append(f" ({standing.mark})")
     late = results.row(standing.board, standing.entry, OFFLINE)
     called_so = standing.entry.split()[0].partition("?")[0].endswith(OFFLINE)
@@ -161,6 +176,9 @@ def figure(row: Row | None, decimals: int, *, interval: bool) -> str:
         return "-"
     if row.metric == OFFLINE:
         return "offline" if row.value else "online"
+    if row.board == "odometry":
+        # From millimetres to kilometres: three digits tell.
+        decimals = max(decimals - int(math.log10(max(abs(row.value), 1.0))), 0)
     text = f"{row.value:.{decimals}f}"
     if not interval or row.low is None or row.high is None or row.low == row.high:
         return text

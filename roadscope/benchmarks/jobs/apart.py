@@ -21,6 +21,8 @@ R = TypeVar("R")
 
 DEADLINE_S = 300.0
 """For an entry that is not ours, on one episode."""
+MEMORY_GB = 8.0
+"""For one that has to do with less than all."""
 RUN = f"from {__name__} import main; main()"
 """As `-m` it would be loaded twice, once with its package, which Python warns of."""
 
@@ -29,14 +31,20 @@ class ApartError(RuntimeError):
     """The process did not answer; the message says why."""
 
 
-def apart(function: Callable[..., R], *arguments: Any, deadline_s: float = DEADLINE_S) -> R:
+def apart(
+    function: Callable[..., R], *arguments: Any, deadline_s: float = DEADLINE_S,
+    memory_gb: float | None = None,
+) -> R:  # fmt: skip
     """Call a function of a module in another process and return what it returns.
 
+    memory_gb: what the process may use; beyond it gets `MemoryError`, where the system can do so.
     Arguments and result are pickled. `ApartError` when it takes longer, or ends otherwise.
     """
     with tempfile.TemporaryDirectory(prefix="roadscope-") as place:
         given, answer = Path(place) / "given", Path(place) / "answer"
-        given.write_bytes(pickle.dumps((os.getpid(), list(sys.path), function, arguments)))
+        given.write_bytes(
+            pickle.dumps((os.getpid(), memory_gb, list(sys.path), function, arguments))
+        )
         child = subprocess.Popen(
             [sys.executable, "-c", RUN, str(given), str(answer)],
             stdout=sys.stderr if hasattr(sys.stderr, "fileno") and _has_file() else None,
@@ -52,6 +60,17 @@ def apart(function: Callable[..., R], *arguments: Any, deadline_s: float = DEADL
             raise ApartError(f"ended its whole process, {_ended(code)}")
         result: R = pickle.loads(answer.read_bytes())
         return result
+
+
+def _limit_memory(memory_gb: float) -> None:
+    try:
+        import resource
+    except ImportError:
+        return
+    limit = int(memory_gb * 1e9)
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    within = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (within, hard))
 
 
 def _has_file() -> bool:
@@ -75,8 +94,10 @@ def main() -> None:
     """Do what the file says and write the answer."""
     given, answer = map(Path, sys.argv[1:3])
     # Both are files of the parent's own.
-    parent, sys.path[:], function, arguments = pickle.loads(given.read_bytes())
+    parent, memory_gb, sys.path[:], function, arguments = pickle.loads(given.read_bytes())
     leave_with(parent)
+    if memory_gb is not None:
+        _limit_memory(memory_gb)
     part = answer.with_suffix(".part")
     part.write_bytes(pickle.dumps(function(*arguments)))
     part.replace(answer)

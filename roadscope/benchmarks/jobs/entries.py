@@ -19,6 +19,7 @@ from roadscope.benchmarks.oracle import (
     is_fused,
     made_from_truth,
 )
+from roadscope.benchmarks.oracle_odometry import method_of, spared
 from roadscope.benchmarks.suite import Suite, SuiteError
 from roadscope.core import Registry, SpecError
 from roadscope.core.names import unknown
@@ -27,18 +28,21 @@ from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.calibration_file import read_calibration
+from roadscope.odometry import ODOMETRIES
 from roadscope.trackers import TRACKERS
 
 BOARDS = ("detection", "tracking")
 """Boards of what LiDAR sees, which every suite may have."""
 SENSOR_BOARDS = ("camera", "fusion")
 """Boards that need a rig with a camera."""
-ALL_BOARDS = (*BOARDS, *SENSOR_BOARDS)
+ODOMETRY = "odometry"
+ALL_BOARDS = (*BOARDS, *SENSOR_BOARDS, ODOMETRY)
 BOARD_OF: Mapping[str, str] = {
     "detector": "detection",
     "tracker": "tracking",
     "camera detector": "camera",
     "fusion": "fusion",
+    "odometry": ODOMETRY,
 }
 """By kind of entry."""
 METHOD_OF: Mapping[str, str] = {
@@ -46,12 +50,14 @@ METHOD_OF: Mapping[str, str] = {
     "tracker": "update",
     "camera detector": "detect",
     "fusion": "fuse",
+    "odometry": "update",
 }
 REGISTRIES: Mapping[str, Registry[Any]] = {
     "detector": DETECTORS,
     "tracker": TRACKERS,
     "camera detector": CAMERA_DETECTORS,
     "fusion": FUSIONS,
+    "odometry": ODOMETRIES,
 }
 
 
@@ -59,8 +65,11 @@ def kind_of(spec: str, boards: Sequence[str] = BOARDS) -> str:
     """Say which kind of plug-in a spec names.
 
     boards: a class of one's own with detect() is of the camera where they have no detection
-        board, or as `in_images` says.
+        board, or as `in_images` says; one with update() is an odometry where they have no
+        tracking board, or as `by_scans` says.
     """
+    if spared(spec) is not None:
+        return "odometry"
     name, _ = split_spec(spec)
     if ":" not in name:
         for kind, registry in REGISTRIES.items():
@@ -80,12 +89,13 @@ def kind_of(spec: str, boards: Sequence[str] = BOARDS) -> str:
         by_camera = in_images(factory) or ("camera" in boards and "detection" not in boards)
         return "camera detector" if by_camera else "detector"
     if hasattr(factory, "update"):
-        return "tracker"
+        alone = ODOMETRY in boards and "tracking" not in boards
+        return "odometry" if alone or by_scans(factory) else "tracker"
     if hasattr(factory, "fuse"):
         return "fusion"
     raise SpecError(
-        f"'{spec}' has neither detect() as a detector nor update() as a tracker, nor fuse() as a "
-        "fusion"
+        f"'{spec}' has neither detect() as a detector nor update() as a tracker or an odometry, "
+        "nor fuse() as a fusion"
     )
 
 
@@ -98,6 +108,18 @@ def in_images(factory: Any) -> bool:
     name = said if isinstance(said, str) else getattr(said, "__name__", "")
     read = getattr(getattr(factory.detect, "__code__", None), "co_names", ())
     return "ImageDetections" in name or ("camera" in read and "lidar" not in read)
+
+
+def by_scans(factory: Any) -> bool:
+    """Say whether update() is an odometry's.
+
+    Its answer is declared `-> OdometryEstimate`, or it takes a scan or inertial samples.
+    """
+    said = getattr(factory.update, "__annotations__", {}).get("return", "")
+    name = said if isinstance(said, str) else getattr(said, "__name__", "")
+    code = getattr(factory.update, "__code__", None)
+    taken = code.co_varnames[: code.co_argcount] if code is not None else ()
+    return "OdometryEstimate" in name or bool({"scan", "imu"} & set(taken))
 
 
 def check(registry: Registry[Any], spec: str) -> None:
@@ -167,6 +189,7 @@ def check_suite(suite: Suite) -> None:
         ("detection.entries", DETECTORS, suite.detectors),
         ("tracking.entries", TRACKERS, suite.trackers),
         ("fusion.entries", FUSIONS, suite.fusions),
+        ("odometry.entries", ODOMETRIES, map(method_of, suite.odometries)),
     ):
         for spec in specs:
             of_suite(suite, key, check, registry, spec)

@@ -14,6 +14,7 @@ from roadscope.benchmarks.jobs.camera_job import CameraJob
 from roadscope.benchmarks.jobs.cost import cost
 from roadscope.benchmarks.jobs.fused import CAMERA_ALONE, LIDAR_ALONE, FusedSpec, Moments, fuse
 from roadscope.benchmarks.jobs.job import Job
+from roadscope.benchmarks.jobs.odometry_job import OdometryJob
 from roadscope.benchmarks.jobs.stack import EntryError, describe, prints_aside
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics import METRIC_VERSION
@@ -73,7 +74,7 @@ class FusionJob:
         return fingerprint(self.spec)
 
 
-AnyJob = Job | CameraJob | FusionJob
+AnyJob = Job | CameraJob | FusionJob | OdometryJob
 
 
 def execute_fusions(jobs: Sequence[FusionJob]) -> list[Outcome]:

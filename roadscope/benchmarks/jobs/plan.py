@@ -12,6 +12,7 @@ from roadscope.benchmarks.jobs.entries import (
     ALL_BOARDS,
     BOARD_OF,
     BOARDS,
+    ODOMETRY,
     REGISTRIES,
     check,
     check_suite,
@@ -19,13 +20,15 @@ from roadscope.benchmarks.jobs.entries import (
     of_suite,
     refuse_unused,
 )
-from roadscope.benchmarks.jobs.fusion_job import FusionJob
+from roadscope.benchmarks.jobs.fusion_job import AnyJob, FusionJob
 from roadscope.benchmarks.jobs.job import Job
+from roadscope.benchmarks.jobs.odometry_job import OdometryJob, odometry_jobs
 from roadscope.benchmarks.jobs.sensor_plan import camera_jobs, fusion_jobs
 from roadscope.benchmarks.oracle import (
     MARK_SPECS,
     ORACLE,
 )
+from roadscope.benchmarks.oracle_odometry import GIVEN_TRUTH, method_of, odometry_mark
 from roadscope.benchmarks.recorded.recording import board_of
 from roadscope.benchmarks.recorded.suite import RecordedSuite
 from roadscope.benchmarks.suite import Suite, check_names
@@ -43,11 +46,12 @@ class Plan:
     public: tuple[Job, ...] = ()
     camera: tuple[CameraJob, ...] = ()
     fusion: tuple[FusionJob, ...] = ()
+    odometry: tuple[OdometryJob, ...] = ()
 
     @property
-    def jobs(self) -> tuple[Job | CameraJob | FusionJob, ...]:
+    def jobs(self) -> tuple[AnyJob, ...]:
         """All that has a place on a board."""
-        return (*self.detection, *self.tracking, *self.camera, *self.fusion)
+        return (*self.detection, *self.tracking, *self.camera, *self.fusion, *self.odometry)
 
 
 def boards_of(suite: Suite) -> tuple[str, ...]:
@@ -56,7 +60,8 @@ def boards_of(suite: Suite) -> tuple[str, ...]:
         return BOARDS
     there = BOARDS if suite.detectors or suite.trackers else ()
     camera = ("camera",) if suite.camera_detectors else ()
-    return (*there, *camera, *(("fusion",) if suite.fusions else ())) or BOARDS
+    fusion = ("fusion",) if suite.fusions else ()
+    return (*there, *camera, *fusion, *((ODOMETRY,) if suite.odometries else ())) or BOARDS
 
 
 def plan(
@@ -89,10 +94,12 @@ def plan(
     }
     for kind, specs in given.items():
         for spec in specs:
-            check(REGISTRIES[kind], spec)
+            check(REGISTRIES[kind], method_of(spec))
     check_suite(suite)
     made = _lidar_plan(suite, given, boards, only=only)
     made = replace(made, **_sensor_jobs(suite, given, boards, only=only, calibration=calibration))
+    if ODOMETRY in boards:
+        made = replace(made, odometry=_odometry_jobs(suite, given["odometry"], only=only))
     if not made.jobs:
         raise SpecError(f"suite {suite.title} has nothing to run on: {', '.join(boards)}")
     return made
@@ -133,6 +140,14 @@ def _sensor_jobs(
         jobs = fusion_jobs(suite, fusions, episodes(suite), calibration, marks=not only)
         found["fusion"] = tuple(jobs)
     return found
+
+
+def _odometry_jobs(suite: Suite, given: Sequence[str], *, only: bool) -> tuple[OdometryJob, ...]:
+    """Return the jobs of odometries, and with the suite's own each once more with an oracle."""
+    specs = [*([] if only else suite.odometries), *given]
+    ranked = [spec for spec in specs if odometry_mark(spec) is None]
+    oracles = [] if only else [GIVEN_TRUTH + spec for spec in ranked]
+    return tuple(odometry_jobs(suite, [*specs, *oracles], episodes(suite)))
 
 
 def _recorded_plan(

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from roadscope.benchmarks.boards.export import check_targets, save_all, to_csv, to_markdown
+from roadscope.benchmarks.boards.latex import escaped, to_latex
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
@@ -56,9 +57,25 @@ def test_markdown_has_what_is_broken_down() -> None:
     )
 
 
+def test_latex_has_a_tabular_for_each_table() -> None:
+    text = to_latex(RESULTS)
+    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == 3
+    assert "1 [1, 3] & mine|yours & 0.50 [.40, .60] &" in text
+    assert r"% detection: detected by range, m" in text
+    for table in text.split("\n\n"):
+        rows = [line for line in table.splitlines() if line.endswith(r"\\")]
+        alignment = table.partition("tabular}{")[2].partition("}")[0]
+        assert {row.count(" & ") + 1 for row in rows} == {len(alignment)}
+
+
+def test_latex_prints_what_it_would_read() -> None:
+    assert escaped("a_b 5% {c}") == r"a\_b 5\% \{c\}"
+    assert escaped("x?a=1&b=~") == r"x?a=1\&b=\textasciitilde{}"
+
+
 def test_all_files_are_written(tmp_path) -> None:
     paths = save_all(RESULTS, tmp_path)
-    assert [path.suffix for path in paths] == [".json", ".csv", ".md"]
+    assert [path.suffix for path in paths] == [".json", ".csv", ".md", ".tex"]
     assert json.loads(paths[0].read_text())["rows"][1]["value"] is None
 
 

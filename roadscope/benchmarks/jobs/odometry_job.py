@@ -1,0 +1,127 @@
+"""One odometry on one episode: what it depends on, and how it is done."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.jobs.cost import cost
+from roadscope.benchmarks.jobs.ride import Ride, ride
+from roadscope.benchmarks.jobs.stack import EntryError, describe, prints_aside
+from roadscope.benchmarks.jobs.store import Outcome
+from roadscope.benchmarks.metrics import METRIC_VERSION
+from roadscope.benchmarks.metrics.odometry import (
+    SHORT_M,
+    by_distance,
+    score_moving,
+    score_odometry,
+    score_standing,
+)
+from roadscope.benchmarks.metrics.score import Score, ratio
+from roadscope.benchmarks.oracle_odometry import entry_of, method_of, spared
+from roadscope.benchmarks.suite import Suite
+from roadscope.odometry import ODOMETRIES
+
+RIDING = tuple(
+    f"benchmarks/{name}.py"
+    for name in ("drive", "oracle_odometry", "jobs/ride", "jobs/stack", "episode")
+)
+"""What poses depend on beside the odometry and the episode."""
+SCORING = ("benchmarks/metrics", "benchmarks/jobs/odometry_job.py")
+
+
+@dataclass(frozen=True)
+class OdometryJob:
+    """What a worker is told: names and numbers, no objects.
+
+    odometry: its spec, or an oracle's. lengths_m: of the stretches that drift is measured over.
+    """
+
+    odometry: str
+    episode: Episode
+    lengths_m: tuple[float, ...] = SHORT_M
+
+    board = "odometry"
+    tracker = None
+    detector = ""
+
+    @property
+    def entry(self) -> str:
+        """How the board calls it."""
+        return entry_of(self.odometry)
+
+    @property
+    def ours(self) -> bool:
+        """Whether what is called ships with this package."""
+        return ODOMETRIES.resolve(method_of(self.odometry)).ours
+
+    @cached_property
+    def spec(self) -> str:
+        """Everything that the result depends on, as JSON."""
+        plugin = ODOMETRIES.resolve(method_of(self.odometry))
+        # Methods of ours share the ground and the clusters of detectors.
+        rooms = ("detectors",) if plugin.ours else ()
+        content = {
+            "board": self.board,
+            "entry": self.entry,
+            "odometry": plugin_hash(plugin),
+            "episode": self.episode.spec(),
+            "lengths_m": list(self.lengths_m),
+            "code": code_hash(*RIDING, *rooms),
+            "metric_version": METRIC_VERSION,
+            "metric_code": code_hash(*SCORING),
+        }
+        return json.dumps(content, sort_keys=True)
+
+    @cached_property
+    def key(self) -> str:
+        """The content hash under which the result is kept."""
+        return fingerprint(self.spec)
+
+
+def odometry_jobs(
+    suite: Suite, odometries: Sequence[str], episodes: Sequence[Episode]
+) -> list[OdometryJob]:
+    """Every odometry on every episode."""
+    return [
+        OdometryJob(spec, episode, suite.odometry_lengths_m)
+        for episode in episodes
+        for spec in dict.fromkeys(odometries)
+    ]
+
+
+@prints_aside()
+def execute_odometry(job: OdometryJob) -> Outcome:
+    """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
+    spec = method_of(job.odometry)
+    if reason := ODOMETRIES.missing(spec):
+        return Outcome({}, f"{spec}: {reason}")
+    try:
+        found = ride(job.odometry, job.episode)
+        return Outcome(ride_scores(found, job.lengths_m, spared(job.odometry) is not None))
+    except EntryError as error:
+        return Outcome({}, str(error))
+    except Exception as error:
+        return Outcome({}, f"not the entry's fault: {describe(error)}")
+
+
+def ride_scores(
+    found: Ride, lengths_m: Sequence[float] = SHORT_M, oracle: bool = False
+) -> dict[str, Score]:
+    """Return an odometry's scores on an episode and what its calls cost.
+
+    oracle: what moves was taken out before, so that there is none to be told.
+    """
+    told = {} if oracle else score_moving(found.dynamic, found.moving).named()
+    return {
+        **score_odometry(found.both, lengths_m=lengths_m).named(),
+        **score_standing(found.both, found.stamps_s).named(),
+        "degraded": ratio(int(found.degraded.sum()), len(found.degraded), "lower"),
+        **told,
+        **cost(found.calls_ms),
+        **by_distance(found.both),
+    }
