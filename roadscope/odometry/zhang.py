@@ -1,0 +1,169 @@
+"""LiDAR and IMU odometry in dynamic surroundings (Zhang 2022).
+
+T. Zhang, C. Zhang and H. Wei, "Design of lidar odometer integrating lidar and IMU in dynamic
+environment", Navigation Positioning and Timing 9(3), 2022. The paper's frame is x right, y down,
+z ahead; ours is ISO 8855 throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.odometry.clock import Clock
+from roadscope.odometry.cluster_features import of_partners
+from roadscope.odometry.cluster_match import ClusterMatch, match_clusters
+from roadscope.odometry.estimates import estimate
+from roadscope.odometry.feature_match import FeatureMatch, match_features
+from roadscope.odometry.features import Features, Limits, cluster_roughness, extract
+from roadscope.odometry.imu_prediction import ImuPrediction
+from roadscope.odometry.interpolation import deskewed_between
+from roadscope.odometry.progress import LEAST_PAIRS, Progress
+from roadscope.odometry.segments import Clustering, Segments, segments_of
+
+ON_RING = Limits(sharp=10, edges=40, flat=20)
+WHOLE_CLUSTER = Limits(sharp=10, edges=40, flat=20, edge_above=-np.inf, plane_below=np.inf)
+"""A cluster's most features. The paper says a few of each; with twenty clusters these are as many
+as LOAM's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What the next scan is matched with.
+
+    segments: clusters, as measured. features: of all clusters, as seen at the stamp.
+    """
+
+    segments: Segments
+    features: Features
+
+
+class ZhangOdometry:
+    """Matches edges and planes from scan to scan, cluster by cluster, without what moves.
+
+    eps_m, angle_deg, min_points: of the clustering (table 1).
+    still_m, still_m_s: a cluster is dynamic whose centre moved farther than the first plus the
+        second times the time between the scans; the paper prints no threshold.
+    roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
+    drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be left out.
+    """
+
+    def __init__(
+        self, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
+        still_m: float = 0.05, still_m_s: float = 0.5,
+        roughness: Literal["ring", "cluster"] = "ring",
+        drop_dynamic: bool = True, same_cluster: bool = True,
+    ) -> None:  # fmt: skip
+        if roughness not in ("ring", "cluster"):
+            raise ValueError(f"roughness is 'ring' or 'cluster', got {roughness!r}")
+        self.clustering = Clustering(eps_m, angle_deg, min_points)
+        self.still_m, self.still_m_s, self.roughness = still_m, still_m_s, roughness
+        self.drop_dynamic, self.same_cluster = drop_dynamic, same_cluster
+        self.reset()
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget pose, speed and the last scan."""
+        self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
+        self._progress = Progress(self._imu)
+        self._before: Moment | None = None
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Match the scan with the one before and say where that puts the sensor."""
+        self._imu.add(imu)
+        tick = self._clock.tick(scan.stamp_s)
+        if not tick.in_order:
+            return self._told(scan, tick.reason)
+        segments = segments_of(scan, self.clustering)  # section 2.1
+        since_s = self._progress.since(scan.stamp_s)
+        predicted = self._progress.predicted(scan.stamp_s)  # eq. 3
+        if self._before is not None and not self._progress.begun:
+            predicted = self._begin(segments, since_s, predicted)
+        features = self._features(segments, predicted, since_s)  # eq. 5 and 6
+        poor = poverty(segments, features)
+        if poor or self._before is None:
+            self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
+            self._before = self._before if poor else Moment(segments, features)
+            return self._told(scan, tick.reason or poor)
+        clusters = self._same_clusters(segments, predicted, since_s)  # eq. 4
+        found = self._match(
+            features, clusters, predicted, still_only=self.drop_dynamic
+        )  # eq. 7 to 10
+        reason = self._progress.step(predicted, found, scan.stamp_s)
+        motion = predicted if reason else found.before_from_now
+        # As LOAM does: the next scan meets these features where their own sweep's motion, now
+        # known, puts them.
+        self._before = Moment(segments, _moved(features, segments, motion, since_s))
+        return self._told(scan, tick.reason or reason, self._moving(scan, segments, clusters))
+
+    def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
+        """Undo the sweep's own motion and take the roughest and smoothest of each cluster."""
+        points = deskewed_between(segments.points, segments.times_s, motion, since_s)
+        whole = self.roughness == "cluster"
+        return extract(
+            points, segments.ring, segments.column, segments.labels, by_cluster=True,
+            rough=cluster_roughness(points, segments.labels) if whole else None,
+            limits=WHOLE_CLUSTER if whole else ON_RING,
+        )  # fmt: skip
+
+    def _same_clusters(
+        self, segments: Segments, predicted: np.ndarray, since_s: float
+    ) -> ClusterMatch:
+        assert self._before is not None
+        before = self._before.segments
+        threshold_m = self.still_m + self.still_m_s * since_s
+        return match_clusters(segments.centres, before.centres, predicted, threshold_m)
+
+    def _match(
+        self, features: Features, clusters: ClusterMatch, start: np.ndarray, *, still_only: bool
+    ) -> FeatureMatch:
+        """Move features onto those before, from the prediction on."""
+        assert self._before is not None
+        now, before = features, self._before.features
+        if still_only or self.same_cluster:
+            now, before = of_partners(now, before, clusters, still_only=still_only)
+        return match_features(now, before, start, same_label=self.same_cluster)
+
+    def _begin(self, segments: Segments, since_s: float, predicted: np.ndarray) -> np.ndarray:
+        """Return the first motion, (4, 4), from features of all clusters that have a partner.
+
+        Before a step has told the speed, an IMU does not: a start at speed would be taken for
+        clusters that all move. Features of the first scan are then taken anew.
+        """
+        assert self._before is not None
+        features = self._features(segments, predicted, since_s)
+        clusters = self._same_clusters(segments, predicted, since_s)
+        motion = self._match(features, clusters, predicted, still_only=False).before_from_now
+        before = self._before.segments
+        self._before = Moment(before, self._features(before, motion, since_s))
+        return motion
+
+    def _moving(self, scan: LidarScan, segments: Segments, clusters: ClusterMatch) -> np.ndarray:
+        """Return which returns of the scan, (N,) bool, were dropped as dynamic."""
+        moving = np.zeros(len(scan), bool)
+        if self.drop_dynamic:
+            inside = segments.labels >= 0
+            moving[segments.rows[inside]] = clusters.dynamic[segments.labels[inside]]
+        return moving
+
+    def _told(
+        self, scan: LidarScan, reason: str, moving: np.ndarray | None = None
+    ) -> OdometryEstimate:
+        at = self._progress
+        return estimate(at.pose, at.covariance, scan.stamp_s, len(scan), reason, dynamic=moving)
+
+
+def poverty(segments: Segments, features: Features) -> str:
+    """Say why a scan cannot tell where it was taken; empty if it may."""
+    if features.sharp + features.flat < LEAST_PAIRS:
+        return f"{features.sharp + features.flat} features"
+    if segments.ring.min() == segments.ring.max():
+        return "returns of one ring alone"
+    return ""
+
+
+def _moved(features: Features, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
+    points = deskewed_between(segments.points, segments.times_s, motion, since_s)
+    return features.at(points)
