@@ -8,7 +8,8 @@ import numpy as np
 
 from roadscope.core import Category
 from roadscope.trackers.existence_targets import log_odds
-from roadscope.trackers.learned import Choice, Learned
+from roadscope.trackers.learned import Learned
+from roadscope.trackers.learned.choice import Choice
 from roadscope.trackers.ticks import Tick
 
 CELL_M = 10.0

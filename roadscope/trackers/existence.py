@@ -15,7 +15,7 @@ from roadscope.trackers.existence_returns import Returns, both
 from roadscope.trackers.existence_targets import Measured, Targets, log_odds
 from roadscope.trackers.gating import candidates_by_overlap
 from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.learned import Choice
+from roadscope.trackers.learned.choice import Choice
 from roadscope.trackers.settings import check_positive
 from roadscope.trackers.ticks import Tick
 

@@ -78,8 +78,9 @@ def test_a_pedestrian_beside_a_car_keeps_its_own_track(tracker: str) -> None:
 
 @pytest.mark.parametrize("fusion", FUSED)
 def test_whichever_fusion_names_it(fusion: str) -> None:
-    told = followed("gnn", fusion)
+    told = followed("existence", fusion)
     assert len(set().union(*(p for p, _ in told))) == 1
+    assert all(people for people, _ in told[5:]), "and is told of, missed or not"
 
 
 @pytest.mark.parametrize("tracker", ["existence", "gnn"])

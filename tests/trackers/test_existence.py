@@ -149,27 +149,6 @@ def test_pedestrians_and_cars_are_never_one():
     assert len(second) == 2
 
 
-def test_traits_are_chosen_by_the_scores_met():
-    choice = learned.Choice("auto")
-    rng = np.random.default_rng(0)
-    for name in learned.names():
-        for category in (Category.CAR, Category.PEDESTRIAN):
-            edges = learned._read(name)[1][category]
-            choice.reset()
-            for _ in range(30):
-                scores = np.interp(rng.uniform(0, 10, 10), np.arange(11), edges)
-                traits = choice.after(scores, np.full(10, category))
-            assert traits == learned.learned(name)
-
-
-def test_scores_like_no_known_detectors_are_taken_as_they_are():
-    """Even odds of either kind, as a noise model draws them; and one score for everything."""
-    rng = np.random.default_rng(0)
-    for scores in (2 * (rng.standard_normal(200) + rng.choice([-1, 1], 200)), np.full(200, -1.5)):
-        choice = learned.Choice("auto")
-        assert choice.after(scores, np.zeros(200, int)) == learned.learned("unknown")
-
-
 def test_traits_that_are_none_are_refused(tmp_path):
     with pytest.raises(ValueError, match="known: kitti-pointrcnn, roadscope, unknown"):
         ExistenceTracker(traits="mine")

@@ -98,15 +98,7 @@ class Learned(Record):
         return told
 
 
-AUTO = "auto"
-SETTLED = 200.0
-"""Lead in log likelihood from which on nothing is weighed any more."""
-LEAST_WIDTH = 0.05
-"""Of a decile, in log odds: where many scores are the same, they have a density none the less."""
 OF_ANY_SIGN = ("score_offset", "score_per_m", "seen_gain", "back", "back_per_m")
-STRAYS = 0.05
-"""Share of log odds that are all over the place, 20 wide. With 0.2 scores of a noise model passed
-for another detector's in a third of the frames of validation seeds, with 0.05 in 4 of 100."""
 TRAITS = tuple(field.name for field in fields(Learned))
 
 
@@ -115,66 +107,13 @@ def names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
-class Choice:
-    """What is learned of the detector at hand; `auto`: of the shipped one whose scores are likest.
-
-    The choice rests on all scores so far, so it is made online and soon settles. Scores like no
-    trained detector's are likest to those of `unknown`, which are all over the place.
-    """
-
-    def __init__(self, name: str) -> None:
-        chosen = names() if name == AUTO else [name]
-        read = [_read(one) for one in chosen]
-        self._traits = [traits for traits, _ in read]
-        self._deciles = [deciles for _, deciles in read]
-        self._likelihoods = np.zeros(len(chosen))
-
-    def reset(self) -> None:
-        """Forget all scores."""
-        self._likelihoods = np.zeros(len(self._traits))
-
-    def after(self, log_odds: np.ndarray, categories: np.ndarray) -> Learned:
-        """Take the scores of a tick, (N,) log odds, and return what they fit best."""
-        if len(self._traits) > 1 and self._lead() < SETTLED:
-            self._likelihoods += [_likelihood(log_odds, e[categories]) for e in self._deciles]
-        return self._traits[int(self._likelihoods.argmax())]
-
-    def base_odds(self, range_m: float) -> np.ndarray:
-        """Return (7,) log odds that any detection of a category was right where it was learned."""
-        best = int(self._likelihoods.argmax())
-        edges, traits = self._deciles[best], self._traits[best]
-        middles = (edges[:, 1:] + edges[:, :-1]) / 2
-        kinds = np.repeat(np.arange(COUNT), middles.shape[1])
-        told = traits.right(middles.ravel(), kinds, np.full(middles.size, range_m))
-        shares = (1 / (1 + np.exp(-told))).reshape(middles.shape).mean(axis=1)
-        found: np.ndarray = np.log(shares / (1 - shares))
-        return found
-
-    def _lead(self) -> float:
-        second, first = np.sort(self._likelihoods)[-2:]
-        return float(first - second)
-
-
-def _likelihood(log_odds: np.ndarray, edges: np.ndarray) -> float:
-    """Return the log likelihood of (N,) values whose deciles have (N, 11) edges.
-
-    Scenes differ: a share of values lies anywhere.
-    """
-    widths = np.maximum(np.diff(edges), LEAST_WIDTH)
-    values = log_odds[:, None]
-    rows = np.clip((edges <= values).sum(axis=1) - 1, 0, widths.shape[1] - 1)
-    outside = (values < edges[:, :1] - LEAST_WIDTH) | (values > edges[:, -1:] + LEAST_WIDTH)
-    within = 0.1 / widths[np.arange(len(rows)), rows]
-    density = (1 - STRAYS) * np.where(outside[:, 0], 0.0, within) + STRAYS / 20
-    return float(np.log(density).sum())
-
-
 def learned(name: str) -> Learned:
     """Read what is shipped under a name, or a TOML file of one's own."""
-    return _read(name)[0]
+    return read(name)[0]
 
 
-def _read(name: str) -> tuple[Learned, np.ndarray]:
+def read(name: str) -> tuple[Learned, np.ndarray]:
+    """Likewise, with the (7, 11) deciles of log odds of its scores."""
     path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
     if not path.is_file():
         raise ValueError(f"nothing learned is called '{name}'; known: {', '.join(names())}, or a "

@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from roadscope.core import Category
+from roadscope.trackers import learned
+from roadscope.trackers.learned.choice import EDGES, SETTLED, Choice
+
+UNKNOWN = learned.learned("unknown")
+
+
+def foretold():
+    """Names of what is shipped, and categories of whose scores it says something."""
+    for name in learned.names():
+        for category in (Category.CAR, Category.CYCLIST, Category.PEDESTRIAN):
+            deciles = learned.read(name)[1][category]
+            if deciles[0] >= EDGES[0]:
+                yield name, category, deciles
+
+
+def test_traits_are_chosen_by_the_scores_met():
+    choice, rng, asked = Choice("auto"), np.random.default_rng(0), 0
+    for name, category, deciles in foretold():
+        choice.reset()
+        for _ in range(60):
+            scores = np.interp(rng.uniform(0, 10, 10), np.arange(11), deciles)
+            traits = choice.after(scores, np.full(10, category))
+        assert traits == learned.learned(name), (name, category)
+        asked += 1
+    assert asked >= 7
+
+
+def test_scores_like_no_known_detectors_are_taken_as_they_are():
+    """Even odds of either kind, as a noise model draws them; and one score for everything."""
+    rng = np.random.default_rng(0)
+    for scores in (2 * (rng.standard_normal(200) + rng.choice([-1, 1], 200)), np.full(200, -1.5)):
+        choice = Choice("auto")
+        assert choice.after(scores, np.zeros(200, int)) == UNKNOWN
+
+
+@pytest.mark.parametrize("frames", [1, 1000])
+@pytest.mark.parametrize("scores", [(0.84, 0.98), (0.7, 0.9), (0.95, 0.95, 0.95)])
+def test_a_few_sure_scores_again_and_again_are_of_no_known_detector(scores, frames):
+    """They are likely of many detectors, and their repetition adds little to that."""
+    choice, odds = Choice("auto"), np.log(np.array(scores) / (1 - np.array(scores)))
+    for _ in range(frames):
+        traits = choice.after(odds, np.full(len(scores), Category.PEDESTRIAN))
+    assert traits == UNKNOWN
+
+
+scores = st.lists(
+    st.tuples(st.floats(-9.21, 9.21), st.sampled_from(list(Category))), min_size=1, max_size=30
+)
+
+
+@settings(max_examples=25)
+@given(scores, st.randoms(use_true_random=False))
+def test_the_order_and_the_ticks_in_which_scores_come_mean_nothing(told, shuffler):
+    one, other = Choice("auto"), Choice("auto")
+    one.after(*map(np.array, zip(*told, strict=True)))
+    shuffler.shuffle(told)
+    taken = 0
+    for odds, category in told:
+        if other._lead() >= SETTLED:
+            return
+        other.after(np.array([odds]), np.array([category]))
+        taken += 1
+    assert taken == len(told)
+    assert other._told == pytest.approx(one._told)
+    assert (other._counts == one._counts).all()
+
+
+def test_evidence_is_the_chain_of_predictions():
+    """Score by score: cases of an interval so far, and what its share counts for, over all."""
+    choice, rng = Choice("auto"), np.random.default_rng(1)
+    odds = rng.normal(1, 2, 25)
+    slow, counts = choice._prior.copy(), np.zeros(len(EDGES) - 1)
+    for value in odds:
+        here = np.flatnonzero((EDGES[:-1] <= value) & (value < EDGES[1:]))[0]
+        slow += np.log(30 * choice._shares[:, 0, here] + counts[here])
+        counts[here] += 1
+    choice.after(odds, np.zeros(25, int))
+    assert choice._told == pytest.approx(slow)
