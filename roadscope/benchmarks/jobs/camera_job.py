@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -12,11 +11,11 @@ from typing import Any
 from roadscope.benchmarks.cache import cache_dir, kept
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, package_version, plugin_hash
+from roadscope.benchmarks.jobs.base import KeyedJob, outcome_of
 from roadscope.benchmarks.jobs.cost import cost
 from roadscope.benchmarks.jobs.look import air_of, drawn_from_truth, look
-from roadscope.benchmarks.jobs.stack import EntryError, describe, prints_aside
+from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.jobs.store import Outcome
-from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.image_parts import camera_scores
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
@@ -39,7 +38,7 @@ SCORING = ("benchmarks/metrics", "benchmarks/jobs/camera_job.py")
 
 
 @dataclass(frozen=True)
-class CameraJob:
+class CameraJob(KeyedJob):
     """What a worker is told: names and numbers, no objects.
 
     entry: how the board calls it. detector: its spec. every_s: from image to image.
@@ -54,6 +53,7 @@ class CameraJob:
 
     board = "camera"
     tracker = None
+    scoring = SCORING
 
     @property
     def ours(self) -> bool:
@@ -79,22 +79,9 @@ class CameraJob:
         plugin = CAMERA_DETECTORS.resolve(self.detector)
         return fingerprint([plugin_hash(plugin), package_version("torch")])
 
-    @cached_property
-    def spec(self) -> str:
-        """Everything that the result depends on, as JSON."""
-        content = {
-            "board": self.board,
-            "entry": self.entry,
-            "detections": self.detections_spec,
-            "metric_version": METRIC_VERSION,
-            "metric_code": code_hash(*SCORING),
-        }
-        return json.dumps(content, sort_keys=True)
-
-    @cached_property
-    def key(self) -> str:
-        """The content hash under which the result is kept."""
-        return fingerprint(self.spec)
+    def content(self) -> Mapping[str, Any]:
+        """Return what the detections depend on."""
+        return {"detections": self.detections_spec}
 
     @property
     def detections_path(self) -> Path:
@@ -112,12 +99,7 @@ def seen_of(job: CameraJob, fresh: bool = False) -> Seen:
 @prints_aside()
 def execute_camera(job: CameraJob, fresh: bool = False) -> Outcome:
     """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
-    try:
-        return Outcome(image_scores(job, seen_of(job, fresh)))
-    except EntryError as error:
-        return Outcome({}, str(error))
-    except Exception as error:
-        return Outcome({}, f"not the entry's fault: {describe(error)}")
+    return outcome_of(lambda: image_scores(job, seen_of(job, fresh)))
 
 
 def image_scores(job: CameraJob, seen: Seen) -> dict[str, Score]:

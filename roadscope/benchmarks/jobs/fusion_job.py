@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint
+from roadscope.benchmarks.jobs.base import KeyedJob, outcome_of
 from roadscope.benchmarks.jobs.camera_job import CameraJob
 from roadscope.benchmarks.jobs.cost import cost
 from roadscope.benchmarks.jobs.fused import CAMERA_ALONE, LIDAR_ALONE, FusedSpec, Moments, fuse
 from roadscope.benchmarks.jobs.job import Job
 from roadscope.benchmarks.jobs.odometry_job import OdometryJob
-from roadscope.benchmarks.jobs.stack import EntryError, describe, prints_aside
+from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.jobs.store import Outcome
-from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.fusion_parts import fusion_scores
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.fusion import FUSIONS
@@ -28,7 +26,7 @@ ALONE = (LIDAR_ALONE, CAMERA_ALONE)
 
 
 @dataclass(frozen=True)
-class FusionJob:
+class FusionJob(KeyedJob):
     """What a worker is told: names and numbers, no objects.
 
     entry: how the board calls it. given: whose detections are joined, and by what.
@@ -43,6 +41,7 @@ class FusionJob:
 
     board = "fusion"
     tracker = None
+    scoring = SCORING
 
     @property
     def detector(self) -> str:
@@ -54,24 +53,13 @@ class FusionJob:
         """Whether what is called ships with this package."""
         return self.given.fusion in ALONE or FUSIONS.resolve(self.given.fusion).ours
 
-    @cached_property
-    def spec(self) -> str:
-        """Everything that the result depends on, as JSON."""
-        content = {
-            "board": self.board,
-            "entry": self.entry,
+    def content(self) -> Mapping[str, Any]:
+        """Return whose detections are joined, and by what."""
+        return {
             "given": self.detector,
             "fused": self.given.made_by(self.episode, self.eligibility, self.every_s),
             "every_s": self.every_s,
-            "metric_version": METRIC_VERSION,
-            "metric_code": code_hash(*SCORING),
         }
-        return json.dumps(content, sort_keys=True)
-
-    @cached_property
-    def key(self) -> str:
-        """The content hash under which the result is kept."""
-        return fingerprint(self.spec)
 
 
 AnyJob = Job | CameraJob | FusionJob | OdometryJob
@@ -85,13 +73,12 @@ def execute_fusions(jobs: Sequence[FusionJob]) -> list[Outcome]:
 @prints_aside()
 def execute_fusion(job: FusionJob) -> Outcome:
     """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
-    try:
+
+    def scores() -> Mapping[str, Score]:
         moments = fuse(job.given, job.episode, job.eligibility, job.every_s)
-        return Outcome(moment_scores(moments, marked=job.given.fusion in ALONE))
-    except EntryError as error:
-        return Outcome({}, str(error))
-    except Exception as error:
-        return Outcome({}, f"not the entry's fault: {describe(error)}")
+        return moment_scores(moments, marked=job.given.fusion in ALONE)
+
+    return outcome_of(scores)
 
 
 def moment_scores(moments: Moments, *, marked: bool = False) -> dict[str, Score]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -15,12 +14,11 @@ from roadscope.benchmarks.cache import kept
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.jobs.base import KeyedJob, outcome_of
 from roadscope.benchmarks.jobs.cost import cost
 from roadscope.benchmarks.jobs.fused import FusedSpec, perceive_fused
 from roadscope.benchmarks.jobs.public import PERCEIVING, PublicDetections, path_of, spec_of
 from roadscope.benchmarks.jobs.stack import (
-    EntryError,
-    describe,
     offline,
     perceive,
     prints_aside,
@@ -28,7 +26,6 @@ from roadscope.benchmarks.jobs.stack import (
     weighed,
 )
 from roadscope.benchmarks.jobs.store import Outcome
-from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.breakdown import broken_down
 from roadscope.benchmarks.metrics.detection import score_detections
 from roadscope.benchmarks.metrics.score import Score, mean
@@ -50,7 +47,7 @@ RECORDED_SCORING = (
 
 
 @dataclass(frozen=True)
-class Job:
+class Job(KeyedJob):
     """What a worker is told: names and numbers, no objects.
 
     board: `detection`, `tracking` or one of `KITTI_BOARDS`.
@@ -78,26 +75,19 @@ class Job:
             return spec_of(self.detector, made_by, episode)
         return PublicDetections(self.detector, episode, self.eligibility).spec
 
-    @cached_property
-    def spec(self) -> str:
-        """Everything that the result depends on, as JSON."""
+    @property
+    def scoring(self) -> tuple[str, ...]:
+        """Files that scores depend on; more of them on recorded episodes."""
+        return SCORING + (RECORDED_SCORING if isinstance(self.episode, Recording) else ())
+
+    def content(self) -> Mapping[str, Any]:
+        """Return what detections depend on, and who tracks them."""
         tracker = None if self.tracker is None else plugin_hash(TRACKERS.resolve(self.tracker))
-        recorded = isinstance(self.episode, Recording)
-        content = {
-            "board": self.board,
-            "entry": self.entry,
+        return {
             "tracker": tracker,
             "detections": self.detections_spec,
             "eligibility": fingerprint(self.eligibility),
-            "metric_version": METRIC_VERSION,
-            "metric_code": code_hash(*SCORING, *(RECORDED_SCORING if recorded else ())),
         }
-        return json.dumps(content, sort_keys=True)
-
-    @cached_property
-    def key(self) -> str:
-        """The content hash under which the result is kept."""
-        return fingerprint(self.spec)
 
     @property
     def detections_path(self) -> Path:
@@ -110,21 +100,21 @@ def execute(job: Job, fresh: bool = False) -> Outcome:
     """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
     if job.tracker is not None and (reason := TRACKERS.missing(job.tracker)):
         return Outcome({}, f"{job.tracker}: {reason}")
-    try:
-        perceived = detections_of(job, fresh and job.tracker is None)
-        if job.tracker is None:
-            whole = detection_scores(job.detector, perceived, job.eligibility)
-            return Outcome({**whole, **detection_parts(perceived, job.eligibility)})
-        if isinstance(job.episode, Recording):
-            tracks, calls_ms = track(job.tracker, perceived, unsure=weighed(job.tracker))
-            return Outcome(recorded_scores(job.tracker, tracks, calls_ms, job.episode))
-        tracks, calls_ms = track(job.tracker, perceived)
-        scores = tracking_scores(tracks, calls_ms, perceived, job.eligibility)
-        return Outcome(scores | passed(len(tracks)) if offline(job.tracker) else scores)
-    except EntryError as error:
-        return Outcome({}, str(error))
-    except Exception as error:
-        return Outcome({}, f"not the entry's fault: {describe(error)}")
+    return outcome_of(lambda: job_scores(job, fresh))
+
+
+def job_scores(job: Job, fresh: bool = False) -> dict[str, Score]:
+    """Return the scores of a job's detections or tracks."""
+    perceived = detections_of(job, fresh and job.tracker is None)
+    if job.tracker is None:
+        whole = detection_scores(job.detector, perceived, job.eligibility)
+        return {**whole, **detection_parts(perceived, job.eligibility)}
+    if isinstance(job.episode, Recording):
+        tracks, calls_ms = track(job.tracker, perceived, unsure=weighed(job.tracker))
+        return recorded_scores(job.tracker, tracks, calls_ms, job.episode)
+    tracks, calls_ms = track(job.tracker, perceived)
+    scores = tracking_scores(tracks, calls_ms, perceived, job.eligibility)
+    return scores | passed(len(tracks)) if offline(job.tracker) else scores
 
 
 @prints_aside()

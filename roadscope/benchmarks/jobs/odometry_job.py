@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.fingerprint import code_hash, plugin_hash
+from roadscope.benchmarks.jobs.base import KeyedJob, outcome_of
 from roadscope.benchmarks.jobs.cost import cost
 from roadscope.benchmarks.jobs.ride import Ride, ride
-from roadscope.benchmarks.jobs.stack import EntryError, describe, prints_aside
+from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.jobs.store import Outcome
-from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.odometry import (
     SHORT_M,
     by_distance,
@@ -35,12 +34,14 @@ SCORING = ("benchmarks/metrics", "benchmarks/jobs/odometry_job.py")
 
 
 @dataclass(frozen=True)
-class OdometryJob:
+class OdometryJob(KeyedJob):
     """What a worker is told: names and numbers, no objects.
 
-    odometry: its spec, or an oracle's. lengths_m: of the stretches that drift is measured over.
+    entry: how the board calls it. odometry: its spec, or an oracle's.
+    lengths_m: of the stretches that drift is measured over.
     """
 
+    entry: str
     odometry: str
     episode: Episode
     lengths_m: tuple[float, ...] = SHORT_M
@@ -48,39 +49,24 @@ class OdometryJob:
     board = "odometry"
     tracker = None
     detector = ""
-
-    @property
-    def entry(self) -> str:
-        """How the board calls it."""
-        return entry_of(self.odometry)
+    scoring = SCORING
 
     @property
     def ours(self) -> bool:
         """Whether what is called ships with this package."""
         return ODOMETRIES.resolve(method_of(self.odometry)).ours
 
-    @cached_property
-    def spec(self) -> str:
-        """Everything that the result depends on, as JSON."""
+    def content(self) -> Mapping[str, Any]:
+        """Return what the poses depend on, and the stretches."""
         plugin = ODOMETRIES.resolve(method_of(self.odometry))
         # Methods of ours share the ground and the clusters of detectors.
         rooms = ("detectors",) if plugin.ours else ()
-        content = {
-            "board": self.board,
-            "entry": self.entry,
+        return {
             "odometry": plugin_hash(plugin),
             "episode": self.episode.spec(),
             "lengths_m": list(self.lengths_m),
             "code": code_hash(*RIDING, *rooms),
-            "metric_version": METRIC_VERSION,
-            "metric_code": code_hash(*SCORING),
         }
-        return json.dumps(content, sort_keys=True)
-
-    @cached_property
-    def key(self) -> str:
-        """The content hash under which the result is kept."""
-        return fingerprint(self.spec)
 
 
 def odometry_jobs(
@@ -88,7 +74,7 @@ def odometry_jobs(
 ) -> list[OdometryJob]:
     """Every odometry on every episode."""
     return [
-        OdometryJob(spec, episode, suite.odometry_lengths_m)
+        OdometryJob(entry_of(spec), spec, episode, suite.odometry_lengths_m)
         for episode in episodes
         for spec in dict.fromkeys(odometries)
     ]
@@ -100,13 +86,12 @@ def execute_odometry(job: OdometryJob) -> Outcome:
     spec = method_of(job.odometry)
     if reason := ODOMETRIES.missing(spec):
         return Outcome({}, f"{spec}: {reason}")
-    try:
+
+    def scores() -> Mapping[str, Score]:
         found = ride(job.odometry, job.episode)
-        return Outcome(ride_scores(found, job.lengths_m, spared(job.odometry) is not None))
-    except EntryError as error:
-        return Outcome({}, str(error))
-    except Exception as error:
-        return Outcome({}, f"not the entry's fault: {describe(error)}")
+        return ride_scores(found, job.lengths_m, spared(job.odometry) is not None)
+
+    return outcome_of(scores)
 
 
 def ride_scores(
