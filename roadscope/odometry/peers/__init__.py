@@ -1,0 +1,1 @@
+"""Odometries of other libraries as odometries of ours: `pip install roadscope[peers]`."""

@@ -1,0 +1,136 @@
+"""What other libraries' odometries leave to us: stamps, poor scans, frames, what is degraded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.odometry.clock import Clock
+from roadscope.odometry.estimates import estimate, grown
+from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.peers.library import Given, Library, Placed
+from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
+
+LEAST_POINTS = 60
+FASTEST_M_S = 100.0
+"""Faster is no vehicle: the library is lost and begun anew."""
+LOST = 5
+"""So many scans in a row that a library refuses: it is begun anew."""
+STEP = np.diag([0.05] * 3 + [0.005] * 3) ** 2
+"""Nominal covariance of a step, metres and radians: the libraries tell none."""
+CARRIED = np.diag([8.0] * 3 + [2.0] * 3) ** 2
+"""That of a pose carried on for a second: the accelerations that vehicles do not exceed."""
+
+
+class Adapter:
+    """Runs a library's odometry and answers as ours do.
+
+    A library never sees a scan that is out of order or too poor to match: the pose is carried on
+    at constant velocity. Poses are brought from where the library puts the LiDAR, which may be at
+    the end of the sweep, to the stamp, at the velocity between the last two scans.
+    """
+
+    def __init__(self, start: Callable[[Pose | None], Library]) -> None:
+        """Take what starts a library, told how the IMU is mounted."""
+        self._start = start
+        self.reset()
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget everything."""
+        self._mounting = lidar_from_imu
+        self._clock, self._imu, self._felt_s = Clock(), ImuBuffer(None), -np.inf
+        self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
+        self._twist, self._now_s = np.zeros(6), 0.0
+        self._begin()
+
+    def _begin(self) -> None:
+        """Start the library; its second scan tells where its world lies."""
+        self._library = self._start(self._mounting)
+        self._before: Placed | None = None
+        self._taken_s = 0.0
+        self._start_from_world: np.ndarray | None = None
+        self._refused = 0
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Hand the scan on and say where that puts the LiDAR."""
+        self._imu.add(imu)
+        tick = self._clock.tick(scan.stamp_s)
+        if not tick.in_order:
+            return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
+        self._now_s += tick.elapsed_s
+        before = self._pose
+        self._pose = before @ exp_se3(self._twist * tick.elapsed_s)
+        sound = np.isfinite(scan.points).all(axis=1)
+        given = self._given(scan, sound)
+        poor = _poverty(scan.ring[sound]) or self._placed(given)
+        spread = CARRIED * tick.elapsed_s**4 if poor else STEP * bool(tick.elapsed_s)
+        self._covariance = grown(self._covariance, inverse(before) @ self._pose, spread)
+        reason = tick.reason or poor
+        return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
+
+    def _given(self, scan: LidarScan, sound: np.ndarray) -> Given:
+        new = self._imu.stamps_s > self._felt_s
+        stamps_s = self._imu.stamps_s[new]
+        self._felt_s = float(stamps_s[-1]) if len(stamps_s) else self._felt_s
+        late_s = self._now_s - scan.stamp_s
+        samples = ImuSamples(stamps_s + late_s, self._imu.rates[new], self._imu.forces[new])
+        return Given(
+            scan.points[sound].astype(np.float64),
+            scan.time_offset_s[sound].astype(np.float64),
+            self._now_s,
+            self._now_s - self._taken_s if self._before else 0.0,
+            samples,
+        )
+
+    def _placed(self, given: Given) -> str:
+        """Let the library place a scan; return what is wrong with that, or nothing."""
+        try:
+            placed = self._library.place(given)
+        except Exception as error:
+            self._refused += 1
+            if self._refused == LOST:
+                self._begin()
+            return f"refused: {' '.join(str(error).split())}"
+        self._refused = 0
+        poor = self._taken(placed, given.stamp_s)
+        if poor:
+            self._begin()
+        else:
+            self._before, self._taken_s = placed, given.stamp_s
+        return poor
+
+    def _taken(self, placed: Placed, stamp_s: float) -> str:
+        """Take over where the library puts the LiDAR; return why that cannot be, or nothing."""
+        if not np.isfinite(placed.world_from_lidar).all():
+            return "the library's pose is no number"
+        if self._before is None:
+            self._first_pose = self._pose
+            return ""
+        moved = orthonormal(inverse(self._before.world_from_lidar) @ placed.world_from_lidar)
+        twist = log_se3(moved) / (placed.at_s - self._before.at_s)
+        speed_m_s = float(np.linalg.norm(twist[:3]))
+        if not speed_m_s <= FASTEST_M_S:
+            return f"{speed_m_s:.0f} m/s is no speed of a vehicle"
+        if self._start_from_world is None:
+            first = _brought(self._before, twist, self._taken_s)
+            self._start_from_world = self._first_pose @ inverse(first)
+        self._pose = orthonormal(self._start_from_world @ _brought(placed, twist, stamp_s))
+        self._twist = twist
+        return ""
+
+
+def _brought(placed: Placed, twist: np.ndarray, to_s: float) -> np.ndarray:
+    """Return the (4, 4) pose at another time, at a (6,) twist."""
+    brought: np.ndarray = placed.world_from_lidar @ exp_se3(twist * (to_s - placed.at_s))
+    return brought
+
+
+def _poverty(rings: np.ndarray) -> str:
+    """Say why returns of such rings cannot tell where they were seen; empty if they may."""
+    if len(rings) < LEAST_POINTS:
+        return f"{len(rings)} points that can be matched"
+    if rings.min() == rings.max():
+        return "returns of one ring alone"
+    return ""

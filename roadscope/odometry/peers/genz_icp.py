@@ -1,0 +1,72 @@
+"""GenZ-ICP: point to plane and point to point, weighed by how planar the place is."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
+from roadscope.odometry.peers.adapter import Adapter
+from roadscope.odometry.peers.library import BOUNDS_M, Given, Placed
+
+
+class GenzIcpOdometry:
+    """GenZ-ICP (Lee 2024) with its parameters for outdoor places.
+
+    Those leave deskewing off, for the data behind them were deskewed; it is on here, to the stamp
+    at constant velocity. It has no use for an IMU.
+    """
+
+    requires: ClassVar = Requirement("genz-icp", "pip install roadscope[peers]")
+
+    def __init__(
+        self, *, voxel_m: float = 0.6, points: int = 3000, planarity: float = 0.2,
+        voxel_points: int = 3, deskew: bool = True,
+    ) -> None:  # fmt: skip
+        """Set it up.
+
+        voxel_m, points, planarity, voxel_points: `voxel_size`, `desired_num_voxelized_points`,
+            `planarity_threshold`, `max_points_per_voxel`.
+        """
+        for name, value in (("voxel_m", voxel_m), ("points", points), ("planarity", planarity),
+                            ("voxel_points", voxel_points)):  # fmt: skip
+            if not value > 0:
+                raise ValueError(f"{name} must be above 0, got {value!r}")
+        mapping = {
+            "voxel_size": voxel_m,
+            "desired_num_voxelized_points": points,
+            "planarity_threshold": planarity,
+            "max_points_per_voxel": voxel_points,
+        }
+        self._adapter = Adapter(lambda _: _GenzIcp(mapping, deskew))
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget map and pose."""
+        self._adapter.reset(lidar_from_imu)
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Move the scan onto the map and say where that puts the LiDAR."""
+        return self._adapter.update(scan, imu)
+
+
+class _GenzIcp:
+    """`genz_icp.genz_icp.GenZICP` as a library of `Adapter`."""
+
+    def __init__(self, mapping: dict[str, float], deskew: bool) -> None:
+        from genz_icp.config import GenZConfig
+        from genz_icp.genz_icp import GenZICP
+
+        config = GenZConfig()
+        config.data.min_range, config.data.max_range = BOUNDS_M
+        config.data.deskew = deskew
+        for name, value in mapping.items():
+            setattr(config.mapping, name, value)
+        self._genz, self._deskew = GenZICP(config), deskew
+        self._step_s = 0.0
+
+    def place(self, given: Given) -> Placed:
+        # A point of time 0.5 stays where it is; 1 is the motion between the last two scans.
+        swept = self._deskew and given.swept and self._step_s
+        times = 0.5 + given.after_s / self._step_s if swept else None
+        self._genz.register_frame(given.points, times)
+        self._step_s = given.elapsed_s
+        return Placed(self._genz.last_pose, given.stamp_s)

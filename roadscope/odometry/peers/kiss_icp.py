@@ -1,0 +1,70 @@
+"""KISS-ICP: points against a map of points."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
+from roadscope.odometry.peers.adapter import Adapter
+from roadscope.odometry.peers.library import BOUNDS_M, Given, Placed
+from roadscope.odometry.rigid import exp_se3, log_se3
+
+
+class KissIcpOdometry:
+    """KISS-ICP (Vizzo 2023) as its authors ship it: voxels of 1 m for 100 m, deskewing on.
+
+    It deskews to the last point of a scan at constant velocity and has no use for an IMU. Across
+    scans it was not shown, its last pose is carried on, which it would not do by itself.
+    """
+
+    requires: ClassVar = Requirement("kiss-icp", "pip install roadscope[peers]")
+
+    def __init__(self, *, voxel_m: float = 1.0, deskew: bool = True) -> None:
+        """Set it up; voxel_m: `mapping.voxel_size`, `data.max_range` / 100 when not given."""
+        if not voxel_m > 0:
+            raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
+        self._adapter = Adapter(lambda _: _KissIcp(voxel_m, deskew))
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget map and pose."""
+        self._adapter.reset(lidar_from_imu)
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Move the scan onto the map and say where that puts the LiDAR."""
+        return self._adapter.update(scan, imu)
+
+
+class _KissIcp:
+    """`kiss_icp.kiss_icp.KissICP` as a library of `Adapter`."""
+
+    def __init__(self, voxel_m: float, deskew: bool) -> None:
+        from kiss_icp.config import KISSConfig
+        from kiss_icp.kiss_icp import KissICP
+
+        config = KISSConfig()
+        config.data.min_range, config.data.max_range = BOUNDS_M
+        config.data.deskew = deskew
+        config.mapping.voxel_size = voxel_m
+        config.registration.max_num_threads = 1
+        self._kiss, self._deskew = KissICP(config), deskew
+        self._step_s = 0.0
+
+    def place(self, given: Given) -> Placed:
+        swept = self._deskew and given.swept
+        self._leap(given.elapsed_s)
+        # A scan from which no motion is taken out is rather one of its stamp than of its end.
+        still = bool((self._kiss.last_delta == np.eye(4)).all())
+        self._kiss.register_frame(given.points, given.after_s if swept else np.empty(0))
+        at_s = given.stamp_s + (given.after_s.max() if swept and not still else 0.0)
+        return Placed(self._kiss.last_pose, float(at_s))
+
+    def _leap(self, elapsed_s: float) -> None:
+        """Carry the last pose on where more than a step has passed since."""
+        extra_s = elapsed_s - self._step_s
+        if 0 < self._step_s < 2 * extra_s:
+            twist = log_se3(self._kiss.last_delta) / self._step_s
+            self._kiss.last_pose = self._kiss.last_pose @ exp_se3(twist * extra_s)
+        else:
+            self._step_s = elapsed_s

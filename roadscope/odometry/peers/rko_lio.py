@@ -1,0 +1,105 @@
+"""RKO-LIO: points against a map of points, predicted and levelled by the IMU."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import ClassVar
+
+import numpy as np
+
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
+from roadscope.odometry.peers.adapter import Adapter
+from roadscope.odometry.peers.library import BOUNDS_M, Given, Placed
+
+EPOCH_S = 1000.0
+"""Its clock begins here: it takes a time of 0 for none."""
+NANOSECONDS = 1e9
+
+
+class RkoLioOdometry:
+    """RKO-LIO (Malladi 2025) as its authors ship it, sparse scans thinned once as they advise.
+
+    It deskews to the last point of a scan with the IMU. Its start at rest, which the authors
+    advise where a drive begins so, is off unless asked for: most begin at speed.
+    """
+
+    requires: ClassVar = Requirement("rko_lio", "pip install roadscope[peers]")
+
+    def __init__(
+        self, *, voxel_m: float = 1.0, thin_twice: bool = False, starts_at_rest: bool = False,
+        deskew: bool = True,
+    ) -> None:  # fmt: skip
+        """Set it up.
+
+        voxel_m: `voxel_size`. thin_twice: `double_downsample`, better off for 16 rings.
+        starts_at_rest: `initialization_phase`: level and biases from the first tenth of a second.
+        """
+        if not voxel_m > 0:
+            raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
+        settings = {
+            "voxel_size": voxel_m,
+            "double_downsample": thin_twice,
+            "initialization_phase": starts_at_rest,
+            "deskew": deskew,
+        }
+        self._adapter = Adapter(lambda mounting: _RkoLio(settings, mounting))
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget map, pose, speed, biases."""
+        self._adapter.reset(lidar_from_imu)
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Move the scan onto the map and say where that puts the LiDAR."""
+        return self._adapter.update(scan, imu)
+
+
+class _RkoLio:
+    """`rko_lio.lio.LIO` as a library of `Adapter`; its base is the LiDAR."""
+
+    def __init__(self, settings: dict[str, float], mounting: Pose | None) -> None:
+        from rko_lio.config import LIOConfig
+        from rko_lio.lio import LIO
+
+        low_m, high_m = BOUNDS_M
+        config = LIOConfig(min_range=low_m, max_range=high_m, max_num_threads=1, **settings)
+        self._lio = LIO(config)
+        self._lidar_from_imu = np.eye(4) if mounting is None else mounting.matrix
+        self._deskew, self._scans = config.deskew, 0
+
+    def place(self, given: Given) -> Placed:
+        times = _nanoseconds(given.stamp_s + given.after_s)
+        samples = given.imu
+        stamps = _nanoseconds(samples.stamps_s)
+        with _hushed():
+            for force, rate, stamp in zip(
+                samples.specific_force, samples.angular_velocity, stamps, strict=True
+            ):
+                self._lio.add_imu_measurement(force, rate, stamp, self._lidar_from_imu)
+            self._lio.register_scan(given.points, times)
+        # Every scan but the first is brought to its last point.
+        self._scans += 1
+        late_s = given.after_s.max() if self._deskew and self._scans > 1 else 0.0
+        return Placed(self._lio.pose(), float(given.stamp_s + late_s))
+
+
+def _nanoseconds(times_s: np.ndarray) -> np.ndarray:
+    whole: np.ndarray = np.rint((times_s + EPOCH_S) * NANOSECONDS).astype(np.int64)
+    return whole
+
+
+@contextmanager
+def _hushed() -> Iterator[None]:
+    """Keep what the library's compiled part prints from the terminal."""
+    kept = os.dup(1), os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept[0], 1)
+        os.dup2(kept[1], 2)
+        for each in (*kept, nowhere):
+            os.close(each)

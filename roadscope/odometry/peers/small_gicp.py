@@ -1,0 +1,140 @@
+"""small_gicp: distributions to distributions, from scan to scan or onto a map of voxels."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
+from roadscope.odometry.cloud_kernels import deskewed
+from roadscope.odometry.peers.adapter import Adapter
+from roadscope.odometry.peers.library import BOUNDS_M, Given, Placed
+from roadscope.odometry.rigid import exp_se3, inverse, log_se3
+
+SMALL_GICP = Requirement("small_gicp", "pip install roadscope[peers]")
+LRU = {"horizon": 100, "clear_cycle": 10}
+"""Voxels unseen for so many scans are dropped, looked for as often, as in its KITTI example."""
+
+
+class SmallGicpOdometry:
+    """small_gicp (Koide 2024), each scan onto a map of Gaussian voxels, as in its KITTI example.
+
+    It knows neither times nor ranges of points: scans are cut to 1 to 100 m and deskewed here, at
+    constant velocity to the stamp, where it begins its search too.
+    """
+
+    requires: ClassVar = SMALL_GICP
+
+    def __init__(
+        self, *, voxel_m: float = 1.0, downsample_m: float = 0.25, neighbours: int = 10,
+        gate_m: float = 1.0, deskew: bool = True,
+    ) -> None:  # fmt: skip
+        """Set it up.
+
+        voxel_m: of the map. downsample_m, neighbours: of `preprocess_points`, its defaults.
+        gate_m: `max_correspondence_distance`, its default.
+        """
+        scans = _checked(downsample_m, neighbours, gate_m, deskew)
+        if not voxel_m > 0:
+            raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
+        self._adapter = Adapter(lambda _: _Gicp(scans, _VoxelMap(voxel_m)))
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget map and pose."""
+        self._adapter.reset(lidar_from_imu)
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Move the scan onto the map and say where that puts the LiDAR."""
+        return self._adapter.update(scan, imu)
+
+
+class SmallGicpScanOdometry:
+    """small_gicp (Koide 2024), each scan onto the one before; otherwise as `SmallGicpOdometry`."""
+
+    requires: ClassVar = SMALL_GICP
+
+    def __init__(
+        self, *, downsample_m: float = 0.25, neighbours: int = 10, gate_m: float = 1.0,
+        deskew: bool = True,
+    ) -> None:  # fmt: skip
+        """Set it up; see `SmallGicpOdometry`."""
+        scans = _checked(downsample_m, neighbours, gate_m, deskew)
+        self._adapter = Adapter(lambda _: _Gicp(scans, _LastScan()))
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget scan and pose."""
+        self._adapter.reset(lidar_from_imu)
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Move the scan onto the one before and say where that puts the LiDAR."""
+        return self._adapter.update(scan, imu)
+
+
+def _checked(downsample_m: float, neighbours: int, gate_m: float, deskew: bool) -> dict[str, Any]:
+    for name, value in (("downsample_m", downsample_m), ("gate_m", gate_m)):
+        if not value > 0:
+            raise ValueError(f"{name} must be above 0, got {value!r}")
+    if neighbours < 5:
+        raise ValueError(f"neighbours must be 5 or more, got {neighbours!r}")
+    return {"size_m": downsample_m, "neighbours": neighbours, "gate_m": gate_m, "deskew": deskew}
+
+
+class _VoxelMap:
+    """All scans, as Gaussians in voxels."""
+
+    def __init__(self, voxel_m: float) -> None:
+        from small_gicp import GaussianVoxelMap
+
+        self._voxels = GaussianVoxelMap(voxel_m)
+        self._voxels.set_lru(**LRU)
+
+    def add(self, cloud: Any, tree: Any, pose: np.ndarray) -> None:
+        self._voxels.insert(cloud, pose)
+
+    def aligned(self, cloud: Any, guess: np.ndarray, gate_m: float) -> np.ndarray:
+        from small_gicp import align
+
+        found = align(self._voxels, cloud, guess, max_correspondence_distance=gate_m)
+        return np.asarray(found.T_target_source)
+
+
+class _LastScan:
+    """The last scan with its tree."""
+
+    def add(self, cloud: Any, tree: Any, pose: np.ndarray) -> None:
+        self._cloud, self._tree, self._pose = cloud, tree, pose
+
+    def aligned(self, cloud: Any, guess: np.ndarray, gate_m: float) -> np.ndarray:
+        from small_gicp import align
+
+        start = inverse(self._pose) @ guess
+        found = align(self._cloud, cloud, self._tree, start, max_correspondence_distance=gate_m)
+        return np.asarray(self._pose @ found.T_target_source)
+
+
+class _Gicp:
+    """small_gicp's functions as a library of `Adapter`."""
+
+    def __init__(self, scans: dict[str, Any], memory: _VoxelMap | _LastScan) -> None:
+        self._scans, self._memory = scans, memory
+        self._pose, self._twist = np.eye(4), np.zeros(6)
+
+    def place(self, given: Given) -> Placed:
+        from small_gicp import preprocess_points
+
+        points = given.points
+        if self._scans["deskew"]:
+            points = deskewed(points, given.after_s, self._twist)
+        ranges = np.linalg.norm(points, axis=1)
+        points = points[(ranges > BOUNDS_M[0]) & (ranges < BOUNDS_M[1])]
+        cloud, tree = preprocess_points(
+            points, self._scans["size_m"], num_neighbors=self._scans["neighbours"]
+        )
+        if given.elapsed_s:
+            guess = self._pose @ exp_se3(self._twist * given.elapsed_s)
+            pose = self._memory.aligned(cloud, guess, self._scans["gate_m"])
+            self._twist = log_se3(inverse(self._pose) @ pose) / given.elapsed_s
+            self._pose = pose
+        self._memory.add(cloud, tree, self._pose)
+        return Placed(self._pose, given.stamp_s)
