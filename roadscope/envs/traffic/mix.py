@@ -87,6 +87,12 @@ MIXES: Mapping[str, Mix] = MappingProxyType(
             (Category.MOTORCYCLE, 0.07, MOTORCYCLES),
         ),
         "parked": ((Category.CAR, 0.88, CARS), (Category.VAN, 0.12, VANS[:2])),
+        "convoy": (
+            (Category.CAR, 0.38, CARS),
+            (Category.VAN, 0.25, VANS[1:]),
+            (Category.TRUCK, 0.27, (*LIGHT_TRUCKS, *HEAVY_TRUCKS)),
+            (Category.BUS, 0.10, BUSES),
+        ),
         "foreign": (
             (Category.CAR, 0.72, CARS),
             (Category.VAN, 0.13, VANS),

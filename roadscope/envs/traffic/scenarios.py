@@ -126,6 +126,38 @@ SCENARIOS: Mapping[str, Scenario] = _scenarios(
         "motorway", _HERE + "script_long_occlusion:long_occlusion", 12.0, scripted=True,
     ),
     Scenario(
+        "convoy-pull-away", "The ego stands among lorries and pulls away with all of them.",
+        "urban", _HERE + "script_convoy:convoy_pull_away", 40.0, scripted=True,
+    ),
+    Scenario(
+        "platoon", "The ego drives within dense traffic that keeps its places.",
+        "motorway", _HERE + "script_platoon:platoon", 30.0, scripted=True,
+    ),
+    Scenario(
+        "cold-start", "The first scan is taken at 15 to 35 m/s.",
+        "motorway", _HERE + "script_cold_start:cold_start", 25.0, scripted=True,
+    ),
+    Scenario(
+        "standing-in-traffic", "The ego stands while others pass on both sides.",
+        "urban", _HERE + "script_standing:standing_in_traffic", 30.0, scripted=True,
+    ),
+    Scenario(
+        "standing-barriers", "The ego stands between noise walls while others pass.",
+        "barriers", _HERE + "script_standing:standing_barriers", 30.0, scripted=True,
+    ),
+    Scenario(
+        "barriers", "A motorway between long smooth noise walls.",
+        "barriers", _HERE + "script_walled:barriers", 30.0, scripted=True,
+    ),
+    Scenario(
+        "tunnel", "A tunnel whose lamps and niches alone tell places apart.",
+        "tunnel", _HERE + "script_walled:tunnel", 30.0, scripted=True,
+    ),
+    Scenario(
+        "stop-and-go", "Waves of standstill in a jam.",
+        "motorway", _HERE + "script_stop_and_go:stop_and_go", 60.0, scripted=True,
+    ),
+    Scenario(
         "lu2018-two-vehicles", "Lu 2018, 1: a car stays ahead, another comes and goes on its left.",
         "campus", _HERE + "scripted:play_script", 15.36, scripted=True,
     ),

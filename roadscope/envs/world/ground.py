@@ -34,8 +34,11 @@ BESIDE_M = 0.8
 SHORTEST_M = 4.0
 """Shorter stretches of a line are left out."""
 SHOULDERS_M: Mapping[str, float] = MappingProxyType(
-    {"motorway": 2.0, "urban": 2.6, "town": 3.8, "campus": 2.0, "bare": 0.5}
-)
+    {
+        "motorway": 2.0, "urban": 2.6, "town": 3.8, "campus": 2.0, "bare": 0.5,
+        "barriers": 2.0, "tunnel": 1.0,
+    }
+)  # fmt: skip
 """Width of the strip beside the outermost lane, by roadside style."""
 PAVED = frozenset({"urban", "town", "campus"})
 """Styles whose strip is a pavement behind a kerb; elsewhere it is asphalt."""

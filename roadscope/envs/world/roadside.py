@@ -21,9 +21,10 @@ from roadscope.envs.world.prisms import Prisms
 from roadscope.envs.world.road_memo import once_a_road
 from roadscope.envs.world.style import STYLES, Style, style_named
 from roadscope.envs.world.things import Batch, join
+from roadscope.envs.world.tunnel import ceilings, tunnel_lamps, tunnel_walls
 from roadscope.envs.world.vegetation import bushes, hedges, trees
 
-__all__ = ["CLEARANCE_M", "KINDS", "STYLES", "Scenery", "grow", "kinds_of", "off_lanes"]
+__all__ = ["CLEARANCE_M", "KINDS", "OVERHEAD", "STYLES", "Scenery", "grow", "kinds_of", "off_lanes"]
 
 Grower = Callable[[Sites, Style, np.random.Generator], Batch]
 
@@ -49,9 +50,14 @@ KINDS: Mapping[str, Grower] = MappingProxyType(
         "hedge": hedges,
         "parked_cars": parked_cars,
         "buildings": buildings,
+        "tunnel_wall": tunnel_walls,
+        "ceiling": ceilings,
+        "tunnel_lamps": tunnel_lamps,
     }
 )
 """Every kind of thing, under the name of its density in `Style`."""
+OVERHEAD = frozenset({"ceiling"})
+"""Kinds that hang over lanes; all others keep off them."""
 MOST_KINDS = 16
 OBSTACLE_KIND = MOST_KINDS - 1
 """Kind of what a timeline says stands on the road; nothing grown."""
@@ -133,7 +139,8 @@ class Scenery:
                 continue
             grown = kind(sites, self._style, np.random.default_rng(streams[number]))
             grown = grown.select(grown.owners < MOST_THINGS)
-            grown = grown.select(off_lanes(grown, self._borders.lanes, _clearance_m(name)))
+            if name not in OVERHEAD:
+                grown = grown.select(off_lanes(grown, self._borders.lanes, _clearance_m(name)))
             first = (rank * MOST_KINDS + number) * MOST_THINGS
             things.append(grown._replace(owners=-2 - first - grown.owners))
         return Prisms(*join(things))

@@ -14,9 +14,11 @@ from roadscope.core.names import unknown
 class Style:
     """Things beside an outer border of the road.
 
-    guard_rail, noise_wall, hedge: share of the border that each runs along, 0 to 1.
-    lamps, signs, trees, bushes: number per metre of border.
-    parked_cars, buildings: share of the slots along the border that are taken, 0 to 1.
+    guard_rail, noise_wall, hedge, tunnel_wall, ceiling: share of the border that each runs along,
+        0 to 1.
+    lamps, signs, trees, bushes, niches: number per metre of border; niches are in tunnel walls.
+    parked_cars, buildings, tunnel_lamps: share of the slots along the border that are taken, 0 to
+        1.
     tree_band_m, bush_band_m: nearest and farthest distance of their centres from the border.
     building_setback_m: from the border to the front of a building.
     """
@@ -30,6 +32,10 @@ class Style:
     bushes: float = 0.0
     parked_cars: float = 0.0
     buildings: float = 0.0
+    tunnel_wall: float = 0.0
+    ceiling: float = 0.0
+    tunnel_lamps: float = 0.0
+    niches: float = 0.0
     tree_band_m: tuple[float, float] = (5.0, 12.0)
     bush_band_m: tuple[float, float] = (1.5, 5.0)
     building_setback_m: tuple[float, float] = (8.0, 14.0)
@@ -54,9 +60,12 @@ STYLES: Mapping[str, Style] = MappingProxyType(
             tree_band_m=(5.0, 14.0), building_setback_m=(15.0, 25.0),
         ),
         "bare": Style(),
+        "barriers": Style(noise_wall=1.0, signs=0.003),
+        "tunnel": Style(tunnel_wall=1.0, ceiling=1.0, tunnel_lamps=0.95, niches=0.01),
     }
 )  # fmt: skip
-"""`town` leaves the pavements to people: nobody parks there. Set once from how such roads look; no
+"""`town` leaves the pavements to people: nobody parks there. `barriers` and `tunnel` have next to
+nothing that tells one place along the road from another. Set once from how such roads look; no
 detector's result has moved them."""
 
 

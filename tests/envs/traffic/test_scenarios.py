@@ -37,7 +37,8 @@ def test_the_named_scenarios_are_there():
         "motorway", "dense-motorway", "merge", "roundabout", "intersection", "racetrack", "two-way",
         "parking-lot", "waiting", "cut-ins", "long-occlusion", "lu2018-two-vehicles",
         "lu2018-occlusion", "lu2018-three-vehicles", "street", "town-crossing",
-        "unseen-motorway", "unseen-street",
+        "unseen-motorway", "unseen-street", "convoy-pull-away", "platoon", "cold-start",
+        "standing-in-traffic", "standing-barriers", "barriers", "tunnel", "stop-and-go",
     }  # fmt: skip
     for name, scenario in SCENARIOS.items():
         assert scenario.name == name
