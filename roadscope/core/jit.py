@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -12,17 +13,8 @@ from typing import Any, TypeVar, cast
 from numba import njit
 
 F = TypeVar("F", bound=Callable[..., Any])
-BUILT_ON = {
-    "benchmarks/fit": ("trackers",),
-    "detectors": ("detectors/moving",),
-    "detectors/clustering": ("detectors",),
-    "detectors/moving": ("detectors/shape",),
-    "detectors/shape": ("detectors/pose",),
-    "envs/imaging": ("envs/world",),
-    "envs/raycast": ("envs/world",),
-    "envs/sensors": ("envs/imaging", "envs/raycast"),
-}
-"""By folder, the others whose kernels and constants its kernels use, beside this one's."""
+HOUSE = Path(__file__).parents[1]
+IMPORT = re.compile(r"^\s*(?:from\s+(\S+)\s+import\s+(\([^)]*\)|.*)|import\s+(.+))$", re.MULTILINE)
 
 
 def compiled(*, borrowing: bool = False, **options: Any) -> Callable[[F], F]:
@@ -45,7 +37,7 @@ def compiled(*, borrowing: bool = False, **options: Any) -> Callable[[F], F]:
             if "locator" not in str(error):
                 raise
             return cast(F, njit(**settings)(function))
-        _tie_to_sources(kernel, Path(function.__code__.co_filename).parent)
+        _tie_to_sources(kernel, Path(function.__code__.co_filename))
         _compile_once(kernel)
         return cast(F, kernel)
 
@@ -62,8 +54,8 @@ def _may_borrow() -> bool:
     return True
 
 
-def _tie_to_sources(kernel: Any, folder: Path) -> None:
-    """Give the cached machine code a name that changes with any source in the folder.
+def _tie_to_sources(kernel: Any, file: Path) -> None:
+    """Give the cached machine code a name that changes with any source that the file builds on.
 
     Numba compares the time stamp of the function's own file only, but kernels call one another
     and read constants and record types across files: after an update stale code would run, or
@@ -77,7 +69,7 @@ def _tie_to_sources(kernel: Any, folder: Path) -> None:
         stamp = kernel._cache._impl.locator.get_source_stamp()
         store._cache_file = IndexDataCacheFile(
             cache_path=store._cache_path,
-            filename_base=f"{base}-{_digest(folder)}",
+            filename_base=f"{base}-{_digest(file)}",
             source_stamp=stamp,
         )
     except (AttributeError, ImportError, TypeError, OSError):
@@ -126,19 +118,41 @@ def _held(lock: Path) -> Iterator[None]:
 
 
 @cache
-def _digest(folder: Path) -> str:
-    files = sorted({file for each in _sources_of(folder) for file in each.glob("*.py")})
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+def _digest(file: Path) -> str:
+    files = sorted(sources_of(file))
+    return hashlib.sha256(b"".join(each.read_bytes() for each in files)).hexdigest()[:12]
 
 
-def _sources_of(folder: Path) -> set[Path]:
-    """Return the folder, this one, and those that they are built on, one after the other."""
-    house = Path(__file__).parents[1]
-    found, ahead = {Path(__file__).parent}, [folder]
+def sources_of(file: Path) -> set[Path]:
+    """Return the file, this one, and those of the package that they import, one after the other.
+
+    Of a file elsewhere it is all of its folder too, for what it imports from there is not known.
+    """
+    found: set[Path] = set()
+    ahead = [Path(__file__), file] if file.is_relative_to(HOUSE) else [*file.parent.glob("*.py")]
     while ahead:
         here = ahead.pop()
         if here not in found:
             found.add(here)
-            inside = here.relative_to(house).as_posix() if here.is_relative_to(house) else ""
-            ahead += [house / other for other in BUILT_ON.get(inside, ())]
+            ahead += _imported_by(here)
     return found
+
+
+@cache
+def _imported_by(file: Path) -> tuple[Path, ...]:
+    """Return the package's modules that a file imports, and modules that it takes names from."""
+    modules = set()
+    for package, names, plain in IMPORT.findall(file.read_text("utf-8")):
+        if package:
+            modules |= {package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))}
+        modules |= set(re.findall(r"[\w.]+", plain))
+    paths = (_file_of(name) for name in modules if name.split(".")[0] == HOUSE.name)
+    return tuple(path for path in paths if path is not None)
+
+
+def _file_of(module: str) -> Path | None:
+    path = HOUSE.parent.joinpath(*module.split("."))
+    for each in (path.with_suffix(".py"), path / "__init__.py"):
+        if each.is_file():
+            return each
+    return None

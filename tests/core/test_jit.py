@@ -154,22 +154,25 @@ def _kernels() -> dict[str, set[str]]:
     return found
 
 
-def test_kernels_are_tied_to_the_folders_of_all_kernels_and_constants_they_use() -> None:
+def test_kernels_are_tied_to_the_files_of_all_kernels_and_constants_they_use() -> None:
     kernels, used, loose = _kernels(), 0, []
     for module in kernels:
         path = _path_of(module)
-        tied = jit._sources_of(path.parent)
+        tied = jit.sources_of(path)
+        assert {path, Path(jit.__file__)} <= tied
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if not isinstance(node, ast.ImportFrom) or not node.module:
-                continue
-            names = {alias.name for alias in node.names}
-            mine = node.module.startswith("roadscope")
-            if mine and (any(map(str.isupper, names)) or names & kernels.get(node.module, set())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("roadscope"):
                 used += 1
-                if _path_of(node.module).parent not in tied:
-                    loose.append(f"{module}: {', '.join(names)} of {node.module}")
+                if _path_of(node.module or "") not in tied:
+                    loose.append(f"{module}: {node.module}")
     assert not loose
     assert used > 50
+
+
+def test_what_is_imported_is_followed_from_file_to_file() -> None:
+    tied = jit.sources_of(HOUSE / "envs" / "sensors" / "lidar_kernels.py")
+    assert HOUSE / "envs" / "raycast" / "kernels.py" in tied
+    assert HOUSE / "envs" / "traffic" / "scenarios.py" not in tied
 
 
 def _path_of(module: str) -> Path:
