@@ -53,8 +53,9 @@ class OdometryJob(KeyedJob):
 
     @property
     def ours(self) -> bool:
-        """Whether what is called ships with this package."""
-        return ODOMETRIES.resolve(method_of(self.odometry)).ours
+        """Whether all that is called ships with this package: compiled peers may end a process."""
+        plugin = ODOMETRIES.resolve(method_of(self.odometry))
+        return plugin.ours and plugin.requirement is None
 
     def content(self) -> Mapping[str, Any]:
         """Return what the poses depend on, and the stretches."""
