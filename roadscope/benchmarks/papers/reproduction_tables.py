@@ -11,7 +11,7 @@ from roadscope.benchmarks.tables import plain_table
 
 MOST_COLUMNS = 5
 UNNAMED = (YES_OR_NO, "1", "", "share", "count", "frame", None)
-DECIMALS = {"m": 4, "deg": 3}
+DECIMALS = {"m": 4, "deg": 3, "%": 1}
 """In tables without intervals; two for other units."""
 
 
@@ -70,9 +70,12 @@ def side_by_side(
     shared = units[0] if len(quantities) > 1 and len(set(units)) == 1 else None
     table = plain_table()
     table.add_column(shared if shared not in UNNAMED else "", style="bold", min_width=14)
+    # So that five columns leave the longest name of a method whole on 80 columns.
+    least, most = (11, 14) if len(quantities) < MOST_COLUMNS else (9, 12)
     for quantity, unit in zip(quantities, units, strict=True):
         heading = quantity if shared else _titled(quantity, unit)
-        table.add_column(heading, justify="right", min_width=11, max_width=14)
+        heading = heading if len(heading) <= most else heading.replace(" ", "\n", 1)
+        table.add_column(heading, justify="right", min_width=least, max_width=most)
     for method in methods:
         cells = [named[method, quantity] for quantity in quantities]
         table.add_row(method, *(_spread(row, len(cells)) for row in cells))

@@ -70,3 +70,18 @@ def test_without_an_interval_figures_have_as_many_decimals():
         for name, unit in (("position", "m"), ("heading", "deg"), ("frames", "count"))
     ]
     assert lines_of(rows)[2].split() == ["single", "0.1235", "0.123", "0.1235"]
+
+
+def test_five_columns_of_per_cent_leave_a_long_name_whole():
+    name = "a-method-of-23-letters-"
+    quantities = [
+        (f"{what} found", "%") for what in ("vehicles", "cyclists", "walkers", "pedestrians")
+    ] + [("false", "1/scan")]
+    rows = [
+        row(m, q, 94.8 if m == "b" else None, 100.0, u) for m in (name, "b") for q, u in quantities
+    ]
+    rows += [replace(r, method="c", paper=90.3) for r in rows[-5:]]
+    lines = printed(rows)
+    assert name in lines
+    assert "100.0±.1" in lines
+    assert "100.00±.10" in lines
