@@ -21,7 +21,16 @@ from roadscope.envs.sensors.lidar_specs import SPECS
 from roadscope.envs.world.ford_fusion import ford_fusion
 from roadscope.envs.world.prisms import Prisms
 
-__all__ = ["DRIVES", "SENSOR_HEIGHT_M", "Run", "Shot", "film", "hdl32e", "target_body"]
+__all__ = [
+    "DRIVES",
+    "SENSOR_HEIGHT_M",
+    "Run",
+    "Shot",
+    "film",
+    "hdl32e",
+    "shots_of",
+    "target_body",
+]
 
 SENSOR_HEIGHT_M = 0.8
 """On the roof of the small robot that carries it. The paper does not give the height; at 1.9 m,
@@ -98,15 +107,30 @@ def film(
     drive = drive_of(name, seed)
     if rolling is not None:
         drive = replace(drive, rolling=rolling)
-    spec, car = hdl32e(noise), target_body(body)
-    phases, noises = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    spec = hdl32e(noise)
     taken = drive.frames if frames is None else min(frames, drive.frames)
-    step = abs(spec.azimuth_span) / spec.columns
-    shots = tuple(
-        _shot(drive, spec, car, (FRAME_S * k, sensor_height_m, phases.uniform(0.0, step)), noises)
-        for k in range(taken)
-    )
+    phases, noises = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    turned = phases.uniform(0.0, abs(spec.azimuth_span) / spec.columns, taken)
+    shots = shots_of(drive, spec, target_body(body), (sensor_height_m, turned), noises)
     return Run(drive, seed, body, spec, sensor_height_m, shots)
+
+
+def shots_of(
+    drive: Drive,
+    spec: LidarSpec,
+    car: Prisms,
+    sensor: tuple[float, np.ndarray],
+    rng: np.random.Generator,
+) -> tuple[Shot, ...]:
+    """Sense a drive, a shot for each of the sensor's phases.
+
+    sensor: its height, metres, and (K,) radians by which each sweep's azimuths are turned.
+    """
+    height_m, phases = sensor
+    return tuple(
+        _shot(drive, spec, car, (FRAME_S * k, height_m, float(phase)), rng)
+        for k, phase in enumerate(phases)
+    )
 
 
 @cache

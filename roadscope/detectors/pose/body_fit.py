@@ -21,8 +21,9 @@ CHANCES = Chances(0.006, 0.012, 0.003, 10.0, 0.004, 0.001)
 COARSE_RAYS = 60
 OFF = 1e3
 """Added to the cost of a heading that is known to be wrong."""
-VELOCITY_SD = 1.0
-"""Standard deviation of a speed that a tracker knows before the scan, m/s."""
+VELOCITY_SD, TURN_SD = 1.0, 0.7
+"""Standard deviations of a speed that a tracker knows before the scan, m/s, and of a turn rate that
+nobody knows, rad/s: a vehicle is met up to half a sweep from the stamp that is answered."""
 QUARTER, NEAR = 0.0, float(np.cos(np.radians(50.0)))
 """Cosines up to which a heading may differ from the one that is known: told by a caller, or by a
 velocity well above its standard deviation, for vehicles go where they head."""
@@ -126,10 +127,10 @@ def at_speed(speed: float) -> np.ndarray:
 
 
 def moving(problem: Problem, speed: float) -> Problem:
-    """Return the problem of a body at roughly such a speed (m/s) while it is swept."""
-    free = np.insert(problem.free, 3, 3)
+    """Return the problem of a body that goes at roughly such a speed (m/s), and may turn."""
+    free = np.insert(problem.free, 3, (3, 4))
     prior = problem.prior.copy()
-    prior[3] = VELOCITY_SD
+    prior[3:5] = VELOCITY_SD, TURN_SD
     return replace(problem, free=free, prior=prior, centre=at_speed(speed))
 
 

@@ -14,6 +14,7 @@ from roadscope.detectors.pose.body_fit import (
     CHANCES,
     COARSE_RAYS,
     NEAR,
+    TURN_SD,
     pose_of,
     still_problem,
     thinned,
@@ -28,9 +29,8 @@ from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
-SPEED_SD, TURN_SD, ACCELERATION_SD = 30.0, 0.7, 0.7
-"""Standard deviations of a vehicle's speed (m/s), turn rate (rad/s) and acceleration (m/s2)
-before it is seen."""
+SPEED_SD, ACCELERATION_SD = 30.0, 0.7
+"""Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is seen."""
 SEEN = 3
 """Returns from which a scan alone gives a good first guess."""
 BUDGET, LEAST = 480, 96

@@ -89,11 +89,21 @@ def _half(
     """
     beyond = max(reach_m - axle_m, 0.0) / (LENGTH_M / 2 - axle_m)
     end = side_m * (1.0 - (1.0 - narrowing) * beyond)
-    radius = min(radius_m, 0.999 * end)
-    angles = np.linspace(-np.pi / 2, 0.0, ARC_POINTS) if radius > 0 else np.zeros(1)
-    arc = radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    arc += np.array([reach_m - radius, radius - end])
-    start = (axle_m, -side_m) if axle_m < reach_m - radius else (reach_m - radius, -end)
+    return half_outline(reach_m, axle_m, side_m, end, min(radius_m, 0.999 * end))
+
+
+def half_outline(
+    reach_m: float, axle_m: float, side_m: float, end_m: float, radius_m: float
+) -> np.ndarray:
+    """Return (K, 2) corners ahead of x = 0, counter-clockwise, the first and the last at x = 0.
+
+    The side is straight up to the axle and narrows to half the end's width where its arcs begin.
+    """
+    angles = np.linspace(-np.pi / 2, 0.0, ARC_POINTS) if radius_m > 0 else np.zeros(1)
+    arc = radius_m * np.column_stack([np.cos(angles), np.sin(angles)])
+    arc += np.array([reach_m - radius_m, radius_m - end_m])
+    before = axle_m < reach_m - radius_m
+    start = (axle_m, -side_m) if before else (reach_m - radius_m, -end_m)
     right = np.concatenate([[[0.0, -side_m], start], arc])
     right = right[np.append(True, np.abs(np.diff(right, axis=0)).sum(axis=1) > 1e-9)]
     outline: np.ndarray = np.concatenate([right, right[::-1] * (1, -1)])

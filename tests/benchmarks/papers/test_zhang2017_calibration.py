@@ -1,0 +1,61 @@
+"""Cars drawn from the fit's own priors, and whether its covariance is right over all of them."""
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.papers.zhang2017_calibration import MODELS, fitted
+from roadscope.benchmarks.papers.zhang2017_outline import fusion
+from roadscope.benchmarks.papers.zhang2017_population import (
+    BANDS,
+    CLEAR_M,
+    FRAMES,
+    body_of,
+    passing,
+)
+from roadscope.detectors.pose.body_fit import TURN_SD
+from roadscope.envs.world.ford_fusion import CORNER_RADII_M, with_corners
+
+SEED = 4000
+"""Outside the seeds of the published figures."""
+
+
+@pytest.mark.parametrize("radius", CORNER_RADII_M.values())
+def test_a_body_drawn_from_the_known_outline_is_the_car(radius):
+    drawn, car = body_of(fusion((radius, radius)), np.zeros(5)), with_corners(radius)
+    assert len(drawn) == len(car)
+    for column in ("bottoms", "tops", "reflectivities"):
+        np.testing.assert_allclose(getattr(drawn, column), getattr(car, column))
+    # The fit cuts corners a little earlier where they would meet, on no storey of this car.
+    np.testing.assert_allclose(drawn.footprints, car.footprints, atol=1e-9)
+
+
+@pytest.mark.parametrize("band", BANDS)
+def test_cars_pass_within_their_band_and_are_seen(band):
+    nearest, farthest = BANDS[band]
+    one, other = (passing(MODELS["any corners"], band, SEED + k) for k in range(2))
+    for seen in (one, other):
+        assert len(seen.shots) == FRAMES
+        assert nearest <= np.hypot(*seen.truth[:2]) <= farthest
+        assert seen.shots[FRAMES // 2].target.sum() >= 3
+        assert min(np.hypot(*shot.truth[:2]) for shot in seen.shots) > CLEAR_M - 1
+    assert not np.array_equal(one.truth, other.truth)
+    again = passing(MODELS["any corners"], band, SEED)
+    np.testing.assert_array_equal(again.truth, one.truth)
+    np.testing.assert_array_equal(again.shots[0].scan.points, one.shots[0].scan.points)
+
+
+def test_a_scan_alone_cannot_tell_how_far_a_car_has_turned_since_it_was_met():
+    """The answer is for the stamp; a car is met up to half a sweep before or after it.
+
+    From afar, where it is swept in no time, nothing but the prior tells of its turning.
+    """
+    waits, spreads = [], []
+    for k in range(4):
+        seen = passing(MODELS["sharp corners, told"], "30-50 m", SEED + k)
+        shot = seen.shots[FRAMES // 2]
+        pose = fitted(MODELS["sharp corners, told"], seen, 1)
+        waits.append(abs(shot.scan.time_offset_s[shot.target].mean()))
+        spreads.append(np.sqrt(pose.covariance[2, 2]))
+    waits, spreads = np.array(waits), np.array(spreads)
+    assert waits.max() > 0.02
+    assert (spreads > 0.8 * TURN_SD * waits).all()
