@@ -37,7 +37,7 @@ from roadscope.core.registry import split_spec
 BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
     "detection": (*BANDS, *CONDITIONS),
     "tracking": (*CONDITIONS, DETECTOR),
-    "camera": ("family", "size", "range", "category", "score", *CONDITIONS),
+    "camera": ("family", "size", "range", "occlusion", "category", "score", *CONDITIONS),
     "fusion": ("family", "range", "crowd", "score", *CONDITIONS, INPUTS),
     "odometry": (DISTANCE, *CONDITIONS),
     **dict.fromkeys(KITTI_BOARDS, (BY_ALPHA, *RECORDED_CONDITIONS)),

@@ -24,6 +24,7 @@ TALL_PX = 16.0
 SMALL, LARGE = 32.0**2, 96.0**2
 """COCO's borders between small, medium and large boxes, square pixels."""
 NEAR_M, FAR_M = 25.0, 50.0
+QUARTER, HALF = 0.25, 0.5
 TOLD = 0.5
 """Score from which on a detection counts for rates and false alarms."""
 
@@ -38,8 +39,9 @@ class ImageScores(ScoreFamily):
     ap50: average precision at an intersection over union of 0.5, mean of the families that there
         are, and of each. ap: mean over 0.5 to 0.95 as COCO has it.
     ap50_16px: of objects at least 16 pixels high. ap50_small, _medium, _large: below 32 x 32
-        pixels, up to 96 x 96, above. ap50_near, _middle, _far: within 25 m, to 50 m, beyond; a
-        false detection has no range and counts in each.
+        pixels, up to 96 x 96, above. ap50_near, _middle, _far: within 25 m, to 50 m, beyond;
+        ap50_visible, _partly, _largely: less than a quarter hidden, less than half, more. A false
+        detection has no range and nothing hidden, and counts in each.
     detection_rate: objects found with a score of at least 0.5, and of each family.
     false_alarms: detections with such a score that belong to no object, per image.
     category_accuracy: share of the objects found whose category is right.
@@ -59,6 +61,9 @@ class ImageScores(ScoreFamily):
     ap50_near: Score
     ap50_middle: Score
     ap50_far: Score
+    ap50_visible: Score
+    ap50_partly: Score
+    ap50_largely: Score
     detection_rate: Score
     detection_rate_vehicle: Score
     detection_rate_cyclist: Score
@@ -92,7 +97,7 @@ def score_images(found: Sequence[ImageDetections], labels: Sequence[Labels]) -> 
     }
     return ImageScores(
         **each,
-        **_by_size_and_range(pairs),
+        **_by_kind(pairs),
         ap50=_over_families(curves),
         ap=_strict(pairs),
         detection_rate=ratio(sum(hits), sum(objects)),
@@ -163,26 +168,32 @@ def _strict(pairs: Pairs) -> Score:
     return _share(float(np.mean([s.value for s in levels])), levels[0].n)
 
 
-def _by_size_and_range(pairs: Pairs) -> dict[str, Score]:
+def _by_kind(pairs: Pairs) -> dict[str, Score]:
     sizes: dict[str, Choice] = {
         "ap50_16px": lambda b: b[:, 3] - b[:, 1] >= TALL_PX,
         "ap50_small": lambda b: _areas(b) < SMALL,
         "ap50_medium": lambda b: (_areas(b) >= SMALL) & (_areas(b) <= LARGE),
         "ap50_large": lambda b: _areas(b) > LARGE,
     }
-    ranges = {
-        "ap50_near": (0.0, NEAR_M),
-        "ap50_middle": (NEAR_M, FAR_M),
-        "ap50_far": (FAR_M, np.inf),
+    kinds = {
+        "ap50_near": _between("ranges_m", 0.0, NEAR_M),
+        "ap50_middle": _between("ranges_m", NEAR_M, FAR_M),
+        "ap50_far": _between("ranges_m", FAR_M, np.inf),
+        "ap50_visible": _between("occluded", 0.0, QUARTER),
+        "ap50_partly": _between("occluded", QUARTER, HALF),
+        "ap50_largely": _between("occluded", HALF, np.inf),
     }
     scores = {name: _precision(pairs, sized=sized) for name, sized in sizes.items()}
-    for name, (near, far) in ranges.items():
-        scores[name] = _precision(pairs, asked=_between(near, far))
-    return scores
+    return scores | {name: _precision(pairs, asked=asked) for name, asked in kinds.items()}
 
 
-def _between(near: float, far: float) -> Callable[[Labels], np.ndarray]:
-    return lambda labels: (labels.ranges_m >= near) & (labels.ranges_m < far)
+def _between(column: str, low: float, high: float) -> Callable[[Labels], np.ndarray]:
+    def inside(labels: Labels) -> np.ndarray:
+        values = getattr(labels, column)
+        chosen: np.ndarray = (values >= low) & (values < high)
+        return chosen
+
+    return inside
 
 
 def _precision(

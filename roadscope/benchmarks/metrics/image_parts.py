@@ -24,6 +24,7 @@ PARTS = {
     "family": {family.value: f"_{family.value}" for family in FAMILIES},
     "size": {"small": "_small", "medium": "_medium", "large": "_large"},
     "range": {"0-25": "_near", "25-50": "_middle", "50+": "_far"},
+    "occlusion": {"0-25": "_visible", "25-50": "_partly", "50-75": "_largely"},
 }
 """Endings of the names in `ImageScores`, by what they are parts of and by band."""
 
@@ -31,8 +32,9 @@ PARTS = {
 def camera_scores(found: Sequence[ImageDetections], labels: Sequence[Labels]) -> dict[str, Score]:
     """Return all scores of an episode's images; parts are named by `part_name`.
 
-    By family average precision, detection rate and false alarms, by size and range average
-    precision, by category the detection rate, by score precision and what it promises too much.
+    By family average precision, detection rate and false alarms, by size, range and occlusion
+    average precision, by category the detection rate, by score precision and what it promises too
+    much.
     """
     named = score_images(found, labels).named()
     scores = {n: s for n, s in named.items() if not _is_part(n)}

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,16 @@ def test_parked_and_hardly_seen_count_neither_way() -> None:
     assert scores.false_alarms.value == 0.0
     assert scores.objects_per_image.value == 1.0
     assert scores.detection_rate.value == 0.0
+
+
+def test_precision_by_how_much_is_hidden_asks_for_those_alone() -> None:
+    truth = labels((A, CAR, 500, 9.0), (B, CAR, 500, 9.0), (C, CAR, 100, 9.0))
+    truth = replace(truth, occluded=np.array([0.1, 0.3, 0.6]))
+    scores = score_images([found((A, CAR, 0.9), (C, CAR, 0.8))], [truth])
+    assert scores.ap50_visible.value == pytest.approx(1.0)
+    assert scores.ap50_partly.value == 0.0
+    assert scores.ap50_largely.value == pytest.approx(1.0)
+    assert [scores.named()[f"ap50_{n}"].n for n in ("visible", "partly", "largely")] == [1, 1, 1]
 
 
 def test_unsure_detections_count_for_precision_alone() -> None:
