@@ -13,6 +13,7 @@ from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_posterior import around, posterior
 from roadscope.detectors.pose.body_rays import Sighting, sight
 from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
+from roadscope.detectors.pose.body_sight_kernels import points_of
 from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
@@ -91,7 +92,7 @@ def fit_sighting(
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, chances, np.arange(3))
     if speed is not None:
         problem, coarse = moving(problem, speed), replace(coarse, fixed=at_speed(speed))
-    guesses = starts(sighting.points, sighting.origin, model)
+    guesses = starts(_points(sighting, course, speed), sighting.origin, model)
     rough = descend(coarse, guesses)
     costs = rough.costs
     if course is not None:
@@ -105,6 +106,16 @@ def fit_sighting(
         for mean, covariance in zip(best.vectors, best.covariances, strict=True)
     ]
     return max(tries, key=lambda found: found.evidence), problem
+
+
+def _points(
+    sighting: Sighting, course: tuple[float, float] | None, speed: float | None
+) -> np.ndarray:
+    """Return where a body's returns are at the scan's stamp, (N, 2) metres, world frame."""
+    if course is None or speed is None:
+        return sighting.points
+    velocity = speed * np.array([np.cos(course[0]), np.sin(course[0])])
+    return np.asarray(points_of(sighting.rays, velocity))
 
 
 def still_problem(

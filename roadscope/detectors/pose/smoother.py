@@ -71,6 +71,13 @@ class _Seen:
     sighting: Sighting
     place: np.ndarray
 
+    @property
+    def met_s(self) -> float:
+        """When the body was met, or the stamp where it was not."""
+        rays = self.sighting.rays
+        hits = rays.kind == HIT
+        return self.stamp_s + float(rays.time[hits].mean()) if hits.any() else self.stamp_s
+
 
 class _Shot(NamedTuple):
     """One scan as it came; fields as in `Smoother.update`."""
@@ -318,7 +325,7 @@ class Smoother:
 
 def _course(first: _Seen, last: _Seen) -> float | None:
     """Return the direction, radians, in which the returns' mean went from scan to scan."""
-    span = last.stamp_s - first.stamp_s
+    span = last.met_s - first.met_s
     way = last.sighting.points.mean(axis=0) - first.sighting.points.mean(axis=0)
     length = float(np.hypot(*way))
     if length < COURSE_M or length < COURSE_M_S * span:
@@ -336,11 +343,11 @@ def _between(known: list[tuple[_Seen, np.ndarray]], stamp_s: float, turned: floa
     state[:3] = pose
     state[2] += turned
     (first, start), (last, end) = known[0], known[-1]
-    span = last.stamp_s - first.stamp_s
+    span = last.met_s - first.met_s
     if span > 0:
         velocity = (end[:2] - start[:2]) / span
         heading = np.array([np.cos(state[2]), np.sin(state[2])])
         turn = (end[2] - start[2] + np.pi / 4) % (np.pi / 2) - np.pi / 4
-        state[:2] += velocity * (stamp_s - nearest.stamp_s)
+        state[:2] += velocity * (stamp_s - nearest.met_s)
         state[3], state[4] = velocity @ heading, turn / span
     return state
