@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from copy import deepcopy
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,11 @@ import numpy as np
 from roadscope.benchmarks.check.items import (
     Promise,
     PromiseError,
+    begins,
     begun,
-    forgetting,
-    has_method,
-    left_alone,
-    made_by_name,
-    repeating,
+    having,
+    leaving_alone,
+    settled,
 )
 from roadscope.benchmarks.jobs.look import checked
 from roadscope.benchmarks.jobs.stack import EntryError, guarded
@@ -57,26 +55,10 @@ def told(plugin: Plugin[Any], detector: Any) -> list[ImageDetections]:
     return [detected(plugin, detector, frame) for frame in frames()]
 
 
-def methods(plugin: Plugin[Any]) -> str:
-    """Look for reset and detect."""
-    has_method(plugin, "reset")
-    has_method(plugin, "detect", "frame")
-    return ""
-
-
 def answers(plugin: Plugin[Any]) -> str:
     """Look at what comes back."""
     count = sum(len(found) for found in told(plugin, begun(plugin)))
     return f"{count / len(ROWS):.1f} boxes an image of a street"
-
-
-def input_left_alone(plugin: Plugin[Any]) -> str:
-    """Look at whether frames stay as they were."""
-    detector = begun(plugin)
-    call = partial(detected, plugin, detector)
-    for frame in frames():
-        left_alone(call, deepcopy(frame), "detect changed the frame it was given")
-    return ""
 
 
 def takes_black_images(plugin: Plugin[Any]) -> str:
@@ -111,12 +93,10 @@ def with_pixels(pixels: np.ndarray) -> Frame:
 
 
 PROMISES = (
-    Promise("made by its name alone", made_by_name),
-    Promise("has reset and detect", methods),
+    *begins("detect", having("detect", "frame")),
     Promise("answers with boxes in the image it saw", answers, frames),
-    Promise("leaves its input alone", input_left_alone),
-    Promise("the same images give the same boxes", repeating(told, "images", "boxes")),
-    Promise("reset forgets everything", forgetting(told, "images", "boxes")),
+    leaving_alone(detected, frames, "detect changed the frame it was given"),
+    *settled(told, "images", "boxes"),
     Promise("finds nothing in a black image", takes_black_images),
     Promise("takes images of other sizes", takes_other_sizes),
 )

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
-from functools import lru_cache, partial
+from functools import lru_cache
 from time import perf_counter
 from typing import Any
 
@@ -11,12 +10,11 @@ from roadscope.benchmarks.check.items import (
     TWO_SECONDS,
     Promise,
     PromiseError,
+    begins,
     begun,
-    forgetting,
-    has_method,
-    left_alone,
-    made_by_name,
-    repeating,
+    having,
+    leaving_alone,
+    settled,
     traffic_ready,
 )
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, guarded
@@ -53,27 +51,9 @@ def told(plugin: Plugin[Any], detector: Any) -> list[Detections]:
     return [detected(plugin, detector, frame) for frame in frames()]
 
 
-def methods(plugin: Plugin[Any]) -> str:
-    """Look for reset and detect."""
-    has_method(plugin, "reset")
-    has_method(plugin, "detect", "frame")
-    return ""
-
-
 def answers(plugin: Plugin[Any]) -> str:
     """Look at what comes back."""
     told(plugin, begun(plugin))
-    return ""
-
-
-def input_left_alone(plugin: Plugin[Any]) -> str:
-    """Look at whether frames stay as they were."""
-    detector = begun(plugin)
-    for frame in frames()[:8]:
-        left_alone(
-            partial(detected, plugin, detector), deepcopy(frame),
-            "detect changed the frame it was given",
-        )  # fmt: skip
     return ""
 
 
@@ -94,11 +74,9 @@ def two_seconds(plugin: Plugin[Any]) -> str:
 
 
 PROMISES = (
-    Promise("made by its name alone", made_by_name),
-    Promise("has reset and detect", methods),
+    *begins("detect", having("detect", "frame")),
     Promise("answers with detections of a frame it saw", answers, frames),
-    Promise("leaves its input alone", input_left_alone),
-    Promise("the same frames give the same detections", repeating(told, "frames", "detections")),
-    Promise("reset forgets everything", forgetting(told, "frames", "detections")),
+    leaving_alone(detected, lambda: frames()[:8], "detect changed the frame it was given"),
+    *settled(told, "frames", "detections"),
     Promise("detects two seconds of traffic", two_seconds, traffic_ready),
 )

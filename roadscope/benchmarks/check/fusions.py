@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from functools import lru_cache
 from typing import Any
 
@@ -11,12 +10,11 @@ import numpy as np
 from roadscope.benchmarks.check.items import (
     Promise,
     PromiseError,
+    begins,
     begun,
-    forgetting,
-    has_method,
-    left_alone,
-    made_by_name,
-    repeating,
+    having,
+    leaving_alone,
+    settled,
 )
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, guarded
 from roadscope.benchmarks.seen import nothing_seen
@@ -35,8 +33,6 @@ STAMP_S, LATER_S = 2.0, 2.02
 PLACES = np.array([[12.0, 1.0, 0.8], [20.0, -4.0, 0.85], [28.0, 5.0, 0.8], [15.0, 3.5, 0.85]])
 SIZES = np.array([[4.4, 1.8, 1.6], [0.5, 0.6, 1.7], [4.4, 1.8, 1.6], [1.8, 0.6, 1.7]])
 KINDS = np.array([Category.CAR, Category.PEDESTRIAN, Category.CAR, Category.CYCLIST], np.int8)
-
-BOTH = ("detections", "targets")
 
 Moment = tuple[Detections | None, ImageDetections | None]
 
@@ -77,13 +73,6 @@ def fused(plugin: Plugin[Any], fusion: Any, moment: Moment) -> FusedDetections:
     return found
 
 
-def methods(plugin: Plugin[Any]) -> str:
-    """Look for reset and fuse."""
-    has_method(plugin, "reset")
-    has_method(plugin, "fuse", "lidar", "camera", "projection")
-    return ""
-
-
 def answers(plugin: Plugin[Any]) -> str:
     """Look at what comes back where both sensors see the same four."""
     found = fused(plugin, begun(plugin), scene())
@@ -103,17 +92,6 @@ def sensors_fail(plugin: Plugin[Any]) -> str:
             raise PromiseError("targets that the camera is said to have found, which found nothing")
         if not len(lidar or ()) and not len(camera or ()) and len(found):
             raise PromiseError(f"{len(found)} targets although neither sensor found anything")
-    return ""
-
-
-def input_left_alone(plugin: Plugin[Any]) -> str:
-    """Look at whether detections stay as they were."""
-    fusion = begun(plugin)
-    for moment in moments():
-        left_alone(
-            lambda given: fused(plugin, fusion, given), deepcopy(moment),
-            "fuse changed the detections it was given",
-        )  # fmt: skip
     return ""
 
 
@@ -139,12 +117,10 @@ def order(plugin: Plugin[Any]) -> str:
 
 
 PROMISES = (
-    Promise("made by its name alone", made_by_name),
-    Promise("has reset and fuse", methods),
+    *begins("fuse", having("fuse", "lidar", "camera", "projection")),
     Promise("answers with targets of that moment", answers),
     Promise("goes on with one sensor, and finds nothing of nothing", sensors_fail),
-    Promise("leaves its input alone", input_left_alone),
-    Promise("the same detections give the same targets", repeating(told, *BOTH)),
-    Promise("reset forgets everything", forgetting(told, *BOTH)),
+    leaving_alone(fused, moments, "fuse changed the detections it was given"),
+    *settled(told, "detections", "targets"),
     Promise("the order of detections is irrelevant", order),
 )

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from roadscope.benchmarks.jobs.stack import guarded
@@ -89,6 +89,47 @@ def begun(plugin: Plugin[Any]) -> Any:
     made = plugin.make()
     guarded(plugin.spec, made.reset)
     return made
+
+
+def begins(method: str, look: Look) -> tuple[Promise, Promise]:
+    """Return what every plug-in promises first.
+
+    look: whether it has reset and the method.
+    """
+    return Promise("made by its name alone", made_by_name), Promise(f"has reset and {method}", look)
+
+
+def having(method: str, *arguments: str) -> Look:
+    """Look for reset and the method."""
+
+    def look(plugin: Plugin[Any]) -> str:
+        has_method(plugin, "reset")
+        has_method(plugin, method, *arguments)
+        return ""
+
+    return look
+
+
+def leaving_alone(
+    call: Callable[[Plugin[Any], Any, Any], object], scene: Callable[[], Iterable[Any]], words: str
+) -> Promise:
+    """Promise that no part of a scene is changed by a call with it; parts are copied before."""
+
+    def look(plugin: Plugin[Any]) -> str:
+        made = begun(plugin)
+        for part in scene():
+            left_alone(partial(call, plugin, made), deepcopy(part), words)
+        return ""
+
+    return Promise("leaves its input alone", look)
+
+
+def settled(tell: Tell, given: str, answers: str) -> tuple[Promise, Promise]:
+    """Promise that answers depend on nothing but what came since the last reset."""
+    return (
+        Promise(f"the same {given} give the same {answers}", repeating(tell, given, answers)),
+        Promise("reset forgets everything", forgetting(tell, given, answers)),
+    )
 
 
 def repeating(tell: Tell, given: str, answers: str) -> Look:

@@ -14,9 +14,16 @@ from contextlib import redirect_stdout
 from multiprocessing.connection import Connection
 from typing import Any
 
-from roadscope.benchmarks.check import camera_detectors, detectors, fusions, offline, trackers
+from roadscope.benchmarks.check import (
+    camera_detectors,
+    detectors,
+    fusions,
+    odometries,
+    offline,
+    trackers,
+)
 from roadscope.benchmarks.check.items import Item, Promise, PromiseError
-from roadscope.benchmarks.jobs.entries import in_images
+from roadscope.benchmarks.jobs.entries import by_scans, in_images
 from roadscope.benchmarks.jobs.stack import EntryError, describe
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.oracle import FUSED, full_name, made_from_truth
@@ -25,6 +32,7 @@ from roadscope.core.registry import Plugin, Registry, SpecError, split_spec
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import FUSIONS
+from roadscope.odometry import ODOMETRIES
 from roadscope.trackers import TRACKERS
 from roadscope.trackers.api import is_offline
 
@@ -42,7 +50,7 @@ Told = Callable[[Item], None]
 def check_plugin(
     spec: str, *, deadline_s: float = DEADLINE_S, told: Told | None = None
 ) -> list[Item]:
-    """Look at everything that a detector, tracker or fusion promises.
+    """Look at everything that a detector, tracker, fusion or odometry promises.
 
     spec: a name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
     deadline_s: for each promise; what takes longer hangs. Making our own part ready is not
@@ -156,7 +164,8 @@ def looked_at(promise: Promise, plugin: Plugin[Any]) -> Item:
 def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
     """Find the plug-in and what its kind promises.
 
-    A class with detect() is taken for a LiDAR's detector, unless `in_images` says otherwise.
+    A class with detect() is taken for a LiDAR's detector, unless `in_images` says otherwise; one
+    with update() for a tracker, unless `by_scans` does.
     """
     spec = full_name(spec)
     name, _ = split_spec(spec)
@@ -171,7 +180,7 @@ def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
     if ":" not in name and not name.endswith(".py"):
         known = [n for registry, _ in KINDS for n in registry.names()]
         raise SpecError(
-            unknown("tracker or detector", name, known)
+            unknown("plug-in", name, known)
             + "; or name your own: package.module:Class, path/to/file.py:Class"
         )
     place, _, _ = name.rpartition(":")
@@ -182,15 +191,16 @@ def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
         )
     plugin: Plugin[Any] = TRACKERS.resolve(spec)
     if hasattr(plugin.factory, "update"):
-        return plugin, _promises(plugin, trackers.PROMISES)
+        told = odometries.PROMISES if by_scans(plugin.factory) else trackers.PROMISES
+        return plugin, _promises(plugin, told)
     if hasattr(plugin.factory, "fuse"):
         return plugin, fusions.PROMISES
     if hasattr(plugin.factory, "detect"):
         seen = in_images(plugin.factory)
         return plugin, camera_detectors.PROMISES if seen else detectors.PROMISES
     raise PromiseError(
-        f"{plugin.factory.__name__} has neither a method update, as a tracker does, nor detect, "
-        "as a detector does, nor fuse, as a fusion does"
+        f"{plugin.factory.__name__} has neither a method update, as a tracker or an odometry "
+        "does, nor detect, as a detector does, nor fuse, as a fusion does"
     )
 
 
@@ -199,6 +209,7 @@ KINDS: tuple[tuple[Registry[Any], Sequence[Promise]], ...] = (
     (TRACKERS, trackers.PROMISES),
     (CAMERA_DETECTORS, camera_detectors.PROMISES),
     (FUSIONS, fusions.PROMISES),
+    (ODOMETRIES, odometries.PROMISES),
 )
 
 
@@ -208,7 +219,7 @@ def _promises(plugin: Plugin[Any], promises: Sequence[Promise]) -> Sequence[Prom
 
 
 def _kind(promises: Sequence[Promise]) -> str:
-    names = ("a detector", "a tracker", "a camera detector", "a fusion")
+    names = ("a detector", "a tracker", "a camera detector", "a fusion", "an odometry")
     for name, (_, known) in zip(names, KINDS, strict=True):
         if promises is known:
             return name

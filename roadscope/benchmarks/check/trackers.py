@@ -13,10 +13,10 @@ from roadscope.benchmarks.check.items import (
     TWO_SECONDS,
     Promise,
     PromiseError,
+    begins,
     begun,
     has_method,
     left_alone,
-    made_by_name,
     traffic_ready,
 )
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, guarded
@@ -249,8 +249,7 @@ def _by_place(tracks: Tracks) -> np.ndarray:
 
 
 PROMISES = (
-    Promise("made by its name alone", made_by_name),
-    Promise("has reset and update", methods),
+    *begins("update", methods),
     Promise("answers with tracks of the same moment", answers),
     Promise("takes frames without detections", nothing_seen),
     Promise("never uses an id again", never_again),

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -12,6 +13,7 @@ from roadscope.benchmarks.check import (
     camera_detectors,
     detectors,
     fusions,
+    odometries,
     offline,
     plugin,
     trackers,
@@ -35,6 +37,8 @@ from roadscope.trackers import TRACKERS as TRACKERS_OF_OURS
 
 HERE = Path(__file__).parent
 TRACKERS, DETECTORS = HERE / "bad_trackers.py", HERE.parent / "plugins.py"
+ODOMETRIES = HERE / "bad_odometries.py"
+ANSWERS = "answers each scan with a pose, the first at the start"
 SLOW = "follows two seconds of traffic"
 WRONG = {
     TRACKERS: [
@@ -74,6 +78,21 @@ WRONG = {
         ("Scribbles", "leaves its input alone", "changed the frame it was given"),
         ("WithoutReset", "has reset and detect", "no method reset"),
         ("Prints", "detects two seconds of traffic", "nothing is detected"),
+    ],
+    ODOMETRIES: [
+        ("WithoutMounting", "has reset and update", "def reset(self, lidar_from_imu)"),
+        ("ReturnsMatrix", ANSWERS, "update returned ndarray, not OdometryEstimate"),
+        ("WrongStamp", ANSWERS, "the estimate is stamped 1.05"),
+        ("ForgetsReturns", ANSWERS, "dynamic has 3 values for "),
+        ("StartsElsewhere", ANSWERS, "the first pose is 3 m from the start"),
+        ("FliesOff", ANSWERS, "a pose 1e+09 m from the start"),
+        ("ReturnsNan", ANSWERS, "must be finite"),
+        ("Raises", ANSWERS, "KeyError: 'what is this' (bad_odometries.py:"),
+        ("Scribbles", "leaves its input alone", "update changed the scan or the samples"),
+        ("NeedsImu", "goes on without an IMU", "AttributeError"),
+        ("NeedsReturns", "goes on after scans without returns or numbers", "ValueError: zero-size"),
+        ("Random", "the same scans give the same poses", "give other poses the second time"),
+        ("Remembers", "reset forgets everything", "the same scans after it give other poses"),
     ],
 }
 """Plug-ins of a file, the promise that each breaks, and what is said of it."""
@@ -162,7 +181,27 @@ def test_what_is_wrong_with_cameras_and_fusions_is_said(
     assert words in found.words
 
 
+@pytest.mark.parametrize("promise", [p.words for p in odometries.PROMISES])
+@pytest.mark.parametrize("name", [f"{ODOMETRIES}:Good", "still", "dead-reckoning", "voxel-map"])
+def test_good_odometries_keep_every_promise(name: str, promise: str) -> None:
+    found = item(name, promise)
+    assert found.good, found.words
+
+
+def test_how_far_an_odometry_is_off_is_remarked() -> None:
+    found = item(f"{ODOMETRIES}:Good", "follows two seconds of traffic")
+    said = re.match(r"([\d.]+) m off after (\d+) m among traffic, ", found.words)
+    assert said
+    off_m, way_m = map(float, said.groups())
+    assert abs(off_m - abs(19.0 - way_m)) < 2.0
+    spoilt = item(f"{ODOMETRIES}:Unsaid", "goes on after scans without returns or numbers")
+    assert spoilt.good
+
+
 def test_kinds_are_told_apart() -> None:
+    assert load("voxel-map")[1] is odometries.PROMISES
+    assert load(f"{ODOMETRIES}:Good")[1] is odometries.PROMISES
+    assert load(f"{ODOMETRIES}:Unsaid")[1] is odometries.PROMISES
     assert load("gnn")[1] == trackers.PROMISES
     assert load("existence-offline")[1] == (*trackers.PROMISES, *offline.PROMISES)
     assert load(f"{DETECTORS}:Late")[1] is detectors.PROMISES
@@ -174,7 +213,7 @@ def test_kinds_are_told_apart() -> None:
     assert load("roadscope.fusion.baselines:UnionFusion")[1] is fusions.PROMISES
     with pytest.raises(PromiseError, match="neither a method update"):
         load(f"{TRACKERS}:Neither")
-    with pytest.raises(SpecError, match=r"no tracker or detector 'utmost'; .*; or name your"):
+    with pytest.raises(SpecError, match=r"no plug-in 'utmost'; .*; or name your"):
         load("utmost")
     with pytest.raises(SpecError, match="no class 'Best' in"):
         load(f"{TRACKERS}:Best")
