@@ -39,6 +39,7 @@ class Measured(Rows):
     growths: (N,) factor of all standard deviations, 1 at no range.
     errors: (N, 2, 2) covariances of the places, of what is new in every tick.
     offsets: (N, 2, 2) likewise, of what lasts.
+    turns: (N,) variances of the headings, of what is new in every tick.
     evidence: (N,) log odds that they are right, from their scores alone.
     """
 
@@ -48,6 +49,7 @@ class Measured(Rows):
     growths: np.ndarray
     errors: np.ndarray
     offsets: np.ndarray
+    turns: np.ndarray
     evidence: np.ndarray
 
     @staticmethod
@@ -66,9 +68,10 @@ class Measured(Rows):
         )
         lasting = traits.lasting[kinds, None, None]
         evidence = traits.right(log_odds(detections.scores), kinds, ranges)
+        turns = (1 - traits.yaw_lasting[kinds]) * (traits.yaw_rad[kinds] * growths) ** 2
         return Measured(
             boxes, kinds, detections.scores, growths, (1 - lasting) * errors, lasting * errors,
-            evidence,
+            turns, evidence,
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -137,7 +140,7 @@ class Targets(Rows):
             ids, Gaussians(np.column_stack([boxes[:, :2], velocities.means]), covariances),
             new.offsets,
             np.column_stack([boxes[:, 2], (traits.height_m[kinds] * new.growths) ** 2]),
-            np.column_stack([boxes[:, 6], (traits.yaw_rad[kinds] * new.growths) ** 2]),
+            np.column_stack([boxes[:, 6], new.turns]),
             new.scores, boxes[:, 3:6], new.growths**-2, votes, new.evidence,
             new.evidence, new.evidence, np.ones(n, np.int64),
             np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
@@ -168,7 +171,7 @@ class Targets(Rows):
             self.heights, found.boxes[:, 2] - self.heights[:, 0],
             (traits.height_m[kinds] * found.growths) ** 2,
         )  # fmt: skip
-        yaws, fronts = self._turned(found, traits)
+        yaws, fronts = self._turned(found)
         weights = found.growths**-2
         total = np.minimum(self.size_weights, SIZE_MEMORY) + weights
         sizes = self.sizes + (weights / total)[:, None] * (found.boxes[:, 3:6] - self.sizes)
@@ -181,7 +184,7 @@ class Targets(Rows):
         )  # fmt: skip
         return after, distances
 
-    def _turned(self, found: Measured, traits: Learned) -> tuple[np.ndarray, np.ndarray]:
+    def _turned(self, found: Measured) -> tuple[np.ndarray, np.ndarray]:
         """Return headings and votes for them.
 
         A detection says its axis well and its front poorly: the axis is filtered up to half turns,
@@ -190,7 +193,7 @@ class Targets(Rows):
         off = wrap_angle(found.boxes[:, 6] - self.yaws[:, 0])
         opposed = np.abs(off) > np.pi / 2
         off = np.where(opposed, wrap_angle(off + np.pi), off)
-        yaws = _weighed(self.yaws, off, (traits.yaw_rad[found.categories] * found.growths) ** 2)
+        yaws = _weighed(self.yaws, off, found.turns)
         fronts = HEADING_MEMORY * self.fronts + np.where(opposed, -found.scores, found.scores)
         yaws[:, 0] = wrap_angle(yaws[:, 0] + np.where(fronts < 0, np.pi, 0.0))
         return yaws, np.abs(fronts)

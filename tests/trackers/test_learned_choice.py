@@ -78,7 +78,7 @@ def test_evidence_is_the_chain_of_predictions():
     slow, counts = choice._prior.copy(), np.zeros(len(EDGES) - 1)
     for value in odds:
         here = np.flatnonzero((EDGES[:-1] <= value) & (value < EDGES[1:]))[0]
-        slow += np.log(30 * choice._shares[:, 0, here] + counts[here])
+        slow += np.log(30 * choice._shares[:, here] + counts[here])
         counts[here] += 1
     choice.after(odds, np.zeros(25, int))
     assert choice._told == pytest.approx(slow)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Self
@@ -17,17 +18,17 @@ from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
+from roadscope.benchmarks.jobs.fused import perceive_fused
 from roadscope.benchmarks.jobs.stack import perceive
 from roadscope.benchmarks.metrics.matching import Pairing, centre_distances, match
+from roadscope.benchmarks.oracle import full_name, is_fused
 from roadscope.benchmarks.perceived import Perceived
-from roadscope.core import Category, Detections, Pose, Truth
+from roadscope.core import Category, Detections, Family, Pose, Truth
 from roadscope.core.pose import wrap_angle
 from roadscope.trackers.existence_targets import log_odds
 
 CLASSES = {"car": Category.CAR, "cyclist": Category.CYCLIST, "pedestrian": Category.PEDESTRIAN}
 GATES_M = {"car": 2.0, "cyclist": 1.0, "pedestrian": 1.0}
-SCENARIOS = ("motorway", "roundabout", "intersection", "two-way")
-RIGS = ("lux", "hdl32e")
 FIRST_SEED = 400
 DURATION_S = 6.0
 LAGS_S = (0.2, 1.0)
@@ -41,8 +42,8 @@ class Samples:
     """Of one class: N matched detections, M scores, J detections judged, L changes of truth.
 
     errors: (N, 4) along, across the true box, z, heading up to half turns. ranges_m: (N,).
-    echoes: (E, 5) seconds between two detections of one object, and errors along and across of
-        both.
+    echoes: (E, 7) seconds between two detections of one object, and errors along, across and of
+        the heading of both.
     fronts: (N,) bool, front and rear not taken for each other.
     log_odds: (M,) of scores.
     graded: (J, 3) log odds of the score, range in metres, 1 for right and 0 for wrong.
@@ -68,13 +69,13 @@ class Samples:
 
 def episode_samples(
     detections: Sequence[Detections], truths: Sequence[Truth], pairings: Sequence[Pairing],
-    gate_m: float,
+    kind: str,
 ) -> Samples:  # fmt: skip
-    """Collect from an episode, detections and truths in the world frame."""
+    """Collect what an episode says of a class, detections and truths in the world frame."""
     errors, ranges, fronts, odds, graded = [np.empty((0, 4))], [], [], [], []
     owners, stamps = [np.empty(0)], [np.empty(0)]
     for found, truth, pairing in zip(detections, truths, pairings, strict=True):
-        fate = match(pairing, gate_m)
+        fate = match(pairing, GATES_M[kind])
         errors.append(_errors(found, truth, fate.detected, fate.truth))
         eye = truth.world_from_ego.translation[:2]
         off = found.yaws[fate.detected] - truth.yaws[fate.truth]
@@ -87,7 +88,7 @@ def episode_samples(
         away = np.hypot(*(found.centres[rows, :2] - eye).T)
         right = np.arange(len(rows)) < len(fate.detected)
         graded.append(np.column_stack([odds[-1], away, right]))
-    changes = _changes(truths)
+    changes = _changes(truths, CLASSES[kind].family)
     return Samples(
         np.concatenate(errors), np.concatenate(ranges),
         echoes(*(np.concatenate(c) for c in (owners, stamps, errors))), np.concatenate(fronts),
@@ -98,7 +99,7 @@ def episode_samples(
 
 def echoes(owners: np.ndarray, stamps: np.ndarray, errors: np.ndarray) -> np.ndarray:
     """Return `Samples.echoes` of (N,) ids and stamps and (N, 4) errors, at each of `LAGS_S`."""
-    found = [np.empty((0, 5))]
+    found, told = [np.empty((0, 7))], errors[:, [0, 1, 3]]
     for owner in np.unique(owners):
         own = np.flatnonzero(owners == owner)
         times = stamps[own]
@@ -108,7 +109,7 @@ def echoes(owners: np.ndarray, stamps: np.ndarray, errors: np.ndarray) -> np.nda
             late = later[early]
             near = np.abs(times[late] - times[early] - lag) < LAGS_S[0] / 2
             a, b = own[early[near]], own[late[near]]
-            found.append(np.column_stack([np.full(len(a), lag), errors[a, :2], errors[b, :2]]))
+            found.append(np.column_stack([np.full(len(a), lag), told[a], told[b]]))
     return np.concatenate(found)
 
 
@@ -122,11 +123,11 @@ def _errors(found: Detections, truth: Truth, rows: np.ndarray, columns: np.ndarr
     )
 
 
-def _changes(truths: Sequence[Truth]) -> np.ndarray:
+def _changes(truths: Sequence[Truth], family: Family) -> np.ndarray:
     """Return (L, 7): changes as in `Samples`, period, velocities likewise."""
     rows = [
         (int(i), t.stamp_s, *t.velocities[k], t.yaws[k], t.centres[k, 2])
-        for t in truths for k, i in enumerate(t.ids)
+        for t in truths for k, i in enumerate(t.ids) if Category(t.categories[k]).family is family
     ]  # fmt: skip
     table = np.array(sorted(rows)).reshape(-1, 6)
     changes = [np.empty((0, 7))]
@@ -165,7 +166,7 @@ def _of_sequence(files: KittiFolder, name: str, kind: str, detector: str | None)
     poses = sequence.world_from_ego
     found = [d.moved(p, "world") for d, p in zip(sequence.detections, poses, strict=True)]
     pairings = recorded_pairings([d.centres for d in found], sequence)
-    collected = episode_samples(found, sequence.truths, pairings, GATES_M[kind])
+    collected = episode_samples(found, sequence.truths, pairings, kind)
     return replace(collected, graded=graded_detections(sequence))
 
 
@@ -194,10 +195,39 @@ def recorded_pairings(found: Sequence[np.ndarray], sequence: KittiSequence) -> l
     return pairings
 
 
-def sensed_episodes(detector: str, seeds: int) -> Iterator[Perceived]:
+@dataclass(frozen=True, slots=True)
+class Drives:
+    """Train seeds of our traffic, from 400 on, and a detector on them; all are names."""
+
+    detector: str = "distance-l-shape"
+    seeds: int = 1
+    scenarios: tuple[str, ...] = ("motorway", "roundabout", "intersection", "two-way")
+    rigs: tuple[str, ...] = ("lux", "hdl32e")
+
+    def told(self) -> str:
+        """Say where what is learned comes from."""
+        places = f"{', '.join(self.scenarios)}, rigs {', '.join(self.rigs)}"
+        last = FIRST_SEED + self.seeds - 1
+        return f"train seeds {FIRST_SEED} to {last} of {places}, detections of {self.detector}"
+
+
+@lru_cache(maxsize=1)
+def sensed_episodes(drives: Drives) -> tuple[Perceived, ...]:
     """Let a detector see train seeds of our traffic."""
-    for scenario, rig, seed in product(SCENARIOS, RIGS, range(FIRST_SEED, FIRST_SEED + seeds)):
-        yield perceive(detector, Episode(scenario, seed, rig, DURATION_S), Eligibility())
+    make = perceive_fused if is_fused(drives.detector) else perceive
+    seeds = range(FIRST_SEED, FIRST_SEED + drives.seeds)
+    return tuple(
+        make(full_name(drives.detector), Episode(scenario, seed, rig, DURATION_S), Eligibility())
+        for scenario, rig, seed in product(drives.scenarios, drives.rigs, seeds)
+    )
+
+
+def of_family(kind: str, seen: Perceived) -> tuple[Perceived, Eligibility]:
+    """Return an episode with detections of one class alone, and a rule by which others are none."""
+    family = CLASSES[kind].family
+    kinds = np.array([category for category in Category if category.family is family])
+    found = tuple(d.select(np.isin(d.categories, kinds)) for d in seen.detections)
+    return replace(seen, detections=found), Eligibility(families=(family.value,))
 
 
 def in_ego(seen: Perceived) -> tuple[list[Detections], list[Pose]]:
@@ -210,12 +240,12 @@ def in_ego(seen: Perceived) -> tuple[list[Detections], list[Pose]]:
     return found, poses
 
 
-def sensed_samples(detector: str, seeds: int) -> tuple[dict[str, Samples], str]:
-    """Collect from train seeds of our traffic; every class has the samples of all."""
-    parts, last = [], FIRST_SEED + seeds - 1
-    rule = Eligibility()
-    for seen in sensed_episodes(detector, seeds):
-        pairings = rule.pairings(seen.detections, seen.truths, seen.parked)
-        parts.append(episode_samples(seen.detections, seen.truths, pairings, GATES_M["car"]))
-    told = f"train seeds {FIRST_SEED} to {last} of {', '.join(SCENARIOS)}, rigs {', '.join(RIGS)}"
-    return dict.fromkeys(CLASSES, Samples.joined(parts)), f"{told}, detections of {detector}"
+def sensed_samples(drives: Drives) -> tuple[dict[str, Samples], str]:
+    """Collect from train seeds of our traffic."""
+    parts: dict[str, list[Samples]] = {kind: [] for kind in CLASSES}
+    for seen in sensed_episodes(drives):
+        for kind, collected in parts.items():
+            own, rule = of_family(kind, seen)
+            pairings = rule.pairings(own.detections, own.truths, own.parked)
+            collected.append(episode_samples(own.detections, own.truths, pairings, kind))
+    return {kind: Samples.joined(some) for kind, some in parts.items()}, drives.told()

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.fit.tracker_samples import (
     CLASSES,
     GATES_M,
+    Drives,
     in_ego,
     of_class,
+    of_family,
     recorded_pairings,
     sensed_episodes,
 )
@@ -47,15 +48,16 @@ def recorded_surplus(
     return shrunk(found)
 
 
-def sensed_surplus(detector: str, seeds: int, traits: str) -> dict[str, float]:
-    """Likewise from train seeds of our traffic; every class has what all say."""
-    parts = []
-    for seen in sensed_episodes(detector, seeds):
-        found, poses = in_ego(seen)
-        tracks = followed(found, poses, traits)
-        pairings = Eligibility().pairings(tracks, seen.truths, seen.parked)
-        parts.append(_errors(tracks, seen.truths, pairings, GATES_M["car"]))
-    return dict.fromkeys(CLASSES, shrunk({"car": _together(parts)})["car"])
+def sensed_surplus(drives: Drives, traits: str) -> dict[str, float]:
+    """Likewise from train seeds of our traffic."""
+    parts: dict[str, list[Errors]] = {kind: [] for kind in CLASSES}
+    for seen in sensed_episodes(drives):
+        for kind, collected in parts.items():
+            own, rule = of_family(kind, seen)
+            tracks = followed(*in_ego(own), traits)
+            pairings = rule.pairings(tracks, own.truths, own.parked)
+            collected.append(_errors(tracks, own.truths, pairings, GATES_M[kind]))
+    return shrunk({kind: _together(some) for kind, some in parts.items()})
 
 
 def followed(detections: Sequence[Detections], poses: Sequence[Pose], traits: str) -> list[Tracks]:

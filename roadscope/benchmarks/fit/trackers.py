@@ -2,6 +2,8 @@
 
     python -m roadscope.benchmarks.fit.trackers pointrcnn.toml --kitti DIR [--sequences 0000,0002]
     python -m roadscope.benchmarks.fit.trackers mine.toml --detector distance-l-shape
+    python -m roadscope.benchmarks.fit.trackers fused.toml --detector "fused?lidar=cluster-boxes"
+        --scenarios street,town-crossing --rigs wide --seeds 4
 
 With a KITTI folder from its detections and labels, otherwise from train seeds of our traffic.
 """
@@ -10,7 +12,8 @@ from __future__ import annotations
 
 import argparse
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +26,7 @@ from roadscope.benchmarks.fit.tracker_persistence import (
 )
 from roadscope.benchmarks.fit.tracker_samples import (
     LAGS_S,
+    Drives,
     Samples,
     recorded_samples,
     sensed_samples,
@@ -70,7 +74,7 @@ def fitted(samples: Samples, top_speed_m_s: float) -> dict[str, float]:
     walks[:2] = np.maximum(walks[:2], LEAST_WALK_S * top_speed_m_s)
     values = [
         slope, offset, per_m, *np.maximum(sigmas, LEAST), max(growth, 1e-3),
-        *lasting(samples.echoes),
+        *lasting(samples.echoes[:, [0, 1, 2, 4, 5]]), lasting(samples.echoes[:, [0, 3, 6]])[0],
         *np.maximum(walks, LEAST),
         *_speeds(samples),
     ]  # fmt: skip
@@ -78,8 +82,9 @@ def fitted(samples: Samples, top_speed_m_s: float) -> dict[str, float]:
 
 
 def lasting(echoes: np.ndarray) -> tuple[float, float]:
-    """Return share of the variance that lasts and how long, seconds, of `Samples.echoes`.
+    """Return share of the variance that lasts and how long, seconds.
 
+    echoes: (E, 1 + 2 K) seconds between two detections, K errors of the one and of the other.
     The correlation of errors is share * exp(-lag / time); it is known at two lags.
     """
     likeness = []
@@ -199,24 +204,41 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--seeds", type=int, default=1, help="train seeds of our traffic, from 400 on"
     )
+    parser.add_argument("--scenarios", help="of our traffic, comma separated")
+    parser.add_argument("--rigs", help="comma separated")
     given = parser.parse_args(arguments)
     if given.kitti is not None:
         chosen: Sequence[str] | None = given.sequences.split(",") if given.sequences else None
-        classes, origin = recorded_samples(given.kitti, chosen, given.detector)
-    else:
-        classes, origin = sensed_samples(given.detector or "distance-l-shape", given.seeds)
-    given.out.write_text(source(classes, origin), "utf-8")
-    if given.kitti is not None:
-        kept = recorded_persistence(given.kitti, chosen, given.detector, str(given.out))
-    else:
-        kept = sensed_persistence(given.detector or "distance-l-shape", given.seeds, str(given.out))
-    given.out.write_text(source(classes, origin, kept), "utf-8")
-    if given.kitti is not None:
-        off = recorded_surplus(given.kitti, chosen, given.detector, str(given.out))
-    else:
-        off = sensed_surplus(given.detector or "distance-l-shape", given.seeds, str(given.out))
+        where = given.kitti, chosen, given.detector
+        learn(given.out, recorded_samples(*where), partial(recorded_persistence, *where),
+              partial(recorded_surplus, *where))  # fmt: skip
+        return
+    usual = Drives()
+    drives = Drives(
+        given.detector or usual.detector, given.seeds,
+        tuple(given.scenarios.split(",")) if given.scenarios else usual.scenarios,
+        tuple(given.rigs.split(",")) if given.rigs else usual.rigs,
+    )  # fmt: skip
+    learn(given.out, sensed_samples(drives), partial(sensed_persistence, drives),
+          partial(sensed_surplus, drives))  # fmt: skip
+
+
+def learn(
+    out: Path,
+    samples: tuple[dict[str, Samples], str],
+    persisting: Callable[[str], dict[str, dict[str, float]]],
+    surplus: Callable[[str], dict[str, float]],
+) -> None:
+    """Write a file of traits; what rests on following targets is learned with what is known so far.
+
+    persisting, surplus: return what they learn of each class with a file of traits.
+    """
+    out.write_text(source(*samples), "utf-8")
+    kept = persisting(str(out))
+    out.write_text(source(*samples, kept), "utf-8")
+    off = surplus(str(out))
     kept = {kind: {**traits, "surplus": off[kind]} for kind, traits in kept.items()}
-    given.out.write_text(source(classes, origin, kept), "utf-8")
+    out.write_text(source(*samples, kept), "utf-8")
 
 
 if __name__ == "__main__":

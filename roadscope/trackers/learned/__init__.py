@@ -36,6 +36,7 @@ class Learned(Record):
     height_m, yaw_rad: likewise of z, and of the heading up to half turns.
     lasting: share of the variance of places that stays for lasting_s, the time in which it changes
         to 1/e: of who shows but a corner, the same is seen of again and again.
+    yaw_lasting: share of the variance of headings that stays.
     growth_per_m: by which share of their values these grow with every metre of range.
     accelerate_m_s2, swerve_m_s2: how far velocities wander in a second, standard deviations
         along and across the heading, growing with the root of time.
@@ -65,6 +66,7 @@ class Learned(Record):
     growth_per_m: np.ndarray
     lasting: np.ndarray
     lasting_s: np.ndarray
+    yaw_lasting: np.ndarray
     accelerate_m_s2: np.ndarray
     swerve_m_s2: np.ndarray
     turn_rad_s: np.ndarray

@@ -11,12 +11,15 @@ AUTO = "auto"
 UNKNOWN = "unknown"
 EDGES = np.concatenate([[-9.22], np.linspace(-9.16, 9.16, 25), [9.22]])
 """Of log odds; scores of 0 and of 1 have an interval each."""
+COUNTED = len(EDGES) - 1
+"""Intervals."""
 STRAYS = 0.05
 """Share of log odds that lie anywhere."""
 CONCENTRATION = 30.0
 """Cases that a detector's shares count for: scenes differ, and each has shares of its own."""
-FOREIGN = 5.0
-"""Log odds that a detector is none of those learned, before any score: 150 to 1."""
+FOREIGN = 1.0
+"""Log odds that a detector is none of those learned, before any score. With 3 it took KITTI's few
+cyclists 3 to 27 frames to show whose they are, which took 0.01 of their HOTA."""
 SETTLED = 20.0
 """Lead in log likelihood from which on nothing is weighed any more."""
 SECTIONS = tuple(dict.fromkeys(SECTION_OF.values()))
@@ -38,19 +41,19 @@ class Choice:
         told = [read(one) for one in chosen]
         self._traits = [traits for traits, _ in told]
         self._deciles = [deciles for _, deciles in told]
-        self._shares = np.array([_shares(deciles) for deciles in self._deciles])
+        self._shares = np.array([_shares(deciles).ravel() for deciles in self._deciles])
         self._prior = np.array([FOREIGN if one == UNKNOWN else 0.0 for one in chosen])
         self.reset()
 
     def reset(self) -> None:
         """Forget all scores."""
         self._told = self._prior.copy()
-        self._counts = np.zeros(self._shares.shape[1:])
+        self._counts = np.zeros(self._shares.shape[1])
 
     def after(self, log_odds: np.ndarray, categories: np.ndarray) -> Learned:
         """Take the scores of a tick, (N,) log odds, and return what they fit best."""
         if len(self._traits) > 1 and len(log_odds) and self._lead() < SETTLED:
-            self._weigh(SECTION[categories], _interval(log_odds))
+            self._weigh(SECTION[categories] * COUNTED + _interval(log_odds))
         return self._traits[self._best]
 
     def base_odds(self, range_m: float) -> np.ndarray:
@@ -68,16 +71,15 @@ class Choice:
         return int(self._told.argmax())
 
     def _lead(self) -> float:
-        second, first = np.sort(self._told)[-2:]
+        second, first = sorted(self._told.tolist())[-2:]
         return float(first - second)
 
-    def _weigh(self, sections: np.ndarray, intervals: np.ndarray) -> None:
-        """Take (N,) scores in, whatever their order (Dirichlet and multinomial)."""
+    def _weigh(self, intervals: np.ndarray) -> None:
+        """Take (N,) numbers of intervals in, whatever their order (Dirichlet and multinomial)."""
         from scipy.special import gammaln
 
-        new = np.zeros_like(self._counts)
-        np.add.at(new, (sections, intervals), 1.0)
-        met = new > 0
+        new = np.bincount(intervals, minlength=len(self._counts)).astype(float)
+        met = np.flatnonzero(new)
         foretold = CONCENTRATION * self._shares[:, met] + self._counts[met]
         # What all have in common, widths and how many there were, is left out.
         self._told += (gammaln(foretold + new[met]) - gammaln(foretold)).sum(axis=1)

@@ -17,7 +17,7 @@ def samples(n=4000, seed=0):
     velocities = np.column_stack([rng.uniform(0, 15, n), rng.normal(0, 0.3, n)])
     fronts = rng.random(n) < 0.9
     return Samples(
-        errors, ranges, np.empty((0, 5)), fronts, odds, graded, changes, np.ones(n), velocities
+        errors, ranges, np.empty((0, 7)), fronts, odds, graded, changes, np.ones(n), velocities
     )
 
 
@@ -68,6 +68,8 @@ def test_lasting_errors_are_found_again():
         rows.append(np.sqrt(0.7) * offset + np.sqrt(0.3) * white)
         offset = keep * offset + np.sqrt(1 - keep**2) * rng.standard_normal((n, 4))
     owners, stamps = np.tile(np.arange(n), ticks), np.repeat(0.1 * np.arange(ticks), n)
-    share, time_s = lasting(echoes(owners, stamps, np.concatenate(rows)))
-    assert share == pytest.approx(0.7, abs=0.05)
-    assert time_s == pytest.approx(2.0, rel=0.2)
+    told = echoes(owners, stamps, np.concatenate(rows))
+    for errors in ([1, 2, 4, 5], [3, 6]):
+        share, time_s = lasting(told[:, [0, *errors]])
+        assert share == pytest.approx(0.7, abs=0.05)
+        assert time_s == pytest.approx(2.0, rel=0.2)
