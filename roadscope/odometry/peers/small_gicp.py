@@ -10,7 +10,7 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requir
 from roadscope.odometry.cloud_kernels import deskewed
 from roadscope.odometry.peers.adapter import Adapter
 from roadscope.odometry.peers.library import BOUNDS_M, Given, Placed
-from roadscope.odometry.rigid import exp_se3, inverse, log_se3
+from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
 
 SMALL_GICP = Requirement("small_gicp", "pip install roadscope[peers]")
 LRU = {"horizon": 100, "clear_cycle": 10}
@@ -133,7 +133,8 @@ class _Gicp:
         )
         if given.elapsed_s:
             guess = self._pose @ exp_se3(self._twist * given.elapsed_s)
-            pose = self._memory.aligned(cloud, guess, self._scans["gate_m"])
+            # Rounding in a rotation would treble from scan to scan.
+            pose = orthonormal(self._memory.aligned(cloud, guess, self._scans["gate_m"]))
             self._twist = log_se3(inverse(self._pose) @ pose) / given.elapsed_s
             self._pose = pose
         self._memory.add(cloud, tree, self._pose)
