@@ -17,13 +17,12 @@ from roadscope.benchmarks.jobs.camera_job import CameraJob, execute_camera, seen
 from roadscope.benchmarks.jobs.fusion_job import AnyJob, FusionJob, execute_fusions
 from roadscope.benchmarks.jobs.job import Job, detections_of, execute
 from roadscope.benchmarks.jobs.manifest import manifest
-from roadscope.benchmarks.jobs.odometry_job import OdometryJob, execute_odometry
+from roadscope.benchmarks.jobs.odometry_job import OdometryJob, execute_odometries
 from roadscope.benchmarks.jobs.plan import Plan, boards_of, plan
 from roadscope.benchmarks.jobs.public import PublicDetections
 from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.jobs.store import Outcome, Store, StoredJob
 from roadscope.benchmarks.jobs.workers import WorkerError, in_parallel
-from roadscope.benchmarks.oracle_odometry import method_of
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.recording import Recording, check_recording
 from roadscope.benchmarks.recorded.suite import RecordedSuite, kitti_suite
@@ -187,16 +186,20 @@ def _work_on_rides(plans: Plan, recorder: _Recorder, way: _Way, progress: Progre
     """Do what is missing of the odometry board."""
     missing = [job for job in plans.odometry if job.key not in recorder.known]
     _drive([job.episode for job in missing], way.jobs, progress)
-    riding = [(job, way) for job in missing]
-    for (job, _), outcome in _each(execute_ridden, riding, way.jobs, "odometry", progress):
-        recorder.take(job, outcome)
+    riding = [(group, way) for group in _together(missing)]
+    for (group, _), outcomes in _each(execute_ridden, riding, way.jobs, "odometry", progress):
+        for job, outcome in zip(group, outcomes, strict=True):
+            recorder.take(job, outcome)
 
 
-def _together(jobs: Sequence[FusionJob]) -> list[tuple[FusionJob, ...]]:
+SomeJob = TypeVar("SomeJob", FusionJob, OdometryJob)
+
+
+def _together(jobs: Sequence[SomeJob]) -> list[tuple[SomeJob, ...]]:
     """Put a stranger's jobs on one episode together: a process takes seconds to begin."""
-    groups: dict[object, list[FusionJob]] = {}
+    groups: dict[object, list[SomeJob]] = {}
     for number, job in enumerate(jobs):
-        groups.setdefault(number if job.ours else (job.entry, job.episode), []).append(job)
+        groups.setdefault(number if job.ours else (job.plugin, job.episode), []).append(job)
     return [tuple(group) for group in groups.values()]
 
 
@@ -222,15 +225,21 @@ def execute_fused(task: tuple[tuple[FusionJob, ...], _Way]) -> list[Outcome]:
         return [Outcome({}, f"{job.entry}: {error}") for job in jobs]
 
 
-def execute_ridden(task: tuple[OdometryJob, _Way]) -> Outcome:
-    """Run an odometry; a stranger's runs in a process of its own, with only so much memory."""
-    job, way = task
-    if job.ours:
-        return execute_odometry(job)
+def execute_ridden(task: tuple[tuple[OdometryJob, ...], _Way]) -> list[Outcome]:
+    """Run an odometry, with its oracle; a stranger's has its own process and limits.
+
+    What costs the process is then looked for one by one.
+    """
+    jobs, way = task
+    if all(job.ours for job in jobs):
+        return execute_odometries(jobs)
+    limits: dict[str, float] = {"deadline_s": len(jobs) * way.deadline_s, "memory_gb": MEMORY_GB}
     try:
-        return apart(execute_odometry, job, deadline_s=way.deadline_s, memory_gb=MEMORY_GB)
+        return apart(execute_odometries, jobs, **limits)
     except ApartError as error:
-        return Outcome({}, f"{method_of(job.odometry)}: {error}")
+        if len(jobs) > 1:
+            return [execute_ridden(((job,), way))[0] for job in jobs]
+        return [Outcome({}, f"{jobs[0].plugin}: {error}")]
 
 
 def _shared(

@@ -72,7 +72,7 @@ def _of_odometry(suite: Suite) -> str:
     *lengths, last = (f"{length_m:g}" for length_m in suite.odometry_lengths_m)
     over = f"{', '.join(lengths)} and {last}" if lengths else last
     return (
-        f"Drift t_rel and r_rel is over stretches of {over} m, as KITTI has it. 'on oracle': "
+        f"Drifts t_rel and r_rel are over stretches of {over} m, as KITTI has it. 'on oracle': "
         "without the returns of what truly moves, faster than "
         f"{MOVING_M_S:g} m/s; what stands at that time stays."
     )

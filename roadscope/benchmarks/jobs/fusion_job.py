@@ -49,6 +49,11 @@ class FusionJob(KeyedJob):
         return f"{self.given.lidar} + {self.given.camera}"
 
     @property
+    def plugin(self) -> str:
+        """What is called."""
+        return self.entry
+
+    @property
     def ours(self) -> bool:
         """Whether what is called ships with this package."""
         return self.given.fusion in ALONE or FUSIONS.resolve(self.given.fusion).ours

@@ -52,14 +52,19 @@ class OdometryJob(KeyedJob):
     scoring = SCORING
 
     @property
+    def plugin(self) -> str:
+        """The spec of what is called."""
+        return method_of(self.odometry)
+
+    @property
     def ours(self) -> bool:
         """Whether all that is called ships with this package: compiled peers may end a process."""
-        plugin = ODOMETRIES.resolve(method_of(self.odometry))
+        plugin = ODOMETRIES.resolve(self.plugin)
         return plugin.ours and plugin.requirement is None
 
     def content(self) -> Mapping[str, Any]:
         """Return what the poses depend on, and the stretches."""
-        plugin = ODOMETRIES.resolve(method_of(self.odometry))
+        plugin = ODOMETRIES.resolve(self.plugin)
         # Methods of ours share the ground and the clusters of detectors.
         rooms = ("detectors",) if plugin.ours else ()
         return {
@@ -81,10 +86,15 @@ def odometry_jobs(
     ]
 
 
+def execute_odometries(jobs: Sequence[OdometryJob]) -> list[Outcome]:
+    """Do several jobs, one after the other."""
+    return [execute_odometry(job) for job in jobs]
+
+
 @prints_aside()
 def execute_odometry(job: OdometryJob) -> Outcome:
     """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
-    spec = method_of(job.odometry)
+    spec = job.plugin
     if reason := ODOMETRIES.missing(spec):
         return Outcome({}, f"{spec}: {reason}")
 
