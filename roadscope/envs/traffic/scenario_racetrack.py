@@ -11,20 +11,29 @@ from roadscope.envs.traffic.mix import EGO, draw_body
 from roadscope.envs.traffic.networks import network_of
 from roadscope.envs.traffic.stage import Stage
 
-SPACING_M = 24.0
+SPACING_M, LOOP_SPACING_M = 24.0, 36.0
 
 
 def racetrack(rng: np.random.Generator) -> Stage:
     """Two lanes in a loop of about 350 m, at 5 to 10 m/s; everybody keeps the lane."""
+    return _filled(rng, SPACING_M, (8.0, 10.0))
+
+
+def racetrack_loop(rng: np.random.Generator) -> Stage:
+    """As racetrack, with room to drive: the ego is back where it began within 70 s."""
+    return _filled(rng, LOOP_SPACING_M, (9.0, 11.0))
+
+
+def _filled(rng: np.random.Generator, spacing_m: float, wishes_m_s: tuple[float, float]) -> Stage:
     road = FlowRoad(network_of(RacetrackEnv).network, rng)
     for side in (0, 1):
-        left_m = float(rng.uniform(5.0, SPACING_M))
+        left_m = float(rng.uniform(5.0, spacing_m))
         for start, roads in road.network.graph.items():
             for end, lanes in roads.items():
                 length = float(lanes[side].length)
                 while left_m < length - 1.0:
-                    _join(road, rng, (start, end, side), left_m)
-                    left_m += SPACING_M * float(rng.uniform(0.85, 1.4))
+                    _join(road, rng, (start, end, side), left_m, wishes_m_s)
+                    left_m += spacing_m * float(rng.uniform(0.85, 1.4))
                 left_m -= length
     ego = road.vehicles[int(rng.integers(len(road.vehicles)))]
     ego.carry(EGO)
@@ -32,9 +41,13 @@ def racetrack(rng: np.random.Generator) -> Stage:
 
 
 def _join(
-    road: FlowRoad, rng: np.random.Generator, lane_index: tuple[str, str, int], at: float
+    road: FlowRoad,
+    rng: np.random.Generator,
+    lane_index: tuple[str, str, int],
+    at: float,
+    wishes_m_s: tuple[float, float],
 ) -> None:
-    wish = float(rng.uniform(8.0, 10.0))
+    wish = float(rng.uniform(*wishes_m_s))
     body = draw_body("tight", rng)
     road.vehicles.append(
         Driver(road, lane_index, at, body=body, speed=4.5, wish=wish).vary(rng)

@@ -90,6 +90,10 @@ SCENARIOS: Mapping[str, Scenario] = _scenarios(
         "bare", _HERE + "scenario_racetrack:racetrack",
     ),
     Scenario(
+        "racetrack-loop", "A whole lap of it between rails, walls and trees.",
+        "motorway", _HERE + "scenario_racetrack:racetrack_loop", 70.0,
+    ),
+    Scenario(
         "two-way", "A road with oncoming traffic.",
         "urban", _HERE + "scenario_two_way:two_way",
     ),

@@ -39,6 +39,7 @@ def test_the_named_scenarios_are_there():
         "lu2018-occlusion", "lu2018-three-vehicles", "street", "town-crossing",
         "unseen-motorway", "unseen-street", "convoy-pull-away", "platoon", "cold-start",
         "standing-in-traffic", "standing-barriers", "barriers", "tunnel", "stop-and-go",
+        "racetrack-loop",
     }  # fmt: skip
     for name, scenario in SCENARIOS.items():
         assert scenario.name == name
@@ -55,7 +56,7 @@ def test_traffic_is_worth_sensing(recorded, name, seed):
     assert verdict.least_objects >= 5
     assert verdict.crashed_share <= 0.05
     assert line.start_s == 0.0
-    assert line.end_s == 20.0
+    assert line.end_s == pytest.approx(SCENARIOS[name].duration_s)
     assert not line.raw
     assert line.ids[0] == 0
     assert line.present[:, 0].all()
