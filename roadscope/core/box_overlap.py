@@ -97,6 +97,31 @@ def overlapping_pairs(
     return rows[:size], columns[:size], shares[:size]
 
 
+@compiled()
+def pair_overlaps(
+    one: np.ndarray,
+    other: np.ndarray,
+    pairs: tuple[np.ndarray, np.ndarray],
+    generalised: bool,
+    least: float,
+) -> np.ndarray:
+    """Return (P,) overlaps of pairs of upright boxes, as `overlapping_pairs` does.
+
+    pairs: (P,) rows and columns. What is seen to be below `least` without being worked out is -1.
+    """
+    some, others = _table(one, 6), _table(other, 6)
+    room = np.empty((2, CORNERS, 2))
+    rows, columns = pairs
+    shares = np.empty(len(rows))
+    for k in range(len(rows)):
+        pair = rows[k], columns[k]
+        if generalised:
+            shares[k] = _generalised(some, others, pair, least, room)
+        else:
+            shares[k] = _overlap(some, others, pair, room)
+    return shares
+
+
 @compiled(borrowing=True)
 def _put_in_order(
     columns: np.ndarray, shares: np.ndarray, first: int, at: int, pair: tuple[int, float]

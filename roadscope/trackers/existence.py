@@ -13,7 +13,7 @@ from roadscope.trackers.existence_noise import Noise
 from roadscope.trackers.existence_priors import Neighbours, expected_velocities
 from roadscope.trackers.existence_returns import Returns, both
 from roadscope.trackers.existence_targets import Measured, Targets, log_odds
-from roadscope.trackers.gating import candidates_by_overlap
+from roadscope.trackers.gating import candidates_by_distance, overlapping
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.learned.choice import Choice
 from roadscope.trackers.settings import check_positive
@@ -115,12 +115,13 @@ class ExistenceTracker:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Pair boxes that overlap most, in sum, and that motion can have brought together."""
         kinds = targets.categories
-        near = candidates_by_overlap(
-            targets.boxes, measured.boxes, overlap="giou", least=self._least_overlap
-        ).within_families(kinds, measured.categories)
-        apart = targets.beliefs.means[near.rows, :2] - measured.boxes[near.columns, :2]
-        reach = dt * self._traits.top_speed_m_s[kinds] + 0.5
-        near = near.where(np.hypot(apart[:, 0], apart[:, 1]) < reach[near.rows])
+        reach = (dt * self._traits.top_speed_m_s + 0.5)[kinds]
+        places = targets.beliefs.means[:, :2]
+        near = candidates_by_distance(places, measured.boxes[:, :2], reach)
+        near = overlapping(
+            near.within_families(kinds, measured.categories), targets.boxes, measured.boxes,
+            overlap="giou", least=self._least_overlap,
+        )  # fmt: skip
         return assign_optimally(near, 1 - self._least_overlap)
 
     def _confirmed(self, targets: Targets, found: Measured, dt: float) -> Targets:
@@ -136,12 +137,15 @@ class ExistenceTracker:
 
     def _doubted(self, targets: Targets, eye: np.ndarray) -> Targets:
         """Ask of those missed whether they were there at all and still are."""
-        t, kinds = self._traits, targets.categories
-        apart = targets.beliefs.means[:, :2] - eye
+        rows = np.flatnonzero(targets.misses)
+        t, kinds = self._traits, targets.categories[rows]
+        apart = targets.beliefs.means[rows, :2] - eye
         ranges = np.hypot(apart[:, 0], apart[:, 1])
-        back = t.back[kinds] + t.back_per_m[kinds] * ranges - t.away_per_s[kinds] * targets.away_s
-        left = both(targets.assured, back + self._returns.missed.lead(t.returned)[kinds])
-        existence = np.where(targets.misses > 0, np.clip(left, -SURE, SURE), targets.existence)
+        away_s = targets.away_s[rows]
+        back = t.back[kinds] + t.back_per_m[kinds] * ranges - t.away_per_s[kinds] * away_s
+        back += self._returns.missed.lead(t.returned)[kinds]
+        existence = targets.existence.copy()
+        existence[rows] = np.clip(both(targets.assured[rows], back), -SURE, SURE)
         return replace(targets, existence=existence)
 
     def _kept(self, targets: Targets) -> np.ndarray:
@@ -161,7 +165,9 @@ class ExistenceTracker:
 
     def _report(self, tick: Tick) -> Tracks:
         targets = self._targets
-        believed = both(targets.existence, _certainty(targets)) >= self._shown
+        odds, missed = targets.existence.copy(), np.flatnonzero(targets.misses)
+        odds[missed] = both(odds[missed], _certainty(targets, missed))
+        believed = odds >= self._shown
         states = np.full(len(targets), TrackState.TENTATIVE, np.int8)
         states[believed] = np.where(
             targets.misses[believed] > 0, TrackState.COASTING, TrackState.CONFIRMED
@@ -178,9 +184,8 @@ class ExistenceTracker:
         )  # fmt: skip
 
 
-def _certainty(targets: Targets) -> np.ndarray:
-    """Return (N,) log odds that those missed are no further off than their width."""
-    spread = targets.beliefs.covariances[:, [0, 1], [0, 1]].sum(axis=1)
-    odds = np.expm1(np.minimum(targets.sizes[:, 1] ** 2 / spread, SURE))
-    found: np.ndarray = np.where(targets.misses > 0, np.log(odds), np.inf)
+def _certainty(targets: Targets, rows: np.ndarray) -> np.ndarray:
+    """Return (K,) log odds that those of some rows are no further off than their width."""
+    spread = targets.beliefs.covariances[rows][:, [0, 1], [0, 1]].sum(axis=1)
+    found: np.ndarray = np.log(np.expm1(np.minimum(targets.sizes[rows, 1] ** 2 / spread, SURE)))
     return found

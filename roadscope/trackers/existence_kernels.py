@@ -74,6 +74,57 @@ def corrected(
 
 
 @compiled()
+def looked_at(
+    before: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    size_memory: float,
+    heading_memory: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Take in what (N, 7) detected boxes say of heights, headings and sizes.
+
+    A detection says its axis well and its front poorly: the axis is filtered up to half turns,
+    and fronts are voted for.
+
+    before: heights and yaws (N, 2), fronts (N,), sizes (N, 3) and their weights (N,) of `Targets`,
+        which are returned as they are then.
+    found: boxes, and (N,) scores, weights of sizes, variances of heights and of yaws.
+    size_memory, heading_memory: what a size rests on at most, what a vote is worth a tick later.
+    """
+    heights, yaws, fronts, sizes, totals = before
+    boxes, scores, weights, climbs, turns = found
+    heights, yaws, fronts, sizes = heights.copy(), yaws.copy(), fronts.copy(), sizes.copy()
+    totals = totals.copy()
+    for i in range(len(boxes)):
+        _weigh(heights, i, boxes[i, 2] - heights[i, 0], climbs[i])
+        off = _wrapped(boxes[i, 6] - yaws[i, 0])
+        vote = scores[i]
+        if abs(off) > np.pi / 2:
+            off, vote = _wrapped(off + np.pi), -vote
+        _weigh(yaws, i, off, turns[i])
+        front = heading_memory * fronts[i] + vote
+        yaws[i, 0] = _wrapped(yaws[i, 0] + (np.pi if front < 0 else 0.0))
+        fronts[i] = abs(front)
+        totals[i] = min(totals[i], size_memory) + weights[i]
+        for k in range(3):
+            sizes[i, k] += weights[i] / totals[i] * (boxes[i, 3 + k] - sizes[i, k])
+    return heights, yaws, fronts, sizes, totals
+
+
+@compiled(borrowing=True)
+def _weigh(beliefs: np.ndarray, i: int, residual: float, variance: float) -> None:
+    """Take a measurement in mean and variance i (scalar Kalman filter)."""
+    gain = beliefs[i, 1] / (beliefs[i, 1] + variance)
+    beliefs[i, 0] += gain * residual
+    beliefs[i, 1] *= 1 - gain
+
+
+@compiled(borrowing=True)
+def _wrapped(angle: float) -> float:
+    """Return the same angle in -pi to pi."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+@compiled()
 def hidden_shares(
     boxes: np.ndarray, asked: np.ndarray, solid: np.ndarray, eye: np.ndarray
 ) -> np.ndarray:
@@ -84,22 +135,23 @@ def hidden_shares(
     """
     n = len(boxes)
     bearing, half, range_m = np.empty(n), np.empty(n), np.empty(n)
-    for i in range(n):
-        dx, dy = boxes[i, 0] - eye[0], boxes[i, 1] - eye[1]
-        bearing[i], range_m[i] = np.arctan2(dy, dx), max(np.hypot(dx, dy), 1e-3)
-        turn = boxes[i, 6] - bearing[i]
-        width = boxes[i, 3] * abs(np.sin(turn)) + boxes[i, 4] * abs(np.cos(turn))
-        half[i] = np.arctan2(width / 2, range_m[i])
     shares = np.zeros(n)
+    before = np.flatnonzero(solid)
+    for i in range(n):
+        if asked[i] or solid[i]:
+            dx, dy = boxes[i, 0] - eye[0], boxes[i, 1] - eye[1]
+            bearing[i], range_m[i] = np.arctan2(dy, dx), max(np.hypot(dx, dy), 1e-3)
+            turn = boxes[i, 6] - bearing[i]
+            width = boxes[i, 3] * abs(np.sin(turn)) + boxes[i, 4] * abs(np.cos(turn))
+            half[i] = np.arctan2(width / 2, range_m[i])
     for i in range(n):
         if not asked[i]:
             continue
-        for j in range(n):
-            if j == i or not solid[j] or range_m[j] >= range_m[i]:
-                continue
+        for j in before:
             apart = abs(bearing[j] - bearing[i])
             apart = min(apart, 2 * np.pi - apart)
+            if apart >= half[i] + half[j] or j == i or range_m[j] >= range_m[i]:
+                continue
             covered = min(half[i], apart + half[j]) - max(-half[i], apart - half[j])
-            if covered > 0:
-                shares[i] += covered / (2 * half[i])
+            shares[i] += covered / (2 * half[i])
     return np.minimum(shares, 1.0)

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import Category, Detections
-from roadscope.core.pose import wrap_angle
-from roadscope.trackers.existence_kernels import corrected, ellipses, moved_on
+from roadscope.trackers.existence_kernels import corrected, ellipses, looked_at, moved_on
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.learned import Learned
 from roadscope.trackers.rows import Rows
@@ -88,7 +87,7 @@ class Targets(Rows):
     heights, yaws: (N, 2) mean and variance.
     fronts: (N,) sum of votes that front is front, positive.
     sizes: (N, 3) length width height; size_weights: (N,) what they rest on.
-    votes: (N, 7) sum of scores for each category.
+    votes: (N, 7) sum of scores for each category; categories: (N,) int8, what most of them say.
     existence: (N,) log odds that there is something; assured: (N,) as the last detection left them.
     claims: (N,) evidence of the first detection; hits: (N,) detections so far.
     misses: (N,) ticks since the last detection; idle_s: (N,) seconds; away_s: (N,) seconds of
@@ -104,6 +103,7 @@ class Targets(Rows):
     sizes: np.ndarray
     size_weights: np.ndarray
     votes: np.ndarray
+    categories: np.ndarray
     existence: np.ndarray
     assured: np.ndarray
     claims: np.ndarray
@@ -121,12 +121,6 @@ class Targets(Rows):
         places = self.beliefs.means[:, :2]
         return np.column_stack([places, self.heights[:, 0], self.sizes, self.yaws[:, 0]])
 
-    @property
-    def categories(self) -> np.ndarray:
-        """(N,) what most of the scores say."""
-        found: np.ndarray = self.votes.argmax(axis=1).astype(np.int8)
-        return found
-
     @staticmethod
     def opened(ids: np.ndarray, new: Measured, velocities: Gaussians, traits: Learned) -> Targets:
         """Begin to follow N detections, with (N, 2) velocities expected of them."""
@@ -141,7 +135,7 @@ class Targets(Rows):
             new.offsets,
             np.column_stack([boxes[:, 2], (traits.height_m[kinds] * new.growths) ** 2]),
             np.column_stack([boxes[:, 6], new.turns]),
-            new.scores, boxes[:, 3:6], new.growths**-2, votes, new.evidence,
+            new.scores, boxes[:, 3:6], new.growths**-2, votes, kinds, new.evidence,
             new.evidence, new.evidence, np.ones(n, np.int64),
             np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
         )  # fmt: skip
@@ -154,8 +148,8 @@ class Targets(Rows):
         beliefs = self.beliefs
         means, covariances = moved_on(beliefs.means, beliefs.covariances, wander, drift, dt)
         heights, yaws = self.heights.copy(), self.yaws.copy()
-        heights[:, 1] += traits.climb_m_s[kinds] ** 2 * dt
-        yaws[:, 1] += traits.turn_rad_s[kinds] ** 2 * dt
+        heights[:, 1] += (traits.climb_m_s**2 * dt)[kinds]
+        yaws[:, 1] += (traits.turn_rad_s**2 * dt)[kinds]
         return replace(
             self, beliefs=Gaussians(means, covariances), heights=heights, yaws=yaws,
             misses=self.misses + 1, idle_s=self.idle_s + dt,
@@ -166,40 +160,18 @@ class Targets(Rows):
         means, covariances, distances = corrected(
             self.beliefs.means, self.beliefs.covariances, found.boxes[:, :2], found.errors
         )
-        kinds = found.categories
-        heights = _weighed(
-            self.heights, found.boxes[:, 2] - self.heights[:, 0],
-            (traits.height_m[kinds] * found.growths) ** 2,
-        )  # fmt: skip
-        yaws, fronts = self._turned(found)
-        weights = found.growths**-2
-        total = np.minimum(self.size_weights, SIZE_MEMORY) + weights
-        sizes = self.sizes + (weights / total)[:, None] * (found.boxes[:, 3:6] - self.sizes)
         votes = self.votes.copy()
-        votes[np.arange(len(self)), kinds] += found.scores
+        votes[np.arange(len(self)), found.categories] += found.scores
+        climbs = (traits.height_m[found.categories] * found.growths) ** 2
+        heights, yaws, fronts, sizes, weights = looked_at(
+            (self.heights, self.yaws, self.fronts, self.sizes, self.size_weights),
+            (found.boxes, found.scores, found.growths**-2, climbs, found.turns),
+            SIZE_MEMORY, HEADING_MEMORY,
+        )  # fmt: skip
+        none, never = np.zeros(len(self)), np.zeros(len(self), np.int64)
         after = Targets(
             self.ids, Gaussians(means, covariances), found.offsets, heights, yaws, fronts, sizes,
-            total, votes, self.existence, self.assured, self.claims, self.hits + 1,
-            np.zeros_like(self.misses), np.zeros_like(self.idle_s), np.zeros_like(self.away_s),
+            weights, votes, votes.argmax(axis=1).astype(np.int8), self.existence, self.assured,
+            self.claims, self.hits + 1, never, none, none,
         )  # fmt: skip
         return after, distances
-
-    def _turned(self, found: Measured) -> tuple[np.ndarray, np.ndarray]:
-        """Return headings and votes for them.
-
-        A detection says its axis well and its front poorly: the axis is filtered up to half turns,
-        and fronts are voted for.
-        """
-        off = wrap_angle(found.boxes[:, 6] - self.yaws[:, 0])
-        opposed = np.abs(off) > np.pi / 2
-        off = np.where(opposed, wrap_angle(off + np.pi), off)
-        yaws = _weighed(self.yaws, off, found.turns)
-        fronts = HEADING_MEMORY * self.fronts + np.where(opposed, -found.scores, found.scores)
-        yaws[:, 0] = wrap_angle(yaws[:, 0] + np.where(fronts < 0, np.pi, 0.0))
-        return yaws, np.abs(fronts)
-
-
-def _weighed(beliefs: np.ndarray, residuals: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """Return (N, 2) means and variances after a measurement each (scalar Kalman filter)."""
-    gains = beliefs[:, 1] / (beliefs[:, 1] + variances)
-    return np.column_stack([beliefs[:, 0] + gains * residuals, (1 - gains) * beliefs[:, 1]])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import Category, Family
-from roadscope.core.box_overlap import overlapping_pairs
+from roadscope.core.box_overlap import overlapping_pairs, pair_overlaps
 from roadscope.core.jit import compiled
 
 FAMILIES = np.array([list(Family).index(category.family) for category in Category])
@@ -52,6 +52,18 @@ class Candidates:
         categories, others: (N,) and (M,) values of `Category`.
         """
         return self.where(FAMILIES[categories][self.rows] == FAMILIES[others][self.columns])
+
+
+def overlapping(
+    near: Candidates, boxes: np.ndarray, others: np.ndarray, *, overlap: str, least: float
+) -> Candidates:
+    """Keep those candidates whose (N, 7) and (M, 7) boxes overlap by more than `least`.
+
+    Costs as of `candidates_by_overlap`, which looks at all pairs.
+    """
+    pairs = near.rows, near.columns
+    shares = pair_overlaps(boxes, others, pairs, overlap == "giou", least)
+    return near.costing(1 - shares).where(shares > least)
 
 
 def candidates_by_overlap(

@@ -15,29 +15,31 @@ class Rows:
 
     def select(self, index: np.ndarray) -> Self:
         """Keep the rows that a mask or an index array names."""
-        return self._made(lambda value: value[index], lambda value: value.select(index))
+        if index.dtype == bool:
+            index = np.flatnonzero(index)
+        return type(self)(*[
+            value.select(index) if isinstance(value, Rows) else value.take(index, axis=0)
+            for value in self._columns()
+        ])  # fmt: skip
 
     def joined(self, other: Self) -> Self:
         """Put the rows of another below."""
-        return self._made(
-            lambda value, below: np.concatenate([value, below]),
-            lambda value, below: value.joined(below),
-            other,
-        )
+        return type(self)(*[
+            value.joined(below) if isinstance(value, Rows) else np.concatenate((value, below))
+            for value, below in zip(self._columns(), other._columns(), strict=True)
+        ])  # fmt: skip
 
     def replaced(self, rows: np.ndarray, other: Self) -> Self:
         """Put another's rows in place of those that an index array names."""
-
-        def put(value: np.ndarray, into: np.ndarray) -> np.ndarray:
+        values = []
+        for value, into in zip(self._columns(), other._columns(), strict=True):
+            if isinstance(value, Rows):
+                values.append(value.replaced(rows, into))
+                continue
             changed = value.copy()
             changed[rows] = into
-            return changed
-
-        return self._made(put, lambda value, into: value.replaced(rows, into), other)
-
-    def _made(self, of_arrays: Any, of_rows: Any, *others: Self) -> Self:
-        values = []
-        for name in self.__dataclass_fields__:
-            given = [getattr(each, name) for each in (self, *others)]
-            values.append((of_rows if isinstance(given[0], Rows) else of_arrays)(*given))
+            values.append(changed)
         return type(self)(*values)
+
+    def _columns(self) -> list[Any]:
+        return [getattr(self, name) for name in self.__dataclass_fields__]

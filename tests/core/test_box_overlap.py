@@ -10,6 +10,7 @@ from roadscope.core.box_overlap import (
     box_overlaps,
     box_overlaps_3d,
     overlapping_pairs,
+    pair_overlaps,
 )
 
 LENGTHS = st.floats(0.2, 20.0)
@@ -154,3 +155,17 @@ def test_far_pairs_are_left_out() -> None:
     boxes = np.array([near, far], float)
     assert generalised_overlaps_3d(boxes[:1], boxes)[0, 1] > -1
     assert generalised_overlaps_3d(boxes[:1], boxes, -0.5)[0].tolist() == [1.0, -1.0]
+
+
+@given(st.integers(0, 10_000), st.booleans(), st.floats(-0.9, 0.5))
+def test_overlaps_of_given_pairs_are_those_of_all(seed, generalised, least) -> None:
+    rng, least = np.random.default_rng(seed), least if generalised else abs(least)
+    low, high = [-9, -9, -1, 2, 2, 1, -4], [9, 9, 1, 9, 4, 3, 4]
+    one_row, other_row = rng.uniform(low, high, (8, 7)), rng.uniform(low, high, (9, 7))
+    rows, columns = np.divmod(np.arange(72), 9)
+    shares = pair_overlaps(one_row, other_row, (rows, columns), generalised, least)
+    kept = shares > least
+    every = overlapping_pairs(one_row, other_row, generalised, least)
+    assert np.array_equal(rows[kept], every[0])
+    assert np.array_equal(columns[kept], every[1])
+    assert np.array_equal(shares[kept], every[2])

@@ -5,7 +5,13 @@ from slow_kalman import innovations, predicted, updated
 from roadscope.core import Category, Detections, Pose, TrackState
 from roadscope.trackers import learned
 from roadscope.trackers.existence import ExistenceTracker
-from roadscope.trackers.existence_kernels import corrected, ellipses, hidden_shares, moved_on
+from roadscope.trackers.existence_kernels import (
+    corrected,
+    ellipses,
+    hidden_shares,
+    looked_at,
+    moved_on,
+)
 from roadscope.trackers.existence_returns import both
 from roadscope.trackers.kalman import Gaussians
 
@@ -51,6 +57,39 @@ def test_kernels_are_the_kalman_filter():
     assert means == pytest.approx(after.means)
     assert covariances == pytest.approx(after.covariances)
     assert distances == pytest.approx(innovation.distances)
+
+
+def slowly_looked_at(before, box, score, weight, climb, turn):
+    """One target after another, axis and front told apart by hand."""
+    (height, spread), (yaw, doubt), front, size, total = before
+    gain, turn_gain = spread / (spread + climb), doubt / (doubt + turn)
+    off = np.angle(np.exp(1j * (box[6] - yaw)))
+    ahead = np.cos(off) >= 0
+    off = off if ahead else np.angle(np.exp(1j * (off + np.pi)))
+    front = 0.9 * front + (score if ahead else -score)
+    yaw = yaw + turn_gain * off + (np.pi if front < 0 else 0.0)
+    total = min(total, 1.0) + weight
+    return (
+        [height + gain * (box[2] - height), (1 - gain) * spread],
+        [np.angle(np.exp(1j * yaw)), (1 - turn_gain) * doubt],
+        abs(front), size + weight / total * (box[3:6] - size), total,
+    )  # fmt: skip
+
+
+def test_heights_headings_and_sizes_are_filtered_one_by_one():
+    rng, n = np.random.default_rng(5), 40
+    before = (
+        rng.uniform(0.1, 1, (n, 2)), np.column_stack([rng.uniform(-3, 3, n), rng.uniform(0, 1, n)]),
+        rng.uniform(0, 2, n), rng.uniform(1, 5, (n, 3)), rng.uniform(0.2, 3, n),
+    )  # fmt: skip
+    boxes, rest = rng.uniform(-3, 3, (n, 7)), rng.uniform(0.1, 1, (4, n))
+    kept = [part.copy() for part in before]
+    after = looked_at(before, (boxes, *rest), 1.0, 0.9)
+    assert all(np.array_equal(part, old) for part, old in zip(before, kept, strict=True))
+    for k in range(n):
+        slow = slowly_looked_at([part[k] for part in before], boxes[k], *rest[:, k])
+        for told, wanted in zip(after, slow, strict=True):
+            assert told[k] == pytest.approx(wanted)
 
 
 def test_ellipses_lie_along_the_heading():
