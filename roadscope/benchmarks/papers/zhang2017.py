@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from roadscope.benchmarks.papers.reproduction import Key, ReproductionRow, over_seeds, summarise
+from roadscope.benchmarks.papers.zhang2017_calibration import calibrate, calibrated
 from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
 from roadscope.benchmarks.papers.zhang2017_errors import HEADING, POSITION, TURNED
 from roadscope.benchmarks.papers.zhang2017_methods import METHODS, OURS, REPEATED, SINGLE
@@ -72,7 +73,7 @@ def reproduce(
         summarise(key[:2], key[2], unit_of(key), values, paper_figure(key))
         for key, values in measured.items()
     ]
-    return rows + verdicts(measured, BODIES)
+    return rows + calibrated(measured) + verdicts(measured, BODIES)
 
 
 def measure(seed: int) -> Values:
@@ -112,6 +113,7 @@ def measure(seed: int) -> Values:
         | _counts((*simulated, *followed), high)
         | _times(followed, (*simulated, *followed))
         | _readings(seed)
+        | calibrate(seed)
     )
 
 

@@ -19,6 +19,9 @@ NEES = "NEES, {} body"
 EXACT = "NEES of the exact posterior, {} body"
 INSIDE = "3 within the NEES's 95 % interval, {} body"
 EXACT_INSIDE = "3 within that of the exact posterior, {} body"
+CALIBRATED = "NEES over all possible cars, {}"
+CALIBRATED_INSIDE = "3 within that over all possible cars, {}"
+COVERED = "percent of all possible cars within the covariance's ellipsoid"
 TURNED_FRAMES = "frames turned by 90 deg, percent of those scored"
 COUNTS = "frames, and those not scored for having fewer than 3 returns"
 TIMES, RATIOS = "table 3, time a frame while following", "table 3, ratios"
@@ -65,7 +68,7 @@ def unit_of(key: Key) -> str:
     experiment, _, quantity = key
     if experiment == COUNTS:
         return "count"
-    if experiment == TURNED_FRAMES:
+    if experiment in (TURNED_FRAMES, COVERED):
         return "%"
     if experiment == TIMES:
         return "ms"

@@ -48,6 +48,11 @@ NOTES = {
     "table 3, time": "Processor time of one core, the paper's of MATLAB. Slowest drive: greatest "
     "mean of a frame on any drive.",
     "following, ": "The paper shows these in a figure, without numbers.",
+    "NEES over all possible cars, any": "Bodies, poses and ways drawn from the fit's own priors, "
+    "the corners' radius ('any corners') or the whole body ('sized saloon') or neither; 3 is "
+    "expected. Squared error in units of the covariance of x, y and yaw.",
+    "percent of all": "Of a normal posterior as many as the column says; one with edges is no "
+    "normal one, though its NEES is 3.",
     "NEES, ": "Squared error in units of the covariance of x, y and yaw; 3 is expected over all "
     "cars and ways that the fit takes for possible, not of one of them.",
     "NEES of the exact": "The same of the floor's posterior, for who knows as much as ours. Where "

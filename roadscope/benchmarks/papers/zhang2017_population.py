@@ -7,7 +7,7 @@ a right posterior have the mean 3 (Talts 2018, simulation-based calibration).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -65,7 +65,7 @@ class Passing:
     told: np.ndarray
 
 
-def passing(model: BodyModel, band: str, seed: int) -> Passing:
+def passing(model: BodyModel, band: str, seed: int | Sequence[int]) -> Passing:
     """Draw a car and its way until it returns at least three rays in the middle frame.
 
     model: of the fit, from whose spread the body is drawn. band: of `BANDS`. To leave out ways

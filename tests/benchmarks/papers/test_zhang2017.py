@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from roadscope.benchmarks.papers import PAPERS, note_of, zhang2017, zhang2017_taken
+from roadscope.benchmarks.papers import (
+    PAPERS,
+    note_of,
+    zhang2017,
+    zhang2017_calibration,
+    zhang2017_taken,
+)
 from roadscope.benchmarks.papers import zhang2017_claims as claims
 from roadscope.benchmarks.papers import zhang2017_names as names
 from roadscope.benchmarks.papers.reproduction import YES_OR_NO
 from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
+from roadscope.benchmarks.papers.zhang2017_calibration import EVERY_BAND, MODELS
 from roadscope.benchmarks.papers.zhang2017_claims import (
     band,
     our_claims,
@@ -41,12 +48,14 @@ from roadscope.benchmarks.papers.zhang2017_methods import (
     estimate,
 )
 from roadscope.benchmarks.papers.zhang2017_paper import PAPER, PAPER_TIMES, SIMULATED
+from roadscope.benchmarks.papers.zhang2017_population import BANDS
 from roadscope.benchmarks.papers.zhang2017_readings import READINGS
 from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.detectors.pose.estimate import VehiclePose
 
 SEED = 12345
 """Outside the seeds of the published figures."""
+KNOWN = "any corners"
 DRIVES = (*SIMULATED, *(f"following-{metres}" for metres in FOLLOWED_M))
 
 
@@ -111,6 +120,8 @@ def rows():
         patched.setattr(zhang2017, "BODIES", ("rounded",))
         patched.setattr(zhang2017, "film", few_frames)
         patched.setattr(zhang2017, "warm_up", lambda: None)
+        patched.setattr(zhang2017_calibration, "MODELS", {KNOWN: MODELS[KNOWN]})
+        patched.setattr(zhang2017_calibration, "CARS", 1)
         # How it depends on the frames is tested beside it.
         patched.setattr(zhang2017_taken, "floors", a_single_floor)
         done: list[tuple[int, int]] = []
@@ -179,6 +190,17 @@ def test_every_drive_and_window_has_its_consistency(rows):
         name = experiment.format("rounded")
         found = {(row.method, row.quantity) for row in rows if row.experiment == name}
         assert found == {(drive, window) for drive in DRIVES for window in windows}
+
+
+def test_every_distance_has_its_calibration(rows):
+    windows = {names.frames_name(frames) for frames in OURS.values()}
+    for experiment in (names.CALIBRATED, names.CALIBRATED_INSIDE):
+        name = experiment.format(KNOWN)
+        found = {(row.method, row.quantity) for row in rows if row.experiment == name}
+        assert found == {(band, window) for band in (*BANDS, EVERY_BAND) for window in windows}
+    covered = [row for row in rows if row.experiment == names.COVERED]
+    assert {row.method for row in covered} == {f"{KNOWN}, {window}" for window in windows}
+    assert {row.quantity for row in covered} == {"50 %", "90 %", "95 %"}
 
 
 def test_every_claim_is_judged_on_the_means_and_in_single_seeds(rows):
