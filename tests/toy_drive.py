@@ -38,15 +38,21 @@ def ranges(origins, ways):
 
 
 class Drive:
-    """Constant speed and turn rate; every scan a full turn of 16 beams around its stamp."""
+    """Constant speed and turn rate; every scan a full turn of 16 beams around its stamp.
 
-    def __init__(self, speed_m_s=8.0, yaw_rate_rad_s=0.1, noise_m=0.01, seed=0):
+    Both may grow from nothing during the first `ramp_s` seconds.
+    """
+
+    def __init__(self, speed_m_s=8.0, yaw_rate_rad_s=0.1, noise_m=0.01, seed=0, ramp_s=0.0):
         self.twist = np.array([speed_m_s, 0, 0, 0, 0, yaw_rate_rad_s])
-        self.noise_m, self.seed = noise_m, seed
+        self.noise_m, self.seed, self.ramp_s = noise_m, seed, ramp_s
 
     def pose(self, stamp_s):
         """`start_from_lidar` at a stamp; the first scan's is 0.05 s."""
-        return exp_se3(self.twist * (stamp_s - 0.05))
+        if not self.ramp_s:
+            return exp_se3(self.twist * (stamp_s - 0.05))
+        t = np.clip(stamp_s, 0, self.ramp_s)
+        return exp_se3(self.twist * (t**2 / self.ramp_s / 2 + max(stamp_s - self.ramp_s, 0)))
 
     def scan(self, k):
         rng = np.random.default_rng([self.seed, k])
@@ -74,10 +80,12 @@ class Drive:
         """Samples from the end of scan k - 1 to that of scan k."""
         stamps = np.arange(round(PERIOD_S * RATE_HZ)) / RATE_HZ + PERIOD_S * k
         speed, rate = self.twist[0], self.twist[5]
-        n = len(stamps)
+        share = np.clip(stamps / self.ramp_s, 0, 1) if self.ramp_s else np.ones(len(stamps))
+        push = speed * (stamps < self.ramp_s) / max(self.ramp_s, 1e-9)
+        up = np.full(len(stamps), GRAVITY_M_S2)
         return ImuSamples(
-            stamps, np.tile([0, 0, rate], (n, 1)) + bias,
-            np.tile([0, speed * rate, GRAVITY_M_S2], (n, 1)),
+            stamps, share[:, None] * [0, 0, rate] + bias,
+            np.column_stack([push, share**2 * speed * rate, up]),
         )  # fmt: skip
 
 

@@ -188,7 +188,7 @@ def test_a_dropped_second_is_told_and_made_up_for(name, odometry):
     told = run(odometry, inputs[:6] + inputs[16:])
     check_finite(told)
     assert not told[6].ok
-    assert all(each.ok for each in told[8:]) or name == "dead-reckoning"
+    assert all(each.ok for each in told[12:]) or name == "dead-reckoning"
     if name == "voxel-map":
         assert offset(told[-1], drive.pose(inputs[-1][0].stamp_s))[0] < 0.3
 

@@ -16,6 +16,8 @@ from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
 LEAST_POINTS = 60
 FASTEST_M_S = 100.0
 """Faster is no vehicle: the library is lost and begun anew."""
+JUMP_M_S2, JUMP_M_S = 15.0, 2.0
+"""A speed that changes by more is that of no vehicle; the latter is what scans leave open."""
 LOST = 5
 """So many scans in a row that a library refuses: it is begun anew."""
 STEP = np.diag([0.05] * 3 + [0.005] * 3) ** 2
@@ -42,7 +44,9 @@ class Adapter:
         self._mounting = lidar_from_imu
         self._clock, self._imu, self._felt_s = Clock(), ImuBuffer(None), -np.inf
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
-        self._twist, self._now_s = np.zeros(6), 0.0
+        self._twist: np.ndarray | None = None
+        self._trusted: tuple[np.ndarray, float] | None = None
+        self._now_s, self._placed_any = 0.0, False
         self._begin()
 
     def _begin(self) -> None:
@@ -61,7 +65,8 @@ class Adapter:
             return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
         self._now_s += tick.elapsed_s
         before = self._pose
-        self._pose = before @ exp_se3(self._twist * tick.elapsed_s)
+        if self._twist is not None:
+            self._pose = before @ exp_se3(self._twist * tick.elapsed_s)
         sound = np.isfinite(scan.points).all(axis=1)
         given = self._given(scan, sound)
         poor = _poverty(scan.ring[sound]) or self._placed(given)
@@ -94,30 +99,41 @@ class Adapter:
                 self._begin()
             return f"refused: {' '.join(str(error).split())}"
         self._refused = 0
-        poor = self._taken(placed, given.stamp_s)
-        if poor:
-            self._begin()
-        else:
-            self._before, self._taken_s = placed, given.stamp_s
-        return poor
-
-    def _taken(self, placed: Placed, stamp_s: float) -> str:
-        """Take over where the library puts the LiDAR; return why that cannot be, or nothing."""
         if not np.isfinite(placed.world_from_lidar).all():
+            self._begin()
             return "the library's pose is no number"
-        if self._before is None:
+        before, self._before = self._before, placed
+        taken_s, self._taken_s = self._taken_s, given.stamp_s
+        if before is None:
             self._first_pose = self._pose
-            return ""
-        moved = orthonormal(inverse(self._before.world_from_lidar) @ placed.world_from_lidar)
-        twist = log_se3(moved) / (placed.at_s - self._before.at_s)
+            anew, self._placed_any = self._placed_any, True
+            return "the library begins anew" if anew else ""
+        return self._moved(before, taken_s, placed, given.stamp_s)
+
+    def _moved(self, before: Placed, taken_s: float, placed: Placed, stamp_s: float) -> str:
+        """Take over a motion; return what is wrong with it, or nothing."""
+        moved = orthonormal(inverse(before.world_from_lidar) @ placed.world_from_lidar)
+        length_s = placed.at_s - before.at_s
+        twist = log_se3(moved) / length_s
         speed_m_s = float(np.linalg.norm(twist[:3]))
         if not speed_m_s <= FASTEST_M_S:
+            self._begin()
             return f"{speed_m_s:.0f} m/s is no speed of a vehicle"
         if self._start_from_world is None:
-            first = _brought(self._before, twist, self._taken_s)
+            first = _brought(before, twist, taken_s)
             self._start_from_world = self._first_pose @ inverse(first)
         self._pose = orthonormal(self._start_from_world @ _brought(placed, twist, stamp_s))
         self._twist = twist
+        return self._doubted(twist[:3], placed.at_s)
+
+    def _doubted(self, velocity: np.ndarray, at_s: float) -> str:
+        """Say by how much a speed is off the last that was trusted, if no vehicle does that."""
+        if self._trusted is not None:
+            before, then_s = self._trusted
+            change_m_s = float(np.linalg.norm(velocity - before))
+            if change_m_s > JUMP_M_S + JUMP_M_S2 * (at_s - then_s):
+                return f"the speed jumps by {change_m_s:.0f} m/s"
+        self._trusted = velocity, at_s
         return ""
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -67,6 +70,7 @@ class _RkoLio:
         self._lio = LIO(config)
         self._lidar_from_imu = np.eye(4) if mounting is None else mounting.matrix
         self._deskew, self._scans = config.deskew, 0
+        _hush_end()
 
     def place(self, given: Given) -> Placed:
         times = _nanoseconds(given.stamp_s + given.after_s)
@@ -87,6 +91,19 @@ class _RkoLio:
 def _nanoseconds(times_s: np.ndarray) -> np.ndarray:
     whole: np.ndarray = np.rint((times_s + EPOCH_S) * NANOSECONDS).astype(np.int64)
     return whole
+
+
+@cache
+def _hush_end() -> None:
+    """Keep the times that the library prints when the process ends from standard output."""
+
+    def close() -> None:
+        sys.stdout.flush()
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.close(nowhere)
+
+    atexit.register(close)
 
 
 @contextmanager

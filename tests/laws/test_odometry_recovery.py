@@ -1,0 +1,139 @@
+"""Whatever comes in, every odometry tells what is wrong, and soon follows again."""
+
+import copy
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from toy_drive import Drive, driven, emptied, kept
+
+from roadscope.core import ImuSamples
+from roadscope.odometry import ODOMETRIES
+
+READ_NO_SCANS = {"still", "dead-reckoning"}
+"""What they tell does not depend on points."""
+SLOW_M_S = {"rko-lio": 1.0}
+"""Those that do not find a start at speed are driven slowly."""
+FIRST, LAST, SCANS, SETTLED = 10, 13, 26, 5
+"""Which scans are spoilt, how many there are, how many at the end have to be right."""
+WRONG_M, WRONG_RAD = 0.6, 0.1
+"""A step that is further off than this has to be told."""
+RIGHT_M, RIGHT_RAD = 0.25, 0.03
+
+
+@pytest.fixture(params=ODOMETRIES.names())
+def name(request):
+    if ODOMETRIES.missing(request.param):
+        pytest.skip(ODOMETRIES.missing(request.param))
+    return request.param
+
+
+def speed_of(name):
+    return SLOW_M_S.get(name, 8.0)
+
+
+def no_numbers(scan):
+    spoilt = copy.deepcopy(scan)
+    spoilt.points[:] = np.nan
+    return spoilt
+
+
+def along(scan, inputs):
+    """All that is seen moves along with the sensor."""
+    return kept(inputs[FIRST][0], slice(None), stamp_s=scan.stamp_s)
+
+
+def loud(scan, inputs):
+    """Ten times the noise of a VLP-16."""
+    rng = np.random.default_rng(round(100 * scan.stamp_s))
+    ranges = np.linalg.norm(scan.points, axis=1, keepdims=True)
+    spoilt = copy.deepcopy(scan)
+    spoilt.points[:] = scan.points * (1 + rng.normal(0, 0.3, ranges.shape) / ranges)
+    return spoilt
+
+
+SPOILT = {
+    "empty": lambda scan, _: emptied(scan),
+    "one ring": lambda scan, _: kept(scan, scan.ring == 8),
+    "few points": lambda scan, _: kept(scan, np.arange(len(scan)) % 400 == 0),
+    "no numbers": lambda scan, _: no_numbers(scan),
+    "all dynamic": along,
+    "loud": loud,
+    "same stamp": lambda scan, inputs: kept(scan, slice(None), stamp_s=inputs[FIRST][0].stamp_s),
+    "backward": lambda scan, inputs: kept(scan, slice(None), stamp_s=inputs[2][0].stamp_s),
+}
+TOLD = {"empty", "one ring", "few points", "no numbers", "same stamp", "backward"}
+"""Nothing can be known of these scans, so that they are degraded however good a guess was."""
+
+
+def steps(poses):
+    """Motions from each pose to the next."""
+    return [np.linalg.inv(one) @ other for one, other in pairwise(poses)]
+
+
+def apart(told, truth):
+    """(K, 2) metres and radians between each step told and the true one."""
+    rest = [np.linalg.inv(b) @ a for a, b in zip(steps(told), steps(truth), strict=True)]
+    turns = [np.arccos(np.clip((np.trace(m[:3, :3]) - 1) / 2, -1, 1)) for m in rest]
+    return np.column_stack([[np.linalg.norm(m[:3, 3]) for m in rest], turns])
+
+
+def follow(name, inputs):
+    """What is told, and how far each step is off, without scans whose stamps do not advance."""
+    odometry, drive = ODOMETRIES.make(name), Drive(speed_of(name))
+    told = [odometry.update(scan, imu) for scan, imu in inputs]
+    poses = np.array([each.start_from_lidar.matrix for each in told])
+    assert np.isfinite(poses).all()
+    assert all(np.isfinite(each.covariance).all() for each in told)
+    latest = np.maximum.accumulate([scan.stamp_s for scan, _ in inputs])
+    return told, apart(poses, [drive.pose(stamp_s) for stamp_s in latest])
+
+
+def check_told_and_recovered(told, off):
+    wrong = (off[:, 0] > WRONG_M) | (off[:, 1] > WRONG_RAD)
+    silent = [k + 1 for k in np.flatnonzero(wrong) if told[k + 1].ok and k + 1 >= FIRST]
+    assert not silent, f"steps {silent} are off by {off[np.array(silent) - 1].round(2).tolist()}"
+    assert all(each.ok for each in told[-SETTLED:])
+    assert off[-SETTLED:, 0].max() < RIGHT_M
+    assert off[-SETTLED:, 1].max() < RIGHT_RAD
+
+
+@pytest.mark.parametrize("kind", SPOILT)
+def test_spoilt_scans_are_told_and_left_behind(name, kind):
+    inputs = driven(SCANS, speed_of(name))[1]
+    given = [(SPOILT[kind](s, inputs) if FIRST <= k < LAST else s, i)
+             for k, (s, i) in enumerate(inputs)]  # fmt: skip
+    told, off = follow(name, given)
+    if name in READ_NO_SCANS:
+        return
+    if kind in TOLD:
+        # The first of those with the same stamp is the scan itself.
+        assert not any(each.ok for each in told[FIRST + (kind == "same stamp") : LAST])
+    check_told_and_recovered(told, off)
+
+
+def test_a_lost_second_is_told_and_left_behind(name):
+    inputs = driven(SCANS + 10, speed_of(name))[1]
+    told, off = follow(name, inputs[:FIRST] + inputs[FIRST + 10 :])
+    assert not told[FIRST].ok
+    if name not in READ_NO_SCANS:
+        check_told_and_recovered(told, off)
+
+
+NOTHING = ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
+
+
+@pytest.mark.parametrize("kind", ["gap", "none", "no numbers"])
+def test_a_faulty_imu_is_left_behind(name, kind):
+    inputs = driven(SCANS, speed_of(name))[1]
+    given = [(s, spoilt_imu(i, kind) if FIRST <= k < LAST else i)
+             for k, (s, i) in enumerate(inputs)]  # fmt: skip
+    told, off = follow(name, given)
+    if name not in READ_NO_SCANS:
+        check_told_and_recovered(told, off)
+
+
+def spoilt_imu(imu, kind):
+    spoilt = copy.deepcopy(imu)
+    spoilt.angular_velocity[:] = np.nan
+    return {"gap": NOTHING, "none": None, "no numbers": spoilt}[kind]

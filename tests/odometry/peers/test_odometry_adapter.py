@@ -1,0 +1,117 @@
+"""What is asked of a library, with one made up here."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_drive import driven, emptied, kept
+
+from roadscope.odometry.peers.adapter import LOST, Adapter
+from roadscope.odometry.peers.library import Placed
+
+DRIVE, INPUTS = driven(12)
+
+
+class Knowing:
+    """Knows the truth at the stamp, as seen from where it began; `spoil` changes its answers."""
+
+    started = 0
+
+    def __init__(self, spoil):
+        Knowing.started += 1
+        self.spoil, self.given, self.first = spoil, [], None
+
+    def place(self, given):
+        self.given.append(given)
+        pose = DRIVE.pose(given.stamp_s)
+        self.first = pose if self.first is None else self.first
+        pose = np.linalg.inv(self.first) @ pose
+        return Placed(self.spoil(pose, given.stamp_s), given.stamp_s)
+
+
+@pytest.fixture(autouse=True)
+def counted():
+    Knowing.started = 0
+
+
+def adapter(spoil=lambda pose, _: pose):
+    return Adapter(lambda _: Knowing(spoil))
+
+
+def far(told, k):
+    return np.abs(told.start_from_lidar.matrix - DRIVE.pose(INPUTS[k][0].stamp_s)).max()
+
+
+def test_the_truth_passes_through():
+    runs = adapter()
+    for k, (scan, imu) in enumerate(INPUTS):
+        told = runs.update(scan, imu)
+        assert told.ok
+        # Adapters' clocks begin at 0, this drive at 0.05 s.
+        assert np.linalg.norm(told.start_from_lidar.translation) == pytest.approx(
+            np.linalg.norm(DRIVE.pose(scan.stamp_s)[:3, 3]), abs=1e-6), k  # fmt: skip
+
+
+def test_poor_scans_and_late_ones_are_not_handed_on():
+    runs = adapter()
+    for scan, imu in INPUTS[:4]:
+        runs.update(scan, imu)
+    library = runs._library
+    assert "0 points" in runs.update(emptied(INPUTS[4][0]), None).reason
+    assert "repeats the last" in runs.update(emptied(INPUTS[4][0]), None).reason
+    assert "before it" in runs.update(INPUTS[2][0], None).reason
+    assert len(library.given) == 4
+    told = runs.update(*INPUTS[5])
+    assert told.ok
+    assert library.given[-1].elapsed_s == pytest.approx(0.2)
+    assert runs._library is library
+
+
+def raising(pose, stamp_s):
+    if stamp_s > 0.45:
+        raise RuntimeError("too\n few  points")
+    return pose
+
+
+def test_a_library_that_refuses_is_begun_anew():
+    runs = adapter(raising)
+    reasons = [runs.update(scan, imu).reason for scan, imu in INPUTS]
+    assert reasons[:5] == [""] * 5
+    assert set(reasons[5:]) == {"refused: too few points"}
+    assert Knowing.started == 1 + (len(INPUTS) - 5) // LOST
+
+
+@pytest.mark.parametrize(("bad", "said"), [(np.nan, "no number"), (1e3, "no speed of a vehicle")])
+def test_no_poses_are_taken_that_cannot_be(bad, said):
+    runs = adapter(lambda pose, s: pose + bad * np.eye(4, k=3) if 0.45 < s < 0.55 else pose)
+    told = [runs.update(scan, imu) for scan, imu in INPUTS]
+    assert said in told[5].reason
+    assert told[6].reason == "the library begins anew"
+    assert all(each.ok for each in told[7:])
+    assert max(np.linalg.norm(each.start_from_lidar.translation) for each in told) < 10
+
+
+def test_a_jump_of_speed_is_told():
+    back = np.eye(4)
+    back[0, 3] = -0.8
+    runs = adapter(lambda pose, s: pose @ back if s > 0.45 else pose)
+    told = [runs.update(scan, imu) for scan, imu in INPUTS]
+    assert "the speed jumps by 8 m/s" in told[5].reason
+    assert all(each.ok for k, each in enumerate(told) if k != 5)
+
+
+def test_samples_are_handed_on_once_on_the_adapters_clock():
+    runs = adapter()
+    shifted = [
+        (kept(s, slice(None), stamp_s=s.stamp_s + 1e6), replace(i, stamps_s=i.stamps_s + 1e6))
+        for s, i in INPUTS
+    ]
+    for scan, imu in shifted:
+        runs.update(scan, imu)
+        runs.update(scan, imu)
+    stamps = np.concatenate([given.imu.stamps_s for given in runs._library.given])
+    assert len(stamps) == sum(len(i.stamps_s) for _, i in INPUTS)
+    assert (np.diff(stamps) > 0).all()
+    ends = [given.stamp_s + given.after_s.max() for given in runs._library.given]
+    last = [given.imu.stamps_s[-1] for given in runs._library.given]
+    assert np.abs(np.subtract(ends, last)).max() < 0.005
