@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.oracle import CLUSTER_BOXES, FUSED, ORACLE
+from roadscope.benchmarks.recorded.mot import mot_table
 from roadscope.benchmarks.recorded.suite import kitti_table
 from roadscope.benchmarks.suite import SUITES, load_suite
 from roadscope.core import Registry, SpecError
@@ -104,9 +105,11 @@ def _scenarios() -> list[tuple[str, str]]:
 
 def _suites() -> list[tuple[str, str]]:
     suites = {name: load_suite(name) for name in SUITES}
-    recorded = kitti_table()
-    kitti = f"v{recorded['version']}: {recorded['summary']} (--kitti DIR)."
-    return [*_each(suites, lambda s: f"v{s.version}: {s.summary}."), (recorded["name"], kitti)]
+    recorded = [
+        (told["name"], f"v{told['version']}: {told['summary']} (--{told['name']} DIR).")
+        for told in (kitti_table(), mot_table())
+    ]
+    return [*_each(suites, lambda s: f"v{s.version}: {s.summary}."), *recorded]
 
 
 def _rigs() -> list[tuple[str, str]]:

@@ -40,7 +40,7 @@ By = Annotated[
         help="Show it by this too: range, category, occlusion, points or score (detection), "
         "detector (tracking), family, size, range, category or score (camera), family, range, "
         "crowd, score or inputs (fusion), distance (odometry), condition, weather or scenario "
-        "(all), alpha or sequence (--kitti)."
+        "(all), alpha or sequence (--kitti, --mot)."
     ),
 ]
 Out = Annotated[
@@ -55,10 +55,17 @@ Kitti = Annotated[
         "det_NAME/Car, ego_pose or oxts."
     ),
 ]
+Mot = Annotated[
+    Path | None,
+    typer.Option(
+        help="Rank trackers on your folder of MOTChallenge data: SEQ/det/det.txt, SEQ/gt/gt.txt, "
+        "SEQ/seqinfo.ini."
+    ),
+]
 Tracks = Annotated[
     Path | None,
     typer.Option(
-        help="With --kitti: folder for every tracker's tracks, kitti/TRACKER/SEQ.txt and "
+        help="With --kitti or --mot: folder for every tracker's tracks, kitti/TRACKER/SEQ.txt and "
         "motchallenge/TRACKER/CLASS/SEQ.txt."
     ),
 ]
@@ -92,6 +99,7 @@ def leaderboard(
     out: Out = None,
     fresh: Fresh = False,
     kitti: Kitti = None,
+    mot: Mot = None,
     tracks: Tracks = None,
     detections: Detections = None,
     calibration: Calibration = None,
@@ -107,17 +115,16 @@ def leaderboard(
     from roadscope.benchmarks.boards.track_files import save_tracks
     from roadscope.benchmarks.jobs.entries import ALL_BOARDS
     from roadscope.benchmarks.jobs.plan import boards_of, plan
-    from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
     from roadscope.benchmarks.runner import run
 
-    conditions = _conditions(suite or _usual(board), kitti)
+    conditions = _conditions(suite or _usual(board), kitti, mot)
     if detections:
         conditions = _given(conditions, detections)
     boards = boards_of(conditions) if board is None else (board,)
-    _check_tracks(tracks, kitti)
+    _check_tracks(tracks, kitti or mot)
     _refuse_idle(boards, calibration, detections)
     if by is not None and set(boards) <= set(ALL_BOARDS):
-        check_breakdown(by, boards if kitti is None else KITTI_BOARDS)
+        check_breakdown(by, _recorded_boards(kitti, mot) or boards)
     with progress_bars() as progress:
         results = run(
             conditions,
@@ -155,22 +162,33 @@ def _given(suite: Any, detections: list[str]) -> Any:
     from roadscope.benchmarks.recorded.suite import RecordedSuite
 
     if isinstance(suite, RecordedSuite):
-        raise ValueError("--detections is for simulated traffic; --kitti has its own")
+        raise ValueError("--detections is for simulated traffic; recorded data have their own")
     return replace(suite, public_detectors=tuple(dict.fromkeys(detections)))
 
 
-def _conditions(suite: str, kitti: Path | None) -> Any:
+def _recorded_boards(kitti: Path | None, mot: Path | None) -> tuple[str, ...]:
+    from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, MOT_BOARDS
+
+    return (KITTI_BOARDS if kitti else ()) + (MOT_BOARDS if mot else ())
+
+
+def _conditions(suite: str, kitti: Path | None, mot: Path | None) -> Any:
     """Return the suite that is meant; a folder of recorded data is one of its own."""
+    from roadscope.benchmarks.recorded.mot import MOT, mot_suite
     from roadscope.benchmarks.recorded.suite import KITTI, kitti_suite
     from roadscope.benchmarks.suite import load_suite
 
-    if kitti is None and suite == KITTI:
-        raise ValueError("suite kitti is of recorded data: name its folder with --kitti DIR")
-    if kitti is None:
-        return load_suite(suite)
-    if suite not in (KITTI, DEFAULT_SUITE):
-        raise ValueError(f"--kitti is a suite of its own; leave --suite {suite} out")
-    return kitti_suite(kitti)
+    if kitti is not None and mot is not None:
+        raise ValueError("--kitti and --mot are suites of their own; give one of them")
+    for name, folder, make in ((KITTI, kitti, kitti_suite), (MOT, mot, mot_suite)):
+        if folder is None and suite == name:
+            raise ValueError(f"suite {name} is of recorded data: name its folder with --{name} DIR")
+        if folder is None:
+            continue
+        if suite not in (name, DEFAULT_SUITE):
+            raise ValueError(f"--{name} is a suite of its own; leave --suite {suite} out")
+        return make(folder)
+    return load_suite(suite)
 
 
 def _refuse_idle(boards: Any, calibration: Path | None, detections: list[str] | None) -> None:
@@ -186,7 +204,9 @@ def _check_tracks(tracks: Path | None, kitti: Path | None) -> None:
     from roadscope.benchmarks.cache import usable_folder
 
     if tracks is not None and kitti is None:
-        raise ValueError("--tracks writes tracks of recorded data: name its folder with --kitti")
+        raise ValueError(
+            "--tracks writes tracks of recorded data: name its folder with --kitti or --mot"
+        )
     if tracks is not None:
         usable_folder(tracks)
 

@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from roadscope.benchmarks.listing import KINDS, names_of
+from roadscope.benchmarks.recorded.mot import MOT
 from roadscope.benchmarks.recorded.suite import KITTI
 from roadscope.benchmarks.suite import SUITES
 from roadscope.benchmarks.tables import name_table
@@ -43,8 +44,9 @@ def test_stages_say_nothing_of_the_shapes_of_their_answers():
 
 def test_suites_of_recorded_data_say_what_they_need():
     told = dict(names_of("suites"))
-    assert {*SUITES, KITTI} == set(told)
+    assert {*SUITES, KITTI, MOT} == set(told)
     assert "--kitti DIR" in told[KITTI]
+    assert "--mot DIR" in told[MOT]
 
 
 class Theirs:

@@ -13,7 +13,7 @@ from roadscope.benchmarks.boards.rows import DETECTOR, INPUTS, Row
 from roadscope.benchmarks.boards.tables import figure
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.recorded.combined import CURVES
-from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
+from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, MOT_BOARDS
 from roadscope.benchmarks.tables import plain_table
 
 SHOWN: Mapping[str, Sequence[str]] = {
@@ -26,6 +26,7 @@ SHOWN: Mapping[str, Sequence[str]] = {
     "fusion": ("ap", "detection_rate", "precision"),
     "odometry": ("failed", "t_rel", "end", "position_error", "false_motion", "dynamic_recall"),
     **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", *CURVES)),
+    **dict.fromkeys(MOT_BOARDS, ("hota", "mota", "idf1", *CURVES)),
 }  # fmt: skip
 """What is shown of each board where it is broken down; `leaderboard.json` holds more."""
 HEADINGS = {

@@ -30,7 +30,7 @@ from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.oracle import mark_of
 from roadscope.benchmarks.oracle_odometry import odometry_mark
 from roadscope.benchmarks.recorded.combined import BY_ALPHA
-from roadscope.benchmarks.recorded.recording import KITTI_BOARDS
+from roadscope.benchmarks.recorded.recording import RECORDED_BOARDS
 from roadscope.core.names import unknown
 from roadscope.core.registry import split_spec
 
@@ -40,7 +40,7 @@ BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
     "camera": ("family", "size", "range", "occlusion", "category", "score", *CONDITIONS),
     "fusion": ("family", "range", "crowd", "score", *CONDITIONS, INPUTS),
     "odometry": (DISTANCE, *CONDITIONS),
-    **dict.fromkeys(KITTI_BOARDS, (BY_ALPHA, *RECORDED_CONDITIONS)),
+    **dict.fromkeys(RECORDED_BOARDS, (BY_ALPHA, *RECORDED_CONDITIONS)),
 }
 """By what the figures of each board are broken down."""
 

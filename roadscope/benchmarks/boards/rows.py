@@ -13,7 +13,12 @@ from roadscope.benchmarks.metrics.breakdown import BANDS, EXCESS, part_name, spl
 from roadscope.benchmarks.metrics.calibration import pooled_calibration
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.recorded.combined import COMBINED
-from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, Recording
+from roadscope.benchmarks.recorded.recording import (
+    KITTI_BOARDS,
+    MOT_BOARDS,
+    RECORDED_BOARDS,
+    Recording,
+)
 
 FIRST_METRIC: Mapping[str, str] = {
     "detection": "f1",
@@ -21,7 +26,7 @@ FIRST_METRIC: Mapping[str, str] = {
     "camera": "ap50",
     "fusion": "ap",
     "odometry": "t_rel",
-    **dict.fromkeys(KITTI_BOARDS, "hota"),
+    **dict.fromkeys(RECORDED_BOARDS, "hota"),
 }
 """By which each board is ranked."""
 
@@ -45,7 +50,7 @@ CONDITIONS_OF: Mapping[str, Mapping[str, Callable[[Any], str]]] = {
     "camera": CONDITIONS,
     "fusion": CONDITIONS,
     "odometry": CONDITIONS,
-    **dict.fromkeys(KITTI_BOARDS, RECORDED_CONDITIONS),
+    **dict.fromkeys(RECORDED_BOARDS, RECORDED_CONDITIONS),
 }
 
 BROKEN_DOWN: Mapping[str, Sequence[str]] = {
@@ -61,6 +66,7 @@ BROKEN_DOWN: Mapping[str, Sequence[str]] = {
         "degraded",
     ),
     **dict.fromkeys(KITTI_BOARDS, ("hota", "mota", "idf1", "hota_3d")),
+    **dict.fromkeys(MOT_BOARDS, ("hota", "mota", "idf1")),
 }  # fmt: skip
 """Metrics of whole episodes that are broken down by their conditions."""
 
@@ -184,7 +190,7 @@ def _samples(record: Record, name: str) -> list[tuple[Episode | Recording, Score
     if name == "calibration_error":
         bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
         pooled = pooled_calibration([[scores[b] for b in bins] for _, scores in samples])
-    elif record.board in KITTI_BOARDS and name in COMBINED and samples:
+    elif record.board in RECORDED_BOARDS and name in COMBINED and samples:
         pooled = COMBINED[name]([scores for _, scores in samples], name)
     else:
         pooled = [scores[name] for _, scores in samples]

@@ -23,7 +23,7 @@ from roadscope.benchmarks.boards.standing import Standing
 from roadscope.benchmarks.drive import MOVING_M_S
 from roadscope.benchmarks.jobs.entries import BOARDS
 from roadscope.benchmarks.oracle import ORACLE
-from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, OFFLINE
+from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, OFFLINE, RECORDED_BOARDS
 from roadscope.benchmarks.recorded.suite import RecordedSuite
 from roadscope.benchmarks.suite import Suite
 from roadscope.benchmarks.tables import plain_table
@@ -166,7 +166,7 @@ def comparison(results: Results, board: str) -> str:
     told = f"Not shown to be worse than {places[0].entry}: {', '.join(level)}."
     if not level:
         told = f"{places[0].entry} is shown to be better than all others."
-    same = "sequences" if board in KITTI_BOARDS else "seeds"
+    same = "sequences" if board in RECORDED_BOARDS else "seeds"
     return f"{told} By 95 % intervals of differences on the same {same}."
 
 

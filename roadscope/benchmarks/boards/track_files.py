@@ -17,7 +17,8 @@ from roadscope.benchmarks.jobs.job import Job
 from roadscope.benchmarks.jobs.stack import EntryError, prints_aside, track
 from roadscope.benchmarks.jobs.workers import in_parallel
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.recorded.recording import Recording, replayed, sequence_of
+from roadscope.benchmarks.recorded.mot import MotRecording
+from roadscope.benchmarks.recorded.recording import Recording, sequence_of
 from roadscope.core import Tracks
 from roadscope.trackers import TRACKERS
 
@@ -46,7 +47,8 @@ def save_tracks(
     folder: gets `kitti/TRACKER/SEQ.txt`, all classes in one file, and
         `motchallenge/TRACKER/CLASS/SEQ.txt`, for results in that format have no class. Boxes in the
         image are those around the projected boxes; tracks that the image does not show are left
-        out. One that cannot be written to raises `FolderError`.
+        out. Of image sequences there is the latter alone. One that cannot be written to raises
+        `FolderError`.
 
     A tracker that fails on a sequence has no files of it.
     """
@@ -89,15 +91,20 @@ def _save(task: _Task) -> bool:
         if TRACKERS.missing(spec):
             return False
         try:
-            tracks, _ = track(spec, replayed(recording))
+            tracks, _ = track(spec, recording.replayed())
         except EntryError:
             return False
+        if isinstance(recording, MotRecording):
+            _write_mot(task, recording, recording.rows(tracks))
+            continue
         rows, boxed = _rows(tracks, recording)
         _write_mot(task, recording, boxed)
         # Each class had a tracker of its own, but a file has each id once.
         kitti.append([_renumbered(row, next_id) for row in rows])
         next_id += 1 + max((int(row.ids.max(initial=-1)) for row in rows), default=-1)
         sequence = recording.sequence
+    if not kitti:
+        return True
     path = task.folder / KITTI_FOLDER / task.name / f"{sequence}.txt"
     merged = [row for frame in zip(*kitti, strict=True) for row in frame]
     write_atomically(path, lambda part: save_results(part, merged))

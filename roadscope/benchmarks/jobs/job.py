@@ -32,8 +32,7 @@ from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.oracle import full_name, is_fused, made_from_truth
 from roadscope.benchmarks.perceived import Perceived
-from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
-from roadscope.benchmarks.recorded.recording import OFFLINE, Recording, replayed, sequence_of
+from roadscope.benchmarks.recorded.recording import OFFLINE, Recording
 from roadscope.core import Tracks
 from roadscope.trackers import TRACKERS
 
@@ -41,7 +40,10 @@ SCORING = ("benchmarks/metrics", "benchmarks/eligibility.py", "benchmarks/jobs/j
 """What scores depend on beside the detections."""
 RECORDED_SCORING = (
     "benchmarks/formats",
-    *(f"benchmarks/recorded/{name}.py" for name in ("kitti_scores", "combined", "recording")),
+    *(
+        f"benchmarks/recorded/{name}.py"
+        for name in ("kitti_scores", "combined", "recording", "mot", "image_plane")
+    ),
 )
 """And on recorded episodes."""
 
@@ -50,7 +52,7 @@ RECORDED_SCORING = (
 class Job(KeyedJob):
     """What a worker is told: names and numbers, no objects.
 
-    board: `detection`, `tracking` or one of `KITTI_BOARDS`.
+    board: `detection`, `tracking` or one of `RECORDED_BOARDS`.
     entry: how the board calls it.
     detector, tracker: specs; a detection job has no tracker. Of recorded episodes the detector
         is whose detections are on disk.
@@ -121,7 +123,7 @@ def job_scores(job: Job, fresh: bool = False) -> dict[str, Score]:
 def detections_of(job: Job, fresh: bool = False) -> Perceived:
     """Read the detections of an episode, or make and keep them."""
     if isinstance(job.episode, Recording):
-        return replayed(job.episode)
+        return job.episode.replayed()
     make = partial(perceived_by, job.detector, job.episode, job.eligibility)
     return kept(job.detections_path, Perceived.load, make, anew=fresh)
 
@@ -171,7 +173,7 @@ def recorded_scores(
 ) -> dict[str, Score]:
     """Return a tracker's scores on a recording, its cost, and whether it is an offline one."""
     which = passed(len(tracks), offline(tracker))
-    return kitti_scores(tracks, sequence_of(recording)) | which | cost(calls_ms)
+    return recording.scores(tracks) | which | cost(calls_ms)
 
 
 def passed(frames: int, later: bool = True) -> dict[str, Score]:

@@ -29,7 +29,6 @@ from roadscope.benchmarks.oracle import (
     ORACLE,
 )
 from roadscope.benchmarks.oracle_odometry import GIVEN_TRUTH, method_of, odometry_mark
-from roadscope.benchmarks.recorded.recording import board_of
 from roadscope.benchmarks.recorded.suite import RecordedSuite
 from roadscope.benchmarks.suite import Suite, check_names
 from roadscope.core import SpecError
@@ -184,7 +183,7 @@ def recorded_jobs(suite: RecordedSuite, trackers: Sequence[str]) -> list[Job]:
     first = suite.public_detectors[0]
     return [
         Job(
-            board_of(recording),
+            recording.board,
             tracker if recording.detector == first else f"{tracker} on {recording.detector}",
             recording.detector, tracker, recording, suite.eligibility,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
@@ -12,8 +13,10 @@ from roadscope.benchmarks.fingerprint import code_hash
 from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
+from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.perceived import Perceived
-from roadscope.core import Category
+from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
+from roadscope.core import Category, Tracks
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +39,11 @@ class Recording:
     scenario = "kitti"
     weather = condition = "as recorded"
 
+    @property
+    def board(self) -> str:
+        """The board it belongs to."""
+        return f"kitti {self.category}"
+
     def spec(self) -> dict[str, object]:
         """Return what detections and truth depend on: the bytes of the files, not their place."""
         files = KittiFolder.find(self.folder)
@@ -54,16 +62,27 @@ class Recording:
             "code": code_hash("core", "benchmarks/formats", "benchmarks/recorded/recording.py"),
         }
 
+    def check(self) -> None:
+        """Read the files; what is malformed raises `FormatError`."""
+        sequence_of(self)
+
+    def replayed(self) -> Perceived:
+        """Return detections, ego frame, and truth as if a detector had made them."""
+        sequence = sequence_of(self)
+        none = np.zeros(len(sequence))
+        return Perceived(sequence.detections, sequence.truths, none, np.empty((0, 2)), none)
+
+    def scores(self, tracks: Sequence[Tracks]) -> dict[str, Score]:
+        """Return the scores of tracks, world frame; tentative ones may be among them."""
+        return kitti_scores(tracks, sequence_of(self))
+
 
 OFFLINE = "offline"
 """Metric that is 1 where a tracker went over its tracks again with all frames at hand."""
 KITTI_BOARDS = tuple(f"kitti {category.name.lower()}" for category in TYPE_OF)
 """One for each class: they are never ranked together."""
-
-
-def board_of(recording: Recording) -> str:
-    """Return the board that a recording belongs to."""
-    return f"kitti {recording.category}"
+MOT_BOARDS = ("mot pedestrian",)
+RECORDED_BOARDS = (*KITTI_BOARDS, *MOT_BOARDS)
 
 
 @lru_cache(maxsize=1)
@@ -75,11 +94,4 @@ def sequence_of(recording: Recording) -> KittiSequence:
 
 def check_recording(recording: Recording) -> None:
     """Read a recording's files; what is malformed raises `FormatError`."""
-    sequence_of(recording)
-
-
-def replayed(recording: Recording) -> Perceived:
-    """Return a recording's detections, ego frame, and truth as if a detector had made them."""
-    sequence = sequence_of(recording)
-    none = np.zeros(len(sequence))
-    return Perceived(sequence.detections, sequence.truths, none, np.empty((0, 2)), none)
+    recording.check()

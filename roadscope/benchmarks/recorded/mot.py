@@ -1,0 +1,162 @@
+"""The suite `mot`: people in the image sequences of a folder as MOTChallenge lays it out."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import sha256
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.formats.mot_rules import DISTRACTORS, THRESHOLD, mot_judged
+from roadscope.benchmarks.formats.motchallenge import (
+    MotRows,
+    MotSequence,
+    mot_rows,
+    read_mot_sequence,
+)
+from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.tracking.hota import hota
+from roadscope.benchmarks.perceived import Perceived
+from roadscope.benchmarks.recorded.combined import alpha_parts
+from roadscope.benchmarks.recorded.image_plane import ImagePlane
+from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
+from roadscope.benchmarks.recorded.recording import Recording
+from roadscope.benchmarks.recorded.suite import RecordedSuite
+from roadscope.core import Pose, Tracks, Truth
+
+MOT = "mot"
+TRUTH, FOUND, INFO = "gt/gt.txt", "det/det.txt", "seqinfo.ini"
+VEHICLES = 6
+"""Class that MOT20 leaves out, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotRecording(Recording):
+    """An image sequence; `folder` holds its own, `detector` is `det`."""
+
+    scenario = MOT
+
+    @property
+    def board(self) -> str:
+        """The board it belongs to."""
+        return f"mot {self.category}"
+
+    def spec(self) -> dict[str, object]:
+        """Return what detections and truth depend on: the bytes of the files, not their place."""
+        root = Path(self.folder) / self.sequence
+        paths = {name: root / name for name in (TRUTH, FOUND, INFO)}
+        return {
+            "sequence": self.sequence,
+            **{n: sha256(p.read_bytes()).hexdigest() for n, p in paths.items() if p.is_file()},
+            "code": code_hash("core", "benchmarks/formats", "benchmarks/recorded"),
+        }
+
+    def check(self) -> None:
+        """Read the files; what is malformed raises `FormatError`."""
+        image_sequence(self)
+
+    def replayed(self) -> Perceived:
+        """Return people found as if a detector had found them on a plane; truth has the stamps."""
+        sequence, plane = image_sequence(self)
+        found = tuple(plane.laid_flat(frame) for frame in sequence.detections)
+        none = np.zeros(len(found))
+        truths = tuple(_nobody(frame.stamp_s) for frame in found)
+        return Perceived(found, truths, none, np.empty((0, 2)), none)
+
+    def rows(self, tracks: Sequence[Tracks]) -> list[MotRows]:
+        """Return the boxes of tracks in the image."""
+        _, plane = image_sequence(self)
+        return [mot_rows(told, t, plane.boxes(told)) for t, told in enumerate(tracks, start=1)]
+
+    def scores(self, tracks: Sequence[Tracks]) -> dict[str, Score]:
+        """Return scores by image boxes under MOTChallenge's rules.
+
+        Tentative tracks may be among the tracks; they count for averages over recall alone.
+        """
+        sequence, _ = image_sequence(self)
+        assert sequence.truth is not None
+        spared = (*DISTRACTORS, VEHICLES) if sequence.name.startswith("MOT20") else DISTRACTORS
+        counted, swept = (
+            mot_judged(sequence.truth, self.rows(some), spared)
+            for some in ([told.sure for told in tracks], tracks)
+        )
+        return sequence_scores(counted, THRESHOLD, swept) | alpha_parts(hota(counted))
+
+
+@lru_cache(maxsize=1)
+def image_sequence(recording: MotRecording) -> tuple[MotSequence, ImagePlane]:
+    """Read a sequence; the next job of a worker is often another tracker on the same."""
+    sequence = read_mot_sequence(Path(recording.folder) / recording.sequence)
+    return sequence, ImagePlane.of(sequence.detections, sequence.image_size)
+
+
+def mot_suite(folder: Path | str) -> RecordedSuite:
+    """Return the suite of a folder of sequences, its `train`, or of one sequence alone.
+
+    A missing folder or a wrong layout raises `FormatError`.
+    """
+    given = Path(folder)
+    wanted = f"SEQ/{FOUND} and SEQ/{TRUTH}"
+    if not given.is_dir():
+        raise FormatError(f"{given}: no such folder; expected one with {wanted}")
+    for root in (given, given / "train", given.parent):
+        names = [given.name] if root == given.parent else _sequences(root)
+        labelled = [name for name in names if (root / name / TRUTH).is_file()]
+        recordings = tuple(
+            MotRecording(str(root.resolve()), name, "pedestrian", "det", number)
+            for number, name in enumerate(labelled)
+            if (root / name / FOUND).is_file()
+        )
+        if recordings:
+            return _suite(recordings, len(labelled))
+    seen = ", ".join(sorted(p.name for p in given.iterdir())[:8]) or "nothing"
+    raise FormatError(f"{given}: expected {wanted}, here or in train/; got {seen}")
+
+
+def mot_table() -> dict[str, Any]:
+    """Return what the suite says of itself, whatever the folder."""
+    content = resources.files("roadscope.benchmarks").joinpath(f"suites/{MOT}.toml")
+    return tomllib.loads(content.read_text(encoding="utf-8"))
+
+
+def _sequences(root: Path) -> list[str]:
+    return sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []
+
+
+def _suite(recordings: tuple[MotRecording, ...], labelled: int) -> RecordedSuite:
+    table = mot_table()
+    return RecordedSuite(
+        name=table["name"],
+        version=table["version"],
+        summary=table["summary"],
+        scenarios=(MOT,),
+        seeds=tuple(r.seed for r in recordings),
+        rig=MOT,
+        duration_s=None,
+        eligibility=Eligibility(),
+        detectors=(),
+        trackers=tuple(table["tracking"]["entries"]),
+        public_detectors=("det",),
+        weathers=(Recording.weather,),
+        recordings=recordings,
+        labelled=labelled,
+        remark=table["remark"],
+    )
+
+
+def _nobody(stamp_s: float) -> Truth:
+    """Return a moment in which the camera stands and nobody is known to be in space."""
+    n, none, three = np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
+    return Truth(
+        n, np.empty(0, np.int8), three, three, none, np.empty((0, 2)), n, n, none,
+        Pose.identity(), stamp_s, n,
+    )  # fmt: skip
