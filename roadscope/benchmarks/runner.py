@@ -24,7 +24,6 @@ from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.jobs.store import Outcome, Store, StoredJob
 from roadscope.benchmarks.jobs.workers import WorkerError, in_parallel
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.recording import Recording, check_recording
 from roadscope.benchmarks.recorded.suite import RecordedSuite, kitti_suite
 from roadscope.benchmarks.suite import Suite, load_suite
@@ -49,7 +48,6 @@ def run(
     fresh: bool = False,
     progress: Progress | None = None,
     kitti: Path | str | None = None,
-    mot: Path | str | None = None,
     calibration: Path | str | None = None,
     deadline_s: float = DEADLINE_S,
 ) -> Results:
@@ -66,15 +64,12 @@ def run(
     fresh: do again what an earlier run has done.
     kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
-    mot: likewise a folder of MOTChallenge's image sequences (`mot_suite`).
     calibration: a file of `roadscope calibrate`, which the fusion board believes.
     deadline_s: for a camera detector, fusion or odometry that is not ours on one episode, in a
         process of its own.
     """
     if kitti is not None:
         suite = kitti_suite(kitti)
-    if mot is not None:
-        suite = mot_suite(mot)
     suite = load_suite(suite) if isinstance(suite, str) else suite
     with prints_aside():
         given = "" if calibration is None else str(calibration)
@@ -201,10 +196,10 @@ SomeJob = TypeVar("SomeJob", FusionJob, OdometryJob)
 
 
 def _together(jobs: Sequence[SomeJob]) -> list[tuple[SomeJob, ...]]:
-    """Put a stranger's jobs on one episode together: a process takes seconds to begin."""
+    """Put jobs of one company on one episode together: a process takes seconds to begin."""
     groups: dict[object, list[SomeJob]] = {}
     for number, job in enumerate(jobs):
-        groups.setdefault(number if job.ours else (job.plugin, job.episode), []).append(job)
+        groups.setdefault(number if job.ours else (job.company, job.episode), []).append(job)
     return [tuple(group) for group in groups.values()]
 
 
@@ -231,9 +226,9 @@ def execute_fused(task: tuple[tuple[FusionJob, ...], _Way]) -> list[Outcome]:
 
 
 def execute_ridden(task: tuple[tuple[OdometryJob, ...], _Way]) -> list[Outcome]:
-    """Run an odometry, with its oracle; a stranger's has its own process and limits.
+    """Run odometries of one company; those that are not all ours have a process and limits.
 
-    What costs the process is then looked for one by one.
+    Who ends it is then looked for one by one.
     """
     jobs, way = task
     if all(job.ours for job in jobs):

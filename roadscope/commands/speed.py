@@ -13,11 +13,13 @@ from roadscope.commands.terminal import progress_bars, show
 def speed(
     parts: Annotated[
         list[str] | None,
-        typer.Argument(help="casting, detectors, metrics, trackers, camera; all by default."),
+        typer.Argument(
+            help="casting, detectors, metrics, trackers, odometry, camera; all by default."
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
 ) -> None:
-    """Measure ray casting, detectors, metrics, trackers, cameras, beside others where installed."""
+    """Measure casting, detectors, trackers, odometries and more, beside others where installed."""
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.speed.measure import PARTS, measure_speed, write_speed
     from roadscope.benchmarks.tables import speed_table

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from roadscope.benchmarks.metrics.score import Score
 
 
-def cost(calls_ms: np.ndarray) -> dict[str, Score]:
-    """Return median and 99th percentile of a plug-in's calls.
+def cost(calls_ms: np.ndarray, percentiles: Sequence[int] = (50, 99)) -> dict[str, Score]:
+    """Return percentiles of a plug-in's calls, the median and the 99th if not told otherwise.
 
     The first is left out: where plug-ins are not ours, it may compile or load what they need.
     """
     counted = calls_ms[1:] if len(calls_ms) > 1 else calls_ms
-    middle, worst = np.percentile(counted, [50, 99]) if len(counted) else (np.nan, np.nan)
+    values = (
+        np.percentile(counted, percentiles) if len(counted) else np.full(len(percentiles), np.nan)
+    )
     return {
-        "call_p50_ms": Score(float(middle), "ms", "lower", len(counted)),
-        "call_p99_ms": Score(float(worst), "ms", "lower", len(counted)),
+        f"call_p{percent}_ms": Score(float(value), "ms", "lower", len(counted))
+        for percent, value in zip(percentiles, values, strict=True)
     }

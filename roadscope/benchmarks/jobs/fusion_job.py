@@ -49,8 +49,8 @@ class FusionJob(KeyedJob):
         return f"{self.given.lidar} + {self.given.camera}"
 
     @property
-    def plugin(self) -> str:
-        """What is called."""
+    def company(self) -> str:
+        """With whom it may share a process: the same fusion of other detections."""
         return self.entry
 
     @property

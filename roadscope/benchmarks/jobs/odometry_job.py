@@ -57,6 +57,11 @@ class OdometryJob(KeyedJob):
         return method_of(self.odometry)
 
     @property
+    def company(self) -> str:
+        """With whom it may share a process: a stranger with its oracle alone, peers all."""
+        return "" if ODOMETRIES.resolve(self.plugin).ours else self.plugin
+
+    @property
     def ours(self) -> bool:
         """Whether all that is called ships with this package: compiled peers may end a process."""
         plugin = ODOMETRIES.resolve(self.plugin)
@@ -118,6 +123,6 @@ def ride_scores(
         **score_standing(found.both, found.stamps_s).named(),
         "degraded": ratio(int(found.degraded.sum()), len(found.degraded), "lower"),
         **told,
-        **cost(found.calls_ms),
+        **cost(found.calls_ms, (50, 90, 99)),
         **by_distance(found.both),
     }

@@ -1,4 +1,4 @@
-"""Measures casting, detectors, metrics, trackers and cameras."""
+"""Measures casting, detectors, metrics, trackers, odometries and cameras."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ from roadscope.benchmarks.speed.detectors import (
     measure_stages,
 )
 from roadscope.benchmarks.speed.metrics import measure_metrics
+from roadscope.benchmarks.speed.odometry import LARGER, RIG, measure_odometries
+from roadscope.benchmarks.speed.odometry import measure_stages as odometry_stages
 from roadscope.benchmarks.speed.rows import SpeedRow, Step
 from roadscope.benchmarks.speed.trackers import measure_trackers
 from roadscope.core.names import unknown
 
-PARTS = ("casting", "detectors", "metrics", "trackers", "camera")
+PARTS = ("casting", "detectors", "metrics", "trackers", "odometry", "camera")
 
 Progress = Callable[[str, int, int], None]
 """Told the name of the step that begins, its number from 0 and the number of steps."""
@@ -34,7 +36,7 @@ def measure_speed(
     progress: Progress | None = None,
     parts: Sequence[str] = PARTS,
 ) -> list[SpeedRow]:
-    """Measure casting, detectors, metrics, trackers, cameras; one thread, medians after a warm-up.
+    """Measure the parts named; one thread, medians after a warm-up.
 
     parts: `casting`: bare casts of an HDL-32E over numbers of bodies, whole sweeps, and Open3D
     on the same rays in turns; where Open3D is missing its rows are missing too, and `open3d
@@ -42,7 +44,9 @@ def measure_speed(
     fewer runs, which detectors are too slow, and DBSCAN beside scikit-learn's. `metrics`:
     tracking metrics beside TrackEval's and Stone Soup's. `trackers`: every registered one with
     10, 50, 200 and 500 targets, and with 12 crowded ones, all within one another's gates, which
-    JPDA has to weigh together. `camera`: drawing images and looking at them.
+    JPDA has to weigh together. `odometry`: every installed one on the same scans of a VLP-16, ours
+    also on larger LiDARs, and the stages of Zhang 2022's. `camera`: drawing images and looking at
+    them.
     """
     for part in parts:
         if part not in PARTS:
@@ -59,6 +63,8 @@ def measure_speed(
         steps.append(("tracking metrics", partial(measure_metrics, -(-repeats // 3))))
     if "trackers" in parts:
         steps.append(("trackers", measure_trackers))
+    if "odometry" in parts:
+        steps += _odometry_steps(-(-repeats // 3))
     if "camera" in parts:
         steps += _camera_steps(-(-repeats // 3))
     for number, (name, step) in enumerate(steps):
@@ -73,6 +79,14 @@ def _camera_steps(repeats: int) -> list[Step]:
     from roadscope.benchmarks.speed import camera
 
     return [(f"camera, {r}", partial(camera.measure_camera, r, repeats)) for r in camera.RIGS]
+
+
+def _odometry_steps(repeats: int) -> list[Step]:
+    steps: list[Step] = []
+    for rig in (RIG, *LARGER):
+        steps.append((f"odometries, {rig}", partial(measure_odometries, rig)))
+        steps.append((f"stages, {rig}", partial(odometry_stages, rig, repeats)))
+    return steps
 
 
 def _detector_steps(repeats: int) -> list[Step]:

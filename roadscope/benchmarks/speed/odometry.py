@@ -1,0 +1,131 @@
+"""How long odometries take for a scan, and how long the stages of Zhang 2022's take.
+
+All of it in processor time, summed over threads: what one core needs for it, whatever else runs.
+All odometries take turns on every scan of one drive, since shared machines change meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.drive import Step, drive, imu_mounting
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
+from roadscope.core import LidarScan, Pose
+from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.clustering.range_angle import cluster_range_angle
+from roadscope.detectors.ground.polar import polar_above_ground
+from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.cluster_match import match_clusters
+from roadscope.odometry.features import extract
+from roadscope.odometry.segments import Clustering, Segments, centres_of, segments_of
+from roadscope.odometry.sensor_height import sensor_height
+
+RIG = "vlp16-imu"
+LARGER = ("hdl32e-imu", "hdl64e-imu")
+"""More beams, for odometries that need no other package."""
+SCENARIO, SEED, DURATION_S = "two-way", 17, 4.0
+"""A street with traffic, one of the training seeds."""
+LEAD = 10
+"""Scans that are not timed: maps and speeds are found, and code is compiled."""
+GOAL_MS: Mapping[str, float] = {RIG: 8.0}
+PAPER_MS = 17.9
+"""A frame of a VLP-16 in Zhang 2022, on a computer of its own."""
+CLUSTERED, LABELLED = "clustering by range and angle", "clusters matched, dynamic or not"
+STAGES_GOAL_MS = 2.0
+"""For clustering and labelling."""
+
+
+def measure_odometries(rig: str = RIG, names: Sequence[str] | None = None) -> list[SpeedRow]:
+    """Measure whole updates: median, 90th percentile and slowest scan, and who misses a goal.
+
+    names: specs of odometries; None: all that are registered and installed, of a larger LiDAR
+        those that need no other package.
+    """
+    episode = Episode(SCENARIO, SEED, rig, DURATION_S)
+    known = (ODOMETRIES.installed() if rig == RIG else own_odometries()) if names is None else names
+    steps = list(drive(episode))
+    returns = float(np.median([len(step.scan) for step in steps]))
+    rows, late = [SpeedRow(f"returns, {rig}", returns, "points")], []
+    goal_ms = GOAL_MS.get(rig)
+    for name, times_ms in timed_updates(known, steps, imu_mounting(episode)).items():
+        unit = "ms" if goal_ms is None else f"ms of {goal_ms:g}"
+        middle, most = np.percentile(times_ms, [50, 90]).tolist()
+        what = f"odometry {name}, {rig}"
+        rows += [SpeedRow(what, middle, unit), SpeedRow(f"{what}, p90", most, unit)]
+        rows.append(SpeedRow(f"{what}, slowest scan", float(times_ms.max()), "ms"))
+        if goal_ms is not None and middle > goal_ms:
+            late.append(SpeedRow(f"too slow, {rig}: {name}", middle, unit))
+    printed = [SpeedRow("Zhang 2022 as printed, VLP-16", PAPER_MS, "ms")] if rig == RIG else []
+    return [*rows, *late, *printed]
+
+
+def own_odometries() -> list[str]:
+    """Return the registered odometries that need no other package."""
+    return [name for name in ODOMETRIES if ODOMETRIES.resolve(name).requirement is None]
+
+
+def timed_updates(
+    names: Sequence[str], steps: Sequence[Step], mounting: Pose | None
+) -> dict[str, np.ndarray]:
+    """Run odometries over a drive side by side; return the ms of each scan from `LEAD` on."""
+    if len(steps) <= LEAD:
+        raise ValueError(f"a drive of more than {LEAD} scans is needed, got {len(steps)}")
+    odometries = {name: ODOMETRIES.make(name) for name in names}
+    times_ms: dict[str, list[float]] = {name: [] for name in names}
+    for odometry in odometries.values():
+        odometry.reset(mounting)
+    for number, step in enumerate(steps):
+        for name, odometry in odometries.items():
+            given = step.copied()
+            start = process_time()
+            odometry.update(given.scan, given.imu)
+            if number >= LEAD:
+                times_ms[name].append((process_time() - start) * 1e3)
+    return {name: np.array(values) for name, values in times_ms.items()}
+
+
+def measure_stages(rig: str, repeats: int) -> list[SpeedRow]:
+    """Measure each stage of Zhang 2022's chain alone on one scan, and clustering with labelling."""
+    steps = list(drive(Episode(SCENARIO, SEED, rig, DURATION_S)))
+    times = interleaved(_stages(steps[-2].scan, steps[-1].scan), repeats, process_time)
+    rows = [SpeedRow(f"{name}, {rig}", seconds * 1e3, "ms") for name, seconds in times.items()]
+    both = 1e3 * (times[CLUSTERED] + times[LABELLED])
+    told = f"ms of {STAGES_GOAL_MS:g}" if rig == RIG else "ms"
+    return [*rows, SpeedRow(f"clustering and labelling, {rig}", both, told)]
+
+
+def _stages(before: LidarScan, now: LidarScan) -> dict[str, Callable[[], Any]]:
+    """Return every stage as a call, fed with what the stages before it return."""
+    rule = Clustering()
+    pose = Pose.planar(0.0, 0.0, 0.0, sensor_height(now.points))
+    cloud = Cloud.of(now, pose)
+    standing = cloud.select(polar_above_ground(cloud, ceiling_m=np.inf))
+    labels = cluster_range_angle(
+        standing, eps_m=rule.eps_m, angle_deg=rule.angle_deg, min_points=rule.min_points
+    )
+    found = segments_of(now, rule)
+    earlier = segments_of(before, rule)
+    return {
+        "height of the sensor": partial(sensor_height, now.points),
+        "cloud": partial(Cloud.of, now, pose),
+        "ground removal": partial(polar_above_ground, cloud, ceiling_m=np.inf),
+        CLUSTERED: partial(
+            cluster_range_angle, standing, eps_m=rule.eps_m, angle_deg=rule.angle_deg,
+            min_points=rule.min_points,
+        ),
+        "clusters' centres": partial(centres_of, standing.points, labels),
+        LABELLED: partial(
+            match_clusters, found.centres, earlier.centres, np.eye(4), 0.1
+        ),
+        "edges and planes": partial(_extracted, found),
+    }  # fmt: skip
+
+
+def _extracted(found: Segments) -> Any:
+    return extract(found.points, found.ring, found.column, found.labels, by_cluster=True)
