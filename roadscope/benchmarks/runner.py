@@ -24,6 +24,7 @@ from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.jobs.store import Outcome, Store, StoredJob
 from roadscope.benchmarks.jobs.workers import WorkerError, in_parallel
 from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.recording import Recording, check_recording
 from roadscope.benchmarks.recorded.suite import RecordedSuite, kitti_suite
 from roadscope.benchmarks.suite import Suite, load_suite
@@ -48,6 +49,7 @@ def run(
     fresh: bool = False,
     progress: Progress | None = None,
     kitti: Path | str | None = None,
+    mot: Path | str | None = None,
     calibration: Path | str | None = None,
     deadline_s: float = DEADLINE_S,
 ) -> Results:
@@ -64,12 +66,15 @@ def run(
     fresh: do again what an earlier run has done.
     kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
+    mot: likewise a folder of MOTChallenge's image sequences (`mot_suite`).
     calibration: a file of `roadscope calibrate`, which the fusion board believes.
     deadline_s: for a camera detector, fusion or odometry that is not ours on one episode, in a
         process of its own.
     """
     if kitti is not None:
         suite = kitti_suite(kitti)
+    if mot is not None:
+        suite = mot_suite(mot)
     suite = load_suite(suite) if isinstance(suite, str) else suite
     with prints_aside():
         given = "" if calibration is None else str(calibration)

@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from roadscope.benchmarks.boards.rows import FIRST_METRIC
-from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, OFFLINE
+from roadscope.benchmarks.recorded.recording import (
+    KITTI_BOARDS,
+    MOT_BOARDS,
+    OFFLINE,
+    RECORDED_BOARDS,
+)
 
 FULL = 76
 """Width from which on all main figures are shown."""
@@ -38,6 +43,17 @@ KITTI_COLUMNS: Columns = {
     "call_p50_ms": ("ms\np50", 2),
     "call_p99_ms": ("ms\np99", 2),
 }
+MOT_COLUMNS: Columns = {
+    **{
+        metric: KITTI_COLUMNS[metric]
+        for metric in (
+            "hota", OFFLINE, "det_a", "ass_a", "mota", "idf1", "id_switches", "fragmentations",
+        )
+    },
+    "samota": ("sAMOTA", 3),
+    "call_p50_ms": ("ms\np50", 2),
+    "call_p99_ms": ("ms\np99", 2),
+}  # fmt: skip
 
 COLUMNS: Mapping[str, Columns] = {
     "detection": {
@@ -129,6 +145,7 @@ COLUMNS: Mapping[str, Columns] = {
         "call_p99_ms": ("ms\np99", 1),
     },
     **dict.fromkeys(KITTI_BOARDS, KITTI_COLUMNS),
+    **dict.fromkeys(MOT_BOARDS, MOT_COLUMNS),
 }
 
 WIDER: Mapping[str, Sequence[str]] = {
@@ -148,6 +165,7 @@ WIDER: Mapping[str, Sequence[str]] = {
         "rpe", "call_p90_ms", "call_p99_ms", "dynamic_recall", "dynamic_precision", "degraded",
         "rpe_rotation", "error_max", "error_mean", "error_std", "false_motion_end", "error_min",
     ),
+    **dict.fromkeys(MOT_BOARDS, ("ass_a", "det_a", "fragmentations", "call_p99_ms")),
     **dict.fromkeys(
         KITTI_BOARDS,
         (
@@ -165,7 +183,7 @@ ENTRY = {
     "camera": "detector",
     "fusion": "fusion",
     "odometry": "odometry",
-    **dict.fromkeys(KITTI_BOARDS, "tracker"),
+    **dict.fromkeys(RECORDED_BOARDS, "tracker"),
 }
 
 Explained = Sequence[tuple[Sequence[str], str]]
@@ -185,6 +203,13 @@ KITTI_EXPLAINED: Explained = (
     (("heading_rmse_deg",), "head.: the same, front and rear told apart."),
     NEES_EXPLAINED,
     (("nees_in_band",), "in band: sequences whose NEES lies in its 95 % band, share."),
+    (("id_switches", "fragmentations"), "Counts: per sequence."),
+)
+
+MOT_EXPLAINED: Explained = (
+    (("hota",), "HOTA, MOTA, IDF1: image boxes, all sequences as one (MOTChallenge's rules)."),
+    ((OFFLINE,), "pass: online, or offline with all frames at hand."),
+    (("samota",), "sAMOTA: mean of sequences."),
     (("id_switches", "fragmentations"), "Counts: per sequence."),
 )
 
@@ -253,6 +278,7 @@ EXPLAINED: Mapping[str, Explained] = {
         (("dynamic_recall",), "dyn.: returns held to be of what moves."),
     ),
     **dict.fromkeys(KITTI_BOARDS, KITTI_EXPLAINED),
+    **dict.fromkeys(MOT_BOARDS, MOT_EXPLAINED),
 }
 """Metrics and what is said of them when one is shown."""
 
