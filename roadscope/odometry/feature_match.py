@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.odometry.features import Features
-from roadscope.odometry.lm_kernels import descend, distances, normal_equations
+from roadscope.odometry.lm_kernels import bisquare, descend, distances, normal_equations
 from roadscope.odometry.pair_kernels import Pairs, lines_of, planes_of
 from roadscope.odometry.rigid import inverse, log_se3, orthonormal
 from roadscope.odometry.ring_table import RingTable, ring_table
@@ -18,12 +18,8 @@ LOOKS = 15
 """So often neighbours are looked for at most."""
 SHIFT_M, TURN_RAD = 1e-4, 1e-5
 """The search ends with less; far below what two scans tell."""
-TUKEY = 4.685
-"""Robust deviations from which on a pair counts for nothing: the bisquare's for 95 % efficiency."""
 WIDER = (16.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 """From one look to the next, how much wider the bisquare is."""
-DEVIATION = 1.4826
-"""Standard deviations a median of absolute values (normal distribution)."""
 NOISE_M = 0.02
 """No feature is surer than a return's range noise."""
 
@@ -115,13 +111,8 @@ def _labels(labels: np.ndarray, same_label: bool) -> np.ndarray:
 
 def _weights(kinds: list[Pairs], pose: np.ndarray, wider: float = 1.0) -> np.ndarray:
     """Return the weight of each pair, 1/m^2: its kind's certainty by the bisquare."""
-    each = [np.empty(0)]
-    for pairs in kinds:
-        away = distances(pairs, pose)
-        deviation = max(DEVIATION * float(np.median(away)), NOISE_M) if len(away) else NOISE_M
-        share = np.minimum(away / (wider * TUKEY * deviation), 1.0)
-        each.append(((1 - share**2) / deviation) ** 2)
-    return np.concatenate(each)
+    each = [bisquare(distances(pairs, pose), NOISE_M, wider) for pairs in kinds]
+    return np.concatenate([np.empty(0), *each])
 
 
 def _told(kinds: list[Pairs], pose: np.ndarray) -> FeatureMatch:

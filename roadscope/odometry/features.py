@@ -8,7 +8,6 @@ so many at most; what is beside an occlusion or lies along the beam is left out.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -106,13 +105,14 @@ def extract(
     points: np.ndarray, ring: np.ndarray, column: np.ndarray, labels: np.ndarray, *,
     rough: np.ndarray | None = None, limits: Limits = LIMITS, by_cluster: bool = False,
     leave_out: bool = True, edge_rows: np.ndarray | None = None,
+    flat_rows: np.ndarray | None = None,
 ) -> Features:  # fmt: skip
     """Return the features of (N, 3) points with (N,) ring, column and label.
 
     labels: negative for returns that give no features. rough: (N,); None: among neighbours on
         the ring. by_cluster: the limits hold for each cluster rather than each sector of a ring.
-    leave_out: without what is beside occlusions or along the beam. edge_rows: (N,) bool, which
-        may be edges; None: all.
+    leave_out: without what is beside occlusions or along the beam. edge_rows, flat_rows: (N,)
+        bool, which may be edges, and planes that are matched; None: all.
     """
     sweep = sweep_of(points, ring, column)
     rough = roughness_along(sweep, NEIGHBOURS) if rough is None else rough
@@ -127,8 +127,9 @@ def extract(
         sweep, rough, for_edges, groups, (limits.edges, limits.edge_above, 1.0, NEIGHBOURS)
     )
     usable &= for_edges | ~taken
+    for_flat = usable.copy() if flat_rows is None else usable & flat_rows
     flat, _ = picked(
-        sweep, rough, usable.copy(), groups, (limits.flat, limits.plane_below, -1.0, NEIGHBOURS)
+        sweep, rough, for_flat, groups, (limits.flat, limits.plane_below, -1.0, NEIGHBOURS)
     )
     planes = _planes(sweep, rough, usable, groups, limits)
     planes = np.concatenate([flat, planes[~np.isin(planes, flat)]])
@@ -150,13 +151,21 @@ def _planes(
     rows = np.flatnonzero(smooth)
     places, starts = groups
     if limits.planes < np.diff(starts).max(initial=0):
-        each = [sweep.order[places[a:b]] for a, b in pairwise(starts)]
-        rows = np.concatenate([_smoothest(own, rough, smooth, limits.planes) for own in each])
+        rows = _smoothest(sweep.order[places], starts, (rough, smooth), limits.planes)
     if limits.thin_m > 0:
         rows = rows[thinned(sweep.points[rows], limits.thin_m, (0.0, np.inf))]
     return rows
 
 
-def _smoothest(rows: np.ndarray, rough: np.ndarray, smooth: np.ndarray, most: int) -> np.ndarray:
-    rows = rows[smooth[rows]]
-    return rows[np.argsort(rough[rows], kind="stable")[:most]]
+def _smoothest(
+    rows: np.ndarray, starts: np.ndarray, known: tuple[np.ndarray, np.ndarray], most: int
+) -> np.ndarray:
+    """Return the smoothest rows of each group, so many at most, that are smooth."""
+    rough, smooth = known
+    group = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    rows, group = rows[smooth[rows]], group[smooth[rows]]
+    order = np.lexsort((rough[rows], group))
+    rows, group = rows[order], group[order]
+    rank = np.arange(len(rows)) - np.searchsorted(group, group)
+    kept: np.ndarray = rows[rank < most]
+    return kept

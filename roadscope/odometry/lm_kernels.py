@@ -10,6 +10,10 @@ from roadscope.odometry.pair_kernels import Pairs
 STEPS = 4
 """Steps between two looks for neighbours."""
 FIRST_LAMBDA, SHRUNK, RAISED = 1e-4, 0.3, 10.0
+TUKEY = 4.685
+"""Robust deviations from which on a pair counts for nothing: the bisquare's for 95 % efficiency."""
+DEVIATION = 1.4826
+"""Standard deviations a median of absolute values (normal distribution)."""
 FLOOR = 1e-9
 """Added to the diagonal, so that what no pair holds stays where it is."""
 
@@ -22,6 +26,22 @@ def distances(pairs: Pairs, matrix: np.ndarray) -> np.ndarray:
         _off(pairs, matrix, n, off)
         away[n] = np.sqrt(off[0] * off[0] + off[1] * off[1])
     return away
+
+
+@compiled()
+def bisquare(away: np.ndarray, least: float, wider: float) -> np.ndarray:
+    """Return the weights, (K,) 1/m^2, of pairs by their distances: Tukey's bisquare.
+
+    Their scatter is told by the median, but is `least` at least. wider: than 95 % efficiency asks.
+    """
+    weights = np.empty(len(away))
+    if len(away) == 0:
+        return weights
+    deviation = max(DEVIATION * np.median(away), least)
+    for n in range(len(away)):
+        share = min(away[n] / (wider * TUKEY * deviation), 1.0)
+        weights[n] = ((1.0 - share * share) / deviation) ** 2
+    return weights
 
 
 @compiled()

@@ -33,10 +33,24 @@ def exp_so3(turn: np.ndarray) -> np.ndarray:
 
 def log_so3(rotation: np.ndarray) -> np.ndarray:
     """Return the (3,) rotation vector, radians, up to half a turn."""
-    from scipy.spatial.transform import Rotation
-
-    vector: np.ndarray = Rotation.from_matrix(rotation).as_rotvec()
-    return vector
+    rows: list[list[float]] = rotation.tolist()
+    trace = rows[0][0] + rows[1][1] + rows[2][2]
+    most = max(trace, rows[0][0], rows[1][1], rows[2][2])
+    w = 1.0 + trace
+    vector = [rows[2][1] - rows[1][2], rows[0][2] - rows[2][0], rows[1][0] - rows[0][1]]
+    if most > trace:
+        # Near half a turn the difference of the sides vanishes: the quaternion's largest part
+        # is taken from the diagonal (Shepperd 1978).
+        i = [rows[k][k] for k in range(3)].index(most)
+        j, k = (i + 1) % 3, (i + 2) % 3
+        w = vector[i]
+        vector[i] = 1.0 + rows[i][i] - rows[j][j] - rows[k][k]
+        vector[j], vector[k] = rows[j][i] + rows[i][j], rows[k][i] + rows[i][k]
+    if w < 0:
+        w, vector = -w, [-v for v in vector]
+    sine = math.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+    scale = 2 * math.atan2(sine, w) / sine if sine > 0 else 0.0
+    return np.array([scale * v for v in vector])
 
 
 def exp_se3(twist: np.ndarray) -> np.ndarray:

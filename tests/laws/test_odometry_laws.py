@@ -18,7 +18,7 @@ READ_NO_IMU = {"still"}
 FOLLOW = {
     "scan-to-scan": (0.5, 0.02), "voxel-map": (0.1, 0.01), "kiss-icp": (1.3, 0.03),
     "small-gicp-scan": (0.3, 0.02), "small-gicp": (0.3, 0.02), "genz-icp": (0.3, 0.02),
-    "rko-lio": (0.5, 0.02),
+    "rko-lio": (0.5, 0.02), "lego-loam": (0.4, 0.02), "lego-loam-loop": (0.4, 0.02),
 }  # fmt: skip
 """How far off, in metres and radians, those that look may be after a dozen scans, 9 m."""
 SLOW_M_S = {"rko-lio": 1.0}

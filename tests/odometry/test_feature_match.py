@@ -7,16 +7,20 @@ from toy_drive import Drive, kept
 
 from roadscope.odometry.cloud_kernels import deskewed
 from roadscope.odometry.feature_match import (
-    DEVIATION,
     NOISE_M,
-    TUKEY,
     _weights,
     joined,
     match_features,
     settle,
 )
 from roadscope.odometry.features import extract
-from roadscope.odometry.lm_kernels import distances, moved, normal_equations
+from roadscope.odometry.lm_kernels import (
+    DEVIATION,
+    TUKEY,
+    distances,
+    moved,
+    normal_equations,
+)
 from roadscope.odometry.pair_kernels import Pairs
 from roadscope.odometry.rigid import exp_se3, log_se3
 

@@ -2,10 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
 from roadscope.odometry.eigen_kernels import eigen3
-from roadscope.odometry.rigid import adjoint, exp_se3, inverse, log_se3, orthonormal
+from roadscope.odometry.rigid import (
+    adjoint,
+    exp_se3,
+    exp_so3,
+    inverse,
+    log_se3,
+    log_so3,
+    orthonormal,
+)
 
 
 @pytest.fixture
@@ -18,6 +27,16 @@ def test_logarithm_undoes_exponential(rng, size):
     for _ in range(20):
         twist = size * rng.standard_normal(6)
         assert log_se3(exp_se3(twist)) == pytest.approx(twist, abs=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 2.0, 3.1, np.pi - 1e-7, np.pi])
+def test_turns_up_to_half_a_turn_are_scipys(rng, angle):
+    for axis in [*np.eye(3), *rng.standard_normal((30, 3))]:
+        turn = angle * axis / np.linalg.norm(axis)
+        found, known = log_so3(exp_so3(turn)), Rotation.from_matrix(exp_so3(turn)).as_rotvec()
+        # Half a turn either way is the same.
+        either = found if found @ known >= 0 else -found
+        assert (either if angle > 3.14 else found) == pytest.approx(known, abs=1e-8)
 
 
 def test_inverse_adjoint_and_repair(rng):

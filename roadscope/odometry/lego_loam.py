@@ -1,0 +1,104 @@
+"""Lightweight and ground-optimised LiDAR odometry and mapping (Shan and Englot 2018).
+
+T. Shan and B. Englot, "LeGO-LOAM: lightweight and ground-optimized lidar odometry and mapping on
+variable terrain", IROS 2018. Written from the paper. An IMU, where there is one, predicts each
+motion as in `zhang2022`, so that the two differ in what they do with scans alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.odometry.clock import Clock
+from roadscope.odometry.estimates import estimate
+from roadscope.odometry.features import Features
+from roadscope.odometry.imu_prediction import ImuPrediction
+from roadscope.odometry.interpolation import deskewed_between
+from roadscope.odometry.lego_mapping import LegoMapping
+from roadscope.odometry.lego_segments import LEAST, Kept, features_of, kept_of
+from roadscope.odometry.progress import LEAST_PAIRS, Progress
+from roadscope.odometry.two_step import match_two_steps
+
+
+class LegoLoamOdometry:
+    """Ground planes tell height, roll and pitch from scan to scan, edges the rest; a map refines.
+
+    min_points: smaller objects are dropped. map_every: so many scans to a look at the map; five
+        is the paper's 2 Hz. reach_m: how far the map goes. loop: places that are seen again move
+        the whole way behind (the pose told then leaps; earlier ones were told already).
+    """
+
+    def __init__(
+        self, *, min_points: int = LEAST, map_every: int = 5, reach_m: float = 100.0,
+        loop: bool = False,
+    ) -> None:  # fmt: skip
+        for name, value in (("min_points", min_points), ("map_every", map_every)):
+            if value < 1:
+                raise ValueError(f"{name} must be 1 or more, got {value!r}")
+        if not reach_m > 0:
+            raise ValueError(f"reach_m must be above 0, got {reach_m!r}")
+        self.min_points, self.map_every = min_points, map_every
+        self.reach_m, self.loop = reach_m, loop
+        self.reset()
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget pose, speed, the last scan and the map."""
+        self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
+        self._progress = Progress(self._imu)
+        self._mapping = LegoMapping(reach_m=self.reach_m, loop=self.loop)
+        self._before: tuple[Kept, Features] | None = None
+        self._matched = 0
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Match the scan with the one before, and at times with the map."""
+        self._imu.add(imu)
+        tick = self._clock.tick(scan.stamp_s)
+        if not tick.in_order:
+            return self._told(scan, tick.reason)
+        kept = kept_of(scan, least=self.min_points)
+        since_s = self._progress.since(scan.stamp_s)
+        predicted = self._progress.predicted(scan.stamp_s)
+        if self._before is not None and not self._progress.begun:
+            predicted = self._begin(kept, since_s, predicted)
+        features = features_of(kept, _straight(kept, predicted, since_s))
+        poor = poverty(kept, features)
+        if poor or self._before is None:
+            self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
+            self._before = self._before if poor else (kept, features)
+            return self._told(scan, tick.reason or poor)
+        found = match_two_steps(features, self._before[1], predicted)
+        reason = self._progress.step(predicted, found, scan.stamp_s)
+        motion = predicted if reason else found.before_from_now
+        self._before = kept, features.at(_straight(kept, motion, since_s))
+        if self._matched % self.map_every == 0:
+            self._mapping.take(self._before[1], self._progress.pose)
+        self._matched += 1
+        return self._told(scan, tick.reason or reason)
+
+    def _begin(self, kept: Kept, since_s: float, predicted: np.ndarray) -> np.ndarray:
+        """Return the first motion, (4, 4), which also takes the first sweep's own motion out."""
+        assert self._before is not None
+        first, before = self._before
+        now = features_of(kept, _straight(kept, predicted, since_s))
+        motion = match_two_steps(now, before, predicted).before_from_now
+        self._before = first, features_of(first, _straight(first, motion, since_s))
+        return motion
+
+    def _told(self, scan: LidarScan, reason: str) -> OdometryEstimate:
+        pose = self._mapping.map_from_start @ self._progress.pose
+        return estimate(pose, self._progress.covariance, scan.stamp_s, len(scan), reason)
+
+
+def poverty(kept: Kept, features: Features) -> str:
+    """Say why a scan cannot tell where it was taken; empty if it may."""
+    if features.sharp + features.flat < LEAST_PAIRS:
+        return f"{features.sharp + features.flat} features"
+    if kept.ring.min() == kept.ring.max():
+        return "returns of one ring alone"
+    return ""
+
+
+def _straight(kept: Kept, motion: np.ndarray, since_s: float) -> np.ndarray:
+    """Return the (N, 3) points as seen at the stamp, the sweep's own motion taken out."""
+    return deskewed_between(kept.points, kept.times_s, motion, since_s)
