@@ -43,6 +43,10 @@ By = Annotated[
         "(all), alpha or sequence (--kitti, --mot)."
     ),
 ]
+Seeds = Annotated[
+    int | None,
+    typer.Option(min=1, help="So many of the suite's seeds, the first, for a quick look."),
+]
 Out = Annotated[
     Path | None,
     typer.Option(help="Folder for leaderboard.json, .csv, .md, .tex and the results database."),
@@ -95,6 +99,7 @@ def leaderboard(
     entry: Entry = None,
     only: Only = False,
     by: By = None,
+    seeds: Seeds = None,
     jobs: Jobs = 0,
     out: Out = None,
     fresh: Fresh = False,
@@ -120,6 +125,8 @@ def leaderboard(
     conditions = _conditions(suite or _usual(board), kitti, mot)
     if detections:
         conditions = _given(conditions, detections)
+    if seeds is not None:
+        conditions = _fewer(conditions, seeds)
     boards = boards_of(conditions) if board is None else (board,)
     _check_tracks(tracks, kitti or mot)
     _refuse_idle(boards, calibration, detections)
@@ -170,6 +177,17 @@ def _recorded_boards(kitti: Path | None, mot: Path | None) -> tuple[str, ...]:
     from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, MOT_BOARDS
 
     return (KITTI_BOARDS if kitti else ()) + (MOT_BOARDS if mot else ())
+
+
+def _fewer(suite: Any, seeds: int) -> Any:
+    """Return the suite with its first seeds alone; what is done of these need not be done again."""
+    from dataclasses import replace
+
+    from roadscope.benchmarks.recorded.suite import RecordedSuite
+
+    if isinstance(suite, RecordedSuite):
+        raise ValueError("--seeds is for simulated traffic; recorded sequences have none")
+    return replace(suite, seeds=suite.seeds[:seeds])
 
 
 def _conditions(suite: str, kitti: Path | None, mot: Path | None) -> Any:

@@ -216,7 +216,7 @@ def test_the_command_line_shows_the_board(tmp_path, suite, results, monkeypatch)
         said = CliRunner().invoke(
             app,
             ["leaderboard", "odometry", "--suite", str(tmp_path / "tiny.toml"), "--by", by,
-             "--jobs", "1", "--out", str(tmp_path / "out"), "--entry", GOOD],
+             "--jobs", "1", "--seeds", "1", "--out", str(tmp_path / "out"), "--entry", GOOD],
             env={"COLUMNS": "80"},
         )  # fmt: skip
         assert said.exit_code == 0, said.output
