@@ -189,7 +189,7 @@ def test_pedestrians_and_cars_are_never_one():
 
 
 def test_traits_that_are_none_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="known: kitti-pointrcnn, roadscope, unknown"):
+    with pytest.raises(ValueError, match="known: fused, kitti-pointrcnn, roadscope, unknown"):
         ExistenceTracker(traits="mine")
     shipped = (learned.FOLDER / "roadscope.toml").read_text()
     path = tmp_path / "mine.toml"

@@ -50,6 +50,8 @@ MOST_LASTING = 0.9
 """Something is new in every tick."""
 LEAST = 0.01
 """Of every standard deviation."""
+TINY = 1e-9
+"""Where nothing errs."""
 DECILES = np.linspace(0, 1, 11)
 STEPS = 100
 LONGEST_STEP = 0.25
@@ -91,6 +93,7 @@ def lasting(echoes: np.ndarray) -> tuple[float, float]:
     for lag in LAGS_S:
         first, second = np.split(echoes[echoes[:, 0] == lag, 1:], 2, axis=1)
         scale = np.sqrt((first**2).mean(axis=0) * (second**2).mean(axis=0)) if len(first) else 1.0
+        scale = np.maximum(scale, TINY)
         likeness.append(float(((first * second) / scale).mean()) if len(first) else 0.0)
     short, long = np.clip(likeness, LEAST, 1 - LEAST)
     time_s = float(np.clip(np.diff(LAGS_S)[0] / np.log(max(short / long, 1.01)), *LASTING_S))
@@ -115,7 +118,9 @@ def spread(errors: np.ndarray, ranges_m: np.ndarray) -> tuple[float, np.ndarray]
     for growth in GROWTHS:
         factor = 1 + growth * ranges_m
         sigmas = np.sqrt(((errors / factor[:, None]) ** 2).mean(axis=0))
-        likelihood = -np.log(sigmas).sum() - errors.shape[1] * np.log(factor).mean()
+        likelihood = (
+            -np.log(np.maximum(sigmas, TINY)).sum() - errors.shape[1] * np.log(factor).mean()
+        )
         if likelihood > best[0]:
             best = (likelihood, float(growth), sigmas)
     return best[1], best[2]
