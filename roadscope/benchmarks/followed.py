@@ -1,37 +1,157 @@
-"""An odometry on a folder of scans."""
+"""An odometry on a folder of scans, beside the truth where there is one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from roadscope.benchmarks.formats.scan_folder import ScanFolder
-from roadscope.benchmarks.formats.trajectories import trajectory_text
-from roadscope.core import OdometryEstimate
+from roadscope.benchmarks.formats.table import FormatError, read_lines
+from roadscope.benchmarks.formats.trajectories import (
+    TUM_COLUMNS,
+    Trajectory,
+    read_trajectory,
+    trajectory_text,
+)
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry import ODOMETRIES
 
 
-def followed(folder: ScanFolder, odometry: str) -> Iterator[OdometryEstimate]:
-    """Yield what an odometry, named by its spec, tells of one scan after the other; no IMU.
+@dataclass(frozen=True, slots=True)
+class Inertial:
+    """All samples of a recording, and how the IMU is mounted; None: its frame is the LiDAR's.
+
+    path: where they come from.
+    """
+
+    samples: ImuSamples
+    lidar_from_imu: Pose | None = None
+    path: Path = Path("imu")
+
+    def check(self, stamps_s: Sequence[float]) -> None:
+        """Refuse samples of another time than the scans'."""
+        stamps = self.samples.stamps_s
+        if stamps.max() < stamps_s[0] or stamps.min() > stamps_s[-1]:
+            raise FormatError(
+                f"{self.path}: expected samples from {stamps_s[0]:.3f} to {stamps_s[-1]:.3f} s, "
+                f"when scans were taken, got {stamps.min():.3f} to {stamps.max():.3f} s"
+            )
+
+    def until(self, begin: int, end_s: float) -> tuple[ImuSamples, int]:
+        """Return the samples from a number on up to a time, and the number of the next."""
+        later = np.flatnonzero(self.samples.stamps_s[begin:] > end_s)
+        end = begin + int(later[0]) if len(later) else len(self.samples.stamps_s)
+        arrays = (self.samples.stamps_s, self.samples.angular_velocity,
+                  self.samples.specific_force)  # fmt: skip
+        return ImuSamples(*(array[begin:end].copy() for array in arrays)), end
+
+
+def followed(
+    folder: ScanFolder, odometry: str, inertial: Inertial | None = None
+) -> Iterator[OdometryEstimate]:
+    """Yield what an odometry, named by its spec, tells of one scan after the other.
 
     A spec that names none is refused before anything is read.
     """
     running = ODOMETRIES.make(odometry)
-    running.reset()
-    return (running.update(scan, None) for scan in folder)
+    running.reset(inertial.lidar_from_imu if inertial else None)
+    return (running.update(scan, imu) for scan, imu in _joined(folder, inertial))
+
+
+def _joined(
+    folder: ScanFolder, inertial: Inertial | None
+) -> Iterator[tuple[LidarScan, ImuSamples | None]]:
+    """Yield scans with the samples up to the ends of their sweeps."""
+    begin, imu = 0, None
+    for scan in folder:
+        if inertial is not None:
+            end_s = scan.stamp_s + float(scan.time_offset_s.max(initial=0))
+            imu, begin = inertial.until(begin, end_s)
+        yield scan, imu
 
 
 def write_followed(
-    folder: ScanFolder, odometry: str, out: Path, form: str = "kitti"
-) -> Iterator[OdometryEstimate]:
+    folder: ScanFolder, odometry: str, out: Path, form: str = "kitti",
+    inertial: Inertial | None = None,
+) -> Iterator[OdometryEstimate]:  # fmt: skip
     """Yield likewise, and write each pose as soon as it is known: what is done stays.
 
     Poses are the LiDAR's in its first frame, x ahead, y left, z up, whatever the format.
     """
-    estimates = followed(folder, odometry)
+    estimates = followed(folder, odometry, inertial)
     trajectory_text(form, (), ())
     with out.open("w", encoding="utf-8") as file:
         for told in estimates:
             file.write(trajectory_text(form, (told.start_from_lidar,), (told.stamp_s,)))
             file.flush()
             yield told
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """True poses of scans, (4, 4) in a frame of their own; None where the file tells nothing."""
+
+    poses: tuple[np.ndarray | None, ...]
+
+    @staticmethod
+    def read(path: Path, stamps_s: Sequence[float]) -> Truth:
+        """Read KITTI's poses, one a scan, or TUM's, brought to the stamps of the scans."""
+        lines = (line.split() for line in read_lines(path))
+        first = next((words for words in lines if words and not words[0].startswith("#")), [])
+        if len(first) == len(TUM_COLUMNS):
+            return Truth(_brought(read_trajectory(path, "tum"), stamps_s, path))
+        poses = read_trajectory(path, "kitti").poses
+        if len(poses) != len(stamps_s):
+            raise FormatError(f"{path}: expected {len(stamps_s)} poses, one a scan, "
+                              f"got {len(poses)}")  # fmt: skip
+        return Truth(tuple(pose.matrix for pose in poses))
+
+
+def _brought(
+    found: Trajectory, stamps_s: Sequence[float], path: Path
+) -> tuple[np.ndarray | None, ...]:
+    """Return poses at the stamps that lie between two of a file."""
+    known = np.array(found.stamps_s)
+    brought: list[np.ndarray | None] = []
+    for stamp_s in stamps_s:
+        k = int(np.searchsorted(known, stamp_s, side="right")) - 1
+        if k < 0 or k >= len(known) or (k == len(known) - 1 and known[k] < stamp_s):
+            brought.append(None)
+        elif known[k] == stamp_s:
+            brought.append(found.poses[k].matrix)
+        else:
+            share = float((stamp_s - known[k]) / (known[k + 1] - known[k]))
+            brought.append(found.poses[k].interpolate(found.poses[k + 1], share).matrix)
+    if sum(pose is not None for pose in brought) < 2:
+        raise FormatError(
+            f"{path}: expected poses from {stamps_s[0]:.3f} to {stamps_s[-1]:.3f} s, when scans "
+            f"were taken, got {f'{known[0]:.3f} to {known[-1]:.3f} s' if len(known) else 'none'}"
+        )
+    return tuple(brought)
+
+
+def compared(poses: Sequence[Pose], truth: Truth) -> str:
+    """Say in a line how far off poses are: the first of them may be fewer than the truth's."""
+    from roadscope.benchmarks.metrics.odometry import (
+        KITTI_M,
+        SHORT_M,
+        Trajectories,
+        absolute_errors,
+        drift,
+    )
+
+    pairs = [(p.matrix, t) for p, t in zip(poses, truth.poses, strict=False) if t is not None]
+    both = Trajectories(np.array([p for p, _ in pairs]), np.array([t for _, t in pairs]))
+    way_m = float(both.distances[-1])
+    lengths = KITTI_M if way_m > KITTI_M[-1] else SHORT_M
+    found = drift(both, lengths, every=10 if lengths is KITTI_M else 1)
+    drifts = (
+        f"t_rel {found.t_rel:.2f} %, r_rel {found.r_rel:.2f} deg/100m over "
+        f"{lengths[0]:g} to {lengths[-1]:g} m"
+        if len(found) else f"too short for t_rel over {lengths[0]:g} m"
+    )  # fmt: skip
+    ate_m, end_m = absolute_errors(both, "se3").rmse_m, absolute_errors(both, "origin").end_m
+    return f"{way_m:.1f} m: ATE {ate_m:.3f} m, at the end {end_m:.3f} m off, {drifts}"

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from roadscope.commands.terminal import complain, headline, progress_bars, show
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks.followed import Inertial
+    from roadscope.benchmarks.formats.scan_folder import ScanFolder
+    from roadscope.core import Pose
+
+NO_IMU = "none"
 
 
 def run_odometry(
@@ -23,30 +30,77 @@ def run_odometry(
     rate_hz: Annotated[
         float, typer.Option(help="Scans a second, where DIR has no times.txt.")
     ] = 10.0,
+    imu: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR "
+            "or beside it if not given; none: no IMU.",
+        ),
+    ] = None,
+    mounting: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z,ROLL,PITCH,YAW",
+            help="Where the IMU sits in the LiDAR's frame, metres and degrees.",
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="True poses of the LiDAR, as KITTI or TUM, to compare."),
+    ] = None,
 ) -> None:
     """Tell from a folder of scans how the LiDAR moved.
 
-    Poses are the LiDAR's in its first frame, x ahead, y left, z up. After Ctrl-C those that are
-    known are kept.
+    Scans are stamped with the middle of their sweep, by times.txt in DIR or beside it, one number
+    of seconds a line. Poses are the LiDAR's in its first frame, x ahead, y left, z up. After
+    Ctrl-C those that are known are kept.
     """
-    from roadscope.benchmarks.followed import write_followed
+    from roadscope.benchmarks.followed import Truth, compared, write_followed
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
 
     scans = ScanFolder.find(folder, rate_hz=rate_hz)
+    inertial = _inertial(folder, scans, imu, mounting)
+    true = Truth.read(truth, scans.stamps_s) if truth else None
+    if inertial is not None:
+        complain(f"with {len(inertial.samples.stamps_s)} inertial samples of {inertial.path}")
     reasons: Counter[str] = Counter()
-    done = 0
+    poses: list[Pose] = []
     try:
         with progress_bars() as progress:
-            for told in write_followed(scans, odometry, out, format):
-                done += 1
+            for told in write_followed(scans, odometry, out, format, inertial):
+                poses.append(told.start_from_lidar)
                 reasons.update([told.reason] if told.reason else [])
-                progress("scans", done, len(scans))
+                progress("scans", len(poses), len(scans))
     except KeyboardInterrupt:
-        complain(f"{done} of {len(scans)} poses are kept in {out}")
+        complain(f"{len(poses)} of {len(scans)} poses are kept in {out}")
         raise
-    pose = told.start_from_lidar
-    x, y, z = pose.translation
-    headline(f"{odometry}: {done} scans, from the first to the last {x:.2f} {y:.2f} {z:.2f} m")
+    x, y, z = poses[-1].translation
+    headline(
+        f"{odometry}: {len(poses)} scans, from the first to the last {x:.2f} {y:.2f} {z:.2f} m"
+    )
     if reasons:
         show(f"degraded in {reasons.total()} scans, mostly: {reasons.most_common(1)[0][0]}")
+    if true is not None:
+        typer.echo(f"beside {truth}: {compared(poses, true)}")
     typer.echo(f"written: {out}")
+
+
+def _inertial(
+    folder: Path, scans: ScanFolder, given: str | None, mounting: str | None
+) -> Inertial | None:
+    """Read the samples that are named or lie beside the scans."""
+    from roadscope.benchmarks.followed import Inertial
+    from roadscope.benchmarks.formats.imu_file import NAMES, find_imu, parse_mounting, read_imu
+    from roadscope.benchmarks.formats.table import FormatError
+
+    mounted = parse_mounting(mounting) if mounting else None
+    path = find_imu(folder) if given is None else Path(given)
+    if path is None or given == NO_IMU:
+        if mounted is not None:
+            raise FormatError(f"a mounting is of an IMU: expected {' or '.join(NAMES)} in or "
+                              f"beside {folder}, or --imu FILE")  # fmt: skip
+        return None
+    inertial = Inertial(read_imu(path), mounted, path)
+    inertial.check(scans.stamps_s)
+    return inertial

@@ -1,12 +1,19 @@
 """An odometry on a folder of scans, by function and by command."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
+
 import numpy as np
 import pytest
-from toy_drive import driven
+from toy_drive import Drive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks.formats.trajectories import read_trajectory
+from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
+from roadscope.core import Pose
 
 RUNNER = CliRunner()
 
@@ -64,3 +71,147 @@ def test_what_is_wrong_is_said_and_nothing_written(folder, options, message):
     assert done.exit_code != 0
     assert message in str(done.exception)
     assert not out.exists()
+
+
+MOUNTED = Pose.from_euler(0, 0, 0, yaw=np.pi / 2)
+
+
+@pytest.fixture
+def recording(folder):
+    """The scans with times, samples of an IMU that is turned, and the truth in both formats."""
+    stamps = [0.05 + 0.1 * k for k in range(6)]
+    (folder / "times.txt").write_text("".join(f"{s:.9f}\n" for s in stamps))
+    blocks = [imu for _, imu in driven(6)[1]]
+    back = MOUNTED.rotation
+    rows = np.vstack([
+        np.column_stack([i.stamps_s, i.angular_velocity @ back, i.specific_force @ back])
+        for i in blocks
+    ])  # fmt: skip
+    np.savetxt(folder / "imu.csv", rows, delimiter=",", header="stamp,wx,wy,wz,ax,ay,az",
+               comments="")  # fmt: skip
+    truth = [Pose(Drive().pose(s)) for s in np.arange(0, 0.7, 0.05)]
+    times = np.arange(0, 0.7, 0.05).tolist()
+    (folder / "truth.tum").write_text(trajectory_text("tum", truth, times))
+    (folder / "truth.kitti").write_text(trajectory_text("kitti", truth[1:12:2], stamps))
+    return folder
+
+
+def command(folder, *options, **kept):
+    """Run the command in a process of its own, 80 columns wide."""
+    line = [sys.executable, "-m", "roadscope", "run-odometry", str(folder), *options]
+    return subprocess.run(line, capture_output=True, text=True, cwd=folder, timeout=120,
+                          env=os.environ | {"COLUMNS": "80"} | kept)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["truth.tum", "truth.kitti"])
+def test_imu_mounting_and_truth(recording, name):
+    done, _ = follow(recording, "--mounting", "0,0,0,0,0,90", "--truth", str(recording / name))
+    assert done.exit_code == 0, done.output
+    assert f"with 240 inertial samples of {recording / 'imu.csv'}" in done.stderr
+    assert f"beside {recording / name}: 4.0 m: ATE 0.0" in done.stdout
+    assert "too short for t_rel over 50 m" in done.stdout
+
+
+TELLING = """
+from dataclasses import replace
+from roadscope.core import Pose
+from roadscope.odometry.still import StillOdometry
+
+class Telling(StillOdometry):
+    def reset(self, lidar_from_imu=None):
+        super().reset(lidar_from_imu)
+        self.yaw, self.count = lidar_from_imu.yaw if lidar_from_imu else 0.0, 0
+
+    def update(self, scan, imu=None):
+        late = imu is not None and imu.stamps_s[-1] > scan.stamp_s + 0.05
+        self.count += -1 if imu is None else 1000 * late + len(imu.stamps_s)
+        return replace(super().update(scan, imu), start_from_lidar=Pose.planar(
+            self.count, 0.0, self.yaw))
+"""
+
+
+def test_samples_and_mounting_are_handed_on(recording):
+    plugin = recording / "telling.py"
+    plugin.write_text(TELLING)
+
+    def told(*options):
+        done, out = follow(recording, "--odometry", f"{plugin}:Telling", *options)
+        assert done.exit_code == 0, done.output
+        poses = read_trajectory(out, "kitti").poses
+        return [round(p.translation[0]) for p in poses], poses[-1].yaw
+
+    counts, yaw = told("--mounting", "1 0 0 0 0 90")
+    assert counts == [40 * k for k in range(1, 7)]
+    assert yaw == pytest.approx(np.pi / 2)
+    assert told()[1] == 0
+    assert told("--imu", "none") == ([-1, -2, -3, -4, -5, -6], 0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--imu", "imo.csv"], "imo.csv: cannot be read: No such file"),
+        (["--imu", "none", "--mounting", "0,0,0,0,0,0"], "a mounting is of an IMU: expected"),
+        (["--imu", "late.csv"], "expected samples from 0.050 to 0.550 s, when scans were taken"),
+        (["--truth", "times.txt"], "times.txt, line 1: expected 12 columns"),
+        (["--truth", "short.kitti"], "short.kitti: expected 6 poses, one a scan, got 1"),
+        (["--truth", "nothing.tum"], "nothing.tum: cannot be read"),
+    ],
+)
+def test_what_is_wrong_beside_the_scans_is_said(recording, options, message):
+    rows = np.loadtxt(recording / "imu.csv", delimiter=",", skiprows=1)
+    np.savetxt(recording / "late.csv", rows + 100 * np.eye(1, 7), delimiter=",")
+    first = (recording / "truth.kitti").read_text().splitlines()[0]
+    (recording / "short.kitti").write_text(first + "\n")
+    done = command(recording, *options)
+    assert done.returncode != 0
+    assert message in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (recording / "poses.txt").exists()
+
+
+def test_as_a_stranger_runs_it(recording):
+    done = command(recording, "--odometry", "still", "--truth", "truth.tum")
+    assert done.returncode == 0, done.stderr
+    assert "written: poses.txt" in done.stdout
+    assert len(read_trajectory(recording / "poses.txt", "kitti").poses) == 6
+    (recording / "empty").mkdir()
+    done = command(recording / "empty")
+    assert done.returncode != 0
+    assert "expected files .bin, .pcd, .npy, got nothing" in done.stderr
+    told = command(recording, "--help").stdout
+    assert "--mounting" in told
+    assert max(map(len, told.splitlines())) <= 80
+
+
+SLOW = """
+import time
+from roadscope.odometry.still import StillOdometry
+
+class Slow(StillOdometry):
+    def update(self, scan, imu=None):
+        time.sleep(2 if scan.stamp_s > 0.2 else 0)
+        return super().update(scan, imu)
+"""
+
+
+def test_ctrl_c_keeps_poses(recording):
+    (recording / "slow.py").write_text(SLOW)
+    line = [sys.executable, "-m", "roadscope", "run-odometry", ".", "--odometry", "slow.py:Slow"]
+    running = subprocess.Popen(line, cwd=recording, stderr=subprocess.PIPE, text=True)
+    out = recording / "poses.txt"
+    try:
+        for _ in range(600):
+            if out.exists() and len(out.read_text().splitlines()) == 2:
+                break
+            running.poll()
+            assert running.returncode is None
+            time.sleep(0.1)
+        running.send_signal(signal.SIGINT)
+        _, told = running.communicate(timeout=60)
+    finally:
+        running.kill()
+    assert running.returncode == 130
+    assert "2 of 6 poses are kept in poses.txt" in told
+    assert "Traceback" not in told
+    assert len(read_trajectory(out, "kitti").poses) == 2

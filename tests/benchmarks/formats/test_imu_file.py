@@ -1,0 +1,71 @@
+"""Files of inertial samples."""
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.formats.imu_file import find_imu, parse_mounting, read_imu
+from roadscope.benchmarks.formats.table import FormatError
+
+ROWS = np.column_stack([10 + 0.0025 * np.arange(5), np.tile([0.1, 0.2, 0.3, 1, 2, 9.8], (5, 1))])
+
+
+def written(path, rows=ROWS, head="", separator=" ", stamps="%.9f"):
+    np.savetxt(path, rows, [stamps] + ["%.9g"] * 6, separator, header=head, comments="")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("head", "separator"),
+    [("", " "), ("", ","), ("stamp,wx,wy,wz,ax,ay,az", ","), ("# s rad/s m/s^2", " ")],
+)
+def test_samples_are_read(tmp_path, head, separator):
+    found = read_imu(written(tmp_path / "imu.csv", head=head, separator=separator))
+    assert found.stamps_s == pytest.approx(ROWS[:, 0])
+    assert found.angular_velocity == pytest.approx(ROWS[:, 1:4])
+    assert found.specific_force == pytest.approx(ROWS[:, 4:])
+
+
+def test_nanoseconds_are_known(tmp_path):
+    rows = ROWS * [1e9, 1, 1, 1, 1, 1, 1]
+    assert read_imu(written(tmp_path / "i", rows, stamps="%.0f")).stamps_s == pytest.approx(
+        ROWS[:, 0]
+    )
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (ROWS[:1], "expected lines of stamp wx wy wz ax ay az, got 1"),
+        (ROWS * [1e6, 1, 1, 1, 1, 1, 1], "stamps in seconds or nanoseconds, got steps of 2500"),
+        (ROWS / [1, 1, 1, 1, 10, 10, 10], r"forces in m/s\^2, got 1.01 on average: in g"),
+        (np.where(ROWS == 0.2, np.nan, ROWS), "line 1: expected a finite wy, got 'nan'"),
+    ],
+)
+def test_what_cannot_be_is_refused(tmp_path, rows, message):
+    path = written(tmp_path / "imu.txt", rows)
+    with pytest.raises(FormatError, match=message):
+        read_imu(path)
+
+
+def test_too_few_columns_are_named(tmp_path):
+    path = tmp_path / "imu.txt"
+    path.write_text("1 2 3\n")
+    with pytest.raises(FormatError, match=r"imu.txt, line 1: expected 7 columns \(stamp wx"):
+        read_imu(path)
+
+
+def test_the_file_lies_in_the_folder_or_beside_it(tmp_path):
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    assert find_imu(scans) is None
+    beside = written(tmp_path / "imu.txt")
+    assert find_imu(scans) == beside
+    inside = written(scans / "imu.csv")
+    assert find_imu(scans) == inside
+
+
+def test_a_mounting_is_metres_and_degrees():
+    pose = parse_mounting("1, 2,3 0 0 90")
+    assert pose.apply(np.array([[1.0, 0, 0]])) == pytest.approx(np.array([[1.0, 3, 3]]))
+    with pytest.raises(FormatError, match=r"expected a mounting x,y,z,roll,pitch,yaw.*'1,2,x'"):
+        parse_mounting("1,2,x")
