@@ -11,14 +11,14 @@ import numpy as np
 from roadscope.benchmarks.cache import usable_file, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, sensing_of, timeline_of
-from roadscope.benchmarks.jobs.entries import check, check_detector
+from roadscope.benchmarks.jobs.ego_poses import track_told
+from roadscope.benchmarks.jobs.entries import check_detector, check_tracker
 from roadscope.benchmarks.jobs.job import detection_scores, perceived_by, tracking_scores
-from roadscope.benchmarks.jobs.stack import prints_aside, track
+from roadscope.benchmarks.jobs.stack import prints_aside
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.core import Tracks
-from roadscope.trackers import TRACKERS
 
 PICTURES = (".png", ".jpg", ".webp")
 
@@ -53,7 +53,7 @@ def run_episode(
     progress: told the stage, steps done and steps in all.
     """
     check_detector(detector)
-    check(TRACKERS, tracker)
+    check_tracker(tracker)
     check_episode(episode)
     rule = Eligibility() if eligibility is None else eligibility
     tell = progress or silent
@@ -64,7 +64,7 @@ def run_episode(
     perceived = perceived_by(detector, episode, rule)
     tell("detection", 1, 1)
     tell("tracking", 0, 1)
-    tracks, calls_ms = track(tracker, perceived)
+    tracks, calls_ms = track_told(tracker, perceived, episode)
     tell("tracking", 1, 1)
     return Summary(
         episode,

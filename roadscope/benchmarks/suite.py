@@ -13,6 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from roadscope.benchmarks.ego import NO_POSES, TRUE_POSES
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.metrics.odometry import SHORT_M
 from roadscope.core import RecordError
@@ -58,6 +59,8 @@ class Suite:
     camera_detectors: entries of the camera board, on an image every `image_every_s`.
     fusions: entries of the fusion board; all get, every `fused_every_s`, the detections of each
         of `fused_lidar` with those of each of `fused_camera`.
+    egos: whose poses of the ego trackers are told: `truth`, `none` or odometries; every tracker is
+        compared with each, unless it names its own (`ego.split_ego`).
     odometries: entries of the odometry board; their drift is measured over stretches of
         `odometry_lengths_m`.
     """
@@ -84,6 +87,7 @@ class Suite:
     fused_every_s: float = 0.4
     odometries: tuple[str, ...] = ()
     odometry_lengths_m: tuple[float, ...] = SHORT_M
+    egos: tuple[str, ...] = (TRUE_POSES,)
 
     @property
     def title(self) -> str:
@@ -143,7 +147,7 @@ def check_names(suite: Suite) -> None:
 def _suite(table: Mapping[str, Any]) -> Suite:
     _known_keys(table, KEYS, "")
     detection = _table(table, "detection", ("entries",))
-    tracking = _table(table, "tracking", ("entries", "detectors"))
+    tracking = _table(table, "tracking", ("entries", "detectors", "ego"))
     camera = _table(table, "camera", ("entries", "every_s"))
     fusion = _table(table, "fusion", ("entries", "lidar", "camera", "every_s"))
     odometry = _table(table, "odometry", ("entries", "lengths_m"))
@@ -172,6 +176,7 @@ def _suite(table: Mapping[str, Any]) -> Suite:
         fused_every_s=_seconds(fusion, "every_s", 0.4) or 0.4,
         odometries=_strings(odometry, "entries", ()),
         odometry_lengths_m=_lengths(odometry),
+        egos=_egos(tracking),
     )
 
 
@@ -187,6 +192,15 @@ def _lengths(table: Mapping[str, Any]) -> tuple[float, ...]:
     if not given or not all(type(v) in (int, float) and 0 < v < float("inf") for v in given):
         raise SuiteError(f"odometry.lengths_m: expected metres above 0, got {given}")
     return tuple(dict.fromkeys(float(v) for v in given))
+
+
+def _egos(table: Mapping[str, Any]) -> tuple[str, ...]:
+    """Read one text or several."""
+    given = _take(table, "ego", (str, list), TRUE_POSES)
+    named = _strings({"ego": [given] if isinstance(given, str) else given}, "ego")
+    if "" in named:
+        raise SuiteError(f"tracking.ego: expected {TRUE_POSES}, {NO_POSES} or an odometry")
+    return named
 
 
 def _weathers(table: Mapping[str, Any]) -> tuple[str, ...]:

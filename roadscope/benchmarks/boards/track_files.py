@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.cache import usable_folder, write_atomically
+from roadscope.benchmarks.ego import tracker_of
 from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
 from roadscope.benchmarks.formats.kitti_objects import KittiObjects
 from roadscope.benchmarks.formats.motchallenge import MotRows, mot_rows, save_mot
+from roadscope.benchmarks.jobs.ego_poses import track_told
 from roadscope.benchmarks.jobs.job import Job
-from roadscope.benchmarks.jobs.stack import EntryError, prints_aside, track
+from roadscope.benchmarks.jobs.stack import EntryError, prints_aside
 from roadscope.benchmarks.jobs.workers import in_parallel
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.mot import MotRecording
@@ -88,10 +90,10 @@ def _save(task: _Task) -> bool:
         recording, spec = job.episode, job.tracker
         assert isinstance(recording, Recording)
         assert spec is not None
-        if TRACKERS.missing(spec):
+        if TRACKERS.missing(tracker_of(spec)):
             return False
         try:
-            tracks, _ = track(spec, recording.replayed())
+            tracks, _ = track_told(spec, recording.replayed(), recording)
         except EntryError:
             return False
         if isinstance(recording, MotRecording):

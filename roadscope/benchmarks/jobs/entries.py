@@ -6,6 +6,13 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from roadscope.benchmarks.ego import (
+    NO_POSES,
+    TRUE_POSES,
+    odometry_among,
+    odometry_told,
+    tracker_of,
+)
 from roadscope.benchmarks.jobs.fused import FusedSpec
 from roadscope.benchmarks.jobs.look import drawn_from_truth
 from roadscope.benchmarks.jobs.sensor_plan import check_camera_of
@@ -145,6 +152,29 @@ def check(registry: Registry[Any], spec: str) -> None:
         _make(plugin)
 
 
+def check_tracker(spec: str) -> None:
+    """Refuse a tracker that cannot be made, or that is to be told the poses of no odometry."""
+    check(TRACKERS, tracker_of(spec))
+    if (odometry := odometry_told(spec)) is not None:
+        check_told(odometry)
+
+
+def check_told(odometry: str) -> None:
+    """Refuse what tells no poses of the ego."""
+    try:
+        check(ODOMETRIES, method_of(odometry))
+    except SpecError as error:
+        raise SpecError(f"ego={odometry}: {error}; or '{TRUE_POSES}', '{NO_POSES}'") from error
+
+
+def check_entry(kind: str, spec: str) -> None:
+    """Refuse an entry of a kind that cannot be found or refuses its arguments."""
+    if kind == "tracker":
+        check_tracker(spec)
+    else:
+        check(REGISTRIES[kind], method_of(spec))
+
+
 def check_detector(spec: str) -> None:
     """Refuse what makes no detections; the oracle and noise models do, beside detectors."""
     if is_fused(spec):
@@ -187,12 +217,15 @@ def check_suite(suite: Suite) -> None:
     """Check the entries of the suite with the key that names them."""
     for key, registry, specs in (
         ("detection.entries", DETECTORS, suite.detectors),
-        ("tracking.entries", TRACKERS, suite.trackers),
         ("fusion.entries", FUSIONS, suite.fusions),
         ("odometry.entries", ODOMETRIES, map(method_of, suite.odometries)),
     ):
         for spec in specs:
             of_suite(suite, key, check, registry, spec)
+    for spec in suite.trackers:
+        of_suite(suite, "tracking.entries", check_tracker, spec)
+    for odometry in filter(None, map(odometry_among, suite.egos)):
+        of_suite(suite, "tracking.ego", check_told, odometry)
     for key, specs in (
         ("tracking.detectors", suite.public_detectors),
         ("fusion.lidar", suite.fused_lidar),

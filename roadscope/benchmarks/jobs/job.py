@@ -11,18 +11,19 @@ from typing import Any
 import numpy as np
 
 from roadscope.benchmarks.cache import kept
+from roadscope.benchmarks.ego import odometry_told, split_ego, tracker_of
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.jobs.base import KeyedJob, outcome_of
 from roadscope.benchmarks.jobs.cost import cost
+from roadscope.benchmarks.jobs.ego_poses import told_content, track_told
 from roadscope.benchmarks.jobs.fused import FusedSpec, perceive_fused
 from roadscope.benchmarks.jobs.public import PERCEIVING, PublicDetections, path_of, spec_of
 from roadscope.benchmarks.jobs.stack import (
     offline,
     perceive,
     prints_aside,
-    track,
     weighed,
 )
 from roadscope.benchmarks.jobs.store import Outcome
@@ -31,9 +32,11 @@ from roadscope.benchmarks.metrics.detection import score_detections
 from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.oracle import full_name, is_fused, made_from_truth
+from roadscope.benchmarks.oracle_odometry import method_of
 from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.recorded.recording import OFFLINE, Recording
 from roadscope.core import Tracks
+from roadscope.odometry import ODOMETRIES
 from roadscope.trackers import TRACKERS
 
 SCORING = ("benchmarks/metrics", "benchmarks/eligibility.py", "benchmarks/jobs/job.py")
@@ -55,7 +58,8 @@ class Job(KeyedJob):
     board: `detection`, `tracking` or one of `RECORDED_BOARDS`.
     entry: how the board calls it.
     detector, tracker: specs; a detection job has no tracker. Of recorded episodes the detector
-        is whose detections are on disk.
+        is whose detections are on disk. A tracker's says whose poses of the ego it is told, too
+        (`ego.split_ego`).
     episode: where frames or detections come from: simulated traffic or a recording.
     """
 
@@ -84,12 +88,16 @@ class Job(KeyedJob):
 
     def content(self) -> Mapping[str, Any]:
         """Return what detections depend on, and who tracks them."""
-        tracker = None if self.tracker is None else plugin_hash(TRACKERS.resolve(self.tracker))
-        return {
-            "tracker": tracker,
+        content = {
+            "tracker": None,
             "detections": self.detections_spec,
             "eligibility": fingerprint(self.eligibility),
         }
+        if self.tracker is None:
+            return content
+        tracker, ego = split_ego(self.tracker)
+        content["tracker"] = plugin_hash(TRACKERS.resolve(tracker))
+        return {**content, **told_content(ego, self.episode)}
 
     @property
     def detections_path(self) -> Path:
@@ -100,9 +108,16 @@ class Job(KeyedJob):
 @prints_aside()
 def execute(job: Job, fresh: bool = False) -> Outcome:
     """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
-    if job.tracker is not None and (reason := TRACKERS.missing(job.tracker)):
+    if job.tracker is not None and (reason := missing_of(job.tracker)):
         return Outcome({}, f"{job.tracker}: {reason}")
     return outcome_of(lambda: job_scores(job, fresh))
+
+
+def missing_of(tracker: str) -> str | None:
+    """Say what is not installed of a tracker, or of the odometry that tells it where the ego is."""
+    odometry = odometry_told(tracker)
+    unmet = TRACKERS.missing(tracker_of(tracker))
+    return unmet or (None if odometry is None else ODOMETRIES.missing(method_of(odometry)))
 
 
 def job_scores(job: Job, fresh: bool = False) -> dict[str, Score]:
@@ -111,12 +126,13 @@ def job_scores(job: Job, fresh: bool = False) -> dict[str, Score]:
     if job.tracker is None:
         whole = detection_scores(job.detector, perceived, job.eligibility)
         return {**whole, **detection_parts(perceived, job.eligibility)}
+    plugin = tracker_of(job.tracker)
+    unsure = isinstance(job.episode, Recording) and weighed(plugin)
+    tracks, calls_ms = track_told(job.tracker, perceived, job.episode, unsure=unsure)
     if isinstance(job.episode, Recording):
-        tracks, calls_ms = track(job.tracker, perceived, unsure=weighed(job.tracker))
-        return recorded_scores(job.tracker, tracks, calls_ms, job.episode)
-    tracks, calls_ms = track(job.tracker, perceived)
+        return recorded_scores(plugin, tracks, calls_ms, job.episode)
     scores = tracking_scores(tracks, calls_ms, perceived, job.eligibility)
-    return scores | passed(len(tracks)) if offline(job.tracker) else scores
+    return scores | passed(len(tracks)) if offline(plugin) else scores
 
 
 @prints_aside()

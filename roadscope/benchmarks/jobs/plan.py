@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from roadscope.benchmarks.ego import TRUE_POSES, odometry_told, told_each
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.jobs.camera_job import CameraJob
 from roadscope.benchmarks.jobs.entries import (
@@ -13,9 +14,9 @@ from roadscope.benchmarks.jobs.entries import (
     BOARD_OF,
     BOARDS,
     ODOMETRY,
-    REGISTRIES,
-    check,
+    check_entry,
     check_suite,
+    check_tracker,
     kind_of,
     of_suite,
     refuse_unused,
@@ -28,12 +29,11 @@ from roadscope.benchmarks.oracle import (
     MARK_SPECS,
     ORACLE,
 )
-from roadscope.benchmarks.oracle_odometry import GIVEN_TRUTH, method_of, odometry_mark
+from roadscope.benchmarks.oracle_odometry import GIVEN_TRUTH, odometry_mark
 from roadscope.benchmarks.recorded.suite import RecordedSuite
 from roadscope.benchmarks.suite import Suite, check_names
 from roadscope.core import SpecError
 from roadscope.core.names import unknown
-from roadscope.trackers import TRACKERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def plan(
     }
     for kind, specs in given.items():
         for spec in specs:
-            check(REGISTRIES[kind], method_of(spec))
+            check_entry(kind, spec)
     check_suite(suite)
     made = _lidar_plan(suite, given, boards, only=only)
     made = replace(made, **_sensor_jobs(suite, given, boards, only=only, calibration=calibration))
@@ -157,7 +157,9 @@ def _recorded_plan(
         raise SpecError(f"suite {suite.title} has recorded detections: it is for trackers only")
     refuse_unused(entries, [kind_of(spec) for spec in entries], ("tracking",))
     for spec in entries:
-        check(TRACKERS, spec)
+        check_tracker(spec)
+        if odometry_told(spec) is not None:
+            raise SpecError(f"'{spec}': recorded detections come without scans for an odometry")
     trackers = [*([] if only else suite.trackers), *entries]
     return Plan((), tuple(recorded_jobs(suite, trackers)), ())
 
@@ -168,12 +170,15 @@ def _detection_jobs(suite: Suite, marks: Mapping[str, str], detectors: Sequence[
 
 
 def tracking_jobs(suite: Suite, trackers: Sequence[str]) -> list[Job]:
-    """Every tracker on every public detector, all of them one entry; on the oracle, one apart."""
+    """Every tracker on every public detector, all of them one entry; on the oracle, one apart.
+
+    Those that are told other poses of the ego are entries of their own.
+    """
     alone = suite.public_detectors == (ORACLE,)
     rows = [
         (tracker if detector != ORACLE or alone else f"{tracker} on {detector}", detector, tracker)
         for detector in suite.public_detectors
-        for tracker in dict.fromkeys(trackers)
+        for tracker in told_each(trackers, suite.egos)
     ]
     return _jobs(suite, "tracking", rows)
 
@@ -188,7 +193,7 @@ def recorded_jobs(suite: RecordedSuite, trackers: Sequence[str]) -> list[Job]:
             recording.detector, tracker, recording, suite.eligibility,
         )
         for recording in suite.recordings
-        for tracker in dict.fromkeys(trackers)
+        for tracker in told_each(trackers, (TRUE_POSES,))
     ]  # fmt: skip
 
 

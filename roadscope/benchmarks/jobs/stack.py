@@ -21,7 +21,7 @@ from roadscope.benchmarks.fingerprint import PACKAGE
 from roadscope.benchmarks.oracle import from_truth, made_from_truth
 from roadscope.benchmarks.parked import parked_centres, parked_owners
 from roadscope.benchmarks.perceived import Perceived, without_sources
-from roadscope.core import Detections, Frame, NotInstalledError, Tracks, Truth
+from roadscope.core import Detections, Frame, NotInstalledError, Pose, Tracks, Truth
 from roadscope.detectors import DETECTORS
 from roadscope.trackers import TRACKERS
 from roadscope.trackers.api import OfflineTracker, is_offline, is_weighed
@@ -80,39 +80,48 @@ def perceive(detector: str, episode: Episode, eligibility: Eligibility) -> Perce
 
 
 def track(
-    tracker: str, perceived: Perceived, *, unsure: bool = False
+    tracker: str,
+    perceived: Perceived,
+    *,
+    unsure: bool = False,
+    told: Sequence[Pose] | None = None,
 ) -> tuple[list[Tracks], np.ndarray]:
-    """Run a tracker over an episode's detections, with the true pose of the ego.
+    """Run a tracker over an episode's detections, with the true pose of the ego or another.
 
     Returns confirmed and coasting tracks in the world frame, and the time of each call in ms.
     Of an offline tracker they are what it told after the last frame; every call bears its share
     of the time of that.
 
     unsure: tentative tracks are wanted, too.
+    told: poses of the ego in another world, frame by frame, that the tracker gets in place of the
+        true ones. Its tracks are taken to be in that world, and are brought into the true one by
+        way of the ego frame.
     """
+    believed = perceived.truths if told is None else _elsewhere(perceived.truths, told)
     plugin = guarded(tracker, lambda: TRACKERS.make(tracker))
     guarded(tracker, methodcaller("reset"), plugin)
     followed, history, calls_ms = [], [], []
-    velocities = ego_velocities(perceived.truths)
-    for detections, truth, motion in zip(
-        perceived.detections, perceived.truths, velocities, strict=True
+    velocities = ego_velocities(believed)
+    for detections, truth, there, motion in zip(
+        perceived.detections, perceived.truths, believed, velocities, strict=True
     ):
         seen = _in_ego(detections, truth)
-        tracks, took_ms = timed(tracker, methodcaller("update", seen, truth.world_from_ego), plugin)
-        followed.append(_world_tracks(tracker, tracks, truth, motion, unsure))
+        tracks, took_ms = timed(tracker, methodcaller("update", seen, there.world_from_ego), plugin)
+        followed.append(_world_tracks(tracker, tracks, there, motion, unsure))
         history.append(tracks)
         calls_ms.append(took_ms)
     if not (offline(tracker) and isinstance(plugin, OfflineTracker)):
-        return followed, np.array(calls_ms)
+        return _back(followed, perceived.truths, told), np.array(calls_ms)
     anew, took_ms = timed(tracker, methodcaller("rescored", tuple(history)), plugin)
     if not isinstance(anew, Sequence) or len(anew) != len(history):
         found = len(anew) if isinstance(anew, Sequence) else type(anew).__name__
         raise EntryError(f"{tracker}: rescored returned {found} for {len(history)} records")
     whole = [
-        _world_tracks(tracker, tracks, truth, motion, unsure)
-        for tracks, truth, motion in zip(anew, perceived.truths, velocities, strict=True)
+        _world_tracks(tracker, tracks, there, motion, unsure)
+        for tracks, there, motion in zip(anew, believed, velocities, strict=True)
     ]
-    return whole, np.array(calls_ms) + took_ms / max(len(whole), 1)
+    share_ms = took_ms / max(len(whole), 1)
+    return _back(whole, perceived.truths, told), np.array(calls_ms) + share_ms
 
 
 def offline(tracker: str) -> bool:
@@ -269,6 +278,23 @@ def _world_tracks(spec: str, tracks: Any, truth: Truth, motion: np.ndarray, unsu
     lever = moved.centres[:, :2] - truth.world_from_ego.translation[:2]
     turning = motion[2] * np.column_stack([-lever[:, 1], lever[:, 0]])
     return replace(moved, velocities=moved.velocities + motion[:2] + turning)
+
+
+def _elsewhere(truths: Sequence[Truth], told: Sequence[Pose]) -> list[Truth]:
+    """Put the ego where it is told to be."""
+    return [replace(t, world_from_ego=pose) for t, pose in zip(truths, told, strict=True)]
+
+
+def _back(
+    followed: list[Tracks], truths: Sequence[Truth], told: Sequence[Pose] | None
+) -> list[Tracks]:
+    """Bring tracks from the world of told poses into the true one, each frame by its own poses."""
+    if told is None:
+        return followed
+    return [
+        tracks.moved(truth.world_from_ego @ pose.inverse(), "world")
+        for tracks, truth, pose in zip(followed, truths, told, strict=True)
+    ]
 
 
 def _same_moment(spec: str, what: str, stamp_s: float, frame_s: float) -> None:
