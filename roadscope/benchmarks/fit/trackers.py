@@ -3,7 +3,7 @@
     python -m roadscope.benchmarks.fit.trackers pointrcnn.toml --kitti DIR [--sequences 0000,0002]
     python -m roadscope.benchmarks.fit.trackers mine.toml --detector distance-l-shape
     python -m roadscope.benchmarks.fit.trackers fused.toml --detector "fused?lidar=cluster-boxes"
-        --scenarios street,town-crossing --rigs wide --seeds 4
+        --scenarios street,town-crossing --rigs wide --seeds 4 --guess-existence
 
 With a KITTI folder from its detections and labels, otherwise from train seeds of our traffic.
 """
@@ -211,12 +211,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--scenarios", help="of our traffic, comma separated")
     parser.add_argument("--rigs", help="comma separated")
+    parser.add_argument(
+        "--guess-existence", action="store_true",
+        help="do not learn how belief in targets changes: take what unknown.toml guesses",
+    )  # fmt: skip
     given = parser.parse_args(arguments)
+    guess = given.guess_existence
     if given.kitti is not None:
         chosen: Sequence[str] | None = given.sequences.split(",") if given.sequences else None
         where = given.kitti, chosen, given.detector
-        learn(given.out, recorded_samples(*where), partial(recorded_persistence, *where),
-              partial(recorded_surplus, *where))  # fmt: skip
+        persisting = guessed_persistence if guess else partial(recorded_persistence, *where)
+        learn(given.out, recorded_samples(*where), persisting, partial(recorded_surplus, *where))
         return
     usual = Drives()
     drives = Drives(
@@ -224,8 +229,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         tuple(given.scenarios.split(",")) if given.scenarios else usual.scenarios,
         tuple(given.rigs.split(",")) if given.rigs else usual.rigs,
     )  # fmt: skip
-    learn(given.out, sensed_samples(drives), partial(sensed_persistence, drives),
-          partial(sensed_surplus, drives))  # fmt: skip
+    persisting = guessed_persistence if guess else partial(sensed_persistence, drives)
+    learn(given.out, sensed_samples(drives), persisting, partial(sensed_surplus, drives))
+
+
+def guessed_persistence(_: str) -> dict[str, dict[str, float]]:
+    """Return of each class what `unknown.toml` says in place of what `tracker_persistence` learns.
+
+    On validation seeds of street and town-crossing HOTA on fused detections was 0.67 with the
+    guesses and 0.63 with what was learned.
+    """
+    known = tomllib.loads((FOLDER / "unknown.toml").read_text("utf-8"))
+    traits = [*PERSISTENCE, *SHARES]
+    return {kind: {trait: known[kind][trait] for trait in traits} for kind in TOP_SPEED_M_S}
 
 
 def learn(

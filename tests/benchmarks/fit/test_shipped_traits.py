@@ -12,10 +12,13 @@ from roadscope.benchmarks.fit.trackers import main as fit
 from roadscope.trackers.learned import FOLDER, learned
 
 KITTI = "kitti-pointrcnn.toml"
+CONSISTENT = "fused?lidar=cluster-boxes&camera=network&fusion=consistent"
 SENSED = {
     "roadscope.toml": [],
-    "fused.toml": ["--scenarios", "street,town-crossing", "--rigs", "wide", "--seeds", "4",
-                   "--detector", "fused?lidar=cluster-boxes&camera=network&fusion=consistent"],
+    "fused.toml": [
+        "--scenarios", "street,town-crossing", "--rigs", "wide", "--seeds", "4",
+        "--guess-existence", "--detector", CONSISTENT,
+    ],
 }  # fmt: skip
 """Files, and what the command is told."""
 
