@@ -68,8 +68,7 @@ class LegoLoamOdometry:
             self._before = self._before if poor else (kept, features)
             return self._told(scan, tick.reason or poor)
         found = match_two_steps(features, self._before[1], predicted)
-        reason = self._progress.step(predicted, found, scan.stamp_s)
-        motion = predicted if reason else found.before_from_now
+        motion, reason = self._progress.step(predicted, found, scan.stamp_s)
         self._before = kept, features.at(_straight(kept, motion, since_s))
         if self._matched % self.map_every == 0:
             self._mapping.take(self._before[1], self._progress.pose)

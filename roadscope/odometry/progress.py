@@ -15,6 +15,9 @@ WEAKEST_M = 0.2
 but ground tells much."""
 SIMILAR = 50.0
 """So many features are worth one: neighbours err alike."""
+OPEN_M = 0.1
+"""Along directions that features leave more uncertain the prediction stands: upwards often,
+for the ground is taken out."""
 ACCELERATION_M_S2, TURNING_RAD_S2 = 8.0, 2.0
 """What a prediction may miss at most, for the covariance."""
 
@@ -42,19 +45,23 @@ class Progress:
             return np.eye(4)
         return self._imu.motion(self.stamp_s, stamp_s)
 
-    def step(self, predicted: np.ndarray, found: FeatureMatch, stamp_s: float) -> str:
-        """Go on as features say; where they say too little, as predicted, with the reason."""
-        uncertain = covariance_of(found)
-        poor = misfit(found, uncertain)
+    def step(
+        self, predicted: np.ndarray, found: FeatureMatch, stamp_s: float
+    ) -> tuple[np.ndarray, str]:
+        """Go on as features say; where they say too little, as predicted, with the reason.
+
+        Returns the (4, 4) motion `before_from_now` that is believed, and the reason.
+        """
+        poor = misfit_of(found)
         if poor:
             self.carry_on(predicted, stamp_s, counts=True)
-            return poor
-        motion, elapsed_s = found.before_from_now, stamp_s - self.stamp_s
+            return predicted, poor
+        motion, elapsed_s = settled(predicted, found), stamp_s - self.stamp_s
         self._imu.learn(predicted, motion, elapsed_s)
-        self._arrive(motion, uncertain)
+        self._arrive(motion, covariance_of(found))
         self._count(stamp_s)
         self.begun = True
-        return ""
+        return motion, ""
 
     def carry_on(self, predicted: np.ndarray, stamp_s: float, *, counts: bool) -> None:
         """Go on as predicted; counts: whether the next step begins here or where this one did."""
@@ -82,11 +89,25 @@ def covariance_of(found: FeatureMatch) -> np.ndarray:
     return covariance
 
 
-def misfit(found: FeatureMatch, uncertain: np.ndarray) -> str:
-    """Say why a motion is not to be believed; empty if it is. uncertain: (6, 6), its covariance."""
+def settled(predicted: np.ndarray, found: FeatureMatch) -> np.ndarray:
+    """Return the (4, 4) motion found, but its way as predicted where features leave it open.
+
+    J. Zhang, M. Kaess and S. Singh, "On degeneracy of optimization-based state estimation
+    problems", ICRA 2016.
+    """
+    motion = found.before_from_now.copy()
+    rotation = motion[:3, :3]
+    variances, axes = np.linalg.eigh(rotation @ covariance_of(found)[:3, :3] @ rotation.T)
+    known = axes[:, variances < OPEN_M**2]
+    motion[:3, 3] = predicted[:3, 3] + known @ known.T @ (motion[:3, 3] - predicted[:3, 3])
+    return motion
+
+
+def misfit_of(found: FeatureMatch) -> str:
+    """Say why a motion is not to be believed; empty if it is."""
     if found.held < LEAST_PAIRS:
         return f"{found.held} features that match"
-    weakest_m = float(np.sqrt(np.linalg.eigvalsh(uncertain[:2, :2])[-1]))
+    weakest_m = float(np.sqrt(np.linalg.eigvalsh(covariance_of(found)[:2, :2])[-1]))
     if weakest_m > WEAKEST_M:
         return f"features leave {weakest_m:.2g} m open in one direction"
     return ""

@@ -8,7 +8,7 @@ z ahead; ours is ISO 8855 throughout.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 
@@ -18,16 +18,12 @@ from roadscope.odometry.cluster_features import of_partners
 from roadscope.odometry.cluster_match import ClusterMatch, match_clusters
 from roadscope.odometry.estimates import estimate
 from roadscope.odometry.feature_match import FeatureMatch, match_features
-from roadscope.odometry.features import Features, Limits, cluster_roughness, extract
+from roadscope.odometry.features import Features
 from roadscope.odometry.imu_prediction import ImuPrediction
 from roadscope.odometry.interpolation import deskewed_between
-from roadscope.odometry.progress import LEAST_PAIRS, Progress
+from roadscope.odometry.progress import LEAST_PAIRS, Progress, misfit_of
+from roadscope.odometry.roughness import Reading, cluster_features
 from roadscope.odometry.segments import Clustering, Segments, segments_of
-
-ON_RING = Limits(sharp=10, edges=40, flat=20)
-WHOLE_CLUSTER = Limits(sharp=10, edges=40, flat=20, edge_above=-np.inf, plane_below=np.inf)
-"""A cluster's most features. The paper says a few of each; with twenty clusters these are as many
-as LOAM's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,22 +41,24 @@ class ZhangOdometry:
     """Matches edges and planes from scan to scan, cluster by cluster, without what moves.
 
     eps_m, angle_deg, min_points: of the clustering (table 1).
-    still_m, still_m_s: a cluster is dynamic whose centre moved farther than the first plus the
-        second times the time between the scans; the paper prints no threshold.
+    still_m, still_m_s, view: a cluster is dynamic whose centre moved farther than the first, plus
+        the second times the time between the scans, plus the third times the own way: what is
+        seen of a wall goes along with the sensor. The paper prints no threshold.
     roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
     drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be left out.
     """
 
     def __init__(
         self, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
-        still_m: float = 0.05, still_m_s: float = 0.5,
-        roughness: Literal["ring", "cluster"] = "ring",
+        still_m: float = 0.05, still_m_s: float = 0.5, view: float = 1.0,
+        roughness: Reading = "ring",
         drop_dynamic: bool = True, same_cluster: bool = True,
     ) -> None:  # fmt: skip
-        if roughness not in ("ring", "cluster"):
+        if roughness not in get_args(Reading):
             raise ValueError(f"roughness is 'ring' or 'cluster', got {roughness!r}")
         self.clustering = Clustering(eps_m, angle_deg, min_points)
-        self.still_m, self.still_m_s, self.roughness = still_m, still_m_s, roughness
+        self.still_m, self.still_m_s, self.view = still_m, still_m_s, view
+        self.roughness = roughness
         self.drop_dynamic, self.same_cluster = drop_dynamic, same_cluster
         self.reset()
 
@@ -88,33 +86,41 @@ class ZhangOdometry:
             self._before = self._before if poor else Moment(segments, features)
             return self._told(scan, tick.reason or poor)
         clusters = self._same_clusters(segments, predicted, since_s)  # eq. 4
-        found = self._match(
-            features, clusters, predicted, still_only=self.drop_dynamic
-        )  # eq. 7 to 10
-        reason = self._progress.step(predicted, found, scan.stamp_s)
-        motion = predicted if reason else found.before_from_now
+        found, dropped = self._matched(features, clusters, predicted)  # eq. 7 to 10
+        motion, reason = self._progress.step(predicted, found, scan.stamp_s)
         # As LOAM does: the next scan meets these features where their own sweep's motion, now
         # known, puts them.
         self._before = Moment(segments, _moved(features, segments, motion, since_s))
-        return self._told(scan, tick.reason or reason, self._moving(scan, segments, clusters))
+        return self._told(scan, tick.reason or reason, self._moving(scan, segments, dropped))
 
     def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
         """Undo the sweep's own motion and take the roughest and smoothest of each cluster."""
         points = deskewed_between(segments.points, segments.times_s, motion, since_s)
-        whole = self.roughness == "cluster"
-        return extract(
-            points, segments.ring, segments.column, segments.labels, by_cluster=True,
-            rough=cluster_roughness(points, segments.labels) if whole else None,
-            limits=WHOLE_CLUSTER if whole else ON_RING,
-        )  # fmt: skip
+        return cluster_features(points, segments, self.roughness)
 
     def _same_clusters(
         self, segments: Segments, predicted: np.ndarray, since_s: float
     ) -> ClusterMatch:
         assert self._before is not None
         before = self._before.segments
-        threshold_m = self.still_m + self.still_m_s * since_s
+        way_m = float(np.linalg.norm(predicted[:3, 3]))
+        threshold_m = self.still_m + self.still_m_s * since_s + self.view * way_m
         return match_clusters(segments.centres, before.centres, predicted, threshold_m)
+
+    def _matched(
+        self, features: Features, clusters: ClusterMatch, start: np.ndarray
+    ) -> tuple[FeatureMatch, np.ndarray]:
+        """Match without dynamic clusters and say which, (K,) bool, those are.
+
+        Where they leave too little, an error of the prediction is taken for motion of everything,
+        and would be for ever: then all clusters that have a partner are matched.
+        """
+        if self.drop_dynamic:
+            found = self._match(features, clusters, start, still_only=True)
+            if not misfit_of(found):
+                return found, clusters.dynamic
+        found = self._match(features, clusters, start, still_only=False)
+        return found, np.zeros_like(clusters.dynamic)
 
     def _match(
         self, features: Features, clusters: ClusterMatch, start: np.ndarray, *, still_only: bool
@@ -140,12 +146,10 @@ class ZhangOdometry:
         self._before = Moment(before, self._features(before, motion, since_s))
         return motion
 
-    def _moving(self, scan: LidarScan, segments: Segments, clusters: ClusterMatch) -> np.ndarray:
-        """Return which returns of the scan, (N,) bool, were dropped as dynamic."""
-        moving = np.zeros(len(scan), bool)
-        if self.drop_dynamic:
-            inside = segments.labels >= 0
-            moving[segments.rows[inside]] = clusters.dynamic[segments.labels[inside]]
+    def _moving(self, scan: LidarScan, segments: Segments, dropped: np.ndarray) -> np.ndarray:
+        """Return which returns of the scan, (N,) bool, are of clusters that were dropped."""
+        moving, inside = np.zeros(len(scan), bool), segments.labels >= 0
+        moving[segments.rows[inside]] = dropped[segments.labels[inside]]
         return moving
 
     def _told(
