@@ -68,11 +68,12 @@ def track_told(
 
     Detections are the same whatever is told: they reach the tracker in the ego frame. A tracker
     lives in the world of who tells the poses: that of an odometry begins in the first ego frame
-    and drifts; with `none` the ego is said to stand, so that world is the ego frame. What is scored
-    are its tracks where it sees them from the ego: they go by the told pose of each frame into the
-    ego frame, and from there by the true one into the true world (`stack.track`). So a drift that
-    is slow costs little, a step of the poses costs tracks; velocities stay those over the ground
-    of the told world, only turned.
+    and drifts; with `none` it gets None and lives in the ego frame. What is scored are its tracks
+    where it sees them from the ego: they go by the told pose of each frame into the ego frame, and
+    from there by the true one into the true world (`stack.track`). So a drift that is slow costs
+    little, a step of the poses costs tracks. Velocities stay what they are in the told world, only
+    turned: what an odometry errs in speed is an error of every velocity, and with `none` the ego's
+    whole motion is.
 
     Returns what `stack.track` does.
     """
@@ -80,12 +81,14 @@ def track_told(
     return track(tracker, perceived, unsure=unsure, told=told(ego, episode, perceived.truths))
 
 
-def told(ego: str, episode: Episode | Recording, truths: Sequence[Truth]) -> list[Pose] | None:
+def told(
+    ego: str, episode: Episode | Recording, truths: Sequence[Truth]
+) -> Sequence[Pose | None] | None:
     """Return the poses that a tracker is told, frame by frame; None: the true ones."""
     if ego == TRUE_POSES:
         return None
     if ego == NO_POSES:
-        return [Pose.identity() for _ in truths]
+        return [None] * len(truths)
     if isinstance(episode, Recording):
         raise EntryError(f"ego={ego}: recorded detections come without scans")
     return odometry_poses(ego, episode).at([truth.stamp_s for truth in truths])

@@ -84,7 +84,7 @@ def track(
     perceived: Perceived,
     *,
     unsure: bool = False,
-    told: Sequence[Pose] | None = None,
+    told: Sequence[Pose | None] | None = None,
 ) -> tuple[list[Tracks], np.ndarray]:
     """Run a tracker over an episode's detections, with the true pose of the ego or another.
 
@@ -94,24 +94,25 @@ def track(
 
     unsure: tentative tracks are wanted, too.
     told: poses of the ego in another world, frame by frame, that the tracker gets in place of the
-        true ones. Its tracks are taken to be in that world, and are brought into the true one by
-        way of the ego frame.
+        true ones, or None where it gets none: the ego stands at the origin of that world. Tracks
+        are brought from it into the true one by way of the ego frame.
     """
+    poses = [t.world_from_ego for t in perceived.truths] if told is None else told
     believed = perceived.truths if told is None else _elsewhere(perceived.truths, told)
     plugin = guarded(tracker, lambda: TRACKERS.make(tracker))
     guarded(tracker, methodcaller("reset"), plugin)
     followed, history, calls_ms = [], [], []
     velocities = ego_velocities(believed)
-    for detections, truth, there, motion in zip(
-        perceived.detections, perceived.truths, believed, velocities, strict=True
+    for detections, truth, pose, there, motion in zip(
+        perceived.detections, perceived.truths, poses, believed, velocities, strict=True
     ):
         seen = _in_ego(detections, truth)
-        tracks, took_ms = timed(tracker, methodcaller("update", seen, there.world_from_ego), plugin)
+        tracks, took_ms = timed(tracker, methodcaller("update", seen, pose), plugin)
         followed.append(_world_tracks(tracker, tracks, there, motion, unsure))
         history.append(tracks)
         calls_ms.append(took_ms)
     if not (offline(tracker) and isinstance(plugin, OfflineTracker)):
-        return _back(followed, perceived.truths, told), np.array(calls_ms)
+        return _back(followed, perceived.truths, believed), np.array(calls_ms)
     anew, took_ms = timed(tracker, methodcaller("rescored", tuple(history)), plugin)
     if not isinstance(anew, Sequence) or len(anew) != len(history):
         found = len(anew) if isinstance(anew, Sequence) else type(anew).__name__
@@ -121,7 +122,7 @@ def track(
         for tracks, there, motion in zip(anew, believed, velocities, strict=True)
     ]
     share_ms = took_ms / max(len(whole), 1)
-    return _back(whole, perceived.truths, told), np.array(calls_ms) + share_ms
+    return _back(whole, perceived.truths, believed), np.array(calls_ms) + share_ms
 
 
 def offline(tracker: str) -> bool:
@@ -280,20 +281,23 @@ def _world_tracks(spec: str, tracks: Any, truth: Truth, motion: np.ndarray, unsu
     return replace(moved, velocities=moved.velocities + motion[:2] + turning)
 
 
-def _elsewhere(truths: Sequence[Truth], told: Sequence[Pose]) -> list[Truth]:
+def _elsewhere(truths: Sequence[Truth], told: Sequence[Pose | None]) -> list[Truth]:
     """Put the ego where it is told to be."""
-    return [replace(t, world_from_ego=pose) for t, pose in zip(truths, told, strict=True)]
+    return [
+        replace(truth, world_from_ego=Pose.identity() if pose is None else pose)
+        for truth, pose in zip(truths, told, strict=True)
+    ]
 
 
 def _back(
-    followed: list[Tracks], truths: Sequence[Truth], told: Sequence[Pose] | None
+    followed: list[Tracks], truths: Sequence[Truth], believed: Sequence[Truth]
 ) -> list[Tracks]:
     """Bring tracks from the world of told poses into the true one, each frame by its own poses."""
-    if told is None:
+    if believed is truths:
         return followed
     return [
-        tracks.moved(truth.world_from_ego @ pose.inverse(), "world")
-        for tracks, truth, pose in zip(followed, truths, told, strict=True)
+        tracks.moved(truth.world_from_ego @ there.world_from_ego.inverse(), "world")
+        for tracks, truth, there in zip(followed, truths, believed, strict=True)
     ]
 
 
