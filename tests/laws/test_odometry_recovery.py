@@ -98,7 +98,11 @@ def check_told_and_recovered(told, off):
     assert off[-SETTLED:, 1].max() < RIGHT_RAD
 
 
-@pytest.mark.parametrize("kind", SPOILT)
+QUICK = {"empty", "all dynamic", "loud", "same stamp"}
+KINDS = [k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in SPOILT]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_spoilt_scans_are_told_and_left_behind(name, kind):
     inputs = driven(SCANS, speed_of(name))[1]
     given = [(SPOILT[kind](s, inputs) if FIRST <= k < LAST else s, i)
@@ -123,7 +127,10 @@ def test_a_lost_second_is_told_and_left_behind(name):
 NOTHING = ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
 
 
-@pytest.mark.parametrize("kind", ["gap", "none", "no numbers"])
+@pytest.mark.parametrize(
+    "kind",
+    ["gap", *(pytest.param(k, marks=pytest.mark.slow) for k in ("none", "no numbers"))],
+)
 def test_a_faulty_imu_is_left_behind(name, kind):
     inputs = driven(SCANS, speed_of(name))[1]
     given = [(s, spoilt_imu(i, kind) if FIRST <= k < LAST else i)
