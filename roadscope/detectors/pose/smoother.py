@@ -31,6 +31,8 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 SPEED_SD, ACCELERATION_SD = 30.0, 0.7
 """Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is seen."""
+SPEED = 3
+"""Place of the speed among what is free, where it is."""
 SEEN = 3
 """Returns from which a scan alone gives a good first guess."""
 BUDGET, LEAST = 480, 96
@@ -249,8 +251,11 @@ class Smoother:
         vectors = np.concatenate([found.vectors for found in tries])
         costs = np.concatenate([found.costs for found in tries])
         self._settled = float(costs.min() / max(hits, 1)) if len(tries) > 1 else self._settled
-        least = np.argmin(costs + TURNED * self._turned(problem.whole(vectors)))
         covariances = np.concatenate([found.covariances for found in tries])
+        costs = costs + TURNED * self._turned(problem.whole(vectors))
+        if SPEED in problem.free:
+            costs += _backward(vectors[:, SPEED], covariances[:, SPEED, SPEED])
+        least = np.argmin(costs)
         return vectors[least], covariances[least]
 
     def _turned(self, states: np.ndarray) -> np.ndarray:
@@ -321,6 +326,12 @@ class Smoother:
             costs = costs + TURNED * (np.abs(np.cos(vectors[:, 2] - course)) < NEAR)
         pose: np.ndarray = vectors[np.argmin(costs)]
         return pose
+
+
+def _backward(speeds: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """Return what it costs (S,) to go backwards, as far as that is known: vehicles rarely do."""
+    costs: np.ndarray = np.minimum(np.minimum(speeds, 0.0) ** 2 / variances, CLOSE)
+    return costs
 
 
 def _course(first: _Seen, last: _Seen) -> float | None:

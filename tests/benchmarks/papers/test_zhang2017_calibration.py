@@ -59,3 +59,18 @@ def test_a_scan_alone_cannot_tell_how_far_a_car_has_turned_since_it_was_met():
     waits, spreads = np.array(waits), np.array(spreads)
     assert waits.max() > 0.02
     assert (spreads > 0.8 * TURN_SD * waits).all()
+
+
+def test_a_fast_car_met_off_the_stamp_is_sought_where_it_is_then():
+    """At 35 m/s it goes 1.6 m in the 45 ms, and a search from there ends on its bonnet."""
+    seen = passing(MODELS["any corners"], "20-30 m", 7919 * 1000)
+    pose = fitted(MODELS["any corners"], seen, 1)
+    assert np.hypot(*(np.array([pose.x, pose.y]) - seen.truth[:2])) < 0.3
+    assert np.cos(pose.yaw - seen.truth[2]) > np.cos(np.radians(3))
+
+
+def test_a_slow_car_goes_forward():
+    """At 0.8 m/s, half a turn is all but as likely by its looks."""
+    seen = passing(MODELS["any corners"], "30-50 m", 7919 * 2091)
+    pose = fitted(MODELS["any corners"], seen, FRAMES)
+    assert np.cos(pose.yaw - seen.truth[2]) > 0.99
