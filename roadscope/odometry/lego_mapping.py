@@ -7,7 +7,7 @@ import numpy as np
 from roadscope.odometry.features import Features
 from roadscope.odometry.keyframes import Keyframe, KeyframeMap, keyframe
 from roadscope.odometry.loop_closing import LoopClosing
-from roadscope.odometry.progress import covariance_of, misfit
+from roadscope.odometry.progress import misfit_of
 from roadscope.odometry.rigid import inverse, log_se3
 
 APART_M, APART_RAD = 0.3, 0.2
@@ -35,7 +35,7 @@ class LegoMapping:
         taken = keyframe(features, pose, 0.0)
         if self.keyframes:
             found = self._map.match(taken, pose)
-            if not misfit(found, covariance_of(found)):
+            if not misfit_of(found):
                 pose = found.before_from_now
         step = log_se3(inverse(self._last) @ pose)
         far = np.linalg.norm(step[:3]) > APART_M or np.linalg.norm(step[3:]) > APART_RAD

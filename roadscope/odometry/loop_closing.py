@@ -14,7 +14,7 @@ import numpy as np
 from roadscope.odometry.keyframes import Keyframe, KeyframeMap
 from roadscope.odometry.point_icp import onto
 from roadscope.odometry.pose_graph import Link, settled
-from roadscope.odometry.progress import covariance_of, misfit
+from roadscope.odometry.progress import misfit_of
 from roadscope.odometry.rigid import inverse
 
 NEAR_M = 15.0
@@ -87,7 +87,7 @@ def place_again(keyframes: Sequence[Keyframe], candidate: int) -> np.ndarray | N
     rough = onto(last.edges, there.edges.points, last.map_from_lidar, NEAR_M)
     found = there.match(last, rough)
     with_line = len(there.edges.lines(last.edges, found.before_from_now).points)
-    if misfit(found, covariance_of(found)) or found.residual_m > RESIDUAL_M:
+    if misfit_of(found) or found.residual_m > RESIDUAL_M:
         return None
     return found.before_from_now if with_line > AGREED * len(last.edges) else None
 
