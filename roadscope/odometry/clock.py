@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 GAP_PERIODS = 2.5
 """So many periods between two scans are a gap: one lost scan is none, vehicles hardly change
 their speed in 0.2 s."""
+
+REMEMBERED = 9
+"""The usual period is the median of so many: neither a gap nor a stray stamp between two scans
+changes it."""
 
 RESTART = 3
 """So many stamps in a row that are not later than the last good one: the clock began anew."""
@@ -32,7 +38,7 @@ class Clock:
 
     def __init__(self) -> None:
         self.last_s = math.nan
-        self._period_s = math.inf
+        self._periods_s: deque[float] = deque(maxlen=REMEMBERED)
         self._late = 0
 
     def tick(self, stamp_s: float) -> Tick:
@@ -50,7 +56,8 @@ class Clock:
             said = "repeats the last" if elapsed_s == 0 else f"is {-elapsed_s:.3g} s before it"
             return Tick(0.0, f"the stamp {said}", in_order=False)
         self.last_s, self._late = stamp_s, 0
-        known, self._period_s = self._period_s, min(self._period_s, elapsed_s)
-        if elapsed_s > GAP_PERIODS * known:
+        usual_s = median(self._periods_s) if self._periods_s else math.inf
+        self._periods_s.append(elapsed_s)
+        if elapsed_s > GAP_PERIODS * usual_s:
             return Tick(elapsed_s, f"no scan for {elapsed_s:.3g} s")
         return Tick(elapsed_s)

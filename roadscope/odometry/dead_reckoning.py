@@ -8,7 +8,7 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.estimates import estimate, grown
 from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.rigid import exp_so3, hat, inverse, orthonormal
+from roadscope.odometry.rigid import exp_so3, inverse, orthonormal
 
 REST_S = 1.0
 """Longest stretch at the start over which the IMU is averaged while nothing is felt."""
@@ -37,7 +37,7 @@ class DeadReckoningOdometry:
         self._clock, self._imu = Clock(), ImuBuffer(lidar_from_imu)
         self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
-        self._velocity, self._bias = np.zeros(3), np.zeros(3)
+        self._at, self._velocity, self._bias = self._lever.copy(), np.zeros(3), np.zeros(3)
         self._gravity: np.ndarray | None = None
         self._sums, self._rested_s, self._moving_s = np.zeros(6), 0.0, 0.0
         self._at_rest = True
@@ -62,7 +62,8 @@ class DeadReckoningOdometry:
             if not (self._at_rest and self._rest(*samples)):
                 self._integrate(*samples)
         else:
-            self._pose[:3, 3] += self._velocity * tick.elapsed_s
+            self._at = self._at + self._velocity * tick.elapsed_s
+            self._settle(self._pose[:3, :3])
         self._moving_s += 0.0 if self._at_rest else tick.elapsed_s
         motion = inverse(before) @ self._pose
         self._covariance = grown(self._covariance, motion, self._spread(tick.elapsed_s))
@@ -84,18 +85,22 @@ class DeadReckoningOdometry:
         return self._at_rest
 
     def _integrate(self, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> None:
-        """Carry pose and velocity on, the force felt turned with the sensor."""
+        """Carry place and velocity of the IMU on, the force felt turned with it."""
         assert self._gravity is not None
-        rotation, at, speed = self._pose[:3, :3], self._pose[:3, 3], self._velocity
+        rotation, at, speed = self._pose[:3, :3], self._at, self._velocity
         for length_s, rate, force in zip(lengths, rates - self._bias, forces, strict=True):
-            # At the LiDAR, not at the IMU: turning pulls at the lever between the two.
-            pull = hat(rate) @ hat(rate) @ self._lever
             turned = rotation @ exp_so3(rate * length_s)
-            pushed = (rotation + turned) / 2 @ (force - pull) - self._gravity
+            pushed = (rotation + turned) / 2 @ force - self._gravity
             at = at + speed * length_s + pushed * length_s**2 / 2
             speed, rotation = speed + pushed * length_s, turned
-        self._pose[:3, :3], self._pose[:3, 3], self._velocity = rotation, at, speed
-        self._pose = orthonormal(self._pose)
+        self._at, self._velocity = at, speed
+        self._settle(rotation)
+
+    def _settle(self, rotation: np.ndarray) -> None:
+        """Put the LiDAR where the IMU on its lever says."""
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, self._at - rotation @ self._lever
+        self._pose = orthonormal(pose)
 
     def _spread(self, elapsed_s: float) -> np.ndarray:
         """Return the (6, 6) covariance of the last motion, biases and noise since the start."""

@@ -18,6 +18,16 @@ def test_a_dropped_second_is_a_gap():
     assert "no scan for 1.1 s" in ticks(0.0, 0.1, 0.2, 1.3)[-1].reason
 
 
+def test_a_stray_stamp_between_two_scans_makes_no_gaps_of_all_others():
+    told = ticks(0.0, 0.1, 0.2, 0.2001, 0.3, 0.4, 0.5)
+    assert not any(t.reason for t in told)
+
+
+def test_one_gap_does_not_hide_the_next():
+    told = ticks(0.0, 0.1, 0.2, 1.3, 1.4, 2.5, 2.6)
+    assert [bool(t.reason) for t in told] == [False, False, False, True, False, True, False]
+
+
 def test_repeated_and_backward_stamps_take_no_time():
     told = ticks(0.0, 0.1, 0.1, 0.05, 0.2)
     assert [t.in_order for t in told] == [True, True, False, False, True]

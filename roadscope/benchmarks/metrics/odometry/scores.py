@@ -24,9 +24,11 @@ bistable outcomes are near 0 or near 100 %, so that hardly any lies about the bo
 class OdometryScores(ScoreFamily):
     """How well an odometry followed; positions once aligned, drift without any alignment.
 
-    ate: root mean square of the positions' errors. rpe, rpe_rotation: of motions from frame to
-        frame. t_rel, r_rel: over stretches (`metrics.odometry.drift`). end: of the last position.
-        error_mean, error_std, error_min, error_max: of the positions' errors.
+    ate: root mean square of the positions' errors, first pose on first pose unless another
+        alignment is asked for (Sturm et al. 2012 take the best one, which hides drift).
+    rpe, rpe_rotation: of motions from frame to frame. t_rel, r_rel: over stretches
+        (`metrics.odometry.drift`). end: of the last position.
+    error_mean, error_std, error_min, error_max: of the positions' errors.
     failed: 1 where the end is too far off to be called odometry; its mean over episodes is the
         failure rate.
     """

@@ -1,0 +1,205 @@
+"""What errors of trajectories must hold to, and ways on which little can be said."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from roadscope.benchmarks.metrics.breakdown import part_name
+from roadscope.benchmarks.metrics.odometry import (
+    Trajectories,
+    absolute_errors,
+    by_distance,
+    drift,
+    relative_errors,
+    rests,
+    score_odometry,
+    score_standing,
+)
+from roadscope.benchmarks.metrics.odometry.alignment import truth_from_estimate
+from roadscope.benchmarks.metrics.odometry.by_distance import DISTANCE, MARKS_M
+from roadscope.benchmarks.metrics.odometry.standing import AT_REST_M_S, LEAST_S
+from roadscope.odometry.rigid import exp_se3
+
+seeds = st.integers(0, 9999)
+
+
+def way(rng, n, speed=1.0, spread=0.05):
+    poses = [exp_se3(rng.standard_normal(6))]
+    for _ in range(n - 1):
+        step = np.array([speed, 0, 0, 0, 0, 0]) + spread * rng.standard_normal(6)
+        poses.append(poses[-1] @ exp_se3(step))
+    return np.array(poses)
+
+
+def straight(n, speed=1.0):
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, 0, 3] = speed * np.arange(n)
+    return poses
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_frames_of_either_trajectory_do_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    both = Trajectories(way(rng, 80), way(rng, 80))
+    a, b = exp_se3(3 * rng.standard_normal(6)), exp_se3(3 * rng.standard_normal(6))
+    moved = Trajectories(a @ both.estimate, b @ both.truth)
+    for one, other in (
+        (absolute_errors(both, "se3").positions_m, absolute_errors(moved, "se3").positions_m),
+        (absolute_errors(both, "origin").positions_m, absolute_errors(moved, "origin").positions_m),
+        (relative_errors(both, 3).translations_m, relative_errors(moved, 3).translations_m),
+        (relative_errors(both, 3).rotations_rad, relative_errors(moved, 3).rotations_rad),
+        (drift(both, (20.0,)).translations, drift(moved, (20.0,)).translations),
+    ):
+        assert one == pytest.approx(other, abs=1e-7)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_where_the_sensor_sits_matters_to_places_not_to_turns(seed):
+    rng = np.random.default_rng(seed)
+    both, mounted = Trajectories(way(rng, 40), way(rng, 40)), exp_se3(rng.standard_normal(6))
+    moved = Trajectories(both.estimate @ mounted, both.truth @ mounted)
+    one, other = relative_errors(both), relative_errors(moved)
+    assert one.rotations_rad == pytest.approx(other.rotations_rad, abs=1e-7)
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.9, 1.0, 1.03])
+def test_a_wrong_scale_is_the_drift(scale):
+    truth = straight(300, 0.5)
+    estimate = truth.copy()
+    estimate[:, 0, 3] *= scale
+    found = drift(Trajectories(estimate, truth), (50.0, 100.0), every=1)
+    # A stretch ends with the first pose beyond its length, half a metre farther here.
+    exact = 100 * abs(scale - 1) * (found.lengths_m + 0.5) / found.lengths_m
+    assert 100 * found.translations == pytest.approx(exact)
+    assert found.r_rel == 0
+    assert len(found.over(50.0)) == 300 - 101
+
+
+def test_a_gyros_bias_is_the_turn_a_metre():
+    level, turning = (
+        np.array([exp_se3(k * np.array([1.0, 0, 0, 0, 0, rate])) for k in range(120)])
+        for rate in (0.0, 0.001)
+    )
+    found = drift(Trajectories(turning, level), (50.0,), every=1)
+    assert found.rotations == pytest.approx(0.001 * 51 / 50)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds, kind=st.sampled_from(["one", "line", "plane", "space", "mirror"]))
+def test_alignment_is_a_rigid_motion_whatever_the_places(seed, kind):
+    rng = np.random.default_rng(seed)
+    rank = {"one": 0, "line": 1, "plane": 2, "space": 3, "mirror": 3}[kind]
+    places = rng.standard_normal((20, rank)) @ rng.standard_normal((rank, 3)) + [1, 2, 3]
+    motion = exp_se3(rng.standard_normal(6))
+    aim = places @ motion[:3, :3].T + motion[:3, 3]
+    if kind == "mirror":
+        aim = aim * [1, 1, -1]
+    for yaw_only in (False, True):
+        found = truth_from_estimate(places, aim, yaw_only=yaw_only)
+        assert found[:3, :3] @ found[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
+        assert np.linalg.det(found[:3, :3]) == pytest.approx(1)
+    if kind != "mirror":
+        found = truth_from_estimate(places, aim)
+        assert places @ found[:3, :3].T + found[:3, 3] == pytest.approx(aim, abs=1e-9)
+
+
+@pytest.mark.parametrize("how", ["none", "origin", "yaw", "se3"])
+def test_one_pose_and_no_motion(how):
+    for n in (1, 5):
+        truth = np.tile(exp_se3(np.arange(6.0)), (n, 1, 1))
+        errors = absolute_errors(Trajectories(truth, truth), how)
+        assert errors.positions_m == pytest.approx(np.zeros(n), abs=1e-9)
+        assert errors.distances_m == pytest.approx(np.zeros(n))
+    assert len(absolute_errors(Trajectories(truth[:0], truth[:0]), how)) == 0
+
+
+def test_a_sensor_that_stood_has_no_drift_and_may_have_failed():
+    truth = np.tile(np.eye(4), (30, 1, 1))
+    for off_m, failed in ((0.0, 0), (0.9, 0), (1.1, 1)):
+        estimate = truth.copy()
+        estimate[:, 1, 3] = np.linspace(0, off_m, 30)
+        both = Trajectories(estimate, truth)
+        scores = score_odometry(both).named()
+        assert scores["t_rel"].n == scores["r_rel"].n == 0
+        assert math.isnan(scores["t_rel"].value)
+        assert scores["end"].value == pytest.approx(off_m)
+        assert scores["failed"].value == failed
+        stood = score_standing(both, 0.1 * np.arange(30)).named()
+        assert stood["false_motion"].value == pytest.approx(off_m)
+        curves = by_distance(both)
+        assert all(score.n == 0 for score in curves.values())
+
+
+def test_a_way_shorter_than_all_lengths():
+    both = Trajectories(straight(40), straight(40))
+    assert len(drift(both, (50.0, 100.0))) == 0
+    assert math.isnan(drift(both, (50.0,)).t_rel)
+    # No pose lies beyond 39 m.
+    assert len(drift(both, (39.0,), every=1)) == 0
+    assert len(drift(both, (38.0,), every=1)) == 1
+    assert len(drift(both, ())) == 0
+    with pytest.raises(ValueError, match="above 0 m"):
+        drift(both, (0.0,))
+    with pytest.raises(ValueError, match="1 or more"):
+        drift(both, every=0)
+    with pytest.raises(ValueError, match="1 or more"):
+        relative_errors(both, 0)
+    assert len(relative_errors(both, 40)) == 0
+
+
+def rests_slowly(places, stamps):
+    found, first = [], None
+    for k in range(len(places)):
+        still = k + 1 < len(places) and np.linalg.norm(places[k + 1] - places[k]) <= AT_REST_M_S * (
+            stamps[k + 1] - stamps[k]
+        )
+        if still and first is None:
+            first = k
+        if not still and first is not None:
+            if stamps[k] - stamps[first] >= LEAST_S - 1e-9:
+                found.append((first, k))
+            first = None
+    return found
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=seeds, n=st.integers(0, 80))
+def test_rests_are_those_of_the_slow_way(seed, n):
+    rng = np.random.default_rng(seed)
+    truth = np.tile(np.eye(4), (n, 1, 1))
+    speeds = np.repeat(rng.choice([0.0, 0.05, 3.0], 12), rng.integers(1, 20, 12))[:n]
+    truth[: len(speeds), 0, 3] = 0.1 * np.cumsum(speeds)
+    truth[len(speeds) :, 0, 3] = 0.1 * speeds.sum()
+    stamps = 0.1 * np.arange(n)
+    assert rests(Trajectories(truth, truth), stamps) == rests_slowly(truth[:, :3, 3], stamps)
+
+
+def test_what_a_resting_sensor_truly_moves_is_no_false_motion():
+    truth = straight(40, 0.005)
+    stood = score_standing(Trajectories(truth, truth), 0.1 * np.arange(40)).named()
+    assert stood["false_motion"].value == pytest.approx(0, abs=1e-12)
+    drove = straight(40, 1.0)
+    assert score_standing(Trajectories(drove, drove), 0.1 * np.arange(40)).false_motion.n == 0
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=seeds)
+def test_curves_are_read_where_the_way_passes_a_mark(seed):
+    rng = np.random.default_rng(seed)
+    both = Trajectories(way(rng, 130), way(rng, 130))
+    curves, errors = by_distance(both), absolute_errors(both, "origin")
+    for mark_m in MARKS_M:
+        told = curves[part_name("position_error", DISTANCE, str(mark_m))]
+        beyond = np.flatnonzero(errors.distances_m > mark_m)
+        assert told.n == min(len(beyond), 1)
+        if len(beyond):
+            assert told.value == errors.positions_m[beyond[0]]
+        t_rel = curves[part_name("t_rel", DISTANCE, str(mark_m))]
+        known = drift(both, (float(mark_m),), every=1)
+        assert t_rel.n == len(known)
+        assert t_rel.value == pytest.approx(known.t_rel, nan_ok=True)
