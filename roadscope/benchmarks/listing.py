@@ -9,7 +9,9 @@ from typing import Any, TypeVar
 
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
+from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
 from roadscope.benchmarks.oracle import CLUSTER_BOXES, FUSED, ORACLE
+from roadscope.benchmarks.oracle_odometry import GIVEN_TRUTH
 from roadscope.benchmarks.recorded.mot import mot_table
 from roadscope.benchmarks.recorded.suite import kitti_table
 from roadscope.benchmarks.suite import SUITES, load_suite
@@ -59,7 +61,8 @@ def _trackers() -> list[tuple[str, str]]:
 def _odometries() -> list[tuple[str, str]]:
     from roadscope.odometry import ODOMETRIES
 
-    return _plugins(ODOMETRIES)
+    oracle = (f"{GIVEN_TRUTH}A", "The odometry A, spared the returns of what truly moves.")
+    return [*_plugins(ODOMETRIES), oracle, *_plugins(ODOMETRY_NOISES)]
 
 
 def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:

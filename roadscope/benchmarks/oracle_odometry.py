@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from roadscope.benchmarks.noisy_odometry import imitated
 from roadscope.benchmarks.oracle import MARKS, ONE_CLUSTER, ORACLE
 
 GIVEN_TRUTH = f"{ORACLE}?odometry="
 """Names an odometry that gets scans without the returns of what truly moves."""
+IMITATION = "imitation"
+"""The mark of what is made from truth with errors."""
 LOWER_MARKS = ("still", "dead-reckoning")
 """They look at no scan."""
 
@@ -34,4 +37,6 @@ def odometry_mark(spec: str) -> str | None:
     """Say which mark an odometry's spec is of; None: it is ranked."""
     if spared(spec) is not None:
         return MARKS[ORACLE]
+    if imitated(spec):
+        return IMITATION
     return MARKS[ONE_CLUSTER] if spec in LOWER_MARKS else None

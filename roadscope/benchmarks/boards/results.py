@@ -28,7 +28,7 @@ from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.metrics.odometry.by_distance import DISTANCE
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.oracle import mark_of
-from roadscope.benchmarks.oracle_odometry import odometry_mark
+from roadscope.benchmarks.oracle_odometry import IMITATION, odometry_mark
 from roadscope.benchmarks.recorded.combined import BY_ALPHA
 from roadscope.benchmarks.recorded.recording import RECORDED_BOARDS
 from roadscope.core.names import unknown
@@ -47,8 +47,6 @@ BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
 
 ONE_SENSOR = "alone"
 """The mark of what one sensor finds without the other."""
-IMITATION = "imitation"
-"""The mark of what is made from truth with errors."""
 NOT_INSTALLED = " is not installed: "
 """In the reason of an entry that needs another package; see `Requirement.missing`."""
 

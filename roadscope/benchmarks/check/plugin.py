@@ -26,6 +26,7 @@ from roadscope.benchmarks.check.items import Item, Promise, PromiseError
 from roadscope.benchmarks.jobs.entries import by_scans, in_images
 from roadscope.benchmarks.jobs.stack import EntryError, describe
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
+from roadscope.benchmarks.noisy_odometry import imitated
 from roadscope.benchmarks.oracle import FUSED, full_name, made_from_truth
 from roadscope.core.names import unknown
 from roadscope.core.registry import Plugin, Registry, SpecError, split_spec
@@ -171,7 +172,7 @@ def load(spec: str) -> tuple[Plugin[Any], Sequence[Promise]]:
     name, _ = split_spec(spec)
     if name == FUSED:
         raise PromiseError("it joins two detectors by a fusion; check each of the three")
-    if made_from_truth(name) or name in CAMERA_NOISES:
+    if made_from_truth(name) or name in CAMERA_NOISES or imitated(spec):
         raise PromiseError("it is made from the truth and is no plug-in: it promises nothing")
     for registry, promises in KINDS:
         if name in registry:

@@ -18,6 +18,7 @@ from roadscope.benchmarks.jobs.look import drawn_from_truth
 from roadscope.benchmarks.jobs.sensor_plan import check_camera_of
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
+from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES, imitated
 from roadscope.benchmarks.oracle import (
     FUSED,
     ORACLE,
@@ -75,7 +76,7 @@ def kind_of(spec: str, boards: Sequence[str] = BOARDS) -> str:
         board, or as `in_images` says; one with update() is an odometry where they have no
         tracking board, or as `by_scans` says.
     """
-    if spared(spec) is not None:
+    if spared(spec) is not None or imitated(spec):
         return "odometry"
     name, _ = split_spec(spec)
     if ":" not in name:
@@ -162,7 +163,7 @@ def check_tracker(spec: str) -> None:
 def check_told(odometry: str) -> None:
     """Refuse what tells no poses of the ego."""
     try:
-        check(ODOMETRIES, method_of(odometry))
+        check_odometry(odometry)
     except SpecError as error:
         raise SpecError(f"ego={odometry}: {error}; or '{TRUE_POSES}', '{NO_POSES}'") from error
 
@@ -171,8 +172,20 @@ def check_entry(kind: str, spec: str) -> None:
     """Refuse an entry of a kind that cannot be found or refuses its arguments."""
     if kind == "tracker":
         check_tracker(spec)
+    elif kind == "odometry":
+        check_odometry(spec)
     else:
-        check(REGISTRIES[kind], method_of(spec))
+        check(REGISTRIES[kind], spec)
+
+
+def check_odometry(spec: str) -> None:
+    """Refuse what tells no poses; oracles of odometries and noise models do, beside these."""
+    if imitated(spec):
+        _make(ODOMETRY_NOISES.resolve(spec))
+    elif imitated(method_of(spec)):
+        raise SpecError(f"'{spec}': an imitation looks at no scan that could be spared anything")
+    else:
+        check(ODOMETRIES, method_of(spec))
 
 
 def check_detector(spec: str) -> None:
@@ -218,12 +231,13 @@ def check_suite(suite: Suite) -> None:
     for key, registry, specs in (
         ("detection.entries", DETECTORS, suite.detectors),
         ("fusion.entries", FUSIONS, suite.fusions),
-        ("odometry.entries", ODOMETRIES, map(method_of, suite.odometries)),
     ):
         for spec in specs:
             of_suite(suite, key, check, registry, spec)
     for spec in suite.trackers:
         of_suite(suite, "tracking.entries", check_tracker, spec)
+    for spec in suite.odometries:
+        of_suite(suite, "odometry.entries", check_odometry, spec)
     for odometry in filter(None, map(odometry_among, suite.egos)):
         of_suite(suite, "tracking.ego", check_told, odometry)
     for key, specs in (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import code_hash, plugin_hash
+from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.jobs.base import KeyedJob, outcome_of
 from roadscope.benchmarks.jobs.cost import cost
 from roadscope.benchmarks.jobs.ride import Ride, ride
@@ -21,13 +21,14 @@ from roadscope.benchmarks.metrics.odometry import (
     score_standing,
 )
 from roadscope.benchmarks.metrics.score import Score, ratio
+from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES, imitated
 from roadscope.benchmarks.oracle_odometry import entry_of, method_of, spared
 from roadscope.benchmarks.suite import Suite
 from roadscope.odometry import ODOMETRIES
 
 RIDING = tuple(
     f"benchmarks/{name}.py"
-    for name in ("drive", "oracle_odometry", "jobs/ride", "jobs/stack", "episode")
+    for name in ("drive", "oracle_odometry", "noisy_odometry", "jobs/ride", "jobs/stack", "episode")
 )
 """What poses depend on beside the odometry and the episode."""
 SCORING = ("benchmarks/metrics", "benchmarks/jobs/odometry_job.py")
@@ -59,25 +60,31 @@ class OdometryJob(KeyedJob):
     @property
     def company(self) -> str:
         """With whom it may share a process: a stranger with its oracle alone, peers all."""
-        return "" if ODOMETRIES.resolve(self.plugin).ours else self.plugin
+        return "" if self.ours or ODOMETRIES.resolve(self.plugin).ours else self.plugin
 
     @property
     def ours(self) -> bool:
         """Whether all that is called ships with this package: compiled peers may end a process."""
+        if imitated(self.plugin):
+            return True
         plugin = ODOMETRIES.resolve(self.plugin)
         return plugin.ours and plugin.requirement is None
 
     def content(self) -> Mapping[str, Any]:
         """Return what the poses depend on, and the stretches."""
-        plugin = ODOMETRIES.resolve(self.plugin)
         # Methods of ours share the ground and the clusters of detectors.
-        rooms = ("detectors",) if plugin.ours else ()
+        rooms = ("detectors",) if self.company == "" else ()
         return {
-            "odometry": plugin_hash(plugin),
+            "odometry": self._made_by(),
             "episode": self.episode.spec(),
             "lengths_m": list(self.lengths_m),
             "code": code_hash(*RIDING, *rooms),
         }
+
+    def _made_by(self) -> str:
+        if imitated(self.plugin):
+            return fingerprint(ODOMETRY_NOISES.make(self.plugin))
+        return plugin_hash(ODOMETRIES.resolve(self.plugin))
 
 
 def odometry_jobs(
@@ -100,29 +107,30 @@ def execute_odometries(jobs: Sequence[OdometryJob]) -> list[Outcome]:
 def execute_odometry(job: OdometryJob) -> Outcome:
     """Do a job; whatever goes wrong becomes its reason, nothing is raised."""
     spec = job.plugin
-    if reason := ODOMETRIES.missing(spec):
+    if not imitated(spec) and (reason := ODOMETRIES.missing(spec)):
         return Outcome({}, f"{spec}: {reason}")
 
     def scores() -> Mapping[str, Score]:
         found = ride(job.odometry, job.episode)
-        return ride_scores(found, job.lengths_m, spared(job.odometry) is not None)
+        from_truth = spared(job.odometry) is not None or imitated(spec)
+        return ride_scores(found, job.lengths_m, from_truth)
 
     return outcome_of(scores)
 
 
 def ride_scores(
-    found: Ride, lengths_m: Sequence[float] = SHORT_M, oracle: bool = False
+    found: Ride, lengths_m: Sequence[float] = SHORT_M, from_truth: bool = False
 ) -> dict[str, Score]:
     """Return an odometry's scores on an episode and what its calls cost.
 
-    oracle: what moves was taken out before, so that there is none to be told.
+    from_truth: what moves was taken out before, or is not looked at: there is none to be told.
     """
-    told = {} if oracle else score_moving(found.dynamic, found.moving).named()
+    told = {} if from_truth else score_moving(found.dynamic, found.moving).named()
     return {
         **score_odometry(found.both, lengths_m=lengths_m).named(),
         **score_standing(found.both, found.stamps_s).named(),
         "degraded": ratio(int(found.degraded.sum()), len(found.degraded), "lower"),
         **told,
-        **cost(found.calls_ms, (50, 90, 99)),
+        **(cost(found.calls_ms, (50, 90, 99)) if len(found.calls_ms) else {}),
         **by_distance(found.both),
     }

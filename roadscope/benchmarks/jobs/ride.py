@@ -15,9 +15,11 @@ from roadscope.benchmarks.drive import Step, drive, imu_mounting
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, EntryError, guarded
 from roadscope.benchmarks.metrics.odometry import Trajectories
+from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES, imitated, noisy_poses
 from roadscope.benchmarks.oracle_odometry import method_of, spared
 from roadscope.core import LidarScan, OdometryEstimate, Pose
 from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.estimates import estimate
 
 WARM_SCANS = 4
 FARTHEST_M = 1e6
@@ -32,7 +34,7 @@ class Ride:
 
     both: its poses and the true ones. stamps_s: (T,). degraded: (T,) bool.
     dynamic, moving: (N,) bool of each scan, returns held to be dynamic and those that truly are.
-    calls_ms: (T,) processor time of each call, all threads together.
+    calls_ms: (T,) processor time of each call, all threads together; (0,) of imitations.
     """
 
     both: Trajectories
@@ -44,10 +46,12 @@ class Ride:
 
 
 def ride(odometry: str, episode: Episode) -> Ride:
-    """Run an odometry, or one that is spared all that moves, over an episode.
+    """Run an odometry, one that is spared all that moves, or an imitation over an episode.
 
     Whatever the plug-in does wrong raises `EntryError`.
     """
+    if imitated(odometry):
+        return imitation(odometry, episode)
     spec, mounting = method_of(odometry), imu_mounting(episode)
     steps = drive(episode) if spared(odometry) is None else _spared(drive(episode))
     steps = _warmed_up(spec, steps, mounting)
@@ -66,6 +70,18 @@ def ride(odometry: str, episode: Episode) -> Ride:
     if not told:
         raise ValueError("no scan arrives: the episode is too short, or all are lost")
     return _joined(told, truths, moving, calls_ms)
+
+
+def imitation(spec: str, episode: Episode) -> Ride:
+    """Return poses made from truth, which no call has cost."""
+    steps = list(drive(episode))
+    truth = [step.world_from_lidar for step in steps]
+    poses = noisy_poses(ODOMETRY_NOISES.make(spec), truth, episode.seed)
+    told = [
+        estimate(pose.matrix, np.zeros((6, 6)), step.scan.stamp_s, len(step.scan))
+        for pose, step in zip(poses, steps, strict=True)
+    ]
+    return _joined(told, [pose.matrix for pose in truth], [step.moving for step in steps], [])
 
 
 def checked(spec: str, answer: Any, scan: LidarScan) -> OdometryEstimate:

@@ -1,0 +1,88 @@
+"""Poses made from truth: drift, noise and jumps of known size.
+
+An imitation, named by a string as plug-ins are: `noisy-odometry?scale=0.02&turn_deg=1`. It belongs
+to the benchmark; figures that rest on it say so. On the odometry board it shows what the metrics
+make of known errors, and to trackers it tells the ego's poses with as much drift as asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
+
+import numpy as np
+
+from roadscope.core import Pose, Registry
+from roadscope.core.registry import split_spec
+from roadscope.odometry.rigid import exp_se3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EgoNoise:
+    """How told motions differ from true ones; all else is as it was.
+
+    scale: share by which the way is told too long, all along; negative: too short.
+    turn_deg: yaw told too much in 100 m, degrees, all along.
+    shift_m, shake_deg: standard deviations of each motion from scan to scan, along each axis and
+        about it: they add up as a random walk.
+    jump: share of scans at which the pose jumps, for good. jump_m: standard deviation of that in
+        x and y.
+    """
+
+    scale: float = 0.01
+    turn_deg: float = 0.5
+    shift_m: float = 0.005
+    shake_deg: float = 0.01
+    jump: float = 0.0
+    jump_m: float = 1.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (isinstance(value, (int, float)) and np.isfinite(value)):
+                raise ValueError(f"{field.name} must be a number, got {value!r}")
+            if value < 0 and field.name not in ("scale", "turn_deg"):
+                raise ValueError(f"{field.name} must be 0 or more, got {value!r}")
+        if self.jump > 1 or self.scale <= -1:
+            raise ValueError("jump must be at most 1 and scale above -1")
+
+
+ODOMETRY_NOISES: Registry[EgoNoise] = Registry(
+    "odometry noise model",
+    {"noisy-odometry": "roadscope.benchmarks.noisy_odometry:EgoNoise"},
+    summaries={"noisy-odometry": "True poses with drift, noise and jumps."},
+)
+
+
+def imitated(spec: str) -> bool:
+    """Say whether a spec names poses made from truth, and no odometry."""
+    return split_spec(spec)[0] in ODOMETRY_NOISES
+
+
+def noisy_poses(noise: EgoNoise, truth: Sequence[Pose], seed: int) -> list[Pose]:
+    """Return `start_from_lidar` as told, one for each true `world_from_lidar`; the first is none.
+
+    The same noise, poses and seed give the same bytes.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    told = [Pose.identity()] if truth else []
+    for before, now in pairwise(truth):
+        motion = before.inverse() @ now
+        told.append(told[-1] @ _told(noise, motion, rng))
+    return told
+
+
+def _told(noise: EgoNoise, motion: Pose, rng: np.random.Generator) -> Pose:
+    """Return a motion from scan to scan with its errors."""
+    matrix = motion.matrix.copy()
+    way_m = float(np.linalg.norm(matrix[:3, 3]))
+    matrix[:3, 3] *= 1 + noise.scale
+    error = np.concatenate(
+        [noise.shift_m * rng.standard_normal(3),
+         np.deg2rad(noise.shake_deg) * rng.standard_normal(3)]
+    )  # fmt: skip
+    error[5] += np.deg2rad(noise.turn_deg) * way_m / 100
+    jumps, jump_m = rng.random() < noise.jump, noise.jump_m * rng.standard_normal(2)
+    error[:2] += jumps * jump_m
+    return Pose(matrix @ exp_se3(error))

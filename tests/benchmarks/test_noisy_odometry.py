@@ -1,0 +1,117 @@
+"""Poses made from truth with errors of known size."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.jobs.entries import check_entry, kind_of
+from roadscope.benchmarks.jobs.odometry_job import OdometryJob, execute_odometry
+from roadscope.benchmarks.jobs.plan import plan
+from roadscope.benchmarks.jobs.ride import ride
+from roadscope.benchmarks.listing import names_of
+from roadscope.benchmarks.metrics.odometry import Trajectories, score_odometry
+from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES, EgoNoise, imitated, noisy_poses
+from roadscope.benchmarks.oracle_odometry import odometry_mark
+from roadscope.benchmarks.suite import load_suite
+from roadscope.core import Pose, SpecError
+
+NONE = {"scale": 0.0, "turn_deg": 0.0, "shift_m": 0.0, "shake_deg": 0.0}
+EPISODE = Episode("cold-start", 10001, "vlp16-imu", 1.5)
+
+
+def bends(n=60, step_m=1.0, yaw_rad=0.02):
+    poses, step = [Pose.planar(5.0, -3.0, 0.7)], Pose.planar(step_m, 0.0, yaw_rad)
+    for _ in range(n - 1):
+        poses.append(poses[-1] @ step)
+    return poses
+
+
+def scored(truth, told):
+    both = Trajectories(np.array([p.matrix for p in told]), np.array([p.matrix for p in truth]))
+    return score_odometry(both, lengths_m=(20.0,))
+
+
+def test_without_errors_poses_are_true():
+    truth = bends()
+    told = noisy_poses(EgoNoise(**NONE), truth, 0)
+    start = truth[0].inverse()
+    assert np.allclose([p.matrix for p in told], [(start @ p).matrix for p in truth])
+
+
+@given(st.floats(-0.5, 0.5))
+def test_scale_is_the_drift_of_a_straight_way(scale):
+    truth = bends(yaw_rad=0.0)
+    score = scored(truth, noisy_poses(EgoNoise(**(NONE | {"scale": scale})), truth, 0))
+    assert score.t_rel.value == pytest.approx(100 * abs(scale) * 21 / 20, abs=1e-6)
+    assert score.end.value == pytest.approx(59 * abs(scale), abs=1e-9)
+
+
+def test_turn_is_the_drift_of_the_heading():
+    truth = bends(step_m=0.5)
+    score = scored(truth, noisy_poses(EgoNoise(**(NONE | {"turn_deg": 2.0})), truth, 0))
+    assert score.r_rel.value == pytest.approx(2.0 * 20.5 / 20, rel=1e-3)
+
+
+def test_noise_has_the_spread_that_is_asked_for():
+    truth = bends(4000, 0.0, 0.0)
+    told = noisy_poses(EgoNoise(**(NONE | {"shift_m": 0.03})), truth, 1)
+    steps = np.diff([p.translation for p in told], axis=0)
+    assert steps.std(axis=0) == pytest.approx(0.03, rel=0.05)
+
+
+def test_jumps_come_as_often_as_asked_and_stay():
+    truth = bends(2000, 0.0, 0.0)
+    told = noisy_poses(EgoNoise(**(NONE | {"jump": 0.05, "jump_m": 3.0})), truth, 2)
+    steps = np.diff([p.translation for p in told], axis=0)
+    jumped = np.abs(steps).max(axis=1) > 0
+    assert jumped.mean() == pytest.approx(0.05, abs=0.015)
+    assert steps[jumped, :2].std() == pytest.approx(3.0, rel=0.2)
+    assert not steps[:, 2].any()
+
+
+def test_the_same_seed_gives_the_same_bytes():
+    truth, noise = bends(), EgoNoise(jump=0.2)
+    first = noisy_poses(noise, truth, 3)
+    assert first == noisy_poses(noise, truth, 3)
+    assert first != noisy_poses(noise, truth, 4)
+    assert noisy_poses(noise, [], 3) == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    ["shift_m=-1", "jump=1.5", "scale=-1", "turn_deg=nan", "turn_deg=inf", "jump_m=x"],
+)
+def test_wrong_arguments_are_refused(wrong):
+    with pytest.raises((ValueError, SpecError)):
+        ODOMETRY_NOISES.make(f"noisy-odometry?{wrong}")
+
+
+def test_an_imitation_is_an_entry_and_tells_trackers_poses():
+    spec = "noisy-odometry?scale=0.1"
+    assert kind_of(spec, ("odometry",)) == "odometry"
+    check_entry("odometry", spec)
+    check_entry("tracker", f"nearest?ego={spec}")
+    with pytest.raises(SpecError, match="no scan that could be spared"):
+        check_entry("odometry", f"oracle?odometry={spec}")
+    with pytest.raises(SpecError, match="jump must be at most 1"):
+        check_entry("odometry", "noisy-odometry?jump=2")
+    (planned,) = plan(load_suite("odometry"), [spec], ("odometry",), only=True).odometry[:1]
+    assert (planned.entry, planned.ours) == (spec, True)
+    assert "noisy-odometry" in {name for name, _ in names_of("odometries")}
+
+
+def test_an_imitation_has_its_mark_its_scores_and_no_cost():
+    spec = "noisy-odometry?scale=0.1&shift_m=0"
+    assert imitated(spec)
+    assert odometry_mark(spec) == "imitation"
+    found = ride(spec, EPISODE)
+    assert len(found.both) == len(found.stamps_s) > 10
+    assert not found.degraded.any()
+    outcome = execute_odometry(OdometryJob(spec, spec, EPISODE, (10.0,)))
+    assert outcome.reason is None
+    assert outcome.scores["t_rel"].value == pytest.approx(10, rel=0.3)
+    assert not {"call_p50_ms", "dynamic_recall"} & set(outcome.scores)
+    keys = {OdometryJob("x", f"noisy-odometry?scale={s}", EPISODE).key for s in (0.1, 0.1, 0.2)}
+    assert len(keys) == 2
