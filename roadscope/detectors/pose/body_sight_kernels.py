@@ -16,8 +16,6 @@ BEAM = 10
 """Returns of one beam that are worth keeping; with more beams than fit the budget some are left."""
 WIDEST = 4
 """Most neighbours that are joined: a plane's range is nearly linear over so few columns."""
-MOST = 3
-"""Budgets beyond which what cannot be joined is left out."""
 LEAP_M = 0.15
 """Neighbouring returns whose ranges differ by more are not joined."""
 ROUGHNESS_M = 0.004
@@ -115,35 +113,13 @@ def rays_about(
 ) -> tuple[Rays, int]:
     """Return the rays that tell of a body, and how many returns it sent back.
 
-    rows: (K,) of the body, K at least 1; the rest as in `returns_about` and `joined`. Of what
-    cannot be joined what is far above the budget is left out evenly.
+    rows: (K,) of the body, K at least 1; the rest as in `returns_about` and `joined`.
     """
     beams, motion = lidar
     near, target = returns_about(returns, ordered, rows, beams.columns)
     grid = picked(near, target, beams, budget)
     rays = rays_of(grid, beams, motion, need_of(near, target, beams))
-    return spared(joined(rays, grid, budget), MOST * budget), (grid.kind == HIT).sum()
-
-
-@compiled()
-def spared(rays: Rays, most: int) -> Rays:
-    """Leave out returns evenly until about so many are left, but none beside what is none.
-
-    A flank that is seen at a slant has no neighbours to join: each return is far behind the last.
-    """
-    hit = rays.kind == HIT
-    step, count = -(-hit.sum() // most), 0
-    if step <= 1:
-        return rays
-    kept = np.ones(len(hit), np.bool_)
-    for i in range(1, len(hit) - 1):
-        if hit[i - 1] and hit[i] and hit[i + 1]:
-            count += 1
-            kept[i] = count % step == 0
-    return Rays(
-        rays.origin[kept], rays.direction[kept], rays.slope[kept], rays.reach[kept],
-        rays.kind[kept], rays.sigma[kept], rays.time[kept], rays.need[kept],
-    )  # fmt: skip
+    return joined(rays, grid, budget), (grid.kind == HIT).sum()
 
 
 @compiled()

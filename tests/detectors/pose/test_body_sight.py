@@ -9,14 +9,7 @@ from roadscope.core import LidarScan, Pose
 from roadscope.detectors.pose.body_kernels import EMPTY, HIT, PASSED, Rays
 from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_rays import sight
-from roadscope.detectors.pose.body_sight_kernels import (
-    BEAM,
-    BESIDE,
-    LEAP_M,
-    ROUGHNESS_M,
-    WIDEST,
-    spared,
-)
+from roadscope.detectors.pose.body_sight_kernels import BEAM, BESIDE, LEAP_M, ROUGHNESS_M, WIDEST
 from roadscope.detectors.pose.body_start import ANGLES, CLOSE_M, starts
 from roadscope.envs.sensors.lidar_specs import SPECS
 
@@ -152,25 +145,3 @@ def test_first_guesses_are_those_of_the_slow_way(seed, count):
     rng = np.random.default_rng(seed)
     rng.normal(size=(count, 2))
     assert np.allclose(starts(points, rng.normal(size=2), model), expected, atol=1e-9)
-
-
-@given(kinds=st.lists(st.sampled_from([HIT, HIT, HIT, EMPTY]), min_size=1, max_size=80),
-       most=st.integers(1, 40))  # fmt: skip
-@settings(deadline=None, max_examples=50)
-def test_returns_are_left_out_evenly_and_never_at_an_end(kinds, most):
-    count = len(kinds)
-    number = np.arange(float(count))
-    rays = Rays(
-        np.zeros((count, 3)), np.zeros((count, 2)), number, number, np.array(kinds), number,
-        number, number,
-    )  # fmt: skip
-    kept = spared(rays, most)
-    hit = np.array(kinds) == HIT
-    inner = hit & np.append(False, hit[:-1]) & np.append(hit[1:], False)
-    step = -(-hit.sum() // most)
-    expected = np.ones(count, bool)
-    if step > 1:
-        expected[np.flatnonzero(inner)] = np.arange(1, inner.sum() + 1) % step == 0
-    np.testing.assert_array_equal(kept.reach, number[expected])
-    np.testing.assert_array_equal(kept.kind, np.array(kinds)[expected])
-    assert hit[expected].sum() <= most + (~inner & hit).sum()
