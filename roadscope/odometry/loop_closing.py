@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.odometry.keyframes import Keyframe, KeyframeMap
-from roadscope.odometry.point_icp import onto
+from roadscope.odometry.point_icp import onto, overlap
 from roadscope.odometry.pose_graph import Link, settled
 from roadscope.odometry.progress import misfit_of
 from roadscope.odometry.rigid import inverse
@@ -26,8 +26,8 @@ AGAIN_M = 10.0
 BESIDE = 10
 """So many keyframes either way make the map of a candidate's place."""
 RESIDUAL_M = 0.2
-AGREED = 0.5
-"""Least share of edges with a line in that map."""
+AGREED, WITHIN_M = 0.5, 0.3
+"""Least share of edges that lie so near to one of that map."""
 STEP_SPREAD = np.array([0.05] * 3 + [0.005] * 3)
 LOOP_SPREAD = np.array([0.05] * 3 + [0.005] * 3)
 """What is thought of a motion from keyframe to keyframe, and of one that closes a loop."""
@@ -86,10 +86,10 @@ def place_again(keyframes: Sequence[Keyframe], candidate: int) -> np.ndarray | N
     # Edges, few and distinct, tell roughly; lines and planes then finely.
     rough = onto(last.edges, there.edges.points, last.map_from_lidar, NEAR_M)
     found = there.match(last, rough)
-    with_line = len(there.edges.lines(last.edges, found.before_from_now).points)
     if misfit_of(found) or found.residual_m > RESIDUAL_M:
         return None
-    return found.before_from_now if with_line > AGREED * len(last.edges) else None
+    seen_again = overlap(last.edges, there.edges.points, found.before_from_now, WITHIN_M)
+    return found.before_from_now if seen_again > AGREED else None
 
 
 def _link(keyframes: Sequence[Keyframe], first: int, second: int, spread: np.ndarray) -> Link:

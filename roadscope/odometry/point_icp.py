@@ -33,6 +33,15 @@ def onto(points: np.ndarray, target: np.ndarray, start: np.ndarray, reach_m: flo
     return pose
 
 
+def overlap(points: np.ndarray, target: np.ndarray, pose: np.ndarray, within_m: float) -> float:
+    """Return the share of (N, 3) points that a (4, 4) motion brings so near to one of others."""
+    from scipy.spatial import cKDTree
+
+    there = points @ pose[:3, :3].T + pose[:3, 3]
+    away, _ = cKDTree(target).query(there, distance_upper_bound=within_m)
+    return float(np.isfinite(away).mean())
+
+
 def between(points: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return the (4, 4) motion that brings (N, 3) points nearest to as many others, in pairs."""
     centre, aim = points.mean(axis=0), target.mean(axis=0)

@@ -9,7 +9,7 @@ from toy_drive import Drive, offset
 from roadscope.odometry.keyframes import Keyframe
 from roadscope.odometry.lego_loam import LegoLoamOdometry
 from roadscope.odometry.loop_closing import DRIVEN_M, LoopClosing, nearest_candidate, place_again
-from roadscope.odometry.point_icp import between, onto
+from roadscope.odometry.point_icp import between, onto, overlap
 from roadscope.odometry.pose_graph import Link, misfits, settled
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3
 
@@ -71,6 +71,8 @@ def test_icp_brings_points_onto_points():
     found = onto(np.vstack([points, rng.uniform(50, 60, (20, 3))]), target, np.eye(4), 5.0)
     assert np.abs(log_se3(inverse(motion) @ found)).max() < 1e-3
     assert (onto(points + 500, target, np.eye(4), 5.0) == np.eye(4)).all()
+    half = np.vstack([points, points + np.array([0, 0, 50])])
+    assert overlap(half, target, motion, 0.1) == 0.5
 
 
 def poles(rng):
