@@ -17,10 +17,21 @@ def thinned(points: np.ndarray, size_m: float, bounds_m: tuple[float, float]) ->
     points: (N, 3). Points nearer or farther than the bounds, and such as are no numbers, are
     left out.
     """
+    rows, _ = cubed(points, size_m, bounds_m)
+    return rows
+
+
+@compiled()
+def cubed(
+    points: np.ndarray, size_m: float, bounds_m: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `thinned` does, and (N,) int64, to which of its rows each point belongs or -1."""
     slots = 1024
     while slots < 2 * len(points):
         slots *= 2
     keys = np.full(slots, EMPTY, np.int64)
+    holders = np.empty(slots, np.int64)
+    members = np.full(len(points), -1, np.int64)
     rows, count = np.empty(len(points), np.int64), 0
     least, most = bounds_m[0] ** 2, bounds_m[1] ** 2
     for n in range(len(points)):
@@ -33,10 +44,11 @@ def thinned(points: np.ndarray, size_m: float, bounds_m: tuple[float, float]) ->
         key = (i << 2 * BITS) | (j << BITS) | k
         slot = slot_of(keys, key)
         if keys[slot] == EMPTY:
-            keys[slot] = key
+            keys[slot], holders[slot] = key, count
             rows[count] = n
             count += 1
-    return rows[:count]
+        members[n] = holders[slot]
+    return rows[:count], members
 
 
 @compiled()

@@ -9,7 +9,7 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.odometry.eigen_kernels import eigen3
 
-SIZES_M = (0.5, 1.0, 2.0)
+SIZES_M = (1.0, 2.0, 4.0)
 EMPTY = -1
 BITS, HALF = 20, 1 << 19
 Index = int | np.signedinteger
@@ -24,10 +24,15 @@ THIN_M = 0.1
 WIDE = 0.12
 """Least extent, of the voxel's size, along a surface. One beam's trace across a road is a line
 that travels with the sensor: it has no width and must not be taken for an edge."""
+WIDE_M, WIDE_LEVEL_M = 0.2, 0.5
+"""And at least this, on the level more: noise along slanting beams tilts what is narrow, always the
+same way, and the ground is what tells of pitch and height."""
+LEVEL = 0.9
+"""Least cosine to the vertical of the normal of what is level."""
 UPRIGHT = 0.8
 """Least cosine to the vertical of an edge: poles and trunks. Level lines are mostly such traces."""
-NOISE_M = 0.03
-"""Range noise of a single return."""
+FLOOR_M = 0.01
+"""What a point is off a surface that is known perfectly: motion within the sweep, roughness."""
 
 
 class Voxels(NamedTuple):
@@ -35,8 +40,9 @@ class Voxels(NamedTuple):
 
     keys: (M,) int64. counts: (M,) points. sums: (M, 3), squares: (M, 6), of the points less the
         voxel's centre. fitted: (M,) count when its surface was last fitted.
-    means: (M, 3) metres. axes: (M, 3, 3) unit vectors as rows. weights: (M, 3) 1/m^2, how firmly
-        points are held along each axis; 0 for not at all.
+    means: (M, 3) metres. axes: (M, 3, 3) unit vectors as rows. spreads: (M, 3) m^2, variances of
+        the points along them, ascending. held: (M,) how many of the axes hold other points in
+        place: 0, 1 for a surface, 2 for an edge.
     used: (1,) slots taken.
     """
 
@@ -47,7 +53,8 @@ class Voxels(NamedTuple):
     fitted: np.ndarray
     means: np.ndarray
     axes: np.ndarray
-    weights: np.ndarray
+    spreads: np.ndarray
+    held: np.ndarray
     used: np.ndarray
 
 
@@ -56,7 +63,7 @@ def empty_voxels(slots: int) -> Voxels:
     return Voxels(
         np.full(slots, EMPTY, np.int64), np.zeros(slots), np.zeros((slots, 3)),
         np.zeros((slots, 6)), np.zeros(slots), np.zeros((slots, 3)), np.zeros((slots, 3, 3)),
-        np.zeros((slots, 3)), np.zeros(1, np.int64),
+        np.zeros((slots, 3)), np.zeros(slots, np.int8), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -143,17 +150,16 @@ def _fit(
             matrix[i, j] = matrix[j, i] = squares[at] / n - sums[i] / n * (sums[j] / n)
             at += 1
     eigen3(matrix, values, vectors)
-    weights = voxels.weights[slot]
-    weights[:] = 0.0
-    wide = (WIDE * SIZES_M[key >> 3 * BITS]) ** 2
+    wide = max(WIDE * SIZES_M[key >> 3 * BITS], WIDE_M) ** 2
+    if abs(vectors[0, 2]) > LEVEL:
+        wide = max(wide, WIDE_LEVEL_M * WIDE_LEVEL_M)
     thin = THIN_M * THIN_M
     edge = values[1] < thin and abs(vectors[2, 2]) > UPRIGHT and values[2] > wide
-    if values[0] < thin and (values[1] > wide or edge):
-        weights[0] = 1.0 / (values[0] + NOISE_M * NOISE_M)
-    if edge:
-        weights[1] = 1.0 / (values[1] + NOISE_M * NOISE_M)
+    surface = values[0] < thin and (values[1] > wide or edge)
+    voxels.held[slot] = 2 if edge else 1 if surface else 0
     for i in range(3):
         voxels.means[slot, i] = sums[i] / n + _centre(key, i)
+        voxels.spreads[slot, i] = max(values[i], 0.0)
         for j in range(3):
             voxels.axes[slot, i, j] = vectors[i, j]
     voxels.fitted[slot] = n
@@ -175,4 +181,4 @@ def copy_near(old: Voxels, new: Voxels, centre: np.ndarray, reach_m: float) -> N
         new.counts[to], new.fitted[to] = old.counts[slot], old.fitted[slot]
         new.sums[to], new.squares[to] = old.sums[slot], old.squares[slot]
         new.means[to], new.axes[to] = old.means[slot], old.axes[slot]
-        new.weights[to] = old.weights[slot]
+        new.spreads[to], new.held[to] = old.spreads[slot], old.held[slot]

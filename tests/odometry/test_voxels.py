@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from roadscope.odometry.match_kernels import normal_equations, surface_at
+from roadscope.odometry.match_kernels import TILT, normal_equations, surface_at
 from roadscope.odometry.matching import Belief, match
 from roadscope.odometry.rigid import exp_se3, log_se3
+from roadscope.odometry.voxel_kernels import FLOOR_M
 from roadscope.odometry.voxels import VoxelMap
 
 NOTHING_HELD = np.zeros((6, 6))
@@ -46,6 +47,15 @@ def test_a_scan_is_moved_onto_the_map(rng, known):
     assert 1000 < found.held <= found.points == 2000
 
 
+def held_slowly(voxels, slot, off):
+    """How firmly a point at an offset from the mean is held along each axis, 1/m^2."""
+    firm, spreads = np.zeros(3), voxels.spreads[slot]
+    for k in range(voxels.held[slot]):
+        lever = 1 + (off[k + 1 :] ** 2 / (spreads[k + 1 :] + FLOOR_M**2)).sum()
+        firm[k] = 1 / (spreads[k] * (1 + lever / (voxels.counts[slot] - 3)) + FLOOR_M**2)
+    return firm
+
+
 def test_equations_are_those_of_the_slow_way(rng, known):
     points = room(np.random.default_rng(2), 200)
     pose, scale = exp_se3(0.02 * rng.standard_normal(6)), 4.0
@@ -58,10 +68,13 @@ def test_equations_are_those_of_the_slow_way(rng, known):
         if slot < 0:
             continue
         off = voxels.axes[slot] @ (arm + pose[:3, 3] - voxels.means[slot])
-        squared = voxels.weights[slot] @ off**2
+        firm = held_slowly(voxels, slot, off)
+        squared = firm @ off**2
         share = 1 / (1 + squared / scale**2) ** 2
-        rows = np.hstack([voxels.axes[slot], np.cross(arm, voxels.axes[slot])])
-        weights = share * voxels.weights[slot]
+        along = voxels.axes[slot] @ pose[:3, :3]
+        shrunk = along**3 / (along**2 + TILT**2) @ pose[:3, :3].T
+        rows = np.hstack([shrunk, np.cross(arm, voxels.axes[slot])])
+        weights = share * firm
         slow_H += rows.T @ (weights[:, None] * rows)
         slow_b += rows.T @ (weights * off)
         slow_told += (1, share, share * squared)
@@ -76,9 +89,9 @@ def test_one_beams_trace_on_a_road_is_no_surface(rng):
     trace = np.column_stack([9 * np.cos(angle), 9 * np.sin(angle), np.full(4000, -1.9)])
     found.add(trace + 0.02 * rng.standard_normal(trace.shape), np.zeros(3))
     # Where the ring bends enough within a voxel, its plane is the road's: that holds no way along.
-    upright = np.abs(found.voxels.axes[:, 0, 2])[found.voxels.weights[:, 0] > 0]
+    upright = np.abs(found.voxels.axes[:, 0, 2])[found.voxels.held > 0]
     assert (upright > 0.9).all()
-    assert not found.voxels.weights[:, 1].any()
+    assert (found.voxels.held < 2).all()
 
 
 def test_what_is_far_is_forgotten_and_the_table_grows(rng):

@@ -1,0 +1,176 @@
+"""LiDAR and inertial unit as one, on a map of what stands still."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.odometry.clock import Clock, Tick
+from roadscope.odometry.estimates import estimate, grown
+from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.inertial_filter import POSE, SPEED, InertialNoise, InertialState
+from roadscope.odometry.inertial_start import InertialStart
+from roadscope.odometry.inertial_track import InertialTrack, Stretch
+from roadscope.odometry.matching import Match
+from roadscope.odometry.rigid import inverse
+from roadscope.odometry.speed_check import SpeedCheck
+from roadscope.odometry.standstill import still_rate
+from roadscope.odometry.sweep import Sweep
+
+LEAST_POINTS = 60
+LEAST_AGREEMENT = 0.3
+VAGUE_M_S = 0.5
+"""A speed known no better than this is called degraded."""
+GUESS_M_S, GUESS_RAD_S = 10.0, 0.1
+"""How far off the motion may be while its speed is not known."""
+REMEMBERED = 10.0
+"""A scan is matched to about so many others: its error is theirs in good part."""
+LOST = 5
+"""So many scans in a row that do not fit: everything begins anew."""
+
+
+class LidarInertialOdometry:
+    """Error-state Kalman filter on inertial samples, corrected by each scan on a map of surfaces.
+
+    The first scans tell the speed: that at which what stands in them comes together. From then on
+    the inertial prediction is so tight that traffic which moves along cannot pull the pose with
+    it. Returns where beams looked through before have moved in: they are called dynamic and left
+    out. Follows Xu 2022 (FAST-LIO2) in the filter; map, speed search and the decision what is
+    dynamic are ours. Without an IMU the state goes on at constant velocity.
+    """
+
+    def __init__(
+        self, *, match_m: float = 0.8, insert_m: float = 0.3, reach_m: float = 120.0,
+        drop_dynamic: bool = True,
+    ) -> None:  # fmt: skip
+        """Set it up.
+
+        match_m, insert_m: edges of cubes of which one return is matched, or put into the map.
+        reach_m: how far the map goes. drop_dynamic: leave out what is held to be dynamic.
+        """
+        for name, size_m in (("match_m", match_m), ("insert_m", insert_m), ("reach_m", reach_m)):
+            if not size_m > 0:
+                raise ValueError(f"{name} must be above 0, got {size_m!r}")
+        self.match_m, self.insert_m, self.reach_m = match_m, insert_m, reach_m
+        self.drop_dynamic, self.noise = drop_dynamic, InertialNoise()
+        self.reset()
+
+    def reset(self, lidar_from_imu: Pose | None = None) -> None:
+        """Forget map, pose, speed, biases."""
+        self._clock, self._imu = Clock(), ImuBuffer(lidar_from_imu)
+        self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
+        self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
+        self._begin(np.eye(4))
+
+    def _begin(self, start_from_map: np.ndarray) -> None:
+        self._start_from_map = start_from_map
+        self._track: InertialTrack | None = None
+        self._start, self._check, self._misfits = InertialStart(), SpeedCheck(), 0
+
+    def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
+        """Predict by the samples, correct by the scan."""
+        self._imu.add(imu)
+        tick = self._clock.tick(scan.stamp_s)
+        if not tick.in_order:
+            return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
+        stretch = self._stretch(scan, tick)
+        sweep = Sweep.of(scan, self.insert_m, self.match_m)
+        moving = np.zeros(len(sweep.rows), bool)
+        poor = _poverty(sweep)
+        if self._track is None:
+            poor = self._wait(sweep, stretch, poor)
+        else:
+            moving, poor = self._follow(self._track, sweep, stretch, poor)
+        self._tell(stretch)
+        return estimate(self._pose, self._covariance, scan.stamp_s, len(scan),
+                        tick.reason or poor, dynamic=sweep.spread(moving))  # fmt: skip
+
+    def _stretch(self, scan: LidarScan, tick: Tick) -> Stretch:
+        """Return what was felt since the last scan."""
+        stamp_s, start_s = scan.stamp_s, scan.stamp_s - tick.elapsed_s
+        half_s = float(np.abs(scan.time_offset_s).max(initial=0.0))
+        rate = self._imu.mean_rate(stamp_s - half_s, stamp_s + half_s) if half_s else None
+        if tick.elapsed_s and self._imu.covers(start_s, stamp_s):
+            return Stretch(tick.elapsed_s, *self._imu.within(start_s, stamp_s), rate)
+        none = np.empty((0, 3))
+        return Stretch(tick.elapsed_s, np.empty(0), none, none, rate)
+
+    def _wait(self, sweep: Sweep, stretch: Stretch, poor: str) -> str:
+        """Gather first scans until they tell the speed; return what is still unknown."""
+        if poor:
+            return poor
+        self._start.add(sweep, stretch, self._imu)
+        speed = self._start.speed()
+        if speed is None:
+            return "" if len(self._start) == 1 else "the speed is not known yet"
+        self._track = self._start.track(speed, self._imu, self._lever, self.noise, self._made)
+        return ""
+
+    def _made(self, state: InertialState) -> InertialTrack:
+        return InertialTrack(state, self._lever, self.noise, reach_m=self.reach_m,
+                             drop_dynamic=self.drop_dynamic)  # fmt: skip
+
+    def _follow(
+        self, track: InertialTrack, sweep: Sweep, stretch: Stretch, poor: str
+    ) -> tuple[np.ndarray, str]:
+        """Predict and correct; return which returns have moved in, and what is wrong."""
+        track.predict(stretch)
+        scan = sweep.scan
+        points = track.seen(sweep)
+        moving = track.moving(points, scan.stamp_s)
+        if poor:
+            return moving, poor
+        found = track.matched(sweep, points, moving)
+        poor = _misfit(found)
+        self._misfits = self._misfits + 1 if poor else 0
+        if not poor:
+            track.settle(found)
+            rest = still_rate(self._imu, scan.stamp_s)
+            if rest is not None:
+                track.stand(rest)
+            track.remember(sweep, points, moving)
+            twist = track.twist()
+            if self._check.refuted(scan, float(twist[0]), float(twist[5])):
+                poor, self._misfits = "what stands beside the road moves otherwise", LOST
+        if self._misfits >= LOST:
+            self._begin(self._start_from_map @ track.pose)
+        return moving, poor or _vague(track)
+
+    def _tell(self, stretch: Stretch) -> None:
+        """Take over pose and covariance of whatever is followed."""
+        before = self._pose
+        track = self._track
+        here = self._start.guess() if track is None else track.pose
+        self._pose = self._start_from_map @ here
+        if not stretch.elapsed_s:
+            return
+        if track is None:
+            spread = np.diag([GUESS_M_S**2] * 3 + [GUESS_RAD_S**2] * 3) * stretch.elapsed_s**2
+        else:
+            axes = np.kron(np.eye(2), track.state.pose[:3, :3])
+            spread = axes.T @ track.state.covariance[POSE, POSE] @ axes / REMEMBERED
+        self._covariance = grown(self._covariance, inverse(before) @ self._pose, spread)
+
+
+def _poverty(sweep: Sweep) -> str:
+    """Say why a scan cannot tell where it was taken; empty if it may."""
+    if len(sweep.few) < LEAST_POINTS:
+        return f"{len(sweep.few)} points that can be matched"
+    if sweep.scan.ring.min() == sweep.scan.ring.max():
+        return "returns of one ring alone"
+    return ""
+
+
+def _misfit(found: Match) -> str:
+    """Say why a match is not to be trusted; empty if it is."""
+    if found.held < LEAST_POINTS:
+        return f"{found.held} points on surfaces that are known"
+    if found.agreement < LEAST_AGREEMENT:
+        return f"{found.agreement:.0%} of the points agree"
+    return ""
+
+
+def _vague(track: InertialTrack) -> str:
+    """Say so where the speed is hardly known; empty where it is."""
+    off_m_s = float(np.sqrt(np.linalg.eigvalsh(track.state.covariance[SPEED, SPEED])[-1]))
+    return f"the speed may be {off_m_s:.2g} m/s off" if off_m_s > VAGUE_M_S else ""

@@ -1,0 +1,30 @@
+"""Whether an inertial unit stands: nothing changes in what it feels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.odometry.imu_buffer import ImuBuffer
+
+WINDOW_S, BLOCK_S = 1.0, 0.1
+RATE_RAD_S, FORCE_M_S2 = 0.003, 0.03
+"""Means over blocks may stray so far from that of the window: four deviations of an ADIS16448's
+noise. Vehicles that drive are felt more, unless they drive straight at one speed for a second."""
+TURNING_RAD_S = 0.05
+"""A steadier turn than any gyro's bias is a turn."""
+
+
+def still_rate(samples: ImuBuffer, now_s: float) -> np.ndarray | None:
+    """Return the mean rate, (3,) rad/s, over the last second if nothing changed in it, or None."""
+    if not samples.covers(now_s - WINDOW_S, now_s):
+        return None
+    _, rates, forces = samples.within(now_s - WINDOW_S, now_s)
+    blocks = round(WINDOW_S / BLOCK_S)
+    usable = len(rates) // blocks * blocks
+    if not usable:
+        return None
+    felt = np.hstack([rates, forces])[:usable].reshape(blocks, -1, 6).mean(axis=1)
+    mean = felt.mean(axis=0)
+    stray = np.abs(felt - mean).max(axis=0)
+    quiet = stray[:3].max() < RATE_RAD_S and stray[3:].max() < FORCE_M_S2
+    return mean[:3] if quiet and np.abs(mean[:3]).max() < TURNING_RAD_S else None

@@ -1,0 +1,44 @@
+"""What is used of a scan, free of the sensor's own motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core import LidarScan
+from roadscope.odometry.cloud_kernels import cubed, deskewed, thinned
+
+BOUNDS_M = (1.5, 120.0)
+"""Nearer is the own vehicle; farther, beams lie too far apart to tell a surface."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """A scan thinned to one return in each cube.
+
+    scan: the whole. rows: (K,) of the returns kept. members: (N,) which of the K each return of
+    the scan belongs to, or -1. few: rows of the K that are matched; all are put into the map.
+    """
+
+    scan: LidarScan
+    rows: np.ndarray
+    members: np.ndarray
+    few: np.ndarray
+
+    @staticmethod
+    def of(scan: LidarScan, insert_m: float, match_m: float) -> Sweep:
+        """Thin a scan to cubes of two sizes, metres."""
+        rows, members = cubed(scan.points, insert_m, BOUNDS_M)
+        return Sweep(scan, rows, members, thinned(scan.points[rows], match_m, BOUNDS_M))
+
+    def at_stamp(self, twist: np.ndarray) -> np.ndarray:
+        """Return (K, 3) points as seen at the stamp by a LiDAR that moves at a (6,) twist."""
+        return deskewed(self.scan.points[self.rows], self.scan.time_offset_s[self.rows], twist)
+
+    def spread(self, marks: np.ndarray) -> np.ndarray:
+        """Return (N,) bool of the whole scan from (K,) of the returns kept."""
+        if not len(marks):
+            return np.zeros(len(self.members), bool)
+        whole: np.ndarray = (self.members >= 0) & marks[self.members]
+        return whole
