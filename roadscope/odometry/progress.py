@@ -11,13 +11,10 @@ from roadscope.odometry.imu_prediction import ImuPrediction
 LEAST_PAIRS = 20
 """Fewer pairs of features cannot be told from chance."""
 WEAKEST_M = 0.2
-"""A way that features leave so uncertain in some level direction is not believed. Upwards nothing
-but ground tells much."""
+"""A way that features leave so uncertain in some level direction is not believed. Upwards, where
+nothing but ground tells much, the prediction stands instead."""
 SIMILAR = 50.0
 """So many features are worth one: neighbours err alike."""
-OPEN_M = 0.1
-"""Along directions that features leave more uncertain the prediction stands: upwards often,
-for the ground is taken out."""
 ACCELERATION_M_S2, TURNING_RAD_S2 = 8.0, 2.0
 """What a prediction may miss at most, for the covariance."""
 
@@ -98,7 +95,7 @@ def settled(predicted: np.ndarray, found: FeatureMatch) -> np.ndarray:
     motion = found.before_from_now.copy()
     rotation = motion[:3, :3]
     variances, axes = np.linalg.eigh(rotation @ covariance_of(found)[:3, :3] @ rotation.T)
-    known = axes[:, variances < OPEN_M**2]
+    known = axes[:, variances < WEAKEST_M**2]
     motion[:3, 3] = predicted[:3, 3] + known @ known.T @ (motion[:3, 3] - predicted[:3, 3])
     return motion
 

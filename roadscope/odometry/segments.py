@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from roadscope.detectors.ground.polar import polar_above_ground
 from roadscope.odometry.sensor_height import sensor_height
 
 BOUNDS_M = (0.5, 120.0)
+ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,12 +87,12 @@ def _standing(scan: LidarScan) -> Cloud:
     """Return what stands above the ground, lidar frame."""
     ranges = np.einsum("ni,ni->n", scan.points, scan.points)
     with np.errstate(invalid="ignore"):
-        kept = (ranges >= BOUNDS_M[0] ** 2) & (ranges <= BOUNDS_M[1] ** 2)
-    height_m = sensor_height(scan.points)
+        rows = np.flatnonzero((ranges >= BOUNDS_M[0] ** 2) & (ranges <= BOUNDS_M[1] ** 2))
+    near = replace(scan, **{name: getattr(scan, name)[rows] for name in ARRAYS})
+    height_m = sensor_height(near.points)
     level = Pose.planar(0.0, 0.0, 0.0, height_m if np.isfinite(height_m) else 0.0)
-    cloud = Cloud.of(scan, level)
-    cloud = cloud.select(kept[cloud.rows])
+    cloud = Cloud.of(near, level)
     if np.isfinite(height_m):
         cloud = cloud.select(polar_above_ground(cloud, ceiling_m=np.inf))
     lowered = cloud.points - level.translation
-    return Cloud(lowered, cloud.ring, cloud.column, cloud.rows, cloud.origin)
+    return Cloud(lowered, cloud.ring, cloud.column, rows[cloud.rows], cloud.origin)

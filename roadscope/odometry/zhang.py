@@ -91,7 +91,7 @@ class ZhangOdometry:
         # As LOAM does: the next scan meets these features where their own sweep's motion, now
         # known, puts them.
         self._before = Moment(segments, _moved(features, segments, motion, since_s))
-        return self._told(scan, tick.reason or reason, self._moving(scan, segments, dropped))
+        return self._told(scan, tick.reason or reason, returns_of(scan, segments, dropped))
 
     def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
         """Undo the sweep's own motion and take the roughest and smoothest of each cluster."""
@@ -102,10 +102,18 @@ class ZhangOdometry:
         self, segments: Segments, predicted: np.ndarray, since_s: float
     ) -> ClusterMatch:
         assert self._before is not None
-        before = self._before.segments
+        return self.compared(segments, self._before.segments, predicted, since_s)
+
+    def compared(
+        self, now: Segments, before: Segments, predicted: np.ndarray, since_s: float
+    ) -> ClusterMatch:
+        """Match the clusters of two scans and say which are dynamic.
+
+        predicted: (4, 4) `before_from_now`. since_s: time between the scans, seconds.
+        """
         way_m = float(np.linalg.norm(predicted[:3, 3]))
         threshold_m = self.still_m + self.still_m_s * since_s + self.view * way_m
-        return match_clusters(segments.centres, before.centres, predicted, threshold_m)
+        return match_clusters(now.centres, before.centres, predicted, threshold_m)
 
     def _matched(
         self, features: Features, clusters: ClusterMatch, start: np.ndarray
@@ -146,17 +154,30 @@ class ZhangOdometry:
         self._before = Moment(before, self._features(before, motion, since_s))
         return motion
 
-    def _moving(self, scan: LidarScan, segments: Segments, dropped: np.ndarray) -> np.ndarray:
-        """Return which returns of the scan, (N,) bool, are of clusters that were dropped."""
-        moving, inside = np.zeros(len(scan), bool), segments.labels >= 0
-        moving[segments.rows[inside]] = dropped[segments.labels[inside]]
-        return moving
-
     def _told(
         self, scan: LidarScan, reason: str, moving: np.ndarray | None = None
     ) -> OdometryEstimate:
         at = self._progress
         return estimate(at.pose, at.covariance, scan.stamp_s, len(scan), reason, dynamic=moving)
+
+
+def dynamic_returns(
+    rule: ZhangOdometry, before: LidarScan, now: LidarScan, predicted: np.ndarray
+) -> np.ndarray:
+    """Return which returns of a scan, (N,) bool, are dynamic beside another (section 2.1 alone).
+
+    predicted: (4, 4) `before_from_now`.
+    """
+    earlier, later = segments_of(before, rule.clustering), segments_of(now, rule.clustering)
+    clusters = rule.compared(later, earlier, predicted, now.stamp_s - before.stamp_s)
+    return returns_of(now, later, clusters.dynamic)
+
+
+def returns_of(scan: LidarScan, segments: Segments, dropped: np.ndarray) -> np.ndarray:
+    """Return which returns of the scan, (N,) bool, are of clusters, (K,) bool, that are dropped."""
+    moving, inside = np.zeros(len(scan), bool), segments.labels >= 0
+    moving[segments.rows[inside]] = dropped[segments.labels[inside]]
+    return moving
 
 
 def poverty(segments: Segments, features: Features) -> str:
