@@ -240,8 +240,11 @@ def guessed_persistence(_: str) -> dict[str, dict[str, float]]:
     guesses and 0.63 with what was learned.
     """
     known = tomllib.loads((FOLDER / "unknown.toml").read_text("utf-8"))
-    traits = [*PERSISTENCE, *SHARES]
-    return {kind: {trait: known[kind][trait] for trait in traits} for kind in TOP_SPEED_M_S}
+    traits = [trait for trait in (*PERSISTENCE, *SHARES) if trait != "surplus"]
+    return {
+        kind: {**{trait: known[kind][trait] for trait in traits}, "surplus": 1.0}
+        for kind in TOP_SPEED_M_S
+    }
 
 
 def learn(
