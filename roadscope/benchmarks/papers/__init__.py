@@ -13,6 +13,7 @@ PAPERS = {
     "li2021": "roadscope.benchmarks.papers.li2021",
     "lu2018": "roadscope.benchmarks.papers.lu2018",
     "zhang2017": "roadscope.benchmarks.papers.zhang2017",
+    "zhang2022": "roadscope.benchmarks.papers.zhang2022",
 }
 """Name -> module with `reproduce(seeds, progress, *, jobs) -> list[ReproductionRow]` and, where a
 table needs a word of explanation, `note_of(experiment) -> str | None`."""
