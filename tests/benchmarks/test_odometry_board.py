@@ -194,7 +194,11 @@ def test_each_ranked_odometry_of_a_suite_has_its_oracle(suite) -> None:
 def test_the_suite_of_the_package_has_the_hard_scenarios_and_what_is_registered() -> None:
     loaded = load_suite("odometry")
     assert len(loaded.seeds) >= 5
-    assert {"voxel-map", "kiss-icp", "still"} <= set(loaded.odometries) <= set(ODOMETRIES.names())
+    assert (
+        {"lidar-inertial", "zhang2022", "kiss-icp", "still"}
+        <= set(loaded.odometries)
+        <= set(ODOMETRIES.names())
+    )
     assert len(episodes(loaded)) == len(loaded.scenarios) * len(loaded.seeds)
 
 
