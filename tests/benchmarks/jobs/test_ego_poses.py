@@ -171,7 +171,17 @@ def test_who_says_that_it_stands_tells_nearly_the_same_as_nobody() -> None:
     assert told("none", EPISODE, truths) == [None] * len(truths)
     plain, still = (track_told(f"gnn?ego={ego}", drive(), EPISODE)[0] for ego in ("none", "still"))
     assert [len(tracks) for tracks in plain] == [len(tracks) for tracks in still]
-    assert odometry_poses("still", EPISODE) == odometry_poses("still", EPISODE)
+
+
+def test_an_odometry_runs_once_for_all_trackers(monkeypatch) -> None:
+    episode = replace(EPISODE, duration_s=0.4)
+    first = odometry_poses("still", episode)
+
+    def again(*_):
+        raise AssertionError
+
+    monkeypatch.setattr("roadscope.benchmarks.jobs.ego_poses.ridden", again)
+    assert odometry_poses("still", episode) == first
 
 
 def test_what_an_odometry_does_wrong_is_its_reason(tmp_path) -> None:
