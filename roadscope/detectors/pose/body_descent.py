@@ -7,9 +7,13 @@ from functools import cache
 
 import numpy as np
 
-from roadscope.detectors.pose.body_descent_kernels import Drawn, Rules, Space, descended
-from roadscope.detectors.pose.body_kernels import POSE
-from roadscope.detectors.pose.body_misfits import misfits
+from roadscope.detectors.pose.body_descent_kernels import (
+    Drawn,
+    Rules,
+    Space,
+    descended,
+    disagreed,
+)
 from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_sampling import Problem, normal_points
 
@@ -102,10 +106,7 @@ def slopes_of(
 
 def misfits_of(problem: Problem, vectors: np.ndarray, slack: float) -> np.ndarray:
     """Return the misfits (K, M) of (K, D) vectors."""
-    whole = problem.whole(vectors)
-    out = np.empty((len(whole), len(problem.rays.slope)))
-    parts = problem.model.parts(whole[:, POSE:])
-    edge = problem.chances.edge_m + slack
-    states = np.ascontiguousarray(whole[:, :POSE])
-    misfits(states, parts, problem.rays, (slack, edge), out)
-    return out
+    told = problem.rays, Rules(LIMIT, problem.chances.edge_m)
+    starts = np.ascontiguousarray(vectors, np.float64)
+    space = space_of(problem, around=AROUND, ways=2)
+    return np.asarray(disagreed(starts, slack, drawn(problem.model), space, told))

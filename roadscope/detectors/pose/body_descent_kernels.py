@@ -101,6 +101,25 @@ def lowest(
 
 
 @compiled()
+def disagreed(
+    vectors: np.ndarray, slack: float, drawn: Drawn, space: Space, told: tuple[Rays, Rules]
+) -> np.ndarray:
+    """Return by how many standard deviations each ray disagrees with each vector, (K, M).
+
+    vectors: (K, D). slack: metres added to noise and edges.
+    """
+    count, rays = len(vectors), told[0]
+    out = np.empty((count, len(rays.slope)))
+    room = _room(vectors.shape[1], drawn, rays)
+    for first in range(0, count, LANES):
+        last = min(first + LANES, count)
+        _misfits(vectors[first:last], slack, (drawn, space), told, room)
+        for k in range(first, last):
+            out[k] = room.misfit[:, k - first]
+    return out
+
+
+@compiled()
 def _descended(
     starts: np.ndarray,
     slacks: np.ndarray,

@@ -1,7 +1,9 @@
 """How far rays disagree with many states of a body at a time, one a lane.
 
-The same as `body_misfits.misfits`, to the bit; a look at how far the body reaches at most spares
-most rays that pass beside it.
+A return disagrees by its distance from the surface, or from the silhouette that it misses; a ray
+that passed by, by its depth inside the silhouette. Of the sides that face the ray the farthest
+counts, of the others only one that the return is beyond. A look at how far the body reaches at most
+spares most rays that pass beside it.
 """
 
 from __future__ import annotations
@@ -54,8 +56,9 @@ from roadscope.detectors.pose.body_lanes import (
     WAY_Y,
     go,
 )
-from roadscope.detectors.pose.body_misfits import SURPRISE
 
+SURPRISE = 3.5
+"""Most that a ray that passed disagrees: one in 500 is lost on a body, or goes through a window."""
 MISSED = 100.0
 """What a return disagrees by that meets no part's heights."""
 HAIR_M = 1e-6

@@ -2,7 +2,7 @@
 
 All lanes of a value lie next to each other and all values in one array, a fixed way apart: so the
 compiler sees that none overlaps another, and works on several lanes at a time. Every lane gets
-the same bits as a state alone does from `body_model.fill_parts` and `body_misfits.misfits`.
+the same bits as a state alone does, of parts those of `body_model.fill_parts`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from slow_misfits import misfits
 
 from roadscope.detectors.pose.body_kernels import (
     AFT,
@@ -25,7 +26,6 @@ from roadscope.detectors.pose.body_kernels import (
     log_likelihoods,
     pose_after,
 )
-from roadscope.detectors.pose.body_misfits import misfits
 from roadscope.detectors.pose.body_model import BodyModel, saloon
 
 SHARP = Chances(1e-9, 1e-9, 0.003, 10.0, 0.004, 0.001)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from slow_misfits import misfits
 
 from roadscope.detectors.pose.body_descent import LIMIT, SLACKS_M, drawn, space_of
 from roadscope.detectors.pose.body_descent_kernels import Rules, descended, lowest
@@ -11,7 +12,6 @@ from roadscope.detectors.pose.body_fit import CHANCES, still_problem
 from roadscope.detectors.pose.body_kernels import EMPTY, HIT, PASSED, POSE, Rays
 from roadscope.detectors.pose.body_lane_misfits import lane_misfits
 from roadscope.detectors.pose.body_lanes import LANES, PARTS, draw, even, lay, new_room, stand
-from roadscope.detectors.pose.body_misfits import misfits
 from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
 
 BODIES = (

@@ -1,4 +1,4 @@
-"""How far rays disagree with a body on its way: compiled inner loops of the descent."""
+"""How far rays disagree with a body on its way, one state at a time: what lanes must say too."""
 
 from __future__ import annotations
 
@@ -33,9 +33,7 @@ from roadscope.detectors.pose.body_kernels import (
     seen,
     support,
 )
-
-SURPRISE = 3.5
-"""Most that a ray that passed disagrees: one in 500 is lost on a body, or goes through a window."""
+from roadscope.detectors.pose.body_lane_misfits import SURPRISE
 
 
 @compiled(borrowing=True)
