@@ -1,0 +1,120 @@
+"""Steps of Zhang 2022's chain: equations by hand, and properties."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from toy_drive import driven
+
+from roadscope.odometry.cluster_match import ALONE, match_clusters
+from roadscope.odometry.feature_match import FeatureMatch
+from roadscope.odometry.imu_prediction import ImuPrediction
+from roadscope.odometry.interpolation import deskewed_between
+from roadscope.odometry.progress import misfit_of, settled
+from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry.segments import Clustering, centres_of, segments_of
+from roadscope.odometry.sensor_height import sensor_height
+from roadscope.odometry.zhang import ZhangOdometry
+
+AHEAD = exp_se3(np.array([1.0, 0, 0, 0, 0, 0]))
+
+
+def test_centres_are_means():
+    points = np.array([[0.0, 0, 0], [2, 0, 0], [5, 5, 5], [9, 9, 9]])
+    centres, sizes = centres_of(points, np.array([0, 0, 1, -1]))
+    assert centres.tolist() == [[1, 0, 0], [5, 5, 5]]
+    assert sizes.tolist() == [2, 1]
+
+
+def test_a_cluster_that_moved_and_one_without_partner_are_dynamic():
+    before = np.array([[5.0, 0, 0], [0, 5, 0]])
+    now = np.array([[4.0, 0, 0], [-1, 5.4, 0], [20, 0, 0]])
+    found = match_clusters(now, before, AHEAD, 0.3)
+    assert found.partners.tolist() == [0, 1, ALONE]
+    assert found.moved_m[:2] == pytest.approx([0.0, 0.4])
+    assert found.dynamic.tolist() == [False, True, True]
+
+
+def test_partners_are_one_to_one_and_the_nearest_pair_comes_first():
+    before = np.array([[0.0, 0, 0]])
+    found = match_clusters(np.array([[0.5, 0, 0], [0.1, 0, 0]]), before, np.eye(4), 1.0)
+    assert found.partners.tolist() == [ALONE, 0]
+    assert match_clusters(np.empty((0, 3)), before, np.eye(4), 1.0).dynamic.shape == (0,)
+
+
+@given(st.integers(0, 1000))
+def test_matching_does_not_depend_on_the_frame(seed):
+    rng = np.random.default_rng(seed)
+    before, now = rng.uniform(-9, 9, (6, 3)), rng.uniform(-9, 9, (5, 3))
+    turned = exp_se3(rng.uniform(-1, 1, 6))
+    carried = before @ turned[:3, :3].T + turned[:3, 3]
+    one, other = match_clusters(now, before, AHEAD, 1.0), match_clusters(
+        now, carried, turned @ AHEAD, 1.0)  # fmt: skip
+    assert np.array_equal(one.partners, other.partners)
+    assert one.moved_m == pytest.approx(other.moved_m)
+
+
+@given(st.integers(0, 1000))
+def test_deskew_takes_the_share_of_turn_and_way(seed):
+    rng = np.random.default_rng(seed)
+    points, motion = rng.uniform(-9, 9, (4, 3)), exp_se3(rng.uniform(-0.5, 0.5, 6))
+    still = deskewed_between(points, np.zeros(4), motion, 0.1)
+    assert still == pytest.approx(points)
+    whole = deskewed_between(points, np.full(4, 0.1), motion, 0.1)
+    way = motion[:3, :3].T @ motion[:3, 3]
+    assert whole == pytest.approx(points @ motion[:3, :3].T + way)
+
+
+def test_imu_predicts_a_bend_at_known_speed():
+    drive, inputs = driven(4)
+    imu = ImuPrediction(None)
+    for _, samples in inputs:
+        imu.add(samples)
+    imu.velocity = drive.twist[:3]
+    start_s, end_s = inputs[1][0].stamp_s, inputs[2][0].stamp_s
+    found = imu.motion(start_s, end_s)
+    assert found[:3, :3] == pytest.approx(exp_se3(drive.twist * 0.1)[:3, :3], abs=1e-6)
+    # The pull of the bend is taken for a part of gravity at the start: v w t^2 / 2.
+    assert found[:3, 3] == pytest.approx(exp_se3(drive.twist * 0.1)[:3, 3], abs=0.005)
+
+
+def test_without_samples_the_motion_goes_on():
+    imu = ImuPrediction(None)
+    imu.velocity = np.array([3.0, 0, 0])
+    assert imu.motion(0.0, 0.1)[:3, 3] == pytest.approx([0.3, 0, 0])
+
+
+def test_sensor_height_of_a_level_ground():
+    rng = np.random.default_rng(0)
+    ground = np.column_stack([rng.uniform(-15, 15, (500, 2)), rng.normal(-1.9, 0.01, 500)])
+    assert sensor_height(ground) == pytest.approx(1.9, abs=0.01)
+    assert np.isnan(sensor_height(ground + np.array([0, 0, 5])))
+
+
+def match_of(deviations_m, way):
+    information = np.diag([50 / np.square(d) for d in deviations_m] + [1e6] * 3)
+    motion = np.eye(4)
+    motion[:3, 3] = way
+    return FeatureMatch(motion, information, 0.01, 100)
+
+
+def test_what_features_leave_open_stays_as_predicted():
+    found = match_of((0.01, 0.02, 1.0), (1.0, 0.2, 3.0))
+    assert settled(AHEAD, found)[:3, 3] == pytest.approx([1.0, 0.2, 0.0])
+    assert misfit_of(found) == ""
+    assert "open in one direction" in misfit_of(match_of((1.0, 0.02, 0.02), (1.0, 0, 0)))
+
+
+def test_segments_stand_above_the_ground_and_are_large():
+    scan = driven(1)[1][0][0]
+    found = segments_of(scan, Clustering())
+    assert found.points[:, 2].min() > -1.9 + 0.1
+    assert found.sizes.min() >= 30
+    assert np.array_equal(found.points, scan.points[found.rows].astype(float)) or np.allclose(
+        found.points, scan.points[found.rows], atol=1e-6
+    )
+
+
+def test_an_unknown_reading_is_named():
+    with pytest.raises(ValueError, match="roughness is 'ring' or 'cluster', got 'box'"):
+        ZhangOdometry(roughness="box")
