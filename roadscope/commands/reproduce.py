@@ -12,7 +12,7 @@ from roadscope.commands.terminal import console, progress_bars, show
 
 
 def reproduce(
-    paper: Annotated[str, typer.Argument(help="lu2018, zhang2017 or li2021.")],
+    paper: Annotated[str, typer.Argument(help="lu2018, zhang2017, li2021 or zhang2022.")],
     seeds: Annotated[int, typer.Option(min=1, help="Episodes behind each interval.")] = 30,
     jobs: Jobs = 0,
     everything: Annotated[

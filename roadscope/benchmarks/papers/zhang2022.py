@@ -27,19 +27,19 @@ from roadscope.benchmarks.papers.zhang2022_paper import (
     MAX,
     MEAN,
     MIN,
-    MS,
     READING,
     READINGS,
     REMOVAL,
     ROUTE,
     STD,
     WALKED,
+    named,
     note_of,
     paper_figure,
     unit_of,
 )
 from roadscope.benchmarks.papers.zhang2022_plays import CASES, LOOP, STANDING, STRAIGHT
-from roadscope.benchmarks.papers.zhang2022_removal import LIDAR_FROM_IMU, removal
+from roadscope.benchmarks.papers.zhang2022_removal import LIDAR_FROM_IMU, MS, removal
 from roadscope.benchmarks.papers.zhang2022_scene import Shot, film
 from roadscope.odometry import ODOMETRIES
 
@@ -117,10 +117,15 @@ def errors(shots: Iterable[Shot], specs: Sequence[str]) -> dict[str, tuple[np.nd
 def told(errors_m: np.ndarray, calls_ms: np.ndarray, experiment: str) -> dict[str, float]:
     """Return the figures that the paper prints of an experiment; the first pose has no error."""
     later, counted = errors_m[1:], calls_ms[min(UNCOUNTED, len(calls_ms) - 1) :]
-    values = {
-        STD: float(later.std()), MAX: float(later.max()), MEAN: float(later.mean()),
-        MIN: float(later.min()),
-    } if experiment in (WALKED[0], ROUTE) else {END: float(later[-1])}  # fmt: skip
+    if experiment in (WALKED[1], WALKED[2]):
+        values = {END: float(later[-1])}
+    else:
+        values = {
+            named(STD, experiment): float(later.std()),
+            named(MAX, experiment): float(later.max()),
+            named(MEAN, experiment): float(later.mean()),
+            named(MIN, experiment): float(later.min()),
+        }
     return values | {MS: float(counted.mean())}
 
 

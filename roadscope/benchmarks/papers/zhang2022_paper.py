@@ -18,6 +18,12 @@ READINGS = {
 }
 """Specs of other readings and of parts left out, by what they are called."""
 
+
+def named(quantity: str, experiment: str) -> str:
+    """Return a quantity's name in an experiment; large errors carry their unit there."""
+    return f"{quantity}, m" if experiment == ROUTE and quantity != MS else quantity
+
+
 _REMOVED = ((20883, 20053, 10.7), (20775, 19192, 10.5), (21052, 19738, 11.6), (22214, 21594, 11.9))
 _LOCALISED = {
     (WALKED[0], "zhang2022"): {STD: 0.0077, MAX: 0.0489, MEAN: 0.0059, MIN: 0.0004, MS: 17.9},
@@ -34,9 +40,13 @@ PAPER: dict[Key, float] = {
     (REMOVAL.format(case), "zhang2022, 1 s apart", quantity): figure
     for case, row in zip(CASES, _REMOVED, strict=True)
     for quantity, figure in zip((BEFORE, AFTER, MS), row, strict=True)
-} | {(*place, quantity): v for place, row in _LOCALISED.items() for quantity, v in row.items()}
+} | {
+    (*place, named(quantity, place[0])): v
+    for place, row in _LOCALISED.items()
+    for quantity, v in row.items()
+}
 CLAIMED = tuple(
-    (experiment, quantity)
+    (experiment, named(quantity, experiment))
     for (experiment, method), row in _LOCALISED.items()
     if method == "zhang2022"
     for quantity in row
@@ -51,7 +61,7 @@ def paper_figure(key: Key) -> float | None:
 
 def unit_of(key: Key) -> str:
     """Return the unit in which a quantity is given; milliseconds are named by the quantity."""
-    return UNITS.get(key[2], "m")
+    return "" if key[0] == ROUTE else UNITS.get(key[2], "m")
 
 
 def note_of(experiment: str) -> str | None:

@@ -1,0 +1,89 @@
+from dataclasses import replace
+from io import StringIO
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from roadscope.benchmarks.papers import zhang2022
+from roadscope.benchmarks.papers.reproduction import summarise
+from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
+from roadscope.benchmarks.papers.zhang2022_building import Way, building
+from roadscope.benchmarks.papers.zhang2022_paper import (
+    CLAIMED,
+    CLAIMS,
+    PAPER,
+    REMOVAL,
+    WALKED,
+    paper_figure,
+    unit_of,
+)
+from roadscope.benchmarks.papers.zhang2022_plays import CASES, STRAIGHT, STRAIGHT_M
+from roadscope.benchmarks.papers.zhang2022_removal import AFTER, BEFORE, RECALL, removal
+
+
+def test_errors_are_told_as_the_paper_tells_them():
+    told = zhang2022.told(np.array([0.0, 3.0, 4.0, 5.0]), np.full(4, 7.0), WALKED[0])
+    assert told == {
+        "std": pytest.approx(np.sqrt(2 / 3)), "max": 5, "mean": 4, "min": 3, "ms": 7,
+    }  # fmt: skip
+    assert zhang2022.told(np.array([0.0, 3.0]), np.ones(2), WALKED[1])["end error"] == 3
+
+
+def test_a_claim_holds_where_the_mean_is_lower():
+    measured = {(e, m, q): [1.0, 1.0, 1.0] for e, q in CLAIMED for m in ("zhang2022", "lego-loam")}
+    experiment, quantity = CLAIMED[0]
+    measured[experiment, "lego-loam", quantity] = [0.5, 2.0, 2.0]
+    rows = {(r.method, r.quantity): r.ours for r in zhang2022.verdicts(measured)}
+    claim, other = (f"{e}: {q}" for e, q in CLAIMED[:2])
+    assert rows[claim, "holds"] == 1
+    assert rows[claim, "share of seeds"] == pytest.approx(2 / 3)
+    assert rows[other, "holds"] == 0
+
+
+def test_tables_fit_80_columns():
+    rows = [summarise(k[:2], k[2], unit_of(k), [v, 1.1 * v], v) for k, v in PAPER.items()]
+    measured = {key: [1.0, 2.0] for key in PAPER}
+    rows += zhang2022.verdicts(measured)
+    for experiment in dict.fromkeys(row.experiment for row in rows):
+        console = Console(width=80, record=True, file=StringIO())
+        for table in reproduction_tables([r for r in rows if r.experiment == experiment]):
+            console.print(table)
+        text = console.export_text()
+        assert "…" not in text
+        assert experiment != CLAIMS or "standing: mean" in text
+
+
+def test_the_way_goes_once_around_and_the_straight_is_as_long_as_the_papers():
+    way = Way()
+    places, yaws = way.at(np.array([0.0, way.length_m]))
+    assert places[0] == pytest.approx(places[1])
+    assert yaws[1] - yaws[0] == pytest.approx(2 * np.pi)
+    gone = STRAIGHT.gone_m(np.array([0.0, STRAIGHT.scans * 0.1]))
+    assert gone[1] - gone[0] == pytest.approx(STRAIGHT_M)
+    assert len(building(3).bottoms) > 20
+
+
+def test_printed_figures_stand_beside_the_papers_cases():
+    case = REMOVAL.format(next(iter(CASES)))
+    assert paper_figure((case, "zhang2022, 1 s apart", "after")) == 20053
+    assert paper_figure((case, "zhang2022, 0.1 s apart", "after")) is None
+
+
+@pytest.mark.slow
+def test_those_who_walk_past_are_found():
+    found = removal(CASES["2, still, several"], 10000)
+    assert 0 < found[AFTER] < found[BEFORE]
+    assert found[RECALL] > 30
+
+
+@pytest.mark.slow
+def test_an_experiment_is_measured_by_every_method(monkeypatch):
+    short = {name: replace(play, scans=8) for name, play in zhang2022.PLAYS.items()}
+    monkeypatch.setattr(zhang2022, "PLAYS", short)
+    monkeypatch.setattr(zhang2022, "DURATION_S", 1.0)
+    monkeypatch.setattr(zhang2022, "CASES", {})
+    found = zhang2022.measure(10000)
+    assert np.isfinite(list(found.values())).all()
+    assert {(e, m) for e, m, _ in found} >= {(e, m) for e in WALKED for m in zhang2022.METHODS}
+    assert found[WALKED[0], "zhang2022", "max"] < 0.3
