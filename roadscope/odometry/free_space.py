@@ -14,8 +14,8 @@ from roadscope.core.jit import compiled
 from roadscope.odometry.rigid import inverse
 from roadscope.odometry.voxel_kernels import Index
 
-BINS = 720
-"""Of the azimuth: half a degree each."""
+BINS = 480
+"""Of the azimuth: three quarters of a degree each, wider than the steps of most LiDARs."""
 AGES_S = (0.25, 0.8, 2.0)
 """Looks are compared that are at least so old: what is slow moves in later."""
 EVERY_S = 0.25
@@ -30,7 +30,7 @@ UNKNOWN = np.float32(0.0)
 class Look:
     """One sweep as a range image.
 
-    ranges: (R, 720) least range in each bin, metres; 0 where nothing came back.
+    ranges: (R, 480) least range in each bin, metres; 0 where nothing came back.
     elevations: (R,) radians, ascending. sensor_from_map: (4, 4).
     """
 
@@ -46,13 +46,15 @@ class FreeSpace:
     def __init__(self) -> None:
         self._looks: list[Look] = []
 
+    def due(self, stamp_s: float) -> bool:
+        """Say whether the last look kept is so old that it is time for another."""
+        return not self._looks or stamp_s - self._looks[-1].stamp_s >= EVERY_S - 1e-3
+
     def add(self, stamp_s: float, points: np.ndarray, ring: np.ndarray, pose: np.ndarray) -> None:
-        """Keep a sweep if the last one kept is old enough.
+        """Keep a sweep.
 
         points: (N, 3) as seen from the sensor at the stamp. pose: (4, 4) `map_from_sensor`.
         """
-        if self._looks and stamp_s - self._looks[-1].stamp_s < EVERY_S - 1e-3:
-            return
         ranges, elevations = range_image(points, ring, int(ring.max()) + 1)
         rows = np.flatnonzero(np.isfinite(elevations))
         rows = rows[np.argsort(elevations[rows])]
@@ -80,7 +82,7 @@ class FreeSpace:
 
 @compiled()
 def range_image(points: np.ndarray, ring: np.ndarray, rings: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return least ranges, (rings, 720) float32, and mean elevations, (rings,); NaN without any."""
+    """Return least ranges, (rings, 480) float32, and mean elevations, (rings,); NaN without any."""
     image = np.full((rings, BINS), UNKNOWN, np.float32)
     sums, counts = np.zeros(rings), np.zeros(rings)
     for n in range(len(points)):

@@ -13,10 +13,8 @@ from roadscope.odometry.rigid import exp_se3
 from roadscope.odometry.speed_search import Ends, Speed, speed_of
 from roadscope.odometry.sweep import Sweep
 
-MOST = 6
-"""After so many scans the best speed is taken, clear or not."""
-FEW, CLEARER = 4, 1.4
-"""Fewer scans must be so many times as clear."""
+FEWEST, MOST = 4, 6
+"""Two or three scans agree by chance; after the most the best speed is taken, clear or not."""
 SPREAD_M_S = (0.5, 0.2, 0.1)
 """How far off a speed so found may be, ahead, to the side and up."""
 FELT_S = 0.1
@@ -44,8 +42,7 @@ class InertialStart:
         if len(self._taken) < 2:
             return None
         self._best = speed_of([ends for *_, ends in self._taken], float(self._rate[2]))
-        needed = CLEARER if len(self._taken) < FEW else 1.0
-        if self._best.clarity < needed * Speed.CLEAR and len(self._taken) < MOST:
+        if len(self._taken) < (FEWEST if self._best.clear else MOST):
             return None
         return self._best
 

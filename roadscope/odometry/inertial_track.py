@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.odometry.cloud_kernels import placed
+from roadscope.odometry.cloud_kernels import deskewed, placed
 from roadscope.odometry.free_space import FreeSpace
 from roadscope.odometry.inertial_filter import (
     GYRO,
@@ -128,4 +128,7 @@ class InertialTrack:
         if self.drop_dynamic:
             here = here[~(moving | contradicts(self.map.voxels, here))]
         self.map.add(here, self.state.pose[:3, 3])
-        self.space.add(sweep.scan.stamp_s, points, sweep.scan.ring[sweep.rows], self.state.pose)
+        scan = sweep.scan
+        if self.space.due(scan.stamp_s):
+            whole = deskewed(scan.points, scan.time_offset_s, self.twist())
+            self.space.add(scan.stamp_s, whole, scan.ring, self.pose)

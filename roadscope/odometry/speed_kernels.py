@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.odometry.voxel_kernels import EMPTY, slot_of
+from roadscope.odometry.voxel_kernels import EMPTY, Index, slot_of
 
 JUMP_M, JUMP_SHARE = 0.4, 0.02
 """A beam's neighbour that reaches so much farther has missed the thing that the beam met."""
+UPRIGHT = 2
+"""Columns by which an upright end may be off in the beam above or below."""
 HALF = 1 << 19
 
 
@@ -25,21 +27,43 @@ def ends(
     for n in range(len(points)):
         x, y, z = points[n]
         reach[ring[n], column[n]] = np.sqrt(x * x + y * y + z * z)
+    edges = np.zeros((rings, columns), np.bool_)
+    for r in range(rings):
+        for c in range(columns):
+            here = reach[r, c]
+            if not 0.0 < here < np.inf:
+                continue
+            least = here * (1.0 + JUMP_SHARE) + JUMP_M
+            for side in (-1, 1):
+                near = False
+                for d in range(1, 3):
+                    there = reach[r, (c + side * d) % columns]
+                    near |= 0.0 < there < least
+                edges[r, c] |= not near
     marks = np.zeros(len(points), np.bool_)
     for n in range(len(points)):
-        here = reach[ring[n], column[n]]
-        if not 0.0 < here < np.inf:
-            continue
-        least = here * (1.0 + JUMP_SHARE) + JUMP_M
-        for side in (-1, 1):
-            far = True
-            for d in range(1, 3):
-                there = reach[ring[n], (column[n] + side * d) % columns]
-                if 0.0 < there < least:
-                    far = False
-            if far:
-                marks[n] = True
+        r, c = ring[n], column[n]
+        marks[n] = edges[r, c] and (
+            _upright(edges, reach, r, c, -1) or _upright(edges, reach, r, c, 1)
+        )
     return marks
+
+
+@compiled()
+def _upright(edges: np.ndarray, reach: np.ndarray, r: Index, c: Index, up: int) -> bool:
+    """Say whether the beam above or below ends at the same thing in nearly the same direction.
+
+    Where beams leave a wall over its top, they do so one after the other, at places that travel
+    with the sensor.
+    """
+    if not 0 <= r + up < reach.shape[0]:
+        return False
+    here = reach[r, c]
+    for d in range(-UPRIGHT, UPRIGHT + 1):
+        k = (c + d) % reach.shape[1]
+        if edges[r + up, k] and abs(reach[r + up, k] - here) < JUMP_M + JUMP_SHARE * here:
+            return True
+    return False
 
 
 @compiled()

@@ -22,7 +22,7 @@ FARTHEST_M = 60.0
 NEAR_M, GROUND_SHARE = 25.0, 0.05
 BESIDE_M_S = 2.0
 """Speeds closer than this support each other rather than compete."""
-LEAST_TALL = 40
+LEAST_TALL = 16
 """Ends of tall things, in all scans together, from which they decide."""
 
 
@@ -67,17 +67,20 @@ class Speed:
 
 def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
     """Return the speed at which scans in a row agree; with the turn rate about the vertical."""
-    standing = standing_speed_of(scans, rate_rad_s)
-    if standing.clear:
-        return standing
+    if _tall(scans) >= LEAST_TALL:
+        return standing_speed_of(scans, rate_rad_s)
     return _peak(scans, rate_rad_s, [np.ones(len(each.tall), bool) for each in scans])
 
 
 def standing_speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
     """Return the speed at which that agrees which is taller than vehicles; not clear without."""
-    if sum(int(each.tall.sum()) for each in scans) < LEAST_TALL:
+    if _tall(scans) < LEAST_TALL:
         return Speed(0.0, 0.0)
     return _peak(scans, rate_rad_s, [each.tall for each in scans])
+
+
+def _tall(scans: list[Ends]) -> int:
+    return sum(int(each.tall.sum()) for each in scans)
 
 
 def _peak(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> Speed:

@@ -22,7 +22,7 @@ FOLLOW = {
     "zhang2022": (1.0, 0.06), "loam": (1.0, 0.06), "lidar-inertial": (0.1, 0.01),
 }  # fmt: skip
 """How far off, in metres and radians, those that look may be after a dozen scans, 9 m."""
-KNOWS_SPEED = {"lidar-inertial": 2}
+KNOWS_SPEED = {"lidar-inertial": 3}
 """Those that call themselves degraded until they know the speed, and the scan by which they do."""
 SLOW_M_S = {"rko-lio": 1.0}
 """Those that do not find a start at speed are driven slowly."""

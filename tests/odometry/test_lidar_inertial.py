@@ -1,0 +1,199 @@
+"""The Kalman filter of LiDAR and IMU, how it begins, and what it holds to be dynamic."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_drive import Drive, driven, offset
+
+from roadscope.core import ImuSamples, Pose
+from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.free_space import FreeSpace
+from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.inertial_filter import (
+    FORCE,
+    GRAVITY,
+    GYRO,
+    PLACE,
+    POSE,
+    SPEED,
+    TURN,
+    InertialNoise,
+    diffusion,
+    observe,
+    propagate,
+    settle,
+    started,
+    transition,
+)
+from roadscope.odometry.inertial_kernels import integrated
+from roadscope.odometry.rigid import exp_se3, exp_so3, log_so3
+from roadscope.odometry.speed_search import Ends, speed_of
+from roadscope.odometry.standstill import still_rate
+
+NOISE = InertialNoise()
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+def felt(rng, count=40):
+    lengths = np.full(count, 1 / 400)
+    return lengths, 0.3 * rng.standard_normal((count, 3)), rng.normal((0, 0, 9.8), 1.0, (count, 3))
+
+
+def state_off_by(error):
+    state = started(np.array([0.3, 0.1, 9.8]), np.array([5.0, 1.0, 0.2]), (1, 1, 1), NOISE)
+    state.pose = exp_se3(np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]))
+    state.pose[:3, 3] += error[PLACE]
+    state.pose[:3, :3] = exp_so3(error[TURN]) @ state.pose[:3, :3]
+    state.velocity = state.velocity + error[SPEED]
+    state.rate_bias, state.force_bias = error[GYRO], error[FORCE]
+    state.gravity = state.gravity + error[GRAVITY]
+    return state
+
+
+def difference(one, other):
+    return np.concatenate([
+        one.pose[:3, 3] - other.pose[:3, 3], log_so3(one.pose[:3, :3] @ other.pose[:3, :3].T),
+        one.velocity - other.velocity, one.rate_bias - other.rate_bias,
+        one.force_bias - other.force_bias, one.gravity - other.gravity,
+    ])  # fmt: skip
+
+
+def test_errors_are_carried_on_as_differences_are(rng):
+    samples, step = felt(rng), 1e-5
+    still = np.zeros(18)
+    base = state_off_by(still)
+    way = integrated(*samples, base.pose[:3, :3].copy(), base.velocity, base.gravity)
+    told = transition(way[3], float(samples[0].sum()))
+    propagate(base, *samples, NOISE)
+    for k in range(18):
+        other = state_off_by(step * np.eye(18)[k])
+        propagate(other, *samples, NOISE)
+        # Within a sample the turn is held to be constant.
+        assert difference(other, base) / step == pytest.approx(told[:, k], abs=3e-3)
+
+
+def test_integration_is_that_of_the_slow_way(rng):
+    lengths, rates, forces = felt(rng)
+    rotation, speed, gravity = (
+        exp_so3(np.array([0.2, -0.1, 1.0])),
+        np.ones(3),
+        np.array([0, 0, -9.8]),
+    )
+    way, velocity, turned, _ = integrated(lengths, rates, forces, rotation, speed, gravity)
+    at, fine = np.zeros(3), 50
+    for dt, rate, force in zip(lengths, rates, forces, strict=True):
+        for _ in range(fine):
+            pushed = rotation @ exp_so3(rate * dt / fine / 2) @ force + gravity
+            at = at + speed * dt / fine + pushed * (dt / fine) ** 2 / 2
+            speed, rotation = speed + pushed * dt / fine, rotation @ exp_so3(rate * dt / fine)
+    assert way == pytest.approx(at, abs=1e-6)
+    assert velocity == pytest.approx(speed, abs=1e-5)
+    assert np.abs(turned - rotation).max() < 1e-9
+
+
+def test_noise_that_is_added_is_that_of_random_samples(rng):
+    samples = felt(rng, 80)
+    ends = []
+    for _ in range(400):
+        state = state_off_by(np.zeros(18))
+        noisy = (samples[1] + NOISE.rate * 20 * rng.standard_normal((80, 3)),
+                 samples[2] + NOISE.force * 20 * rng.standard_normal((80, 3)))  # fmt: skip
+        propagate(state, samples[0], *noisy, NOISE)
+        ends.append(state)
+    off = np.array([difference(each, ends[0])[:9] for each in ends]).std(axis=0)
+    told = np.sqrt(np.diag(diffusion(0.2, NOISE))[:9])
+    assert off == pytest.approx(told, rel=0.2)
+
+
+def test_settling_on_a_pose_is_the_linear_update(rng):
+    one, other = state_off_by(np.zeros(18)), state_off_by(np.zeros(18))
+    for state in (one, other):
+        propagate(state, *felt(np.random.default_rng(1)), NOISE)
+    information = np.diag(rng.uniform(1e3, 1e5, 6))
+    seen = 1e-3 * rng.standard_normal(6)
+    prior = np.linalg.inv(one.covariance[POSE, POSE] + 1e-12 * np.eye(6))
+    best = np.linalg.solve(prior + information, information @ seen)
+    pose = one.pose.copy()
+    pose[:3, 3] += best[:3]
+    pose[:3, :3] = exp_so3(best[3:]) @ pose[:3, :3]
+    settle(one, pose, information)
+    observe(other, np.eye(6, 18), seen, 1 / np.diag(information))
+    assert difference(one, other) == pytest.approx(np.zeros(18), abs=1e-6)
+    assert np.abs(one.covariance - other.covariance).max() < 1e-6
+
+
+def test_gravity_is_found_though_the_start_accelerates():
+    """Of a start with 1 m/s^2 the force felt is tilted by 6 degrees; poses level it."""
+    state = started(np.array([1.0, 0.0, 9.81]), np.zeros(3), (0.1, 0.1, 0.1), NOISE)
+    lengths, still = np.full(40, 1 / 400), np.zeros((40, 3))
+    for k in range(1, 31):
+        propagate(state, lengths, still, np.tile([1.0, 0.0, 9.81], (40, 1)), NOISE)
+        truth = np.eye(4)
+        truth[0, 3] = 0.5 * (0.1 * k) ** 2
+        settle(state, truth, np.diag([1e4] * 3 + [1e6] * 3))
+    level = state.gravity - state.pose[:3, :3] @ state.force_bias
+    assert level == pytest.approx([0.0, 0.0, -9.81], abs=0.05)
+    assert state.velocity == pytest.approx([3.0, 0.0, 0.0], abs=0.03)
+
+
+@pytest.mark.parametrize(("speed_m_s", "rate_rad_s"), [(0.0, 0.0), (8.0, 0.1), (24.0, 0.0)])
+def test_the_speed_of_a_start_is_found(speed_m_s, rate_rad_s):
+    drive = Drive(speed_m_s, rate_rad_s)
+    found = speed_of([Ends.of(drive.scan(k)) for k in range(6)], rate_rad_s)
+    assert found.clear
+    assert found.ahead_m_s == pytest.approx(speed_m_s, abs=0.4)
+
+
+def test_the_speed_of_nothing_is_not_clear():
+    drive = Drive(8.0)
+    bare = [Ends(np.empty((0, 2)), np.empty(0), np.empty(0, bool))] * 3
+    assert not speed_of(bare, 0.0).clear
+    assert not speed_of([Ends.of(drive.scan(0))], 0.0).clear
+
+
+def test_what_moves_in_is_dynamic_and_what_stands_is_not():
+    space, drive = FreeSpace(), Drive(0.0, 0.0)
+    scan = drive.scan(0)
+    space.add(0.0, scan.points, scan.ring, np.eye(4))
+    car = np.column_stack([np.full(40, 8.0), np.linspace(-1, 1, 40), np.full(40, -0.9)])
+    assert (space.entered(0.3, car) > 0).all()
+    assert (space.entered(0.3, drive.scan(3).points.astype(float)) > 0).mean() < 0.005
+    assert not space.entered(0.1, car).any()
+
+
+def samples(rng, shake):
+    stamps = np.arange(0, 1.2, 1 / 400)
+    rates = 0.01 + 4.7e-3 * rng.standard_normal((len(stamps), 3))
+    forces = np.array([0, 0, 9.81]) + 0.045 * rng.standard_normal((len(stamps), 3))
+    forces[:, 0] += shake * np.sin(3 * stamps)
+    buffer = ImuBuffer(None)
+    buffer.add(ImuSamples(stamps, rates, forces))
+    return buffer
+
+
+def test_standing_is_told_from_driving(rng):
+    assert still_rate(samples(rng, 0.0), 1.15) == pytest.approx([0.01] * 3, abs=1e-3)
+    assert still_rate(samples(rng, 0.3), 1.15) is None
+    assert still_rate(samples(rng, 0.0), 1.5) is None
+
+
+def test_a_lever_between_the_sensors_changes_nothing():
+    """An IMU away from the LiDAR feels the pull of turning as well; the poses are the same."""
+    drive, inputs = driven(12)
+    at = np.array([-1.2, 0.3, -1.0])
+    odometry = ODOMETRIES.make("lidar-inertial")
+    odometry.reset(Pose.from_euler(*at, yaw=0.0, pitch=0.0, roll=0.0))
+    pull = np.cross([0, 0, 0.1], np.cross([0, 0, 0.1], at))
+    for scan, imu in inputs:
+        told = odometry.update(scan, replace(imu, specific_force=imu.specific_force + pull))
+    assert offset(told, drive.pose(inputs[-1][0].stamp_s))[0] < 0.02
+
+
+def test_sizes_are_above_nought():
+    with pytest.raises(ValueError, match="insert_m must be above 0"):
+        ODOMETRIES.make("lidar-inertial?insert_m=0")
