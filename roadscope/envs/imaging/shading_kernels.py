@@ -13,6 +13,8 @@ from roadscope.envs.imaging.stage_kernels import Stage, share_passed
 from roadscope.envs.imaging.tarmac_kernels import CHUNK, LAMP_STEP, ground_run, plain_ground
 from roadscope.envs.imaging.vehicle_kernels import slanted
 
+Vector = tuple[float, float, float]
+
 
 @compiled()
 def shade_all(
@@ -139,7 +141,6 @@ def _solid_run(
     m, side = face // FACES, face % FACES
     normal = (stage.normals[m, side, 0], stage.normals[m, side, 1], stage.normals[m, side, 2])
     edge = _edge(stage, m, side)
-    pattern = looks.patterns[m]
     dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
     x0, y0 = r[1, 0] * dv + r[2, 0], r[1, 1] * dv + r[2, 1]
     z0 = r[1, 2] * dv + r[2, 2]
@@ -153,16 +154,13 @@ def _solid_run(
         place = (
             lens.origin[0] + depth * vx, lens.origin[1] + depth * vy, lens.origin[2] + depth * vz,
         )  # fmt: skip
-        if pattern == PLAIN:
-            out[0], out[1], out[2] = looks.colours[m, 0], looks.colours[m, 1], looks.colours[m, 2]
-            out[3], out[4], out[5], out[6] = looks.gloss[m], 0.0, 0.0, 0.0
+        if looks.patterns[m] == PLAIN:
+            _plain(looks, m, out)
         else:
             paint(looks, stage.noise, m, edge, normal, place, air.lamps, out)
         size = np.sqrt(1.0 + du * du + dv * dv)
         if out[3] > 0.0:
-            turned = normal
-            if pattern == GLASS and out[3] > 0.05:
-                turned = slanted(looks.frames[m], normal, place[0], place[1])
+            turned = _leaning(looks, m, normal, place, out[3])
             short = 1.0 / size
             _glossy(stage, air, m, side, turned, (vx * short, vy * short, vz * short), out)
         else:
@@ -179,6 +177,20 @@ def _solid_run(
         if air.extinction * depth > 0.004:
             _haze(stage, air, air.extinction * depth * size, out)
         light[c, 0], light[c, 1], light[c, 2] = out[4], out[5], out[6]
+
+
+@compiled(forceinline=True, borrowing=True)
+def _plain(looks: Looks, m: int, out: np.ndarray) -> None:
+    out[0], out[1], out[2] = looks.colours[m, 0], looks.colours[m, 1], looks.colours[m, 2]
+    out[3], out[4], out[5], out[6] = looks.gloss[m], 0.0, 0.0, 0.0
+
+
+@compiled(forceinline=True, borrowing=True)
+def _leaning(looks: Looks, m: int, normal: Vector, place: Vector, gloss: float) -> Vector:
+    """Return the normal of a surface; panes lean."""
+    if looks.patterns[m] == GLASS and gloss > 0.05:
+        return slanted(looks.frames[m], normal, place[0], place[1])
+    return normal
 
 
 @compiled(forceinline=True, borrowing=True)
@@ -206,7 +218,7 @@ def _haze(stage: Stage, air: Air, thickness: float, out: np.ndarray) -> None:
 
 
 @compiled(forceinline=True, borrowing=True)
-def _edge(stage: Stage, m: int, side: int) -> tuple[float, float, float]:
+def _edge(stage: Stage, m: int, side: int) -> Vector:
     """Where an upright face begins, and its length."""
     if side >= TOP:
         return 0.0, 0.0, 1.0
@@ -222,8 +234,8 @@ def _glossy(
     air: Air,
     m: int,
     side: int,
-    normal: tuple[float, float, float],
-    view: tuple[float, float, float],
+    normal: Vector,
+    view: Vector,
     out: np.ndarray,
 ) -> None:
     """Add to the own light in out[4:] what a surface throws back and what it mirrors."""
@@ -247,8 +259,8 @@ def _lamps_on(
     looks: Looks,
     stage: Stage,
     m: int,
-    normal: tuple[float, float, float],
-    place: tuple[float, float, float],
+    normal: Vector,
+    place: Vector,
 ) -> tuple[float, float]:
     """Light of street lamps and of headlights on a surface.
 
@@ -275,9 +287,7 @@ def _lamps_on(
 
 
 @compiled(forceinline=True, borrowing=True)
-def _place_of(
-    lens: Lens, q: np.ndarray, c: int, ray: tuple[float, float, float]
-) -> tuple[float, float, float]:
+def _place_of(lens: Lens, q: np.ndarray, c: int, ray: Vector) -> Vector:
     """Place of the surface behind a pixel of a row; ray: of the row, at the optical centre."""
     r = lens.rotation
     du, depth = (c + 0.5 - lens.centre[0]) / lens.focal[0], 1.0 / q[c]
