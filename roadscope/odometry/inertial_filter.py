@@ -14,6 +14,8 @@ GYRO, FORCE, GRAVITY = slice(9, 12), slice(12, 15), slice(15, 18)
 POSE = slice(0, 6)
 SIZE = 18
 GRAVITY_M_S2 = 9.81
+TILTED_M_S2 = 0.2
+"""How far off what was learned of gravity may be after a loss."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +87,20 @@ def started(
         np.eye(4), np.array(velocity, float), zero.copy(), zero.copy(), -GRAVITY_M_S2 * up,
         covariance,
     )  # fmt: skip
+
+
+def resume(state: InertialState, known: InertialState) -> None:
+    """Give a state at a new start what an earlier one had learned: the gyro's bias, what is down.
+
+    The map of the new one has the axes in which the earlier one sees the sensor. What else it held
+    may be what misled it.
+    """
+    state.rate_bias = known.rate_bias.copy()
+    state.covariance[GYRO, GYRO] = 4 * known.covariance[GYRO, GYRO]
+    down = known.pose[:3, :3].T @ known.gravity
+    state.gravity = down * (GRAVITY_M_S2 / max(float(np.linalg.norm(down)), 1e-9))
+    state.covariance[GRAVITY, GRAVITY] = TILTED_M_S2**2 * np.eye(3)
+    state.covariance[GRAVITY, FORCE] = state.covariance[FORCE, GRAVITY] = 0.0
 
 
 def propagate(

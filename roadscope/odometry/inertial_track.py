@@ -32,6 +32,8 @@ COASTING = (4.0, 1.0)
 SLOW_M_S = 0.3
 """Who is held to be faster drives on, however steadily."""
 STANDING_M_S, RESTING_RAD_S = 0.01, 1e-3
+AHEAD_M_S = 0.3
+"""How well the speed is told by where things come together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +123,12 @@ class InertialTrack:
         J[:3, SPEED], J[3:, GYRO] = np.eye(3), np.eye(3)
         off = np.concatenate([-self.state.velocity, rate - self.state.rate_bias])
         observe(self.state, J, off, np.array([STANDING_M_S**2] * 3 + [RESTING_RAD_S**2] * 3))
+
+    def speed_up(self, off_m_s: float) -> None:
+        """Take a measured difference to the speed ahead."""
+        J = np.zeros((1, SIZE))
+        J[0, SPEED] = self.state.pose[:3, 0]
+        observe(self.state, J, np.array([off_m_s]), np.array([AHEAD_M_S**2]))
 
     def remember(self, sweep: Sweep, points: np.ndarray, moving: np.ndarray) -> None:
         """Put (K, 3) points into the map but those that move, or off a surface that is known."""

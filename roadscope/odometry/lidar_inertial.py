@@ -8,12 +8,18 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.estimates import estimate, grown
 from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.inertial_filter import POSE, SPEED, InertialNoise, InertialState
+from roadscope.odometry.inertial_filter import (
+    POSE,
+    SPEED,
+    InertialNoise,
+    InertialState,
+    resume,
+)
 from roadscope.odometry.inertial_start import InertialStart
 from roadscope.odometry.inertial_track import InertialTrack, Stretch
 from roadscope.odometry.matching import Match
 from roadscope.odometry.rigid import inverse
-from roadscope.odometry.speed_check import SpeedCheck
+from roadscope.odometry.speed_check import FAR_M_S, SpeedCheck
 from roadscope.odometry.standstill import still_rate
 from roadscope.odometry.sweep import Sweep
 
@@ -60,6 +66,7 @@ class LidarInertialOdometry:
         self._clock, self._imu = Clock(), ImuBuffer(lidar_from_imu)
         self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
+        self._known: InertialState | None = None
         self._begin(np.eye(4))
 
     def _begin(self, start_from_map: np.ndarray) -> None:
@@ -107,6 +114,8 @@ class LidarInertialOdometry:
         return ""
 
     def _made(self, state: InertialState) -> InertialTrack:
+        if self._known is not None:
+            resume(state, self._known)
         return InertialTrack(state, self._lever, self.noise, reach_m=self.reach_m,
                              drop_dynamic=self.drop_dynamic)  # fmt: skip
 
@@ -129,12 +138,23 @@ class LidarInertialOdometry:
             if rest is not None:
                 track.stand(rest)
             track.remember(sweep, points, moving)
-            twist = track.twist()
-            if self._check.refuted(scan, float(twist[0]), float(twist[5])):
-                poor, self._misfits = "what stands beside the road moves otherwise", LOST
+            poor = self._held_against_what_stands(track, scan)
         if self._misfits >= LOST:
+            self._known = track.state
             self._begin(self._start_from_map @ track.pose)
         return moving, poor or _vague(track)
+
+    def _held_against_what_stands(self, track: InertialTrack, scan: LidarScan) -> str:
+        """Correct the speed by things taller than vehicles; where it is another, say so."""
+        ahead_m_s, rate_rad_s = track.twist()[[0, 5]]
+        off_m_s = self._check.off(scan, float(ahead_m_s), float(rate_rad_s))
+        if off_m_s is None:
+            return ""
+        if abs(off_m_s) > FAR_M_S:
+            self._misfits = LOST
+            return "what stands beside the road moves otherwise"
+        track.speed_up(off_m_s)
+        return ""
 
     def _tell(self, stretch: Stretch) -> None:
         """Take over pose and covariance of whatever is followed."""
