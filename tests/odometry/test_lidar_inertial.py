@@ -197,3 +197,29 @@ def test_a_lever_between_the_sensors_changes_nothing():
 def test_sizes_are_above_nought():
     with pytest.raises(ValueError, match="insert_m must be above 0"):
         ODOMETRIES.make("lidar-inertial?insert_m=0")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scenario", "least_m", "t_rel"), [("cold-start", 350.0, 1.0), ("motorway", 350.0, 1.0)]
+)
+def test_a_start_at_speed_in_traffic_is_found(scenario, least_m, t_rel):
+    """On a validation seed; a map that takes the traffic for the world drifts by 100 %."""
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.jobs.ride import ride
+    from roadscope.benchmarks.metrics.odometry import drift
+
+    found = ride("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
+    assert found.both.distances[-1] > least_m
+    assert drift(found.both).t_rel < t_rel
+    assert found.degraded.mean() < 0.05
+
+
+@pytest.mark.slow
+def test_standing_in_traffic_is_standing():
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.jobs.ride import ride
+    from roadscope.benchmarks.metrics.odometry import score_standing
+
+    found = ride("lidar-inertial", Episode("standing-in-traffic", 10_000, "vlp16-imu"))
+    assert score_standing(found.both, found.stamps_s).false_motion.value < 0.15
