@@ -48,7 +48,7 @@ __all__ = ["note_of", "reproduce"]
 FIRST_SEED = 20000
 """Test seeds, as in the suites; what was chosen by trying was chosen on seeds 10000 to 19999."""
 OURS, PEER = "zhang2022", "lego-loam"
-METHODS = (OURS, PEER, "loam", "voxel-map")
+METHODS = (OURS, PEER, "loam", "lidar-inertial")
 """The last is ours."""
 PLAYS = dict(zip(WALKED, (STANDING, STRAIGHT, LOOP), strict=True))
 SCENARIO, RIG, DURATION_S = "racetrack-loop", "vlp16-imu", 40.0
