@@ -10,7 +10,7 @@ from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial_filter import GRAVITY_M_S2, InertialNoise, InertialState, started
 from roadscope.odometry.inertial_track import InertialTrack, Stretch
 from roadscope.odometry.rigid import exp_se3
-from roadscope.odometry.speed_search import Ends, Speed, speed_of
+from roadscope.odometry.speed_search import CELL_M, Ends, Speed, speed_of
 from roadscope.odometry.sweep import Sweep
 
 FEWEST, MOST = 4, 6
@@ -51,8 +51,10 @@ class InertialStart:
         if not self._taken:
             return np.eye(4)
         elapsed_s = self._taken[-1][0].scan.stamp_s - self._taken[0][0].scan.stamp_s
-        twist = np.array([self._best.ahead_m_s, 0.0, 0.0, *self._rate])
-        return exp_se3(twist * elapsed_s)
+        # A way that is within a cell is none that was seen.
+        ahead_m = self._best.ahead_m_s * elapsed_s
+        ahead_m = ahead_m if abs(ahead_m) > CELL_M / 2 else 0.0
+        return exp_se3(np.array([ahead_m, 0.0, 0.0, *(self._rate * elapsed_s)]))
 
     def track(
         self, speed: Speed, samples: ImuBuffer, lever: np.ndarray, noise: InertialNoise,

@@ -222,4 +222,4 @@ def test_standing_in_traffic_is_standing():
     from roadscope.benchmarks.metrics.odometry import score_standing
 
     found = ride("lidar-inertial", Episode("standing-in-traffic", 10_000, "vlp16-imu"))
-    assert score_standing(found.both, found.stamps_s).false_motion.value < 0.15
+    assert score_standing(found.both, found.stamps_s).false_motion.value < 0.05
