@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.odometry.voxel_kernels import EMPTY, slot_of
+from roadscope.odometry.voxels.voxel_kernels import EMPTY, slot_of
 
 BITS, HALF = 20, 1 << 19
 

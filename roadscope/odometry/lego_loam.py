@@ -12,13 +12,13 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.estimates import estimate
-from roadscope.odometry.features import Features
-from roadscope.odometry.imu_prediction import ImuPrediction
-from roadscope.odometry.interpolation import deskewed_between
-from roadscope.odometry.lego_mapping import LegoMapping
-from roadscope.odometry.lego_segments import LEAST, Kept, features_of, kept_of
-from roadscope.odometry.progress import LEAST_PAIRS, Progress
-from roadscope.odometry.two_step import match_two_steps
+from roadscope.odometry.lego.mapping import LegoMapping
+from roadscope.odometry.lego.segments import LEAST, Kept, features_of, kept_of
+from roadscope.odometry.lego.two_step import match_two_steps
+from roadscope.odometry.loam.features import Features
+from roadscope.odometry.loam.imu_prediction import ImuPrediction
+from roadscope.odometry.loam.interpolation import deskewed_between
+from roadscope.odometry.loam.progress import LEAST_PAIRS, Progress
 
 
 class LegoLoamOdometry:

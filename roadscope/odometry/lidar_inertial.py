@@ -8,20 +8,20 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.estimates import estimate, grown
 from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.inertial_filter import (
+from roadscope.odometry.inertial.filter import (
     POSE,
     SPEED,
     InertialNoise,
     InertialState,
     resume,
 )
-from roadscope.odometry.inertial_start import InertialStart
-from roadscope.odometry.inertial_track import InertialTrack, Stretch
-from roadscope.odometry.matching import Match
+from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
+from roadscope.odometry.inertial.standstill import still_rate
+from roadscope.odometry.inertial.start import InertialStart
+from roadscope.odometry.inertial.track import InertialTrack, Stretch
 from roadscope.odometry.rigid import inverse
-from roadscope.odometry.speed_check import FAR_M_S, SpeedCheck
-from roadscope.odometry.standstill import still_rate
-from roadscope.odometry.sweep import Sweep
+from roadscope.odometry.voxels.matching import Match
+from roadscope.odometry.voxels.sweep import Sweep
 
 LEAST_POINTS = 60
 LEAST_AGREEMENT = 0.3

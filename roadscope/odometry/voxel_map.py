@@ -12,9 +12,9 @@ from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
 from roadscope.odometry.estimates import estimate, grown
 from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.matching import Belief, Match, best, match
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3
-from roadscope.odometry.voxels import VoxelMap
+from roadscope.odometry.voxels.matching import Belief, Match, best, match
+from roadscope.odometry.voxels.surfaces import VoxelMap
 
 BOUNDS_M = (1.5, 120.0)
 """Nearer is the own vehicle; farther, beams lie too far apart to tell a surface."""

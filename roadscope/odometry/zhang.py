@@ -14,16 +14,16 @@ import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
-from roadscope.odometry.cluster_features import of_partners
-from roadscope.odometry.cluster_match import ClusterMatch, match_clusters
+from roadscope.odometry.clusters.cluster_features import of_partners
+from roadscope.odometry.clusters.cluster_match import ClusterMatch, match_clusters
+from roadscope.odometry.clusters.roughness import Reading, cluster_features
+from roadscope.odometry.clusters.segments import Clustering, Segments, segments_of
 from roadscope.odometry.estimates import estimate
-from roadscope.odometry.feature_match import FeatureMatch, match_features
-from roadscope.odometry.features import Features
-from roadscope.odometry.imu_prediction import ImuPrediction
-from roadscope.odometry.interpolation import deskewed_between
-from roadscope.odometry.progress import LEAST_PAIRS, Progress, misfit_of
-from roadscope.odometry.roughness import Reading, cluster_features
-from roadscope.odometry.segments import Clustering, Segments, segments_of
+from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
+from roadscope.odometry.loam.features import Features
+from roadscope.odometry.loam.imu_prediction import ImuPrediction
+from roadscope.odometry.loam.interpolation import deskewed_between
+from roadscope.odometry.loam.progress import LEAST_PAIRS, Progress, misfit_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

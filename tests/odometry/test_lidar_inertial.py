@@ -8,9 +8,8 @@ from toy_drive import Drive, driven, offset
 
 from roadscope.core import ImuSamples, Pose
 from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.free_space import FreeSpace
 from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.inertial_filter import (
+from roadscope.odometry.inertial.filter import (
     FORCE,
     GRAVITY,
     GYRO,
@@ -26,10 +25,11 @@ from roadscope.odometry.inertial_filter import (
     started,
     transition,
 )
-from roadscope.odometry.inertial_kernels import integrated
+from roadscope.odometry.inertial.kernels import integrated
+from roadscope.odometry.inertial.speed_search import Ends, speed_of
+from roadscope.odometry.inertial.standstill import still_rate
 from roadscope.odometry.rigid import exp_se3, exp_so3, log_so3
-from roadscope.odometry.speed_search import Ends, speed_of
-from roadscope.odometry.standstill import still_rate
+from roadscope.odometry.voxels.free_space import FreeSpace
 
 NOISE = InertialNoise()
 

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_drive import driven
 
-from roadscope.odometry.cluster_match import ALONE, match_clusters
-from roadscope.odometry.feature_match import FeatureMatch
-from roadscope.odometry.imu_prediction import ImuPrediction
-from roadscope.odometry.interpolation import deskewed_between
-from roadscope.odometry.progress import misfit_of, settled
+from roadscope.odometry.clusters.cluster_match import ALONE, match_clusters
+from roadscope.odometry.clusters.segments import Clustering, centres_of, segments_of
+from roadscope.odometry.clusters.sensor_height import sensor_height
+from roadscope.odometry.loam.feature_match import FeatureMatch
+from roadscope.odometry.loam.imu_prediction import ImuPrediction
+from roadscope.odometry.loam.interpolation import deskewed_between
+from roadscope.odometry.loam.progress import misfit_of, settled
 from roadscope.odometry.rigid import exp_se3
-from roadscope.odometry.segments import Clustering, centres_of, segments_of
-from roadscope.odometry.sensor_height import sensor_height
 from roadscope.odometry.zhang import ZhangOdometry
 
 AHEAD = exp_se3(np.array([1.0, 0, 0, 0, 0, 0]))

@@ -21,10 +21,10 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.range_angle import cluster_range_angle
 from roadscope.detectors.ground.polar import polar_above_ground
 from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.cluster_match import match_clusters
-from roadscope.odometry.features import extract
-from roadscope.odometry.segments import Clustering, Segments, centres_of, segments_of
-from roadscope.odometry.sensor_height import sensor_height
+from roadscope.odometry.clusters.cluster_match import match_clusters
+from roadscope.odometry.clusters.segments import Clustering, Segments, centres_of, segments_of
+from roadscope.odometry.clusters.sensor_height import sensor_height
+from roadscope.odometry.loam.features import extract
 
 RIG = "vlp16-imu"
 LARGER = ("hdl32e-imu", "hdl64e-imu")

@@ -31,7 +31,7 @@ def test_what_decides_poses_and_scores_is_in_the_key(tmp_path: Path) -> None:
     before = keys(tmp_path)
     assert len(set(before)) == 3
     for file, changed in (
-        ("odometry/matching.py", [True, True, False]),
+        ("odometry/voxels/matching.py", [True, True, False]),
         ("detectors/ground/polar.py", [True, True, True]),
         ("envs/sensors/imu.py", [True, True, True]),
         ("envs/traffic/script_cold_start.py", [True, True, True]),

@@ -1,0 +1,98 @@
+"""A scan without its ground, in clusters (Zhang 2022, section 2.1, first half)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from roadscope.core import LidarScan, Pose
+from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.clustering.range_angle import cluster_range_angle
+from roadscope.detectors.ground.polar import polar_above_ground
+from roadscope.odometry.clusters.sensor_height import sensor_height
+
+BOUNDS_M = (0.5, 120.0)
+ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clustering:
+    """The paper's parameters (table 1).
+
+    eps_m: what noise adds to two neighbouring returns' distance. The printed 0.02 m cannot be
+        the whole distance, see `cluster_range_angle`.
+    angle_deg: the search angle. min_points: clusters of fewer are outliers.
+    """
+
+    eps_m: float = 0.02
+    angle_deg: float = 5.0
+    min_points: int = 30
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segments:
+    """Returns that stand above the ground, in clusters.
+
+    points: (N, 3) float64, metres, lidar frame at each point's own time. ring, column: (N,) int64.
+    times_s: (N,) float64, seconds after the stamp. rows: (N,) int64, in the scan.
+    labels: (N,) int64, the cluster; -1 for outliers, as in the paper.
+    centres: (K, 3) float64, mean of each cluster's points (eq. 2).
+    sizes: (K,) int64, how many points each has.
+    """
+
+    points: np.ndarray
+    ring: np.ndarray
+    column: np.ndarray
+    times_s: np.ndarray
+    rows: np.ndarray
+    labels: np.ndarray
+    centres: np.ndarray
+    sizes: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def segments_of(scan: LidarScan, clustering: Clustering) -> Segments:
+    """Remove the ground and cluster what is left; returns that are no numbers are left out.
+
+    The ground is found by Himmelsbach 2010, as in the paper; how high the sensor stands above it
+    is read from the scan. What hangs high is kept: here it is as good as walls.
+    """
+    cloud = _standing(scan)
+    rule = clustering
+    labels = cluster_range_angle(
+        cloud, eps_m=rule.eps_m, angle_deg=rule.angle_deg, min_points=rule.min_points
+    )
+    # Outliers carry other negative labels too in clusterings.
+    labels = np.maximum(labels, -1)
+    times_s = scan.time_offset_s[cloud.rows].astype(float)
+    centres, sizes = centres_of(cloud.points, labels)
+    return Segments(
+        cloud.points, cloud.ring, cloud.column, times_s, cloud.rows, labels, centres, sizes
+    )
+
+
+def centres_of(points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean, (K, 3), of the points of each label from 0 on (eq. 2), and their numbers."""
+    inside = labels >= 0
+    known, place = labels[inside], points[inside]
+    sizes = np.bincount(known)
+    sums = np.column_stack([np.bincount(known, place[:, i], len(sizes)) for i in range(3)])
+    return sums / np.maximum(sizes, 1)[:, None], sizes
+
+
+def _standing(scan: LidarScan) -> Cloud:
+    """Return what stands above the ground, lidar frame."""
+    ranges = np.einsum("ni,ni->n", scan.points, scan.points)
+    with np.errstate(invalid="ignore"):
+        rows = np.flatnonzero((ranges >= BOUNDS_M[0] ** 2) & (ranges <= BOUNDS_M[1] ** 2))
+    near = replace(scan, **{name: getattr(scan, name)[rows] for name in ARRAYS})
+    height_m = sensor_height(near.points)
+    level = Pose.planar(0.0, 0.0, 0.0, height_m if np.isfinite(height_m) else 0.0)
+    cloud = Cloud.of(near, level)
+    if np.isfinite(height_m):
+        cloud = cloud.select(polar_above_ground(cloud, ceiling_m=np.inf))
+    lowered = cloud.points - level.translation
+    return Cloud(lowered, cloud.ring, cloud.column, rows[cloud.rows], cloud.origin)

@@ -1,0 +1,47 @@
+"""How high above the ground a LiDAR stands, from its scan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+
+NEAR_M = 20.0
+BIN_M = 0.05
+DEEPEST_M = 5.0
+LEAST = 0.02
+"""Share of the returns that lie low and near which the ground has at least in one bin and the
+next."""
+
+
+@compiled()
+def sensor_height(points: np.ndarray) -> float:
+    """Return the height in metres; nan where no ground is seen.
+
+    points: (N, 3) metres, lidar frame, z up to within a few degrees. Where a level layer has more
+    returns than any other, or half as many and lies lower, is the ground: the lowest such layer.
+    """
+    bins = int(DEEPEST_M / BIN_M)
+    counts, sums, low = np.zeros(bins + 1, np.int64), np.zeros(bins + 1), 0
+    for n in range(len(points)):
+        x, y, z = np.float64(points[n, 0]), np.float64(points[n, 1]), np.float64(points[n, 2])
+        if not (-DEEPEST_M < z < 0.0 and x * x + y * y < NEAR_M * NEAR_M):
+            continue
+        b = min(int(-z / BIN_M), bins - 1)
+        counts[b] += 1
+        sums[b] += z
+        low += 1
+    most = 0
+    for b in range(bins):
+        most = max(most, counts[b] + counts[b + 1])
+    if most < LEAST * low or most == 0:
+        return np.nan
+    for back in range(bins):
+        b = bins - 1 - back
+        if 2 * (counts[b] + counts[b + 1]) >= most:
+            # The fuller of this pair and the next above: the ground is thicker than a bin.
+            if b > 0 and counts[b - 1] > counts[b + 1]:
+                b -= 1
+            mean: float = -(sums[b] + sums[b + 1]) / (counts[b] + counts[b + 1])
+            return mean
+    return np.nan

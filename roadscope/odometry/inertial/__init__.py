@@ -1,0 +1,1 @@
+"""A Kalman filter of scans and inertial samples, and how it begins."""

@@ -1,0 +1,206 @@
+"""The error-state Kalman filter of a LiDAR with an inertial unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from roadscope.odometry.inertial.kernels import integrated
+from roadscope.odometry.rigid import exp_so3, log_so3, orthonormal
+
+PLACE, TURN, SPEED = slice(0, 3), slice(3, 6), slice(6, 9)
+GYRO, FORCE, GRAVITY = slice(9, 12), slice(12, 15), slice(15, 18)
+POSE = slice(0, 6)
+SIZE = 18
+GRAVITY_M_S2 = 9.81
+TILTED_M_S2 = 0.2
+"""How far off what was learned of gravity may be after a loss."""
+
+
+@dataclass(frozen=True, slots=True)
+class InertialNoise:
+    """How badly an inertial unit measures; defaults are an ADIS16448's.
+
+    rate, force: densities, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz). rate_walk, force_walk: of their
+    biases, a sqrt(s). rate_bias, force_bias: standard deviations of the biases at the start.
+    accelerating: what may be felt beside gravity at the start, m/s^2.
+    """
+
+    rate: float = 2.5e-4
+    force: float = 2.5e-3
+    rate_walk: float = 2e-5
+    force_walk: float = 2e-3
+    rate_bias: float = 0.01
+    force_bias: float = 0.2
+    accelerating: float = 1.0
+
+
+@dataclass(slots=True)
+class InertialState:
+    """What is held of pose, motion and biases, and how firmly.
+
+    pose: (4, 4) `map_from_imu`, the unit's frame turned to the LiDAR's axes. velocity: (3,) m/s of
+        the unit, gravity: (3,) m/s^2, down; both the map's frame. rate_bias, force_bias: (3,).
+    covariance: (18, 18) of errors of place, turn, velocity, biases of gyro and accelerometer,
+        gravity; all but the biases along the map's axes, turns about the unit.
+    """
+
+    pose: np.ndarray
+    velocity: np.ndarray
+    rate_bias: np.ndarray
+    force_bias: np.ndarray
+    gravity: np.ndarray
+    covariance: np.ndarray = field(repr=False)
+
+    def copied(self) -> InertialState:
+        """Return a state in arrays of its own."""
+        return InertialState(
+            self.pose.copy(), self.velocity.copy(), self.rate_bias.copy(),
+            self.force_bias.copy(), self.gravity.copy(), self.covariance.copy(),
+        )  # fmt: skip
+
+
+def started(
+    force: np.ndarray, velocity: np.ndarray, speed_m_s: tuple[float, float, float],
+    noise: InertialNoise,
+) -> InertialState:  # fmt: skip
+    """Return the state at the first scan.
+
+    force: (3,) mean specific force felt, m/s^2: gravity to within what the vehicle accelerates.
+    velocity: (3,) m/s, and its standard deviations, along the LiDAR's axes.
+    """
+    up = force / max(float(np.linalg.norm(force)), 1e-9)
+    covariance = np.zeros((SIZE, SIZE))
+    covariance[SPEED, SPEED] = np.diag(np.square(speed_m_s))
+    covariance[GYRO, GYRO] = noise.rate_bias**2 * np.eye(3)
+    covariance[FORCE, FORCE] = noise.force_bias**2 * np.eye(3)
+    level = np.eye(3) - np.outer(up, up)
+    # The bias hides in the force felt, so that errors of both go together.
+    covariance[GRAVITY, GRAVITY] = (
+        noise.accelerating**2 + noise.force_bias**2
+    ) * level + 1e-4 * np.outer(up, up)
+    covariance[GRAVITY, FORCE] = noise.force_bias**2 * level
+    covariance[FORCE, GRAVITY] = noise.force_bias**2 * level
+    zero = np.zeros(3)
+    return InertialState(
+        np.eye(4), np.array(velocity, float), zero.copy(), zero.copy(), -GRAVITY_M_S2 * up,
+        covariance,
+    )  # fmt: skip
+
+
+def resume(state: InertialState, known: InertialState) -> None:
+    """Give a state at a new start what an earlier one had learned: the gyro's bias, what is down.
+
+    The map of the new one has the axes in which the earlier one sees the sensor. What else it held
+    may be what misled it.
+    """
+    state.rate_bias = known.rate_bias.copy()
+    state.covariance[GYRO, GYRO] = 4 * known.covariance[GYRO, GYRO]
+    down = known.pose[:3, :3].T @ known.gravity
+    state.gravity = down * (GRAVITY_M_S2 / max(float(np.linalg.norm(down)), 1e-9))
+    state.covariance[GRAVITY, GRAVITY] = TILTED_M_S2**2 * np.eye(3)
+    state.covariance[GRAVITY, FORCE] = state.covariance[FORCE, GRAVITY] = 0.0
+
+
+def propagate(
+    state: InertialState, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray,
+    noise: InertialNoise,
+) -> None:  # fmt: skip
+    """Carry a state on over (K,) lengths of time, s, with (K, 3) rates and forces."""
+    elapsed_s = float(lengths.sum())
+    way, velocity, rotation, blocks = integrated(
+        lengths, rates - state.rate_bias, forces - state.force_bias,
+        np.ascontiguousarray(state.pose[:3, :3]), state.velocity, state.gravity,
+    )  # fmt: skip
+    state.pose[:3, 3] += way
+    state.pose[:3, :3] = rotation
+    state.velocity = velocity
+    F = transition(blocks, elapsed_s)
+    state.covariance = F @ state.covariance @ F.T + diffusion(elapsed_s, noise)
+
+
+def transition(blocks: np.ndarray, elapsed_s: float) -> np.ndarray:
+    """Return the (18, 18) matrix that carries errors over a stretch."""
+    F, unit = np.eye(SIZE), np.eye(3)
+    F[TURN, GYRO] = blocks[0]
+    F[SPEED, TURN], F[SPEED, GYRO], F[SPEED, FORCE] = blocks[1], blocks[2], blocks[3]
+    F[PLACE, TURN], F[PLACE, GYRO], F[PLACE, FORCE] = blocks[4], blocks[5], blocks[6]
+    F[PLACE, SPEED] = elapsed_s * unit
+    F[SPEED, GRAVITY], F[PLACE, GRAVITY] = elapsed_s * unit, elapsed_s**2 / 2 * unit
+    return F
+
+
+def diffusion(elapsed_s: float, noise: InertialNoise) -> np.ndarray:
+    """Return the (18, 18) covariance that a stretch adds."""
+    Q, unit, t = np.zeros((SIZE, SIZE)), np.eye(3), elapsed_s
+    Q[TURN, TURN] = noise.rate**2 * t * unit
+    Q[SPEED, SPEED] = noise.force**2 * t * unit
+    Q[PLACE, PLACE] = noise.force**2 * t**3 / 3 * unit
+    Q[PLACE, SPEED] = Q[SPEED, PLACE] = noise.force**2 * t**2 / 2 * unit
+    Q[GYRO, GYRO] = noise.rate_walk**2 * t * unit
+    Q[FORCE, FORCE] = noise.force_walk**2 * t * unit
+    return Q
+
+
+def coast(
+    state: InertialState, rate: np.ndarray, elapsed_s: float, spread: tuple[float, float]
+) -> None:
+    """Carry a state on without samples, at constant velocity along the sensor's axes.
+
+    rate: (3,) rad/s. spread: what acceleration, m/s^2, and change of rate, rad/s^2, are likely.
+    """
+    turn = exp_so3(rate * elapsed_s)
+    rotation = state.pose[:3, :3]
+    body = rotation.T @ state.velocity
+    state.pose[:3, 3] += (rotation @ exp_so3(rate * elapsed_s / 2) @ body) * elapsed_s
+    state.pose[:3, :3] = rotation @ turn
+    state.velocity = state.pose[:3, :3] @ body
+    F, Q, unit, t = np.eye(SIZE), np.zeros((SIZE, SIZE)), np.eye(3), elapsed_s
+    F[PLACE, SPEED] = t * unit
+    Q[PLACE, PLACE] = (spread[0] * t**2 / 2) ** 2 * unit
+    Q[SPEED, SPEED] = (spread[0] * t) ** 2 * unit
+    Q[PLACE, SPEED] = Q[SPEED, PLACE] = spread[0] ** 2 * t**3 / 2 * unit
+    Q[TURN, TURN] = (spread[1] * t**2) ** 2 * unit
+    state.covariance = F @ state.covariance @ F.T + Q
+
+
+def settle(state: InertialState, pose: np.ndarray, information: np.ndarray) -> None:
+    """Take a (4, 4) pose at which measurement and state agree best, and all that follows from it.
+
+    information: (6, 6) of the measurement alone, as in the covariance. The rest of the state
+    follows the pose as far as their errors go together.
+    """
+    P = state.covariance
+    prior = np.linalg.inv(P[POSE, POSE] + 1e-12 * np.eye(6))
+    moved = np.concatenate(
+        [pose[:3, 3] - state.pose[:3, 3], log_so3(pose[:3, :3] @ state.pose[:3, :3].T)]
+    )
+    posterior = np.linalg.inv(prior + information)
+    gain = P[:, POSE] @ prior
+    change = gain @ moved
+    P = P - gain @ (P[POSE, POSE] - posterior) @ gain.T
+    state.covariance = (P + P.T) / 2
+    state.pose = orthonormal(pose)
+    _shift(state, change)
+
+
+def observe(state: InertialState, J: np.ndarray, off: np.ndarray, variance: np.ndarray) -> None:
+    """Take a linear measurement: off = J error + noise; (K, 18), (K,) and (K,) variances."""
+    P = state.covariance
+    gain = P @ J.T @ np.linalg.inv(J @ P @ J.T + np.diag(variance))
+    change = gain @ off
+    P = P - gain @ J @ P
+    state.covariance = (P + P.T) / 2
+    state.pose[:3, 3] += change[PLACE]
+    state.pose[:3, :3] = exp_so3(change[TURN]) @ state.pose[:3, :3]
+    state.pose = orthonormal(state.pose)
+    _shift(state, change)
+
+
+def _shift(state: InertialState, change: np.ndarray) -> None:
+    """Correct all but the pose."""
+    state.velocity = state.velocity + change[SPEED]
+    state.rate_bias = state.rate_bias + change[GYRO]
+    state.force_bias = state.force_bias + change[FORCE]
+    state.gravity = state.gravity + change[GRAVITY]

@@ -1,0 +1,104 @@
+"""Ends of things in a scan, and how well those of several scans come together at a speed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+from roadscope.odometry.voxels.voxel_kernels import EMPTY, Index, slot_of
+
+JUMP_M, JUMP_SHARE = 0.4, 0.02
+"""A beam's neighbour that reaches so much farther has missed the thing that the beam met."""
+UPRIGHT = 2
+"""Columns by which an upright end may be off in the beam above or below."""
+HALF = 1 << 19
+
+
+@compiled()
+def ends(
+    points: np.ndarray, ring: np.ndarray, column: np.ndarray, rings: int, columns: int
+) -> np.ndarray:
+    """Return (N,) bool, at which returns a thing ends to the left or the right.
+
+    The wall of a tunnel and the ground have no ends: there, returns stand where the beams point,
+    not where something is.
+    """
+    reach = np.zeros((rings, columns), np.float32)
+    for n in range(len(points)):
+        x, y, z = points[n]
+        reach[ring[n], column[n]] = np.sqrt(x * x + y * y + z * z)
+    edges = np.zeros((rings, columns), np.bool_)
+    for r in range(rings):
+        for c in range(columns):
+            here = reach[r, c]
+            if not 0.0 < here < np.inf:
+                continue
+            least = here * (1.0 + JUMP_SHARE) + JUMP_M
+            for side in (-1, 1):
+                near = False
+                for d in range(1, 3):
+                    there = reach[r, (c + side * d) % columns]
+                    near |= 0.0 < there < least
+                edges[r, c] |= not near
+    marks = np.zeros(len(points), np.bool_)
+    for n in range(len(points)):
+        r, c = ring[n], column[n]
+        marks[n] = edges[r, c] and (
+            _upright(edges, reach, r, c, -1) or _upright(edges, reach, r, c, 1)
+        )
+    return marks
+
+
+@compiled()
+def _upright(edges: np.ndarray, reach: np.ndarray, r: Index, c: Index, up: int) -> bool:
+    """Say whether the beam above or below ends at the same thing in nearly the same direction.
+
+    Where beams leave a wall over its top, they do so one after the other, at places that travel
+    with the sensor.
+    """
+    if not 0 <= r + up < reach.shape[0]:
+        return False
+    here = reach[r, c]
+    for d in range(-UPRIGHT, UPRIGHT + 1):
+        k = (c + d) % reach.shape[1]
+        if edges[r + up, k] and abs(reach[r + up, k] - here) < JUMP_M + JUMP_SHARE * here:
+            return True
+    return False
+
+
+@compiled()
+def gathered(
+    points: np.ndarray, times_s: np.ndarray, scans: np.ndarray, rate: float, speeds: np.ndarray,
+    cell_m: float,
+) -> np.ndarray:  # fmt: skip
+    """Return (V,) how often different scans meet in one cell of the ground plane, at each speed.
+
+    points: (N, 2) as measured. times_s: (N,) since the first scan. scans: (N,) which of the scans,
+    fewer than 32. rate: rad/s about the vertical. speeds: (V,) m/s ahead.
+    """
+    slots = 1024
+    while slots < 2 * len(points):
+        slots *= 2
+    scores = np.zeros(len(speeds))
+    keys, met = np.empty(slots, np.int64), np.empty(slots, np.int64)
+    for s in range(len(speeds)):
+        keys[:] = EMPTY
+        met[:] = 0
+        for n in range(len(points)):
+            angle, way = rate * times_s[n], speeds[s] * times_s[n]
+            cosine, sine = np.cos(angle), np.sin(angle)
+            x = cosine * points[n, 0] - sine * points[n, 1] + way * np.cos(0.5 * angle)
+            y = sine * points[n, 0] + cosine * points[n, 1] + way * np.sin(0.5 * angle)
+            key = (np.int64(np.floor(x / cell_m)) + HALF) << 20 | (
+                np.int64(np.floor(y / cell_m)) + HALF
+            )
+            slot = slot_of(keys, key)
+            keys[slot] = key
+            met[slot] |= 1 << scans[n]
+        for slot in range(slots):
+            bits, count = met[slot], 0
+            while bits:
+                bits &= bits - 1
+                count += 1
+            scores[s] += count * (count - 1) // 2
+    return scores

@@ -1,0 +1,99 @@
+"""How fast a sensor is whose first scans have just come: the speed at which things come together.
+
+The majority does not decide: among lorries most returns move along with the sensor. What is higher
+above the ground than any vehicle stands, and is asked first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from roadscope.core import LidarScan
+from roadscope.odometry.inertial.speed_kernels import ends, gathered
+
+SPEEDS_M_S = np.arange(-8.0, 50.0, 0.25)
+CELL_M = 0.4
+LOWEST_M, TALLEST_M = 0.4, 4.3
+"""Above the ground: lower is the ground; no road user is taller."""
+FARTHEST_M = 60.0
+NEAR_M, GROUND_SHARE = 25.0, 0.05
+BESIDE_M_S = 2.0
+"""Speeds closer than this support each other rather than compete."""
+LEAST_TALL = 16
+"""Ends of tall things, in all scans together, from which they decide."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """Where things end in a scan: (K, 2) metres as measured, (K,) times, (K,) whether tall."""
+
+    points: np.ndarray
+    times_s: np.ndarray
+    tall: np.ndarray
+
+    @staticmethod
+    def of(scan: LidarScan) -> Ends:
+        """Find them."""
+        points = np.where(np.isfinite(scan.points), scan.points, 0.0)
+        if not len(points):
+            return Ends(np.empty((0, 2)), np.empty(0), np.empty(0, bool))
+        flat = np.hypot(points[:, 0], points[:, 1])
+        near = (flat < NEAR_M) & (flat > 0)
+        ground_m = np.quantile(points[near, 2], GROUND_SHARE) if near.any() else -np.inf
+        height_m = points[:, 2] - ground_m
+        kept = ends(points, scan.ring, scan.column, scan.ring.max() + 1, scan.column.max() + 1)
+        kept &= (height_m > LOWEST_M) & (flat < FARTHEST_M) & (flat > 1.5)
+        times = scan.stamp_s + scan.time_offset_s[kept].astype(np.float64)
+        return Ends(points[kept, :2].astype(np.float64), times, height_m[kept] > TALLEST_M)
+
+
+@dataclass(frozen=True, slots=True)
+class Speed:
+    """The best speed ahead, m/s, and how many times as much it gathers as the best of others."""
+
+    ahead_m_s: float
+    clarity: float
+
+    CLEAR: ClassVar = 1.25
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is to be believed."""
+        return self.clarity >= self.CLEAR
+
+
+def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
+    """Return the speed at which scans in a row agree; with the turn rate about the vertical."""
+    if _tall(scans) >= LEAST_TALL:
+        return standing_speed_of(scans, rate_rad_s)
+    return _peak(scans, rate_rad_s, [np.ones(len(each.tall), bool) for each in scans])
+
+
+def standing_speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
+    """Return the speed at which that agrees which is taller than vehicles; not clear without."""
+    if _tall(scans) < LEAST_TALL:
+        return Speed(0.0, 0.0)
+    return _peak(scans, rate_rad_s, [each.tall for each in scans])
+
+
+def _tall(scans: list[Ends]) -> int:
+    return sum(int(each.tall.sum()) for each in scans)
+
+
+def _peak(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> Speed:
+    points = np.concatenate([each.points[c] for each, c in zip(scans, chosen, strict=True)])
+    times = np.concatenate([each.times_s[c] for each, c in zip(scans, chosen, strict=True)])
+    number = np.concatenate([np.full(int(c.sum()), i) for i, c in enumerate(chosen)])
+    if len(points) < 2:
+        return Speed(0.0, 0.0)
+    scores = gathered(points, times - times.min(), number, rate, SPEEDS_M_S, CELL_M)
+    scores = scores - np.median(scores)
+    best = int(scores.argmax())
+    others = scores[np.abs(SPEEDS_M_S - SPEEDS_M_S[best]) > BESIDE_M_S]
+    around = slice(max(best - 1, 0), best + 2)
+    weights = np.maximum(scores[around], 0.0) + 1e-9
+    middle = float(weights @ SPEEDS_M_S[around] / weights.sum())
+    return Speed(middle, float(scores[best] / max(others.max(), 1.0)))

@@ -1,0 +1,84 @@
+"""The first scans, until they tell the speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.inertial.filter import (
+    GRAVITY_M_S2,
+    InertialNoise,
+    InertialState,
+    started,
+)
+from roadscope.odometry.inertial.speed_search import CELL_M, Ends, Speed, speed_of
+from roadscope.odometry.inertial.track import InertialTrack, Stretch
+from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry.voxels.sweep import Sweep
+
+FEWEST, MOST = 4, 6
+"""Two or three scans agree by chance; after the most the best speed is taken, clear or not."""
+SPREAD_M_S = (0.5, 0.2, 0.1)
+"""How far off a speed so found may be, ahead, to the side and up."""
+FELT_S = 0.1
+
+
+class InertialStart:
+    """Gathers scans and what was felt between them."""
+
+    def __init__(self) -> None:
+        self._taken: list[tuple[Sweep, Stretch, Ends]] = []
+        self._rate, self._best = np.zeros(3), Speed(0.0, 0.0)
+
+    def __len__(self) -> int:
+        return len(self._taken)
+
+    def add(self, sweep: Sweep, stretch: Stretch, samples: ImuBuffer) -> None:
+        """Take a further scan."""
+        self._taken.append((sweep, stretch, Ends.of(sweep.scan)))
+        first_s, last_s = self._taken[0][0].scan.stamp_s, sweep.scan.stamp_s
+        rate = samples.mean_rate(first_s, last_s) if last_s > first_s else None
+        self._rate = np.zeros(3) if rate is None else rate
+
+    def speed(self) -> Speed | None:
+        """Return the speed ahead once it is clear, or enough scans were seen."""
+        if len(self._taken) < 2:
+            return None
+        self._best = speed_of([ends for *_, ends in self._taken], float(self._rate[2]))
+        if len(self._taken) < (FEWEST if self._best.clear else MOST):
+            return None
+        return self._best
+
+    def guess(self) -> np.ndarray:
+        """Return (4, 4) where the last scan was taken, as far as can be said, from the first."""
+        if not self._taken:
+            return np.eye(4)
+        elapsed_s = self._taken[-1][0].scan.stamp_s - self._taken[0][0].scan.stamp_s
+        # A way that is within a cell is none that was seen.
+        ahead_m = self._best.ahead_m_s * elapsed_s
+        ahead_m = ahead_m if abs(ahead_m) > CELL_M / 2 else 0.0
+        return exp_se3(np.array([ahead_m, 0.0, 0.0, *(self._rate * elapsed_s)]))
+
+    def track(
+        self, speed: Speed, samples: ImuBuffer, lever: np.ndarray, noise: InertialNoise,
+        made: Callable[[InertialState], InertialTrack],
+    ) -> InertialTrack:  # fmt: skip
+        """Begin at the first scan and follow the others."""
+        stamp_s = self._taken[0][0].scan.stamp_s
+        force = np.array([0.0, 0.0, GRAVITY_M_S2])
+        if samples.covers(stamp_s, stamp_s + FELT_S):
+            lengths, _, forces = samples.within(stamp_s, stamp_s + FELT_S)
+            force = lengths @ forces / lengths.sum()
+        state = started(force, np.array([speed.ahead_m_s, 0.0, 0.0]), SPREAD_M_S, noise)
+        state.pose[:3, 3] = lever
+        track = made(state)
+        for i, (sweep, stretch, _) in enumerate(self._taken):
+            track.predict(stretch, still=i == 0)
+            points = track.seen(sweep)
+            moving = track.moving(points, sweep.scan.stamp_s)
+            if i:
+                track.settle(track.matched(sweep, points, moving))
+            track.remember(sweep, points, moving)
+        return track

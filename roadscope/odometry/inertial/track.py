@@ -1,0 +1,142 @@
+"""One assumption of where a sensor is and how fast: its filter, its map, its looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.odometry.cloud_kernels import deskewed, placed
+from roadscope.odometry.inertial.filter import (
+    GYRO,
+    POSE,
+    SIZE,
+    SPEED,
+    InertialNoise,
+    InertialState,
+    coast,
+    observe,
+    propagate,
+    settle,
+)
+from roadscope.odometry.inertial.match import settled_on
+from roadscope.odometry.rigid import log_so3
+from roadscope.odometry.voxels.free_space import FreeSpace
+from roadscope.odometry.voxels.match_kernels import contradicts
+from roadscope.odometry.voxels.matching import Match
+from roadscope.odometry.voxels.surfaces import VoxelMap
+from roadscope.odometry.voxels.sweep import Sweep
+
+COASTING = (4.0, 1.0)
+"""What vehicles may do that no samples tell, m/s^2 and rad/s^2."""
+SLOW_M_S = 0.3
+"""Who is held to be faster drives on, however steadily."""
+STANDING_M_S, RESTING_RAD_S = 0.01, 1e-3
+AHEAD_M_S = 0.3
+"""How well the speed is told by where things come together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Inertial samples over a stretch; `lengths_s` is empty where there are none.
+
+    elapsed_s: of the whole. sweep_rate: (3,) rad/s, mean over the sweep that ends it, or None.
+    """
+
+    elapsed_s: float
+    lengths_s: np.ndarray
+    rates: np.ndarray
+    forces: np.ndarray
+    sweep_rate: np.ndarray | None
+
+
+class InertialTrack:
+    """Follows a sensor from a state, on a map of its own.
+
+    lever: (3,) metres, place of the inertial unit in the LiDAR's frame.
+    """
+
+    def __init__(
+        self, state: InertialState, lever: np.ndarray, noise: InertialNoise, *, reach_m: float,
+        drop_dynamic: bool = True,
+    ) -> None:  # fmt: skip
+        self.state, self.lever, self.noise = state, lever, noise
+        self.drop_dynamic = drop_dynamic
+        self.rate, self.felt, self.elapsed_s = np.zeros(3), True, 0.0
+        self.map = VoxelMap(reach_m=reach_m)
+        self.space = FreeSpace()
+
+    @property
+    def pose(self) -> np.ndarray:
+        """Return (4, 4) `map_from_lidar`."""
+        matrix = self.state.pose.copy()
+        matrix[:3, 3] -= matrix[:3, :3] @ self.lever
+        return matrix
+
+    def predict(self, stretch: Stretch, *, still: bool = False) -> None:
+        """Carry the state on to the next stamp; still: only take over how it turns there."""
+        if stretch.sweep_rate is not None:
+            self.rate = stretch.sweep_rate - self.state.rate_bias
+        if still or not stretch.elapsed_s:
+            return
+        self.felt, self.elapsed_s = bool(len(stretch.lengths_s)), stretch.elapsed_s
+        if len(stretch.lengths_s):
+            propagate(self.state, stretch.lengths_s, stretch.rates, stretch.forces, self.noise)
+        else:
+            coast(self.state, self.rate, stretch.elapsed_s, COASTING)
+
+    def twist(self) -> np.ndarray:
+        """Return the LiDAR's (6,) velocity and turn rate, its own frame."""
+        body = self.state.pose[:3, :3].T @ self.state.velocity
+        return np.concatenate([body - np.cross(self.rate, self.lever), self.rate])
+
+    def seen(self, sweep: Sweep) -> np.ndarray:
+        """Return (K, 3) points of a sweep as seen at its stamp, from the inertial unit."""
+        points: np.ndarray = sweep.at_stamp(self.twist()) - self.lever
+        return points
+
+    def moving(self, points: np.ndarray, stamp_s: float) -> np.ndarray:
+        """Return (K,) bool, which points have moved to where they are."""
+        votes = self.space.entered(stamp_s, placed(points, self.state.pose))
+        return votes > 0
+
+    def matched(self, sweep: Sweep, points: np.ndarray, moving: np.ndarray) -> Match:
+        """Return where the surfaces and the prediction together put a sweep's (K, 3) points."""
+        few = sweep.few[~moving[sweep.few]] if self.drop_dynamic else sweep.few
+        covariance = self.state.covariance[POSE, POSE]
+        return settled_on(self.map.voxels, points[few], self.state.pose, covariance)
+
+    def settle(self, found: Match) -> None:
+        """Take over what was found."""
+        before = self.state.pose
+        settle(self.state, found.map_from_sensor, found.information)
+        if not self.felt:
+            turned = log_so3(before[:3, :3].T @ self.state.pose[:3, :3])
+            self.rate = self.rate + turned / self.elapsed_s
+
+    def stand(self, rate: np.ndarray) -> None:
+        """Take it that the sensor stands, while its gyro reads a (3,) rate, if it may be so."""
+        speed = float(np.linalg.norm(self.state.velocity))
+        if speed > SLOW_M_S:
+            return
+        J = np.zeros((6, SIZE))
+        J[:3, SPEED], J[3:, GYRO] = np.eye(3), np.eye(3)
+        off = np.concatenate([-self.state.velocity, rate - self.state.rate_bias])
+        observe(self.state, J, off, np.array([STANDING_M_S**2] * 3 + [RESTING_RAD_S**2] * 3))
+
+    def speed_up(self, off_m_s: float) -> None:
+        """Take a measured difference to the speed ahead."""
+        J = np.zeros((1, SIZE))
+        J[0, SPEED] = self.state.pose[:3, 0]
+        observe(self.state, J, np.array([off_m_s]), np.array([AHEAD_M_S**2]))
+
+    def remember(self, sweep: Sweep, points: np.ndarray, moving: np.ndarray) -> None:
+        """Put (K, 3) points into the map but those that move, or off a surface that is known."""
+        here = placed(points, self.state.pose)
+        if self.drop_dynamic:
+            here = here[~(moving | contradicts(self.map.voxels, here))]
+        self.map.add(here, self.state.pose[:3, 3])
+        scan = sweep.scan
+        if self.space.due(scan.stamp_s):
+            whole = deskewed(scan.points, scan.time_offset_s, self.twist())
+            self.space.add(scan.stamp_s, whole, scan.ring, self.pose)

@@ -1,0 +1,1 @@
+"""LeGO-LOAM's steps: range image, ground, two-step match, map of keyframes, loops."""

@@ -1,0 +1,63 @@
+"""Where a map of earlier features puts a scan (Shan and Englot 2018, section III-E)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.odometry.lego.keyframes import Keyframe, KeyframeMap, keyframe
+from roadscope.odometry.lego.loop_closing import LoopClosing
+from roadscope.odometry.loam.features import Features
+from roadscope.odometry.loam.progress import misfit_of
+from roadscope.odometry.rigid import inverse, log_se3
+
+APART_M, APART_RAD = 0.3, 0.2
+"""Nearer to the last one no keyframe is taken: what stands still adds nothing to a map."""
+
+
+class LegoMapping:
+    """Corrects the odometry by a map of its keyframes, and by loops.
+
+    reach_m: keyframes nearer than this make the map. map_from_start: (4, 4), what the
+    odometry's poses are corrected by.
+    """
+
+    def __init__(self, *, reach_m: float, loop: bool) -> None:
+        self.reach_m = reach_m
+        self.loops = LoopClosing() if loop else None
+        self.map_from_start = np.eye(4)
+        self.keyframes: list[Keyframe] = []
+        self._map, self._centre, self._driven_m = KeyframeMap(), np.zeros(3), 0.0
+        self._last = np.eye(4)
+
+    def take(self, features: Features, start_from_lidar: np.ndarray) -> None:
+        """Match a scan's features with the map and add them to it; the odometry's pose is told."""
+        pose = self.map_from_start @ start_from_lidar
+        taken = keyframe(features, pose, 0.0)
+        if self.keyframes:
+            found = self._map.match(taken, pose)
+            if not misfit_of(found):
+                pose = found.before_from_now
+        step = log_se3(inverse(self._last) @ pose)
+        far = np.linalg.norm(step[:3]) > APART_M or np.linalg.norm(step[3:]) > APART_RAD
+        if far or not self.keyframes:
+            self._driven_m += float(np.linalg.norm(step[:3]))
+            self._add(Keyframe(taken.edges, taken.planes, taken.few, pose, self._driven_m))
+            pose = self.keyframes[-1].map_from_lidar
+        self.map_from_start = pose @ inverse(start_from_lidar)
+
+    def _add(self, taken: Keyframe) -> None:
+        self.keyframes.append(taken)
+        self._map.add(taken)
+        moved = None
+        if self.loops is not None:
+            self.loops.add(self.keyframes)
+            moved = self.loops.closed_by(self.keyframes)
+        if moved is not None:
+            self.keyframes = moved
+        self._last = self.keyframes[-1].map_from_lidar
+        here = self.keyframes[-1].place
+        if moved is not None or np.linalg.norm(here - self._centre) > self.reach_m:
+            self._centre = here
+            self._map = KeyframeMap(
+                k for k in self.keyframes if np.linalg.norm(k.place - here) <= self.reach_m
+            )

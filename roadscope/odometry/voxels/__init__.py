@@ -1,0 +1,1 @@
+"""Maps of surfaces in voxels, and scans matched with them."""

@@ -1,0 +1,151 @@
+"""How well points lie on the surfaces of a map, and which way is better."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+from roadscope.odometry.voxels.voxel_kernels import (
+    EMPTY,
+    FLOOR_M,
+    SIZES_M,
+    Index,
+    Voxels,
+    key_of,
+    slot_of,
+)
+
+TILT = 0.05
+"""By so much, radians, the normal of a surface may err that was fitted to a few traces of beams."""
+
+FIRM, FAR = 20.0, 5.0
+"""From so many points on, what is so many standard deviations off a surface contradicts it."""
+
+
+@compiled()
+def normal_equations(
+    voxels: Voxels, points: np.ndarray, matrix: np.ndarray, scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return Gauss-Newton's matrix (6, 6) and vector (6,), and what they rest on, (3,).
+
+    points: (N, 3) metres, the sensor's frame. matrix: (4, 4) `map_from_sensor`. scale: standard
+    deviations off its surface at which a point counts for a quarter (Geman and McClure 1985).
+    The unknowns are a shift, metres, and a turn about the sensor, radians, both along the map's
+    axes. The last result: points that have a surface, the sum of their weights, and that of
+    their squared distances, weighed, in standard deviations.
+
+    A point is held by the largest voxel around it that has a surface: small ones take over where
+    large ones hold more than one.
+    """
+    H, b, told = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
+    q, j, off, weight = np.empty(3), np.empty(6), np.empty(3), np.empty(3)
+    for n in range(len(points)):
+        for i in range(3):
+            q[i] = (
+                matrix[i, 0] * points[n, 0]
+                + matrix[i, 1] * points[n, 1]
+                + matrix[i, 2] * points[n, 2]
+            )
+        x, y, z = q[0] + matrix[0, 3], q[1] + matrix[1, 3], q[2] + matrix[2, 3]
+        slot = surface_at(voxels, x, y, z)
+        if slot < 0:
+            continue
+        rx, ry, rz = (
+            x - voxels.means[slot, 0], y - voxels.means[slot, 1], z - voxels.means[slot, 2]
+        )  # fmt: skip
+        axes = voxels.axes[slot]
+        for k in range(3):
+            off[k] = axes[k, 0] * rx + axes[k, 1] * ry + axes[k, 2] * rz
+        squared = 0.0
+        for k in range(voxels.held[slot]):
+            weight[k] = 1.0 / _variance(voxels.spreads[slot], voxels.counts[slot], off, k)
+            squared += weight[k] * off[k] * off[k]
+        share = 1.0 / (1.0 + squared / (scale * scale)) ** 2
+        told[0] += 1.0
+        told[1] += share
+        told[2] += share * squared
+        for k in range(voxels.held[slot]):
+            _row(axes[k], matrix, q, j)
+            _accumulate(H, b, j, share * weight[k], off[k])
+    for r in range(6):
+        for c in range(r):
+            H[r, c] = H[c, r]
+    return H, b, told
+
+
+@compiled()
+def surface_at(voxels: Voxels, x: float, y: float, z: float) -> Index:
+    """Return the slot of the largest voxel around a place that has a surface; -1 if none has."""
+    for up in range(len(SIZES_M)):
+        key = key_of(x, y, z, len(SIZES_M) - 1 - up)
+        if key < 0:
+            return -1
+        slot = slot_of(voxels.keys, key)
+        if voxels.keys[slot] != EMPTY and voxels.held[slot] > 0:
+            return slot
+    return -1
+
+
+@compiled()
+def _variance(spreads: np.ndarray, count: float, off: np.ndarray, k: int) -> float:
+    """Return the variance, m^2, with which a point is held along an axis.
+
+    That of the points of the voxel, and what a plane fitted to so few of them errs at the place,
+    more outside of them than among them. off: (3,) metres from their mean, along the axes.
+    """
+    lever = 1.0
+    for i in range(k + 1, 3):
+        lever += off[i] * off[i] / (spreads[i] + FLOOR_M * FLOOR_M)
+    variance: float = spreads[k] * (1.0 + lever / (count - 3.0)) + FLOOR_M * FLOOR_M
+    return variance
+
+
+@compiled()
+def _row(axis: np.ndarray, matrix: np.ndarray, q: np.ndarray, j: np.ndarray) -> None:
+    """Fill how the distance along an axis changes with shift and turn.
+
+    What of the axis lies along an axis of the sensor is shrunk where it is within the error of
+    fitted normals: else hundreds of level surfaces, each tilted a little by noise, would together
+    hold the sensor back along the road.
+    """
+    j[0] = j[1] = j[2] = 0.0
+    for c in range(3):
+        along = axis[0] * matrix[0, c] + axis[1] * matrix[1, c] + axis[2] * matrix[2, c]
+        along *= along * along / (along * along + TILT * TILT)
+        for i in range(3):
+            j[i] += along * matrix[i, c]
+    j[3] = q[1] * axis[2] - q[2] * axis[1]
+    j[4] = q[2] * axis[0] - q[0] * axis[2]
+    j[5] = q[0] * axis[1] - q[1] * axis[0]
+
+
+@compiled()
+def _accumulate(H: np.ndarray, b: np.ndarray, j: np.ndarray, weight: float, off: float) -> None:
+    for r in range(6):
+        scaled = weight * j[r]
+        b[r] += scaled * off
+        for c in range(r, 6):
+            H[r, c] += scaled * j[c]
+
+
+@compiled()
+def contradicts(voxels: Voxels, points: np.ndarray) -> np.ndarray:
+    """Return (N,) bool, which points, (N, 3) in the map's frame, are off a surface around them."""
+    marks, off = np.zeros(len(points), np.bool_), np.empty(3)
+    for n in range(len(points)):
+        x, y, z = points[n]
+        slot = surface_at(voxels, x, y, z)
+        if slot < 0 or voxels.counts[slot] < FIRM:
+            continue
+        axes, means = voxels.axes[slot], voxels.means[slot]
+        for k in range(3):
+            off[k] = (
+                axes[k, 0] * (x - means[0])
+                + axes[k, 1] * (y - means[1])
+                + axes[k, 2] * (z - means[2])
+            )
+        squared = 0.0
+        for k in range(voxels.held[slot]):
+            squared += off[k] ** 2 / _variance(voxels.spreads[slot], voxels.counts[slot], off, k)
+        marks[n] = squared > FAR * FAR
+    return marks

@@ -1,0 +1,238 @@
+"""Which returns of a scan are edges, which are planes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from toy_drive import Drive
+
+from roadscope.odometry.loam.feature_kernels import (
+    ADJACENT,
+    GRAZING,
+    JUMP,
+    SAME_M,
+    members,
+    picked,
+    sectors_of,
+    sweep_of,
+    unreliable,
+)
+from roadscope.odometry.loam.features import Limits, cluster_roughness, extract, roughness
+
+COLUMNS = 720
+AZIMUTHS = np.radians(np.linspace(-90, 90, COLUMNS))
+
+
+def corner_room(rings=4, noise_m=0.0, seed=0):
+    """Rings on walls at x = 10 and y = 6, which meet in a corner, seen from the origin."""
+    reach = np.minimum(10 / np.maximum(np.cos(AZIMUTHS), 1e-9),
+                       6 / np.maximum(np.abs(np.sin(AZIMUTHS)), 1e-9))  # fmt: skip
+    reach = reach + noise_m * np.random.default_rng(seed).standard_normal((rings, COLUMNS))
+    up = np.tan(np.radians(np.linspace(-4, 4, rings)))[:, None]
+    points = np.stack([reach * np.cos(AZIMUTHS), reach * np.sin(AZIMUTHS), reach * up], axis=2)
+    ring, column = np.divmod(np.arange(rings * COLUMNS), COLUMNS)
+    return points.reshape(-1, 3), ring, column
+
+
+def scrambled(rng, points, ring, column):
+    order = rng.permutation(len(points))
+    return points[order], ring[order], column[order], order
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+def roughness_slowly(points, ring, column, neighbours):
+    rough = np.full(len(points), np.nan)
+    for each in np.unique(ring):
+        rows = np.flatnonzero(ring == each)
+        rows = rows[np.argsort(column[rows], kind="stable")]
+        for k in range(neighbours, len(rows) - neighbours):
+            around = points[rows[k - neighbours : k + neighbours + 1]]
+            total = np.linalg.norm((around - points[rows[k]]).sum(axis=0))
+            rough[rows[k]] = total / (2 * neighbours * np.linalg.norm(points[rows[k]]))
+    return rough
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 999), count=st.integers(0, 80), neighbours=st.integers(1, 6))
+def test_roughness_is_that_of_the_slow_way_in_any_order(seed, count, neighbours):
+    rng = np.random.default_rng(seed)
+    points, ring = rng.uniform(-20, 20, (count, 3)), rng.integers(0, 4, count)
+    column = rng.permutation(count)
+    found = roughness(points, ring, column, neighbours=neighbours)
+    assert found == pytest.approx(roughness_slowly(points, ring, column, neighbours), nan_ok=True)
+
+
+def test_literal_roughness_is_the_distance_from_the_clusters_centre(rng):
+    points, labels = rng.uniform(-9, 9, (60, 3)), rng.integers(-1, 4, 60)
+    found = cluster_roughness(points, labels)
+    for n, (point, label) in enumerate(zip(points, labels, strict=True)):
+        own = points[labels == label]
+        slow = np.linalg.norm((own - point).sum(axis=0)) / (len(own) * np.linalg.norm(point))
+        assert found[n] == pytest.approx(slow) if label >= 0 else np.isnan(found[n])
+
+
+def test_a_corner_is_an_edge_and_walls_are_planes(rng):
+    points, ring, column, _ = scrambled(rng, *corner_room(noise_m=2e-3))
+    found = extract(points, ring, column, np.zeros(len(points), int))
+    corner = np.hypot(found.edges[:, 0] - 10, np.abs(found.edges[:, 1]) - 6)
+    assert (np.bincount(found.edge_rings[corner < 0.15], minlength=4) > 0).all()
+    assert (corner[: found.sharp] < 0.3).mean() > 0.5
+    flat = found.planes[: found.flat]
+    on_wall = np.minimum(np.abs(flat[:, 0] - 10), np.abs(np.abs(flat[:, 1]) - 6))
+    assert on_wall.max() < 0.02
+    assert np.hypot(flat[:, 0] - 10, np.abs(flat[:, 1]) - 6).min() > 0.2
+    assert len(found.planes) > found.flat > 40
+
+
+def test_features_say_where_they_come_from(rng):
+    points, ring, column, _ = scrambled(rng, *corner_room(noise_m=5e-3))
+    labels = rng.integers(0, 3, len(points))
+    found = extract(points, ring, column, labels)
+    for kind in ("edge", "plane"):
+        rows = getattr(found, f"{kind}_rows")
+        assert len(set(rows.tolist())) == len(rows)
+        assert (getattr(found, f"{kind}s") == points[rows]).all()
+        assert (getattr(found, f"{kind}_rings") == ring[rows]).all()
+        assert (getattr(found, f"{kind}_labels") == labels[rows]).all()
+    assert not set(found.edge_rows) & set(found.plane_rows)
+    shifted = found.at(points + 1.0)
+    assert (shifted.edges == found.edges + 1).all()
+    assert (shifted.planes == found.planes + 1).all()
+
+
+def test_limits_hold_for_each_sector_and_for_each_cluster(rng):
+    points, ring, column = corner_room(noise_m=0.02)
+    limits = Limits(sharp=1, edges=3, flat=2, planes=5, thin_m=0.0)
+    sweep = sweep_of(points, ring, column)
+    found = extract(points, ring, column, np.zeros(len(points), int), limits=limits)
+    group = sectors_of(sweep, 6)
+    assert np.bincount(group[found.edge_rows]).max() <= 3
+    assert np.bincount(group[found.edge_rows[: found.sharp]]).max() == 1
+    assert np.bincount(group[found.plane_rows[: found.flat]]).max() == 2
+    assert np.bincount(group[found.plane_rows]).max() <= 5 + 2
+    labels = rng.integers(0, 4, len(points))
+    found = extract(points, ring, column, labels, limits=limits, by_cluster=True)
+    assert np.bincount(found.edge_labels).max() <= 3
+    assert np.bincount(found.plane_labels[: found.flat]).tolist() == [2, 2, 2, 2]
+
+
+def test_some_returns_give_no_features_and_some_no_edges():
+    points, ring, column = corner_room(noise_m=5e-3)
+    labels = np.where(points[:, 1] > 0, 0, -1)
+    found = extract(points, ring, column, labels)
+    assert found.edges[:, 1].min() > 0
+    assert found.planes[:, 1].min() > 0
+    found = extract(points, ring, column, np.zeros(len(points), int), edge_rows=labels == 0)
+    assert found.edges[:, 1].min() > 0
+    assert found.planes[:, 1].min() < -5
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 11])
+def test_few_points_give_few_features(count):
+    points, ring, column = (each[:count] for each in corner_room())
+    found = extract(points, ring, column, np.zeros(count, int))
+    assert found.sharp <= len(found.edges) <= max(count - 10, 0)
+    assert found.flat <= len(found.planes) <= max(count - 10, 0)
+    none = extract(points, ring, column, np.full(count, -1), by_cluster=True)
+    assert len(none.edges) == len(none.planes) == 0
+    assert len(cluster_roughness(points, np.full(count, -1))) == count
+
+
+def test_points_that_are_no_numbers_are_no_features():
+    points, ring, column = corner_room()
+    points[::40] = np.nan
+    found = extract(points, ring, column, np.zeros(len(points), int))
+    assert np.isfinite(found.planes).all()
+    assert np.isfinite(found.edges).all()
+
+
+def test_what_is_beside_an_occlusion_is_unreliable():
+    points, ring, column = corner_room(rings=1)
+    front = slice(300, 340)
+    points[front] *= 0.5
+    bad = unreliable(sweep_of(points, ring, column), 5)
+    # Of the wall behind, on both sides; of the nearer body, nothing.
+    assert np.flatnonzero(bad).tolist() == [*range(294, 300), *range(340, 346)]
+    # A gap of columns hides nothing.
+    apart = np.where(column >= 300, column + ADJACENT + 1, column)
+    apart = np.where(column >= 340, apart + ADJACENT + 1, apart)
+    assert not unreliable(sweep_of(points, ring, apart), 5).any()
+
+
+def test_a_surface_along_the_beam_is_unreliable():
+    columns = np.arange(40)
+    for steep, expected in ((0.02, True), (2.0, False)):
+        reach = 10 * np.exp(columns * 1e-3 / steep)
+        points = np.column_stack([reach * np.cos(columns * 1e-3), reach * np.sin(columns * 1e-3),
+                                  np.zeros(40)])  # fmt: skip
+        cosine = 1 / np.hypot(1, steep)
+        assert (cosine > GRAZING) == expected
+        bad = unreliable(sweep_of(points, np.zeros(40, int), columns), 0)
+        assert bad[1:-1].all() if expected else not bad.any()
+    assert np.exp(1e-3 / 0.02) - 1 < JUMP
+
+
+def picked_slowly(sweep, rough, usable, group, rule):
+    most, bound, sign, neighbours = rule
+    usable, order, found = usable.copy(), sweep.order.tolist(), []
+    for g in range(int(group.max()) + 1):
+        for rank in range(most):
+            best = [
+                n for n in order if group[n] == g and usable[n] and sign * rough[n] > sign * bound
+            ]
+            if not best:
+                break
+            top = max(best, key=lambda n: sign * rough[n])
+            found.append((top, rank))
+            for way in (-1, 1):
+                k = order.index(top)
+                for _ in range(neighbours):
+                    k, last = k + way, k
+                    if not 0 <= k < len(order) or sweep.ring[order[k]] != sweep.ring[top]:
+                        break
+                    if np.linalg.norm(sweep.points[order[k]] - sweep.points[order[last]]) > SAME_M:
+                        break
+                    usable[order[k]] = False
+            usable[top] = False
+    return found, usable
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 999), sign=st.sampled_from([1.0, -1.0]))
+def test_picks_are_those_of_the_slow_way(seed, sign):
+    rng = np.random.default_rng(seed)
+    points = np.cumsum(rng.uniform(0, 0.25, (60, 3)), axis=0)
+    ring, column = np.repeat([0, 1, 2], 20), np.tile(rng.permutation(20), 3)
+    sweep, rough, usable = sweep_of(points, ring, column), rng.random(60), rng.random(60) > 0.2
+    group = rng.integers(0, 3, 60)
+    rule = (3, 0.5, sign, 2)
+    slow, left = picked_slowly(sweep, rough, usable, group, rule)
+    rows, ranks = picked(sweep, rough, usable, members(group, sweep.order), rule)
+    assert list(zip(rows.tolist(), ranks.tolist(), strict=True)) == slow
+    assert (usable == left).all()
+
+
+def test_members_leave_out_negative_groups():
+    group, order = np.array([1, -1, 0, 1, -1]), np.array([4, 3, 2, 1, 0])
+    places, starts = members(group, order)
+    assert starts.tolist() == [0, 1, 3]
+    assert places.tolist() == [2, 1, 4]
+    for none in (np.empty(0, int), np.array([-1, -1])):
+        places, starts = members(none, np.arange(len(none)))
+        assert len(places) == 0
+        assert starts.max() == 0
+
+
+def test_a_street_has_edges_at_its_poles():
+    scan = Drive(0.0, 0.0, noise_m=0.005).scan(0)
+    standing = scan.points[:, 2] > -1.5
+    found = extract(
+        scan.points, scan.ring, scan.column, np.zeros(len(scan), int), edge_rows=standing
+    )
+    assert len(found.edges) > 20
+    assert found.edges[:, 2].min() > -1.5
+    assert found.planes[:, 2].min() < -1.8

@@ -1,0 +1,112 @@
+"""A map of surfaces, and scans moved onto it."""
+
+import numpy as np
+import pytest
+
+from roadscope.odometry.rigid import exp_se3, log_se3
+from roadscope.odometry.voxels.match_kernels import TILT, normal_equations, surface_at
+from roadscope.odometry.voxels.matching import Belief, match
+from roadscope.odometry.voxels.surfaces import VoxelMap
+from roadscope.odometry.voxels.voxel_kernels import FLOOR_M
+
+NOTHING_HELD = np.zeros((6, 6))
+
+
+def room(rng, n=6000):
+    """Points on the floor and four walls of a room, with poles in it."""
+    u, v = rng.uniform(-8, 8, (2, n))
+    up = rng.uniform(0, 3, n)
+    kind = rng.integers(0, 6, n)
+    x = np.select([kind == 1, kind == 2], [np.full(n, -8.3), np.full(n, 8.3)], u)
+    y = np.select([kind == 3, kind == 4], [np.full(n, -8.3), np.full(n, 8.3)], v)
+    z = np.where(kind == 0, -1.7, up)
+    poles = kind == 5
+    x[poles], y[poles] = np.where(u > 0, 4.2, -3.3)[poles], np.where(v > 0, 2.3, -4.6)[poles]
+    return np.column_stack([x, y, z]) + 0.01 * rng.standard_normal((n, 3))
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+@pytest.fixture
+def known(rng):
+    found = VoxelMap(reach_m=50.0)
+    found.add(room(rng), np.zeros(3))
+    return found
+
+
+def test_a_scan_is_moved_onto_the_map(rng, known):
+    truth = exp_se3(np.array([0.3, -0.2, 0.1, 0.02, -0.01, 0.04]))
+    inverse = np.linalg.inv(truth)
+    points = room(np.random.default_rng(1), 2000) @ inverse[:3, :3].T + inverse[:3, 3]
+    found = match(known.voxels, points, Belief(np.eye(4), NOTHING_HELD))
+    assert np.abs(log_se3(np.linalg.inv(truth) @ found.map_from_sensor)).max() < 3e-3
+    assert found.agreement > 0.7
+    assert 1000 < found.held <= found.points == 2000
+
+
+def held_slowly(voxels, slot, off):
+    """How firmly a point at an offset from the mean is held along each axis, 1/m^2."""
+    firm, spreads = np.zeros(3), voxels.spreads[slot]
+    for k in range(voxels.held[slot]):
+        lever = 1 + (off[k + 1 :] ** 2 / (spreads[k + 1 :] + FLOOR_M**2)).sum()
+        firm[k] = 1 / (spreads[k] * (1 + lever / (voxels.counts[slot] - 3)) + FLOOR_M**2)
+    return firm
+
+
+def test_equations_are_those_of_the_slow_way(rng, known):
+    points = room(np.random.default_rng(2), 200)
+    pose, scale = exp_se3(0.02 * rng.standard_normal(6)), 4.0
+    H, b, told = normal_equations(known.voxels, points, pose, scale)
+    slow_H, slow_b, slow_told = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
+    voxels = known.voxels
+    for point in points:
+        arm = pose[:3, :3] @ point
+        slot = surface_at(voxels, *(arm + pose[:3, 3]))
+        if slot < 0:
+            continue
+        off = voxels.axes[slot] @ (arm + pose[:3, 3] - voxels.means[slot])
+        firm = held_slowly(voxels, slot, off)
+        squared = firm @ off**2
+        share = 1 / (1 + squared / scale**2) ** 2
+        along = voxels.axes[slot] @ pose[:3, :3]
+        shrunk = along**3 / (along**2 + TILT**2) @ pose[:3, :3].T
+        rows = np.hstack([shrunk, np.cross(arm, voxels.axes[slot])])
+        weights = share * firm
+        slow_H += rows.T @ (weights[:, None] * rows)
+        slow_b += rows.T @ (weights * off)
+        slow_told += (1, share, share * squared)
+    assert np.allclose(H, slow_H)
+    assert np.allclose(b, slow_b)
+    assert np.allclose(told, slow_told)
+
+
+def test_one_beams_trace_on_a_road_is_no_surface(rng):
+    found = VoxelMap(reach_m=50.0)
+    angle = rng.uniform(-0.5, 0.5, 4000)
+    trace = np.column_stack([9 * np.cos(angle), 9 * np.sin(angle), np.full(4000, -1.9)])
+    found.add(trace + 0.02 * rng.standard_normal(trace.shape), np.zeros(3))
+    # Where the ring bends enough within a voxel, its plane is the road's: that holds no way along.
+    upright = np.abs(found.voxels.axes[:, 0, 2])[found.voxels.held > 0]
+    assert (upright > 0.9).all()
+    assert (found.voxels.held < 2).all()
+
+
+def test_what_is_far_is_forgotten_and_the_table_grows(rng):
+    found = VoxelMap(reach_m=30.0)
+    for step in range(60):
+        at = np.array([10.0 * step, 0, 0])
+        found.add(at + rng.uniform(-20, 20, (3000, 3)) * (1, 1, 0.1), at)
+    assert len(found) < 0.5 * len(found.voxels.keys)
+    last = found.voxels.means[found.voxels.counts > 5]
+    assert last[:, 0].max() > 590
+    assert last[:, 0].min() > 400
+    assert found.voxels.counts.sum() > 3 * 3000
+
+
+def test_points_out_of_range_are_left_out(known):
+    before = len(known)
+    known.add(np.array([[1e7, 0, 0], [0, 0, -1e9]]), np.zeros(3))
+    assert len(known) <= before + 1
