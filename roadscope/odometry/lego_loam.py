@@ -13,12 +13,12 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.estimates import estimate
 from roadscope.odometry.lego.mapping import LegoMapping
-from roadscope.odometry.lego.segments import LEAST, Kept, features_of, kept_of
+from roadscope.odometry.lego.segments import LEAST, features_of, kept_of
 from roadscope.odometry.lego.two_step import match_two_steps
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.loam.interpolation import deskewed_between
-from roadscope.odometry.loam.progress import LEAST_PAIRS, Progress
+from roadscope.odometry.loam.progress import Progress
+from roadscope.odometry.loam.returns import Returns, poverty
 
 
 class LegoLoamOdometry:
@@ -47,7 +47,7 @@ class LegoLoamOdometry:
         self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
         self._progress = Progress(self._imu)
         self._mapping = LegoMapping(reach_m=self.reach_m, loop=self.loop)
-        self._before: tuple[Kept, Features] | None = None
+        self._before: tuple[Returns, Features] | None = None
         self._matched = 0
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
@@ -61,7 +61,7 @@ class LegoLoamOdometry:
         predicted = self._progress.predicted(scan.stamp_s)
         if self._before is not None and not self._progress.begun:
             predicted = self._begin(kept, since_s, predicted)
-        features = features_of(kept, _straight(kept, predicted, since_s))
+        features = features_of(kept, kept.at_stamp(predicted, since_s))
         poor = poverty(kept, features)
         if poor or self._before is None:
             self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
@@ -69,35 +69,21 @@ class LegoLoamOdometry:
             return self._told(scan, tick.reason or poor)
         found = match_two_steps(features, self._before[1], predicted)
         motion, reason = self._progress.step(predicted, found, scan.stamp_s)
-        self._before = kept, features.at(_straight(kept, motion, since_s))
+        self._before = kept, features.at(kept.at_stamp(motion, since_s))
         if self._matched % self.map_every == 0:
             self._mapping.take(self._before[1], self._progress.pose)
         self._matched += 1
         return self._told(scan, tick.reason or reason)
 
-    def _begin(self, kept: Kept, since_s: float, predicted: np.ndarray) -> np.ndarray:
+    def _begin(self, kept: Returns, since_s: float, predicted: np.ndarray) -> np.ndarray:
         """Return the first motion, (4, 4), which also takes the first sweep's own motion out."""
         assert self._before is not None
         first, before = self._before
-        now = features_of(kept, _straight(kept, predicted, since_s))
+        now = features_of(kept, kept.at_stamp(predicted, since_s))
         motion = match_two_steps(now, before, predicted).before_from_now
-        self._before = first, features_of(first, _straight(first, motion, since_s))
+        self._before = first, features_of(first, first.at_stamp(motion, since_s))
         return motion
 
     def _told(self, scan: LidarScan, reason: str) -> OdometryEstimate:
         pose = self._mapping.map_from_start @ self._progress.pose
         return estimate(pose, self._progress.covariance, scan.stamp_s, len(scan), reason)
-
-
-def poverty(kept: Kept, features: Features) -> str:
-    """Say why a scan cannot tell where it was taken; empty if it may."""
-    if features.sharp + features.flat < LEAST_PAIRS:
-        return f"{features.sharp + features.flat} features"
-    if kept.ring.min() == kept.ring.max():
-        return "returns of one ring alone"
-    return ""
-
-
-def _straight(kept: Kept, motion: np.ndarray, since_s: float) -> np.ndarray:
-    """Return the (N, 3) points as seen at the stamp, the sweep's own motion taken out."""
-    return deskewed_between(kept.points, kept.times_s, motion, since_s)

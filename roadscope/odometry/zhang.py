@@ -22,8 +22,8 @@ from roadscope.odometry.estimates import estimate
 from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.loam.interpolation import deskewed_between
-from roadscope.odometry.loam.progress import LEAST_PAIRS, Progress, misfit_of
+from roadscope.odometry.loam.progress import Progress, misfit_of
+from roadscope.odometry.loam.returns import poverty
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,13 +90,12 @@ class ZhangOdometry:
         motion, reason = self._progress.step(predicted, found, scan.stamp_s)
         # As LOAM does: the next scan meets these features where their own sweep's motion, now
         # known, puts them.
-        self._before = Moment(segments, _moved(features, segments, motion, since_s))
+        self._before = Moment(segments, features.at(segments.at_stamp(motion, since_s)))
         return self._told(scan, tick.reason or reason, returns_of(scan, segments, dropped))
 
     def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
         """Undo the sweep's own motion and take the roughest and smoothest of each cluster."""
-        points = deskewed_between(segments.points, segments.times_s, motion, since_s)
-        return cluster_features(points, segments, self.roughness)
+        return cluster_features(segments.at_stamp(motion, since_s), segments, self.roughness)
 
     def _same_clusters(
         self, segments: Segments, predicted: np.ndarray, since_s: float
@@ -178,17 +177,3 @@ def returns_of(scan: LidarScan, segments: Segments, dropped: np.ndarray) -> np.n
     moving, inside = np.zeros(len(scan), bool), segments.labels >= 0
     moving[segments.rows[inside]] = dropped[segments.labels[inside]]
     return moving
-
-
-def poverty(segments: Segments, features: Features) -> str:
-    """Say why a scan cannot tell where it was taken; empty if it may."""
-    if features.sharp + features.flat < LEAST_PAIRS:
-        return f"{features.sharp + features.flat} features"
-    if segments.ring.min() == segments.ring.max():
-        return "returns of one ring alone"
-    return ""
-
-
-def _moved(features: Features, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
-    points = deskewed_between(segments.points, segments.times_s, motion, since_s)
-    return features.at(points)

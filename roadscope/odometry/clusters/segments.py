@@ -11,6 +11,7 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.range_angle import cluster_range_angle
 from roadscope.detectors.ground.polar import polar_above_ground
 from roadscope.odometry.clusters.sensor_height import sensor_height
+from roadscope.odometry.loam.returns import Returns
 
 BOUNDS_M = (0.5, 120.0)
 ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
@@ -31,27 +32,15 @@ class Clustering:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Segments:
+class Segments(Returns):
     """Returns that stand above the ground, in clusters.
 
-    points: (N, 3) float64, metres, lidar frame at each point's own time. ring, column: (N,) int64.
-    times_s: (N,) float64, seconds after the stamp. rows: (N,) int64, in the scan.
-    labels: (N,) int64, the cluster; -1 for outliers, as in the paper.
     centres: (K, 3) float64, mean of each cluster's points (eq. 2).
     sizes: (K,) int64, how many points each has.
     """
 
-    points: np.ndarray
-    ring: np.ndarray
-    column: np.ndarray
-    times_s: np.ndarray
-    rows: np.ndarray
-    labels: np.ndarray
     centres: np.ndarray
     sizes: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.points)
 
 
 def segments_of(scan: LidarScan, clustering: Clustering) -> Segments:

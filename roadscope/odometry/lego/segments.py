@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from roadscope.core import LidarScan
 from roadscope.odometry.lego.range_image import ground_of, objects_of, range_image
 from roadscope.odometry.loam.features import Features, Limits, extract
+from roadscope.odometry.loam.returns import Returns
 
 BOUNDS_M = (1.0, 120.0)
 LEAST = 30
@@ -20,38 +19,19 @@ LIMITS = Limits(sharp=2, edges=40, flat=4, planes=80, edge_above=5e-3, plane_bel
 formula beside it a tenth of the range: more than any edge has that hides nothing."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Kept:
-    """Returns that may give features.
-
-    points: (N, 3) float64, metres, lidar frame at each point's own time. ring, column: (N,) int64.
-    times_s: (N,) seconds after the stamp. rows: (N,) int64, in the scan. labels: (N,) int64.
-    """
-
-    points: np.ndarray
-    ring: np.ndarray
-    column: np.ndarray
-    times_s: np.ndarray
-    rows: np.ndarray
-    labels: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-
-def kept_of(scan: LidarScan, *, least: int = LEAST) -> Kept:
+def kept_of(scan: LidarScan, *, least: int = LEAST) -> Returns:
     """Segment a scan in its range image and keep ground and objects of so many returns."""
     image = range_image(scan.points, scan.ring, scan.column, BOUNDS_M)
     ground = ground_of(image)
     rows = np.flatnonzero(ground | (objects_of(image, ground, least) >= 0))
-    return Kept(
+    return Returns(
         scan.points[rows].astype(float), scan.ring[rows].astype(np.int64),
         scan.column[rows].astype(np.int64), scan.time_offset_s[rows].astype(float), rows,
         np.where(ground[rows], GROUND, OBJECT),
     )  # fmt: skip
 
 
-def features_of(kept: Kept, points: np.ndarray) -> Features:
+def features_of(kept: Returns, points: np.ndarray) -> Features:
     """Return edges, of objects only, and planes; those that are matched are of the ground.
 
     points: (N, 3) metres, as seen at the scan's stamp.
