@@ -29,6 +29,7 @@ VAGUE_M_S = 0.5
 """A speed known no better than this is called degraded."""
 GUESS_M_S, GUESS_RAD_S = 10.0, 0.1
 """How far off the motion may be while its speed is not known."""
+UNSURE = "nothing taller than vehicles tells the speed clearly"
 REMEMBERED = 10.0
 """A scan is matched to about so many others: its error is theirs in good part."""
 LOST = 5
@@ -73,6 +74,7 @@ class LidarInertialOdometry:
         self._start_from_map = start_from_map
         self._track: InertialTrack | None = None
         self._start, self._check, self._misfits = InertialStart(), SpeedCheck(), 0
+        self._speed_known = False
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
         """Predict by the samples, correct by the scan."""
@@ -111,7 +113,8 @@ class LidarInertialOdometry:
         if speed is None:
             return "" if len(self._start) == 1 else "the speed is not known yet"
         self._track = self._start.track(speed, self._imu, self._lever, self.noise, self._made)
-        return ""
+        self._speed_known = speed.known
+        return "" if speed.known else UNSURE
 
     def _made(self, state: InertialState) -> InertialTrack:
         if self._known is not None:
@@ -142,7 +145,7 @@ class LidarInertialOdometry:
         if self._misfits >= LOST:
             self._known = track.state
             self._begin(self._start_from_map @ track.pose)
-        return moving, poor or _vague(track)
+        return moving, poor or ("" if self._speed_known else UNSURE) or _vague(track)
 
     def _held_against_what_stands(self, track: InertialTrack, scan: LidarScan) -> str:
         """Correct the speed by things taller than vehicles; where it is another, say so."""
@@ -154,6 +157,7 @@ class LidarInertialOdometry:
             self._misfits = LOST
             return "what stands beside the road moves otherwise"
         track.speed_up(off_m_s)
+        self._speed_known = True
         return ""
 
     def _tell(self, stretch: Stretch) -> None:
@@ -164,7 +168,7 @@ class LidarInertialOdometry:
         self._pose = self._start_from_map @ here
         if not stretch.elapsed_s:
             return
-        if track is None:
+        if track is None or not self._speed_known:
             spread = np.diag([GUESS_M_S**2] * 3 + [GUESS_RAD_S**2] * 3) * stretch.elapsed_s**2
         else:
             axes = np.kron(np.eye(2), track.state.pose[:3, :3])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_drive import Drive, driven, offset
+from toy_drive import Drive, driven, kept, offset
 
 from roadscope.core import ImuSamples, Pose
 from roadscope.odometry import ODOMETRIES
@@ -144,8 +144,10 @@ def test_gravity_is_found_though_the_start_accelerates():
 @pytest.mark.parametrize(("speed_m_s", "rate_rad_s"), [(0.0, 0.0), (8.0, 0.1), (24.0, 0.0)])
 def test_the_speed_of_a_start_is_found(speed_m_s, rate_rad_s):
     drive = Drive(speed_m_s, rate_rad_s)
-    found = speed_of([Ends.of(drive.scan(k)) for k in range(6)], rate_rad_s)
-    assert found.clear
+    scans = [drive.scan(k) for k in range(6)]
+    found = speed_of([Ends.of(each) for each in scans], rate_rad_s)
+    assert found.known
+    assert not speed_of([Ends.of(low(each)) for each in scans], rate_rad_s).known
     assert found.ahead_m_s == pytest.approx(speed_m_s, abs=0.4)
 
 
@@ -154,6 +156,27 @@ def test_the_speed_of_nothing_is_not_clear():
     bare = [Ends(np.empty((0, 2)), np.empty(0), np.empty(0, bool))] * 3
     assert not speed_of(bare, 0.0).clear
     assert not speed_of([Ends.of(drive.scan(0))], 0.0).clear
+
+
+def low(scan):
+    """Nothing that is taller than a car."""
+    return kept(scan, scan.points[:, 2] < 0.0)
+
+
+def test_a_speed_that_nothing_tall_tells_is_a_guess_until_something_does():
+    """Low things may all be vehicles that drive along."""
+    inputs = driven(26)[1]
+    odometry = ODOMETRIES.make("lidar-inertial")
+    told = [odometry.update(low(s) if k < 12 else s, i) for k, (s, i) in enumerate(inputs)]
+    assert not any(each.ok for each in told[1:12])
+    assert {"nothing taller than vehicles tells the speed clearly"} == {
+        each.reason for each in told[6:12]
+    }
+    assert all(each.ok for each in told[20:])
+    guessed, known = (
+        told[b].covariance[0, 0] - told[a].covariance[0, 0] for a, b in ((5, 11), (19, 25))
+    )
+    assert guessed > 100 * known
 
 
 def test_what_moves_in_is_dynamic_and_what_stands_is_not():

@@ -13,7 +13,7 @@ FAR_M_S = 2.5
 
 
 class SpeedCheck:
-    """Looks once a second at a few scans by themselves."""
+    """Looks once a second at a few scans by themselves, and again at once if they tell nothing."""
 
     def __init__(self) -> None:
         self._ends: list[Ends] = []
@@ -33,5 +33,8 @@ class SpeedCheck:
             return None
         seen = standing_speed_of(self._ends, rate_rad_s)
         held_m_s = float(np.mean(self._speeds))
-        self._ends, self._speeds, self._done_s = [], [], scan.stamp_s
-        return seen.ahead_m_s - held_m_s if seen.clear else None
+        self._ends, self._speeds = [], []
+        if not seen.known:
+            return None
+        self._done_s = scan.stamp_s
+        return seen.ahead_m_s - held_m_s

@@ -22,8 +22,9 @@ FARTHEST_M = 60.0
 NEAR_M, GROUND_SHARE = 25.0, 0.05
 BESIDE_M_S = 2.0
 """Speeds closer than this support each other rather than compete."""
-LEAST_TALL = 16
-"""Ends of tall things, in all scans together, from which they decide."""
+LEAST_TALL = 8
+"""Ends of tall things, in a scan on average, from which they decide. A few are met where beams
+leave the roof of a tunnel, and travel with the sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,43 +53,53 @@ class Ends:
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """The best speed ahead, m/s, and how many times as much it gathers as the best of others."""
+    """The best speed ahead, m/s, and how many times as much it gathers as the best of others.
+
+    by_tall: whether only things decided that are taller than vehicles.
+    """
 
     ahead_m_s: float
     clarity: float
+    by_tall: bool = False
 
     CLEAR: ClassVar = 1.25
 
     @property
     def clear(self) -> bool:
-        """Whether it is to be believed."""
+        """Whether no other speed comes close."""
         return self.clarity >= self.CLEAR
+
+    @property
+    def known(self) -> bool:
+        """Whether it is to be believed: what is as low as vehicles may all move along."""
+        return self.clear and self.by_tall
 
 
 def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
     """Return the speed at which scans in a row agree; with the turn rate about the vertical."""
     if _tall(scans) >= LEAST_TALL:
         return standing_speed_of(scans, rate_rad_s)
-    return _peak(scans, rate_rad_s, [np.ones(len(each.tall), bool) for each in scans])
+    return Speed(*_peak(scans, rate_rad_s, [np.ones(len(each.tall), bool) for each in scans]))
 
 
 def standing_speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
     """Return the speed at which that agrees which is taller than vehicles; not clear without."""
     if _tall(scans) < LEAST_TALL:
         return Speed(0.0, 0.0)
-    return _peak(scans, rate_rad_s, [each.tall for each in scans])
+    return Speed(*_peak(scans, rate_rad_s, [each.tall for each in scans]), by_tall=True)
 
 
-def _tall(scans: list[Ends]) -> int:
-    return sum(int(each.tall.sum()) for each in scans)
+def _tall(scans: list[Ends]) -> float:
+    return sum(int(each.tall.sum()) for each in scans) / max(len(scans), 1)
 
 
-def _peak(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> Speed:
+def _peak(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> tuple[float, float]:
+    """Return the best speed of the chosen ends, m/s, and its clarity."""
     points = np.concatenate([each.points[c] for each, c in zip(scans, chosen, strict=True)])
     times = np.concatenate([each.times_s[c] for each, c in zip(scans, chosen, strict=True)])
     number = np.concatenate([np.full(int(c.sum()), i) for i, c in enumerate(chosen)])
     if len(points) < 2:
-        return Speed(0.0, 0.0)
+        return 0.0, 0.0
     scores = gathered(points, times - times.min(), number, rate, SPEEDS_M_S, CELL_M)
     scores = scores - np.median(scores)
     best = int(scores.argmax())
@@ -96,4 +107,4 @@ def _peak(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> Speed:
     around = slice(max(best - 1, 0), best + 2)
     weights = np.maximum(scores[around], 0.0) + 1e-9
     middle = float(weights @ SPEEDS_M_S[around] / weights.sum())
-    return Speed(middle, float(scores[best] / max(others.max(), 1.0)))
+    return middle, float(scores[best] / max(others.max(), 1.0))
