@@ -35,7 +35,8 @@ __all__ = [
 SENSOR_HEIGHT_M = 0.8
 """On the roof of the small robot that carries it. The paper does not give the height; at 1.9 m,
 on a car, no beam meets the target in half of the frames beyond 40 m."""
-KNOT_S = 0.01
+KNOT_S = 0.001
+"""Between knots the car goes straight: at 40 m/s and 2 rad/s, 10 ms would cut a millimetre off."""
 
 
 @dataclass(frozen=True, slots=True)

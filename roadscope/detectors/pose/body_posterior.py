@@ -18,8 +18,10 @@ STRAIGHT = 0.3
 WORK, FEWEST, MOST = 18_000, 160, 512
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
-ROUNDS = 3, 3
-"""Rounds of sampling after the first look at the rays, and after the second."""
+ROUNDS = 3
+"""Rounds of sampling after each look at the rays."""
+LOOKS, FARTHER = 2, 8
+"""Looks at the rays, and at most so many where the samples have not reached the posterior yet."""
 WIDE = 2.0
 """How much wider the first proposal is than the guessed covariance."""
 LOOSE, LOOSE_SD = 0.5, 4.0
@@ -58,15 +60,19 @@ def posterior(problem: Problem, guess: Guess, *, work: int = WORK) -> Posterior:
 
     Returns well inside a face are merged into one quadratic form first, so that the many samples
     cost only the rays near a silhouette or a corner. Where the samples move away or few of them
-    count, that is done again around them. work: rays times samples of a round.
+    count, that is done again around them, and until their weights are the posterior's, with more
+    samples each time. work: rays times samples of a round.
     """
-    for rounds in ROUNDS:
+    for look in range(FARTHER):
         near, mean = split(problem, guess)
-        count = int(np.clip(work // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
+        more = max(look - LOOKS + 2, 1)
+        count = more * work // max(len(near.rays.slope), 1)
+        count = int(np.clip(count, FEWEST, more * MOST)) // 32 * 32
         spread = guess.covariance
-        found = refine(near, mean, spread, count=count, rounds=rounds, enough=ENOUGH)
+        found = refine(near, mean, spread, count=count, rounds=ROUNDS, enough=ENOUGH)
         off = found.mean - mean
-        if found.effective > ENOUGH and off @ np.linalg.solve(spread, off) < MOVED**2:
+        settled = found.effective > ENOUGH and off @ np.linalg.solve(spread, off) < MOVED**2
+        if found.reached and (settled or look >= LOOKS - 1):
             break
         guess = Guess(found.mean, found.covariance, False)
     return found

@@ -83,13 +83,15 @@ class Posterior:
     """Mean and covariance of weighted samples.
 
     mean (D,), covariance (D, D); evidence: log of the density's integral; effective: number of
-    samples that count.
+    samples that count. reached: whether they have the posterior's own weights, not flattened
+    ones, which are those of something wider on the way there.
     """
 
     mean: np.ndarray
     covariance: np.ndarray
     evidence: float
     effective: float
+    reached: bool
 
 
 def refine(
@@ -129,7 +131,7 @@ def refine(
             break
     # So many samples know mean and covariance no better (Hotelling's distribution of x, y, yaw).
     covariance = covariance * (effective + 1.0) / max(effective - 5.0, 1.0)
-    return Posterior(mean, covariance, float(evidence), float(effective))
+    return Posterior(mean, covariance, float(evidence), float(effective), flat == 1.0)
 
 
 def _mixture(drawn: list[tuple[np.ndarray, np.ndarray]], samples: np.ndarray) -> np.ndarray:

@@ -220,9 +220,8 @@ class Smoother:
         off = misfits_of(problem, state, 0.0)[0]
         cost = LIMIT**2 * np.log1p((off / LIMIT) ** 2).sum()
         turned = self._turned(problem.whole(state))[0]
-        if found.effective < COUNTED or cost > self._bound(problem) or turned:
-            return None
-        return found
+        likely = found.reached and found.effective >= COUNTED and cost <= self._bound(problem)
+        return found if likely and not turned else None
 
     def _bound(self, problem: Problem) -> float:
         """Return the cost up to which the last answer, moved on, is taken to be right."""

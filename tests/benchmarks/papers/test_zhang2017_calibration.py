@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 
 from roadscope.benchmarks.papers.zhang2017_calibration import MODELS, fitted
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
@@ -51,9 +52,9 @@ def test_a_scan_alone_cannot_tell_how_far_a_car_has_turned_since_it_was_met():
     """
     waits, spreads = [], []
     for k in range(4):
-        seen = passing(MODELS["sharp corners, told"], "30-50 m", SEED + k)
+        seen = passing(MODELS["sharp, told"], "30-50 m", SEED + k)
         shot = seen.shots[FRAMES // 2]
-        pose = fitted(MODELS["sharp corners, told"], seen, 1)
+        pose = fitted(MODELS["sharp, told"], seen, 1)
         waits.append(abs(shot.scan.time_offset_s[shot.target].mean()))
         spreads.append(np.sqrt(pose.covariance[2, 2]))
     waits, spreads = np.array(waits), np.array(spreads)
@@ -74,3 +75,16 @@ def test_a_slow_car_goes_forward():
     seen = passing(MODELS["any corners"], "30-50 m", 7919 * 2091)
     pose = fitted(MODELS["any corners"], seen, FRAMES)
     assert np.cos(pose.yaw - seen.truth[2]) > 0.99
+
+
+@pytest.mark.parametrize(
+    ("model", "band", "car", "frames"),
+    [("sharp, told", "10-20 m", 2076, 3), ("sharp, told", "20-30 m", 2012, 3)],
+)
+def test_samples_reach_a_posterior_far_from_the_first_guess(model, band, car, frames):
+    """Samples of flattened weights lay ten standard deviations beside the car."""
+    seen = passing(MODELS[model], band, 7919 * car)
+    pose = fitted(MODELS[model], seen, frames)
+    away = np.array([pose.x, pose.y, pose.yaw]) - seen.truth
+    away[2] = np.angle(np.exp(1j * away[2]))
+    assert away @ np.linalg.solve(pose.covariance, away) < chdtri(3, 0.001)

@@ -9,7 +9,15 @@ from roadscope.core import LidarScan, Pose
 from roadscope.detectors.pose.body_kernels import EMPTY, HIT, PASSED, Rays
 from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_rays import sight
-from roadscope.detectors.pose.body_sight_kernels import BEAM, BESIDE, LEAP_M, ROUGHNESS_M, WIDEST
+from roadscope.detectors.pose.body_sight_kernels import (
+    BEAM,
+    BESIDE,
+    LEAP_M,
+    ROUGHNESS_M,
+    WIDEST,
+    Grid,
+    joined,
+)
 from roadscope.detectors.pose.body_start import ANGLES, CLOSE_M, starts
 from roadscope.envs.sensors.lidar_specs import SPECS
 
@@ -77,10 +85,30 @@ def slow_joined(rays, ring, column, budget):
     step = max(-(-int(middle.sum()) // budget), 1)
     kept = ~middle | (np.cumsum(middle) % step == 0)
     means = [np.stack([c[p].mean(axis=0) for p in parts]) for c in rays]
-    means[1] /= np.linalg.norm(means[1], axis=1)[:, None]
     counts = np.array([len(p) for p in parts])
+    for k in np.flatnonzero(counts > 1):
+        rows_of = parts[k]
+        ways = np.column_stack([rays.direction[rows_of], rays.slope[rows_of]])
+        mean = (rays.reach[rows_of, None] * ways).mean(axis=0)
+        reach = np.hypot(*mean[:2])
+        means[1][k], means[2][k], means[3][k] = mean[:2] / reach, mean[2] / reach, reach
     means[5] = np.sqrt((rays.sigma[rows] ** 2 - ROUGHNESS_M**2) / counts + ROUGHNESS_M**2)
     return Rays(*(c[kept] for c in means))
+
+
+def test_joined_returns_of_a_plane_lie_in_it():
+    """Seen at 76 degrees, mean ranges along mean directions lie a millimetre behind it."""
+    azimuths = 0.003 * np.arange(60)
+    ways = np.column_stack([np.cos(azimuths), np.sin(azimuths)])
+    normal = np.array([np.cos(1.33), np.sin(1.33)])
+    reach = 2.0 / (ways @ normal)
+    flat = np.zeros(60)
+    hit, column, ring = np.full(60, HIT), np.arange(60), np.zeros(60, np.int64)
+    origin = np.zeros((60, 3))
+    rays = Rays(origin, ways, flat, reach, hit, flat + 0.02, flat, flat)
+    found = joined(rays, Grid(ring, column, reach, hit), 15)
+    assert len(found.reach) < 30
+    np.testing.assert_allclose(found.reach * (found.direction @ normal), 2.0, atol=1e-9)
 
 
 def slow_sight(scan, target, pose, velocity, budget):
