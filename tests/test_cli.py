@@ -9,6 +9,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+from interrupts import heed_interrupts
 
 import roadscope
 from roadscope.__main__ import main
@@ -245,11 +246,6 @@ def stopped(process: subprocess.Popen[str], out: Path, sent: signal.Signals) -> 
         time.sleep(0.01)
     assert process.poll() is None
     os.killpg(process.pid, sent)
-
-
-def heed_interrupts() -> None:
-    """Undo what a shell does to its background jobs, tests among them: ignore Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def started(arguments: list[str]) -> subprocess.Popen[str]:

@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from interrupts import heed_interrupts
 from toy_drive import Drive, driven
 from typer.testing import CliRunner
 
@@ -198,7 +199,9 @@ class Slow(StillOdometry):
 def test_ctrl_c_keeps_poses(recording):
     (recording / "slow.py").write_text(SLOW)
     line = [sys.executable, "-m", "roadscope", "run-odometry", ".", "--odometry", "slow.py:Slow"]
-    running = subprocess.Popen(line, cwd=recording, stderr=subprocess.PIPE, text=True)
+    running = subprocess.Popen(
+        line, cwd=recording, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts
+    )
     out = recording / "poses.txt"
     try:
         for _ in range(600):

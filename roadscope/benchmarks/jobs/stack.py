@@ -97,9 +97,9 @@ def track(
         true ones, or None where it gets none: the ego stands at the origin of that world. Tracks
         are brought from it into the true one by way of the ego frame.
     """
+    plugin = guarded(tracker, lambda: TRACKERS.make(tracker))
     poses = [t.world_from_ego for t in perceived.truths] if told is None else told
     believed = perceived.truths if told is None else _elsewhere(perceived.truths, told)
-    plugin = guarded(tracker, lambda: TRACKERS.make(tracker))
     guarded(tracker, methodcaller("reset"), plugin)
     followed, history, calls_ms = [], [], []
     velocities = ego_velocities(believed)

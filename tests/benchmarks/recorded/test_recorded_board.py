@@ -18,8 +18,9 @@ from roadscope.benchmarks.boards.results import gather
 from roadscope.benchmarks.boards.tables import agreement_lines, board_table, conditions
 from roadscope.benchmarks.formats import FormatError, read_sequence
 from roadscope.benchmarks.jobs import job as job_module
+from roadscope.benchmarks.jobs.entries import check
 from roadscope.benchmarks.jobs.job import execute
-from roadscope.benchmarks.jobs.plan import check, plan, tracking_jobs
+from roadscope.benchmarks.jobs.plan import plan, tracking_jobs
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.recorded.recording import OFFLINE
@@ -124,7 +125,7 @@ def test_on_simulated_traffic_too_an_offline_tracker_is_marked(monkeypatch):
     jobs = tracking_jobs(load_suite("quick"), ["nearest", "existence-offline"])
     scores = {"hota": Score(0.5, "1", "higher", 9)}
     monkeypatch.setattr(job_module, "detections_of", lambda *_: None)
-    monkeypatch.setattr(job_module, "track", lambda *_: ([], np.zeros(0)))
+    monkeypatch.setattr(job_module, "track_told", lambda *_, **__: ([], np.zeros(0)))
     monkeypatch.setattr(job_module, "tracking_scores", lambda *_: scores)
     marks = {job.tracker: execute(job).scores.get(OFFLINE) for job in jobs}
     assert marks["nearest"] is None
