@@ -74,10 +74,26 @@ def test_evidence_is_the_chain_of_predictions():
     """Score by score: cases of an interval so far, and what its share counts for, over all."""
     choice, rng = Choice("auto"), np.random.default_rng(1)
     odds = rng.normal(1, 2, 25)
-    slow, counts = choice._prior.copy(), np.zeros(len(EDGES) - 1)
+    slow, counts = choice._prior.copy(), np.zeros(len(choice._edges) - 1)
     for value in odds:
-        here = np.flatnonzero((EDGES[:-1] <= value) & (value < EDGES[1:]))[0]
+        edges = choice._edges
+        here = np.flatnonzero((edges[:-1] <= value) & (value < edges[1:]))[0]
         slow += np.log(30 * choice._shares[:, here] + counts[here])
         counts[here] += 1
     choice.after(odds, np.zeros(25, int))
     assert choice._told == pytest.approx(slow)
+
+
+def test_scores_below_all_that_a_detector_ever_gave_are_not_its_own():
+    """With one in ten below its least score another is hardly ever taken for that detector."""
+    name, category, rng = "kitti-pointrcnn", Category.PEDESTRIAN, np.random.default_rng(3)
+    deciles = learned.read(name)[1][category]
+    own = np.interp(rng.uniform(0, 10, 400), np.arange(11), deciles)
+    lower = np.where(rng.uniform(size=400) < 0.1, deciles[0] - rng.uniform(0.02, 3, 400), own)
+    taken = []
+    for odds in (own, lower):
+        choice = Choice("auto")
+        picks = [choice.after(some, np.full(10, category)) for some in odds.reshape(40, 10)]
+        taken.append(sum(pick == learned.learned(name) for pick in picks))
+    assert taken[0] >= 36
+    assert taken[1] <= 5
