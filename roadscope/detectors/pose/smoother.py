@@ -35,6 +35,8 @@ SPEED = 3
 """Place of the speed among what is free, where it is."""
 SEEN = 3
 """Returns from which a scan alone gives a good first guess."""
+TORN_S = 0.05
+"""Time within which a sweep meets a body, unless the seam of the sweep goes through it."""
 BUDGET, LEAST = 480, 96
 """Returns of all scans of a window, and of one, above which neighbours are joined: with fewer of
 one scan, beams of a near vehicle would be left out."""
@@ -79,6 +81,15 @@ class _Seen:
         rays = self.sighting.rays
         hits = rays.kind == HIT
         return self.stamp_s + float(rays.time[hits].mean()) if hits.any() else self.stamp_s
+
+    @property
+    def torn(self) -> bool:
+        """Whether the body was met both when the sweep began and when it ended: twice, in effect.
+
+        One that goes fast is elsewhere by then, and no pose fits both.
+        """
+        times = self.sighting.rays.time[self.sighting.rays.kind == HIT]
+        return bool(np.ptp(times) > TORN_S) if len(times) else False
 
 
 class _Shot(NamedTuple):
@@ -305,6 +316,7 @@ class Smoother:
         enough = [seen for seen in some if seen.sighting.returns >= SEEN] or some
         if not enough:
             return np.empty((0, WHOLE))
+        enough = [seen for seen in enough if not seen.torn] or enough
         nearest = min(enough, key=lambda seen: abs(seen.stamp_s - stamp_s))
         course = _course(enough[0], enough[-1])
         known = [(seen, self._alone(seen, course)) for seen in (enough[0], nearest, enough[-1])]
