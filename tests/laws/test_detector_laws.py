@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from law_scenes import (
     AROUND,
@@ -236,6 +236,8 @@ ROUNDED = (1e-3, 1e-3, 1e-3, 1e-2)
 """A scan's numbers are rounded anew, to a few micrometres."""
 CLOSE = (0.06, 0.02, 0.025, 0.1)
 """Cells of height and sectors, which do not turn with the scene, decide on single returns."""
+FILTERED = (0.06, 0.1, 0.025, 0.1)
+"""Where one return more or less at a flank besides tells the width."""
 SEARCHED = (0.25, 0.15, 0.025, 0.1)
 """Where headings are tried besides, a quarter degree apart, that do not turn with the scene."""
 DESCENDED = (0.2, 0.35, 0.04, 0.2)
@@ -261,7 +263,7 @@ PARTS = {
 
 
 films = pytest.mark.parametrize("speed_m_s", [0.0, 8.0], ids=["standing", "driving"])
-many = settings(max_examples=20, phases=[Phase.generate])
+many = settings(max_examples=20, phases=[Phase.explicit, Phase.generate])
 
 
 @films
@@ -279,11 +281,15 @@ def test_right_angles_and_whole_cells_move_the_boxes(name, speed_m_s, k, x, y):
 @pytest.mark.parametrize("name", TURNING)
 @many
 @given(turn=st.floats(-3.1, 3.1), x=st.floats(-30, 30), y=st.floats(-30, 30))
+@example(turn=2.934060755101393, x=1.456, y=0.0035)
 def test_rigid_motion_moves_the_boxes(name, speed_m_s, turn, x, y):
     """By as much as leaves bodies of one face headed rather like the ego than across its way."""
     turn = 0.03 * turn if runs_like_the_ego(name) else turn
     off = off_after(name, speed_m_s, Pose.planar(x, y, turn))
-    tolerances = {"searched": SEARCHED, "fitted": DESCENDED, "sampled": SAMPLED, "other": CLOSE}
+    tolerances = {
+        "searched": SEARCHED, "filtered": FILTERED, "fitted": DESCENDED, "sampled": SAMPLED,
+        "other": CLOSE,
+    }  # fmt: skip
     assert (off <= allowed(name, **tolerances)).all()
 
 
