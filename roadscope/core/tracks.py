@@ -64,9 +64,9 @@ class Tracks(Record):
             scores=(np.float64, ("N",)),
             states=(np.int8, ("N",)),
         )
-        require(
-            len(np.unique(self.ids)) == len(self.ids), self, "ids", "unique ids", self.ids.tolist()
-        )
+        rising = bool((self.ids[1:] > self.ids[:-1]).all())  # As most are, and quickly seen.
+        unique = rising or len(np.unique(self.ids)) == len(self.ids)
+        require(unique, self, "ids", "unique ids", self.ids.tolist())
         check_boxes(self, self.sizes, self.categories, self.scores)
         known = (self.states >= 0) & (self.states < len(TrackState))
         require(

@@ -144,14 +144,17 @@ def hidden_shares(
             turn = boxes[i, 6] - bearing[i]
             width = boxes[i, 3] * abs(np.sin(turn)) + boxes[i, 4] * abs(np.cos(turn))
             half[i] = np.arctan2(width / 2, range_m[i])
+    bearings, halves, ranges = bearing[before], half[before], range_m[before]
     for i in range(n):
         if not asked[i]:
             continue
-        for j in before:
-            apart = abs(bearing[j] - bearing[i])
+        for j in range(len(before)):
+            if ranges[j] >= range_m[i]:
+                continue  # So is one's own.
+            apart = abs(bearings[j] - bearing[i])
             apart = min(apart, 2 * np.pi - apart)
-            if apart >= half[i] + half[j] or j == i or range_m[j] >= range_m[i]:
+            if apart >= half[i] + halves[j]:
                 continue
-            covered = min(half[i], apart + half[j]) - max(-half[i], apart - half[j])
+            covered = min(half[i], apart + halves[j]) - max(-half[i], apart - halves[j])
             shares[i] += covered / (2 * half[i])
     return np.minimum(shares, 1.0)
