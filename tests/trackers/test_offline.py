@@ -41,8 +41,12 @@ def errors(history):
 
 
 def test_knowing_the_future_places_better():
-    online = drive()
-    assert errors(rescored(online)).mean() < 0.8 * errors(online).mean()
+    drives = [drive(seed=seed) for seed in range(6)]
+    after, before = (
+        np.mean([errors(told).mean() for told in each])
+        for each in ([rescored(online) for online in drives], drives)
+    )
+    assert after < 0.8 * before
 
 
 def test_gaps_are_filled_and_called_coasting():
@@ -67,7 +71,7 @@ def test_one_score_for_a_whole_track_and_weak_ones_dropped():
 
 
 def test_the_beginning_is_told_although_it_was_tentative():
-    history = drive(score=0.62)
+    history = drive(score=0.5)
     assert history[0].states[0] == TrackState.TENTATIVE
     told = rescored(history, Rescoring(least_score=0.1))
     assert [len(tracks) for tracks in told] == [1] * 40
