@@ -41,9 +41,10 @@ class LidarInertialOdometry:
 
     The first scans tell the speed: that at which what stands in them comes together. From then on
     the inertial prediction is so tight that traffic which moves along cannot pull the pose with
-    it. Returns where beams looked through before have moved in: they are called dynamic and left
-    out. Follows Xu 2022 (FAST-LIO2) in the filter; map, speed search and the decision what is
-    dynamic are ours. Without an IMU the state goes on at constant velocity.
+    it. Returns where beams looked through before have moved in, or along if beams ended before
+    them as far away as now: they are called dynamic and left out. Follows Xu 2022 (FAST-LIO2) in
+    the filter; map, speed search and the decision what is dynamic are ours. Without an IMU the
+    state goes on at constant velocity.
     """
 
     def __init__(

@@ -29,7 +29,7 @@ from roadscope.odometry.inertial.kernels import integrated
 from roadscope.odometry.inertial.speed_search import Ends, speed_of
 from roadscope.odometry.inertial.standstill import still_rate
 from roadscope.odometry.rigid import exp_se3, exp_so3, log_so3
-from roadscope.odometry.voxels.free_space import FreeSpace
+from roadscope.odometry.voxels.free_space import CERTAIN, FreeSpace
 
 NOISE = InertialNoise()
 
@@ -184,9 +184,32 @@ def test_what_moves_in_is_dynamic_and_what_stands_is_not():
     scan = drive.scan(0)
     space.add(0.0, scan.points, scan.ring, np.eye(4))
     car = np.column_stack([np.full(40, 8.0), np.linspace(-1, 1, 40), np.full(40, -0.9)])
-    assert (space.entered(0.3, car) > 0).all()
-    assert (space.entered(0.3, drive.scan(3).points.astype(float)) > 0).mean() < 0.005
-    assert not space.entered(0.1, car).any()
+    still = drive.scan(3).points.astype(float)
+    assert (space.entered(0.3, car, car) >= CERTAIN).all()
+    assert (space.entered(0.3, still, still) >= CERTAIN).mean() < 0.005
+    assert not space.entered(0.1, car, car).any()
+
+
+def back(at_m):
+    """The back of a lorry, (K, 3) metres from the sensor, in the beams of a VLP-16."""
+    across, up = np.meshgrid(np.linspace(-0.15, 0.15, 60), np.tan(np.deg2rad(np.arange(-5, 6, 2))))
+    return at_m * np.column_stack([np.ones(across.size), across.ravel(), up.ravel()])
+
+
+def looked_behind(driven_m, seen):
+    """What two looks at a lorry 10 m ahead make of points seen after so many metres."""
+    space, rings = FreeSpace(), np.repeat(np.arange(6), 60)
+    for stamp_s in (0.0, 0.6):
+        space.add(stamp_s, back(10.0), rings, np.eye(4))
+    return space.entered(0.9, seen + np.array([driven_m, 0.0, 0.0]), seen) >= CERTAIN
+
+
+def test_what_drives_ahead_has_moved_and_what_it_hid_has_not():
+    """Nobody looked through where the back of a lorry now is: the lorry itself was before it."""
+    inside = np.abs(back(10.0)[:, 1]) < 1.2
+    assert looked_behind(3.0, back(10.0))[inside].mean() > 0.9
+    assert not looked_behind(3.0, back(14.0)).any()
+    assert not looked_behind(0.0, back(10.0)).any()
 
 
 def samples(rng, shake):

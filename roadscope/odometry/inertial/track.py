@@ -20,8 +20,14 @@ from roadscope.odometry.inertial.filter import (
     settle,
 )
 from roadscope.odometry.inertial.match import settled_on
+from roadscope.odometry.inertial.speed_search import (
+    GROUND_SHARE,
+    LOWEST_M,
+    NEAR_M,
+    TALLEST_M,
+)
 from roadscope.odometry.rigid import log_so3
-from roadscope.odometry.voxels.free_space import FreeSpace
+from roadscope.odometry.voxels.free_space import CERTAIN, FreeSpace
 from roadscope.odometry.voxels.match_kernels import contradicts
 from roadscope.odometry.voxels.matching import Match
 from roadscope.odometry.voxels.surfaces import VoxelMap
@@ -97,8 +103,9 @@ class InertialTrack:
 
     def moving(self, points: np.ndarray, stamp_s: float) -> np.ndarray:
         """Return (K,) bool, which points have moved to where they are."""
-        votes = self.space.entered(stamp_s, placed(points, self.state.pose))
-        return votes > 0
+        here, seen = placed(points, self.state.pose), points + self.lever
+        votes = self.space.entered(stamp_s, here, np.where(_of_vehicles(seen)[:, None], seen, 0.0))
+        return votes >= CERTAIN
 
     def matched(self, sweep: Sweep, points: np.ndarray, moving: np.ndarray) -> Match:
         """Return where the surfaces and the prediction together put a sweep's (K, 3) points."""
@@ -140,3 +147,12 @@ class InertialTrack:
         if self.space.due(scan.stamp_s):
             whole = deskewed(scan.points, scan.time_offset_s, self.twist())
             self.space.add(scan.stamp_s, whole, scan.ring, self.pose)
+
+
+def _of_vehicles(seen: np.ndarray) -> np.ndarray:
+    """Return (N,) bool, which points, as the sensor sees them, are as high as vehicles are."""
+    flat = np.hypot(seen[:, 0], seen[:, 1])
+    near = seen[flat < NEAR_M, 2]
+    ground_m = np.quantile(near, GROUND_SHARE) if len(near) else -np.inf
+    above: np.ndarray = seen[:, 2] - ground_m
+    return (above > LOWEST_M) & (above < TALLEST_M)

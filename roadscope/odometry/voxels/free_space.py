@@ -1,7 +1,8 @@
 """Where a LiDAR has looked through: what is seen there later has moved in.
 
 After Pomerleau et al., "Long-term 3D map maintenance in dynamic environments" (ICRA 2014), with
-range images in place of a map of points.
+range images in place of a map of points. The back of a vehicle that drives on comes to where nobody
+looked through, for it was itself in the way: it is as far away as it was.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ MARGIN_M, MARGIN_SHARE = 0.5, 0.02
 BESIDE_RAD = np.deg2rad(0.35)
 """A beam this close in elevation looked there by itself; else those above and below must have."""
 UNKNOWN = np.float32(0.0)
+CERTAIN = 2
+"""Votes from which a point is held to have moved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,11 +66,17 @@ class FreeSpace:
             each for each in self._looks if stamp_s - each.stamp_s < AGES_S[-1] + 2 * EVERY_S
         ] + [look]
 
-    def entered(self, stamp_s: float, points: np.ndarray) -> np.ndarray:
-        """Return (N,) int64, how many looks went through the places of (N, 3) points, map frame."""
+    def entered(self, stamp_s: float, points: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Return (N,) int64, how surely (N, 3) points, map frame, moved here: from 2 on they did.
+
+        seen: (N, 3), the same as the sensor sees them now, or 0 where they cannot be of a vehicle.
+        A look that went through the place counts two. One that ended before it, and met something
+        in this direction as far away as now, counts one: that has moved along.
+        """
         votes = np.zeros(len(points), np.int64)
         for look in self._chosen(stamp_s):
-            looked_through(points, look.ranges, look.elevations, look.sensor_from_map, votes)
+            image = look.ranges, look.elevations, look.sensor_from_map
+            looked_through(points, seen, *image, votes)
         return votes
 
     def _chosen(self, stamp_s: float) -> list[Look]:
@@ -102,10 +111,10 @@ def range_image(points: np.ndarray, ring: np.ndarray, rings: int) -> tuple[np.nd
 
 @compiled()
 def looked_through(
-    points: np.ndarray, ranges: np.ndarray, elevations: np.ndarray, sensor_from_map: np.ndarray,
-    votes: np.ndarray,
+    points: np.ndarray, seen: np.ndarray, ranges: np.ndarray, elevations: np.ndarray,
+    sensor_from_map: np.ndarray, votes: np.ndarray,
 ) -> None:  # fmt: skip
-    """Add one to the votes of (N, 3) points, map frame, that lie well before what beams met."""
+    """Add two to the votes of (N, 3) points that have moved in since a look, one to those along."""
     m, rings = sensor_from_map, len(elevations)
     slopes = np.tan(elevations)
     beside = np.tan(BESIDE_RAD)
@@ -129,9 +138,16 @@ def looked_through(
         if low < 0 or high >= rings:
             continue
         reach = np.sqrt(flat * flat + z * z)
-        least = reach + MARGIN_M + MARGIN_SHARE * reach
+        margin = MARGIN_M + MARGIN_SHARE * reach
         k = np.int64((np.arctan2(y, x) + np.pi) * (BINS / (2 * np.pi))) % BINS
+        least, most = reach + margin, reach - margin
         if _clear(ranges[low], k, least) and (low == high or _clear(ranges[high], k, least)):
+            votes[n] += CERTAIN
+        elif (
+            _hidden(ranges[low], k, most)
+            and (low == high or _hidden(ranges[high], k, most))
+            and _alike(ranges, slopes, seen[n], margin)
+        ):
             votes[n] += 1
 
 
@@ -146,3 +162,29 @@ def _clear(ranges: np.ndarray, k: Index, least: float) -> bool:
                 return False
             met += 1
     return met >= 2
+
+
+@compiled()
+def _hidden(ranges: np.ndarray, k: Index, most: float) -> bool:
+    """Say whether a ring's beams around a bin all ended before a range."""
+    for d in range(-1, 2):
+        reach = ranges[(k + d) % BINS]
+        if reach == UNKNOWN or reach > most:
+            return False
+    return True
+
+
+@compiled()
+def _alike(ranges: np.ndarray, slopes: np.ndarray, seen: np.ndarray, margin: float) -> bool:
+    """Say whether a point is as far away as what a look met in the same direction."""
+    x, y, z = seen
+    flat = np.sqrt(x * x + y * y)
+    if flat < 1.0:
+        return False
+    ring = int(np.argmin(np.abs(slopes - z / flat)))
+    k = np.int64((np.arctan2(y, x) + np.pi) * (BINS / (2 * np.pi))) % BINS
+    reach = np.sqrt(flat * flat + z * z)
+    alike = False
+    for d in range(-1, 2):
+        alike |= abs(ranges[ring, (k + d) % BINS] - reach) < margin
+    return alike
