@@ -185,15 +185,14 @@ def _storey(
         part[REAR * LANES + lane], part[FRONT * LANES + lane] = rear, front
         part[HALF * LANES + lane] = half
         part[TAIL * LANES + lane], part[NOSE * LANES + lane] = tail_half, nose_half
-        part[AFT * LANES + lane] = rear if rear > aft else aft
-        part[FORE * LANES + lane] = front if front < fore else fore
         radius = space if space < radius else radius
         part[RADIUS * LANES + lane] = radius
+        part[AFT * LANES + lane] = rear + radius if rear + radius > aft else aft
+        part[FORE * LANES + lane] = front - radius if front - radius < fore else fore
         part[BOTTOM * LANES + lane], part[TOP * LANES + lane] = bottom, top
         back, ahead_m, aside = room[BACK + lane], room[AHEAD + lane], room[ASIDE + lane]
-        # Flanks that reach to an end stand out beyond it by the radius.
-        room[BACK + lane] = rear - radius if rear - radius < back else back
-        room[AHEAD + lane] = front + radius if front + radius > ahead_m else ahead_m
+        room[BACK + lane] = rear if rear < back else back
+        room[AHEAD + lane] = front if front > ahead_m else ahead_m
         room[ASIDE + lane] = half if half > aside else aside
 
 
@@ -224,8 +223,8 @@ def _flanks(lanes: int, room: np.ndarray, base: int) -> None:
 
 @compiled(borrowing=True, forceinline=True)
 def _flank(less: float, over: float, x: float, half: float) -> tuple[float, float, float]:
-    length = math.sqrt(less * less + over * over)
     straight = over <= 0.0
+    length = 1.0 if straight else math.sqrt(less * less + over * over)
     nx, ny = less / length, over / length
     reach = nx * x + ny * half
     return 0.0 if straight else nx, 1.0 if straight else ny, half if straight else reach

@@ -172,12 +172,11 @@ def fill_parts(
             part[REAR], part[FRONT], part[HALF] = rear, front, half
             part[TAIL] = half * (1.0 - (1.0 - shape[4]) * behind)
             part[NOSE] = half * (1.0 - (1.0 - shape[5]) * ahead)
-            part[AFT], part[FORE] = max(aft, rear), min(fore, front)
             room = 0.499 * min(front - rear, 2.0 * min(part[TAIL], part[NOSE]))
-            part[RADIUS] = min(radius, room)
+            curved = part[RADIUS] = min(radius, room)
             part[BOTTOM], part[TOP] = bottom, top
             # Flanks have narrowed to the ends' width where the corners begin.
-            curved = part[RADIUS]
+            part[AFT], part[FORE] = max(aft, rear + curved), min(fore, front - curved)
             part[FORE_X], part[FORE_Y], part[FORE_REACH] = _flank(
                 half - part[NOSE], front - curved - part[FORE], part[FORE], half
             )

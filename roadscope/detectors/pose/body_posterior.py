@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.detectors.pose.body_descent import LIMIT, STEPS, slopes_of
-from roadscope.detectors.pose.body_kernels import MOST_PARTS, POSE, Rays, log_chances
+from roadscope.detectors.pose.body_kernels import HIT, MOST_PARTS, POSE, Rays, log_chances
 from roadscope.detectors.pose.body_sampling import Posterior, Problem, Smooth, refine
 
 LEVELS = (2.5,)
@@ -63,7 +63,9 @@ def posterior(problem: Problem, guess: Guess, *, work: int = WORK) -> Posterior:
     count, that is done again around them, and until their weights are the posterior's, with more
     samples each time. work: rays times samples of a round.
     """
-    for look in range(FARTHER):
+    # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
+    bound = (problem.rays.kind == HIT).sum() >= len(problem.free)
+    for look in range(FARTHER if bound else LOOKS):
         near, mean = split(problem, guess)
         more = max(look - LOOKS + 2, 1)
         count = more * work // max(len(near.rays.slope), 1)
