@@ -234,10 +234,9 @@ EXACT = (1e-6, 1e-6, 1e-6, 1e-5)
 """Metres of place and of size, radians, score."""
 ROUNDED = (1e-3, 1e-3, 1e-3, 1e-2)
 """A scan's numbers are rounded anew, to a few micrometres."""
-CLOSE = (0.06, 0.02, 0.025, 0.1)
-"""Cells of height and sectors, which do not turn with the scene, decide on single returns."""
-FILTERED = (0.06, 0.1, 0.025, 0.1)
-"""Where one return more or less at a flank besides tells the width."""
+CLOSE = (0.15, 0.1, 0.035, 0.1)
+"""Cells of height and sectors, which do not turn with the scene, decide on single returns; one at
+the end of a flank makes a body so much longer or wider."""
 SEARCHED = (0.25, 0.15, 0.025, 0.1)
 """Where headings are tried besides, a quarter degree apart, that do not turn with the scene."""
 DESCENDED = (0.2, 0.35, 0.04, 0.2)
@@ -286,10 +285,7 @@ def test_rigid_motion_moves_the_boxes(name, speed_m_s, turn, x, y):
     """By as much as leaves bodies of one face headed rather like the ego than across its way."""
     turn = 0.03 * turn if runs_like_the_ego(name) else turn
     off = off_after(name, speed_m_s, Pose.planar(x, y, turn))
-    tolerances = {
-        "searched": SEARCHED, "filtered": FILTERED, "fitted": DESCENDED, "sampled": SAMPLED,
-        "other": CLOSE,
-    }  # fmt: skip
+    tolerances = {"searched": SEARCHED, "fitted": DESCENDED, "sampled": SAMPLED, "other": CLOSE}
     assert (off <= allowed(name, **tolerances)).all()
 
 
