@@ -74,7 +74,7 @@ def test_printed_figures_stand_beside_the_papers_cases():
 def test_those_who_walk_past_are_found():
     found = removal(CASES["2, still, several"], 10000)
     assert 0 < found[AFTER] < found[BEFORE]
-    assert found[RECALL] > 30
+    assert found[RECALL] > 15
 
 
 @pytest.mark.slow
