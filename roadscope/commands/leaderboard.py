@@ -123,10 +123,8 @@ def leaderboard(
     from roadscope.benchmarks.runner import run
 
     conditions = _conditions(suite or _usual(board), kitti, mot)
-    if detections:
-        conditions = _given(conditions, detections)
-    if seeds is not None:
-        conditions = _fewer(conditions, seeds)
+    conditions = _given(conditions, detections) if detections else conditions
+    conditions = conditions if seeds is None else _fewer(conditions, seeds)
     boards = boards_of(conditions) if board is None else (board,)
     _check_tracks(tracks, kitti or mot)
     _refuse_idle(boards, calibration, detections)
@@ -149,11 +147,15 @@ def leaderboard(
             jobs_done = plan(conditions, entry or (), boards, only=only).tracking
             save_tracks(jobs_done, tracks, workers=workers(jobs), progress=progress)
     _show(results, conditions, by)
-    for written in (out and out / "leaderboard.json", tracks):
-        if written is not None:
-            typer.echo(f"written: {written}")
+    _tell_written(out and out / "leaderboard.json", tracks)
     if results.barren():
         raise typer.Exit(1)
+
+
+def _tell_written(*paths: Path | None) -> None:
+    for path in paths:
+        if path is not None:
+            typer.echo(f"written: {path}")
 
 
 def _usual(board: str | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
     from roadscope.core import Pose
 
 NO_IMU = "none"
+IMU_HELP = (
+    "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR or beside it if "
+    "not given; none: no IMU."
+)
 
 
 def run_odometry(
@@ -30,14 +35,7 @@ def run_odometry(
     rate_hz: Annotated[
         float, typer.Option(help="Scans a second, where DIR has no times.txt.")
     ] = 10.0,
-    imu: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR "
-            "or beside it if not given; none: no IMU.",
-        ),
-    ] = None,
+    imu: Annotated[str | None, typer.Option(metavar="FILE", help=IMU_HELP)] = None,
     mounting: Annotated[
         str | None,
         typer.Option(
@@ -75,15 +73,20 @@ def run_odometry(
     except KeyboardInterrupt:
         complain(f"{len(poses)} of {len(scans)} poses are kept in {out}")
         raise
+    _tell(odometry, poses, reasons)
+    if true is not None:
+        typer.echo(f"beside {truth}: {compared(poses, true)}")
+    typer.echo(f"written: {out}")
+
+
+def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
+    """Say where the last scan was taken, and in how many the odometry was degraded."""
     x, y, z = poses[-1].translation
     headline(
         f"{odometry}: {len(poses)} scans, from the first to the last {x:.2f} {y:.2f} {z:.2f} m"
     )
     if reasons:
         show(f"degraded in {reasons.total()} scans, mostly: {reasons.most_common(1)[0][0]}")
-    if true is not None:
-        typer.echo(f"beside {truth}: {compared(poses, true)}")
-    typer.echo(f"written: {out}")
 
 
 def _inertial(

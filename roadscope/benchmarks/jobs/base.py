@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
@@ -14,20 +15,20 @@ from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.score import Score
 
 
-class KeyedJob:
+class KeyedJob(ABC):
     """One entry on one episode of a board, known by everything that its result depends on."""
 
     board: str
     entry: str
 
     @property
+    @abstractmethod
     def scoring(self) -> tuple[str, ...]:
         """Files that scores depend on beside what `content` says."""
-        raise NotImplementedError
 
+    @abstractmethod
     def content(self) -> Mapping[str, Any]:
         """Return what else the result depends on, beside board and entry, as JSON can hold it."""
-        raise NotImplementedError
 
     @cached_property
     def spec(self) -> str:

@@ -10,7 +10,7 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.estimates import estimate, grown
 from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.peers.library import Given, Library, Placed
+from roadscope.odometry.peers.interface import Given, Library, Placed
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
 
 LEAST_POINTS = 60

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
 from roadscope.odometry.peers.adapter import Adapter
-from roadscope.odometry.peers.library import BOUNDS_M, Given, Placed
+from roadscope.odometry.peers.interface import BOUNDS_M, Given, Placed
 
 
 class GenzIcpOdometry:

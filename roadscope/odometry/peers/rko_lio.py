@@ -14,7 +14,7 @@ import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
 from roadscope.odometry.peers.adapter import Adapter
-from roadscope.odometry.peers.library import BOUNDS_M, Given, Placed
+from roadscope.odometry.peers.interface import BOUNDS_M, Given, Placed
 
 EPOCH_S = 1000.0
 """Its clock begins here: it takes a time of 0 for none."""

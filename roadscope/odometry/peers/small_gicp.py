@@ -9,7 +9,7 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
 from roadscope.odometry.cloud_kernels import deskewed
 from roadscope.odometry.peers.adapter import Adapter
-from roadscope.odometry.peers.library import BOUNDS_M, Given, Placed
+from roadscope.odometry.peers.interface import BOUNDS_M, Given, Placed
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
 
 SMALL_GICP = Requirement("small_gicp", "pip install roadscope[peers]")

@@ -7,7 +7,7 @@ import pytest
 from toy_drive import driven, emptied, kept
 
 from roadscope.odometry.peers.adapter import LOST, Adapter
-from roadscope.odometry.peers.library import Placed
+from roadscope.odometry.peers.interface import Placed
 
 DRIVE, INPUTS = driven(12)
 
