@@ -1,13 +1,9 @@
 """A result's key of the boards with a camera changes with every file that decides it."""
 
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-
-import roadscope
+from edited_keys import assert_changed, keys
 
 KEYS = """
 from roadscope.benchmarks.eligibility import Eligibility
@@ -23,18 +19,9 @@ print(Job("tracking", "entry", "fused?fusion=union", "nearest", episode, Eligibi
 """
 
 
-def keys(root: Path) -> list[str]:
-    result = subprocess.run(
-        [sys.executable, "-c", KEYS], cwd=root, capture_output=True, text=True, check=True
-    )
-    return result.stdout.split()
-
-
 @pytest.mark.slow
 def test_what_decides_a_result_is_in_its_key(tmp_path: Path) -> None:
-    shutil.copytree(Path(roadscope.__file__).parent, tmp_path / "roadscope")
-    before = keys(tmp_path)
-    for file, changed in (
+    edits = [
         ("envs/imaging/light.py", [True, True, True]),
         ("detectors/camera/decode.py", [True, True, True]),
         ("benchmarks/images.py", [True, True, True]),
@@ -46,12 +33,8 @@ def test_what_decides_a_result_is_in_its_key(tmp_path: Path) -> None:
         ("benchmarks/jobs/fusion_job.py", [False, True, False]),
         ("trackers/nearest.py", [False, False, True]),
         ("benchmarks/boards/tables.py", [False, False, False]),
-    ):
-        path = tmp_path / "roadscope" / file
-        path.write_text(path.read_text() + "\n# edited\n")
-        after = keys(tmp_path)
-        assert [a != b for a, b in zip(before, after, strict=True)] == changed, file
-        before = after
+    ]
+    before = assert_changed(KEYS, tmp_path, edits)
     weights = tmp_path / "roadscope/detectors/camera/weights/network.safetensors"
     weights.write_bytes(weights.read_bytes() + b"\0")
-    assert not set(before) & set(keys(tmp_path))
+    assert not set(before) & set(keys(KEYS, tmp_path))
