@@ -30,3 +30,15 @@ def grown(covariance: np.ndarray, motion: np.ndarray, of_motion: np.ndarray) -> 
     carried = adjoint(inverse(motion))
     larger: np.ndarray = carried @ covariance @ carried.T + of_motion
     return larger
+
+
+def poverty(points: int, least: int, rings: np.ndarray) -> str:
+    """Say why a scan cannot tell where it was taken; empty if it may.
+
+    points: how many can be matched, of the least that are needed. rings: (N,) of all returns.
+    """
+    if points < least:
+        return f"{points} points that can be matched"
+    if rings.min() == rings.max():
+        return "returns of one ring alone"
+    return ""

@@ -6,7 +6,7 @@ import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock, Tick
-from roadscope.odometry.estimates import estimate, grown
+from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial.filter import (
     POSE,
@@ -86,7 +86,7 @@ class LidarInertialOdometry:
         stretch = self._stretch(scan, tick)
         sweep = Sweep.of(scan, self.insert_m, self.match_m)
         moving = np.zeros(len(sweep.rows), bool)
-        poor = _poverty(sweep)
+        poor = poverty(len(sweep.few), LEAST_POINTS, scan.ring)
         if self._track is None:
             poor = self._wait(sweep, stretch, poor)
         else:
@@ -175,15 +175,6 @@ class LidarInertialOdometry:
             axes = np.kron(np.eye(2), track.state.pose[:3, :3])
             spread = axes.T @ track.state.covariance[POSE, POSE] @ axes / REMEMBERED
         self._covariance = grown(self._covariance, inverse(before) @ self._pose, spread)
-
-
-def _poverty(sweep: Sweep) -> str:
-    """Say why a scan cannot tell where it was taken; empty if it may."""
-    if len(sweep.few) < LEAST_POINTS:
-        return f"{len(sweep.few)} points that can be matched"
-    if sweep.scan.ring.min() == sweep.scan.ring.max():
-        return "returns of one ring alone"
-    return ""
 
 
 def _misfit(found: Match) -> str:

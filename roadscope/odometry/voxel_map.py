@@ -10,7 +10,7 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
-from roadscope.odometry.estimates import estimate, grown
+from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3
 from roadscope.odometry.voxels.matching import Belief, Match, best, match
@@ -89,7 +89,7 @@ class VoxelMapOdometry:
             return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
         twist = self._expected(scan.stamp_s, tick)
         cloud = self._cloud(scan)
-        poor = _poverty(scan, cloud)
+        poor = poverty(len(cloud.few), LEAST_POINTS, scan.ring)
         if poor:
             self._carry_on(twist, tick)
         elif not self._begun:
@@ -207,15 +207,6 @@ def _around(twist: np.ndarray, tick: Tick) -> list[np.ndarray]:
         return [twist]
     changes = np.linspace(-1, 1, 9) * ACCELERATION_M_S2 / 2 * tick.elapsed_s
     return [twist + np.array([c, 0, 0, 0, 0, 0]) for c in sorted(changes, key=abs)]
-
-
-def _poverty(scan: LidarScan, cloud: Cloud) -> str:
-    """Say why a scan cannot tell where it was taken; empty if it may."""
-    if len(cloud.few) < LEAST_POINTS:
-        return f"{len(cloud.few)} points that can be matched"
-    if scan.ring.min() == scan.ring.max():
-        return "returns of one ring alone"
-    return ""
 
 
 def _misfit(found: Match, uncertain: np.ndarray) -> str:

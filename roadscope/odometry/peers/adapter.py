@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
-from roadscope.odometry.estimates import estimate, grown
+from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.peers.interface import Given, Library, Placed
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
@@ -69,7 +69,7 @@ class Adapter:
             self._pose = before @ exp_se3(self._twist * tick.elapsed_s)
         sound = np.isfinite(scan.points).all(axis=1)
         given = self._given(scan, sound)
-        poor = _poverty(scan.ring[sound]) or self._placed(given)
+        poor = poverty(int(sound.sum()), LEAST_POINTS, scan.ring[sound]) or self._placed(given)
         spread = CARRIED * tick.elapsed_s**4 if poor else STEP * bool(tick.elapsed_s)
         self._covariance = grown(self._covariance, inverse(before) @ self._pose, spread)
         reason = tick.reason or poor
@@ -141,12 +141,3 @@ def _brought(placed: Placed, twist: np.ndarray, to_s: float) -> np.ndarray:
     """Return the (4, 4) pose at another time, at a (6,) twist."""
     brought: np.ndarray = placed.world_from_lidar @ exp_se3(twist * (to_s - placed.at_s))
     return brought
-
-
-def _poverty(rings: np.ndarray) -> str:
-    """Say why returns of such rings cannot tell where they were seen; empty if they may."""
-    if len(rings) < LEAST_POINTS:
-        return f"{len(rings)} points that can be matched"
-    if rings.min() == rings.max():
-        return "returns of one ring alone"
-    return ""
