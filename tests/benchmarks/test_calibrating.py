@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from interrupts import heed_interrupts
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
@@ -153,7 +154,7 @@ def test_bad_input_is_one_error(arguments, words) -> None:
 def test_an_interrupt_ends_it_and_writes_nothing(tmp_path: Path) -> None:
     out = tmp_path / "rig.json"
     command = [sys.executable, "-m", "roadscope", "calibrate", "--poses", "100", "--out", str(out)]
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts)
     time.sleep(12.0)
     child.send_signal(signal.SIGINT)
     _, complaint = child.communicate(timeout=60)

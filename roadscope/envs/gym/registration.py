@@ -23,6 +23,8 @@ IDS: dict[str, dict[str, str]] = {
     "Racetrack-v0": {"scenario": "racetrack"},
     "TwoWay-v0": {"scenario": "two-way"},
     "ParkingLot-v0": {"scenario": "parking-lot"},
+    "Street-v0": {"scenario": "street"},
+    "TownCrossing-v0": {"scenario": "town-crossing"},
     "Lu2018TwoVehicles-v0": {"scenario": "lu2018-two-vehicles", "rig": "lux"},
     "Lu2018Occlusion-v0": {"scenario": "lu2018-occlusion", "rig": "lux"},
     "Lu2018ThreeVehicles-v0": {"scenario": "lu2018-three-vehicles", "rig": "lux"},

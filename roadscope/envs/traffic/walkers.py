@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -50,10 +51,12 @@ class Walker:
         self.slot = -1
         self._pace, self._kerb_m, self._across_m = pace, kerb_m, across_m
         self._patience_s = patience_s
-        self._points = rounded_path(path)
-        steps = np.linalg.norm(np.diff(self._points, axis=0), axis=1)
+        points = rounded_path(path)
+        self._xy = tuple(np.ascontiguousarray(each) for each in points.T)
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         self._ways = np.concatenate([[0.0], np.cumsum(steps)])
-        self._turns = np.unwrap(np.arctan2(*np.diff(self._points, axis=0).T[::-1]))
+        self._turns = np.unwrap(np.arctan2(*np.diff(points, axis=0).T[::-1]))
+        self._middles = (self._ways[:-1] + self._ways[1:]) / 2
         self._along_m = start_m
         self._goes = kerb_m is None or start_m > kerb_m
         self._held = False
@@ -72,23 +75,27 @@ class Walker:
     def act(self, action: Any = None) -> None:
         """Decide nothing: `look` has done so."""
 
-    def look(self, road: FlowRoad, dt: float) -> None:
-        """Step off the kerb if every driver who comes can stop before; never walk into one."""
-        drivers = [v for v in road.vehicles if isinstance(v, Driver)]
-        self._held = any(self._in_the_way(driver) for driver in drivers)
+    def look(self, drivers: Sequence[Driver], places: np.ndarray, dt: float) -> None:
+        """Step off the kerb if every driver who comes can stop before; never walk into one.
+
+        places: (D, 2) metres, where the drivers are.
+        """
+        near = np.flatnonzero(np.abs(places - self.position).max(axis=1) <= LOOK_M)
+        steps = [self._along_m + m + self.LENGTH for m in (0.5, 1.0, 0.5 + self.speed)]
+        ahead = [self._place(along_m) for along_m in steps] if len(near) else []
+        self._held = any(self._in_the_way(drivers[k], ahead) for k in near.tolist())
         if self._goes or self._kerb_m is None or self._along_m < self._kerb_m - 0.3:
             return
         self._patience_s -= dt
         if self._patience_s <= 0.0:
-            self._goes = all(self._safe(driver) for driver in drivers)
+            line = self._line_across()
+            self._goes = all(self._safe(driver, line) for driver in drivers)
 
-    def _in_the_way(self, driver: Driver) -> bool:
+    def _in_the_way(self, driver: Driver, steps: Sequence[np.ndarray]) -> bool:
         """Whether a driver is, or is about to be, where the next steps lead."""
-        if np.abs(driver.position - self.position).max() > LOOK_M:
-            return False
         ahead = np.array([np.cos(driver.heading), np.sin(driver.heading)])
-        for step_m in (0.5, 1.0, 0.5 + self.speed):
-            offset = self._place(self._along_m + step_m + self.LENGTH) - driver.position
+        for step in steps:
+            offset = step - driver.position
             along, across = offset @ ahead, offset[0] * ahead[1] - offset[1] * ahead[0]
             front = driver.LENGTH / 2 + 0.4 + driver.speed * AHEAD_S
             if -driver.LENGTH / 2 - 0.4 < along < front and abs(across) < driver.WIDTH / 2 + 0.4:
@@ -98,13 +105,18 @@ class Walker:
                 return bool(beside > driver.WIDTH / 2 + 0.3 or here @ ahead < driver.LENGTH / 2)
         return False
 
-    def _safe(self, driver: Driver) -> bool:
-        """Whether a driver can stop before the way across, or has passed it, or never comes."""
+    def _line_across(self) -> np.ndarray:
+        """Return (5, 2) places on the way across."""
         assert self._kerb_m is not None
         share = np.linspace(0.0, 1.0, 5)[:, None]
         here = self._place(self._kerb_m)
         there = self._place(min(self._kerb_m + self._across_m, self._ways[-1]))
-        line = here + share * (there - here)
+        line: np.ndarray = here + share * (there - here)
+        return line
+
+    @staticmethod
+    def _safe(driver: Driver, line: np.ndarray) -> bool:
+        """Whether a driver can stop before the way across, or has passed it, or never comes."""
         ahead = np.array([np.cos(driver.heading), np.sin(driver.heading)])
         offsets = line - driver.position
         along = offsets @ ahead
@@ -131,11 +143,10 @@ class Walker:
         """Touch nobody."""
 
     def _place(self, along_m: float) -> np.ndarray:
-        return np.array([np.interp(along_m, self._ways, self._points[:, i]) for i in (0, 1)])
+        return np.array([np.interp(along_m, self._ways, each) for each in self._xy])
 
     def _settle(self) -> None:
-        middles = (self._ways[:-1] + self._ways[1:]) / 2
-        self.heading = float(np.interp(self._along_m, middles, self._turns))
+        self.heading = float(np.interp(self._along_m, self._middles, self._turns))
         # The rear end follows the path: timelines take it for an axle that does not slip.
         ahead = np.array([np.cos(self.heading), np.sin(self.heading)])
         self.position = self._place(self._along_m) + self.LENGTH / 2 * ahead
@@ -150,8 +161,10 @@ class People:
     def __call__(self, road: FlowRoad) -> None:
         """Look, and go home at the end of the way."""
         people = [v for v in road.vehicles if isinstance(v, Walker)]
+        drivers = [v for v in road.vehicles if isinstance(v, Driver)]
+        places = np.array([driver.position for driver in drivers]).reshape(-1, 2)
         for walker in people:
-            walker.look(road, self._step_s)
+            walker.look(drivers, places, self._step_s)
         if any(walker.arrived for walker in people):
             road.vehicles = [v for v in road.vehicles if not (isinstance(v, Walker) and v.arrived)]
             road.refresh()
