@@ -70,9 +70,11 @@ class LegoLoamOdometry:
         found = match_two_steps(features, self._before[1], predicted)
         motion, reason = self._progress.step(predicted, found, scan.stamp_s)
         self._before = kept, features.at(kept.at_stamp(motion, since_s))
-        if self._matched % self.map_every == 0:
-            self._mapping.take(self._before[1], self._progress.pose)
-        self._matched += 1
+        # What is not believed of a scan would stay in the map.
+        if not reason:
+            if self._matched % self.map_every == 0:
+                self._mapping.take(self._before[1], self._progress.pose)
+            self._matched += 1
         return self._told(scan, tick.reason or reason)
 
     def _begin(self, kept: Returns, since_s: float, predicted: np.ndarray) -> np.ndarray:

@@ -14,8 +14,6 @@ READ_NO_SCANS = {"still", "dead-reckoning"}
 """What they tell does not depend on points."""
 SLOW_M_S = {"rko-lio": 1.0}
 """Those that do not find a start at speed are driven slowly."""
-TAKEN_ALONG = {"lego-loam", "lego-loam-loop", "loam", "zhang2022"}
-"""What moves along with the sensor is the world to them, and they do not tell it yet."""
 FIRST, LAST, SCANS, SETTLED = 10, 13, 26, 5
 """Which scans are spoilt, how many there are, how many at the end have to be right."""
 WRONG_M, WRONG_RAD = 0.6, 0.1
@@ -115,8 +113,6 @@ def test_spoilt_scans_are_told_and_left_behind(name, kind):
     if kind in TOLD:
         # The first of those with the same stamp is the scan itself.
         assert not any(each.ok for each in told[FIRST + (kind == "same stamp") : LAST])
-    if kind == "all dynamic" and name in TAKEN_ALONG:
-        pytest.xfail("does not tell that all it sees moves along")
     check_told_and_recovered(told, off)
 
 

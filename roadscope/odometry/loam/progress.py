@@ -7,6 +7,7 @@ import numpy as np
 from roadscope.odometry.estimates import grown
 from roadscope.odometry.loam.feature_match import FeatureMatch
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
+from roadscope.odometry.rigid import inverse, log_se3
 
 LEAST_PAIRS = 20
 """Fewer pairs of features cannot be told from chance."""
@@ -16,7 +17,12 @@ nothing but ground tells much, the prediction stands instead."""
 SIMILAR = 50.0
 """So many features are worth one: neighbours err alike."""
 ACCELERATION_M_S2, TURNING_RAD_S2 = 8.0, 2.0
-"""What a prediction may miss at most, for the covariance."""
+"""What a prediction may miss at most: vehicles do not exceed it for long."""
+WEAKEST_RAD = 0.05
+"""A turn that features say may be off by so much, as a way by `WEAKEST_M`."""
+SURE, PATIENCE = 5, 3
+"""After so many steps in a row that went as predicted, so many scans in a row that say otherwise
+are not believed; then it is the speed that was wrong."""
 
 
 class Progress:
@@ -31,6 +37,7 @@ class Progress:
         self.pose, self.covariance, self.stamp_s = np.eye(4), np.zeros((6, 6)), np.nan
         self._pose, self._covariance = self.pose, self.covariance
         self.begun = False
+        self._agreed, self._doubted = 0, 0
 
     def since(self, stamp_s: float) -> float:
         """Return the time, s, since the last scan that counts; some where there is none."""
@@ -47,18 +54,22 @@ class Progress:
     ) -> tuple[np.ndarray, str]:
         """Go on as features say; where they say too little, as predicted, with the reason.
 
-        Returns the (4, 4) motion `before_from_now` that is believed, and the reason.
+        Returns the (4, 4) motion `before_from_now` that is believed, and the reason. What leaps
+        beside a sure prediction is not believed for a while: all that is seen may move along.
         """
-        poor = misfit_of(found)
-        if poor:
+        poor, elapsed_s = misfit_of(found), stamp_s - self.stamp_s
+        motion = predicted if poor else settled(predicted, found)
+        leap, sure = leap_of(predicted, motion, elapsed_s), self._agreed >= SURE
+        if poor or (leap and sure and self._doubted < PATIENCE):
+            self._doubted += bool(leap)
             self.carry_on(predicted, stamp_s, counts=True)
-            return predicted, poor
-        motion, elapsed_s = settled(predicted, found), stamp_s - self.stamp_s
+            return predicted, poor or leap
+        self._agreed, self._doubted = (0 if leap else self._agreed + 1), 0
         self._imu.learn(predicted, motion, elapsed_s)
         self._arrive(motion, covariance_of(found))
         self._count(stamp_s)
         self.begun = True
-        return motion, ""
+        return motion, leap if sure else ""
 
     def carry_on(self, predicted: np.ndarray, stamp_s: float, *, counts: bool) -> None:
         """Go on as predicted; counts: whether the next step begins here or where this one did."""
@@ -76,6 +87,17 @@ class Progress:
 
     def _count(self, stamp_s: float) -> None:
         self._pose, self._covariance, self.stamp_s = self.pose, self.covariance, stamp_s
+
+
+def leap_of(predicted: np.ndarray, motion: np.ndarray, elapsed_s: float) -> str:
+    """Say how far a motion is beside the one predicted if no vehicle could do that; else empty."""
+    beside = log_se3(inverse(predicted) @ motion)
+    away_m, turned = np.linalg.norm(beside[:3]), np.linalg.norm(beside[3:])
+    if away_m > WEAKEST_M + ACCELERATION_M_S2 * elapsed_s**2:
+        return f"a leap of {away_m:.2g} m beside the prediction"
+    if turned > WEAKEST_RAD + TURNING_RAD_S2 * elapsed_s**2:
+        return f"a leap of {turned:.2g} rad beside the prediction"
+    return ""
 
 
 def covariance_of(found: FeatureMatch) -> np.ndarray:
