@@ -11,17 +11,18 @@ import numpy as np
 
 from roadscope.core import Category, Detections, Frame
 from roadscope.detectors.drops import check_faint, without_faint
-from roadscope.detectors.long_range_body import Shot, Way, body_pose
+from roadscope.detectors.long_range_body import Shot, body_poses
 from roadscope.detectors.long_range_scores import FEATURES, features, shipped_model
 from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
 from roadscope.detectors.moving.links import Chain, Links
-from roadscope.detectors.moving.usual import usual
+from roadscope.detectors.moving.usual import Size, usual
 from roadscope.detectors.moving.view import inverse_of
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.pose.multi_frame import fit_multi
 from roadscope.detectors.pose.ransac import fit_ransac
+from roadscope.detectors.shape.bodies import Body
 
 FITS = ("single", "multi", "ransac", "body")
 MOST_POINTS = 150
@@ -107,9 +108,7 @@ class LongRangeDetector:
         asked, self._last = (self._last if self._late else shot), shot
         if asked is None:
             return [], scan.stamp_s
-        ego_from_drive = inverse_of(asked.drive_from_ego).tolist()
-        found = [_found(chain, asked, self._fit, ego_from_drive) for chain in self._links.chains]
-        return [f for f in found if f is not None], asked.scan.stamp_s
+        return _found(self._links.chains, asked, self._fit), asked.scan.stamp_s
 
 
 class Found(NamedTuple):
@@ -122,27 +121,53 @@ class Found(NamedTuple):
     features: np.ndarray
 
 
-def _found(chain: Chain, shot: Shot, fit: str, ego_from_drive: list[list[float]]) -> Found | None:
-    """Return a chain's vehicle in a shot, None when it was not seen in it or does not move.
+def _found(chains: Sequence[Chain], shot: Shot, fit: str) -> list[Found]:
+    """Return the vehicles of those chains that were seen in a shot and move."""
+    stamp_s, rings = shot.scan.stamp_s, shot.scan.ring
+    places = ((c, k) for c in chains for k, s in enumerate(c.sightings) if s.stamp_s == stamp_s)
+    moving = [(chain, at) for chain, at in places if chain.moves]
+    usuals = usual([chain for chain, _ in moving])
+    poses = _poses(moving, shot, fit, usuals)
+    # As numbers: for one place at a time they are faster than an array.
+    ego_from_drive = inverse_of(shot.drive_from_ego).tolist()
+    found = []
+    for (chain, at), pose, (body, size) in zip(moving, poses, usuals, strict=True):
+        seen = chain.sightings[at]
+        values = features(chain, seen, rings[seen.candidate.rows], pose)
+        found.append(_in_ego(pose, (body.category, size[2]), values, ego_from_drive))
+    return found
 
-    ego_from_drive: (4, 4), as numbers: for one place at a time they are faster than an array.
-    """
-    stamp_s = shot.scan.stamp_s
-    at = next((k for k, s in enumerate(chain.sightings) if s.stamp_s == stamp_s), None)
-    if at is None or not chain.moves:
-        return None
-    seen = chain.sightings[at]
-    body, size = usual(chain)
-    pose = body_pose(seen, shot, body, Way.of(chain)) if fit == "body" else None
-    pose = pose or _posed(chain, at, fit, size)
+
+def _poses(
+    moving: Sequence[tuple[Chain, int]], shot: Shot, fit: str, usuals: Sequence[tuple[Body, Size]]
+) -> list[VehiclePose]:
+    """Return a pose of each chain at one of its sightings, the drive's frame."""
+    if fit == "body":
+        fitted = body_poses(moving, shot, [body for body, _ in usuals])
+    else:
+        fitted = [None] * len(moving)
+    return [
+        pose or _posed(chain, at, fit, size)
+        for pose, (chain, at), (_, size) in zip(fitted, moving, usuals, strict=True)
+    ]
+
+
+def _in_ego(
+    pose: VehiclePose,
+    kind: tuple[Category, float],
+    values: np.ndarray,
+    ego_from_drive: list[list[float]],
+) -> Found:
+    """Bring a pose of the drive's frame into the ego frame; ego_from_drive: (4, 4)."""
     (a, b, _, ahead), (c, d, _, left), *_ = ego_from_drive
+    category, height_m = kind
     x, y = pose.x * a + pose.y * b + ahead, pose.x * c + pose.y * d + left
     return Found(
-        (x, y, size[2] / 2),
+        (x, y, height_m / 2),
         pose.yaw + math.atan2(c, a),
-        (pose.length, pose.width, size[2]),
-        body.category,
-        features(chain, seen, shot.scan.ring[seen.candidate.rows], pose),
+        (pose.length, pose.width, height_m),
+        category,
+        values,
     )
 
 

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core import Category, LidarScan, Pose
-from roadscope.detectors.moving.links import Chain, Sighting
+from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.moving.view import View
 from roadscope.detectors.pose.body_descent import AROUND as ALL
 from roadscope.detectors.pose.body_descent import LIMIT, drawn, space_of
 from roadscope.detectors.pose.body_descent_kernels import Rules
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem
-from roadscope.detectors.pose.body_glance import Search, Sought, likeliest
+from roadscope.detectors.pose.body_glance import Search, Sensed, Sought, glanced, ways
 from roadscope.detectors.pose.body_kernels import Rays
 from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
-from roadscope.detectors.pose.body_rays import Sighting as BodySighting
 from roadscope.detectors.pose.body_rays import beams_of
-from roadscope.detectors.pose.body_sight_kernels import Beams, Motion, Returns, rays_about
+from roadscope.detectors.pose.body_sight_kernels import Beams, Returns
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.shape.bodies import Body
 from roadscope.detectors.sorting import order_by
@@ -48,7 +47,7 @@ CLOSE = 15.0
 """First fits whose cost is no more than so much above the best's are followed to the end."""
 SEARCH = Search(
     np.array([*FIRST_M, 0.0]), np.array([*NEXT_M, 0.0]), np.array([*LAST_M, 0.0]),
-    COARSE_RAYS, UNLIKELY, CLOSE, Rules(LIMIT, CHANCES.edge_m),
+    BUDGET, COARSE_RAYS, UNLIKELY, CLOSE, Rules(LIMIT, CHANCES.edge_m),
 )  # fmt: skip
 
 
@@ -85,68 +84,61 @@ class Shot:
         columns = returns.column[order]
         return Shot(scan, view, drive_from_ego, ego_from_lidar, beams, returns, order, columns)
 
-    def sighting(self, rows: np.ndarray, time_s: float) -> BodySighting:
-        """Return what the rays around a body tell of it.
+    def moves(self, times_s: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """Return places at the stamp, turned as some times after it, and the sensor's velocity.
 
-        rows: (N,) returns of the body, N at least 1. time_s: from the stamp to when it was met.
+        (K, 4, 4) and (2,), of the sensor in the drive's frame.
         """
-        assert self.beams is not None
-        lidar = self.beams, _motion(self, time_s)
-        ordered = self.order, self.columns
-        rays, hits = rays_about(self.returns, ordered, rows, lidar, BUDGET)
-        return BodySighting(rays, lidar[1].matrix[:2, 3].copy(), int(hits))
+        x_s, y_s, turn_s = self.view.twist.tolist()
+        mount, drive = self.ego_from_lidar.matrix, self.drive_from_ego.matrix
+        x, y = mount[:2, 3]
+        velocity = np.array([x_s - turn_s * y, y_s + turn_s * x])
+        turns = [turn_s * time_s for time_s in times_s]
+        turned = np.zeros((len(turns), 3, 3))
+        turned[:, 0, 0] = turned[:, 1, 1] = [math.cos(turn) for turn in turns]
+        turned[:, 1, 0] = [math.sin(turn) for turn in turns]
+        turned[:, 0, 1], turned[:, 2, 2] = -turned[:, 1, 0], 1.0
+        matrices = np.repeat((drive @ mount)[None], len(turns), axis=0)
+        matrices[:, :3, :3] = drive[:3, :3] @ turned @ mount[:3, :3]
+        return matrices, drive[:2, :2] @ velocity
 
 
-class Way(NamedTuple):
-    """How a vehicle goes: m/s, radians in the drive's frame, and how well its heading is known.
+def body_poses(
+    moving: Sequence[tuple[Chain, int]], shot: Shot, bodies: Sequence[Body]
+) -> list[VehiclePose | None]:
+    """Return each vehicle's likeliest pose at the shot's stamp in the drive's frame.
 
-    A speed of 0 stands for what is not known, with any heading alike.
+    moving: chains, and which sighting of each is the shot's. None without a LiDAR that is known
+    or a ray that counts. There is no covariance: it takes as long again.
     """
-
-    speed: float
-    towards: float
-    heading_sd: float
-
-    @staticmethod
-    def of(chain: Chain) -> Way:
-        """Take the way from where a vehicle was met lately."""
-        spread = float(np.sqrt(((chain.times - chain.times.mean()) ** 2).sum()))
-        x, y = chain.velocity
-        speed = float(np.hypot(x, y))
-        if spread == 0 or speed == 0:
-            return Way(0.0, 0.0, np.inf)
-        sd = float(np.hypot(HEADING_RAD, MARK_M / spread / speed))
-        return Way(speed, float(np.arctan2(y, x)), sd) if sd < VAGUE_RAD else Way(0.0, 0.0, np.inf)
-
-
-def body_pose(seen: Sighting, shot: Shot, body: Body, way: Way) -> VehiclePose | None:
-    """Return the likeliest pose at the shot's stamp in the drive's frame.
-
-    None without a LiDAR that is known or a ray that counts. There is no covariance: it takes as
-    long again.
-    """
+    poses: list[VehiclePose | None] = [None] * len(moving)
     if shot.beams is None:
-        return None
-    sighting = shot.sighting(seen.candidate.rows, seen.met_s - seen.stamp_s)
-    if not sighting.returns:
-        return None
-    x, y, yaw, length, width, cost = likeliest(
-        sighting.rays, sighting.origin, way, _sought(body), SEARCH
-    )
-    return VehiclePose(x, y, yaw, length, width, score=-cost)
+        return poses
+    lidar = Sensed(shot.returns, shot.order, shot.columns, shot.beams)
+    for body in dict.fromkeys(bodies):
+        same = [k for k, other in enumerate(bodies) if other == body]
+        seen = [moving[k][0].sightings[moving[k][1]] for k in same]
+        rows = [s.candidate.rows for s in seen]
+        found = glanced(
+            lidar,
+            (np.concatenate(rows), np.cumsum([0, *map(len, rows)])),
+            shot.moves([s.met_s - s.stamp_s for s in seen]),
+            _ways([moving[k][0] for k in same]),
+            _sought(body),
+            SEARCH,
+        )
+        for k, (returns, x, y, yaw, length, width, cost) in zip(same, found.tolist(), strict=True):
+            poses[k] = VehiclePose(x, y, yaw, length, width, score=-cost) if returns else None
+    return poses
 
 
-def _motion(shot: Shot, time_s: float) -> Motion:
-    """Return place at the stamp, turned as it was a time after it, and velocity of the sensor."""
-    x_s, y_s, turn_s = shot.view.twist.tolist()
-    mount, drive = shot.ego_from_lidar.matrix, shot.drive_from_ego.matrix
-    x, y = mount[:2, 3]
-    velocity = np.array([x_s - turn_s * y, y_s + turn_s * x])
-    cos, sin = math.cos(turn_s * time_s), math.sin(turn_s * time_s)
-    turned = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    matrix = drive @ mount
-    matrix[:3, :3] = drive[:3, :3] @ turned @ mount[:3, :3]
-    return Motion(matrix, drive[:2, :2] @ velocity, 0.0, 1.0)
+def _ways(chains: Sequence[Chain]) -> np.ndarray:
+    """Return (K, 3) how vehicles go, as `ways` does."""
+    x, y = np.array([chain.velocity for chain in chains]).T
+    times_s = np.concatenate([chain.times for chain in chains])
+    starts = np.cumsum([0, *(len(chain.times) for chain in chains)])
+    going = np.column_stack([np.hypot(x, y), np.arctan2(y, x)])
+    return np.asarray(ways(times_s, starts, going, (HEADING_RAD, MARK_M, VAGUE_RAD)))
 
 
 @cache

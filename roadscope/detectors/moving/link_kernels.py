@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from roadscope.core.jit import compiled
@@ -66,26 +68,69 @@ def unsteady(times: np.ndarray, marks: np.ndarray, velocity: np.ndarray) -> floa
 
 
 @compiled()
+def roomy(
+    points: np.ndarray,
+    times_s: np.ndarray,
+    starts: np.ndarray,
+    chains: np.ndarray,
+    velocities: np.ndarray,
+    rules: tuple[np.ndarray, int, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return which body has room for what is seen of each chain, (C,), and its length, (C,) metres.
+
+    points: (N, 3) metres, and times_s (N,), seconds, of all sightings; starts: (S + 1,) where each
+    of these begins, chains: (C + 1,) where the sightings of each chain begin; velocities: (C, 2)
+    m/s. rules: length, width and height (B, 3) that there is room for; how many of the first count
+    only for what is higher than the last number, metres. The last has room for all.
+    """
+    bounds, riders, rider_m = rules
+    count = len(chains) - 1
+    kinds, along = np.empty(count, np.int64), np.empty(count)
+    for c in range(count):
+        first, last = chains[c], chains[c + 1]
+        seen = np.empty((last - first, 3))
+        for k in range(first, last):
+            part = slice(starts[k], starts[k + 1])
+            seen[k - first] = spans(points[part], times_s[part], velocities[c])
+        along[c], across = np.median(seen[:, 0]), np.median(seen[:, 1])
+        top = seen[:, 2].max()
+        body = 0 if top > rider_m else riders
+        while body < len(bounds) - 1 and (
+            along[c] > bounds[body, 0] or across > bounds[body, 1] or top > bounds[body, 2]
+        ):
+            body += 1
+        kinds[c] = body
+    return kinds, along
+
+
+@compiled()
 def spans(
-    points: np.ndarray, times_s: np.ndarray, velocity: np.ndarray, towards: float
+    points: np.ndarray, times_s: np.ndarray, velocity: np.ndarray
 ) -> tuple[float, float, float]:
-    """Return how far (N, 3) points reach along and across a body that goes about that way, and up.
+    """Return how far (N, 3) points reach along and across a body that goes that way, and up.
 
     Each point is carried back by its time (N,), seconds, with a (2,) velocity.
     """
+    towards = math.atan2(velocity[1], velocity[0])
     least, along, across = np.inf, 0.0, 0.0
     places = np.empty((2, len(points)))
     for i in range(len(points)):
         places[0, i] = points[i, 0] - times_s[i] * velocity[0]
         places[1, i] = points[i, 1] - times_s[i] * velocity[1]
     for turn in TURNS:
-        cos, sin = np.cos(towards + turn), np.sin(towards + turn)
-        low, high, right, left = np.inf, -np.inf, np.inf, -np.inf
-        for i in range(len(points)):
-            u = cos * places[0, i] + sin * places[1, i]
-            v = cos * places[1, i] - sin * places[0, i]
-            low, high, right, left = min(low, u), max(high, u), min(right, v), max(left, v)
-        if (high - low) * (left - right) < least:
-            along, across = high - low, left - right
-            least = along * across
+        long, wide = _extents(places[0], places[1], np.cos(towards + turn), np.sin(towards + turn))
+        if long * wide < least:
+            along, across, least = long, wide, long * wide
     return along, across, points[:, 2].max()
+
+
+# Places are finite, and the sign of a nought does not matter: several at a time.
+@compiled(borrowing=True, fastmath={"nnan", "nsz"})
+def _extents(x: np.ndarray, y: np.ndarray, cos: float, sin: float) -> tuple[float, float]:
+    """Return how far places reach along a unit vector and across it."""
+    low, high, right, left = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(len(x)):
+        u, v = cos * x[i] + sin * y[i], cos * y[i] - sin * x[i]
+        low, high = u if u < low else low, u if u > high else high
+        right, left = v if v < right else right, v if v > left else left
+    return high - low, left - right

@@ -1,7 +1,8 @@
-"""The likeliest pose of a body from the rays of one scan, and how it goes: one compiled call."""
+"""The likeliest poses of bodies from their rays in one scan, and how they go: one compiled call."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,13 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.detectors.pose.body_descent_kernels import Drawn, Rules, Space, lowest
 from roadscope.detectors.pose.body_kernels import POSE, Rays
-from roadscope.detectors.pose.body_sight_kernels import points_of
+from roadscope.detectors.pose.body_sight_kernels import (
+    Beams,
+    Motion,
+    Returns,
+    points_of,
+    rays_about,
+)
 from roadscope.detectors.pose.body_start import along_sides
 
 YAW, SPEED = 2, 3
@@ -27,19 +34,87 @@ class Sought(NamedTuple):
 class Search(NamedTuple):
     """How a body is searched.
 
-    first, next, last: slacks of the rounds, metres, the last two of each 0. rays: at most, of a
-    first fit. unlikely: first guesses whose squared deviation from the way is so much more than
-    the best's are left. close: first fits that cost no more than so much above the best's are
-    followed. rules: of the descent.
+    first, next, last: slacks of the rounds, metres, the last two of each 0. budget: returns of a
+    body beyond which neighbours are joined. rays: at most, of a first fit. unlikely: first guesses
+    whose squared deviation from the way is so much more than the best's are left. close: first fits
+    that cost no more than so much above the best's are followed. rules: of the descent.
     """
 
     first: np.ndarray
     next: np.ndarray
     last: np.ndarray
+    budget: int
     rays: int
     unlikely: float
     close: float
     rules: Rules
+
+
+class Sensed(NamedTuple):
+    """A scan and how it was made; order and columns as in `returns_about`."""
+
+    returns: Returns
+    order: np.ndarray
+    columns: np.ndarray
+    beams: Beams
+
+
+@compiled()
+def glanced(
+    sensed: Sensed,
+    held: tuple[np.ndarray, np.ndarray],
+    moves: tuple[np.ndarray, np.ndarray],
+    ways: np.ndarray,
+    sought: Sought,
+    search: Search,
+) -> np.ndarray:
+    """Return returns that count, x, y, yaw, length, width and cost of each body, (K, 7).
+
+    held: rows of each body's returns, one body after the other, and (K + 1,) where each begins.
+    moves: (K, 4, 4) and (2,) matrices and velocity of `Motion`, turned as the sensor was when it
+    met each. ways: (K, 3), as in `likeliest`. Where no return counts the rest says nothing.
+    """
+    (rows, starts), (matrices, velocity) = held, moves
+    found = np.zeros((len(matrices), 7))
+    for k in range(len(matrices)):
+        motion = Motion(matrices[k], velocity, 0.0, 1.0)
+        ordered, own = (sensed.order, sensed.columns), rows[starts[k] : starts[k + 1]]
+        lidar = sensed.beams, motion
+        rays, hits = rays_about(sensed.returns, ordered, own, lidar, search.budget)
+        found[k, 0] = hits
+        if hits:
+            way = ways[k, 0], ways[k, 1], ways[k, 2]
+            found[k, 1:] = likeliest(rays, motion.matrix[:2, 3].copy(), way, sought, search)
+    return found
+
+
+@compiled()
+def ways(
+    times_s: np.ndarray,
+    starts: np.ndarray,
+    going: np.ndarray,
+    rules: tuple[float, float, float],
+) -> np.ndarray:
+    """Return (K, 3) how vehicles go: speed, m/s, heading and its standard deviation, radians.
+
+    A speed of 0 stands for what is not known, with any heading alike. times_s: when each was met
+    lately, one vehicle after the other; starts: (K + 1,) where each begins. going: (K, 2) speed and
+    heading at which each is followed. rules: by how much a heading departs from a way that is known
+    well; scatter of the mark that is followed, metres; and a way that is known no better than this
+    says nothing.
+    """
+    heading, mark_m, vague = rules
+    out = np.zeros((len(going), 3))
+    out[:, 2] = np.inf
+    for k in range(len(going)):
+        met = times_s[starts[k] : starts[k + 1]]
+        spread, speed = math.sqrt(((met - met.mean()) ** 2).sum()), going[k, 0]
+        if spread == 0.0 or speed == 0.0:
+            continue
+        sd = math.hypot(heading, mark_m / spread / speed)
+        if sd < vague:
+            out[k, 0], out[k, 1], out[k, 2] = speed, going[k, 1], sd
+    return out
 
 
 @compiled()
