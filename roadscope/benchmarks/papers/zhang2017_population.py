@@ -91,13 +91,18 @@ def passing(model: BodyModel, band: str, seed: int | Sequence[int]) -> Passing:
         # Where on the body lies what is seen of it.
         drawn = state + np.concatenate([model.drawn_m * rng.standard_normal(2), np.zeros(POSE - 2)])
         speed = max(state[3] + VELOCITY_SD * rng.standard_normal(), SLOWEST_M_S)
-        drive = Drive(band, _Way(drawn), _standing, FRAMES, rolling=True)
+        drive = way_of(drawn)
         if np.hypot(*drive.car(FRAME_S * np.arange(FRAMES))[:, :2].T).min() < CLEAR_M:
             continue
         shots = shots_of(drive, lidar(), body, (SENSOR_HEIGHT_M, UNTURNED), rng)
         if shots[MIDDLE].target.sum() >= FEWEST:
             return Passing(shots, state[:3], speed * np.array([np.cos(state[2]), np.sin(state[2])]))
     raise ValueError(f"no car returned {FEWEST} rays in {TRIES} tries at {band}")
+
+
+def way_of(state: np.ndarray) -> Drive:
+    """Return the drive past a standing sensor whose middle frame has a state, x to acceleration."""
+    return Drive("passing", _Way(state), _standing, FRAMES, rolling=True)
 
 
 def _state(band: tuple[float, float], rng: np.random.Generator) -> np.ndarray:

@@ -92,7 +92,8 @@ def fit_sighting(
     coarse = still_problem(thinned(sighting.rays, COARSE_RAYS), model, chances, np.arange(3))
     if speed is not None:
         problem, coarse = moving(problem, speed), replace(coarse, fixed=at_speed(speed))
-    guesses = starts(_points(sighting, course, speed), sighting.origin, model)
+    points = _points(sighting, course, speed)
+    guesses = starts(points, sighting.origin, model, cut=sighting.cut)
     rough = descend(coarse, guesses)
     costs = rough.costs
     if course is not None:

@@ -23,6 +23,8 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 BUDGET = 160
 """Returns above which neighbours are joined, unless said otherwise."""
+BRINK = 3
+"""Columns at either end of a sweep: of a body met there the rest may not have been met."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +33,13 @@ class Sighting:
 
     rays: times in seconds from the scan's stamp.
     origin: (2,) of the sensor, metres, world frame. returns: how many the body sent back.
+    cut: whether the sweep begins or ends on the body, so that only a part may have been met.
     """
 
     rays: Rays
     origin: np.ndarray
     returns: int
+    cut: bool
 
     @property
     def points(self) -> np.ndarray:
@@ -72,15 +76,10 @@ def sight(
     returns = Returns(scan.points, scan.ring, scan.column, scan.intensity)
     velocity = np.zeros(2) if sensor_velocity is None else np.asarray(sensor_velocity, float)
     motion = Motion(world_from_lidar.matrix, velocity, float(sensor_turn), float(rolling))
-    return sighted(beams_of(spec), returns, target, motion, budget)
-
-
-def sighted(
-    beams: Beams, returns: Returns, target: np.ndarray, motion: Motion, budget: int
-) -> Sighting:
-    """Return what `sight` does, of returns that need no check."""
-    rays, hits = _rays(beams, returns, target, motion, budget)
-    return Sighting(rays, motion.matrix[:2, 3].copy(), int(hits))
+    rays, hits = _rays(beams_of(spec), returns, target, motion, budget)
+    met = scan.column[target]
+    cut = rolling and bool(((met < BRINK) | (met >= spec.columns - BRINK)).any())
+    return Sighting(rays, motion.matrix[:2, 3].copy(), int(hits), cut)
 
 
 @compiled()

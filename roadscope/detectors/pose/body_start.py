@@ -16,12 +16,28 @@ MOST = 64
 """Returns looked at."""
 
 
-def starts(points: np.ndarray, origin: np.ndarray, model: BodyModel) -> np.ndarray:
+def starts(
+    points: np.ndarray, origin: np.ndarray, model: BodyModel, *, cut: bool = False
+) -> np.ndarray:
     """Return x, y, yaw (4, 3) for the headings along the sides of an initial rectangle.
 
-    points: (N, 2) metres, N at least 1. origin: (2,) metres, the sensor.
+    points: (N, 2) metres, N at least 1. origin: (2,) metres, the sensor. cut: the sweep began or
+    ended on the body, so that its near end may be missing; (16, 3) more have each end at one of
+    the points' own.
     """
-    return np.asarray(along_sides(points, origin, model.length_m[0], model.width_m[0]))
+    length, width = model.length_m[0], model.width_m[0]
+    guesses = np.asarray(along_sides(points, origin, length, width))
+    if not cut:
+        return guesses
+    more = []
+    for x, y, yaw in guesses:
+        for turned, extent in ((yaw, length), (yaw + 0.5 * np.pi, width)):
+            axis = np.array([np.cos(turned), np.sin(turned)])
+            low, high = _reach(points, (axis[0], axis[1]))
+            for middle in (low + 0.5 * extent, high - 0.5 * extent):
+                moved = np.array([x, y]) + (middle - axis @ (x, y)) * axis
+                more.append([*moved, yaw])
+    return np.concatenate([guesses, more])
 
 
 @compiled()

@@ -10,33 +10,20 @@ import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.detectors.pose.body_descent import LIMIT, SLACKS_M, descend, misfits_of
-from roadscope.detectors.pose.body_fit import (
-    CHANCES,
-    COARSE_RAYS,
-    NEAR,
-    TURN_SD,
-    pose_of,
-    still_problem,
-    thinned,
-    thinned_problem,
-)
+from roadscope.detectors.pose.body_fit import CHANCES, TURN_SD, pose_of, thinned_problem
 from roadscope.detectors.pose.body_kernels import HIT, POSE, Chances, Rays, pose_after
 from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_posterior import Guess, around, posterior
 from roadscope.detectors.pose.body_rays import Sighting, sight
 from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
-from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
+from roadscope.detectors.pose.window_start import TURNED, Guesses, Seen
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 SPEED_SD, ACCELERATION_SD = 30.0, 0.7
 """Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is seen."""
 SPEED = 3
 """Place of the speed among what is free, where it is."""
-SEEN = 3
-"""Returns from which a scan alone gives a good first guess."""
-TORN_S = 0.05
-"""Time within which a sweep meets a body, unless the seam of the sweep goes through it."""
 BUDGET, LEAST = 480, 96
 """Returns of all scans of a window, and of one, above which neighbours are joined: with fewer of
 one scan, beams of a near vehicle would be left out."""
@@ -60,36 +47,6 @@ WORSE = 1.1
 """By how much the cost of a return must grow for another search, after one that gained nothing."""
 BACKWARD_M_S, WAY_M = -1.0, 0.5
 """Speed from which a vehicle is taken to have been turned round, and the way that tells."""
-TURNED = 1e3
-"""Added to the cost of a vehicle turned round, or across the way it goes."""
-COURSE_M, COURSE_M_S = 1.5, 3.0
-"""Way of the returns' mean within the window, and speed, from which it tells where a vehicle
-heads: which of its sides are seen may change that mean by much of its size, but not that fast."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """One scan of the window: when, its rays, and where the sensor was, x, y, yaw."""
-
-    stamp_s: float
-    sighting: Sighting
-    place: np.ndarray
-
-    @property
-    def met_s(self) -> float:
-        """When the body was met, or the stamp where it was not."""
-        rays = self.sighting.rays
-        hits = rays.kind == HIT
-        return self.stamp_s + float(rays.time[hits].mean()) if hits.any() else self.stamp_s
-
-    @property
-    def torn(self) -> bool:
-        """Whether the body was met both when the sweep began and when it ended: twice, in effect.
-
-        One that goes fast is elsewhere by then, and no pose fits both.
-        """
-        times = self.sighting.rays.time[self.sighting.rays.kind == HIT]
-        return bool(np.ptp(times) > TORN_S) if len(times) else False
 
 
 class _Shot(NamedTuple):
@@ -152,12 +109,13 @@ class Smoother:
             raise ValueError(f"lag must be from 0 to frames - 1 = {frames - 1}, got {lag}")
         self._spec, self._model, self._chances = spec, model, chances
         self._frames = frames
+        self._guesses = Guesses(model, chances)
         self.reset()
 
     def reset(self) -> None:
         """Forget every scan."""
-        self._window: deque[_Seen] = deque(maxlen=self._frames)
-        self._single: dict[float, tuple[np.ndarray, np.ndarray]] = {}
+        self._window: deque[Seen] = deque(maxlen=self._frames)
+        self._guesses.reset()
         self._last: tuple[float, np.ndarray] | None = None
         self._known: _Known | None = None
         self._anchor: tuple[float, np.ndarray] | None = None
@@ -182,10 +140,10 @@ class Smoother:
         if self._first is not None and rolling:
             # Only now is known how the sensor went while it took its first scan.
             self._window[0] = replace(self._window[0], sighting=self._sighted(self._first, motion))
-            self._single.clear()
+            self._guesses.reset()
         shot = _Shot(scan, target, world_from_lidar, rolling)
         self._first = None if self._window else shot
-        self._window.append(_Seen(scan.stamp_s, self._sighted(shot, motion), place))
+        self._window.append(Seen(scan.stamp_s, self._sighted(shot, motion), place))
         return self._solve(len(self._window) - 1 - self._lag)
 
     def _sighted(self, shot: _Shot, motion: np.ndarray) -> Sighting:
@@ -249,7 +207,7 @@ class Smoother:
             rough = descend(thinned_problem(problem), before[None, problem.free], NEAR_SLACKS_M[:2])
             tries.append(descend(problem, rough.vectors, NEAR_SLACKS_M[2:]))
         if not tries or tries[0].costs[0] > bound:
-            guesses = self._guesses(stamp_s)
+            guesses = self._guesses.at(stamp_s, self._window)
             if len(guesses):
                 rough = descend(thinned_problem(problem), guesses[:, problem.free], SLACKS_M[:-2])
                 turned = self._turned(problem.whole(rough.vectors))
@@ -310,66 +268,8 @@ class Smoother:
         before, state = self._last
         return np.concatenate([_state_after(state[:POSE], stamp_s - before), state[POSE:]])
 
-    def _guesses(self, stamp_s: float) -> np.ndarray:
-        """Return first guesses (S, 11) of the state at a stamp from the poses of single scans."""
-        some = [seen for seen in self._window if seen.sighting.returns]
-        enough = [seen for seen in some if seen.sighting.returns >= SEEN] or some
-        if not enough:
-            return np.empty((0, WHOLE))
-        enough = [seen for seen in enough if not seen.torn] or enough
-        nearest = min(enough, key=lambda seen: abs(seen.stamp_s - stamp_s))
-        course = _course(enough[0], enough[-1])
-        known = [(seen, self._alone(seen, course)) for seen in (enough[0], nearest, enough[-1])]
-        return np.array([_between(known, stamp_s, turned) for turned in (0.0, np.pi)])
-
-    def _alone(self, seen: _Seen, course: float | None) -> np.ndarray:
-        """Return the pose (3,) that a scan alone has, of those along the way it goes."""
-        if seen.stamp_s not in self._single:
-            sighting = seen.sighting
-            problem = still_problem(
-                thinned(sighting.rays, COARSE_RAYS), self._model, self._chances, np.arange(3)
-            )
-            guesses = starts(sighting.points, sighting.origin, self._model)
-            found = descend(problem, guesses)
-            self._single[seen.stamp_s] = found.vectors, found.costs
-        vectors, costs = self._single[seen.stamp_s]
-        if course is not None:
-            costs = costs + TURNED * (np.abs(np.cos(vectors[:, 2] - course)) < NEAR)
-        pose: np.ndarray = vectors[np.argmin(costs)]
-        return pose
-
 
 def _backward(speeds: np.ndarray, variances: np.ndarray) -> np.ndarray:
     """Return what it costs (S,) to go backwards, as far as that is known: vehicles rarely do."""
     costs: np.ndarray = np.minimum(np.minimum(speeds, 0.0) ** 2 / variances, CLOSE)
     return costs
-
-
-def _course(first: _Seen, last: _Seen) -> float | None:
-    """Return the direction, radians, in which the returns' mean went from scan to scan."""
-    span = last.met_s - first.met_s
-    way = last.sighting.points.mean(axis=0) - first.sighting.points.mean(axis=0)
-    length = float(np.hypot(*way))
-    if length < COURSE_M or length < COURSE_M_S * span:
-        return None
-    return float(np.arctan2(way[1], way[0]))
-
-
-def _between(known: list[tuple[_Seen, np.ndarray]], stamp_s: float, turned: float) -> np.ndarray:
-    """Return the state (11,) that goes with the poses of single scans.
-
-    known: of the first, of the nearest to the stamp and of the last.
-    """
-    nearest, pose = known[1]
-    state = np.zeros(WHOLE)
-    state[:3] = pose
-    state[2] += turned
-    (first, start), (last, end) = known[0], known[-1]
-    span = last.met_s - first.met_s
-    if span > 0:
-        velocity = (end[:2] - start[:2]) / span
-        heading = np.array([np.cos(state[2]), np.sin(state[2])])
-        turn = (end[2] - start[2] + np.pi / 4) % (np.pi / 2) - np.pi / 4
-        state[:2] += velocity * (stamp_s - nearest.met_s)
-        state[3], state[4] = velocity @ heading, turn / span
-    return state

@@ -1,8 +1,17 @@
 import numpy as np
 import pytest
 
+from roadscope.benchmarks.papers.zhang2017_calibration import fitted
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
-from roadscope.benchmarks.papers.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_population import (
+    UNTURNED,
+    Passing,
+    body_of,
+    lidar,
+    way_of,
+)
+from roadscope.benchmarks.papers.zhang2017_scene import SENSOR_HEIGHT_M, film, shots_of
+from roadscope.detectors.pose.body_model import UNKNOWNS
 from roadscope.detectors.pose.estimate import axis_difference
 from roadscope.detectors.pose.smoother import Smoother
 
@@ -130,3 +139,24 @@ def test_sharp_noise_turns_no_vehicle_across_its_way(seed):
     run = film("straight", seed, noise=0.5)
     turned = np.abs(errors(run, follow(run, frames=3))[:, 2])
     assert turned.max() < np.radians(45.0)
+
+
+AT_THE_SEAM = [
+    (-13.0, 4.4, -2.0, 78.0), (-10.65, 1.4, -1.68, 42.0), (-22.0, 0.05, 0.04, 31.0),
+    (-16.0, 1.6, 1.67, 37.0), (-12.0, -1.0, 0.6, 5.0),
+]  # fmt: skip
+"""x, y, yaw, speed in the middle frame."""
+
+
+@pytest.mark.parametrize("frames", [1, 3, 7])
+@pytest.mark.parametrize("way", AT_THE_SEAM)
+def test_cars_that_the_sweep_begins_and_ends_on_are_found(way, frames):
+    """It does so behind the LiDAR: cars there are met in part, or twice and elsewhere by then."""
+    model, rng = fusion(), np.random.default_rng(3)
+    body = body_of(model, np.zeros(UNKNOWNS))
+    drive = way_of(np.array([*way, 0.1, 0.3]))
+    shots = shots_of(drive, lidar(), body, (SENSOR_HEIGHT_M, UNTURNED), rng)
+    told = way[3] * np.array([np.cos(way[2]), np.sin(way[2])])
+    pose = fitted(model, Passing(shots, np.array(way[:3]), told), frames)
+    off = np.array([pose.x - way[0], pose.y - way[1], axis_difference(pose.yaw, way[2])])
+    assert off @ np.linalg.solve(pose.covariance, off) < 25.0
