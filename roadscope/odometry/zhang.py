@@ -40,7 +40,11 @@ class Moment:
 class ZhangOdometry:
     """Matches edges and planes from scan to scan, cluster by cluster, without what moves.
 
-    eps_m, angle_deg, min_points: of the clustering (table 1).
+    eps_m, angle_deg, min_points: of the clustering (table 1). windows: whether the angle bounds
+        clusters or links alone. A wall that is one cluster wherever it goes has another centre
+        as soon as something hides a part of it, and moves as a whole; the paper drops the parts
+        of walls that only one of the scans shows. With wide columns, windows leave too few
+        neighbours for a roughness, so that links alone are bounded unless told otherwise.
     still_m, still_m_s, view: a cluster is dynamic whose centre moved farther than the first, plus
         the second times the time between the scans, plus the third times the own way: what is
         seen of a wall goes along with the sensor. The paper prints no threshold.
@@ -50,13 +54,13 @@ class ZhangOdometry:
 
     def __init__(
         self, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
-        still_m: float = 0.05, still_m_s: float = 0.5, view: float = 1.0,
-        roughness: Reading = "ring",
+        windows: bool = False, still_m: float = 0.05, still_m_s: float = 0.5,
+        view: float = 1.0, roughness: Reading = "ring",
         drop_dynamic: bool = True, same_cluster: bool = True,
     ) -> None:  # fmt: skip
         if roughness not in get_args(Reading):
             raise ValueError(f"roughness is 'ring' or 'cluster', got {roughness!r}")
-        self.clustering = Clustering(eps_m, angle_deg, min_points)
+        self.clustering = Clustering(eps_m, angle_deg, min_points, windows)
         self.still_m, self.still_m_s, self.view = still_m, still_m_s, view
         self.roughness = roughness
         self.drop_dynamic, self.same_cluster = drop_dynamic, same_cluster
@@ -95,7 +99,8 @@ class ZhangOdometry:
 
     def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
         """Undo the sweep's own motion and take the roughest and smoothest of each cluster."""
-        return cluster_features(segments.at_stamp(motion, since_s), segments, self.roughness)
+        points, sectors = segments.at_stamp(motion, since_s), not self.clustering.windows
+        return cluster_features(points, segments, self.roughness, sectors=sectors)
 
     def _same_clusters(
         self, segments: Segments, predicted: np.ndarray, since_s: float

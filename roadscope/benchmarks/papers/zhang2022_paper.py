@@ -12,6 +12,7 @@ ROUTE, READING, CLAIMS = "long route", "readings, standing", "claims: lower than
 STD, MAX, MIN, MEAN, END = "std", "max", "min", "mean", "end error"
 READINGS = {
     "zhang2022?roughness='cluster'": "eq. 6 as printed",
+    "zhang2022?windows=True": "angle bounds clusters",
     "zhang2022?view=0.0": "own way not allowed for",
     "zhang2022?same_cluster=False": "any cluster's features",
     "zhang2022?drop_dynamic=False": "nothing dropped",
@@ -73,9 +74,13 @@ def note_of(experiment: str) -> str | None:
             "The paper drives KITTI with an HDL-64E; here it is 40 s of a lap with traffic and a "
             "VLP-16, so that its figures are of another length."
         )
+    if experiment.endswith("noise"):
+        return "Range noise of the LiDAR and all errors of the IMU, of the first 5 seeds at most."
     if experiment.startswith("dynamic"):
         return (
-            "A cluster is dynamic whose centre moved 0.05 m + 0.5 m/s + the own way: the paper "
-            "prints no threshold. What it says of points is of one pair of scans."
+            "The search angle of 5 deg bounds steps from return to return; one can also read that "
+            "it bounds clusters, as the walls in the paper's figures suggest. A cluster is "
+            "dynamic whose centre moved 0.05 m + 0.5 m/s + the own way: the paper prints no "
+            "threshold. What it says of points is of one pair of scans."
         )
     return None

@@ -7,7 +7,7 @@ drives. Its LiDAR stands level on a robot that does not sway.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -18,9 +18,11 @@ from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.ego_motion import EgoMotion
 from roadscope.envs.sensors.imu import measure
 from roadscope.envs.sensors.imu_noise import ImuNoise
+from roadscope.envs.sensors.imu_spec import ImuSpec
 from roadscope.envs.sensors.imu_specs import IMUS
 from roadscope.envs.sensors.inertial import samples_of
 from roadscope.envs.sensors.lidar import sweep
+from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.sensors.lidar_specs import SPECS
 from roadscope.envs.sensors.rig import ImuMount, LidarMount
 from roadscope.envs.traffic.road_map import RoadMap
@@ -31,6 +33,10 @@ LIDAR = LidarMount("lidar", SPECS["vlp16"], Pose.planar(0.0, 0.0, 0.0, 0.6))
 """The paper gives no height: a robot as high as a knee, the LiDAR on top."""
 IMU = ImuMount("imu", IMUS["zed2"], Pose.planar(0.15, 0.0, 0.0, 0.55))
 """The camera's, as in the paper, in front of the LiDAR."""
+IMU_ERRORS = (
+    "gyro_noise", "gyro_walk", "gyro_turn_on",
+    "accelerometer_noise", "accelerometer_walk", "accelerometer_turn_on",
+)  # fmt: skip
 STEP_S, AFTER_S = 0.05, 0.5
 """Of recorded states, which go on a little after the last scan."""
 PUSH_M_S2 = 0.5
@@ -110,12 +116,17 @@ class Shot:
     moving: np.ndarray
 
 
-def film(play: Play, seed: int) -> Iterator[Shot]:
-    """Sense an experiment sweep by sweep, every 0.1 s."""
-    layout, people, noise, unit = np.random.SeedSequence(seed).generate_state(4)
+def film(play: Play, seed: int, noise: float = 1.0) -> Iterator[Shot]:
+    """Sense an experiment sweep by sweep, every 0.1 s.
+
+    noise: factor on the range noise of the LiDAR and on all errors of the IMU.
+    """
+    layout, people, returns, unit = np.random.SeedSequence(seed).generate_state(4)
     timeline = _timeline(play, np.random.default_rng(people))
     scenery, bodies = building(int(layout)), actor_bodies(timeline, int(people))
-    motion, errors = EgoMotion(timeline), ImuNoise(IMU.spec, int(unit))
+    spec, imu_spec = sensors(noise)
+    motion, errors = EgoMotion(timeline), ImuNoise(imu_spec, int(unit))
+    imu = replace(IMU, spec=imu_spec)
     path = partial(motion.mounted, LIDAR.ego_from_lidar)
     first = np.linalg.inv(_pose(*path(np.array([LIDAR.stamp_s(0)]))))
     for k in range(play.scans):
@@ -127,14 +138,21 @@ def film(play: Play, seed: int) -> Iterator[Shot]:
         present[0] = False
         poses = np.concatenate([states.axles, states.yaws[..., None]], axis=2)
         scene = Scene(scenery, bodies, knots, poses, present)
-        rng = np.random.default_rng([int(noise), k])
-        scan, seen = sweep(scene, LIDAR.spec, path, stamp_s, rng=rng)
+        rng = np.random.default_rng([int(returns), k])
+        scan, seen = sweep(scene, spec, path, stamp_s, rng=rng)
         here = motion.at(np.array([stamp_s]), LIDAR.ego_from_lidar.translation)
         yield Shot(
-            scan, measure(motion, IMU, errors, *samples_of(LIDAR, k, IMU.spec.rate_hz)),
+            scan, measure(motion, imu, errors, *samples_of(LIDAR, k, IMU.spec.rate_hz)),
             first @ _pose(*path(np.array([stamp_s]))), here.rotations[0].T @ here.velocities[0],
             seen.owners >= 0,
         )  # fmt: skip
+
+
+def sensors(noise: float) -> tuple[LidarSpec, ImuSpec]:
+    """Return both sensors with their errors multiplied."""
+    worse = {name: noise * getattr(IMU.spec, name) for name in IMU_ERRORS}
+    lidar = replace(LIDAR.spec, range_noise_m=noise * LIDAR.spec.range_noise_m)
+    return lidar, replace(IMU.spec, **worse)
 
 
 def _pose(rotations: np.ndarray, positions: np.ndarray) -> np.ndarray:

@@ -18,7 +18,6 @@ from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
 from roadscope.core import LidarScan, Pose
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering.range_angle import cluster_range_angle
 from roadscope.detectors.ground.polar import polar_above_ground
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.clusters.cluster_match import match_clusters
@@ -108,19 +107,14 @@ def _stages(before: LidarScan, now: LidarScan) -> dict[str, Callable[[], Any]]:
     pose = Pose.planar(0.0, 0.0, 0.0, sensor_height(now.points))
     cloud = Cloud.of(now, pose)
     standing = cloud.select(polar_above_ground(cloud, ceiling_m=np.inf))
-    labels = cluster_range_angle(
-        standing, eps_m=rule.eps_m, angle_deg=rule.angle_deg, min_points=rule.min_points
-    )
+    labels = rule.labels(standing)
     found = segments_of(now, rule)
     earlier = segments_of(before, rule)
     return {
         "height of the sensor": partial(sensor_height, now.points),
         "cloud": partial(Cloud.of, now, pose),
         "ground removal": partial(polar_above_ground, cloud, ceiling_m=np.inf),
-        CLUSTERED: partial(
-            cluster_range_angle, standing, eps_m=rule.eps_m, angle_deg=rule.angle_deg,
-            min_points=rule.min_points,
-        ),
+        CLUSTERED: partial(rule.labels, standing),
         "clusters' centres": partial(centres_of, standing.points, labels),
         LABELLED: partial(
             match_clusters, found.centres, earlier.centres, np.eye(4), 0.1

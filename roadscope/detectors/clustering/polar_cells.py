@@ -19,48 +19,63 @@ HAIR = 1e-9
 """Cells are wider than half of what is linked by this share, for rounding."""
 BESIDE = 2
 """Links reach over so many cells in range and so many in angle."""
+SEVERAL = -1
+"""In place of a row that stands for all of a run or cell."""
 
 
 class Rule(NamedTuple):
-    """When two returns are linked: limit in metres at range 0 and more per metre, and an angle."""
+    """When two returns are linked: limit in metres at range 0 and more per metre, and an angle.
+
+    windows: the turn is divided into so many from straight behind on, which no link leaves; each
+    is no wider than the angle. 0: it is not divided.
+    """
 
     eps_m: float
     reach: float
     angle: float
+    windows: int
 
 
 class Polar(NamedTuple):
-    """Returns in the order of their cells: (N, 3) points, rings, azimuths, ranges."""
+    """Returns by (N,) sector, shell and ring: (N, 3) points, azimuths, ranges."""
 
     points: np.ndarray
-    ring: np.ndarray
     azimuths: np.ndarray
     ranges: np.ndarray
 
 
+class Runs(NamedTuple):
+    """Returns of one cell and one ring: (R + 1,) starts, and N.
+
+    lows, highs: (R,) metres, least and greatest height. limits: (R,) metres, no link is longer.
+    """
+
+    starts: np.ndarray
+    lows: np.ndarray
+    highs: np.ndarray
+    limits: np.ndarray
+
+
 @compiled()
 def linked_sets(points: np.ndarray, origin: np.ndarray, ring: np.ndarray, rule: Rule) -> np.ndarray:
-    """Return for each of (N, 3) points one, (N,) int64, that stands for all it is linked with."""
-    keys, azimuths, ranges, shells, sectors = _cells(points, origin, rule)
-    order = order_by(keys)
-    cloud = Polar(points[order], ring[order], azimuths[order], ranges[order])
-    parents = np.arange(len(points))
-    starts, cells = _starts(keys[order])
-    whole = np.empty(len(cells), np.bool_)
-    for cell in range(len(cells)):
-        whole[cell] = _link_inside(cloud, parents, (starts[cell], starts[cell + 1]), rule)
-    around = BESIDE if sectors > 1 else 0
-    for cell in range(len(cells)):
-        sector, shell = cells[cell] // shells, cells[cell] % shells
-        for shift in range(around + 1):
-            base = (sector + shift) % sectors * shells
-            first = base + (shell + 1 if shift == 0 else max(shell - BESIDE, 0))
-            last = base + min(shell + BESIDE, shells - 1)
-            other = np.searchsorted(cells, first)
-            while other < len(cells) and cells[other] <= last:
-                rows = (starts[cell], starts[cell + 1], starts[other], starts[other + 1])
-                _link_across(cloud, parents, rows, whole[cell] and whole[other], rule)
-                other += 1
+    """Return for each of (N, 3) points one, (N,) int64, that stands for all it is linked with.
+
+    Neighbours in the sweep, which is the order of the points, are linked first: what then is in
+    one set need not be compared.
+    """
+    swept, sector, shell, sectors = _cells(points, origin, rule)
+    near = _neighbours(swept, ring, sector, rule)
+    rings = ring.max() - ring.min() + 1
+    order = order_by(shell * rings + (ring - ring.min()))
+    order = order[order_by(sector[order])]
+    cloud = Polar(points[order], swept.azimuths[order], swept.ranges[order])
+    parents = _in_order(near, order)
+    sector, shell = sector[order], shell[order]
+    runs, cells = _runs(cloud, (sector, shell, ring[order]), rule)
+    firsts = runs.starts[cells[:-1]]
+    sector, shell = sector[firsts], shell[firsts]
+    around = BESIDE if sectors > 1 and rule.windows == 0 else 0
+    _link_cells(cloud, parents, (runs, cells, sector, shell), (sectors, around), rule)
     sets = np.empty(len(points), np.int64)
     for row in range(len(points)):
         sets[order[row]] = order[root_of(parents, row)]
@@ -70,17 +85,18 @@ def linked_sets(points: np.ndarray, origin: np.ndarray, ring: np.ndarray, rule: 
 @compiled()
 def _cells(
     points: np.ndarray, origin: np.ndarray, rule: Rule
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int, int]:
-    """Return cell, azimuth and range of each point, the number of shells and that of sectors.
+) -> tuple[Polar, np.ndarray, np.ndarray, int]:
+    """Return the points, sector and shell of each, (N,) int64, and the number of sectors.
 
-    Sectors are as wide as half the angle, shells as half the limit: range is measured in limits,
-    the integral of dr / (eps + reach r).
+    Sectors are windows, or as wide as half the angle; shells as half the limit: range is measured
+    in limits, the integral of dr / (eps + reach r).
     """
     sectors = int(min(2 * np.pi / (rule.angle / BESIDE * (1 + HAIR)), MOST_SECTORS))
     sectors = sectors if sectors > 2 * BESIDE else 1
+    sectors = rule.windows if rule.windows > 0 else sectors
     size = len(points)
     azimuths, ranges = np.empty(size), np.empty(size)
-    sector, shell, shells = np.empty(size, np.int64), np.empty(size, np.int64), 1
+    sector, shell = np.empty(size, np.int64), np.empty(size, np.int64)
     for row in range(size):
         x, y = points[row, 0] - origin[0], points[row, 1] - origin[1]
         azimuths[row], ranges[row] = np.arctan2(y, x), np.sqrt(x * x + y * y)
@@ -90,41 +106,109 @@ def _cells(
         if rule.reach > 0:
             limits = np.log1p(rule.reach * limits) / rule.reach
         shell[row] = int(BESIDE * limits * (1 - HAIR))
-        shells = max(shells, shell[row] + 1)
-    return sector * shells + shell, azimuths, ranges, shells, sectors
+    return Polar(points, azimuths, ranges), sector, shell, sectors
 
 
 @compiled()
-def _starts(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each run of equal keys begins, and N, and the keys: (C + 1,) and (C,)."""
-    starts, cells, count = np.empty(len(keys) + 1, np.int64), np.empty(len(keys), np.int64), 0
-    for row in range(len(keys)):
-        if row == 0 or keys[row] != keys[row - 1]:
-            starts[count], cells[count] = row, keys[row]
+def _neighbours(swept: Polar, ring: np.ndarray, sector: np.ndarray, rule: Rule) -> np.ndarray:
+    """Return parents, (N,) int64, after links to the last return and to the last of the ring."""
+    parents, lowest = np.arange(len(ring)), ring.min()
+    last = np.full(ring.max() - lowest + 1, -1)
+    for row in range(len(ring)):
+        before, beside = row - 1, last[ring[row] - lowest]
+        last[ring[row] - lowest] = row
+        for other in (before, beside):
+            allowed = other >= 0 and (rule.windows == 0 or sector[row] == sector[other])
+            if allowed and _are_linked(swept, row, other, rule):
+                join(parents, row, other)
+    return parents
+
+
+@compiled()
+def _in_order(parents: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Return the same sets with rows numbered in another order, each under its first."""
+    first, moved = np.full(len(order), -1), np.empty(len(order), np.int64)
+    for row in range(len(order)):
+        root = root_of(parents, order[row])
+        if first[root] < 0:
+            first[root] = row
+        moved[row] = first[root]
+    return moved
+
+
+@compiled()
+def _runs(
+    cloud: Polar, keys: tuple[np.ndarray, np.ndarray, np.ndarray], rule: Rule
+) -> tuple[Runs, np.ndarray]:
+    """Return runs of one sector, shell and ring, and at which of them cells begin, (C + 1,)."""
+    sector, shell, ring = keys
+    size, count, cell = len(ring), 0, 0
+    starts, cells = np.empty(size + 1, np.int64), np.empty(size + 1, np.int64)
+    lows, highs, limits = np.empty(size), np.empty(size), np.empty(size)
+    for row in range(size):
+        z, limit = cloud.points[row, 2], rule.eps_m + rule.reach * cloud.ranges[row]
+        new = row == 0 or sector[row] != sector[row - 1] or shell[row] != shell[row - 1]
+        if new:
+            cells[cell] = count
+            cell += 1
+        if new or ring[row] != ring[row - 1]:
+            starts[count], lows[count], highs[count], limits[count] = row, z, z, limit
             count += 1
-    starts[count] = len(keys)
-    return starts[: count + 1], cells[:count]
+        run = count - 1
+        lows[run], highs[run] = min(lows[run], z), max(highs[run], z)
+        limits[run] = max(limits[run], limit)
+    starts[count], cells[cell] = size, count
+    return Runs(starts[: count + 1], lows, highs, limits), cells[: cell + 1]
 
 
 @compiled()
-def _link_inside(cloud: Polar, parents: np.ndarray, rows: tuple[int, int], rule: Rule) -> bool:
-    """Join the linked points of a cell; return whether all hang together."""
-    first, end = rows
-    for row in range(first + 1, end):
-        # Neighbours along the column and along the ring are near in the order of the sweep.
-        for other in range(row - 1, first - 1, -1):
-            beside = other == row - 1 or cloud.ring[other] == cloud.ring[row]
-            if beside and _are_linked(cloud, row, other, rule):
-                join(parents, row, other)
-            if other < row - 1 and cloud.ring[other] == cloud.ring[row]:
-                break
+def _link_cells(
+    cloud: Polar, parents: np.ndarray,
+    parts: tuple[Runs, np.ndarray, np.ndarray, np.ndarray], turn: tuple[int, int], rule: Rule,
+) -> None:  # fmt: skip
+    """Join what is linked within cells and between those beside one another.
+
+    parts: runs, at which cells begin, and each cell's sector and shell. turn: the number of
+    sectors, and how many further ones links reach.
+    """
+    (runs, cells, sector, shell), (sectors, around) = parts, turn
+    size = len(sector)
+    whole = np.empty(size, np.int64)
+    for cell in range(size):
+        whole[cell] = _link_inside(cloud, parents, runs, (cells[cell], cells[cell + 1]), rule)
+    begin = np.searchsorted(sector, np.arange(sectors + 1))
+    for cell in range(size):
+        for shift in range(around + 1):
+            beside = (sector[cell] + shift) % sectors
+            other, end = cell + 1, begin[beside + 1]
+            if shift > 0:
+                other = begin[beside]
+                other += np.searchsorted(shell[other:end], shell[cell] - BESIDE)
+            while other < end and shell[other] <= shell[cell] + BESIDE:
+                both = whole[cell] != SEVERAL and whole[other] != SEVERAL
+                rows = (cells[cell], cells[cell + 1], cells[other], cells[other + 1])
+                if not (both and _same(parents, whole[cell], whole[other])):
+                    _link_across(cloud, parents, (runs, rows, both), rule)
+                other += 1
+
+
+@compiled()
+def _same(parents: np.ndarray, row: int, other: int) -> bool:
+    return bool(root_of(parents, row) == root_of(parents, other))
+
+
+@compiled()
+def _link_inside(
+    cloud: Polar, parents: np.ndarray, runs: Runs, cell: tuple[int, int], rule: Rule
+) -> int:
+    """Join the linked points of a cell; return one of them if all hang together."""
+    first, end = runs.starts[cell[0]], runs.starts[cell[1]]
     if _hangs_together(parents, first, end):
-        return True
-    for row in range(first, end):
-        for other in range(row + 1, end):
-            if parents[row] != parents[other] and _are_linked(cloud, row, other, rule):
-                join(parents, row, other)
-    return _hangs_together(parents, first, end)
+        return int(first)
+    for run in range(cell[0], cell[1]):
+        for other in range(run, cell[1]):
+            _link_runs(cloud, parents, (runs, run, other, False), rule)
+    return int(first) if _hangs_together(parents, first, end) else SEVERAL
 
 
 @compiled()
@@ -132,28 +216,43 @@ def _hangs_together(parents: np.ndarray, first: int, end: int) -> bool:
     root, row = root_of(parents, first), first + 1
     while row < end and root_of(parents, row) == root:
         row += 1
-    return row == end
+    return bool(row == end)
 
 
 @compiled()
 def _link_across(
-    cloud: Polar, parents: np.ndarray, rows: tuple[int, int, int, int], whole: bool, rule: Rule
-) -> None:
+    cloud: Polar, parents: np.ndarray,
+    cells: tuple[Runs, tuple[int, int, int, int], bool], rule: Rule,
+) -> None:  # fmt: skip
     """Join the linked points of two cells; where each hangs together one link is enough."""
-    first, end, start, stop = rows
-    if whole and root_of(parents, first) == root_of(parents, start):
-        return
-    low, high = cloud.points[start:stop, 2].min(), cloud.points[start:stop, 2].max()
-    for row in range(first, end):
-        z = cloud.points[row, 2]
-        farthest = rule.eps_m + rule.reach * cloud.ranges[row]
-        if z < low - farthest or z > high + farthest:
-            continue
+    runs, (first, end, start, stop), both = cells
+    for run in range(first, end):
         for other in range(start, stop):
-            if parents[row] != parents[other] and _are_linked(cloud, row, other, rule):
+            if _link_runs(cloud, parents, (runs, run, other, both), rule):
+                return
+
+
+@compiled()
+def _link_runs(
+    cloud: Polar, parents: np.ndarray, pair: tuple[Runs, int, int, bool], rule: Rule
+) -> bool:
+    """Join the linked points of two runs or of one; return whether one link was enough.
+
+    pair: runs, two of them, and whether one link is enough.
+    """
+    runs, one, two, enough = pair
+    limit = min(runs.limits[one], runs.limits[two])
+    if runs.lows[two] > runs.highs[one] + limit or runs.lows[one] > runs.highs[two] + limit:
+        return False
+    for row in range(runs.starts[one], runs.starts[one + 1]):
+        for other in range(runs.starts[two], runs.starts[two + 1]):
+            if not enough and _same(parents, row, other):
+                continue
+            if _are_linked(cloud, row, other, rule):
                 join(parents, row, other)
-                if whole:
-                    return
+                if enough:
+                    return True
+    return False
 
 
 @compiled()

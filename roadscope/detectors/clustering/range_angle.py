@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.core import wrap_angle
 from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.density import OUTLIER
 from roadscope.detectors.clustering.polar_cells import Rule, linked_sets
-from roadscope.detectors.sorting import starts_of
 
 SPACINGS = 2.0
 """Neighbours on a face across the beam are one spacing apart; one lost return is bridged."""
@@ -18,8 +16,9 @@ UPRIGHT = 0.05
 
 
 def cluster_range_angle(
-    cloud: Cloud, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30
-) -> np.ndarray:
+    cloud: Cloud, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
+    windows: bool = False,
+) -> np.ndarray:  # fmt: skip
     """Grow clusters within a scan angle (Zhang 2022).
 
     Returns (N,) int64 labels, negative where a cluster has fewer than `min_points`.
@@ -33,6 +32,11 @@ def cluster_range_angle(
     wider of those between beams and between columns. The paper grows from a seed and then from
     the farthest returns in six directions until no return satisfies eq. 1 any more; that ends
     with the linked components, whichever seeds are taken first.
+
+    windows: what the angle bounds. False: a link, so that a cluster goes on as long as returns
+    follow one another. True: the cluster. The paper takes any return for a seed; so that they
+    are the same in every scan, the turn is divided into windows of the angle from straight
+    behind on, which no cluster leaves.
     """
     for name, value in (("eps_m", eps_m), ("angle_deg", angle_deg), ("min_points", min_points)):
         if not 0 < value < np.inf:
@@ -43,7 +47,9 @@ def cluster_range_angle(
     # Beyond this angle even the nearest return is out of reach; a hair more, for rounding.
     nearest = max(float(cloud.ranges.min()), eps_m)
     widest = 1e-9 + float(np.arcsin(min(1.0, eps_m / nearest + reach)))
-    rule = Rule(float(eps_m), reach, min(float(np.radians(angle_deg)), widest))
+    angle = float(np.radians(angle_deg))
+    count = int(np.ceil(2 * np.pi / angle - 1e-9)) if windows else 0
+    rule = Rule(float(eps_m), reach, min(angle, widest), count)
     sets = linked_sets(cloud.points, cloud.origin, cloud.ring, rule)
     return _large_ones(sets, min_points)
 
@@ -53,16 +59,38 @@ def spacing(cloud: Cloud) -> float:
 
     It is measured on the returns: neither the cloud nor the paper's input names the beams.
     """
-    rises, ranges = np.diff(cloud.points[:, 2]), cloud.ranges
-    beams = np.diff(cloud.ring)
-    nearer = np.minimum(ranges[1:], ranges[:-1])
-    upright = (np.diff(cloud.column) == 0) & (beams > 0) & (nearer > 0)
-    upright &= np.abs(np.diff(ranges)) < UPRIGHT * nearer
-    first = cloud.select(starts_of(cloud.column)[:-1])
-    steps = np.abs(wrap_angle(np.diff(first.azimuths)))
-    columns = np.abs(np.diff(first.column))
-    found = (rises[upright] / beams[upright] / nearer[upright], steps / np.maximum(columns, 1))
-    return max((float(np.median(angles)) for angles in found if len(angles)), default=0.0)
+    return float(_spacing(cloud.points, cloud.ring, cloud.column, cloud.origin))
+
+
+@compiled()
+def _spacing(points: np.ndarray, ring: np.ndarray, column: np.ndarray, origin: np.ndarray) -> float:
+    """Return the greater of two medians: of angles between beams and between columns."""
+    rises, steps = np.empty(len(ring)), np.empty(len(ring))
+    upright, turns, azimuth, opener = 0, 0, 0.0, -1
+    x, y = points[0, 0] - origin[0], points[0, 1] - origin[1]
+    for row in range(len(ring)):
+        last_x, last_y = x, y
+        x, y = points[row, 0] - origin[0], points[row, 1] - origin[1]
+        if row == 0 or column[row] != column[row - 1]:
+            before, azimuth = azimuth, np.arctan2(y, x)
+            if opener >= 0:
+                turn = abs((azimuth - before + np.pi) % (2 * np.pi) - np.pi)
+                steps[turns] = turn / max(abs(column[row] - column[opener]), 1)
+                turns += 1
+            opener = row
+        elif ring[row] > ring[row - 1]:
+            here, last = np.sqrt(x * x + y * y), np.sqrt(last_x * last_x + last_y * last_y)
+            nearer = min(here, last)
+            if nearer > 0 and abs(here - last) < UPRIGHT * nearer:
+                beams = ring[row] - ring[row - 1]
+                rises[upright] = (points[row, 2] - points[row - 1, 2]) / beams / nearer
+                upright += 1
+    widest = 0.0
+    if upright:
+        widest = max(widest, np.median(rises[:upright]))
+    if turns:
+        widest = max(widest, np.median(steps[:turns]))
+    return float(widest)
 
 
 @compiled()

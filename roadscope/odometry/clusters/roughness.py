@@ -25,20 +25,24 @@ BY_RING = Limits(edge_above=1.0, plane_below=1.0)
 BY_CLUSTER = Limits(edge_above=-np.inf, plane_below=np.inf)
 
 
-def cluster_features(points: np.ndarray, segments: Segments, reading: Reading) -> Features:
+def cluster_features(
+    points: np.ndarray, segments: Segments, reading: Reading, *, sectors: bool
+) -> Features:
     """Return the roughest and the smoothest returns of each cluster as edges and planes.
 
-    points: (N, 3) metres, of all segments, deskewed.
+    points: (N, 3) metres, of all segments, deskewed. sectors: whether clusters are divided by
+        LOAM's sectors of rings.
 
-    Readings taken. The paper says a few of each cluster, whatever its size; here it is a few of
-    each cluster in each sector of each ring, LOAM's numbers, so that a wall gives more than a
-    post. `ring` sums eq. 6 over neighbours on the ring, `cluster` over the whole cluster as it
+    Readings taken. The paper says a few of each cluster, whatever its size: with LOAM's numbers,
+    2 and 4, a turn of clusters no wider than the search angle gives as many features as LOAM's
+    sectors do. Clusters of any width are divided, so that a wall gives more than a post. `ring`
+    sums eq. 6 over neighbours on the ring, `cluster` over the whole cluster as it
     is printed.
     """
     sweep = sweep_of(points, segments.ring, segments.column)
-    parts = SECTORS * (int(segments.ring.max(initial=0)) + 1)
-    inside = segments.labels >= 0
-    groups = np.where(inside, segments.labels * parts + sectors_of(sweep, SECTORS), -1)
+    parts = SECTORS * (int(segments.ring.max(initial=0)) + 1) if sectors else 1
+    part = sectors_of(sweep, SECTORS) if sectors else 0
+    groups = np.where(segments.labels >= 0, segments.labels * parts + part, -1)
     if reading == "cluster":
         rough, limits = cluster_roughness(points, segments.labels), BY_CLUSTER
     else:

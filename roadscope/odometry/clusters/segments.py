@@ -24,11 +24,20 @@ class Clustering:
     eps_m: what noise adds to two neighbouring returns' distance. The printed 0.02 m cannot be
         the whole distance, see `cluster_range_angle`.
     angle_deg: the search angle. min_points: clusters of fewer are outliers.
+    windows: whether the angle bounds clusters rather than links, see `cluster_range_angle`.
     """
 
     eps_m: float = 0.02
     angle_deg: float = 5.0
     min_points: int = 30
+    windows: bool = False
+
+    def labels(self, cloud: Cloud) -> np.ndarray:
+        """Return the cluster of each return that stands above the ground, (N,); or negative."""
+        return cluster_range_angle(
+            cloud, eps_m=self.eps_m, angle_deg=self.angle_deg, min_points=self.min_points,
+            windows=self.windows,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,12 +59,8 @@ def segments_of(scan: LidarScan, clustering: Clustering) -> Segments:
     is read from the scan. What hangs high is kept: here it is as good as walls.
     """
     cloud = _standing(scan)
-    rule = clustering
-    labels = cluster_range_angle(
-        cloud, eps_m=rule.eps_m, angle_deg=rule.angle_deg, min_points=rule.min_points
-    )
     # Outliers carry other negative labels too in clusterings.
-    labels = np.maximum(labels, -1)
+    labels = np.maximum(clustering.labels(cloud), -1)
     times_s = scan.time_offset_s[cloud.rows].astype(float)
     centres, sizes = centres_of(cloud.points, labels)
     return Segments(

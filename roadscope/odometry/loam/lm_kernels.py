@@ -67,6 +67,8 @@ def normal_equations(
             )
         for k in range(2):
             a0, a1, a2 = pairs.axes[n, k]
+            if a0 == 0.0 and a1 == 0.0 and a2 == 0.0:
+                continue
             j[0], j[1], j[2] = a0, a1, a2
             j[3], j[4], j[5] = q[1] * a2 - q[2] * a1, q[2] * a0 - q[0] * a2, q[0] * a1 - q[1] * a0
             for r in range(6):

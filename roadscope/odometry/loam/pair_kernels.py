@@ -71,7 +71,8 @@ def planes_of(
         j, ring = nearest(table, place, labels[n], (rings[n], len(table.lows), 0), most)
         if j == NONE:
             continue
-        k, _ = nearest_on(table, ring, place, labels[n], (most, j))
+        target = (place, np.arctan2(place[1], place[0]))
+        k, _ = nearest_on(table, ring, target, labels[n], (most, j))
         m, _ = nearest(table, place, labels[n], (ring, RINGS_AWAY, 1), most)
         if k == NONE or m == NONE:
             continue

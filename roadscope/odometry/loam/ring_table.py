@@ -9,6 +9,8 @@ import numpy as np
 from roadscope.core.jit import compiled
 
 NONE = -1
+HAIR = 1e-12
+"""Added to angles within which something may be nearer, radians, for rounding."""
 
 
 class RingTable(NamedTuple):
@@ -52,46 +54,45 @@ def nearest(
     home, farthest, least = rings
     flat2 = place[0] * place[0] + place[1] * place[1]
     reach2 = flat2 + place[2] * place[2]
-    elevation = np.arctan2(place[2], np.sqrt(flat2))
+    elevation, azimuth = np.arctan2(place[2], np.sqrt(flat2)), np.arctan2(place[1], place[0])
+    steepest = _angle_within(most, reach2)
     count, found, where = len(table.lows), NONE, NONE
     for step in range(least, farthest + 1):
         for way in (-1, 1):
             ring = home + way * step
             if ring < 0 or ring >= count or (step == 0 and way == 1):
                 continue
-            gap = max(table.lows[ring] - elevation, elevation - table.highs[ring], 0.0)
-            away = np.sin(gap) if gap < np.pi / 2 else 1.0
-            if reach2 * away * away >= most:
+            if max(table.lows[ring] - elevation, elevation - table.highs[ring]) > steepest:
                 continue
-            index, nearer = nearest_on(table, ring, place, label, (most, NONE))
+            index, nearer = nearest_on(table, ring, (place, azimuth), label, (most, NONE))
             if index != NONE:
                 found, where, most = index, ring, nearer
+                steepest = _angle_within(most, reach2)
     return found, where
 
 
 @compiled()
 def nearest_on(
-    table: RingTable, ring: int, place: np.ndarray, label: int, bound: tuple[float, int]
-) -> tuple[int, float]:
+    table: RingTable, ring: int, target: tuple[np.ndarray, float], label: int,
+    bound: tuple[float, int],
+) -> tuple[int, float]:  # fmt: skip
     """Return index and squared distance of the nearest point of a ring.
 
-    bound: squared distance it must be under, and an index that is passed over.
+    target: (3,) metres, and its azimuth. bound: squared distance it must be under, and an index
+    that is passed over.
     """
-    most, skip = bound
+    (place, azimuth), (most, skip) = target, bound
     first, last = table.starts[ring], table.starts[ring + 1]
-    azimuth = np.arctan2(place[1], place[0])
     flat2 = place[0] * place[0] + place[1] * place[1]
     middle = first + np.searchsorted(table.azimuths[first:last], azimuth)
-    found = NONE
+    found, widest = NONE, _angle_within(most, flat2)
     for way in (-1, 1):
         k = middle if way == 1 else middle - 1
         for _ in range(last - first):
             k = last - 1 if k < first else (first if k >= last else k)
             turn = way * (table.azimuths[k] - azimuth)
             turn += 2 * np.pi if turn < 0 else 0.0
-            # So far round, a point is at least this far off, wherever along its beam.
-            across = np.sin(turn) if turn < np.pi / 2 else 1.0
-            if turn > np.pi or flat2 * across * across >= most:
+            if turn > np.pi or turn > widest:
                 break
             if k != skip and (label < 0 or table.labels[k] == label):
                 dx = table.points[k, 0] - place[0]
@@ -100,5 +101,17 @@ def nearest_on(
                 squared = dx * dx + dy * dy + dz * dz
                 if squared < most:
                     found, most = k, squared
+                    widest = _angle_within(most, flat2)
             k += way
     return found, most
+
+
+@compiled()
+def _angle_within(most: float, square: float) -> float:
+    """Return how far beside a place, rad, a beam may pass that is nearer to it than a distance.
+
+    most: that distance, squared. square: the place's own from the sensor, squared.
+    """
+    if most >= square:
+        return np.inf
+    return float(np.arcsin(np.sqrt(most / square)) + HAIR)

@@ -20,6 +20,8 @@ from roadscope.benchmarks.papers.zhang2022_paper import (
 )
 from roadscope.benchmarks.papers.zhang2022_plays import CASES, STRAIGHT, STRAIGHT_M
 from roadscope.benchmarks.papers.zhang2022_removal import AFTER, BEFORE, RECALL, removal
+from roadscope.benchmarks.papers.zhang2022_scene import film
+from roadscope.odometry.zhang import ZhangOdometry
 
 
 def test_errors_are_told_as_the_paper_tells_them():
@@ -70,6 +72,29 @@ def test_printed_figures_stand_beside_the_papers_cases():
     assert paper_figure((case, "zhang2022, 0.1 s apart", "after")) is None
 
 
+def test_noise_is_of_both_sensors():
+    still = replace(CASES["1, still, one walker"], scans=1)
+    quiet, usual, loud = (next(iter(film(still, 10000, noise))) for noise in (0.0, 1.0, 3.0))
+    assert len(quiet.scan) > 15000
+
+    def off(shot):
+        ranges, true = (np.linalg.norm(s.scan.points, axis=1) for s in (shot, quiet))
+        return np.std(ranges - true), np.std(shot.imu.specific_force - quiet.imu.specific_force)
+
+    assert np.array(off(loud)) == pytest.approx(3 * np.array(off(usual)), rel=0.05)
+
+
+def test_no_wall_is_dropped_whole_where_the_angle_bounds_clusters():
+    """A wall that is one cluster moves with what hides it."""
+    play, bounded, linked = (
+        CASES["1, still, one walker"],
+        ZhangOdometry(windows=True),
+        ZhangOdometry(),
+    )
+    one, other = (removal(play, 10000, rule=rule) for rule in (bounded, linked))
+    assert one[BEFORE] - one[AFTER] < 0.5 * (other[BEFORE] - other[AFTER])
+
+
 @pytest.mark.slow
 def test_those_who_walk_past_are_found():
     found = removal(CASES["2, still, several"], 10000)
@@ -86,4 +111,6 @@ def test_an_experiment_is_measured_by_every_method(monkeypatch):
     found = zhang2022.measure(10000)
     assert np.isfinite(list(found.values())).all()
     assert {(e, m) for e, m, _ in found} >= {(e, m) for e in WALKED for m in zhang2022.METHODS}
+    both = {zhang2022.OURS, zhang2022.PEER}
+    assert {m for e, m, _ in found if e == "straight, double noise"} == both
     assert found[WALKED[0], "zhang2022", "max"] < 0.3

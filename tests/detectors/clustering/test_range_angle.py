@@ -22,12 +22,18 @@ def random_cloud(seed, count=70):
     return Cloud(np.column_stack([x, y, z]), ring, column, np.arange(count), np.zeros(2))
 
 
-def grown_as_printed(found, eps_m, min_points, angle=ANGLE):
-    """Steps 1 to 3 of section 2.1: a seed, then the farthest in six directions, then the rest."""
+def grown_as_printed(found, eps_m, min_points, angle=ANGLE, windows=0):
+    """Steps 1 to 3 of section 2.1: a seed, then the farthest in six directions, then the rest.
+
+    windows: so many divide the turn, and none is left.
+    """
     limit = eps_m + SPACINGS * spacing(found) * np.minimum.outer(found.ranges, found.ranges)
     gaps = np.linalg.norm(found.points[:, None] - found.points, axis=-1)
     turns = np.abs(wrap_angle(np.subtract.outer(found.azimuths, found.azimuths)))
     linked = (gaps <= limit) & (turns <= angle)
+    if windows:
+        window = np.floor((found.azimuths / (2 * np.pi) + 0.5) * windows) % windows
+        linked &= window[:, None] == window
     free, labels, count = np.ones(len(found), bool), np.full(len(found), -1), 0
     for seed in range(len(found)):
         if not free[seed]:
@@ -65,6 +71,26 @@ def test_any_angle(angle_deg, seed):
     labels = cluster_range_angle(found, eps_m=6.0, angle_deg=angle_deg, min_points=3)
     expected = grown_as_printed(found, 6.0, 3, np.radians(angle_deg))
     assert np.array_equal(labels, expected)
+
+
+@pytest.mark.parametrize(("angle_deg", "windows"), [(5.0, 72), (7.0, 52), (50.0, 8), (360.0, 1)])
+@given(seed=st.integers(0, 2**32 - 1), eps_m=st.sampled_from([0.3, 6.0]))
+def test_no_cluster_leaves_its_window(angle_deg, windows, seed, eps_m):
+    found = random_cloud(seed)
+    labels = cluster_range_angle(
+        found, eps_m=eps_m, angle_deg=angle_deg, min_points=2, windows=True
+    )
+    expected = grown_as_printed(found, eps_m, 2, np.radians(angle_deg), windows)
+    assert np.array_equal(labels, expected)
+
+
+def test_a_wall_is_one_cluster_or_one_a_window():
+    found = cloud([(14, 0, 1.0, 20.0, 1.5, 0)], ground=False)
+    turn = np.degrees(found.azimuths)
+    assert set(cluster_range_angle(found)) == {0}
+    labels = cluster_range_angle(found, windows=True, min_points=1)
+    assert len(set(labels)) == len(set(turn // 5.0))
+    assert max(np.ptp(turn[labels == label]) for label in set(labels)) <= 5.0
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-3, 3))
