@@ -15,8 +15,9 @@ from roadscope.odometry.inertial.filter import (
     InertialState,
     resume,
 )
+from roadscope.odometry.inertial.rest import Rest
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
-from roadscope.odometry.inertial.standstill import still_rate
+from roadscope.odometry.inertial.standstill import felt_still
 from roadscope.odometry.inertial.start import InertialStart
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 from roadscope.odometry.rigid import inverse
@@ -75,7 +76,7 @@ class LidarInertialOdometry:
         self._start_from_map = start_from_map
         self._track: InertialTrack | None = None
         self._start, self._check, self._misfits = InertialStart(), SpeedCheck(), 0
-        self._speed_known = False
+        self._speed_known, self._rest = False, Rest(self.noise)
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
         """Predict by the samples, correct by the scan."""
@@ -132,21 +133,35 @@ class LidarInertialOdometry:
         points = track.seen(sweep)
         moving = track.moving(points, scan.stamp_s)
         if poor:
+            self._rest = Rest(self.noise)
             return moving, poor
         found = track.matched(sweep, points, moving)
         poor = _misfit(found)
         self._misfits = self._misfits + 1 if poor else 0
         if not poor:
             track.settle(found)
-            rest = still_rate(self._imu, scan.stamp_s)
-            if rest is not None:
-                track.stand(rest)
+            self._stand_or_leave(track, stretch, scan.stamp_s)
             track.remember(sweep, points, moving)
             poor = self._held_against_what_stands(track, scan)
+        else:
+            self._rest = Rest(self.noise)
         if self._misfits >= LOST:
             self._known = track.state
             self._begin(self._start_from_map @ track.pose)
         return moving, poor or ("" if self._speed_known else UNSURE) or _vague(track)
+
+    def _stand_or_leave(self, track: InertialTrack, stretch: Stretch, now_s: float) -> None:
+        """Hold the sensor where it stands; once it leaves, take back what was held too long."""
+        felt = felt_still(self._imu, now_s) if track.slow else None
+        if felt is not None and self._rest.may_be(stretch, now_s):
+            rate, force = felt
+            if self._rest.begins:
+                track.weigh(force)
+            track.stand(rate)
+            self._rest.held(track, stretch)
+        else:
+            self._rest.left(track, stretch, now_s)
+        track.doubt_m = self._rest.doubt_m(track)
 
     def _held_against_what_stands(self, track: InertialTrack, scan: LidarScan) -> str:
         """Correct the speed by things taller than vehicles; where it is another, say so."""

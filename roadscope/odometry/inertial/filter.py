@@ -30,7 +30,7 @@ class InertialNoise:
     rate: float = 2.5e-4
     force: float = 2.5e-3
     rate_walk: float = 2e-5
-    force_walk: float = 2e-3
+    force_walk: float = 3e-3
     rate_bias: float = 0.01
     force_bias: float = 0.2
     accelerating: float = 1.0

@@ -22,12 +22,14 @@ counts by how far it is above this."""
 
 
 def settled_on(
-    voxels: Voxels, points: np.ndarray, pose: np.ndarray, covariance: np.ndarray
-) -> Match:
+    voxels: Voxels, points: np.ndarray, pose: np.ndarray, covariance: np.ndarray,
+    doubt_m: float = 0.0,
+) -> Match:  # fmt: skip
     """Move (N, 3) points, metres, onto the surfaces, held by a prediction.
 
-    pose: (4, 4), predicted. covariance: (6, 6) of its place and turn, map's axes. The match's
-    information has nothing in directions in which the surfaces leave the scan free.
+    pose: (4, 4), predicted. covariance: (6, 6) of its place and turn, map's axes. doubt_m: how far
+    the surfaces may have moved together over the ground. The match's information has nothing in
+    directions in which the surfaces leave the scan free.
     """
     held = np.linalg.inv(covariance + 1e-12 * np.eye(6)) * SIMILAR
     vague_m = float(np.sqrt(np.trace(covariance[:3, :3])))
@@ -35,7 +37,7 @@ def settled_on(
     at = pose.copy()
     for _ in range(STEPS):
         H, b, _ = normal_equations(voxels, points, at, scale)
-        H, b = _without_open(H, b)
+        H, b = _doubted(*_without_open(H, b), doubt_m)
         off = np.concatenate([at[:3, 3] - pose[:3, 3], log_so3(at[:3, :3] @ pose[:3, :3].T)])
         move = -np.linalg.solve(H + held, b + held @ off)
         at[:3, 3] += move[:3]
@@ -46,7 +48,7 @@ def settled_on(
         scale = max(NARROW, 0.6 * scale)
     at = orthonormal(at)
     H, b, told = normal_equations(voxels, points, at, NARROW)
-    H, _ = _without_open(H, b)
+    H, _ = _doubted(*_without_open(H, b), doubt_m)
     return Match(at, H / SIMILAR, len(points), int(told[0]), float(told[1]))
 
 
@@ -59,3 +61,13 @@ def _without_open(H: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     half[:3, :3] = (axes * np.sqrt(shares)) @ axes.T
     whole[:3, :3] = (axes * shares) @ axes.T
     return half @ H @ half, whole @ b
+
+
+def _doubted(H: np.ndarray, b: np.ndarray, doubt_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the equations with that error added which the surfaces have in common."""
+    if not doubt_m:
+        return H, b
+    error = np.zeros((6, 6))
+    error[0, 0] = error[1, 1] = doubt_m**2 / SIMILAR
+    shares = np.linalg.inv(np.eye(6) + H @ error)
+    return shares @ H, shares @ b

@@ -14,8 +14,11 @@ TURNING_RAD_S = 0.05
 """A steadier turn than any gyro's bias is a turn."""
 
 
-def still_rate(samples: ImuBuffer, now_s: float) -> np.ndarray | None:
-    """Return the mean rate, (3,) rad/s, over the last second if nothing changed in it, or None."""
+def felt_still(samples: ImuBuffer, now_s: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return means over the last second if nothing changed in it, or None.
+
+    Rate, (3,) rad/s, and force, (3,) m/s^2.
+    """
     if not samples.covers(now_s - WINDOW_S, now_s):
         return None
     _, rates, forces = samples.within(now_s - WINDOW_S, now_s)
@@ -27,4 +30,5 @@ def still_rate(samples: ImuBuffer, now_s: float) -> np.ndarray | None:
     mean = felt.mean(axis=0)
     stray = np.abs(felt - mean).max(axis=0)
     quiet = stray[:3].max() < RATE_RAD_S and stray[3:].max() < FORCE_M_S2
-    return mean[:3] if quiet and np.abs(mean[:3]).max() < TURNING_RAD_S else None
+    still = quiet and np.abs(mean[:3]).max() < TURNING_RAD_S
+    return (mean[:3], mean[3:]) if still else None

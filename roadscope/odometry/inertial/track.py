@@ -8,10 +8,13 @@ import numpy as np
 
 from roadscope.odometry.cloud_kernels import deskewed, placed
 from roadscope.odometry.inertial.filter import (
+    FORCE,
+    GRAVITY,
     GYRO,
     POSE,
     SIZE,
     SPEED,
+    TURN,
     InertialNoise,
     InertialState,
     coast,
@@ -26,7 +29,7 @@ from roadscope.odometry.inertial.speed_search import (
     NEAR_M,
     TALLEST_M,
 )
-from roadscope.odometry.rigid import log_so3
+from roadscope.odometry.rigid import hat, log_so3
 from roadscope.odometry.voxels.free_space import CERTAIN, FreeSpace
 from roadscope.odometry.voxels.match_kernels import contradicts
 from roadscope.odometry.voxels.matching import Match
@@ -37,7 +40,7 @@ COASTING = (4.0, 1.0)
 """What vehicles may do that no samples tell, m/s^2 and rad/s^2."""
 SLOW_M_S = 0.3
 """Who is held to be faster drives on, however steadily."""
-STANDING_M_S, RESTING_RAD_S = 0.01, 1e-3
+STANDING_M_S, RESTING_RAD_S, RESTING_M_S2 = 5e-3, 1e-3, 3e-3
 AHEAD_M_S = 0.3
 """How well the speed is told by where things come together."""
 
@@ -59,7 +62,8 @@ class Stretch:
 class InertialTrack:
     """Follows a sensor from a state, on a map of its own.
 
-    lever: (3,) metres, place of the inertial unit in the LiDAR's frame.
+    lever: (3,) metres, place of the inertial unit in the LiDAR's frame. doubt_m: how far what the
+    map holds may have moved together, while samples tell the way better.
     """
 
     def __init__(
@@ -69,6 +73,7 @@ class InertialTrack:
         self.state, self.lever, self.noise = state, lever, noise
         self.drop_dynamic = drop_dynamic
         self.rate, self.felt, self.elapsed_s = np.zeros(3), True, 0.0
+        self.doubt_m = 0.0
         self.map = VoxelMap(reach_m=reach_m)
         self.space = FreeSpace()
 
@@ -111,7 +116,8 @@ class InertialTrack:
         """Return where the surfaces and the prediction together put a sweep's (K, 3) points."""
         few = sweep.few[~moving[sweep.few]] if self.drop_dynamic else sweep.few
         covariance = self.state.covariance[POSE, POSE]
-        return settled_on(self.map.voxels, points[few], self.state.pose, covariance)
+        doubt_m = self.doubt_m if self.felt else 0.0
+        return settled_on(self.map.voxels, points[few], self.state.pose, covariance, doubt_m)
 
     def settle(self, found: Match) -> None:
         """Take over what was found."""
@@ -121,15 +127,26 @@ class InertialTrack:
             turned = log_so3(before[:3, :3].T @ self.state.pose[:3, :3])
             self.rate = self.rate + turned / self.elapsed_s
 
+    @property
+    def slow(self) -> bool:
+        """Whether the sensor may stand."""
+        return float(np.linalg.norm(self.state.velocity)) <= SLOW_M_S
+
     def stand(self, rate: np.ndarray) -> None:
-        """Take it that the sensor stands, while its gyro reads a (3,) rate, if it may be so."""
-        speed = float(np.linalg.norm(self.state.velocity))
-        if speed > SLOW_M_S:
-            return
+        """Take it that the sensor stands, while its gyro reads a (3,) rate."""
         J = np.zeros((6, SIZE))
         J[:3, SPEED], J[3:, GYRO] = np.eye(3), np.eye(3)
         off = np.concatenate([-self.state.velocity, rate - self.state.rate_bias])
         observe(self.state, J, off, np.array([STANDING_M_S**2] * 3 + [RESTING_RAD_S**2] * 3))
+
+    def weigh(self, force: np.ndarray) -> None:
+        """Take it that a (3,) force, m/s^2, is gravity's alone, and the bias."""
+        to_sensor, gravity = self.state.pose[:3, :3].T, self.state.gravity
+        J = np.zeros((3, SIZE))
+        J[:, TURN], J[:, GRAVITY] = -to_sensor @ hat(gravity), -to_sensor
+        J[:, FORCE] = np.eye(3)
+        off = force + to_sensor @ gravity - self.state.force_bias
+        observe(self.state, J, off, np.full(3, RESTING_M_S2**2))
 
     def speed_up(self, off_m_s: float) -> None:
         """Take a measured difference to the speed ahead."""
