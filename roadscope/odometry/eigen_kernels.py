@@ -11,7 +11,7 @@ NEGLIGIBLE = 1e-24
 """Squares of what is off the diagonal, beside those on it."""
 
 
-@compiled()
+@compiled(borrowing=True)
 def eigen3(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> None:
     """Fill the eigenvalues, ascending, and unit eigenvectors, as rows, of a symmetric matrix.
 
@@ -35,7 +35,7 @@ def eigen3(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> None:
     _order(values, vectors, 0, 1)
 
 
-@compiled()
+@compiled(borrowing=True)
 def _rotate(a: np.ndarray, vectors: np.ndarray, p: int, q: int) -> None:
     """Turn in the plane of two axes so that the element off the diagonal is 0."""
     if a[p, q] == 0.0:
@@ -59,7 +59,7 @@ def _rotate(a: np.ndarray, vectors: np.ndarray, p: int, q: int) -> None:
         vectors[q, k] = s * vp + c * vq
 
 
-@compiled()
+@compiled(borrowing=True)
 def _order(values: np.ndarray, vectors: np.ndarray, i: int, j: int) -> None:
     if values[i] <= values[j]:
         return

@@ -13,6 +13,7 @@ SIZES_M = (1.0, 2.0, 4.0)
 EMPTY = -1
 BITS, HALF = 20, 1 << 19
 Index = int | np.signedinteger
+Room = tuple[np.ndarray, np.ndarray, np.ndarray]
 LEAST = 5
 """Points from which a voxel has a surface."""
 MOST = 400.0
@@ -67,7 +68,7 @@ def empty_voxels(slots: int) -> Voxels:
     )  # fmt: skip
 
 
-@compiled()
+@compiled(borrowing=True)
 def key_of(x: float, y: float, z: float, level: int) -> Index:
     """Return the key of the voxel of a level that holds a point; negative if it is too far off."""
     size = SIZES_M[level]
@@ -79,7 +80,7 @@ def key_of(x: float, y: float, z: float, level: int) -> Index:
     return (np.int64(level) << 3 * BITS) | (i << 2 * BITS) | (j << BITS) | k
 
 
-@compiled()
+@compiled(borrowing=True)
 def slot_of(keys: np.ndarray, key: Index) -> Index:
     """Return the slot that holds a key, or the free one where it belongs."""
     mask = len(keys) - 1
@@ -93,9 +94,13 @@ def slot_of(keys: np.ndarray, key: Index) -> Index:
 @compiled()
 def insert(voxels: Voxels, points: np.ndarray) -> None:
     """Add (N, 3) points, metres, and fit the surfaces of the voxels that have grown."""
-    matrix, values, vectors = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    _insert(voxels, points, (np.empty((3, 3)), np.empty(3), np.empty((3, 3))))
+
+
+@compiled(borrowing=True)
+def _insert(voxels: Voxels, points: np.ndarray, room: Room) -> None:
     for n in range(len(points)):
-        x, y, z = points[n]
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
         for level in range(len(SIZES_M)):
             key = key_of(x, y, z, level)
             if key < 0:
@@ -104,28 +109,30 @@ def insert(voxels: Voxels, points: np.ndarray) -> None:
             if voxels.keys[slot] == EMPTY:
                 voxels.keys[slot] = key
                 voxels.used[0] += 1
-            _add(voxels, slot, key, points[n])
+            _add(voxels, slot, key, (x, y, z))
             count = voxels.counts[slot]
             if count >= LEAST and count >= GROWN * voxels.fitted[slot]:
-                _fit(voxels, slot, key, (matrix, values, vectors))
+                _fit(voxels, slot, key, room)
 
 
-@compiled()
+@compiled(borrowing=True)
 def _centre(key: Index, axis: int) -> float:
     size = SIZES_M[key >> 3 * BITS]
     return (((key >> (2 - axis) * BITS) & (2 * HALF - 1)) - HALF + 0.5) * size
 
 
-@compiled()
-def _add(voxels: Voxels, slot: Index, key: Index, point: np.ndarray) -> None:
+@compiled(borrowing=True)
+def _add(voxels: Voxels, slot: Index, key: Index, point: tuple[float, float, float]) -> None:
     x, y, z = point[0] - _centre(key, 0), point[1] - _centre(key, 1), point[2] - _centre(key, 2)
+    sums, squares = voxels.sums[slot], voxels.squares[slot]
     if voxels.counts[slot] >= MOST:
         voxels.counts[slot] *= 0.5
         voxels.fitted[slot] *= 0.5
-        voxels.sums[slot] *= 0.5
-        voxels.squares[slot] *= 0.5
+        for i in range(3):
+            sums[i] *= 0.5
+        for i in range(6):
+            squares[i] *= 0.5
     voxels.counts[slot] += 1.0
-    sums, squares = voxels.sums[slot], voxels.squares[slot]
     sums[0] += x
     sums[1] += y
     sums[2] += z
@@ -137,10 +144,8 @@ def _add(voxels: Voxels, slot: Index, key: Index, point: np.ndarray) -> None:
     squares[5] += z * z
 
 
-@compiled()
-def _fit(
-    voxels: Voxels, slot: Index, key: Index, room: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> None:
+@compiled(borrowing=True)
+def _fit(voxels: Voxels, slot: Index, key: Index, room: Room) -> None:
     """Find how the points of a voxel lie, and along which axes that holds others in place."""
     matrix, values, vectors = room
     n, sums, squares = voxels.counts[slot], voxels.sums[slot], voxels.squares[slot]
