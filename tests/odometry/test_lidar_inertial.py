@@ -250,7 +250,13 @@ def test_sizes_are_above_nought():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "least_m", "t_rel"),
-    [("cold-start", 350.0, 1.0), ("motorway", 350.0, 1.0), ("convoy-pull-away", 250.0, 0.6)],
+    [
+        ("cold-start", 350.0, 1.0),
+        ("motorway", 350.0, 1.0),
+        ("convoy-pull-away", 250.0, 0.8),
+        ("platoon", 500.0, 1.0),
+        ("stop-and-go", 250.0, 0.6),
+    ],
 )
 def test_traffic_does_not_pull(scenario, least_m, t_rel):
     """On a validation seed; a map that takes the traffic for the world drifts by 100 %."""

@@ -11,6 +11,7 @@ from roadscope.odometry.inertial.filter import (
     FORCE,
     GRAVITY,
     GYRO,
+    PLACE,
     POSE,
     SIZE,
     SPEED,
@@ -41,6 +42,11 @@ COASTING = (4.0, 1.0)
 SLOW_M_S = 0.3
 """Who is held to be faster drives on, however steadily."""
 STANDING_M_S, RESTING_RAD_S, RESTING_M_S2 = 5e-3, 1e-3, 3e-3
+RENEWED_S = 1.0
+"""So long after it a scan is placed by what scans since then have put in the map: their errors are
+in it, and no measurement of a place in it tells more than how scans lie to one another."""
+WANDER_M = 0.3
+"""By no more than this where scans tell nothing."""
 AHEAD_M_S = 0.3
 """How well the speed is told by where things come together."""
 
@@ -123,9 +129,16 @@ class InertialTrack:
         """Take over what was found."""
         before = self.state.pose
         settle(self.state, found.map_from_sensor, found.information)
+        if not self.slow:
+            self._wander(found)
         if not self.felt:
             turned = log_so3(before[:3, :3].T @ self.state.pose[:3, :3])
             self.rate = self.rate + turned / self.elapsed_s
+
+    def _wander(self, found: Match) -> None:
+        """Let the map go on with a share of the error of the scan that is put there."""
+        sure = np.linalg.inv(found.information[PLACE, PLACE] + np.eye(3) / WANDER_M**2)
+        self.state.covariance[PLACE, PLACE] += min(self.elapsed_s / RENEWED_S, 1.0) * sure
 
     @property
     def slow(self) -> bool:
