@@ -18,6 +18,11 @@ from roadscope.odometry.voxels.voxel_kernels import (
 TILT = 0.05
 """By so much, radians, the normal of a surface may err that was fitted to a few traces of beams."""
 
+GRAZING = 0.06
+"""Cosine of the angle between a beam that rises and the normal of the surface that it meets at
+which the point counts for a half. One beam's trace over a tree's crown lies on the cone on which
+that beam turns: it passes for a surface that contains the beams, and goes where the sensor goes."""
+
 FIRM, FAR = 20.0, 5.0
 """From so many points on, what is so many standard deviations off a surface contradicts it."""
 
@@ -64,6 +69,8 @@ def normal_equations(
         told[0] += 1.0
         told[1] += share
         told[2] += share * squared
+        if voxels.held[slot] == 1:
+            share *= _met(axes[0], matrix, q)
         for k in range(voxels.held[slot]):
             _row(axes[k], matrix, q, j)
             _accumulate(H, b, j, share * weight[k], off[k])
@@ -71,6 +78,20 @@ def normal_equations(
         for c in range(r):
             H[r, c] = H[c, r]
     return H, b, told
+
+
+@compiled()
+def _met(normal: np.ndarray, matrix: np.ndarray, q: np.ndarray) -> float:
+    """Return how much a point counts that was met along q, (3,) metres, on a surface.
+
+    Beams that fall meet the ground, which is what it seems to be.
+    """
+    if matrix[0, 2] * q[0] + matrix[1, 2] * q[1] + matrix[2, 2] * q[2] <= 0.0:
+        return 1.0
+    into = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
+    square = into * into / (q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    met: float = square / (square + GRAZING * GRAZING)
+    return met
 
 
 @compiled()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.odometry.rigid import exp_se3, log_se3
-from roadscope.odometry.voxels.match_kernels import TILT, normal_equations, surface_at
+from roadscope.odometry.voxels.match_kernels import GRAZING, TILT, normal_equations, surface_at
 from roadscope.odometry.voxels.matching import Belief, match
 from roadscope.odometry.voxels.surfaces import VoxelMap
 from roadscope.odometry.voxels.voxel_kernels import FLOOR_M
@@ -74,7 +74,9 @@ def test_equations_are_those_of_the_slow_way(rng, known):
         along = voxels.axes[slot] @ pose[:3, :3]
         shrunk = along**3 / (along**2 + TILT**2) @ pose[:3, :3].T
         rows = np.hstack([shrunk, np.cross(arm, voxels.axes[slot])])
-        weights = share * firm
+        into = voxels.axes[slot, 0] @ arm / np.linalg.norm(arm)
+        rises = voxels.held[slot] == 1 and pose[:3, 2] @ arm > 0
+        weights = share * firm * (into**2 / (into**2 + GRAZING**2) if rises else 1.0)
         slow_H += rows.T @ (weights[:, None] * rows)
         slow_b += rows.T @ (weights * off)
         slow_told += (1, share, share * squared)
@@ -92,6 +94,24 @@ def test_one_beams_trace_on_a_road_is_no_surface(rng):
     upright = np.abs(found.voxels.axes[:, 0, 2])[found.voxels.held > 0]
     assert (upright > 0.9).all()
     assert (found.voxels.held < 2).all()
+
+
+def test_one_beams_trace_over_a_crown_hardly_tells_the_height(rng):
+    """As one drives towards it the trace sinks; a ceiling, met from below, stays and is held."""
+    turn, along = rng.uniform(-0.05, 0.05, 400), rng.uniform(40, 47, 400)
+    steep = np.tan(np.radians(11.0))
+    trace = np.column_stack([along * np.cos(turn), along * np.sin(turn), steep * along])
+    ceiling = np.column_stack([rng.uniform(8, 15, 400), rng.uniform(-2, 2, 400), np.full(400, 2.5)])
+    firm = {}
+    for name, points in (("trace", trace), ("ceiling", ceiling)):
+        known = VoxelMap(reach_m=60.0)
+        known.add(points + rng.normal(0, 0.01, points.shape), np.zeros(3))
+        forward = np.eye(4)
+        forward[0, 3] = 0.5
+        H, _, told = normal_equations(known.voxels, points[::4], forward, 1.0)
+        assert told[0] > 50
+        firm[name] = H[2, 2] / told[1]
+    assert firm["trace"] < 0.2 * firm["ceiling"]
 
 
 def test_what_is_far_is_forgotten_and_the_table_grows(rng):
