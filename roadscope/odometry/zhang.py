@@ -43,8 +43,8 @@ class ZhangOdometry:
     eps_m, angle_deg, min_points: of the clustering (table 1). windows: whether the angle bounds
         clusters or links alone. A wall that is one cluster wherever it goes has another centre
         as soon as something hides a part of it, and moves as a whole; the paper drops the parts
-        of walls that only one of the scans shows. With wide columns, windows leave too few
-        neighbours for a roughness, so that links alone are bounded unless told otherwise.
+        of walls that only one of the scans shows. On roads and with wide columns windows leave too
+        few features, and the way is lost; so links alone are bounded unless told otherwise.
     still_m, still_m_s, view: a cluster is dynamic whose centre moved farther than the first, plus
         the second times the time between the scans, plus the third times the own way: what is
         seen of a wall goes along with the sensor. The paper prints no threshold.
