@@ -48,7 +48,7 @@ class LongRangeDetector:
         late: bool = False,
         min_score: float = 0.0,
         faint: float = 0.0,
-        range_noise_m: float = 0.02,
+        range_noise_m: float | None = None,
         range_max_m: float = 100.0,
         detection_limit: float = 0.4,
     ) -> None:
@@ -61,7 +61,7 @@ class LongRangeDetector:
         faint: returns of less intensity than this within 15 m are taken for drops of fog or
             rain and left out, as in `ClusterDetector`.
         range_noise_m, range_max_m, detection_limit: of the LiDAR, as in `LidarSpec`; only `body`
-            asks for them, and the HDL-32E's are the defaults.
+            asks for them. None: the noise that each scan shows; the limits are the HDL-32E's.
         """
         if fit not in FITS:
             raise ValueError(f"no fit '{fit}'; known: {', '.join(FITS)}")

@@ -10,12 +10,16 @@ from roadscope.core.jit import compiled
 
 TURNS = 12
 """Headings tried over half a turn: 7.5 degrees off, the box is still wider than a car."""
+WIDE, AFAR_M = 8, 1e6
+"""Cells that are worked on at a time, and where those are that fill up the last lot."""
 STRIDE = 3
 """Cells from one place of the box to the next."""
 BINS, BIN_M = 24, 0.4
 GAP_BINS, DEEP_BINS = 2, 5
 """A gap of so many empty bins, across or along the line of sight, parts two bodies. Between the
 boot's end and the glass above it a body may show nothing."""
+HAIR = 1e-9
+"""Evidence no more different than this is the same, added up in another order."""
 MOST = 0.7
 """Share of its evidence that a box must keep beside better ones."""
 
@@ -40,7 +44,7 @@ class Chart(NamedTuple):
 class Room(NamedTuple):
     """Where the cells about a place are written.
 
-    near: (3, K) x and y from the place, metres, and weight. slots: (2, K) bins across and along
+    near: (3, K) x and y from the place, metres, and weight, up to a whole lot. slots: (2, K) bins across and along
     the line of sight. bins: (4, BINS), evidence and number of cells across, then along it.
     headings: (TURNS, 2) unit vectors of a box's turns. hopes: (TURNS,) evidence at most.
     run: (4,) metres, from where to where the body reaches across and along.
@@ -71,7 +75,7 @@ def slide(chart: Chart, sides: np.ndarray, least: float) -> np.ndarray:
     yaws = np.arange(TURNS) * np.pi / TURNS
     headings = np.stack((np.cos(yaws), np.sin(yaws)), axis=1)
     room = Room(
-        np.empty((3, most)), np.empty((2, most), np.int64), np.empty((4, BINS)),
+        np.empty((3, most + WIDE)), np.empty((2, most), np.int64), np.empty((4, BINS)),
         headings, np.empty(TURNS), np.empty(4),
     )  # fmt: skip
     found, count = np.empty((open_.sum(), 8)), 0
@@ -119,6 +123,7 @@ def _look_about(
         slots[1, count] = _bin(sight[0] * dx + sight[1] * dy)
         hope += max(weight, 0.0) if far <= inner else 0.0
         count += 1
+    near[:2, count : count + WIDE], near[2, count : count + WIDE] = AFAR_M, 0.0
     return count, hope
 
 
@@ -128,17 +133,16 @@ def _turn(box: np.ndarray, count: int, room: Room, sides: np.ndarray, least: flo
 
     count: of the cells in the room. Turns are tried from the one with most to hope for on.
     """
-    hopes, best = room.hopes, TURNS
+    hopes = room.hopes
     _hope(room, count, sides)
     for _ in range(TURNS):
         turn = int(hopes.argmax())
-        # A hair more, for the order of the sum.
-        if hopes[turn] + 1e-9 < max(box[3], least):
+        # A hair more or less, for the order of the sum.
+        if hopes[turn] + HAIR < least or hopes[turn] <= box[3] + HAIR:
             break
         hopes[turn] = -np.inf
         score = _evidence(room, count, turn, sides, max(box[3], least))
-        if score > box[3] or (score == box[3] and turn < best):
-            best = turn
+        if score > box[3]:
             box[2], box[3] = turn * np.pi / TURNS, score
             for k in range(4):
                 box[4 + k] = room.run[k]
@@ -156,7 +160,7 @@ def _hope(room: Room, count: int, sides: np.ndarray) -> None:
     for turn in range(TURNS):
         cos, sin = room.headings[turn, 0], room.headings[turn, 1]
         total = 0.0
-        for k in range(count):
+        for k in range((count + WIDE - 1) // WIDE * WIDE):
             dx, dy, weight = near_x[k], near_y[k], weights[k]
             along, across = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
             inside = (along <= long) & (across <= wide)

@@ -5,24 +5,24 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import LidarScan
-from roadscope.detectors.moving.view_kernels import evenly, tabulate
+from roadscope.detectors.moving.view_kernels import evenly, range_noise_of, tabulate
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 SWEEP_LEAST_S = 1e-3
 
 
 def lidar_of(
-    scan: LidarScan, *, range_noise_m: float, range_max_m: float, detection_limit: float
+    scan: LidarScan, *, range_noise_m: float | None, range_max_m: float, detection_limit: float
 ) -> LidarSpec | None:
     """Return the beams and columns that a scan shows, None where it shows too few.
 
-    Frames do not say which LiDAR made them; directions and times can be read off the returns,
-    noise and limits cannot. A beam without a return is taken to lie evenly between its
-    neighbours.
+    Frames do not say which LiDAR made them; directions, times and, where it is None, the range
+    noise can be read off the returns, limits cannot. A beam without a return is taken to lie
+    evenly between its neighbours.
     """
     if not len(scan) or scan.ring.min() < 0 or scan.column.min() < 0:
         return None
-    _, slopes, azimuths, times_s = tabulate(
+    image, slopes, azimuths, times_s = tabulate(
         scan.points, scan.ring, scan.column, scan.time_offset_s.astype(np.float64)
     )
     rings, columns = np.flatnonzero(np.isfinite(slopes)), np.flatnonzero(np.isfinite(azimuths))
@@ -38,6 +38,8 @@ def lidar_of(
     count = max(count, len(azimuths))
     second_a_column = (times_s[columns[-1]] - times_s[columns[0]]) / (columns[-1] - columns[0])
     sweep_s = max(float(second_a_column) * count, SWEEP_LEAST_S)
+    if range_noise_m is None:
+        range_noise_m = float(range_noise_of(image))
     return LidarSpec(
         "seen", elevations, np.zeros(len(slopes)), azimuth, step * count, count,
         sweep_s, sweep_s, 0.0, range_max_m, range_noise_m, 0.0, 0.0, detection_limit,

@@ -18,6 +18,12 @@ PASS_M = 0.1
 there. A guard rail is low and thin: between two beams it is missed, and where a beam meets it
 travels along with the sensor, as a vehicle would."""
 
+NOISE_LOOKS, NOISE_ROUNDS = 2000, 4
+"""Threes of neighbours that tell the range noise, at most so many, and how often those that lie
+on an edge are told from the others."""
+NOISE_LEAST, NOISE_LEAST_M, NOISE_USUAL_M = 30, 0.005, 0.02
+"""Of fewer threes the noise is not told but taken for a usual one; and it is no less than this."""
+
 BODY_M = (0.8, 1.2)
 """Heights at which any vehicle stops a ray."""
 BEHIND_M = 5.5
@@ -96,6 +102,34 @@ def evenly(columns: np.ndarray, azimuths: np.ndarray) -> tuple[float, float]:
     step = np.median(turns / (columns[1:] - columns[:-1]))
     off = (azimuths - step * columns - azimuths[0] + np.pi) % (2 * np.pi) - np.pi
     return azimuths[0] + np.median(off), step
+
+
+@compiled()
+def range_noise_of(image: np.ndarray) -> float:
+    """Return the standard deviation of the range noise, metres, as a range image (R, C) shows it.
+
+    Of three neighbours on a smooth surface the middle one lies half way between the others. Those
+    on edges are left out, as lying beyond three standard deviations of the rest.
+    """
+    bends, count = np.empty(NOISE_LOOKS), 0
+    every = 1 + image.size // NOISE_LOOKS
+    for k in range(1, image.size - 1, every):
+        row, column = k // image.shape[1], k % image.shape[1]
+        if 0 < column < image.shape[1] - 1:
+            a, b, c = image[row, column - 1], image[row, column], image[row, column + 1]
+            bend = abs(np.float64(a) - 2.0 * np.float64(b) + np.float64(c))
+            bends[count] = bend
+            count += not np.isnan(bend)
+    if count < NOISE_LEAST:
+        return NOISE_USUAL_M
+    bends = np.sort(bends[:count])
+    # Of a normal distribution half lies within so many standard deviations, and of the part
+    # within three of them the mean square is so much of all of it.
+    deviation = bends[count // 4] / 0.3186
+    for _ in range(NOISE_ROUNDS):
+        near = bends[: max(np.searchsorted(bends, 3.0 * deviation), 1)]
+        deviation = np.sqrt((near * near).mean() / 0.9733)
+    return max(deviation / np.sqrt(6.0), NOISE_LEAST_M)
 
 
 @compiled()

@@ -34,7 +34,7 @@ from roadscope.detectors.pose.body_kernels import (
     place_after,
 )
 
-LANES, EVEN = 40, 8
+LANES, EVEN = 40, 4
 """Most lanes at a time, and what their number is rounded up to."""
 X, Y, YAW, SPEED, TURN, ACCELERATION = (k * LANES for k in range(6))
 LENGTH_OFF, WIDTH_OFF, CURVED, NOSE_OFF, TAIL_OFF = (k * LANES for k in range(6, 11))

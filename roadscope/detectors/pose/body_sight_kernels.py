@@ -16,8 +16,9 @@ BEAM = 10
 """Returns of one beam that are worth keeping; with more beams than fit the budget some are left."""
 WIDEST = 4
 """Most neighbours that are joined: over so few columns a face is all but plane."""
-LEAP_M = 0.15
-"""Neighbouring returns whose ranges differ by more are not joined."""
+LEAP_M, LEAP_SD = 0.15, 3.0
+"""Neighbouring returns are not joined whose ranges differ by more than so many metres and so many
+standard deviations of their noise."""
 ROUGHNESS_M = 0.004
 """Departure of real surfaces from a drawn body, added to the range noise."""
 
@@ -278,7 +279,8 @@ def _runs(rays: Rays, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for i in range(1, total):
         both = rays.kind[i] == HIT and rays.kind[i - 1] == HIT
         beside = grid.ring[i] == grid.ring[i - 1] and abs(grid.column[i] - grid.column[i - 1]) == 1
-        starts[i] = not (both and beside and abs(rays.reach[i] - rays.reach[i - 1]) <= LEAP_M)
+        leap_m = max(LEAP_M, LEAP_SD * math.hypot(rays.sigma[i], rays.sigma[i - 1]))
+        starts[i] = not (both and beside and abs(rays.reach[i] - rays.reach[i - 1]) <= leap_m)
         within[i] = 0 if starts[i] else within[i - 1] + 1
     for i in range(total - 2, -1, -1):
         after[i] = 0 if starts[i + 1] else after[i + 1] + 1
