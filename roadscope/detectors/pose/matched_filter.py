@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal, TypedDict, Unpack
 
 import numpy as np
@@ -67,6 +68,7 @@ def fit_single(
     return VehiclePose(x, y, yaw, length_m, width_m, score=score)
 
 
+@lru_cache(maxsize=256)
 def settled_reading(
     length_m: float,
     width_m: float,
