@@ -201,23 +201,25 @@ def rays_of(grid: Grid, beams: Beams, motion: Motion, need: float) -> Rays:
         np.empty((count, 3)), np.empty((count, 2)), np.empty(count), np.empty(count),
         grid.kind, np.empty(count), np.empty(count), np.full(count, need),
     )  # fmt: skip
+    flats, rises = np.cos(beams.elevations), np.sin(beams.elevations)
     for i in range(count):
         ring, column = grid.ring[i], grid.column[i]
         time = sweep_s * (column / beams.columns - 0.5) + beams.firing_offsets_s[ring]
         time *= motion.rolling
         azimuth = first + step * column + motion.turn * time
-        flat, up = math.cos(beams.elevations[ring]), math.sin(beams.elevations[ring])
+        flat, up = flats[ring], rises[ring]
         x, y = flat * math.cos(azimuth), flat * math.sin(azimuth)
         u = x * m[0, 0] + y * m[0, 1] + up * m[0, 2]
         v = x * m[1, 0] + y * m[1, 1] + up * m[1, 2]
         w = x * m[2, 0] + y * m[2, 1] + up * m[2, 2]
-        level = math.hypot(u, v)
+        level = math.sqrt(u * u + v * v)
         rays.origin[i, 0] = m[0, 3] + motion.velocity[0] * time
         rays.origin[i, 1] = m[1, 3] + motion.velocity[1] * time
         rays.origin[i, 2] = m[2, 3]
         rays.direction[i, 0], rays.direction[i, 1] = u / level, v / level
         rays.slope[i], rays.reach[i] = w / level, grid.reach[i] * level
-        rays.sigma[i], rays.time[i] = math.hypot(beams.limits[0] * level, ROUGHNESS_M), time
+        noise = beams.limits[0] * level
+        rays.sigma[i], rays.time[i] = math.sqrt(noise * noise + ROUGHNESS_M * ROUGHNESS_M), time
     return rays
 
 
@@ -279,7 +281,8 @@ def _runs(rays: Rays, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for i in range(1, total):
         both = rays.kind[i] == HIT and rays.kind[i - 1] == HIT
         beside = grid.ring[i] == grid.ring[i - 1] and abs(grid.column[i] - grid.column[i - 1]) == 1
-        leap_m = max(LEAP_M, LEAP_SD * math.hypot(rays.sigma[i], rays.sigma[i - 1]))
+        noise = math.sqrt(rays.sigma[i] ** 2 + rays.sigma[i - 1] ** 2)
+        leap_m = max(LEAP_M, LEAP_SD * noise)
         starts[i] = not (both and beside and abs(rays.reach[i] - rays.reach[i - 1]) <= leap_m)
         within[i] = 0 if starts[i] else within[i - 1] + 1
     for i in range(total - 2, -1, -1):
