@@ -27,8 +27,7 @@ from roadscope.detectors.sorting import order_by
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 BUDGET, COARSE_RAYS = 48, 40
-"""Returns of a vehicle beyond which neighbours are joined, and rays of a first fit: ten vehicles
-are fitted in a tenth of a second."""
+"""Returns of a vehicle beyond which neighbours are joined, and rays of the fits before the last."""
 FIRST_M, NEXT_M, LAST_M = (0.25, 0.1, 0.04, 0.01, 0.0), (0.04, 0.01, 0.0), (0.03, 0.01, 0.0)
 """Rounds of the first fits, of the pose alone, of the next ones, and of the last one, which alone
 tries all places around each step's end. To look both ways too, in two rounds more, would bring

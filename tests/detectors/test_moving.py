@@ -11,7 +11,13 @@ from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.growth import linked, whole_body
 from roadscope.detectors.moving.lidar import lidar_of
 from roadscope.detectors.moving.view import View
-from roadscope.detectors.moving.view_kernels import thinned, unskew, voxel_of
+from roadscope.detectors.moving.view_kernels import (
+    NOISE_USUAL_M,
+    range_noise_of,
+    thinned,
+    unskew,
+    voxel_of,
+)
 
 STEP_S = 0.1
 BEAMS_DEG = np.arange(-8.0, 1.4, 1.33)
@@ -202,3 +208,26 @@ def test_a_view_of_nothing_is_a_view() -> None:
     view = View.of(scan([], ground=False), CALIBRATION.pose("lux"), np.zeros(3))
     assert len(view.points) == 0
     assert np.allclose(view.origin(), [5.0, 0.0])
+
+
+@pytest.mark.parametrize("noise_m", [0.01, 0.03, 0.1])
+@pytest.mark.parametrize("edges", [0.0, 0.2])
+def test_the_range_noise_is_read_off_smooth_faces(noise_m, edges) -> None:
+    """Of slanted ones too, with holes and with every fifth return on another thing."""
+    rng = np.random.default_rng(0)
+    image = 20.0 + 0.05 * np.arange(900.0) + noise_m * rng.standard_normal((16, 900))
+    image[rng.random(image.shape) < edges] += 5.0
+    image[rng.random(image.shape) < 0.1] = np.nan
+    assert range_noise_of(image.astype(np.float32)) == pytest.approx(noise_m, rel=0.1)
+
+
+def test_few_returns_do_not_tell_the_range_noise() -> None:
+    image = np.full((2, 8), np.float32(9.0))
+    assert range_noise_of(image) == NOISE_USUAL_M
+    assert range_noise_of(np.full((2, 800), np.float32(9.0))) < NOISE_USUAL_M
+
+
+def test_a_lidar_that_is_read_off_has_the_noise_of_its_returns() -> None:
+    seen = scan([WALL], noise_m=0.08, elevations=BEAMS_DEG)
+    spec = lidar_of(seen, range_noise_m=None, range_max_m=100.0, detection_limit=0.4)
+    assert spec.range_noise_m == pytest.approx(0.08, rel=0.15)

@@ -44,8 +44,9 @@ class Chart(NamedTuple):
 class Room(NamedTuple):
     """Where the cells about a place are written.
 
-    near: (3, K) x and y from the place, metres, and weight, up to a whole lot. slots: (2, K) bins across and along
-    the line of sight. bins: (4, BINS), evidence and number of cells across, then along it.
+    near: (3, K) x and y from the place, metres, and weight, up to a whole lot. slots: (2, K) bins
+    across and along the line of sight. bins: (4, BINS), evidence and number of cells across, then
+    along it.
     headings: (TURNS, 2) unit vectors of a box's turns. hopes: (TURNS,) evidence at most.
     run: (4,) metres, from where to where the body reaches across and along.
     """

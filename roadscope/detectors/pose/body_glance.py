@@ -35,9 +35,9 @@ class Search(NamedTuple):
     """How a body is searched.
 
     first, next, last: slacks of the rounds, metres, the last two of each 0. budget: returns of a
-    body beyond which neighbours are joined. rays: at most, of a first fit. unlikely: first guesses
-    whose squared deviation from the way is so much more than the best's are left. close: first fits
-    that cost no more than so much above the best's are followed. rules: of the descent.
+    body beyond which neighbours are joined. rays: at most, before the last fit. unlikely: first
+    guesses whose squared deviation from the way is so much more than the best's are left. close:
+    first fits that cost no more than so much above the best's are followed. rules: of the descent.
     """
 
     first: np.ndarray
@@ -142,7 +142,7 @@ def likeliest(
     likely = rough[costs <= costs.min() + search.close]
     begin = np.zeros((len(likely), len(whole.free)))
     begin[:, :3] = likely
-    fine, costs = lowest(begin, search.next, drawn, _without_spread(whole), told)
+    fine, costs = lowest(begin, search.next, drawn, _without_spread(whole), few)
     best = costs.argmin()
     last, costs = lowest(fine[best : best + 1], search.last, drawn, whole, told)
     values = whole.fixed.copy()

@@ -164,7 +164,7 @@ def _rough(
     seen = thinned(views, wide.sigma_m, FEW)
     glance = free_scores(seen, start + chosen[::2] * plan.step, wide)
     likely = np.zeros(len(chosen), np.bool_)
-    for k in np.flatnonzero(glance >= WORTH * glance.max()):
+    for k in np.flatnonzero(glance >= _worth(glance)):
         for i in range(2 * k - 1, 2 * k + 2):
             likely[i % len(chosen)] = True
     blurred = _blurred(settings, plan.stride * plan.step)
@@ -220,12 +220,19 @@ def _blurred(settings: Filter, step: float) -> Filter:
 
 
 @compiled()
+def _worth(scores: np.ndarray) -> float:
+    """Return the least score that is worth a closer look; all are below 0 of wide-spread points."""
+    top = scores.max()
+    return float(top - (1.0 - WORTH) * abs(top))
+
+
+@compiled()
 def _summits(scores: np.ndarray) -> np.ndarray:
     """Return the indices of the greatest local maxima round a circle of scores."""
-    peaks = np.full(len(scores), np.inf)
+    peaks, least = np.full(len(scores), np.inf), _worth(scores)
     for k in range(len(scores)):
         around = max(scores[k - 1], scores[(k + 1) % len(scores)])
-        if scores[k] >= around and scores[k] >= WORTH * scores.max():
+        if scores[k] >= around and scores[k] >= least:
             peaks[k] = -scores[k]
     count = min(KEPT, int(np.isfinite(peaks).sum()))
     return np.argsort(peaks, kind="mergesort")[:count]

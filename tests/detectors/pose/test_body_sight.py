@@ -1,5 +1,7 @@
 """The rays that tell of a body are those that a slow way in NumPy picks and joins."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +15,7 @@ from roadscope.detectors.pose.body_sight_kernels import (
     BEAM,
     BESIDE,
     LEAP_M,
+    LEAP_SD,
     ROUGHNESS_M,
     WIDEST,
     Grid,
@@ -74,7 +77,8 @@ def slow_joined(rays, ring, column, budget):
     breaks[1:] = (np.diff(ring) != 0) | (np.abs(np.diff(column)) != 1)
     with np.errstate(invalid="ignore"):
         breaks[1:] |= (rays.kind[1:] != HIT) | (rays.kind[:-1] != HIT)
-        breaks[1:] |= np.abs(np.diff(rays.reach)) > LEAP_M
+        noise = np.hypot(rays.sigma[1:], rays.sigma[:-1])
+        breaks[1:] |= np.abs(np.diff(rays.reach)) > np.maximum(LEAP_M, LEAP_SD * noise)
     firsts = np.flatnonzero(breaks)
     lengths = np.diff(firsts, append=len(ring))
     within = np.arange(len(ring)) - np.repeat(firsts, lengths)
@@ -111,7 +115,19 @@ def test_joined_returns_of_a_plane_lie_in_it():
     np.testing.assert_allclose(found.reach * (found.direction @ normal), 2.0, atol=1e-9)
 
 
-def slow_sight(scan, target, pose, velocity, budget):
+def test_noise_does_not_keep_neighbours_apart():
+    """A face seen with a noise of 10 cm leaves as few rays as one without noise."""
+    ring, column = np.zeros(200, np.int64), np.arange(200)
+    hit, flat, origin = np.full(200, HIT), np.zeros(200), np.zeros((200, 3))
+    ways = np.column_stack([np.cos(0.004 * column), np.sin(0.004 * column)])
+    reach = 20.0 + 0.1 * np.random.default_rng(0).standard_normal(200)
+    for sigma, apart in ((0.1, False), (0.02, True)):
+        rays = Rays(origin, ways, flat, reach, hit, flat + sigma, flat, flat)
+        found = joined(rays, Grid(ring, column, reach, hit), 48)
+        assert (len(found.reach) > 90) == apart
+
+
+def slow_sight(spec, scan, target, pose, velocity, budget):
     ring, column, reach, kind = slow_grid(scan, target, budget)
     offsets = SPEC.column_offsets_s()[column] + SPEC.firing_offsets_s[ring]
     azimuth, up = SPEC.azimuths()[column], SPEC.elevations[ring]
@@ -124,7 +140,7 @@ def slow_sight(scan, target, pose, velocity, budget):
     signal = np.linalg.norm(scan.points[target].astype(float), axis=1) * 4 / SPEC.range_max_m
     brightest = max(float((scan.intensity[target] * (1 + signal**2)).max()), 0.05)
     need = SPEC.detection_limit / (brightest * SPEC.range_max_m**2)
-    sigma = np.hypot(SPEC.range_noise_m * level, ROUGHNESS_M)
+    sigma = np.hypot(spec.range_noise_m * level, ROUGHNESS_M)
     rays = Rays(
         origin, ways[:, :2] / level[:, None], ways[:, 2] / level, reach * level, kind, sigma,
         offsets, np.full(len(level), need),
@@ -133,13 +149,15 @@ def slow_sight(scan, target, pose, velocity, budget):
 
 
 @pytest.mark.parametrize("budget", [12, 48, 500])
+@pytest.mark.parametrize("noise_m", [0.03, 0.1])
 @given(seed=st.integers(0, 2**32 - 1), seam=st.booleans(), rough=st.sampled_from([0.01, 0.1]))
 @settings(max_examples=10, deadline=None)
-def test_rays_are_those_of_the_slow_way(budget, seed, seam, rough):
+def test_rays_are_those_of_the_slow_way(noise_m, budget, seed, seam, rough):
     scan, target = some_scan(seed, seam, rough)
+    spec = replace(SPEC, range_noise_m=noise_m)
     pose, velocity = Pose.from_euler(1.0, 2.0, 1.8, yaw=0.4, pitch=0.02), np.array([8.0, -3.0])
-    found = sight(SPEC, scan, target, pose, sensor_velocity=velocity, budget=budget)
-    expected = slow_sight(scan, target, pose, velocity, budget)
+    found = sight(spec, scan, target, pose, sensor_velocity=velocity, budget=budget)
+    expected = slow_sight(spec, scan, target, pose, velocity, budget)
     for one, other in zip(found.rays, expected, strict=True):
         assert np.allclose(one, other, atol=1e-9)
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.special import erf
 
@@ -121,6 +121,7 @@ def test_order_and_duplicates_change_nothing(pose, seed):
     st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=1, max_size=12),
     st.tuples(st.integers(-9, 9), st.integers(-9, 9)),
 )
+@example([(0, -2), (0, 3), (1, 7), (1, -9), (-1, -7), (-2, 7), (6, 0), (-9, 1)], (0, 0))
 def test_any_finite_points_give_a_pose(points, origin):
     found = fit_single(np.array(points, float), np.array(origin, float), **SIZE)
     reach = np.abs(np.array(points)).max() + SIZE["length_m"]
