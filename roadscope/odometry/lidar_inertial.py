@@ -75,7 +75,8 @@ class LidarInertialOdometry:
     def _begin(self, start_from_map: np.ndarray) -> None:
         self._start_from_map = start_from_map
         self._track: InertialTrack | None = None
-        self._start, self._check, self._misfits = InertialStart(), SpeedCheck(), 0
+        self._start = InertialStart(anew=self._known is not None)
+        self._check, self._misfits = SpeedCheck(), 0
         self._speed_known, self._rest = False, Rest(self.noise)
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:

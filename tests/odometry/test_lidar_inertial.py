@@ -179,6 +179,23 @@ def test_a_speed_that_nothing_tall_tells_is_a_guess_until_something_does():
     assert guessed > 100 * known
 
 
+def way_m(*, shake=0.0, seen=low):
+    """How far a start at 24 m/s straight ahead is said to have come in seven scans, metres."""
+    drive, odometry = Drive(24.0, 0.0), ODOMETRIES.make("lidar-inertial")
+    for k in range(7):
+        imu = drive.imu(k)
+        force = imu.specific_force + shake * np.sin(30 * imu.stamps_s)[:, None]
+        told = odometry.update(seen(drive.scan(k)), replace(imu, specific_force=force))
+    return told.start_from_lidar.translation[0]
+
+
+def test_what_feels_nothing_stands_unless_something_tall_says_otherwise():
+    """Low things may all be traffic that passes."""
+    assert abs(way_m()) < 0.1
+    assert way_m(shake=0.3) == pytest.approx(14.4, abs=0.5)
+    assert way_m(seen=lambda scan: scan) == pytest.approx(14.4, abs=0.5)
+
+
 def test_what_moves_in_is_dynamic_and_what_stands_is_not():
     space, drive = FreeSpace(), Drive(0.0, 0.0)
     scan = drive.scan(0)
@@ -271,10 +288,11 @@ def test_traffic_does_not_pull(scenario, least_m, t_rel):
 
 
 @pytest.mark.slow
-def test_standing_in_traffic_is_standing():
+@pytest.mark.parametrize("scenario", ["standing-in-traffic", "standing-barriers"])
+def test_standing_is_standing(scenario):
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.jobs.ride import ride
     from roadscope.benchmarks.metrics.odometry import score_standing
 
-    found = ride("lidar-inertial", Episode("standing-in-traffic", 10_000, "vlp16-imu"))
+    found = ride("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
     assert score_standing(found.both, found.stamps_s).false_motion.value < 0.05

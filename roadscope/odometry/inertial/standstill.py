@@ -14,15 +14,17 @@ TURNING_RAD_S = 0.05
 """A steadier turn than any gyro's bias is a turn."""
 
 
-def felt_still(samples: ImuBuffer, now_s: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return means over the last second if nothing changed in it, or None.
+def felt_still(
+    samples: ImuBuffer, now_s: float, window_s: float = WINDOW_S
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return means over the last seconds if nothing changed in them, or None.
 
     Rate, (3,) rad/s, and force, (3,) m/s^2.
     """
-    if not samples.covers(now_s - WINDOW_S, now_s):
+    if not samples.covers(now_s - window_s, now_s):
         return None
-    _, rates, forces = samples.within(now_s - WINDOW_S, now_s)
-    blocks = round(WINDOW_S / BLOCK_S)
+    _, rates, forces = samples.within(now_s - window_s, now_s)
+    blocks = max(round(window_s / BLOCK_S), 1)
     usable = len(rates) // blocks * blocks
     if not usable:
         return None

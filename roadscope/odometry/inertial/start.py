@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from roadscope.odometry.inertial.filter import (
     started,
 )
 from roadscope.odometry.inertial.speed_search import CELL_M, Ends, Speed, speed_of
+from roadscope.odometry.inertial.standstill import felt_still
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 from roadscope.odometry.rigid import exp_se3
 from roadscope.odometry.voxels.sweep import Sweep
@@ -22,15 +24,21 @@ FEWEST, MOST = 4, 6
 """Two or three scans agree by chance; after the most the best speed is taken, clear or not."""
 SPREAD_M_S = (0.5, 0.2, 0.1)
 """How far off a speed so found may be, ahead, to the side and up."""
+SLOW_M_S = 2 * SPREAD_M_S[0]
 FELT_S = 0.1
 
 
 class InertialStart:
-    """Gathers scans and what was felt between them."""
+    """Gathers scans and what was felt between them.
 
-    def __init__(self) -> None:
+    anew: whether the sensor was followed before, and lost. One that was not and that feels nothing
+    is taken to stand unless what is taller than vehicles says that it moves.
+    """
+
+    def __init__(self, *, anew: bool = False) -> None:
         self._taken: list[tuple[Sweep, Stretch, Ends]] = []
         self._rate, self._best = np.zeros(3), Speed(0.0, 0.0)
+        self._anew, self._quiet = anew, False
 
     def __len__(self) -> int:
         return len(self._taken)
@@ -41,12 +49,15 @@ class InertialStart:
         first_s, last_s = self._taken[0][0].scan.stamp_s, sweep.scan.stamp_s
         rate = samples.mean_rate(first_s, last_s) if last_s > first_s else None
         self._rate = np.zeros(3) if rate is None else rate
+        self._quiet = felt_still(samples, last_s, last_s - first_s) is not None
 
     def speed(self) -> Speed | None:
         """Return the speed ahead once it is clear, or enough scans were seen."""
         if len(self._taken) < 2:
             return None
         self._best = speed_of([ends for *_, ends in self._taken], float(self._rate[2]))
+        if self._quiet and not self._anew:
+            self._best = _held_still(self._best)
         if len(self._taken) < (FEWEST if self._best.clear else MOST):
             return None
         return self._best
@@ -82,3 +93,10 @@ class InertialStart:
                 track.settle(track.matched(sweep, points, moving))
             track.remember(sweep, points, moving)
         return track
+
+
+def _held_still(seen: Speed) -> Speed:
+    """Return what was seen by a sensor that feels nothing: what is low may all be traffic."""
+    if not seen.by_tall:
+        return Speed(0.0, 0.0)
+    return replace(seen, ahead_m_s=0.0) if abs(seen.ahead_m_s) < SLOW_M_S else seen
