@@ -22,11 +22,13 @@ from importlib.metadata import (
     version,
 )
 from pathlib import Path
-from typing import Any, Generic, TypeVar, cast
+from types import NoneType
+from typing import Any, Generic, TypeVar, cast, get_args
 
 from roadscope.core.names import unknown
 
 T = TypeVar("T")
+KINDS: Mapping[Any, str] = {bool: "True or False", int: "a whole number", float: "a number"}
 
 
 class SpecError(ValueError):
@@ -97,6 +99,8 @@ class Plugin(Generic[T]):
         except TypeError as error:
             known = ", ".join(_describe_parameters(self.factory)) or "none"
             raise SpecError(f"'{self.spec}': {error}; its arguments: {known}") from error
+        if self.ours and (wrong := _wrong_kind(self.factory, self.arguments)):
+            raise SpecError(f"'{self.spec}': {wrong}")
         if self.missing:
             raise NotInstalledError(self.missing)
         return self.factory(**self.arguments)
@@ -271,6 +275,27 @@ def _describe_parameters(factory: Callable[..., Any]) -> list[str]:
         p.name if p.default is p.empty else f"{p.name}={p.default}"
         for p in inspect.signature(factory).parameters.values()
     ]
+
+
+def _wrong_kind(factory: Callable[..., Any], arguments: Mapping[str, Any]) -> str:
+    """Say which argument is of another kind than its annotation says; empty if none is.
+
+    Annotations other than bool, int, float and None, alone or in a union, say nothing here.
+    """
+    parameters = inspect.signature(factory, eval_str=True).parameters
+    for name, value in arguments.items():
+        if name not in parameters or value is None:
+            continue
+        annotation = parameters[name].annotation
+        kinds = set(get_args(annotation) or (annotation,)) - {NoneType}
+        if not kinds or not kinds <= KINDS.keys():
+            continue
+        # A whole number is a number; True is none.
+        taken = kinds | ({int} if float in kinds else set())
+        if type(value) not in taken:
+            expected = " or ".join(words for kind, words in KINDS.items() if kind in kinds)
+            return f"{name} must be {expected}, got {value!r}"
+    return ""
 
 
 def _import_module(name: str) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,11 +69,7 @@ class LongRangeDetector:
             raise ValueError(f"min_score must be at least 0 and below 1, got {min_score!r}")
         self._fit, self._late, self._faint = fit, late, check_faint(faint)
         self._min_score = min_score
-        self._figures = {
-            "range_noise_m": range_noise_m,
-            "range_max_m": range_max_m,
-            "detection_limit": detection_limit,
-        }
+        self._figures = _settled_figures(range_noise_m, range_max_m, detection_limit)
         self._memory = Memory()
         self.reset()
 
@@ -109,6 +105,23 @@ class LongRangeDetector:
         if asked is None:
             return [], scan.stamp_s
         return _found(self._links.chains, asked, self._fit), asked.scan.stamp_s
+
+
+def _settled_figures(
+    range_noise_m: float | None, range_max_m: float, detection_limit: float
+) -> dict[str, Any]:
+    """Return what `lidar_of` is told, or refuse it."""
+    if range_noise_m is not None and not 0 <= range_noise_m < np.inf:
+        raise ValueError(f"range_noise_m must be None or from 0 up, got {range_noise_m!r}")
+    if not 0 < range_max_m < np.inf:
+        raise ValueError(f"range_max_m must be a positive length in metres, got {range_max_m!r}")
+    if not 0 <= detection_limit < np.inf:
+        raise ValueError(f"detection_limit must be from 0 up, got {detection_limit!r}")
+    return {
+        "range_noise_m": range_noise_m,
+        "range_max_m": range_max_m,
+        "detection_limit": detection_limit,
+    }
 
 
 class Found(NamedTuple):

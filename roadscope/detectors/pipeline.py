@@ -121,7 +121,7 @@ def _with_options_named(signature: inspect.Signature) -> inspect.Signature:
 
 
 ClusterDetector.__signature__ = _with_options_named(  # type: ignore[attr-defined]
-    inspect.signature(ClusterDetector)
+    inspect.signature(ClusterDetector, eval_str=True)
 )
 
 

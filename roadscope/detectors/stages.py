@@ -99,6 +99,10 @@ def _checked(parameter: inspect.Parameter, value: Option) -> Option:
         if value not in known:
             raise ValueError(f"no {name} {value!r}; known: {', '.join(known)}")
         return value
+    if isinstance(parameter.default, bool):
+        if not isinstance(value, bool):
+            raise ValueError(f"{name} must be True or False, got {value!r}")
+        return value
     whole = isinstance(parameter.default, int)
     kind = int if whole else (int, float)
     if isinstance(value, bool) or not isinstance(value, kind) or not 0 < value < np.inf:

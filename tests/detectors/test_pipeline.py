@@ -12,6 +12,7 @@ from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.ground import GROUNDS
 from roadscope.detectors.pipeline import ClusterDetector, apart
 from roadscope.detectors.shape import SHAPES, Vehicle
+from roadscope.detectors.stages import STAGES, options_of
 
 CARS = [
     (25, 0, 4.6, 1.85, 1.5, 0), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.85, 1.5, 1.57)
@@ -109,6 +110,40 @@ def test_every_option_of_a_stage_can_be_named_and_unknown_ones_are_refused_with_
     known = "'dbscan' takes eps_m=1.0, min_points=5; .*; the detector takes min_score=0.0, excl"
     with pytest.raises(ValueError, match=f"no stage has an option 'eps'; .*{known}"):
         DETECTORS.make("cluster?clustering=dbscan&eps=1")
+
+
+OPTIONS = [
+    (kind, stage, name, parameter.default)
+    for kind, known in STAGES.items()
+    for stage in known
+    for name, parameter in options_of(known[stage]).items()
+]
+
+
+@pytest.mark.parametrize(("kind", "stage", "name", "default"), OPTIONS)
+def test_every_option_can_be_given_its_default(kind, stage, name, default):
+    assert DETECTORS.make(f"cluster?{kind}={stage}&{name}={default}")
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("cluster?min_score=abc", "min_score must be a number, got 'abc'"),
+        ("cluster?residual_m=abc", "residual_m must be a number, got 'abc'"),
+        ("cluster?faint=nan", "faint must be a number, got 'nan'"),
+        ("cluster?exclusive=maybe", "exclusive must be True or False, got 'maybe'"),
+        ("cluster?clustering=range-angle&windows=1", "windows must be True or False, got 1"),
+        ("cluster?clustering=dbscan&min_points=2.5", "min_points must be a whole number, got 2.5"),
+        ("zhang2017?late=1", "late must be True or False, got 1"),
+        ("long-range?range_max_m=far", "range_max_m must be a number, got 'far'"),
+        ("long-range?range_max_m=0", "range_max_m must be a positive length in metres, got 0"),
+        ("long-range?range_noise_m=-1", "range_noise_m must be None or from 0 up, got -1"),
+        ("long-range?detection_limit=-1", "detection_limit must be from 0 up, got -1"),
+    ],
+)
+def test_arguments_of_the_wrong_kind_are_named_before_anything_runs(spec, message):
+    with pytest.raises(ValueError, match=message):
+        DETECTORS.make(spec)
 
 
 def test_options_reach_their_stage():

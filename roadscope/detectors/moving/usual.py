@@ -12,6 +12,8 @@ from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.shape.bodies import BODIES, Body
 
 VEHICLES = (Category.CAR, Category.VAN, Category.TRUCK)
+"""Buses go as trucks: what tells them apart is their height, and roofs are often above the beams.
+"""
 TWO_WHEELERS = [b for b in BODIES if b.category is Category.MOTORCYCLE]
 TRIED = TWO_WHEELERS + [b for b in BODIES if b.category in VEHICLES]
 ROOM_M = np.array(
