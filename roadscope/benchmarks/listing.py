@@ -88,14 +88,11 @@ def _first_line(thing: Any) -> str:
 
 
 def _stages() -> list[tuple[str, str]]:
-    from roadscope.detectors.clustering import CLUSTERINGS
-    from roadscope.detectors.ground import GROUNDS
-    from roadscope.detectors.shape import SHAPES
+    from roadscope.detectors.stages import STAGES, listed, options_of
 
-    kinds = {"ground": GROUNDS, "clustering": CLUSTERINGS, "shape": SHAPES}
     return [
-        (f"{kind}={name}", _first_line(stage))
-        for kind, stages in kinds.items()
+        (f"{kind}={name}", f"{_first_line(stage)} Options: {listed(options_of(stage))}.")
+        for kind, stages in STAGES.items()
         for name, stage in stages.items()
     ]
 

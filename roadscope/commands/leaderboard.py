@@ -143,10 +143,15 @@ def leaderboard(
             calibration=calibration,
             deadline_s=deadline,
         )
+        lost: list[str] = []
         if tracks is not None:
             jobs_done = plan(conditions, entry or (), boards, only=only).tracking
-            save_tracks(jobs_done, tracks, workers=workers(jobs), progress=progress)
+            lost = save_tracks(jobs_done, tracks, workers=workers(jobs), progress=progress)
     _show(results, conditions, by)
+    if suite is None and not (kitti or mot):
+        _tell_more(board)
+    if lost:
+        typer.echo(f"no tracks were written of {', '.join(lost)}")
     _tell_written(out and out / "leaderboard.json", tracks)
     if results.barren():
         raise typer.Exit(1)
@@ -156,6 +161,14 @@ def _tell_written(*paths: Path | None) -> None:
     for path in paths:
         if path is not None:
             typer.echo(f"written: {path}")
+
+
+def _tell_more(board: str | None) -> None:
+    """Name the suite of a board that was shown on the quick one."""
+    from roadscope.benchmarks.suite import SUITES
+
+    if board in SUITES and _usual(board) != board:
+        typer.echo(f"A quick look. In full: roadscope leaderboard {board} --suite {board}")
 
 
 def _usual(board: str | None) -> str:

@@ -171,6 +171,7 @@ WIDER: Mapping[str, Sequence[str]] = {
         (
             "ass_a", "det_a", "samota_3d", "nees_position", "nees_in_band", "hota_centre",
             "position_rmse_m", "fragmentations", "mota_3d", "call_p99_ms", "heading_rmse_deg",
+            "wrong_associations",
         ),
     ),
 }  # fmt: skip
@@ -193,23 +194,25 @@ NEES_EXPLAINED = (
     "when tracks are too sure.",
 )  # fmt: skip
 
+SURE_OR_NOT = "; with tentative tracks of trackers that weigh them (weighed = True)"
+"""Averages over recall need the tracks that a tracker is not sure of."""
 KITTI_EXPLAINED: Explained = (
     (("hota",), "HOTA, MOTA, IDF1: image boxes, all sequences as one (KITTI's rules)."),
     ((OFFLINE,), "pass: online, or offline with all frames at hand."),
     (("hota_3d", "samota_3d", "mota_3d"), "3-D: IoU in space, from 0.25."),
-    (("samota_3d",), "sAMOTA: mean of sequences."),
+    (("samota_3d",), f"sAMOTA: mean of sequences{SURE_OR_NOT}."),
     (("hota_centre",), "centre: seen from above, gate 2 m."),
     (("position_rmse_m",), "pos.: RMSE of matches by centres."),
     (("heading_rmse_deg",), "head.: the same, front and rear told apart."),
     NEES_EXPLAINED,
     (("nees_in_band",), "in band: sequences whose NEES lies in its 95 % band, share."),
-    (("id_switches", "fragmentations"), "Counts: per sequence."),
+    (("id_switches", "wrong_associations", "fragmentations"), "Counts: per sequence."),
 )
 
 MOT_EXPLAINED: Explained = (
     (("hota",), "HOTA, MOTA, IDF1: image boxes, all sequences as one (MOTChallenge's rules)."),
     ((OFFLINE,), "pass: online, or offline with all frames at hand."),
-    (("samota",), "sAMOTA: mean of sequences."),
+    (("samota",), f"sAMOTA: mean of sequences{SURE_OR_NOT}."),
     (("id_switches", "fragmentations"), "Counts: per sequence."),
 )
 

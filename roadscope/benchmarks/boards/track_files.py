@@ -52,7 +52,8 @@ def save_tracks(
         out. Of image sequences there is the latter alone. One that cannot be written to raises
         `FolderError`.
 
-    A tracker that fails on a sequence has no files of it.
+    A tracker that fails on a sequence has no files of it. Tentative tracks are left out, which on
+    boards count in averages over recall (sAMOTA) where a tracker weighs them.
     """
     root = usable_folder(folder)
     names = folder_names([job.entry for job in jobs])

@@ -1,7 +1,7 @@
 """Vehicle pose from a few returns: on plain arrays, and on whole scans with all their rays."""
 
 from roadscope.detectors.pose.body_fit import BodyFit
-from roadscope.detectors.pose.body_model import BodyModel
+from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.pose.multi_frame import fit_multi
@@ -12,9 +12,11 @@ __all__ = [
     "BodyFit",
     "BodyModel",
     "Smoother",
+    "Storey",
     "VehiclePose",
     "axis_difference",
     "fit_multi",
     "fit_ransac",
     "fit_single",
+    "saloon",
 ]

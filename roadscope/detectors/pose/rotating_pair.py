@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -56,10 +57,12 @@ def planned(step_deg: float, search_deg: float, *, tied: bool = True) -> Plan:
 
     The paper tries all; here two coarse rounds find the best few and only what is near them is
     tried at the full step. The parabola through the best and its neighbours stands for smaller
-    steps.
+    steps. A step that leaves a rest is shortened until it leaves none.
     """
-    count, stride = round(search_deg / step_deg), max(1, round(COARSE_DEG / step_deg))
-    return Plan(float(np.radians(step_deg)), count, stride, search_deg == 180, tied)
+    count = math.ceil(search_deg / step_deg - 1e-9)
+    step_deg = search_deg / count
+    stride = max(1, round(COARSE_DEG / step_deg))
+    return Plan(math.radians(step_deg), count, stride, search_deg == 180, tied)
 
 
 @compiled()

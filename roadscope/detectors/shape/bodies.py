@@ -47,6 +47,8 @@ _WEIGHED = (
 _TOTAL = sum(body.share for body in _WEIGHED)
 BODIES = tuple(body._replace(share=body.share / _TOTAL) for body in _WEIGHED)
 
+BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
+"""What shows two straight faces, as a person or a cyclist does not."""
 LONGEST_M = 18.5
 """The longest vehicle that needs no permit, and a little for noise."""
 WIDEST_M = 3.0

@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 
-from roadscope.core import Category
 from roadscope.core.jit import compiled
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.body_descent import LIMIT, drawn, space_of
@@ -18,12 +17,11 @@ from roadscope.detectors.pose.body_kernels import POSE, Rays
 from roadscope.detectors.pose.body_model import BodyModel, Storey
 from roadscope.detectors.pose.body_outline_kernels import Around, outline_rays
 from roadscope.detectors.pose.body_start import along_sides
-from roadscope.detectors.shape.bodies import BODIES, Body
+from roadscope.detectors.shape.bodies import BODIES, BRICKS, Body
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.l_shape import vehicles_by_l_shape
 from roadscope.detectors.shape.recognition import Vehicle
 
-BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
 SLACKS = np.array([0.15, 0.05, 0.02, 0.0, 0.0, 0.0])
 """Added to noise and edges round by round, metres."""
 RULES = Rules(LIMIT, CHANCES.edge_m)

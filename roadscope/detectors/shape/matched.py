@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from functools import partial
 
-from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.pose.matched_filter import fit_single
+from roadscope.detectors.shape.bodies import BRICKS
 from roadscope.detectors.shape.cluster import Cluster
 from roadscope.detectors.shape.completion import least_one, shown, whole_ones
 from roadscope.detectors.shape.parts import bodies_in
 from roadscope.detectors.shape.recognition import Vehicle
 
-BRICKS = (Category.CAR, Category.VAN, Category.TRUCK, Category.BUS)
-"""What shows two faces; a person or a cyclist has no straight ones to filter for."""
 LEAST = 8
 """Returns below which the filter has nothing on the rectangle."""
 STEP_DEG = 2.0
