@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,8 @@ COUNTS = {
     "R0_rect": 9, "Tr_velo_to_cam": 12, "Tr_imu_to_velo": 12,
 }  # fmt: skip
 TOLERANCE = 1e-3
+LARGEST = 1e9
+"""No number of a calibration, pixels or metres, is beyond."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,11 +80,24 @@ def _matrices(path: Path) -> Mapping[str, np.ndarray]:
         key = ALIASES.get(key.rstrip(":"), key.rstrip(":"))
         if key not in COUNTS:
             continue
-        try:
-            values = np.array(texts, np.float64)
-        except ValueError:
-            refuse(path, number, f"{COUNTS[key]} numbers after {key}", " ".join(texts))
-        if len(values) != COUNTS[key] or not np.isfinite(values).all():
-            refuse(path, number, f"{COUNTS[key]} finite numbers after {key}", " ".join(texts))
-        found[key] = values.reshape(3, -1)
+        if key in found:
+            refuse(path, number, f"{key} once", "it again")
+        found[key] = _matrix(path, number, key, texts)
     return found
+
+
+def _matrix(path: Path, line: int, key: str, texts: Sequence[str]) -> np.ndarray:
+    """Return (3, 3) or (3, 4) float64; a projection that no camera has is refused."""
+    given = " ".join(texts)
+    try:
+        values = np.array(texts, np.float64)
+    except ValueError:
+        refuse(path, line, f"{COUNTS[key]} numbers after {key}", given)
+    if len(values) != COUNTS[key] or not np.isfinite(values).all():
+        refuse(path, line, f"{COUNTS[key]} finite numbers after {key}", given)
+    if np.abs(values).max() > LARGEST:
+        refuse(path, line, f"numbers from -{LARGEST:g} to {LARGEST:g} after {key}", given)
+    matrix = values.reshape(3, -1)
+    if key == "P2" and np.linalg.matrix_rank(matrix[:, :3]) < 3:
+        refuse(path, line, "a projection after P2, columns 1-3, 5-7, 9-11 of rank 3", given)
+    return matrix

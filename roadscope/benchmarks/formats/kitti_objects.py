@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.formats.table import Table, read_table, refuse_backward, refuse_twins
+from roadscope.benchmarks.formats.table import (
+    MAX_FRAMES,
+    Table,
+    read_table,
+    refuse_backward,
+    refuse_twins,
+)
 from roadscope.core import Category
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
@@ -56,6 +62,11 @@ TYPE_OF = {
 """The types that are detected."""
 CLASS_IDS = {1: KittiType.PEDESTRIAN, 2: KittiType.CAR, 3: KittiType.CYCLIST}
 """How detection files number them."""
+FARTHEST_M, FARTHEST_PX = 1e4, 1e9
+"""Beyond lies nothing; -1000 m is unknown, and what reaches behind the camera is far outside."""
+MAX_ANGLE_RAD = 4 * np.pi
+"""Some files leave whole turns in angles, -10 is unknown."""
+MOST_TRUNCATED, MOST_OCCLUDED = 2, 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,21 +142,20 @@ def read_labels(path: Path, *, results: bool = False) -> KittiObjects:
     """
     last = len(LABEL_COLUMNS)
     table = read_table(path, LABEL_COLUMNS[: last if results else last - 1], least=17)
-    frames, ids = table.integers(0, 0), table.integers(1, -1)
+    frames, ids = table.integers(0, 0, MAX_FRAMES - 1), table.integers(1, -1)
     types = _types(table)
     refuse_twins(table, frames, ids)
     if not results:
         refuse_backward(table, frames)
-    sizes = table.numbers(10, 13)[:, ::-1]
+    sizes = table.within(10, 13, FARTHEST_M, "m")[:, ::-1]
     nothing = (types == KittiType.DONT_CARE)[:, None]
     flat = np.asarray(np.all(sizes < 0, axis=1))[:, None] & results
     _refuse_boxes(table, sizes, nothing | flat, 10)
-    boxes = table.numbers(6, 10)
-    _refuse_image_boxes(table, boxes, 6)
+    boxes = _image_boxes(table, 6)
     scored = bool(table.rows) and len(table.rows[0]) == last
     return KittiObjects(
-        frames, ids, types, table.integers(3, -1), table.integers(4, -1), table.numbers(5, 6)[:, 0],
-        boxes, sizes, table.numbers(13, 16), table.numbers(16, 17)[:, 0],
+        frames, ids, types, _truncated(table, results), table.integers(4, -1, MOST_OCCLUDED),
+        _angles(table, 5), boxes, sizes, table.within(13, 16, FARTHEST_M, "m"), _angles(table, 16),
         table.numbers(17, 18)[:, 0] if scored else np.ones(len(table)),
     )  # fmt: skip
 
@@ -153,18 +163,17 @@ def read_labels(path: Path, *, results: bool = False) -> KittiObjects:
 def read_detections(path: Path) -> KittiObjects:
     """Read detections, comma separated (the layout of AB3DMOT); a file may be empty."""
     table = read_table(path, DETECTION_COLUMNS, separator=",")
-    frames, classes = table.integers(0, 0), table.integers(1)
+    frames, classes = table.integers(0, 0, MAX_FRAMES - 1), table.integers(1)
     known = ", ".join(f"{k} {TYPE_NAMES[v].lower()}" for k, v in CLASS_IDS.items())
     table.require(np.isin(classes, list(CLASS_IDS)), f"a class ({known})", 1)
     refuse_backward(table, frames)
-    sizes, boxes = table.numbers(7, 10)[:, ::-1], table.numbers(2, 6)
+    sizes, boxes = table.within(7, 10, FARTHEST_M, "m")[:, ::-1], _image_boxes(table, 2)
     _refuse_boxes(table, sizes, np.zeros((len(table), 1), bool), 7)
-    _refuse_image_boxes(table, boxes, 2)
     none = np.full(len(table), -1)
     return KittiObjects(
         frames, none, np.array([CLASS_IDS[c] for c in classes.tolist()], np.int8), none, none,
-        table.numbers(14, 15)[:, 0], boxes, sizes, table.numbers(10, 13),
-        table.numbers(13, 14)[:, 0], table.numbers(6, 7)[:, 0],
+        _angles(table, 14), boxes, sizes, table.within(10, 13, FARTHEST_M, "m"),
+        _angles(table, 13), table.numbers(6, 7)[:, 0],
     )  # fmt: skip
 
 
@@ -180,7 +189,24 @@ def _refuse_boxes(table: Table, sizes: np.ndarray, excused: np.ndarray, column: 
     table.require(proper, "a height, width and length above 0", column, column + 3)
 
 
-def _refuse_image_boxes(table: Table, boxes: np.ndarray, column: int) -> None:
+def _image_boxes(table: Table, column: int) -> np.ndarray:
+    boxes = table.within(column, column + 4, FARTHEST_PX, "pixels")
     proper = np.asarray(np.all(boxes[:, 2:] >= boxes[:, :2], axis=1))
     wanted = "left top right bottom with right >= left and bottom >= top"
     table.require(proper, wanted, column, column + 4)
+    return boxes
+
+
+def _angles(table: Table, column: int) -> np.ndarray:
+    return table.within(column, column + 1, MAX_ANGLE_RAD, "rad")[:, 0]
+
+
+def _truncated(table: Table, results: bool) -> np.ndarray:
+    """Return levels; results may have shares as KITTI's single images do, which become 0."""
+    if not results:
+        return table.integers(3, -1, MOST_TRUNCATED)
+    values = table.numbers(3, 4)[:, 0]
+    levels = np.isin(values, np.arange(-1, MOST_TRUNCATED + 1))
+    wanted = f"a truncated of -1 to {MOST_TRUNCATED}, or a share of 0 to 1"
+    table.require(levels | ((values >= 0) & (values <= 1)), wanted, 3)
+    return values.astype(np.int64)

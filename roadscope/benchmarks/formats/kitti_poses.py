@@ -8,6 +8,7 @@ import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import KittiCalibration, rigid
 from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, EGO_FROM_CAMERA
+from roadscope.benchmarks.formats.kitti_objects import MAX_ANGLE_RAD
 from roadscope.benchmarks.formats.table import FormatError, read_table
 from roadscope.core import Pose
 
@@ -18,6 +19,8 @@ OXTS_COLUMNS = (
     "navstat", "numsats", "posmode", "velmode", "orimode",
 )  # fmt: skip
 EARTH_RADIUS_M = 6378137.0
+FARTHEST_M = 1e8
+"""No place is farther from the world's origin: twice around the Earth."""
 
 
 def read_poses(path: Path) -> list[Pose]:
@@ -28,7 +31,7 @@ def read_poses(path: Path) -> list[Pose]:
     """
     table = read_table(path, POSE_COLUMNS)
     poses = []
-    for row, matrix in enumerate(table.numbers(0, 12).reshape(-1, 3, 4)):
+    for row, matrix in enumerate(table.within(0, 12, FARTHEST_M, "m").reshape(-1, 3, 4)):
         pose = rigid(matrix)
         if pose is None:
             table.refuse(row, "a rotation in columns 1-3, 5-7, 9-11", " ".join(table.rows[row]))
@@ -50,6 +53,9 @@ def read_oxts(path: Path, calibration: KittiCalibration) -> list[Pose]:
     table = read_table(path, OXTS_COLUMNS, least=25)
     lat, lon, altitude, roll, pitch, yaw = table.numbers(0, 6).T
     table.require(np.abs(lat) < 89, "a latitude between -89 and 89 degrees", 0)
+    table.within(1, 2, 360, "degrees")
+    table.within(2, 3, FARTHEST_M, "m")
+    table.within(3, 6, MAX_ANGLE_RAD, "rad")
     if not len(table):
         return []
     scale = np.cos(np.deg2rad(lat[0])) * EARTH_RADIUS_M

@@ -11,15 +11,13 @@ from roadscope.benchmarks.boards.tables import conditions
 from roadscope.benchmarks.formats import FormatError, KittiFolder, read_sequence
 from roadscope.benchmarks.formats.kitti import UNKNOWN, logistic
 from roadscope.benchmarks.formats.kitti_calibration import read_calibration
-from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, EGO_FROM_CAMERA
 from roadscope.benchmarks.formats.kitti_objects import KittiType, read_detections, read_labels
-from roadscope.benchmarks.formats.kitti_poses import read_oxts, read_poses
+from roadscope.benchmarks.formats.kitti_poses import read_poses
 from roadscope.benchmarks.recorded.suite import kitti_suite
-from roadscope.core import Category, Pose
+from roadscope.core import Category
 
 LABEL = "0 0 Car 0 0 -1.5 100.0 150.0 200.0 220.0 1.5 1.7 4.2 2.0 1.7 12.0 -1.57"
 FOUND = "0,2,100,150,200,220,3.5,1.5,1.7,4.2,2.0,1.7,12.0,-1.57,-1.5"
-POSE = "1 0 0 0 0 1 0 0 0 0 1 0"
 
 
 @pytest.fixture
@@ -197,6 +195,18 @@ def test_two_detectors_must_be_told_apart(folder):
         ("0.5" + LABEL[1:], "an integer frame of 0 or more, got '0.5'"),
         (LABEL, "each id once in frame 0, got 'id 0 again'"),
         (LABEL.replace("200.0", "50.0"), "right >= left"),
+        (LABEL.replace("0 0", "0 1e300", 1), f"an integer id of at most {2**53 - 1}, got '1e300'"),
+        (LABEL.replace("0 0", "0 99999999999999999999", 1), "an integer id of at most"),
+        (LABEL.replace("0 0", f"0 {2**53}", 1), "an integer id of at most"),
+        ("1000000000000" + LABEL[1:], "an integer frame of at most 499999, got '1000000000000'"),
+        (LABEL.replace("Car 0 0", "Car 7 0"), "an integer truncated of at most 2, got '7'"),
+        (LABEL.replace("Car 0 0", "Car 0.5 0"), "an integer truncated of -1 or more, got '0.5'"),
+        (LABEL.replace("Car 0 0", "Car 0 9"), "an integer occluded of at most 3, got '9'"),
+        (LABEL.replace("-1.57", "100"), r"rotation_y from -12.5664 to 12.5664 rad, got '100'"),
+        (LABEL.replace("-1.5 ", "100 "), r"alpha from -12.5664 to 12.5664 rad, got '100'"),
+        (LABEL.replace("12.0", "1e200"), r"x y z from -10000 to 10000 m, got '2.0 1.7 1e200'"),
+        (LABEL.replace("4.2", "1e200"), "height width length from -10000 to 10000 m"),
+        (LABEL.replace("200.0", "1e200"), r"left top right bottom from -1e\+09 to 1e\+09 pixels"),
     ],
 )
 def test_malformed_labels_are_refused_with_their_line(tmp_path, line, said):
@@ -234,6 +244,11 @@ def test_frames_that_go_back_are_refused_in_labels_but_not_in_results(tmp_path):
         (FOUND.replace("1.5,1.7", "0,1.7"), "height, width and length above 0"),
         (FOUND.replace("3.5", "high"), "a number as score, got 'high'"),
         (FOUND.replace("12.0", "inf"), "a finite z"),
+        (FOUND.replace("12.0", "1e200"), "x y z from -10000 to 10000 m"),
+        (FOUND.replace("200", "1e200"), "left top right bottom from"),
+        (FOUND.replace("-1.57", "100"), "rotation_y from -12.5664 to 12.5664 rad, got '100'"),
+        ("1e12" + FOUND[1:], "an integer frame of at most 499999, got '1e12'"),
+        (FOUND.replace("0,2", "0,-1e300", 1), "an integer class, got '-1e300'"),
     ],
 )
 def test_malformed_detections_are_refused(tmp_path, line, said):
@@ -242,6 +257,28 @@ def test_malformed_detections_are_refused(tmp_path, line, said):
     with pytest.raises(FormatError, match=said) as caught:
         read_detections(path)
     assert f"{path}, line 1" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("flat", "truncated"),
+    [
+        ("Car -1 -1 -10 100 150 200 220 -1 -1 -1 -1000 -1000 -1000 -10", -1),
+        ("Car -1 -1 -10 100 150 200 220 -1000 -1000 -1000 -10 -1 -1 -1", -1),
+        ("Car 0.34 0 -1 -8e4 150 200 220 -1 -1 -1 -1000 -1000 -1000 -1", 0),
+        ("Car 2 3 3.9 100 150 200 220 1.5 1.7 4.2 2.0 1.7 12.0 -4.7", 2),
+    ],
+)
+def test_what_trackers_leave_unknown_in_results_is_read(tmp_path, flat, truncated):
+    path = tmp_path / "0000.txt"
+    path.write_text(f"0 7 {flat} 0.9\n")
+    assert read_labels(path, results=True).truncated.tolist() == [truncated]
+
+
+def test_a_share_beyond_one_is_no_truncation(tmp_path):
+    path = tmp_path / "0000.txt"
+    path.write_text(LABEL.replace("Car 0 0", "Car 1.5 0"))
+    with pytest.raises(FormatError, match=r"line 1: expected a truncated of -1 to 2, or a share"):
+        read_labels(path, results=True)
 
 
 def test_empty_and_windows_files_are_allowed(tmp_path):
@@ -261,66 +298,6 @@ def test_binary_files_are_refused(tmp_path, junk):
     for read in (read_labels, read_detections, read_calibration, read_poses):
         with pytest.raises(FormatError, match="expected text, got binary data"):
             read(path)
-
-
-def test_calibration_needs_its_keys(tmp_path):
-    path = tmp_path / "0000.txt"
-    path.write_text("P0: " + "1 " * 12)
-    with pytest.raises(FormatError, match="expected the key P2, got P0"):
-        read_calibration(path)
-    path.write_text("P0: 1\nP2: " + "1 " * 11)
-    with pytest.raises(FormatError, match="line 1: expected 12 finite numbers after P0"):
-        read_calibration(path)
-    path.write_text("P2: " + "1 " * 12 + "\nR_rect 9 0 0 0 1 0 0 0 1\nTr_velo_cam "
-                    + POSE + "\nTr_imu_velo " + POSE)  # fmt: skip
-    with pytest.raises(FormatError, match="expected rotations in R0_rect"):
-        read_calibration(path)
-
-
-def test_poses_come_back(tmp_path):
-    rng = np.random.default_rng(3)
-    poses = [
-        Pose.from_euler(*rng.normal(0, 50, 3), yaw=a, pitch=b, roll=c)
-        for a, b, c in rng.normal(0, 1, (20, 3))
-    ]
-    rows = [(CAMERA_FROM_EGO @ p @ EGO_FROM_CAMERA).matrix[:3].ravel() for p in poses]
-    np.savetxt(tmp_path / "poses.txt", rows)
-    for one, other in zip(read_poses(tmp_path / "poses.txt"), poses, strict=True):
-        np.testing.assert_allclose(one.matrix, other.matrix, atol=1e-9)
-
-
-def test_a_pose_that_does_not_turn_rigidly_is_refused(tmp_path):
-    path = tmp_path / "poses.txt"
-    path.write_text(POSE + "\n" + POSE.replace("1", "2") + "\n")
-    with pytest.raises(FormatError, match="line 2: expected a rotation"):
-        read_poses(path)
-
-
-def test_the_inertial_unit_gives_poses_too(folder):
-    """The same drive north and as camera poses: motion in the ego's own frame is the same."""
-    calibration = read_calibration(folder / "calib" / "0000.txt")
-    metres = np.arange(FRAMES) * EGO_SPEED_M_S * 0.1
-    degrees = 49 + np.rad2deg(metres / 6378137.0)
-    rows = [f"{lat:.12f} 8.4 110 0 0 {np.pi / 2}" + " 0" * 24 for lat in degrees]
-    (folder / "oxts").mkdir()
-    path = folder / "oxts" / "0000.txt"
-    path.write_text("\n".join(rows))
-    unit = read_oxts(path, calibration)
-    camera = read_poses(folder / "ego_pose" / "0000.txt")
-    for poses in (unit, camera):
-        step = poses[0].inverse() @ poses[-1]
-        np.testing.assert_allclose(step.translation, [metres[-1], 0, 0], atol=1e-3)
-        np.testing.assert_allclose(step.rotation, np.eye(3), atol=1e-9)
-    assert unit[0].yaw == pytest.approx(np.pi / 2)
-    (folder / "ego_pose" / "0000.txt").unlink()
-    assert read_sequence(folder, "0000").world_from_ego[0] == unit[0]
-
-
-def test_oxts_without_calibration_of_the_unit_is_refused(tmp_path):
-    (tmp_path / "calib.txt").write_text("P2: " + "1 " * 12)
-    calibration = read_calibration(tmp_path / "calib.txt")
-    with pytest.raises(FormatError, match="needs R0_rect, Tr_velo_to_cam and Tr_imu_to_velo"):
-        read_oxts(tmp_path / "oxts.txt", calibration)
 
 
 def test_real_sequences_can_be_read():
