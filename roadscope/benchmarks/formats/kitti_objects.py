@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from roadscope.benchmarks.formats.by_frame import rows_by_frame
 from roadscope.benchmarks.formats.table import (
     MAX_FRAMES,
     Table,
@@ -130,9 +131,7 @@ class KittiObjects(Record):
 
     def by_frame(self, count: int) -> list[KittiObjects]:
         """Return the rows of frames 0 to count - 1, in file order."""
-        order = np.argsort(self.frames, kind="stable")
-        cuts = np.searchsorted(self.frames[order], np.arange(1, count))
-        return [self.select(rows) for rows in np.split(order, cuts)]
+        return rows_by_frame(self, 0, count)
 
 
 def read_labels(path: Path, *, results: bool = False) -> KittiObjects:

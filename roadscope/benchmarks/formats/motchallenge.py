@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import configparser
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -10,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from roadscope.benchmarks.formats.by_frame import rows_by_frame
+from roadscope.benchmarks.formats.seqinfo import read_info
 from roadscope.benchmarks.formats.table import (
+    MAX_FRAMES,
     FormatError,
     Table,
     read_lines,
@@ -33,7 +35,8 @@ CLASSES = {
 """Classes of MOT16 and later; the others are distractors, occluders, reflections, crowds and
 people on vehicles."""
 PEDESTRIAN = 1
-DEFAULT_RATE_HZ = 30.0
+FARTHEST = 1e9
+"""No box, pixels, and no place, metres, lies beyond."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,29 +99,31 @@ class MotSequence(Record):
     image_size: tuple[int, int] | None
 
 
-def read_mot(path: Path, *, ordered: bool = False) -> MotRows:
+def read_mot(
+    path: Path, *, ordered: bool = False, truth: bool = False, end: tuple[int, str] | None = None
+) -> MotRows:
     """Read a det.txt, gt.txt or result file of 7, 9 (class, visibility) or 10 (x y z) columns.
 
     ordered: refuse frames that decrease, as detections must not.
+    truth: refuse rows without an id, which detections have.
+    end: the last frame that may be there, and what says so; None: as far as any sequence goes.
     """
     table = _table(path)
-    frames, ids, n = table.integers(0, 1), table.integers(1, -1), len(table)
+    frames, ids = table.integers(0, 1, MAX_FRAMES), table.integers(1, 0 if truth else -1)
+    n = len(table)
+    if end is not None:
+        table.require(frames <= end[0], f"a frame of at most {end[0]}, {end[1]}", 0)
     refuse_twins(table, frames, ids)
     if ordered:
         refuse_backward(table, frames)
-    left_top, size = table.numbers(2, 4), table.numbers(4, 6)
-    boxes = np.concatenate([left_top, left_top + size], axis=1)
-    unseen = np.asarray(np.all(np.hstack([left_top, size]) == -1, axis=1))
-    boxes[unseen] = -1.0
-    proper = np.asarray(np.all(size > 0, axis=1)) | unseen
-    table.require(proper, "a width and height above 0", 4, 6)
+    boxes = _boxes(table)
     classes, visible, points = np.full(n, PEDESTRIAN), np.ones(n), np.full((n, 3), -1.0)
     if table.columns == CLASS_COLUMNS:
         classes, visible = table.integers(7), table.numbers(8, 9)[:, 0]
         table.require(np.isin(classes, list(CLASSES)), "a class from 1 to 13", 7)
         table.require((visible >= 0) & (visible <= 1), "a visibility in 0 to 1", 8)
     elif table.columns == WORLD_COLUMNS:
-        points = table.numbers(7, 10)
+        points = table.within(7, 10, FARTHEST, "m")
     return MotRows(frames, ids, boxes, table.numbers(6, 7)[:, 0], classes, visible, points)
 
 
@@ -128,21 +133,17 @@ def read_mot_sequence(folder: Path | str) -> MotSequence:
     det = root / "det" / "det.txt"
     if not det.is_file():
         raise FormatError(f"{det}: missing; expected det/det.txt, gt/gt.txt and seqinfo.ini")
-    length, rate, size = _info(root / "seqinfo.ini")
-    found = read_mot(det, ordered=True)
+    info = read_info(root / "seqinfo.ini")
+    end = None if info.length is None else (info.length, "the seqLength of seqinfo.ini")
+    found = read_mot(det, ordered=True, end=end)
     gt = root / "gt" / "gt.txt"
-    true = read_mot(gt) if gt.is_file() else None
+    true = read_mot(gt, truth=True, end=end) if gt.is_file() else None
     last = max(int(r.frames.max(initial=0)) for r in (found, true) if r is not None)
-    if length is not None and last > length:
-        raise FormatError(f"{root / 'seqinfo.ini'}: seqLength is {length}, but frame {last} is "
-                          "in det.txt or gt.txt")  # fmt: skip
-    count = last if length is None else length
-    probable = bool(np.all((found.confidences >= 0) & (found.confidences <= 1)))
+    count = last if info.length is None else info.length
     rows = by_frame(found, count)
     return MotSequence(
-        root.name,
-        tuple(_image_detections(r, t / rate, probable) for t, r in enumerate(rows)),
-        rows, None if true is None else by_frame(true, count), rate, size,
+        root.absolute().name, _image_frames(rows, info.rate_hz), rows,
+        None if true is None else by_frame(true, count), info.rate_hz, info.image_size,
     )  # fmt: skip
 
 
@@ -192,9 +193,31 @@ def _table(path: Path) -> Table:
 
 def by_frame(rows: MotRows, count: int) -> tuple[MotRows, ...]:
     """Return the rows of frames 1 to count, in file order."""
-    order = np.argsort(rows.frames, kind="stable")
-    cuts = np.searchsorted(rows.frames[order], np.arange(2, count + 1))
-    return tuple(rows.select(index) for index in np.split(order, cuts))
+    return tuple(rows_by_frame(rows, 1, count))
+
+
+def _boxes(table: Table) -> np.ndarray:
+    """Return (N, 4) left top right bottom, all -1 where no camera saw it."""
+    given = table.within(2, 6, FARTHEST, "pixels")
+    size = given[:, 2:]
+    unseen = np.asarray(np.all(given == -1, axis=1))
+    proper = np.asarray(np.all(size > 0, axis=1)) | unseen
+    table.require(proper, "a width and height above 0", 4, 6)
+    boxes = np.concatenate([given[:, :2], given[:, :2] + size], axis=1)
+    boxes[unseen] = -1.0
+    return boxes
+
+
+def _image_frames(frames: Sequence[MotRows], rate_hz: float) -> tuple[ImageDetections, ...]:
+    """Turn rows into detections; scores stay where all are 0 to 1."""
+    probable = all(np.all((r.confidences >= 0) & (r.confidences <= 1)) for r in frames if len(r))
+    empty = ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), 0.0)
+    return tuple(
+        _image_detections(r, t / rate_hz, probable)
+        if len(r)
+        else empty._trusted(stamp_s=t / rate_hz)
+        for t, r in enumerate(frames)
+    )
 
 
 def _image_detections(rows: MotRows, stamp_s: float, probable: bool) -> ImageDetections:
@@ -206,21 +229,3 @@ def _image_detections(rows: MotRows, stamp_s: float, probable: bool) -> ImageDet
     categories = np.array([kind for kind in kinds if kind is not None], np.int8)
     scores = rows.confidences[kept] if probable else logistic(rows.confidences[kept])
     return ImageDetections(rows.boxes[kept], categories, scores, stamp_s)
-
-
-def _info(path: Path) -> tuple[int | None, float, tuple[int, int] | None]:
-    """Return number of frames, frames a second and image size, as far as the file says them."""
-    if not path.is_file():
-        return None, DEFAULT_RATE_HZ, None
-    parser = configparser.ConfigParser()
-    try:
-        parser.read_string("\n".join(read_lines(path)))
-        section = parser["Sequence"]
-        length, rate = section.getint("seqLength"), section.getfloat("frameRate", DEFAULT_RATE_HZ)
-        width, height = section.getint("imWidth"), section.getint("imHeight")
-    except (configparser.Error, KeyError, ValueError) as error:
-        raise FormatError(f"{path}: expected [Sequence] with seqLength and frameRate: {error}") \
-            from error  # fmt: skip
-    if not 0 < rate < float("inf"):
-        raise FormatError(f"{path}: expected a frameRate above 0, got {rate}")
-    return length, rate, None if width is None or height is None else (width, height)

@@ -102,6 +102,11 @@ def test_trackeval_reads_our_results(tmp_path):
         (TRUE.replace("0.75", "1.75"), "a visibility in 0 to 1"),
         (TRUE.replace("100", "x"), "a number as left, got 'x'"),
         (TRUE + "\n" + TRUE, "each id once in frame 1"),
+        (TRUE.replace("1,3", "1,1e300", 1), f"an integer id of at most {2**53 - 1}, got '1e300'"),
+        (TRUE.replace("1,3", "1,99999999999999999999", 1), "an integer id of at most"),
+        (DET.replace("1,-1", "1000000000000,-1", 1), "an integer frame of at most 500000, got"),
+        (DET.replace("100", "1e200"), r"left top width height from -1e\+09 to 1e\+09 pixels"),
+        (DET.replace("-1,-1,-1", "-1,-1,1e200"), r"x y z from -1e\+09 to 1e\+09 m"),
     ],
 )
 def test_malformed_files_are_refused_with_their_line(tmp_path, line, said):
@@ -116,14 +121,66 @@ def test_malformed_sequences_are_refused(tmp_path):
     with pytest.raises(FormatError, match=r"det.txt: missing"):
         read_mot_sequence(tmp_path)
     folder = write_sequence(tmp_path / "A", (DET.replace("1,-1", "9,-1", 1),))
-    with pytest.raises(FormatError, match="seqLength is 4, but frame 9"):
+    said = r"det.txt, line 1: expected a frame of at most 4, the seqLength of seqinfo.ini, got '9'"
+    with pytest.raises(FormatError, match=said):
         read_mot_sequence(folder)
+    late = write_sequence(tmp_path / "C", true=(TRUE, TRUE.replace("1,3", "5,3", 1)))
+    with pytest.raises(FormatError, match=r"gt.txt, line 2: expected a frame of at most 4, .*'5'"):
+        read_mot_sequence(late)
+    nobody = write_sequence(tmp_path / "D", true=(TRUE, TRUE.replace("1,3", "1,-1", 1)))
+    with pytest.raises(FormatError, match=r"gt.txt, line 2: expected an integer id of 0 or more"):
+        read_mot_sequence(nobody)
     back = write_sequence(tmp_path / "B", (DET.replace("1,-1", "2,-1", 1), DET))
     with pytest.raises(FormatError, match="line 2: expected frames that do not decrease"):
         read_mot_sequence(back)
     (folder / "seqinfo.ini").write_text("frameRate=10")
     with pytest.raises(FormatError, match=r"expected \[Sequence\]"):
         read_mot_sequence(folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[Sequence]\nseqLength=-3", "line 2: expected seqLength as .* of 1 to 500000, got '-3'"),
+        ("[Sequence]\nseqLength=0", ", line 2: expected seqLength as a whole"),
+        ("[Sequence]\n\nseqLength=1000000000000", ", line 3: expected seqLength as a whole"),
+        ("[Sequence]\nseqLength=many", ", line 2: expected seqLength .*, got 'many'"),
+        ("[Sequence]\nimWidth=0\nimHeight=4", ", line 2: expected imWidth as a whole number of 1 "),
+        ("[Sequence]\nimWidth=4\nimHeight=-4", ", line 3: expected imHeight as .*, got '-4'"),
+        ("[Sequence]\nframeRate=0", ", line 2: expected frameRate as a number of 1e-06 to 1e"),
+        ("[Sequence]\nframeRate=nan", ", line 2: expected frameRate as .*, got 'nan'"),
+        ("[Sequence]\nframeRate=quick", ", line 2: expected frameRate as .*, got 'quick'"),
+        ("[Sequence]\nname=A\nNAME=A", ", line 3: expected NAME once, got 'NAME=A'"),
+        ("[Sequence]\ngarbage", ", line 2: expected KEY=VALUE, got 'garbage'"),
+        ("garbage\nmore", r", line 1: expected \[Sequence\] with seqLength .*, got 'garbage'"),
+        ("[Other]\na=1", r": expected \[Sequence\] with seqLength and frameRate, got \[Other\]$"),
+        ("", r": expected \[Sequence\] with seqLength and frameRate, got nothing$"),
+    ],
+)  # fmt: skip
+def test_a_malformed_seqinfo_is_refused_in_one_line(tmp_path, text, said):
+    path = write_sequence(tmp_path, (DET,)) / "seqinfo.ini"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=said) as caught:
+        read_mot_sequence(tmp_path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_frames_without_rows_are_one_record(tmp_path):
+    path = write_sequence(tmp_path, (DET.replace("1,-1", "3,-1", 1),)) / "seqinfo.ini"
+    path.write_text("[Sequence]\nseqLength=500000\n")
+    mot = read_mot_sequence(tmp_path)
+    assert len(mot.detected) == len(mot.truth) == 500_000
+    assert len({id(rows) for rows in mot.detected}) == 2
+    assert [t for t, found in enumerate(mot.detections) if len(found)] == [2]
+    assert mot.detections[-1].stamp_s == pytest.approx(499_999 / 30)
+
+
+def test_what_else_seqinfo_says_is_passed_over(tmp_path):
+    path = write_sequence(tmp_path) / "seqinfo.ini"
+    path.write_text("; from us\n[more]\nwhatever\n[SEQUENCE]\nname=100%\nimWidth = 640\n")
+    mot = read_mot_sequence(tmp_path)
+    assert (len(mot.detections), mot.rate_hz, mot.image_size) == (1, 30, None)
 
 
 def test_an_empty_file_is_allowed(tmp_path):
