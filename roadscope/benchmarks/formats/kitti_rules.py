@@ -28,6 +28,12 @@ MIN_HEIGHT_PX = 25.0
 REGION_SHARE = 0.5
 """A track is in a DontCare region with more than this share of its image box."""
 EPSILON = float(np.finfo(float).eps)
+JudgedFrame = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""(M,) and (N,) ids of objects and tracks that count, (M, N) similarities and metres, (N,) scores.
+"""
+NOTHING: JudgedFrame = (
+    np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 0)), np.empty((0, 0)), np.empty(0),
+)  # fmt: skip
 DISTRACTORS: Mapping[KittiType, tuple[KittiType, ...]] = {
     KittiType.CAR: (KittiType.VAN,),
     KittiType.PEDESTRIAN: (KittiType.PERSON,),
@@ -90,21 +96,31 @@ def judged(
     tracked: a tracker's rows of each frame; those of other types are left out.
     """
     measure = SIMILARITIES[similarity]
-    ids, followers, alike, apart, scores = [], [], [], [], []
-    for labels, rows in zip(labelled, tracked, strict=True):
-        known = np.isin(labels.types, [kind, *DISTRACTORS[kind]]) & (labels.ids >= 0)
-        objects = labels.select(known)
-        tracks = rows.select((rows.types == kind) & (rows.ids >= 0))
-        alikeness = measure.of(objects, tracks)
-        regions = labels.boxes[labels.types == KittiType.DONT_CARE]
-        counts = _counting(objects, kind)
-        kept = ~_excused(alikeness, counts, tracks.boxes, regions, measure.threshold)
-        ids.append(objects.ids[counts])
-        followers.append(tracks.ids[kept])
-        alike.append(alikeness[np.ix_(counts, kept)])
-        apart.append(distances(objects.select(counts), tracks.select(kept)))
-        scores.append(tracks.scores[kept])
+    frames = [
+        _frame(labels, rows, kind, measure) if len(labels) or len(rows) else NOTHING
+        for labels, rows in zip(labelled, tracked, strict=True)
+    ]
+    ids, followers, alike, apart, scores = (
+        [frame[k] for frame in frames] for k in range(len(NOTHING))
+    )
     return TrackedSequence.of(ids, followers, alike, distances_m=apart, scores=scores)
+
+
+def _frame(
+    labels: KittiObjects, rows: KittiObjects, kind: KittiType, measure: Similarity
+) -> JudgedFrame:
+    known = np.isin(labels.types, [kind, *DISTRACTORS[kind]]) & (labels.ids >= 0)
+    objects = labels.select(known)
+    tracks = rows.select((rows.types == kind) & (rows.ids >= 0))
+    alikeness = measure.of(objects, tracks)
+    regions = labels.boxes[labels.types == KittiType.DONT_CARE]
+    counts = _counting(objects, kind)
+    kept = ~_excused(alikeness, counts, tracks.boxes, regions, measure.threshold)
+    apart = distances(objects.select(counts), tracks.select(kept))
+    return (
+        objects.ids[counts], tracks.ids[kept], alikeness[np.ix_(counts, kept)], apart,
+        tracks.scores[kept],
+    )  # fmt: skip
 
 
 def _counting(objects: KittiObjects, kind: KittiType) -> np.ndarray:

@@ -16,8 +16,20 @@ from roadscope.benchmarks.metrics.tracking.similarity import image_overlaps
 
 DISTRACTORS = (2, 7, 8, 12)
 """Of MOT16 and MOT17: people on vehicles, static people, distractors, reflections."""
+VEHICLES = 6
+"""Not on the main road; MOT20 spares them, too."""
 THRESHOLD = 0.5
 EPSILON = float(np.finfo(float).eps)
+JudgedFrame = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""(M,) and (N,) ids of objects and tracks that count, (M, N) similarities, (N,) scores."""
+NOTHING: JudgedFrame = (
+    np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 0)), np.empty(0),
+)  # fmt: skip
+
+
+def distractors_of(sequence: str) -> tuple[int, ...]:
+    """Return the classes that count neither way, by the name of a sequence."""
+    return (*DISTRACTORS, VEHICLES) if sequence.startswith("MOT20") else DISTRACTORS
 
 
 def mot_judged(
@@ -29,20 +41,26 @@ def mot_judged(
 
     truth: rows of ground truth; of those of no confidence none counts.
     tracked: a tracker's rows; those without an id or a box are left out.
-    distractors: classes as in `CLASSES`; MOT20 has 6, other vehicles, beside these.
+    distractors: classes as in `CLASSES`, those of `distractors_of` the sequence.
     """
-    ids, followers, alike, scores = [], [], [], []
-    for objects, rows in zip(truth, tracked, strict=True):
-        boxed = np.all(rows.boxes[:, 2:] > rows.boxes[:, :2], axis=1)
-        tracks = rows.select((rows.ids >= 0) & boxed)
-        overlaps = image_overlaps(objects.boxes, tracks.boxes)
-        excused = _on(np.isin(objects.classes, list(distractors)), overlaps)
-        counts = (objects.classes == PEDESTRIAN) & (objects.confidences != 0)
-        ids.append(objects.ids[counts])
-        followers.append(tracks.ids[~excused])
-        alike.append(overlaps[np.ix_(counts, ~excused)])
-        scores.append(tracks.confidences[~excused])
+    frames = [
+        _frame(objects, rows, distractors) if len(objects) or len(rows) else NOTHING
+        for objects, rows in zip(truth, tracked, strict=True)
+    ]
+    ids, followers, alike, scores = ([frame[k] for frame in frames] for k in range(len(NOTHING)))
     return TrackedSequence.of(ids, followers, alike, scores=scores)
+
+
+def _frame(objects: MotRows, rows: MotRows, distractors: Collection[int]) -> JudgedFrame:
+    boxed = np.all(rows.boxes[:, 2:] > rows.boxes[:, :2], axis=1)
+    tracks = rows.select((rows.ids >= 0) & boxed)
+    overlaps = image_overlaps(objects.boxes, tracks.boxes)
+    kept = ~_on(np.isin(objects.classes, list(distractors)), overlaps)
+    counts = (objects.classes == PEDESTRIAN) & (objects.confidences != 0)
+    return (
+        objects.ids[counts], tracks.ids[kept], overlaps[np.ix_(counts, kept)],
+        tracks.confidences[kept],
+    )  # fmt: skip
 
 
 def _on(distracting: np.ndarray, overlaps: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.fingerprint import code_hash
-from roadscope.benchmarks.formats.mot_rules import DISTRACTORS, THRESHOLD, mot_judged
+from roadscope.benchmarks.formats.mot_rules import THRESHOLD, distractors_of, mot_judged
 from roadscope.benchmarks.formats.motchallenge import (
     MotRows,
     MotSequence,
@@ -35,8 +35,6 @@ from roadscope.core import Pose, Tracks, Truth
 
 MOT = "mot"
 TRUTH, FOUND, INFO = "gt/gt.txt", "det/det.txt", "seqinfo.ini"
-VEHICLES = 6
-"""Class that MOT20 leaves out, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +82,7 @@ class MotRecording(Recording):
         """
         sequence, _ = image_sequence(self)
         assert sequence.truth is not None
-        spared = (*DISTRACTORS, VEHICLES) if sequence.name.startswith("MOT20") else DISTRACTORS
+        spared = distractors_of(sequence.name)
         counted, swept = (
             mot_judged(sequence.truth, self.rows(some), spared)
             for some in ([told.sure for told in tracks], tracks)

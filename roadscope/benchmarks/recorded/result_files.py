@@ -10,7 +10,7 @@ from pathlib import Path
 
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF, read_labels
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
-from roadscope.benchmarks.formats.mot_rules import THRESHOLD, mot_judged
+from roadscope.benchmarks.formats.mot_rules import THRESHOLD, distractors_of, mot_judged
 from roadscope.benchmarks.formats.motchallenge import by_frame, read_mot, read_mot_sequence
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.metrics.score import Score
@@ -33,13 +33,13 @@ def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Sc
     mota 0.500
     idf1 0.667
     """
-    true, told = read_mot_sequence(sequence).truth, read_mot(Path(results))
+    known = read_mot_sequence(sequence)
+    true = known.truth
     if true is None:
         raise FormatError(f"{Path(sequence) / 'gt' / 'gt.txt'}: missing; nothing to score by")
-    last = int(told.frames.max(initial=0))
-    if last > len(true):
-        raise FormatError(f"{results}: frame {last}, but the sequence {sequence} has {len(true)}")
-    return sequence_scores(mot_judged(true, by_frame(told, len(true))), THRESHOLD)
+    told = read_mot(Path(results), end=(len(true), f"the last of the sequence {sequence}"))
+    counted = mot_judged(true, by_frame(told, len(true)), distractors_of(known.name))
+    return sequence_scores(counted, THRESHOLD)
 
 
 def score_kitti_results(

@@ -1,6 +1,7 @@
 """Result files of others: the same sequences as TrackEval's pipeline, examples as printed."""
 
 import doctest
+from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
@@ -80,14 +81,33 @@ def test_of_kitti_the_class_asked_for_counts(tmp_path):
 
 
 def test_malformed_files_are_refused_with_their_line(tmp_path):
-    truth, results = example(tmp_path, ONE + "3,7,x,1,1,1,1,-1,-1,-1\n")
+    truth, results = example(tmp_path, ONE + "2,8,x,1,1,1,1,-1,-1,-1\n")
     with pytest.raises(FormatError, match=r"MOT17-02.txt, line 3: expected a number as left"):
         score_mot_results(truth.parents[1], results)
     results.write_text(mot_lines(f"9,7,{A}", tail=",0.9,-1,-1,-1"))
-    with pytest.raises(FormatError, match=r"frame 9, but the sequence .*MOT17-02 has 2"):
+    said = r"mine/MOT17-02.txt, line 1: expected a frame of at most 2, the last of .*02, got '9'"
+    with pytest.raises(FormatError, match=said):
         score_mot_results(truth.parents[1], results)
     with pytest.raises(FormatError, match=r"gt.txt, line 1: expected 17 columns"):
         score_kitti_results(truth, results)
+
+
+@pytest.mark.parametrize(("name", "precision"), [("MOT20-01", 1.0), ("MOT17-02", 2 / 3)])
+def test_mot20_spares_who_follows_other_vehicles(name, precision, tmp_path):
+    """As on the board: the name of the folder decides, wherever it is called from."""
+    truth, results = example(tmp_path, ONE + mot_lines(f"1,8,{C}", tail=",0.9,-1,-1,-1"))
+    truth.write_text(truth.read_text() + f"1,3,{C},0,6,1.0\n")
+    folder = truth.parents[1].rename(tmp_path / name)
+    assert score_mot_results(folder, results)["precision"].value == pytest.approx(precision)
+    with chdir(folder):
+        again = score_mot_results(".", results)
+    assert again["precision"].value == pytest.approx(precision)
+
+
+@pytest.mark.parametrize("number", [0, 2**53 - 1])
+def test_ids_may_be_as_large_as_they_can_be_told_apart(number, tmp_path):
+    truth, results = example(tmp_path, ONE.replace(",7,", f",{number},"))
+    assert score_mot_results(truth.parents[1], results)["recall"].value == 0.5
 
 
 def test_without_ground_truth_there_is_nothing_to_score_by(tmp_path):
