@@ -31,6 +31,7 @@ KITTI_COLUMNS: Columns = {
     "mota": ("MOTA", 3),
     "idf1": ("IDF1", 3),
     "id_switches": ("ID\nsw.", 1),
+    "wrong_associations": ("wrong\nassoc", 1),
     "fragmentations": ("frag-\nments", 1),
     "hota_3d": ("HOTA\n3-D", 3),
     "samota_3d": ("sAMOTA\n3-D", 3),

@@ -192,6 +192,8 @@ def source(
             section |= {trait: guessed[name][trait] for trait in MOTION}
             section["log_odds_deciles"] = UNFORETOLD
             told += f", too few: as {most}, moving as in unknown.toml"
+        if all(section[t] in (guess, guessed[name][t]) for t, guess in PERSISTENCE.items()):
+            told += "; how belief changes is guessed"
         lines += ["", f"[{name}] # {told}"]
         lines += [f"{trait} = {value}" for trait, value in section.items()]
     return "\n".join([*lines, ""])
