@@ -57,6 +57,8 @@ class ExistenceTracker:
         least_overlap: generalised IoU in space that a pair must exceed.
         coast_s: how long a target is looked for after its last detection.
         shown_probability: of existence, from which on a track is confirmed or, unseen, coasts.
+
+        The last three are set by hand, and to nothing in particular.
         """
         check_positive(coast_s=coast_s)
         if not -1 <= least_overlap < 1:
