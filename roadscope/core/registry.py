@@ -116,12 +116,13 @@ class Registry(Generic[T]):
         *,
         group: str | None = None,
         summaries: Mapping[str, str] | None = None,
+        made: str = "",
     ) -> None:
         """Take the kind's name, names with their specs, and the entry point group to join.
 
-        summaries: one line for a reader, by name.
+        summaries: one line for a reader, by name. made: how one is put together from parts.
         """
-        self.kind = kind
+        self.kind, self._made = kind, made
         self.summaries = dict(summaries or {})
         self._entries = dict(entries)
         self._group = group
@@ -173,8 +174,9 @@ class Registry(Generic[T]):
         return {point.name: point.value for point in entry_points(group=self._group)}
 
     def _unknown(self, name: str) -> str:
+        made = f"or put one together: {self._made}; " if self._made else ""
         return (
-            f"{unknown(self.kind, name, self.names())}; "
+            f"{unknown(self.kind, name, self.names())}; {made}"
             "or name your own: package.module:Class, path/to/file.py:Class"
         )
 

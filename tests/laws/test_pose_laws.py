@@ -103,7 +103,7 @@ def moved(place, motion):
 
 
 def off(name, found, expected, motion=None):
-    """Return whether a pose is the expected one, moved."""
+    """Return how far a pose is off the expected one, moved, in units of what is allowed."""
     motion = Pose.identity() if motion is None else motion
     metres, radians = TOLERANCE.get(name, SAMPLED)
     place = moved(expected.centre, motion)
