@@ -40,8 +40,9 @@ def detected(plugin: Plugin[Any], detector: Any, frame: Frame) -> Detections:
     seen = [f.stamp_s for f in frames() if f.stamp_s <= frame.stamp_s + STAMP_TOLERANCE_S]
     if all(abs(found.stamp_s - stamp_s) > STAMP_TOLERANCE_S for stamp_s in seen):
         raise PromiseError(
-            f"detections are stamped {found.stamp_s} s, their frame {frame.stamp_s} s, and no "
-            "earlier frame bears that stamp; return the stamp of the frame you answer"
+            f"detections are stamped {round(found.stamp_s, 6)} s, their frame "
+            f"{round(frame.stamp_s, 6)} s, and no earlier frame bears that stamp; return the stamp "
+            "of the frame you answer"
         )
     return found
 

@@ -64,8 +64,8 @@ def fused(plugin: Plugin[Any], fusion: Any, moment: Moment) -> FusedDetections:
     stamp_s = lidar.stamp_s if lidar is not None else LATER_S
     if abs(found.stamp_s - stamp_s) > STAMP_TOLERANCE_S:
         raise PromiseError(
-            f"targets are stamped {found.stamp_s} s, expected {stamp_s} s: the LiDAR's stamp, or "
-            "the camera's without one"
+            f"targets are stamped {round(found.stamp_s, 6)} s, expected {round(stamp_s, 6)} s: "
+            "the LiDAR's stamp, or the camera's without one"
         )
     for name in ("centres", "scores", "image_boxes", "masses"):
         if not np.isfinite(getattr(found, name)).all():
