@@ -5,8 +5,11 @@ import sys
 import time
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from roadscope.core import Detections, Tracks, TrackState
+from roadscope.trackers.assignment import assign_greedily
+from roadscope.trackers.ticks import in_world
 
 
 class Good:
@@ -121,6 +124,77 @@ class Remembers(Good):
         self.updates += 1
         tracks = super().update(detections, ego_pose)
         return tracks if self.updates > 5 else Tracks.empty(tracks.stamp_s, tracks.frame)
+
+
+class EmptyReset:
+    """The README's tracker, begun when it is made; reset does nothing."""
+
+    def __init__(self):
+        self.places, self.ids, self.count = np.empty((0, 2)), np.empty(0, int), 0
+
+    def reset(self):
+        pass
+
+    def update(self, detections, ego_pose):
+        seen = in_world(detections, ego_pose)
+        old, new = assign_greedily(cdist(self.places, seen.centres[:, :2]), 3.0)
+        ids = self.count + np.arange(len(seen))
+        ids[new] = self.ids[old]
+        self.places, self.ids, self.count = seen.centres[:, :2], ids, self.count + len(seen)
+        return Tracks.of(seen, ids)
+
+
+class KeepsTracks(EmptyReset):
+    """Counts anew after a reset, yet keeps the tracks."""
+
+    def reset(self):
+        self.count = 0
+
+
+class RenamesTracks(EmptyReset):
+    """Keeps the tracks at a reset, under new names in the same order."""
+
+    def reset(self):
+        self.ids, self.count = self.ids + 10_000, self.count + 10_000
+
+
+class KeepsOne(EmptyReset):
+    """Keeps the last track at a reset."""
+
+    def reset(self):
+        self.places, self.ids = self.places[-1:], self.ids[-1:]
+
+
+class KeepsTheClock(Good):
+    """Refuses stamps before those of the episode before."""
+
+    last_s = -1.0
+
+    def update(self, detections, ego_pose):
+        if detections.stamp_s <= self.last_s:
+            raise ValueError("stamps must increase")
+        self.last_s = detections.stamp_s
+        return super().update(detections, ego_pose)
+
+
+class CountsAnew(Good):
+    """The ids begin anew after a reset."""
+
+    def reset(self):
+        super().reset()
+        self.next_id = 0
+
+
+class RandomNames(CountsAnew):
+    """No name tells which track was there first."""
+
+    def reset(self):
+        super().reset()
+        self.names = np.random.default_rng().permutation(2**20)[:1000]
+
+    def update(self, detections, ego_pose):
+        tracks = super().update(detections, ego_pose)
+        return tracks_of(tracks, self.names[tracks.ids])
 
 
 class IgnoresThePose(Good):

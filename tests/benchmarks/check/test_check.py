@@ -59,6 +59,11 @@ WRONG = {
         ("MutatesInput", "leaves its input alone", "changed the detections"),
         ("Random", "the same input gives the same tracks", "gives other tracks the second time"),
         ("Remembers", "reset forgets everything", "after another episode there are"),
+        ("EmptyReset", "reset forgets everything", "after another episode its id "),
+        ("KeepsTracks", "reset forgets everything", "after another episode its id "),
+        ("RenamesTracks", "reset forgets everything", "episode ids are given in another order"),
+        ("KeepsOne", "reset forgets everything", "after another episode its id "),
+        ("KeepsTheClock", "reset forgets everything", "ValueError: stamps must increase"),
         ("IgnoresThePose", "follows what stands while the ego moves", "ego_pose is world_from_e"),
         ("FollowsNothing", "keeps the id of what it follows", "never followed within 1 m"),
         ("FollowsNothing", SLOW, "nothing is followed"),
@@ -96,6 +101,8 @@ WRONG = {
     ],
 }
 """Plug-ins of a file, the promise that each breaks, and what is said of it."""
+GOOD = ("Good", "CountsAnew", "RandomNames")
+"""Their ids go on after a reset, begin anew, or are drawn."""
 
 
 def item(spec: str, promise: str) -> Item:
@@ -104,7 +111,7 @@ def item(spec: str, promise: str) -> Item:
 
 
 @pytest.mark.parametrize("promise", [p.words for p in trackers.PROMISES if p.words != SLOW])
-@pytest.mark.parametrize("name", [f"{TRACKERS}:Good", "nearest", "gnn"])
+@pytest.mark.parametrize("name", [*map(f"{TRACKERS}:{{}}".format, GOOD), "nearest", "gnn"])
 def test_good_trackers_keep_every_promise(name: str, promise: str) -> None:
     found = item(name, promise)
     assert found.good, found.words
