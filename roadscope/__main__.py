@@ -24,7 +24,8 @@ USAGE, FAILED, INTERRUPTED = 2, 1, 130
 
 app = typer.Typer(
     name="roadscope",
-    help="Compare detectors, trackers and fusions on simulated traffic with perfect truth.",
+    help="Compare detectors, trackers, odometries and fusions on simulated traffic with perfect "
+    "truth.",
     epilog="Start with:  roadscope leaderboard",
     no_args_is_help=True,
     add_completion=False,

@@ -12,7 +12,8 @@ def check(
         str,
         typer.Argument(
             help="A detector (of LiDAR; of images if detect() is said to return "
-            "ImageDetections), tracker or fusion: module:Class or file.py:Class."
+            "ImageDetections), tracker, odometry (an update() of scans) or fusion: "
+            "module:Class or file.py:Class."
         ),
     ],
     deadline: Annotated[

@@ -11,6 +11,7 @@ import importlib
 import importlib.util
 import inspect
 import sys
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -28,6 +29,7 @@ from typing import Any, Generic, TypeVar, cast, get_args
 from roadscope.core.names import unknown
 
 T = TypeVar("T")
+LOADERS = (__file__, importlib.__file__)
 KINDS: Mapping[Any, str] = {bool: "True or False", int: "a whole number", float: "a number"}
 
 
@@ -184,6 +186,8 @@ class Registry(Generic[T]):
         place, _, attribute = target.rpartition(":")
         if not place:
             raise SpecError(f"'{target}' names no module or file before the colon")
+        if not attribute:
+            raise SpecError(f"'{target}': name a class after the colon: {place}:Class")
         module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
         try:
             found = getattr(module, attribute)
@@ -306,7 +310,7 @@ def _import_module(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise SpecError(f"cannot import '{name}': {error}") from error
+        raise SpecError(f"cannot import '{name}': {error}{_where(error)}") from error
     except (Exception, SystemExit) as error:
         raise SpecError(_fails(name, error)) from error
 
@@ -329,4 +333,15 @@ def _import_file(path: Path) -> Any:
 
 
 def _fails(place: object, error: BaseException) -> str:
-    return f"{place} fails when loaded: {type(error).__name__}: {error}"
+    return f"{place} fails when loaded: {type(error).__name__}: {error}{_where(error)}"
+
+
+def _where(error: BaseException) -> str:
+    """Say at which line of the module that is loaded; empty where it was not found or read."""
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename not in LOADERS and not frame.filename.startswith("<frozen importlib")
+    ]
+    lines = [frame.lineno for frame in frames if frame.filename == frames[0].filename]
+    return f" ({Path(frames[0].filename).name}:{lines[-1]})" if frames else ""

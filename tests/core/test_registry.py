@@ -44,6 +44,7 @@ def test_an_unknown_name_lists_what_exists_and_what_was_meant() -> None:
         ("missing.py:Thing", "no file missing.py"),
         ("mine.py", "name the class in the file too: mine.py:Class"),
         (":Thing", "names no module or file"),
+        ("math:", "'math:': name a class after the colon: math:Class"),
         ("math:sqrt", "'math:sqrt' is not a class"),
     ],
 )
@@ -68,6 +69,23 @@ def test_a_file_that_fails_says_how(tmp_path: Path) -> None:
     path.write_text("1 / 0\n")
     with pytest.raises(SpecError, match=r"fails when loaded: ZeroDivisionError"):
         REGISTRY.make(f"{path}:Mine")
+
+
+def test_the_line_at_which_a_module_fails_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lacks.py").write_text("import math\nimport no_such_module\n")
+    (tmp_path / "calls.py").write_text("import ast\n\nast.literal_eval('1 +')\n")
+    (tmp_path / "typo.py").write_text("\n\nclass Mine\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name, ends in (("lacks", "2"), ("calls", "3")):
+        for spec in (f"{name}:Mine", f"{tmp_path / name}.py:Mine"):
+            with pytest.raises(SpecError, match=rf" \({name}\.py:{ends}\)$"):
+                REGISTRY.make(spec)
+    with pytest.raises(SpecError, match=r"SyntaxError: .*\(typo\.py, line 3\)$"):
+        REGISTRY.make(f"{tmp_path / 'typo'}.py:Mine")
+    with pytest.raises(SpecError, match=r"^cannot import 'not_there': .*'not_there'$"):
+        REGISTRY.make("not_there:Mine")
 
 
 def test_arguments_are_python_literals_or_text() -> None:

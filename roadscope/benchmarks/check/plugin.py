@@ -51,7 +51,7 @@ Told = Callable[[Item], None]
 def check_plugin(
     spec: str, *, deadline_s: float = DEADLINE_S, told: Told | None = None
 ) -> list[Item]:
-    """Look at everything that a detector, tracker, fusion or odometry promises.
+    """Look at everything that a detector, of LiDAR or images, tracker, fusion or odometry promises.
 
     spec: a name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
     deadline_s: for each promise; what takes longer hangs. Making our own part ready is not

@@ -138,7 +138,8 @@ def checked(spec: str, answer: Any, stamp_s: float) -> ImageDetections:
         raise EntryError(f"{spec}: detect returned {type(answer).__name__}, not ImageDetections")
     if not abs(answer.stamp_s - stamp_s) <= STAMP_TOLERANCE_S:
         raise EntryError(
-            f"{spec}: detections are stamped {answer.stamp_s} s, their image is at {stamp_s} s"
+            f"{spec}: detections are stamped {round(answer.stamp_s, 6)} s, their image is at "
+            f"{round(stamp_s, 6)} s"
         )
     sound = np.isfinite(answer.boxes).all() and (answer.boxes[:, 2:] >= answer.boxes[:, :2]).all()
     if not sound:

@@ -90,7 +90,8 @@ def checked(spec: str, answer: Any, scan: LidarScan) -> OdometryEstimate:
         raise EntryError(f"{spec}: update returned {type(answer).__name__}, not OdometryEstimate")
     if not abs(answer.stamp_s - scan.stamp_s) <= STAMP_TOLERANCE_S:
         raise EntryError(
-            f"{spec}: the estimate is stamped {answer.stamp_s} s, its scan is at {scan.stamp_s} s"
+            f"{spec}: the estimate is stamped {round(answer.stamp_s, 6)} s, its scan is at "
+            f"{round(scan.stamp_s, 6)} s"
         )
     if len(answer.dynamic) != len(scan):
         raise EntryError(

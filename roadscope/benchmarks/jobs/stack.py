@@ -230,7 +230,7 @@ def _file(spec: str, found: Any, answers: list[Answer | None], truths: Sequence[
     before = answers[row]
     if before is not None and len(before.detections):
         raise EntryError(
-            f"{spec}: two answers for the frame at {truths[row].stamp_s} s, "
+            f"{spec}: two answers for the frame at {round(truths[row].stamp_s, 6)} s, "
             f"the second in the frame at {now_s} s"
         )
     answers[row] = Answer(_world_detections(spec, found, truths[row]), now_s - truths[row].stamp_s)
@@ -242,8 +242,8 @@ def _frame_of(spec: str, stamp_s: float, truths: Sequence[Truth]) -> int:
         if abs(stamp_s - truths[row].stamp_s) <= STAMP_TOLERANCE_S:
             return row
     raise EntryError(
-        f"{spec}: detections are stamped {stamp_s} s, their frame is at {truths[-1].stamp_s} s "
-        "and no earlier one bears that stamp"
+        f"{spec}: detections are stamped {round(stamp_s, 6)} s, their frame is at "
+        f"{round(truths[-1].stamp_s, 6)} s and no earlier one bears that stamp"
     )
 
 
@@ -303,4 +303,7 @@ def _back(
 
 def _same_moment(spec: str, what: str, stamp_s: float, frame_s: float) -> None:
     if not abs(stamp_s - frame_s) <= STAMP_TOLERANCE_S:
-        raise EntryError(f"{spec}: {what} are stamped {stamp_s} s, their frame is at {frame_s} s")
+        raise EntryError(
+            f"{spec}: {what} are stamped {round(stamp_s, 6)} s, their frame is at "
+            f"{round(frame_s, 6)} s"
+        )

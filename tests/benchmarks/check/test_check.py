@@ -147,6 +147,11 @@ def test_two_seconds_of_traffic_are_scored() -> None:
     assert found.words.startswith("HOTA 1.00 on perfect detections of a motorway, ")
 
 
+def test_rows_are_no_identities() -> None:
+    words = item(f"{TRACKERS}:NumbersRows", SLOW).words
+    assert float(words.split()[1]) < 0.5
+
+
 @pytest.mark.parametrize("promise", [p.words for p in detectors.PROMISES])
 def test_a_good_detector_keeps_every_promise(promise: str) -> None:
     found = item("distance", promise)
