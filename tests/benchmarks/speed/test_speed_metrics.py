@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from roadscope.benchmarks.metrics.tracking.amota import amota
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.speed import metrics
 from roadscope.benchmarks.speed.measure import measure_speed
 from roadscope.benchmarks.speed.metrics import made_sequence, measure_metrics
+from roadscope.benchmarks.speed.rows import SpeedRow
 
 SMALL = {"frames": 6, "objects": 4, "set_frames": 3}
 
@@ -20,6 +25,31 @@ def test_ours_beside_theirs_on_the_same_sequence() -> None:
     assert rows["GOSPA over Stone Soup's"].value > 0
     assert rows["largest difference to TrackEval's HOTA, MOTA, IDF1"].value < 1e-9
     assert rows["largest difference to Stone Soup's GOSPA"].value < 1e-9
+
+
+def test_who_misses_a_goal_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "GOSPA over Stone Soup's"
+    monkeypatch.setattr(metrics, "GOALS", {name: 100.0})
+    row = SpeedRow(name, 99.9, "times of 100")
+    assert metrics.compared(name, 99.9) == [row, replace(row, name=f"too slow: {name}")]
+    assert metrics.compared(name, 100.0) == [replace(row, value=100.0)]
+    assert metrics.compared("others", 0.1) == [SpeedRow("others", 0.1, "times")]
+
+
+def test_goals_are_of_what_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(metrics, "GOALS", dict.fromkeys(metrics.GOALS, 1e9))
+    names = [row.name for row in measure_metrics(1, **SMALL)]
+    assert {name for name in names if name.startswith("too slow: ")} == {
+        f"too slow: {name}" for name in metrics.GOALS
+    }
+
+
+def test_averages_over_recall_count_many_thresholds() -> None:
+    made = made_sequence(60)
+    assert all(len(s) == len(t) for s, t in zip(made.scores, made.tracks, strict=True))
+    frames = made.truth_ids, made.track_ids, made.similarities()
+    least = amota(TrackedSequence.of(*frames, scores=made.scores)).least_scores
+    assert len(np.unique(least[np.isfinite(least)])) > 20
 
 
 def test_alone_without_the_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
