@@ -78,6 +78,17 @@ def test_dbscan_alone_without_scikit_learn(monkeypatch: pytest.MonkeyPatch) -> N
     assert row.name == "DBSCAN, 300 points"
 
 
+def test_where_the_goal_is_tight_detectors_run_three_times(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runs = dict[str, int]()
+    monkeypatch.setattr(measure, "measure_stages", lambda *_: [])
+    monkeypatch.setattr(measure, "measure_dbscan", lambda _: [])
+    monkeypatch.setattr(measure, "measure_detectors", lambda rig, n: runs.update({rig: n}) or [])
+    measure.measure_speed(parts=["detectors"])
+    assert runs == {"hdl64e": 1, "hdl32e": 1, "lux": 3}
+
+
 def test_parts_of_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure, "RIGS", ("lux",))
     monkeypatch.setattr(measure, "measure_detectors", lambda rig, _: [])
