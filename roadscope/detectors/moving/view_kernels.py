@@ -129,7 +129,7 @@ def range_noise_of(image: np.ndarray) -> float:
     for _ in range(NOISE_ROUNDS):
         near = bends[: max(np.searchsorted(bends, 3.0 * deviation), 1)]
         deviation = np.sqrt((near * near).mean() / 0.9733)
-    return max(deviation / np.sqrt(6.0), NOISE_LEAST_M)
+    return float(max(deviation / np.sqrt(6.0), NOISE_LEAST_M))
 
 
 @compiled()
