@@ -2,23 +2,20 @@
 
 import json
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
+from toy_sensors import TINY
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
 from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.tables import board_table
-from roadscope.benchmarks.episode import Episode, sensing_of
-from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures
 from roadscope.benchmarks.jobs.camera_job import CameraJob, seen_of
 from roadscope.benchmarks.jobs.fused import FusedSpec, fuse, perceive_fused
-from roadscope.benchmarks.jobs.job import Job, detections_of
 from roadscope.benchmarks.jobs.plan import boards_of, episodes, plan
 from roadscope.benchmarks.runner import run
 from roadscope.benchmarks.seen import Seen
@@ -30,34 +27,8 @@ from roadscope.detectors.camera.weight_file import SHIPPED
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.calibration import CalibrationResult
 from roadscope.fusion.calibration_file import write_calibration
-from roadscope.fusion.pairing import LIMIT_S
 
 SENSORS = Path(__file__).parent / "check" / "bad_sensors.py"
-TINY = """
-name = "tiny"
-version = 1
-rig = "wide"
-duration_s = 1.2
-scenarios = ["street"]
-faults = ["clear", "blackout:5"]
-split = "validation"
-seeds = [10001, 10009]
-[eligibility]
-range_m = [0.0, 60.0]
-min_returns = 5
-families = ["vehicle", "cyclist", "pedestrian"]
-[tracking]
-entries = ["nearest"]
-detectors = ["fused?lidar=cluster-boxes&camera=noisy-camera&fusion=consistent"]
-[camera]
-entries = ["network", "colour-blobs", "noisy-camera"]
-every_s = 0.4
-[fusion]
-entries = [ENTRIES]
-lidar = ["cluster-boxes", "distance-l-shape"]
-camera = ["noisy-camera", "colour-blobs"]
-every_s = 0.4
-""".replace("ENTRIES", ", ".join(f'"{name}"' for name in FUSIONS.names()))
 
 
 @pytest.fixture(scope="module")
@@ -182,52 +153,6 @@ def test_detections_are_kept_as_they_were(suite, tmp_path) -> None:
     )
 
 
-def test_images_of_scans_are_the_nearest_of_all(suite) -> None:
-    episode = episodes(suite)[0]
-    every = image_rows(episode, 0.0)
-    rows = image_rows_of_scans(episode, 0.2)
-    assert set(rows) < set(every)
-    lidar = detections_of(
-        Job("detection", "distance", "distance", None, episode, suite.eligibility)
-    )
-    stamps = np.array([p.truth.stamp_s for p in pictures(episode, tuple(every), pixels=False)])
-    for k, row in zip(range(0, len(lidar.truths), 2), rows, strict=True):
-        assert abs(stamps[row] - lidar.truths[k].stamp_s) == pytest.approx(
-            np.abs(stamps - lidar.truths[k].stamp_s).min()
-        )
-
-
-def test_where_an_image_is_lost_the_nearest_that_arrives_is_looked_at(suite) -> None:
-    instead = 0
-    for severity, seed in product(range(1, 6), suite.seeds):
-        episode = Episode("street", seed, "li2021", 1.2, faults=(f"blackout:{severity}",))
-        sensing, every = sensing_of(episode), image_rows(episode, 0.0)
-        stamps = np.array([sensing.rig.camera.stamp_s(k) for k in every])
-        lost = np.array([sensing.image_lost(k) is not None for k in every])
-        rows = image_rows_of_scans(episode, 0.0)
-        left = [k for k in rows if not lost[k]]
-        for scan_s in np.arange(sensing.rig.lidar.stamp_s(0), 1.1, 0.08):
-            gaps = np.abs(stamps - scan_s)
-            # The nearest, lost or not, tells what is to be found.
-            assert gaps[rows].min() == gaps.min()
-            least = gaps[~lost].min(initial=np.inf)
-            if least <= LIMIT_S:
-                assert gaps[left].min() == least
-                instead += least > gaps.min()
-    assert instead
-
-
-def test_pixels_or_none_the_truth_of_images_is_the_same(suite) -> None:
-    for episode in episodes(suite)[2:]:
-        with_pixels, without = (
-            list(pictures(episode, (0, 4, 8, 12), pixels=drawn)) for drawn in (True, False)
-        )
-        for one, other in zip(with_pixels, without, strict=True):
-            assert one.truth == other.truth
-            assert one.frame.stamp_s == other.frame.stamp_s
-            assert (one.frame.camera is None) == (other.frame.camera is None)
-
-
 def test_fused_detections_are_a_detector_for_trackers(suite, out) -> None:
     found = run(suite, boards=("tracking",), out_dir=out)
     assert found.row("tracking", "nearest", "hota").value > 0
@@ -326,53 +251,6 @@ def test_kinds_belong_on_their_boards(suite) -> None:
 def test_suites_of_the_package_have_jobs_on_all_their_boards(name: str) -> None:
     loaded = load_suite(name)
     assert plan(loaded, (), boards_of(loaded)).jobs
-
-
-def test_a_scan_or_an_image_that_is_lost_leaves_the_other_sensor(suite) -> None:
-    lossy = replace(suite, faults=(("dropped-scans:5", "blackout:5"),), seeds=(10007, 10009))
-    sensors = set()
-    for episode in episodes(lossy):
-        moments = fuse(FusedSpec(camera="noisy-camera", fusion="union"), episode, suite.eligibility)
-        lost = [sensing_of(episode).scan_lost(row) for row in moments.rows.tolist()]
-        for gone, fused, targets in zip(lost, moments.fused, moments.targets, strict=True):
-            sensors.add((bool(fused.by_lidar.any()), bool(fused.by_camera.any())))
-            assert not (gone and fused.by_lidar.any())
-            # What was to be found does not depend on what failed.
-            assert targets.eligible.any()
-    assert {(False, True), (True, False), (True, True)} <= sensors
-
-
-def test_a_black_image_is_none_and_speaks_against_nothing(suite) -> None:
-    dark = 0
-    for seed in (10015, 10034):
-        episode = Episode("street", seed, "wide", 1.2, faults=("blackout:5",))
-        sensing, every = sensing_of(episode), image_rows(episode, 0.0)
-        lost = [sensing.image_lost(k) for k in every]
-        stamps = np.array([sensing.rig.camera.stamp_s(k) for k in every])
-        mean, alone = (
-            fuse(FusedSpec(camera="noisy-camera", fusion=name), episode, suite.eligibility).fused
-            for name in ("weighted-boxes", "LiDAR alone")
-        )
-        for averaged, lidar in zip(mean, alone, strict=True):
-            near = np.abs(stamps - lidar.stamp_s) <= LIMIT_S + 1e-9
-            if {lost[k] for k in np.flatnonzero(near)} == {"black"} and len(lidar):
-                # What a camera that looked did not see would count half.
-                assert averaged.scores.max() > lidar.scores.max() / 2 + 1e-9
-                dark += 1
-    assert dark
-
-
-def test_an_error_of_the_calibration_is_believed(suite) -> None:
-    matrices = []
-    for faults in ((), ("extrinsic-error:5",)):
-        (episode, *_) = episodes(replace(suite, faults=(faults,)))
-        sensing = sensing_of(episode)
-        matrices.append(sensing.calibration.pose("camera").matrix)
-        moments = fuse(FusedSpec(camera="oracle", fusion="image-first"), episode, suite.eligibility)
-        matrices.append(np.array([f.by_lidar.sum() for f in moments.fused]).sum())
-    true, joined, off, apart = matrices
-    assert not np.allclose(true, off)
-    assert apart < joined
 
 
 def test_the_command_line_shows_both_boards(tmp_path, suite, results) -> None:
