@@ -117,9 +117,8 @@ def leaderboard(
     An entry that fails becomes a row with its reason.
     """
     from roadscope.benchmarks.boards.results import check_breakdown
-    from roadscope.benchmarks.boards.track_files import save_tracks
     from roadscope.benchmarks.jobs.entries import ALL_BOARDS
-    from roadscope.benchmarks.jobs.plan import boards_of, plan
+    from roadscope.benchmarks.jobs.plan import boards_of
     from roadscope.benchmarks.runner import run
 
     conditions = _conditions(suite or _usual(board), kitti, mot)
@@ -132,21 +131,12 @@ def leaderboard(
         check_breakdown(by, _recorded_boards(kitti, mot) or boards)
     with progress_bars() as progress:
         results = run(
-            conditions,
-            entry or (),
-            boards=boards,
-            only=only,
-            jobs=workers(jobs),
-            out_dir=out,
-            fresh=fresh,
-            progress=progress,
-            calibration=calibration,
-            deadline_s=deadline,
-        )
-        lost: list[str] = []
-        if tracks is not None:
-            jobs_done = plan(conditions, entry or (), boards, only=only).tracking
-            lost = save_tracks(jobs_done, tracks, workers=workers(jobs), progress=progress)
+            conditions, entry or (), boards=boards, only=only, jobs=workers(jobs), out_dir=out,
+            fresh=fresh, progress=progress, calibration=calibration, deadline_s=deadline,
+        )  # fmt: skip
+        lost = [] if tracks is None else _save_tracks(
+            (conditions, entry or (), boards, only), tracks, workers(jobs), progress
+        )  # fmt: skip
     _show(results, conditions, by)
     if suite is None and not (kitti or mot):
         _tell_more(board)
@@ -155,6 +145,16 @@ def leaderboard(
     _tell_written(out and out / "leaderboard.json", tracks)
     if results.barren():
         raise typer.Exit(1)
+
+
+def _save_tracks(asked: Any, folder: Path, jobs: int, progress: Any) -> list[str]:
+    """Write the tracks of what was asked: conditions, entries, boards, and whether these alone."""
+    from roadscope.benchmarks.boards.track_files import save_tracks
+    from roadscope.benchmarks.jobs.plan import plan
+
+    conditions, entries, boards, only = asked
+    done = plan(conditions, entries, boards, only=only).tracking
+    return save_tracks(done, folder, workers=jobs, progress=progress)
 
 
 def _tell_written(*paths: Path | None) -> None:
