@@ -102,7 +102,7 @@ class Plugin(Generic[T]):
             known = ", ".join(_describe_parameters(self.factory)) or "none"
             raise SpecError(f"'{self.spec}': {error}; its arguments: {known}") from error
         if self.ours and (wrong := _wrong_kind(self.factory, self.arguments)):
-            raise SpecError(f"'{self.spec}': {wrong}")
+            raise ValueError(wrong)
         if self.missing:
             raise NotInstalledError(self.missing)
         return self.factory(**self.arguments)

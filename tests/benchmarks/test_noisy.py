@@ -225,7 +225,7 @@ def test_the_same_bytes_in_another_process() -> None:
         ("noisy?miss=1", "miss must be 0 or more and below 1, got 1"),
         ("noisy?miss=-0.1", "miss must be"),
         ("noisy?miss=0.8&miss_run=2", "miss_run must be none or at least 4 with miss=0.8, got 2"),
-        ("noisy?clutter=nan", "clutter must be 0 or more, got 'nan'"),
+        ("noisy?clutter=nan", "clutter must be a number, got 'nan'"),
         ("noisy?flip=2", "flip must be in 0 to 1, got 2"),
         ("noisy?position_m=true", "position_m must be"),
     ],

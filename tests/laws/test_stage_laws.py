@@ -48,8 +48,9 @@ LOW = (0.02, 0.01, 0.005, 0.15)
 TURNED = {
     # The headings that it tries, a quarter degree apart, do not turn with the scene.
     "l-shape": (0.05, 0.03, np.radians(0.5), 0.05),
-    # Bins begin at the mean of the returns, whose rounding turns with the scene.
-    "matched-filter": (0.02, 0.01, 0.02, 0.03),
+    # Bins begin at the mean of the returns, whose rounding turns with the scene; sides that are
+    # 2 m long go as far as such a turn takes them.
+    "matched-filter": (0.02, 0.04, 0.02, 0.03),
     # The first guesses' headings do not turn with the scene, and a descent ends a little before
     # the bottom.
     "body": (0.15, 0.25, 0.01, 0.1),
