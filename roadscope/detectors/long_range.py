@@ -12,6 +12,7 @@ import numpy as np
 from roadscope.core import Category, Detections, Frame
 from roadscope.detectors.drops import check_faint, without_faint
 from roadscope.detectors.long_range_body import Shot, body_poses
+from roadscope.detectors.long_range_pairs import pair_poses
 from roadscope.detectors.long_range_scores import FEATURES, features, shipped_model
 from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
@@ -20,17 +21,12 @@ from roadscope.detectors.moving.usual import Size, usual
 from roadscope.detectors.moving.view import inverse_of
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.pose.matched_filter import fit_single
-from roadscope.detectors.pose.multi_frame import fit_multi
 from roadscope.detectors.pose.ransac import fit_ransac
 from roadscope.detectors.shape.bodies import Body
 
 FITS = ("single", "multi", "ransac", "body")
 MOST_POINTS = 150
 """Returns that a fit is given: more, on a near vehicle, tell it nothing new."""
-FRAMES = 3
-BIN_M, STEP_DEG = 0.04, 2.0
-"""Of the matched filter of three frames: bins as wide as its edges, and a parabola finds the angle
-between two steps. Those of the paper, half as wide, are no nearer and take twice as long."""
 
 
 class LongRangeDetector:
@@ -155,6 +151,8 @@ def _poses(
     moving: Sequence[tuple[Chain, int]], shot: Shot, fit: str, usuals: Sequence[tuple[Body, Size]]
 ) -> list[VehiclePose]:
     """Return a pose of each chain at one of its sightings, the drive's frame."""
+    if fit == "multi":
+        return pair_poses(moving, [size[:2] for _, size in usuals], MOST_POINTS)
     if fit == "body":
         fitted = body_poses(moving, shot, [body for body, _ in usuals])
     else:
@@ -186,19 +184,12 @@ def _in_ego(
 
 def _posed(chain: Chain, at: int, fit: str, size: tuple[float, float, float]) -> VehiclePose:
     length_m, width_m, _ = size
-    first = max(0, min(at - 1, len(chain.sightings) - FRAMES))
-    window = chain.sightings[first : first + FRAMES] if fit == "multi" else [chain.sightings[at]]
-    points = [s.at_stamp(chain.velocity, most=MOST_POINTS) for s in window]
-    origins = [s.origin for s in window]
-    if len(window) > 1:
-        return fit_multi(
-            points, origins, [s.stamp_s for s in window],
-            length_m=length_m, width_m=width_m, at=at - first, bin_m=BIN_M, step_deg=STEP_DEG,
-        )  # fmt: skip
+    sighting = chain.sightings[at]
+    points, origin = sighting.at_stamp(chain.velocity, most=MOST_POINTS), sighting.origin
     if fit == "ransac":
         rng = np.random.default_rng(0)
-        return fit_ransac(points[0], origins[0], rng, length_m=length_m, width_m=width_m)
-    return fit_single(points[0], origins[0], length_m=length_m, width_m=width_m)
+        return fit_ransac(points, origin, rng, length_m=length_m, width_m=width_m)
+    return fit_single(points, origin, length_m=length_m, width_m=width_m)
 
 
 def detections(found: Sequence[Found], scores: np.ndarray, stamp_s: float) -> Detections:

@@ -26,7 +26,7 @@ from roadscope.detectors.shape.bodies import Body
 from roadscope.detectors.sorting import order_by
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
-BUDGET, COARSE_RAYS = 48, 40
+BUDGET, COARSE_RAYS = 36, 30
 """Returns of a vehicle beyond which neighbours are joined, and rays of the fits before the last."""
 FIRST_M, NEXT_M, LAST_M = (0.25, 0.1, 0.04, 0.01, 0.0), (0.04, 0.01, 0.0), (0.03, 0.01, 0.0)
 """Rounds of the first fits, of the pose alone, of the next ones, and of the last one, which alone

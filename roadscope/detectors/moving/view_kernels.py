@@ -18,7 +18,7 @@ PASS_M = 0.1
 there. A guard rail is low and thin: between two beams it is missed, and where a beam meets it
 travels along with the sensor, as a vehicle would."""
 
-NOISE_LOOKS, NOISE_ROUNDS = 2000, 4
+NOISE_LOOKS, NOISE_ROUNDS = 600, 4
 """Threes of neighbours that tell the range noise, at most so many, and how often those that lie
 on an edge are told from the others."""
 NOISE_LEAST, NOISE_LEAST_M, NOISE_USUAL_M = 30, 0.005, 0.02
