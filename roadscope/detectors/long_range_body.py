@@ -13,8 +13,7 @@ from roadscope.core import Category, LidarScan, Pose
 from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.moving.view import View
 from roadscope.detectors.pose.body_descent import AROUND as ALL
-from roadscope.detectors.pose.body_descent import LIMIT, drawn, space_of
-from roadscope.detectors.pose.body_descent_kernels import Rules
+from roadscope.detectors.pose.body_descent import RULES, drawn, space_of
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem
 from roadscope.detectors.pose.body_glance import Search, Sensed, Sought, glanced, ways
 from roadscope.detectors.pose.body_kernels import Rays
@@ -46,7 +45,7 @@ CLOSE = 15.0
 """First fits whose cost is no more than so much above the best's are followed to the end."""
 SEARCH = Search(
     np.array([*FIRST_M, 0.0]), np.array([*NEXT_M, 0.0]), np.array([*LAST_M, 0.0]),
-    BUDGET, COARSE_RAYS, UNLIKELY, CLOSE, Rules(LIMIT, CHANCES.edge_m),
+    BUDGET, COARSE_RAYS, UNLIKELY, CLOSE, RULES,
 )  # fmt: skip
 
 

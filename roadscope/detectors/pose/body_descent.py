@@ -27,6 +27,9 @@ AROUND, WIDTH = 8, 1.5
 """Places around the step's end that are tried too, and how many standard deviations wide."""
 LIMIT = 3.0
 """Misfits beyond so many standard deviations lose weight."""
+EDGE_M = 0.006
+"""How exactly a descent takes silhouettes to be drawn: beyond a harder edge it feels no slope."""
+RULES = Rules(LIMIT, EDGE_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +61,7 @@ def descend(
     """
     space = space_of(problem, around=around, ways=ways)
     starts = np.ascontiguousarray(vectors, np.float64)
-    told = problem.rays, Rules(LIMIT, problem.chances.edge_m)
+    told = problem.rays, RULES
     best, normals, costs = descended(
         starts, np.array([*slacks, 0.0]), drawn(problem.model), space, told
     )

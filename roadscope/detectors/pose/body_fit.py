@@ -7,18 +7,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import LidarScan, Pose
-from roadscope.detectors.pose.body_descent import SLACKS_M, descend
+from roadscope.detectors.pose.body_descent import EDGE_M, SLACKS_M, descend
 from roadscope.detectors.pose.body_kernels import POSE, Chances, Rays
 from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_posterior import around, posterior
 from roadscope.detectors.pose.body_rays import Sighting, sight
 from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
-from roadscope.detectors.pose.body_sight_kernels import points_of
+from roadscope.detectors.pose.body_sight_kernels import ROUGHNESS_M, points_of
 from roadscope.detectors.pose.body_start import starts
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
-CHANCES = Chances(0.006, 0.012, 0.003, 10.0, 0.004, 0.001)
+CHANCES = Chances(
+    edge_m=EDGE_M, height_m=0.012, rough_m=ROUGHNESS_M,
+    outlier=0.003, outlier_m=10.0, lost=0.004, through=0.001,
+)  # fmt: skip
+"""Of a body that is only roughly as drawn, as real ones are."""
+AS_DRAWN = CHANCES._replace(edge_m=0.002, height_m=0.004, rough_m=0.0)
+"""Of a body that is exactly as drawn; samples need an edge of some width."""
 COARSE_RAYS = 60
 OFF = 1e3
 """Added to the cost of a heading that is known to be wrong."""
@@ -35,6 +41,7 @@ class BodyFit:
     """Fits a body of roughly known size to the rays of one scan.
 
     spec: the LiDAR, for its beam directions, noise and detection limit. model: the body.
+    chances: how exactly it is drawn, `CHANCES` or `AS_DRAWN`.
     """
 
     spec: LidarSpec
@@ -62,7 +69,7 @@ class BodyFit:
         """
         sighting = sight(
             self.spec, scan, target, world_from_lidar,
-            sensor_velocity=sensor_velocity, rolling=rolling,
+            sensor_velocity=sensor_velocity, rolling=rolling, rough_m=self.chances.rough_m,
         )  # fmt: skip
         if sighting.returns == 0:
             return None

@@ -57,12 +57,14 @@ class Chances(NamedTuple):
     """What the likelihood knows of errors.
 
     edge_m, height_m: how exactly silhouettes and the heights of parts are as drawn.
+    rough_m: departure of surfaces from the drawn ones; it is in the rays' noise already.
     outlier, outlier_m: share of returns that fit nothing, spread evenly over a depth.
     lost, through: chance that a ray that meets the body returns nothing, or from behind it.
     """
 
     edge_m: float
     height_m: float
+    rough_m: float
     outlier: float
     outlier_m: float
     lost: float

@@ -10,6 +10,7 @@ from roadscope.core import LidarScan, Pose
 from roadscope.core.jit import compiled
 from roadscope.detectors.pose.body_kernels import HIT, Rays
 from roadscope.detectors.pose.body_sight_kernels import (
+    ROUGHNESS_M,
     Beams,
     Motion,
     Returns,
@@ -57,6 +58,7 @@ def sight(
     sensor_turn: float = 0.0,
     rolling: bool = True,
     budget: int = BUDGET,
+    rough_m: float = ROUGHNESS_M,
 ) -> Sighting:
     """Pick out the rays that tell of a body.
 
@@ -64,7 +66,8 @@ def sight(
     z = 0 on the road. sensor_velocity: (2,) metres per second, world frame; sensor_turn: radians
     per second about its z axis. rolling: whether columns were measured one after the other, as a
     real sweep is, or all at the stamp.
-    budget: returns above which neighbours are joined.
+    budget: returns above which neighbours are joined. rough_m: departure of the body's surface
+    from the drawn one, metres.
     Of several returns of one ray the nearest counts, so duplicates and order change nothing.
     """
     target = np.asarray(target)
@@ -76,7 +79,7 @@ def sight(
     returns = Returns(scan.points, scan.ring, scan.column, scan.intensity)
     velocity = np.zeros(2) if sensor_velocity is None else np.asarray(sensor_velocity, float)
     motion = Motion(world_from_lidar.matrix, velocity, float(sensor_turn), float(rolling))
-    rays, hits = _rays(beams_of(spec), returns, target, motion, budget)
+    rays, hits = _rays(beams_of(spec), returns, target, motion, (budget, rough_m))
     met = scan.column[target]
     cut = rolling and bool(((met < BRINK) | (met >= spec.columns - BRINK)).any())
     return Sighting(rays, motion.matrix[:2, 3].copy(), int(hits), cut)
@@ -84,11 +87,16 @@ def sight(
 
 @compiled()
 def _rays(
-    beams: Beams, returns: Returns, target: np.ndarray, motion: Motion, budget: int
+    beams: Beams,
+    returns: Returns,
+    target: np.ndarray,
+    motion: Motion,
+    told: tuple[int, float],
 ) -> tuple[Rays, int]:
+    budget, rough_m = told
     grid = picked(returns, target, beams, budget)
-    rays = rays_of(grid, beams, motion, need_of(returns, target, beams))
-    return joined(rays, grid, budget), (grid.kind == HIT).sum()
+    rays = rays_of(grid, beams, motion, (need_of(returns, target, beams), rough_m))
+    return joined(rays, grid, budget, rough_m), (grid.kind == HIT).sum()
 
 
 def beams_of(spec: LidarSpec) -> Beams:

@@ -119,8 +119,8 @@ def rays_about(
     beams, motion = lidar
     near, target = returns_about(returns, ordered, rows, beams.columns)
     grid = picked(near, target, beams, budget)
-    rays = rays_of(grid, beams, motion, need_of(near, target, beams))
-    return joined(rays, grid, budget), (grid.kind == HIT).sum()
+    rays = rays_of(grid, beams, motion, (need_of(near, target, beams), ROUGHNESS_M))
+    return joined(rays, grid, budget, ROUGHNESS_M), (grid.kind == HIT).sum()
 
 
 @compiled()
@@ -193,9 +193,12 @@ def _range(point: np.ndarray) -> float:
 
 
 @compiled()
-def rays_of(grid: Grid, beams: Beams, motion: Motion, need: float) -> Rays:
-    """Return the rays of a grid in the world frame; need: as in `Rays`, of all of them."""
-    count, m = len(grid.ring), motion.matrix
+def rays_of(grid: Grid, beams: Beams, motion: Motion, met: tuple[float, float]) -> Rays:
+    """Return the rays of a grid in the world frame.
+
+    met: what is met; need as in `Rays`, of all of them, and roughness, metres.
+    """
+    (need, rough_m), count, m = met, len(grid.ring), motion.matrix
     first, step, sweep_s = beams.sweep
     rays = Rays(
         np.empty((count, 3)), np.empty((count, 2)), np.empty(count), np.empty(count),
@@ -219,7 +222,7 @@ def rays_of(grid: Grid, beams: Beams, motion: Motion, need: float) -> Rays:
         rays.direction[i, 0], rays.direction[i, 1] = u / level, v / level
         rays.slope[i], rays.reach[i] = w / level, grid.reach[i] * level
         noise = beams.limits[0] * level
-        rays.sigma[i], rays.time[i] = math.sqrt(noise * noise + ROUGHNESS_M * ROUGHNESS_M), time
+        rays.sigma[i], rays.time[i] = math.sqrt(noise * noise + rough_m * rough_m), time
     return rays
 
 
@@ -239,7 +242,7 @@ def need_of(returns: Returns, target: np.ndarray, beams: Beams) -> float:
 
 
 @compiled()
-def joined(rays: Rays, grid: Grid, budget: int) -> Rays:
+def joined(rays: Rays, grid: Grid, budget: int, rough_m: float) -> Rays:
     """Average neighbours inside long runs of returns until few enough are left.
 
     Points of a plane have their mean in it. The two returns at either end of a run stay alone:
@@ -264,7 +267,7 @@ def joined(rays: Rays, grid: Grid, budget: int) -> Rays:
         passed += middle[k]
         if middle[k] and passed % step:
             continue
-        _mean(rays, rows[k], rows[k + 1] if k + 1 < len(rows) else total, (out, count))
+        _mean(rays, rows[k], rows[k + 1] if k + 1 < len(rows) else total, (out, count), rough_m)
         count += 1
     return Rays(
         out.origin[:count], out.direction[:count], out.slope[:count], out.reach[:count],
@@ -291,7 +294,7 @@ def _runs(rays: Rays, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @compiled()
-def _mean(rays: Rays, first: int, last: int, into: tuple[Rays, int]) -> None:
+def _mean(rays: Rays, first: int, last: int, into: tuple[Rays, int], rough_m: float) -> None:
     """Write rays in a row into one row: to the mean of their ends, from the mean of their starts.
 
     A plane's points have their mean in the plane; at their mean direction the plane is nearer
@@ -313,7 +316,7 @@ def _mean(rays: Rays, first: int, last: int, into: tuple[Rays, int]) -> None:
     out.direction[row, 0], out.direction[row, 1] = x / away, y / away
     out.slope[row], out.time[row] = rise / away, time
     out.reach[row] = away if count > 1 else rays.reach[first]
-    rough = ROUGHNESS_M * ROUGHNESS_M
+    rough = rough_m * rough_m
     out.sigma[row] = math.sqrt((rays.sigma[first] ** 2 - rough) / count + rough)
     out.kind[row], out.need[row] = rays.kind[first], rays.need[first]
 

@@ -45,6 +45,8 @@ CLOSE = 30.0
 """How much more than the best one of two first fits may cost to be looked at, too."""
 WORSE = 1.1
 """By how much the cost of a return must grow for another search, after one that gained nothing."""
+SLOW_M_S = 1.0
+"""Speed up to which a vehicle's looks must tell which way round it is, not its way."""
 BACKWARD_M_S, WAY_M = -1.0, 0.5
 """Speed from which a vehicle is taken to have been turned round, and the way that tells."""
 
@@ -100,7 +102,7 @@ class Smoother:
         """Take the LiDAR, the body and the window.
 
         frames: scans joined at most. lag: how many scans back the answer is, 0 for the newest;
-        left out, the middle of the window.
+        left out, the middle of the window. chances: as in `BodyFit`.
         """
         if frames < 1:
             raise ValueError(f"frames must be at least 1, got {frames}")
@@ -151,7 +153,7 @@ class Smoother:
         sighting = sight(
             self._spec, shot.scan, shot.target, shot.world_from_lidar,
             sensor_velocity=motion[:2], sensor_turn=float(motion[2]), rolling=shot.rolling,
-            budget=max(BUDGET // self._frames, LEAST),
+            budget=max(BUDGET // self._frames, LEAST), rough_m=self._chances.rough_m,
         )  # fmt: skip
         return replace(sighting, rays=self._model.glazed(sighting.rays))
 
@@ -172,6 +174,8 @@ class Smoother:
             if best is None:
                 return None
             found = posterior(problem, around(problem, *best), work=WORK)
+        if SPEED in problem.free and found.mean[SPEED] < SLOW_M_S:
+            found = max(found, _twin(problem, found), key=_likelihood)
         self._last = stamp_s, problem.whole(found.mean[None])[0]
         self._known = _Known(stamp_s, problem.free, found)
         self._note_way(stamp_s, found.mean[:2])
@@ -267,6 +271,22 @@ class Smoother:
             return None
         before, state = self._last
         return np.concatenate([_state_after(state[:POSE], stamp_s - before), state[POSE:]])
+
+
+def _twin(problem: Problem, found: Posterior) -> Posterior:
+    """Return the posterior of a vehicle that is the other way round and goes the same way."""
+    turned = found.mean.copy()
+    turned[2] += np.pi
+    turned[[SPEED, POSE - 1]] *= -1
+    rough = descend(thinned_problem(problem), turned[None], SLACKS_M[:-2])
+    best = descend(problem, rough.vectors, NEAR_SLACKS_M[1:])
+    return posterior(problem, around(problem, best.vectors[0], best.covariances[0]), work=WORK)
+
+
+def _likelihood(found: Posterior) -> float:
+    """Return the log of a posterior's evidence, less what it costs to go backwards."""
+    speed, variance = found.mean[SPEED : SPEED + 1], found.covariance[SPEED, SPEED]
+    return found.evidence - 0.5 * float(_backward(speed, variance)[0])
 
 
 def _backward(speeds: np.ndarray, variances: np.ndarray) -> np.ndarray:

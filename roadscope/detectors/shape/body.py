@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.pose.body_descent import LIMIT, drawn, space_of
+from roadscope.detectors.pose.body_descent import RULES, drawn, space_of
 from roadscope.detectors.pose.body_descent_kernels import Drawn, Rules, Space, lowest
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem
 from roadscope.detectors.pose.body_kernels import POSE, Rays
@@ -24,7 +24,6 @@ from roadscope.detectors.shape.recognition import Vehicle
 
 SLACKS = np.array([0.15, 0.05, 0.02, 0.0, 0.0, 0.0])
 """Added to noise and edges round by round, metres."""
-RULES = Rules(LIMIT, CHANCES.edge_m)
 MOVED_M = 2.0
 """A fit that ends farther from its first guess has run away."""
 

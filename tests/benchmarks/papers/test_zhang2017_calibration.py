@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from roadscope.benchmarks.papers.zhang2017_calibration import MODELS, fitted
+from roadscope.benchmarks.papers.zhang2017_calibration import MODELS, fitted, squares
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
 from roadscope.benchmarks.papers.zhang2017_population import (
     BANDS,
@@ -16,7 +16,7 @@ from roadscope.benchmarks.papers.zhang2017_population import (
 from roadscope.detectors.pose.body_fit import TURN_SD
 from roadscope.envs.world.ford_fusion import CORNER_RADII_M, with_corners
 
-SEED = 4000
+SEED, CARS = 4000, 40
 """Outside the seeds of the published figures."""
 
 
@@ -78,6 +78,19 @@ def test_a_slow_car_goes_forward():
 
 
 @pytest.mark.parametrize(
+    ("seed", "car", "band", "frames"),
+    [(7017, 1, "30-50 m", 7), (7017, 1, "50-80 m", 3), (7041, 2, "30-50 m", 3),
+     (7052, 0, "50-80 m", 3)],
+)  # fmt: skip
+def test_looks_tell_which_way_round_a_car_is_that_hardly_moves(seed, car, band, frames):
+    """Held for its mirror image it lies 15 cm beside where it is, five times what is told."""
+    seen = passing(MODELS["any corners"], band, [seed, 0, car])
+    pose = fitted(MODELS["any corners"], seen, frames)
+    assert np.cos(pose.yaw - seen.truth[2]) > 0.99
+    assert np.hypot(pose.x - seen.truth[0], pose.y - seen.truth[1]) < 0.05
+
+
+@pytest.mark.parametrize(
     ("model", "band", "car", "frames"),
     [("sharp, told", "10-20 m", 2076, 3), ("sharp, told", "20-30 m", 2012, 3)],
 )
@@ -97,3 +110,22 @@ def test_a_car_that_a_sweep_meets_twice_is_found_from_its_other_scans():
     assert np.ptp(times) > 0.09
     pose = fitted(MODELS["sized saloon"], seen, 3)
     assert np.hypot(*(np.array([pose.x, pose.y]) - seen.truth[:2])) < 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("column", range(3))
+def test_covariance_is_right_over_all_cars_that_are_possible(column, nees):
+    """Mean and spread of the NEES are those of chi square with three degrees of freedom."""
+    found = nees[:, column]
+    assert np.isfinite(found).all()
+    low, high = chdtri(3 * len(found), [1 - 0.0005, 0.0005]) / len(found)
+    assert low < found.mean() < high
+    inside = (found <= chdtri(3, 0.05)).mean()
+    assert abs(inside - 0.95) < 3.5 * np.sqrt(0.95 * 0.05 / len(found))
+
+
+@pytest.fixture(scope="module")
+def nees():
+    """(160, 3) of cars at all distances, by how many frames of them are joined."""
+    model = MODELS["any corners"]
+    return np.array([squares(model, band, [SEED, k]) for band in BANDS for k in range(CARS)])

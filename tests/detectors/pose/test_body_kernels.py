@@ -28,7 +28,7 @@ from roadscope.detectors.pose.body_kernels import (
 )
 from roadscope.detectors.pose.body_model import BodyModel, saloon
 
-SHARP = Chances(1e-9, 1e-9, 0.003, 10.0, 0.004, 0.001)
+SHARP = Chances(1e-9, 1e-9, 0.0, 0.003, 10.0, 0.004, 0.001)
 SIGMA_M, STEP_M = 0.05, 0.0005
 CAR = saloon((4.8, 0.02), (1.85, 0.02))
 

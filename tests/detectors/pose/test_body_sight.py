@@ -110,7 +110,7 @@ def test_joined_returns_of_a_plane_lie_in_it():
     hit, column, ring = np.full(60, HIT), np.arange(60), np.zeros(60, np.int64)
     origin = np.zeros((60, 3))
     rays = Rays(origin, ways, flat, reach, hit, flat + 0.02, flat, flat)
-    found = joined(rays, Grid(ring, column, reach, hit), 15)
+    found = joined(rays, Grid(ring, column, reach, hit), 15, 0.0)
     assert len(found.reach) < 30
     np.testing.assert_allclose(found.reach * (found.direction @ normal), 2.0, atol=1e-9)
 
@@ -123,7 +123,7 @@ def test_noise_does_not_keep_neighbours_apart():
     reach = 20.0 + 0.1 * np.random.default_rng(0).standard_normal(200)
     for sigma, apart in ((0.1, False), (0.02, True)):
         rays = Rays(origin, ways, flat, reach, hit, flat + sigma, flat, flat)
-        found = joined(rays, Grid(ring, column, reach, hit), 48)
+        found = joined(rays, Grid(ring, column, reach, hit), 48, 0.0)
         assert (len(found.reach) > 90) == apart
 
 

@@ -62,8 +62,8 @@ def test_stays_within_twice_the_floor(drive, body, frames):
 def test_covariance_is_consistent_and_nothing_is_turned(drive, body, frames):
     """The NEES of drives may well have the mean 3, or is less by no more than a quarter.
 
-    A drive's frames share scans and views, so drives are counted. The fit leaves room for bodies
-    whose edges and surfaces are not as drawn, which these are: of many frames that shows.
+    A drive's frames share scans and views, so drives are counted. Of one car the exact posterior's
+    mean need not be 3 either, which is expected over all cars that the priors hold possible.
     """
     pairs = [judged(run_of(drive, body, seed), frames) for seed in SEEDS]
     means = [float(np.nanmean(scores)) for _, scores in pairs]
