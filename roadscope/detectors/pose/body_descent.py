@@ -102,14 +102,18 @@ def slopes_of(
     for d in range(size):
         moved[:, 1 + d, d] += steps[d]
         moved[:, 1 + size + d, d] -= steps[d]
-    out = misfits_of(problem, moved.reshape(-1, size), slack).reshape(count, 2 * size + 1, -1)
+    rules = Rules(LIMIT, problem.chances.edge_m)
+    out = misfits_of(problem, moved.reshape(-1, size), slack, rules)
+    out = out.reshape(count, 2 * size + 1, -1)
     slopes = (out[:, 1 : size + 1] - out[:, size + 1 :]) / (2 * steps[:, None])
     return out[:, 0], np.swapaxes(slopes, 1, 2)
 
 
-def misfits_of(problem: Problem, vectors: np.ndarray, slack: float) -> np.ndarray:
-    """Return the misfits (K, M) of (K, D) vectors."""
-    told = problem.rays, Rules(LIMIT, problem.chances.edge_m)
+def misfits_of(
+    problem: Problem, vectors: np.ndarray, slack: float, rules: Rules = RULES
+) -> np.ndarray:
+    """Return the misfits (K, M) of (K, D) vectors; rules: left out, those of a descent."""
+    told = problem.rays, rules
     starts = np.ascontiguousarray(vectors, np.float64)
     space = space_of(problem, around=AROUND, ways=2)
     return np.asarray(disagreed(starts, slack, drawn(problem.model), space, told))

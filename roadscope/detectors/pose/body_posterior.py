@@ -65,13 +65,17 @@ def posterior(problem: Problem, guess: Guess, *, work: int = WORK) -> Posterior:
     """
     # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
     bound = (problem.rays.kind == HIT).sum() >= len(problem.free)
+    reached = True
     for look in range(FARTHER if bound else LOOKS):
         near, mean = split(problem, guess)
         more = max(look - LOOKS + 2, 1)
         count = more * work // max(len(near.rays.slope), 1)
         count = int(np.clip(count, FEWEST, more * MOST)) // 32 * 32
         spread = guess.covariance
-        found = refine(near, mean, spread, count=count, rounds=ROUNDS, enough=ENOUGH)
+        found = refine(
+            near, mean, spread, count=count, rounds=ROUNDS, enough=ENOUGH, reached=reached
+        )
+        reached = found.reached
         off = found.mean - mean
         settled = found.effective > ENOUGH and off @ np.linalg.solve(spread, off) < MOVED**2
         if found.reached and (settled or look >= LOOKS - 1):

@@ -13,6 +13,8 @@ from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel
 WIDER = 2.0
 """How much wider than the last posterior samples are drawn, as a factor on the covariance: one
 scan's has corners that narrower ones leave out (1.3 made it a twentieth too small)."""
+ON_THE_WAY = 1.3
+"""The same while weights are flattened, and spread hardly less than what was drawn."""
 SETS = 4
 """Sets of points; more rounds begin with the first again."""
 FEW = 0.1
@@ -103,19 +105,21 @@ def refine(
     count: int,
     rounds: int,
     enough: float,
+    reached: bool = True,
 ) -> Posterior:
     """Adapt a normal proposal to the posterior, round by round.
 
     The samples of all rounds count, each weighed by the posterior over the mixture of what all
     rounds drew from (Cornuet 2012, adaptive multiple importance sampling); while too few would
     count, weights are flattened, so that the proposal moves there in steps. enough: effective
-    number of samples at which no further round is made.
+    number of samples at which no further round is made. reached: False for mean and covariance
+    of a posterior that was not.
     """
     normals = normal_points(count, len(mean))
     drawn: list[tuple[np.ndarray, np.ndarray]] = []
     samples, logs = np.empty((0, len(mean))), np.empty(0)
     for turn in range(rounds):
-        drawn.append((mean, _root(WIDER * covariance)))
+        drawn.append((mean, _root((WIDER if reached else ON_THE_WAY) * covariance)))
         fresh = mean + normals[turn % SETS] @ drawn[-1][1].T
         samples = np.concatenate([samples, fresh])
         logs = np.concatenate([logs, problem.log_density(fresh)])
@@ -128,11 +132,12 @@ def refine(
         mean = weights @ samples
         off = samples - mean
         covariance = _regular((off * weights[:, None]).T @ off, drawn[-1][1], effective)
-        if flat == 1.0 and effective > enough:
+        reached = flat == 1.0
+        if reached and effective > enough:
             break
     # What so few evenly spread samples add to the errors, held to 20 times as many.
     covariance = covariance * (effective + 1.0) / max(effective - 1.0, 1.0)
-    return Posterior(mean, covariance, float(evidence), float(effective), flat == 1.0)
+    return Posterior(mean, covariance, float(evidence), float(effective), reached)
 
 
 def _mixture(drawn: list[tuple[np.ndarray, np.ndarray]], samples: np.ndarray) -> np.ndarray:
