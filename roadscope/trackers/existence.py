@@ -36,6 +36,7 @@ class ExistenceTracker:
 
     Every detection raises or lowers the log odds by what its score says and by how well it lies
     where it was expected; every miss lowers them, less where nearer targets hide the place.
+    A detection that nothing led to expect is likelier clutter than its score says.
     Clutter of real detectors is persistent, a bush is a car in many frames, so what one frame
     said counts less with time instead of adding up without end.
     """
@@ -96,7 +97,7 @@ class ExistenceTracker:
         rows, columns = self._pairs(targets, measured, tick.period_s)
         missed = np.ones(len(targets), bool)
         missed[rows] = False
-        believed = targets.existence > self._shown
+        believed = targets.told(self._traits) > self._shown
         visible = 1 - hidden_shares(targets.boxes, missed, believed, eye)
         unseen_s = tick.period_s * np.where(missed, visible, 0.0)
         targets = replace(targets, away_s=targets.away_s + unseen_s)
@@ -167,7 +168,8 @@ class ExistenceTracker:
 
     def _report(self, tick: Tick) -> Tracks:
         targets = self._targets
-        odds, missed = targets.existence.copy(), np.flatnonzero(targets.misses)
+        told, missed = targets.told(self._traits), np.flatnonzero(targets.misses)
+        odds = told.copy()
         odds[missed] = both(odds[missed], _certainty(targets, missed))
         believed = odds >= self._shown
         states = np.full(len(targets), TrackState.TENTATIVE, np.int8)
@@ -181,7 +183,7 @@ class ExistenceTracker:
         return Tracks(
             targets.ids, np.column_stack([beliefs.means[:, :2], targets.heights[:, 0]]),
             targets.sizes, targets.yaws[:, 0], beliefs.means[:, 2:], covariances,
-            targets.categories, 1 / (1 + np.exp(-targets.existence)), states,
+            targets.categories, 1 / (1 + np.exp(-told)), states,
             tick.frame, tick.stamp_s,
         )  # fmt: skip
 

@@ -88,7 +88,8 @@ class Targets(Rows):
     fronts: (N,) sum of votes that front is front, positive.
     sizes: (N, 3) length width height; size_weights: (N,) what they rest on.
     votes: (N, 7) sum of scores for each category; categories: (N,) int8, what most of them say.
-    existence: (N,) log odds that there is something; assured: (N,) as the last detection left them.
+    existence: (N,) log odds that there is something, as scores say; assured: (N,) as the last
+        detection left them.
     claims: (N,) evidence of the first detection; hits: (N,) detections so far.
     misses: (N,) ticks since the last detection; idle_s: (N,) seconds; away_s: (N,) seconds of
         these in which it should have been seen.
@@ -120,6 +121,13 @@ class Targets(Rows):
         """(N, 7) centre x y z, length width height, yaw."""
         places = self.beliefs.means[:, :2]
         return np.column_stack([places, self.heights[:, 0], self.sizes, self.yaws[:, 0]])
+
+    def told(self, traits: Learned) -> np.ndarray:
+        """Return (N,) log odds that there is something, given who was seen but once."""
+        found: np.ndarray = self.existence + np.where(
+            self.hits == 1, traits.seen_once[self.categories], 0.0
+        )
+        return found
 
     @staticmethod
     def opened(ids: np.ndarray, new: Measured, velocities: Gaussians, traits: Learned) -> Targets:

@@ -122,6 +122,19 @@ def test_sure_detections_are_told_at_once_and_unsure_ones_later():
     assert states[-1] == TrackState.CONFIRMED
 
 
+def test_who_was_seen_but_once_is_doubted_until_seen_again(tmp_path):
+    shipped = (learned.FOLDER / "unknown.toml").read_text("utf-8")
+    path = tmp_path / "doubtful.toml"
+    path.write_text(shipped.replace("seen_once = 0.0", "seen_once = -1.5"), "utf-8")
+    told = []
+    for traits in ("unknown", str(path)):
+        tracker = ExistenceTracker(traits=traits)
+        scores = [tracker.update(scene([[10, 0]] if t != 1 else [], t), None).scores[0]
+                  for t in range(4)]  # fmt: skip
+        told.append(np.log(scores) - np.log1p(np.negative(scores)))
+    assert told[1] - told[0] == pytest.approx([-1.5, -1.5, 0, 0])
+
+
 def test_weak_clutter_is_never_told_however_long_it_stays():
     tracker = ExistenceTracker(traits=CALIBRATED)
     told = [tracker.update(scene([10, 0], t, scores=0.1), None) for t in range(40)]

@@ -33,7 +33,7 @@ PERSISTENCE = {
     "back": 0.0, "back_per_m": 0.0, "away_per_s": 3.0,
 }  # fmt: skip
 """Guessed, for classes with too few tracks to learn it from."""
-SHARES = {"returned": 0.5, "born": 0.5, "surplus": 1.0}
+SHARES = {"returned": 0.5, "born": 0.5, "seen_once": 0.0, "surplus": 1.0}
 """Likewise; returns are taken to be even: `back` says the rest."""
 POSITIVE = np.array([True, True, False, True, False, False, True])
 UNITS = np.array([1.0, 1.0, 3.0, 1.0, 1.0, 0.03, 1.0])
@@ -45,6 +45,8 @@ LEAST_SENSED = 50
 """Of traffic that is made for it."""
 FRAMES_ALIKE = 10
 """Successive ticks say much the same: so many count as one."""
+STEPS = 50
+"""Of Newton's method, far more than it needs."""
 ROUNDS = 200
 """More than are needed until the third decimal stands."""
 
@@ -160,16 +162,18 @@ def recorded_persistence(
     folder: Path, sequences: Sequence[str] | None, detector: str | None, traits: str
 ) -> dict[str, dict[str, float]]:
     """Return of each class what its sequences say, followed with what a file of traits guesses."""
-    found, counts = {}, {}
-    for kind in CLASSES:
-        parts = [
+    parts = {
+        kind: [
             lived(s.detections, s.world_from_ego, traits, partial(verdicts, sequence=s))
             for s in of_class(kind, folder, sequences, detector)
         ]
-        found[kind] = persistence(Lives.joined([lives for lives, _ in parts]))
-        counts[kind] = np.sum([count for _, count in parts], axis=0)
-    born = _seen_again(np.sum(list(counts.values()), axis=0))
-    return {kind: {**found[kind], **SHARES, **born} for kind in found}
+        for kind in CLASSES
+    }
+    born = newcomers([part for some in parts.values() for part in some])
+    return {
+        kind: {**persistence(Lives.joined([life for life, _ in some])), **SHARES, **born}
+        for kind, some in parts.items()
+    }
 
 
 def sensed_persistence(drives: Drives, traits: str) -> dict[str, dict[str, float]]:
@@ -182,15 +186,38 @@ def sensed_persistence(drives: Drives, traits: str) -> dict[str, dict[str, float
             collected.append(lived(*in_ego(own), traits, judge))
     lives = {kind: Lives.joined([life for life, _ in some]) for kind, some in parts.items()}
     everybody = persistence(Lives.joined(list(lives.values())), least=LEAST_SENSED)
-    born = _seen_again(np.sum([count for some in parts.values() for _, count in some], axis=0))
+    born = newcomers([part for some in parts.values() for part in some])
     return {
         kind: {**persistence(life, LEAST_SENSED, everybody), **SHARES, **born}
         for kind, life in lives.items()
     }
 
 
-def _seen_again(counts: np.ndarray) -> dict[str, float]:
-    return {"born": round(float((counts[1, 0] + 1) / (counts[1].sum() + 2)), 2)}
+def newcomers(parts: Sequence[tuple[Lives, np.ndarray]]) -> dict[str, float]:
+    """Return `Learned.born` and `Learned.seen_once` of all classes together.
+
+    parts: what `lived` says of every sequence. Newcomers of each class alone fall short by as
+    much, but of some classes there are few.
+    """
+    again, lost = np.sum([counts for _, counts in parts], axis=0)[1]
+    every = Lives.joined([lives for lives, _ in parts])
+    first = np.flatnonzero(np.diff(every.tracks, prepend=-1))
+    judged = first[every.right[first] >= 0]
+    once = fallen_short(every.evidence[judged], every.right[judged])
+    return {"born": round(float((again + 1) / (again + lost + 2)), 2), "seen_once": round(once, 2)}
+
+
+def fallen_short(told: np.ndarray, right: np.ndarray) -> float:
+    """Return what to add to (N,) log odds for (N,) 1 and 0 to be likeliest, by Newton's method.
+
+    Its prior has a standard deviation of 1.
+    """
+    shift = 0.0
+    for _ in range(STEPS):
+        chance = 1 / (1 + np.exp(-(told + shift)))
+        slope = float((right - chance).sum()) - shift
+        shift += float(np.clip(slope / (1 + (chance * (1 - chance)).sum()), -1, 1))
+    return shift
 
 
 def _sensed_verdicts(
@@ -247,7 +274,7 @@ def _columns(lives: Lives) -> np.ndarray:
 def believed(
     tracks: np.ndarray, seen: np.ndarray, columns: np.ndarray, values: np.ndarray
 ) -> np.ndarray:
-    """Return (N,) log odds of existence, as `ExistenceTracker` works them out.
+    """Return (N,) log odds, as `ExistenceTracker` works out `Targets.existence`.
 
     columns: (N, 5) evidence, distances, ranges_m, away_s, steps_s of `Lives`.
     """

@@ -52,6 +52,8 @@ class Learned(Record):
         every metre of range; away_per_s: by how much they fall with every second of it.
     returned, born: share of those missed, and of those seen but once, all of them believed in,
         who were seen again in training.
+    seen_once: by how much the log odds of existence of who was seen but once differ from those
+        that its score says: where nothing was expected a detection is right less often.
     surplus: by what factor squared errors of tracks' places were greater in training than their
         filter says.
     """
@@ -85,6 +87,7 @@ class Learned(Record):
     away_per_s: np.ndarray
     returned: np.ndarray
     born: np.ndarray
+    seen_once: np.ndarray
     surplus: np.ndarray
 
     def __post_init__(self) -> None:
@@ -100,7 +103,7 @@ class Learned(Record):
         return told
 
 
-OF_ANY_SIGN = ("score_offset", "score_per_m", "seen_gain", "back", "back_per_m")
+OF_ANY_SIGN = ("score_offset", "score_per_m", "seen_gain", "back", "back_per_m", "seen_once")
 TRAITS = tuple(field.name for field in fields(Learned))
 
 

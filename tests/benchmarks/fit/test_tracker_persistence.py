@@ -6,7 +6,9 @@ from roadscope.benchmarks.fit.tracker_persistence import (
     Lives,
     Recorder,
     believed,
+    fallen_short,
     loss,
+    newcomers,
     persistence,
 )
 from roadscope.core import Category, Detections
@@ -41,6 +43,22 @@ def test_what_is_learned_is_likelier_than_the_guess():
 
 def test_of_too_few_tracks_nothing_is_learned():
     assert persistence(lives(20)) == PERSISTENCE
+
+
+def test_how_far_newcomers_fall_short_of_their_scores_is_learned_of_all_classes():
+    """Scores are right of all others, but newcomers are there in 1 of 10 cases, not in half."""
+    rng, n = np.random.default_rng(0), 4000
+    first, zeros = np.tile([True, False], n), np.zeros(2 * n)
+    right = np.where(first, np.repeat(rng.random(n) < 0.1, 2), 1).astype(np.int8)
+    many = Lives(
+        np.repeat(np.arange(n), 2), np.tile([0, 1], n), np.ones(2 * n, bool), zeros, zeros, zeros,
+        zeros, zeros, right,
+    )  # fmt: skip
+    few = Lives(*(np.empty(0, getattr(many, name).dtype) for name in Lives.__slots__))
+    found = newcomers([(many, np.array([[0, 0], [40, 58]])), (few, np.zeros((2, 2)))])
+    assert found["seen_once"] == pytest.approx(-np.log(9), abs=0.2)
+    assert found["born"] == 0.41
+    assert fallen_short(np.empty(0), np.empty(0)) == 0
 
 
 def test_belief_is_the_trackers_own():
