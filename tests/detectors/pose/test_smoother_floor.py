@@ -76,3 +76,12 @@ def test_covariance_is_consistent_and_nothing_is_turned(drive, body, frames):
         place, heading = PAPER[drive]
         assert np.sqrt((found[:, :2] ** 2).sum(axis=1).mean()) < place
         assert np.degrees(np.sqrt((found[:, 2] ** 2).mean())) < heading
+
+
+@pytest.mark.parametrize("seed", [5000, 5004, 5007])
+def test_samples_on_the_way_to_a_posterior_do_not_run_away(seed):
+    """From 1.9 m above the road the first scan has few returns; a wide start ended anywhere."""
+    run = film("straight", seed, sensor_height_m=1.9, frames=2)
+    poses, _ = estimate(METHODS[FITS[1]], run)
+    assert np.sqrt(np.diag(poses[0].covariance)).max() < 2.0
+    assert np.abs(errors(run, poses)[0, 2]) < np.radians(45.0)
