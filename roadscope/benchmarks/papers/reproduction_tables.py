@@ -78,7 +78,7 @@ def side_by_side(
         table.add_column(heading, justify="right", min_width=least, max_width=most)
     for method in methods:
         cells = [named[method, quantity] for quantity in quantities]
-        table.add_row(method, *(_spread(row, len(cells)) for row in cells))
+        table.add_row(method, *(_fitting(row, len(cells), most) for row in cells))
         if any(row.paper is not None for row in cells):
             table.add_row("  paper", *(_figure(row, row.paper) for row in cells), style="dim")
     return table
@@ -97,16 +97,24 @@ def _figure(row: ReproductionRow, value: float | None) -> str:
     return short(value)
 
 
-def _spread(row: ReproductionRow, columns: int) -> str:
-    decimals = DECIMALS.get(row.unit, 2)
+def _fitting(row: ReproductionRow, columns: int, width: int) -> str:
+    """Return a spread with fewer decimals where its unit's make it wider than its column."""
+    most = DECIMALS.get(row.unit, 2)
+    shown = (_spread(row, columns, decimals) for decimals in range(most, -1, -1))
+    return next((text for text in shown if len(text) <= width), _spread(row, columns, 0))
+
+
+def _spread(row: ReproductionRow, columns: int, decimals: int) -> str:
     if row.ours is None or row.low is None or row.high is None:
         known = row.ours is not None and row.unit in DECIMALS
         return f"{row.ours:.{decimals}f}" if known else _figure(row, row.ours)
     if row.unit == "count" and row.low == row.high:
         return short(row.ours)
     mean, half = f"{row.ours:.{decimals}f}", f"{(row.high - row.low) / 2:.{decimals}f}"
+    if columns < MOST_COLUMNS:
+        return f"{mean} ±{half}"
     # Five columns leave no room for a space and a nought.
-    return f"{mean} ±{half}" if columns < MOST_COLUMNS else f"{mean}±{half.removeprefix('0')}"
+    return f"{mean}±{half.removeprefix('0') or half}"
 
 
 def _titled(quantity: str, unit: str) -> str:

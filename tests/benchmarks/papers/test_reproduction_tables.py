@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import pytest
 from rich.console import Console
 
 from roadscope.benchmarks.papers.reproduction import YES_OR_NO, ReproductionRow
@@ -85,3 +86,15 @@ def test_five_columns_of_per_cent_leave_a_long_name_whole():
     assert name in lines
     assert "100.0±.1" in lines
     assert "100.00±.10" in lines
+
+
+@pytest.mark.parametrize("columns", range(1, 6))
+@pytest.mark.parametrize("ours", [0.036, 36.02, 1136.02, 81234.5])
+def test_a_slow_or_uncertain_figure_stays_in_its_line(columns, ours):
+    """A time beside a busy neighbour is as wide as it likes; it loses decimals, not its line."""
+    time = ReproductionRow("one", "ours, 7 frames", "", "ms", None, ours, 0.0, 3 * ours, 30)
+    rows = [replace(time, quantity=f"scan {i}") for i in range(columns)]
+    text = printed([*rows, *(replace(r, method="b") for r in rows)])
+    assert len(text.splitlines()) == 4
+    assert "…" not in text
+    assert f"{ours:.0f}" in text or f"{ours:.2f}" in text
