@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
-from roadscope.detectors.pose.body_descent import LIMIT, SLACKS_M, descend, misfits_of
+from roadscope.detectors.pose.body_descent import LIMIT, SLACKS_M, STEPS, descend, misfits_of
 from roadscope.detectors.pose.body_fit import CHANCES, TURN_SD, pose_of, thinned_problem
 from roadscope.detectors.pose.body_kernels import HIT, POSE, Chances, Rays, pose_after
 from roadscope.detectors.pose.body_model import BodyModel
@@ -41,6 +41,8 @@ LONG = 3
 FITTING = 2.0
 """Standard deviations of the cost, above its mean, up to which the last answer, moved on, is
 taken to be right."""
+SAME = 3.0
+"""Standard deviations, and a descent's step, within which two answers are one."""
 CLOSE = 30.0
 """How much more than the best one of two first fits may cost to be looked at, too."""
 WORSE = 1.1
@@ -169,11 +171,10 @@ class Smoother:
         stamp_s = self._window[at].stamp_s
         problem = self._problem(stamp_s)
         found = self._followed(problem, stamp_s)
+        if found is None or _cost(problem, found) > self._bound(problem):
+            found = self._searched(problem, stamp_s, found)
         if found is None:
-            best = self._best(problem, stamp_s)
-            if best is None:
-                return None
-            found = posterior(problem, around(problem, *best), work=WORK)
+            return None
         if SPEED in problem.free and found.mean[SPEED] < SLOW_M_S:
             found = max(found, _twin(problem, found), key=_likelihood)
         self._last = stamp_s, problem.whole(found.mean[None])[0]
@@ -182,19 +183,28 @@ class Smoother:
         return pose_of(found, problem)
 
     def _followed(self, problem: Problem, stamp_s: float) -> Posterior | None:
-        """Return the posterior around the last one, moved on; None where that is not right."""
+        """Return the posterior around the last one, moved on; None where there is none."""
         known = self._known
         if known is None or len(self._window) < LONG:
             return None
         if not np.array_equal(known.free, problem.free):
             return None
         found = posterior(problem, known.moved(stamp_s), work=WORK)
-        state = found.mean[None]
-        off = misfits_of(problem, state, 0.0)[0]
-        cost = LIMIT**2 * np.log1p((off / LIMIT) ** 2).sum()
-        turned = self._turned(problem.whole(state))[0]
-        likely = found.reached and found.effective >= COUNTED and cost <= self._bound(problem)
-        return found if likely and not turned else None
+        turned = self._turned(problem.whole(found.mean[None]))[0]
+        return found if found.reached and found.effective >= COUNTED and not turned else None
+
+    def _searched(
+        self, problem: Problem, stamp_s: float, followed: Posterior | None
+    ) -> Posterior | None:
+        """Return the posterior around the best state, which is the followed one's where it ends."""
+        best = self._best(problem, stamp_s)
+        if best is None:
+            return None
+        found = followed
+        if found is None or not _same(problem, found, best[0]):
+            found = posterior(problem, around(problem, *best), work=WORK)
+        self._settled = _cost(problem, found) / max((problem.rays.kind == HIT).sum(), 1)
+        return found
 
     def _bound(self, problem: Problem) -> float:
         """Return the cost up to which the last answer, moved on, is taken to be right."""
@@ -203,7 +213,6 @@ class Smoother:
 
     def _best(self, problem: Problem, stamp_s: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Return the best state and its covariance, from the last one or, if bad, from anew."""
-        hits = (problem.rays.kind == HIT).sum()
         bound = self._bound(problem)
         tries = []
         before = self._moved(stamp_s)
@@ -222,7 +231,6 @@ class Smoother:
             return None
         vectors = np.concatenate([found.vectors for found in tries])
         costs = np.concatenate([found.costs for found in tries])
-        self._settled = float(costs.min() / max(hits, 1)) if len(tries) > 1 else self._settled
         covariances = np.concatenate([found.covariances for found in tries])
         costs = costs + TURNED * self._turned(problem.whole(vectors))
         if SPEED in problem.free:
@@ -271,6 +279,18 @@ class Smoother:
             return None
         before, state = self._last
         return np.concatenate([_state_after(state[:POSE], stamp_s - before), state[POSE:]])
+
+
+def _cost(problem: Problem, found: Posterior) -> float:
+    """Return by how much the rays disagree with a posterior's mean, as a descent counts it."""
+    off = misfits_of(problem, found.mean[None], 0.0)[0]
+    return float(LIMIT**2 * np.log1p((off / LIMIT) ** 2).sum())
+
+
+def _same(problem: Problem, found: Posterior, vector: np.ndarray) -> bool:
+    """Whether a descent ended at a posterior's mean, as nearly as its steps are fine."""
+    spread = np.sqrt(np.diag(found.covariance))
+    return bool((np.abs(vector - found.mean) <= SAME * spread + STEPS[problem.free]).all())
 
 
 def _twin(problem: Problem, found: Posterior) -> Posterior:
