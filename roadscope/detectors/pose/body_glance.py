@@ -34,10 +34,11 @@ class Sought(NamedTuple):
 class Search(NamedTuple):
     """How a body is searched.
 
-    first, next, last: slacks of the rounds, metres, the last two of each 0. budget: returns of a
-    body beyond which neighbours are joined. rays: at most, before the last fit. unlikely: first
-    guesses whose squared deviation from the way is so much more than the best's are left. close:
-    first fits that cost no more than so much above the best's are followed. rules: of the descent.
+    first, next, last: slacks of the rounds, metres, the last two of each 0; the next fit is left
+    out where one first fit alone is likely. budget: returns of a body beyond which neighbours are
+    joined. rays: at most, before the last fit. unlikely: first guesses whose squared deviation
+    from the way is so much more than the best's are left. close: first fits that cost no more
+    than so much above the best's are followed. rules: of the descent.
     """
 
     first: np.ndarray
@@ -142,9 +143,11 @@ def likeliest(
     likely = rough[costs <= costs.min() + search.close]
     begin = np.zeros((len(likely), len(whole.free)))
     begin[:, :3] = likely
-    fine, costs = lowest(begin, search.next, drawn, _without_spread(whole), few)
-    best = costs.argmin()
-    last, costs = lowest(fine[best : best + 1], search.last, drawn, whole, told)
+    if len(begin) > 1:
+        fine, costs = lowest(begin, search.next, drawn, _without_spread(whole), few)
+        best = costs.argmin()
+        begin = fine[best : best + 1]
+    last, costs = lowest(begin, search.last, drawn, whole, told)
     values = whole.fixed.copy()
     values[whole.free] = last[0]
     sizes = sides + drawn.sizes[:, 1] * values[POSE : POSE + 2]
