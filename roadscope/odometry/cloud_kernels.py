@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.odometry.voxels.voxel_kernels import EMPTY, slot_of
-
-BITS, HALF = 20, 1 << 19
+from roadscope.odometry.cubes import EMPTY, cube_of, slot_of
 
 
 @compiled()
@@ -38,10 +36,9 @@ def cubed(
         x, y, z = np.float64(points[n, 0]), np.float64(points[n, 1]), np.float64(points[n, 2])
         if not least <= x * x + y * y + z * z <= most:
             continue
-        i = np.int64(np.floor(x / size_m)) + HALF
-        j = np.int64(np.floor(y / size_m)) + HALF
-        k = np.int64(np.floor(z / size_m)) + HALF
-        key = (i << 2 * BITS) | (j << BITS) | k
+        key = cube_of(x, y, z, size_m)
+        if key == EMPTY:
+            continue
         slot = slot_of(keys, key)
         if keys[slot] == EMPTY:
             keys[slot], holders[slot] = key, count

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.odometry.voxels.voxel_kernels import EMPTY, Index, slot_of
+from roadscope.odometry.cubes import EMPTY, Index, cube_of, slot_of
 
 JUMP_M, JUMP_SHARE = 0.4, 0.02
 """A beam's neighbour that reaches so much farther has missed the thing that the beam met."""
 UPRIGHT = 2
 """Columns by which an upright end may be off in the beam above or below."""
-HALF = 1 << 19
 
 
 @compiled()
@@ -89,9 +88,7 @@ def gathered(
             cosine, sine = np.cos(angle), np.sin(angle)
             x = cosine * points[n, 0] - sine * points[n, 1] + way * np.cos(0.5 * angle)
             y = sine * points[n, 0] + cosine * points[n, 1] + way * np.sin(0.5 * angle)
-            key = (np.int64(np.floor(x / cell_m)) + HALF) << 20 | (
-                np.int64(np.floor(y / cell_m)) + HALF
-            )
+            key = cube_of(x, y, 0.0, cell_m)
             slot = slot_of(keys, key)
             keys[slot] = key
             met[slot] |= 1 << scans[n]

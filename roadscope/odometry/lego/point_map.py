@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.odometry.cubes import EMPTY
 from roadscope.odometry.lego.point_map_kernels import (
-    EMPTY,
     PointGrid,
     grid_insert,
     lines_among,

@@ -12,14 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.odometry.cubes import EMPTY, Index, cube_of, slot_of
 from roadscope.odometry.eigen_kernels import eigen3
 from roadscope.odometry.loam.pair_kernels import Pairs
-from roadscope.odometry.voxels.voxel_kernels import Index, slot_of
 
-EMPTY = -1
 CUBE_M = 1.0
 """Nearest points are looked for up to here; LOAM takes none farther."""
-BITS, HALF = 20, 1 << 19
 NEAREST = 5
 LONG = 3.0
 """A line's greatest eigenvalue is so many times the next."""
@@ -65,12 +63,8 @@ def grid_insert(grid: PointGrid, points: np.ndarray, thin_m: float) -> None:
 @compiled()
 def _key(place: np.ndarray, dx: int, dy: int, dz: int) -> Index:
     """Return the key of the cube that holds a place, or of one beside it; negative if far off."""
-    i = np.int64(np.floor(place[0] / CUBE_M)) + dx + HALF
-    j = np.int64(np.floor(place[1] / CUBE_M)) + dy + HALF
-    k = np.int64(np.floor(place[2] / CUBE_M)) + dz + HALF
-    if min(i, j, k) < 0 or max(i, j, k) >= 2 * HALF:
-        return EMPTY
-    return (i << 2 * BITS) | (j << BITS) | k
+    x, y, z = place[0] + dx * CUBE_M, place[1] + dy * CUBE_M, place[2] + dz * CUBE_M
+    return cube_of(x, y, z, CUBE_M)
 
 
 @compiled()

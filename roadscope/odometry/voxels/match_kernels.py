@@ -5,15 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.odometry.voxels.voxel_kernels import (
-    EMPTY,
-    FLOOR_M,
-    SIZES_M,
-    Index,
-    Voxels,
-    key_of,
-    slot_of,
-)
+from roadscope.odometry.cubes import EMPTY, Index, slot_of
+from roadscope.odometry.voxels.voxel_kernels import FLOOR_M, SIZES_M, Voxels, key_of
 
 TILT = 0.05
 """By so much, radians, the normal of a surface may err that was fitted to a few traces of beams."""

@@ -7,12 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.odometry.cubes import BITS, EMPTY, HALF, Index, cube_of, slot_of
 from roadscope.odometry.eigen_kernels import eigen3
 
 SIZES_M = (1.0, 2.0, 4.0)
-EMPTY = -1
-BITS, HALF = 20, 1 << 19
-Index = int | np.signedinteger
 Room = tuple[np.ndarray, np.ndarray, np.ndarray]
 LEAST = 5
 """Points from which a voxel has a surface."""
@@ -71,24 +69,8 @@ def empty_voxels(slots: int) -> Voxels:
 @compiled(borrowing=True)
 def key_of(x: float, y: float, z: float, level: int) -> Index:
     """Return the key of the voxel of a level that holds a point; negative if it is too far off."""
-    size = SIZES_M[level]
-    i = np.int64(np.floor(x / size)) + HALF
-    j = np.int64(np.floor(y / size)) + HALF
-    k = np.int64(np.floor(z / size)) + HALF
-    if min(i, j, k) < 0 or max(i, j, k) >= 2 * HALF:
-        return EMPTY
-    return (np.int64(level) << 3 * BITS) | (i << 2 * BITS) | (j << BITS) | k
-
-
-@compiled(borrowing=True)
-def slot_of(keys: np.ndarray, key: Index) -> Index:
-    """Return the slot that holds a key, or the free one where it belongs."""
-    mask = len(keys) - 1
-    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    slot = np.int64(mixed >> np.uint64(33)) & mask
-    while keys[slot] != EMPTY and keys[slot] != key:
-        slot = (slot + 1) & mask
-    return slot
+    cube = cube_of(x, y, z, SIZES_M[level])
+    return cube if cube == EMPTY else (np.int64(level) << 3 * BITS) | cube
 
 
 @compiled()
