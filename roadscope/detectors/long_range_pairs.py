@@ -10,7 +10,6 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.pose.matched_filter import settled_reading
-from roadscope.detectors.pose.multi_frame import MOVING_M_S
 from roadscope.detectors.pose.pair_kernels import Filter
 from roadscope.detectors.pose.rotating_pair import Frames, Plan, best_pair
 
@@ -48,8 +47,8 @@ def pair_poses(
         (settings, plan, most),
     )  # fmt: skip
     return [
-        VehiclePose(x, y, yaw + np.pi * (speed <= -MOVING_M_S), length, width, score=score)
-        for (x, y, yaw, speed, score), (length, width) in zip(found.tolist(), sizes, strict=True)
+        VehiclePose(x, y, yaw, length, width, score=score)
+        for (x, y, yaw, score), (length, width) in zip(found.tolist(), sizes, strict=True)
     ]
 
 
@@ -62,7 +61,7 @@ def best_pairs(
     vehicles: tuple[np.ndarray, np.ndarray, np.ndarray],
     rules: tuple[Filter, Plan, int],
 ) -> np.ndarray:
-    """Return what `best_pair` does of V vehicles, (V, 5).
+    """Return what `best_pair` does of V vehicles, (V, 4).
 
     returns: (N, 3) places, metres, and (N,) seconds after the stamp, of W sightings one after the
     other; starts: (W + 1,) where each begins, windows: (V + 1,) where each vehicle's begin. views:
@@ -72,7 +71,7 @@ def best_pairs(
     """
     (points, times_s), (origins, stamps_s) = returns, views
     (velocities, sizes, answered), (usual, plan, most) = vehicles, rules
-    found = np.empty((len(answered), 5))
+    found = np.empty((len(answered), 4))
     for v in range(len(answered)):
         first, end = windows[v], windows[v + 1]
         places = np.empty((starts[end] - starts[first], 2))

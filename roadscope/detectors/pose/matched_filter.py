@@ -64,7 +64,7 @@ def fit_single(
     settings, plan = settled_reading(length_m, width_m, **reading)
     # Copies, for read-only arrays would be compiled for once more.
     frames = Frames(points.copy(), np.array([0, len(points)]), np.array([place]), ALONE_S, 0)
-    x, y, yaw, _, score = best_pair(frames, settings, plan)
+    x, y, yaw, score = best_pair(frames, settings, plan)
     return VehiclePose(x, y, yaw, length_m, width_m, score=score)
 
 

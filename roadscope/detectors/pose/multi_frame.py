@@ -13,9 +13,6 @@ from roadscope.detectors.pose.estimate import VehiclePose, settled_origin, settl
 from roadscope.detectors.pose.matched_filter import Reading, settled_reading
 from roadscope.detectors.pose.rotating_pair import Frames, best_pair
 
-MOVING_M_S = 1.0
-"""From this speed on the way that the body went tells its front."""
-
 
 def fit_multi(
     frames: Sequence[np.ndarray],
@@ -49,9 +46,7 @@ def fit_multi(
         raise ValueError("a pose needs at least 1 point in each frame, got none in one")
     points, starts = settled_points(np.concatenate(frames)), [0, *accumulate(map(len, frames))]
     seen = Frames(points, np.array(starts), places, stamps, frame)
-    x, y, yaw, velocity, score = best_pair(seen, settings, plan._replace(tied=tied))
-    if velocity <= -MOVING_M_S:
-        yaw += np.pi
+    x, y, yaw, score = best_pair(seen, settings, plan._replace(tied=tied))
     return VehiclePose(x, y, yaw, length_m, width_m, score=score)
 
 

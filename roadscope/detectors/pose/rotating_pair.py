@@ -22,6 +22,9 @@ WORTH = 0.9
 """Share of a round's greatest score below which an angle is not looked at again: a lower one was
 the best after all in 5 of 1300 fits."""
 
+MOVING_M_S = 1.0
+"""From this speed on the way that the body went tells its front."""
+
 
 class Plan(NamedTuple):
     """Angles that are tried: multiples of a step, radians, from the initial one on.
@@ -66,13 +69,11 @@ def planned(step_deg: float, search_deg: float, *, tied: bool = True) -> Plan:
 
 
 @compiled()
-def best_pair(
-    frames: Frames, settings: Filter, plan: Plan
-) -> tuple[float, float, float, float, float]:
-    """Return x, y, yaw, velocity and score of the rectangle that answers best, reference frame's.
+def best_pair(frames: Frames, settings: Filter, plan: Plan) -> tuple[float, float, float, float]:
+    """Return x, y, yaw and score of the rectangle that answers best, reference frame's.
 
-    Metres and radians; yaw is that of the long side, away from the sensor. velocity: along it,
-    m/s, 0 of a single frame.
+    Metres and radians; yaw is that of the long side, the way that it moved or, where it hardly
+    did, away from the sensor.
     """
     views, point = settled_views(frames)
     angle, row = _searched(views, settings, plan)
@@ -80,9 +81,8 @@ def best_pair(
     along, across = row[FIXED + frames.reference], row[2]
     x, y = point[0] + along * cos - across * sin, point[1] + along * sin + across * cos
     sight = views.sights[frames.reference]
-    if cos * sight[0] + sin * sight[1] >= 0.0:
-        return x, y, angle, row[1], row[0]
-    return x, y, angle + np.pi, -row[1], row[0]
+    ahead = row[1] if abs(row[1]) >= MOVING_M_S else cos * sight[0] + sin * sight[1]
+    return x, y, angle if ahead >= 0.0 else angle + np.pi, row[0]
 
 
 @compiled()
