@@ -122,12 +122,18 @@ def test_sure_detections_are_told_at_once_and_unsure_ones_later():
     assert states[-1] == TrackState.CONFIRMED
 
 
+def unknown_but(shipped, changed, folder):
+    """The path of the traits `unknown` with one value of each class changed."""
+    text = (learned.FOLDER / "unknown.toml").read_text("utf-8")
+    assert shipped in text
+    path = folder / "changed.toml"
+    path.write_text(text.replace(shipped, changed), "utf-8")
+    return str(path)
+
+
 def test_who_was_seen_but_once_is_doubted_until_seen_again(tmp_path):
-    shipped = (learned.FOLDER / "unknown.toml").read_text("utf-8")
-    path = tmp_path / "doubtful.toml"
-    path.write_text(shipped.replace("seen_once = 0.0", "seen_once = -1.5"), "utf-8")
     told = []
-    for traits in ("unknown", str(path)):
+    for traits in ("unknown", unknown_but("seen_once = 0.0", "seen_once = -1.5", tmp_path)):
         tracker = ExistenceTracker(traits=traits)
         scores = [tracker.update(scene([[10, 0]] if t != 1 else [], t), None).scores[0]
                   for t in range(4)]  # fmt: skip
@@ -245,11 +251,8 @@ def test_newcomers_count_as_seen_again_only_if_soon():
 
 
 def test_surplus_widens_what_is_said_of_places_alone(tmp_path):
-    shipped = (learned.FOLDER / "unknown.toml").read_text("utf-8")
-    path = tmp_path / "wide.toml"
-    path.write_text(shipped.replace("surplus = 4.0", "surplus = 16.0"), "utf-8")
     told = []
-    for traits in ("unknown", str(path)):
+    for traits in ("unknown", unknown_but("surplus = 4.0", "surplus = 16.0", tmp_path)):
         tracker = ExistenceTracker(traits=traits)
         for t in range(10):
             tracks = tracker.update(scene([10 + 0.5 * t, 0], t), None)
