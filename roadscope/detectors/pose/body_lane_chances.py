@@ -177,7 +177,7 @@ def _meet(
         base, ends = PARTS + p * PART, (storeys[p, 0], storeys[p, 1])
         if low > ends[1] or high < ends[0]:
             continue
-        touched, entered = _pass(edge, lanes, room, base)
+        touched, entered = _pass(edge, rise, (ends[0] - slack, ends[1] + slack), lanes, room, base)
         if not touched:
             continue
         if entered:
@@ -190,12 +190,21 @@ def _meet(
 
 
 @compiled(borrowing=True)
-def _pass(edge: float, lanes: int, room: np.ndarray, base: int) -> tuple[bool, bool]:
+def _pass(
+    edge: float,
+    rise: tuple[float, float],
+    ends: tuple[float, float],
+    lanes: int,
+    room: np.ndarray,
+    base: int,
+) -> tuple[bool, bool]:
     """Fill in how far inside a part's silhouette a ray passes, and where.
 
-    Tell whether any lane's silhouette is met, which is soft over an edge, and whether one is
-    entered.
+    Tell whether any lane's part may be met, whose silhouette is soft over an edge, and whether
+    one may be entered. ends: bottom and top of the part, with what they are soft over.
     """
+    (level, slope), (bottom, top) = rise, ends
+    steep = abs(slope)
     part = room[base : base + PART]
     touched, entered = 0, 0
     for k in range(lanes):
@@ -216,6 +225,10 @@ def _pass(edge: float, lanes: int, room: np.ndarray, base: int) -> tuple[bool, b
         x, y = right_x if is_right else left_x, right_y if is_right else left_y
         nx, ny = dy if is_right else -dy, -dx if is_right else dx
         x, y = x + math.copysign(rx, nx), math.copysign(y + ry, ny)
+        # Between these heights it is above the rectangle around the footprint.
+        middle = level + slope * (0.5 * (front + rear) * dx - ox * dx - oy * dy)
+        span = steep * (0.5 * (front - rear) * up + half * wide)
+        inside = inside if (middle - span <= top) & (middle + span >= bottom) else -np.inf
         room[INSIDE + k], room[TOUCH + k] = inside, (x - ox) * ny - (y - oy) * nx
         touched |= inside >= -edge
         entered |= inside > 0.0
@@ -266,10 +279,12 @@ def _rise(
     for k in range(lanes):
         inside = room[INSIDE + k]
         entered = inside > 0.0
-        near = room[NEAR + k] if entered else room[TOUCH + k]
+        # Read first and chosen then, or loops would not take several lanes at a time.
+        near, touch, cosine = room[NEAR + k], room[TOUCH + k], room[COSINE + k]
+        near = near if entered else touch
         # Behind the sensor is no way to meet it.
         room[INSIDE + k] = inside if near > 0.0 else -np.inf
-        room[NEAR + k], room[COSINE + k] = near, room[COSINE + k] if entered else ASLANT
+        room[NEAR + k], room[COSINE + k] = near, cosine if entered else ASLANT
         height = level + slope * near
         over, under = top - height, height - bottom
         least = under if under < over else over
@@ -295,10 +310,9 @@ def _climb(
     to_top, to_bottom = (top - z) / slope, (bottom - z) / slope
     for k in range(lanes):
         ox, oy, dx, dy = room[START_X + k], room[START_Y + k], room[WAY_X + k], room[WAY_Y + k]
-        ahead = dx > 0.0
-        far = ((part[FRONT * LANES + k] if ahead else part[REAR * LANES + k]) - ox) / dx
+        front, rear, half = part[FRONT * LANES + k], part[REAR * LANES + k], part[HALF * LANES + k]
+        far = ((front if dx > 0.0 else rear) - ox) / dx
         far = far if dx != 0.0 else np.inf
-        half = part[HALF * LANES + k]
         aside = ((half if dy > 0.0 else -half) - oy) / dy
         far = aside if (dy != 0.0) & (aside < far) else far
         near, level = room[NEAR + k], room[LEVEL + k]

@@ -38,6 +38,7 @@ from roadscope.detectors.pose.body_lanes import (
     SIN,
     START_X,
     START_Y,
+    TOUCH,
     WAY_X,
     WAY_Y,
 )
@@ -60,26 +61,28 @@ def see(path: Path, lanes: int, room: np.ndarray) -> None:
         room[WAY_X + k], room[WAY_Y + k] = cos * ux + sin * uy, cos * uy - sin * ux
 
 
-@compiled(borrowing=True, fastmath=True)
+@compiled(borrowing=True)
 def may_meet(margin: float, lanes: int, room: np.ndarray) -> tuple[bool, float, float]:
     """Tell whether a ray comes as near as a margin to what any lane's body does not reach beyond.
 
     The others are the least and greatest distance on the ray's way between which bodies lie.
     """
-    near, first, last = 0, np.inf, -np.inf
+    near = 0
     for k in range(lanes):
         dx, dy = room[WAY_X + k], room[WAY_Y + k]
         ox, oy = room[START_X + k], room[START_Y + k]
         along, across = ox * dx + oy * dy, dx * oy - dy * ox
-        aside = abs(dx) * room[ASIDE + k] + margin
-        fore, rear = dy * room[AHEAD + k], dy * room[BACK + k]
-        low, high = fore if fore < rear else rear, rear if fore < rear else fore
-        near |= (aside - low - across > 0.0) & (aside + high + across > 0.0)
-        deep = abs(dy) * room[ASIDE + k]
-        fore, rear = dx * room[AHEAD + k], dx * room[BACK + k]
-        begin, end = fore if fore < rear else rear, rear if fore < rear else fore
-        begin, end = begin - deep - along, end + deep - along
-        first, last = begin if begin < first else first, end if end > last else last
+        ahead, back, aside = room[AHEAD + k], room[BACK + k], room[ASIDE + k]
+        half, middle = 0.5 * (ahead - back), 0.5 * (ahead + back)
+        near |= abs(across + dy * middle) < abs(dx) * aside + abs(dy) * half + margin
+        deep, centre = abs(dy) * aside + abs(dx) * half, dx * middle - along
+        room[NEAR + k], room[TOUCH + k] = centre - deep, centre + deep
+    # Loops that find the least of something take no other work.
+    first, last = np.inf, -np.inf
+    for k in range(lanes):
+        first = room[NEAR + k] if room[NEAR + k] < first else first
+    for k in range(lanes):
+        last = room[TOUCH + k] if room[TOUCH + k] > last else last
     return near > 0, first, last
 
 
@@ -98,18 +101,18 @@ def facet(nx: float, ny: float) -> tuple[float, float]:
 
 @compiled(borrowing=True)
 def enter(lanes: int, room: np.ndarray, base: int) -> None:
-    """Fill in where a ray enters a part that it is known to meet, and the incidence."""
+    """Fill in where a ray enters a part that it is known to meet, and the incidence.
+
+    The ray enters a convex footprint where it crosses the last of the sides that face it.
+    """
     part = room[base : base + PART]
     for k in range(lanes):
         ox, oy, dx, dy = room[START_X + k], room[START_Y + k], room[WAY_X + k], room[WAY_Y + k]
         front, rear = part[FRONT * LANES + k], part[REAR * LANES + k]
         half, r = part[HALF * LANES + k], part[RADIUS * LANES + k]
         tail, nose = part[TAIL * LANES + k], part[NOSE * LANES + k]
-        near = ((rear if dx > 0.0 else front) - ox) / dx
-        near, cosine = near if dx != 0.0 else -np.inf, abs(dx) if dx != 0.0 else 1.0
-        side = ((-half if dy > 0.0 else half) - oy) / dy
-        later = (dy != 0.0) & (side > near)
-        met = side if later else near, abs(dy) if later else cosine
+        met = _later((np.inf, -1.0), ox - rear if dx > 0.0 else front - ox, -abs(dx))
+        met = _later(met, half + oy if dy > 0.0 else half - oy, -abs(dy))
         nx, ny = part[FORE_X * LANES + k], part[FORE_Y * LANES + k]
         far = part[FORE_REACH * LANES + k]
         met = _later(met, far - nx * ox - ny * oy, nx * dx + ny * dy)
@@ -119,7 +122,7 @@ def enter(lanes: int, room: np.ndarray, base: int) -> None:
         met = _later(met, far - nx * ox - ny * oy, nx * dx + ny * dy)
         met = _later(met, mirrored[0], mirrored[1])
         met = _later(met, far - nx * ox + ny * oy, nx * dx - ny * dy)
-        near, cosine = met
+        near = met[0] / met[1]
         qx, qy = ox + near * dx, oy + near * dy
         behind = qx + qx < front + rear
         cx, fx = rear + r if behind else front - r, -1.0 if behind else 1.0
@@ -131,12 +134,14 @@ def enter(lanes: int, room: np.ndarray, base: int) -> None:
             speed = nx * dx + ny * dy
             speed = speed if rounded else 1.0
             met = _later(met, FACET_REACH * r - nx * px - ny * py, speed)
-        room[NEAR + k], room[COSINE + k] = met
+        room[NEAR + k], room[COSINE + k] = met[0] / met[1], -met[1]
 
 
 @compiled(borrowing=True, forceinline=True)
 def _later(met: tuple[float, float], way: float, speed: float) -> tuple[float, float]:
-    near, cosine = met
-    t = way / speed
-    later = (speed < 0.0) & (t > near)
-    return t if later else near, -speed if later else cosine
+    """Return the side that a ray crosses later, as its distance and the ray's speed away from it.
+
+    Without dividing one by the other: that takes longer than all else.
+    """
+    later = (speed < 0.0) & (way * met[1] > met[0] * speed)
+    return way if later else met[0], speed if later else met[1]

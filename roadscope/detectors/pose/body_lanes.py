@@ -48,11 +48,11 @@ passes and enters a part, what is made of a state, and how far the body reaches 
 aside."""
 PARTS, PART = 31 * LANES, COLUMNS * LANES
 """Where the first part begins, and how far the next one is."""
-FAR = 0.5
-"""Half an angle, radians, up to which that many terms are exact to the last bit."""
-SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(7, -1, -1))
-COSINES = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(7, -1, -1))
-"""The series of the sine of an angle over the angle and of the cosine, the last term first."""
+FAR = 0.25
+"""Half an angle, radians, up to which these terms of a series are exact."""
+S = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(6))
+C = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(7))
+"""Series of the sine of an angle over the angle, and of the cosine, in the angle's square."""
 
 
 class Drawn(NamedTuple):
@@ -142,10 +142,10 @@ def _turn(time: float, lanes: int, room: np.ndarray) -> None:
 
 @compiled(borrowing=True, forceinline=True)
 def _small(square: float) -> tuple[float, float]:
-    """Return the sine of a small angle over the angle, and the cosine, given its square."""
-    sine, cosine = 0.0, 0.0
-    for k in range(len(SINE)):
-        sine, cosine = SINE[k] + square * sine, COSINES[k] + square * cosine
+    """Return the sine of a small angle over the angle, and the cosine, given its square: series."""
+    w = square
+    sine = S[0] + w * (S[1] + w * (S[2] + w * (S[3] + w * (S[4] + w * S[5]))))
+    cosine = C[0] + w * (C[1] + w * (C[2] + w * (C[3] + w * (C[4] + w * (C[5] + w * C[6])))))
     return sine, cosine
 
 
