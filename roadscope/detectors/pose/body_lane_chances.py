@@ -289,7 +289,7 @@ def _rise(
         over, under = top - height, height - bottom
         least = under if under < over else over
         room[LEVEL + k] = least
-        out |= least < 0.0
+        out |= entered & (least < 0.0)
     return out > 0 and slope != 0.0
 
 
@@ -315,11 +315,11 @@ def _climb(
         far = far if dx != 0.0 else np.inf
         aside = ((half if dy > 0.0 else -half) - oy) / dy
         far = aside if (dy != 0.0) & (aside < far) else far
-        near, level = room[NEAR + k], room[LEVEL + k]
+        near, level, inside = room[NEAR + k], room[LEVEL + k], room[INSIDE + k]
         over = z + slope * near > top
         end = z + slope * far
         within = top - end if over else end - bottom
-        climbs = (level < 0.0) & (within > 0.0)
+        climbs = (inside > 0.0) & (level < 0.0) & (within > 0.0)
         room[NEAR + k] = (to_top if over else to_bottom) if climbs else near
         room[LEVEL + k] = within if climbs else level
 

@@ -236,7 +236,7 @@ def _flanks(lanes: int, room: np.ndarray, base: int) -> None:
         part[FORE_X * LANES + lane], part[FORE_Y * LANES + lane] = x, y
         part[FORE_REACH * LANES + lane] = reach
         less = part[TAIL * LANES + lane] - half
-        over = aft - part[REAR * LANES + lane] - curved
+        over = aft - (part[REAR * LANES + lane] + curved)
         x, y, reach = _flank(less, over, aft, half)
         part[AFT_X * LANES + lane], part[AFT_Y * LANES + lane] = x, y
         part[AFT_REACH * LANES + lane] = reach

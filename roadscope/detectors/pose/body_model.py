@@ -183,7 +183,7 @@ def fill_parts(
                 half - part[NOSE], front - curved - part[FORE], part[FORE], half
             )
             part[AFT_X], part[AFT_Y], part[AFT_REACH] = _flank(
-                part[TAIL] - half, part[AFT] - rear - curved, part[AFT], half
+                part[TAIL] - half, part[AFT] - (rear + curved), part[AFT], half
             )
 
 
