@@ -229,7 +229,7 @@ def _pass(
         middle = level + slope * (0.5 * (front + rear) * dx - ox * dx - oy * dy)
         span = steep * (0.5 * (front - rear) * up + half * wide)
         inside = inside if (middle - span <= top) & (middle + span >= bottom) else -np.inf
-        room[INSIDE + k], room[TOUCH + k] = inside, (x - ox) * ny - (y - oy) * nx
+        room[INSIDE + k], room[TOUCH + k] = inside, (x - ox) * dx + (y - oy) * dy
         touched |= inside >= -edge
         entered |= inside > 0.0
     return touched > 0, entered > 0

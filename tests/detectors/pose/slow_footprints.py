@@ -45,9 +45,9 @@ def into_body(
 
 @compiled(borrowing=True)
 def support(part: np.ndarray, nx: float, ny: float, ox: float, oy: float) -> tuple[float, float]:
-    """Return how far a footprint reaches along a unit normal, and where on the ray that is.
+    """Return how far a footprint reaches along a unit normal, and where across it that is.
 
-    The ray's direction is the normal turned clockwise by 90 degrees, (ny, -nx).
+    Where is how far from (ox, oy) along the normal turned clockwise by 90 degrees, (ny, -nx).
     """
     r, up = part[RADIUS], abs(ny)
     best, bx, by = -np.inf, 0.0, 0.0

@@ -85,7 +85,7 @@ def _meet(
         right, right_at = support(part, dy, -dx, ox, oy)
         inside = left - across
         if right + across < inside:
-            inside, touch = right + across, right_at
+            inside, touch = right + across, -right_at
         if inside < -2.2 * chances.edge_m:
             continue
         near, cosine = touch, 0.3

@@ -88,3 +88,14 @@ def test_what_is_not_free_is_as_it_was_fixed() -> None:
     some = log_likelihoods(vectors[:, free].copy(), drawn(model), (free, fixed), told)
     assert np.array_equal(some, log_likelihoods(vectors, drawn(model), ALL, told))
     assert len(log_likelihoods(vectors[:0], drawn(model), ALL, told)) == 0
+
+
+def test_a_mirrored_scene_is_as_likely() -> None:
+    rng = np.random.default_rng(1)
+    model, rays, vectors = tower(rng, 3), rays_about(rng, 600), states_about(rng, 40, 0.3)
+    flip = np.array([1.0, -1.0])
+    other = rays._replace(origin=rays.origin * [1.0, -1.0, 1.0], direction=rays.direction * flip)
+    turned = vectors.copy()
+    turned[:, [1, 2, 4]] *= -1.0
+    each = ray_chances(vectors, drawn(model), ALL, (rays, CHANCES))
+    assert ray_chances(turned, drawn(model), ALL, (other, CHANCES)) == pytest.approx(each)
