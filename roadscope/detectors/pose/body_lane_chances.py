@@ -117,7 +117,10 @@ def _fill(
     told: tuple[Rays, Chances],
     rooms: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> None:
-    """Fill in (M, LANES), the last room, with density of each return or chance of none."""
+    """Fill in the density of each return, or the chance of none.
+
+    rooms: that of `body_lanes`; (P, 4, LANES), what a ray meets; and (M, LANES), filled in.
+    """
     free, fixed = kept
     room, _, _ = rooms
     lanes = even(len(vectors))
@@ -134,6 +137,7 @@ def _lane_chances(
     storeys: np.ndarray,
     rooms: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> None:
+    """Do as `_fill` does for lanes that stand and are drawn; standing: how many, and any turns."""
     (rays, chances), (lanes, turns), (room, met, out) = told, standing, rooms
     now = np.nan
     for m in range(len(rays.slope)):
@@ -177,7 +181,8 @@ def _meet(
         base, ends = PARTS + p * PART, (storeys[p, 0], storeys[p, 1])
         if low > ends[1] or high < ends[0]:
             continue
-        touched, entered = _pass(edge, rise, (ends[0] - slack, ends[1] + slack), lanes, room, base)
+        soft = edge, ends[0] - slack, ends[1] + slack
+        touched, entered = _pass(rise, soft, lanes, room, base)
         if not touched:
             continue
         if entered:
@@ -191,19 +196,18 @@ def _meet(
 
 @compiled(borrowing=True)
 def _pass(
-    edge: float,
     rise: tuple[float, float],
-    ends: tuple[float, float],
+    soft: tuple[float, float, float],
     lanes: int,
     room: np.ndarray,
     base: int,
 ) -> tuple[bool, bool]:
     """Fill in how far inside a part's silhouette a ray passes, and where.
 
-    Tell whether any lane's part may be met, whose silhouette is soft over an edge, and whether
-    one may be entered. ends: bottom and top of the part, with what they are soft over.
+    Tell whether any lane's part may be met and whether one may be entered. soft: metres over
+    which a silhouette is, and bottom and top of the part with those over which they are.
     """
-    (level, slope), (bottom, top) = rise, ends
+    (level, slope), (edge, bottom, top) = rise, soft
     steep = abs(slope)
     part = room[base : base + PART]
     touched, entered = 0, 0
@@ -223,8 +227,8 @@ def _pass(
         is_right = right < left
         inside = right if is_right else left
         x, y = right_x if is_right else left_x, right_y if is_right else left_y
-        nx, ny = dy if is_right else -dy, -dx if is_right else dx
-        x, y = x + math.copysign(rx, nx), math.copysign(y + ry, ny)
+        x += math.copysign(rx, dy if is_right else -dy)
+        y = math.copysign(y + ry, -dx if is_right else dx)
         # Between these heights it is above the rectangle around the footprint.
         middle = level + slope * (0.5 * (front + rear) * dx - ox * dx - oy * dy)
         span = steep * (0.5 * (front - rear) * up + half * wide)
@@ -301,9 +305,9 @@ def _climb(
     room: np.ndarray,
     base: int,
 ) -> None:
-    """Where a ray enters a footprint over or under the part, fill in where it meets top or bottom.
+    """Fill in where a ray that enters a footprint over or under the part meets top or bottom.
 
-    And by how much, metres.
+    And how far within the part's heights it then leaves, for a level.
     """
     (z, slope), (bottom, top) = rise, ends
     part = room[base : base + PART]

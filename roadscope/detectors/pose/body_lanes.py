@@ -2,7 +2,8 @@
 
 All lanes of a value lie next to each other and all values in one array, a fixed way apart: so the
 compiler sees that none overlaps another, and works on several lanes at a time. Every lane gets
-the same bits as a state alone does, of parts those of `body_model.fill_parts`.
+the same bits as a state alone does, but for the last ones where it turns; of parts it gets those of
+`body_model.fill_parts`.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ PARTS, PART = 31 * LANES, COLUMNS * LANES
 """Where the first part begins, and how far the next one is."""
 FAR = 0.25
 """Half an angle, radians, up to which these terms of a series are exact."""
-S = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(6))
-C = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(7))
+SINES = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(6))
+COSINES = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(7))
 """Series of the sine of an angle over the angle, and of the cosine, in the angle's square."""
 
 
@@ -143,9 +144,11 @@ def _turn(time: float, lanes: int, room: np.ndarray) -> None:
 @compiled(borrowing=True, forceinline=True)
 def _small(square: float) -> tuple[float, float]:
     """Return the sine of a small angle over the angle, and the cosine, given its square: series."""
-    w = square
-    sine = S[0] + w * (S[1] + w * (S[2] + w * (S[3] + w * (S[4] + w * S[5]))))
-    cosine = C[0] + w * (C[1] + w * (C[2] + w * (C[3] + w * (C[4] + w * (C[5] + w * C[6])))))
+    sine, cosine = SINES[5], COSINES[6]
+    for k in range(4, -1, -1):
+        sine = SINES[k] + square * sine
+    for k in range(5, -1, -1):
+        cosine = COSINES[k] + square * cosine
     return sine, cosine
 
 
