@@ -12,11 +12,11 @@ import numpy as np
 from roadscope.core import Category, LidarScan, Pose
 from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.moving.view import View
-from roadscope.detectors.pose.body_descent import RULES, drawn, space_of
+from roadscope.detectors.pose.body_descent import RULES, space_of
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem
 from roadscope.detectors.pose.body_glance import Search, Sensed, Sought, glanced, ways
 from roadscope.detectors.pose.body_kernels import Rays
-from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
+from roadscope.detectors.pose.body_model import BodyModel, Storey, drawn, saloon
 from roadscope.detectors.pose.body_rays import beams_of
 from roadscope.detectors.pose.body_sight_kernels import Beams, Returns
 from roadscope.detectors.pose.estimate import VehiclePose

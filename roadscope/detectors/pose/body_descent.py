@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from roadscope.detectors.pose.body_descent_kernels import (
-    Drawn,
     Rules,
     Space,
     descended,
     disagreed,
 )
-from roadscope.detectors.pose.body_model import BodyModel
+from roadscope.detectors.pose.body_model import drawn
 from roadscope.detectors.pose.body_sampling import Problem, normal_points
 
 SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
@@ -80,16 +78,6 @@ def space_of(problem: Problem, *, around: int, ways: int) -> Space:
         WIDTH * normal_points(AROUND, len(free))[0, :around],
         SHARES,
         ways,
-    )
-
-
-@cache
-def drawn(model: BodyModel) -> Drawn:
-    """Return a body as kernels draw it."""
-    return Drawn(
-        np.array([model.length_m, model.width_m]),
-        np.array(model.storeys),
-        (*model.radius_m, *model.axles, *model.narrowing),
     )
 
 

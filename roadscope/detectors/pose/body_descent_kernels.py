@@ -10,22 +10,10 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.detectors.pose.body_kernels import Rays
 from roadscope.detectors.pose.body_lane_misfits import lane_misfits
-from roadscope.detectors.pose.body_lanes import LANES, draw, even, lay, new_room, stand
+from roadscope.detectors.pose.body_lanes import LANES, Drawn, draw, even, lay, new_room, stand
 
 WIDE = 16
 """Most values of a vector: a whole number of those that are worked on at a time."""
-
-
-class Drawn(NamedTuple):
-    """A body as the kernel draws it; the fields are those of a `BodyModel`, as arrays.
-
-    sizes: (2, 2) mean and standard deviation of length and width, metres. storeys: (P, 7).
-    shape: least and greatest radius, axles, narrowing.
-    """
-
-    sizes: np.ndarray
-    storeys: np.ndarray
-    shape: tuple[float, float, float, float, float, float]
 
 
 class Space(NamedTuple):
@@ -57,13 +45,12 @@ class Rules(NamedTuple):
 class Room(NamedTuple):
     """Room to work in, for several starts side by side.
 
-    lanes, parts: of `body_lanes`. misfit: (M, LANES). sums: (2, LANES), costs and products.
+    lanes: of `body_lanes`. misfit: (M, LANES). sums: (2, LANES), costs and products.
     moved, tried: (LANES, D) vectors. normal, root: (D, D). pull: (D,).
     slopes: ((WIDE + 2) * WIDE,), sums of products of slopes, of their pull, and slopes of a ray.
     """
 
     lanes: np.ndarray
-    parts: np.ndarray
     misfit: np.ndarray
     sums: np.ndarray
     moved: np.ndarray
@@ -143,8 +130,7 @@ def _descended(
 @compiled()
 def _room(size: int, drawn: Drawn, rays: Rays) -> Room:
     return Room(
-        new_room(len(drawn.storeys)), np.empty((len(drawn.storeys), 3)),
-        np.empty((len(rays.slope), LANES)), np.empty((2, LANES)),
+        new_room(len(drawn.storeys)), np.empty((len(rays.slope), LANES)), np.empty((2, LANES)),
         np.empty((LANES, size)), np.empty((LANES, size)),
         np.empty((size, size)), np.empty((size, size)), np.empty(size), np.empty((WIDE + 2) * WIDE),
     )  # fmt: skip
@@ -230,9 +216,9 @@ def _misfits(
     lanes = even(len(vectors))
     lay(vectors, space.free, space.fixed, room.lanes)
     turns = stand(lanes, room.lanes)
-    draw(drawn.sizes, drawn.storeys, drawn.shape, lanes, (room.lanes, room.parts))
+    draw(drawn, lanes, room.lanes)
     noise_m = slack, rules.edge_m + slack
-    lane_misfits(rays, noise_m, (lanes, turns), room.parts, (room.lanes, room.misfit))
+    lane_misfits(rays, noise_m, (lanes, turns), drawn.storeys, (room.lanes, room.misfit))
 
 
 @compiled(borrowing=True)

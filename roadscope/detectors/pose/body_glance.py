@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.detectors.pose.body_descent_kernels import Drawn, Rules, Space, lowest
+from roadscope.detectors.pose.body_descent_kernels import Rules, Space, lowest
 from roadscope.detectors.pose.body_kernels import POSE, Rays
+from roadscope.detectors.pose.body_lanes import Drawn
 from roadscope.detectors.pose.body_sight_kernels import (
     Beams,
     Motion,

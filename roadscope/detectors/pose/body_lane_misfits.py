@@ -18,7 +18,6 @@ from roadscope.detectors.pose.body_kernels import (
     AFT_REACH,
     AFT_X,
     AFT_Y,
-    CORNER_X,
     EMPTY,
     FACET_REACH,
     FACET_X,
@@ -36,12 +35,10 @@ from roadscope.detectors.pose.body_kernels import (
     Rays,
     seen,
 )
+from roadscope.detectors.pose.body_lane_rays import HAIR_M, Path, enter, facet, may_meet, see
 from roadscope.detectors.pose.body_lanes import (
-    AHEAD,
-    ASIDE,
     AT_X,
     AT_Y,
-    BACK,
     COS,
     COSINE,
     INSIDE,
@@ -61,14 +58,9 @@ SURPRISE = 3.5
 """Most that a ray that passed disagrees: one in 500 is lost on a body, or goes through a window."""
 MISSED = 100.0
 """What a return disagrees by that meets no part's heights."""
-HAIR_M = 1e-6
-"""Rays that pass farther than this outside of all parts need no closer look."""
-
 
 Ray = tuple[float, float, float, float]
 """Height above the road, rise per metre, reach, need: as in `Rays`."""
-Path = tuple[float, float, float, float]
-"""Seen from above: x and y of origin and direction."""
 
 
 @compiled(borrowing=True)
@@ -76,13 +68,13 @@ def lane_misfits(
     rays: Rays,
     noise_m: tuple[float, float],
     told: tuple[int, bool],
-    parts: np.ndarray,
+    storeys: np.ndarray,
     rooms: tuple[np.ndarray, np.ndarray],
 ) -> None:
     """Fill out (M, K) with by how many standard deviations each ray disagrees with each lane.
 
     noise_m: added to the noise of ranges, and of silhouettes. told: number of lanes, and whether
-    any turns. parts: (P, 3) of `body_lanes.draw`. rooms: that of `body_lanes`, with places and
+    any turns. storeys: (P, 7), bottom and top first. rooms: that of `body_lanes`, with places and
     parts, and out.
     """
     slack_m, edge_m = noise_m
@@ -100,24 +92,13 @@ def lane_misfits(
             sigma = math.sqrt(rays.sigma[m] * rays.sigma[m] + slack_m * slack_m)
             row[:] = MISSED
             height = ray[0] + ray[1] * ray[2]
-            for p in range(len(parts)):
-                if height <= parts[p, 1] + 0.02 and height >= parts[p, 0] - 0.02:
+            for p in range(len(storeys)):
+                if height <= storeys[p, 1] + 0.02 and height >= storeys[p, 0] - 0.02:
                     _off((path, ray[2]), (sigma, edge_m), room, PARTS + p * PART, row)
         else:
             dark = rays.kind[m] == EMPTY and ray[3] > 0.0
-            _see(path, lanes, room)
-            _passed(ray, (edge_m, dark), parts, room, row)
-
-
-@compiled(borrowing=True, forceinline=True)
-def _see(path: Path, lanes: int, room: np.ndarray) -> None:
-    """Fill in start and way of a ray in the frame of each lane's body."""
-    x, y, ux, uy = path
-    for k in range(lanes):
-        cos, sin = room[COS + k], room[SIN + k]
-        ox, oy = x - room[AT_X + k], y - room[AT_Y + k]
-        room[START_X + k], room[START_Y + k] = cos * ox + sin * oy, cos * oy - sin * ox
-        room[WAY_X + k], room[WAY_Y + k] = cos * ux + sin * uy, cos * uy - sin * ux
+            see(path, lanes, room)
+            _passed(ray, (edge_m, dark), storeys, room, row)
 
 
 @compiled(borrowing=True, forceinline=True)
@@ -194,7 +175,7 @@ def _over(state: _Sides, sigma: float, edge: float) -> float:
 
 @compiled(borrowing=True)
 def _passed(
-    ray: Ray, told: tuple[float, bool], parts: np.ndarray, room: np.ndarray, row: np.ndarray
+    ray: Ray, told: tuple[float, bool], storeys: np.ndarray, room: np.ndarray, row: np.ndarray
 ) -> None:
     """Fill in how deep inside the silhouettes of parts a ray passes that did not meet them.
 
@@ -202,45 +183,24 @@ def _passed(
     """
     row[:] = 0.0
     lanes = len(row)
-    near, first, last = _may_meet(lanes, room)
+    near, first, last = may_meet(HAIR_M, lanes, room)
     if not near:
         return
     (level, slope, reach, need), (edge_m, dark) = ray, told
-    low, high = level - slope * first, level - slope * last
+    low, high = level + slope * first, level + slope * last
     low, high = min(low, high) - HAIR_M, max(low, high) + HAIR_M
-    for p in range(len(parts)):
-        base, bottom, top = PARTS + p * PART, parts[p, 0], parts[p, 1]
-        span = abs(slope) * 0.6 * parts[p, 2]
-        if low - span > top or high + span < bottom:
+    for p in range(len(storeys)):
+        base, bottom, top = PARTS + p * PART, storeys[p, 0], storeys[p, 1]
+        if low > top or high < bottom:
             continue
         if _lie_inside((level, slope), (bottom, top), lanes, room, base):
-            _enter(lanes, room, base)
+            enter(lanes, room, base)
             _sink((level, slope, reach, edge_m), (bottom, top), lanes, room)
             if dark:
                 _darken(need, lanes, room)
             for k in range(lanes):
                 depth = room[INSIDE + k]
                 row[k] = depth if depth > row[k] else row[k]
-
-
-@compiled(borrowing=True, fastmath=True)
-def _may_meet(lanes: int, room: np.ndarray) -> tuple[bool, float, float]:
-    """Tell whether a ray comes near what any lane's body does not reach beyond, and where.
-
-    The others are the least and greatest distance from where the ray passes a body's middle to
-    its start.
-    """
-    near, first, last = 0, np.inf, -np.inf
-    for k in range(lanes):
-        dx, dy = room[WAY_X + k], room[WAY_Y + k]
-        ox, oy = room[START_X + k], room[START_Y + k]
-        along, across = ox * dx + oy * dy, dx * oy - dy * ox
-        first, last = along if along < first else first, along if along > last else last
-        aside = abs(dx) * room[ASIDE + k] + HAIR_M
-        fore, rear = dy * room[AHEAD + k], dy * room[BACK + k]
-        low, high = fore if fore < rear else rear, rear if fore < rear else fore
-        near |= (aside - low - across > 0.0) & (aside + high + across > 0.0)
-    return near > 0, first, last
 
 
 @compiled(borrowing=True)
@@ -264,7 +224,7 @@ def _lie_inside(
         height = level - slope * (ox * dx + oy * dy)
         at_height = (not height - span > top) & (not height + span < bottom)
         up, wide = abs(dx), abs(dy)
-        rx, ry = _facet(wide, up)
+        rx, ry = facet(wide, up)
         corner = wide * (r * rx), up * r * ry
         fore, aft = part[FORE * LANES + k], part[AFT * LANES + k]
         flat = up * (half - r)
@@ -296,65 +256,6 @@ def _most(
     best = reach if reach > best else best
     reach = nx * tail[1] + tail[0]
     return reach if reach > best else best
-
-
-@compiled(borrowing=True, forceinline=True)
-def _facet(nx: float, ny: float) -> tuple[float, float]:
-    """Return the point of a unit corner's outline, cut into facets, farthest along a normal."""
-    x, y = CORNER_X[0], CORNER_X[3]
-    best = x * nx + y * ny
-    for i in range(1, 4):
-        reach = CORNER_X[i] * nx + CORNER_X[3 - i] * ny
-        farther = reach > best
-        best = reach if farther else best
-        x, y = CORNER_X[i] if farther else x, CORNER_X[3 - i] if farther else y
-    return x, y
-
-
-@compiled(borrowing=True)
-def _enter(lanes: int, room: np.ndarray, base: int) -> None:
-    """Fill in where a ray enters a part that it is known to meet, and the incidence."""
-    part = room[base : base + PART]
-    for k in range(lanes):
-        ox, oy, dx, dy = room[START_X + k], room[START_Y + k], room[WAY_X + k], room[WAY_Y + k]
-        front, rear = part[FRONT * LANES + k], part[REAR * LANES + k]
-        half, r = part[HALF * LANES + k], part[RADIUS * LANES + k]
-        tail, nose = part[TAIL * LANES + k], part[NOSE * LANES + k]
-        near = ((rear if dx > 0.0 else front) - ox) / dx
-        near, cosine = near if dx != 0.0 else -np.inf, abs(dx) if dx != 0.0 else 1.0
-        side = ((-half if dy > 0.0 else half) - oy) / dy
-        later = (dy != 0.0) & (side > near)
-        met = side if later else near, abs(dy) if later else cosine
-        nx, ny = part[FORE_X * LANES + k], part[FORE_Y * LANES + k]
-        far = part[FORE_REACH * LANES + k]
-        met = _later(met, far - nx * ox - ny * oy, nx * dx + ny * dy)
-        mirrored = far - nx * ox + ny * oy, nx * dx - ny * dy
-        nx, ny = part[AFT_X * LANES + k], part[AFT_Y * LANES + k]
-        far = part[AFT_REACH * LANES + k]
-        met = _later(met, far - nx * ox - ny * oy, nx * dx + ny * dy)
-        met = _later(met, mirrored[0], mirrored[1])
-        met = _later(met, far - nx * ox + ny * oy, nx * dx - ny * dy)
-        near, cosine = met
-        qx, qy = ox + near * dx, oy + near * dy
-        behind = qx + qx < front + rear
-        cx, fx = rear + r if behind else front - r, -1.0 if behind else 1.0
-        cy = (tail if behind else nose) - r
-        rounded = (r > 0.0) & (abs(qy) > cy) & (fx * (qx - cx) > 0.0)
-        px, py = ox - cx, oy - math.copysign(cy, qy)
-        for i in range(3):
-            nx, ny = fx * FACET_X[i], math.copysign(FACET_X[2 - i], qy)
-            speed = nx * dx + ny * dy
-            speed = speed if rounded else 1.0
-            met = _later(met, FACET_REACH * r - nx * px - ny * py, speed)
-        room[NEAR + k], room[COSINE + k] = met
-
-
-@compiled(borrowing=True, forceinline=True)
-def _later(met: tuple[float, float], way: float, speed: float) -> tuple[float, float]:
-    near, cosine = met
-    t = way / speed
-    later = (speed < 0.0) & (t > near)
-    return t if later else near, -speed if later else cosine
 
 
 @compiled(borrowing=True)

@@ -2,12 +2,14 @@
 
 All lanes of a value lie next to each other and all values in one array, a fixed way apart: so the
 compiler sees that none overlaps another, and works on several lanes at a time. Every lane gets
-the same bits as a state alone does, of parts those of `body_model.fill_parts`.
+the same bits as a state alone does, but for the last ones where it turns; of parts it gets those of
+`body_model.fill_parts`.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,12 +41,31 @@ LANES, EVEN = 40, 4
 X, Y, YAW, SPEED, TURN, ACCELERATION = (k * LANES for k in range(6))
 LENGTH_OFF, WIDTH_OFF, CURVED, NOSE_OFF, TAIL_OFF = (k * LANES for k in range(6, 11))
 AT_X, AT_Y, COS, SIN, START_X, START_Y, WAY_X, WAY_Y = (k * LANES for k in range(11, 19))
-INSIDE, NEAR, COSINE, LENGTH, WIDTH = (k * LANES for k in range(19, 24))
-BACK, AHEAD, ASIDE = (k * LANES for k in range(24, 27))
-"""Where values begin: the 11 of a state, its place, a ray as the body sees it, what is made of
-these, and how far the body reaches behind, ahead and aside."""
-PARTS, PART = 27 * LANES, COLUMNS * LANES
+INSIDE, TOUCH, NEAR, LEVEL, COSINE = (k * LANES for k in range(19, 24))
+LENGTH, WIDTH, YAW_COS, YAW_SIN = (k * LANES for k in range(24, 28))
+BACK, AHEAD, ASIDE = (k * LANES for k in range(28, 31))
+"""Where values begin: the 11 of a state, its place, a ray as the body sees it, where the ray
+passes and enters a part, what is made of a state, and how far the body reaches behind, ahead and
+aside."""
+PARTS, PART = 31 * LANES, COLUMNS * LANES
 """Where the first part begins, and how far the next one is."""
+FAR = 0.25
+"""Half an angle, radians, up to which these terms of a series are exact."""
+SINES = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(6))
+COSINES = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(7))
+"""Series of the sine of an angle over the angle, and of the cosine, in the angle's square."""
+
+
+class Drawn(NamedTuple):
+    """A body as kernels draw it; the fields are those of a `BodyModel`, as arrays.
+
+    sizes: (2, 2) mean and standard deviation of length and width, metres. storeys: (P, 7).
+    shape: least and greatest radius, axles, narrowing.
+    """
+
+    sizes: np.ndarray
+    storeys: np.ndarray
+    shape: tuple[float, float, float, float, float, float]
 
 
 @compiled()
@@ -82,7 +103,9 @@ def stand(lanes: int, room: np.ndarray) -> bool:
     for lane in range(lanes):
         yaw = room[YAW + lane]
         room[AT_X + lane], room[AT_Y + lane] = room[X + lane], room[Y + lane]
-        room[COS + lane], room[SIN + lane] = math.cos(yaw), math.sin(yaw)
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        room[COS + lane], room[SIN + lane] = cos, sin
+        room[YAW_COS + lane], room[YAW_SIN + lane] = cos, sin
         turns |= room[TURN + lane] != 0.0
     return turns
 
@@ -101,37 +124,50 @@ def go(time: float, turns: bool, lanes: int, room: np.ndarray) -> None:
 
 @compiled(borrowing=True)
 def _turn(time: float, lanes: int, room: np.ndarray) -> None:
+    far = 0
+    for lane in range(lanes):
+        half = 0.5 * room[TURN + lane] * time
+        far |= abs(half) > FAR
+        sine, cosine = _small(half * half)
+        way = (room[SPEED + lane] + 0.5 * room[ACCELERATION + lane] * time) * time
+        cos, sin = room[YAW_COS + lane], room[YAW_SIN + lane]
+        chord, sine = way * sine, half * sine
+        midway_cos, midway_sin = cos * cosine - sin * sine, sin * cosine + cos * sine
+        room[AT_X + lane] = room[X + lane] + chord * midway_cos
+        room[AT_Y + lane] = room[Y + lane] + chord * midway_sin
+        room[COS + lane] = midway_cos * cosine - midway_sin * sine
+        room[SIN + lane] = midway_sin * cosine + midway_cos * sine
+    if far:
+        _turn_far(time, lanes, room)
+
+
+@compiled(borrowing=True, forceinline=True)
+def _small(square: float) -> tuple[float, float]:
+    """Return the sine of a small angle over the angle, and the cosine, given its square: series."""
+    sine, cosine = SINES[5], COSINES[6]
+    for k in range(4, -1, -1):
+        sine = SINES[k] + square * sine
+    for k in range(5, -1, -1):
+        cosine = COSINES[k] + square * cosine
+    return sine, cosine
+
+
+@compiled(borrowing=True)
+def _turn_far(time: float, lanes: int, room: np.ndarray) -> None:
+    """Do for lanes that turn by a large angle what `_turn` does for the others."""
     state = room[NEAR : NEAR + POSE]
     for lane in range(lanes):
-        same = lane > 0
-        for value in range(POSE):
-            same &= state[value] == room[value * LANES + lane]
-            state[value] = room[value * LANES + lane]
-        # Left lanes hold the last state again.
-        if same:
-            room[AT_X + lane], room[AT_Y + lane] = room[AT_X + lane - 1], room[AT_Y + lane - 1]
-            room[COS + lane], room[SIN + lane] = room[COS + lane - 1], room[SIN + lane - 1]
-        else:
+        if abs(0.5 * room[TURN + lane] * time) > FAR:
+            for value in range(POSE):
+                state[value] = room[value * LANES + lane]
             place = place_after(state, time)
             room[AT_X + lane], room[AT_Y + lane], room[COS + lane], room[SIN + lane] = place
 
 
 @compiled(borrowing=True)
-def draw(
-    sizes: np.ndarray,
-    storeys: np.ndarray,
-    shape: tuple[float, float, float, float, float, float],
-    lanes: int,
-    rooms: tuple[np.ndarray, np.ndarray],
-) -> None:
-    """Fill in the parts of each lane's body, and how far it reaches.
-
-    rooms: that of `new_room`, and (P, 3), filled with bottom, top, and the greatest length and
-    half width together of each part, metres. sizes: (2, 2) mean and standard deviation of length
-    and width, metres. storeys: (P, 7).
-    shape: least and greatest radius, axles, narrowing.
-    """
-    room, parts = rooms
+def draw(body: Drawn, lanes: int, room: np.ndarray) -> None:
+    """Fill in the parts of each lane's body, and how far it reaches."""
+    sizes = body.sizes
     least_x, least_y = 0.3 * sizes[0, 0], 0.3 * sizes[1, 0]
     for lane in range(lanes):
         length = sizes[0, 0] + sizes[0, 1] * room[LENGTH_OFF + lane]
@@ -139,21 +175,9 @@ def draw(
         room[LENGTH + lane] = length if length > least_x else least_x
         room[WIDTH + lane] = width if width > least_y else least_y
         room[BACK + lane], room[AHEAD + lane], room[ASIDE + lane] = np.inf, -np.inf, 0.0
-    for p in range(len(storeys)):
-        _storey(storeys[p], shape, lanes, room, PARTS + p * PART)
+    for p in range(len(body.storeys)):
+        _storey(body.storeys[p], body.shape, lanes, room, PARTS + p * PART)
         _flanks(lanes, room, PARTS + p * PART)
-        parts[p, 0], parts[p, 1] = storeys[p, 0], storeys[p, 1]
-        parts[p, 2] = _girth(lanes, room[PARTS + p * PART :])
-
-
-@compiled(borrowing=True, fastmath=True)
-def _girth(lanes: int, part: np.ndarray) -> float:
-    """Return a little more than the greatest length and half width together of a part."""
-    most = 0.0
-    for lane in range(lanes):
-        girth = part[FRONT * LANES + lane] - part[REAR * LANES + lane] + part[HALF * LANES + lane]
-        most = girth if girth > most else most
-    return most + 1e-6
 
 
 @compiled(borrowing=True)
@@ -215,7 +239,7 @@ def _flanks(lanes: int, room: np.ndarray, base: int) -> None:
         part[FORE_X * LANES + lane], part[FORE_Y * LANES + lane] = x, y
         part[FORE_REACH * LANES + lane] = reach
         less = part[TAIL * LANES + lane] - half
-        over = aft - part[REAR * LANES + lane] - curved
+        over = aft - (part[REAR * LANES + lane] + curved)
         x, y, reach = _flank(less, over, aft, half)
         part[AFT_X * LANES + lane], part[AFT_Y * LANES + lane] = x, y
         part[AFT_REACH * LANES + lane] = reach

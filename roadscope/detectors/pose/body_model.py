@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from roadscope.detectors.pose.body_kernels import (
     TOP,
     Rays,
 )
+from roadscope.detectors.pose.body_lanes import Drawn
 
 UNKNOWNS = 5
 """Length, width, corner radius, set-backs of the nose and of the tail."""
@@ -181,7 +183,7 @@ def fill_parts(
                 half - part[NOSE], front - curved - part[FORE], part[FORE], half
             )
             part[AFT_X], part[AFT_Y], part[AFT_REACH] = _flank(
-                part[TAIL] - half, part[AFT] - rear - curved, part[AFT], half
+                part[TAIL] - half, part[AFT] - (rear + curved), part[AFT], half
             )
 
 
@@ -193,6 +195,16 @@ def _flank(less: float, over: float, x: float, half: float) -> tuple[float, floa
         return 0.0, 1.0, half
     nx, ny = less / length, over / length
     return nx, ny, nx * x + ny * half
+
+
+@cache
+def drawn(model: BodyModel) -> Drawn:
+    """Return a body as kernels draw it."""
+    return Drawn(
+        np.array([model.length_m, model.width_m]),
+        np.array(model.storeys),
+        (*model.radius_m, *model.axles, *model.narrowing),
+    )
 
 
 def saloon(length_m: tuple[float, float], width_m: tuple[float, float]) -> BodyModel:

@@ -8,7 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.detectors.pose.body_descent import LIMIT, STEPS, slopes_of
-from roadscope.detectors.pose.body_kernels import HIT, MOST_PARTS, POSE, Rays, log_chances
+from roadscope.detectors.pose.body_kernels import HIT, POSE, Rays
+from roadscope.detectors.pose.body_lane_chances import ray_chances
+from roadscope.detectors.pose.body_model import drawn
 from roadscope.detectors.pose.body_sampling import Posterior, Problem, Smooth, refine
 
 LEVELS = (2.5,)
@@ -121,10 +123,7 @@ def _step(problem: Problem, guess: Guess, misfit: np.ndarray, slope: np.ndarray)
 
 
 def _logs(problem: Problem, vectors: np.ndarray) -> np.ndarray:
-    whole = problem.whole(vectors)
-    out = np.empty((len(whole), len(problem.rays.slope)))
-    parts = problem.model.parts(whole[:, POSE:])
-    states = np.ascontiguousarray(whole[:, :POSE])
-    told = problem.rays, problem.chances
-    log_chances(states, parts, told, out, np.empty((3, MOST_PARTS)))
-    return out
+    """Return the log-likelihood (K, M) of each ray alone for (K, D) vectors."""
+    kept, told = (problem.free, problem.fixed), (problem.rays, problem.chances)
+    logs: np.ndarray = np.log(ray_chances(vectors, drawn(problem.model), kept, told))
+    return logs

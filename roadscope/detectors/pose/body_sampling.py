@@ -7,8 +7,9 @@ from functools import cache
 
 import numpy as np
 
-from roadscope.detectors.pose.body_kernels import MOST_PARTS, POSE, Chances, Rays, log_likelihoods
-from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel
+from roadscope.detectors.pose.body_kernels import POSE, Chances, Rays
+from roadscope.detectors.pose.body_lane_chances import log_likelihoods
+from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel, drawn
 
 WIDER = 2.0
 """How much wider than the last posterior samples are drawn, as a factor on the covariance: one
@@ -64,12 +65,9 @@ class Problem:
 
     def log_density(self, samples: np.ndarray) -> np.ndarray:
         """Return the log of the posterior, up to a constant, (K,) for (K, D) samples."""
-        whole = self.whole(samples)
-        out = np.empty(len(whole))
-        parts = self.model.parts(whole[:, POSE:])
-        states = np.ascontiguousarray(whole[:, :POSE])
-        found = np.empty((3, MOST_PARTS))
-        log_likelihoods(states, parts, (self.rays, self.chances), out, found)
+        vectors = np.ascontiguousarray(samples, np.float64)
+        kept, told = (self.free, self.fixed), (self.rays, self.chances)
+        out: np.ndarray = log_likelihoods(vectors, drawn(self.model), kept, told)
         off = (samples - self.centre[self.free]) / self.prior[self.free]
         out -= 0.5 * np.einsum("kd,kd->k", off, off)
         return out if self.smooth is None else out + self.smooth.log_density(samples)

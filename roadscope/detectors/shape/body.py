@@ -10,11 +10,12 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.pose.body_descent import RULES, drawn, space_of
-from roadscope.detectors.pose.body_descent_kernels import Drawn, Rules, Space, lowest
+from roadscope.detectors.pose.body_descent import RULES, space_of
+from roadscope.detectors.pose.body_descent_kernels import Rules, Space, lowest
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem
 from roadscope.detectors.pose.body_kernels import POSE, Rays
-from roadscope.detectors.pose.body_model import BodyModel, Storey
+from roadscope.detectors.pose.body_lanes import Drawn
+from roadscope.detectors.pose.body_model import BodyModel, Storey, drawn
 from roadscope.detectors.pose.body_outline_kernels import Around, outline_rays
 from roadscope.detectors.pose.body_start import along_sides
 from roadscope.detectors.shape.bodies import BODIES, BRICKS, Body

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from slow_footprints import enter, into_body, support
 
 from roadscope.core.jit import compiled
 from roadscope.detectors.pose.body_kernels import (
@@ -27,11 +28,8 @@ from roadscope.detectors.pose.body_kernels import (
     TAIL,
     TOP,
     Rays,
-    enter,
-    into_body,
     place_after,
     seen,
-    support,
 )
 from roadscope.detectors.pose.body_lane_misfits import SURPRISE
 

@@ -13,7 +13,6 @@ from roadscope.detectors.pose.body_kernels import (
     FRONT,
     HALF,
     HIT,
-    MOST_PARTS,
     NOSE,
     PASSED,
     RADIUS,
@@ -22,11 +21,10 @@ from roadscope.detectors.pose.body_kernels import (
     TOP,
     Chances,
     Rays,
-    log_chances,
-    log_likelihoods,
     pose_after,
 )
-from roadscope.detectors.pose.body_model import BodyModel, saloon
+from roadscope.detectors.pose.body_lane_chances import log_likelihoods, ray_chances
+from roadscope.detectors.pose.body_model import BodyModel, drawn, saloon
 
 SHARP = Chances(1e-9, 1e-9, 0.0, 0.003, 10.0, 0.004, 0.001)
 SIGMA_M, STEP_M = 0.05, 0.0005
@@ -77,7 +75,8 @@ def fan(seed, count=40):
     """A car somewhere ahead and rays around it, returns near its surface or none."""
     rng = np.random.default_rng(seed)
     state = np.array([rng.uniform(8, 25), rng.uniform(-4, 4), rng.uniform(-4, 4), 0, 0, 0])
-    parts = CAR.parts(rng.standard_normal((1, 5)))[0]
+    unknowns = rng.standard_normal(5)
+    parts = CAR.parts(unknowns[None])[0]
     azimuth = np.arctan2(state[1], state[0]) + rng.uniform(-0.3, 0.3, count)
     direction = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     origin = np.tile([0.0, 0.0, rng.uniform(0.5, 2.0)], (count, 1))
@@ -93,23 +92,21 @@ def fan(seed, count=40):
         origin, direction, slope, reach, kind, np.full(count, SIGMA_M), np.zeros(count),
         np.zeros(count),
     )  # fmt: skip
-    return state, parts, rays, entries
+    return np.concatenate([state, unknowns]), rays, entries
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_equals_the_slow_likelihood(seed):
-    state, parts, rays, entries = fan(seed)
-    out = np.empty((1, len(entries)))
-    log_chances(state[None], parts[None], (rays, SHARP), out, np.empty((3, MOST_PARTS)))
+    vector, rays, entries = fan(seed)
+    asked = vector[None], drawn(CAR), (np.arange(11), np.zeros(11)), (rays, SHARP)
+    logs = np.log(ray_chances(*asked)[0])
     slow = np.array(
         [slow_log_chance(*ray) for ray in zip(entries, rays.kind, rays.reach, strict=True)]
     )
     # The march is half a millimetre coarse and may miss a corner that a ray only grazes.
-    same = np.isclose(out[0], slow, atol=0.05)
+    same = np.isclose(logs, slow, atol=0.05)
     assert same.mean() >= 0.95
-    total = np.empty(1)
-    log_likelihoods(state[None], parts[None], (rays, SHARP), total, np.empty((3, MOST_PARTS)))
-    assert total[0] == pytest.approx(out.sum())
+    assert log_likelihoods(*asked)[0] == pytest.approx(logs.sum())
 
 
 def test_misfits_vanish_on_the_surface_and_grow_beside_it():

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from slow_misfits import misfits
 
-from roadscope.detectors.pose.body_descent import LIMIT, SLACKS_M, drawn, space_of
+from roadscope.detectors.pose.body_descent import LIMIT, SLACKS_M, space_of
 from roadscope.detectors.pose.body_descent_kernels import Rules, descended, lowest
 from roadscope.detectors.pose.body_fit import CHANCES, still_problem
 from roadscope.detectors.pose.body_kernels import EMPTY, HIT, PASSED, POSE, Rays
 from roadscope.detectors.pose.body_lane_misfits import lane_misfits
 from roadscope.detectors.pose.body_lanes import LANES, PARTS, draw, even, lay, new_room, stand
-from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
+from roadscope.detectors.pose.body_model import BodyModel, Storey, drawn, saloon
 
 BODIES = (
     saloon((4.5, 0.3), (1.8, 0.1)),
@@ -48,12 +48,12 @@ def states_about(rng, count, turn, bearing=0.3):
 def lanes_of(vectors, model, rays, noise_m):
     """Parts (K, P, 16) and misfits (K, M) from the lanes."""
     body, count = drawn(model), len(vectors)
-    room, parts = new_room(len(model.storeys)), np.empty((len(model.storeys), 3))
+    room = new_room(len(model.storeys))
     out, lanes = np.empty((len(rays.slope), LANES)), even(count)
     lay(vectors, np.arange(11), np.zeros(11), room)
     turns = stand(lanes, room)
-    draw(body.sizes, body.storeys, body.shape, lanes, (room, parts))
-    lane_misfits(rays, noise_m, (lanes, turns), parts, (room, out))
+    draw(body, lanes, room)
+    lane_misfits(rays, noise_m, (lanes, turns), body.storeys, (room, out))
     told = room[PARTS:].reshape(len(model.storeys), 16, LANES)[:, :, :count]
     return np.moveaxis(told, 2, 0), out[:, :count].T
 
@@ -69,7 +69,8 @@ def test_every_lane_is_a_state_alone(model, turn, seed, count) -> None:
     misfits(vectors[:, :POSE].copy(), parts, rays, (0.03, 0.036), alone)
     lane_parts, lane_misfit = lanes_of(vectors, model, rays, (0.03, 0.036))
     assert np.array_equal(lane_parts, parts)
-    assert np.array_equal(lane_misfit, alone)
+    # Where a body has turned by then is found by a series, exact but for the last bits.
+    assert np.allclose(lane_misfit, alone, rtol=1e-9 if turn else 0.0, atol=1e-9 if turn else 0.0)
     assert (alone != 0).any()
 
 

@@ -1,8 +1,9 @@
 """What a body's unknowns make of its outline."""
 
 import numpy as np
+from slow_footprints import support
 
-from roadscope.detectors.pose.body_kernels import FRONT, REAR, support
+from roadscope.detectors.pose.body_kernels import FRONT, REAR
 from roadscope.detectors.pose.body_model import UNKNOWNS, saloon
 
 
