@@ -26,6 +26,8 @@ CHANCES = Chances(
 AS_DRAWN = CHANCES._replace(edge_m=0.002, height_m=0.004, rough_m=0.0)
 """Of a body that is exactly as drawn; samples need an edge of some width."""
 COARSE_RAYS = 60
+CLOSE = 15.0
+"""How much more than the best of the first fits another may cost to be followed, too."""
 OFF = 1e3
 """Added to the cost of a heading that is known to be wrong."""
 VELOCITY_SD, TURN_SD = 1.0, 0.7
@@ -105,7 +107,8 @@ def fit_sighting(
     costs = rough.costs
     if course is not None:
         costs = costs + OFF * (np.cos(rough.vectors[:, 2] - course[0]) < course[1])
-    order = np.argsort(costs)[: 2 if course is None else 1]
+    order = np.argsort(costs)[:2]
+    order = order[costs[order] <= costs[order[0]] + CLOSE]
     vectors = np.tile(problem.centre[problem.free], (len(order), 1))
     vectors[:, :3] = rough.vectors[order]
     best = descend(problem, vectors, SLACKS_M[3:])
@@ -113,7 +116,15 @@ def fit_sighting(
         posterior(problem, around(problem, mean, covariance))
         for mean, covariance in zip(best.vectors, best.covariances, strict=True)
     ]
-    return max(tries, key=lambda found: found.evidence), problem
+    return max(tries, key=lambda found: found.evidence - _askew(found, course, speed)), problem
+
+
+def _askew(found: Posterior, course: tuple[float, float] | None, speed: float | None) -> float:
+    """Return what a heading costs across which the body goes at a speed, m/s: it hardly does."""
+    if course is None or speed is None:
+        return 0.0
+    across = speed * np.sin(found.mean[2] - course[0]) / VELOCITY_SD
+    return float(0.5 * across**2)
 
 
 def _points(

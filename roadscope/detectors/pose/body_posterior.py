@@ -17,7 +17,7 @@ LEVELS = (2.5,)
 """Standard deviations along each principal axis at which rays are tried."""
 STRAIGHT = 0.3
 """Departure of a ray's log-likelihood from its quadratic form up to which the form is used."""
-WORK, FEWEST, MOST = 18_000, 160, 512
+WORK, FEWEST, MOST = 36_000, 320, 1024
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
 ROUNDS = 3
@@ -30,7 +30,7 @@ LOOSE, LOOSE_SD = 0.5, 4.0
 """How far off a descent leaves the body's unknowns, as a share of its steps, and at most in
 standard deviations: a corner's radius is bound from one side, which no quadratic form around its
 best value tells."""
-ENOUGH = 100.0
+ENOUGH = 200.0
 """Effective number of samples that gives mean and covariance."""
 MOVED = 2.0
 """Standard deviations of the guess by which the mean may move for one look to be enough."""

@@ -27,14 +27,14 @@ SPEED = 3
 BUDGET, LEAST = 480, 96
 """Returns of all scans of a window, and of one, above which neighbours are joined: with fewer of
 one scan, beams of a near vehicle would be left out."""
-WORK = 14_000
+WORK = 28_000
 """Effort of the sampling: a window's posterior is nearer to a normal one than a scan's."""
 NEAR_SLACKS_M = (0.06, 0.02, 0.0)
 """Added to the noise on the way from a guess that is nearly right."""
 WIDER = 1.5
 """How much wider than the last posterior, as a factor on its covariance, the next one is looked
 for: of windows as long all but one scan are the same."""
-COUNTED = 50.0
+COUNTED = 100.0
 """Effective samples from which the posterior around the last one is taken as it is."""
 LONG = 3
 """Scans from which a window's posterior is told by the last one."""
@@ -197,13 +197,15 @@ class Smoother:
         self, problem: Problem, stamp_s: float, followed: Posterior | None
     ) -> Posterior | None:
         """Return the posterior around the best state, which is the followed one's where it ends."""
-        best = self._best(problem, stamp_s)
+        best, tries = self._best(problem, stamp_s)
         if best is None:
             return None
         found = followed
         if found is None or not _same(problem, found, best[0]):
             found = posterior(problem, around(problem, *best), work=WORK)
-        self._settled = _cost(problem, found) / max((problem.rays.kind == HIT).sum(), 1)
+        # What one try alone came to may be far off, and says nothing of what can be reached.
+        if tries > 1:
+            self._settled = _cost(problem, found) / max((problem.rays.kind == HIT).sum(), 1)
         return found
 
     def _bound(self, problem: Problem) -> float:
@@ -211,8 +213,13 @@ class Smoother:
         hits = (problem.rays.kind == HIT).sum()
         return float(max(hits + FITTING * np.sqrt(2 * hits), WORSE * self._settled * hits))
 
-    def _best(self, problem: Problem, stamp_s: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the best state and its covariance, from the last one or, if bad, from anew."""
+    def _best(
+        self, problem: Problem, stamp_s: float
+    ) -> tuple[tuple[np.ndarray, np.ndarray] | None, int]:
+        """Return the best state and its covariance, and of how many tries it is the best.
+
+        They are from the last state and, where that is bad, from anew.
+        """
         bound = self._bound(problem)
         tries = []
         before = self._moved(stamp_s)
@@ -228,7 +235,7 @@ class Smoother:
                 chosen = np.flatnonzero(costs <= costs.min() + CLOSE)
                 tries.append(descend(problem, rough.vectors[chosen], NEAR_SLACKS_M[1:]))
         if not tries:
-            return None
+            return None, 0
         vectors = np.concatenate([found.vectors for found in tries])
         costs = np.concatenate([found.costs for found in tries])
         covariances = np.concatenate([found.covariances for found in tries])
@@ -236,7 +243,7 @@ class Smoother:
         if SPEED in problem.free:
             costs += _backward(vectors[:, SPEED], covariances[:, SPEED, SPEED])
         least = np.argmin(costs)
-        return vectors[least], covariances[least]
+        return (vectors[least], covariances[least]), len(tries)
 
     def _turned(self, states: np.ndarray) -> np.ndarray:
         """Whether states (S, 11) are those of a vehicle that is taken for its mirror image."""
