@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import LidarScan, Pose
-from roadscope.detectors.pose.body_descent import EDGE_M, SLACKS_M, descend
+from roadscope.detectors.pose.body_descent import EDGE_M, SLACKS_M, STEPS, descend
 from roadscope.detectors.pose.body_kernels import POSE, Chances, Rays
 from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_posterior import around, posterior
@@ -28,6 +28,10 @@ AS_DRAWN = CHANCES._replace(edge_m=0.002, height_m=0.004, rough_m=0.0)
 COARSE_RAYS = 60
 CLOSE = 15.0
 """How much more than the best of the first fits another may cost to be followed, too."""
+APART = 3.0
+"""Steps of a descent by which the answers of two differ that are not the same."""
+TURN = 4
+"""Place of the turn rate among all values."""
 OFF = 1e3
 """Added to the cost of a heading that is known to be wrong."""
 VELOCITY_SD, TURN_SD = 1.0, 0.7
@@ -107,16 +111,39 @@ def fit_sighting(
     costs = rough.costs
     if course is not None:
         costs = costs + OFF * (np.cos(rough.vectors[:, 2] - course[0]) < course[1])
-    order = np.argsort(costs)[:2]
-    order = order[costs[order] <= costs[order[0]] + CLOSE]
-    vectors = np.tile(problem.centre[problem.free], (len(order), 1))
-    vectors[:, :3] = rough.vectors[order]
+    likely = rough.vectors[_likely(rough.vectors, costs, coarse)]
+    vectors = np.tile(problem.centre[problem.free], (len(likely), 1))
+    vectors[:, :3] = likely
+    if sighting.cut and TURN in problem.free:
+        vectors = _turning(vectors, problem)
     best = descend(problem, vectors, SLACKS_M[3:])
     tries = [
-        posterior(problem, around(problem, mean, covariance))
-        for mean, covariance in zip(best.vectors, best.covariances, strict=True)
+        posterior(problem, around(problem, best.vectors[k], best.covariances[k]))
+        for k in _likely(best.vectors, best.costs, problem)
     ]
     return max(tries, key=lambda found: found.evidence - _askew(found, course, speed)), problem
+
+
+def _likely(vectors: np.ndarray, costs: np.ndarray, problem: Problem) -> list[int]:
+    """Return which of (S, D) vectors are hardly worse than the best, at most three, and apart."""
+    kept: list[int] = []
+    for k in np.argsort(costs):
+        away = np.abs(vectors[kept] - vectors[k]) > APART * STEPS[problem.free]
+        if costs[k] <= costs.min() + CLOSE and away.any(axis=1).all():
+            kept.append(int(k))
+    return kept[:3]
+
+
+def _turning(vectors: np.ndarray, problem: Problem) -> np.ndarray:
+    """Return starts (3 S, D) that turn to the right, not, and to the left.
+
+    A body that is met when a sweep begins and again when it ends has moved on, and on which way
+    is a question with several answers.
+    """
+    place = np.searchsorted(problem.free, TURN)
+    more = np.repeat(vectors, 3, axis=0)
+    more[:, place] += TURN_SD * np.tile([-1.0, 0.0, 1.0], len(vectors))
+    return more
 
 
 def _askew(found: Posterior, course: tuple[float, float] | None, speed: float | None) -> float:
