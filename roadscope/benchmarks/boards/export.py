@@ -10,6 +10,7 @@ from pathlib import Path
 
 from roadscope.benchmarks.boards.breakdown_tables import markdown_lines, markdown_row
 from roadscope.benchmarks.boards.columns import COLUMNS, in_one_line
+from roadscope.benchmarks.boards.curves import draw_curves, has_curves
 from roadscope.benchmarks.boards.latex import to_latex
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import FIRST_METRIC, Row
@@ -17,10 +18,14 @@ from roadscope.benchmarks.boards.tables import figure
 from roadscope.benchmarks.cache import FolderError, write_atomically
 
 NAME = "leaderboard"
+CURVES = "drift.svg"
 
 
 def save_all(results: Results, folder: Path) -> list[Path]:
-    """Write `leaderboard.json`, `.csv`, `.md` and `.tex` to a folder and return their paths."""
+    """Write `leaderboard.json`, `.csv`, `.md` and `.tex` to a folder and return their paths.
+
+    With an odometry board also `drift.svg`, its drift against the distance driven.
+    """
     contents = {
         "json": results.to_json(),
         "csv": to_csv(results),
@@ -30,13 +35,16 @@ def save_all(results: Results, folder: Path) -> list[Path]:
     paths = [folder / f"{NAME}.{ending}" for ending in contents]
     for path, content in zip(paths, contents.values(), strict=True):
         write_atomically(path, partial(_write, content))
+    if has_curves(results):
+        paths.append(folder / CURVES)
+        draw_curves(results, paths[-1])
     return paths
 
 
 def check_targets(folder: Path) -> None:
     """Refuse a folder where something else has the name of a board, before anything is run."""
-    for ending in ("json", "csv", "md", "tex"):
-        path = folder / f"{NAME}.{ending}"
+    for name in (*(f"{NAME}.{ending}" for ending in ("json", "csv", "md", "tex")), CURVES):
+        path = folder / name
         if path.is_dir():
             raise FolderError(f"cannot write {path}: it is a folder")
 

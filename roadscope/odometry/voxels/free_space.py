@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.odometry.cubes import Index
 from roadscope.odometry.rigid import inverse
-from roadscope.odometry.voxels.voxel_kernels import Index
 
 BINS = 480
 """Of the azimuth: three quarters of a degree each, wider than the steps of most LiDARs."""
