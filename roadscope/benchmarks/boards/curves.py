@@ -65,10 +65,16 @@ def _curve(place: Axes, rows: Sequence[Row], colour: str, style: str) -> None:
 
 
 def _settle(place: Axes, label: str) -> None:
+    from matplotlib.ticker import LogLocator, NullLocator
+
     place.set(xscale="log", xlabel="distance driven (m)", ylabel=label)
     place.set_yscale("log", nonpositive="clip")
     place.set_xticks(MARKS_M, [str(mark) for mark in MARKS_M])
-    place.minorticks_off()
+    # Figures of all entries may lie between two powers of ten.
+    place.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    place.yaxis.set_major_formatter("{x:g}")
+    for axis in (place.xaxis, place.yaxis):
+        axis.set_minor_locator(NullLocator())
     place.grid(alpha=0.3)
     for side in ("top", "right"):
         place.spines[side].set_visible(False)
