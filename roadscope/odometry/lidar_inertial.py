@@ -138,12 +138,14 @@ class LidarInertialOdometry:
             return moving, poor
         found = track.matched(sweep, points, moving)
         poor = _misfit(found)
-        self._misfits = self._misfits + 1 if poor else 0
-        if not poor:
+        # While what stands confirms the speed, it is the traffic that does not agree.
+        fits = not poor or self._check.confirmed(scan.stamp_s)
+        self._misfits = 0 if fits else self._misfits + 1
+        if fits:
             track.settle(found)
             self._stand_or_leave(track, stretch, scan.stamp_s)
             track.remember(sweep, points, moving)
-            poor = self._held_against_what_stands(track, scan)
+            poor = self._held_against_what_stands(track, scan) or poor
         else:
             self._rest = Rest(self.noise)
         if self._misfits >= LOST:
@@ -167,7 +169,7 @@ class LidarInertialOdometry:
     def _held_against_what_stands(self, track: InertialTrack, scan: LidarScan) -> str:
         """Correct the speed by things taller than vehicles; where it is another, say so."""
         ahead_m_s, rate_rad_s = track.twist()[[0, 5]]
-        off_m_s = self._check.off(scan, float(ahead_m_s), float(rate_rad_s))
+        off_m_s = self._check.off(scan, float(ahead_m_s), float(rate_rad_s), track.unfelt_m_s2)
         if off_m_s is None:
             return ""
         if abs(off_m_s) > FAR_M_S:

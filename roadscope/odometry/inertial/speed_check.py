@@ -10,20 +10,30 @@ from roadscope.odometry.inertial.speed_search import Ends, standing_speed_of
 SCANS, EVERY_S = 5, 0.5
 FAR_M_S = 2.5
 """So far off is another world: that of the traffic."""
+NEAR_M_S, BELIEVED_S = 1.0, 2.0
+"""A look so near, three of its deviations, confirms a speed; and that lasts for two looks."""
 
 
 class SpeedCheck:
-    """Looks once a second at a few scans by themselves, and again at once if they tell nothing."""
+    """Looks once a second at a few scans by themselves, and again at once if they tell nothing.
+
+    One look in some hundreds errs grossly, two in a row hardly by the same unless both see a wall
+    that fades away along the road: where it does travels with the sensor, but is felt not to.
+    """
 
     def __init__(self) -> None:
         self._ends: list[Ends] = []
         self._speeds: list[float] = []
-        self._done_s = -np.inf
+        self._done_s, self._confirmed_s = -np.inf, -np.inf
+        self._far_m_s = np.inf
 
-    def off(self, scan: LidarScan, ahead_m_s: float, rate_rad_s: float) -> float | None:
+    def off(
+        self, scan: LidarScan, ahead_m_s: float, rate_rad_s: float, unfelt_m_s2: float
+    ) -> float | None:
         """Take a scan and what motion is held true; return how much faster it is, m/s.
 
-        None where that is not clear, or was not looked at.
+        None where that is not clear, or was not looked at. unfelt_m_s2: what acceleration may have
+        gone unnoticed since the speed was confirmed.
         """
         if scan.stamp_s < self._done_s + EVERY_S:
             return None
@@ -36,5 +46,22 @@ class SpeedCheck:
         self._ends, self._speeds = [], []
         if not seen.known:
             return None
+        off_m_s = seen.ahead_m_s - held_m_s
+        if not self._believed(off_m_s, scan.stamp_s, unfelt_m_s2):
+            return None
+        if abs(off_m_s) < NEAR_M_S:
+            self._confirmed_s = scan.stamp_s
         self._done_s = scan.stamp_s
-        return seen.ahead_m_s - held_m_s
+        return off_m_s
+
+    def _believed(self, off_m_s: float, now_s: float, unfelt_m_s2: float) -> bool:
+        """Say whether a look is; against a speed once confirmed it takes two that are possible."""
+        before_m_s, self._far_m_s = self._far_m_s, off_m_s
+        if abs(off_m_s) < FAR_M_S or not np.isfinite(self._confirmed_s):
+            return True
+        possible_m_s = NEAR_M_S + unfelt_m_s2 * (now_s - self._confirmed_s)
+        return abs(off_m_s - before_m_s) < FAR_M_S and abs(off_m_s) < possible_m_s
+
+    def confirmed(self, now_s: float) -> bool:
+        """Say whether what stands has lately told the speed that is held."""
+        return now_s < self._confirmed_s + BELIEVED_S

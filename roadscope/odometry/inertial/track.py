@@ -11,7 +11,6 @@ from roadscope.odometry.inertial.filter import (
     FORCE,
     GRAVITY,
     GYRO,
-    PLACE,
     POSE,
     SIZE,
     SPEED,
@@ -44,9 +43,9 @@ SLOW_M_S = 0.3
 STANDING_M_S, RESTING_RAD_S, RESTING_M_S2 = 5e-3, 1e-3, 3e-3
 RENEWED_S = 1.0
 """So long after it a scan is placed by what scans since then have put in the map: their errors are
-in it, and no measurement of a place in it tells more than how scans lie to one another."""
-WANDER_M = 0.3
-"""By no more than this where scans tell nothing."""
+in it, and no measurement of a pose in it tells more than how scans lie to one another."""
+WANDER = np.array([0.3] * 3 + [0.01] * 3)
+"""By no more than this, m and rad, where scans tell nothing."""
 AHEAD_M_S = 0.3
 """How well the speed is told by where things come together."""
 
@@ -137,13 +136,18 @@ class InertialTrack:
 
     def _wander(self, found: Match) -> None:
         """Let the map go on with a share of the error of the scan that is put there."""
-        sure = np.linalg.inv(found.information[PLACE, PLACE] + np.eye(3) / WANDER_M**2)
-        self.state.covariance[PLACE, PLACE] += min(self.elapsed_s / RENEWED_S, 1.0) * sure
+        sure = np.linalg.inv(found.information + np.diag(WANDER**-2.0))
+        self.state.covariance[POSE, POSE] += min(self.elapsed_s / RENEWED_S, 1.0) * sure
 
     @property
     def slow(self) -> bool:
-        """Whether the sensor may stand."""
-        return float(np.linalg.norm(self.state.velocity)) <= SLOW_M_S
+        """Whether the sensor may stand: nobody goes up who does not go ahead."""
+        return float(np.linalg.norm(self.state.velocity[:2])) <= SLOW_M_S
+
+    @property
+    def unfelt_m_s2(self) -> float:
+        """Return what acceleration goes unnoticed at most: three deviations of a bias."""
+        return 3 * self.noise.force_bias if self.felt else COASTING[0]
 
     def stand(self, rate: np.ndarray) -> None:
         """Take it that the sensor stands, while its gyro reads a (3,) rate."""

@@ -16,6 +16,12 @@ GRAZING = 0.06
 which the point counts for a half. One beam's trace over a tree's crown lies on the cone on which
 that beam turns: it passes for a surface that contains the beams, and goes where the sensor goes."""
 
+TRACED_RAD = 0.01
+"""How far off in height, over the range, a beam that rises may meet a thing from where its surface
+was seen: beams are up to two degrees apart, and a plane between their traces is as likely one way
+as another (two degrees over the root of 12). Traces on what is ahead sink as one comes: planes
+through them that lean would lift the sensor and turn it up."""
+
 FIRM, FAR = 20.0, 5.0
 """From so many points on, what is so many standard deviations off a surface contradicts it."""
 
@@ -54,9 +60,10 @@ def normal_equations(
         axes = voxels.axes[slot]
         for k in range(3):
             off[k] = axes[k, 0] * rx + axes[k, 1] * ry + axes[k, 2] * rz
-        squared = 0.0
+        squared, traced = 0.0, _traced(matrix, q)
         for k in range(voxels.held[slot]):
-            weight[k] = 1.0 / _variance(voxels.spreads[slot], voxels.counts[slot], off, k)
+            variance = _variance(voxels.spreads[slot], voxels.counts[slot], off, k)
+            weight[k] = 1.0 / (variance + traced * _rise(axes[k], matrix) ** 2)
             squared += weight[k] * off[k] * off[k]
         share = 1.0 / (1.0 + squared / (scale * scale)) ** 2
         told[0] += 1.0
@@ -74,12 +81,31 @@ def normal_equations(
 
 
 @compiled()
+def _rise(vector: np.ndarray, matrix: np.ndarray) -> float:
+    """Return how far a vector, (3,) along the map's axes, goes up as the sensor sees it."""
+    up: float = matrix[0, 2] * vector[0] + matrix[1, 2] * vector[1] + matrix[2, 2] * vector[2]
+    return up
+
+
+@compiled()
+def _traced(matrix: np.ndarray, q: np.ndarray) -> float:
+    """Return the variance, m^2, of the height at which a beam along q, (3,) metres, met a thing.
+
+    Beams that fall meet the ground, whose height they tell.
+    """
+    if _rise(q, matrix) <= 0.0:
+        return 0.0
+    square: float = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
+    return TRACED_RAD * TRACED_RAD * square
+
+
+@compiled()
 def _met(normal: np.ndarray, matrix: np.ndarray, q: np.ndarray) -> float:
     """Return how much a point counts that was met along q, (3,) metres, on a surface.
 
     Beams that fall meet the ground, which is what it seems to be.
     """
-    if matrix[0, 2] * q[0] + matrix[1, 2] * q[1] + matrix[2, 2] * q[2] <= 0.0:
+    if _rise(q, matrix) <= 0.0:
         return 1.0
     into = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
     square = into * into / (q[0] * q[0] + q[1] * q[1] + q[2] * q[2])

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from roadscope.odometry.rigid import exp_se3, log_se3
-from roadscope.odometry.voxels.match_kernels import GRAZING, TILT, normal_equations, surface_at
+from roadscope.odometry.voxels.match_kernels import (
+    GRAZING,
+    TILT,
+    TRACED_RAD,
+    normal_equations,
+    surface_at,
+)
 from roadscope.odometry.voxels.matching import Belief, match
 from roadscope.odometry.voxels.surfaces import VoxelMap
 from roadscope.odometry.voxels.voxel_kernels import FLOOR_M
@@ -47,12 +53,17 @@ def test_a_scan_is_moved_onto_the_map(rng, known):
     assert 1000 < found.held <= found.points == 2000
 
 
-def held_slowly(voxels, slot, off):
-    """How firmly a point at an offset from the mean is held along each axis, 1/m^2."""
+def held_slowly(voxels, slot, off, height_m):
+    """How firmly a point is held along each axis, 1/m^2.
+
+    off: (3,) from the mean, along the axes. height_m: (3,), how far off along them it may be
+    because nobody knows at which height a beam met the thing.
+    """
     firm, spreads = np.zeros(3), voxels.spreads[slot]
     for k in range(voxels.held[slot]):
         lever = 1 + (off[k + 1 :] ** 2 / (spreads[k + 1 :] + FLOOR_M**2)).sum()
-        firm[k] = 1 / (spreads[k] * (1 + lever / (voxels.counts[slot] - 3)) + FLOOR_M**2)
+        variance = spreads[k] * (1 + lever / (voxels.counts[slot] - 3)) + FLOOR_M**2
+        firm[k] = 1 / (variance + height_m[k] ** 2)
     return firm
 
 
@@ -68,14 +79,16 @@ def test_equations_are_those_of_the_slow_way(rng, known):
         if slot < 0:
             continue
         off = voxels.axes[slot] @ (arm + pose[:3, 3] - voxels.means[slot])
-        firm = held_slowly(voxels, slot, off)
+        along = voxels.axes[slot] @ pose[:3, :3]
+        rising = pose[:3, 2] @ arm > 0
+        unknown_m = TRACED_RAD * np.linalg.norm(arm) * along[:, 2] * rising
+        firm = held_slowly(voxels, slot, off, unknown_m)
         squared = firm @ off**2
         share = 1 / (1 + squared / scale**2) ** 2
-        along = voxels.axes[slot] @ pose[:3, :3]
         shrunk = along**3 / (along**2 + TILT**2) @ pose[:3, :3].T
         rows = np.hstack([shrunk, np.cross(arm, voxels.axes[slot])])
         into = voxels.axes[slot, 0] @ arm / np.linalg.norm(arm)
-        rises = voxels.held[slot] == 1 and pose[:3, 2] @ arm > 0
+        rises = voxels.held[slot] == 1 and rising
         weights = share * firm * (into**2 / (into**2 + GRAZING**2) if rises else 1.0)
         slow_H += rows.T @ (weights[:, None] * rows)
         slow_b += rows.T @ (weights * off)
@@ -112,6 +125,21 @@ def test_one_beams_trace_over_a_crown_hardly_tells_the_height(rng):
         assert told[0] > 50
         firm[name] = H[2, 2] / told[1]
     assert firm["trace"] < 0.2 * firm["ceiling"]
+
+
+def test_what_leans_tells_the_height_to_beams_that_fall_rather_than_to_those_that_rise(rng):
+    """Upright walls tell as much as ever of the way."""
+    across = rng.uniform(-3, 3, 600)
+    firm = {}
+    for name, lean, up in (("rising", 1.0, 6.0), ("falling", 1.0, -6.0), ("wall", 0.0, 6.0)):
+        height = rng.uniform(-1.5, 1.5, 600)
+        points = np.column_stack([30 + lean * height, across, up + height])
+        known = VoxelMap(reach_m=60.0)
+        known.add(points + rng.normal(0, 0.03, points.shape), np.zeros(3))
+        H, _, told = normal_equations(known.voxels, points[::4], np.eye(4), 3.0)
+        firm[name] = np.diag(H)[:3] / told[1]
+    assert firm["rising"][2] < 0.1 * firm["falling"][2]
+    assert firm["wall"][0] > firm["falling"][0]
 
 
 def test_what_is_far_is_forgotten_and_the_table_grows(rng):

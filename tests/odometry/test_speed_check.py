@@ -1,0 +1,83 @@
+"""Looks at what stands, which confirm the speed that is held or contradict it."""
+
+import numpy as np
+import pytest
+from toy_drive import Drive
+
+from roadscope.odometry import ODOMETRIES, lidar_inertial
+from roadscope.odometry.inertial import speed_check
+from roadscope.odometry.inertial.filter import InertialNoise, started
+from roadscope.odometry.inertial.speed_check import BELIEVED_S, FAR_M_S, SpeedCheck
+from roadscope.odometry.inertial.speed_search import Speed
+from roadscope.odometry.inertial.track import SLOW_M_S, InertialTrack
+
+HELD_M_S = 11.0
+
+
+@pytest.fixture
+def answers(monkeypatch):
+    """Return a function: what a check answers to looks in a row, m/s."""
+
+    def of(*looks, unfelt_m_s2=100.0):
+        told = iter(looks)
+        monkeypatch.setattr(
+            speed_check, "standing_speed_of", lambda *_: Speed(next(told), 2.0, by_tall=True)
+        )
+        monkeypatch.setattr(speed_check, "SCANS", 1)
+        check = SpeedCheck()
+        return [
+            check.off(Drive().scan(10 * k), HELD_M_S, 0.0, unfelt_m_s2) for k in range(len(looks))
+        ]
+
+    return of
+
+
+def test_one_look_against_a_speed_once_confirmed_is_not_believed(answers):
+    assert answers(11.1, 0.5, 11.2) == pytest.approx([0.1, None, 0.2])
+    assert answers(11.1, 0.5, 20.0, 11.0) == pytest.approx([0.1, None, None, 0.0])
+
+
+def test_two_that_say_the_same_are(answers):
+    told = answers(11.1, 0.5, 0.6)
+    assert told == pytest.approx([0.1, None, -10.4])
+    assert abs(told[-1]) > FAR_M_S
+
+
+def test_what_would_have_been_felt_is_not_believed_however_often_it_is_seen(answers):
+    """A wall that fades away along the road seems to move along."""
+    assert answers(11.1, 7.0, 7.0, unfelt_m_s2=0.6) == pytest.approx([0.1, None, None])
+    assert answers(11.1, 7.0, 7.0, unfelt_m_s2=4.0) == pytest.approx([0.1, None, -4.0])
+
+
+def test_a_speed_that_nothing_confirmed_is_given_up_at_once(answers):
+    assert answers(0.5) == pytest.approx([-10.5])
+
+
+def test_who_is_as_fast_as_what_stands_is_not_lost(monkeypatch):
+    """What does not agree then is traffic; after a while without a look nobody knows."""
+    odometry, drive = ODOMETRIES.make("lidar-inertial"), Drive()
+    for k in range(12):
+        odometry.update(drive.scan(k), drive.imu(k))
+    track = odometry._track
+    monkeypatch.setattr(lidar_inertial, "_misfit", lambda _: "nothing agrees")
+    for k in range(12, 25):
+        told = odometry.update(drive.scan(k), drive.imu(k))
+    assert odometry._track is track
+    assert told.reason == "nothing agrees"
+    monkeypatch.setattr(SpeedCheck, "off", lambda *_: None)
+    for k in range(25, 25 + 10 * int(BELIEVED_S) + lidar_inertial.LOST):
+        odometry.update(drive.scan(k), drive.imu(k))
+    assert odometry._track is not track
+
+
+def test_who_goes_up_but_not_ahead_may_stand():
+    """An accelerometer's bias looks like it where nothing seen tells the height."""
+    up, ahead = (
+        InertialTrack(
+            started(np.array([0, 0, 9.81]), velocity, (0.1, 0.1, 0.1), InertialNoise()),
+            np.zeros(3), InertialNoise(), reach_m=50.0,
+        )
+        for velocity in (np.array([0, 0, 2 * SLOW_M_S]), np.array([2 * SLOW_M_S, 0, 0]))
+    )  # fmt: skip
+    assert up.slow
+    assert not ahead.slow
