@@ -88,6 +88,8 @@ def check_overlap(overlap: str, least: float) -> None:
 
 def chi_square_gate(share: float, dimensions: int) -> float:
     """Return the squared Mahalanobis distance that a share of right pairs does not exceed."""
+    if not 0 < share < 1:
+        raise ValueError(f"gate_share must lie between 0 and 1, got {share!r}")
     from scipy.special import gammaincinv
 
     return float(2 * gammaincinv(dimensions / 2, share))

@@ -43,8 +43,6 @@ class GnnTracker:
         position_m, speed_m_s: see `PlaceFilter`.
         velocity_walk: m/s per root second, by which velocities wander.
         """
-        if not 0 < gate_share < 1:
-            raise ValueError(f"gate_share must lie between 0 and 1, got {gate_share!r}")
         check_shares(least_score=least_score)
         check_not_negative(velocity_walk=velocity_walk)
         self._gate = chi_square_gate(gate_share, 2)

@@ -61,7 +61,7 @@ class ImmTracker:
             velocities, those of turning targets too, accelerations and yaw rates wander.
         sojourn_s: see `ImmFilter`.
         """
-        check_shares(gate_share=gate_share, least_score=least_score)
+        check_shares(least_score=least_score)
         check_not_negative(
             velocity_walk=velocity_walk, acceleration_walk=acceleration_walk, turn_walk=turn_walk
         )

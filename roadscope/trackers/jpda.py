@@ -83,7 +83,7 @@ class JpdaTracker:
         position_m, speed_m_s: see `PlaceFilter`.
         velocity_walk: m/s per root second, by which velocities wander.
         """
-        check_shares(gate_share=gate_share, confirm=confirm, drop=drop)
+        check_shares(confirm=confirm, drop=drop)
         check_counts(0, shown_misses=shown_misses)
         check_not_negative(velocity_walk=velocity_walk)
         self._gate = chi_square_gate(gate_share, 2)

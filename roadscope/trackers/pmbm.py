@@ -71,7 +71,7 @@ class PmbmTracker:
         position_m, speed_m_s: see `PlaceFilter`.
         velocity_walk: m/s per root second, by which velocities wander.
         """
-        check_shares(gate_share=gate_share, confirm=confirm, drop=drop, least_share=least_share)
+        check_shares(confirm=confirm, drop=drop, least_share=least_share)
         check_counts(0, shown_misses=shown_misses)
         check_counts(1, hypotheses=hypotheses)
         check_not_negative(velocity_walk=velocity_walk)

@@ -82,6 +82,16 @@ class Prints:
         return Detections.empty(frame.stamp_s)
 
 
+class LooksAside:
+    """Tells of one car, far from the road."""
+
+    def reset(self): ...
+
+    def detect(self, frame):
+        car = [[10, 80, 1]], [[4.5, 1.8, 1.5]], [0.0], [0], [1.0]
+        return Detections(*car, "ego", frame.stamp_s)
+
+
 class Late:
     def reset(self): ...
 

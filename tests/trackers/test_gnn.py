@@ -6,6 +6,9 @@ from tracked_scenes import boxes, identities, told
 from roadscope.core import TrackState
 from roadscope.trackers.gnn import GnnTracker
 from roadscope.trackers.greedy import GreedyTracker
+from roadscope.trackers.imm import ImmTracker
+from roadscope.trackers.jpda import JpdaTracker
+from roadscope.trackers.pmbm import PmbmTracker
 
 
 def test_one_by_one_it_is_filterpy():
@@ -80,6 +83,13 @@ def test_coasts_unseen_and_comes_back():
         + ["tentative"] * 4
         + ["confirmed"] * 2
     )
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0, np.nan])
+@pytest.mark.parametrize("kind", [GnnTracker, ImmTracker, JpdaTracker, PmbmTracker])
+def test_a_gate_lets_through_some_but_not_all(kind, share):
+    with pytest.raises(ValueError, match="gate_share must lie between 0 and 1"):
+        kind(gate_share=share)
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,13 @@ def two_seconds(plugin: Plugin[Any]) -> str:
     scores = summary.detection
     if not any(len(found) for found in summary.perceived.detections):
         raise PromiseError("two seconds of a motorway full of cars: nothing is detected")
+    if not scores["detection_rate"].value:
+        count = sum(len(found) for found in summary.perceived.detections)
+        raise PromiseError(
+            f"{count} boxes in two seconds of a motorway full of cars, and none of them on a car; "
+            "centres are metres in the frame that is named: 'ego', x ahead and y to the left, or "
+            "'world'"
+        )
     return (
         f"detection rate {scores['detection_rate'].value:.2f} on a motorway, "
         f"{scores['call_p50_ms'].value:.2g} ms a frame, {perf_counter() - begin:.0f} s in all"

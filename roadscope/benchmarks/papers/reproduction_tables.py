@@ -85,10 +85,10 @@ def side_by_side(
 
 
 def short(value: float | None) -> str:
-    """Return a number with four digits, a whole one without a point."""
+    """Return a number with four digits, a whole or a great one without a point."""
     if value is None:
         return "-"
-    return f"{value:.0f}" if float(value).is_integer() else f"{value:.4g}"
+    return f"{value:.0f}" if float(value).is_integer() or abs(value) >= 1e4 else f"{value:.4g}"
 
 
 def _figure(row: ReproductionRow, value: float | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from roadscope.detectors.pose.body_descent import EDGE_M, SLACKS_M, STEPS, desce
 from roadscope.detectors.pose.body_kernels import POSE, Chances, Rays
 from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_posterior import around, posterior
-from roadscope.detectors.pose.body_rays import Sighting, sight
+from roadscope.detectors.pose.body_rays import Sighting, settled_velocity, sight
 from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
 from roadscope.detectors.pose.body_sight_kernels import ROUGHNESS_M, points_of
 from roadscope.detectors.pose.body_start import starts
@@ -73,6 +74,10 @@ class BodyFit:
         out, it is taken to stand.
         Other arguments as in `sight`.
         """
+        if velocity is not None:
+            velocity = settled_velocity("velocity", velocity)
+        if towards is not None and not math.isfinite(towards):
+            raise ValueError(f"towards must be a finite heading in radians, got {towards!r}")
         sighting = sight(
             self.spec, scan, target, world_from_lidar,
             sensor_velocity=sensor_velocity, rolling=rolling, rough_m=self.chances.rough_m,

@@ -81,11 +81,12 @@ class BodyModel:
 
     def __post_init__(self) -> None:
         for name in ("length_m", "width_m"):
-            mean, deviation = getattr(self, name)
-            if not (0 < mean < np.inf and 0 <= deviation < mean / 2):
+            told = getattr(self, name)
+            pair = np.shape(told) == (2,)
+            if not (pair and 0 < told[0] < np.inf and 0 <= told[1] < told[0] / 2):
                 raise ValueError(
                     f"{name} must be (mean, standard deviation) in metres, the mean positive and "
-                    f"more than twice the deviation, got {(mean, deviation)}"
+                    f"more than twice the deviation, got {told}"
                 )
         least, most = self.radius_m
         if not 0 <= least <= most < self.width_m[0] / 2:

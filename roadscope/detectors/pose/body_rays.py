@@ -77,7 +77,8 @@ def sight(
             f"{target.dtype} {target.shape}"
         )
     returns = Returns(scan.points, scan.ring, scan.column, scan.intensity)
-    velocity = np.zeros(2) if sensor_velocity is None else np.asarray(sensor_velocity, float)
+    told = np.zeros(2) if sensor_velocity is None else sensor_velocity
+    velocity = settled_velocity("sensor_velocity", told)
     motion = Motion(world_from_lidar.matrix, velocity, float(sensor_turn), float(rolling))
     rays, hits = _rays(beams_of(spec), returns, target, motion, (budget, rough_m))
     met = scan.column[target]
@@ -97,6 +98,14 @@ def _rays(
     grid = picked(returns, target, beams, budget)
     rays = rays_of(grid, beams, motion, (need_of(returns, target, beams), rough_m))
     return joined(rays, grid, budget, rough_m), (grid.kind == HIT).sum()
+
+
+def settled_velocity(name: str, velocity: np.ndarray) -> np.ndarray:
+    """Return a (2,) float64 velocity, m/s; ValueError when it is no finite one."""
+    settled = np.ascontiguousarray(velocity, dtype=np.float64)
+    if settled.shape != (2,) or not np.isfinite(settled).all():
+        raise ValueError(f"{name} must be finite x and y in metres per second, got {velocity!r}")
+    return settled
 
 
 def beams_of(spec: LidarSpec) -> Beams:

@@ -10,6 +10,9 @@ import numpy as np
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 
+SPREAD_M = 200.0
+"""Returns of a vehicle lie no farther apart; a search is as long as they do."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehiclePose(Record):
@@ -73,6 +76,15 @@ def settled_points(points_xy: np.ndarray, *, least: int = 1) -> np.ndarray:
         row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
         raise ValueError(f"points must be finite, got {points[row]} in row {row}")
     return points
+
+
+def check_spread(points_xy: np.ndarray) -> None:
+    """Refuse returns (N, 2), metres, that no vehicle is long enough for; N at least 1."""
+    spread = float(np.ptp(points_xy, axis=0).max())
+    if spread > SPREAD_M:
+        raise ValueError(
+            f"returns of one vehicle must lie within {SPREAD_M:g} m, got {spread:.4g} m between two"
+        )
 
 
 def settled_origin(origin: np.ndarray) -> np.ndarray:

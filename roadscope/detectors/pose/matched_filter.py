@@ -9,6 +9,7 @@ import numpy as np
 
 from roadscope.detectors.pose.estimate import (
     VehiclePose,
+    check_spread,
     positive,
     settled_origin,
     settled_points,
@@ -61,6 +62,7 @@ def fit_single(
     unit energy.
     """
     points, place = settled_points(points_xy), settled_origin(origin)
+    check_spread(points)
     settings, plan = settled_reading(length_m, width_m, **reading)
     # Copies, for read-only arrays would be compiled for once more.
     frames = Frames(points.copy(), np.array([0, len(points)]), np.array([place]), ALONE_S, 0)

@@ -9,7 +9,12 @@ from typing import Unpack
 
 import numpy as np
 
-from roadscope.detectors.pose.estimate import VehiclePose, settled_origin, settled_points
+from roadscope.detectors.pose.estimate import (
+    VehiclePose,
+    check_spread,
+    settled_origin,
+    settled_points,
+)
 from roadscope.detectors.pose.matched_filter import Reading, settled_reading
 from roadscope.detectors.pose.rotating_pair import Frames, best_pair
 
@@ -45,6 +50,8 @@ def fit_multi(
     if not all(len(points) for points in frames):
         raise ValueError("a pose needs at least 1 point in each frame, got none in one")
     points, starts = settled_points(np.concatenate(frames)), [0, *accumulate(map(len, frames))]
+    for first, last in pairwise(starts):
+        check_spread(points[first:last])
     seen = Frames(points, np.array(starts), places, stamps, frame)
     x, y, yaw, score = best_pair(seen, settings, plan._replace(tied=tied))
     return VehiclePose(x, y, yaw, length_m, width_m, score=score)

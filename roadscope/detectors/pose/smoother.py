@@ -132,8 +132,12 @@ class Smoother:
     ) -> VehiclePose | None:
         """Take a scan in and return the pose `lag` scans ago, world frame, at its stamp.
 
-        None while there is no such scan, or no return in the window. Arguments as in `sight`.
+        None while there is no such scan, or no return in the window. Arguments as in `sight`;
+        stamps that do not increase are a `ValueError`.
         """
+        if self._window and not scan.stamp_s > self._window[-1].stamp_s:
+            last_s = self._window[-1].stamp_s
+            raise ValueError(f"stamps must increase: {scan.stamp_s} s after {last_s} s")
         place = np.array([*world_from_lidar.translation[:2], world_from_lidar.yaw])
         motion = np.zeros(3)
         if self._window and rolling:

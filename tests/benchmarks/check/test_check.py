@@ -83,6 +83,7 @@ WRONG = {
         ("Scribbles", "leaves its input alone", "changed the frame it was given"),
         ("WithoutReset", "has reset and detect", "no method reset"),
         ("Prints", "detects two seconds of traffic", "nothing is detected"),
+        ("LooksAside", "detects two seconds of traffic", "and none of them on a car"),
     ],
     ODOMETRIES: [
         ("WithoutMounting", "has reset and update", "def reset(self, lidar_from_imu)"),

@@ -121,9 +121,25 @@ def test_refuses_what_is_no_scan():
 
 
 @pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"velocity": [np.nan, 0.0]}, "^velocity must be finite x and y"),
+        ({"velocity": np.zeros(3)}, "^velocity must be finite x and y"),
+        ({"sensor_velocity": [0.0, np.inf]}, "^sensor_velocity must be finite x and y"),
+        ({"towards": np.nan}, "towards must be a finite heading"),
+    ],
+)
+def test_refuses_motions_by_name(told, message):
+    with pytest.raises(ValueError, match=message):
+        FIT.fit(*seen(20.0, 0.0, 0.0), HERE, **told)
+
+
+@pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"length_m": (0.0, 0.1)}, "length_m"),
+        ({"length_m": 4.6}, "length_m must be \\(mean, standard deviation\\) in metres"),
+        ({"width_m": (1.8, 0.1, 0.1)}, "width_m must be \\(mean, standard deviation\\)"),
         ({"width_m": (1.8, 1.0)}, "width_m"),
         ({"radius_m": (0.3, 0.1)}, "radius_m"),
         ({"storeys": ()}, "storeys"),

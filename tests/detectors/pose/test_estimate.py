@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.detectors.pose import VehiclePose, axis_difference
+from roadscope.detectors.pose import VehiclePose, axis_difference, fit_multi, fit_single
 from roadscope.detectors.pose.estimate import positive, settled_origin, settled_points
 
 
@@ -62,3 +62,15 @@ def test_origin_and_lengths_are_refused_by_name():
         settled_origin(np.array([np.nan, 0]))
     with pytest.raises(ValueError, match="bin_m"):
         positive(sigma_m=1.0, bin_m=0.0)
+
+
+@pytest.mark.parametrize("stray", [300.0, 1e9])
+def test_returns_that_no_vehicle_is_long_enough_for_are_refused(stray):
+    points = np.array([[10.0, 0.0], [10.0, 1.0], [stray, 0.0]])
+    size = {"length_m": 4.5, "width_m": 1.8}
+    with pytest.raises(ValueError, match="returns of one vehicle must lie within 200 m"):
+        fit_single(points, np.zeros(2), **size)
+    with pytest.raises(ValueError, match="returns of one vehicle must lie within 200 m"):
+        fit_multi([points[:2], points], [np.zeros(2)] * 2, [0.0, 0.1], **size)
+    # A vehicle that went so far between two scans is another matter.
+    fit_multi([points[:2], points[:2] + 250.0], [np.zeros(2)] * 2, [0.0, 8.0], **size)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -122,6 +124,22 @@ def test_without_a_return_there_is_no_pose(curve):
     empty = np.zeros_like(shot.target)
     assert smoother.update(shot.scan, empty, shot.world_from_lidar) is None
     assert smoother.flush() == []
+
+
+@pytest.mark.parametrize("back_s", [0.0, 0.1])
+def test_refuses_stamps_that_do_not_increase_and_goes_on(back_s, curve):
+    smoother, other = (Smoother(curve.spec, fusion(), frames=3, lag=0) for _ in range(2))
+    first, second = curve.shots[:2]
+    for each in (smoother, other):
+        each.update(first.scan, first.target, first.world_from_lidar, rolling=False)
+    again = replace(first.scan, stamp_s=first.scan.stamp_s - back_s)
+    with pytest.raises(ValueError, match="stamps must increase"):
+        smoother.update(again, first.target, first.world_from_lidar, rolling=False)
+    one, two = (
+        each.update(second.scan, second.target, second.world_from_lidar, rolling=False)
+        for each in (smoother, other)
+    )
+    assert one == two
 
 
 @pytest.mark.parametrize(
