@@ -16,7 +16,7 @@ from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.scoring import scores
 from roadscope.detectors.shape import Shape, Vehicle
 from roadscope.detectors.shape.cluster import clusters
-from roadscope.detectors.stages import STAGES, Option, all_options, chosen_stages, listed
+from roadscope.detectors.stages import Option, all_options, chosen_stages, listed
 
 
 class ClusterDetector:
@@ -103,10 +103,10 @@ OWN = listed(
     {
         name: parameter
         for name, parameter in inspect.signature(ClusterDetector).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY and name not in STAGES
+        if parameter.kind is parameter.KEYWORD_ONLY
     }
 )
-"""What can be set beside the stages and their options."""
+"""What can be set beside the options of stages."""
 
 
 def _with_options_named(signature: inspect.Signature) -> inspect.Signature:

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 
+from roadscope.core.names import unknown
 from roadscope.detectors.clustering import CLUSTERINGS
 from roadscope.detectors.ground import GROUNDS
 from roadscope.detectors.shape import SHAPES
@@ -61,7 +62,7 @@ def chosen_stages(
 def _named(kind: str, name: str) -> Stage:
     known = STAGES[kind]
     if name not in known:
-        raise ValueError(f"no {kind} stage '{name}'; known: {', '.join(known)}")
+        raise ValueError(unknown(f"{kind} stage", name, known))
     return known[name]
 
 
