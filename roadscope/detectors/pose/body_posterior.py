@@ -67,7 +67,7 @@ def posterior(problem: Problem, guess: Guess, *, work: int = WORK) -> Posterior:
     """
     # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
     bound = (problem.rays.kind == HIT).sum() >= len(problem.free)
-    reached = True
+    start, reached = guess.mean, True
     for look in range(FARTHER if bound else LOOKS):
         near, mean = split(problem, guess)
         more = max(look - LOOKS + 2, 1)
@@ -83,6 +83,10 @@ def posterior(problem: Problem, guess: Guess, *, work: int = WORK) -> Posterior:
         if found.reached and (settled or look >= LOOKS - 1):
             break
         guess = Guess(found.mean, found.covariance, False)
+    if not bound and not found.reached:
+        # Their mean says no more than how far they have come.
+        way = found.mean - start
+        return replace(found, mean=start, covariance=found.covariance + np.outer(way, way))
     return found
 
 
