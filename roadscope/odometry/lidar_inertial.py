@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.inertial.felt import FeltSpeed
 from roadscope.odometry.inertial.filter import (
     POSE,
     SPEED,
@@ -70,6 +73,7 @@ class LidarInertialOdometry:
         self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
         self._known: InertialState | None = None
+        self._felt = FeltSpeed(self.noise)
         self._begin(np.eye(4))
 
     def _begin(self, start_from_map: np.ndarray) -> None:
@@ -86,6 +90,7 @@ class LidarInertialOdometry:
         if not tick.in_order:
             return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
         stretch = self._stretch(scan, tick)
+        self._felt.predict(stretch)
         sweep = Sweep.of(scan, self.insert_m, self.match_m)
         moving = np.zeros(len(sweep.rows), bool)
         poor = poverty(len(sweep.few), LEAST_POINTS, scan.ring)
@@ -115,6 +120,8 @@ class LidarInertialOdometry:
         speed = self._start.speed()
         if speed is None:
             return "" if len(self._start) == 1 else "the speed is not known yet"
+        if speed.ahead_m_s < self._felt.least_m_s:
+            speed = replace(speed, ahead_m_s=self._felt.gained_m_s, by_tall=False)
         self._track = self._start.track(speed, self._imu, self._lever, self.noise, self._made)
         self._speed_known = speed.known
         return "" if speed.known else UNSURE
@@ -140,6 +147,8 @@ class LidarInertialOdometry:
         poor = _misfit(found)
         # While what stands confirms the speed, it is the traffic that does not agree.
         fits = not poor or self._check.confirmed(scan.stamp_s)
+        if track.twist()[0] < self._felt.least_m_s:
+            poor, fits = "more speed was felt than is seen", False
         self._misfits = 0 if fits else self._misfits + 1
         if fits:
             track.settle(found)
@@ -162,14 +171,17 @@ class LidarInertialOdometry:
                 track.weigh(force)
             track.stand(rate)
             self._rest.held(track, stretch)
-        else:
-            self._rest.left(track, stretch, now_s)
+            self._felt.stood(track.state)
+        elif self._rest.left(track, stretch, now_s):
+            self._felt.stood(track.state)
         track.doubt_m = self._rest.doubt_m(track)
 
     def _held_against_what_stands(self, track: InertialTrack, scan: LidarScan) -> str:
         """Correct the speed by things taller than vehicles; where it is another, say so."""
         ahead_m_s, rate_rad_s = track.twist()[[0, 5]]
-        off_m_s = self._check.off(scan, float(ahead_m_s), float(rate_rad_s), track.unfelt_m_s2)
+        off_m_s = self._check.off(
+            scan, float(ahead_m_s), float(rate_rad_s), track.unfelt_m_s2, self._felt.least_m_s
+        )
         if off_m_s is None:
             return ""
         if abs(off_m_s) > FAR_M_S:

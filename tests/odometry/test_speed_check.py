@@ -18,7 +18,7 @@ HELD_M_S = 11.0
 def answers(monkeypatch):
     """Return a function: what a check answers to looks in a row, m/s."""
 
-    def of(*looks, unfelt_m_s2=100.0):
+    def of(*looks, unfelt_m_s2=100.0, least_m_s=-np.inf):
         told = iter(looks)
         monkeypatch.setattr(
             speed_check, "standing_speed_of", lambda *_: Speed(next(told), 2.0, by_tall=True)
@@ -26,7 +26,8 @@ def answers(monkeypatch):
         monkeypatch.setattr(speed_check, "SCANS", 1)
         check = SpeedCheck()
         return [
-            check.off(Drive().scan(10 * k), HELD_M_S, 0.0, unfelt_m_s2) for k in range(len(looks))
+            check.off(Drive().scan(10 * k), HELD_M_S, 0.0, unfelt_m_s2, least_m_s)
+            for k in range(len(looks))
         ]
 
     return of
@@ -47,6 +48,17 @@ def test_what_would_have_been_felt_is_not_believed_however_often_it_is_seen(answ
     """A wall that fades away along the road seems to move along."""
     assert answers(11.1, 7.0, 7.0, unfelt_m_s2=0.6) == pytest.approx([0.1, None, None])
     assert answers(11.1, 7.0, 7.0, unfelt_m_s2=4.0) == pytest.approx([0.1, None, -4.0])
+
+
+def test_a_speed_that_a_wall_confirmed_is_given_up_for_a_faster_one(answers):
+    """What moves along says too little; two that say more are right, whatever was felt."""
+    assert answers(11.1, 22.0, 22.0, unfelt_m_s2=0.6) == pytest.approx([0.1, None, 11.0])
+
+
+def test_what_looks_slower_than_was_felt_is_no_look(answers):
+    """Neither once nor often, nor where no look came before it."""
+    told = answers(0.5, 0.5, 0.5, 9.5, 11.0, least_m_s=9.0)
+    assert told == pytest.approx([None, None, None, -1.5, 0.0])
 
 
 def test_a_speed_that_nothing_confirmed_is_given_up_at_once(answers):

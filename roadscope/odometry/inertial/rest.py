@@ -68,13 +68,17 @@ class Rest:
         while sum(each.elapsed_s for _, each in self._kept[1:]) > DOUBTED_S:
             del self._kept[0]
 
-    def left(self, track: InertialTrack, stretch: Stretch, now_s: float) -> None:
-        """Take it that the sensor stands no longer, and that since when is not known."""
+    def left(self, track: InertialTrack, stretch: Stretch, now_s: float) -> bool:
+        """Take it that the sensor stands no longer, and that since when is not known.
+
+        Say whether it stood until now.
+        """
         self._felt.clear()
         if not self._kept:
-            return
+            return False
         track.state = self._kept[0][0]
         for _, each in self._kept[1:]:
             track.predict(each)
         track.predict(stretch)
         self._kept, self._left_s = [], now_s
+        return True

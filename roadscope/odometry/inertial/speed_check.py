@@ -28,12 +28,13 @@ class SpeedCheck:
         self._far_m_s = np.inf
 
     def off(
-        self, scan: LidarScan, ahead_m_s: float, rate_rad_s: float, unfelt_m_s2: float
-    ) -> float | None:
+        self, scan: LidarScan, ahead_m_s: float, rate_rad_s: float, unfelt_m_s2: float,
+        least_m_s: float = -np.inf,
+    ) -> float | None:  # fmt: skip
         """Take a scan and what motion is held true; return how much faster it is, m/s.
 
         None where that is not clear, or was not looked at. unfelt_m_s2: what acceleration may have
-        gone unnoticed since the speed was confirmed.
+        gone unnoticed since the speed was confirmed. least_m_s: what looks slower moves along.
         """
         if scan.stamp_s < self._done_s + EVERY_S:
             return None
@@ -44,7 +45,7 @@ class SpeedCheck:
         seen = standing_speed_of(self._ends, rate_rad_s)
         held_m_s = float(np.mean(self._speeds))
         self._ends, self._speeds = [], []
-        if not seen.known:
+        if not seen.known or seen.ahead_m_s < least_m_s:
             return None
         off_m_s = seen.ahead_m_s - held_m_s
         if not self._believed(off_m_s, scan.stamp_s, unfelt_m_s2):
@@ -60,7 +61,8 @@ class SpeedCheck:
         if abs(off_m_s) < FAR_M_S or not np.isfinite(self._confirmed_s):
             return True
         possible_m_s = NEAR_M_S + unfelt_m_s2 * (now_s - self._confirmed_s)
-        return abs(off_m_s - before_m_s) < FAR_M_S and abs(off_m_s) < possible_m_s
+        # What moves along looks slower than it should; nothing that is tall looks faster.
+        return abs(off_m_s - before_m_s) < FAR_M_S and -off_m_s < possible_m_s
 
     def confirmed(self, now_s: float) -> bool:
         """Say whether what stands has lately told the speed that is held."""
