@@ -27,6 +27,11 @@ x of their normals and of its four corner points; y is the same from the other e
 POSE = 6
 """x, y, yaw, speed, turn rate, acceleration: the columns of a state before those of the body."""
 
+STEEP = 2
+"""How steeply surfaces fall silent where paints differ, see `Chances`."""
+AMPLE = 16.0
+"""How many times the light that is needed is as good as any more."""
+
 
 class Rays(NamedTuple):
     """M rays, grouped by frame.
@@ -55,6 +60,8 @@ class Chances(NamedTuple):
     rough_m: departure of surfaces from the drawn ones; it is in the rays' noise already.
     outlier, outlier_m: share of returns that fit nothing, spread evenly over a depth.
     lost, through: chance that a ray that meets the body returns nothing, or from behind it.
+    steep: how alike its paints are; the share of the light that is needed which a surface sends
+    back is taken to the power 2**steep, so that it falls silent within about 1.8 / 2**steep.
     """
 
     edge_m: float
@@ -64,6 +71,7 @@ class Chances(NamedTuple):
     outlier_m: float
     lost: float
     through: float
+    steep: int = STEEP
 
 
 @compiled(borrowing=True)
@@ -91,9 +99,11 @@ def pose_after(state: np.ndarray, time: float) -> tuple[float, float, float]:
 
 
 @compiled(borrowing=True)
-def seen(need: float, near: float, cosine: float) -> float:
-    """Return the chance that a surface sends enough back; soft, for paints differ."""
+def seen(need: float, near: float, cosine: float, steep: int = STEEP) -> float:
+    """Return the chance that a surface sends enough back; steep: as in `Chances`."""
     if need == 0.0:
         return 1.0
-    ratio = cosine / (need * near * near)
-    return ratio**4 / (1.0 + ratio**4)
+    ratio = min(cosine / (need * near * near), AMPLE)
+    for _ in range(steep):
+        ratio *= ratio
+    return ratio / (1.0 + ratio)

@@ -12,14 +12,7 @@ import math
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.detectors.pose.body_kernels import (
-    HIT,
-    MOST_PARTS,
-    PASSED,
-    Chances,
-    Rays,
-    seen,
-)
+from roadscope.detectors.pose.body_kernels import AMPLE, HIT, MOST_PARTS, PASSED, Chances, Rays
 from roadscope.detectors.pose.body_lane_meeting import BRIGHT, CHANCE, DISTANCE, FIRST, meet
 from roadscope.detectors.pose.body_lane_rays import see
 from roadscope.detectors.pose.body_lanes import (
@@ -126,7 +119,7 @@ def _lane_chances(
         count = meet(rise, chances, storeys, lanes, (room, met))
         _order(count, lanes, met)
         passed = rays.kind[m] == PASSED
-        _brighten(0.0 if passed else rays.need[m], count, lanes, met)
+        _brighten(0.0 if passed else rays.need[m], chances.steep, met[:count, :, :lanes])
         row, free = out[m, :lanes], room[LEVEL : LEVEL + lanes]
         if rays.kind[m] == HIT:
             _returned(rays.reach[m], rays.sigma[m], chances, met[:count], row)
@@ -152,15 +145,21 @@ def _order(count: int, lanes: int, met: np.ndarray) -> None:
 
 
 @compiled(borrowing=True)
-def _brighten(need: float, count: int, lanes: int, met: np.ndarray) -> None:
-    """Turn cosines of incidence into the chance that the surface sends enough back."""
-    for i in range(count):
-        here = met[i]
+def _brighten(need: float, steep: int, met: np.ndarray) -> None:
+    """Turn cosines of incidence into the chance that the surface sends enough back, as `seen`."""
+    for i in range(len(met)):
+        distances, bright = met[i, DISTANCE], met[i, BRIGHT]
         if need == 0.0:
-            here[BRIGHT, :lanes] = 1.0
+            bright[:] = 1.0
             continue
-        for k in range(lanes):
-            here[BRIGHT, k] = seen(need, here[DISTANCE, k], here[BRIGHT, k])
+        for k in range(len(bright)):
+            ratio = bright[k] / (need * distances[k] * distances[k])
+            bright[k] = ratio if ratio < AMPLE else AMPLE
+        for _ in range(steep):
+            for k in range(len(bright)):
+                bright[k] *= bright[k]
+        for k in range(len(bright)):
+            bright[k] = bright[k] / (1.0 + bright[k])
 
 
 @compiled(borrowing=True)

@@ -24,7 +24,7 @@ SPEED_SD, ACCELERATION_SD = 30.0, 0.7
 """Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is seen."""
 SPEED = 3
 """Place of the speed among what is free, where it is."""
-BUDGET, LEAST = 480, 96
+BUDGET, LEAST = 960, 192
 """Returns of all scans of a window, and of one, above which neighbours are joined: with fewer of
 one scan, beams of a near vehicle would be left out."""
 WORK = 28_000

@@ -161,7 +161,7 @@ def _chance(
             continue
         silent = chances.through
         if kind == EMPTY:
-            silent = max(chances.lost, 1.0 - seen(need, found[0, i], found[2, i]))
+            silent = max(chances.lost, 1.0 - seen(need, found[0, i], found[2, i], chances.steep))
         dark += _first(i, count, found) * silent
         free *= 1.0 - found[1, i]
     return free + dark
@@ -188,6 +188,6 @@ def _density(
         if abs(z) > 6.0:
             continue
         chance = _first(i, count, found) * (1.0 - chances.outlier) * 0.3989422804014327 / sigma
-        sent = max(seen(need, found[0, i], found[2, i]), 0.01)
+        sent = max(seen(need, found[0, i], found[2, i], chances.steep), 0.01)
         density += chance * sent * math.exp(-0.5 * z * z)
     return density
