@@ -25,8 +25,8 @@ CHANCES = Chances(
 )  # fmt: skip
 """Of a body that is only roughly as drawn, as real ones are."""
 AS_DRAWN = CHANCES._replace(edge_m=0.002, height_m=0.004, rough_m=0.0, steep=5)
-"""Of a body that is exactly as drawn; samples need an edge of some width. Of one paint, whose brightest
-return tells within 3 to 6 % how much light it sends back."""
+"""Of a body that is exactly as drawn; samples need an edge of some width. It is of one paint, whose
+brightest return tells within 3 to 6 % how much light it sends back."""
 COARSE_RAYS = 60
 CLOSE = 15.0
 """How much more than the best of the first fits another may cost to be followed, too."""

@@ -11,6 +11,7 @@ from roadscope.detectors.pose.body_descent import descend
 from roadscope.detectors.pose.body_fit import (
     COARSE_RAYS,
     NEAR,
+    TURN_SD,
     at_speed,
     still_problem,
     thinned,
@@ -29,6 +30,10 @@ TORN_S = 0.05
 COURSE_M, COURSE_M_S = 1.5, 3.0
 """Way of the returns' mean within the window, and speed, from which it tells where a vehicle
 heads: which of its sides are seen may change that mean by much of its size, but not that fast."""
+QUARTERS = np.pi / 2 * np.arange(-2.0, 3.0)
+"""Turns within a window that leave the first and the last heading as they are."""
+HEADING_SD = 0.1
+"""Standard deviation of a first heading, radians."""
 TURNED = 1e3
 """Added to the cost of a vehicle turned round, or across the way it goes."""
 
@@ -77,12 +82,15 @@ class Guesses:
             return np.empty((0, WHOLE))
         clear = [seen for seen in enough if not seen.torn]
         # Scans that the seam tears tell how fast at least, and with that where.
-        going = _going(some) if len(clear) < 2 else None
+        goings = _goings(some) if len(clear) < 2 else [None]
         used = clear or enough
         nearest = min(used, key=lambda seen: abs(seen.stamp_s - stamp_s))
         course = _course(used[0], used[-1])
-        known = [self._alone(seen, course, going) for seen in (used[0], nearest, used[-1])]
-        return np.array([_between(known, stamp_s, turned, going) for turned in (0.0, np.pi)])
+        states = []
+        for going in goings:
+            known = [self._alone(seen, course, going) for seen in (used[0], nearest, used[-1])]
+            states += [_between(known, stamp_s, turned, going) for turned in (0.0, np.pi)]
+        return np.array(states)
 
     def _alone(
         self, seen: Seen, course: float | None, going: np.ndarray | None
@@ -127,19 +135,29 @@ def _course(first: Seen, last: Seen) -> float | None:
     return float(np.arctan2(way[1], way[0]))
 
 
-def _going(some: list[Seen]) -> np.ndarray:
-    """Return the velocity (2,) of the returns' means, those of each half of a sweep apart."""
-    met_s, means = [], []
+def _goings(some: list[Seen]) -> list[np.ndarray | None]:
+    """Return velocities (2,) that the returns' means may have, those of each half of a sweep apart.
+
+    From half to half and, of several scans, from each half to its like: the halves of a sweep see
+    different sides, of a vehicle that stands too.
+    """
+    halves: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     for seen in some:
         rays, points = seen.sighting.rays, seen.sighting.points
         times = rays.time[rays.kind == HIT]
-        for half in (times < 0, times >= 0):
+        for rows, half in zip(halves, (times < 0, times >= 0), strict=True):
             if half.any():
-                met_s.append(seen.stamp_s + times[half].mean())
-                means.append(points[half].mean(axis=0))
-    away_s = np.array(met_s) - np.mean(met_s)
-    velocity: np.ndarray = away_s @ np.array(means) / max(away_s @ away_s, 1e-9)
-    return velocity
+                rows.append(
+                    np.array([seen.stamp_s + times[half].mean(), *points[half].mean(axis=0)])
+                )
+    known = [np.array(rows) for rows in halves if rows]
+    alike = np.concatenate([rows - rows.mean(axis=0) for rows in known])
+    every = np.concatenate(known) - np.concatenate(known).mean(axis=0)
+    return [
+        away[:, 0] @ away[:, 1:] / (away[:, 0] @ away[:, 0])
+        for away in ((every, alike) if len(some) > 1 else (every,))
+        if away[:, 0] @ away[:, 0] > 0
+    ] or [np.zeros(2)]
 
 
 def _between(
@@ -158,8 +176,22 @@ def _between(
     span = last_s - first_s
     if span > 0:
         going = (end[:2] - start[:2]) / span
-        state[4] = ((end[2] - start[2] + np.pi / 4) % (np.pi / 2) - np.pi / 4) / span
+        state[4] = _turn(known)
     if going is not None:
         state[:2] += going * (stamp_s - nearest_s)
         state[3] = going @ (np.cos(state[2]), np.sin(state[2]))
     return state
+
+
+def _turn(known: list[tuple[float, np.ndarray]]) -> float:
+    """Return the turn rate that goes with three headings, each known up to quarter turns."""
+    (first_s, start), (nearest_s, pose), (last_s, end) = known
+    span = last_s - first_s
+    rates = (_up_to_a_quarter(end[2] - start[2]) + QUARTERS) / span
+    off = _up_to_a_quarter(start[2] + rates * (nearest_s - first_s) - pose[2])
+    return float(rates[np.argmin((off / HEADING_SD) ** 2 + (rates / TURN_SD) ** 2)])
+
+
+def _up_to_a_quarter(angles: np.ndarray) -> np.ndarray:
+    """Return angles from -45 to 45 degrees, quarter turns added."""
+    return (angles + np.pi / 4) % (np.pi / 2) - np.pi / 4
