@@ -34,6 +34,9 @@ ENOUGH = 200.0
 """Effective number of samples that gives mean and covariance."""
 MOVED = 2.0
 """Standard deviations of the guess by which the mean may move for one look to be enough."""
+GROWN = 4.0
+"""By what factor a variance may grow beyond the guess's for one look to be enough: samples of a
+narrow part of a posterior count for each other, and say nothing of the rest."""
 DAMPED = 0.1
 """Share of a guess's precision that holds it where it is."""
 
@@ -78,8 +81,7 @@ def posterior(problem: Problem, guess: Guess, *, work: int = WORK) -> Posterior:
             near, mean, spread, count=count, rounds=ROUNDS, enough=ENOUGH, reached=reached
         )
         reached = found.reached
-        off = found.mean - mean
-        settled = found.effective > ENOUGH and off @ np.linalg.solve(spread, off) < MOVED**2
+        settled = found.effective > ENOUGH and _covers(mean, spread, found)
         if found.reached and (settled or look >= LOOKS - 1):
             break
         guess = Guess(found.mean, found.covariance, False)
@@ -88,6 +90,14 @@ def posterior(problem: Problem, guess: Guess, *, work: int = WORK) -> Posterior:
         way = found.mean - start
         return replace(found, mean=start, covariance=found.covariance + np.outer(way, way))
     return found
+
+
+def _covers(mean: np.ndarray, covariance: np.ndarray, found: Posterior) -> bool:
+    """Whether samples from a normal distribution have met all of the posterior that they told of."""
+    off = found.mean - mean
+    parts = np.linalg.solve(covariance, np.column_stack([off, found.covariance]))
+    growth = np.linalg.eigvals(parts[:, 1:]).real.max()
+    return bool(off @ parts[:, 0] < MOVED**2 and growth < GROWN)
 
 
 def split(problem: Problem, guess: Guess) -> tuple[Problem, np.ndarray]:
