@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from roadscope.detectors.pose.body_rays import Sighting, settled_velocity, sight
 from roadscope.detectors.pose.body_sampling import WHOLE, Posterior, Problem, free_of
 from roadscope.detectors.pose.body_sight_kernels import ROUGHNESS_M, points_of
 from roadscope.detectors.pose.body_start import starts
-from roadscope.detectors.pose.estimate import VehiclePose
+from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 CHANCES = Chances(
@@ -42,6 +44,13 @@ nobody knows, rad/s: a vehicle is met up to half a sweep from the stamp that is 
 QUARTER, NEAR = 0.0, float(np.cos(np.radians(50.0)))
 """Cosines up to which a heading may differ from the one that is known: told by a caller, or by a
 velocity well above its standard deviation, for vehicles go where they head."""
+
+
+class Likely(NamedTuple):
+    """A posterior, one of several answers, and the log of how likely it is."""
+
+    log: float
+    found: Posterior
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +100,7 @@ class BodyFit:
         if velocity is not None and towards is None:
             sure = np.hypot(*velocity) > 3.0 * VELOCITY_SD
             course = float(np.arctan2(velocity[1], velocity[0])), NEAR if sure else QUARTER
-        found, problem = fit_sighting(sighting, self.model, self.chances, course, speed)
-        return pose_of(found, problem)
+        return pose_of(*fit_sighting(sighting, self.model, self.chances, course, speed))
 
 
 def fit_sighting(
@@ -101,8 +109,10 @@ def fit_sighting(
     chances: Chances = CHANCES,
     course: tuple[float, float] | None = None,
     speed: float | None = None,
-) -> tuple[Posterior, Problem]:
-    """Return the posterior of x, y, yaw and what is uncertain of the body, and its problem.
+) -> tuple[list[Likely], Problem]:
+    """Return posteriors of x, y, yaw and what is uncertain of the body, and their problem.
+
+    Where more than one answer is likely there are up to three.
 
     course: heading known before, and the least cosine of a departure from it.
     speed: of the body along its heading as known before, m/s; then it is uncertain, too.
@@ -127,7 +137,9 @@ def fit_sighting(
         posterior(problem, around(problem, best.vectors[k], best.covariances[k]))
         for k in _likely(best.vectors, best.costs, problem)
     ]
-    return max(tries, key=lambda found: found.evidence - _askew(found, course, speed)), problem
+    return [
+        Likely(found.evidence - _askew(found, course, speed), found) for found in tries
+    ], problem
 
 
 def _likely(vectors: np.ndarray, costs: np.ndarray, problem: Problem) -> list[int]:
@@ -208,14 +220,33 @@ def thinned_problem(problem: Problem, most: int = 200) -> Problem:
     return replace(problem, rays=thinned(problem.rays, most))
 
 
-def pose_of(found: Posterior, problem: Problem) -> VehiclePose:
-    """Return the mean of a posterior, its score the log of the evidence."""
-    unknowns = problem.whole(found.mean[None])[:, POSE:]
+def pose_of(answers: Sequence[Likely], problem: Problem) -> VehiclePose:
+    """Return the mean of the likeliest posterior, its score the log of the evidence.
+
+    The covariance is that of all answers around it, each as likely as it is: a vehicle seen from
+    the side may face either way, and its middle is not the same. Headings count up to half a turn.
+    """
+    best = max(answers, key=lambda answer: answer.log)
+    unknowns = problem.whole(best.found.mean[None])[:, POSE:]
     length, width = problem.model.sizes(unknowns)
-    x, y, yaw = found.mean[:3]
+    x, y, yaw = best.found.mean[:3]
     drawn = problem.model.drawn_m
-    covariance = found.covariance[:3, :3] + np.diag([drawn, drawn, 0.0]) ** 2
+    covariance = _spread(answers, best) + np.diag([drawn, drawn, 0.0]) ** 2
     return VehiclePose(
         float(x), float(y), float(yaw), float(length[0]), float(width[0]),
-        covariance, found.evidence,
+        covariance, best.found.evidence,
     )  # fmt: skip
+
+
+def _spread(answers: Sequence[Likely], best: Likely) -> np.ndarray:
+    """Return the mean square (3, 3) of what x, y and yaw are off the best answer's."""
+    total, spread = 0.0, np.zeros((3, 3))
+    for log, found in answers:
+        if found is not best.found and not found.reached:
+            continue
+        off = found.mean[:3] - best.found.mean[:3]
+        off[2] = axis_difference(off[2], 0.0)
+        share = np.exp(log - best.log)
+        total += share
+        spread += share * (found.covariance[:3, :3] + np.outer(off, off))
+    return spread / total

@@ -93,7 +93,7 @@ def posterior(problem: Problem, guess: Guess, *, work: int = WORK) -> Posterior:
 
 
 def _covers(mean: np.ndarray, covariance: np.ndarray, found: Posterior) -> bool:
-    """Whether samples from a normal distribution have met all of the posterior that they told of."""
+    """Whether samples from a normal distribution met all of the posterior that they told of."""
     off = found.mean - mean
     parts = np.linalg.solve(covariance, np.column_stack([off, found.covariance]))
     growth = np.linalg.eigvals(parts[:, 1:]).real.max()

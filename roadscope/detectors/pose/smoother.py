@@ -10,7 +10,13 @@ import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.detectors.pose.body_descent import LIMIT, SLACKS_M, STEPS, descend, misfits_of
-from roadscope.detectors.pose.body_fit import CHANCES, TURN_SD, pose_of, thinned_problem
+from roadscope.detectors.pose.body_fit import (
+    CHANCES,
+    TURN_SD,
+    Likely,
+    pose_of,
+    thinned_problem,
+)
 from roadscope.detectors.pose.body_kernels import HIT, POSE, Chances, Rays, pose_after
 from roadscope.detectors.pose.body_model import BodyModel
 from roadscope.detectors.pose.body_posterior import Guess, around, posterior
@@ -179,12 +185,14 @@ class Smoother:
             found = self._searched(problem, stamp_s, found)
         if found is None:
             return None
+        answers = [Likely(found.evidence, found)]
         if SPEED in problem.free and found.mean[SPEED] < SLOW_M_S:
-            found = max(found, _twin(problem, found), key=_likelihood)
+            answers = [_forward(each) for each in (found, _twin(problem, found))]
+            found = max(answers, key=lambda answer: answer.log).found
         self._last = stamp_s, problem.whole(found.mean[None])[0]
         self._known = _Known(stamp_s, problem.free, found)
         self._note_way(stamp_s, found.mean[:2])
-        return pose_of(found, problem)
+        return pose_of(answers, problem)
 
     def _followed(self, problem: Problem, stamp_s: float) -> Posterior | None:
         """Return the posterior around the last one, moved on; None where there is none."""
@@ -314,10 +322,10 @@ def _twin(problem: Problem, found: Posterior) -> Posterior:
     return posterior(problem, around(problem, best.vectors[0], best.covariances[0]), work=WORK)
 
 
-def _likelihood(found: Posterior) -> float:
-    """Return the log of a posterior's evidence, less what it costs to go backwards."""
-    speed, variance = found.mean[SPEED : SPEED + 1], found.covariance[SPEED, SPEED]
-    return found.evidence - 0.5 * float(_backward(speed, variance)[0])
+def _forward(found: Posterior) -> Likely:
+    """Return a posterior with the log of its evidence, less what it costs to go backwards."""
+    cost = _backward(found.mean[[SPEED]], found.covariance[SPEED, SPEED])
+    return Likely(found.evidence - 0.5 * float(cost[0]), found)
 
 
 def _backward(speeds: np.ndarray, variances: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from roadscope.benchmarks.papers.zhang2017_population import (
 )
 from roadscope.core import wrap_angle
 from roadscope.detectors.pose.body_fit import TURN_SD
+from roadscope.detectors.pose.estimate import axis_difference
 from roadscope.envs.world.ford_fusion import CORNER_RADII_M, with_corners
 
 SEED, CARS = 4000, 40
@@ -111,6 +112,28 @@ def test_a_car_that_a_sweep_meets_twice_is_found_from_its_other_scans():
     assert np.ptp(times) > 0.09
     pose = fitted(MODELS["sized saloon"], seen, 3)
     assert np.hypot(*(np.array([pose.x, pose.y]) - seen.truth[:2])) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("name", "band", "seed", "frames"),
+    [
+        # It turns at 2.7 rad/s: by more than an eighth while the first window fills.
+        ("sharp, told", "20-30 m", [9036, 1, 0], 7),
+        # What turning and speed may be lies along a line of which samples met a small part.
+        ("rounded, told", "30-50 m", [9047, 2, 3], 1),
+        ("sharp, told", "10-20 m", [9049, 1, 1], 1),
+        # It stands and shows one side: which way round it is, and with that its middle, is open.
+        ("sharp, told", "50-80 m", [9066, 1, 2], 3),
+    ],
+)
+def test_a_covariance_holds_all_that_is_possible(name, band, seed, frames):
+    seen = passing(MODELS[name], band, seed)
+    pose = fitted(MODELS[name], seen, frames)
+    away = np.array([pose.x, pose.y, axis_difference(pose.yaw, seen.truth[2])]) - [
+        *seen.truth[:2],
+        0,
+    ]
+    assert away @ np.linalg.solve(pose.covariance, away) < chdtri(3, 0.001)
 
 
 @pytest.mark.slow
