@@ -26,9 +26,10 @@ CHANCES = Chances(
     outlier=0.003, outlier_m=10.0, lost=0.004, through=0.001,
 )  # fmt: skip
 """Of a body that is only roughly as drawn, as real ones are."""
-AS_DRAWN = CHANCES._replace(edge_m=0.002, height_m=0.004, rough_m=0.0, steep=5)
-"""Of a body that is exactly as drawn; samples need an edge of some width. It is of one paint, whose
-brightest return tells within 3 to 6 % how much light it sends back."""
+AS_DRAWN = CHANCES._replace(edge_m=0.0013, height_m=0.0025, rough_m=0.0, steep=5)
+"""Of a body that is exactly as drawn; samples need an edge of some width, and meet the posterior
+worse with a sharper one. It is of one paint, whose brightest return tells within 3 to 6 % how much
+light it sends back."""
 COARSE_RAYS = 60
 CLOSE = 15.0
 """How much more than the best of the first fits another may cost to be followed, too."""
