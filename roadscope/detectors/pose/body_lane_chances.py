@@ -46,16 +46,9 @@ def log_likelihoods(
 
     kept: `free` (D,), indices of the vector's values among the 11, and `fixed` (11,), the others.
     """
-    count, rays = len(vectors), told[0]
-    out, sums = np.empty(count), np.empty((2, LANES))
-    room, met = new_room(len(body.storeys)), np.empty((MOST_PARTS, 4, LANES))
-    each = np.empty((len(rays.slope), LANES))
-    for first in range(0, count, LANES):
-        last = min(first + LANES, count)
-        _fill(vectors[first:last], body, kept, told, (room, met, each))
-        _add_logs(each, even(last - first), sums)
-        out[first:last] = sums[0, : last - first]
-    return out
+    out = np.empty((len(vectors), 1))
+    _fill_rows(vectors, body, kept, told, (out, True))
+    return out[:, 0]
 
 
 @compiled()
@@ -66,16 +59,31 @@ def ray_chances(
     told: tuple[Rays, Chances],
 ) -> np.ndarray:
     """Return the likelihood (K, M) of each ray alone; arguments as above."""
-    count, rays = len(vectors), told[0]
-    out = np.empty((count, len(rays.slope)))
-    room, met = new_room(len(body.storeys)), np.empty((MOST_PARTS, 4, LANES))
-    each = np.empty((len(rays.slope), LANES))
-    for first in range(0, count, LANES):
-        last = min(first + LANES, count)
-        _fill(vectors[first:last], body, kept, told, (room, met, each))
-        for k in range(first, last):
-            out[k] = each[:, k - first]
+    out = np.empty((len(vectors), len(told[0].slope)))
+    _fill_rows(vectors, body, kept, told, (out, False))
     return out
+
+
+@compiled()
+def _fill_rows(
+    vectors: np.ndarray,
+    body: Drawn,
+    kept: tuple[np.ndarray, np.ndarray],
+    told: tuple[Rays, Chances],
+    into: tuple[np.ndarray, bool],
+) -> None:
+    """Fill in a row for each vector; into: the rows, and whether each is the sum of logarithms."""
+    out, summed = into
+    sums, each = np.empty((2, LANES)), np.empty((len(told[0].slope), LANES))
+    room, met = new_room(len(body.storeys)), np.empty((MOST_PARTS, 4, LANES))
+    for first in range(0, len(vectors), LANES):
+        last = min(first + LANES, len(vectors))
+        _fill(vectors[first:last], body, kept, told, (room, met, each))
+        if summed:
+            _add_logs(each, even(last - first), sums)
+            out[first:last, 0] = sums[0, : last - first]
+        else:
+            out[first:last] = each[:, : last - first].T
 
 
 @compiled(borrowing=True)
