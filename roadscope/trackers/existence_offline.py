@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.trackers.existence import ExistenceTracker
 from roadscope.trackers.offline import rescored
+from roadscope.trackers.offline_noise import MotionNoise
 
 
 class ExistenceOfflineTracker(ExistenceTracker):
@@ -21,13 +20,15 @@ class ExistenceOfflineTracker(ExistenceTracker):
     def reset(self) -> None:
         """Forget all tracks."""
         super().reset()
-        self._offsets: dict[float, np.ndarray] = {}
+        self._noises: dict[float, MotionNoise] = {}
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Do as the online tracker, and remember which errors last."""
+        """Do as the online tracker, and remember what it takes motion and lasting errors to be."""
         tracks = super().update(detections, ego_pose)
+        walks, drifts = self._targets.wandering(self._traits)
         passing = self._targets.beliefs.covariances[:, :2, :2]
-        self._offsets[tracks.stamp_s] = tracks.covariances[:, :2, :2] - passing
+        lasting = tracks.covariances[:, :2, :2] - passing
+        self._noises[tracks.stamp_s] = MotionNoise(walks, drifts, lasting)
         return tracks
 
     def rescored(self, history: Sequence[Tracks]) -> list[Tracks]:
@@ -35,7 +36,7 @@ class ExistenceOfflineTracker(ExistenceTracker):
 
         history: what `update` returned since the last reset.
         """
-        none = np.empty((0, 2, 2))
-        told = [self._offsets.get(tracks.stamp_s, none) for tracks in history]
-        known = all(len(o) == len(t) for o, t in zip(told, history, strict=True))
-        return rescored(history, offsets=told if known else None)
+        none = MotionNoise.alike(0, 0.0)
+        told = [self._noises.get(tracks.stamp_s, none) for tracks in history]
+        known = all(len(n) == len(t) for n, t in zip(told, history, strict=True))
+        return rescored(history, noises=told if known else None)

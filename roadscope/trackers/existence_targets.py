@@ -148,12 +148,16 @@ class Targets(Rows):
             np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
         )  # fmt: skip
 
+    def wandering(self, traits: Learned) -> tuple[np.ndarray, np.ndarray]:
+        """Return (N, 2, 2) covariances of how far velocities wander in a second, and places."""
+        kinds = self.categories
+        walks = ellipses(self.yaws[:, 0], traits.accelerate_m_s2[kinds], traits.swerve_m_s2[kinds])
+        return walks, 2 * self.offsets / traits.lasting_s[kinds, None, None]
+
     def carried(self, dt: float, traits: Learned) -> Targets:
         """Move on by dt seconds, unseen as yet."""
-        kinds = self.categories
-        wander = ellipses(self.yaws[:, 0], traits.accelerate_m_s2[kinds], traits.swerve_m_s2[kinds])
-        drift = 2 * self.offsets / traits.lasting_s[kinds, None, None]
-        beliefs = self.beliefs
+        kinds, beliefs = self.categories, self.beliefs
+        wander, drift = self.wandering(traits)
         means, covariances = moved_on(beliefs.means, beliefs.covariances, wander, drift, dt)
         heights, yaws = self.heights.copy(), self.yaws.copy()
         heights[:, 1] += (traits.climb_m_s**2 * dt)[kinds]

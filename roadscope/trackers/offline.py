@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from roadscope.core import Tracks
 from roadscope.trackers.offline_links import linked
+from roadscope.trackers.offline_noise import MotionNoise
 from roadscope.trackers.offline_smoothing import Rescoring, smoothed
 from roadscope.trackers.offline_trajectories import Trajectory, told, trajectories
 
@@ -18,20 +17,22 @@ from roadscope.trackers.offline_trajectories import Trajectory, told, trajectori
 def rescored(
     history: Sequence[Tracks],
     rules: Rescoring | None = None,
-    offsets: Sequence[np.ndarray] | None = None,
+    noises: Sequence[MotionNoise] | None = None,
 ) -> list[Tracks]:
     """Smooth tracks, fill their gaps, join fragments, drop weak ones; one score for each whole.
 
     history: what a tracker said, tick by tick, tentative tracks included, in one frame that
         stands still; states must be of constant velocity while a target is unseen.
-    offsets: of each record the (N, 2, 2) part of the covariances of places that lasts, so that no
-        smoothing lessens it; None: there is none.
+    noises: of each record what the tracker took its tracks to wander by until the next, and which
+        errors last; None: all wander alike, by `Rescoring.velocity_walk`, and no error lasts.
     Returns as many records, with states confirmed where a target was seen and coasting between.
     A tentative beginning is told from its first detection on, and no track after its last.
     """
     rules = rules or Rescoring()
-    strong = [t for t in trajectories(history, offsets) if _strong(t, rules)]
-    kept = linked(strong, rules.longest_gap_s, rules.velocity_walk)
+    if noises is None:
+        noises = [MotionNoise.alike(len(tracks), rules.velocity_walk) for tracks in history]
+    strong = [t for t in trajectories(history, noises) if _strong(t, rules)]
+    kept = linked(strong, rules.longest_gap_s)
     return told([smoothed(t, rules) for t in kept], history)
 
 

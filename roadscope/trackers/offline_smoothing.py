@@ -7,19 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core.pose import wrap_angle
-from roadscope.trackers.motion import ConstantVelocity
+from roadscope.trackers.offline_noise import MOTION, carried
 from roadscope.trackers.offline_trajectories import Trajectory
 
 
-# The defaults are set by hand: the pass takes tracks of any tracker, of which nothing is learned.
-# So one walk serves all classes. It lies between what was learned of cars (0.85) and of cyclists
-# (0.67); pedestrians (0.28) are smoothed less than they could be.
 @dataclass(frozen=True, slots=True)
 class Rescoring:
-    """How tracks are told anew.
+    """How tracks are told anew; round figures set by hand, for tracks of any tracker.
 
-    velocity_walk: m/s per root second by which velocities are taken to wander.
-    lasting_s: time in which lasting errors of places change to 1/e.
+    velocity_walk: m/s per root second by which velocities are taken to wander where nothing is
+        known of that. It lies between what was learned of cars (0.85) and of cyclists (0.67);
+        pedestrians (0.28) are smoothed less than they could be.
     fade_s: time over which heights and headings are averaged, to either side.
     size_fade_s: likewise sizes, of bodies that do not change.
     longest_gap_s: time over which fragments are joined.
@@ -28,7 +26,6 @@ class Rescoring:
     """
 
     velocity_walk: float = 0.8
-    lasting_s: float = 2.0
     fade_s: float = 0.3
     size_fade_s: float = 2.0
     longest_gap_s: float = 2.5
@@ -39,8 +36,8 @@ class Rescoring:
 def smoothed(trajectory: Trajectory, rules: Rescoring) -> Trajectory:
     """Let every tick know of those after it; scores stay."""
     means, covariances = backward(
-        trajectory.stamps_s, trajectory.means, trajectory.covariances, rules.velocity_walk,
-        2 * trajectory.offsets / rules.lasting_s,
+        trajectory.stamps_s, trajectory.means, trajectory.covariances, trajectory.walks,
+        trajectory.drifts,
     )  # fmt: skip
     sure = trajectory.seen.astype(float)
     near = _shares(trajectory.stamps_s, sure, rules.fade_s)
@@ -52,22 +49,20 @@ def smoothed(trajectory: Trajectory, rules: Rescoring) -> Trajectory:
 
 
 def backward(
-    stamps_s: np.ndarray, means: np.ndarray, covariances: np.ndarray, velocity_walk: float,
+    stamps_s: np.ndarray, means: np.ndarray, covariances: np.ndarray, walks: np.ndarray,
     drifts: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return (K, 4), (K, 4, 4) smoothed states from filtered ones (Rauch, Tung, Striebel 1965).
 
-    drifts: (K, 2, 2) covariances of how far places wander in a second, beside velocities.
+    walks, drifts: (K, 2, 2), as in `MotionNoise`, from each tick to the next.
     """
-    motion = ConstantVelocity(velocity_walk)
     x, P = means.copy(), covariances.copy()
     for k in range(len(x) - 2, -1, -1):
         dt = stamps_s[k + 1] - stamps_s[k]
-        F = motion.jacobian(x[:1], dt)
-        predicted = F @ covariances[k] @ F.T + motion.noise(x[:1], dt)
-        predicted[:2, :2] += dt * drifts[k]
+        foretold, predicted = carried(means[k], covariances[k], walks[k], drifts[k], dt)
+        F = MOTION.jacobian(x[:1], dt)
         gain = np.linalg.solve(predicted, F @ covariances[k]).T
-        x[k] += gain @ (x[k + 1] - F @ means[k])
+        x[k] += gain @ (x[k + 1] - foretold)
         spread = P[k] + gain @ (P[k + 1] - predicted) @ gain.T
         P[k] = _proper(0.5 * (spread + spread.T), covariances[k])
     return x, P

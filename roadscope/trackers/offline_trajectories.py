@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from roadscope.core import Tracks, TrackState
+from roadscope.trackers.offline_noise import MotionNoise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -16,7 +17,7 @@ class Trajectory:
 
     ticks: (K,) int64. stamps_s: (K,).
     means, covariances: (K, 4) and (K, 4, 4) of x, y, vx, vy, of what does not last of errors.
-    offsets: (K, 2, 2) covariances of what lasts.
+    walks, drifts, offsets: (K, 2, 2), as in `MotionNoise`; walks and drifts until the next tick.
     heights, sizes, yaws, scores: (K,), (K, 3), (K,), (K,).
     seen: (K,) bool, whether there was a detection.
     """
@@ -27,6 +28,8 @@ class Trajectory:
     stamps_s: np.ndarray
     means: np.ndarray
     covariances: np.ndarray
+    walks: np.ndarray
+    drifts: np.ndarray
     offsets: np.ndarray
     heights: np.ndarray
     sizes: np.ndarray
@@ -48,16 +51,18 @@ class Trajectory:
         return replace(self, **columns)
 
 
+NOISES = tuple(field.name for field in fields(MotionNoise))
 COLUMNS = (
-    "ticks", "stamps_s", "means", "covariances", "offsets", "heights", "sizes", "yaws", "scores",
+    "ticks", "stamps_s", "means", "covariances", *NOISES, "heights", "sizes", "yaws", "scores",
     "seen",
 )  # fmt: skip
 
 
-def trajectories(
-    history: Sequence[Tracks], offsets: Sequence[np.ndarray] | None = None
-) -> list[Trajectory]:
-    """Sort tracks of T ticks by target; what comes after the last detection is left out."""
+def trajectories(history: Sequence[Tracks], noises: Sequence[MotionNoise]) -> list[Trajectory]:
+    """Sort tracks of T ticks by target; what comes after the last detection is left out.
+
+    noises: of each record, what its tracks wander by.
+    """
     frames = {tracks.frame for tracks in history}
     if len(frames) > 1:
         raise ValueError(f"tracks must stay in one frame, got {', '.join(sorted(frames))}")
@@ -66,9 +71,10 @@ def trajectories(
     if not len(ids):
         return []
     stamps = np.array([tracks.stamp_s for tracks in history])
-    lasting = np.zeros((len(ids), 2, 2)) if offsets is None else np.concatenate(offsets)
-    columns = _columns(history, ticks, stamps) | {"offsets": lasting}
-    columns["covariances"][:, :2, :2] -= lasting
+    columns = _columns(history, ticks, stamps)
+    for name in NOISES:
+        columns[name] = np.concatenate([getattr(noise, name) for noise in noises])
+    columns["covariances"][:, :2, :2] -= columns["offsets"]
     categories = np.concatenate([t.categories for t in history])
     order = np.lexsort((ticks, ids))
     cuts = np.flatnonzero(np.diff(ids[order])) + 1

@@ -6,6 +6,7 @@ import pytest
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.trackers.existence import ExistenceTracker
 from roadscope.trackers.offline import Rescoring, rescored
+from roadscope.trackers.offline_noise import MotionNoise
 from roadscope.trackers.offline_smoothing import backward
 from roadscope.trackers.offline_trajectories import trajectories
 
@@ -92,7 +93,8 @@ def test_fragments_are_joined_and_crossing_the_gap_keeps_the_first_id():
 
 
 def test_unseen_ticks_are_recognised():
-    (whole,) = trajectories(drive(hidden=(9, 10)))
+    history = drive(hidden=(9, 10))
+    (whole,) = trajectories(history, [MotionNoise.alike(len(t), 0.8) for t in history])
     assert np.flatnonzero(~whole.seen).tolist() == [9, 10]
 
 
@@ -120,8 +122,9 @@ def test_smoothing_is_least_squares_of_all_states():
         means.append(x)
         covariances.append(P)
     smooth, spread = backward(
-        DT * np.arange(n), np.array(means), np.array(covariances), walk, np.zeros((n, 2, 2))
-    )
+        DT * np.arange(n), np.array(means), np.array(covariances),
+        np.tile(walk**2 * np.eye(2), (n, 1, 1)), np.zeros((n, 2, 2)),
+    )  # fmt: skip
     joint = np.linalg.inv(information)
     assert smooth.ravel() == pytest.approx(joint @ vector, abs=1e-9)
     assert spread[2] == pytest.approx(joint[8:12, 8:12], abs=1e-9)
@@ -144,11 +147,14 @@ def test_frames_must_not_change():
 def test_what_lasts_is_not_smoothed_away():
     history = drive()
     plain = rescored(history)
-    lasting = [0.01 * np.ones((len(t), 1, 1)) * np.eye(2) for t in history]
+    lasting = [
+        replace(alike, offsets=np.tile(0.01 * np.eye(2), (len(alike), 1, 1)))
+        for alike in (MotionNoise.alike(len(t), 0.8) for t in history)
+    ]
     wider = [
         replace(t, covariances=t.covariances + 0.01 * np.diag([1.0, 1, 0, 0])) for t in history
     ]
-    told = rescored(wider, Rescoring(lasting_s=1e9), lasting)
+    told = rescored(wider, noises=lasting)
     for one, other in zip(plain, told, strict=True):
         assert one.centres == pytest.approx(other.centres, abs=1e-6)
         added = other.covariances - one.covariances
