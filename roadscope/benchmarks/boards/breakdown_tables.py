@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from rich.table import Table
 from rich.text import Text
 
 from roadscope.benchmarks.boards.columns import ENTRY, FULL, NAME, NARROW_NAME
 from roadscope.benchmarks.boards.results import BREAKDOWNS, Results
-from roadscope.benchmarks.boards.rows import DETECTOR, INPUTS, Row
+from roadscope.benchmarks.boards.rows import DETECTOR, INPUTS, RECORDED_CONDITIONS, Row
 from roadscope.benchmarks.boards.tables import figure
 from roadscope.benchmarks.metrics.breakdown import BANDS
-from roadscope.benchmarks.recorded.combined import CURVES
+from roadscope.benchmarks.recorded.combined import CURVES, NEES_BAND
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, MOT_BOARDS
 from roadscope.benchmarks.tables import plain_table
 
+NEES, ALL = "nees_position", "all"
 SHOWN: Mapping[str, Sequence[str]] = {
     "detection": (
         "detection_rate", "precision", "f1", "false_alarms_per_frame", "ap", "position_rmse_m",
@@ -25,14 +27,14 @@ SHOWN: Mapping[str, Sequence[str]] = {
     "camera": ("ap50", "detection_rate", "precision"),
     "fusion": ("ap", "detection_rate", "precision"),
     "odometry": ("failed", "t_rel", "end", "position_error", "false_motion", "dynamic_recall"),
-    **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", *CURVES)),
+    **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", NEES, *CURVES)),
     **dict.fromkeys(MOT_BOARDS, ("hota", "mota", "idf1", *CURVES)),
 }  # fmt: skip
 """What is shown of each board where it is broken down; `leaderboard.json` holds more."""
 HEADINGS = {
     "detection_rate": "detected", "precision": "precision", "hota": "HOTA", "mota": "MOTA",
     "idf1": "IDF1", "hota_3d": "HOTA of 3-D boxes", "det_a": "DetA", "ass_a": "AssA",
-    "loc_a": "LocA", "ap50": "AP50", "ap": "AP", "f1": "F1",
+    "loc_a": "LocA", NEES: "NEES (its 95 % band)", "ap50": "AP50", "ap": "AP", "f1": "F1",
     "false_alarms_per_frame": "false alarms per frame", "position_rmse_m": "position RMSE (m)",
     "heading_rmse_deg": "heading RMSE (degrees)", "size_rmse_m": "size RMSE (m)",
     "failed": "failure rate", "t_rel": "t_rel (%)", "position_error": "error of the position (m)",
@@ -62,10 +64,14 @@ NOTES = {
     "size": "small: below 32 x 32 pixels, large: above 96 x 96.",
 }
 """What is said below tables of every board; `OWN` of the detection board's."""
+OF_NEES = (
+    "NEES over its degrees of freedom: in brackets between what that of a consistent tracker lies "
+    "in 95 %, each object's errors taken for one value; all: all sequences."
+)
 LONGEST = 7
 """Headings are broken into lines of this many characters."""
-UNRANKED, RANKED, PAIRED = 5, 9, 11
-"""How wide figures are, figures with a rank, and rates with false alarms."""
+UNRANKED, RANKED, PAIRED, BANDED = 5, 9, 11, 17
+"""How wide figures are, figures with a rank, rates with false alarms, and NEES with its band."""
 ALARMS = {"camera": "false alarms per image", "fusion": "false alarms per scan"}
 """What is said of rates beside, in brackets, where detectors tell no score to choose by."""
 BROKEN = {
@@ -88,7 +94,7 @@ def breakdown_tables(
 
     Bands that the width has no room for continue in a table below.
     """
-    rows = results.breakdown(by, board)
+    rows = _parts(results, board, by)
     tables = []
     for metric, cells in _shown_cells(rows, board):
         if metrics and metric not in metrics:
@@ -106,6 +112,8 @@ def breakdown_tables(
 
 def note(board: str, by: str) -> str:
     """Return what is said below a board's tables by a quantity; often nothing."""
+    if board in KITTI_BOARDS and by in RECORDED_CONDITIONS:
+        return OF_NEES
     return OWN[by] if board == "detection" and by in OWN else NOTES.get(by, "")
 
 
@@ -123,11 +131,22 @@ def markdown_lines(results: Results, board: str) -> list[str]:
 def parts_as_text(results: Results, board: str) -> Iterator[tuple[str, list[list[str]]]]:
     """Yield title and rows, the headings first, of everything that a board is broken down by."""
     for by in BREAKDOWNS[board]:
-        for metric, cells in _shown_cells(results.breakdown(by, board), board):
+        for metric, cells in _shown_cells(_parts(results, board, by), board):
             if cells:
                 paired = board if _alarms(results, board, cells) else ""
                 remarks = _remarks(results, board, metric, cells)
                 yield _title(metric, by, paired), _texts(results, board, cells, remarks)
+
+
+def _parts(results: Results, board: str, by: str) -> list[Row]:
+    """Return the rows of a board by something; beside NEES of each sequence that of all."""
+    parts = results.breakdown(by, board)
+    if board not in KITTI_BOARDS or by not in RECORDED_CONDITIONS:
+        return parts
+    whole = [row for row in results.rows if row.board == board]
+    return parts + [
+        replace(row, by=by, band=ALL) for row in whole if row.metric in (NEES, *NEES_BAND)
+    ]
 
 
 def _shown_cells(
@@ -139,6 +158,7 @@ def _shown_cells(
     lie a little beyond the farthest object.
     """
     wanted = {row.band for row in rows if row.metric == SHOWN[board][0]}
+    wanted |= {ALL} if wanted else set()
     for metric in SHOWN[board]:
         found = [row for row in rows if row.metric == metric]
         yield metric, {(r.entry, r.band): r for r in found if not wanted or r.band in wanted}
@@ -219,12 +239,27 @@ def _alarms(
 def _remarks(
     results: Results, board: str, metric: str, cells: Mapping[tuple[str, str], Row]
 ) -> dict[tuple[str, str], str]:
-    """Return what stands in brackets: a rank, or false alarms."""
+    """Return what stands in brackets: a rank, false alarms, or a band."""
     if alarms := _alarms(results, board, cells):
         return alarms
+    if metric == NEES:
+        return _bands_of_nees(results, board, cells)
     if metric != SHOWN[board][0]:
         return {}
     return {cell: str(rank) for cell, rank in _places(results, board, cells).items()}
+
+
+def _bands_of_nees(
+    results: Results, board: str, cells: Mapping[tuple[str, str], Row]
+) -> dict[tuple[str, str], str]:
+    """Return between what the NEES of a consistent tracker would lie."""
+    by = next((row.by for row in cells.values()), "")
+    rows = _parts(results, board, by) if by else []
+    ends = [
+        {(r.entry, r.band): f"{r.value:.2f}" for r in rows if r.metric == m and r.value is not None}
+        for m in NEES_BAND
+    ]
+    return {cell: f"{ends[0][cell]}-{ends[1][cell]}" for cell in ends[0]}
 
 
 def _cell(
@@ -260,6 +295,7 @@ def _pages(rows: Sequence[Row], width: int, board: str = "") -> list[list[str]]:
     whole = width - (NAME if width >= FULL else NARROW_NAME) - 1
     ranked = bool(rows) and rows[0].by in (DETECTOR, INPUTS)
     least = RANKED if ranked else PAIRED if board in ALARMS else UNRANKED
+    least = BANDED if rows and rows[0].metric == NEES else least
     pages: list[list[str]] = []
     room = 0
     for band in bands_of(rows):

@@ -12,7 +12,7 @@ from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.metrics.breakdown import BANDS, EXCESS, part_name, split_name
 from roadscope.benchmarks.metrics.calibration import pooled_calibration
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.recorded.combined import COMBINED
+from roadscope.benchmarks.recorded.combined import COMBINED, NEES_BAND
 from roadscope.benchmarks.recorded.recording import (
     KITTI_BOARDS,
     MOT_BOARDS,
@@ -65,7 +65,9 @@ BROKEN_DOWN: Mapping[str, Sequence[str]] = {
         "failed", "t_rel", "r_rel", "end", "false_motion", "dynamic_precision", "dynamic_recall",
         "degraded",
     ),
-    **dict.fromkeys(KITTI_BOARDS, ("hota", "mota", "idf1", "hota_3d")),
+    **dict.fromkeys(
+        KITTI_BOARDS, ("hota", "mota", "idf1", "hota_3d", "nees_position", *NEES_BAND)
+    ),
     **dict.fromkeys(MOT_BOARDS, ("hota", "mota", "idf1")),
 }  # fmt: skip
 """Metrics of whole episodes that are broken down by their conditions."""

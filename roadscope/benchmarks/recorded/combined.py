@@ -10,12 +10,17 @@ import numpy as np
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import ALPHAS, Hota
+from roadscope.benchmarks.metrics.tracking.nees import mean_band
 
 BY_ALPHA = "alpha"
 ALPHA_BANDS = tuple(f"{alpha:.2f}" for alpha in ALPHAS)
 CURVES = ("det_a", "ass_a", "loc_a")
 SUFFIXES = {"iou_2d": "", "iou_3d": "_3d", "centre": "_centre"}
 """What names of scores by a similarity end in; the first goes without saying."""
+
+NEES_BAND = "nees_low", "nees_high"
+FREEDOM = 2
+"""Of positions."""
 
 
 def alpha_parts(curves: Hota, suffix: str = "") -> dict[str, Score]:
@@ -89,9 +94,30 @@ def combined_mota(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[
     ]
 
 
+def combined_band(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[Score]:
+    """Return for each episode an end of the band of NEES of all episodes as one.
+
+    episodes: scores of each, with the number of objects followed as samples of the metric.
+    metric: `nees_low` or `nees_high`.
+    """
+    objects = sum(scores[metric].n for scores in episodes)
+    ends = dict(zip(NEES_BAND, nees_band(objects), strict=True))
+    return [replace(ends[metric], n=scores[metric].n) for scores in episodes]
+
+
+def nees_band(objects: int) -> tuple[Score, Score]:
+    """Return between what NEES of positions, over its degrees of freedom, lies in 95 % of cases.
+
+    objects: how many are followed; each one's errors are taken for one value.
+    """
+    low, high = (end / FREEDOM if objects else np.nan for end in mean_band(objects, FREEDOM))
+    return Score(low, "1", "higher", objects), Score(high, "1", "lower", objects)
+
+
 COMBINED = {
     **{f"{name}{s}": combined_hota for name in ("hota", *CURVES) for s in SUFFIXES.values()},
     **{f"mota{s}": combined_mota for s in SUFFIXES.values()},
+    **dict.fromkeys(NEES_BAND, combined_band),
 }
 """What is no mean over sequences, and how it is made one."""
 

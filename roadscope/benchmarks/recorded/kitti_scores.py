@@ -20,7 +20,7 @@ from roadscope.benchmarks.metrics.tracking.identity import identity
 from roadscope.benchmarks.metrics.tracking.scores import consistency_scores, state_scores
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.metrics.tracking.states import state_errors
-from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
+from roadscope.benchmarks.recorded.combined import NEES_BAND, SUFFIXES, alpha_parts, nees_band
 from roadscope.core import Tracks, Truth
 
 STATES = (
@@ -78,8 +78,11 @@ def label_errors(
         for told, truth, a, b in zip(tracks, truths, ends[:-1], ends[1:], strict=True)
     ]
     errors = state_errors(tracks, truths, pairs)
-    every = state_scores(errors) | consistency_scores(errors, len(np.unique(objects)))
-    return {name: every[name] for name in STATES}
+    followed = len(np.unique(objects))
+    every = state_scores(errors) | consistency_scores(errors, followed)
+    known = followed if every["nees_position"].n else 0
+    band = dict(zip(NEES_BAND, nees_band(known), strict=True))
+    return {name: every[name] for name in STATES} | band
 
 
 def _rows_of(wanted: np.ndarray, ids: np.ndarray) -> np.ndarray:

@@ -7,7 +7,13 @@ from roadscope.benchmarks.boards.statistics import pooled_interval
 from roadscope.benchmarks.metrics.tracking.clear import clear
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.recorded.combined import alpha_parts, combined_hota, combined_mota
+from roadscope.benchmarks.recorded.combined import (
+    alpha_parts,
+    combined_band,
+    combined_hota,
+    combined_mota,
+    nees_band,
+)
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.benchmarks.speed.metrics import as_trackeval
 
@@ -87,3 +93,14 @@ def test_nothing_to_track_has_no_figure():
     empty = [EPISODES[2]]
     assert np.isnan(mean_of(combined_hota(empty, "hota")))
     assert np.isnan(mean_of(combined_mota(empty, "mota")))
+
+
+def test_the_band_of_nees_is_that_of_all_objects():
+    """Sums of N chi-square values of two degrees of freedom, over 2 N, against drawn ones."""
+    objects = [3, 0, 7]
+    episodes = [dict(zip(("nees_low", "nees_high"), nees_band(n), strict=True)) for n in objects]
+    low, high = (mean_of(combined_band(episodes, end)) for end in ("nees_low", "nees_high"))
+    assert [low, high] == pytest.approx([end.value for end in nees_band(10)])
+    drawn = np.random.default_rng(0).chisquare(2, (100_000, 10)).mean(axis=1) / 2
+    assert np.quantile(drawn, [0.025, 0.975]) == pytest.approx([low, high], abs=0.02)
+    assert np.isnan(episodes[1]["nees_low"].value)

@@ -12,6 +12,7 @@ from toy_kitti import write_kitti
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
+from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, note
 from roadscope.benchmarks.boards.rank_agreement import spearman
 from roadscope.benchmarks.boards.recorded_agreement import agreements, simulated_figures
 from roadscope.benchmarks.boards.results import gather
@@ -66,6 +67,29 @@ def test_each_class_that_is_labelled_has_a_board(results):
     content = json.loads((out / "leaderboard.json").read_text())
     assert content["agreements"] == []
     assert "## kitti car" in (out / "leaderboard.md").read_text()
+
+
+def test_nees_of_each_sequence_and_of_all_stands_beside_its_band(results):
+    found, out, _ = results
+    board, entry = "kitti car", TRACKERS[0]
+    parts = {(r.metric, r.band): r.value for r in found.breakdown("sequence", board)
+             if r.entry == entry}  # fmt: skip
+    for sequence in ("0000", "0001"):
+        low, high = parts["nees_low", sequence], parts["nees_high", sequence]
+        assert 0 < low < 1 < high
+        # One band for two objects and one for all that both sequences have.
+        assert found.row(board, entry, "nees_low").value > low
+        assert found.row(board, entry, "nees_high").value < high
+    nees = found.row(board, entry, "nees_position").value
+    tables = {table.title: table for table in breakdown_tables(found, board, "sequence", 120)}
+    shown = tables["NEES (its 95 % band) by sequence"]
+    assert [column.header for column in shown.columns] == ["tracker", "0000", "0001", "all"]
+    cells = [list(column.cells) for column in shown.columns]
+    row = [str(name) for name in cells[0]].index(entry)
+    low, high = (found.row(board, entry, f"nees_{end}").value for end in ("low", "high"))
+    assert cells[3][row] == f"{nees:.2f} ({low:.2f}-{high:.2f})"
+    assert "95 %" in note(board, "sequence")
+    assert "### NEES (its 95 % band) by sequence" in (out / "leaderboard.md").read_text()
 
 
 def test_the_table_says_that_figures_are_online(results):

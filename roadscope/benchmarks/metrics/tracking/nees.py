@@ -44,10 +44,7 @@ class Nees(Record):
         independent: how many of the values are; None: all of them. Errors of one track in
             successive frames are not: with the number of tracks the band is the widest possible.
         """
-        n = len(self) if independent is None else independent
-        freedom, n = self.freedom * n, max(n, 1)
-        tail = (1 - level) / 2
-        return chi_square(tail, freedom) / n, chi_square(1 - tail, freedom) / n
+        return mean_band(len(self) if independent is None else independent, self.freedom, level)
 
     def in_band(self, tracks: int) -> bool:
         """Say whether the mean lies in its 95 % band, each of so many tracks taken for one value.
@@ -71,6 +68,13 @@ def nees(errors: StateErrors, *, velocity: bool = False) -> Nees:
     both, covariances = both[usable], covariances[usable]
     values = np.einsum("ki,ki->k", both, np.linalg.solve(covariances, both[..., None])[..., 0])
     return Nees(values, size)
+
+
+def mean_band(independent: int, freedom: int, level: float = LEVEL) -> tuple[float, float]:
+    """Return between what the mean NEES of so many independent errors lies so often."""
+    n, tail = max(independent, 1), (1 - level) / 2
+    whole = freedom * independent
+    return chi_square(tail, whole) / n, chi_square(1 - tail, whole) / n
 
 
 def chi_square(probability: float, freedom: int) -> float:
