@@ -32,13 +32,22 @@ def score_table(scores: Mapping[str, Score]) -> Table:
 
 
 def speed_table(rows: Sequence[Any]) -> Table:
-    """Return measured speeds; rows have a name, a value and a unit."""
+    """Return measured speeds; rows are `speed.rows.SpeedRow`s.
+
+    Where any stands beside another it has a column that says how many times as long it takes.
+    """
     table = plain_table()
     table.add_column("measured", style="bold", ratio=1)
     table.add_column("value", justify="right")
     table.add_column("unit")
+    compared = any(row.ratio is not None for row in rows)
+    if compared:
+        table.add_column("ratio", justify="right")
     for row in rows:
-        table.add_row(row.name, f"{row.value:.4g}", row.unit)
+        cells = [row.name, "-" if row.value is None else f"{row.value:.4g}", row.unit]
+        if compared:
+            cells.append("" if row.ratio is None else f" {row.ratio:.3g} x {row.beside}")
+        table.add_row(*cells)
     return table
 
 

@@ -19,6 +19,7 @@ from roadscope.benchmarks.speed.metrics import measure_metrics
 from roadscope.benchmarks.speed.odometry import LARGER, RIG, measure_odometries
 from roadscope.benchmarks.speed.odometry import measure_stages as odometry_stages
 from roadscope.benchmarks.speed.rows import SpeedRow, Step
+from roadscope.benchmarks.speed.tracker_peers import measure_peers
 from roadscope.benchmarks.speed.trackers import measure_trackers
 from roadscope.core.names import unknown
 
@@ -48,9 +49,10 @@ def measure_speed(
     ones, where it takes longer; which detectors are too slow, and DBSCAN beside scikit-learn's.
     `metrics`: tracking metrics beside TrackEval's and Stone Soup's. `trackers`: every registered
     one that needs no other package, with 10, 50, 200 and 500 targets, and with 12 crowded ones,
-    all within one another's gates, which JPDA has to weigh together. `odometry`: every installed
-    one on the same scans of a VLP-16, ours also on larger LiDARs, and the stages of Zhang 2022's.
-    `camera`: drawing images and looking at them.
+    all within one another's gates, which JPDA has to weigh together; then those of others, each
+    beside the one of ours that does the same. `odometry`: every installed one on the same scans of
+    a VLP-16, ours also on larger LiDARs, and the stages of Zhang 2022's. `camera`: drawing images
+    and looking at them.
     """
     for part in parts:
         if part not in PARTS:
@@ -66,7 +68,7 @@ def measure_speed(
     if "metrics" in parts:
         steps.append(("tracking metrics", partial(measure_metrics, -(-repeats // 3))))
     if "trackers" in parts:
-        steps.append(("trackers", measure_trackers))
+        steps += [("trackers", measure_trackers), ("trackers of others", measure_peers)]
     if "odometry" in parts:
         steps += _odometry_steps(-(-repeats // 3))
     if "camera" in parts:
@@ -103,5 +105,12 @@ def _detector_steps(repeats: int) -> list[Step]:
 
 
 def write_speed(rows: Sequence[SpeedRow], path: Path | str) -> None:
-    """Write the rows to a JSON file: a list of objects with name, value and unit."""
-    Path(path).write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n")
+    """Write the rows to a JSON file: a list of objects with name, value and unit.
+
+    What stands beside another has a ratio, too, and the other's name as `beside`.
+    """
+    named = [asdict(row) for row in rows]
+    for row in named:
+        if row["ratio"] is None:
+            del row["ratio"], row["beside"]
+    Path(path).write_text(json.dumps(named, indent=2) + "\n")

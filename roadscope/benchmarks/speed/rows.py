@@ -12,11 +12,17 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class SpeedRow:
-    """One measured figure."""
+    """One measured figure.
+
+    value: None where nothing was measured; then the unit says why.
+    ratio: how many times that is what was measured beside it, whose name is `beside`.
+    """
 
     name: str
-    value: float
+    value: float | None
     unit: str
+    ratio: float | None = None
+    beside: str = ""
 
 
 Step = tuple[str, Callable[[], list[SpeedRow]]]

@@ -108,6 +108,7 @@ def test_the_traffic_is_dense_and_seen_from_the_ego() -> None:
 
 def test_part_of_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure, "measure_trackers", lambda: [])
+    monkeypatch.setattr(measure, "measure_peers", lambda: [])
     told: list[str] = []
     measure.measure_speed(parts=["trackers"], progress=lambda name, *_: told.append(name))
-    assert told == ["trackers"]
+    assert told == ["trackers", "trackers of others"]
