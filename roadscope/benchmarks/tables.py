@@ -46,9 +46,13 @@ def speed_table(rows: Sequence[Any]) -> Table:
     for row in rows:
         cells = [row.name, "-" if row.value is None else f"{row.value:.4g}", row.unit]
         if compared:
-            cells.append("" if row.ratio is None else f" {row.ratio:.3g} x {row.beside}")
+            cells.append("" if row.ratio is None else f" {_times(row.ratio)} x {row.beside}")
         table.add_row(*cells)
     return table
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.0f}" if ratio >= 100 else f"{ratio:.3g}"
 
 
 def pose_table(rows: Sequence[Any]) -> Table:

@@ -38,9 +38,9 @@ By = Annotated[
     str | None,
     typer.Option(
         help="Show it by this too: range, category, occlusion, points or score (detection), "
-        "detector (tracking), family, size, range, category or score (camera), family, range, "
-        "crowd, score or inputs (fusion), distance (odometry), condition, weather or scenario "
-        "(all), alpha or sequence (--kitti, --mot)."
+        "detector or alpha (tracking), family, size, range, category or score (camera), family, "
+        "range, crowd, score or inputs (fusion), distance (odometry), condition, weather or "
+        "scenario (all), alpha or sequence (--kitti, --mot)."
     ),
 ]
 Seeds = Annotated[

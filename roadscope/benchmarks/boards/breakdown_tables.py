@@ -13,7 +13,8 @@ from roadscope.benchmarks.boards.results import BREAKDOWNS, Results
 from roadscope.benchmarks.boards.rows import DETECTOR, INPUTS, RECORDED_CONDITIONS, Row
 from roadscope.benchmarks.boards.tables import figure
 from roadscope.benchmarks.metrics.breakdown import BANDS
-from roadscope.benchmarks.recorded.combined import CURVES, NEES_BAND
+from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, CURVES
+from roadscope.benchmarks.recorded.combined import NEES_BAND
 from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, MOT_BOARDS
 from roadscope.benchmarks.tables import plain_table
 
@@ -23,7 +24,7 @@ SHOWN: Mapping[str, Sequence[str]] = {
         "detection_rate", "precision", "f1", "false_alarms_per_frame", "ap", "position_rmse_m",
         "heading_rmse_deg", "size_rmse_m",
     ),
-    "tracking": ("hota",),
+    "tracking": ("hota", *CURVES),
     "camera": ("ap50", "detection_rate", "precision"),
     "fusion": ("ap", "detection_rate", "precision"),
     "odometry": ("failed", "t_rel", "end", "position_error", "false_motion", "dynamic_recall"),
@@ -61,6 +62,7 @@ NOTES = {
     "detector": "In brackets: the rank on these detections.",
     "inputs": "In brackets: the rank on these detections.",
     "distance": "t_rel: over all stretches of that length; position: where that way is driven.",
+    BY_ALPHA: "A pair is a hit where its similarity reaches alpha; HOTA is the mean over alphas.",
     "size": "small: below 32 x 32 pixels, large: above 96 x 96.",
 }
 """What is said below tables of every board; `OWN` of the detection board's."""

@@ -26,17 +26,17 @@ from roadscope.benchmarks.jobs.odometry_job import OdometryJob
 from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.metrics.odometry.by_distance import DISTANCE
+from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.oracle import mark_of
 from roadscope.benchmarks.oracle_odometry import IMITATION, odometry_mark
-from roadscope.benchmarks.recorded.combined import BY_ALPHA
 from roadscope.benchmarks.recorded.recording import RECORDED_BOARDS
 from roadscope.core.names import unknown
 from roadscope.core.registry import split_spec
 
 BREAKDOWNS: Mapping[str, tuple[str, ...]] = {
     "detection": (*BANDS, *CONDITIONS),
-    "tracking": (*CONDITIONS, DETECTOR),
+    "tracking": (*CONDITIONS, DETECTOR, BY_ALPHA),
     "camera": ("family", "size", "range", "occlusion", "category", "score", *CONDITIONS),
     "fusion": ("family", "range", "crowd", "score", *CONDITIONS, INPUTS),
     "odometry": (DISTANCE, *CONDITIONS),

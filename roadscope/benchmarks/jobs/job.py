@@ -31,6 +31,7 @@ from roadscope.benchmarks.metrics.breakdown import broken_down
 from roadscope.benchmarks.metrics.detection import score_detections
 from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.metrics.tracking import score_tracks
+from roadscope.benchmarks.metrics.tracking.alphas import score_alphas
 from roadscope.benchmarks.oracle import full_name, is_fused, made_from_truth
 from roadscope.benchmarks.oracle_odometry import method_of
 from roadscope.benchmarks.perceived import Perceived
@@ -132,6 +133,7 @@ def job_scores(job: Job, fresh: bool = False) -> dict[str, Score]:
     if isinstance(job.episode, Recording):
         return recorded_scores(plugin, tracks, calls_ms, job.episode)
     scores = tracking_scores(tracks, calls_ms, perceived, job.eligibility)
+    scores |= tracking_parts(tracks, perceived, job.eligibility)
     return scores | passed(len(tracks)) if offline(plugin) else scores
 
 
@@ -182,6 +184,14 @@ def tracking_scores(
     """Return a tracker's scores on an episode, and its cost."""
     pairings = eligibility.pairings(tracks, perceived.truths, perceived.parked)
     return score_tracks(tracks, perceived.truths, pairings).named() | cost(calls_ms)
+
+
+def tracking_parts(
+    tracks: Sequence[Tracks], perceived: Perceived, eligibility: Eligibility
+) -> dict[str, Score]:
+    """Return a tracker's scores on an episode, broken down."""
+    pairings = eligibility.pairings(tracks, perceived.truths, perceived.parked)
+    return score_alphas(tracks, perceived.truths, pairings)
 
 
 def recorded_scores(

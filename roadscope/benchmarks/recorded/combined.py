@@ -7,14 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.breakdown import part_name
+from roadscope.benchmarks.metrics.breakdown import part_name, split_name
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.metrics.tracking.hota import ALPHAS, Hota
+from roadscope.benchmarks.metrics.tracking.alphas import ALPHA_BANDS, BY_ALPHA, CURVES
+from roadscope.benchmarks.metrics.tracking.hota import Hota
 from roadscope.benchmarks.metrics.tracking.nees import mean_band
 
-BY_ALPHA = "alpha"
-ALPHA_BANDS = tuple(f"{alpha:.2f}" for alpha in ALPHAS)
-CURVES = ("det_a", "ass_a", "loc_a")
 SUFFIXES = {"iou_2d": "", "iou_3d": "_3d", "centre": "_centre"}
 """What names of scores by a similarity end in; the first goes without saying."""
 
@@ -24,12 +22,13 @@ FREEDOM = 2
 
 
 def alpha_parts(curves: Hota, suffix: str = "") -> dict[str, Score]:
-    """Return DetA, AssA and LocA of one sequence at each alpha, by `part_name`.
+    """Return DetA, AssA, LocA and HOTA of one sequence at each alpha, by `part_name`.
 
-    Pooled by weight over sequences they are those of all sequences as one.
+    Pooled by weight over sequences the first three are those of all sequences as one; HOTA is by
+    `combined_hota`.
     """
     of = curves.hits + curves.misses + curves.false_alarms
-    wholes = {"det_a": of, "ass_a": curves.hits, "loc_a": curves.hits}
+    wholes = {"det_a": of, "ass_a": curves.hits, "loc_a": curves.hits, "hota": of}
     parts = {}
     for name, weights in wholes.items():
         values = getattr(curves, name)
@@ -45,19 +44,21 @@ def combined_hota(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[
     """Return each episode's part in HOTA (or DetA, AssA, LocA) of all episodes as one.
 
     episodes: scores of each, with `alpha_parts`.
-    metric: `hota`, `det_a`, `ass_a` or `loc_a`, with the suffix of the parts.
+    metric: `hota`, `det_a`, `ass_a` or `loc_a`, with the suffix of the parts; at one alpha, by
+        `part_name`, or the mean over all.
 
     The mean of the parts is the figure of all sequences together (Luiten et al. 2021: the sums
     behind DetA and AssA are added up, at each alpha). It is not linear in the sequences; each
     part is its linearisation (Efron and Tibshirani 1993, ch. 22: the infinitesimal jackknife), so
     the spread of the parts is that of the figure, and what holds for means holds for it.
     """
-    curve = next(name for name in ("hota", *CURVES) if metric.startswith(name))
-    suffix = metric.removeprefix(curve)
+    whole_name, _, band = split_name(metric)
+    curve = next(name for name in ("hota", *CURVES) if whole_name.startswith(name))
+    suffix, bands = whole_name.removeprefix(curve), [band] if band else ALPHA_BANDS
     names = ("det_a", "ass_a") if curve == "hota" else (curve,)
     pooled, moved = [], []
     for name in names:
-        values, weights = _columns(episodes, name + suffix)
+        values, weights = _columns(episodes, name + suffix, bands)
         whole = weights.sum(axis=0)
         total = np.maximum(whole, 1.0)
         # Without any hit there is nothing that could be out of place.
@@ -116,16 +117,23 @@ def nees_band(objects: int) -> tuple[Score, Score]:
 
 COMBINED = {
     **{f"{name}{s}": combined_hota for name in ("hota", *CURVES) for s in SUFFIXES.values()},
+    **{
+        part_name(f"hota{s}", BY_ALPHA, band): combined_hota
+        for s in SUFFIXES.values()
+        for band in ALPHA_BANDS
+    },
     **{f"mota{s}": combined_mota for s in SUFFIXES.values()},
     **dict.fromkeys(NEES_BAND, combined_band),
 }
 """What is no mean over sequences, and how it is made one."""
 
 
-def _columns(episodes: Sequence[Mapping[str, Score]], name: str) -> tuple[np.ndarray, np.ndarray]:
+def _columns(
+    episodes: Sequence[Mapping[str, Score]], name: str, bands: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (episodes, alphas) values, 0 where there are none, and weights."""
-    bands = [part_name(name, BY_ALPHA, band) for band in ALPHA_BANDS]
-    rows = [[scores[band] for band in bands] for scores in episodes]
+    names = [part_name(name, BY_ALPHA, band) for band in bands]
+    rows = [[scores[part] for part in names] for scores in episodes]
     weights = np.array([[s.weight for s in row] for row in rows])
     values = np.array([[s.value if s.weight else 0.0 for s in row] for row in rows])
     return values, weights

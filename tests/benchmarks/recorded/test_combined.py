@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.boards.statistics import pooled_interval
+from roadscope.benchmarks.metrics.breakdown import part_name
+from roadscope.benchmarks.metrics.tracking.alphas import ALPHA_BANDS, BY_ALPHA
 from roadscope.benchmarks.metrics.tracking.clear import clear
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.recorded.combined import (
+    COMBINED,
     alpha_parts,
     combined_band,
     combined_hota,
@@ -47,6 +50,14 @@ def test_hota_is_that_of_all_sequences_as_one(metric):
     together = sum((hota(s) for s in SEQUENCES[1:]), hota(SEQUENCES[0]))
     expected = getattr(together, metric).mean()
     assert mean_of(combined_hota(EPISODES, metric)) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("number", [0, 9, 18])
+def test_at_one_alpha_it_is_that_of_all_sequences_as_one(number):
+    together = sum((hota(s) for s in SEQUENCES[1:]), hota(SEQUENCES[0]))
+    name = part_name("hota", BY_ALPHA, ALPHA_BANDS[number])
+    figure = mean_of(COMBINED[name](EPISODES, name))
+    assert figure == pytest.approx(together.hota[number], abs=1e-12)
 
 
 def test_it_is_trackevals_combined_figure():

@@ -151,6 +151,7 @@ def test_on_simulated_traffic_too_an_offline_tracker_is_marked(monkeypatch):
     monkeypatch.setattr(job_module, "detections_of", lambda *_: None)
     monkeypatch.setattr(job_module, "track_told", lambda *_, **__: ([], np.zeros(0)))
     monkeypatch.setattr(job_module, "tracking_scores", lambda *_: scores)
+    monkeypatch.setattr(job_module, "tracking_parts", lambda *_: {})
     marks = {job.tracker: execute(job).scores.get(OFFLINE) for job in jobs}
     assert marks["nearest"] is None
     assert marks["existence-offline"].value == 1

@@ -17,6 +17,7 @@ from roadscope.trackers import TRACKERS
 
 ROWS = [
     SpeedRow("tracker slow, 5 targets", 12.0, "ms", 24.0, "gnn"),
+    SpeedRow("tracker slow, 50 targets", 600.0, "ms", 1203.4, "gnn"),
     SpeedRow("tracker gnn, 5 targets", 0.5, "ms"),
     SpeedRow("tracker absent", None, "absent is not installed: pip install absent"),
 ]
@@ -78,10 +79,11 @@ def test_the_table_has_a_column_of_ratios_where_there_are_any(tmp_path: Path) ->
     lines = [" ".join(line.split()) for line in console.export_text().splitlines()]
     assert lines[0] == "measured value unit ratio"
     assert "tracker slow, 5 targets 12 ms 24 x gnn" in lines
+    assert "tracker slow, 50 targets 600 ms 1203 x gnn" in lines
     assert any(line.startswith("tracker absent -") for line in lines)
-    console.print(speed_table(ROWS[1:]))
+    console.print(speed_table(ROWS[2:]))
     assert "ratio" not in console.export_text()
     write_speed(ROWS, tmp_path / "speed.json")
     written = json.loads((tmp_path / "speed.json").read_text())
-    assert [row.get("ratio") for row in written] == [24.0, None, None]
-    assert written[2]["value"] is None
+    assert [row.get("ratio") for row in written] == [24.0, 1203.4, None, None]
+    assert written[3]["value"] is None
