@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from roadscope.benchmarks.boards.export import check_targets, save_all
+from roadscope.benchmarks.boards.export import save_all
+from roadscope.benchmarks.boards.kept import check_targets, label_of
 from roadscope.benchmarks.boards.recorded_agreement import agreements
 from roadscope.benchmarks.boards.results import Results, gather
 from roadscope.benchmarks.cache import cache_dir, usable_folder
@@ -62,7 +63,8 @@ def run(
         suite has entries for.
     jobs: worker processes.
     out_dir: where results are kept (`results.sqlite`) and `leaderboard.json`, `.csv`, `.md`
-        and `.tex` are written; None keeps results in the cache folder and writes no board.
+        and `.tex` are written; None keeps results in the cache folder and writes no board. Boards
+        of other suites that are there are kept (`leaderboard-SUITE-BOARD.json`).
     fresh: do again what an earlier run has done.
     kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
@@ -83,19 +85,22 @@ def run(
     if jobs < 1:
         raise RunError(f"jobs: expected 1 or more worker processes, got {jobs}")
     folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
+    conditions = manifest(suite, jobs, asked)
     if out_dir is not None:
-        check_targets(folder)
+        check_targets(folder, label_of(conditions))
     with Store(folder / DATABASE) as store:
         way = _Way(jobs, fresh, deadline_s)
-        results = _worked_out(store, suite, plans, way, progress or silent)
+        results = _worked_out(store, (suite, conditions), plans, way, progress or silent)
     if out_dir is not None:
         save_all(results, folder)
     return results
 
 
-def _worked_out(store: Store, suite: Suite, plans: Plan, way: _Way, tell: Progress) -> Results:
-    """Do what a store does not know yet, and gather the results."""
-    conditions = manifest(suite, way.jobs)
+def _worked_out(
+    store: Store, given: tuple[Suite, Mapping[str, Any]], plans: Plan, way: _Way, tell: Progress
+) -> Results:
+    """Do what a store does not know yet, and gather the results; given: suite and manifest."""
+    suite, conditions = given
     number = store.begin(conditions)
     wanted: Sequence[AnyJob] = plans.jobs
     known = {} if way.fresh else _finished(store, wanted)

@@ -49,7 +49,10 @@ Seeds = Annotated[
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Folder for leaderboard.json, .csv, .md, .tex and the results database."),
+    typer.Option(
+        help="Folder for leaderboard.json, .csv, .md, .tex and the results database; boards of "
+        "other suites in it are kept as leaderboard-SUITE-BOARD."
+    ),
 ]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Do again what an earlier run has done.")]
 Kitti = Annotated[
@@ -143,6 +146,7 @@ def leaderboard(
     if lost:
         typer.echo(f"no tracks were written of {', '.join(lost)}")
     _tell_written(out and out / "leaderboard.json", tracks)
+    _tell_kept(out)
     if results.barren():
         raise typer.Exit(1)
 
@@ -161,6 +165,14 @@ def _tell_written(*paths: Path | None) -> None:
     for path in paths:
         if path is not None:
             typer.echo(f"written: {path}")
+
+
+def _tell_kept(out: Path | None) -> None:
+    """Name boards of other suites in the folder."""
+    from roadscope.benchmarks.boards.kept import kept_boards
+
+    if out is not None and (kept := kept_boards(out)):
+        typer.echo(f"kept beside it: {', '.join(path.name for path in kept)}")
 
 
 def _tell_more(board: str | None) -> None:

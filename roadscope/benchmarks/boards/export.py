@@ -11,21 +11,22 @@ from pathlib import Path
 from roadscope.benchmarks.boards.breakdown_tables import markdown_lines, markdown_row
 from roadscope.benchmarks.boards.columns import COLUMNS, in_one_line
 from roadscope.benchmarks.boards.curves import draw_curves, has_curves
+from roadscope.benchmarks.boards.kept import CURVES, NAME, label_of, set_aside
 from roadscope.benchmarks.boards.latex import to_latex
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import FIRST_METRIC, Row
 from roadscope.benchmarks.boards.tables import figure
-from roadscope.benchmarks.cache import FolderError, write_atomically
-
-NAME = "leaderboard"
-CURVES = "drift.svg"
+from roadscope.benchmarks.cache import write_atomically
 
 
 def save_all(results: Results, folder: Path) -> list[Path]:
     """Write `leaderboard.json`, `.csv`, `.md` and `.tex` to a folder and return their paths.
 
-    With an odometry board also `drift.svg`, its drift against the distance driven.
+    With an odometry board also `drift.svg`, its drift against the distance driven. Files of another
+    suite or of other boards that are there are kept under names of their own
+    (`leaderboard-SUITE-BOARD.json`).
     """
+    set_aside(folder, label_of(results.manifest))
     contents = {
         "json": results.to_json(),
         "csv": to_csv(results),
@@ -39,14 +40,6 @@ def save_all(results: Results, folder: Path) -> list[Path]:
         paths.append(folder / CURVES)
         draw_curves(results, paths[-1])
     return paths
-
-
-def check_targets(folder: Path) -> None:
-    """Refuse a folder where something else has the name of a board, before anything is run."""
-    for name in (*(f"{NAME}.{ending}" for ending in ("json", "csv", "md", "tex")), CURVES):
-        path = folder / name
-        if path.is_dir():
-            raise FolderError(f"cannot write {path}: it is a folder")
 
 
 def _write(content: str, path: Path) -> None:

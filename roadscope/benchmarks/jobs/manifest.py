@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,8 +24,8 @@ from roadscope.benchmarks.suite import Suite
 LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "highway-env", "filterpy", "joblib")
 
 
-def manifest(suite: Suite, jobs: int) -> dict[str, Any]:
-    """Return versions, code, machine and suite of a run, as JSON can hold them."""
+def manifest(suite: Suite, jobs: int, boards: Sequence[str] = ()) -> dict[str, Any]:
+    """Return versions, code, machine, suite and boards of a run, as JSON can hold them."""
     return {
         "roadscope": __version__,
         "commit": commit(),
@@ -34,6 +35,7 @@ def manifest(suite: Suite, jobs: int) -> dict[str, Any]:
         "suite": suite.name,
         "suite_version": suite.version,
         "suite_hash": fingerprint(suite),
+        "boards": list(boards),
         "scenarios": list(suite.scenarios),
         "weathers": list(suite.weathers),
         "faults": [" + ".join(faults) or "clear" for faults in suite.faults],

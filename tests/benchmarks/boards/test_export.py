@@ -1,10 +1,12 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import pytest
 
-from roadscope.benchmarks.boards.export import check_targets, save_all, to_csv, to_markdown
+from roadscope.benchmarks.boards.export import save_all, to_csv, to_markdown
+from roadscope.benchmarks.boards.kept import check_targets, kept_boards, label_of
 from roadscope.benchmarks.boards.latex import escaped, to_latex
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import Row
@@ -84,3 +86,51 @@ def test_a_folder_in_the_way_is_named(tmp_path) -> None:
     (tmp_path / "leaderboard.csv").mkdir()
     with pytest.raises(FolderError, match=r"leaderboard\.csv: it is a folder"):
         check_targets(tmp_path)
+
+
+def of_suite(suite, *boards) -> Results:
+    return replace(RESULTS, manifest={"suite": suite, "boards": list(boards)})
+
+
+def suite_in(path) -> str:
+    return json.loads(path.read_text())["manifest"]["suite"]
+
+
+def test_a_board_of_another_suite_is_kept_beside_the_latest(tmp_path) -> None:
+    save_all(of_suite("quick", "tracking"), tmp_path)
+    save_all(of_suite("kitti", "tracking"), tmp_path)
+    save_all(of_suite("quick", "detection", "tracking"), tmp_path)
+    kept = [path.name for path in kept_boards(tmp_path)]
+    assert kept == ["leaderboard-kitti-tracking.json", "leaderboard-quick-tracking.json"]
+    assert [suite_in(tmp_path / name) for name in kept] == ["kitti", "quick"]
+    assert suite_in(tmp_path / "leaderboard.json") == "quick"
+    assert (tmp_path / "leaderboard-kitti-tracking.csv").is_file()
+    save_all(of_suite("kitti", "tracking"), tmp_path)
+    kept = [path.name for path in kept_boards(tmp_path)]
+    assert kept == ["leaderboard-quick-detection-tracking.json", "leaderboard-quick-tracking.json"]
+    assert suite_in(tmp_path / "leaderboard.json") == "kitti"
+
+
+def test_the_same_board_again_takes_its_place(tmp_path) -> None:
+    for _ in range(2):
+        save_all(of_suite("quick", "tracking"), tmp_path)
+    assert kept_boards(tmp_path) == []
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+def test_what_is_no_board_is_overwritten(tmp_path) -> None:
+    (tmp_path / "leaderboard.json").write_text("[1")
+    save_all(of_suite("quick", "tracking"), tmp_path)
+    assert suite_in(tmp_path / "leaderboard.json") == "quick"
+
+
+def test_names_of_suites_are_names_of_files() -> None:
+    manifest = {"suite": "../my suite", "boards": ["kitti car"]}
+    assert label_of(manifest) == "..-my-suite-kitti-car"
+
+
+def test_a_folder_where_a_board_would_be_kept_is_named(tmp_path) -> None:
+    save_all(of_suite("quick", "tracking"), tmp_path)
+    (tmp_path / "leaderboard-quick-tracking.md").mkdir()
+    with pytest.raises(FolderError, match=r"leaderboard-quick-tracking\.md: it is a folder"):
+        check_targets(tmp_path, "kitti-tracking")
