@@ -182,6 +182,13 @@ def test_leaderboard_prints_and_writes(tmp_path, suite) -> None:
     board = json.loads((out / "leaderboard.json").read_text())
     assert {row["entry"] for row in board["rows"]} == {"oracle", "one-cluster", "pag", entry}
     assert {failure["entry"] for failure in board["failures"]} == {entry}
+    (place,) = [place for place in board["standings"] if place["entry"] == entry]
+    assert place["rank"] is None
+    assert "KeyError" in place["reason"]
+    ranks = [place["rank"] for place in board["standings"] if place["mark"] is None]
+    assert ranks == [1, None]
+    assert not any(line.startswith("2 ") for line in board_lines)
+    assert f"{entry} failed in every episode: KeyError" in (out / "leaderboard.md").read_text()
 
 
 def test_a_board_without_any_result_is_a_failure(tmp_path, suite) -> None:

@@ -304,9 +304,10 @@ def _show_breakdown(
 
 
 def _complain_of_failures(results: Any) -> None:
+    from roadscope.benchmarks.boards.results import reason_alone
+
     for name, count, reason in results.reasons():
-        spec, _, rest = reason.partition(": ")
-        told = rest if name == spec or name.startswith(f"{spec} on ") else reason
+        told = reason_alone(name, reason)
         if results.not_installed(name):
             complain(f"left out: {name}: {told}")
             continue

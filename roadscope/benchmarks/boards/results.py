@@ -157,6 +157,12 @@ class Results:
         return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
+def reason_alone(entry: str, reason: str) -> str:
+    """Leave the entry's own name out at the beginning of a reason."""
+    spec, _, rest = reason.partition(": ")
+    return rest if entry == spec or entry.startswith(f"{spec} on ") else reason
+
+
 def check_breakdown(by: str, boards: Sequence[str]) -> None:
     """Refuse what none of the boards is broken down by."""
     known = list(dict.fromkeys(name for board in boards for name in BREAKDOWNS.get(board, ())))
@@ -211,6 +217,7 @@ def _record(jobs: Sequence[AnyJob], outcomes: Mapping[str, Outcome]) -> Record:
     first = jobs[0]
     sound = [job for job in jobs if outcomes[job.key].reason is None]
     public = first.board in GIVEN
+    reasons = [reason for job in jobs if (reason := outcomes[job.key].reason) is not None]
     return Record(
         first.board,
         first.entry,
@@ -218,4 +225,5 @@ def _record(jobs: Sequence[AnyJob], outcomes: Mapping[str, Outcome]) -> Record:
         tuple((job.episode, outcomes[job.key].scores) for job in sound),
         len(jobs),
         tuple(job.detector for job in sound) if public else (),
+        None if sound else reasons[0],
     )

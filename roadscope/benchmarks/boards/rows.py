@@ -108,6 +108,7 @@ class Record:
     episodes: number of all.
     detectors: whose detections it was given in each of the sound ones; empty where it makes its
         own or they are recorded.
+    reason: why it came through none, or None if it came through any.
     """
 
     board: str
@@ -116,6 +117,7 @@ class Record:
     sound: tuple[tuple[Episode | Recording, Mapping[str, Score]], ...]
     episodes: int
     detectors: tuple[str, ...] = ()
+    reason: str | None = None
 
     @property
     def failed(self) -> int:

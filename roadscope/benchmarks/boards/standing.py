@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from roadscope.benchmarks.boards.rows import Record, first_scores
 from roadscope.benchmarks.boards.statistics import Interval, paired_interval, pooled_interval
@@ -18,11 +18,12 @@ class Standing:
     """The place of one entry on its board.
 
     mark: `upper mark` or `lower mark`, or None when it is ranked.
-    rank: its place, from 1; None for marks.
+    rank: its place, from 1; None for marks and for who failed in every episode.
     rank_low, rank_high: the places that it may truly have, at 95 % for the entry; None where one
         seed does not tell.
     behind: by how much the best entry's first metric is better than its own, on the same episodes;
         behind_low and behind_high: its 95 % interval.
+    reason: why it failed in every episode; None if it came through any.
     """
 
     board: str
@@ -34,12 +35,13 @@ class Standing:
     behind: float | None = None
     behind_low: float | None = None
     behind_high: float | None = None
+    reason: str | None = None
 
     @property
     def place(self) -> str:
-        """The rank, with the ranks that it may truly be, or which mark an entry is."""
+        """The rank, with those that it may truly be, which mark an entry is, or that it failed."""
         if self.rank is None:
-            return self.mark or ""
+            return self.mark or ("failed" if self.reason else "")
         if self.rank_low == self.rank_high:
             return str(self.rank)
         return f"{self.rank} [{self.rank_low}, {self.rank_high}]"
@@ -48,7 +50,8 @@ class Standing:
 def standings(records: Sequence[Record]) -> list[Standing]:
     """Return the entries of one board in rank order, then its marks.
 
-    Entries that failed come after all others. An entry's rank lies between the number of those
+    Entries that failed come after all others, those that failed everywhere last and without a rank.
+    An entry's rank lies between the number of those
     that are surely better and of those that are surely worse, by paired intervals at a level
     that holds for all of its comparisons together (Bonferroni; Mogstad et al. 2024).
     """
@@ -61,20 +64,23 @@ def standings(records: Sequence[Record]) -> list[Standing]:
         place = _place(i, scores, sound) if i in sound else (None, None)
         behind = _compared(scores[sound[0]], scores[i], LEVEL) if sound and scores[i] else None
         gap = (None, None, None) if behind is None else _known(behind)
-        found.append(Standing(record.board, record.entry, None, i + 1, *place, *gap))
-    return found + [Standing(r.board, r.entry, r.mark) for r in marks]
+        rank = i + 1 if record.sound else None
+        standing = Standing(record.board, record.entry, None, rank, *place, *gap)
+        found.append(replace(standing, reason=record.reason))
+    return found + [Standing(r.board, r.entry, r.mark, reason=r.reason) for r in marks]
 
 
-def _order_of_marks(record: Record) -> tuple[bool, bool, float, str]:
+def _order_of_marks(record: Record) -> tuple[bool, int, float, str]:
     return record.mark != "upper mark", *_order(record)
 
 
-def _order(record: Record) -> tuple[bool, float, str]:
-    """Order by failures, then by the board's first metric."""
+def _order(record: Record) -> tuple[int, float, str]:
+    """Order by failures, in some episodes or in all, then by the board's first metric."""
     scores = list(first_scores(record).values())
     value = pooled_interval(scores).mean
     sign = 1 if any(score.better == "lower" for score in scores) else -1
-    return bool(record.failed), sign * value if math.isfinite(value) else math.inf, record.entry
+    failed = bool(record.failed) + (not record.sound)
+    return failed, sign * value if math.isfinite(value) else math.inf, record.entry
 
 
 def _place(

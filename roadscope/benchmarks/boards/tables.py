@@ -17,7 +17,7 @@ from roadscope.benchmarks.boards.columns import (
     with_intervals,
 )
 from roadscope.benchmarks.boards.rank_agreement import LEAST
-from roadscope.benchmarks.boards.results import Results
+from roadscope.benchmarks.boards.results import Results, reason_alone
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
 from roadscope.benchmarks.drive import MOVING_M_S
@@ -89,7 +89,7 @@ def recorded_conditions(suite: RecordedSuite) -> str:
 
 
 def board_table(results: Results, board: str, width: int) -> Table:
-    """Return a board in rank order, then its marks, with what the width allows."""
+    """Return a board in rank order, who failed everywhere, then marks; what the width allows."""
     columns, intervals = shown_columns(board, width), with_intervals(board, width)
     table = plain_table()
     table.add_column("", justify="right", style="dim")
@@ -108,13 +108,19 @@ def board_table(results: Results, board: str, width: int) -> Table:
             for metric, (_, decimals) in columns.items()
         ]
         style = "dim" if marked else None
-        table.add_row(_place(results, place), _name(results, place), *cells, style=style)
+        table.add_row(str(place.rank or ""), _name(results, place), *cells, style=style)
     return table
 
 
-def _place(results: Results, standing: Standing) -> str:
-    ranked = standing.rank is not None and not results.not_installed(standing.entry)
-    return str(standing.rank) if ranked else ""
+def failure_lines(results: Results, board: str) -> list[str]:
+    """Say of those that failed in every episode why, in rows without a rank."""
+    lines = []
+    for place in results.standings:
+        if place.board == board and place.reason is not None:
+            absent = results.not_installed(place.entry)
+            what = "is left out" if absent else "failed in every episode"
+            lines.append(f"{place.entry} {what}: {reason_alone(place.entry, place.reason)}")
+    return lines
 
 
 def _name(results: Results, standing: Standing) -> Text:

@@ -11,6 +11,7 @@ from roadscope.benchmarks.boards.latex import escaped, to_latex
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import Row
 from roadscope.benchmarks.boards.standing import Standing
+from roadscope.benchmarks.boards.tables import failure_lines
 from roadscope.benchmarks.cache import FolderError
 
 ROWS = (
@@ -86,6 +87,16 @@ def test_a_folder_in_the_way_is_named(tmp_path) -> None:
     (tmp_path / "leaderboard.csv").mkdir()
     with pytest.raises(FolderError, match=r"leaderboard\.csv: it is a folder"):
         check_targets(tmp_path)
+
+
+def test_who_failed_everywhere_has_no_rank_and_a_reason() -> None:
+    place = Standing("detection", "all", None, reason="all: KeyError: 'x' (a.py:3)")
+    text = to_markdown(replace(RESULTS, standings=(PLACES[0], place)))
+    assert "all failed in every episode: KeyError: 'x' (a.py:3)" in text.splitlines()
+    assert (
+        json.loads(replace(RESULTS, standings=(place,)).to_json())["standings"][0]["rank"] is None
+    )
+    assert failure_lines(RESULTS, "detection") == []
 
 
 def of_suite(suite, *boards) -> Results:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,8 @@ def record(entry: str, hits, *, mark: str | None = None, failed: int = 0) -> Rec
         (Episode("motorway", seed, "lux", 1.0), {"f1": ratio(float(h), 1000)})
         for seed, h in enumerate(hits)
     ]
-    return Record("detection", entry, mark, tuple(sound), len(sound) + failed)
+    reason = None if sound else f"{entry}: KeyError"
+    return Record("detection", entry, mark, tuple(sound), len(sound) + failed, reason=reason)
 
 
 def noisy(shift: float, seed: int) -> np.ndarray:
@@ -61,6 +64,14 @@ def test_who_fails_comes_after_all_others_and_rivals_nobody() -> None:
     assert bad.rank_low is None
     assert bad.behind == pytest.approx(-0.05, abs=0.006)
     assert none.behind is None
+    assert (none.rank, none.reason, none.place) == (None, "none: KeyError", "failed")
+    assert good.reason is bad.reason is None
+
+
+def test_who_fails_everywhere_is_last_whatever_its_name_and_measured_by_nobody() -> None:
+    nothing = replace(record("b", [0]), sound=((Episode("motorway", 0, "lux", 1.0), {}),))
+    places = standings([record("a", [], failed=2), replace(nothing, episodes=2)])
+    assert [(place.entry, place.rank) for place in places] == [("b", 1), ("a", None)]
 
 
 def test_one_seed_tells_nothing_about_ranks() -> None:

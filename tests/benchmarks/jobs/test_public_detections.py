@@ -8,7 +8,7 @@ from rich.console import Console
 from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, markdown_lines
 from roadscope.benchmarks.boards.columns import shown_columns
 from roadscope.benchmarks.boards.results import Results, gather
-from roadscope.benchmarks.boards.tables import board_table, conditions
+from roadscope.benchmarks.boards.tables import board_table, conditions, failure_lines
 from roadscope.benchmarks.jobs.entries import kind_of
 from roadscope.benchmarks.jobs.job import execute
 from roadscope.benchmarks.jobs.plan import plan, tracking_jobs
@@ -162,6 +162,10 @@ def test_a_tracker_that_is_not_installed_has_a_row_that_says_so(suite, monkeypat
     assert any(line.startswith("1 nearest 0.57") for line in lines)
     assert any(line.startswith("gnn (not") for line in lines)
     assert not found.not_installed("nearest")
+    assert found.standing("tracking", "gnn").rank is None
+    assert failure_lines(found, "tracking") == [
+        f"{entry} is left out: {reason}" for entry in ("gnn", "gnn on oracle")
+    ]
     assert ("gnn", 12, f"gnn: {reason}") in found.reasons()
 
 
