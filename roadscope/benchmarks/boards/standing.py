@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from roadscope.benchmarks.boards.rows import Record, first_scores
 from roadscope.benchmarks.boards.statistics import Interval, paired_interval, pooled_interval
@@ -50,10 +50,10 @@ class Standing:
 def standings(records: Sequence[Record]) -> list[Standing]:
     """Return the entries of one board in rank order, then its marks.
 
-    Entries that failed come after all others, those that failed everywhere last and without a rank.
-    An entry's rank lies between the number of those
-    that are surely better and of those that are surely worse, by paired intervals at a level
-    that holds for all of its comparisons together (Bonferroni; Mogstad et al. 2024).
+    Entries that failed come after all others, those that failed everywhere last and without a
+    rank. An entry's rank lies between the number of those that are surely better and of those that
+    are surely worse, by paired intervals at a level that holds for all of its comparisons together
+    (Bonferroni; Mogstad et al. 2024).
     """
     ranked = sorted((r for r in records if r.mark is None), key=_order)
     marks = sorted((r for r in records if r.mark is not None), key=_order_of_marks)
@@ -63,10 +63,11 @@ def standings(records: Sequence[Record]) -> list[Standing]:
     for i, record in enumerate(ranked):
         place = _place(i, scores, sound) if i in sound else (None, None)
         behind = _compared(scores[sound[0]], scores[i], LEVEL) if sound and scores[i] else None
-        gap = (None, None, None) if behind is None else _known(behind)
+        gap, low, high = (None, None, None) if behind is None else _known(behind)
         rank = i + 1 if record.sound else None
-        standing = Standing(record.board, record.entry, None, rank, *place, *gap)
-        found.append(replace(standing, reason=record.reason))
+        found.append(Standing(
+            record.board, record.entry, None, rank, *place, gap, low, high, record.reason
+        ))  # fmt: skip
     return found + [Standing(r.board, r.entry, r.mark, reason=r.reason) for r in marks]
 
 
@@ -112,6 +113,7 @@ def _compared(
     )
 
 
-def _known(interval: Interval) -> tuple[float | None, ...]:
+def _known(interval: Interval) -> tuple[float | None, float | None, float | None]:
     ends = interval.mean, interval.low, interval.high
-    return tuple(end if math.isfinite(end) else None for end in ends)
+    mean, low, high = (end if math.isfinite(end) else None for end in ends)
+    return mean, low, high
