@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from roadscope.trackers.existence_kernels import moved_on
 from roadscope.trackers.motion import ConstantVelocity
 
 MOTION = ConstantVelocity()
@@ -41,8 +42,5 @@ def carried(
 
     walk, drift: (2, 2), as in `MotionNoise`.
     """
-    F = MOTION.jacobian(mean[None], dt)
-    spread = F @ covariance @ F.T
-    spread += np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], walk)
-    spread[:2, :2] += dt * drift
-    return F @ mean, spread
+    means, spreads = moved_on(mean[None], covariance[None], walk[None], drift[None], float(dt))
+    return means[0], spreads[0]
