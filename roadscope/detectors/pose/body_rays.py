@@ -22,7 +22,7 @@ from roadscope.detectors.pose.body_sight_kernels import (
 )
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
-BUDGET = 160
+BUDGET = 320
 """Returns above which neighbours are joined, unless said otherwise."""
 BRINK = 3
 """Columns at either end of a sweep: of a body met there the rest may not have been met."""
