@@ -48,12 +48,14 @@ class Runs(NamedTuple):
     """Returns of one cell and one ring: (R + 1,) starts, and N.
 
     lows, highs: (R,) metres, least and greatest height. limits: (R,) metres, no link is longer.
+    wholes: (R,) row that stands for all of a run, or `SEVERAL`, once neighbours were linked.
     """
 
     starts: np.ndarray
     lows: np.ndarray
     highs: np.ndarray
     limits: np.ndarray
+    wholes: np.ndarray
 
 
 @compiled()
@@ -71,7 +73,7 @@ def linked_sets(points: np.ndarray, origin: np.ndarray, ring: np.ndarray, rule: 
     cloud = Polar(points[order], swept.azimuths[order], swept.ranges[order])
     parents = _in_order(near, order)
     sector, shell = sector[order], shell[order]
-    runs, cells = _runs(cloud, (sector, shell, ring[order]), rule)
+    runs, cells = _runs(cloud, parents, (sector, shell, ring[order]), rule)
     firsts = runs.starts[cells[:-1]]
     sector, shell = sector[firsts], shell[firsts]
     around = BESIDE if sectors > 1 and rule.windows == 0 else 0
@@ -138,27 +140,31 @@ def _in_order(parents: np.ndarray, order: np.ndarray) -> np.ndarray:
 
 @compiled()
 def _runs(
-    cloud: Polar, keys: tuple[np.ndarray, np.ndarray, np.ndarray], rule: Rule
+    cloud: Polar, parents: np.ndarray, keys: tuple[np.ndarray, np.ndarray, np.ndarray], rule: Rule
 ) -> tuple[Runs, np.ndarray]:
     """Return runs of one sector, shell and ring, and at which of them cells begin, (C + 1,)."""
     sector, shell, ring = keys
     size, count, cell = len(ring), 0, 0
     starts, cells = np.empty(size + 1, np.int64), np.empty(size + 1, np.int64)
     lows, highs, limits = np.empty(size), np.empty(size), np.empty(size)
+    wholes = np.empty(size, np.int64)
     for row in range(size):
         z, limit = cloud.points[row, 2], rule.eps_m + rule.reach * cloud.ranges[row]
+        root = root_of(parents, row)
         new = row == 0 or sector[row] != sector[row - 1] or shell[row] != shell[row - 1]
         if new:
             cells[cell] = count
             cell += 1
         if new or ring[row] != ring[row - 1]:
             starts[count], lows[count], highs[count], limits[count] = row, z, z, limit
+            wholes[count] = root
             count += 1
         run = count - 1
+        wholes[run] = root if wholes[run] == root else SEVERAL
         lows[run], highs[run] = min(lows[run], z), max(highs[run], z)
         limits[run] = max(limits[run], limit)
     starts[count], cells[cell] = size, count
-    return Runs(starts[: count + 1], lows, highs, limits), cells[: cell + 1]
+    return Runs(starts[: count + 1], lows, highs, limits, wholes), cells[: cell + 1]
 
 
 @compiled()
@@ -192,12 +198,12 @@ def _link_cells(
                 other += 1
 
 
-@compiled()
+@compiled(borrowing=True)
 def _same(parents: np.ndarray, row: int, other: int) -> bool:
     return bool(root_of(parents, row) == root_of(parents, other))
 
 
-@compiled()
+@compiled(borrowing=True)
 def _link_inside(
     cloud: Polar, parents: np.ndarray, runs: Runs, cell: tuple[int, int], rule: Rule
 ) -> int:
@@ -207,11 +213,11 @@ def _link_inside(
         return int(first)
     for run in range(cell[0], cell[1]):
         for other in range(run, cell[1]):
-            _link_runs(cloud, parents, (runs, run, other, False), rule)
+            _link_runs(cloud, parents, (runs, run, other), rule)
     return int(first) if _hangs_together(parents, first, end) else SEVERAL
 
 
-@compiled()
+@compiled(borrowing=True)
 def _hangs_together(parents: np.ndarray, first: int, end: int) -> bool:
     root, row = root_of(parents, first), first + 1
     while row < end and root_of(parents, row) == root:
@@ -219,43 +225,46 @@ def _hangs_together(parents: np.ndarray, first: int, end: int) -> bool:
     return bool(row == end)
 
 
-@compiled()
+@compiled(borrowing=True)
 def _link_across(
     cloud: Polar, parents: np.ndarray,
     cells: tuple[Runs, tuple[int, int, int, int], bool], rule: Rule,
 ) -> None:  # fmt: skip
-    """Join the linked points of two cells; where each hangs together one link is enough."""
+    """Join the linked points of two cells; where both hang together one link is enough."""
     runs, (first, end, start, stop), both = cells
     for run in range(first, end):
         for other in range(start, stop):
-            if _link_runs(cloud, parents, (runs, run, other, both), rule):
+            if _link_runs(cloud, parents, (runs, run, other), rule) and both:
                 return
 
 
-@compiled()
-def _link_runs(
-    cloud: Polar, parents: np.ndarray, pair: tuple[Runs, int, int, bool], rule: Rule
-) -> bool:
-    """Join the linked points of two runs or of one; return whether one link was enough.
+@compiled(borrowing=True)
+def _link_runs(cloud: Polar, parents: np.ndarray, pair: tuple[Runs, int, int], rule: Rule) -> bool:
+    """Join the linked points of two runs or of one; return whether there were any to join.
 
-    pair: runs, two of them, and whether one link is enough.
+    Where both runs hang together, one link is enough.
     """
-    runs, one, two, enough = pair
+    runs, one, two = pair
     limit = min(runs.limits[one], runs.limits[two])
     if runs.lows[two] > runs.highs[one] + limit or runs.lows[one] > runs.highs[two] + limit:
         return False
+    both = runs.wholes[one] != SEVERAL and runs.wholes[two] != SEVERAL
+    if both and _same(parents, runs.wholes[one], runs.wholes[two]):
+        return False
+    joined = False
     for row in range(runs.starts[one], runs.starts[one + 1]):
         for other in range(runs.starts[two], runs.starts[two + 1]):
-            if not enough and _same(parents, row, other):
+            if not both and _same(parents, row, other):
                 continue
             if _are_linked(cloud, row, other, rule):
                 join(parents, row, other)
-                if enough:
+                joined = True
+                if both:
                     return True
-    return False
+    return joined
 
 
-@compiled()
+@compiled(borrowing=True)
 def _are_linked(cloud: Polar, row: int, other: int, rule: Rule) -> bool:
     limit = rule.eps_m + rule.reach * min(cloud.ranges[row], cloud.ranges[other])
     square = 0.0

@@ -45,7 +45,7 @@ def cluster_range_angle(
         return np.empty(0, np.int64)
     reach = SPACINGS * spacing(cloud)
     # Beyond this angle even the nearest return is out of reach; a hair more, for rounding.
-    nearest = max(float(cloud.ranges.min()), eps_m)
+    nearest = max(float(_least_range(cloud.points, cloud.origin)), eps_m)
     widest = 1e-9 + float(np.arcsin(min(1.0, eps_m / nearest + reach)))
     angle = float(np.radians(angle_deg))
     count = int(np.ceil(2 * np.pi / angle - 1e-9)) if windows else 0
@@ -60,6 +60,16 @@ def spacing(cloud: Cloud) -> float:
     It is measured on the returns: neither the cloud nor the paper's input names the beams.
     """
     return float(_spacing(cloud.points, cloud.ring, cloud.column, cloud.origin))
+
+
+@compiled()
+def _least_range(points: np.ndarray, origin: np.ndarray) -> float:
+    """Return the horizontal distance of the nearest of (N, 3) points, metres."""
+    least = np.inf
+    for row in range(len(points)):
+        x, y = points[row, 0] - origin[0], points[row, 1] - origin[1]
+        least = min(least, x * x + y * y)
+    return float(np.sqrt(least))
 
 
 @compiled()

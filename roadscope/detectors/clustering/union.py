@@ -7,7 +7,7 @@ import numpy as np
 from roadscope.core.jit import compiled
 
 
-@compiled()
+@compiled(borrowing=True)
 def root_of(parents: np.ndarray, item: int) -> int:
     """Return the item that stands for the set of this one; shortens the way to it.
 
@@ -20,7 +20,7 @@ def root_of(parents: np.ndarray, item: int) -> int:
     return item
 
 
-@compiled()
+@compiled(borrowing=True)
 def join(parents: np.ndarray, first: int, second: int) -> None:
     """Make one set of two items' sets; the lowest item stands for a set.
 

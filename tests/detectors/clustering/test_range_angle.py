@@ -64,6 +64,19 @@ def test_equals_growth_as_printed(seed, eps_m, min_points):
     assert np.array_equal(labels, grown_as_printed(found, eps_m, min_points))
 
 
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.1, 0.3]))
+def test_equals_growth_as_printed_in_a_thicket(seed, eps_m):
+    """Many returns of one cell and one ring, some of which are linked."""
+    rng = np.random.default_rng(seed)
+    ring, column = rng.integers(0, 5, 150), np.sort(rng.integers(0, 60, 150))
+    reach, azimuth = 4.0 + 0.3 * rng.standard_normal(150), 0.3 - STEP * column / 4
+    height = reach * STEP * ring + 0.3 * rng.standard_normal(150)
+    places = np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), height])
+    found = Cloud(places, ring, column, np.arange(150), np.zeros(2))
+    labels = cluster_range_angle(found, eps_m=eps_m, min_points=1)
+    assert np.array_equal(labels, grown_as_printed(found, eps_m, 1))
+
+
 @pytest.mark.parametrize("angle_deg", [0.5, 60.0, 100.0, 170.0])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_angle(angle_deg, seed):
