@@ -73,6 +73,7 @@ class LidarInertialOdometry:
         self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
         self._known: InertialState | None = None
+        self._level = True
         self._felt = FeltSpeed(self.noise)
         self._begin(np.eye(4))
 
@@ -128,7 +129,8 @@ class LidarInertialOdometry:
 
     def _made(self, state: InertialState) -> InertialTrack:
         if self._known is not None:
-            resume(state, self._known)
+            resume(state, self._known, level=self._level)
+            self._level = True
         return InertialTrack(state, self._lever, self.noise, reach_m=self.reach_m,
                              drop_dynamic=self.drop_dynamic)  # fmt: skip
 
@@ -187,6 +189,10 @@ class LidarInertialOdometry:
         if abs(off_m_s) > FAR_M_S:
             self._misfits = LOST
             return "what stands beside the road moves otherwise"
+        if self._check.contradicts(off_m_s, track.looked_off_m_s):
+            # What pulled the speed away has passed for a slope.
+            self._misfits, self._level = LOST, False
+            return "what stands beside the road moves otherwise again and again"
         track.speed_up(off_m_s)
         self._speed_known = True
         return ""

@@ -6,7 +6,7 @@ from toy_drive import Drive
 
 from roadscope.odometry import ODOMETRIES, lidar_inertial
 from roadscope.odometry.inertial import speed_check
-from roadscope.odometry.inertial.filter import InertialNoise, started
+from roadscope.odometry.inertial.filter import InertialNoise, resume, started
 from roadscope.odometry.inertial.speed_check import BELIEVED_S, FAR_M_S, SpeedCheck
 from roadscope.odometry.inertial.speed_search import Speed
 from roadscope.odometry.inertial.track import SLOW_M_S, InertialTrack
@@ -63,6 +63,54 @@ def test_what_looks_slower_than_was_felt_is_no_look(answers):
 
 def test_a_speed_that_nothing_confirmed_is_given_up_at_once(answers):
     assert answers(0.5) == pytest.approx([-10.5])
+
+
+def test_two_unlikely_looks_to_one_side_contradict():
+    """One may err, and two to either side say nothing together."""
+    check = SpeedCheck()
+    told = [check.contradicts(off_m_s, 0.3) for off_m_s in (1.2, -1.2, 0.1, -1.2, -1.0, -0.8)]
+    assert told == [False, False, False, False, True, False]
+
+
+@pytest.fixture
+def levels(monkeypatch):
+    """Return a list of whether each state at a new start was given what is down."""
+    told = []
+    monkeypatch.setattr(lidar_inertial, "resume", lambda *_, level: told.append(level))
+    return told
+
+
+def test_who_holds_a_wrong_speed_too_firmly_begins_anew(monkeypatch, levels):
+    """By less than makes another world: what is down is not held true either."""
+    odometry, drive = ODOMETRIES.make("lidar-inertial"), Drive()
+    for k in range(12):
+        odometry.update(drive.scan(k), drive.imu(k))
+    track, speed_m_s = odometry._track, odometry._track.twist()[0]
+    seen = Speed(speed_m_s - 0.7 * FAR_M_S, 2.0, by_tall=True)
+    monkeypatch.setattr(speed_check, "standing_speed_of", lambda *_: seen)
+    told = []
+    for k in range(12, 60):
+        track.state.velocity = np.array([speed_m_s, 0, 0])
+        told.append(odometry.update(drive.scan(k), drive.imu(k)))
+        if odometry._track is not track:
+            break
+    assert "again and again" in told[-1].reason
+    assert all(each.ok for each in told[:-1])
+    for n in range(k + 1, k + 8):
+        odometry.update(drive.scan(n), drive.imu(n))
+    assert levels == [False]
+
+
+@pytest.mark.parametrize("level", [True, False])
+def test_a_new_start_takes_over_what_is_down_or_only_the_gyro(level):
+    tilted, upright = (
+        started(np.array(force), np.zeros(3), (0.1, 0.1, 0.1), InertialNoise())
+        for force in ([1.0, 0, 9.76], [0, 0, 9.81])
+    )
+    tilted.rate_bias = np.array([0.01, 0.0, 0.0])
+    resume(upright, tilted, level=level)
+    assert upright.gravity[0] == pytest.approx(-1.0 if level else 0.0, abs=1e-3)
+    assert upright.rate_bias[0] == 0.01
 
 
 def test_who_is_as_fast_as_what_stands_is_not_lost(monkeypatch):

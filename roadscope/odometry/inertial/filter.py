@@ -89,14 +89,16 @@ def started(
     )  # fmt: skip
 
 
-def resume(state: InertialState, known: InertialState) -> None:
+def resume(state: InertialState, known: InertialState, *, level: bool = True) -> None:
     """Give a state at a new start what an earlier one had learned: the gyro's bias, what is down.
 
     The map of the new one has the axes in which the earlier one sees the sensor. What else it held
-    may be what misled it.
+    may be what misled it; without `level`, what is down as well.
     """
     state.rate_bias = known.rate_bias.copy()
     state.covariance[GYRO, GYRO] = 4 * known.covariance[GYRO, GYRO]
+    if not level:
+        return
     down = known.pose[:3, :3].T @ known.gravity
     state.gravity = down * (GRAVITY_M_S2 / max(float(np.linalg.norm(down)), 1e-9))
     state.covariance[GRAVITY, GRAVITY] = TILTED_M_S2**2 * np.eye(3)

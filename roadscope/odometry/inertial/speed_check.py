@@ -12,6 +12,8 @@ FAR_M_S = 2.5
 """So far off is another world: that of the traffic."""
 NEAR_M_S, BELIEVED_S = 1.0, 2.0
 """A look so near, three of its deviations, confirms a speed; and that lasts for two looks."""
+UNLIKELY = 3.0
+"""Standard deviations of what is held and what is seen together."""
 
 
 class SpeedCheck:
@@ -25,7 +27,7 @@ class SpeedCheck:
         self._ends: list[Ends] = []
         self._speeds: list[float] = []
         self._done_s, self._confirmed_s = -np.inf, -np.inf
-        self._far_m_s = np.inf
+        self._far_m_s, self._deviations = np.inf, 0.0
 
     def off(
         self, scan: LidarScan, ahead_m_s: float, rate_rad_s: float, unfelt_m_s2: float,
@@ -63,6 +65,15 @@ class SpeedCheck:
         possible_m_s = NEAR_M_S + unfelt_m_s2 * (now_s - self._confirmed_s)
         # What moves along looks slower than it should; nothing that is tall looks faster.
         return abs(off_m_s - before_m_s) < FAR_M_S and -off_m_s < possible_m_s
+
+    def contradicts(self, off_m_s: float, deviation_m_s: float) -> bool:
+        """Say whether two looks in a row are unlikely to one side: what is held is held too firmly.
+
+        off_m_s, deviation_m_s: how much faster it is, and how much that is likely to be.
+        """
+        before, self._deviations = self._deviations, off_m_s / deviation_m_s
+        sure = min(abs(before), abs(self._deviations)) > UNLIKELY
+        return sure and before * self._deviations > 0
 
     def confirmed(self, now_s: float) -> bool:
         """Say whether what stands has lately told the speed that is held."""

@@ -165,6 +165,13 @@ class InertialTrack:
         off = force + to_sensor @ gravity - self.state.force_bias
         observe(self.state, J, off, np.full(3, RESTING_M_S2**2))
 
+    @property
+    def looked_off_m_s(self) -> float:
+        """Return the standard deviation of what is seen of the speed ahead from what is held."""
+        ahead = self.state.pose[:3, 0]
+        variance = float(ahead @ self.state.covariance[SPEED, SPEED] @ ahead)
+        return float(np.sqrt(variance + AHEAD_M_S**2))
+
     def speed_up(self, off_m_s: float) -> None:
         """Take a measured difference to the speed ahead."""
         J = np.zeros((1, SIZE))
