@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from filterpy.kalman import IMMEstimator, KalmanFilter
+from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
 
 from roadscope.core import Detections
 from roadscope.trackers.gnn import GnnTracker
 from roadscope.trackers.imm import ImmTracker
-from roadscope.trackers.imm_filter import ImmFilter
+from roadscope.trackers.imm_filter import ImmFilter, mixed
 from roadscope.trackers.imm_turn import CartesianTurn
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.motion import ConstantAcceleration, ConstantVelocity, CoordinatedTurn
@@ -53,6 +53,42 @@ def test_equals_filterpys_estimator():
             np.testing.assert_allclose(modes.mixture.means[k], one.x, atol=1e-8)
             np.testing.assert_allclose(modes.mixture.covariances[k], one.P, atol=1e-8)
     assert modes.shares[0].argmax() != modes.shares[1].argmax()
+
+
+def filterpys_step(each, mixed_before, place):
+    """filterpy's prediction and correction of one model's belief, and its likelihood."""
+    mean, covariance = mixed_before.means[0], mixed_before.covariances[0]
+    one = ExtendedKalmanFilter(dim_x=len(mean), dim_z=2)
+    one.F = each.motion.jacobian(mean[None], DT).reshape(len(mean), len(mean))
+    one.Q, one.R = each.motion.noise(mean[None], DT).reshape(one.F.shape), each.R
+    one.P = one.F @ covariance @ one.F.T + one.Q
+    # filterpy moves states linearly; a turning one moves along its arc.
+    one.x = each.motion.moved(mean[None], DT)[0][:, None]
+    one.update(place[:, None], lambda x: each.H, lambda x: each.H @ x)
+    return one.x[:, 0], one.P, one.likelihood
+
+
+def test_each_model_is_corrected_as_by_filterpy():
+    """Constant velocity, constant acceleration and turn, from what the three exchanged."""
+    imm, rng = default_filter(), np.random.default_rng(6)
+    t = np.arange(15) * DT
+    path = np.column_stack([9 * t - t**2, 4 * np.sin(t)]) + rng.normal(0, 0.1, (15, 2))
+    modes = imm.started(seen([path[0]]))
+    for place in path[1:]:
+        flow = modes.shares[0][:, None] * imm.transition(DT)
+        mixing = flow / flow.sum(axis=0)
+        shared, likelihoods = modes.shared, np.empty(3)
+        after = imm.corrected(imm.predicted(modes, DT), place[None])
+        for j, (each, own, part) in enumerate(
+            zip(imm.filters, modes.parts, after.parts, strict=True)
+        ):
+            before = mixed(own, shared, mixing[None, :, j], j)
+            mean, covariance, likelihoods[j] = filterpys_step(each, before, place)
+            np.testing.assert_allclose(part.means[0], mean, atol=1e-9)
+            np.testing.assert_allclose(part.covariances[0], covariance, atol=1e-9)
+        shares = flow.sum(axis=0) * likelihoods
+        np.testing.assert_allclose(after.shares[0], shares / shares.sum(), atol=1e-9)
+        modes = after
 
 
 @pytest.mark.parametrize("rate", [0.0, 1e-5, 0.3, -1.2])

@@ -40,6 +40,9 @@ class Table:
     def numbers(self, first: int, last: int) -> np.ndarray:
         """Return fields `first` up to but not including `last` as (N, K) finite float64."""
         texts = [row[first:last] for row in self.rows]
+        if any("_" in text for row in texts for text in row):
+            # Python's own way to write thousands: 1_0 is no 10 in a file.
+            self._refuse_texts(first, last)
         try:
             values = np.array(texts, dtype=np.float64).reshape(len(texts), last - first)
         except ValueError:
@@ -82,11 +85,17 @@ class Table:
         """Find the field that is not a number."""
         for row, fields in enumerate(self.rows):
             for name, text in zip(self.columns[first:last], fields[first:last], strict=True):
-                try:
-                    float(text)
-                except ValueError:
+                if not _is_number(text):
                     self.refuse(row, f"a number as {name}", text)
         raise AssertionError("all fields are numbers")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
 
 
 def refuse(path: Path, line: int, expected: str, given: object) -> NoReturn:

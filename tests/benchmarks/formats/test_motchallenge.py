@@ -101,6 +101,7 @@ def test_trackeval_reads_our_results(tmp_path):
         (TRUE.replace(",1,0.75", ",14,0.75"), "a class from 1 to 13, got '14'"),
         (TRUE.replace("0.75", "1.75"), "a visibility in 0 to 1"),
         (TRUE.replace("100", "x"), "a number as left, got 'x'"),
+        (TRUE.replace("100", "1_00"), "a number as left, got '1_00'"),
         (TRUE + "\n" + TRUE, "each id once in frame 1"),
         (TRUE.replace("1,3", "1,1e300", 1), f"an integer id of at most {2**53 - 1}, got '1e300'"),
         (TRUE.replace("1,3", "1,99999999999999999999", 1), "an integer id of at most"),
