@@ -114,22 +114,20 @@ def _near_floor(table: Table, drive: str, *, told: bool) -> float:
     return float(all(ours[q] < 2 * least[q] for ours, least in pairs for q in BOTH))
 
 
-def consistent(
-    values: Sequence[float], scored: float, frames: int, expected: float = FREEDOM
-) -> bool:
-    """Whether the mean NEES of x, y and yaw, one value a seed, may well be what is expected.
+def consistent(values: Sequence[float], scored: float, frames: int) -> bool:
+    """Whether the mean NEES of x, y and yaw, one value a seed, may well be the 3 that is expected.
 
-    Of several seeds: whether that is within the 95 % interval of their mean (Student's t). Frames
-    of one seed share scans and the view of the car, and errors at the edge of a silhouette are not
+    Of several seeds: whether 3 is within the 95 % interval of their mean (Student's t). Frames of
+    one seed share scans and the view of the car, and errors at the edge of a silhouette are not
     normal; only seeds are independent. A single seed has its frames alone: see `band`.
     """
     row = summarise((CONSISTENT, ""), "", "1", values, None)
     if row.ours is None:
         return False
     if row.low is None or row.high is None:
-        low, high = (end * expected / FREEDOM for end in band(scored, frames))
+        low, high = band(scored, frames)
         return low <= row.ours <= high
-    return row.low <= expected <= row.high
+    return row.low <= FREEDOM <= row.high
 
 
 def band(scored: float, frames: int) -> tuple[float, float]:

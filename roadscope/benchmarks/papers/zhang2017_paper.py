@@ -68,8 +68,7 @@ NOTES = {
     "below its multi frame in position and heading (its figures; following, its method on the "
     "same seeds), or within twice a floor above that. Twice floor: 1, 3 and 7 frames, of who knows "
     "as much; twice told floor: of who knows radius and acceleration. More is better: 7 frames "
-    "below 3 below 1. NEES: 3, or what the exact posterior of this very car has, is within its "
-    "interval for 1, 3 and 7 frames.",
+    "below 3 below 1. NEES: 3 within its interval for 1, 3 and 7 frames.",
     "asked on all": "1: holds, 0: does not. Times are means of a frame.",
 }
 """By a part of the experiment's name."""

@@ -15,7 +15,6 @@ from roadscope.benchmarks.papers.reproduction import (
 from roadscope.benchmarks.papers.zhang2017_claims import (
     BOTH,
     CONSISTENT,
-    FREEDOM,
     OF_EACH_DRIVE,
     UNTURNED,
     Table,
@@ -89,17 +88,14 @@ def _judged(
         table = table_of(figures, body)
         for claim, agreed in paper_claims(table).items():
             held[OF_PAPER.format(body), claim, HOLDS] = float(agreed)
-        of_three = inside(measured, body, NEES)
-        exact = inside(measured, body, EXACT)
-        as_exact = inside(measured, body, NEES, least)
+        inside = _inside(measured, body, NEES)
+        exact = _inside(measured, body, EXACT)
         ours = our_claims(table, table_of(least, body))
         for drive, claims in ours.items():
             for claim, holds in claims.items():
                 held[OF_OURS.format(body), drive, claim] = holds
-            held[OF_OURS.format(body), drive, CONSISTENT] = float(
-                all(of_three[drive][name] or within for name, within in as_exact[drive].items())
-            )
-        for experiment, found in ((INSIDE, of_three), (EXACT_INSIDE, exact)):
+            held[OF_OURS.format(body), drive, CONSISTENT] = float(all(inside[drive].values()))
+        for experiment, found in ((INSIDE, inside), (EXACT_INSIDE, exact)):
             for drive, windows in found.items():
                 for name, within in windows.items():
                     held[experiment.format(body), drive, name] = float(within)
@@ -119,25 +115,18 @@ def _everywhere(figures: Figures) -> dict[Key, float]:
     return {(OF_ALL, claim, HOLDS): float(holds) for claim, holds in claims.items()}
 
 
-def inside(
-    measured: Mapping[Key, Sequence[float]],
-    body: str,
-    experiment: str,
-    exact: Figures | None = None,
+def _inside(
+    measured: Mapping[Key, Sequence[float]], body: str, experiment: str
 ) -> dict[str, dict[str, bool]]:
-    """Return by drive and window whether the NEES of an experiment is consistent with 3.
-
-    exact: figures of the exact posterior, whose NEES is expected then.
-    """
+    """Return by drive and window whether the NEES of an experiment is consistent with 3."""
     found: dict[str, dict[str, bool]] = {}
     for drive in (*SIMULATED, *(f"following-{metres}" for metres in FOLLOWED_M)):
         scored = _mean(measured[COUNTS, drive, FRAMES]) - _mean(measured[COUNTS, drive, body])
-        found[drive] = {}
-        for frames in OURS.values():
-            name = frames_name(frames)
-            expected = FREEDOM if exact is None else exact[EXACT.format(body), drive, name]
-            values = measured[experiment.format(body), drive, name]
-            found[drive][name] = consistent(values, scored, frames, expected)
+        found[drive] = {
+            name: consistent(measured[experiment.format(body), drive, name], scored, frames)
+            for frames in OURS.values()
+            for name in (frames_name(frames),)
+        }
     return found
 
 
