@@ -14,7 +14,7 @@ def foretold():
     """Names of what is shipped, and categories of whose scores it says something."""
     for name in learned.names():
         for category in (Category.CAR, Category.CYCLIST, Category.PEDESTRIAN):
-            deciles = learned.read(name)[1][category]
+            deciles = learned.read(name)[1].deciles[category]
             if deciles[0] >= EDGES[0]:
                 yield name, category, deciles
 
@@ -87,7 +87,7 @@ def test_evidence_is_the_chain_of_predictions():
 def test_scores_below_all_that_a_detector_ever_gave_are_not_its_own():
     """With one in ten below its least score another is hardly ever taken for that detector."""
     name, category, rng = "kitti-pointrcnn", Category.PEDESTRIAN, np.random.default_rng(3)
-    deciles = learned.read(name)[1][category]
+    deciles = learned.read(name)[1].deciles[category]
     own = np.interp(rng.uniform(0, 10, 400), np.arange(11), deciles)
     lower = np.where(rng.uniform(size=400) < 0.1, deciles[0] - rng.uniform(0.02, 3, 400), own)
     taken = []
@@ -97,3 +97,32 @@ def test_scores_below_all_that_a_detector_ever_gave_are_not_its_own():
         taken.append(sum(pick == learned.learned(name) for pick in picks))
     assert taken[0] >= 36
     assert taken[1] <= 5
+
+
+def test_the_next_score_lies_beyond_all_met_with_the_chance_of_the_rule_of_succession():
+    choice = Choice("kitti-pointrcnn")
+    scores = learned.read("kitti-pointrcnn")[1]
+    beyond = choice._edges[1:] <= scores.deciles[Category.PEDESTRIAN][0]
+    shares = choice._shares.reshape(3, -1)
+    told = 1 / (scores.counts[Category.PEDESTRIAN] + 2)
+    above = choice._edges[:-1] >= scores.deciles[Category.PEDESTRIAN][-1]
+    assert shares.sum(axis=1) == pytest.approx(1)
+    assert shares[-1, beyond | above].sum() == pytest.approx(told)
+
+
+def test_a_detector_is_unknown_until_another_is_likelier_than_not():
+    choice = Choice("auto")
+    chances = np.exp(choice._told - np.logaddexp.reduce(choice._told))
+    assert chances[learned.names().index("unknown")] == pytest.approx(0.5)
+    for lead, known in ((-0.01, False), (0.01, True)):
+        choice._told = np.zeros(len(learned.names()))
+        choice._told[0] = np.log(len(choice._told) - 1) + lead
+        assert (choice.after(np.zeros(0), np.zeros(0, int)) != UNKNOWN) == known
+
+
+@pytest.mark.parametrize("count", ["-1", "2.5", "true", "'many'"])
+def test_a_file_says_how_many_scores_there_were(tmp_path, count):
+    text = (learned.FOLDER / "unknown.toml").read_text("utf-8")
+    (tmp_path / "mine.toml").write_text(text.replace("scores = 0", f"scores = {count}"), "utf-8")
+    with pytest.raises(ValueError, match=r"how many scores there were in \[car\], as scores, got"):
+        learned.read(str(tmp_path / "mine.toml"))

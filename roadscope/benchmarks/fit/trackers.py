@@ -182,6 +182,7 @@ def source(
         enough = min(len(samples.errors), len(samples.changes)) >= LEAST_SAMPLES
         taken = name if enough else most
         section = {
+            "scores": len(classes[taken].log_odds),
             "log_odds_deciles": np.quantile(classes[taken].log_odds, DECILES).round(2).tolist(),
             **fitted(classes[taken], TOP_SPEED_M_S[taken]),
             "top_speed_m_s": TOP_SPEED_M_S[name],
@@ -190,7 +191,7 @@ def source(
         told = f"{len(samples.errors)} detections"
         if not enough:
             section |= {trait: guessed[name][trait] for trait in MOTION}
-            section["log_odds_deciles"] = UNFORETOLD
+            section |= {"scores": 0, "log_odds_deciles": UNFORETOLD}
             told += f", too few: as {most}, moving as in unknown.toml"
         if all(section[t] in (guess, guessed[name][t]) for t, guess in PERSISTENCE.items()):
             told += "; how belief changes is guessed"

@@ -103,6 +103,21 @@ class Learned(Record):
         return told
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Scores(Record):
+    """What scores a detector gave where it was learned of, by value of `Category`.
+
+    deciles: (7, 11) float64, log odds.
+    counts: (7,) int64, how many there were.
+    """
+
+    deciles: np.ndarray
+    counts: np.ndarray
+
+    def __post_init__(self) -> None:
+        settle_arrays(self, deciles=(np.float64, (COUNT, 11)), counts=(np.int64, (COUNT,)))
+
+
 OF_ANY_SIGN = ("score_offset", "score_per_m", "seen_gain", "back", "back_per_m", "seen_once")
 TRAITS = tuple(field.name for field in fields(Learned))
 
@@ -117,8 +132,8 @@ def learned(name: str) -> Learned:
     return read(name)[0]
 
 
-def read(name: str) -> tuple[Learned, np.ndarray]:
-    """Likewise, with the (7, 11) deciles of log odds of its scores."""
+def read(name: str) -> tuple[Learned, Scores]:
+    """Likewise, with what scores there were."""
     path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
     if not path.is_file():
         raise ValueError(f"nothing learned is called '{name}'; known: {', '.join(names())}, or a "
@@ -127,22 +142,26 @@ def read(name: str) -> tuple[Learned, np.ndarray]:
         data = tomllib.loads(path.read_text("utf-8"))
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: {error}") from error
-    return Learned(*(_trait(path, data, trait) for trait in TRAITS)), _deciles(path, data)
+    return Learned(*(_trait(path, data, trait) for trait in TRAITS)), _scores(path, data)
 
 
-def _deciles(path: Path, data: dict[str, object]) -> np.ndarray:
-    """Return the (7, 11) deciles of log odds, in the order of `Category`."""
-    rows = []
+def _scores(path: Path, data: dict[str, object]) -> Scores:
+    rows, counts = [], []
     for category in Category:
         section = data.get(SECTION_OF[category])
-        row = section.get("log_odds_deciles") if isinstance(section, dict) else None
+        told = section if isinstance(section, dict) else {}
+        row, count = told.get("log_odds_deciles"), told.get("scores")
+        where = f"[{SECTION_OF[category]}]"
         if not isinstance(row, list) or len(row) != 11 or sorted(row) != row:
             raise ValueError(
-                f"{path}: expected 11 increasing log_odds_deciles in [{SECTION_OF[category]}], "
-                f"got {row!r}"
+                f"{path}: expected 11 increasing log_odds_deciles in {where}, got {row!r}"
             )
+        if type(count) is not int or count < 0:
+            raise ValueError(f"{path}: expected how many scores there were in {where}, as scores, "
+                             f"got {count!r}")  # fmt: skip
         rows.append(row)
-    return np.array(rows, float)
+        counts.append(count)
+    return Scores(np.array(rows, float), np.array(counts))
 
 
 def _trait(path: Path, data: dict[str, object], trait: str) -> np.ndarray:

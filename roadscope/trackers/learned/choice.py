@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Category
-from roadscope.trackers.learned import COUNT, SECTION_OF, Learned, names, read
+from roadscope.trackers.learned import COUNT, SECTION_OF, Learned, Scores, names, read
 
 AUTO = "auto"
 UNKNOWN = "unknown"
@@ -14,17 +14,9 @@ EDGES = np.concatenate([[-9.22], np.linspace(-9.16, 9.16, 25), [9.22]])
 ROUNDING = 0.005
 """By how much the least and the greatest score learned of a detector may be off in its file."""
 STRAYS = 0.05
-"""Share of log odds that lie anywhere, between the least and the greatest ever learned."""
-BEYOND = 0.02
-"""By which that is less beyond these two. Detectors cut their scores off, so a few that lie below
-are strong evidence: with 1 a fifth of the frames of a fusion by evidence, 7 to 24 in 100 of whose
-scores lie below all of KITTI's detector, passed for those of that detector on validation seeds;
-with this none."""
+"""Share of log odds that lie anywhere between the least and the greatest ever learned."""
 CONCENTRATION = 30.0
 """Cases that a detector's shares count for: scenes differ, and each has shares of its own."""
-FOREIGN = 1.0
-"""Log odds that a detector is none of those learned, before any score. With 3 it took KITTI's few
-cyclists up to 27 frames to show whose they are, which took 0.01 of their HOTA."""
 SETTLED = 20.0
 """Lead in log likelihood from which on nothing is weighed any more."""
 SECTIONS = tuple(dict.fromkeys(SECTION_OF.values()))
@@ -37,19 +29,22 @@ class Choice:
 
     Scores of each scene are taken to have shares of their own, drawn around those of the detector
     (Dirichlet), so a score that comes again and again tells less and less. Scores like no trained
-    detector's are likest to those of `unknown`, which are all over the place, and it is unknown
-    that a detector is taken to be until scores tell otherwise. The choice is made online.
+    detector's are likest to those of `unknown`, which are all over the place; before any score it
+    is as likely `unknown` as not, and so it is taken to be until another is likelier than all the
+    rest together. The choice is made online.
     """
 
     def __init__(self, name: str) -> None:
         chosen = names() if name == AUTO else [name]
         told = [read(one) for one in chosen]
         self._traits = [traits for traits, _ in told]
-        self._deciles = [deciles for _, deciles in told]
-        self._edges = _edges(self._deciles)
-        shares = [_shares(deciles, self._edges).ravel() for deciles in self._deciles]
+        self._scores = [scores for _, scores in told]
+        self._edges = _edges([scores.deciles for scores in self._scores])
+        shares = [_shares(scores, self._edges).ravel() for scores in self._scores]
         self._shares = np.array(shares)
-        self._prior = np.array([FOREIGN if one == UNKNOWN else 0.0 for one in chosen])
+        self._unknown = chosen.index(UNKNOWN) if UNKNOWN in chosen else 0
+        self._prior = np.zeros(len(chosen))
+        self._prior[self._unknown] = np.log(max(len(chosen) - 1, 1))
         self.reset()
 
     def reset(self) -> None:
@@ -67,7 +62,7 @@ class Choice:
 
     def base_odds(self, range_m: float) -> np.ndarray:
         """Return (7,) log odds that any detection of a category was right where it was learned."""
-        edges, traits = self._deciles[self._best], self._traits[self._best]
+        edges, traits = self._scores[self._best].deciles, self._traits[self._best]
         middles = (edges[:, 1:] + edges[:, :-1]) / 2
         kinds = np.repeat(np.arange(COUNT), middles.shape[1])
         told = traits.right(middles.ravel(), kinds, np.full(middles.size, range_m))
@@ -77,7 +72,10 @@ class Choice:
 
     @property
     def _best(self) -> int:
-        return int(self._told.argmax())
+        first = int(self._told.argmax())
+        rest = np.delete(self._told, first)
+        surely = self._told[first] > np.logaddexp.reduce(rest, initial=-np.inf)
+        return first if surely else self._unknown
 
     def _lead(self) -> float:
         second, first = sorted(self._told.tolist())[-2:]
@@ -100,21 +98,31 @@ def _edges(detectors: list[np.ndarray]) -> np.ndarray:
     least = [deciles[:, 0] - ROUNDING for deciles in detectors]
     most = [deciles[:, -1] + ROUNDING for deciles in detectors]
     ends = np.concatenate(least + most)
-    found: np.ndarray = np.union1d(EDGES, ends[np.abs(ends) < EDGES[-1]])
+    found: np.ndarray = np.union1d(EDGES, ends[np.abs(ends) < EDGES[-2]])
     return found
 
 
-def _shares(deciles: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return (3, E - 1) shares of log odds between edges, of (7, 11) deciles, for each section.
+def _shares(scores: Scores, edges: np.ndarray) -> np.ndarray:
+    """Return (3, E - 1) shares of log odds between edges, for each section.
 
-    Deciles beyond the edges leave less than all: they make no score likely.
+    Beyond the least and the greatest of n scores the next lies with a chance of 1 / (n + 2), the
+    rule of succession. Deciles beyond the edges leave less than all: they make no score likely.
     """
     first = [int(np.flatnonzero(number == SECTION)[0]) for number in range(len(SECTIONS))]
-    below = np.array([
-        np.interp(edges, deciles[k], np.linspace(0, 1, deciles.shape[1])) for k in first
-    ])  # fmt: skip
+    deciles, counts = scores.deciles[first], scores.counts[first, None]
+    below = np.array([np.interp(edges, row, np.linspace(0, 1, len(row))) for row in deciles])
     within = np.diff(below)
-    anywhere = np.diff(edges) / (edges[-1] - edges[0])
-    strays = STRAYS * np.where(within > 0, anywhere, BEYOND * anywhere)
-    found: np.ndarray = (1 - STRAYS) * within + strays
+    inside = within > 0
+    beyond = np.where(inside.all(axis=1, keepdims=True), 0.0, 1 / (counts + 2))
+    anywhere = (1 - STRAYS) * within + STRAYS * _evenly(edges, inside)
+    found: np.ndarray = (1 - beyond) * anywhere + beyond * _evenly(edges, ~inside)
     return found
+
+
+def _evenly(edges: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Spread 1 over the intervals of each of (3, E - 1) bool rows, by their widths."""
+    widths = np.where(where, np.diff(edges), 0.0)
+    shares: np.ndarray = widths / np.maximum(
+        widths.sum(axis=1, keepdims=True), np.finfo(float).tiny
+    )
+    return shares
