@@ -54,6 +54,10 @@ def amota(*sequences: TrackedSequence, threshold: float = 0.5) -> Amota:
 
     A track is as sure as it is on average over its frames. For every recall the score is
     sought from which on matched tracks reach it, and what is surer is scored by CLEAR MOT.
+
+    The averages are AB3DMOT's, matches and switches are those of `follow`. Its evaluator matches
+    every frame anew, counts a switch only where the object was tracked in the frame before, too,
+    and takes scores of matches with objects that do not count among those that reach a recall.
     """
     surenesses = [sureness(sequence) for sequence in sequences]
     present = sum(len(sequence.truths) for sequence in sequences)
