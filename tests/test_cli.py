@@ -61,6 +61,7 @@ def test_help_of_everything() -> None:
         one = roadscope_does(name, "--help")
         assert one.returncode == 0
         assert f"Example:  roadscope {name}" in one.stdout
+        assert "…" not in one.stdout
     assert roadscope.__version__ in roadscope_does("--version").stdout
 
 

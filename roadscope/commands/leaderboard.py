@@ -58,29 +58,32 @@ Fresh = Annotated[bool, typer.Option("--fresh", help="Do again what an earlier r
 Kitti = Annotated[
     Path | None,
     typer.Option(
-        help="Rank trackers on your folder of KITTI tracking data: label_02, calib, "
-        "det_NAME/Car, ego_pose or oxts."
+        help="Rank trackers on your folder of KITTI tracking data: SEQ.txt in label_02, calib, "
+        "ego_pose (12 numbers a line) or oxts, and det_NAME/Car (Pedestrian, Cyclist), whose "
+        "lines are, with commas, frame class left top right bottom score height width length "
+        "x y z rotation_y alpha; class 1 pedestrian, 2 car, 3 cyclist."
     ),
 ]
 Mot = Annotated[
     Path | None,
     typer.Option(
         help="Rank trackers on your folder of MOTChallenge data: SEQ/det/det.txt, SEQ/gt/gt.txt, "
-        "SEQ/seqinfo.ini."
+        "SEQ/seqinfo.ini; lines are, with commas, frame id left top width height confidence, in "
+        "gt also class visibility."
     ),
 ]
 Tracks = Annotated[
     Path | None,
     typer.Option(
-        help="With --kitti or --mot: folder for every tracker's tracks, kitti/TRACKER/SEQ.txt and "
-        "motchallenge/TRACKER/CLASS/SEQ.txt."
+        help="With --kitti or --mot: folder for every tracker's tracks, SEQ.txt in kitti/TRACKER "
+        "and motchallenge/TRACKER/CLASS."
     ),
 ]
 Detections = Annotated[
     list[str] | None,
     typer.Option(
         help="Whose detections trackers get, in place of the suite's: a detector or "
-        "fused?lidar=NAME&camera=NAME&fusion=NAME. Can be given several times."
+        "fused?lidar=A&camera=B&fusion=C (can be given several times)."
     ),
 ]
 Calibration = Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -15,10 +16,10 @@ from roadscope.benchmarks.boards.tables import figure
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, CURVES
 from roadscope.benchmarks.recorded.combined import NEES_BAND
-from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, MOT_BOARDS
+from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, MOT_BOARDS, RECORDED_BOARDS
 from roadscope.benchmarks.tables import plain_table
 
-NEES, ALL = "nees_position", "all"
+NEES, ALL, ALARMED = "nees_position", "all", "false_alarms"
 SHOWN: Mapping[str, Sequence[str]] = {
     "detection": (
         "detection_rate", "precision", "f1", "false_alarms_per_frame", "ap", "position_rmse_m",
@@ -28,14 +29,15 @@ SHOWN: Mapping[str, Sequence[str]] = {
     "camera": ("ap50", "detection_rate", "precision"),
     "fusion": ("ap", "detection_rate", "precision"),
     "odometry": ("failed", "t_rel", "end", "position_error", "false_motion", "dynamic_recall"),
-    **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", NEES, *CURVES)),
-    **dict.fromkeys(MOT_BOARDS, ("hota", "mota", "idf1", *CURVES)),
+    **dict.fromkeys(KITTI_BOARDS, ("hota", "hota_3d", "mota", "idf1", ALARMED, NEES, *CURVES)),
+    **dict.fromkeys(MOT_BOARDS, ("hota", "mota", "idf1", ALARMED, *CURVES)),
 }  # fmt: skip
 """What is shown of each board where it is broken down; `leaderboard.json` holds more."""
 HEADINGS = {
     "detection_rate": "detected", "precision": "precision", "hota": "HOTA", "mota": "MOTA",
     "idf1": "IDF1", "hota_3d": "HOTA of 3-D boxes", "det_a": "DetA", "ass_a": "AssA",
     "loc_a": "LocA", NEES: "NEES (its 95 % band)", "ap50": "AP50", "ap": "AP", "f1": "F1",
+    ALARMED: "false alarms",
     "false_alarms_per_frame": "false alarms per frame", "position_rmse_m": "position RMSE (m)",
     "heading_rmse_deg": "heading RMSE (degrees)", "size_rmse_m": "size RMSE (m)",
     "failed": "failure rate", "t_rel": "t_rel (%)", "position_error": "error of the position (m)",
@@ -70,8 +72,14 @@ OF_NEES = (
     "NEES over its degrees of freedom: in brackets between what that of a consistent tracker lies "
     "in 95 %, each object's errors taken for one value; all: all sequences."
 )
+OF_SEQUENCES = (
+    "Where no object of the class is labelled, as in an empty file of labels, there are no figures "
+    "but false alarms, which count in HOTA, MOTA and IDF1 of all sequences."
+)
 LONGEST = 7
 """Headings are broken into lines of this many characters."""
+LONGEST_PIECE = 22
+"""And pieces of specs into lines of this many."""
 UNRANKED, RANKED, PAIRED, BANDED = 5, 9, 11, 17
 """How wide figures are, figures with a rank, rates with false alarms, and NEES with its band."""
 ALARMS = {"camera": "false alarms per image", "fusion": "false alarms per scan"}
@@ -108,14 +116,16 @@ def breakdown_tables(
             table.title, title = title, f"{whole}, continued"
             if metric == "detection_rate":
                 _add_counts(table, rows, bands, width)
+            if metric == SHOWN[board][0] and by in RECORDED_CONDITIONS:
+                _add_objects(table, rows, bands)
             tables.append(table)
     return tables
 
 
 def note(board: str, by: str) -> str:
     """Return what is said below a board's tables by a quantity; often nothing."""
-    if board in KITTI_BOARDS and by in RECORDED_CONDITIONS:
-        return OF_NEES
+    if by in RECORDED_CONDITIONS:
+        return f"{OF_SEQUENCES} {OF_NEES}" if board in KITTI_BOARDS else OF_SEQUENCES
     return OWN[by] if board == "detection" and by in OWN else NOTES.get(by, "")
 
 
@@ -157,18 +167,28 @@ def _shown_cells(
     """Return each metric shown and its rows by entry and band.
 
     Where objects are broken down too, a band without any is left out: matched detections may
-    lie a little beyond the farthest object.
+    lie a little beyond the farthest object. A sequence without any is shown without figures.
     """
     wanted = {row.band for row in rows if row.metric == SHOWN[board][0]}
     wanted |= {ALL} if wanted else set()
+    by_sequence = [row for row in rows if row.metric == ALARMED and board in RECORDED_BOARDS]
     for metric in SHOWN[board]:
+        if metric == ALARMED:
+            yield metric, {(row.entry, row.band): row for row in by_sequence}
+            continue
         found = [row for row in rows if row.metric == metric]
-        yield metric, {(r.entry, r.band): r for r in found if not wanted or r.band in wanted}
+        cells = {(r.entry, r.band): r for r in found if not wanted or r.band in wanted}
+        if cells and metric != NEES:
+            bare = [replace(row, metric=metric, value=None, samples=0) for row in by_sequence]
+            cells = {(row.entry, row.band): row for row in bare} | cells
+        yield metric, cells
 
 
 def bands_of(rows: Sequence[Row]) -> list[str]:
-    """Return the bands of rows, quantities ascending, conditions as the suite has them."""
+    """Return the bands of rows, quantities and sequences ascending, conditions as in the suite."""
     found = dict.fromkeys(row.band for row in rows)
+    if rows and rows[0].by in RECORDED_CONDITIONS:
+        return sorted(found, key=lambda band: (band == ALL, band))
     ordered = BANDS[rows[0].by].labels if rows and rows[0].by in BANDS else tuple(found)
     known = [band for band in ordered if band in found]
     return known + [band for band in found if band not in known]
@@ -270,7 +290,8 @@ def _cell(
     entry: str,
     band: str,
 ) -> str:
-    text = figure(cells.get((entry, band)), 2, interval=False)
+    row = cells.get((entry, band))
+    text = figure(row, 0 if row is not None and row.metric == ALARMED else 2, interval=False)
     remark = remarks.get((entry, band))
     return text if remark is None else f"{text} ({remark})"
 
@@ -292,6 +313,13 @@ def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str], width: 
             table.add_row(Text(label, style="not bold"), *map(str, figures), style="dim")
 
 
+def _add_objects(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None:
+    """Say in how many frames objects of each sequence are, summed over the objects."""
+    counts = [max((r.samples for r in rows if (r.metric, r.band) == ("mota", band)), default=0)
+              for band in bands]  # fmt: skip
+    table.add_row(Text("object frames", style="not bold"), *map(str, counts), style="dim")
+
+
 def _pages(rows: Sequence[Row], width: int, board: str = "") -> list[list[str]]:
     """Divide the bands of rows into those that there is room for side by side, at least one."""
     whole = width - (NAME if width >= FULL else NARROW_NAME) - 1
@@ -311,9 +339,14 @@ def _pages(rows: Sequence[Row], width: int, board: str = "") -> list[list[str]]:
 
 
 def heading(band: str) -> str:
-    """Break a long label into lines, at its hyphens where it has some."""
+    """Break a long label into lines, at its hyphens where it has some.
+
+    Specs with arguments and those of files have a line for each argument and folder.
+    """
     if band in BROKEN or len(band) <= LONGEST:
         return BROKEN.get(band, band)
+    if "?" in band or "/" in band or ("." in band and ":" in band):
+        return "\n".join(_spec_lines(band))
     if ":" in band or " + " in band:
         return band.replace(" + ", "\n").replace("-", "-\n")
     lines = []
@@ -324,6 +357,22 @@ def heading(band: str) -> str:
         pieces = [word[i : i + LONGEST] for i in range(0, len(word), LONGEST)]
         lines += [f"{piece}-" for piece in pieces[:-1]] + pieces[-1:]
     return "\n".join(lines)
+
+
+def _spec_lines(spec: str) -> list[str]:
+    """Break a spec behind what divides it: folders, class, arguments."""
+    name, sign, arguments = spec.partition("?")
+    if not re.search("[/:.]", name) and len(name) > LONGEST:
+        first = heading(name).split("\n")
+    else:
+        first = re.findall("[^/:]+[/:]?|[/:]", name)
+    first[-1] += sign
+    pieces = [*first, *re.findall("[^&]+&?", arguments)]
+    return [
+        piece[i : i + LONGEST_PIECE]
+        for piece in pieces
+        for i in range(0, len(piece), LONGEST_PIECE)
+    ]
 
 
 def _texts(

@@ -66,9 +66,10 @@ BROKEN_DOWN: Mapping[str, Sequence[str]] = {
         "degraded",
     ),
     **dict.fromkeys(
-        KITTI_BOARDS, ("hota", "mota", "idf1", "hota_3d", "nees_position", *NEES_BAND)
+        KITTI_BOARDS,
+        ("hota", "mota", "idf1", "hota_3d", "false_alarms", "nees_position", *NEES_BAND),
     ),
-    **dict.fromkeys(MOT_BOARDS, ("hota", "mota", "idf1")),
+    **dict.fromkeys(MOT_BOARDS, ("hota", "mota", "idf1", "false_alarms")),
 }  # fmt: skip
 """Metrics of whole episodes that are broken down by their conditions."""
 

@@ -116,6 +116,7 @@ def sequence_scores(
         "loc_a": averaged(float(curves.loc_a.mean())),
         "mota": averaged(1 - wrong / max(objects, 1), -math.inf),
         "errors": Score(float(wrong), "1/sequence", "lower", len(sequence)),
+        "false_alarms": Score(float(c.false_alarms), "1/sequence", "lower", len(sequence)),
         "motp": Score(c.motp, "1", "higher", c.matches, 0.0, 1.0, weight=c.matches),
         "idf1": ratio(same.hits, (same.present + same.tracked) / 2),
         "samota": averaged(amota(swept, threshold=threshold).samota if objects else math.nan),

@@ -134,6 +134,27 @@ def test_long_headings_are_broken() -> None:
     assert heading("my-extraordinary-road") == "my\nextraor-\ndinary\nroad"
 
 
+@pytest.mark.parametrize(
+    ("spec", "lines"),
+    [
+        ("noisy?miss=0.2&clutter=2", ["noisy?", "miss=0.2&", "clutter=2"]),
+        ("fused?lidar=cluster-boxes&camera=network",
+         ["fused?", "lidar=cluster-boxes&", "camera=network"]),
+        ("distance-l-shape?eps_m=0.8", ["distance", "l-shape?", "eps_m=0.8"]),
+        ("examples/mine.py:Mine?gate_m=2.5", ["examples/", "mine.py:", "Mine?", "gate_m=2.5"]),
+        ("/a/an_extraordinarily_long_name.py:Mine",
+         ["/", "a/", "an_extraordinarily_lon", "g_name.py:", "Mine"]),
+        ("mine.detectors:Mine", ["mine.detectors:", "Mine"]),
+        ("fog:3 + night:2", ["fog:3", "night:2"]),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("width", [50, 80])
+def test_specs_are_broken_at_their_arguments_and_fit(spec, lines, width) -> None:
+    assert heading(spec).split("\n") == lines
+    text = printed(results(row("detection_rate", "condition", spec)), "condition", width)
+    assert max(map(len, text.splitlines())) <= width
+
+
 def test_unknown_breakdowns_are_refused_with_what_there_is() -> None:
     with pytest.raises(
         BreakdownError, match=r"no detection breakdown 'rnage' \(did you mean 'range'"

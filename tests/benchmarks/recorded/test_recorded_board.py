@@ -92,6 +92,34 @@ def test_nees_of_each_sequence_and_of_all_stands_beside_its_band(results):
     assert "### NEES (its 95 % band) by sequence" in (out / "leaderboard.md").read_text()
 
 
+def test_a_sequence_without_objects_is_seen_and_moves_no_mean(folder):
+    board, entry, given = "kitti car", "nearest", {"boards": ["tracking"], "only": True}
+    whole = run("quick", [entry], kitti=folder, **given)
+    (folder / "label_02" / "0001.txt").write_text("")
+    found = run("quick", [entry], kitti=folder, **given)
+    tables = {t.title: t for t in breakdown_tables(found, board, "sequence", 120)}
+    shown = {
+        name: {c.header: [str(cell) for cell in c.cells] for c in tables[name].columns}
+        for name in ("HOTA by sequence", "MOTA by sequence", "false alarms by sequence")
+    }
+    hota = shown["HOTA by sequence"]
+    assert hota["tracker"] == [entry, "object frames"]
+    assert hota["0001"] == ["-", "0"]
+    assert float(hota["0000"][0]) > 0.5
+    assert int(hota["0000"][1]) > 0
+    assert shown["MOTA by sequence"]["0001"] == ["-"]
+    (alarms,) = shown["false alarms by sequence"]["0001"]
+    told = {r.band: r for r in found.breakdown("sequence", board) if r.metric == "false_alarms"}
+    assert int(alarms) == told["0001"].value > 10
+    parts = {(r.metric, r.band): r.value for r in found.breakdown("sequence", board)}
+    before = {(r.metric, r.band): r.value for r in whole.breakdown("sequence", board)}
+    assert ("hota", "0001") not in parts
+    assert parts["hota", "0000"] == before["hota", "0000"]
+    sure = found.row(board, entry, "samota_3d")
+    assert (sure.n, whole.row(board, entry, "samota_3d").n) == (1, 2)
+    assert "empty file of labels" in note(board, "sequence")
+
+
 def test_the_table_says_that_figures_are_online(results):
     console = Console(width=160, record=True)
     console.print(board_table(results[0], "kitti car", 160))

@@ -1,0 +1,73 @@
+"""The page about recorded data says what readers read: its examples are a folder that works."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from roadscope.benchmarks.formats.kitti import read_sequence
+from roadscope.benchmarks.formats.kitti_objects import (
+    CLASS_IDS,
+    DETECTION_COLUMNS,
+    LABEL_COLUMNS,
+    TYPE_NAMES,
+)
+from roadscope.benchmarks.formats.motchallenge import CLASS_COLUMNS, COLUMNS, WORLD_COLUMNS
+from roadscope.benchmarks.recorded.mot import mot_suite
+from roadscope.benchmarks.recorded.suite import kitti_suite
+from roadscope.commands import leaderboard
+
+PAGE = Path(__file__).parents[3] / "docs" / "recorded-data.md"
+BLOCKS = dict(re.findall(r"<!-- (.+?) -->\n```\w+\n(.*?)```", PAGE.read_text(), re.DOTALL))
+FILES = {name.removeprefix("file "): b for name, b in BLOCKS.items() if name.startswith("file ")}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name, content in FILES.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    return tmp_path
+
+
+def test_columns_are_those_that_are_read() -> None:
+    assert BLOCKS["columns of detections"].strip() == ",".join(DETECTION_COLUMNS)
+    assert BLOCKS["columns of labels"].split() == list(LABEL_COLUMNS[:-1])
+    kinds = [",".join(columns) for columns in (COLUMNS, CLASS_COLUMNS, WORLD_COLUMNS)]
+    assert BLOCKS["columns of MOTChallenge"].splitlines() == kinds
+    for name in TYPE_NAMES.values():
+        assert name in PAGE.read_text()
+
+
+def test_help_names_the_same_columns() -> None:
+    kitti, mot = (leaderboard.Kitti.__metadata__[0].help, leaderboard.Mot.__metadata__[0].help)
+    assert " ".join(DETECTION_COLUMNS) in kitti
+    assert " ".join(COLUMNS) in mot
+    assert " ".join(CLASS_COLUMNS[-2:]) in mot
+    numbered = ", ".join(f"{k} {TYPE_NAMES[kind].lower()}" for k, kind in CLASS_IDS.items())
+    assert f"class {numbered}" in kitti
+    assert f"`class` is {numbered}" in PAGE.read_text()
+
+
+def test_example_of_kitti_is_read_as_the_page_says(folder: Path) -> None:
+    assert [r.category for r in kitti_suite(folder).recordings] == ["car"]
+    sequence = read_sequence(folder, "0000")
+    seen, boxed = sequence.detections[0], sequence.detected[0]
+    assert boxed.boxes[0].tolist() == [296.7, 161.8, 455.2, 292.4]
+    assert boxed.scores[0] == 9.2
+    assert seen.sizes[0].tolist() == [3.88, 1.63, 1.53]
+    assert seen.centres[0] == pytest.approx([13.41, 4.55, -1.86 + 1.53 / 2])
+    assert boxed.rotations_y[0] == -2.12
+    assert boxed.alphas[0] == -1.79
+    assert sequence.truths[0].ids.tolist() == [3]
+    assert sequence.truths[0].centres[0] == pytest.approx(seen.centres[0])
+    assert sequence.world_from_ego[1].translation == pytest.approx([0.9, 0, 0])
+
+
+def test_example_of_motchallenge_is_read(folder: Path) -> None:
+    suite = mot_suite(folder)
+    assert [r.sequence for r in suite.recordings] == ["MOT-toy"]
+    suite.recordings[0].check()
