@@ -51,6 +51,11 @@ class KittiFolder:
         folders = sorted(p for p in self.root.glob(f"{DETECTIONS}*") if p.is_dir())
         return [p.name.removeprefix(DETECTIONS) for p in folders]
 
+    def found(self) -> str:
+        """Name the first files of detections, wherever they lie; `none` where there are none."""
+        paths = sorted(p for p in self.root.glob(f"{DETECTIONS}*/**/*") if p.is_file())
+        return ", ".join(str(p.relative_to(self.root)) for p in paths[:3]) or "none"
+
     def labels(self, sequence: str) -> Path:
         """Return the labels of a sequence."""
         return self._needed("label_02", sequence)

@@ -15,6 +15,9 @@ MAX_FRAMES = 500_000
 """More than any sequence has: KITTI's longest has 1 176, MOT20's 3 315, DukeMTMC's 85 minutes at
 60 Hz some 306 000."""
 
+ALONE = {None: "1 column between white space", ",": "1 column between commas"}
+"""What is said of a line that nothing divides: mostly it has another separator."""
+
 
 class FormatError(ValueError):
     """A file is not what it should be; the message names file, line and what was expected."""
@@ -143,12 +146,13 @@ def read_table(
     width = len(rows[0]) if rows and len(rows[0]) in allowed else None
     for row, number in zip(rows, lines, strict=True):
         if width is None or len(row) != width:
-            _refuse_width(path, number, columns, (allowed, width), len(row))
+            given = f"{len(row)} columns" if len(row) > 1 else ALONE.get(separator, "1 column")
+            _refuse_width(path, number, columns, (allowed, width), given)
     return Table(path, rows, lines, columns)
 
 
 def _refuse_width(
-    path: Path, line: int, columns: Sequence[str], wide: tuple[range, int | None], given: int
+    path: Path, line: int, columns: Sequence[str], wide: tuple[range, int | None], given: str
 ) -> NoReturn:
     """Say how many columns there must be, and which.
 
@@ -157,7 +161,7 @@ def _refuse_width(
     allowed, width = wide
     counts = f"{allowed[0]} to {allowed[-1]}" if len(allowed) > 1 else str(allowed[0])
     wanted = f"{width} columns as in the first line" if width else f"{counts} columns"
-    refuse(path, line, f"{wanted} ({' '.join(columns)})", f"{given} columns")
+    refuse(path, line, f"{wanted} ({' '.join(columns)})", given)
 
 
 def refuse_backward(table: Table, frames: np.ndarray) -> None:

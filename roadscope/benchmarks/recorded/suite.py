@@ -12,7 +12,7 @@ from typing import Any
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_classes import said_of_others
 from roadscope.benchmarks.formats.kitti_folder import DETECTIONS, KittiFolder
-from roadscope.benchmarks.formats.kitti_objects import TYPE_NAMES, TYPE_OF
+from roadscope.benchmarks.formats.kitti_objects import TYPE_NAMES, TYPE_OF, read_labels
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.recorded.recording import Recording
 from roadscope.benchmarks.suite import Suite
@@ -48,13 +48,15 @@ def kitti_suite(folder: Path | str) -> RecordedSuite:
         if files.has_detections(sequence, category, detector)
     )
     if not labelled:
+        for sequence in files.sequences():
+            read_labels(files.labels(sequence))
         known = ", ".join(TYPE_NAMES[kind] for kind in TYPE_OF.values())
         raise FormatError(f"{files.root / 'label_02'}: expected labels of {known}, got none")
     if not recordings:
         known = ", ".join(files.sequences()[:8])
         raise FormatError(
             f"{files.root}: expected {DETECTIONS}NAME/Car/SEQ.txt for a sequence of label_02 "
-            f"({known}), got none"
+            f"({known}), got {files.found()}"
         )
     table = kitti_table()
     return RecordedSuite(

@@ -243,13 +243,42 @@ def test_labels_are_found_however_they_are_spaced_and_spelt(folder, tmp_path):
     )
 
 
-@pytest.mark.parametrize("content", [b"", b"\n\n", b"\x00\xff\xfe" * 30, b"0 1 Tram"])
-def test_labels_of_nobody_who_is_tracked_are_refused(content, folder, tmp_path):
+NOBODY = "label_02: expected labels of Car, Pedestrian, Cyclist"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", NOBODY),
+        (b"\n\n", NOBODY),
+        (b"0 1 Tram 0 0 -1.8 9 9 60 60 3 2 9 1 2 30 1.6", NOBODY),
+        (b"\x00\xff\xfe" * 30, "0000.txt, line 1: expected text, got binary data"),
+        (b"0 1 Tram", r"0000.txt, line 1: expected 17 columns .*, got '3 columns'"),
+        (b"0,1,Car,0,0", "0000.txt, line 1: expected 17 col.* got '1 column between white space'"),
+    ],
+)
+def test_labels_of_nobody_who_is_tracked_are_refused(content, said, folder, tmp_path):
     where = Path(shutil.copytree(folder, tmp_path / "nobody"))
     for path in (where / "label_02").glob("*.txt"):
         path.write_bytes(content)
-    with pytest.raises(FormatError, match="label_02: expected labels of Car, Pedestrian, Cyclist"):
+    with pytest.raises(FormatError, match=said):
         kitti_suite(where)
+
+
+def test_detections_elsewhere_or_between_spaces_are_told_as_such(folder):
+    path = folder / "det_toy" / "Car" / "0000.txt"
+    commas = path.read_text()
+    path.write_text(commas.replace(",", " "))
+    with pytest.raises(FormatError, match=r"line 1: expected 15 col.* got '1 column between comm"):
+        read_sequence(folder, "0000")
+    path.write_text(commas.replace(",", ";", 3))
+    with pytest.raises(FormatError, match=r"line 1: expected 15 col.* got '12 columns'"):
+        read_sequence(folder, "0000")
+    (folder / "det_toy").rename(folder / "found")
+    (folder / "det_toy" / "car").mkdir(parents=True)
+    (folder / "det_toy" / "car" / "0000.txt").write_text(commas)
+    with pytest.raises(FormatError, match=r"expected det_NAME/Car.*, got det_toy/car/0000.txt"):
+        kitti_suite(folder)
 
 
 def test_malformed_files_are_refused_before_anything_runs(folder, tmp_path):
