@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from roadscope.benchmarks.metrics.image_labels import Labels
+from roadscope.benchmarks.train.relight_kernels import relight
 from roadscope.benchmarks.train.targets import Objects
 
 LEAST_SHARE = 0.25
@@ -18,7 +20,10 @@ LEAST_SIDE_PX = 2.0
 LEAST_HEIGHT_PX = 7.0
 AT_AN_OBJECT = 0.75
 """Share of crops that are laid around an object, of each family that is there as often."""
-ZOOM = (0.65, 1.6)
+ZOOM = (0.75, 1.6)
+NOISY = 0.3
+"""Share of the crops that are given noise."""
+DRAWS = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,16 +88,20 @@ def relit(pixels: np.ndarray, rng: np.random.Generator) -> Tensor:
 
     Returns (3, h, w) float32 in 0 to 1, in memory as (h, w, 3).
     """
-    colour = float(np.exp(rng.normal(0, 0.25)))
+    colour = np.float32(np.exp(rng.normal(0, 0.25)))
     blur, noise, spread = rng.random(3)
     tables = _tables(pixels[::8, ::8].mean() / 255, rng)
-    lit = np.stack([tables[c][pixels[..., c]] for c in range(3)], axis=-1)
-    grey = lit.mean(axis=-1, keepdims=True)
-    lit = grey + (lit - grey) * np.float32(colour)
-    if noise < 0.3:
-        lit += np.float32(0.005 + 0.04 * spread) * rng.standard_normal(lit.shape, np.float32)
-    image = torch.from_numpy(np.clip(lit, 0, 1, out=lit)).permute(2, 0, 1)
+    strength = np.float32(0.005 + 0.04 * spread if noise < NOISY else 0.0)
+    lit = np.empty(pixels.shape, np.float32)
+    relight(pixels, tables, colour, strength, _normals(), 3 * int(rng.integers(DRAWS)), lit)
+    image = torch.from_numpy(lit).permute(2, 0, 1)
     return _blurred(image, rng) if blur < 0.2 else image
+
+
+@cache
+def _normals() -> np.ndarray:
+    """Return (3 * DRAWS,) float32 draws: noise begins anywhere among them."""
+    return np.random.default_rng(0).standard_normal(3 * DRAWS, np.float32)
 
 
 def _tables(mean: float, rng: np.random.Generator) -> np.ndarray:

@@ -41,7 +41,8 @@ class Recipe(Record):
     conditions: sets of faults that are drawn from instead.
     episodes: of training. images: of an episode, every_s apart.
     steps: of the optimiser. pixels: of a batch, whatever the size of its crops.
-    learning_rate: the highest one of the cycle. weight_decay: of AdamW.
+    kernel_rate: Muon's highest learning rate, for the kernels of convolutions. learning_rate:
+        AdamW's, for all else. weight_decay: of both.
     seed: of all that is drawn.
     """
 
@@ -57,6 +58,7 @@ class Recipe(Record):
     validation_episodes: int = 33
     steps: int = 24000
     pixels: int = 4 * 256 * 320
+    kernel_rate: float = 6e-3
     learning_rate: float = 2e-3
     weight_decay: float = 0.02
     seed: int = 0
@@ -64,7 +66,7 @@ class Recipe(Record):
     def __post_init__(self) -> None:
         for name in ("episodes", "images", "steps", "pixels", "calibration_episodes"):
             require(getattr(self, name) >= 1, self, name, "at least 1", getattr(self, name))
-        for name in ("every_s", "learning_rate"):
+        for name in ("every_s", "kernel_rate", "learning_rate"):
             require(getattr(self, name) > 0, self, name, "above 0", getattr(self, name))
         require(0 <= self.faulty <= 1, self, "faulty", "a share in 0 to 1", self.faulty)
 

@@ -1,4 +1,4 @@
-"""The training loop: AdamW on one cycle of the learning rate, weights averaged over steps."""
+"""The training loop; weights are averaged over steps."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.train.batches import Batch, Deck, batches
 from roadscope.benchmarks.train.losses import losses
+from roadscope.benchmarks.train.optimiser import Optimiser
 from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.benchmarks.train.views import Pictures
 from roadscope.detectors.camera.network import CentreNetwork, channels_last
@@ -41,8 +42,7 @@ class Trainer:
     seconds: float = 0.0
     network: CentreNetwork = field(init=False)
     average: CentreNetwork = field(init=False)
-    optimiser: torch.optim.AdamW = field(init=False)
-    cycle: torch.optim.lr_scheduler.OneCycleLR = field(init=False)
+    optimiser: Optimiser = field(init=False)
 
     def __post_init__(self) -> None:
         recipe = self.recipe
@@ -53,15 +53,12 @@ class Trainer:
         self.average = CentreNetwork().to(self.device)
         self.average.load_state_dict(network.state_dict())
         self.average.requires_grad_(False).eval()
-        self.optimiser = torch.optim.AdamW(_groups(self.network, recipe.weight_decay))
-        self.cycle = torch.optim.lr_scheduler.OneCycleLR(
-            self.optimiser, recipe.learning_rate, total_steps=recipe.steps + 1, pct_start=0.15
-        )
+        self.optimiser = Optimiser(self.network, recipe)
 
     def learn(self, batch: Batch) -> float:
         """Take one step; return the loss before it."""
         self.network.train()
-        self.optimiser.zero_grad(set_to_none=True)
+        self.optimiser.zero_grad()
         batch = batch.to(self.device)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=has_bfloat16(self.device)):
             maps = self.network(batch.pixels)
@@ -69,7 +66,6 @@ class Trainer:
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.network.parameters(), LONGEST_STEP)
         self.optimiser.step()
-        self.cycle.step()
         self.step += 1
         self._average()
         return float(loss.detach())
@@ -108,7 +104,7 @@ class Trainer:
         return True
 
 
-_PARTS = ("network", "average", "optimiser", "cycle")
+_PARTS = ("network", "average", "optimiser")
 
 
 def best_device() -> torch.device:
@@ -122,16 +118,6 @@ def has_bfloat16(device: torch.device) -> bool:
         return True
     flags = Path("/proc/cpuinfo")
     return flags.exists() and "avx512_bf16" in flags.read_text("utf-8", errors="replace")
-
-
-def _groups(network: nn.Module, weight_decay: float) -> list[dict[str, Any]]:
-    """Norms and offsets are not pulled towards zero."""
-    wide = [p for p in network.parameters() if p.ndim > 1]
-    flat = [p for p in network.parameters() if p.ndim <= 1]
-    return [
-        {"params": wide, "weight_decay": weight_decay},
-        {"params": flat, "weight_decay": 0.0},
-    ]
 
 
 def train(

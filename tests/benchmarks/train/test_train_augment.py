@@ -3,6 +3,7 @@ from toy_pictures import toy_pictures
 
 from roadscope.benchmarks.metrics.image_labels import Labels
 from roadscope.benchmarks.train.augment import Window, cut_out, drawn_window, objects_in, relit
+from roadscope.benchmarks.train.relight_kernels import relight
 
 
 def test_boxes_stay_on_their_objects() -> None:
@@ -50,3 +51,18 @@ def test_light_changes_but_stays_in_bounds() -> None:
         assert lit.shape == (3, 256, 320)
         assert 0 <= float(lit.min()) <= float(lit.max()) <= 1
         assert not np.allclose(lit.permute(1, 2, 0).numpy() * 255, image, atol=1)
+
+
+def test_one_pass_over_the_pixels_does_what_was_told() -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.integers(0, 256, (9, 14, 3), np.uint8)
+    tables = rng.normal(0.5, 0.4, (3, 256)).astype(np.float32)
+    normals = rng.standard_normal(3 * 50).astype(np.float32)
+    for noise in (0.0, 0.2):
+        given = np.empty(pixels.shape, np.float32)
+        relight(pixels, tables, np.float32(1.4), np.float32(noise), normals, 30, given)
+        lit = np.stack([tables[c][pixels[..., c]] for c in range(3)], axis=-1)
+        grey = lit.mean(axis=-1, keepdims=True)
+        drawn = normals[(30 + np.arange(pixels.size)) % len(normals)].reshape(pixels.shape)
+        expected = np.clip(grey + (lit - grey) * 1.4 + noise * drawn, 0, 1)
+        np.testing.assert_allclose(given, expected, atol=1e-5)
