@@ -16,8 +16,11 @@ from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.benchmarks.train.targets import Targets, targets_of
 from roadscope.benchmarks.train.views import Pictures
 
-CROPS = ((192, 256), (256, 320), (256, 320), (384, 512))
-"""Height and width, drawn from evenly: multiples of 32. Small ones hold more that differs."""
+CROPS = (
+    (64, 192), (96, 160), (96, 320), (128, 256), (192, 256), (256, 320), (128, 448), (384, 512),
+)  # fmt: skip
+"""Height and width, drawn from evenly: multiples of 32. Low ones hold twice the objects: most are
+near the horizon."""
 AHEAD = 3
 """Batches that are made while the network learns from another."""
 

@@ -39,5 +39,5 @@ def test_folded_it_says_the_same() -> None:
 def test_squares_are_those_of_the_image() -> None:
     pixels = torch.arange(8 * 12 * 3).reshape(1, 8, 12, 3)
     made = squares(pixels)
-    assert made.shape == (1, 48, 2, 3)
-    assert torch.equal(made[0, :, 1, 2].reshape(4, 4, 3), pixels[0, 4:8, 8:12])
+    assert made.shape == (1, 12, 4, 6)
+    assert torch.equal(made[0, :, 2, 4].reshape(2, 2, 3), pixels[0, 4:6, 8:10])
