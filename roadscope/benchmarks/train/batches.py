@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +20,6 @@ CROPS = (
 )  # fmt: skip
 """Height and width, drawn from evenly: multiples of 32. Low ones hold twice the objects: most are
 near the horizon."""
-AHEAD = 3
-"""Batches that are made while the network learns from another."""
 
 
 class Batch(NamedTuple):
@@ -76,10 +73,11 @@ def _arrays(targets: Targets) -> tuple[np.ndarray, ...]:
 
 
 def batches(deck: Deck, recipe: Recipe, first: int) -> Iterator[Batch]:
-    """Yield the batches from a step on, made ahead in another thread."""
-    with ThreadPoolExecutor(1) as pool:
-        waiting = [pool.submit(batch, deck, recipe, first + i) for i in range(AHEAD)]
-        for step in range(first, recipe.steps):
-            ready = waiting.pop(0)
-            waiting.append(pool.submit(batch, deck, recipe, step + AHEAD))
-            yield ready.result()
+    """Yield the batches from a step on.
+
+    They are made when asked for: a thread that makes them ahead takes turns with those that learn,
+    which wait for each other at every layer, and where all cores learn that costs more than it
+    saves.
+    """
+    for step in range(first, recipe.steps):
+        yield batch(deck, recipe, step)
