@@ -56,7 +56,7 @@ class Recipe(Record):
     every_s: float = 0.5
     calibration_episodes: int = 22
     validation_episodes: int = 33
-    steps: int = 15000
+    steps: int = 10500
     pixels: int = 4 * 256 * 320
     kernel_rate: float = 5e-3
     learning_rate: float = 2e-3
@@ -74,7 +74,7 @@ class Recipe(Record):
 RECIPES = {
     "full": Recipe(),
     "small": Recipe(
-        episodes=110, calibration_episodes=11, validation_episodes=11, steps=3000
+        episodes=110, calibration_episodes=11, validation_episodes=11, steps=2600
     ),
     "trial": Recipe(
         scenarios=("street",), episodes=1, images=2, calibration_episodes=1,

@@ -23,6 +23,8 @@ from roadscope.detectors.camera.network import CentreNetwork, channels_last
 SAVED_EVERY = 100
 AVERAGED = 0.998
 """How much of the averaged weights stays in a step."""
+AVERAGED_EVERY = 5
+"""Steps from one averaging to the next, which does for all of them."""
 LONGEST_STEP = 10.0
 """Norm of the gradient."""
 
@@ -67,12 +69,13 @@ class Trainer:
         nn.utils.clip_grad_norm_(self.network.parameters(), LONGEST_STEP)
         self.optimiser.step()
         self.step += 1
-        self._average()
+        if self.step % AVERAGED_EVERY == 0:
+            self._average()
         return float(loss.detach())
 
     @torch.no_grad()
     def _average(self) -> None:
-        kept = min(AVERAGED, (1 + self.step) / (10 + self.step))
+        kept = min(AVERAGED, (1 + self.step) / (10 + self.step)) ** AVERAGED_EVERY
         new = self.network.state_dict()
         for name, value in self.average.state_dict().items():
             if value.is_floating_point():
