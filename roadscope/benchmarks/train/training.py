@@ -69,7 +69,7 @@ class Trainer:
         nn.utils.clip_grad_norm_(self.network.parameters(), LONGEST_STEP)
         self.optimiser.step()
         self.step += 1
-        if self.step % AVERAGED_EVERY == 0:
+        if self.step % AVERAGED_EVERY == 0 or self.step == self.recipe.steps:
             self._average()
         return float(loss.detach())
 
