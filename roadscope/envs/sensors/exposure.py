@@ -15,7 +15,7 @@ from roadscope.envs.imaging.shading import room
 from roadscope.envs.imaging.sky_kernels import BLOCK
 from roadscope.envs.sensors.camera_spec import CameraSpec
 from roadscope.envs.sensors.exposure_kernels import DRAWS, Sensor, Shutter, develop
-from roadscope.envs.sensors.glare_kernels import bloom, rain_streaks, spread_sun
+from roadscope.envs.sensors.glare_kernels import bloom, halo_weights, rain_streaks, spread_sun
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +105,7 @@ def _glare(
     glare = room("glare", (height // BLOCK + 2, width // BLOCK + 2, 3), np.float32)
     glare[:] = 0.0
     if lighting.lamps:
-        bloom(light, room("bloom", glare.shape, np.float32), glare)
+        bloom(light, _halo(), room("bloom", glare.shape, np.float32), glare)
     if dazzling:
         focal, centre = np.array(spec.pinhole.focal_px), np.array(spec.pinhole.centre_px)
         spread_sun(light, raster.faces, sun, strength, focal, centre, glare)
@@ -116,6 +116,12 @@ def _glare(
 
 def _night(lighting: Light) -> bool:
     return max(lighting.sun) < 0.02
+
+
+@cache
+def _halo() -> np.ndarray:
+    weights: np.ndarray = halo_weights()
+    return weights
 
 
 @cache

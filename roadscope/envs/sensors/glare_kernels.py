@@ -10,15 +10,32 @@ from roadscope.envs.imaging.sky_kernels import BLOCK
 
 HALO = 0.10
 """Share of the light above white that a halo throws around."""
+REACH = 9
+"""Blocks that a halo reaches in each direction."""
 DROPS = 60.0
 """Drops in the view within reach of a streak, for 1 mm/h."""
 FALL_M_S = 6.5
 DROP_M = 0.0016
 
 
+@compiled()
+def halo_weights() -> np.ndarray:
+    """Return (19, 19) float64: what share of a block's light above white each one around takes."""
+    weights = np.empty((2 * REACH + 1, 2 * REACH + 1))
+    for di in range(-REACH, REACH + 1):
+        for dj in range(-REACH, REACH + 1):
+            square = di * di + dj * dj
+            weight = HALO * (np.exp(-square / 2.5) + 1.2 / (square + 8.0))
+            weights[di + REACH, dj + REACH] = weight * max(0.0, 1.0 - square / 90.0)
+    return weights
+
+
 @compiled(borrowing=True)
-def bloom(light: np.ndarray, bright: np.ndarray, glare: np.ndarray) -> None:
-    """Add to glare the light above white, gathered by blocks and smeared over their neighbours."""
+def bloom(light: np.ndarray, weights: np.ndarray, bright: np.ndarray, glare: np.ndarray) -> None:
+    """Add to glare the light above white, gathered by blocks and smeared over their neighbours.
+
+    weights: of `halo_weights`.
+    """
     height, width = light.shape[:2]
     bright[:] = 0.0
     for r in range(height):
@@ -30,15 +47,11 @@ def bloom(light: np.ndarray, bright: np.ndarray, glare: np.ndarray) -> None:
     for i in range(rows):
         for j in range(columns):
             if bright[i, j, 0] + bright[i, j, 1] + bright[i, j, 2] > 0.0:
-                for di in range(-9, 10):
-                    for dj in range(-9, 10):
-                        y, x = i + di, j + dj
-                        if 0 <= y < rows and 0 <= x < columns:
-                            square = di * di + dj * dj
-                            weight = HALO * (np.exp(-square / 2.5) + 1.2 / (square + 8.0))
-                            weight *= max(0.0, 1.0 - square / 90.0)
-                            for k in range(3):
-                                glare[y, x, k] += weight * bright[i, j, k]
+                for y in range(max(0, i - REACH), min(rows, i + REACH + 1)):
+                    for x in range(max(0, j - REACH), min(columns, j + REACH + 1)):
+                        weight = weights[y - i + REACH, x - j + REACH]
+                        for k in range(3):
+                            glare[y, x, k] += weight * bright[i, j, k]
 
 
 @compiled(borrowing=True)
