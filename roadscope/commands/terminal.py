@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import monotonic
 from typing import Any
 
 import typer
+
+LINE_EACH_S = 60.0
+"""Where no terminal shows bars, a line says this often how far a stage is."""
 
 
 def console(*, stderr: bool = False) -> Any:
@@ -35,7 +39,7 @@ def complain(text: str) -> None:
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Show one bar for each stage, with time spent and left."""
+    """Show one bar for each stage, with time spent and left; in a log, a line now and then."""
     from rich import progress as bars
 
     columns = (
@@ -48,13 +52,19 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
     )
     shown = bars.Progress(*columns, console=console(stderr=True))
     tasks: dict[str, bars.TaskID] = {}
+    logged, begun = not shown.console.is_terminal, monotonic()
+    told_s = begun
 
     def tell(stage: str, done: int, total: int) -> None:
+        nonlocal told_s
         # Started late, so that an error in the input is the only line there is.
         shown.start()
         if stage not in tasks:
             tasks[stage] = shown.add_task(stage, total=total)
         shown.update(tasks[stage], completed=done, total=total)
+        if logged and monotonic() - told_s > LINE_EACH_S:
+            told_s = monotonic()
+            complain(f"{stage} {done}/{total}, {told_s - begun:.0f} s")
 
     try:
         yield tell
