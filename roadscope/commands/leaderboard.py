@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,12 +36,12 @@ Entry = Annotated[
 ]
 Only = Annotated[bool, typer.Option("--only", help="Run the given entries alone.")]
 By = Annotated[
-    str | None,
+    list[str] | None,
     typer.Option(
         help="Show it by this too: range, category, occlusion, points or score (detection), "
         "detector or alpha (tracking), family, size, range, category or score (camera), family, "
         "range, crowd, score or inputs (fusion), distance (odometry), condition, weather or "
-        "scenario (all), alpha or sequence (--kitti, --mot)."
+        "scenario (all), alpha or sequence (--kitti, --mot). Can be given several times."
     ),
 ]
 Seeds = Annotated[
@@ -133,8 +134,8 @@ def leaderboard(
     boards = boards_of(conditions) if board is None else (board,)
     _check_tracks(tracks, kitti or mot)
     _refuse_idle(boards, calibration, detections)
-    if by is not None and set(boards) <= set(ALL_BOARDS):
-        check_breakdown(by, _recorded_boards(kitti, mot) or boards)
+    for each in by or () if set(boards) <= set(ALL_BOARDS) else ():
+        check_breakdown(each, _recorded_boards(kitti, mot) or boards)
     with progress_bars() as progress:
         results = run(
             conditions, entry or (), boards=boards, only=only, jobs=workers(jobs), out_dir=out,
@@ -143,7 +144,7 @@ def leaderboard(
         lost = [] if tracks is None else _save_tracks(
             (conditions, entry or (), boards, only), tracks, workers(jobs), progress
         )  # fmt: skip
-    _show(results, conditions, by)
+    _show(results, conditions, dict.fromkeys(by or ()))
     if suite is None and not (kitti or mot):
         _tell_more(board)
     if lost:
@@ -259,7 +260,7 @@ def _check_tracks(tracks: Path | None, kitti: Path | None) -> None:
         usable_folder(tracks)
 
 
-def _show(results: Any, loaded: Any, by: str | None) -> None:
+def _show(results: Any, loaded: Any, by: Collection[str]) -> None:
     from roadscope.benchmarks.boards.columns import footnote
     from roadscope.benchmarks.boards.tables import (
         agreement_lines,
@@ -282,10 +283,10 @@ def _show(results: Any, loaded: Any, by: str | None) -> None:
         for text in agreement_lines(results, name):
             screen.print(text)
         screen.print(footnote(name, screen.width, jobs), style="dim")
-        if name in SENSOR_BOARDS and by != "family":
+        if name in SENSOR_BOARDS and "family" not in by:
             _show_breakdown(screen, results, name, "family", ("detection_rate",))
-        if by is not None:
-            _show_breakdown(screen, results, name, by)
+        for each in by:
+            _show_breakdown(screen, results, name, each)
     _complain_of_failures(results)
 
 

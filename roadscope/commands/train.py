@@ -20,7 +20,7 @@ def train(
     jobs: Jobs = 0,
     work: Annotated[
         Path | None,
-        typer.Option(help="Folder for pictures (up to 4 GB) and checkpoints; in the cache."),
+        typer.Option(help="Folder for pictures (up to 5 GB) and checkpoints; in the cache."),
     ] = None,
     out: Annotated[
         Path, typer.Option(help="File for the weights; a .toml comes beside it.")

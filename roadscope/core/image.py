@@ -9,6 +9,9 @@ import numpy as np
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 
+DARK = 8
+"""Brightest byte of an image that shows nothing."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraImage(Record):
@@ -27,3 +30,8 @@ class CameraImage(Record):
 
     def __post_init__(self) -> None:
         settle_arrays(self, pixels=(np.uint8, ("H", "W", 3)), intrinsics=(np.float64, (3, 3)))
+
+    @property
+    def black(self) -> bool:
+        """Whether nothing can be seen: the lens is covered, or no light came in."""
+        return int(self.pixels.max(initial=0)) <= DARK

@@ -35,6 +35,10 @@ class Projection(Record):
             bool(singular[-1] > 1e-9 * singular[0]), self, "matrix",
             "a left 3 x 3 block that can be inverted", self.matrix.tolist(),
         )  # fmt: skip
+        require(
+            bool(np.linalg.det(block) > 0), self, "matrix",
+            "a left 3 x 3 block of positive determinant, which is no mirror", self.matrix.tolist(),
+        )  # fmt: skip
         length = np.linalg.norm(self.matrix[2, :3])
         require(bool(abs(length - 1) < 1e-6), self, "matrix", "a third row of unit length", length)
         require(self.width > 0 and self.height > 0, self, "width", "an image", self.width)
@@ -44,6 +48,11 @@ class Projection(Record):
         """Join (3, 3) intrinsics and the mounting pose of a camera."""
         camera_from_ego = ego_from_camera.inverse().matrix[:3]
         return Projection(np.asarray(intrinsics) @ camera_from_ego, width, height)
+
+    @property
+    def height_m(self) -> float:
+        """Height of the camera's centre above the ground."""
+        return float(np.linalg.solve(self.matrix[:, :3], -self.matrix[:, 3])[2])
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Map (..., 3) points to (..., 2) pixels and (...) depths in metres.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Category, Frame, ImageDetections, RecordError
+from roadscope.detectors.camera.detector import nothing_in
 
 SQUARE = 4
 """Pixels are averaged over squares of so many by so many."""
@@ -44,6 +45,8 @@ class ColourBlobs:
 
         if frame.camera is None:
             raise RecordError("the frame has no image: a camera detector needs one in each frame")
+        if frame.camera.black:
+            return nothing_in(frame.camera)
         apart = self._apart(frame.camera.pixels)
         blobs, _ = label(apart >= self.contrast)
         found = []

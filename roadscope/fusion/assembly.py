@@ -11,6 +11,7 @@ from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.masses import FAMILIES, families_of
 from roadscope.fusion.overlap import projected_boxes
+from roadscope.fusion.pairing import check_moment
 
 _STAND_IN = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
 
@@ -31,15 +32,39 @@ class Views:
     def of(
         lidar: Detections | None, camera: ImageDetections | None, projection: Projection
     ) -> Views:
-        """Check what came and project it."""
+        """Check what came and project it.
+
+        `RecordError` where nothing came, where both were not measured within a second, where LiDAR
+        detections are not in the ego frame, or where a box lies outside the projection's image.
+        """
+        if not isinstance(projection, Projection):
+            raise RecordError(
+                f"fusion: expected a Projection, got {type(projection).__name__}; "
+                "`read_calibration` and `Projection.of` make one"
+            )
         if lidar is None and camera is None:
             raise RecordError("fusion: expected detections of one sensor at least, got none")
         stamp_s = lidar.stamp_s if lidar is not None else camera.stamp_s if camera else 0.0
         points = Detections.empty(stamp_s) if lidar is None else lidar
         if points.frame != "ego":
             raise RecordError(f"fusion: expected LiDAR detections in frame ego, got {points.frame}")
+        if lidar is not None and camera is not None:
+            check_moment(lidar.stamp_s, camera.stamp_s)
+        if camera is not None:
+            _check_inside(camera.boxes, projection)
         none = ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s)
         return Views(points, camera or none, *projected_boxes(points, projection))
+
+
+def _check_inside(boxes: np.ndarray, projection: Projection) -> None:
+    """Refuse boxes of an image of another size."""
+    size = np.array([projection.width, projection.height])
+    outside = ((boxes[:, :2] > size) | (boxes[:, 2:] < 0)).any(axis=1)
+    if outside.any():
+        raise RecordError(
+            f"fusion: the calibration is of images of {projection.width} x {projection.height}, "
+            f"but a box is at {boxes[outside][0].round(1).tolist()} (left top right bottom)"
+        )
 
 
 def assemble(

@@ -13,6 +13,8 @@ from roadscope.core.projection import Projection
 from roadscope.fusion.calibration import CalibrationError, CalibrationResult
 
 KEYS = ("matrix", "width", "height", "origin", "reprojection_px", "points")
+LOWEST_M = 0.05
+"""Height of the lowest camera that is believed."""
 
 
 def write_calibration(path: Path | str, result: CalibrationResult, origin: str) -> None:
@@ -72,17 +74,23 @@ def read_calibration(path: Path | str) -> Projection:
         matrix = np.array(table["matrix"], np.float64)
     except (ValueError, TypeError) as error:
         raise CalibrationError(f"{path}: matrix: expected 3 rows of 4 numbers") from error
-    if not np.isfinite(matrix).all():
-        raise CalibrationError(f"{path}: matrix: expected finite numbers")
     if matrix.shape != (3, 4):
         raise CalibrationError(f"{path}: matrix: expected 3 rows of 4 numbers, got {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise CalibrationError(f"{path}: matrix: expected finite numbers")
     for key in ("width", "height"):
         if type(table[key]) is not int:
             raise CalibrationError(f"{path}: {key}: expected whole pixels, got {table[key]!r}")
     try:
-        return Projection(matrix, table["width"], table["height"])
+        projection = Projection(matrix, table["width"], table["height"])
     except RecordError as error:
         raise CalibrationError(f"{path}: {error}") from error
+    if projection.height_m < LOWEST_M:
+        raise CalibrationError(
+            f"{path}: matrix: expected a camera above the ground, got one at "
+            f"{projection.height_m:.2f} m"
+        )
+    return projection
 
 
 def _quoted(text: str) -> str:

@@ -24,7 +24,7 @@ def combine(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
     Each row sums to 1. Raises `FullConflictError` naming the row where no product agrees.
     """
-    a, b = check_masses(first), check_masses(second)
+    a, b = _of_one_frame(first, second)
     a, b = np.broadcast_arrays(a, b)
     s, t = a[..., -1:], b[..., -1:]
     joined = a * b + a * t + s * b
@@ -32,14 +32,15 @@ def combine(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     agreed = joined.sum(axis=-1, keepdims=True)
     if (agreed <= 0).any():
         row = np.argwhere(agreed[..., 0] <= 0)[0].tolist()
-        raise FullConflictError(f"full conflict between the masses of row {row}")
+        where = f" of row {row}" if row else ""
+        raise FullConflictError(f"full conflict between the masses{where}: no class has both")
     fused: np.ndarray = joined / agreed
     return fused
 
 
 def conflict(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return k of eq. 6, (...), 0 for none and 1 for full conflict."""
-    a, b = check_masses(first)[..., :-1], check_masses(second)[..., :-1]
+    a, b = (masses[..., :-1] for masses in _of_one_frame(first, second))
     result: np.ndarray = a.sum(axis=-1) * b.sum(axis=-1) - (a * b).sum(axis=-1)
     return result
 
@@ -61,3 +62,14 @@ def check_masses(masses: np.ndarray) -> np.ndarray:
     if wrong.any():
         raise ValueError(f"masses: expected rows that sum to 1, got {given[wrong][0].tolist()}")
     return given
+
+
+def _of_one_frame(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return both as floats; refuse masses on different numbers of classes."""
+    a, b = check_masses(first), check_masses(second)
+    if a.shape[-1] != b.shape[-1]:
+        raise ValueError(
+            f"masses: expected both on as many classes, got {a.shape[-1] - 1} and "
+            f"{b.shape[-1] - 1}, each with ignorance behind them"
+        )
+    return a, b

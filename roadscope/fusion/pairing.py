@@ -9,6 +9,8 @@ from roadscope.core.projection import Projection
 
 LIMIT_S = 0.05
 """Half the period of a camera of 10 images/s: with a gap above this an image is missing."""
+LONGEST_S = 1.0
+"""Between what is fused; whoever is that late measured something else."""
 ALONE = -1
 
 
@@ -39,6 +41,15 @@ def nearest_images(
             "apart: do both clocks count from the same moment?"
         )
     return np.where(least <= limit_s, rows, ALONE)
+
+
+def check_moment(scan_stamp_s: float, image_stamp_s: float) -> None:
+    """Refuse to fuse what was not measured at about the same time, `ClocksApartError`."""
+    if not abs(image_stamp_s - scan_stamp_s) <= LONGEST_S:
+        raise ClocksApartError(
+            f"the scan is stamped {scan_stamp_s:g} s, the image {image_stamp_s:g} s: what is "
+            f"fused is at most {LONGEST_S:g} s apart"
+        )
 
 
 def moved_projection(

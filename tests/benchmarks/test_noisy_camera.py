@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.noisy_camera import CAMERA_NOISES, CameraNoise, NoisyCamera
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.jobs.look import lit_share
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES, LIT, CameraNoise, NoisyCamera
 from roadscope.core import Category, Pose, Truth
 
 
@@ -62,3 +64,16 @@ def test_the_same_seed_brings_the_same_and_names_take_options() -> None:
     assert NoisyCamera(model, 5).of(scene, 640, 480) == NoisyCamera(model, 5).of(scene, 640, 480)
     with pytest.raises(ValueError, match="miss must be"):
         CAMERA_NOISES.make("noisy-camera?miss=1.5")
+
+
+def test_the_worse_the_light_the_less_is_found() -> None:
+    for kind in LIT:
+        conditions = [(f"{kind}:{severity}",) for severity in range(1, 6)]
+        left = [lit_share(Episode("street", 0, "wide", faults=each)) for each in conditions]
+        assert left == sorted(left, reverse=True)
+        assert left[0] < 1.0
+        found = [share(QUIET, truth([120.0]), lit=each) for each in left]
+        assert found[0] > found[2] > found[4]
+    both = lit_share(Episode("street", 0, "wide", faults=("night:2", "glare:4")))
+    assert both == pytest.approx(LIT["night"][1] * LIT["glare"][3])
+    assert lit_share(Episode("street", 0, "wide", faults=("fog:3",))) == 1.0

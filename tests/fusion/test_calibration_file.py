@@ -7,7 +7,7 @@ from roadscope.core.projection import Projection
 from roadscope.fusion.calibration import CalibrationError, CalibrationResult
 from roadscope.fusion.calibration_file import read_calibration, write_calibration
 
-MATRIX = np.array([[320.0, -500, 0, 1], [240, 0, -500, 2], [1, 0, 0, 0.1]])
+MATRIX = np.array([[320.0, -500, 0, 1], [240, 0, -500, 700], [1, 0, 0, 0.1]])
 
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
@@ -25,6 +25,10 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
         ("matrix = [[0,0,0,1],[0,0,0,1],[1,0,0,1]]\nwidth = 640\nheight = 480", "inverted"),
         ("matrix = [[1,0,0,1],[0,1,0,1],[0,0,2,1]]\nwidth = 640\nheight = 480", "unit length"),
         ("matrix = [[1,0,0,1],[0,1,0,1],[0,0,1,1]]\nwidth = 640.5\nheight = 480", "whole pixels"),
+        ("matrix = [[1, nan], [3, 4]]\nwidth = 640\nheight = 480", "3 rows of 4"),
+        ("matrix = [[1,0,0,nan],[0,1,0,1],[0,0,1,1]]\nwidth = 6\nheight = 4", "finite"),
+        ("matrix = [[1,0,0,1],[0,-1,0,1],[0,0,1,1]]\nwidth = 6\nheight = 4", "no mirror"),
+        ("matrix = [[1,0,0,1],[0,1,0,1],[0,0,1,1]]\nwidth = 6\nheight = 4", "above the ground"),
         ("width = 640\nheight = 480", "no key 'matrix'"),
         ("matrx = 3", "unknown key 'matrx'"),
         ("matrix =", "not a TOML file"),

@@ -94,6 +94,15 @@ def test_full_conflict_has_a_name() -> None:
     with pytest.raises(FullConflictError, match=r"row \[1\]"):
         combine([[0.5, 0.5, 0.0], [1.0, 0.0, 0.0]], [[0.5, 0.5, 0.0], [0.0, 1.0, 0.0]])
 
+    with pytest.raises(FullConflictError, match="between the masses: no class"):
+        combine([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+
+
+def test_masses_on_different_classes_are_refused() -> None:
+    for rule in (combine, conflict):
+        with pytest.raises(ValueError, match="as many classes, got 2 and 3"):
+            rule([0.2, 0.2, 0.6], [0.2, 0.2, 0.2, 0.4])
+
 
 @pytest.mark.parametrize("wrong", [[0.5, 0.6, 0.1], [-0.1, 1.0, 0.1], [1.0], [np.nan, 0.5, 0.5]])
 def test_what_is_no_mass_is_refused(wrong: list[float]) -> None:

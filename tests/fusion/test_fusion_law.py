@@ -1,5 +1,7 @@
 """What every fusion does."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from roadscope.core import Category, Detections, ImageDetections, Pose, RecordEr
 from roadscope.core.projection import Projection
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.cluster_boxes import ClusterBoxes
+from roadscope.fusion.pairing import ClocksApartError
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(
@@ -71,6 +74,18 @@ def test_one_sensor_is_enough(name: str) -> None:
     assert alone.by_camera.all()
     assert alone.stamp_s == camera.stamp_s
     assert not FUSIONS.make(name).fuse(lidar, None, LOOK).by_camera.any()
+
+
+@pytest.mark.parametrize("name", list(FUSIONS))
+def test_what_does_not_belong_together_is_refused(name: str) -> None:
+    lidar, camera = scene(3)
+    late = replace(camera, stamp_s=camera.stamp_s + 3600)
+    with pytest.raises(ClocksApartError, match=r"scan is stamped 2 s, the image 3602\.02 s"):
+        FUSIONS.make(name).fuse(lidar, late, LOOK)
+    with pytest.raises(RecordError, match="calibration is of images of 640 x 480, but a box is"):
+        FUSIONS.make(name).fuse(lidar, replace(camera, boxes=camera.boxes + 700), LOOK)
+    with pytest.raises(RecordError, match="expected a Projection, got ndarray"):
+        FUSIONS.make(name).fuse(lidar, camera, LOOK.matrix)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

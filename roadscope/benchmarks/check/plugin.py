@@ -130,7 +130,7 @@ def _look_at(spec: str, theirs: Connection) -> None:
             theirs.send(Item(LOADED, False, str(error)))
             theirs.send(None)
             return
-        theirs.send(Item(LOADED, True, _kind(promises)))
+        theirs.send(Item(LOADED, True, _kind(promises) + _by_default(plugin, promises)))
         for number, promise in enumerate(promises):
             if promise.ready is not None:
                 theirs.send(READY)
@@ -225,6 +225,14 @@ def _kind(promises: Sequence[Promise]) -> str:
         if promises is known:
             return name
     return "an offline tracker"
+
+
+def _by_default(plugin: Plugin[Any], promises: Sequence[Promise]) -> str:
+    """Say how a class is taken for another kind, where nothing says which of two it is."""
+    named = any(split_spec(plugin.spec)[0] in registry for registry, _ in KINDS)
+    if promises is not detectors.PROMISES or named:
+        return ""
+    return "; for one of images, `detect` says so by `-> ImageDetections`"
 
 
 def _quiet(printed: str) -> Item:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from operator import methodcaller
@@ -12,7 +13,7 @@ import numpy as np
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.jobs.stack import STAMP_TOLERANCE_S, EntryError, guarded, timed
 from roadscope.benchmarks.metrics.image_labels import Labels, labels_of
-from roadscope.benchmarks.noisy_camera import CAMERA_NOISES, NoisyCamera
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES, LIT, NoisyCamera
 from roadscope.benchmarks.oracle import ORACLE
 from roadscope.benchmarks.perceived import without_sources
 from roadscope.benchmarks.seen import Seen, nothing_seen
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
 Look = Callable[["Picture"], tuple[ImageDetections, float]]
 """Returns what is found in an image and how many milliseconds that took."""
-DARK = 8
-"""Brightest byte of an image that shows nothing."""
 _WARM: set[str] = set()
 """Specs of our detectors that were called in this process."""
 
@@ -76,6 +75,12 @@ def at_night(episode: Episode) -> bool:
     return episode.light == "night" or any(f.startswith("night:") for f in episode.faults)
 
 
+def lit_share(episode: Episode) -> float:
+    """Return the share of what a camera finds by day that night and glare leave it."""
+    faults = [fault.partition(":") for fault in episode.faults]
+    return math.prod(LIT[kind][int(severity) - 1] for kind, _, severity in faults if kind in LIT)
+
+
 def oracle_in_image(labels: Labels, stamp_s: float) -> ImageDetections:
     """Return the true boxes of all that is asked for."""
     rows = np.flatnonzero(labels.asked)
@@ -115,13 +120,14 @@ def _imitated(detector: str, episode: Episode) -> Look:
             oracle_in_image(labels_of(p.truth, p.parked).in_air(air), p.frame.stamp_s), 0.0
         )  # fmt: skip
     camera = NoisyCamera(
-        CAMERA_NOISES.make(detector), episode.seed, extinction_per_m=air, night=at_night(episode)
-    )
+        CAMERA_NOISES.make(detector), episode.seed, extinction_per_m=air,
+        night=at_night(episode), lit=lit_share(episode),
+    )  # fmt: skip
 
     def seeing(picture: Picture) -> tuple[ImageDetections, float]:
         found = camera.of(picture.truth, pinhole.width, pinhole.height)
         image = picture.frame.camera
-        if image is not None and image.pixels.max() <= DARK:
+        if image is not None and image.black:
             return nothing_seen(picture.frame.stamp_s), 0.0
         return _stamped(found, picture.frame.stamp_s), 0.0
 

@@ -78,7 +78,7 @@ def train_camera(
     if recipe not in RECIPES:
         raise ValueError(unknown("recipe", recipe, RECIPES))
     plan = replace(RECIPES[recipe], seed=seed)
-    target = Path(out).with_suffix(".safetensors")
+    target = _target(Path(out))
     usable_folder(target.parent)
     folder = usable_folder(cache_dir() / "camera-training" if work is None else work)
     split, apart = _split(plan), _held_out(plan)
@@ -96,8 +96,15 @@ def train_camera(
     }
     record = target.with_suffix(".toml")
     done = Trained(target, record, found, others, data_hash, trainer.seconds)
-    _record(done, recipe, plan)
+    _record(done, recipe, plan, jobs)
     return done
+
+
+def _target(out: Path) -> Path:
+    """Return the file of the weights; an ending that says something else is refused."""
+    if out.suffix not in ("", ".safetensors"):
+        raise ValueError(f"weights are written as .safetensors, not as {out.suffix}: {out}")
+    return out.with_suffix(".safetensors")
 
 
 def _split(plan: Recipe) -> tuple[list[View], list[View], list[View]]:
@@ -135,7 +142,7 @@ def _rendered(wanted: Sequence[View], folder: Path, jobs: int, progress: Progres
     """Render what the folder lacks; return the hash of every episode's pictures."""
     from joblib import Parallel, delayed
 
-    missing = [v for v in wanted if not (folder / f"{v.name}.npz").exists()]
+    missing = [v for v in wanted if views.kept(v, folder) is None]
     if missing:
         progress("pictures", 0, len(missing))
         work = (delayed(views.keep)(v, folder) for v in missing)
@@ -164,7 +171,8 @@ def _calibrate(network: CentreNetwork, target: Path, episodes: Sequence[Pictures
     from roadscope.detectors.camera.weight_file import Calibration, save
 
     save(target, network, Calibration())
-    detector = CameraDetector(weights=str(target), min_score=LEAST_SCORE)
+    # In one precision everywhere: what is written must not depend on what is fast here.
+    detector = CameraDetector(weights=str(target), min_score=LEAST_SCORE, precision="float32")
     peaks = [detector.peaks(np.asarray(p)) for e in episodes for p in e.pixels]
     worth = calibrated(peaks, [label for e in episodes for label in e.labels])
     save(target, network, worth)
@@ -191,14 +199,17 @@ def _frame(pixels: np.ndarray, stamp_s: float) -> Frame:
     return Frame(stamp_s, Calibration(), camera=image)
 
 
-def _record(done: Trained, name: str, plan: Recipe) -> None:
+def _record(done: Trained, name: str, plan: Recipe, jobs: int) -> None:
     """Write down what produced the weights and what they reach."""
     from hashlib import sha256
 
+    from roadscope.benchmarks.jobs.manifest import cpu_model
+    from roadscope.detectors.camera.detector import CameraDetector
     from roadscope.detectors.camera.network import ARCHITECTURE
 
     lines = [
-        f'command = "roadscope train camera --recipe {name} --seed {plan.seed}"',
+        f'command = "roadscope train camera --recipe {name} --seed {plan.seed} --jobs {jobs}"',
+        f'processor = "{cpu_model()}" # on another kind sums are rounded otherwise',
         f'architecture = "{ARCHITECTURE}"',
         f"seed = {plan.seed}",
         f"steps = {plan.steps}",
@@ -210,6 +221,7 @@ def _record(done: Trained, name: str, plan: Recipe) -> None:
         f"lights = {json.dumps(sorted(set(plan.lights)))}",
         f"faulty = {plan.faulty} # share of the episodes with {', '.join(FAULTS)}, 1 to {WORST}",
         "# Scores are on validation seeds; rates and false alarms from a score of 0.5 up.",
+        f'precision = "{CameraDetector().precision}" # of the network when it was scored',
     ]
     for section, scores in {"validation": done.scores, **done.held_out}.items():
         lines += ["", f"[{section}]", f"objects = {scores.ap50.n}"]

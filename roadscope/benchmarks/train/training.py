@@ -19,6 +19,7 @@ from roadscope.benchmarks.train.optimiser import Optimiser
 from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.benchmarks.train.views import Pictures
 from roadscope.detectors.camera.network import CentreNetwork, channels_last
+from roadscope.detectors.camera.precision import has_bfloat16
 
 SAVED_EVERY = 100
 AVERAGED = 0.998
@@ -62,7 +63,8 @@ class Trainer:
         self.network.train()
         self.optimiser.zero_grad()
         batch = batch.to(self.device)
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=has_bfloat16(self.device)):
+        kind = self.device.type
+        with torch.autocast(kind, torch.bfloat16, enabled=has_bfloat16(kind)):
             maps = self.network(batch.pixels)
         loss = losses(maps, batch.targets).total
         loss.backward()  # type: ignore[no-untyped-call]
@@ -113,14 +115,6 @@ _PARTS = ("network", "average", "optimiser")
 def best_device() -> torch.device:
     """Return CUDA if there is one."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-
-
-def has_bfloat16(device: torch.device) -> bool:
-    """Say whether bfloat16 is faster than float32 here."""
-    if device.type == "cuda":
-        return True
-    flags = Path("/proc/cpuinfo")
-    return flags.exists() and "avx512_bf16" in flags.read_text("utf-8", errors="replace")
 
 
 def train(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -159,15 +160,29 @@ def render(view: View) -> Pictures:
 
 
 def keep(view: View, folder: Path) -> str:
-    """Render pictures unless the folder has them; return the hash of their bytes."""
-    told = folder / f"{view.name}.npz"
-    if not told.exists():
-        made = render(view)
-        digest = sha256(made.pixels.tobytes()).hexdigest()
-        write_atomically(_pixels_path(view, folder), lambda path: _save(path, made.pixels))
-        write_atomically(told, lambda path: _save_labels(path, made.labels, digest))
-    with np.load(told) as data:
-        return str(data["digest"])
+    """Render pictures unless the folder has them; return the hash of their pixels."""
+    if (digest := kept(view, folder)) is not None:
+        return digest
+    made = render(view)
+    digest = sha256(made.pixels.tobytes()).hexdigest()
+    write_atomically(_pixels_path(view, folder), lambda path: _save(path, made.pixels))
+    write_atomically(_labels_path(view, folder), lambda p: _save_labels(p, made.labels, digest))
+    return digest
+
+
+def kept(view: View, folder: Path) -> str | None:
+    """Return the hash of the pixels of pictures in the folder; None if they need rendering.
+
+    Files that were cut short or damaged do not count.
+    """
+    try:
+        np.load(_pixels_path(view, folder), mmap_mode="r")
+        with _labels_path(view, folder).open("rb") as file, np.load(file) as data:
+            for name in (*Labels.names(), "ends"):
+                _ = data[name]
+            return str(data["digest"])
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        return None
 
 
 def read(view: View, folder: Path) -> Pictures:
@@ -176,7 +191,7 @@ def read(view: View, folder: Path) -> Pictures:
     Who is lost in rain or fog is not asked for.
     """
     pixels = np.load(_pixels_path(view, folder), mmap_mode="r")
-    with np.load(folder / f"{view.name}.npz") as data:
+    with np.load(_labels_path(view, folder)) as data:
         rows = {name: data[name] for name in Labels.names()}
         ends = data["ends"]
     split = {name: np.split(values, ends[:-1]) for name, values in rows.items()}
@@ -187,6 +202,10 @@ def read(view: View, folder: Path) -> Pictures:
 
 def _pixels_path(view: View, folder: Path) -> Path:
     return folder / f"{view.name}.npy"
+
+
+def _labels_path(view: View, folder: Path) -> Path:
+    return folder / f"{view.name}.npz"
 
 
 def _save(path: Path, pixels: np.ndarray) -> None:

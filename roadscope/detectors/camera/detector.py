@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from functools import cached_property
 from pathlib import Path
@@ -9,21 +10,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from roadscope.core import Frame, ImageDetections, RecordError
+from roadscope.core import CameraImage, Frame, ImageDetections, RecordError
 from roadscope.detectors.camera.decode import Peaks, decode
+from roadscope.detectors.camera.precision import AUTO, PRECISIONS, fastest
 from roadscope.detectors.camera.weight_file import SHIPPED, Calibration, load
 
 if TYPE_CHECKING:
     from roadscope.detectors.camera.network import CentreNetwork
 
-PRECISIONS = ("float32", "bfloat16")
-DEVICES = ("cpu", "cuda")
+DEVICE = re.compile(r"cpu|cuda(:\d+)?")
 COARSEST = 32
 LARGEST_WIDTH = 960
 """Wider images are looked at with every second pixel row and column averaged, as often as needed:
 1280 become 640, for which the network was trained."""
-DARK = 8
-"""Brightest byte of an image that shows nothing."""
 
 
 class BlackImageWarning(UserWarning):
@@ -43,7 +42,7 @@ class CameraDetector:
         *,
         weights: str = "",
         min_score: float = 0.05,
-        precision: str = "float32",
+        precision: str = AUTO,
         threads: int = 1,
         device: str = "cpu",
     ) -> None:
@@ -51,9 +50,9 @@ class CameraDetector:
 
         weights: a .safetensors file; the shipped one if left out.
         min_score: least score that is told.
-        precision: float32, or bfloat16, faster where the processor has instructions for it.
+        precision: float32, bfloat16, or auto, the faster of both on the device.
         threads: processor cores to use; torch has one setting for the whole process.
-        device: cpu or cuda.
+        device: cpu, cuda or cuda:1.
         """
         if not 0 < min_score < 1:
             raise ValueError(f"min_score must lie between 0 and 1, got {min_score!r}")
@@ -61,11 +60,11 @@ class CameraDetector:
             raise ValueError(f"no precision {precision!r}; known: {', '.join(PRECISIONS)}")
         if threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads!r}")
-        if device.partition(":")[0] not in DEVICES:
-            raise ValueError(f"no device {device!r}; known: {', '.join(DEVICES)}")
+        if not DEVICE.fullmatch(device):
+            raise ValueError(f"no device {device!r}; known: cpu, cuda, cuda:0 and so on")
         self.weights = Path(weights) if weights else SHIPPED
         self.min_score = min_score
-        self.precision = precision
+        self.precision = fastest(device) if precision == AUTO else precision
         self.threads = threads
         self.device = device
 
@@ -81,12 +80,8 @@ class CameraDetector:
         if frame.camera is None:
             raise RecordError("the frame has no image: a camera detector needs one in each frame")
         image = frame.camera
-        if image.pixels.max(initial=0) <= DARK:
-            warnings.warn(
-                f"camera '{image.sensor}' at {image.stamp_s:.3f} s: the image is black",
-                BlackImageWarning, stacklevel=2,
-            )  # fmt: skip
-            return _empty(image.stamp_s)
+        if image.black:
+            return nothing_in(image)
         peaks = self.peaks(image.pixels)
         scores = self._loaded[1].scores(peaks.log_odds, peaks.families)
         kept = np.flatnonzero(scores >= self.min_score)
@@ -123,6 +118,15 @@ class CameraDetector:
         return folded.to(self.device), calibration
 
 
+def nothing_in(image: CameraImage) -> ImageDetections:
+    """Warn of a black image to whoever called `detect`, and return no detections."""
+    warnings.warn(
+        f"camera '{image.sensor}' at {image.stamp_s:.3f} s: the image is black",
+        BlackImageWarning, stacklevel=3,
+    )  # fmt: skip
+    return ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), image.stamp_s)
+
+
 def _shrunk(pixels: np.ndarray) -> tuple[np.ndarray, int]:
     """Halve an image until it is narrow enough; return by which factor it shrank too."""
     factor = 1
@@ -151,7 +155,3 @@ def _look(network: CentreNetwork, pixels: np.ndarray, threads: int) -> list[np.n
             return [m[0].cpu().numpy() for m in network(full)]
     finally:
         torch.set_num_threads(before)
-
-
-def _empty(stamp_s: float) -> ImageDetections:
-    return ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s)

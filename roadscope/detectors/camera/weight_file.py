@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from roadscope.detectors.camera.network import CentreNetwork
 
 FOLDER = Path(__file__).parent / "weights"
@@ -49,7 +51,7 @@ class Calibration:
 
 def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
     """Write a network and what its scores are worth."""
-    from safetensors.torch import save_file
+    from safetensors.torch import save as packed
 
     from roadscope.detectors.camera.network import ARCHITECTURE
 
@@ -60,7 +62,7 @@ def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
         "offsets": calibration.offsets,
     }
     # One entry: several come in an order of their own each time, and so other bytes.
-    save_file(tensors, path, {ABOUT: json.dumps(about)})
+    path.write_bytes(packed(tensors, {ABOUT: json.dumps(about)}))
 
 
 def load(path: Path | str) -> tuple[CentreNetwork, Calibration]:
@@ -110,17 +112,17 @@ def _check_beginning(path: Path) -> None:
 
 
 def _check_tensor(
-    path: Path, name: str, wanted: Mapping[str, object], tensors: Mapping[str, object]
+    path: Path, name: str, wanted: Mapping[str, Tensor], tensors: Mapping[str, Tensor]
 ) -> None:
-    expected, given = (
-        tuple(t[name].shape) if name in t else None  # type: ignore[attr-defined]
-        for t in (wanted, tensors)
-    )
+    expected, given = (_kind(t[name]) if name in t else "none" for t in (wanted, tensors))
     if expected != given:
-        raise WeightsError(
-            f"{path}: tensor '{name}': expected {expected or 'none of that name'}, "
-            f"got {given if given is not None else 'none'}"
-        )
+        raise WeightsError(f"{path}: tensor '{name}': expected {expected}, got {given}")
+    if not bool(tensors[name].isfinite().all()):
+        raise WeightsError(f"{path}: tensor '{name}': expected finite numbers")
+
+
+def _kind(tensor: Tensor) -> str:
+    return f"{str(tensor.dtype).removeprefix('torch.')} {tuple(tensor.shape)}"
 
 
 def _calibration(path: Path, about: Mapping[str, Any]) -> Calibration:

@@ -100,12 +100,16 @@ class Fault:
         return FAULTS[self.kind].figures[self.severity - 1]
 
 
+EXAMPLES = "'fog:3', 'night:2 + glare:1', 'clear' or a list of them"
+
 Faults = str | Iterable[str | Fault]
 """One condition: `fog:3`, `night:2 + glare:1`, `clear`, or a list of faults."""
 
 
 def faults_of(given: Faults) -> tuple[Fault, ...]:
     """Return the faults of one condition in the order of `FAULTS`; contradictions are refused."""
+    if not isinstance(given, Iterable):
+        raise TypeError(f"faults: expected {EXAMPLES}, got {given!r}")
     parts = given.split("+") if isinstance(given, str) else list(given)
     texts = [part.strip() if isinstance(part, str) else part for part in parts]
     wanted = [text for text in texts if text != NO_FAULT] if len(texts) == 1 else texts

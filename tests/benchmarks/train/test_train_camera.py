@@ -30,7 +30,8 @@ def test_a_run_writes_weights_that_detect_and_their_record(tmp_path: Path) -> No
     )  # fmt: skip
     assert told == {"pictures", "training", "scores"}
     record = tomllib.loads(done.record.read_text("utf-8"))
-    assert record["command"] == "roadscope train camera --recipe trial --seed 0"
+    assert record["command"] == "roadscope train camera --recipe trial --seed 0 --jobs 1"
+    assert record["precision"] in ("float32", "bfloat16")
     assert record["data"] == done.data_hash
     assert record["validation"]["objects"] == done.scores.ap50.n == 12
     apart = {f"held_out_{name}" for name in ("scenarios", "looks", "weathers", "faults")}
@@ -45,6 +46,20 @@ def test_run_twice_nothing_is_done_twice(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(batches, "batch", None)
     again = train_camera(tmp_path / "b", recipe="trial", work=tmp_path / "work")
     assert again.weights.read_bytes() == first.weights.read_bytes()
+
+
+def test_pictures_cut_short_are_taken_again(tmp_path: Path) -> None:
+    first = train_camera(tmp_path / "a", recipe="trial", work=tmp_path / "work")
+    for ending in ("npy", "npz"):
+        path = sorted((tmp_path / "work").glob(f"*.{ending}"))[0]
+        path.write_bytes(path.read_bytes()[:200])
+    again = train_camera(tmp_path / "b", recipe="trial", work=tmp_path / "work")
+    assert again.weights.read_bytes() == first.weights.read_bytes()
+
+
+def test_weights_are_not_written_under_another_ending(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"written as \.safetensors, not as \.pt: "):
+        train_camera(tmp_path / "a.pt", recipe="trial")
 
 
 def test_an_unknown_recipe_is_refused(tmp_path: Path) -> None:

@@ -96,6 +96,10 @@ def test_what_is_held_out_is_scored_and_never_learned(name: str) -> None:
     apart = _held_out(recipe)
     assert {view.scenario for view in apart["held_out_looks"]} <= set(LOOKS)
     assert {view.faults for view in apart["held_out_faults"]} <= set(HELD_OUT_FAULTS)
+    # A fault of severity 4 brings the weather of that severity.
+    met = {view.weather for view in learned}
+    met |= {part.strip().replace(":", "-") for v in learned for part in v.faults.split("+")}
+    assert not met & {view.weather for view in apart["held_out_weathers"]}
     with pytest.raises(ValueError, match="scenarios unseen-street are held out"):
         _split(replace(recipe, scenarios=("street", "unseen-street")))
 

@@ -65,19 +65,33 @@ def test_a_tiny_image_is_refused(eager: Path) -> None:
         CameraDetector(weights=str(eager)).detect(frame_of(noise(16, 40)))
 
 
-def test_a_black_image_brings_a_warning(eager: Path) -> None:
-    detector = CameraDetector(weights=str(eager))
-    with pytest.warns(BlackImageWarning, match=r"camera 'front' at 0\.500 s: the image is black"):
-        assert len(detector.detect(frame_of(np.full((64, 64, 3), 3, np.uint8)))) == 0
+def test_a_black_image_brings_a_warning_where_detect_is_called() -> None:
+    for name in CAMERA_DETECTORS.names():
+        detector = CAMERA_DETECTORS.make(name)
+        with pytest.warns(BlackImageWarning, match=r"'front' at 0\.500 s: the image is b") as told:
+            assert len(detector.detect(frame_of(np.full((64, 64, 3), 3, np.uint8)))) == 0
+        assert told[0].filename == __file__
+
+
+@pytest.mark.parametrize(("flags", "fastest"), [("avx2", "float32"), ("avx512_bf16", "bfloat16")])
+def test_the_faster_precision_is_taken(
+    flags: str, fastest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cpuinfo").write_text(f"model name: toy\nflags: sse {flags}\n")
+    monkeypatch.setattr("roadscope.detectors.camera.precision.PROCESSOR", tmp_path / "cpuinfo")
+    assert CameraDetector().precision == fastest
+    assert CameraDetector(device="cuda").precision == "bfloat16"
+    assert CameraDetector(precision="float32").precision == "float32"
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"min_score": 0.0}, "min_score must lie"),
-        ({"precision": "int4"}, "no precision 'int4'; known: float32, bfloat16"),
+        ({"precision": "int4"}, "no precision 'int4'; known: auto, float32, bfloat16"),
         ({"threads": 0}, "threads must be at least 1"),
         ({"device": "tpu"}, "no device 'tpu'; known: cpu, cuda"),
+        ({"device": "cuda:7x"}, "no device 'cuda:7x'; known: cpu, cuda"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments: dict[str, object], message: str) -> None:

@@ -53,6 +53,19 @@ def test_another_architecture_is_refused(tmp_path: Path) -> None:
         load(path)
 
 
+def test_tensors_that_are_no_weights_are_refused(tmp_path: Path) -> None:
+    path, sound = tmp_path / "t.safetensors", CentreNetwork().state_dict()
+    name = "out.bias"
+    for wrong, words in (
+        (sound[name].half(), r"expected float32 \(12,\), got float16 \(12,\)"),
+        (sound[name] * float("nan"), "expected finite numbers"),
+        (sound[name][:3].clone(), r"got float32 \(3,\)"),
+    ):
+        save_file({**sound, name: wrong}, path, about())
+        with pytest.raises(WeightsError, match=rf"tensor '{name}': .*{words}|{words}"):
+            load(path)
+
+
 @pytest.mark.parametrize("change", [{"slopes": None}, {"slopes": [1, -1, 1]}, {"offsets": [1, 2]}])
 def test_scores_without_worth_are_refused(tmp_path: Path, change: dict[str, object]) -> None:
     path = tmp_path / "d.safetensors"
