@@ -254,7 +254,7 @@ def test_what_is_no_fault_is_refused_with_what_is(given: object, message: str) -
 def test_what_is_no_text_is_refused(given: object) -> None:
     with pytest.raises(TypeError, match="expected text such as fog:3"):
         Sensing(rig("lux"), 0, faults=given)
-    with pytest.raises(TypeError, match="faults: expected 'fog:3', .* got 3"):
+    with pytest.raises(TypeError, match=r"faults: expected 'fog:3', .* got 3"):
         faults_of(3)  # type: ignore[arg-type]
 
 

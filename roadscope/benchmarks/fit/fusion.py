@@ -42,7 +42,7 @@ def moments_of(seeds: Sequence[int]) -> list[Moment]:
         for dull in (False, True):
             fog, night = dull and seed % 2 == 1, dull and seed % 2 == 0
             episode = Episode(scenario, seed, rig, 10.0, "fog-3" if fog else "clear")
-            found += film(episode, every=8, night=night)
+            found += film(replace(episode, light="night" if night else "day"), every=8)
             seen = replace(episode, faults=("night:2",)) if night else episode
             found += film(seen, every=8, detector=detector)
     return found

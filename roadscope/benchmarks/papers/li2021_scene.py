@@ -8,6 +8,7 @@ import numpy as np
 
 from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
 from roadscope.benchmarks.images import sensing_without_pixels
+from roadscope.benchmarks.jobs.look import at_night, lit_share
 from roadscope.benchmarks.metrics.fusion import Targets
 from roadscope.benchmarks.noisy_camera import CameraNoise, NoisyCamera
 from roadscope.benchmarks.parked import parked_among
@@ -34,16 +35,16 @@ class Moment:
 
 
 def film(
-    episode: Episode, *, every: int = 6, night: bool = False, noise: CameraNoise | None = None,
+    episode: Episode, *, every: int = 6, noise: CameraNoise | None = None,
     detector: Detector | None = None,
 ) -> list[Moment]:  # fmt: skip
     """Sense every n-th scan of an episode and the image nearest in time.
 
-    detector: of images, which are drawn for it, always by day; None: the imitation of one, with
-    its errors in `noise`, by day or by night.
+    detector: of images, which are drawn for it; None: the imitation of one, with its errors in
+    `noise`.
     """
-    if detector is not None and (night or noise is not None):
-        raise ValueError("night and noise are of the imitation, and a detector was given")
+    if detector is not None and noise is not None:
+        raise ValueError("noise is of the imitation, and a detector was given")
     timeline, carrier = timeline_of(episode), rig(episode.rig)
     assert carrier.camera is not None
     sensing = sensing_without_pixels(episode) if detector is None else sensing_of(episode)
@@ -55,7 +56,8 @@ def film(
     images = np.arange(1, int(last / carrier.camera.spec.period_s))
     scan_s = np.array([carrier.lidar.stamp_s(int(k)) for k in scans])
     image_s = np.array([carrier.camera.stamp_s(int(k)) for k in images])
-    camera = NoisyCamera(noise or CameraNoise(), episode.seed, night=night,
+    camera = NoisyCamera(noise or CameraNoise(), episode.seed, night=at_night(episode),
+                         lit=lit_share(episode),
                          extinction_per_m=sensing.weather.extinction_per_m)  # fmt: skip
     taken = []
     for scan, row in zip(scans, nearest_images(scan_s, image_s), strict=True):

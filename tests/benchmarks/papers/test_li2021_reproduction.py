@@ -55,6 +55,14 @@ def test_who_is_asked_in_which_condition(method: str, condition: str, count: int
     assert li2021.outcomes(li2021.LIDAR, [one], [lidar], "LiDAR fails") is None
 
 
+def test_a_note_says_whose_detections_the_cameras_are() -> None:
+    for camera, words in ((li2021.IMAGES, "shipped network's"), (li2021.IMITATED, "imitation")):
+        for experiment in (*li2021.CONDITIONS, li2021.HIDDEN, li2021.CLAIMS, li2021.EVERY_SCORE):
+            titled = li2021.titled(experiment, camera)
+            assert li2021.split(titled) == (experiment, camera)
+            assert words in str(li2021.note_of(titled))
+
+
 def test_crowds_are_people_beside_people() -> None:
     one, _ = moment()
     assert li2021.crowded(one.targets).eligible.all()
@@ -68,8 +76,11 @@ def test_crowds_are_people_beside_people() -> None:
 @pytest.mark.slow
 def test_one_seed_gives_every_figure_of_the_paper() -> None:
     found = li2021.measure(10300)
-    assert set(li2021.PAPER) <= set(found)
-    assert found["clear", "consistent", li2021.DISTANCE] > found["clear", "li2021", li2021.DISTANCE]
+    for camera in (li2021.IMAGES, li2021.IMITATED):
+        clear = li2021.titled("clear", camera)
+        assert {(li2021.titled(e, camera), *rest) for e, *rest in li2021.PAPER} <= set(found)
+        right = [found[clear, each, li2021.DISTANCE] for each in ("consistent", "li2021")]
+        assert right[0] > right[1]
 
 
 def test_all_methods_of_a_condition_fit_one_table() -> None:
