@@ -11,7 +11,9 @@ from roadscope.commands.terminal import headline, progress_bars, show
 
 
 def calibrate(
-    rig: Annotated[str, typer.Option(help="Sensors with a camera: li2021, wide.")] = "li2021",
+    rig: Annotated[
+        str, typer.Option(help="Sensors with a camera: li2021, wide or a .toml file.")
+    ] = "li2021",
     poses: Annotated[int, typer.Option(min=4, max=100, help="Poses of the board.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Of poses and noise.")] = 0,
     known_intrinsics: Annotated[

@@ -59,7 +59,9 @@ class Pinhole(Record):
         return np.stack(np.broadcast_arrays(u[None, :], v[:, None], 1.0), axis=-1)
 
 
-def mounted(x_m: float, y_m: float, z_m: float, *, yaw: float = 0.0, pitch: float = 0.0) -> Pose:
+def mounted(
+    x_m: float, y_m: float, z_m: float, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0
+) -> Pose:
     """Return `ego_from_camera` of a camera that looks ahead, turned by ISO 8855 angles."""
-    body = Pose.from_euler(x_m, y_m, z_m, yaw=yaw, pitch=pitch)
+    body = Pose.from_euler(x_m, y_m, z_m, yaw=yaw, pitch=pitch, roll=roll)
     return Pose.from_parts(body.rotation @ OPTICAL_FROM_BODY.T, body.translation)

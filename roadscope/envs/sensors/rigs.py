@@ -9,12 +9,11 @@ A file names a LiDAR and may change its mount and its figures:
     range_noise_m = 0.03
 
 `imu` names an inertial unit, `wheels = true` adds the speed of the wheels, `sway = true` lets the
-body lean when the vehicle brakes and turns.
+body lean when the vehicle brakes and turns. A table `[camera]` adds a camera (`camera_table`).
 """
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
 from collections.abc import Mapping
@@ -25,21 +24,27 @@ from typing import Any
 
 from roadscope.core import Pose, RecordError
 from roadscope.core.names import unknown
-from roadscope.envs.imaging.pinhole import mounted
 from roadscope.envs.sensors.body_sway import BodySway
-from roadscope.envs.sensors.camera_spec import CAMERAS
+from roadscope.envs.sensors.camera_table import camera_mount, preset
 from roadscope.envs.sensors.imu_specs import IMUS
 from roadscope.envs.sensors.lidar_specs import SPECS
-from roadscope.envs.sensors.rig import CameraMount, ImuMount, LidarMount, Rig
+from roadscope.envs.sensors.rig import ImuMount, LidarMount, Rig
+from roadscope.envs.sensors.rig_values import (
+    ANGLES,
+    MOUNT_KEYS,
+    known_keys,
+    name_of,
+    number,
+    switch,
+)
 from roadscope.envs.sensors.wheels import WheelSpec
 
-MOUNT_KEYS = ("x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg")
 SPEC_KEYS = (
     "range_noise_m", "range_resolution_m", "dropout", "detection_limit",
     "range_min_m", "range_max_m",
 )  # fmt: skip
 SWITCHES = ("wheels", "sway")
-KEYS = ("name", "lidar", "imu", *SWITCHES, *MOUNT_KEYS, *SPEC_KEYS)
+KEYS = ("name", "lidar", "imu", "camera", *SWITCHES, *MOUNT_KEYS, *SPEC_KEYS)
 IMU_X_M, IMU_Z_M = 1.3, 0.6
 """Inertial units sit level between the front seats."""
 
@@ -55,8 +60,6 @@ class Place:
     x_m: float
     z_m: float
     camera: str | None = None
-    camera_x_m: float = 2.0
-    camera_z_m: float = 1.4
     imu: str | None = None
 
 
@@ -66,15 +69,14 @@ RIGS: Mapping[str, Place] = MappingProxyType(
         "vlp16": Place("vlp16", 2.5, 1.9),
         "hdl32e": Place("hdl32e", 2.5, 1.9),
         "hdl64e": Place("hdl64e", 2.5, 1.73),
-        "li2021": Place("lux", 5.0, 0.55, "bumblebee-xb3", 2.0, 1.4),
-        "wide": Place("hdl32e", 2.5, 1.9, "wide", 2.0, 1.4),
+        "li2021": Place("lux", 5.0, 0.55, "bumblebee-xb3"),
+        "wide": Place("hdl32e", 2.5, 1.9, "wide"),
         "vlp16-imu": Place("vlp16", 2.5, 1.9, imu="adis16448"),
         "hdl32e-imu": Place("hdl32e", 2.5, 1.9, imu="adis16448"),
         "hdl64e-imu": Place("hdl64e", 2.5, 1.73, imu="adis16448"),
     }
 )
-"""LUX on the front bumper as in Lu 2018, HDL-64E as high as KITTI's, the others on the roof;
-cameras behind the windscreen."""
+"""LUX on the front bumper as in Lu 2018, HDL-64E as high as KITTI's, the others on the roof."""
 
 
 def rig(name_or_path: str | Path) -> Rig:
@@ -83,7 +85,7 @@ def rig(name_or_path: str | Path) -> Rig:
     if text in RIGS:
         place = RIGS[text]
         made = _rig(text, place.sensor, {"x_m": place.x_m, "z_m": place.z_m})
-        made = replace(made, camera=_camera(place))
+        made = replace(made, camera=None if place.camera is None else preset(place.camera))
         return made if place.imu is None else _inertial(made, place.imu)
     if text.endswith(".toml"):
         return load_rig(Path(text))
@@ -122,38 +124,27 @@ def scaled_noise(rig: Rig, factor: float) -> Rig:
 
 
 def _from_table(table: Mapping[str, Any], stem: str) -> Rig:
-    for key in table:
-        if key not in KEYS:
-            close = difflib.get_close_matches(key, KEYS, n=1)
-            hint = f" (did you mean '{close[0]}'?)" if close else ""
-            raise RecordError(f"unknown key '{key}'{hint}; known: {', '.join(KEYS)}")
-    sensor, name = table.get("lidar"), table.get("name", stem)
-    if sensor is None:
-        raise RecordError(f"no key 'lidar'; it names one of: {', '.join(SPECS)}")
-    if not isinstance(sensor, str) or sensor not in SPECS:
-        raise RecordError(f"no LiDAR {sensor!r}; known: {', '.join(SPECS)}")
+    known_keys(table, KEYS)
+    sensor = name_of("lidar", table.get("lidar"), "LiDAR", SPECS)
+    name = table.get("name", stem)
     if not isinstance(name, str) or not name:
         raise RecordError(f"name: expected text, got {name!r}")
-    plain = ("name", "lidar", "imu", *SWITCHES)
-    numbers = {k: _number(k, v) for k, v in table.items() if k not in plain}
+    numbers = {k: number(k, table[k]) for k in (*MOUNT_KEYS, *SPEC_KEYS) if k in table}
     place = RIGS.get(sensor)
     preset = {} if place is None else {"x_m": place.x_m, "z_m": place.z_m}
     return _with_extras(_rig(name, sensor, {**preset, **numbers}), table)
 
 
 def _with_extras(rig: Rig, table: Mapping[str, Any]) -> Rig:
-    """Add inertial unit, wheels and sway as far as a table asks for them."""
-    unit = table.get("imu")
-    if unit is not None and (not isinstance(unit, str) or unit not in IMUS):
-        raise RecordError(f"no inertial unit {unit!r}; known: {', '.join(IMUS)}")
-    for switch in SWITCHES:
-        if not isinstance(table.get(switch, False), bool):
-            raise RecordError(f"{switch}: expected true or false, got {table[switch]!r}")
+    """Add inertial unit, camera, wheels and sway as far as a table asks for them."""
+    unit, eye = table.get("imu"), table.get("camera")
+    wheels, sway = (switch(key, table.get(key, False)) for key in SWITCHES)
     return replace(
         rig,
-        imu=None if unit is None else _imu(unit),
-        wheels=WheelSpec() if table.get("wheels") else None,
-        sway=BodySway() if table.get("sway") else None,
+        imu=None if unit is None else _imu(name_of("imu", unit, "inertial unit", IMUS)),
+        camera=None if eye is None else camera_mount(eye),
+        wheels=WheelSpec() if wheels else None,
+        sway=BodySway() if sway else None,
     )
 
 
@@ -168,25 +159,6 @@ def _imu(unit: str) -> ImuMount:
 def _rig(name: str, sensor: str, numbers: Mapping[str, float]) -> Rig:
     changes: dict[str, Any] = {key: numbers[key] for key in SPEC_KEYS if key in numbers}
     spec = replace(SPECS[sensor], **changes)
-    angles = {a: math.radians(numbers.get(f"{a}_deg", 0.0)) for a in ("yaw", "pitch", "roll")}
+    angles = {a: math.radians(numbers.get(f"{a}_deg", 0.0)) for a in ANGLES}
     x, y, z = (numbers.get(key, 0.0) for key in ("x_m", "y_m", "z_m"))
     return Rig(name, LidarMount("lidar", spec, Pose.from_euler(x, y, z, **angles)))
-
-
-def _camera(place: Place) -> CameraMount | None:
-    if place.camera is None:
-        return None
-    pose = mounted(place.camera_x_m, 0.0, place.camera_z_m)
-    return CameraMount("camera", CAMERAS[place.camera], pose)
-
-
-def _number(key: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise RecordError(f"{key}: expected a number, got {value!r}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise RecordError(f"{key}: expected a finite number, got {number}")
-    return number

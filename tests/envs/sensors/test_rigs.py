@@ -8,6 +8,8 @@ from roadscope.envs.sensors.camera_spec import CAMERAS
 from roadscope.envs.sensors.lidar_specs import SPECS
 from roadscope.envs.sensors.rigs import RIGS, load_rig, rig, scaled_noise
 
+CAMERA = 'lidar = "lux"\n[camera]\nsensor = "wide"\n'
+
 
 @pytest.fixture
 def write(tmp_path):
@@ -51,6 +53,40 @@ def test_a_file_changes_mount_and_figures(write):
     assert np.array_equal(made.lidar.spec.elevations, SPECS["vlp16"].elevations)
 
 
+def test_a_table_adds_a_camera(write):
+    made = rig(
+        write(
+            'lidar = "vlp16"\n[camera]\nsensor = "wide"\nz_m = 1.2\nyaw_deg = 90\nwidth_px = 320\n'
+            "rate_hz = 10\nexposure_s = 0.02\nmotion_blur = true\nread_noise = 3\n"
+        )
+    ).camera
+    assert made is not None
+    assert np.allclose(made.ego_from_camera.translation, (2.0, 0.0, 1.2))
+    assert np.allclose(made.ego_from_camera.rotation[:, 2], (0, 1, 0))
+    eye = made.spec.pinhole
+    assert (eye.width, eye.height, eye.focal_px, eye.centre_px) == (
+        320,
+        480,
+        (420, 420),
+        (160, 240),
+    )
+    assert (made.spec.period_s, made.spec.exposure_s, made.spec.read_noise) == (0.1, 0.02, 3)
+    assert made.spec.motion_blur
+    assert made.spec.vignetting == CAMERAS["wide"].vignetting
+
+
+def test_a_table_that_changes_nothing_is_the_presets_camera(write):
+    made = rig(write('lidar = "hdl32e"\ncamera = { sensor = "wide" }\n', "wide.toml"))
+    assert made == rig("wide")
+
+
+def test_a_camera_may_lean(write):
+    made = rig(write('lidar = "lux"\ncamera = { sensor = "wide", roll_deg = 90 }\n')).camera
+    assert made is not None
+    right = made.ego_from_camera.rotation[:, 0]
+    assert np.allclose(right, (0, 0, -1))
+
+
 def test_pitch_down_lowers_what_lies_ahead(write):
     made = load_rig(write('lidar = "lux"\npitch_deg = 2\n'))
     ahead = made.lidar.ego_from_lidar.apply(np.array([10.0, 0.0, 0.0]))
@@ -73,6 +109,18 @@ def test_pitch_down_lowers_what_lies_ahead(write):
         ('lidar = ["lux"]', r"no LiDAR \['lux'\]; known"),
         ('lidar = "lux"\nname = 3', r"name: expected text, got 3"),
         ("lidar = ", r"is not a TOML file"),
+        ('lidar = "lux"\ncamera = "wide"', r"camera: expected a table \[camera\], got 'wide'"),
+        ('lidar = "lux"\n[camera]', r"\[camera\] no key 'sensor'; it names one of: bumblebee"),
+        ('lidar = "lux"\n[camera]\nsensor = "wyde"', r"\[camera\] no camera 'wyde'; known: bumb"),
+        (CAMERA + "focal = 3", r"unknown key 'focal' \(did you mean 'focal_px'"),
+        (CAMERA + "width_px = 0", r"width_px: expected whole pixels, 1 to 8192, got 0"),
+        (CAMERA + "height_px = 4.5", r"height_px: expected whole pixels"),
+        (CAMERA + "focal_px = -1", r"focal_px: expected a number above 0, got -1"),
+        (CAMERA + "rate_hz = 0", r"rate_hz: expected a number above 0, got 0"),
+        (CAMERA + "rate_hz = nan", r"rate_hz: expected a finite number"),
+        (CAMERA + "exposure_s = 1", r"exposure_s: expected above 0, up to period_s, got 1"),
+        (CAMERA + "motion_blur = 1", r"motion_blur: expected true or false, got 1"),
+        (CAMERA + "z_m = 0", r"z_m: expected a camera above the ground, got 0"),
     ],
 )
 def test_bad_files_are_refused_by_name(write, text, message):
