@@ -7,6 +7,7 @@ from roadscope.core.frame import Calibration, Frame
 from roadscope.core.image import CameraImage
 from roadscope.core.imu import ImuSamples
 from roadscope.core.odometry import OdometryEstimate, OdometryStatus
+from roadscope.core.pixel_truth import SKY, PixelTruth
 from roadscope.core.pose import Pose, wrap_angle
 from roadscope.core.registry import NotInstalledError, Plugin, Registry, Requirement, SpecError
 from roadscope.core.scan import LidarScan
@@ -16,6 +17,7 @@ from roadscope.core.wheels import WheelSamples
 
 __all__ = [
     "GROUND",
+    "SKY",
     "WEATHER",
     "Calibration",
     "CameraImage",
@@ -29,6 +31,7 @@ __all__ = [
     "NotInstalledError",
     "OdometryEstimate",
     "OdometryStatus",
+    "PixelTruth",
     "Plugin",
     "Pose",
     "RecordError",

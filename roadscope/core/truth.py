@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core.checks import settle_arrays
+from roadscope.core.pixel_truth import PixelTruth
 from roadscope.core.pose import Pose
 from roadscope.core.record import Record
 
@@ -37,6 +38,7 @@ class Truth(Record):
         `GROUND`, `WEATHER`, or otherwise -2 and below for scenery.
     image_boxes: (N, 4) float64, left top right bottom in pixels of this tick's image, of the
         whole object as far as it is inside, without extent where it is not; None without image.
+    pixels: what each pixel of this tick's image shows; None unless that was asked for.
     """
 
     ids: np.ndarray
@@ -52,6 +54,7 @@ class Truth(Record):
     stamp_s: float
     sources: np.ndarray
     image_boxes: np.ndarray | None = None
+    pixels: PixelTruth | None = None
 
     def __post_init__(self) -> None:
         settle_arrays(

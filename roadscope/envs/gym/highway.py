@@ -64,7 +64,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
     ego: `agent`: the action drives the ego, with the action space, the reward and the ends of
         highway-env's own environment; `idm`: a recorded scenario is played whose ego drives
         itself, and the one action is to go on. None: `agent` where there is one to drive.
-    rig, style, weather, light, faults, records: as in `SensorWrapper`.
+    rig, style, weather, light, faults, records, pixel_truth: as in `SensorWrapper`.
     config: settings of highway-env that an agent's environment should have.
     duration_s: the episode is truncated there at the latest.
     step_s: time from step to step of a played scenario; None for the period of the LiDAR.
@@ -83,6 +83,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         light: str | Light | None = None,
         faults: Faults = (),
         records: bool = True,
+        pixel_truth: bool = False,
         config: Mapping[str, Any] | None = None,
         duration_s: float | None = None,
         step_s: float | None = None,
@@ -92,7 +93,7 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         _check_render_mode(render_mode, self.metadata["render_modes"])
         sensing: dict[str, Any] = {
             "style": style, "weather": weather, "light": light, "faults": faults,
-            "records": records,
+            "records": records, "pixel_truth": pixel_truth,
         }  # fmt: skip
         if duration_s is not None and not duration_s > 0:
             raise ValueError(f"duration_s: expected a positive number of seconds, got {duration_s}")

@@ -64,16 +64,20 @@ class Observer:
         light: str | Light | None = None,
         faults: Faults = (),
         records: bool = True,
+        pixel_truth: bool = False,
     ) -> None:
         self.rig = rig
         self.latest: tuple[Frame, Truth] | None = None
         self._pixels: np.ndarray | None = None
+        self._shown: Truth | None = None
         self._felt = np.zeros((imu_samples(rig), 6), np.float32)
         if style is not None:
             style_named(style)
         self._records = records
         self._seeds = np.random.SeedSequence(seed)
-        self._sensing = Sensing(rig, 0, style, weather=weather, light=light, faults=faults)
+        self._sensing = Sensing(
+            rig, 0, style, weather=weather, light=light, faults=faults, pixel_truth=pixel_truth
+        )
 
     def next_seed(self, seed: int | None) -> int:
         """Return the seed of the next episode, the given one if there is one."""
@@ -97,7 +101,8 @@ class Observer:
         mount = self.rig.camera
         if mount is not None:
             stamp_s = now_s - mount.spec.exposure_s / 2
-            image = self._sensing.sense_image_at(timeline, stamp_s)[0].camera
+            frame, self._shown = self._sensing.sense_image_at(timeline, stamp_s)
+            image = frame.camera
             # Before the first image that arrives, a dark one is observed.
             dark = (mount.spec.pinhole.height, mount.spec.pinhole.width, 3)
             self._pixels = np.zeros(dark, np.uint8) if image is None else image.pixels
@@ -110,7 +115,7 @@ class Observer:
             if frame.lidar is not None:
                 self.latest = frame, truth
             if frame.camera is not None:
-                self._pixels = frame.camera.pixels
+                self._pixels, self._shown = frame.camera.pixels, truth
             if frame.imu is not None:
                 self._felt = imu_block(self._felt, frame.imu)
         return self._report(pairs, timeline, until_s)
@@ -145,6 +150,8 @@ class Observer:
             observation["imu"] = self._felt.copy()
         observation["ego"] = ego_state(timeline, now_s, self._lanes)
         info: dict[str, Any] = {"time_s": now_s - self._start_s, "truth": truth}
+        if self._sensing.pixel_truth and self._shown is not None:
+            info["pixel_truth"] = self._shown.pixels
         if self._records:
             info["frames"] = tuple(frame for frame, _ in pairs)
             info["truths"] = tuple(truth for _, truth in pairs)

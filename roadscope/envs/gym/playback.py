@@ -26,7 +26,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
 
     scenario, duration_s: as in `scenarios.record`. `reset(seed=s)` plays the recording of seed
         s, byte for byte what `sensing.sense` makes of it; a reset without seed draws the next.
-    rig, style, weather, light, faults, records: as in `SensorWrapper`.
+    rig, style, weather, light, faults, records, pixel_truth: as in `SensorWrapper`.
     step_s: time from step to step; None for the period of the LiDAR.
 
     The reward is 0, and an episode is truncated where the recording ends.
@@ -46,14 +46,16 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         light: str | Light | None = None,
         faults: Faults = (),
         records: bool = True,
+        pixel_truth: bool = False,
         render_mode: str | None = None,
     ) -> None:
         chosen = _on_frames(rig_of(rig), scenario)
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(1)
         self._observer = Observer(
-            chosen, style=style, weather=weather, light=light, faults=faults, records=records
-        )
+            chosen, style=style, weather=weather, light=light, faults=faults, records=records,
+            pixel_truth=pixel_truth,
+        )  # fmt: skip
         self.observation_space = observation_space(chosen)
         self._scenario = scenario
         self._duration_s = duration_s

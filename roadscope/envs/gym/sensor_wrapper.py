@@ -53,6 +53,8 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
     light: name of a preset (`roadscope list lights`) or a `Light`, for the camera; None: some day.
     faults: such as `fog:3` or a list of them (`roadscope list faults`); they hold weather too.
     records: whether `info` carries every frame and its truth; training without them is lighter.
+    pixel_truth: whether `info["pixel_truth"]` carries depth, instance and category of every pixel
+        of the observed image (`PixelTruth`), and each truth of an image those of its own.
 
     The observation is a dictionary of the latest complete scan and the own state: see
     `spaces.observation_space`. `info["frames"]` holds each `Frame` completed since the last call
@@ -72,10 +74,11 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         light: str | Light | None = None,
         faults: Faults = (),
         records: bool = True,
+        pixel_truth: bool = False,
     ) -> None:
         RecordConstructorArgs.__init__(
             self, rig=rig, seed=seed, style=style, weather=weather, light=light, faults=faults,
-            records=records,
+            records=records, pixel_truth=pixel_truth,
         )  # fmt: skip
         gym.Wrapper.__init__(self, env)
         _refuse_sensors(env)
@@ -84,7 +87,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         suited = suited_style(env.unwrapped) if style is None else style
         self._observer = Observer(
             chosen, seed=checked_seed(seed), style=suited, weather=weather, light=light,
-            faults=faults, records=records,
+            faults=faults, records=records, pixel_truth=pixel_truth,
         )  # fmt: skip
         self._recorder = TrafficRecorder()
         self._constants: Constants = {}

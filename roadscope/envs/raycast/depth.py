@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.core import GROUND
+from roadscope.core import GROUND, SKY
 from roadscope.core.jit import compiled
 from roadscope.envs.raycast.blocks import Blocks, Rays
 from roadscope.envs.raycast.lanes import (
@@ -21,7 +21,7 @@ from roadscope.envs.raycast.lanes import (
     spread,
 )
 
-NOTHING = int(np.iinfo(np.int32).min)
+NOTHING = SKY
 """Owner of a ray that meets nothing."""
 
 

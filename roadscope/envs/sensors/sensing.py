@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -14,13 +13,14 @@ from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.light import Light, daylight, light_named
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.blur import motion_during
-from roadscope.envs.sensors.camera import ImageTruth, expose
+from roadscope.envs.sensors.camera import expose
 from roadscope.envs.sensors.disturbance import Disturbance
 from roadscope.envs.sensors.ego_motion import EgoMotion, settled_s
 from roadscope.envs.sensors.faults import Fault, Faults, faults_of
 from roadscope.envs.sensors.inertial import Inertial
-from roadscope.envs.sensors.lidar import Path, SweepTruth, sweep
+from roadscope.envs.sensors.lidar import Path, sweep
 from roadscope.envs.sensors.rig import CameraMount, Rig
+from roadscope.envs.sensors.truths import directions, pixel_truth_of, truth_at, truth_of_image
 from roadscope.envs.sensors.weather import CLEAR, Weather
 from roadscope.envs.sensors.weather import weather as find_weather
 from roadscope.envs.traffic.timeline import Timeline
@@ -54,6 +54,7 @@ class Sensing:
         weather: str | Weather = CLEAR,
         light: str | Light | None = None,
         faults: Faults = (),
+        pixel_truth: bool = False,
     ) -> None:
         """Take rig, seed of world and noise, roadside style (None: the timeline's), weather.
 
@@ -61,8 +62,13 @@ class Sensing:
         faults: such as `fog:3` or `("night:2", "dropped-scans:1")`, see `faults.FAULTS`; what
             contradicts weather or light is refused. `idle_faults` are those that the rig lacks
             the sensor for: they change nothing.
+        pixel_truth: whether the truth of an image holds depth, instance and category of every
+            pixel (`Truth.pixels`); a rig without a camera is refused.
         """
         self.rig = rig
+        self.pixel_truth = pixel_truth
+        if pixel_truth:
+            self._camera()
         self.style = style
         self.faults = faults_of(faults)
         self._disturbance = Disturbance.of(self.faults, seed)
@@ -195,7 +201,10 @@ class Sensing:
         )  # fmt: skip
         believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
-        return frame, self._swayed(truth_of_image(timeline, stamp_s, seen), timeline)
+        truth = self._swayed(truth_of_image(timeline, stamp_s, seen), timeline)
+        if self.pixel_truth:
+            truth = replace(truth, pixels=pixel_truth_of(timeline, stamp_s, seen))
+        return frame, truth
 
     def _ego_motion(self, timeline: Timeline) -> EgoMotion:
         """Return the smooth motion, worked out once for as long as the timeline is the same."""
@@ -319,52 +328,6 @@ def world_of(timeline: Timeline, seed: int) -> World:
     return build_world(timeline, _seeds(seed)[0])
 
 
-def truth_at(timeline: Timeline, stamp_s: float, seen: SweepTruth) -> Truth:
-    """Join what is known of the road users at the stamp with what the sweep saw of them."""
-    sources = seen.owners.astype(np.int64)
-    sources[sources >= 0] = timeline.ids[sources[sources >= 0]]
-    rows, known = _known(timeline, stamp_s)
-    return Truth(
-        **known,
-        lidar_returns=seen.returns[rows],
-        visible_pixels=np.zeros(len(rows), np.int64),
-        occluded_fraction=seen.occluded_fraction[rows],
-        sources=sources,
-    )
-
-
-def truth_of_image(timeline: Timeline, stamp_s: float, seen: ImageTruth) -> Truth:
-    """Join what is known of the road users at the stamp with what the image shows of them."""
-    rows, known = _known(timeline, stamp_s)
-    return Truth(
-        **known,
-        lidar_returns=np.zeros(len(rows), np.int64),
-        visible_pixels=seen.visible_pixels[rows],
-        occluded_fraction=seen.occluded_fraction[rows],
-        sources=np.empty(0, np.int64),
-        image_boxes=seen.boxes[rows],
-    )
-
-
-def _known(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict[str, Any]]:
-    """Rows of the road users that are there but for the ego, and their states."""
-    around = timeline.at(np.array([stamp_s - 1e-3, stamp_s, stamp_s + 1e-3]))
-    centres = around.axles + timeline.centre_ahead_m[:, None] * directions(around.yaws)
-    rows = np.flatnonzero(around.present[1])
-    rows = rows[rows > 0]
-    heights = timeline.sizes[rows, 2]
-    return rows, {
-        "ids": timeline.ids[rows],
-        "categories": timeline.categories[rows],
-        "centres": np.column_stack([centres[1, rows], heights / 2]),
-        "sizes": timeline.sizes[rows],
-        "yaws": around.yaws[1, rows],
-        "velocities": (centres[2, rows] - centres[0, rows]) / 2e-3,
-        "world_from_ego": timeline.world_from_ego(stamp_s),
-        "stamp_s": stamp_s,
-    }
-
-
 def _seeds(seed: int) -> tuple[int, int, int, int]:
     """Seeds of world, noise of the LiDAR, estimate of the own motion, and weather."""
     world, noise, motion, weather = np.random.SeedSequence(seed).generate_state(4)
@@ -375,8 +338,3 @@ def image_seeds(seed: int) -> tuple[int, int]:
     """Seeds of the camera's noise and of the light; the LiDAR's stay as they were without it."""
     *_, noise, light = np.random.SeedSequence(seed).generate_state(6)
     return int(noise), int(light)
-
-
-def directions(yaws: np.ndarray) -> np.ndarray:
-    """Return unit vectors (..., 2) of headings in radians."""
-    return np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)

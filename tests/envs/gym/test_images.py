@@ -34,6 +34,27 @@ def test_the_latest_image_is_observed_and_every_one_is_in_the_frames() -> None:
     assert all(truth.image_boxes is not None for truth in seen)
 
 
+@pytest.mark.filterwarnings("ignore:.*precision lowered:UserWarning")
+@pytest.mark.parametrize("name", ["TwoWay-v0", "Street-v0"])
+def test_what_pixels_show_comes_with_the_observed_image(name: str) -> None:
+    env = gym.make(f"roadscope/{name}", rig="wide", pixel_truth=True)
+    check_env(env.unwrapped, skip_render_check=True)
+    first, info = env.reset(seed=3)
+    assert info["pixel_truth"].depth.shape == first["image"].shape[:2]
+    _, _, _, _, info = env.step(env.action_space.sample())
+    seen = [truth for truth in info["truths"] if truth.image_boxes is not None]
+    assert seen[-1].pixels == info["pixel_truth"]
+    assert all(truth.pixels is not None for truth in seen)
+    plain = gym.make(f"roadscope/{name}", rig="wide")
+    again, untold = plain.reset(seed=3)
+    assert "pixel_truth" not in untold
+    assert np.array_equal(first["image"], again["image"])
+    light = gym.make(f"roadscope/{name}", rig="wide", pixel_truth=True, records=False)
+    _, info = light.reset(seed=3)
+    assert "truths" not in info
+    assert info["pixel_truth"].instances.max() >= 0
+
+
 def test_images_leave_scans_as_they_are_and_are_the_same_again() -> None:
     from dataclasses import replace
 

@@ -1,0 +1,45 @@
+"""What every pixel of an image shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadscope.core.checks import settle_arrays
+from roadscope.core.record import Record
+
+SKY = -(2**31)
+"""Instance of a pixel that shows nothing but the sky."""
+GROUND_CLASS, SCENERY_CLASS, SKY_CLASS = -1, -2, -3
+"""Categories of pixels that show no road user."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelTruth(Record):
+    """Depth, instance and category by pixel, at the middle of the exposure, nothing blurred.
+
+    What lies on a pixel's ray through its middle counts: bodies, ground, scenery with what of
+    foliage is drawn solid, not fog, rain or lamps' light.
+
+    depth: (H, W) float32, metres along the optical axis, 0 in the sky.
+    instances: (H, W) int64, ids as in `Truth.ids`, `GROUND`, `SKY`, or otherwise -2 and below for
+        scenery, parked vehicles included; a thing of scenery has one number in an image and
+        maybe another in the next.
+    categories: (H, W) int8, values of `Category`, or `GROUND_CLASS`, `SCENERY_CLASS`,
+        `SKY_CLASS`.
+    stamp_s: middle of the exposure, seconds since reset, whatever the image's own stamp says.
+    """
+
+    depth: np.ndarray
+    instances: np.ndarray
+    categories: np.ndarray
+    stamp_s: float
+
+    def __post_init__(self) -> None:
+        settle_arrays(
+            self,
+            depth=(np.float32, ("H", "W")),
+            instances=(np.int64, ("H", "W")),
+            categories=(np.int8, ("H", "W")),
+        )
