@@ -23,6 +23,7 @@ from roadscope.benchmarks.suite import SUITES, load_suite, parse_suite
 from roadscope.core import SpecError
 from roadscope.core.projection import Projection
 from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.detectors.camera.network import ARCHITECTURE
 from roadscope.detectors.camera.weight_file import SHIPPED
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.calibration import CalibrationResult
@@ -208,7 +209,7 @@ def test_weights_that_do_not_fit_are_named_before_anything_runs(suite, tmp_path)
     save_file({"a": np.zeros(3, np.float32)}, other, {"roadscope": '{"architecture": "yolo"}'})
     for path, words in (
         (wrong, "is not a safetensors file"),
-        (other, "expected architecture 'roadscope-centre-1', got 'yolo'"),
+        (other, f"expected architecture '{ARCHITECTURE}', got 'yolo'"),
         (tmp_path / "none.safetensors", "cannot read weights"),
     ):
         with pytest.raises(SpecError, match=words):
