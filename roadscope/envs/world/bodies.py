@@ -10,6 +10,7 @@ Cooksey 2015).
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from roadscope.envs.world.body_parts import (
 from roadscope.envs.world.footprints import ellipse
 from roadscope.envs.world.prisms import Prisms
 from roadscope.envs.world.unseen_bodies import BY_SIZE
+
+WHEEL = ((0.0, 0.15, 0.71), (0.15, 0.85, 1.0), (0.85, 1.0, 0.71))
+"""Heights and breadth of the slabs of a wheel, shares of its diameter."""
 
 
 def body_prisms(category: Category, size: np.ndarray, rng: np.random.Generator) -> Prisms:
@@ -101,36 +105,80 @@ def _bus(size: Size, rng: np.random.Generator) -> list[Prisms]:
     ]
 
 
-def _two_wheeler(
-    size: Size, rng: np.random.Generator, *, frame: float, seat: float
-) -> list[Prisms]:
-    """Wheels and frame full length, handlebar full width, rider to full height."""
-    cloth, machine = float(rng.uniform(0.25, 0.7)), float(rng.uniform(0.1, 0.4))
-    head = min(0.26, 0.6 * size[1], 0.6 * size[0])
-    face = 0.5 - head / size[0] / 2, 0.5 + head / size[0] / 2
-    trousers, shirt, skin = (any_of(family, rng) for family in ("cloth", "cloth", "skin"))
-    legs: Parts = {"reflectivity": cloth, "look": trousers}
-    trunk: Parts = {"reflectivity": cloth, "look": shirt}
-    steel: Parts = {"reflectivity": machine, "look": materials.STEEL}
+def _motorcycle(size: Size, rng: np.random.Generator) -> list[Prisms]:
+    """Motorcycle with rider: engine, tail, tank and fairing between broad wheels."""
+    rider = _Rider.drawn(rng)
+    steel: Parts = {"reflectivity": rider.machine, "look": materials.STEEL}
+    colour = painted(float(rng.choice(PAINTS)), rng)
     return [
-        slab(
-            size, (0, 1), (0, 0.38), breadth=frame, reflectivity=machine / 2, look=materials.RUBBER
-        ),
-        slab(size, (0.22, 0.78), (0.38, seat), breadth=max(frame, 0.55), **legs),
-        slab(size, (0.66, 0.76), (seat, seat + 0.08), radius=0.05, **steel),
-        slab(size, (0.30, 0.62), (seat, 0.82), breadth=0.75, **trunk),
-        slab(size, face, (0.82, 1), breadth=head / size[1], reflectivity=SKIN, look=skin),
+        *_wheels(size, diameter_m=0.62, breadth=0.22),
+        slab(size, (0.22, 0.78), (0.13, 0.40), breadth=0.5, **steel),
+        slab(size, (0.06, 0.46), (0.44, 0.55), breadth=0.45, **colour),
+        slab(size, (0.44, 0.72), (0.40, 0.58), breadth=0.5, **colour),
+        slab(size, (0.74, 0.92), (0.41, 0.68), breadth=0.5, **colour),
+        slab(size, (0.70, 0.76), (0.62, 0.68), radius=0.05, **steel),
+        slab(size, (0.38, 0.64), (0.20, 0.55), breadth=0.8, **rider.legs),
+        slab(size, (0.28, 0.56), (0.55, 0.82), breadth=0.65, **rider.trunk),
+        slab(size, (0.56, 0.72), (0.66, 0.74), breadth=0.85, **rider.trunk),
+        rider.head(size, 0.5),
     ]
 
 
-def _motorcycle(size: Size, rng: np.random.Generator) -> list[Prisms]:
-    """Motorcycle with rider."""
-    return _two_wheeler(size, rng, frame=0.4, seat=0.55)
-
-
 def _cyclist(size: Size, rng: np.random.Generator) -> list[Prisms]:
-    """Bicycle with rider."""
-    return _two_wheeler(size, rng, frame=0.12, seat=0.52)
+    """Bicycle with rider: a thin frame between tall, narrow wheels, the rider bent over it."""
+    rider = _Rider.drawn(rng)
+    steel: Parts = {"radius": 0.02, "reflectivity": rider.machine, "look": materials.STEEL}
+    return [
+        *_wheels(size, diameter_m=0.70, breadth=0.12),
+        slab(size, (0.20, 0.76), (0.30, 0.35), breadth=0.1, **steel),
+        slab(size, (0.70, 0.76), (0.35, 0.58), breadth=0.1, **steel),
+        slab(size, (0.66, 0.74), (0.56, 0.60), **steel),
+        slab(size, (0.38, 0.56), (0.08, 0.52), breadth=0.55, **rider.legs),
+        slab(size, (0.32, 0.56), (0.52, 0.66), breadth=0.65, **rider.trunk),
+        slab(size, (0.40, 0.66), (0.66, 0.82), breadth=0.75, **rider.trunk),
+        rider.head(size, 0.58),
+    ]
+
+
+class _Rider(NamedTuple):
+    """What somebody on two wheels wears; how bright the machine is."""
+
+    legs: Parts
+    trunk: Parts
+    skin: Parts
+    machine: float
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> _Rider:
+        cloth, machine = float(rng.uniform(0.25, 0.7)), float(rng.uniform(0.1, 0.4))
+        trousers, shirt, skin = (any_of(family, rng) for family in ("cloth", "cloth", "skin"))
+        return cls(
+            {"reflectivity": cloth, "look": trousers}, {"reflectivity": cloth, "look": shirt},
+            {"reflectivity": SKIN, "look": skin}, machine,
+        )  # fmt: skip
+
+    def head(self, size: Size, middle: float) -> Prisms:
+        """Place the head on top, x a share of the length."""
+        length, width, _ = size
+        side = min(0.26, 0.6 * width, 0.6 * length)
+        half = side / length / 2
+        return slab(size, (middle - half, middle + half), (0.82, 1), breadth=side / width,
+                    **self.skin)  # fmt: skip
+
+
+def _wheels(size: Size, *, diameter_m: float, breadth: float) -> list[Prisms]:
+    """Two wheels, each of three slabs, the rear one at the rear end, the front one ahead."""
+    length, _, height = size
+    across, tall = min(diameter_m / length, 0.45), min(diameter_m / height, 0.45)
+    rubber: Parts = {"radius": 0.02, "reflectivity": RUBBER, "look": materials.RUBBER}
+    return [
+        slab(
+            size, (hub - share * across / 2, hub + share * across / 2),
+            (low * tall, high * tall), breadth=breadth, **rubber,
+        )
+        for hub in (across / 2, 1 - across / 2)
+        for low, high, share in WHEEL
+    ]  # fmt: skip
 
 
 def _pedestrian(size: Size, rng: np.random.Generator) -> list[Prisms]:

@@ -35,7 +35,8 @@ def test_a_body_fits_its_box_exactly(category, size, seed):
 @pytest.mark.parametrize(("category", "size"), CASES)
 def test_a_body_is_a_short_stack_of_convex_solid_prisms(category, size):
     body = _body(category, size)
-    assert 3 <= len(body) <= 6
+    on_two_wheels = category in (Category.MOTORCYCLE, Category.CYCLIST)
+    assert 3 <= len(body) <= (15 if on_two_wheels else 6)
     assert (body.owners == 0).all()
     assert (body.extinctions == 0).all()
     assert ((body.reflectivities > 0) & (body.reflectivities <= 1)).all()
@@ -50,6 +51,41 @@ def test_no_gap_opens_between_bottom_and_top(category, size):
     body = _body(category, size)
     for height in np.linspace(0.35 * size[2], 0.999 * size[2], 50):
         assert ((body.bottoms <= height) & (height <= body.tops)).any()
+
+
+def _outline(body: Prisms, axis: int, pixels: int = 60) -> np.ndarray:
+    """Return the silhouette from the side (0) or from behind (1), as tall as the picture."""
+    scale = pixels / body.tops.max()
+    picture = np.zeros((pixels, 2 * pixels), bool)
+    for outline, low, high in zip(body.footprints[..., axis], body.bottoms, body.tops, strict=True):
+        left, right = np.clip(pixels + np.array([outline.min(), outline.max()]) * scale,
+                              0, 2 * pixels).round().astype(int)  # fmt: skip
+        picture[round(low * scale) : round(high * scale), left:right] = True
+    return picture
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "axis", "most"),
+    [
+        (Category.MOTORCYCLE, Category.CYCLIST, 0, 0.65),
+        (Category.MOTORCYCLE, Category.PEDESTRIAN, 0, 0.4),
+        (Category.CYCLIST, Category.PEDESTRIAN, 0, 0.5),
+        (Category.CAR, Category.VAN, 0, 0.9),
+        (Category.VAN, Category.TRUCK, 0, 0.9),
+        (Category.TRUCK, Category.BUS, 0, 0.9),
+        (Category.CAR, Category.MOTORCYCLE, 1, 0.65),
+    ],
+)
+def test_silhouettes_tell_categories_apart(one, other, axis, most):
+    first, second = (_outline(_body(c, SIZES[c][-1]), axis) for c in (one, other))
+    assert (first & second).sum() / (first | second).sum() < most
+
+
+def test_two_wheels_stand_apart_with_air_between():
+    for category in (Category.MOTORCYCLE, Category.CYCLIST):
+        low = _outline(_body(category, SIZES[category][0]), 0)[2]
+        runs = np.flatnonzero(np.diff(low.astype(int), prepend=0) == 1)
+        assert len(runs) == 2
 
 
 def test_a_car_is_narrower_and_shorter_at_the_roof():
