@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import sqlite3
 import subprocess
@@ -117,6 +118,8 @@ def test_list() -> None:
         (["run", "motorway", "--seconds", "inf"], 1, "got inf s"),
         (["run", "motorway", "--picture", "scene.txt"], 1, "a picture ends in .png"),
         (["run", "motorway", "--picture", "/proc/no/scene.png"], 1, "cannot write to folder"),
+        (["run", "street", "--image", "seen.png"], 1, "rig 'lux' has no camera"),
+        (["run", "street", "--rig", "wide", "--image", "seen.txt"], 1, "an image ends in .png"),
         (["reproduce", "lu2019"], 1, "no paper 'lu2019' (did you mean 'lu2018'?)"),
         (["fly"], 2, "fly"),
     ],
@@ -215,6 +218,19 @@ def test_run_prints_a_summary_and_draws(tmp_path) -> None:
     assert "bad_trackers.py:Late (offline)" in " ".join(done.stdout.split())
     assert path.read_bytes().startswith(b"\x89PNG")
     assert "rror" not in done.stderr
+
+
+def test_run_shows_what_the_camera_sees(tmp_path) -> None:
+    path = tmp_path / "seen.png"
+    done = roadscope_does(
+        "run", "street", "--rig", "wide", "--seconds", 1, "--image", path,
+        "--camera-detector", "oracle",
+    )  # fmt: skip
+    assert done.returncode == 0
+    boxes = re.search(r"image: .*seen\.png, (\d+) boxes of oracle", done.stdout.replace("\n", ""))
+    assert boxes is not None
+    assert int(boxes[1]) > 0
+    assert path.read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_picture_that_is_a_folder_is_refused_first(tmp_path) -> None:

@@ -13,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from roadscope.core import Category, Family, ImageDetections, Registry, Truth
+from roadscope.envs.imaging.pinhole import Pinhole
 
 STANDS_FOR = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], np.int8)
 FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
@@ -85,8 +86,9 @@ class NoisyCamera:
         streams = np.random.SeedSequence([7_103, seed]).spawn(2)
         self._rng, self._clutter = (np.random.default_rng(stream) for stream in streams)
 
-    def of(self, truth: Truth, width: int, height: int) -> ImageDetections:
+    def of(self, truth: Truth, pinhole: Pinhole) -> ImageDetections:
         """Return what is detected of the next image."""
+        width, height = pinhole.width, pinhole.height
         assert truth.image_boxes is not None
         rng, boxes = self._rng, truth.image_boxes
         sides = boxes[:, 2:] - boxes[:, :2]
@@ -103,11 +105,12 @@ class NoisyCamera:
         said = np.where(swaps, _another(family, draws[:, 2]), family)
         scores = _probability(np.minimum(odds, 4.0) + self._model.gap * noise[:, 4])
         found &= ((moved[:, 2:] - moved[:, :2]) > 1.0).all(axis=1)
-        false, false_families, false_scores = self._false(width, height)
+        false, false_families, false_scores = self._false(pinhole)
         return ImageDetections(
             np.concatenate([moved[found], false]),
             STANDS_FOR[np.concatenate([said[found], false_families])],
             np.concatenate([scores[found], false_scores]), truth.stamp_s,
+            size_px=(width, height),
         )  # fmt: skip
 
     def _odds(self, truth: Truth, sides: np.ndarray, family: np.ndarray) -> np.ndarray:
@@ -124,12 +127,12 @@ class NoisyCamera:
         odds = np.minimum(np.minimum(size, seen), light)
         return np.asarray(np.where(truth.visible_pixels > 0, odds, -30.0))
 
-    def _false(self, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _false(self, pinhole: Pinhole) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         rng = self._clutter
         count = int(rng.poisson(self._model.clutter))
         families = rng.choice(3, count, p=(0.4, 0.15, 0.45))
         # Posts, bins and bushes stand on the ground: 10 to 60 m away, the camera 1.4 m up.
-        focal = 1.25 * width if width > 1000 else 0.656 * width
+        width, height, focal = pinhole.width, pinhole.height, pinhole.focal_px[0]
         depths = rng.uniform(10, 60, count)
         tall = focal * HEIGHTS_M[families] / depths * np.exp(0.15 * rng.standard_normal(count))
         wide = tall * np.choose(families, (1.4, 0.6, 0.4))

@@ -20,7 +20,8 @@ from roadscope.core import RecordError
 from roadscope.core.names import unknown
 
 SUITES = (
-    "quick", "standard", "detection", "tracking", "camera", "fusion", "odometry", "crossing",
+    "quick", "standard", "detection", "tracking", "camera", "camera-unseen", "fusion", "odometry",
+    "crossing",
 )  # fmt: skip
 """Suites that ship with the package."""
 

@@ -29,11 +29,19 @@ def run_scenario(
     picture: Annotated[
         Path | None, typer.Option(help="Write a bird's-eye view of the middle frame here.")
     ] = None,
+    image: Annotated[
+        Path | None,
+        typer.Option(help="Write the camera's middle image here, with boxes found in it."),
+    ] = None,
+    camera_detector: Annotated[
+        str, typer.Option(help="Whose boxes, see: roadscope list camera-detectors; or oracle.")
+    ] = "network",
     seconds: Annotated[
         float | None, typer.Option(help="Length of the episode; the scenario's own if left out.")
     ] = None,
 ) -> None:
     """Run one episode through one detector and one tracker."""
+    from roadscope.benchmarks.camera_view import check_view, save_view
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.jobs.stack import offline
     from roadscope.benchmarks.oracle import is_fused
@@ -45,6 +53,8 @@ def run_scenario(
     episode = Episode(scenario, seed, rig, seconds, weather, light, told)
     if picture is not None:
         picture_path(picture)
+    if image is not None:
+        check_view(episode, camera_detector, image)
     with progress_bars() as progress:
         summary = run_episode(episode, detector=detector, tracker=tracker, progress=progress)
         if picture is not None:
@@ -65,3 +75,6 @@ def run_scenario(
     show(score_table(summary.tracking))
     if picture is not None:
         typer.echo(f"picture: {picture}")
+    if image is not None:
+        count = save_view(episode, camera_detector, image)
+        typer.echo(f"image: {image}, {count} boxes of {camera_detector}")

@@ -86,6 +86,7 @@ class ImageDetections(Record):
     scores: (N,) float64 in 0 to 1.
     stamp_s: seconds since reset.
     masses: (N, K) float64 Dempster-Shafer masses, the last column for ignorance, or None.
+    size_px: width and height of the image, None where they are not known.
     """
 
     boxes: np.ndarray
@@ -93,6 +94,7 @@ class ImageDetections(Record):
     scores: np.ndarray
     stamp_s: float
     masses: np.ndarray | None = None
+    size_px: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         settle_arrays(

@@ -32,6 +32,11 @@ class CameraImage(Record):
         settle_arrays(self, pixels=(np.uint8, ("H", "W", 3)), intrinsics=(np.float64, (3, 3)))
 
     @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.pixels.shape[1], self.pixels.shape[0]
+
+    @property
     def black(self) -> bool:
         """Whether nothing can be seen: the lens is covered, or no light came in."""
         return int(self.pixels.max(initial=0)) <= DARK

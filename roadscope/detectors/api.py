@@ -25,4 +25,9 @@ class Detector(Protocol):
         frame are relative to where the ego stood at that stamp. An empty answer leaves its frame
         open, so a detector that answers late returns one while it has nothing to say; a frame
         with detections is not answered again.
+
+        A frame without a scan has no detections of a LiDAR detector, with the frame's stamp, since
+        scans are dropped on the way: whoever must know looks at `frame.lidar`, and gives a fusion
+        None for that sensor. A frame without an image is refused by a camera detector, since
+        images have a clock of their own and frames between them are not for it.
         """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.core import Category, Frame, ImageDetections, RecordError
+from roadscope.core import CameraImage, Category, Frame, ImageDetections, RecordError
 from roadscope.detectors.camera.detector import nothing_in
 
 SQUARE = 4
@@ -55,7 +55,7 @@ class ColourBlobs:
             if inside.sum() >= LEAST_SQUARES and inside.mean() >= FILLED:
                 strength = apart[rows, columns][inside].mean()
                 found.append((columns.start, rows.start, columns.stop, rows.stop, strength))
-        return _answer(np.array(found).reshape(-1, 5), frame.camera.stamp_s)
+        return _answer(np.array(found).reshape(-1, 5), frame.camera)
 
     def _apart(self, pixels: np.ndarray) -> np.ndarray:
         """(h, w) distance of every square's colour to the median of its row."""
@@ -67,9 +67,10 @@ class ColourBlobs:
         return apart
 
 
-def _answer(found: np.ndarray, stamp_s: float) -> ImageDetections:
+def _answer(found: np.ndarray, image: CameraImage) -> ImageDetections:
     """Turn (N, 5) boxes in squares and contrasts into detections."""
     boxes = found[:, :4] * SQUARE
     tall = (boxes[:, 3] - boxes[:, 1]) > TALL * (boxes[:, 2] - boxes[:, 0])
     categories = np.where(tall, Category.PEDESTRIAN, Category.CAR).astype(np.int8)
-    return ImageDetections(boxes, categories, 1 - np.exp(-2 * found[:, 4]), stamp_s)
+    scores = 1 - np.exp(-2 * found[:, 4])
+    return ImageDetections(boxes, categories, scores, image.stamp_s, size_px=image.size_px)

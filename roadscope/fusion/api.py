@@ -29,5 +29,6 @@ class Fusion(Protocol):
 
         None means that the sensor brought nothing at all, which is not the same as an empty
         scan; at least one must be there. The answer has the LiDAR's stamp, or the camera's
-        without one.
+        without one. `RecordError` says what cannot be joined: moments more than a second apart,
+        an image of another size than the projection's, masses on another frame of families.
         """

@@ -35,7 +35,7 @@ class Views:
         """Check what came and project it.
 
         `RecordError` where nothing came, where both were not measured within a second, where LiDAR
-        detections are not in the ego frame, or where a box lies outside the projection's image.
+        detections are not in the ego frame, or where the image is not of the projection's size.
         """
         if not isinstance(projection, Projection):
             raise RecordError(
@@ -51,20 +51,21 @@ class Views:
         if lidar is not None and camera is not None:
             check_moment(lidar.stamp_s, camera.stamp_s)
         if camera is not None:
-            _check_inside(camera.boxes, projection)
+            _check_size(camera, projection)
         none = ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s)
         return Views(points, camera or none, *projected_boxes(points, projection))
 
 
-def _check_inside(boxes: np.ndarray, projection: Projection) -> None:
-    """Refuse boxes of an image of another size."""
+def _check_size(camera: ImageDetections, projection: Projection) -> None:
+    """Refuse boxes of an image of another size; who does not tell it is known by its boxes."""
     size = np.array([projection.width, projection.height])
-    outside = ((boxes[:, :2] > size) | (boxes[:, 2:] < 0)).any(axis=1)
+    told = f"fusion: the calibration is of images of {projection.width} x {projection.height}, "
+    if camera.size_px is not None and camera.size_px != tuple(size):
+        raise RecordError(f"{told}but this one has {camera.size_px[0]} x {camera.size_px[1]}")
+    outside = ((camera.boxes[:, :2] > size) | (camera.boxes[:, 2:] < 0)).any(axis=1)
     if outside.any():
-        raise RecordError(
-            f"fusion: the calibration is of images of {projection.width} x {projection.height}, "
-            f"but a box is at {boxes[outside][0].round(1).tolist()} (left top right bottom)"
-        )
+        first = camera.boxes[outside][0].round(1).tolist()
+        raise RecordError(f"{told}but a box is at {first} (left top right bottom)")
 
 
 def assemble(

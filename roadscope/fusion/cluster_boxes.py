@@ -43,7 +43,10 @@ class ClusterBoxes:
         """Forget nothing: every scan is looked at alone."""
 
     def detect(self, frame: Frame) -> Detections:
-        """Return the clusters that may be road users, ego frame, with masses."""
+        """Return the clusters that may be road users, ego frame, with masses.
+
+        None, at the frame's stamp, where the scan was dropped; a fusion is then given None.
+        """
         if frame.lidar is None:
             return Detections.empty(frame.stamp_s)
         shapes, _ = self.propose(frame)

@@ -11,7 +11,7 @@ from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
 from roadscope.fusion.depth import places_at
-from roadscope.fusion.evidence import combine
+from roadscope.fusion.evidence import combine_or_keep
 from roadscope.fusion.masses import (
     camera_features,
     camera_masses,
@@ -161,7 +161,7 @@ def _masses(
     views: Views, rows: np.ndarray, columns: np.ndarray, single: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
     of_lidar, of_camera = lidar_masses(views.lidar), camera_masses(views.camera)
-    joined = combine(of_lidar[rows], of_camera[columns]) if len(rows) else of_lidar[rows]
+    joined = combine_or_keep(of_lidar[rows], of_camera[columns])
     return np.concatenate([joined, of_lidar[single[0]], of_camera[single[1]]])
 
 

@@ -13,6 +13,8 @@ import numpy as np
 UNDECIDED = -1
 DECIDED = 0.84
 """Least mass on which Table 1 decides: it calls 0.865 a pedestrian and 0.812 uncertain. Halfway."""
+CONFLICT_SLACK = 1e-12
+"""What rounding may leave of no agreement at all."""
 
 
 class FullConflictError(ValueError):
@@ -36,6 +38,19 @@ def combine(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         raise FullConflictError(f"full conflict between the masses{where}: no class has both")
     fused: np.ndarray = joined / agreed
     return fused
+
+
+def combine_or_keep(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the orthogonal sums of (N, K + 1) masses; the second's where both exclude each other.
+
+    Fusions take it for pairs: a detector that is wholly sure of the wrong class spoils its own
+    target alone.
+    """
+    a, b = _of_one_frame(first, second)
+    joined = b.copy()
+    agreed = conflict(a, b) < 1.0 - CONFLICT_SLACK
+    joined[agreed] = combine(a[agreed], b[agreed])
+    return joined
 
 
 def conflict(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from roadscope.core.checks import require
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
-from roadscope.fusion.evidence import combine
+from roadscope.fusion.evidence import combine_or_keep
 from roadscope.fusion.masses import camera_masses, lidar_masses
 from roadscope.fusion.overlap import coverage
 
@@ -33,14 +33,18 @@ class Li2021Fusion:
     def fuse(
         self, lidar: Detections | None, camera: ImageDetections | None, projection: Projection
     ) -> FusedDetections:
-        """Join the boxes (5.1), then the evidence (5.2)."""
+        """Join the boxes (5.1), then the evidence (5.2).
+
+        Dempster's rule has no answer where both sensors exclude what the other says; then the
+        camera's masses stand.
+        """
         views = Views.of(lidar, camera, projection)
         number, overlapped = self._join_boxes(views)
         of_lidar = lidar_masses(views.lidar)
         masses = camera_masses(views.camera).copy()
         both = number >= 0
         if self.evidence and both.any():
-            masses[both] = combine(of_lidar[number[both]], masses[both])
+            masses[both] = combine_or_keep(of_lidar[number[both]], masses[both])
         alone = np.flatnonzero(~overlapped)
         return assemble(
             views,
@@ -53,16 +57,18 @@ class Li2021Fusion:
         """Return the LiDAR row of each camera box, -1 without one, and which rows are taken out.
 
         A LiDAR box that covers more than threshold 1 of a camera box gives way to it. Reading of
-        threshold 2, which keeps the better match where one object has several boxes: those above
-        it go before those below, and among them the greatest overlap wins. One LiDAR box may
-        lend its number and distance to several camera boxes.
+        threshold 2, which keeps number and distance of the better match where one object has
+        several boxes: of several LiDAR boxes the one with the greatest overlap lends its own, if
+        that is above threshold 2; otherwise none is known to be meant, and the camera box stays
+        without. One LiDAR box may lend its number and distance to several camera boxes.
         """
         covered = coverage(views.lidar_boxes, views.camera.boxes)
         covered[~views.in_image] = 0.0
         if covered.size == 0:
             return np.full(covered.shape[1], -1), np.zeros(covered.shape[0], bool)
         overlapping = covered > self.threshold_1
-        best = (covered + (covered > self.threshold_2)).argmax(axis=0)
-        number = np.where(overlapping.any(axis=0), best, -1)
+        several = overlapping.sum(axis=0) > 1
+        lends = overlapping & (~several | (covered > self.threshold_2))
+        number = np.where(lends.any(axis=0), (covered * lends).argmax(axis=0), -1)
         taken_out = np.asarray(overlapping.any(axis=1))
         return number, taken_out

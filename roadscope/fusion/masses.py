@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from roadscope.core import Category, Detections, Family, ImageDetections
+from roadscope.core import Category, Detections, Family, ImageDetections, RecordError
 from roadscope.fusion.weights import confusion, odds_model
 
 FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
@@ -35,10 +35,20 @@ def masses_of(detections: Detections | ImageDetections, split: Confusion) -> np.
     split: of what is called one family (row), the share that is each (column).
     """
     if detections.masses is not None:
-        return detections.masses
+        return _own(detections.masses)
     belief = MOST * detections.scores[:, None]
     shares = np.asarray(split)[families_of(detections.categories)]
     return np.concatenate([belief * shares, 1 - belief], axis=1)
+
+
+def _own(masses: np.ndarray) -> np.ndarray:
+    """Return a detector's masses; refuse those on another frame of discernment."""
+    if masses.shape[1] != len(FAMILIES) + 1:
+        raise RecordError(
+            "fusion: expected masses on vehicle, cyclist, pedestrian and ignorance, got "
+            f"{masses.shape[1]} columns"
+        )
+    return masses
 
 
 def lidar_masses(lidar: Detections) -> np.ndarray:
@@ -49,7 +59,7 @@ def lidar_masses(lidar: Detections) -> np.ndarray:
 def camera_masses(camera: ImageDetections) -> np.ndarray:
     """Return (N, 4) masses of camera detections, after how reliable their scores are by size."""
     if camera.masses is not None:
-        return camera.masses
+        return _own(camera.masses)
     reliable = 1 / (1 + np.exp(-odds_model("camera_alone").odds(camera_features(camera))))
     belief = MOST * reliable[:, None]
     shares = confusion("camera")[families_of(camera.categories)]

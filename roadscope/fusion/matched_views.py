@@ -21,7 +21,8 @@ class Agreement:
     """How well each pair agrees.
 
     cost: (N, M) sum of squared deviations in standard deviations, `NEVER` where out of sight.
-    depth: (N, M) those of depth alone. lidar_depths: (N,) metres of the nearest face.
+    depth: (N, M) those of depth alone. lidar_depths: (N,) metres, of centres
+        along the optical axis, 0.5 at least.
     log_depths, spreads: (M,) of the camera's boxes.
     """
 

@@ -5,6 +5,9 @@ from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.jobs.look import lit_share
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES, LIT, CameraNoise, NoisyCamera
 from roadscope.core import Category, Pose, Truth
+from roadscope.envs.imaging.pinhole import Pinhole
+
+LONG, WIDE = Pinhole.centred(1280, 960, 1600.0), Pinhole.centred(640, 480, 420.0)
 
 
 def truth(heights_px: list[float], *, hidden: float = 0.0, far_m: float = 20.0, copies: int = 400,
@@ -22,7 +25,7 @@ def truth(heights_px: list[float], *, hidden: float = 0.0, far_m: float = 20.0, 
 
 
 def share(model: CameraNoise, scene: Truth, **air: object) -> float:
-    found = NoisyCamera(model, 3, **air).of(scene, 1280, 960)  # type: ignore[arg-type]
+    found = NoisyCamera(model, 3, **air).of(scene, LONG)  # type: ignore[arg-type]
     return len(found) / len(scene)
 
 
@@ -42,7 +45,7 @@ def test_small_hidden_and_foggy_ones_are_missed_more() -> None:
 
 def test_scores_tell_what_is_likely_from_what_is_not() -> None:
     model = CameraNoise(clutter=50.0)
-    found = NoisyCamera(model, 1).of(truth([120.0], copies=50), 1280, 960)
+    found = NoisyCamera(model, 1).of(truth([120.0], copies=50), LONG)
     real = np.abs(found.boxes[:, 0] - 300) < 20
     assert real.sum() >= 40
     assert np.median(found.scores[real]) > np.median(found.scores[~real]) + 0.4
@@ -53,7 +56,7 @@ def test_scores_tell_what_is_likely_from_what_is_not() -> None:
 def test_wrong_families_grow_with_smallness() -> None:
     wrong = {}
     for tall in (30.0, 150.0):
-        found = NoisyCamera(QUIET, 2).of(truth([tall]), 1280, 960)
+        found = NoisyCamera(QUIET, 2).of(truth([tall]), LONG)
         wrong[tall] = float((found.categories != Category.PEDESTRIAN).mean())
     assert wrong[30.0] > 3 * wrong[150.0]
 
@@ -61,7 +64,7 @@ def test_wrong_families_grow_with_smallness() -> None:
 def test_the_same_seed_brings_the_same_and_names_take_options() -> None:
     scene = truth([60.0], copies=20)
     model = CAMERA_NOISES.make("noisy-camera?clutter=3")
-    assert NoisyCamera(model, 5).of(scene, 640, 480) == NoisyCamera(model, 5).of(scene, 640, 480)
+    assert NoisyCamera(model, 5).of(scene, WIDE) == NoisyCamera(model, 5).of(scene, WIDE)
     with pytest.raises(ValueError, match="miss must be"):
         CAMERA_NOISES.make("noisy-camera?miss=1.5")
 

@@ -9,6 +9,7 @@ from roadscope.fusion.evidence import (
     UNDECIDED,
     FullConflictError,
     combine,
+    combine_or_keep,
     conflict,
     decide,
 )  # fmt: skip
@@ -108,3 +109,12 @@ def test_masses_on_different_classes_are_refused() -> None:
 def test_what_is_no_mass_is_refused(wrong: list[float]) -> None:
     with pytest.raises(ValueError, match="masses"):
         combine(wrong, [0.2, 0.2, 0.6])
+
+
+def test_one_pair_in_full_conflict_leaves_the_others_alone() -> None:
+    first = np.array([[1.0, 0.0, 0.0], [0.5, 0.2, 0.3]])
+    second = np.array([[0.0, 1.0, 0.0], [0.1, 0.6, 0.3]])
+    joined = combine_or_keep(first, second)
+    assert joined[0].tolist() == [0.0, 1.0, 0.0]
+    np.testing.assert_array_equal(joined[1], combine(first[1], second[1]))
+    assert combine_or_keep(first[:0], second[:0]).shape == (0, 3)

@@ -9,6 +9,7 @@ from roadscope.core import Category, Detections, ImageDetections, Pose, RecordEr
 from roadscope.core.projection import Projection
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.cluster_boxes import ClusterBoxes
+from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import ClocksApartError
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -84,8 +85,27 @@ def test_what_does_not_belong_together_is_refused(name: str) -> None:
         FUSIONS.make(name).fuse(lidar, late, LOOK)
     with pytest.raises(RecordError, match="calibration is of images of 640 x 480, but a box is"):
         FUSIONS.make(name).fuse(lidar, replace(camera, boxes=camera.boxes + 700), LOOK)
+    with pytest.raises(RecordError, match="images of 640 x 480, but this one has 320 x 240"):
+        FUSIONS.make(name).fuse(lidar, replace(camera, size_px=(320, 240)), LOOK)
+    four = np.tile([0.2, 0.2, 0.2, 0.2, 0.2], (len(camera), 1))
+    with pytest.raises(RecordError, match="cyclist, pedestrian and ignorance, got 5 columns"):
+        FUSIONS.make(name).fuse(lidar, replace(camera, masses=four), LOOK)
     with pytest.raises(RecordError, match="expected a Projection, got ndarray"):
         FUSIONS.make(name).fuse(lidar, camera, LOOK.matrix)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", list(FUSIONS))
+def test_who_is_wholly_sure_of_the_wrong_class_spoils_his_own_target_alone(name: str) -> None:
+    lidar, camera = scene(5)
+    boxes, inside = projected_boxes(lidar, LOOK)
+    camera = replace(camera, boxes=np.where(inside[:, None], boxes, camera.boxes))
+    masses = [np.tile(row, (len(lidar), 1)) for row in ([1.0, 0, 0, 0], [0, 0, 0.6, 0.4])]
+    masses[1][0] = (0, 0, 1, 0)
+    fused = FUSIONS.make(name).fuse(
+        replace(lidar, masses=masses[0]), replace(camera, masses=masses[1]), LOOK
+    )
+    assert (fused.masses >= 0).all()
+    np.testing.assert_allclose(fused.masses.sum(axis=1), 1.0)
 
 
 @pytest.mark.parametrize(

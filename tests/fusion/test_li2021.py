@@ -77,6 +77,29 @@ def test_of_several_lidar_boxes_the_greatest_overlap_lends_its_number() -> None:
     assert fused.numbers.tolist() == [1]
 
 
+@pytest.mark.parametrize(
+    ("shares", "number"), [((0.25,), 0), ((0.22, 0.25), -1), ((0.25, 0.35), 1), ((0.4, 0.35), 0)]
+)
+def test_of_several_lidar_boxes_one_above_threshold_2_lends(
+    shares: tuple[float, ...], number: int
+) -> None:
+    """A camera box is laid over parts of LiDAR boxes of which it is known how much they cover."""
+    pair = lidar((20, 1.3), (20, -1.3))
+    boxes = projected_boxes(pair, LOOK)[0][: len(shares)]
+    top, bottom = boxes[0, 1], boxes[0, 3]
+    left, right = boxes[0, 2], boxes[-1, 0]
+    if len(shares) == 1:
+        width = (left - boxes[0, 0]) / shares[0]
+        box = (left - shares[0] * width, top, left + (1 - shares[0]) * width, bottom)
+    else:
+        width = (right - left) / (1 - sum(shares))
+        box = (left - shares[0] * width, top, right + shares[1] * width, bottom)
+    fused = Li2021Fusion().fuse(pair.select(np.arange(len(shares))), camera(box), LOOK)
+    assert fused.numbers.tolist() == [number]
+    assert fused.by_camera.tolist() == [True]
+    assert (fused.distances_m >= 0).tolist() == [number >= 0]
+
+
 def test_a_crowd_shares_one_number_and_distance() -> None:
     crowd = lidar((20, 0), size=(2.0, 4.0, 2.0), category=Category.PEDESTRIAN)
     left, top, right, bottom = projected_boxes(crowd, LOOK)[0][0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from operator import methodcaller
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +46,7 @@ def look(detector: str, episode: Episode, every_s: float, *, scans: bool = False
     from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures
 
     rows = tuple(image_rows_of_scans(episode, every_s) if scans else image_rows(episode, every_s))
-    seeing = _seeing(detector, episode)
+    seeing = seer(detector, episode)
     found, truths, parked, calls_ms = [], [], [], []
     for picture in pictures(episode, rows, pixels=not drawn_from_truth(detector)):
         there = picture.frame.camera is not None
@@ -89,7 +90,8 @@ def oracle_in_image(labels: Labels, stamp_s: float) -> ImageDetections:
     )
 
 
-def _seeing(detector: str, episode: Episode) -> Look:
+def seer(detector: str, episode: Episode) -> Look:
+    """Return what looks at an episode's images one by one, from the first on."""
     if drawn_from_truth(detector):
         return _imitated(detector, episode)
     plugin = guarded(detector, lambda: CAMERA_DETECTORS.make(detector))
@@ -125,7 +127,7 @@ def _imitated(detector: str, episode: Episode) -> Look:
     )  # fmt: skip
 
     def seeing(picture: Picture) -> tuple[ImageDetections, float]:
-        found = camera.of(picture.truth, pinhole.width, pinhole.height)
+        found = camera.of(picture.truth, pinhole)
         image = picture.frame.camera
         if image is not None and image.black:
             return nothing_seen(picture.frame.stamp_s), 0.0
@@ -135,7 +137,7 @@ def _imitated(detector: str, episode: Episode) -> Look:
 
 
 def _stamped(found: ImageDetections, stamp_s: float) -> ImageDetections:
-    return ImageDetections(found.boxes, found.categories, found.scores, stamp_s, found.masses)
+    return replace(found, stamp_s=stamp_s)
 
 
 def checked(spec: str, answer: Any, stamp_s: float) -> ImageDetections:

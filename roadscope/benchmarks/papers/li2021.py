@@ -5,6 +5,10 @@ images, and once more imitated from truth (`noisy-camera`): what a camera's dete
 would bring.
 Every method is shown from the score on at which it gives half a false alarm a scan, seed by seed
 and condition by condition, so that rates can be compared.
+
+Boxes are projected as the rig is truly mounted, carried from the scan to the image by the ego's own
+motion, which the paper leaves out; what a calibration by the board costs is what `roadscope
+leaderboard fusion --calibration` shows.
 """
 
 from __future__ import annotations
@@ -46,7 +50,8 @@ VEHICLES, CYCLISTS, PEDESTRIANS = (f"{family.value}s found" for family in FAMILI
 FALSE = "false"
 DISTANCE = "distance right"
 HIDDEN = "distance right of those more than a third hidden"
-"""A table of its own, by condition."""
+CLASS = "class right of those found"
+"""Tables of their own, by condition."""
 CLAIMS, MORE = "claims", "finds more than either sensor alone"
 MORE_AT_EQUAL = "finds more at half a false alarm a scan"
 EVERY_SCORE = "clear, every score"
@@ -173,6 +178,7 @@ def measure_with(detector: Detector | None, seed: int) -> dict[Key, float]:
             shares[condition, method] = result
             if condition in WITH_BOTH:
                 found[HIDDEN, method, condition] = 100 * result.hidden_distance
+                found[CLASS, method, condition] = 100 * result.family
             found |= {(condition, method, name): v for name, v in quantities(result).items()}
     for claim, shown in ((MORE, EVERY_SCORE), (MORE_AT_EQUAL, "clear")):
         alone = max(shares[shown, one].all_found for one in (LIDAR, CAMERA))

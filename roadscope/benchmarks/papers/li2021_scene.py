@@ -65,11 +65,7 @@ def film(
             continue
         frame, truth = sensing.sense(timeline, int(scan))
         image, seen = sensing.sense_image(timeline, int(images[row]))
-        boxes = (
-            camera.of(seen, pinhole.width, pinhole.height)
-            if detector is None
-            else in_image(detector, image)
-        )
+        boxes = camera.of(seen, pinhole) if detector is None else in_image(detector, image)
         gap_s = seen.stamp_s - truth.stamp_s
         moved = moved_projection(
             projection, frame.previous_from_ego, carrier.lidar.spec.period_s, gap_s

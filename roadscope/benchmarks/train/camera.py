@@ -81,7 +81,7 @@ def train_camera(
     target = _target(Path(out))
     usable_folder(target.parent)
     folder = usable_folder(cache_dir() / "camera-training" if work is None else work)
-    split, apart = _split(plan), _held_out(plan)
+    split, apart = _split(plan), held_out(plan)
     _rendered([v for part in apart.values() for v in part], folder, jobs, progress)
     digests = _rendered([v for part in split for v in part], folder, jobs, progress)
     data_hash = fingerprint(digests)
@@ -118,8 +118,8 @@ def _split(plan: Recipe) -> tuple[list[View], list[View], list[View]]:
     )
 
 
-def _held_out(plan: Recipe) -> dict[str, list[View]]:
-    """Draw episodes in clear air by day, then such as nothing was learned from.
+def held_out(plan: Recipe) -> dict[str, list[View]]:
+    """Draw episodes in clear air by day, then such as nothing was learned from, by section.
 
     Other places and bodies, heavier weather and faults.
     """

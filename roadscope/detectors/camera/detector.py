@@ -42,7 +42,7 @@ class CameraDetector:
         *,
         weights: str = "",
         min_score: float = 0.05,
-        precision: str = AUTO,
+        precision: str = "float32",
         threads: int = 1,
         device: str = "cpu",
     ) -> None:
@@ -50,7 +50,8 @@ class CameraDetector:
 
         weights: a .safetensors file; the shipped one if left out.
         min_score: least score that is told.
-        precision: float32, bfloat16, or auto, the faster of both on the device.
+        precision: float32, bfloat16, or auto, the faster of both on the device. With bfloat16
+            the last digits of boxes and scores depend on the processor.
         threads: processor cores to use; torch has one setting for the whole process.
         device: cpu, cuda or cuda:1.
         """
@@ -88,7 +89,7 @@ class CameraDetector:
         order = kept[np.argsort(-scores[kept], kind="stable")]
         return ImageDetections(
             peaks.boxes[order], peaks.categories[order].astype(np.int8), scores[order],
-            image.stamp_s,
+            image.stamp_s, size_px=image.size_px,
         )  # fmt: skip
 
     def peaks(self, pixels: np.ndarray) -> Peaks:
@@ -124,7 +125,9 @@ def nothing_in(image: CameraImage) -> ImageDetections:
         f"camera '{image.sensor}' at {image.stamp_s:.3f} s: the image is black",
         BlackImageWarning, stacklevel=3,
     )  # fmt: skip
-    return ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), image.stamp_s)
+    return ImageDetections(
+        np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), image.stamp_s, size_px=image.size_px
+    )
 
 
 def _shrunk(pixels: np.ndarray) -> tuple[np.ndarray, int]:

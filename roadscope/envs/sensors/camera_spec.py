@@ -10,13 +10,18 @@ from roadscope.core.checks import require
 from roadscope.core.record import Record
 from roadscope.envs.imaging.pinhole import Pinhole
 
+METERED_S = 0.004
+"""Exposure to which the light's ISO belongs."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraSpec(Record):
     """A colour camera with a global shutter.
 
     pinhole: size of the image, focal lengths and principal point.
-    period_s: time from image to image. exposure_s: time for which the shutter is open.
+    period_s: time from image to image. exposure_s: time for which the shutter is open: what moves
+        smears and drops streak the farther the longer it is. Gain makes images as bright whatever
+        it is, so that less time means fewer electrons and more noise.
     full_well: electrons that make a pixel white; the root of the count is its shot noise.
     read_noise: standard deviation in electrons of a dark pixel.
     vignetting: share of the light that is lost in the corners.
@@ -27,7 +32,7 @@ class CameraSpec(Record):
     name: str
     pinhole: Pinhole
     period_s: float
-    exposure_s: float = 0.004
+    exposure_s: float = METERED_S
     full_well: float = 9000.0
     read_noise: float = 12.0
     vignetting: float = 0.25

@@ -13,7 +13,7 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.imaging.raster import Raster, Solids
 from roadscope.envs.imaging.shading import room
 from roadscope.envs.imaging.sky_kernels import BLOCK
-from roadscope.envs.sensors.camera_spec import CameraSpec
+from roadscope.envs.sensors.camera_spec import METERED_S, CameraSpec
 from roadscope.envs.sensors.exposure_kernels import DRAWS, Sensor, Shutter, develop
 from roadscope.envs.sensors.glare_kernels import bloom, halo_weights, rain_streaks, spread_sun
 
@@ -53,11 +53,12 @@ def exposed(
             light, raster.q, light[0, ::16].mean(axis=0), spec.pinhole.focal_px[0],
             spec.exposure_s, rain_mm_h, drops,
         )  # fmt: skip
+    iso = lighting.iso * METERED_S / spec.exposure_s
     pixels = np.empty(light.shape, np.uint8)
     develop(
         light, raster.q, raster.faces, shutter_of(spec, world_from_camera, motion, solids),
         _glare(light, raster, spec, lighting, world_from_camera, extinction_per_m),
-        Sensor(*noise_of(spec, lighting.iso), spec.vignetting, centre, key, _draws()),
+        Sensor(*noise_of(spec, iso), spec.vignetting, centre, key, _draws()),
         pixels,
     )  # fmt: skip
     return pixels

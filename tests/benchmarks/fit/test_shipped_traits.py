@@ -21,6 +21,9 @@ SENSED = {
     ],
 }  # fmt: skip
 """Files, and what the command is told."""
+BY_NETWORK = "fused.toml"
+"""A network's sums are rounded otherwise on other processors, and a score in a thousand lies on the
+other side of a threshold."""
 
 
 def shipped(name: str) -> str:
@@ -62,4 +65,20 @@ def test_what_was_learned_of_kitti_is_learned_again(tmp_path):
 @pytest.mark.parametrize("name", SENSED)
 def test_what_was_learned_of_our_traffic_is_learned_again(name, tmp_path):
     fit([str(tmp_path / name), *SENSED[name]])
-    assert (tmp_path / name).read_text("utf-8") == shipped(name)
+    again = (tmp_path / name).read_text("utf-8")
+    if name == BY_NETWORK:
+        assert_alike(tomllib.loads(again), tomllib.loads(shipped(name)))
+    else:
+        assert again == shipped(name)
+
+
+def assert_alike(again, before):
+    """Traits differ by no more than a few detections would make them."""
+    assert again.keys() == before.keys()
+    for name, section in before.items():
+        if name == "origin":
+            assert again[name] == section
+            continue
+        assert again[name].keys() == section.keys()
+        for trait, value in section.items():
+            assert again[name][trait] == pytest.approx(value, rel=0.05, abs=0.05), (name, trait)

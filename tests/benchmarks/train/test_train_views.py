@@ -6,7 +6,7 @@ import pytest
 
 from roadscope.benchmarks.metrics.image_labels import PARKED
 from roadscope.benchmarks.train import views
-from roadscope.benchmarks.train.camera import _held_out, _split
+from roadscope.benchmarks.train.camera import _split, held_out
 from roadscope.benchmarks.train.recipe import (
     CALIBRATION_SEEDS,
     FAULTS,
@@ -93,7 +93,7 @@ def test_what_is_held_out_is_scored_and_never_learned(name: str) -> None:
     learned = [view for part in _split(recipe) for view in part]
     assert not {view.scenario for view in learned} & set(LOOKS)
     assert not {view.faults for view in learned} & set(HELD_OUT_FAULTS)
-    apart = _held_out(recipe)
+    apart = held_out(recipe)
     assert {view.scenario for view in apart["held_out_looks"]} <= set(LOOKS)
     assert {view.faults for view in apart["held_out_faults"]} <= set(HELD_OUT_FAULTS)
     # A fault of severity 4 brings the weather of that severity.

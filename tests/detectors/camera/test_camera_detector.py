@@ -74,14 +74,14 @@ def test_a_black_image_brings_a_warning_where_detect_is_called() -> None:
 
 
 @pytest.mark.parametrize(("flags", "fastest"), [("avx2", "float32"), ("avx512_bf16", "bfloat16")])
-def test_the_faster_precision_is_taken(
+def test_the_faster_precision_is_taken_where_asked_for(
     flags: str, fastest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "cpuinfo").write_text(f"model name: toy\nflags: sse {flags}\n")
     monkeypatch.setattr("roadscope.detectors.camera.precision.PROCESSOR", tmp_path / "cpuinfo")
-    assert CameraDetector().precision == fastest
-    assert CameraDetector(device="cuda").precision == "bfloat16"
-    assert CameraDetector(precision="float32").precision == "float32"
+    assert CameraDetector(precision="auto").precision == fastest
+    assert CameraDetector(precision="auto", device="cuda").precision == "bfloat16"
+    assert CameraDetector().precision == "float32"
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,12 @@
 import tomllib
 from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
+import pytest
 
+from roadscope.benchmarks.train import camera, views
+from roadscope.benchmarks.train.recipe import RECIPES
 from roadscope.core import Calibration, CameraImage, Frame
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.detectors.camera.network import ARCHITECTURE
@@ -25,3 +29,16 @@ def test_shipped_weights_load_and_see_nothing_in_a_plain_image() -> None:
     grey = CameraImage(np.full((480, 640, 3), 120, np.uint8), np.eye(3), 0.0, "camera")
     found = CAMERA_DETECTORS.make("network").detect(Frame(0.0, Calibration(), camera=grey))
     assert (found.scores < 0.5).all()
+
+
+@pytest.mark.slow
+def test_the_weights_reach_what_their_record_says(tmp_path: Path) -> None:
+    record = tomllib.loads(SHIPPED.with_suffix(".toml").read_text("utf-8"))["clear_days"]
+    chosen = camera.held_out(RECIPES["full"])["clear_days"]
+    for view in chosen:
+        views.keep(view, tmp_path)
+    scores = camera.evaluate(SHIPPED, [views.read(view, tmp_path) for view in chosen])
+    assert scores.ap50.n == record["objects"]
+    for name in ("ap50", "ap50_16px", "detection_rate", "false_alarms"):
+        # Other processors round otherwise: a box or two may lie on the other side of a threshold.
+        assert getattr(scores, name).value == pytest.approx(record[name], abs=0.02), name

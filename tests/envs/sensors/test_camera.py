@@ -65,6 +65,15 @@ def test_noise_is_shot_and_read_noise(value: float, iso: float) -> None:
     assert abs((draws[..., 0] * draws[..., 1]).mean() / light.var()) < 0.03
 
 
+def test_a_shorter_exposure_is_as_bright_and_noisier() -> None:
+    spec = replace(SPEC, vignetting=0.0)
+    usual, short = (LINEAR[flat(0.2, replace(spec, exposure_s=s))] for s in (0.004, 0.001))
+    assert short.mean() == pytest.approx(usual.mean(), rel=0.01)
+    electrons = [iso * 0.2 / spec.full_well + (iso * spec.read_noise / spec.full_well) ** 2
+                 for iso in (1.0, 4.0)]  # fmt: skip
+    assert short.var() / usual.var() == pytest.approx(electrons[1] / electrons[0], rel=0.1)
+
+
 def test_without_noise_the_bytes_are_srgb() -> None:
     spec = replace(SPEC, vignetting=0.0, full_well=1e12, read_noise=0.0)
     for value in np.linspace(0.0, 1.0, 60):

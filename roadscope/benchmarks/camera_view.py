@@ -1,0 +1,77 @@
+"""What a rig's camera sees in the middle of an episode, with a detector's boxes drawn in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.cache import usable_file, write_atomically
+from roadscope.benchmarks.episode import Episode, check_episode
+from roadscope.benchmarks.images import Picture, camera_of, image_rows, pictures
+from roadscope.benchmarks.jobs.entries import check_camera
+from roadscope.benchmarks.jobs.look import seer
+from roadscope.benchmarks.single import PICTURES
+from roadscope.core import Category, ImageDetections
+from roadscope.envs.sensors.rigs import rig
+
+COLOURS = {"vehicle": (255, 170, 0), "cyclist": (0, 200, 255), "pedestrian": (255, 60, 120)}
+"""Of the boxes of each family."""
+LINE_PX = 2
+TEXT_PX = 11
+
+
+def check_view(episode: Episode, detector: str, path: Path | str) -> None:
+    """Refuse a rig without camera, a detector or a file that cannot be, before anything runs."""
+    check_episode(episode)
+    camera_of(rig(episode.rig))
+    check_camera(detector)
+    usable_file(path, PICTURES, "an image")
+
+
+def camera_view(episode: Episode, detector: str) -> tuple[np.ndarray, ImageDetections]:
+    """Return the middle image with boxes drawn in, (H, W, 3) uint8, and what was found in it.
+
+    detector: a camera detector's spec, `oracle` or an imitation. Images that a fault takes are
+    passed over; where it takes all of them that is a ValueError.
+    """
+    picture = _middle(episode)
+    assert picture.frame.camera is not None
+    found, _ = seer(detector, episode)(picture)
+    return drawn(picture.frame.camera.pixels, found), found
+
+
+def save_view(episode: Episode, detector: str, path: Path | str) -> int:
+    """Write `camera_view` to a file whose ending says the format; return the number of boxes."""
+    from matplotlib.image import imsave
+
+    check_view(episode, detector, path)
+    pixels, found = camera_view(episode, detector)
+    place = Path(path)
+    write_atomically(place, lambda part: imsave(part, pixels, format=place.suffix[1:].lower()))
+    return len(found)
+
+
+def drawn(pixels: np.ndarray, found: ImageDetections) -> np.ndarray:
+    """Return (H, W, 3) uint8 pixels with boxes in their family's colour, category and score."""
+    from PIL import Image, ImageDraw
+
+    image = Image.fromarray(pixels)
+    pen = ImageDraw.Draw(image)
+    for box, number, score in zip(found.boxes, found.categories, found.scores, strict=True):
+        category = Category(int(number))
+        colour = COLOURS[category.family.value]
+        pen.rectangle(box.tolist(), outline=colour, width=LINE_PX)
+        label = f"{category.name.lower()} {score:.2f}"
+        pen.text((box[0], max(0.0, box[1] - TEXT_PX)), label, fill=colour)
+    return np.asarray(image)
+
+
+def _middle(episode: Episode) -> Picture:
+    rows = image_rows(episode, 0.0)
+    middle = len(rows) // 2
+    for row in sorted(rows, key=lambda number: abs(number - rows[middle])):
+        (picture,) = pictures(episode, (row,))
+        if picture.frame.camera is not None:
+            return picture
+    raise ValueError(f"no image of {episode.scenario} is left: {episode.condition}")
