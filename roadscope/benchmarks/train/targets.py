@@ -9,10 +9,10 @@ import numpy as np
 from roadscope.benchmarks.metrics.image_labels import FAMILIES
 from roadscope.core.record import Record
 
-STRIDE = 4
+STRIDE = 2
 SPREAD = 0.54 / 6
 """Standard deviation of the heat over the side of the box (Liu 2020, TTFNet)."""
-LEAST_SPREAD = 0.6
+LEAST_SPREAD = 0.8
 """Squares; smaller objects have this much, or nothing but one square would be taught."""
 NEAR_CENTRE = 0.1
 """Heat from which on a square answers for the box, and is not asked when the object is not."""
@@ -34,7 +34,7 @@ class Objects(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Targets(Record):
-    """Maps of h x w squares of 4 x 4 pixels.
+    """Maps of h x w squares of 2 x 2 pixels.
 
     heat: (3, h, w) float32, 1 at centres, falling to 0 around them.
     judged: (3, h, w) float32, 0 where finding something is neither right nor wrong.

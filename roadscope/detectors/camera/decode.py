@@ -8,11 +8,12 @@ import numpy as np
 
 from roadscope.core import Category
 from roadscope.core.checks import settle_arrays
+from roadscope.core.jit import compiled
 from roadscope.core.record import Record
 
-STRIDE = 4
-MOST = 200
-"""Peaks of an image that are looked at, the highest first."""
+STRIDE = 2
+MOST = 2000
+"""Boxes of an image that are looked at, the surest first."""
 SAME_IOU = 0.55
 """Boxes of a family that overlap more are of one and the same."""
 FIRST_CATEGORIES = (Category.CAR, Category.CYCLIST, Category.PEDESTRIAN)
@@ -21,7 +22,7 @@ FIRST_CATEGORIES = (Category.CAR, Category.CYCLIST, Category.PEDESTRIAN)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Peaks(Record):
-    """Boxes where a family's heat is highest among its neighbours, the surest first.
+    """Boxes of each family of which no surer one covers much the same, the surest first.
 
     boxes: (N, 4) float64, pixels, left top right bottom. families: (N,) int64, places among
         vehicle, cyclist, pedestrian. categories: (N,) int64, values of `Category`.
@@ -55,42 +56,51 @@ class Peaks(Record):
 def decode(
     heat: np.ndarray, distances: np.ndarray, vehicles: np.ndarray, least_log_odds: float
 ) -> Peaks:
-    """Read maps of one image: (3, h, w) log odds, (4, h, w) pixels, (5, h, w) log odds."""
-    families, rows, columns = np.nonzero(_highest(heat) & (heat >= least_log_odds))
-    values = heat[families, rows, columns]
+    """Read maps of one image: (3, h, w) log odds, (4, h, w) pixels, (5, h, w) log odds.
+
+    Every square may name a box, not the highest among its neighbours alone: centres of people who
+    stand close together lie in squares beside each other.
+    """
+    families, rows, columns = np.nonzero(heat >= least_log_odds)
+    values = heat[families, rows, columns].astype(np.float64)
     order = np.argsort(-values, kind="stable")[:MOST]
     families, rows, columns = families[order], rows[order], columns[order]
-    sides = distances[:, rows, columns].T
+    sides = distances[:, rows, columns].T.astype(np.float64)
     middles = (np.stack([columns, rows], axis=1) + 0.5) * STRIDE
     boxes = np.concatenate([middles - sides[:, :2], middles + sides[:, 2:]], axis=1)
     kinds = vehicles[:, rows, columns].argmax(axis=0)
     categories = np.array(FIRST_CATEGORIES)[families] + np.where(families == 0, kinds, 0)
     peaks = Peaks(boxes, families, categories, values[order])
-    return peaks.select(distinct(peaks.boxes, peaks.families))
+    return peaks.select(distinct(peaks.boxes, peaks.families, SAME_IOU))
 
 
-def _highest(heat: np.ndarray) -> np.ndarray:
-    """Find what is at least as high as its eight neighbours, (F, h, w) bool."""
-    padded = np.pad(heat, ((0, 0), (1, 1), (1, 1)), constant_values=-np.inf)
-    along = np.maximum(np.maximum(padded[:, :, :-2], padded[:, :, 1:-1]), padded[:, :, 2:])
-    around = np.maximum(np.maximum(along[:, :-2], along[:, 1:-1]), along[:, 2:])
-    highest: np.ndarray = heat >= around
-    return highest
-
-
-def distinct(boxes: np.ndarray, families: np.ndarray, most_iou: float = SAME_IOU) -> np.ndarray:
+@compiled()
+def distinct(boxes: np.ndarray, families: np.ndarray, most_iou: float) -> np.ndarray:
     """Return (K,) rows, of boxes sorted by falling score, that no better one of the family covers.
 
-    Greedy non-maximum suppression.
+    boxes: (N, 4) float64. families: (N,) int64. Greedy non-maximum suppression.
     """
-    low = np.maximum(boxes[:, None, :2], boxes[None, :, :2])
-    high = np.minimum(boxes[:, None, 2:], boxes[None, :, 2:])
-    common = np.maximum(high - low, 0.0).prod(axis=-1)
-    areas = np.maximum(boxes[:, 2:] - boxes[:, :2], 0.0).prod(axis=-1)
-    union = np.maximum(areas[:, None] + areas[None] - common, np.spacing(1.0))
-    same = (common > most_iou * union) & (families[:, None] == families[None])
-    kept = np.ones(len(boxes), bool)
+    kept = np.empty(len(boxes), np.int64)
+    count = 0
     for i in range(len(boxes)):
-        if kept[i]:
-            kept[i + 1 :] &= ~same[i, i + 1 :]
-    return np.flatnonzero(kept)
+        free = True
+        for other in kept[:count]:
+            if families[other] == families[i] and _iou(boxes[other], boxes[i]) > most_iou:
+                free = False
+                break
+        if free:
+            kept[count] = i
+            count += 1
+    return kept[:count].copy()
+
+
+@compiled()
+def _iou(one: np.ndarray, other: np.ndarray) -> float:
+    """Intersection over union of two boxes, 0 where both are empty."""
+    width = min(one[2], other[2]) - max(one[0], other[0])
+    height = min(one[3], other[3]) - max(one[1], other[1])
+    if width <= 0 or height <= 0:
+        return 0.0
+    common = width * height
+    areas = (one[2] - one[0]) * (one[3] - one[1]) + (other[2] - other[0]) * (other[3] - other[1])
+    return float(common / (areas - common))

@@ -12,20 +12,26 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-ARCHITECTURE = "roadscope-centre-2"
+ARCHITECTURE = "roadscope-centre-3"
 """Changes whenever weights of one kind no longer fit the other."""
 FAMILY_COUNT = 3
 VEHICLE_COUNT = 5
 """Categories of the family vehicle; the others have one each."""
-STRIDE = 4
+STRIDE = 2
+"""Pixels from one answer to the next."""
+FINE = 2
+"""Answers along the side of each place of the last layer, so that people who walk side by side,
+a few pixels wide, have answers of their own."""
+UNIT_PX = 4.0
+"""Distances are exponentials in this unit."""
 SQUARE = 2
 """Pixels along the side of what the first convolution takes as one place."""
 COARSEST = 32
 """Heights and widths must be multiples of it."""
-RARE = -4.6
-"""Log odds of a centre at the start: one place in a hundred."""
+RARE = -6.0
+"""Log odds of a centre at the start: one place in four hundred."""
 LARGEST = 6.0
-"""Of the logarithm of a distance over the stride."""
+"""Of the logarithm of a distance over its unit."""
 STEM = 16
 WIDTHS = (32, 64, 96, 96)
 """Multiples of 32, which processors with bfloat16 take two at a time."""
@@ -35,7 +41,7 @@ HEAD = 48
 
 
 class Maps(NamedTuple):
-    """What the network says at every fourth pixel.
+    """What the network says at every second pixel.
 
     heat: (B, 3, h, w) log odds of the centre of one of each family.
     distances: (B, 4, h, w) to the left, top, right and bottom of the box, pixels.
@@ -52,6 +58,13 @@ def squares(pixels: Tensor) -> Tensor:
     count, height, width, _ = pixels.shape
     parts = pixels.reshape(count, height // SQUARE, SQUARE, width // SQUARE, SQUARE * 3)
     return parts.transpose(2, 3).flatten(3).permute(0, 3, 1, 2)
+
+
+def finer(said: Tensor) -> Tensor:
+    """Turn (B, h, w, 4 C) into (B, C, 2 h, 2 w): the parts of a place row by row."""
+    count, height, width, _ = said.shape
+    split = said.reshape(count, height, width, FINE, FINE, -1)
+    return split.permute(0, 5, 1, 3, 2, 4).reshape(count, -1, FINE * height, FINE * width)
 
 
 class Convolution(nn.Module):
@@ -89,7 +102,10 @@ class Residual(nn.Module):
 
 
 class CentreNetwork(nn.Module):
-    """Strides 2 to 32 down, and up again to 4 by sums (Lin 2017), then one head."""
+    """Strides 2 to 32 down, and up again to 4 by sums (Lin 2017), then one head.
+
+    The head answers for four parts of each of its places (sub-pixel convolution, Shi 2016).
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -104,10 +120,10 @@ class CentreNetwork(nn.Module):
         self.lateral = nn.ModuleList(nn.Conv2d(width, NECK, 1) for width in WIDTHS)
         self.head = Convolution(NECK, HEAD)
         # A 1 x 1 convolution; as one, its gradient is slow.
-        self.out = nn.Linear(HEAD, FAMILY_COUNT + 4 + VEHICLE_COUNT)
+        self.out = nn.Linear(HEAD, FINE**2 * (FAMILY_COUNT + 4 + VEHICLE_COUNT))
         nn.init.normal_(self.out.weight, std=0.01)
         offsets = torch.tensor([RARE] * FAMILY_COUNT + [1.0] * 4 + [0.0] * VEHICLE_COUNT)
-        self.out.bias = nn.Parameter(offsets)
+        self.out.bias = nn.Parameter(offsets.repeat(FINE**2))
 
     def forward(self, pixels: Tensor) -> Maps:
         """Look at (B, H, W, 3) colours in -1 to 1; height and width multiples of 32."""
@@ -124,9 +140,9 @@ class CentreNetwork(nn.Module):
         # Boxes need more digits than bfloat16 has, so the last layer is always float32.
         features = self.head(functional.relu(y))
         with torch.autocast(pixels.device.type, enabled=False):
-            said = self.out(features.permute(0, 2, 3, 1).float()).permute(0, 3, 1, 2)
-        heat, sides, vehicles = said.split([FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
-        return Maps(heat, STRIDE * sides.clamp(max=LARGEST).exp(), vehicles)
+            said = finer(self.out(features.permute(0, 2, 3, 1).float()))
+        heat, sides, vehicles = torch.split(said, [FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
+        return Maps(heat, UNIT_PX * sides.clamp(max=LARGEST).exp(), vehicles)
 
     def folded(self, dtype: torch.dtype = torch.float32) -> CentreNetwork:
         """Return a copy for inference: no batch norm, channels last, all but the end in a dtype."""

@@ -79,4 +79,4 @@ def test_batches_depend_on_their_number_alone() -> None:
     other = batch(Deck(pictures, 0), RECIPE, 4)
     assert torch.equal(first.pixels, later.pixels)
     assert not torch.equal(first.pixels, other.pixels)
-    assert first.targets.heat.shape == (2, 3, 24, 32)
+    assert first.targets.heat.shape == (2, 3, 48, 64)

@@ -11,12 +11,12 @@ def objects(*rows: tuple[list[float], int, int, bool]) -> Objects:
 
 def test_a_box_is_taught_at_its_centre() -> None:
     made = targets_of(objects(([40, 20, 80, 60], 0, 2, True)), 96, 128)
-    assert made.heat.shape == (3, 24, 32)
-    assert made.heat[0, 10, 15] == 1.0
+    assert made.heat.shape == (3, 48, 64)
+    assert made.heat[0, 20, 30] == 1.0
     assert (made.heat == 1.0).sum() == 1
     assert made.heat[1:].max() == 0.0
-    np.testing.assert_array_equal(made.boxes[:, 10, 15], [40, 20, 80, 60])
-    assert made.vehicles[10, 15] == 2
+    np.testing.assert_array_equal(made.boxes[:, 20, 30], [40, 20, 80, 60])
+    assert made.vehicles[20, 30] == 2
     assert abs(made.weights.sum() - 1) < 1e-5
     assert made.judged.min() == 1.0
 
@@ -24,7 +24,7 @@ def test_a_box_is_taught_at_its_centre() -> None:
 def test_who_is_not_asked_for_is_neither_right_nor_wrong() -> None:
     made = targets_of(objects(([40, 20, 80, 60], 2, 6, False)), 96, 128)
     assert made.heat.max() == 0.0
-    assert made.judged[2, 10, 15] == 0.0
+    assert made.judged[2, 20, 30] == 0.0
     assert made.judged[:2].min() == 1.0
     assert made.weights.max() == 0.0
 
@@ -33,9 +33,9 @@ def test_where_boxes_overlap_the_smaller_wins() -> None:
     small, large = ([56, 36, 64, 44], 2, 6, True), ([20, 0, 100, 80], 0, 3, True)
     for order in ((small, large), (large, small)):
         made = targets_of(objects(*order), 96, 128)
-        np.testing.assert_array_equal(made.boxes[:, 10, 15], [56, 36, 64, 44])
-        assert made.vehicles[10, 15] == -1
-        assert made.heat[0, 10, 15] == made.heat[2, 10, 15] == 1.0
+        np.testing.assert_array_equal(made.boxes[:, 20, 30], [56, 36, 64, 44])
+        assert made.vehicles[20, 30] == -1
+        assert made.heat[0, 20, 30] == made.heat[2, 20, 30] == 1.0
 
 
 def test_a_known_centre_beside_an_unknown_one_is_judged() -> None:

@@ -1,6 +1,6 @@
 import torch
 
-from roadscope.detectors.camera.network import CentreNetwork, squares
+from roadscope.detectors.camera.network import CentreNetwork, finer, squares
 
 
 def used_network(seed: int = 0) -> CentreNetwork:
@@ -18,9 +18,9 @@ def test_it_is_small_and_keeps_its_shapes() -> None:
     assert sum(p.numel() for p in network.parameters()) < 1_000_000
     with torch.inference_mode():
         maps = network(torch.zeros(2, 64, 96, 3))
-    assert maps.heat.shape == (2, 3, 16, 24)
-    assert maps.distances.shape == (2, 4, 16, 24)
-    assert maps.vehicles.shape == (2, 5, 16, 24)
+    assert maps.heat.shape == (2, 3, 32, 48)
+    assert maps.distances.shape == (2, 4, 32, 48)
+    assert maps.vehicles.shape == (2, 5, 32, 48)
     assert bool((maps.distances > 0).all())
 
 
@@ -41,3 +41,13 @@ def test_squares_are_those_of_the_image() -> None:
     made = squares(pixels)
     assert made.shape == (1, 12, 4, 6)
     assert torch.equal(made[0, :, 2, 4].reshape(2, 2, 3), pixels[0, 4:6, 8:10])
+
+
+def test_parts_of_a_place_lie_row_by_row() -> None:
+    said = torch.arange(2 * 3 * 4 * 5).reshape(1, 2, 3, 20)
+    made = finer(said)
+    assert made.shape == (1, 5, 4, 6)
+    for row, column in ((0, 0), (1, 0), (2, 5), (3, 4)):
+        k = 2 * (row % 2) + column % 2
+        expected = said[0, row // 2, column // 2, 5 * k : 5 * k + 5]
+        assert torch.equal(made[0, :, row, column], expected)
