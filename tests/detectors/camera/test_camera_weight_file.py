@@ -57,7 +57,7 @@ def test_tensors_that_are_no_weights_are_refused(tmp_path: Path) -> None:
     path, sound = tmp_path / "t.safetensors", CentreNetwork().state_dict()
     name = "out.bias"
     for wrong, words in (
-        (sound[name].half(), r"expected float32 \(12,\), got float16 \(12,\)"),
+        (sound[name].half(), r"expected float32 \(48,\), got float16 \(48,\)"),
         (sound[name] * float("nan"), "expected finite numbers"),
         (sound[name][:3].clone(), r"got float32 \(3,\)"),
     ):
