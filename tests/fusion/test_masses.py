@@ -1,0 +1,85 @@
+"""Evidence is worth what it says: masses on families are the shares that are right."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.papers.li2021_scene import Moment, film
+from roadscope.core import Category, Detections, ImageDetections
+from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.fusion.cluster_boxes import ClusterBoxes
+from roadscope.fusion.masses import MOST, camera_masses, lidar_masses, masses_of
+from roadscope.fusion.overlap import ious
+
+SEEDS = range(10320, 10324)
+EDGES = np.array([0.0, 0.35, 0.65, 1.0])
+FEWEST = 60
+
+Judged = tuple[np.ndarray, np.ndarray]
+
+
+def test_what_the_score_leaves_open_is_ignorance_and_confusion_shares_the_rest() -> None:
+    boxes = np.array([[0.0, 0, 10, 20], [30, 0, 40, 20]])
+    found = ImageDetections(boxes, np.array([0, 6], np.int8), np.array([0.5, 1.0]), 0.0)
+    split = np.array([[0.9, 0.1, 0.0], [0.2, 0.7, 0.1], [0.05, 0.05, 0.9]])
+    masses = masses_of(found, split)
+    np.testing.assert_allclose(masses[0], [0.45 * MOST, 0.05 * MOST, 0.0, 1 - 0.5 * MOST])
+    np.testing.assert_allclose(masses[1], [*(MOST * split[2]), 1 - MOST])
+
+
+@pytest.fixture(scope="module")
+def moments() -> list[Moment]:
+    network = CAMERA_DETECTORS.make("network")
+    return [
+        moment
+        for seed in SEEDS
+        for scenario in ("street", "town-crossing")
+        for moment in film(Episode(scenario, seed, "li2021", 8.0), every=8, detector=network)
+    ]
+
+
+def in_images(moment: Moment) -> Judged:
+    assert moment.camera is not None
+    near = ious(moment.camera.boxes, moment.targets.image_boxes) >= 0.5
+    return camera_masses(moment.camera), families_among(near, moment)
+
+
+def in_scans(moment: Moment) -> Judged:
+    found = ClusterBoxes().detect(moment.scan)
+    apart = np.linalg.norm(
+        found.centres[:, None, :2] - moment.targets.centres[None, :, :2], axis=-1
+    )
+    return lidar_masses(found), families_among(apart <= 2.0, moment)
+
+
+def families_among(near: np.ndarray, moment: Moment) -> np.ndarray:
+    """(N, 3) bool, whether a target of each family may be meant."""
+    columns = [near[:, moment.targets.families == k].any(axis=1) for k in range(3)]
+    return np.column_stack(columns)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("judged", [in_images, in_scans])
+def test_masses_are_the_shares_that_are_right(
+    judged: Callable[[Moment], Judged], moments: list[Moment]
+) -> None:
+    parts = [judged(moment) for moment in moments]
+    masses, real = (np.concatenate(column) for column in zip(*parts, strict=True))
+    best = masses[:, :3].argmax(axis=1)
+    told, right = (each[np.arange(len(best)), best] for each in (masses, real))
+    bins = np.digitize(told, EDGES[1:-1])
+    for number in range(len(EDGES) - 1):
+        inside = bins == number
+        assert inside.sum() >= FEWEST
+        assert right[inside].mean() == pytest.approx(told[inside].mean(), abs=0.12)
+
+
+def test_own_masses_go_before_scores() -> None:
+    own = np.array([[0.1, 0.2, 0.3, 0.4]])
+    found = Detections(
+        np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1), np.array([Category.CAR], np.int8),
+        np.ones(1), "ego", 0.0, own,
+    )  # fmt: skip
+    np.testing.assert_array_equal(lidar_masses(found), own)
