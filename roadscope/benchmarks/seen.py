@@ -14,6 +14,8 @@ from roadscope.core import ImageDetections, Pose, RecordError, Truth
 from roadscope.core.record import Record
 
 BOX_FIELDS = ("boxes", "categories", "scores")
+UNKNOWN_PX = (0, 0)
+"""Stands for an image's size that a detector does not tell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +52,7 @@ class Seen(Record):
             "rows": self.rows,
             "there": np.array([d is not None for d in self.detections], bool),
             "found_s": np.array([d.stamp_s for d in self.found]),
+            "sizes_px": np.array([d.size_px or UNKNOWN_PX for d in self.found]).reshape(-1, 2),
             "stamps_s": np.array([t.stamp_s for t in self.truths]),
             "world_from_ego": np.array([t.world_from_ego.matrix for t in self.truths]),
             "p_count": np.array([len(ranges) for _, ranges in self.parked], np.int64),
@@ -85,9 +88,17 @@ def _seen(data: dict[str, np.ndarray]) -> Seen:
     no_sources = np.empty(0, np.int64)
     return Seen(
         detections=tuple(
-            ImageDetections(**fields, stamp_s=stamp) if there else None
-            for fields, stamp, there in zip(
-                detected, data["found_s"].tolist(), data["there"].tolist(), strict=True
+            ImageDetections(
+                **fields, stamp_s=stamp, size_px=None if tuple(size) == UNKNOWN_PX else tuple(size)
+            )
+            if there
+            else None
+            for fields, stamp, there, size in zip(
+                detected,
+                data["found_s"].tolist(),
+                data["there"].tolist(),
+                data["sizes_px"].tolist(),
+                strict=True,
             )
         ),
         truths=tuple(

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from roadscope.detectors.camera.network import STRIDE, Maps
+from roadscope.detectors.camera.decode import STRIDE
+from roadscope.detectors.camera.network import Maps
 
 FOCUS = 2
 """Exponent that makes easy squares count less; `CALM` does so near centres (Zhou 2019)."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from roadscope.benchmarks.metrics.image_labels import FAMILIES
 from roadscope.core.record import Record
+from roadscope.detectors.camera.decode import STRIDE
 
-STRIDE = 2
 SPREAD = 0.54 / 6
 """Standard deviation of the heat over the side of the box (Liu 2020, TTFNet)."""
 LEAST_SPREAD = 0.8

@@ -1,4 +1,4 @@
-"""From the network's maps to boxes."""
+"""From the network's answers to boxes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,14 @@ from roadscope.core.jit import compiled
 from roadscope.core.record import Record
 
 STRIDE = 2
+"""Pixels from one answer to the next."""
+FINE = 2
+"""Answers along the side of each place of the last layer, so that people who walk side by side,
+a few pixels wide, have answers of their own."""
+UNIT_PX = 4.0
+"""Distances are exponentials in this unit."""
+LARGEST = 6.0
+"""Of the logarithm of a distance over its unit."""
 MOST = 2000
 """Boxes of an image that are looked at, the surest first."""
 SAME_IOU = 0.55
@@ -53,22 +61,25 @@ class Peaks(Record):
         )
 
 
-def decode(
-    heat: np.ndarray, distances: np.ndarray, vehicles: np.ndarray, least_log_odds: float
-) -> Peaks:
-    """Read maps of one image: (3, h, w) log odds, (4, h, w) pixels, (5, h, w) log odds.
+def decode(answers: np.ndarray, least_log_odds: float) -> Peaks:
+    """Read the answers of one image, (h, w, 4, 12), at four parts of each place, row by row.
 
-    Every square may name a box, not the highest among its neighbours alone: centres of people who
-    stand close together lie in squares beside each other.
+    Log odds of a centre of each family, logarithms of the distances to left, top, right and bottom
+    over their unit, log odds among the categories of vehicles. Every part may name a
+    box, not the highest among its neighbours alone: centres of people who stand close together
+    lie beside each other.
     """
-    families, rows, columns = np.nonzero(heat >= least_log_odds)
-    values = heat[families, rows, columns].astype(np.float64)
+    heat = answers[..., : len(FIRST_CATEGORIES)]
+    places = np.nonzero(heat >= least_log_odds)
+    values = heat[places].astype(np.float64)
     order = np.argsort(-values, kind="stable")[:MOST]
-    families, rows, columns = families[order], rows[order], columns[order]
-    sides = distances[:, rows, columns].T.astype(np.float64)
-    middles = (np.stack([columns, rows], axis=1) + 0.5) * STRIDE
+    rows, columns, parts, families = (each[order] for each in places)
+    said = answers[rows, columns, parts, len(FIRST_CATEGORIES) :].astype(np.float64)
+    sides = UNIT_PX * np.exp(np.minimum(said[:, :4], LARGEST))
+    across, down = FINE * columns + parts % FINE, FINE * rows + parts // FINE
+    middles = (np.stack([across, down], axis=1) + 0.5) * STRIDE
     boxes = np.concatenate([middles - sides[:, :2], middles + sides[:, 2:]], axis=1)
-    kinds = vehicles[:, rows, columns].argmax(axis=0)
+    kinds = said[:, 4:].argmax(axis=1)
     categories = np.array(FIRST_CATEGORIES)[families] + np.where(families == 0, kinds, 0)
     peaks = Peaks(boxes, families, categories, values[order])
     return peaks.select(distinct(peaks.boxes, peaks.families, SAME_IOU))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.core import CameraImage, Frame, ImageDetections, RecordError
-from roadscope.detectors.camera.decode import Peaks, decode
+from roadscope.detectors.camera.decode import FINE, Peaks, decode
 from roadscope.detectors.camera.precision import AUTO, PRECISIONS, fastest
 from roadscope.detectors.camera.weight_file import SHIPPED, Calibration, load
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 DEVICE = re.compile(r"cpu|cuda(:\d+)?")
 COARSEST = 32
+GREY = 127
+"""What is beyond the image on the right and below, up to a multiple of the coarsest stride."""
 LARGEST_WIDTH = 960
 """Wider images are looked at with every second pixel row and column averaged, as often as needed:
 1280 become 640, for which the network was trained."""
@@ -100,9 +102,8 @@ class CameraDetector:
                               f"{height}")  # fmt: skip
         shrunk, factor = _shrunk(pixels)
         network, calibration = self._loaded
-        heat, distances, vehicles = _look(network, shrunk, self.threads)
-        least = calibration.least_log_odds(self.min_score)
-        peaks = decode(heat, distances, vehicles, least)
+        answers = _look(network, shrunk, self.threads)
+        peaks = decode(answers, calibration.least_log_odds(self.min_score))
         boxes = np.clip(peaks.boxes * factor, 0, [width, height, width, height])
         inside = np.flatnonzero((boxes[:, 2:] - boxes[:, :2] > 0).all(axis=1))
         found = Peaks(boxes, peaks.families, peaks.categories, peaks.log_odds)
@@ -142,8 +143,17 @@ def _shrunk(pixels: np.ndarray) -> tuple[np.ndarray, int]:
     return pixels, factor
 
 
-def _look(network: CentreNetwork, pixels: np.ndarray, threads: int) -> list[np.ndarray]:
-    """Return the maps of one image, padded below and on the right with grey."""
+def squared(pixels: np.ndarray) -> np.ndarray:
+    """Turn (H, W, 3) bytes into (H / 2, W / 2, 12) as `network.squares` does, in half the time."""
+    rows, columns = (n // 2 for n in pixels.shape[:2])
+    made = np.empty((rows, columns, 2, 6), np.uint8)
+    for k in range(2):
+        made[:, :, k] = pixels[k::2].reshape(rows, columns, 6)
+    return made.reshape(rows, columns, 12)
+
+
+def _look(network: CentreNetwork, pixels: np.ndarray, threads: int) -> np.ndarray:
+    """Return the answers (h, w, 4, 12) of one image, padded below and on the right with grey."""
     import torch
 
     height, width = (-(-n // COARSEST) * COARSEST for n in pixels.shape[:2])
@@ -152,9 +162,11 @@ def _look(network: CentreNetwork, pixels: np.ndarray, threads: int) -> list[np.n
     torch.set_num_threads(threads)
     try:
         with torch.inference_mode():
-            given = torch.from_numpy(np.array(pixels, order="C")).to(first.device, first.dtype)
-            full = torch.zeros(1, height, width, 3, dtype=first.dtype, device=first.device)
-            full[0, : pixels.shape[0], : pixels.shape[1]] = given / 127.5 - 1
-            return [m[0].cpu().numpy() for m in network(full)]
+            full = np.full((height, width, 3), GREY, np.uint8)
+            full[: pixels.shape[0], : pixels.shape[1]] = pixels
+            places = torch.from_numpy(squared(full)).to(first.device, first.dtype)
+            colours = places.div_(127.5).sub_(1.0).permute(2, 0, 1)[None]
+            said = network.answers(colours)[0].cpu().numpy()
+            return said.reshape(*said.shape[:2], FINE * FINE, -1)
     finally:
         torch.set_num_threads(before)

@@ -12,26 +12,19 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from roadscope.detectors.camera.decode import FINE, LARGEST, UNIT_PX
+
 ARCHITECTURE = "roadscope-centre-3"
 """Changes whenever weights of one kind no longer fit the other."""
 FAMILY_COUNT = 3
 VEHICLE_COUNT = 5
 """Categories of the family vehicle; the others have one each."""
-STRIDE = 2
-"""Pixels from one answer to the next."""
-FINE = 2
-"""Answers along the side of each place of the last layer, so that people who walk side by side,
-a few pixels wide, have answers of their own."""
-UNIT_PX = 4.0
-"""Distances are exponentials in this unit."""
 SQUARE = 2
 """Pixels along the side of what the first convolution takes as one place."""
 COARSEST = 32
 """Heights and widths must be multiples of it."""
 RARE = -6.0
 """Log odds of a centre at the start: one place in four hundred."""
-LARGEST = 6.0
-"""Of the logarithm of a distance over its unit."""
 STEM = 16
 WIDTHS = (32, 64, 96, 96)
 """Multiples of 32, which processors with bfloat16 take two at a time."""
@@ -79,7 +72,7 @@ class Convolution(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Map (B, ins, h, w) to (B, outs, h / stride, w / stride)."""
         y: Tensor = self.norm(self.conv(x))
-        return functional.relu(y) if self.rectify else y
+        return functional.relu_(y) if self.rectify else y
 
     def fold(self) -> None:
         """Move the norm's running figures into the convolution; for inference alone."""
@@ -98,7 +91,7 @@ class Residual(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Keep the shape."""
-        return functional.relu(x + self.second(self.first(x)))
+        return functional.relu_(x + self.second(self.first(x)))
 
 
 class CentreNetwork(nn.Module):
@@ -127,7 +120,13 @@ class CentreNetwork(nn.Module):
 
     def forward(self, pixels: Tensor) -> Maps:
         """Look at (B, H, W, 3) colours in -1 to 1; height and width multiples of 32."""
-        x = self.stem(squares(pixels))
+        said = finer(self.answers(squares(pixels)))
+        heat, sides, vehicles = torch.split(said, [FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
+        return Maps(heat, UNIT_PX * sides.clamp(max=LARGEST).exp(), vehicles)
+
+    def answers(self, places: Tensor) -> Tensor:
+        """Return (B, h, w, 48) float32 for `squares` of colours, 12 for each part of a place."""
+        x = self.stem(places)
         seen = []
         for stage in self.stages:
             x = stage(x)
@@ -138,11 +137,10 @@ class CentreNetwork(nn.Module):
                 y, scale_factor=2.0, mode="nearest"
             )
         # Boxes need more digits than bfloat16 has, so the last layer is always float32.
-        features = self.head(functional.relu(y))
-        with torch.autocast(pixels.device.type, enabled=False):
-            said = finer(self.out(features.permute(0, 2, 3, 1).float()))
-        heat, sides, vehicles = torch.split(said, [FAMILY_COUNT, 4, VEHICLE_COUNT], dim=1)
-        return Maps(heat, UNIT_PX * sides.clamp(max=LARGEST).exp(), vehicles)
+        features = self.head(functional.relu_(y))
+        with torch.autocast(places.device.type, enabled=False):
+            said: Tensor = self.out(features.permute(0, 2, 3, 1).float())
+        return said
 
     def folded(self, dtype: torch.dtype = torch.float32) -> CentreNetwork:
         """Return a copy for inference: no batch norm, channels last, all but the end in a dtype."""

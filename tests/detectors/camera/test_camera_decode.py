@@ -5,11 +5,22 @@ from hypothesis.extra.numpy import arrays
 
 from roadscope.benchmarks.metrics.image_precision import box_ious
 from roadscope.core import Category
-from roadscope.detectors.camera.decode import SAME_IOU, decode, distinct
+from roadscope.detectors.camera.decode import SAME_IOU, UNIT_PX, Peaks, distinct
+from roadscope.detectors.camera.decode import decode as read
+
+Maps = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def blank(h: int = 8, w: int = 10) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def blank(h: int = 8, w: int = 10) -> Maps:
     return np.full((3, h, w), -8.0), np.full((4, h, w), 6.0), np.zeros((5, h, w))
+
+
+def decode(heat: np.ndarray, distances: np.ndarray, vehicles: np.ndarray, least: float) -> Peaks:
+    """Read maps of every second pixel, packed as the network answers: four parts to a place."""
+    maps = np.concatenate([heat, np.log(distances / UNIT_PX), vehicles])
+    rows, columns = (n // 2 for n in heat.shape[1:])
+    parts = maps.reshape(12, rows, 2, columns, 2).transpose(1, 3, 2, 4, 0)
+    return read(parts.reshape(rows, columns, 4, 12), least)
 
 
 def test_a_peak_becomes_its_box() -> None:

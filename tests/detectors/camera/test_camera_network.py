@@ -1,5 +1,8 @@
+import numpy as np
 import torch
 
+from roadscope.detectors.camera.decode import decode
+from roadscope.detectors.camera.detector import squared
 from roadscope.detectors.camera.network import CentreNetwork, finer, squares
 
 
@@ -41,6 +44,30 @@ def test_squares_are_those_of_the_image() -> None:
     made = squares(pixels)
     assert made.shape == (1, 12, 4, 6)
     assert torch.equal(made[0, :, 2, 4].reshape(2, 2, 3), pixels[0, 4:6, 8:10])
+
+
+def test_bytes_are_laid_out_as_colours_are() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (8, 12, 3), np.uint8)
+    made = squares(torch.from_numpy(image[None]))
+    np.testing.assert_array_equal(squared(image), made[0].permute(1, 2, 0).numpy())
+
+
+def test_answers_become_the_same_boxes_as_maps_do() -> None:
+    network = used_network().folded()
+    image = np.random.default_rng(1).integers(0, 256, (64, 96, 3), np.uint8)
+    pixels = torch.from_numpy(image[None]).float() / 127.5 - 1
+    with torch.inference_mode():
+        maps = [m[0].numpy() for m in network(pixels)]
+        answers = network.answers(squares(pixels))[0].numpy().reshape(16, 24, 4, 12)
+    least = float(np.quantile(maps[0], 0.99))
+    found = decode(answers, least)
+    rows = np.argsort(-maps[0].ravel(), kind="stable")[:1]
+    family, row, column = (int(k) for k in np.unravel_index(rows[0], maps[0].shape))
+    left, top, right, bottom = maps[1][:, row, column]
+    middle = 2 * (np.array([column, row]) + 0.5)
+    expected = np.concatenate([middle - (left, top), middle + (right, bottom)])
+    np.testing.assert_allclose(found.boxes[0], expected, rtol=1e-5)
+    assert found.families[0] == family
 
 
 def test_parts_of_a_place_lie_row_by_row() -> None:

@@ -28,7 +28,7 @@ def image(rig: Rig) -> np.ndarray:
 
 def test_images_are_sharp_unless_the_camera_says_otherwise() -> None:
     still = image(carrier())
-    assert np.array_equal(still, image(carrier(exposure_s=0.03)))
+    assert np.abs(still - image(carrier(exposure_s=0.03))).max() <= 1
     smeared = image(carrier(motion_blur=True, exposure_s=0.03))
     assert not np.array_equal(still, smeared)
     # Ground beside the camera runs through the image, what drives along ahead does not.
