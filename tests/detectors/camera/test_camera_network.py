@@ -63,9 +63,8 @@ def test_answers_become_the_same_boxes_as_maps_do() -> None:
     found = decode(answers, least)
     rows = np.argsort(-maps[0].ravel(), kind="stable")[:1]
     family, row, column = (int(k) for k in np.unravel_index(rows[0], maps[0].shape))
-    left, top, right, bottom = maps[1][:, row, column]
     middle = 2 * (np.array([column, row]) + 0.5)
-    expected = np.concatenate([middle - (left, top), middle + (right, bottom)])
+    expected = np.tile(middle, 2) + maps[1][:, row, column] * (-1, -1, 1, 1)
     np.testing.assert_allclose(found.boxes[0], expected, rtol=1e-5)
     assert found.families[0] == family
 
