@@ -16,11 +16,11 @@ from roadscope.envs.traffic.scenarios import record
 
 # Scenario, seed, time, kind of light, weather.
 PICTURES = {
-    "street-day": ("town-crossing", 5, 4.0, "day", "clear"),
+    "street-day": ("street", 5181, 4.55, "day", "clear"),
     "motorway-rain": ("motorway", 5, 3.0, "overcast", "rain-3"),
     "roundabout-dusk": ("roundabout", 1, 4.0, "dusk", "clear"),
     "street-night": ("street", 11, 8.0, "night", "clear"),
-    "town-fog": ("town-crossing", 3, 4.0, "day", "fog-2"),
+    "town-fog": ("town-crossing", 7842, 4.05, "day", "fog-2"),
 }
 SPEC = CameraSpec("picture", Pinhole.centred(1280, 960, 900.0), period_s=0.05)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from roadscope.core import Detections, Pose
 from roadscope.trackers import TRACKERS
@@ -11,9 +12,9 @@ from roadscope.trackers import TRACKERS
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
-def run(name: str) -> str:
+def run(name: str, *arguments: Path) -> str:
     result = subprocess.run(
-        [sys.executable, EXAMPLES / name], capture_output=True, text=True, timeout=300
+        [sys.executable, EXAMPLES / name, *arguments], capture_output=True, text=True, timeout=300
     )
     assert result.returncode == 0, result.stderr
     return result.stdout
@@ -53,3 +54,15 @@ def test_the_tracker_of_ones_own_keeps_identities() -> None:
         ids.append(tracker.update(moved, Pose.identity()).ids.tolist())
     assert ids == [[0, 1]] * 4
     assert len(tracker.update(Detections.empty(1.0), Pose.identity())) == 0
+
+
+@pytest.mark.slow
+def test_pictures_of_the_documentation_are_what_the_cameras_draw_now(tmp_path: Path) -> None:
+    written = {Path(line).name for line in run("camera_pictures.py", tmp_path).splitlines()}
+    shown = Path(__file__).parents[1] / "docs" / "images"
+    assert written == {path.name for path in shown.glob("*.png")}
+    readme = (shown.parents[1] / "README.md").read_text("utf-8")
+    for name in written:
+        assert f"docs/images/{name}" in readme
+        now, before = (imread(folder / name) for folder in (tmp_path, shown))
+        assert np.abs(now - before).mean() < 0.005
