@@ -16,6 +16,7 @@ from roadscope.benchmarks.papers.li2021_board import (
     Views,
     board_views,
     held_out_px,
+    misread,
     solved,
     solved_jointly,
 )
@@ -73,6 +74,7 @@ def calibrate_rig(
     corners_only: bool = False,
     upright: bool = False,
     scans: int = SCANS,
+    outliers: float = 0.0,
     progress: Progress | None = None,
 ) -> RigCalibration:
     """Hold a board before a rig and find the matrix from places to pixels (Li 2021, 2.2).
@@ -80,13 +82,15 @@ def calibrate_rig(
     name: of a rig with a camera. seed: of poses and noise. known_intrinsics: only the camera's
     pose is to be found. corners_only: the paper's way, without the joint refinement of camera and
     boards. upright: whether the board stands on even ground rather than being held at a tilt, which
-    tells more. scans: of each pose. `CalibrationError` where poses are too few or the board is not
-    seen.
+    tells more. scans: of each pose. outliers: share of the poses in which one corner in the image
+    is misread. `CalibrationError` where poses are too few or the board is not seen.
     """
     if poses < LEAST_POSES:
         raise CalibrationError(f"poses: expected at least {LEAST_POSES}, got {poses}")
     if scans < 1:
         raise CalibrationError(f"scans: expected at least 1, got {scans}")
+    if not 0 <= outliers <= 0.5:
+        raise CalibrationError(f"outliers: expected a share from 0 to 0.5, got {outliers}")
     carrier, tell = find_rig(name), progress or silent
     camera_of(carrier)
     tell("poses", 0, poses)
@@ -100,6 +104,8 @@ def calibrate_rig(
             f"both sensors saw the whole board in {len(views)} of {poses} poses only, "
             f"{LEAST_POSES} are needed"
         )
+    if outliers:
+        views = misread(views, outliers, np.random.default_rng([seed, poses, 1]))
     counts = [n for n in STEPS if n < len(views)] + [len(views)]
     trial = _Trial(carrier, seed, known_intrinsics, corners_only)
     rows = []

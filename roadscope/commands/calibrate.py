@@ -26,6 +26,9 @@ def calibrate(
         bool, typer.Option("--upright", help="The board stands; otherwise it is held at a tilt.")
     ] = False,
     scans: Annotated[int, typer.Option(min=1, max=1000, help="Scans of each pose.")] = 25,
+    outliers: Annotated[
+        float, typer.Option(min=0, max=0.5, help="Share of poses with a corner misread.")
+    ] = 0.0,
     out: Annotated[
         Path | None, typer.Option(help="File for the calibration, .json or .toml.")
     ] = None,
@@ -46,7 +49,8 @@ def calibrate(
     with progress_bars() as progress:
         found = calibrate_rig(
             rig, poses=poses, seed=seed, known_intrinsics=known_intrinsics,
-            corners_only=corners_only, upright=upright, scans=scans, progress=progress,
+            corners_only=corners_only, upright=upright, scans=scans, outliers=outliers,
+            progress=progress,
         )  # fmt: skip
     last = found.rows[-1]
     headline(f"{rig}: both sensors saw the whole board in {found.seen} of {found.asked} poses")
@@ -61,6 +65,6 @@ def calibrate(
     if place is not None:
         origin = f"roadscope calibrate --rig {rig} --poses {poses} --seed {seed}"
         origin += " --known-intrinsics" * known_intrinsics + " --corners-only" * corners_only
-        origin += " --upright" * upright
+        origin += " --upright" * upright + f" --outliers {outliers:g}" * bool(outliers)
         save_rig_calibration(found, place, origin + f" --scans {scans}" * (scans != 25))
         typer.echo(f"written: {place}")

@@ -77,6 +77,16 @@ def test_known_intrinsics_leave_less_to_be_wrong() -> None:
     assert known < free
 
 
+@pytest.mark.usefixtures("quick")
+def test_misread_corners_are_left_out() -> None:
+    clean, spoilt = (calibrate_rig("wide", poses=20, outliers=share) for share in (0.0, 0.3))
+    assert clean.result.inliers.all()
+    assert (~spoilt.result.inliers).sum() == 6
+    assert spoilt.rows[-1].held_out_px < 2 * clean.rows[-1].held_out_px
+    with pytest.raises(CalibrationError, match=r"outliers: expected a share from 0 to 0\.5, got 1"):
+        calibrate_rig("wide", outliers=1)
+
+
 def test_the_joint_way_beats_corners_alone_which_stay_callable() -> None:
     joint = calibrate_rig("li2021", poses=8, seed=3).rows[-1]
     corners = calibrate_rig("li2021", poses=8, seed=3, corners_only=True).rows[-1]

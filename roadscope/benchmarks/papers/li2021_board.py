@@ -37,6 +37,7 @@ LEAST_BOARDS = 3
 GREY = {"board": 235.0, "ground": 80.0, "sky": 120.0}
 GREY_NOISE = 4.0
 GATE_PX = 25.0
+MISREAD_PX = (30.0, 90.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +178,19 @@ def board_views(
         raise CalibrationError(f"none of {poses} poses showed the board to both sensors")
     points, pixels, sights = zip(*views, strict=True)
     return Views(points, pixels, sights)
+
+
+def misread(views: Views, share: float, rng: np.random.Generator) -> Views:
+    """Return the views with a corner in the image taken for another thing in a share of the poses.
+
+    It is 30 to 90 pixels off, whichever corner and way.
+    """
+    pixels = [corners.copy() for corners in views.pixels]
+    for pose in rng.choice(len(views), round(share * len(views)), replace=False):
+        way = rng.uniform(-np.pi, np.pi)
+        off_px = rng.uniform(*MISREAD_PX) * np.array([np.cos(way), np.sin(way)])
+        pixels[pose][rng.integers(3)] += off_px
+    return Views(views.points, tuple(pixels), views.sights)
 
 
 def solved(rig: Rig, views: Views, seed: int, *, known: bool = False) -> CalibrationResult:
