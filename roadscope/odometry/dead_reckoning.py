@@ -7,7 +7,7 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.estimates import estimate, grown
-from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.imu_buffer import NO_SAMPLES, ImuBuffer
 from roadscope.odometry.rigid import exp_so3, inverse, orthonormal
 
 REST_S = 1.0
@@ -67,7 +67,7 @@ class DeadReckoningOdometry:
         self._moving_s += 0.0 if self._at_rest else tick.elapsed_s
         motion = inverse(before) @ self._pose
         self._covariance = grown(self._covariance, motion, self._spread(tick.elapsed_s))
-        return tick.reason if covered else "no inertial samples"
+        return tick.reason if covered else NO_SAMPLES
 
     def _rest(self, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> bool:
         """Average over a stretch in which nothing is felt; False from the first that is felt."""

@@ -9,6 +9,7 @@ from roadscope.core import ImuSamples, Pose
 KEPT_S = 3.0
 GAP_S = 0.03
 """Longer without a sample is a gap: a dozen samples at 400 Hz, three at 100 Hz."""
+NO_SAMPLES = "no inertial samples"
 
 
 class ImuBuffer:
@@ -22,6 +23,7 @@ class ImuBuffer:
         self.stamps_s = np.empty(0)
         self.rates = np.empty((0, 3))
         self.forces = np.empty((0, 3))
+        self._begun = False
 
     def add(self, imu: ImuSamples | None) -> None:
         """Take further samples; those not later than all before are left out."""
@@ -35,6 +37,7 @@ class ImuBuffer:
             last = -np.inf
         ahead = np.maximum.accumulate(np.concatenate([[last], block[:, 0]]))[:-1]
         block = block[block[:, 0] > ahead]
+        self._begun |= len(block) > 0
         self.stamps_s = np.concatenate([self.stamps_s, block[:, 0]])
         self.rates = np.concatenate([self.rates, block[:, 1:4] @ self._axes.T])
         self.forces = np.concatenate([self.forces, block[:, 4:] @ self._axes.T])
@@ -52,6 +55,14 @@ class ImuBuffer:
             return False
         marks = np.concatenate([[start_s], np.clip(stamps, start_s, end_s), [end_s]])
         return bool(np.diff(marks).max() <= GAP_S)
+
+    def lack(self, stamp_s: float, elapsed_s: float) -> str:
+        """Say what is wrong where samples lack of the time before a stamp.
+
+        Nothing is where none ever came: then there is no inertial unit.
+        """
+        covered = not elapsed_s or self.covers(stamp_s - elapsed_s, stamp_s)
+        return "" if covered or not self._begun else NO_SAMPLES
 
     def within(self, start_s: float, end_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return lengths of time, (K,) s, and rates and forces, (K, 3), that fill a stretch.

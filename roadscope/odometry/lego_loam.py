@@ -56,6 +56,7 @@ class LegoLoamOdometry:
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
             return self._told(scan, tick.reason)
+        lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s)
         kept = kept_of(scan, least=self.min_points)
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)
@@ -66,7 +67,7 @@ class LegoLoamOdometry:
         if poor or self._before is None:
             self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
             self._before = self._before if poor else (kept, features)
-            return self._told(scan, tick.reason or poor)
+            return self._told(scan, tick.reason or poor or lack)
         found = match_two_steps(features, self._before[1], predicted)
         motion, reason = self._progress.step(predicted, found, scan.stamp_s)
         self._before = kept, features.at(kept.at_stamp(motion, since_s))
@@ -75,7 +76,7 @@ class LegoLoamOdometry:
             if self._matched % self.map_every == 0:
                 self._mapping.take(self._before[1], self._progress.pose)
             self._matched += 1
-        return self._told(scan, tick.reason or reason)
+        return self._told(scan, tick.reason or reason or lack)
 
     def _begin(self, kept: Returns, since_s: float, predicted: np.ndarray) -> np.ndarray:
         """Return the first motion, (4, 4), which also takes the first sweep's own motion out."""

@@ -101,7 +101,8 @@ class LidarInertialOdometry:
             moving, poor = self._follow(self._track, sweep, stretch, poor)
         self._tell(stretch)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan),
-                        tick.reason or poor, dynamic=sweep.spread(moving))  # fmt: skip
+                        tick.reason or poor or self._imu.lack(scan.stamp_s, tick.elapsed_s),
+                        dynamic=sweep.spread(moving))  # fmt: skip
 
     def _stretch(self, scan: LidarScan, tick: Tick) -> Stretch:
         """Return what was felt since the last scan."""

@@ -96,7 +96,7 @@ class VoxelMapOdometry:
             self._begin(cloud, twist, tick)
         else:
             poor = self._follow(cloud, twist, tick)
-        reason = tick.reason or poor
+        reason = tick.reason or poor or self._imu.lack(scan.stamp_s, tick.elapsed_s)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
 
     def _cloud(self, scan: LidarScan) -> Cloud:

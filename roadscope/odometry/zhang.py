@@ -78,6 +78,7 @@ class ZhangOdometry:
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
             return self._told(scan, tick.reason)
+        lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s)
         segments = segments_of(scan, self.clustering)  # section 2.1
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)  # eq. 3
@@ -88,14 +89,14 @@ class ZhangOdometry:
         if poor or self._before is None:
             self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
             self._before = self._before if poor else Moment(segments, features)
-            return self._told(scan, tick.reason or poor)
+            return self._told(scan, tick.reason or poor or lack)
         clusters = self._same_clusters(segments, predicted, since_s)  # eq. 4
         found, dropped = self._matched(features, clusters, predicted)  # eq. 7 to 10
         motion, reason = self._progress.step(predicted, found, scan.stamp_s)
         # As LOAM does: the next scan meets these features where their own sweep's motion, now
         # known, puts them.
         self._before = Moment(segments, features.at(segments.at_stamp(motion, since_s)))
-        return self._told(scan, tick.reason or reason, returns_of(scan, segments, dropped))
+        return self._told(scan, tick.reason or reason or lack, returns_of(scan, segments, dropped))
 
     def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
         """Undo the sweep's own motion and take the roughest and smoothest of each cluster."""
