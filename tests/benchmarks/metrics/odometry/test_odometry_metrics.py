@@ -132,9 +132,10 @@ def test_drift_is_kittis(lengths, every):
         (found.lengths_m == m).sum() for m in lengths if m in found.lengths_m]  # fmt: skip
 
 
-def test_kiss_icp_agrees_on_drift():
+@pytest.mark.parametrize("seed", [6, 60, 61, 62, 63])
+def test_kiss_icp_agrees_on_drift(seed):
     metrics = pytest.importorskip("kiss_icp.metrics", exc_type=ImportError)
-    both = drive(6, n=900)
+    both = drive(seed, n=900)
     t_rel, r_rel = metrics.sequence_error(list(both.truth), list(both.estimate))
     ours = drift(both, KITTI_M)
     assert t_rel == pytest.approx(ours.t_rel, rel=1e-6)
@@ -156,9 +157,9 @@ def told_by(folder, program, *arguments):
         return np.load(io.BytesIO(array.read()))
 
 
-@pytest.fixture
-def written(tmp_path):
-    both = drive(7)
+@pytest.fixture(params=[7, 70, 71])
+def written(request, tmp_path):
+    both = drive(request.param)
     for name in ("truth", "estimate"):
         rows = getattr(both, name)[:, :3].reshape(-1, 12)
         np.savetxt(tmp_path / f"{name}.txt", rows, fmt="%.17g")
