@@ -127,3 +127,14 @@ def test_blobs_are_found_where_colour_stands_out() -> None:
         found = CAMERA_DETECTORS.make("colour-blobs").detect(frame_of(pixels))
     assert sorted(found.boxes.tolist()) == [[40, 80, 80, 100], [120, 64, 132, 112]]
     assert sorted(found.categories.tolist()) == [0, 6]
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
+def test_a_graphics_card_says_the_same(eager: Path) -> None:
+    frame = frame_of(noise(96, 128))
+    here, there = (
+        CameraDetector(weights=str(eager), device=device).detect(frame)
+        for device in ("cpu", "cuda")
+    )
+    assert len(here) == pytest.approx(len(there), abs=2)
+    np.testing.assert_allclose(np.sort(here.scores)[-5:], np.sort(there.scores)[-5:], atol=1e-3)
