@@ -23,6 +23,7 @@ from roadscope.benchmarks.train.recipe import (
     HELD_OUT_WEATHERS,
     LOOKS,
     RECIPES,
+    TEST_SEEDS,
     TRAIN_SEEDS,
     VALIDATION_SEEDS,
     WEATHERS,
@@ -46,7 +47,8 @@ class Trained:
     """What came out.
 
     weights, record: files. seconds: that learning took, pictures not counted.
-    scores: on validation seeds. held_out: likewise, in scenarios and weathers never trained on.
+    scores: on validation seeds. held_out: by section of the record, in scenarios and weathers
+        never trained on, and on test seeds.
     """
 
     weights: Path
@@ -89,9 +91,9 @@ def train_camera(
     trainer = Trainer(plan, fingerprint([plan, data_hash]))
     network = _learn(trainer, learned, folder, jobs=jobs, progress=progress)
     _calibrate(network, target, calibration)
-    found = evaluate(target, scores, progress)
+    found = evaluate(target, scores, progress, threads=jobs)
     others = {
-        name: evaluate(target, [views.read(v, folder) for v in part], progress)
+        name: evaluate(target, [views.read(v, folder) for v in part], progress, threads=jobs)
         for name, part in apart.items()
     }
     record = target.with_suffix(".toml")
@@ -121,7 +123,8 @@ def _split(plan: Recipe) -> tuple[list[View], list[View], list[View]]:
 def held_out(plan: Recipe) -> dict[str, list[View]]:
     """Draw episodes in clear air by day, then such as nothing was learned from, by section.
 
-    Other places and bodies, heavier weather and faults.
+    Other places and bodies, heavier weather and faults. The last two are on test seeds: what was
+    learned from, drawn as validation is, and clear days.
     """
     count = max(1, plan.validation_episodes // 3)
     plain = replace(plan, weathers=WEATHERS, faulty=0.0, lights=("day",))
@@ -132,9 +135,13 @@ def held_out(plan: Recipe) -> dict[str, list[View]]:
         "held_out_weathers": replace(plain, weathers=HELD_OUT_WEATHERS),
         "held_out_faults": replace(plain, weathers=("clear",), conditions=HELD_OUT_FAULTS),
     }
-    return {
+    drawn = {
         name: drawn_views(other, count, VALIDATION_SEEDS, varied=False)
         for name, other in unlike.items()
+    }
+    return drawn | {
+        "test": drawn_views(plan, plan.validation_episodes, TEST_SEEDS, varied=False),
+        "test_clear_days": drawn_views(unlike["clear_days"], count, TEST_SEEDS, varied=False),
     }
 
 
@@ -179,12 +186,12 @@ def _calibrate(network: CentreNetwork, target: Path, episodes: Sequence[Pictures
 
 
 def evaluate(
-    weights: Path, episodes: Sequence[Pictures], progress: Progress = silent
+    weights: Path, episodes: Sequence[Pictures], progress: Progress = silent, *, threads: int = 1
 ) -> ImageScores:
     """Score weights on pictures, through the detector as it is used."""
     from roadscope.detectors.camera.detector import CameraDetector
 
-    detector = CameraDetector(weights=str(weights), min_score=LEAST_SCORE)
+    detector = CameraDetector(weights=str(weights), min_score=LEAST_SCORE, threads=threads)
     found: list[ImageDetections] = []
     total = sum(map(len, episodes))
     for episode in episodes:
@@ -220,7 +227,8 @@ def _record(done: Trained, name: str, plan: Recipe, jobs: int) -> None:
         f"weathers = {json.dumps(sorted(set(plan.weathers)))}",
         f"lights = {json.dumps(sorted(set(plan.lights)))}",
         f"faulty = {plan.faulty} # share of the episodes with {', '.join(FAULTS)}, 1 to {WORST}",
-        "# Scores are on validation seeds; rates and false alarms from a score of 0.5 up.",
+        "# Scores are on validation seeds, but for those of `test` and `test_clear_days`, on test",
+        "# seeds; rates and false alarms from a score of 0.5 up.",
         f'precision = "{CameraDetector().precision}" # of the network when it was scored',
     ]
     for section, scores in {"validation": done.scores, **done.held_out}.items():

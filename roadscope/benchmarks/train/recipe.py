@@ -11,6 +11,8 @@ TRAIN_SEEDS = range(0, 9000)
 CALIBRATION_SEEDS = range(9000, 10000)
 """Train seeds too, but no picture of theirs is learned from: they tell what scores are worth."""
 VALIDATION_SEEDS = range(10000, 20000)
+TEST_SEEDS = range(20000, 30000)
+"""Scored on when all else is settled; nothing is chosen by them."""
 SCENARIOS = (
     "street", "town-crossing", "motorway", "street", "town-crossing", "two-way", "roundabout",
     "street", "town-crossing", "merge", "racetrack",

@@ -65,9 +65,9 @@ def decode(answers: np.ndarray, least_log_odds: float) -> Peaks:
     """Read the answers of one image, (h, w, 4, 12), at four parts of each place, row by row.
 
     Log odds of a centre of each family, logarithms of the distances to left, top, right and bottom
-    over their unit, log odds among the categories of vehicles. Every part may name a
-    box, not the highest among its neighbours alone: centres of people who stand close together
-    lie beside each other.
+    over their unit, log odds among the categories of vehicles. Every part may name a box, not the
+    highest among its neighbours alone: centres of people who stand close together lie beside each
+    other.
     """
     heat = answers[..., : len(FIRST_CATEGORIES)]
     places = np.nonzero(heat >= least_log_odds)

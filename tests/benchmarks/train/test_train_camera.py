@@ -35,7 +35,7 @@ def test_a_run_writes_weights_that_detect_and_their_record(tmp_path: Path) -> No
     assert record["data"] == done.data_hash
     assert record["validation"]["objects"] == done.scores.ap50.n == 12
     apart = {f"held_out_{name}" for name in ("scenarios", "looks", "weathers", "faults")}
-    assert {*apart, "clear_days"} < set(record)
+    assert {*apart, "clear_days", "test", "test_clear_days"} < set(record)
     image = CameraImage(np.full((64, 64, 3), 99, np.uint8), np.eye(3), 0.0, "camera")
     CameraDetector(weights=str(done.weights)).detect(Frame(0.0, Mounting(), camera=image))
 

@@ -13,6 +13,7 @@ from roadscope.benchmarks.train.recipe import (
     HELD_OUT_FAULTS,
     LOOKS,
     RECIPES,
+    TEST_SEEDS,
     TRAIN_SEEDS,
     WORST,
     Recipe,
@@ -96,6 +97,9 @@ def test_what_is_held_out_is_scored_and_never_learned(name: str) -> None:
     apart = held_out(recipe)
     assert {view.scenario for view in apart["held_out_looks"]} <= set(LOOKS)
     assert {view.faults for view in apart["held_out_faults"]} <= set(HELD_OUT_FAULTS)
+    for section in ("test", "test_clear_days"):
+        assert {view.seed for view in apart[section]} <= set(TEST_SEEDS)
+    assert not {view.seed for view in learned} & set(TEST_SEEDS)
     # A fault of severity 4 brings the weather of that severity.
     met = {view.weather for view in learned}
     met |= {part.strip().replace(":", "-") for v in learned for part in v.faults.split("+")}
