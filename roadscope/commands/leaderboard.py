@@ -218,6 +218,11 @@ def _fewer(suite: Any, seeds: int) -> Any:
 
     if isinstance(suite, RecordedSuite):
         raise ValueError("--seeds is for simulated traffic; recorded sequences have none")
+    if seeds > len(suite.seeds):
+        raise ValueError(
+            f"--seeds {seeds}: suite {suite.title} has {len(suite.seeds)}; a suite of your own, a "
+            ".toml file, may have more"
+        )
     return replace(suite, seeds=suite.seeds[:seeds])
 
 

@@ -21,9 +21,9 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.polar import polar_above_ground
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.clusters.cluster_match import match_clusters
-from roadscope.odometry.clusters.segments import Clustering, Segments, centres_of, segments_of
+from roadscope.odometry.clusters.roughness import cluster_features
+from roadscope.odometry.clusters.segments import Clustering, centres_of, segments_of
 from roadscope.odometry.clusters.sensor_height import sensor_height
-from roadscope.odometry.loam.features import extract
 
 RIG = "vlp16-imu"
 LARGER = ("hdl32e-imu", "hdl64e-imu")
@@ -119,9 +119,7 @@ def _stages(before: LidarScan, now: LidarScan) -> dict[str, Callable[[], Any]]:
         LABELLED: partial(
             match_clusters, found.centres, earlier.centres, np.eye(4), 0.1
         ),
-        "edges and planes": partial(_extracted, found),
+        "edges and planes": partial(
+            cluster_features, found.points, found, "ring", sectors=not rule.windows
+        ),
     }  # fmt: skip
-
-
-def _extracted(found: Segments) -> Any:
-    return extract(found.points, found.ring, found.column, found.labels, by_cluster=True)
