@@ -92,7 +92,8 @@ def short(value: float | None) -> str:
 
 
 def _figure(row: ReproductionRow, value: float | None) -> str:
-    if row.unit == YES_OR_NO and value is not None:
+    # What holds with some seeds alone is neither: its share is told.
+    if row.unit == YES_OR_NO and value in (0.0, 1.0):
         return "yes" if value else "no"
     return short(value)
 

@@ -61,6 +61,8 @@ def test_claims_are_answered_in_words():
     ]
     assert lines_of(claims)[0].split() == ["close", "closer", "not", "asked"]
     assert lines_of(claims)[2].split() == ["ours", "yes", "no", "-"]
+    some = [ReproductionRow("claims", "ours", "a", YES_OR_NO, 1.0, 0.07, 0.0, 0.2, 30)]
+    assert lines_of(some)[2].split()[:3] == ["a", "yes", "0.07"]
     many = [replace(claim, quantity=f"{claim.quantity} {i}") for i in range(2) for claim in claims]
     assert lines_of(many)[2].split() == ["close", "0", "-", "yes"]
 
