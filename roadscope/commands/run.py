@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from roadscope.commands.terminal import headline, progress_bars, show
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks.single import Summary
 
 
 def run_scenario(
@@ -43,11 +46,8 @@ def run_scenario(
     """Run one episode through one detector and one tracker."""
     from roadscope.benchmarks.camera_view import check_view, save_view
     from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.jobs.stack import offline
-    from roadscope.benchmarks.oracle import is_fused
     from roadscope.benchmarks.single import picture_path, run_episode, save_picture
-    from roadscope.benchmarks.tables import score_table
-    from roadscope.envs.sensors.faults import faults_of, of_camera_alone
+    from roadscope.envs.sensors.faults import faults_of
 
     told = tuple(map(str, faults_of(faults)))
     episode = Episode(scenario, seed, rig, seconds, weather, light, told)
@@ -60,12 +60,26 @@ def run_scenario(
         if picture is not None:
             progress("picture", 0, 1)
             save_picture(summary, picture)
-    frames = len(summary.tracks)
+    _show(summary, detector, tracker)
+    if picture is not None:
+        typer.echo(f"picture: {picture}")
+    if image is not None:
+        count = save_view(episode, camera_detector, image)
+        typer.echo(f"image: {image}, {count} boxes of {camera_detector}")
+
+
+def _show(summary: Summary, detector: str, tracker: str) -> None:
+    from roadscope.benchmarks.jobs.stack import offline
+    from roadscope.benchmarks.oracle import is_fused
+    from roadscope.benchmarks.tables import score_table
+    from roadscope.envs.sensors.faults import of_camera_alone
+
+    episode = summary.episode
     condition = "" if episode.condition == "clear" else f", {episode.condition}"
-    where = f"{scenario}, seed {seed}, {rig}{condition}"
-    typer.echo(f"{where}: {frames} frames, vehicles within 60 m")
-    dark = (light,) if light != "day" else ()
-    idle = "" if is_fused(detector) else ", ".join(dark + of_camera_alone(told))
+    where = f"{episode.scenario}, seed {episode.seed}, {episode.rig}{condition}"
+    typer.echo(f"{where}: {len(summary.tracks)} frames, vehicles within 60 m")
+    dark = (episode.light,) if episode.light != "day" else ()
+    idle = "" if is_fused(detector) else ", ".join(dark + of_camera_alone(episode.faults))
     if idle:
         typer.echo(f"without effect on LiDAR detectors: {idle}")
     headline(f"detector {detector}")
@@ -73,8 +87,3 @@ def run_scenario(
     late = " (offline)" if offline(tracker) else ""
     headline(f"tracker {tracker}{late}")
     show(score_table(summary.tracking))
-    if picture is not None:
-        typer.echo(f"picture: {picture}")
-    if image is not None:
-        count = save_view(episode, camera_detector, image)
-        typer.echo(f"image: {image}, {count} boxes of {camera_detector}")
