@@ -63,8 +63,20 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _in_worker(parent: int, function: Callable[[Any], R], index: int, item: Any) -> tuple[int, R]:
+    if os.getpid() != parent:
+        _ignore_interrupts()
     leave_with(parent)
     return index, function(item)
+
+
+@cache
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C to the parent: where a worker starts a process of its own it is blocked no more.
+
+    The tracker of multiprocessing's resources, which is started then, unblocks it.
+    """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @cache
