@@ -86,13 +86,20 @@ def beam(along: float, across: float) -> float:
 
 
 @compiled(forceinline=True, borrowing=True)
-def pool_at(pools: np.ndarray, corner: tuple[float, float], x: float, y: float, kind: int) -> float:
-    """Light of one kind at a place on the ground, linear between the cells of the map."""
+def pools_at(
+    pools: np.ndarray, corner: tuple[float, float], x: float, y: float
+) -> tuple[float, float]:
+    """Light of street lamps and of headlights at a place, linear between the cells of the map."""
     u, v = (x - corner[0]) / POOL_M - 0.5, (y - corner[1]) / POOL_M - 0.5
     if not (0.0 <= u < POOL_SIDE - 1.0 and 0.0 <= v < POOL_SIDE - 1.0):
-        return 0.0
+        return 0.0, 0.0
     j, i = int(u), int(v)
     u, v = u - j, v - i
+    return _between(pools, i, j, 0, u, v), _between(pools, i, j, 1, u, v)
+
+
+@compiled(forceinline=True, borrowing=True)
+def _between(pools: np.ndarray, i: int, j: int, kind: int, u: float, v: float) -> float:
     high = pools[i, j, kind] + u * (pools[i, j + 1, kind] - pools[i, j, kind])
     low = pools[i + 1, j, kind] + u * (pools[i + 1, j + 1, kind] - pools[i + 1, j, kind])
     value: float = high + v * (low - high)

@@ -6,7 +6,7 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.envs.imaging.face_kernels import BOTTOM, FACES, GROUND_FACE, SKY_FACE, TOP, Lens
-from roadscope.envs.imaging.lamp_kernels import own_beam, pool_at
+from roadscope.envs.imaging.lamp_kernels import own_beam, pools_at
 from roadscope.envs.imaging.pattern_kernels import GLASS, METAL, PLAIN, SIGN, Looks, paint
 from roadscope.envs.imaging.sky_kernels import BLOCK, Air
 from roadscope.envs.imaging.stage_kernels import Stage, share_passed
@@ -27,7 +27,7 @@ def shade_all(
     light: np.ndarray,
 ) -> None:
     """Fill light (H, W, 3) float32, linear; 1 is white."""
-    out, bench = np.empty(7), np.empty((9, CHUNK), np.float32)
+    out, bench = np.empty(7), np.empty((11, CHUNK), np.float32)
     line = np.empty((stage.blocks.shape[1], 3), np.float32)
     for row in range(len(q)):
         shade_row(lens, q[row], faces[row], row, looks, stage, air, (out, line, bench), light[row])
@@ -45,7 +45,7 @@ def shade_row(
     places: tuple[np.ndarray, np.ndarray, np.ndarray],
     light: np.ndarray,
 ) -> None:
-    """Shade one row of pixels; places (7,), (W / 8 + 2, 3) and (9, CHUNK) to work in."""
+    """Shade one row of pixels; places (7,), (W / 8 + 2, 3) and (11, CHUNK) to work in."""
     out, line, bench = places
     width, start, ready = len(faces), 0, False
     while start < width:
@@ -97,22 +97,14 @@ def _sky_run(
     haze = np.exp(-900.0 * air.extinction)
     for j in range(start // BLOCK, (end + BLOCK - 1) // BLOCK):
         first, last = max(start, j * BLOCK), min(end, (j + 1) * BLOCK)
-        # The three colours in one loop: none waits for another's sum.
-        share = np.float32(1.0 / BLOCK)
-        red_step, green_step = (
-            (line[j + 1, 0] - line[j, 0]) * share,
-            (line[j + 1, 1] - line[j, 1]) * share,
-        )
-        blue_step = (line[j + 1, 2] - line[j, 2]) * share
-        way = np.float32(first + 0.5 - j * BLOCK)
-        red, green, blue = (
-            line[j, 0] + way * red_step,
-            line[j, 1] + way * green_step,
-            line[j, 2] + way * blue_step,
-        )
+        red, green, blue = line[j, 0], line[j, 1], line[j, 2]
+        red_way, green_way = line[j + 1, 0] - red, line[j + 1, 1] - green
+        blue_way = line[j + 1, 2] - blue
         for c in range(first, last):
-            light[c, 0], light[c, 1], light[c, 2] = red, green, blue
-            red, green, blue = red + red_step, green + green_step, blue + blue_step
+            share = np.float32((c - j * BLOCK + 0.5) / BLOCK)
+            light[c, 0] = red + share * red_way
+            light[c, 1] = green + share * green_way
+            light[c, 2] = blue + share * blue_way
     if near:
         for c in range(start, end):
             du = (c + 0.5 - lens.centre[0]) / lens.focal[0]
@@ -276,12 +268,9 @@ def _lamps_on(
         white *= 0.2
     if looks.patterns[m] == SIGN:
         white *= 6.0
-    white += (
-        0.4
-        * pool_at(stage.pools, stage.corner, place[0], place[1], 1)
-        * max(0.0, 1.0 - 0.6 * place[2])
-    )
-    warm = 0.55 * pool_at(stage.pools, stage.corner, place[0], place[1], 0)
+    lanterns, headlights = pools_at(stage.pools, stage.corner, place[0], place[1])
+    white += 0.4 * headlights * max(0.0, 1.0 - 0.6 * place[2])
+    warm = 0.55 * lanterns
     warm *= max(0.1, 1.0 - place[2] / 8.0) if looks.patterns[m] != METAL else 0.5
     return warm, white
 

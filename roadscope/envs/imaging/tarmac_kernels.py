@@ -7,7 +7,7 @@ import numpy as np
 from roadscope.core.jit import compiled
 from roadscope.envs.imaging.face_kernels import Lens
 from roadscope.envs.imaging.ground_kernels import CELLS_M, SIDE
-from roadscope.envs.imaging.lamp_kernels import own_beam, pool_at
+from roadscope.envs.imaging.lamp_kernels import own_beam, pools_at
 from roadscope.envs.imaging.noise_kernels import NOISE_SIDE, blend_of, cell_of
 from roadscope.envs.imaging.sky_kernels import Air
 from roadscope.envs.imaging.stage_kernels import Stage, share_passed
@@ -18,8 +18,10 @@ SPECKS = 170.0
 """Cells of noise to a metre of ground seen close by."""
 DETAIL_M = 14.0
 """Nearer than this the grain of the ground is seen."""
-LAMP_STEP = 8
-"""Pixels along a row between which the light of lamps changes evenly."""
+LAMP_STEP, LAMP_M = 16, 0.4
+"""The light of lamps changes evenly over so many pixels of a row, or metres if those are more."""
+WATER_STEP, WATER_M = 4, 0.08
+"""The same of the depth of water."""
 OUTER, MIDDLE, ALL = 0xFF00FF, 0x00FF00, 0xFF00FF00FF
 """Red and blue, green of a packed colour, and all three a byte apart."""
 
@@ -53,9 +55,10 @@ def ground_run(
     bench: np.ndarray,
     light: np.ndarray,
 ) -> None:
-    """Shade up to `CHUNK` pixels of ground; bench (9, CHUNK) float32 is room to work in.
+    """Shade up to `CHUNK` pixels of ground; bench (11, CHUNK) float32 is room to work in.
 
-    Its rows hold x, y, depth, red, green, blue, then light of sun, of sky, and the air's share.
+    Its rows hold x, y, depth, red, green, blue, the three colours of the ground itself, and two
+    of what changes evenly between some pixels.
     """
     dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
     base = _ground_places(lens, q, dv, start, end, bench)
@@ -176,21 +179,33 @@ def _ground_lamps(
     count: int,
     bench: np.ndarray,
 ) -> None:
-    """Add the light of lamps: exact every `LAMP_STEP` pixels, linear between them."""
-    ahead = _lamps_at(lens, stage, base, bench, 0)
-    for first in range(0, count, LAMP_STEP):
-        last = min(count - 1, first + LAMP_STEP)
+    """Add the light of lamps: exact at some pixels, linear between them."""
+    ahead, step = _lamps_at(lens, stage, base, bench, 0), _step(lens, bench, LAMP_STEP, LAMP_M)
+    for first in range(0, count, step):
+        last = min(count - 1, first + step)
         here, ahead = ahead, _lamps_at(lens, stage, base, bench, last)
-        share = np.float32(1.0 / max(1, last - first))
-        step = (share * (ahead[0] - here[0]), share * (ahead[1] - here[1]))
-        for n in range(first, min(count, first + LAMP_STEP)):
-            along = np.float32(n - first)
-            warm = (here[0] + along * step[0]) * np.float32(stage.open_sky[row, start + n])
-            warm *= np.float32(1.0 / 255.0)
-            white = here[1] + along * step[1]
-            bench[3, n] += bench[6, n] * (warm + white)
-            bench[4, n] += bench[7, n] * (np.float32(0.72) * warm + np.float32(0.95) * white)
-            bench[5, n] += bench[8, n] * (np.float32(0.42) * warm + np.float32(0.85) * white)
+        _evenly(bench[9], first, last, here[0], ahead[0])
+        _evenly(bench[10], first, last, here[1], ahead[1])
+    for n in range(count):
+        warm = bench[9, n] * np.float32(stage.open_sky[row, start + n]) * np.float32(1.0 / 255.0)
+        white = bench[10, n]
+        bench[3, n] += bench[6, n] * (warm + white)
+        bench[4, n] += bench[7, n] * (np.float32(0.72) * warm + np.float32(0.95) * white)
+        bench[5, n] += bench[8, n] * (np.float32(0.42) * warm + np.float32(0.85) * white)
+
+
+@compiled(forceinline=True, borrowing=True)
+def _step(lens: Lens, bench: np.ndarray, least: int, metres: float) -> int:
+    """Return how many pixels of a row may change evenly at the depth of the first."""
+    return max(least, int(metres * lens.focal[0] / bench[2, 0]))
+
+
+@compiled(forceinline=True, borrowing=True)
+def _evenly(line: np.ndarray, first: int, last: int, here: np.float32, there: np.float32) -> None:
+    """Write values from one pixel to another, both ends included."""
+    step = (there - here) * np.float32(1.0 / max(1, last - first))
+    for n in range(first, last + 1):
+        line[n] = here + np.float32(n - first) * step
 
 
 @compiled(forceinline=True, borrowing=True)
@@ -199,8 +214,8 @@ def _lamps_at(
 ) -> tuple[np.float32, np.float32]:
     """Light of street lamps and of headlights on one pixel of ground, over 255 squared."""
     x, y = base[0] + bench[0, n], base[1] + bench[1, n]
-    warm = pool_at(stage.pools, stage.corner, x, y, 0)
-    white = pool_at(stage.pools, stage.corner, x, y, 1) + own_beam(lens, x, y, 0.0, False)
+    warm, white = pools_at(stage.pools, stage.corner, x, y)
+    white += own_beam(lens, x, y, 0.0, False)
     return np.float32(warm / 255.0**2), np.float32(white / 255.0**2)
 
 
@@ -208,16 +223,32 @@ def _lamps_at(
 def _ground_water(
     lens: Lens, stage: Stage, air: Air, base: tuple[float, float], count: int, bench: np.ndarray
 ) -> None:
-    """Let wet ground be darker, and mirror the sky."""
+    """Let wet ground be darker, and mirror the sky: more where water stands, none on grass."""
+    ahead = _mirrored_at(lens, stage, air, base, bench, 0)
+    step = _step(lens, bench, WATER_STEP, WATER_M)
+    for first in range(0, count, step):
+        last = min(count - 1, first + step)
+        here, ahead = ahead, _mirrored_at(lens, stage, air, base, bench, last)
+        _evenly(bench[9], first, last, here, ahead)
+    wet_part = np.float32(1.0 - 0.4 * air.wet)
+    red, green = np.float32(air.horizon[0]), np.float32(air.horizon[1])
+    blue = np.float32(air.horizon[2])
     for n in range(count):
-        share = _mirrored(
-            lens, stage, air, base[0] + bench[0, n], base[1] + bench[1, n], bench[2, n]
-        )
-        # Water does not stand on grass.
-        share *= 0.15 if bench[7, n] > 1.15 * bench[6, n] else 1.0
-        dark = 1.0 - 0.4 * air.wet - share
-        for k in range(3):
-            bench[3 + k, n] = dark * bench[3 + k, n] + share * air.horizon[k]
+        grass = bench[7, n] > np.float32(1.15) * bench[6, n]
+        share = bench[9, n] * (np.float32(0.15) if grass else np.float32(1.0))
+        dark = wet_part - share
+        bench[3, n] = dark * bench[3, n] + share * red
+        bench[4, n] = dark * bench[4, n] + share * green
+        bench[5, n] = dark * bench[5, n] + share * blue
+
+
+@compiled(forceinline=True, borrowing=True)
+def _mirrored_at(
+    lens: Lens, stage: Stage, air: Air, base: tuple[float, float], bench: np.ndarray, n: int
+) -> np.float32:
+    """Share of light that wet ground mirrors at one pixel."""
+    x, y = base[0] + bench[0, n], base[1] + bench[1, n]
+    return np.float32(_mirrored(lens, stage, air, x, y, bench[2, n]))
 
 
 @compiled(forceinline=True, borrowing=True)

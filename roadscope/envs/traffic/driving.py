@@ -28,6 +28,11 @@ LOOK_AHEAD_M = 120.0
 HEAVY = (Category.TRUCK, Category.BUS)
 
 
+def between(value: float, low: float, high: float) -> float:
+    """Limit one number; `np.clip` takes ten times as long for it."""
+    return float(min(max(value, low), high))
+
+
 class Driver(IDMVehicle):  # type: ignore[misc]
     """An IDM and MOBIL vehicle of highway-env with a body of its own.
 
@@ -94,7 +99,7 @@ class Driver(IDMVehicle):  # type: ignore[misc]
         """Move, turning the wheel no faster than allowed, never backwards."""
         rate = min(STEERING_RATE_RAD_S, LATERAL_JERK_M_S3 * self.LENGTH / max(self.speed, 1.0) ** 2)
         last = getattr(self, "wheel", 0.0)
-        self.wheel = last + float(np.clip(self.action["steering"] - last, -rate * dt, rate * dt))
+        self.wheel = last + between(self.action["steering"] - last, -rate * dt, rate * dt)
         self.action["steering"] = self.wheel
         if not self.crashed:
             self.action["acceleration"] = max(self.action["acceleration"], -self.speed / dt)
@@ -164,12 +169,12 @@ class Driver(IDMVehicle):  # type: ignore[misc]
         slip = np.arctan(np.tan(self.action["steering"]) / 2)
         course = wrap_to_pi(self.heading + slip - lane.heading_at(along))
         speed = max(self.speed, 3.0)
-        pull = 0.6 * float(np.clip(across, -2.5, 2.5)) + 1.6 * speed * np.sin(course)
+        pull = 0.6 * between(across, -2.5, 2.5) + 1.6 * speed * np.sin(course)
         bend = self._bend(lane, along) - pull / speed**2
         most = LATERAL_LIMIT_M_S2 / max(self.speed, 0.5) ** 2
-        turn = np.clip(float(np.clip(bend, -most, most)) * self.LENGTH / 2, -0.9, 0.9)
+        turn = between(between(bend, -most, most) * self.LENGTH / 2, -0.9, 0.9)
         wheel = np.arctan(2 * np.tan(np.arcsin(turn)))
-        return float(np.clip(wheel, -self.MAX_STEERING_ANGLE, self.MAX_STEERING_ANGLE))
+        return between(wheel, -self.MAX_STEERING_ANGLE, self.MAX_STEERING_ANGLE)
 
     def _bend(self, lane: Any, along: float) -> float:
         """Mean curvature of the way ahead, 1/m."""
