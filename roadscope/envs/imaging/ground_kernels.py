@@ -155,15 +155,18 @@ def _cell(
         kerb = max(0.0, min(1.0, max(0.0, 0.5 + (depth + KERB_M) / cell_m)) - on_road)
     patch = 0.88 + 0.24 * blend_of(noise, x * 4.1, y * 4.1)
     broad = 0.8 + 0.4 * blend_of(noise, x * 0.9 + 31.0, y * 0.9)
-    fine, clumps, slab, worn = 1.0, 1.0, 0.94, 0.9
+    fine, clumps, slab, worn, tracks = 1.0, 1.0, 0.94, 0.9, 1.0
     if cell_m < 0.5:
         clumps = 0.6 + 0.8 * cell_of(noise, x * 23.0, y * 23.0)
-    if cell_m < 0.1:
+    # What does not show, as most of a road on most cells, is not looked up.
+    if cell_m < 0.1 and wild < 1.0:
         fine = 0.86 + 0.28 * grain(x * 16.0, y * 16.0)
+        slab = _slab(x, y) if beside > 0.0 else slab
+    if cell_m < 0.1 and line > 0.0:
         worn = 0.72 + 0.36 * cell_of(noise, x * 31.0, y * 31.0)
-        slab = _slab(x, y)
-    # Tyres darken the middle of the lane's halves: a slow wave of the depth into the road.
-    tracks = 0.94 + 0.06 * np.cos(3.6 * depth)
+    if on_road > 0.0:
+        # Tyres darken the middle of the lane's halves: a slow wave of the depth into the road.
+        tracks = 0.94 + 0.06 * np.cos(3.6 * depth)
     packed = np.int64(0)
     for k in range(3):
         road = paving.asphalt[k] * fine * patch * tracks

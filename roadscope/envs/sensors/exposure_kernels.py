@@ -253,9 +253,7 @@ def _dazzle(
 
 
 @compiled(borrowing=True)
-def _add_between(
-    above: np.ndarray, below: np.ndarray, share: np.float32, line: np.ndarray
-) -> None:
+def _add_between(above: np.ndarray, below: np.ndarray, share: np.float32, line: np.ndarray) -> None:
     for n in range(len(line)):
         line[n] += above[n] + share * (below[n] - above[n])
 
