@@ -21,7 +21,7 @@ from roadscope.core.names import unknown
 
 SUITES = (
     "quick", "standard", "detection", "tracking", "camera", "camera-unseen", "fusion", "odometry",
-    "crossing",
+    "odometry-empty", "odometry-convoy", "odometry-ablation", "tracking-ego", "crossing",
 )  # fmt: skip
 """Suites that ship with the package."""
 

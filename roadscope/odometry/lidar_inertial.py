@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.core.names import unknown
+from roadscope.envs.sensors.imu_specs import IMUS
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
@@ -27,6 +29,7 @@ from roadscope.odometry.rigid import inverse
 from roadscope.odometry.voxels.matching import Match
 from roadscope.odometry.voxels.sweep import Sweep
 
+USUAL_UNIT = "adis16448"
 LEAST_POINTS = 60
 LEAST_AGREEMENT = 0.3
 VAGUE_M_S = 0.5
@@ -53,18 +56,22 @@ class LidarInertialOdometry:
 
     def __init__(
         self, *, match_m: float = 0.8, insert_m: float = 0.3, reach_m: float = 120.0,
-        drop_dynamic: bool = True,
+        drop_dynamic: bool = True, imu: str = USUAL_UNIT,
     ) -> None:  # fmt: skip
         """Set it up.
 
         match_m, insert_m: edges of cubes of which one return is matched, or put into the map.
         reach_m: how far the map goes. drop_dynamic: leave out what is held to be dynamic.
+        imu: the unit whose noise is expected, a name of `envs.sensors.imu_specs.IMUS`.
         """
         for name, size_m in (("match_m", match_m), ("insert_m", insert_m), ("reach_m", reach_m)):
             if not size_m > 0:
                 raise ValueError(f"{name} must be above 0, got {size_m!r}")
         self.match_m, self.insert_m, self.reach_m = match_m, insert_m, reach_m
-        self.drop_dynamic, self.noise = drop_dynamic, InertialNoise()
+        if imu not in IMUS:
+            raise ValueError(unknown("inertial unit", imu, IMUS))
+        self.drop_dynamic, self.imu = drop_dynamic, imu
+        self.noise = InertialNoise() if imu == USUAL_UNIT else InertialNoise.of(IMUS[imu])
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
@@ -80,7 +87,7 @@ class LidarInertialOdometry:
     def _begin(self, start_from_map: np.ndarray) -> None:
         self._start_from_map = start_from_map
         self._track: InertialTrack | None = None
-        self._start = InertialStart(anew=self._known is not None)
+        self._start = InertialStart(self.noise, anew=self._known is not None)
         self._check, self._misfits = SpeedCheck(), 0
         self._speed_known, self._rest = False, Rest(self.noise)
 
@@ -124,7 +131,7 @@ class LidarInertialOdometry:
             return "" if len(self._start) == 1 else "the speed is not known yet"
         if speed.ahead_m_s < self._felt.least_m_s:
             speed = replace(speed, ahead_m_s=self._felt.gained_m_s, by_tall=False)
-        self._track = self._start.track(speed, self._imu, self._lever, self.noise, self._made)
+        self._track = self._start.track(speed, self._imu, self._lever, self._made)
         self._speed_known = speed.known
         return "" if speed.known else UNSURE
 
@@ -167,7 +174,7 @@ class LidarInertialOdometry:
 
     def _stand_or_leave(self, track: InertialTrack, stretch: Stretch, now_s: float) -> None:
         """Hold the sensor where it stands; once it leaves, take back what was held too long."""
-        felt = felt_still(self._imu, now_s) if track.slow else None
+        felt = felt_still(self._imu, now_s, self.noise) if track.slow else None
         if felt is not None and self._rest.may_be(stretch, now_s):
             rate, force = felt
             if self._rest.begins:

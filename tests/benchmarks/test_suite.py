@@ -43,7 +43,7 @@ def test_shipped_suites_name_what_exists(name) -> None:
     episodes = len(suite.scenarios) * len(suite.seeds) * seen
     ranked = len(suite.detectors)
     assert len(jobs.detection) == episodes * (len(MARKS) + ranked if ranked else 0)
-    followed = len(suite.trackers) * len(suite.public_detectors)
+    followed = len(suite.trackers) * len(suite.public_detectors) * len(suite.egos)
     assert len(jobs.tracking) == episodes * followed
     looking = len(suite.camera_detectors)
     assert len(jobs.camera) == episodes * (looking + 1 if looking else 0)

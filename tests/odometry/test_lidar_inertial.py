@@ -7,6 +7,7 @@ import pytest
 from toy_drive import Drive, driven, kept, offset
 
 from roadscope.core import ImuSamples, Pose
+from roadscope.envs.sensors.imu_specs import IMUS
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial.filter import (
@@ -28,6 +29,7 @@ from roadscope.odometry.inertial.filter import (
 from roadscope.odometry.inertial.kernels import integrated
 from roadscope.odometry.inertial.speed_search import Ends, speed_of
 from roadscope.odometry.inertial.standstill import felt_still
+from roadscope.odometry.lidar_inertial import LidarInertialOdometry
 from roadscope.odometry.rigid import exp_se3, exp_so3, log_so3
 from roadscope.odometry.voxels.free_space import CERTAIN, FreeSpace
 
@@ -229,10 +231,10 @@ def test_what_drives_ahead_has_moved_and_what_it_hid_has_not():
     assert not looked_behind(0.0, back(10.0)).any()
 
 
-def samples(rng, shake):
+def samples(rng, shake, noise=NOISE):
     stamps = np.arange(0, 1.2, 1 / 400)
-    rates = 0.01 + 4.7e-3 * rng.standard_normal((len(stamps), 3))
-    forces = np.array([0, 0, 9.81]) + 0.045 * rng.standard_normal((len(stamps), 3))
+    rates = 0.01 + 18.8 * noise.rate * rng.standard_normal((len(stamps), 3))
+    forces = np.array([0, 0, 9.81]) + 18 * noise.force * rng.standard_normal((len(stamps), 3))
     forces[:, 0] += shake * np.sin(3 * stamps)
     buffer = ImuBuffer(None)
     buffer.add(ImuSamples(stamps, rates, forces))
@@ -240,11 +242,28 @@ def samples(rng, shake):
 
 
 def test_standing_is_told_from_driving(rng):
-    rate, force = felt_still(samples(rng, 0.0), 1.15)
+    rate, force = felt_still(samples(rng, 0.0), 1.15, NOISE)
     assert rate == pytest.approx([0.01] * 3, abs=1e-3)
     assert force == pytest.approx([0, 0, 9.81], abs=0.01)
-    assert felt_still(samples(rng, 0.3), 1.15) is None
-    assert felt_still(samples(rng, 0.0), 1.5) is None
+    assert felt_still(samples(rng, 0.3), 1.15, NOISE) is None
+    assert felt_still(samples(rng, 0.0), 1.5, NOISE) is None
+
+
+def test_a_worse_unit_stands_too_if_it_is_known_to_be_worse(rng):
+    worse = InertialNoise.of(IMUS["zed2"])
+    assert felt_still(samples(rng, 0.0, worse), 1.15, worse) is not None
+    assert felt_still(samples(rng, 0.0, worse), 1.15, NOISE) is None
+    assert felt_still(samples(rng, 1.0, worse), 1.15, worse) is None
+
+
+def test_units_are_known_by_name():
+    usual = InertialNoise.of(IMUS["adis16448"])
+    for name in ("rate", "force", "rate_walk", "force_walk", "rate_bias", "force_bias"):
+        assert getattr(usual, name) == pytest.approx(getattr(NOISE, name), rel=0.15)
+    assert InertialNoise.of(IMUS["ideal"]).rate > 0
+    assert LidarInertialOdometry(imu="zed2").noise.force > 2 * NOISE.force
+    with pytest.raises(ValueError, match="no inertial unit 'zed' .did you mean 'zed2'"):
+        LidarInertialOdometry(imu="zed")
 
 
 def test_a_lever_between_the_sensors_changes_nothing():

@@ -127,6 +127,7 @@ COLUMNS: Mapping[str, Columns] = {
     "odometry": {
         "t_rel": ("t_rel\n%", 2),
         "failed": ("fail-\nures", 2),
+        "below_1": ("t_rel\n<1 %", 2),
         "r_rel": ("r_rel\ndeg", 2),
         "ate": ("ATE\nm", 2),
         "rpe": ("RPE\nm", 3),
@@ -163,7 +164,7 @@ WIDER: Mapping[str, Sequence[str]] = {
     "camera": ("call_p99_ms", "ap50_16px"),
     "fusion": ("calibration_error", "hidden_distance_right", "precision", "call_p99_ms"),
     "odometry": (
-        "rpe", "call_p90_ms", "call_p99_ms", "dynamic_recall", "dynamic_precision", "degraded",
+        "below_1", "rpe", "call_p90_ms", "call_p99_ms", "dynamic_recall", "dynamic_precision", "degraded",
         "rpe_rotation", "error_max", "error_mean", "error_std", "false_motion_end", "error_min",
     ),
     **dict.fromkeys(MOT_BOARDS, ("ass_a", "det_a", "fragmentations", "call_p99_ms")),
@@ -273,6 +274,7 @@ EXPLAINED: Mapping[str, Explained] = {
             ("failed",),
             "failures: share of episodes that end more than 1 m and 5 % of the way off.",
         ),
+        (("below_1",), "t_rel < 1 %: share of episodes."),
         (("ate",), "ATE, end: of positions, first pose on first pose."),
         (("rpe", "rpe_rotation"), "RPE: from scan to scan."),
         (("error_mean",), "mean, std, min, max: of positions' errors, mean of the episodes."),

@@ -26,6 +26,7 @@ from roadscope.core.registry import Plugin
 IMAGES = ("street", 0, "wide", 2.0)
 """The scene: traffic, one of the training seeds, sensors, length."""
 ROWS = (0, 10, 20, 30)
+EVERY_S = 0.4
 SIZES = ((480, 640), (240, 320), (600, 1000))
 """Heights and widths that are tried."""
 
@@ -92,6 +93,24 @@ def with_pixels(pixels: np.ndarray) -> Frame:
     return replace(frame, camera=CameraImage(pixels, image.intrinsics, image.stamp_s, image.sensor))
 
 
+def two_seconds(plugin: Plugin[Any]) -> str:
+    """Look at two seconds of a street; how well is remarked."""
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.jobs.look import look
+    from roadscope.benchmarks.metrics.image_detection import score_images
+
+    seen = look(plugin.spec, Episode(*IMAGES), EVERY_S)
+    scores = score_images(seen.found, seen.labels(0.0)).named()
+    rate, calls_ms = scores["detection_rate"].value, np.median(seen.calls_ms)
+    text = (
+        f"detection rate {rate:.2f} with {scores['false_alarms'].value:.1f} false alarms an image"
+    )
+    if not rate and any(len(found) for found in seen.found):
+        text += " (boxes are left, top, right, bottom in pixels; those below a score of 0.5 do not"
+        text += " count)"
+    return f"{text} in a street, {calls_ms:.2g} ms an image"
+
+
 PROMISES = (
     *begins("detect", having("detect", "frame")),
     Promise("answers with boxes in the image it saw", answers, frames),
@@ -99,4 +118,5 @@ PROMISES = (
     *settled(told, "images", "boxes"),
     Promise("finds nothing in a black image", takes_black_images),
     Promise("takes images of other sizes", takes_other_sizes),
+    Promise("looks at two seconds of a street", two_seconds, frames),
 )

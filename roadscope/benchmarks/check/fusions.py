@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Any
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,12 +24,17 @@ from roadscope.core.projection import Projection
 from roadscope.core.registry import Plugin
 from roadscope.fusion.overlap import projected_boxes
 
+if TYPE_CHECKING:
+    from roadscope.benchmarks.jobs.fused import Moments
+
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(
     np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
     Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])), 640, 480,
 )  # fmt: skip
 STAMP_S, LATER_S = 2.0, 2.02
+STREET, EVERY_S = ("street", 0, "wide", 2.0), 0.2
+"""Traffic, one of the training seeds, sensors, length; from scan to scan."""
 PLACES = np.array([[12.0, 1.0, 0.8], [20.0, -4.0, 0.85], [28.0, 5.0, 0.8], [15.0, 3.5, 0.85]])
 SIZES = np.array([[4.4, 1.8, 1.6], [0.5, 0.6, 1.7], [4.4, 1.8, 1.6], [1.8, 0.6, 1.7]])
 KINDS = np.array([Category.CAR, Category.PEDESTRIAN, Category.CAR, Category.CYCLIST], np.int8)
@@ -116,6 +121,34 @@ def order(plugin: Plugin[Any]) -> str:
     return ""
 
 
+def two_seconds(plugin: Plugin[Any]) -> str:
+    """Join what imitations of both sensors find in two seconds of a street; how well is remarked."""
+    from roadscope.benchmarks.jobs.fusion_job import moment_scores
+
+    scores = moment_scores(joined(plugin.spec))
+    return (
+        f"detection rate {scores['detection_rate'].value:.2f} with "
+        f"{scores['false_alarms'].value:.1f} false alarms a scan in a street, "
+        f"{scores['call_p50_ms'].value:.2g} ms a scan"
+    )
+
+
+def joined(spec: str) -> Moments:
+    """Return what a fusion makes of the street."""
+    from roadscope.benchmarks.eligibility import Eligibility
+    from roadscope.benchmarks.episode import Episode
+    from roadscope.benchmarks.jobs.fused import FusedSpec, fuse
+
+    given = FusedSpec(lidar="noisy-misses", camera="noisy-camera", fusion=spec)
+    return fuse(given, Episode(*STREET), Eligibility(), EVERY_S)
+
+
+@cache
+def street_ready() -> None:
+    """Drive, sense and join the street without the plug-in, which compiles our part."""
+    joined("union")
+
+
 PROMISES = (
     *begins("fuse", having("fuse", "lidar", "camera", "projection")),
     Promise("answers with targets of that moment", answers),
@@ -123,4 +156,5 @@ PROMISES = (
     leaving_alone(fused, moments, "fuse changed the detections it was given"),
     *settled(told, "detections", "targets"),
     Promise("the order of detections is irrelevant", order),
+    Promise("joins two seconds of a street", two_seconds, street_ready),
 )

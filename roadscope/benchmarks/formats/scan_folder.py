@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.formats.pcd import read_pcd
-from roadscope.benchmarks.formats.scan_layout import rings_and_columns
+from roadscope.benchmarks.formats.scan_layout import rings_and_columns, rings_of
 from roadscope.benchmarks.formats.table import FormatError, read_table
 from roadscope.core import LidarScan
 from roadscope.core.scan import FARTHEST_M
@@ -19,6 +19,7 @@ TIMES = "times.txt"
 TIME_FIELDS = ("time", "t", "timestamp", "offset_time", "time_offset_s")
 """What drivers call a point's time."""
 INTENSITY_FIELDS = ("intensity", "i", "reflectivity")
+RING_FIELDS = ("ring", "channel", "line")
 COLUMNS = "x y z [intensity [time in seconds]]"
 
 
@@ -63,13 +64,16 @@ def read_scan(path: Path, stamp_s: float) -> LidarScan:
     """Read a scan; its points' times, where it has any, are told from the middle of the sweep.
 
     Without times the scan is taken as seen all at once, as one is whose own motion has been taken
-    out. Points that are no numbers, as drivers write for rays without a return, are left out.
+    out. Beams are those that a `.pcd` tells, else bands of elevation. Points that are no numbers,
+    as drivers write for rays without a return, are left out.
     """
     rows = _pcd_rows(path) if path.suffix == ".pcd" else _rows(path)
     near = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & rows[:, :3].any(axis=1)
     rows = rows[near & np.isfinite(rows).all(axis=1)]
     points = rows[:, :3].astype(np.float32)
     ring, column = rings_and_columns(points)
+    beams = rings_of(points, rows[:, 5])
+    ring = ring if beams is None else beams
     intensity = rows[:, 3] / max(1.0, float(rows[:, 3].max(initial=0)))
     return LidarScan(
         points, np.clip(intensity, 0, 1), ring, column, _offsets(path, rows[:, 4]), stamp_s,
@@ -78,7 +82,7 @@ def read_scan(path: Path, stamp_s: float) -> LidarScan:
 
 
 def _rows(path: Path) -> np.ndarray:
-    """Return (N, 5) x y z intensity time of a `.bin` or `.npy`."""
+    """Return (N, 6) x y z intensity time and ring, 0 where untold, of a `.bin` or `.npy`."""
     if path.suffix == ".bin":
         return _filled(_bin(path))
     try:
@@ -96,15 +100,24 @@ def _rows(path: Path) -> np.ndarray:
 def _bin(path: Path) -> np.ndarray:
     size = path.stat().st_size
     if size % 16:
+        five = (
+            ""
+            if size % 20
+            else (
+                "; if those are five numbers a point, as nuScenes writes them: "
+                "numpy.fromfile(FILE, 'f4').reshape(-1, 5)[:, :4], saved as .npy"
+            )
+        )
         raise FormatError(f"{path}: expected float32 x y z intensity, 16 bytes a point, "
-                          f"got {size} bytes")  # fmt: skip
+                          f"got {size} bytes{five}")  # fmt: skip
     return np.fromfile(path, "<f4").reshape(-1, 4)
 
 
 def _pcd_rows(path: Path) -> np.ndarray:
     fields = read_pcd(path)
-    rows = np.zeros((len(fields["x"]), 5))
-    for column, names in enumerate([("x",), ("y",), ("z",), INTENSITY_FIELDS, TIME_FIELDS]):
+    rows = np.zeros((len(fields["x"]), 6))
+    told = [("x",), ("y",), ("z",), INTENSITY_FIELDS, TIME_FIELDS, RING_FIELDS]
+    for column, names in enumerate(told):
         name = next((n for n in names if n in fields), None)
         if name is not None:
             rows[:, column] = fields[name]
@@ -112,7 +125,7 @@ def _pcd_rows(path: Path) -> np.ndarray:
 
 
 def _filled(given: np.ndarray) -> np.ndarray:
-    rows = np.zeros((len(given), 5))
+    rows = np.zeros((len(given), 6))
     rows[:, : given.shape[1]] = given
     return rows
 

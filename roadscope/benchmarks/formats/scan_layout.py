@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.core.scan import MOST_RINGS
+
 STEP = np.deg2rad(0.2)
 """Azimuth steps of a common turn rate."""
 BEAM = np.deg2rad(0.4)
@@ -22,3 +24,20 @@ def rings_and_columns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     band = np.floor((elevation - elevation.min()) / BEAM)
     column = np.floor((np.pi - np.arctan2(y, x)) / STEP)
     return band.astype(np.int16), column.astype(np.int32)
+
+
+def rings_of(points: np.ndarray, told: np.ndarray) -> np.ndarray | None:
+    """Return (N,) beams from 0, the lowest, of (N,) numbers that a file tells, by elevation.
+
+    Makers number from below or from above. None where the numbers can be none of beams.
+    """
+    numbers, beams = np.unique(told, return_inverse=True)
+    if len(numbers) < 2 or len(numbers) > MOST_RINGS:
+        return None
+    x, y, z = points.T.astype(np.float64)
+    elevation = np.arctan2(z, np.hypot(x, y))
+    mean = np.bincount(beams, elevation) / np.bincount(beams)
+    rank = np.empty(len(numbers), np.int16)
+    rank[np.argsort(mean, kind="stable")] = np.arange(len(numbers))
+    ordered: np.ndarray = rank[beams]
+    return ordered

@@ -8,7 +8,8 @@ from roadscope.benchmarks.papers.zhang2022_removal import AFTER, BEFORE, MS, PRE
 
 REMOVAL = "dynamic points, case {}"
 WALKED = ("standing", "straight", "loop")
-ROUTE, READING, CLAIMS = "long route", "readings, standing", "claims: lower than lego-loam"
+ROUTE, READING, CLAIMS = "long route", "readings, {}", "claims: lower than lego-loam"
+FURTHER = "{}, further figures"
 STD, MAX, MIN, MEAN, END = "std", "max", "min", "mean", "end error"
 READINGS = {
     "zhang2022?roughness='cluster'": "eq. 6 as printed",
@@ -62,7 +63,7 @@ def paper_figure(key: Key) -> float | None:
 
 def unit_of(key: Key) -> str:
     """Return the unit in which a quantity is given; milliseconds are named by the quantity."""
-    return "" if key[0] == ROUTE else UNITS.get(key[2], "m")
+    return "" if ROUTE in key[0] else UNITS.get(key[2], "m")
 
 
 def note_of(experiment: str) -> str | None:
@@ -71,8 +72,9 @@ def note_of(experiment: str) -> str | None:
         return "'holds': in the mean over seeds. The paper compares with LeGO-LOAM."
     if experiment == ROUTE:
         return (
-            "The paper drives KITTI with an HDL-64E; here it is 40 s of a lap with traffic and a "
-            "VLP-16, so that its figures are of another length."
+            "The paper drives KITTI with an HDL-64E; here the same LiDAR goes two laps of a "
+            "racetrack in traffic, about 1.3 km, so that its figures are of another length. Of the "
+            "first 5 seeds at most."
         )
     if experiment.endswith("noise"):
         return "Range noise of the LiDAR and all errors of the IMU, of the first 5 seeds at most."

@@ -13,7 +13,7 @@ from roadscope.odometry.zhang import ZhangOdometry, dynamic_returns
 
 BEFORE, AFTER, PRECISION, RECALL, MS = "before", "after", "precision", "recall", "ms"
 TURNS = 5
-"""The time is the least of so many: the first compiles."""
+"""The time is the median of so many; before, one that is not counted compiles."""
 LIDAR_FROM_IMU = LIDAR.ego_from_lidar.inverse() @ IMU.ego_from_imu
 
 
@@ -30,7 +30,7 @@ def removal(
     motion = predicted(shots, apart)
     rule = ZhangOdometry() if rule is None else rule
     took_s = []
-    for _ in range(TURNS):
+    for _ in range(1 + TURNS):
         start = process_time()
         told = dynamic_returns(rule, first.scan, last.scan, motion)
         # Both scans are clustered; an odometry has the one before.
@@ -42,7 +42,7 @@ def removal(
         AFTER: float(len(told)) - claimed,
         PRECISION: 100 * right / claimed if claimed else np.nan,
         RECALL: 100 * right / there if there else np.nan,
-        MS: 1e3 * min(took_s),
+        MS: 1e3 * float(np.median(took_s[1:])),
     }
 
 

@@ -49,7 +49,9 @@ def cluster_range_angle(
     widest = 1e-9 + float(np.arcsin(min(1.0, eps_m / nearest + reach)))
     angle = float(np.radians(angle_deg))
     count = int(np.ceil(2 * np.pi / angle - 1e-9)) if windows else 0
-    rule = Rule(float(eps_m), reach, min(angle, widest), count)
+    within = min(angle, widest)
+    cosine = float(np.cos(within)) if within < np.pi else -2.0
+    rule = Rule(float(eps_m), reach, within, cosine, count)
     sets = linked_sets(cloud.points, cloud.origin, cloud.ring, rule)
     return _large_ones(sets, min_points)
 

@@ -14,7 +14,7 @@ from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
 from roadscope.envs.gym.spaces import Observation, goal_state, observation_space
 from roadscope.envs.imaging.light import Light
-from roadscope.envs.sensors.ego_motion import AHEAD
+from roadscope.envs.sensors.ego_motion import AHEAD, RAW_S
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
@@ -94,7 +94,8 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         self._period_s = chosen.lidar.spec.period_s
         self._history_s = chosen.memory_s
         if chosen.inertial:
-            self._history_s += STATES_AROUND / env.unwrapped.config["simulation_frequency"]  # type: ignore[attr-defined]
+            frequency = env.unwrapped.config["simulation_frequency"]  # type: ignore[attr-defined]
+            self._history_s += STATES_AROUND / frequency + 2 * RAW_S
         self.observation_space = observation_space(chosen, goal=_goal(env.unwrapped) is not None)
         rate = env.unwrapped.config["policy_frequency"]  # type: ignore[attr-defined]
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate}

@@ -97,14 +97,22 @@ def _sky_run(
     haze = np.exp(-900.0 * air.extinction)
     for j in range(start // BLOCK, (end + BLOCK - 1) // BLOCK):
         first, last = max(start, j * BLOCK), min(end, (j + 1) * BLOCK)
-        red, green, blue = line[j, 0], line[j, 1], line[j, 2]
-        red_way, green_way = line[j + 1, 0] - red, line[j + 1, 1] - green
-        blue_way = line[j + 1, 2] - blue
+        # The three colours in one loop: none waits for another's sum.
+        share = np.float32(1.0 / BLOCK)
+        red_step, green_step = (
+            (line[j + 1, 0] - line[j, 0]) * share,
+            (line[j + 1, 1] - line[j, 1]) * share,
+        )
+        blue_step = (line[j + 1, 2] - line[j, 2]) * share
+        way = np.float32(first + 0.5 - j * BLOCK)
+        red, green, blue = (
+            line[j, 0] + way * red_step,
+            line[j, 1] + way * green_step,
+            line[j, 2] + way * blue_step,
+        )
         for c in range(first, last):
-            share = np.float32((c - j * BLOCK + 0.5) / BLOCK)
-            light[c, 0] = red + share * red_way
-            light[c, 1] = green + share * green_way
-            light[c, 2] = blue + share * blue_way
+            light[c, 0], light[c, 1], light[c, 2] = red, green, blue
+            red, green, blue = red + red_step, green + green_step, blue + blue_step
     if near:
         for c in range(start, end):
             du = (c + 0.5 - lens.centre[0]) / lens.focal[0]

@@ -18,10 +18,8 @@ SPECKS = 170.0
 """Cells of noise to a metre of ground seen close by."""
 DETAIL_M = 14.0
 """Nearer than this the grain of the ground is seen."""
-LAMP_STEP, LAMP_M = 16, 0.4
-"""The light of lamps changes evenly over so many pixels of a row, or metres if those are more."""
-WATER_STEP, WATER_M = 4, 0.08
-"""The same of the depth of water."""
+LAMP_STEP = 8
+"""Pixels along a row between which the light of lamps changes evenly."""
 OUTER, MIDDLE, ALL = 0xFF00FF, 0x00FF00, 0xFF00FF00FF
 """Red and blue, green of a packed colour, and all three a byte apart."""
 
@@ -57,8 +55,8 @@ def ground_run(
 ) -> None:
     """Shade up to `CHUNK` pixels of ground; bench (11, CHUNK) float32 is room to work in.
 
-    Its rows hold x, y, depth, red, green, blue, the three colours of the ground itself, and two
-    of what changes evenly between some pixels.
+    Its rows hold x, y, depth, red, green, blue, the three colours of the ground itself, and the
+    light of street lamps and of headlights.
     """
     dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
     base = _ground_places(lens, q, dv, start, end, bench)
@@ -179,10 +177,10 @@ def _ground_lamps(
     count: int,
     bench: np.ndarray,
 ) -> None:
-    """Add the light of lamps: exact at some pixels, linear between them."""
-    ahead, step = _lamps_at(lens, stage, base, bench, 0), _step(lens, bench, LAMP_STEP, LAMP_M)
-    for first in range(0, count, step):
-        last = min(count - 1, first + step)
+    """Add the light of lamps: exact every `LAMP_STEP` pixels, linear between them."""
+    ahead = _lamps_at(lens, stage, base, bench, 0)
+    for first in range(0, count, LAMP_STEP):
+        last = min(count - 1, first + LAMP_STEP)
         here, ahead = ahead, _lamps_at(lens, stage, base, bench, last)
         _evenly(bench[9], first, last, here[0], ahead[0])
         _evenly(bench[10], first, last, here[1], ahead[1])
@@ -195,15 +193,9 @@ def _ground_lamps(
 
 
 @compiled(forceinline=True, borrowing=True)
-def _step(lens: Lens, bench: np.ndarray, least: int, metres: float) -> int:
-    """Return how many pixels of a row may change evenly at the depth of the first."""
-    return max(least, int(metres * lens.focal[0] / bench[2, 0]))
-
-
-@compiled(forceinline=True, borrowing=True)
 def _evenly(line: np.ndarray, first: int, last: int, here: np.float32, there: np.float32) -> None:
     """Write values from one pixel to another, both ends included."""
-    step = (there - here) * np.float32(1.0 / max(1, last - first))
+    step = np.float32(1.0 / max(1, last - first)) * (there - here)
     for n in range(first, last + 1):
         line[n] = here + np.float32(n - first) * step
 
@@ -223,32 +215,16 @@ def _lamps_at(
 def _ground_water(
     lens: Lens, stage: Stage, air: Air, base: tuple[float, float], count: int, bench: np.ndarray
 ) -> None:
-    """Let wet ground be darker, and mirror the sky: more where water stands, none on grass."""
-    ahead = _mirrored_at(lens, stage, air, base, bench, 0)
-    step = _step(lens, bench, WATER_STEP, WATER_M)
-    for first in range(0, count, step):
-        last = min(count - 1, first + step)
-        here, ahead = ahead, _mirrored_at(lens, stage, air, base, bench, last)
-        _evenly(bench[9], first, last, here, ahead)
-    wet_part = np.float32(1.0 - 0.4 * air.wet)
-    red, green = np.float32(air.horizon[0]), np.float32(air.horizon[1])
-    blue = np.float32(air.horizon[2])
+    """Let wet ground be darker, and mirror the sky."""
     for n in range(count):
-        grass = bench[7, n] > np.float32(1.15) * bench[6, n]
-        share = bench[9, n] * (np.float32(0.15) if grass else np.float32(1.0))
-        dark = wet_part - share
-        bench[3, n] = dark * bench[3, n] + share * red
-        bench[4, n] = dark * bench[4, n] + share * green
-        bench[5, n] = dark * bench[5, n] + share * blue
-
-
-@compiled(forceinline=True, borrowing=True)
-def _mirrored_at(
-    lens: Lens, stage: Stage, air: Air, base: tuple[float, float], bench: np.ndarray, n: int
-) -> np.float32:
-    """Share of light that wet ground mirrors at one pixel."""
-    x, y = base[0] + bench[0, n], base[1] + bench[1, n]
-    return np.float32(_mirrored(lens, stage, air, x, y, bench[2, n]))
+        share = _mirrored(
+            lens, stage, air, base[0] + bench[0, n], base[1] + bench[1, n], bench[2, n]
+        )
+        # Water does not stand on grass.
+        share *= 0.15 if bench[7, n] > 1.15 * bench[6, n] else 1.0
+        dark = 1.0 - 0.4 * air.wet - share
+        for k in range(3):
+            bench[3 + k, n] = dark * bench[3 + k, n] + share * air.horizon[k]
 
 
 @compiled(forceinline=True, borrowing=True)

@@ -21,6 +21,9 @@ BEFORE_S = 1.0
 """The motion is known so long before the timeline begins; there the ego comes at its speed."""
 AHEAD = 4
 """So many recorded states after an instant still say what the ego does then."""
+RAW_S = 0.2
+"""The motion of foreign environments is a mean of so much time before and after an instant too."""
+RAW_STEPS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,9 +54,12 @@ class EgoMotion:
 
     Rear axle and yaw are cubic B-splines whose control points are the recorded states: weighted
     means of four of them, so steps of the physics leave no spikes. At equal steps dt the path runs
-    inside the recorded one by dt^2 / 6 times the acceleration (1.3 mm at 3 m/s^2 and 20 Hz). An
-    instant depends on the states around it alone, on `AHEAD` later ones and as many earlier ones
-    as a sway remembers, so a live timeline gives the same bits as the recorded one.
+    inside the recorded one by dt^2 / 6 times the acceleration (1.3 mm at 3 m/s^2 and 20 Hz).
+    Raw timelines, in which speeds jump and collisions move vehicles aside in one step, are limited
+    to the band of a vehicle's motion: their control points are means over `RAW_S` either way with
+    triangular weights, 3.3 mm inside the recorded path for each m/s^2. An instant depends on the
+    states around it alone, on those until `settled_s` and as many earlier ones as a sway
+    remembers, so a live timeline gives the same bits as the recorded one.
     """
 
     def __init__(self, timeline: Timeline, sway: BodySway | None = None) -> None:
@@ -63,8 +69,8 @@ class EgoMotion:
         self.timeline, self.sway = timeline, sway
         knots = _knots(timeline.stamps_s, BEFORE_S + (0.0 if sway is None else sway.memory_s))
         # A control point acts in the middle of the knots that it spans.
-        ego = _alone(timeline).at((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3)
-        self._level = BSpline(knots, np.column_stack([ego.axles[:, 0], ego.yaws[:, 0]]), 3)
+        controls = _controls(_alone(timeline), (knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3)
+        self._level = BSpline(knots, controls, 3)
         self._lean: BSpline | None = None
         if sway is not None:
             angles = sway.respond(knots[3:-3], self._pushes(knots[3:-3]))
@@ -126,8 +132,8 @@ class EgoMotion:
 
 def settled_s(timeline: Timeline) -> float:
     """Until when states that are yet to come change nothing of the ego's motion."""
-    stamps = timeline.stamps_s
-    return float(stamps[-1 - AHEAD]) if len(stamps) > AHEAD else -np.inf
+    stamps, later_s = timeline.stamps_s, RAW_S if timeline.raw else 0.0
+    return float(stamps[-1 - AHEAD]) - later_s if len(stamps) > AHEAD else -np.inf
 
 
 def _alone(timeline: Timeline) -> Timeline:
@@ -138,6 +144,17 @@ def _alone(timeline: Timeline) -> Timeline:
         **{name: getattr(timeline, name)[:1] for name in per_actor},
         **{name: getattr(timeline, name)[:, :1] for name in per_state},
     )
+
+
+def _controls(ego: Timeline, stamps_s: np.ndarray) -> np.ndarray:
+    """(T, 3) x, y and yaw of the rear axle at (T,) stamps, of raw timelines their means."""
+    offsets = np.arange(-RAW_STEPS, RAW_STEPS + 1) if ego.raw else np.zeros(1, np.int64)
+    weights = (1.0 + RAW_STEPS - np.abs(offsets)).astype(np.float64)
+    total = np.zeros((len(stamps_s), 3))
+    for offset, weight in zip(offsets, weights / weights.sum(), strict=True):
+        states = ego.at(stamps_s + offset * (RAW_S / RAW_STEPS))
+        total += weight * np.column_stack([states.axles[:, 0], states.yaws[:, 0]])
+    return total
 
 
 def _knots(stamps_s: np.ndarray, before_s: float) -> np.ndarray:

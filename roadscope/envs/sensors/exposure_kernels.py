@@ -83,7 +83,6 @@ def develop(
     line = np.empty((width, 3), np.float32)
     passed = np.empty((width, 3), np.float32)
     squares = np.empty((width, 3), np.float32)
-    above, below = np.empty((width, 3), np.float32), np.empty((width, 3), np.float32)
     for c in range(width):
         squares[c, :] = (c + 0.5 - u) ** 2
     lost = np.float32(sensor.vignetting / corner)
@@ -95,7 +94,7 @@ def develop(
         if shutter.active:
             _smear_row(light, q[r], faces[r], r, shutter, line)
         if len(glare) > 0:
-            _dazzle(glare, r, above, below, line)
+            _dazzle(glare, r, line)
         start = _place(sensor.key, r, len(sensor.draws) - 3 * width)
         _noise(
             line.reshape(-1), passed.reshape(-1), sensor.draws[start : start + 3 * width],
@@ -225,37 +224,29 @@ def _smear(
 
 
 @compiled(borrowing=True)
-def _spread(corners: np.ndarray, row: np.ndarray) -> None:
-    """Widen glare at the corners of blocks (W / 8 + 2, 3) to a row (W, 3), linear between them."""
-    width = len(row)
-    for j in range((width + BLOCK - 1) // BLOCK):
-        red, green, blue = corners[j, 0], corners[j, 1], corners[j, 2]
-        red_way, green_way = corners[j + 1, 0] - red, corners[j + 1, 1] - green
-        blue_way = corners[j + 1, 2] - blue
-        for n in range(j * BLOCK, min(width, (j + 1) * BLOCK)):
-            share = np.float32((n - j * BLOCK + 0.5) / BLOCK)
-            row[n, 0] = red + share * red_way
-            row[n, 1] = green + share * green_way
-            row[n, 2] = blue + share * blue_way
-
-
-@compiled(borrowing=True)
-def _dazzle(
-    glare: np.ndarray, r: int, above: np.ndarray, below: np.ndarray, line: np.ndarray
-) -> None:
-    """Add the glare to one row; above and below (W, 3) are kept for the rows of one block."""
+def _dazzle(glare: np.ndarray, r: int, line: np.ndarray) -> None:
+    """Add the glare to one row, linear between the corners of blocks."""
     i = r // BLOCK
-    if r % BLOCK == 0:
-        _spread(glare[i], above)
-        _spread(glare[i + 1], below)
-    share = np.float32((r + 0.5 - i * BLOCK) / BLOCK)
-    _add_between(above.reshape(-1), below.reshape(-1), share, line.reshape(-1))
-
-
-@compiled(borrowing=True)
-def _add_between(above: np.ndarray, below: np.ndarray, share: np.float32, line: np.ndarray) -> None:
-    for n in range(len(line)):
-        line[n] += above[n] + share * (below[n] - above[n])
+    v = np.float32((r + 0.5 - i * BLOCK) / BLOCK)
+    width = len(line)
+    half, share = np.float32(0.5), np.float32(1.0 / BLOCK)
+    for j in range((width + BLOCK - 1) // BLOCK):
+        a, b, c, d = glare[i, j], glare[i, j + 1], glare[i + 1, j], glare[i + 1, j + 1]
+        red, green, blue = (
+            a[0] + v * (c[0] - a[0]),
+            a[1] + v * (c[1] - a[1]),
+            a[2] + v * (c[2] - a[2]),
+        )
+        red_step = (b[0] + v * (d[0] - b[0]) - red) * share
+        green_step = (b[1] + v * (d[1] - b[1]) - green) * share
+        blue_step = (b[2] + v * (d[2] - b[2]) - blue) * share
+        red, green, blue = red + half * red_step, green + half * green_step, blue + half * blue_step
+        # The three colours in one loop: none waits for another's sum.
+        for n in range(j * BLOCK, min(width, (j + 1) * BLOCK)):
+            line[n, 0] += red
+            line[n, 1] += green
+            line[n, 2] += blue
+            red, green, blue = red + red_step, green + green_step, blue + blue_step
 
 
 @compiled()

@@ -187,7 +187,7 @@ class Sensing:
         mount = self._camera()
         scene, ego_poses = self._place(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         ego_at = self._ego_at(timeline)
-        world_from_ego = ego_poses[0] if self.rig.sway is None else ego_at(stamp_s)
+        world_from_ego = ego_at(stamp_s) if self._smooth(timeline) else ego_poses[0]
         if self._ground is None:
             style = timeline.style if self.style is None else self.style
             self._ground = Ground(surface_of(timeline.road), style)
@@ -212,21 +212,28 @@ class Sensing:
             self._followed = EgoMotion(timeline, self.rig.sway)
         return self._followed
 
+    def _smooth(self, timeline: Timeline) -> bool:
+        """Whether what carries the sensors moves otherwise than the recorded states.
+
+        A body that sways does, and beside an inertial unit one whose recorded motion jumps.
+        """
+        return self.rig.sway is not None or (timeline.raw and self.rig.imu is not None)
+
     def _ego_at(self, timeline: Timeline) -> Callable[[float], Pose]:
         """Return what says where the body that carries the sensors is."""
-        if self.rig.sway is None:
+        if not self._smooth(timeline):
             return timeline.world_from_ego
         return self._ego_motion(timeline).world_from_ego
 
     def _swayed(self, truth: Truth, timeline: Timeline) -> Truth:
         """Let the true pose be that of the body."""
-        if self.rig.sway is None:
+        if not self._smooth(timeline):
             return truth
         return replace(truth, world_from_ego=self._ego_at(timeline)(truth.stamp_s))
 
     def _lidar_path(self, timeline: Timeline, ego_poses: list[Pose]) -> Path:
         ego_from_lidar = self.rig.lidar.ego_from_lidar
-        if self.rig.sway is None:
+        if not self._smooth(timeline):
             return [world_from_ego @ ego_from_lidar for world_from_ego in ego_poses]
         return partial(self._ego_motion(timeline).mounted, ego_from_lidar)
 

@@ -162,6 +162,14 @@ SCENARIOS: Mapping[str, Scenario] = _scenarios(
         "motorway", _HERE + "script_stop_and_go:stop_and_go", 60.0, scripted=True,
     ),
     Scenario(
+        "empty-motorway", "The ego alone on a motorway, from rest or at speed from the first scan.",
+        "motorway", _HERE + "script_empty:empty_motorway", 30.0, scripted=True,
+    ),
+    Scenario(
+        "empty-street", "The ego alone in a street with houses, trees and parked cars.",
+        "urban", _HERE + "script_empty:empty_street", 30.0, scripted=True,
+    ),
+    Scenario(
         "lu2018-two-vehicles", "Lu 2018, 1: a car stays ahead, another comes and goes on its left.",
         "campus", _HERE + "scripted:play_script", 15.36, scripted=True,
     ),

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from roadscope.odometry.inertial.kernels import integrated
 from roadscope.odometry.rigid import exp_so3, log_so3, orthonormal
+
+if TYPE_CHECKING:
+    from roadscope.envs.sensors.imu_spec import ImuSpec
 
 PLACE, TURN, SPEED = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO, FORCE, GRAVITY = slice(9, 12), slice(12, 15), slice(15, 18)
@@ -16,6 +20,7 @@ SIZE = 18
 GRAVITY_M_S2 = 9.81
 TILTED_M_S2 = 0.2
 """How far off what was learned of gravity may be after a loss."""
+MARGIN = 1.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +39,19 @@ class InertialNoise:
     rate_bias: float = 0.01
     force_bias: float = 0.2
     accelerating: float = 1.0
+
+    @staticmethod
+    def of(unit: ImuSpec) -> InertialNoise:
+        """Return what a data sheet says, a tenth more; no less than a tenth of the defaults."""
+        least = InertialNoise()
+        return InertialNoise(
+            *(max(MARGIN * stated, default / 10) for stated, default in (
+                (unit.gyro_noise, least.rate), (unit.accelerometer_noise, least.force),
+                (unit.gyro_walk, least.rate_walk), (unit.accelerometer_walk, least.force_walk),
+                (unit.gyro_turn_on, least.rate_bias),
+                (unit.accelerometer_turn_on, least.force_bias),
+            ))
+        )  # fmt: skip
 
 
 @dataclass(slots=True)

@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.odometry.imu_buffer import ImuBuffer
+from roadscope.odometry.inertial.filter import InertialNoise
 
 WINDOW_S, BLOCK_S = 1.0, 0.1
-RATE_RAD_S, FORCE_M_S2 = 0.003, 0.03
-"""Means over blocks may stray so far from that of the window: four deviations of an ADIS16448's
-noise. Vehicles that drive are felt more, unless they drive straight at one speed for a second."""
+UNLIKELY = 3.8
+"""Means over blocks may stray so many deviations of the noise from that of the window. Vehicles
+that drive are felt more, unless they drive straight at one speed for a second."""
 TURNING_RAD_S = 0.05
 """A steadier turn than any gyro's bias is a turn."""
 
 
 def felt_still(
-    samples: ImuBuffer, now_s: float, window_s: float = WINDOW_S
+    samples: ImuBuffer, now_s: float, noise: InertialNoise, window_s: float = WINDOW_S
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return means over the last seconds if nothing changed in them, or None.
 
@@ -31,6 +32,7 @@ def felt_still(
     felt = np.hstack([rates, forces])[:usable].reshape(blocks, -1, 6).mean(axis=1)
     mean = felt.mean(axis=0)
     stray = np.abs(felt - mean).max(axis=0)
-    quiet = stray[:3].max() < RATE_RAD_S and stray[3:].max() < FORCE_M_S2
+    most = UNLIKELY / np.sqrt(BLOCK_S)
+    quiet = stray[:3].max() < most * noise.rate and stray[3:].max() < most * noise.force
     still = quiet and np.abs(mean[:3]).max() < TURNING_RAD_S
     return (mean[:3], mean[3:]) if still else None

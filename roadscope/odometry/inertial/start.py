@@ -35,7 +35,8 @@ class InertialStart:
     is taken to stand unless what is taller than vehicles says that it moves.
     """
 
-    def __init__(self, *, anew: bool = False) -> None:
+    def __init__(self, noise: InertialNoise, *, anew: bool = False) -> None:
+        self.noise = noise
         self._taken: list[tuple[Sweep, Stretch, Ends]] = []
         self._rate, self._best = np.zeros(3), Speed(0.0, 0.0)
         self._anew, self._quiet = anew, False
@@ -49,7 +50,7 @@ class InertialStart:
         first_s, last_s = self._taken[0][0].scan.stamp_s, sweep.scan.stamp_s
         rate = samples.mean_rate(first_s, last_s) if last_s > first_s else None
         self._rate = np.zeros(3) if rate is None else rate
-        self._quiet = felt_still(samples, last_s, last_s - first_s) is not None
+        self._quiet = felt_still(samples, last_s, self.noise, last_s - first_s) is not None
 
     def speed(self) -> Speed | None:
         """Return the speed ahead once it is clear, or enough scans were seen."""
@@ -73,7 +74,7 @@ class InertialStart:
         return exp_se3(np.array([ahead_m, 0.0, 0.0, *(self._rate * elapsed_s)]))
 
     def track(
-        self, speed: Speed, samples: ImuBuffer, lever: np.ndarray, noise: InertialNoise,
+        self, speed: Speed, samples: ImuBuffer, lever: np.ndarray,
         made: Callable[[InertialState], InertialTrack],
     ) -> InertialTrack:  # fmt: skip
         """Begin at the first scan and follow the others."""
@@ -82,7 +83,7 @@ class InertialStart:
         if samples.covers(stamp_s, stamp_s + FELT_S):
             lengths, _, forces = samples.within(stamp_s, stamp_s + FELT_S)
             force = lengths @ forces / lengths.sum()
-        state = started(force, np.array([speed.ahead_m_s, 0.0, 0.0]), SPREAD_M_S, noise)
+        state = started(force, np.array([speed.ahead_m_s, 0.0, 0.0]), SPREAD_M_S, self.noise)
         state.pose[:3, 3] = lever
         track = made(state)
         for i, (sweep, stretch, _) in enumerate(self._taken):

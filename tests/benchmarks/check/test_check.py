@@ -348,7 +348,17 @@ def test_what_ours_compile_is_not_held_against_a_plug_in(monkeypatch: pytest.Mon
     assert waited[:4] == [PATIENCE_S[LOADED]] * 2 + [PATIENCE_S[READY], 2.0]
 
 
-@pytest.mark.parametrize("kind", [trackers, detectors, camera_detectors])
+def test_how_well_cameras_and_fusions_do_in_a_street_is_remarked() -> None:
+    found = item("colour-blobs", "looks at two seconds of a street")
+    assert "detection rate 0." in found.words
+    boxes = item(f"{HERE / 'bad_sensors.py'}:Fine", "looks at two seconds of a street")
+    assert boxes.good
+    assert "left, top, right, bottom in pixels" in boxes.words
+    joined = item("consistent", "joins two seconds of a street")
+    assert "detection rate 0." in joined.words
+
+
+@pytest.mark.parametrize("kind", [trackers, detectors, camera_detectors, fusions])
 def test_who_looks_at_traffic_has_it_ready_before(kind: ModuleType) -> None:
     ready = {promise.ready for promise in kind.PROMISES} - {None}
     assert (
@@ -357,6 +367,7 @@ def test_who_looks_at_traffic_has_it_ready_before(kind: ModuleType) -> None:
             trackers: {traffic_ready},
             detectors: {traffic_ready, detectors.frames},
             camera_detectors: {camera_detectors.frames},
+            fusions: {fusions.street_ready},
         }[kind]
     )
 

@@ -46,6 +46,18 @@ def test_all_kinds_bring_the_same_points(tmp_path, kind):
     assert scan.ring.max() > 0
 
 
+@pytest.mark.parametrize("upwards", [True, False])
+def test_beams_are_those_that_a_file_tells_whichever_way_they_are_numbered(tmp_path, upwards):
+    beams = np.repeat(np.arange(4), 10)
+    ways = np.linspace(0, 6, 40)
+    tilt = np.deg2rad([-9.0, -3.1, -3.0, 4.0])[beams]
+    rows = ROWS.copy()
+    rows[:, :3] = 10 * np.column_stack([np.cos(ways), np.sin(ways), np.tan(tilt)])
+    rows[:, 4] = beams if upwards else 40 - beams
+    (tmp_path / "0.pcd").write_bytes(pcd("binary", rows, fields="x y z intensity ring"))
+    assert np.array_equal(read_scan(tmp_path / "0.pcd", 0.0).ring, beams)
+
+
 @pytest.mark.parametrize("unit", [1, 1e3, 1e6, 1e9])
 def test_times_may_be_in_any_unit_and_begin_anywhere(tmp_path, unit):
     rows = ROWS.astype(float)
@@ -103,6 +115,7 @@ def test_malformed_pcd_is_refused(tmp_path, name):
     ("name", "content", "message"),
     [
         ("0.bin", b"\0" * 17, "16 bytes a point, got 17 bytes"),
+        ("0.bin", b"\0" * 60, "got 60 bytes; if those are five numbers a point, as nuScenes"),
         ("0.npy", b"nothing", "expected an array saved by numpy"),
         ("0.txt", b"", "expected files .bin, .pcd, .npy, got 0.txt"),
     ],

@@ -12,8 +12,12 @@ from roadscope.benchmarks.papers.zhang2022_building import Way, building
 from roadscope.benchmarks.papers.zhang2022_paper import (
     CLAIMED,
     CLAIMS,
+    FURTHER,
     PAPER,
+    READING,
+    READINGS,
     REMOVAL,
+    ROUTE,
     WALKED,
     paper_figure,
     unit_of,
@@ -30,6 +34,8 @@ def test_errors_are_told_as_the_paper_tells_them():
         "std": pytest.approx(np.sqrt(2 / 3)), "max": 5, "mean": 4, "min": 3, "ms": 7,
     }  # fmt: skip
     assert zhang2022.told(np.array([0.0, 3.0]), np.ones(2), WALKED[1])["end error"] == 3
+    assert zhang2022.further(np.array([0.0, 3.0]), WALKED[0]) == {"end error": 3}
+    assert zhang2022.further(np.array([0.0, 3.0, 5.0]), WALKED[2])["mean"] == 4
 
 
 def test_a_claim_holds_where_the_mean_is_lower():
@@ -108,9 +114,15 @@ def test_an_experiment_is_measured_by_every_method(monkeypatch):
     monkeypatch.setattr(zhang2022, "PLAYS", short)
     monkeypatch.setattr(zhang2022, "DURATION_S", 1.0)
     monkeypatch.setattr(zhang2022, "CASES", {})
+    monkeypatch.setattr(zhang2022, "RIG", "vlp16-imu")
     found = zhang2022.measure(10000)
     assert np.isfinite(list(found.values())).all()
-    assert {(e, m) for e, m, _ in found} >= {(e, m) for e in WALKED for m in zhang2022.METHODS}
+    told = {(e, m) for e, m, _ in found}
+    for experiment in (*WALKED, ROUTE):
+        for place in (experiment, FURTHER.format(experiment)):
+            assert told >= {(place, method) for method in zhang2022.METHODS}
+    read = {READING.format(e) for e in zhang2022.READ}
+    assert told >= {(e, m) for e in read for m in ("as taken", *READINGS.values())}
     both = {zhang2022.OURS, zhang2022.PEER}
     assert {m for e, m, _ in found if e == "straight, double noise"} == both
     assert found[WALKED[0], "zhang2022", "max"] < 0.3

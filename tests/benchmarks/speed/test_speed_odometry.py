@@ -73,9 +73,10 @@ def test_odometries_take_turns_on_scans_of_their_own() -> None:
 
 def test_stages_add_up_to_clustering_and_labelling() -> None:
     named = {row.name: row.value for row in measure_stages(RIG, 2)}
-    both = named[f"clustering and labelling, {RIG}"]
     parts = (odometry.CLUSTERED, odometry.LABELLED)
-    assert both == pytest.approx(sum(named[f"{part}, {RIG}"] for part in parts))
+    for place in (RIG, "corridor"):
+        both = named[f"clustering and labelling, {place}"]
+        assert both == pytest.approx(sum(named[f"{part}, {place}"] for part in parts))
 
 
 def test_larger_lidars_are_for_those_that_need_no_other_package() -> None:

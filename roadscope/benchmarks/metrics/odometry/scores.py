@@ -15,6 +15,8 @@ from roadscope.benchmarks.metrics.odometry.relative import relative_errors
 from roadscope.benchmarks.metrics.odometry.trajectory import Trajectories
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio, rms
 
+GOOD_T_REL = 1.0
+"""Per cent of the way; an episode that drifts less counts in `below_1`."""
 FAILED_SHARE, FAILED_M = 0.05, 1.0
 """An episode has failed when the last position is off by more than 5 % of the way and 1 m:
 bistable outcomes are near 0 or near 100 %, so that hardly any lies about the bound."""
@@ -29,6 +31,7 @@ class OdometryScores(ScoreFamily):
     rpe, rpe_rotation: of motions from frame to frame. t_rel, r_rel: over stretches
         (`metrics.odometry.drift`). end: of the last position.
     error_mean, error_std, error_min, error_max: of the positions' errors.
+    below_1: 1 where t_rel is below 1 %; its mean is the share of episodes.
     failed: 1 where the end is too far off to be called odometry; its mean over episodes is the
         failure rate.
     """
@@ -43,6 +46,7 @@ class OdometryScores(ScoreFamily):
     error_std: Score
     error_min: Score
     error_max: Score
+    below_1: Score
     failed: Score
 
 
@@ -69,6 +73,7 @@ def score_odometry(
         error_std=_one(float(off.std()) if n else math.nan, "m", n),
         error_min=_one(float(off.min()) if n else math.nan, "m", n),
         error_max=_one(float(off.max()) if n else math.nan, "m", n),
+        below_1=ratio(stretches.t_rel < GOOD_T_REL, min(len(stretches), 1), "higher"),
         failed=ratio(has_failed(absolute_errors(both, "origin")), min(n, 1), "lower"),
     )
 

@@ -1,0 +1,49 @@
+"""Roads without any traffic: what an odometry does when nothing but the world is there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roadscope.envs.traffic.course import PEAK, winding
+from roadscope.envs.traffic.mix import EGO
+from roadscope.envs.traffic.script_cast import times_until
+from roadscope.envs.traffic.script_lane import breathing
+from roadscope.envs.traffic.script_motion import Motion
+from roadscope.envs.traffic.script_play import Player
+from roadscope.envs.traffic.script_stream import REACH_M, Carriageways
+from roadscope.envs.traffic.timeline import Timeline
+
+DURATION_S = 30.0
+PULL_M_S2 = 1.3
+"""Peak acceleration of who starts from rest."""
+
+
+def empty_motorway(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
+    """Drive alone at 22 to 33 m/s on two or three lanes each way, between rails and trees.
+
+    Odd seeds stand for 2 to 4 s and pull away, even ones are at speed from the first scan on.
+    """
+    return _alone(seed, (22.0, 33.0), "motorway", duration_s)
+
+
+def empty_street(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
+    """Drive alone at 8 to 14 m/s past houses, trees and parked cars; starts as above."""
+    return _alone(seed, (8.0, 14.0), "urban", duration_s)
+
+
+def _alone(
+    seed: int, speeds: tuple[float, float], style: str, duration_s: float | None
+) -> Timeline:
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    times = times_until(DURATION_S if duration_s is None else duration_s)
+    until, speed = float(times[-1]), float(rng.uniform(*speeds))
+    start, length = float(rng.uniform(2.0, 4.0)), PEAK * speed / PULL_M_S2
+    if seed % 2:
+        ego, begin = Motion(0.0, 0.0, 0.0, ((start, length, speed),)), start + length
+    else:
+        ego, begin = Motion(0.0, 0.0, speed), -2.0
+    count = int(rng.integers(2, 4))
+    ways = Carriageways(count, int(rng.integers(count)), style, oncoming=count)
+    ego = breathing(rng, ego, (begin, until), 0.8)
+    course = winding(rng, (-REACH_M, (speed + 1) * until), speed**2 / rng.uniform(0.5, 1.2))
+    return ways.road(course, style).play([Player(ego, EGO)], times)

@@ -1,0 +1,31 @@
+"""Where nothing but the ego moves, ours is no worse than the best of the others."""
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.jobs.ride import ride
+from roadscope.benchmarks.metrics.odometry import drift
+from roadscope.odometry import ODOMETRIES
+
+PEERS = ("kiss-icp", "small-gicp", "genz-icp", "rko-lio")
+SEEDS = range(10_000, 10_004)
+"""Odd ones start from rest."""
+
+
+def t_rel(spec: str, scenario: str, seed: int) -> float:
+    """Per cent over 50, 100 and 200 m."""
+    both = ride(spec, Episode(scenario, seed, "vlp16-imu", 24.0)).both
+    return drift(both, (50.0, 100.0, 200.0), every=1).t_rel
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["empty-motorway", "empty-street"])
+def test_ours_is_no_worse_than_the_best_peer(scenario: str) -> None:
+    ours = [t_rel("lidar-inertial", scenario, seed) for seed in SEEDS]
+    assert max(ours) < 0.6
+    for peer in PEERS:
+        if ODOMETRIES.missing(peer):
+            continue
+        theirs = [t_rel(peer, scenario, seed) for seed in SEEDS]
+        assert np.median(ours) <= np.median(theirs), (peer, ours, theirs)
