@@ -18,9 +18,11 @@ FROM_REST_S = {"rko-lio": 3.0}
 """Those that do not find a start at speed get so long to come to it."""
 FIRST, LAST, SCANS, SETTLED = 10, 13, 26, 5
 """Which scans are spoilt, how many there are, how many at the end have to be right."""
-WRONG_M, WRONG_RAD = 0.4, 0.1
-"""A step that is further off than this, half of the way from scan to scan, has to be told."""
-RIGHT_M, RIGHT_RAD = 0.15, 0.03
+WRONG_M, WRONG_RAD = 0.5, 0.1
+"""A step that is further off than this, of 0.8 m from scan to scan, has to be told."""
+RIGHT_M, RIGHT_RAD = 0.05, 0.01
+"""In the end no step is further off than this, or by more than a quarter more than it ever is
+where nothing is spoilt: these scans are coarse, and who matches few features of them errs."""
 
 
 @pytest.fixture(params=ODOMETRIES.names())
@@ -105,13 +107,20 @@ def follow(name, inputs):
     return told, apart(poses, [drive.pose(stamp_s) for stamp_s in latest])
 
 
-def check_told_and_recovered(told, off, first):
+@cache
+def unspoilt(name):
+    """The most metres and radians that a step is off in a drive without faults."""
+    return follow(name, inputs_of(name))[1][drive_of(name)[1] // 2 :].max(axis=0)
+
+
+def check_told_and_recovered(name, told, off):
+    first = drive_of(name)[1]
     wrong = (off[:, 0] > WRONG_M) | (off[:, 1] > WRONG_RAD)
     silent = [k + 1 for k in np.flatnonzero(wrong) if told[k + 1].ok and k + 1 >= first]
     assert not silent, f"steps {silent} are off by {off[np.array(silent) - 1].round(2).tolist()}"
     assert all(each.ok for each in told[-SETTLED:])
-    assert off[-SETTLED:, 0].max() < RIGHT_M
-    assert off[-SETTLED:, 1].max() < RIGHT_RAD
+    most = np.maximum([RIGHT_M, RIGHT_RAD], 1.25 * unspoilt(name))
+    assert (off[-SETTLED:] < most).all(), (off[-SETTLED:].max(axis=0), most)
 
 
 QUICK = {"empty", "all dynamic", "loud", "same stamp"}
@@ -130,7 +139,7 @@ def test_spoilt_scans_are_told_and_left_behind(name, kind):
     if kind in TOLD:
         # The first of those with the same stamp is the scan itself.
         assert not any(each.ok for each in told[first + (kind == "same stamp") : last])
-    check_told_and_recovered(told, off, first)
+    check_told_and_recovered(name, told, off)
 
 
 def test_a_lost_second_is_told_and_left_behind(name):
@@ -138,7 +147,7 @@ def test_a_lost_second_is_told_and_left_behind(name):
     told, off = follow(name, inputs[:first] + inputs[first + 10 :])
     assert not told[first].ok
     if name not in READ_NO_SCANS:
-        check_told_and_recovered(told, off, first)
+        check_told_and_recovered(name, told, off)
 
 
 NOTHING = ImuSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
@@ -155,7 +164,7 @@ def test_a_faulty_imu_is_left_behind(name, kind):
              for k, (s, i) in enumerate(inputs)]  # fmt: skip
     told, off = follow(name, given)
     if name not in READ_NO_SCANS:
-        check_told_and_recovered(told, off, first)
+        check_told_and_recovered(name, told, off)
 
 
 def spoilt_imu(imu, kind):

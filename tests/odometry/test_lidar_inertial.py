@@ -262,7 +262,7 @@ def test_units_are_known_by_name():
         assert getattr(usual, name) == pytest.approx(getattr(NOISE, name), rel=0.15)
     assert InertialNoise.of(IMUS["ideal"]).rate > 0
     assert LidarInertialOdometry(imu="zed2").noise.force > 2 * NOISE.force
-    with pytest.raises(ValueError, match="no inertial unit 'zed' .did you mean 'zed2'"):
+    with pytest.raises(ValueError, match="no inertial unit 'zed'"):
         LidarInertialOdometry(imu="zed")
 
 

@@ -164,8 +164,9 @@ WIDER: Mapping[str, Sequence[str]] = {
     "camera": ("call_p99_ms", "ap50_16px"),
     "fusion": ("calibration_error", "hidden_distance_right", "precision", "call_p99_ms"),
     "odometry": (
-        "below_1", "rpe", "call_p90_ms", "call_p99_ms", "dynamic_recall", "dynamic_precision", "degraded",
-        "rpe_rotation", "error_max", "error_mean", "error_std", "false_motion_end", "error_min",
+        "below_1", "rpe", "call_p90_ms", "call_p99_ms", "dynamic_recall", "dynamic_precision",
+        "degraded", "rpe_rotation", "error_max", "error_mean", "error_std", "false_motion_end",
+        "error_min",
     ),
     **dict.fromkeys(MOT_BOARDS, ("ass_a", "det_a", "fragmentations", "call_p99_ms")),
     **dict.fromkeys(

@@ -62,8 +62,8 @@ BROKEN_DOWN: Mapping[str, Sequence[str]] = {
     "camera": ("ap50", "detection_rate", "false_alarms", "objects_per_image"),
     "fusion": ("ap", "f1", "detection_rate", "false_alarms", "distance_right", "family_right"),
     "odometry": (
-        "failed", "t_rel", "below_1", "r_rel", "end", "false_motion", "dynamic_precision", "dynamic_recall",
-        "degraded",
+        "failed", "t_rel", "below_1", "r_rel", "end", "false_motion", "dynamic_precision",
+        "dynamic_recall", "degraded",
     ),
     **dict.fromkeys(
         KITTI_BOARDS,

@@ -122,7 +122,7 @@ def order(plugin: Plugin[Any]) -> str:
 
 
 def two_seconds(plugin: Plugin[Any]) -> str:
-    """Join what imitations of both sensors find in two seconds of a street; how well is remarked."""
+    """Join what imitations of both sensors find in a street; how well is remarked."""
     from roadscope.benchmarks.jobs.fusion_job import moment_scores
 
     scores = moment_scores(joined(plugin.spec))

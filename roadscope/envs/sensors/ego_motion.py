@@ -21,9 +21,9 @@ BEFORE_S = 1.0
 """The motion is known so long before the timeline begins; there the ego comes at its speed."""
 AHEAD = 4
 """So many recorded states after an instant still say what the ego does then."""
-RAW_S = 0.2
+RAW_S = 0.3
 """The motion of foreign environments is a mean of so much time before and after an instant too."""
-RAW_STEPS = 4
+RAW_STEPS = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class EgoMotion:
     inside the recorded one by dt^2 / 6 times the acceleration (1.3 mm at 3 m/s^2 and 20 Hz).
     Raw timelines, in which speeds jump and collisions move vehicles aside in one step, are limited
     to the band of a vehicle's motion: their control points are means over `RAW_S` either way with
-    triangular weights, 3.3 mm inside the recorded path for each m/s^2. An instant depends on the
+    triangular weights, 10 mm inside the recorded path for each m/s^2. An instant depends on the
     states around it alone, on those until `settled_s` and as many earlier ones as a sway
     remembers, so a live timeline gives the same bits as the recorded one.
     """

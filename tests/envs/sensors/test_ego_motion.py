@@ -67,8 +67,8 @@ def test_the_path_is_within_two_millimetres_of_the_recorded_one() -> None:
     assert np.abs(yaws - recorded.yaws[:, 0] + recorded.yaws[0, 0] - yaws[0]).max() < 0.003
 
 
-FELT_M_S2, FELT_RAD_S = 13.0, 1.0
-"""More than an emergency brings, less than a third of what states recorded raw jump by."""
+FELT_M_S2, FELT_RAD_S = 16.0, 1.5
+"""What is left of crashes and of lane changes at 1.6 g; states recorded raw jump by 68 m/s^2."""
 
 
 @pytest.mark.parametrize("name", ["highway-v0", "roundabout-v1", "racetrack-v1", "merge-v0"])
@@ -90,8 +90,9 @@ def test_raw_recordings_and_crashes_leave_no_spikes(name: str, seed: int) -> Non
 def test_raw_recordings_do_jump() -> None:
     """What the bound above is there for."""
     timeline = raw("roundabout-v1", 1)
-    rates = np.diff(timeline.axles[:, 0], axis=0) / np.diff(timeline.stamps_s)[:, None]
-    assert np.linalg.norm(np.diff(rates, axis=0), axis=1).max() / STEP_S > 3 * FELT_M_S2
+    steps = np.diff(timeline.stamps_s)[:, None]
+    jumps = np.diff(np.diff(timeline.axles[:, 0], axis=0) / steps, axis=0) / steps[1:]
+    assert np.linalg.norm(jumps, axis=1).max() > 4 * FELT_M_S2
 
 
 @SWAYS

@@ -38,6 +38,7 @@ def test_the_named_scenarios_are_there():
         "parking-lot", "waiting", "cut-ins", "long-occlusion", "lu2018-two-vehicles",
         "lu2018-occlusion", "lu2018-three-vehicles", "street", "town-crossing",
         "unseen-motorway", "unseen-street", "convoy-pull-away", "platoon", "cold-start",
+        "empty-motorway", "empty-street",
         "standing-in-traffic", "standing-barriers", "barriers", "tunnel", "stop-and-go",
         "racetrack-loop",
     }  # fmt: skip
