@@ -1,6 +1,5 @@
 """Where nothing but the ego moves, ours is no worse than the best of the others."""
 
-import numpy as np
 import pytest
 
 from roadscope.benchmarks.episode import Episode
@@ -8,8 +7,9 @@ from roadscope.benchmarks.jobs.ride import ride
 from roadscope.benchmarks.metrics.odometry import drift
 from roadscope.odometry import ODOMETRIES
 
-PEERS = ("kiss-icp", "small-gicp", "genz-icp", "rko-lio")
-SEEDS = range(10_000, 10_004)
+PEERS = ("kiss-icp", "small-gicp", "rko-lio")
+"""GenZ-ICP takes minutes for this: its threads wait for one another."""
+SEEDS = (10_000, 10_001)
 """Odd ones start from rest."""
 
 
@@ -22,10 +22,9 @@ def t_rel(spec: str, scenario: str, seed: int) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["empty-motorway", "empty-street"])
 def test_ours_is_no_worse_than_the_best_peer(scenario: str) -> None:
-    ours = [t_rel("lidar-inertial", scenario, seed) for seed in SEEDS]
-    assert max(ours) < 0.6
+    ours = {seed: t_rel("lidar-inertial", scenario, seed) for seed in SEEDS}
+    assert max(ours.values()) < 0.5, ours
     for peer in PEERS:
-        if ODOMETRIES.missing(peer):
-            continue
-        theirs = [t_rel(peer, scenario, seed) for seed in SEEDS]
-        assert np.median(ours) <= np.median(theirs), (peer, ours, theirs)
+        if not ODOMETRIES.missing(peer):
+            theirs = {seed: t_rel(peer, scenario, seed) for seed in SEEDS}
+            assert all(ours[seed] <= theirs[seed] for seed in SEEDS), (peer, ours, theirs)

@@ -14,8 +14,9 @@ from roadscope.envs.traffic.script_stream import REACH_M, Carriageways
 from roadscope.envs.traffic.timeline import Timeline
 
 DURATION_S = 30.0
-PULL_M_S2 = 1.3
-"""Peak acceleration of who starts from rest."""
+PULL_M_S2, TOWN_M_S, GEAR_S = 1.3, 10.0, 8.0
+"""Peak acceleration of who starts from rest, first up to the speed of a town, and from so long
+after the start up to the whole."""
 
 
 def empty_motorway(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
@@ -37,11 +38,12 @@ def _alone(
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     times = times_until(DURATION_S if duration_s is None else duration_s)
     until, speed = float(times[-1]), float(rng.uniform(*speeds))
-    start, length = float(rng.uniform(2.0, 4.0)), PEAK * speed / PULL_M_S2
+    ego, begin, start = Motion(0.0, 0.0, speed), -2.0, float(rng.uniform(2.0, 4.0))
     if seed % 2:
-        ego, begin = Motion(0.0, 0.0, 0.0, ((start, length, speed),)), start + length
-    else:
-        ego, begin = Motion(0.0, 0.0, speed), -2.0
+        low = min(speed, TOWN_M_S)
+        gains = (start, low), (start + GEAR_S, speed - low)
+        changes = tuple((at, PEAK * gain / PULL_M_S2, gain) for at, gain in gains if gain > 0)
+        ego, begin = Motion(0.0, 0.0, 0.0, changes), sum(changes[-1][:2])
     count = int(rng.integers(2, 4))
     ways = Carriageways(count, int(rng.integers(count)), style, oncoming=count)
     ego = breathing(rng, ego, (begin, until), 0.8)
