@@ -47,7 +47,8 @@ class ZhangOdometry:
         few features, and the way is lost; so links alone are bounded unless told otherwise.
     still_m, still_m_s, view: a cluster is dynamic whose centre moved farther than the first, plus
         the second times the time between the scans, plus the third times the own way: what is
-        seen of a wall goes along with the sensor. The paper prints no threshold.
+        seen of a wall goes along with the sensor. The paper prints no threshold. With a view of 1
+        nobody who is slower than the sensor is dynamic; with 0 walls are, as one drives.
     roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
     drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be left out.
     """

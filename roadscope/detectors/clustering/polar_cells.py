@@ -114,7 +114,7 @@ def _cells(
         sector[row] = int((azimuth / (2 * np.pi) + 0.5) * sectors) % sectors
         limits = ranges[row] / rule.eps_m
         if rule.reach > 0:
-            limits = np.log1p(rule.reach * limits) / rule.reach
+            limits = np.log(1.0 + rule.reach * limits) / rule.reach
         shell[row] = int(BESIDE * limits * (1 - HAIR))
     return Polar(points, ways, ranges), sector, shell, sectors
 
@@ -231,12 +231,25 @@ def _link_inside(
 ) -> int:
     """Join the linked points of a cell; return one of them if all hang together."""
     first, end = runs.starts[cell[0]], runs.starts[cell[1]]
-    if _hangs_together(parents, first, end):
+    if _all_whole(parents, runs, cell):
         return int(first)
     for run in range(cell[0], cell[1]):
         for other in range(run, cell[1]):
             _link_runs(cloud, parents, (runs, run, other), rule)
     return int(first) if _hangs_together(parents, first, end) else SEVERAL
+
+
+@compiled(borrowing=True)
+def _all_whole(parents: np.ndarray, runs: Runs, cell: tuple[int, int]) -> bool:
+    """Whether the runs of a cell were found whole, and of one set."""
+    whole = runs.wholes[cell[0]]
+    if whole == SEVERAL:
+        return False
+    for run in range(cell[0] + 1, cell[1]):
+        other = runs.wholes[run]
+        if other == SEVERAL or (other != whole and not _same(parents, whole, other)):
+            return False
+    return True
 
 
 @compiled(borrowing=True)
