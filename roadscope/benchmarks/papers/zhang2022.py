@@ -120,7 +120,7 @@ def measure(seed: int) -> dict[Key, float]:
 
 
 def long_route(seed: int) -> dict[Key, float]:
-    """Measure every method on two laps in traffic."""
+    """Measure every method on the long route."""
     found: dict[Key, float] = {}
     for spec in METHODS:
         both = ride(spec, Episode(SCENARIO, seed, RIG, DURATION_S))

@@ -72,8 +72,8 @@ def note_of(experiment: str) -> str | None:
         return "'holds': in the mean over seeds. The paper compares with LeGO-LOAM."
     if experiment == ROUTE:
         return (
-            "The paper drives KITTI with an HDL-64E; here the same LiDAR goes two laps of a "
-            "racetrack in traffic, about 1.3 km, so that its figures are of another length. Of the "
+            "The paper drives KITTI with an HDL-64E; here the same LiDAR goes two and a half laps of a "
+            "racetrack in traffic, 0.9 km, so that its figures are of another length. Of the "
             "first 5 seeds at most."
         )
     if experiment.endswith("noise"):
