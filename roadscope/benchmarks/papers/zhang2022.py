@@ -55,7 +55,7 @@ METHODS = (OURS, PEER, "lego-loam-loop", "loam", "lidar-inertial")
 IN_THE_CORRIDOR = {"lidar-inertial": "lidar-inertial?imu=zed2"}
 """Who is told of what make the robot's inertial unit is."""
 PLAYS = dict(zip(WALKED, (STANDING, STRAIGHT, LOOP), strict=True))
-SCENARIO, RIG, DURATION_S = "racetrack-loop", "hdl64e-imu", 140.0
+SCENARIO, RIG, DURATION_S = "racetrack-loop", "hdl64e-imu", 80.0
 ROUTE_SEEDS = 5
 """The long route takes minutes a seed."""
 REMOVALS = {
