@@ -72,9 +72,9 @@ def note_of(experiment: str) -> str | None:
         return "'holds': in the mean over seeds. The paper compares with LeGO-LOAM."
     if experiment == ROUTE:
         return (
-            "The paper drives KITTI with an HDL-64E; here the same LiDAR goes a lap and a half of a "
-            "racetrack in traffic, half a kilometre, so that its figures are of another length. Of "
-            "the first 5 seeds at most."
+            "The paper drives KITTI with an HDL-64E; here the same LiDAR goes a lap and a half of "
+            "a racetrack in traffic, half a kilometre, so that its figures are of another length. "
+            "Of the first 5 seeds at most."
         )
     if experiment.endswith("noise"):
         return "Range noise of the LiDAR and all errors of the IMU, of the first 5 seeds at most."
