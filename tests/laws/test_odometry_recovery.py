@@ -110,7 +110,9 @@ def follow(name, inputs):
 @cache
 def unspoilt(name):
     """The most metres and radians that a step is off in a drive without faults."""
-    return follow(name, inputs_of(name))[1][drive_of(name)[1] // 2 :].max(axis=0)
+    most = follow(name, inputs_of(name))[1][drive_of(name)[1] // 2 :].max(axis=0)
+    assert (most < [0.3, 0.03]).all(), most
+    return most
 
 
 def check_told_and_recovered(name, told, off):

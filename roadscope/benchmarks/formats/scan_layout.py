@@ -1,4 +1,4 @@
-"""Beam and azimuth step of points whose file does not tell them."""
+"""Beam and azimuth step of points, whether or not their file tells beams."""
 
 from __future__ import annotations
 
@@ -27,17 +27,25 @@ def rings_and_columns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rings_of(points: np.ndarray, told: np.ndarray) -> np.ndarray | None:
-    """Return (N,) beams from 0, the lowest, of (N,) numbers that a file tells, by elevation.
+    """Return (N,) beams from 0, the lowest, of (N,) numbers that a file tells.
 
-    Makers number from below or from above. None where the numbers can be none of beams.
+    Makers number from below or from above, a beam without returns between included, or by firing:
+    then beams are ranked by elevation. None where the numbers can be none of beams.
     """
     numbers, beams = np.unique(told, return_inverse=True)
-    if len(numbers) < 2 or len(numbers) > MOST_RINGS:
+    span = numbers[-1] - numbers[0] if len(numbers) else 0
+    if len(numbers) < 2 or span >= MOST_RINGS or (numbers != np.floor(numbers)).any():
         return None
     x, y, z = points.T.astype(np.float64)
     elevation = np.arctan2(z, np.hypot(x, y))
     mean = np.bincount(beams, elevation) / np.bincount(beams)
+    rises = np.diff(mean) > 0
     rank = np.empty(len(numbers), np.int16)
-    rank[np.argsort(mean, kind="stable")] = np.arange(len(numbers))
+    if rises.all():
+        rank[:] = numbers - numbers[0]
+    elif not rises.any():
+        rank[:] = numbers[-1] - numbers
+    else:
+        rank[np.argsort(mean, kind="stable")] = np.arange(len(numbers))
     ordered: np.ndarray = rank[beams]
     return ordered

@@ -70,12 +70,14 @@ def note_of(experiment: str) -> str | None:
     """Return what must be known to read the tables of an experiment."""
     if experiment == CLAIMS:
         return "'holds': in the mean over seeds. The paper compares with LeGO-LOAM."
-    if experiment == ROUTE:
+    if ROUTE in experiment:
         return (
             "The paper drives KITTI with an HDL-64E; here the same LiDAR goes a lap and a half of "
             "a racetrack in traffic, half a kilometre, so that its figures are of another length. "
             "Of the first 5 seeds at most."
         )
+    if experiment in WALKED:
+        return "lidar-inertial is told of what make the IMU is (imu=zed2)."
     if experiment.endswith("noise"):
         return "Range noise of the LiDAR and all errors of the IMU, of the first 5 seeds at most."
     if experiment.startswith("dynamic"):

@@ -46,7 +46,8 @@ def cluster_range_angle(
     reach = SPACINGS * spacing(cloud)
     # Beyond this angle even the nearest return is out of reach; a hair more, for rounding.
     nearest = max(float(_least_range(cloud.points, cloud.origin)), eps_m)
-    widest = 1e-9 + float(np.arcsin(min(1.0, eps_m / nearest + reach)))
+    share = eps_m / nearest + reach
+    widest = np.pi if share >= 1.0 else 1e-9 + float(np.arcsin(share))
     angle = float(np.radians(angle_deg))
     count = int(np.ceil(2 * np.pi / angle - 1e-9)) if windows else 0
     within = min(angle, widest)

@@ -79,7 +79,8 @@ class Rig(Record):
     """The sensors of a vehicle; all but the LiDAR are optional.
 
     sway: how the body that carries the sensors leans; None: it stays level, and the sensors are
-        where the recorded traffic has the ego, to the bit.
+        where the recorded traffic has the ego, to the bit; with inertial unit or wheels in
+        foreign environments, whose motion jumps, where `EgoMotion` has it.
     wheels: what tells the speed.
     """
 

@@ -41,8 +41,9 @@ class Sensing:
     of it, stamps and calibration; the truth beside a frame is of what was really there and when.
 
     Samples of inertial unit and wheels come with the sweep at whose end they are complete; a rig
-    that has them, or sways, gets its frames a few recorded states late, when it is settled how the
-    ego moved meanwhile. Where it sways, the smooth motion of the body counts as its true one.
+    that has them, or sways, gets its frames a few recorded states late, of foreign environments
+    0.3 s more, when it is settled how the ego moved meanwhile. Where it sways, and of foreign
+    environments with such a rig, the smooth motion of the body counts as its true one.
     """
 
     def __init__(
@@ -215,9 +216,9 @@ class Sensing:
     def _smooth(self, timeline: Timeline) -> bool:
         """Whether what carries the sensors moves otherwise than the recorded states.
 
-        A body that sways does, and beside an inertial unit one whose recorded motion jumps.
+        A body that sways does, and where motion is felt one whose recorded motion jumps.
         """
-        return self.rig.sway is not None or (timeline.raw and self.rig.imu is not None)
+        return self.rig.sway is not None or (timeline.raw and self.rig.inertial)
 
     def _ego_at(self, timeline: Timeline) -> Callable[[float], Pose]:
         """Return what says where the body that carries the sensors is."""
@@ -274,7 +275,12 @@ class Sensing:
         if index == 0:
             return None
         mount = self.rig.lidar
-        before = timeline.world_from_ego(mount.stamp_s(index - 1)).inverse()
+        ego_at = timeline.world_from_ego
+        if timeline.raw and self.rig.inertial:
+            # The states may jump where the sensors did not.
+            ego_at = self._ego_motion(timeline).world_from_ego
+            world_from_ego = ego_at(mount.stamp_s(index))
+        before = ego_at(mount.stamp_s(index - 1)).inverse()
         return self.rig.dead_reckoning.estimate(
             before @ world_from_ego, mount.spec.period_s, seed=self._motion_seed, index=index
         )

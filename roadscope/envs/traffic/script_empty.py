@@ -14,17 +14,18 @@ from roadscope.envs.traffic.script_stream import REACH_M, Carriageways
 from roadscope.envs.traffic.timeline import Timeline
 
 DURATION_S = 30.0
-PULL_M_S2, TOWN_M_S, GEAR_S = 1.3, 10.0, 8.0
-"""Peak acceleration of who starts from rest, first up to the speed of a town, and from so long
-after the start up to the whole."""
+PULL_M_S2, TOWN_M_S = 1.6, 14.0
+"""Peak acceleration of who starts from rest up to the speed of a town; from the peak on, faster
+ones gain the rest as gently."""
 
 
 def empty_motorway(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
-    """Drive alone at 22 to 33 m/s on two or three lanes each way, between rails and trees.
+    """Drive alone at 18 to 28 m/s on two or three lanes each way, between rails and trees.
 
-    Odd seeds stand for 2 to 4 s and pull away, even ones are at speed from the first scan on.
+    Odd seeds stand for 2 to 4 s and pull away, and reach that after 20 to 30 s; even ones are at
+    speed from the first scan on.
     """
-    return _alone(seed, (22.0, 33.0), "motorway", duration_s)
+    return _alone(seed, (18.0, 28.0), "motorway", duration_s)
 
 
 def empty_street(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
@@ -41,9 +42,11 @@ def _alone(
     ego, begin, start = Motion(0.0, 0.0, speed), -2.0, float(rng.uniform(2.0, 4.0))
     if seed % 2:
         low = min(speed, TOWN_M_S)
-        gains = (start, low), (start + GEAR_S, speed - low)
-        changes = tuple((at, PEAK * gain / PULL_M_S2, gain) for at, gain in gains if gain > 0)
-        ego, begin = Motion(0.0, 0.0, 0.0, changes), sum(changes[-1][:2])
+        length = PEAK * low / PULL_M_S2
+        changes = [(start, length, low)]
+        if speed > low:
+            changes.append((start + length / 2, length, speed - low))
+        ego, begin = Motion(0.0, 0.0, 0.0, tuple(changes)), sum(changes[-1][:2])
     count = int(rng.integers(2, 4))
     ways = Carriageways(count, int(rng.integers(count)), style, oncoming=count)
     ego = breathing(rng, ego, (begin, until), 0.8)

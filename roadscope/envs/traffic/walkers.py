@@ -157,7 +157,7 @@ class Walker:
 
 
 def _read(at: float, places: list[float], values: list[float]) -> float:
-    """Return what `np.interp` does, for one number and lists in a quarter of the time."""
+    """Return what `np.interp` does, of one finite number and lists in a quarter of the time."""
     k = bisect_right(places, at) - 1
     if k < 0:
         return values[0]

@@ -48,14 +48,17 @@ def test_all_kinds_bring_the_same_points(tmp_path, kind):
 
 @pytest.mark.parametrize("upwards", [True, False])
 def test_beams_are_those_that_a_file_tells_whichever_way_they_are_numbered(tmp_path, upwards):
-    beams = np.repeat(np.arange(4), 10)
+    beams = np.repeat([0, 1, 2, 4], 10)
     ways = np.linspace(0, 6, 40)
-    tilt = np.deg2rad([-9.0, -3.1, -3.0, 4.0])[beams]
+    tilt = np.deg2rad([-9.0, -3.1, -3.0, 2.0, 4.0])[beams]
     rows = ROWS.copy()
     rows[:, :3] = 10 * np.column_stack([np.cos(ways), np.sin(ways), np.tan(tilt)])
     rows[:, 4] = beams if upwards else 40 - beams
     (tmp_path / "0.pcd").write_bytes(pcd("binary", rows, fields="x y z intensity ring"))
     assert np.array_equal(read_scan(tmp_path / "0.pcd", 0.0).ring, beams)
+    rows[:, 4] = np.array([7, 3, 9, 0, 5])[beams]
+    (tmp_path / "0.pcd").write_bytes(pcd("binary", rows, fields="x y z intensity ring"))
+    assert np.array_equal(read_scan(tmp_path / "0.pcd", 0.0).ring, np.repeat(np.arange(4), 10))
 
 
 @pytest.mark.parametrize("unit", [1, 1e3, 1e6, 1e9])

@@ -6,6 +6,7 @@ from toy_lidar import cloud
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.clustering.polar_cells import TURN_ERROR, _quick_azimuth
 from roadscope.detectors.clustering.range_angle import SPACINGS, cluster_range_angle, spacing
 
 STEP = 0.02
@@ -84,6 +85,24 @@ def test_any_angle(angle_deg, seed):
     labels = cluster_range_angle(found, eps_m=6.0, angle_deg=angle_deg, min_points=3)
     expected = grown_as_printed(found, 6.0, 3, np.radians(angle_deg))
     assert np.array_equal(labels, expected)
+
+
+def test_two_alone_are_linked_within_any_angle():
+    """Here the limit itself reaches farther round than a quarter of a turn."""
+    way = np.radians(128.0)
+    places = 0.25 * np.array([[1.0, 0.0, 0.0], [np.cos(way), np.sin(way), 0.0]])
+    none = np.zeros(2, int)
+    found = Cloud(places, none, np.arange(2), np.arange(2), np.zeros(2))
+    for angle_deg, together in ((120.0, False), (130.0, True), (360.0, True)):
+        labels = cluster_range_angle(found, eps_m=0.5, angle_deg=angle_deg, min_points=1)
+        assert (labels[0] == labels[1]) == together
+
+
+def test_the_quick_azimuth_is_off_by_less_than_sectors_allow():
+    turns = np.concatenate([np.linspace(-np.pi, np.pi, 4001), np.arange(-4, 5) * np.pi / 4])
+    quick = [_quick_azimuth(2.0 * np.cos(a), 2.0 * np.sin(a)) for a in turns]
+    assert np.abs(wrap_angle(np.array(quick) - turns)).max() < TURN_ERROR
+    assert _quick_azimuth(0.0, 0.0) == 0.0
 
 
 @pytest.mark.parametrize(("angle_deg", "windows"), [(5.0, 72), (7.0, 52), (50.0, 8), (360.0, 1)])

@@ -1,5 +1,6 @@
 import copy
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,12 @@ import pytest
 from highway_env.vehicle.behavior import IDMVehicle
 
 import roadscope  # noqa: F401  (registers ours)
-from roadscope.core import WEATHER, RecordError
+from roadscope.core import WEATHER, Pose, RecordError
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
+from roadscope.envs.sensors.body_sway import BodySway
+from roadscope.envs.sensors.dead_reckoning import DeadReckoning
+from roadscope.envs.sensors.imu_specs import IMUS
+from roadscope.envs.sensors.rig import ImuMount
 from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.sensors.sensing import Sensing
 from roadscope.envs.traffic.conversion import (
@@ -220,6 +225,34 @@ def test_live_frames_equal_those_of_the_whole_recording(name: str, weather: str)
     for (frame, truth), live, live_truth in zip(again, frames, truths, strict=True):
         assert frame == live
         assert truth == live_truth
+
+
+@pytest.mark.parametrize("sway", [None, BodySway()], ids=["level", "swaying"])
+def test_live_frames_equal_those_of_the_recording_where_motion_is_felt(sway) -> None:
+    """Longer than the wrapper's history, in an environment whose motion jumps."""
+    unit = ImuMount("imu", IMUS["adis16448"], Pose.planar(0.0, 0.0, 0.0, 0.5))
+    carrier = replace(
+        find_rig("lux"), imu=unit, sway=sway, dead_reckoning=DeadReckoning(0.0, 0.0, 0.0, 0.0)
+    )
+    env = SensorWrapper(gym.make("highway-v0"), carrier, style="urban")
+    env.reset(seed=4)
+    frames, truths = [], []
+    for action in (4, 4, 0, 2, 1, 0, 2):
+        *_, info = env.step(action)
+        frames += info["frames"]
+        truths += info["truths"]
+    assert frames[-1].stamp_s > env._history_s + 1.0
+    whole = env.recording()
+    again = Sensing(carrier, 4, "urban").advance(whole, whole.end_s)
+    assert len(again) == len(frames)
+    for (frame, truth), live, live_truth in zip(again, frames, truths, strict=True):
+        assert frame == live
+        assert truth == live_truth
+    for before, (frame, truth) in zip(truths, again[1:], strict=False):
+        step = before.world_from_ego.inverse() @ truth.world_from_ego
+        told = frame.previous_from_ego
+        assert told.translation[:2] == pytest.approx(step.translation[:2], abs=0.02)
+        assert told.yaw == pytest.approx(step.yaw, abs=0.002)
 
 
 def test_the_observation_is_the_latest_scan_in_fresh_arrays() -> None:

@@ -67,7 +67,7 @@ def test_the_path_is_within_two_millimetres_of_the_recorded_one() -> None:
     assert np.abs(yaws - recorded.yaws[:, 0] + recorded.yaws[0, 0] - yaws[0]).max() < 0.003
 
 
-FELT_M_S2, FELT_RAD_S = 16.0, 1.5
+FELT_M_S2, FELT_M_S3, FELT_RAD_S = 16.0, 100.0, 1.5
 """What is left of crashes and of lane changes at 1.6 g; states recorded raw jump by 68 m/s^2."""
 
 
@@ -81,7 +81,7 @@ def test_raw_recordings_and_crashes_leave_no_spikes(name: str, seed: int) -> Non
     assert np.linalg.norm(here.accelerations, axis=1).max() < FELT_M_S2
     assert np.abs(here.angular_velocities[:, 2]).max() < FELT_RAD_S
     jerks = np.linalg.norm(np.diff(here.accelerations, axis=0), axis=1) * 400
-    assert jerks.max() < 2 * FELT_M_S2 / STEP_S
+    assert jerks.max() < FELT_M_S3
     recorded = timeline.at(stamps[stamps < settled_s(timeline)])
     away = np.linalg.norm(here.positions[:, :2] - recorded.axles[:, 0], axis=1)
     assert away.max() < 0.3

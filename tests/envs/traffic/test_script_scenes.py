@@ -98,11 +98,14 @@ def test_the_ego_waits_while_others_cross_both_ways() -> None:
 
 
 @pytest.mark.parametrize("name", ["empty-motorway", "empty-street"])
-@pytest.mark.parametrize("seed", [10_000, 10_001])
+@pytest.mark.parametrize("seed", [10_000, *range(10_001, 10_013, 2)])
 def test_nobody_else_is_on_an_empty_road(name, seed) -> None:
     line = record(name, seed)
     assert line.present.shape[1] == 1
     assert (line.speeds[0, 0] < 0.01) == bool(seed % 2)
     assert line.speeds[-1, 0] > 7.5
-    assert np.abs(np.diff(line.speeds[:, 0]) / np.diff(line.stamps_s)).max() < 3.0
-    assert len(list(sense(line, rig("vlp16-imu"), seed))) > 250
+    pushes = np.diff(line.speeds[:, 0]) / np.diff(line.stamps_s)
+    assert np.abs(pushes).max() < 2.2
+    assert np.abs(np.diff(pushes) / np.diff(line.stamps_s)[1:]).max() < 2.0
+    if seed < 10_002:
+        assert len(list(sense(line, rig("vlp16-imu"), seed))) > 250
