@@ -191,7 +191,9 @@ def test_evo_agrees_on_relative_errors(written, tmp_path, step):
 
 def test_perfect_poses_have_no_error():
     both = drive(8, noise=0.0)
-    for score in score_odometry(both).named().values():
+    scores = score_odometry(both).named()
+    assert scores.pop("below_1").value == 1
+    for score in scores.values():
         assert score.value == pytest.approx(0, abs=1e-9)
 
 
@@ -208,7 +210,7 @@ def test_scores_say_unit_direction_and_number():
     both = drive(10, n=150, noise=1e-4)
     scores = score_odometry(both).named()
     assert {name: s.unit for name, s in scores.items()}["r_rel"] == "deg/100m"
-    assert all(s.better == "lower" for s in scores.values())
+    assert {name for name, s in scores.items() if s.better == "higher"} == {"below_1"}
     assert scores["ate"].n == 150
     assert scores["rpe"].n == 149
     assert scores["failed"].value == 0
@@ -220,6 +222,7 @@ def test_standing_still_while_moving_is_failing():
     still = Trajectories(np.tile(both.truth[0], (len(both), 1, 1)), both.truth)
     scores = score_odometry(still)
     assert scores.failed.value == 1
+    assert scores.below_1.value == 0
     assert scores.t_rel.value > 90
 
 
