@@ -32,6 +32,7 @@ from roadscope.benchmarks.metrics.detection import score_detections
 from roadscope.benchmarks.metrics.score import Score, mean
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.metrics.tracking.alphas import score_alphas
+from roadscope.benchmarks.noisy_odometry import imitated
 from roadscope.benchmarks.oracle import full_name, is_fused, made_from_truth
 from roadscope.benchmarks.oracle_odometry import method_of
 from roadscope.benchmarks.perceived import Perceived
@@ -116,9 +117,10 @@ def execute(job: Job, fresh: bool = False) -> Outcome:
 
 def missing_of(tracker: str) -> str | None:
     """Say what is not installed of a tracker, or of the odometry that tells it where the ego is."""
-    odometry = odometry_told(tracker)
-    unmet = TRACKERS.missing(tracker_of(tracker))
-    return unmet or (None if odometry is None else ODOMETRIES.missing(method_of(odometry)))
+    odometry, unmet = odometry_told(tracker), TRACKERS.missing(tracker_of(tracker))
+    if unmet or odometry is None or imitated(odometry):
+        return unmet
+    return ODOMETRIES.missing(method_of(odometry))
 
 
 def job_scores(job: Job, fresh: bool = False) -> dict[str, Score]:

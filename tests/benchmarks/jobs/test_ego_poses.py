@@ -13,7 +13,7 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
 from roadscope.benchmarks.jobs.ego_poses import EgoPoses, odometry_poses, ridden, told, track_told
 from roadscope.benchmarks.jobs.entries import check_tracker
-from roadscope.benchmarks.jobs.job import Job
+from roadscope.benchmarks.jobs.job import Job, missing_of
 from roadscope.benchmarks.jobs.plan import tracking_jobs
 from roadscope.benchmarks.jobs.stack import EntryError, track
 from roadscope.benchmarks.perceived import Perceived
@@ -242,3 +242,8 @@ def test_who_tells_must_be_an_odometry() -> None:
 
 def test_suites_of_the_package_tell_the_truth() -> None:
     assert load_suite("tracking").egos == ("truth",)
+
+
+@pytest.mark.parametrize("ego", ["noisy-odometry?scale=0.03", "oracle?odometry=voxel-map", "none"])
+def test_whoever_tells_poses_need_not_be_an_odometry(ego) -> None:
+    assert missing_of(f"gnn?ego={ego}") is None
