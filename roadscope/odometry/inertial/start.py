@@ -24,6 +24,8 @@ FEWEST, MOST = 4, 6
 """Two or three scans agree by chance; after the most the best speed is taken, clear or not."""
 SPREAD_M_S = (0.5, 0.2, 0.1)
 """How far off a speed so found may be, ahead, to the side and up."""
+HELD_M_S = (0.05, 0.05, 0.05)
+"""The same of a sensor that is taken to stand."""
 SLOW_M_S = 2 * SPREAD_M_S[0]
 FELT_S = 0.1
 
@@ -51,6 +53,11 @@ class InertialStart:
         rate = samples.mean_rate(first_s, last_s) if last_s > first_s else None
         self._rate = np.zeros(3) if rate is None else rate
         self._quiet = felt_still(samples, last_s, self.noise, last_s - first_s) is not None
+
+    @property
+    def held(self) -> bool:
+        """Whether the sensor is taken to stand since the first scan."""
+        return self._quiet and not self._anew and not self._best.by_tall
 
     def speed(self) -> Speed | None:
         """Return the speed ahead once it is clear, or enough scans were seen."""
@@ -83,7 +90,8 @@ class InertialStart:
         if samples.covers(stamp_s, stamp_s + FELT_S):
             lengths, _, forces = samples.within(stamp_s, stamp_s + FELT_S)
             force = lengths @ forces / lengths.sum()
-        state = started(force, np.array([speed.ahead_m_s, 0.0, 0.0]), SPREAD_M_S, self.noise)
+        spread = HELD_M_S if self.held and not speed.ahead_m_s else SPREAD_M_S
+        state = started(force, np.array([speed.ahead_m_s, 0.0, 0.0]), spread, self.noise)
         state.pose[:3, 3] = lever
         track = made(state)
         for i, (sweep, stretch, _) in enumerate(self._taken):
