@@ -28,6 +28,9 @@ BESIDE = 10
 RESIDUAL_M = 0.2
 AGREED, WITHIN_M = 0.5, 0.3
 """Least share of edges that lie so near to one of that map."""
+DRIFTED = 0.05
+"""Nobody drifts by more than this share of the way since. Without such a bound corridors, which
+look alike farther on, close loops wherever they fit."""
 STEP_SPREAD = np.array([0.05] * 3 + [0.005] * 3)
 LOOP_SPREAD = np.array([0.05] * 3 + [0.005] * 3)
 """What is thought of a motion from keyframe to keyframe, and of one that closes a loop."""
@@ -87,6 +90,9 @@ def place_again(keyframes: Sequence[Keyframe], candidate: int) -> np.ndarray | N
     rough = onto(last.edges, there.edges.points, last.map_from_lidar, NEAR_M)
     found = there.match(last, rough)
     if misfit_of(found) or found.residual_m > RESIDUAL_M:
+        return None
+    moved_m = np.linalg.norm(found.before_from_now[:3, 3] - last.place)
+    if moved_m > DRIFTED * (last.driven_m - keyframes[candidate].driven_m):
         return None
     seen_again = overlap(last.edges, there.edges.points, found.before_from_now, WITHIN_M)
     return found.before_from_now if seen_again > AGREED else None

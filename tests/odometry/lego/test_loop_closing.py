@@ -1,5 +1,7 @@
 """A drive that comes back, and the poses that agree with that."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import toy_drive
@@ -164,6 +166,16 @@ def test_another_place_is_no_loop(ring):
     assert place_again([*frames[:-1], other], nearest_candidate(frames)) is None
     nothing = Keyframe(near[:0], planes[:0], np.arange(0), last.map_from_lidar, last.driven_m)
     assert place_again([*frames[:-1], nothing], nearest_candidate(frames)) is None
+
+
+def test_a_loop_farther_off_than_anybody_drifts_is_none(ring):
+    frames, truth = ring
+    back = nearest_candidate(frames)
+    # All that was seen again is there, but the way was far too short to have drifted so far.
+    hasty = [replace(f, driven_m=0.1 * f.driven_m) for f in frames]
+    assert np.linalg.norm(frames[-1].place - truth[-1][:3, 3]) > 1.0
+    assert place_again(frames, back) is not None
+    assert place_again(hasty, back) is None
 
 
 def square():
