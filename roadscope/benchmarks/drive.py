@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
 from roadscope.benchmarks.episode import SCAN_ARRAYS, Episode, sensing_of, timeline_of
 from roadscope.benchmarks.fingerprint import fingerprint
-from roadscope.core import ImuSamples, LidarScan, Pose, Truth
+from roadscope.core import ImuSamples, LidarScan, Pose, Truth, WheelSamples
 from roadscope.core.record import Record
 
 MOVING_M_S = 0.1
@@ -18,24 +19,30 @@ MOVING_M_S = 0.1
 KEPT_BYTES = 600_000_000
 BYTES_PER_RAY = 40
 
+Samples = TypeVar("Samples", ImuSamples, WheelSamples)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step(Record):
     """One scan of a drive.
 
-    imu: samples since the last scan that arrived; None without an IMU.
+    imu, wheels: samples since the last scan that arrived; None without IMU, without wheels.
     world_from_lidar: the true pose at the stamp.
     moving: (N,) bool, which returns truly came from road users that move over the ground.
     """
 
     scan: LidarScan
     imu: ImuSamples | None
+    wheels: WheelSamples | None
     world_from_lidar: Pose
     moving: np.ndarray
 
     def copied(self) -> Step:
         """Return a step whose measurements a plug-in may write to."""
-        return replace(self, scan=select(self.scan, slice(None)), imu=_copied(self.imu))
+        return replace(
+            self, scan=select(self.scan, slice(None)), imu=_joined([self.imu]),
+            wheels=_joined([self.wheels]),
+        )  # fmt: skip
 
     def without_moving(self) -> Step:
         """Return the step as it is in a world in which nothing moves but the sensor."""
@@ -79,13 +86,18 @@ def _sensed(episode: Episode) -> Iterator[Step]:
 
     carrier = replace(rig(episode.rig), camera=None)
     mount = carrier.lidar.ego_from_lidar
-    waiting: list[ImuSamples] = []
+    felt: list[ImuSamples | None] = []
+    rolled: list[WheelSamples | None] = []
     for frame, truth in sensing_of(episode, carrier).whole(timeline_of(episode)):
-        waiting += [] if frame.imu is None else [frame.imu]
+        felt.append(frame.imu)
+        rolled.append(frame.wheels)
         if frame.lidar is None:
             continue
-        yield Step(frame.lidar, _joined(waiting), truth.world_from_ego @ mount, moving_in(truth))
-        waiting = []
+        yield Step(
+            frame.lidar, _joined(felt), _joined(rolled), truth.world_from_ego @ mount,
+            moving_in(truth),
+        )  # fmt: skip
+        felt, rolled = [], []
 
 
 def moving_in(truth: Truth) -> np.ndarray:
@@ -100,16 +112,11 @@ def select(scan: LidarScan, rows: np.ndarray | slice) -> LidarScan:
     return replace(scan, **{name: getattr(scan, name)[rows].copy() for name in SCAN_ARRAYS})
 
 
-def _joined(blocks: list[ImuSamples]) -> ImuSamples | None:
+def _joined(blocks: Sequence[Samples | None]) -> Samples | None:
     """Return the samples of scans that were lost with those of the one that came."""
-    if not blocks:
+    there = [block for block in blocks if block is not None]
+    if not there:
         return None
-    return ImuSamples(
-        np.concatenate([b.stamps_s for b in blocks]),
-        np.concatenate([b.angular_velocity for b in blocks]),
-        np.concatenate([b.specific_force for b in blocks]),
-    )
-
-
-def _copied(imu: ImuSamples | None) -> ImuSamples | None:
-    return None if imu is None else _joined([imu])
+    kind = type(there[0])
+    names = [each.name for each in fields(kind)]
+    return kind(*(np.concatenate([getattr(block, name) for block in there]) for name in names))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 
 
 @runtime_checkable
@@ -32,3 +32,23 @@ class Odometry(Protocol):
         imu: the samples since the last call, in order of time, up to the end of the sweep at
             best; None without an IMU.
         """
+
+
+@runtime_checkable
+class WheeledOdometry(Odometry, Protocol):
+    """An odometry that takes wheel speeds too, where a vehicle tells them."""
+
+    def add_wheels(self, wheels: WheelSamples) -> None:
+        """Take the samples since the last scan, in order of time; `update` follows.
+
+        Not called without wheels. The vehicle's length is the LiDAR's x axis.
+        """
+
+
+def asked(
+    odometry: Odometry, scan: LidarScan, imu: ImuSamples | None, wheels: WheelSamples | None
+) -> OdometryEstimate:
+    """Tell an odometry of a scan, and of wheels if it takes their speed."""
+    if wheels is not None and isinstance(odometry, WheeledOdometry):
+        odometry.add_wheels(wheels)
+    return odometry.update(scan, imu)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.core.names import unknown
 from roadscope.envs.sensors.imu_specs import IMUS
 from roadscope.odometry.clock import Clock, Tick
@@ -22,9 +22,11 @@ from roadscope.odometry.inertial.filter import (
 )
 from roadscope.odometry.inertial.rest import Rest
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
+from roadscope.odometry.inertial.speed_search import Speed
 from roadscope.odometry.inertial.standstill import felt_still
 from roadscope.odometry.inertial.start import InertialStart
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
+from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
 from roadscope.odometry.rigid import inverse
 from roadscope.odometry.voxels.matching import Match
 from roadscope.odometry.voxels.sweep import Sweep
@@ -41,6 +43,8 @@ REMEMBERED = 10.0
 """A scan is matched to about so many others: its error is theirs in good part."""
 LOST = 5
 """So many scans in a row that do not fit: everything begins anew."""
+SLIP = 10
+"""For so many scans in a row, tyres may slip."""
 
 
 class LidarInertialOdometry:
@@ -56,13 +60,14 @@ class LidarInertialOdometry:
 
     def __init__(
         self, *, match_m: float = 0.8, insert_m: float = 0.3, reach_m: float = 120.0,
-        drop_dynamic: bool = True, imu: str = USUAL_UNIT,
+        drop_dynamic: bool = True, imu: str = USUAL_UNIT, wheels: bool = False,
     ) -> None:  # fmt: skip
         """Set it up.
 
         match_m, insert_m: edges of cubes of which one return is matched, or put into the map.
         reach_m: how far the map goes. drop_dynamic: leave out what is held to be dynamic.
         imu: the unit whose noise is expected, a name of `envs.sensors.imu_specs.IMUS`.
+        wheels: let their speed in, where there are any.
         """
         for name, size_m in (("match_m", match_m), ("insert_m", insert_m), ("reach_m", reach_m)):
             if not size_m > 0:
@@ -70,13 +75,14 @@ class LidarInertialOdometry:
         self.match_m, self.insert_m, self.reach_m = match_m, insert_m, reach_m
         if imu not in IMUS:
             raise ValueError(unknown("inertial unit", imu, IMUS))
-        self.drop_dynamic, self.imu = drop_dynamic, imu
+        self.drop_dynamic, self.imu, self.wheels = drop_dynamic, imu, wheels
         self.noise = InertialNoise() if imu == USUAL_UNIT else InertialNoise.of(IMUS[imu])
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget map, pose, speed, biases."""
         self._clock, self._imu = Clock(), ImuBuffer(lidar_from_imu)
+        self._wheels = WheelBuffer()
         self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
         self._known: InertialState | None = None
@@ -90,6 +96,12 @@ class LidarInertialOdometry:
         self._start = InertialStart(self.noise, anew=self._known is not None)
         self._check, self._misfits = SpeedCheck(), 0
         self._speed_known, self._rest = False, Rest(self.noise)
+        self._slipped = 0
+
+    def add_wheels(self, wheels: WheelSamples) -> None:
+        """Take speeds along the LiDAR's x axis, which is the vehicle's."""
+        if self.wheels:
+            self._wheels.add(wheels)
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
         """Predict by the samples, correct by the scan."""
@@ -126,10 +138,11 @@ class LidarInertialOdometry:
         if poor:
             return poor
         self._start.add(sweep, stretch, self._imu)
-        speed = self._start.speed()
+        told = self._wheels.at(sweep.scan.stamp_s)
+        speed = self._start.speed() if told is None else Speed.told(told[0])
         if speed is None:
             return "" if len(self._start) == 1 else "the speed is not known yet"
-        if speed.ahead_m_s < self._felt.least_m_s:
+        if told is None and speed.ahead_m_s < self._felt.least_m_s:
             speed = replace(speed, ahead_m_s=self._felt.gained_m_s, by_tall=False)
         self._track = self._start.track(speed, self._imu, self._lever, self._made)
         self._speed_known = speed.known
@@ -148,6 +161,7 @@ class LidarInertialOdometry:
         """Predict and correct; return which returns have moved in, and what is wrong."""
         track.predict(stretch)
         scan = sweep.scan
+        rolled = self._rolled(track, scan.stamp_s)
         points = track.seen(sweep)
         moving = track.moving(points, scan.stamp_s)
         if poor:
@@ -156,21 +170,35 @@ class LidarInertialOdometry:
         found = track.matched(sweep, points, moving)
         poor = _misfit(found)
         # While what stands confirms the speed, it is the traffic that does not agree.
-        fits = not poor or self._check.confirmed(scan.stamp_s)
-        if track.twist()[0] < self._felt.least_m_s:
+        fits = not poor or rolled or self._check.confirmed(scan.stamp_s)
+        if not rolled and track.twist()[0] < self._felt.least_m_s:
             poor, fits = "more speed was felt than is seen", False
         self._misfits = 0 if fits else self._misfits + 1
         if fits:
             track.settle(found)
             self._stand_or_leave(track, stretch, scan.stamp_s)
             track.remember(sweep, points, moving)
-            poor = self._held_against_what_stands(track, scan) or poor
+            if not rolled:
+                poor = self._held_against_what_stands(track, scan) or poor
         else:
             self._rest = Rest(self.noise)
         if self._misfits >= LOST:
             self._known = track.state
             self._begin(self._start_from_map @ track.pose)
         return moving, poor or ("" if self._speed_known else UNSURE) or _vague(track)
+
+    def _rolled(self, track: InertialTrack, now_s: float) -> bool:
+        """Let in what wheels tell; say whether they told the speed.
+
+        Tyres slip for a moment; what they keep telling is taken unless what stands says otherwise.
+        """
+        told = self._wheels.at(now_s)
+        if told is None:
+            return False
+        doubted = self._slipped < SLIP or self._check.confirmed(now_s)
+        rolled = track.roll(*told, doubted=doubted)
+        self._slipped = 0 if rolled else self._slipped + 1
+        return rolled
 
     def _stand_or_leave(self, track: InertialTrack, stretch: Stretch, now_s: float) -> None:
         """Hold the sensor where it stands; once it leaves, take back what was held too long."""

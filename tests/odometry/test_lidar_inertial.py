@@ -16,8 +16,10 @@ from roadscope.odometry.inertial.filter import (
     GYRO,
     PLACE,
     POSE,
+    SIZE,
     SPEED,
     TURN,
+    WHEELS,
     InertialNoise,
     diffusion,
     observe,
@@ -54,6 +56,7 @@ def state_off_by(error):
     state.velocity = state.velocity + error[SPEED]
     state.rate_bias, state.force_bias = error[GYRO], error[FORCE]
     state.gravity = state.gravity + error[GRAVITY]
+    state.wheel_scale = error[WHEELS]
     return state
 
 
@@ -62,18 +65,19 @@ def difference(one, other):
         one.pose[:3, 3] - other.pose[:3, 3], log_so3(one.pose[:3, :3] @ other.pose[:3, :3].T),
         one.velocity - other.velocity, one.rate_bias - other.rate_bias,
         one.force_bias - other.force_bias, one.gravity - other.gravity,
+        [one.wheel_scale - other.wheel_scale],
     ])  # fmt: skip
 
 
 def test_errors_are_carried_on_as_differences_are(rng):
     samples, step = felt(rng), 1e-5
-    still = np.zeros(18)
+    still = np.zeros(SIZE)
     base = state_off_by(still)
     way = integrated(*samples, base.pose[:3, :3].copy(), base.velocity, base.gravity)
     told = transition(way[3], float(samples[0].sum()))
     propagate(base, *samples, NOISE)
-    for k in range(18):
-        other = state_off_by(step * np.eye(18)[k])
+    for k in range(SIZE):
+        other = state_off_by(step * np.eye(SIZE)[k])
         propagate(other, *samples, NOISE)
         # Within a sample the turn is held to be constant.
         assert difference(other, base) / step == pytest.approx(told[:, k], abs=3e-3)
@@ -102,7 +106,7 @@ def test_noise_that_is_added_is_that_of_random_samples(rng):
     samples = felt(rng, 80)
     ends = []
     for _ in range(400):
-        state = state_off_by(np.zeros(18))
+        state = state_off_by(np.zeros(SIZE))
         noisy = (samples[1] + NOISE.rate * 20 * rng.standard_normal((80, 3)),
                  samples[2] + NOISE.force * 20 * rng.standard_normal((80, 3)))  # fmt: skip
         propagate(state, samples[0], *noisy, NOISE)
@@ -113,7 +117,7 @@ def test_noise_that_is_added_is_that_of_random_samples(rng):
 
 
 def test_settling_on_a_pose_is_the_linear_update(rng):
-    one, other = state_off_by(np.zeros(18)), state_off_by(np.zeros(18))
+    one, other = state_off_by(np.zeros(SIZE)), state_off_by(np.zeros(SIZE))
     for state in (one, other):
         propagate(state, *felt(np.random.default_rng(1)), NOISE)
     information = np.diag(rng.uniform(1e3, 1e5, 6))
@@ -124,8 +128,8 @@ def test_settling_on_a_pose_is_the_linear_update(rng):
     pose[:3, 3] += best[:3]
     pose[:3, :3] = exp_so3(best[3:]) @ pose[:3, :3]
     settle(one, pose, information)
-    observe(other, np.eye(6, 18), seen, 1 / np.diag(information))
-    assert difference(one, other) == pytest.approx(np.zeros(18), abs=1e-6)
+    observe(other, np.eye(6, SIZE), seen, 1 / np.diag(information))
+    assert difference(one, other) == pytest.approx(np.zeros(SIZE), abs=1e-6)
     assert np.abs(one.covariance - other.covariance).max() < 1e-6
 
 

@@ -19,6 +19,7 @@ from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES, imitated, noisy
 from roadscope.benchmarks.oracle_odometry import method_of, spared
 from roadscope.core import LidarScan, OdometryEstimate, Pose
 from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.api import asked
 from roadscope.odometry.estimates import estimate
 
 WARM_SCANS = 4
@@ -119,14 +120,14 @@ def _warmed_up(spec: str, steps: Iterator[Step], mounting: Pose | None) -> Itera
     guarded(spec, plugin.reset, mounting)
     for step in first:
         copy = step.copied()
-        guarded(spec, plugin.update, copy.scan, copy.imu)
+        guarded(spec, asked, plugin, copy.scan, copy.imu, copy.wheels)
     _WARM.add(spec)
     return chain(first, steps)
 
 
 def _timed(spec: str, plugin: Any, step: Step) -> tuple[Any, float]:
     start = process_time()
-    estimate = guarded(spec, plugin.update, step.scan, step.imu)
+    estimate = guarded(spec, asked, plugin, step.scan, step.imu, step.wheels)
     return estimate, (process_time() - start) * 1e3
 
 

@@ -15,12 +15,15 @@ if TYPE_CHECKING:
 
 PLACE, TURN, SPEED = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO, FORCE, GRAVITY = slice(9, 12), slice(12, 15), slice(15, 18)
+WHEELS = 18
 POSE = slice(0, 6)
-SIZE = 18
+SIZE = 19
 GRAVITY_M_S2 = 9.81
 TILTED_M_S2 = 0.2
 """How far off what was learned of gravity may be after a loss."""
 MARGIN = 1.1
+WHEEL_SCALE = 0.02
+"""How far off the radius of tyres may be, as a share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +63,9 @@ class InertialState:
 
     pose: (4, 4) `map_from_imu`, the unit's frame turned to the LiDAR's axes. velocity: (3,) m/s of
         the unit, gravity: (3,) m/s^2, down; both the map's frame. rate_bias, force_bias: (3,).
-    covariance: (18, 18) of errors of place, turn, velocity, biases of gyro and accelerometer,
-        gravity; all but the biases along the map's axes, turns about the unit.
+    wheel_scale: by what share wheels tell too high a speed.
+    covariance: (19, 19) of errors of place, turn, velocity, biases of gyro and accelerometer,
+        gravity, scale; all but the biases along the map's axes, turns about the unit.
     """
 
     pose: np.ndarray
@@ -70,12 +74,13 @@ class InertialState:
     force_bias: np.ndarray
     gravity: np.ndarray
     covariance: np.ndarray = field(repr=False)
+    wheel_scale: float = 0.0
 
     def copied(self) -> InertialState:
         """Return a state in arrays of its own."""
         return InertialState(
             self.pose.copy(), self.velocity.copy(), self.rate_bias.copy(),
-            self.force_bias.copy(), self.gravity.copy(), self.covariance.copy(),
+            self.force_bias.copy(), self.gravity.copy(), self.covariance.copy(), self.wheel_scale,
         )  # fmt: skip
 
 
@@ -93,6 +98,7 @@ def started(
     covariance[SPEED, SPEED] = np.diag(np.square(speed_m_s))
     covariance[GYRO, GYRO] = noise.rate_bias**2 * np.eye(3)
     covariance[FORCE, FORCE] = noise.force_bias**2 * np.eye(3)
+    covariance[WHEELS, WHEELS] = WHEEL_SCALE**2
     level = np.eye(3) - np.outer(up, up)
     # The bias hides in the force felt, so that errors of both go together.
     covariance[GRAVITY, GRAVITY] = (
@@ -108,13 +114,15 @@ def started(
 
 
 def resume(state: InertialState, known: InertialState, *, level: bool = True) -> None:
-    """Give a state at a new start what an earlier one had learned: the gyro's bias, what is down.
+    """Give a state at a new start what an earlier one had learned: biases, what is down.
 
     The map of the new one has the axes in which the earlier one sees the sensor. What else it held
     may be what misled it; without `level`, what is down as well.
     """
     state.rate_bias = known.rate_bias.copy()
     state.covariance[GYRO, GYRO] = 4 * known.covariance[GYRO, GYRO]
+    state.wheel_scale = known.wheel_scale
+    state.covariance[WHEELS, WHEELS] = known.covariance[WHEELS, WHEELS]
     if not level:
         return
     down = known.pose[:3, :3].T @ known.gravity
@@ -141,7 +149,7 @@ def propagate(
 
 
 def transition(blocks: np.ndarray, elapsed_s: float) -> np.ndarray:
-    """Return the (18, 18) matrix that carries errors over a stretch."""
+    """Return the (19, 19) matrix that carries errors over a stretch."""
     F, unit = np.eye(SIZE), np.eye(3)
     F[TURN, GYRO] = blocks[0]
     F[SPEED, TURN], F[SPEED, GYRO], F[SPEED, FORCE] = blocks[1], blocks[2], blocks[3]
@@ -152,7 +160,7 @@ def transition(blocks: np.ndarray, elapsed_s: float) -> np.ndarray:
 
 
 def diffusion(elapsed_s: float, noise: InertialNoise) -> np.ndarray:
-    """Return the (18, 18) covariance that a stretch adds."""
+    """Return the (19, 19) covariance that a stretch adds."""
     Q, unit, t = np.zeros((SIZE, SIZE)), np.eye(3), elapsed_s
     Q[TURN, TURN] = noise.rate**2 * t * unit
     Q[SPEED, SPEED] = noise.force**2 * t * unit
@@ -206,7 +214,7 @@ def settle(state: InertialState, pose: np.ndarray, information: np.ndarray) -> N
 
 
 def observe(state: InertialState, J: np.ndarray, off: np.ndarray, variance: np.ndarray) -> None:
-    """Take a linear measurement: off = J error + noise; (K, 18), (K,) and (K,) variances."""
+    """Take a linear measurement: off = J error + noise; (K, 19), (K,) and (K,) variances."""
     P = state.covariance
     gain = P @ J.T @ np.linalg.inv(J @ P @ J.T + np.diag(variance))
     change = gain @ off
@@ -224,3 +232,4 @@ def _shift(state: InertialState, change: np.ndarray) -> None:
     state.rate_bias = state.rate_bias + change[GYRO]
     state.force_bias = state.force_bias + change[FORCE]
     state.gravity = state.gravity + change[GRAVITY]
+    state.wheel_scale += float(change[WHEELS])

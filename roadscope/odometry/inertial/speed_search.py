@@ -64,6 +64,11 @@ class Speed:
 
     CLEAR: ClassVar = 1.25
 
+    @staticmethod
+    def told(ahead_m_s: float) -> Speed:
+        """Return a speed that was not looked for but told."""
+        return Speed(ahead_m_s, np.inf, by_tall=True)
+
     @property
     def clear(self) -> bool:
         """Whether no other speed comes close."""

@@ -15,6 +15,7 @@ from roadscope.odometry.inertial.filter import (
     SIZE,
     SPEED,
     TURN,
+    WHEELS,
     InertialNoise,
     InertialState,
     coast,
@@ -48,6 +49,8 @@ WANDER = np.array([0.3] * 3 + [0.01] * 3)
 """By no more than this, m and rad, where scans tell nothing."""
 AHEAD_M_S = 0.3
 """How well the speed is told by where things come together."""
+SLIPPING = 6.0
+"""Standard deviations by which wheels that turn freely or are locked are off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +180,22 @@ class InertialTrack:
         J = np.zeros((1, SIZE))
         J[0, SPEED] = self.state.pose[:3, 0]
         observe(self.state, J, np.array([off_m_s]), np.array([AHEAD_M_S**2]))
+
+    def roll(self, speed_m_s: float, variance: float, *, doubted: bool) -> bool:
+        """Take what wheels tell; say whether it was taken: if doubted, not what is far off."""
+        ahead, velocity = self.state.pose[:3, 0], self.state.velocity
+        held_m_s = float(ahead @ velocity)
+        scale = 1 + self.state.wheel_scale
+        J = np.zeros((1, SIZE))
+        J[0, SPEED], J[0, TURN], J[0, WHEELS] = (
+            scale * ahead, scale * np.cross(ahead, velocity), held_m_s
+        )  # fmt: skip
+        off_m_s = speed_m_s - scale * held_m_s
+        expected = float((J @ self.state.covariance @ J.T)[0, 0]) + variance
+        if doubted and off_m_s**2 > SLIPPING**2 * expected:
+            return False
+        observe(self.state, J, np.array([off_m_s]), np.array([variance]))
+        return True
 
     def remember(self, sweep: Sweep, points: np.ndarray, moving: np.ndarray) -> None:
         """Put (K, 3) points into the map but those that move, or off a surface that is known."""
