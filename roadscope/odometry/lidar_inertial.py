@@ -64,7 +64,8 @@ class LidarInertialOdometry:
     ) -> None:  # fmt: skip
         """Set it up.
 
-        match_m, insert_m: edges of cubes of which one return is matched, or put into the map.
+        match_m, insert_m: edges of cubes of which one return is matched, or put into the map;
+            indoors, where few cubes are met, finer ones are matched.
         reach_m: how far the map goes. drop_dynamic: leave out what is held to be dynamic.
         imu: the unit whose noise is expected, a name of `envs.sensors.imu_specs.IMUS`.
         wheels: let their speed in, where there are any.

@@ -11,6 +11,8 @@ from roadscope.odometry.cloud_kernels import cubed, deskewed, thinned
 
 BOUNDS_M = (1.5, 120.0)
 """Nearer is the own vehicle; farther, beams lie too far apart to tell a surface."""
+ENOUGH = 500
+"""Returns to be matched: a road has more of them at a cube's usual size, a room has not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,9 +30,13 @@ class Sweep:
 
     @staticmethod
     def of(scan: LidarScan, insert_m: float, match_m: float) -> Sweep:
-        """Thin a scan to cubes of two sizes, metres."""
+        """Thin a scan to cubes of two sizes, metres; where few are met, what is matched less."""
         rows, members = cubed(scan.points, insert_m, BOUNDS_M)
-        return Sweep(scan, rows, members, thinned(scan.points[rows], match_m, BOUNDS_M))
+        few = thinned(scan.points[rows], match_m, BOUNDS_M)
+        while len(few) < min(ENOUGH, len(rows)) and match_m > insert_m:
+            match_m /= 2
+            few = thinned(scan.points[rows], match_m, BOUNDS_M)
+        return Sweep(scan, rows, members, few)
 
     def at_stamp(self, twist: np.ndarray) -> np.ndarray:
         """Return (K, 3) points as seen at the stamp by a LiDAR that moves at a (6,) twist."""

@@ -1,0 +1,39 @@
+"""Which returns of a scan are matched."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_drive import Drive, kept
+
+from roadscope.odometry.voxels.sweep import ENOUGH, Sweep
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return Drive(0.0, 0.0).scan(0)
+
+
+def shrunk(scan, factor):
+    return replace(scan, points=(factor * scan.points).astype(np.float32))
+
+
+def test_on_a_road_one_return_of_each_cube_is_matched(scan):
+    sweep = Sweep.of(scan, 0.3, 0.8)
+    assert ENOUGH <= len(sweep.few) < len(sweep.rows)
+    cubes = np.floor(scan.points[sweep.rows[sweep.few]] / 0.8)
+    assert len(np.unique(cubes, axis=0)) == len(sweep.few)
+
+
+def test_in_a_room_more_are_matched_but_none_that_are_not_kept(scan):
+    room = shrunk(scan, 0.2)
+    sweep = Sweep.of(room, 0.3, 0.8)
+    coarse = len(np.unique(np.floor(room.points[sweep.rows] / 0.8), axis=0))
+    assert coarse < len(sweep.few) <= len(sweep.rows)
+    assert len(np.unique(sweep.few)) == len(sweep.few)
+
+
+def test_few_returns_stay_few(scan):
+    poor = kept(scan, np.arange(len(scan)) % 400 == 0)
+    assert len(Sweep.of(poor, 0.3, 0.8).few) <= len(poor)
+    assert not len(Sweep.of(kept(scan, np.zeros(len(scan), bool)), 0.3, 0.8).few)
