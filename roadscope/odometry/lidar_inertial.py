@@ -23,7 +23,7 @@ from roadscope.odometry.inertial.filter import (
 from roadscope.odometry.inertial.rest import Rest
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
 from roadscope.odometry.inertial.speed_search import Speed
-from roadscope.odometry.inertial.standstill import felt_still
+from roadscope.odometry.inertial.standstill import WINDOW_S, felt_still
 from roadscope.odometry.inertial.start import InertialStart
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
@@ -97,7 +97,7 @@ class LidarInertialOdometry:
         self._start = InertialStart(self.noise, anew=self._known is not None)
         self._check, self._misfits = SpeedCheck(), 0
         self._speed_known, self._rest = False, Rest(self.noise)
-        self._slipped = 0
+        self._slipped, self._fast_s = 0, -np.inf
 
     def add_wheels(self, wheels: WheelSamples) -> None:
         """Take speeds along the LiDAR's x axis, which is the vehicle's."""
@@ -202,8 +202,14 @@ class LidarInertialOdometry:
         return rolled
 
     def _stand_or_leave(self, track: InertialTrack, stretch: Stretch, now_s: float) -> None:
-        """Hold the sensor where it stands; once it leaves, take back what was held too long."""
-        felt = felt_still(self._imu, now_s, self.noise) if track.slow else None
+        """Hold the sensor where it stands; once it leaves, take back what was held too long.
+
+        Even braking is felt as evenly as standing, but who brakes was faster within the window.
+        """
+        if not track.slow:
+            self._fast_s = now_s
+        slow = now_s >= self._fast_s + WINDOW_S
+        felt = felt_still(self._imu, now_s, self.noise) if slow else None
         if felt is not None and self._rest.may_be(stretch, now_s):
             rate, force = felt
             if self._rest.begins:

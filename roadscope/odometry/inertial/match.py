@@ -7,7 +7,7 @@ import numpy as np
 from roadscope.odometry.rigid import exp_so3, log_so3, orthonormal
 from roadscope.odometry.voxels.match_kernels import normal_equations
 from roadscope.odometry.voxels.matching import SHIFT_M, TURN_RAD, Match
-from roadscope.odometry.voxels.voxel_kernels import Voxels
+from roadscope.odometry.voxels.voxel_kernels import FLOOR_M, Voxels
 
 STEPS = 8
 SIMILAR = 20.0
@@ -23,12 +23,13 @@ counts by how far it is above this."""
 
 def settled_on(
     voxels: Voxels, points: np.ndarray, pose: np.ndarray, covariance: np.ndarray,
-    doubt_m: float = 0.0,
+    doubt_m: float = 0.0, floor_m: float = FLOOR_M,
 ) -> Match:  # fmt: skip
     """Move (N, 3) points, metres, onto the surfaces, held by a prediction.
 
     pose: (4, 4), predicted. covariance: (6, 6) of its place and turn, map's axes. doubt_m: how far
-    the surfaces may have moved together over the ground. The match's information has nothing in
+    the surfaces may have moved together over the ground. floor_m: what points are off surfaces that
+    are known perfectly. The match's information has nothing in
     directions in which the surfaces leave the scan free.
     """
     held = np.linalg.inv(covariance + 1e-12 * np.eye(6)) * SIMILAR
@@ -36,7 +37,7 @@ def settled_on(
     scale = min(NARROW + vague_m / SURFACE_M, WIDEST)
     at = pose.copy()
     for _ in range(STEPS):
-        H, b, _ = normal_equations(voxels, points, at, scale)
+        H, b, _ = normal_equations(voxels, points, at, scale, floor_m)
         H, b = _doubted(*_without_open(H, b), doubt_m)
         off = np.concatenate([at[:3, 3] - pose[:3, 3], log_so3(at[:3, :3] @ pose[:3, :3].T)])
         move = -np.linalg.solve(H + held, b + held @ off)
@@ -47,7 +48,7 @@ def settled_on(
             break
         scale = max(NARROW, 0.6 * scale)
     at = orthonormal(at)
-    H, b, told = normal_equations(voxels, points, at, NARROW)
+    H, b, told = normal_equations(voxels, points, at, NARROW, floor_m)
     H, _ = _doubted(*_without_open(H, b), doubt_m)
     return Match(at, H / SIMILAR, len(points), int(told[0]), float(told[1]))
 

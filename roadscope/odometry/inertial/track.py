@@ -36,6 +36,7 @@ from roadscope.odometry.voxels.match_kernels import contradicts
 from roadscope.odometry.voxels.matching import Match
 from roadscope.odometry.voxels.surfaces import VoxelMap
 from roadscope.odometry.voxels.sweep import Sweep
+from roadscope.odometry.voxels.voxel_kernels import FLOOR_M
 
 COASTING = (4.0, 1.0)
 """What vehicles may do that no samples tell, m/s^2 and rad/s^2."""
@@ -49,6 +50,9 @@ WANDER = np.array([0.3] * 3 + [0.01] * 3)
 """By no more than this, m and rad, where scans tell nothing."""
 AHEAD_M_S = 0.3
 """How well the speed is told by where things come together."""
+CLOSE_FLOOR_M = 0.02
+"""Between near walls the whole map hangs on few scans that were taken nearby, whose errors in
+attitude it has: what is met again from elsewhere is as much off as this at least."""
 SLIPPING = 6.0
 """Standard deviations by which wheels that turn freely or are locked are off."""
 
@@ -125,7 +129,10 @@ class InertialTrack:
         few = sweep.few[~moving[sweep.few]] if self.drop_dynamic else sweep.few
         covariance = self.state.covariance[POSE, POSE]
         doubt_m = self.doubt_m if self.felt else 0.0
-        return settled_on(self.map.voxels, points[few], self.state.pose, covariance, doubt_m)
+        return settled_on(
+            self.map.voxels, points[few], self.state.pose, covariance, doubt_m,
+            CLOSE_FLOOR_M if sweep.close else FLOOR_M,
+        )  # fmt: skip
 
     def settle(self, found: Match) -> None:
         """Take over what was found."""

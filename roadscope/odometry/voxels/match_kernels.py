@@ -6,7 +6,7 @@ import numpy as np
 
 from roadscope.core.jit import compiled
 from roadscope.odometry.cubes import EMPTY, Index, slot_of
-from roadscope.odometry.voxels.voxel_kernels import FLOOR_M, SIZES_M, Voxels, key_of
+from roadscope.odometry.voxels.voxel_kernels import FLOOR_M, ROUGH_M, SIZES_M, Voxels, key_of
 
 TILT = 0.05
 """By so much, radians, the normal of a surface may err that was fitted to a few traces of beams."""
@@ -23,23 +23,25 @@ as another (two degrees over the root of 12). Traces on what is ahead sink as on
 through them that lean would lift the sensor and turn it up."""
 
 FIRM, FAR = 20.0, 5.0
-"""From so many points on, what is so many standard deviations off a surface contradicts it."""
+"""So many standard deviations off a surface is not on it; from so many points on what is not on it
+contradicts it."""
 
 
 @compiled()
 def normal_equations(
-    voxels: Voxels, points: np.ndarray, matrix: np.ndarray, scale: float
+    voxels: Voxels, points: np.ndarray, matrix: np.ndarray, scale: float, floor_m: float = FLOOR_M
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return Gauss-Newton's matrix (6, 6) and vector (6,), and what they rest on, (3,).
 
     points: (N, 3) metres, the sensor's frame. matrix: (4, 4) `map_from_sensor`. scale: standard
     deviations off its surface at which a point counts for a quarter (Geman and McClure 1985).
+    floor_m: what points are off surfaces that are known perfectly.
     The unknowns are a shift, metres, and a turn about the sensor, radians, both along the map's
     axes. The last result: points that have a surface, the sum of their weights, and that of
     their squared distances, weighed, in standard deviations.
 
-    A point is held by the largest voxel around it that has a surface: small ones take over where
-    large ones hold more than one.
+    A point is held by the largest voxel around it whose surface passes near: small ones take over
+    where large ones hold more than one.
     """
     H, b, told = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
     q, j, off, weight = np.empty(3), np.empty(6), np.empty(3), np.empty(3)
@@ -62,7 +64,7 @@ def normal_equations(
             off[k] = axes[k, 0] * rx + axes[k, 1] * ry + axes[k, 2] * rz
         squared, traced = 0.0, _traced(matrix, q)
         for k in range(voxels.held[slot]):
-            variance = _variance(voxels.spreads[slot], voxels.counts[slot], off, k)
+            variance = _variance(voxels.spreads[slot], voxels.counts[slot], off, k, floor_m)
             weight[k] = 1.0 / (variance + traced * _rise(axes[k], matrix) ** 2)
             squared += weight[k] * off[k] * off[k]
         share = 1.0 / (1.0 + squared / (scale * scale)) ** 2
@@ -115,19 +117,39 @@ def _met(normal: np.ndarray, matrix: np.ndarray, q: np.ndarray) -> float:
 
 @compiled()
 def surface_at(voxels: Voxels, x: float, y: float, z: float) -> Index:
-    """Return the slot of the largest voxel around a place that has a surface; -1 if none has."""
+    """Return the slot of the largest voxel around a place whose surface passes near it.
+
+    If none does, that of the largest that has a surface; -1 if none has.
+    """
+    largest: Index = -1
     for up in range(len(SIZES_M)):
         key = key_of(x, y, z, len(SIZES_M) - 1 - up)
         if key < 0:
             return -1
         slot = slot_of(voxels.keys, key)
-        if voxels.keys[slot] != EMPTY and voxels.held[slot] > 0:
+        if voxels.keys[slot] == EMPTY or voxels.held[slot] == 0:
+            continue
+        if _passes(voxels, slot, x, y, z):
             return slot
-    return -1
+        if largest < 0:
+            largest = slot
+    return largest
 
 
 @compiled()
-def _variance(spreads: np.ndarray, count: float, off: np.ndarray, k: int) -> float:
+def _passes(voxels: Voxels, slot: Index, x: float, y: float, z: float) -> bool:
+    """Say whether a place lies on the surface of a voxel."""
+    means, squared = voxels.means[slot], 0.0
+    for k in range(voxels.held[slot]):
+        axis = voxels.axes[slot, k]
+        off = axis[0] * (x - means[0]) + axis[1] * (y - means[1]) + axis[2] * (z - means[2])
+        squared += off * off / (voxels.spreads[slot, k] + ROUGH_M * ROUGH_M)
+    near: bool = squared < FAR * FAR
+    return near
+
+
+@compiled()
+def _variance(spreads: np.ndarray, count: float, off: np.ndarray, k: int, floor_m: float) -> float:
     """Return the variance, m^2, with which a point is held along an axis.
 
     That of the points of the voxel, and what a plane fitted to so few of them errs at the place,
@@ -136,7 +158,7 @@ def _variance(spreads: np.ndarray, count: float, off: np.ndarray, k: int) -> flo
     lever = 1.0
     for i in range(k + 1, 3):
         lever += off[i] * off[i] / (spreads[i] + FLOOR_M * FLOOR_M)
-    variance: float = spreads[k] * (1.0 + lever / (count - 3.0)) + FLOOR_M * FLOOR_M
+    variance: float = spreads[k] * (1.0 + lever / (count - 3.0)) + floor_m * floor_m
     return variance
 
 
@@ -186,6 +208,7 @@ def contradicts(voxels: Voxels, points: np.ndarray) -> np.ndarray:
             )
         squared = 0.0
         for k in range(voxels.held[slot]):
-            squared += off[k] ** 2 / _variance(voxels.spreads[slot], voxels.counts[slot], off, k)
+            spread = _variance(voxels.spreads[slot], voxels.counts[slot], off, k, FLOOR_M)
+            squared += off[k] ** 2 / (spread + ROUGH_M * ROUGH_M)
         marks[n] = squared > FAR * FAR
     return marks

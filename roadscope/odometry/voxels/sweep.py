@@ -21,22 +21,25 @@ class Sweep:
 
     scan: the whole. rows: (K,) of the returns kept. members: (N,) which of the K each return of
     the scan belongs to, or -1. few: rows of the K that are matched; all are put into the map.
+    close: whether walls are so near all around that cubes of the usual size leave few returns.
     """
 
     scan: LidarScan
     rows: np.ndarray
     members: np.ndarray
     few: np.ndarray
+    close: bool
 
     @staticmethod
     def of(scan: LidarScan, insert_m: float, match_m: float) -> Sweep:
         """Thin a scan to cubes of two sizes, metres; where few are met, what is matched less."""
         rows, members = cubed(scan.points, insert_m, BOUNDS_M)
         few = thinned(scan.points[rows], match_m, BOUNDS_M)
+        close = len(few) < min(ENOUGH, len(rows))
         while len(few) < min(ENOUGH, len(rows)) and match_m > insert_m:
             match_m /= 2
             few = thinned(scan.points[rows], match_m, BOUNDS_M)
-        return Sweep(scan, rows, members, few)
+        return Sweep(scan, rows, members, few, close)
 
     def at_stamp(self, twist: np.ndarray) -> np.ndarray:
         """Return (K, 3) points as seen at the stamp by a LiDAR that moves at a (6,) twist."""

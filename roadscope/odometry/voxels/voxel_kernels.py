@@ -14,8 +14,10 @@ SIZES_M = (1.0, 2.0, 4.0)
 Room = tuple[np.ndarray, np.ndarray, np.ndarray]
 LEAST = 5
 """Points from which a voxel has a surface."""
-MOST = 400.0
-"""At so many points a voxel forgets half: what stays is weighed by the latest."""
+MOST = 120.0
+"""At so many points a voxel takes no more: it stays where it was first seen. One that went on
+learning would go along with the error of whoever looks at it all the time, as at the end of a
+corridor."""
 GROWN = 1.15
 """A surface is fitted again when there are so many times as many points."""
 THIN_M = 0.1
@@ -26,12 +28,17 @@ that travels with the sensor: it has no width and must not be taken for an edge.
 WIDE_M, WIDE_LEVEL_M = 0.2, 0.5
 """And at least this, on the level more: noise along slanting beams tilts what is narrow, always the
 same way, and the ground is what tells of pitch and height."""
+WHOLE_LEVEL = 0.22
+"""On the level, however, no more than this, of the voxel's size: then it is covered nearly whole,
+for what is spread over it evenly has 0.29. Indoors larger ones hold walls too."""
 LEVEL = 0.9
 """Least cosine to the vertical of the normal of what is level."""
 UPRIGHT = 0.8
 """Least cosine to the vertical of an edge: poles and trunks. Level lines are mostly such traces."""
 FLOOR_M = 0.01
 """What a point is off a surface that is known perfectly: motion within the sweep, roughness."""
+ROUGH_M = 0.03
+"""What a point may be off a surface besides and still be of it: kerbs, what the map errs."""
 
 
 class Voxels(NamedTuple):
@@ -105,15 +112,10 @@ def _centre(key: Index, axis: int) -> float:
 
 @compiled(borrowing=True)
 def _add(voxels: Voxels, slot: Index, key: Index, point: tuple[float, float, float]) -> None:
+    if voxels.counts[slot] >= MOST:
+        return
     x, y, z = point[0] - _centre(key, 0), point[1] - _centre(key, 1), point[2] - _centre(key, 2)
     sums, squares = voxels.sums[slot], voxels.squares[slot]
-    if voxels.counts[slot] >= MOST:
-        voxels.counts[slot] *= 0.5
-        voxels.fitted[slot] *= 0.5
-        for i in range(3):
-            sums[i] *= 0.5
-        for i in range(6):
-            squares[i] *= 0.5
     voxels.counts[slot] += 1.0
     sums[0] += x
     sums[1] += y
@@ -139,7 +141,7 @@ def _fit(voxels: Voxels, slot: Index, key: Index, room: Room) -> None:
     eigen3(matrix, values, vectors)
     wide = max(WIDE * SIZES_M[key >> 3 * BITS], WIDE_M) ** 2
     if abs(vectors[0, 2]) > LEVEL:
-        wide = max(wide, WIDE_LEVEL_M * WIDE_LEVEL_M)
+        wide = max(wide, min(WIDE_LEVEL_M, WHOLE_LEVEL * SIZES_M[key >> 3 * BITS]) ** 2)
     thin = THIN_M * THIN_M
     edge = values[1] < thin and abs(vectors[2, 2]) > UPRIGHT and values[2] > wide
     surface = values[0] < thin and (values[1] > wide or edge)
