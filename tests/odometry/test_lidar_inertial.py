@@ -29,6 +29,7 @@ from roadscope.odometry.inertial.filter import (
     transition,
 )
 from roadscope.odometry.inertial.kernels import integrated
+from roadscope.odometry.inertial.rest import Rest
 from roadscope.odometry.inertial.speed_search import Ends, speed_of
 from roadscope.odometry.inertial.standstill import felt_still
 from roadscope.odometry.lidar_inertial import LidarInertialOdometry
@@ -258,6 +259,20 @@ def test_a_worse_unit_stands_too_if_it_is_known_to_be_worse(rng):
     assert felt_still(samples(rng, 0.0, worse), 1.15, worse) is not None
     assert felt_still(samples(rng, 0.0, worse), 1.15, NOISE) is None
     assert felt_still(samples(rng, 1.0, worse), 1.15, worse) is None
+
+
+def test_who_was_faster_a_moment_ago_does_not_stand_yet():
+    """Even braking is felt as evenly as standing is."""
+    drive, odometry = Drive(0.0, 0.0), LidarInertialOdometry()
+    for k in range(14):
+        odometry.update(drive.scan(k), drive.imu(k))
+    assert not odometry._rest.begins
+    odometry._rest, odometry._fast_s = Rest(NOISE), drive.scan(13).stamp_s
+    held = []
+    for k in range(14, 26):
+        odometry.update(drive.scan(k), drive.imu(k))
+        held.append(not odometry._rest.begins)
+    assert held == [False] * 9 + [True] * 3
 
 
 def test_units_are_known_by_name():

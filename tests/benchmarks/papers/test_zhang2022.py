@@ -22,7 +22,7 @@ from roadscope.benchmarks.papers.zhang2022_paper import (
     paper_figure,
     unit_of,
 )
-from roadscope.benchmarks.papers.zhang2022_plays import CASES, STRAIGHT, STRAIGHT_M
+from roadscope.benchmarks.papers.zhang2022_plays import CASES, LOOP, STRAIGHT, STRAIGHT_M
 from roadscope.benchmarks.papers.zhang2022_removal import AFTER, BEFORE, RECALL, removal
 from roadscope.benchmarks.papers.zhang2022_scene import film
 from roadscope.odometry.zhang import ZhangOdometry
@@ -109,13 +109,15 @@ def test_those_who_walk_past_are_found():
 
 
 @pytest.mark.slow
-@pytest.mark.slow
-def test_in_the_corridor_ours_follows_where_bare_walls_tell_little():
-    """With returns as far apart as on roads, one of these ran off by 19 m."""
+@pytest.mark.parametrize(
+    ("play", "seed", "most_m"),
+    [(STRAIGHT, 10_001, 0.15), (STRAIGHT, 10_007, 0.25), (LOOP, 10_003, 0.3)],
+)
+def test_in_the_corridor_ours_follows_where_bare_walls_tell_little(play, seed, most_m):
+    """Thinned as on roads, ours ran off; without floor and ceiling it was up to a metre off."""
     spec = "lidar-inertial?imu=zed2"
-    for seed in (10_001, 10_003):
-        found = zhang2022.errors(film(STRAIGHT, seed), (spec,))
-        assert found[spec][0].max() < 1.0
+    found = zhang2022.errors(film(play, seed), (spec,))
+    assert found[spec][0].max() < most_m
 
 
 def test_an_experiment_is_measured_by_every_method(monkeypatch):

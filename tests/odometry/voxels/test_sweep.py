@@ -21,6 +21,7 @@ def shrunk(scan, factor):
 def test_on_a_road_one_return_of_each_cube_is_matched(scan):
     sweep = Sweep.of(scan, 0.3, 0.8)
     assert ENOUGH <= len(sweep.few) < len(sweep.rows)
+    assert not sweep.close
     cubes = np.floor(scan.points[sweep.rows[sweep.few]] / 0.8)
     assert len(np.unique(cubes, axis=0)) == len(sweep.few)
 
@@ -30,6 +31,7 @@ def test_in_a_room_more_are_matched_but_none_that_are_not_kept(scan):
     sweep = Sweep.of(room, 0.3, 0.8)
     coarse = len(np.unique(np.floor(room.points[sweep.rows] / 0.8), axis=0))
     assert coarse < len(sweep.few) <= len(sweep.rows)
+    assert sweep.close
     assert len(np.unique(sweep.few)) == len(sweep.few)
 
 

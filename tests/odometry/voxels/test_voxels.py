@@ -8,14 +8,15 @@ from roadscope.odometry.voxels.match_kernels import (
     GRAZING,
     TILT,
     TRACED_RAD,
+    contradicts,
     normal_equations,
     surface_at,
 )
 from roadscope.odometry.voxels.matching import Belief, match
 from roadscope.odometry.voxels.surfaces import VoxelMap
-from roadscope.odometry.voxels.voxel_kernels import FLOOR_M
+from roadscope.odometry.voxels.voxel_kernels import FLOOR_M, MOST
 
-NOTHING_HELD = np.zeros((6, 6))
+NOTHING_HELD, UP = np.zeros((6, 6)), np.array([0.0, 0.0, 1.0])
 
 
 def room(rng, n=6000):
@@ -158,3 +159,39 @@ def test_points_out_of_range_are_left_out(known):
     before = len(known)
     known.add(np.array([[1e7, 0, 0], [0, 0, -1e9]]), np.zeros(3))
     assert len(known) <= before + 1
+
+
+def corridor(rng, n=8000):
+    """Points on floor, ceiling and both walls of a corridor along x, 3 m wide and 2.8 m high."""
+    side = rng.integers(0, 4, n)
+    x, across, up = rng.uniform(0, 12, n), rng.uniform(-1.5, 1.5, n), rng.uniform(-0.6, 2.2, n)
+    y = np.select([side == 0, side == 1], [np.full(n, -1.5), np.full(n, 1.5)], across)
+    z = np.select([side == 2, side == 3], [np.full(n, -0.6), np.full(n, 2.2)], up)
+    return np.column_stack([x, y, z]) + 0.005 * rng.standard_normal((n, 3)), side
+
+
+def test_between_near_walls_the_floor_is_held_by_itself(rng):
+    found = VoxelMap(reach_m=50.0)
+    points, side = corridor(rng)
+    found.add(points, np.zeros(3))
+    level = points[(side >= 2) & (np.abs(points[:, 1]) < 0.9)]
+    slots = np.array([surface_at(found.voxels, *point) for point in level])
+    upright = np.abs(found.voxels.axes[slots, 0, 2])
+    assert (slots >= 0).mean() > 0.95
+    assert (upright[slots >= 0] > 0.95).mean() > 0.95
+
+
+def test_a_full_voxel_stays_where_it_was_first_seen(rng):
+    flat = np.column_stack([rng.uniform(0, 1, (2 * int(MOST), 2)), np.full(2 * int(MOST), 0.2)])
+    found = VoxelMap(reach_m=50.0)
+    found.add(flat, np.zeros(3))
+    slot = surface_at(found.voxels, 0.5, 0.5, 0.2)
+    found.add(flat + 0.1 * UP, np.zeros(3))
+    assert found.voxels.counts[slot] == MOST
+    assert found.voxels.means[slot, 2] == pytest.approx(0.2)
+
+
+def test_what_is_off_a_surface_contradicts_it_and_what_is_rough_does_not(rng, known):
+    floor = np.column_stack([rng.uniform(-6, 6, (200, 2)), np.full(200, -1.7)])
+    assert contradicts(known.voxels, floor + 0.08 * UP).mean() < 0.1
+    assert contradicts(known.voxels, floor + 0.4 * UP).mean() > 0.9
