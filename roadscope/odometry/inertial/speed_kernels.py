@@ -78,16 +78,18 @@ def gathered(
     slots = 1024
     while slots < 2 * len(points):
         slots *= 2
+    angles = rate * times_s
+    cosines, sines = np.cos(angles), np.sin(angles)
+    turned_x = cosines * points[:, 0] - sines * points[:, 1]
+    turned_y = sines * points[:, 0] + cosines * points[:, 1]
+    ahead_x, ahead_y = times_s * np.cos(0.5 * angles), times_s * np.sin(0.5 * angles)
     scores = np.zeros(len(speeds))
     keys, met = np.empty(slots, np.int64), np.empty(slots, np.int64)
     for s in range(len(speeds)):
         keys[:] = EMPTY
         met[:] = 0
         for n in range(len(points)):
-            angle, way = rate * times_s[n], speeds[s] * times_s[n]
-            cosine, sine = np.cos(angle), np.sin(angle)
-            x = cosine * points[n, 0] - sine * points[n, 1] + way * np.cos(0.5 * angle)
-            y = sine * points[n, 0] + cosine * points[n, 1] + way * np.sin(0.5 * angle)
+            x, y = turned_x[n] + speeds[s] * ahead_x[n], turned_y[n] + speeds[s] * ahead_y[n]
             key = cube_of(x, y, 0.0, cell_m)
             slot = slot_of(keys, key)
             keys[slot] = key
