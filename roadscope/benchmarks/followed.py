@@ -16,8 +16,9 @@ from roadscope.benchmarks.formats.trajectories import (
     read_trajectory,
     trajectory_text,
 )
-from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.api import asked
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,57 +32,82 @@ class Inertial:
     lidar_from_imu: Pose | None = None
     path: Path = Path("imu")
 
-    def check(self, stamps_s: Sequence[float]) -> None:
-        """Refuse samples of another time than the scans'."""
-        stamps = self.samples.stamps_s
-        if stamps.max() < stamps_s[0] or stamps.min() > stamps_s[-1]:
-            raise FormatError(
-                f"{self.path}: expected samples from {stamps_s[0]:.3f} to {stamps_s[-1]:.3f} s, "
-                f"when scans were taken, got {stamps.min():.3f} to {stamps.max():.3f} s"
-            )
-
-    def until(self, begin: int, end_s: float) -> tuple[ImuSamples, int]:
-        """Return the samples from a number on up to a time, and the number of the next."""
-        later = np.flatnonzero(self.samples.stamps_s[begin:] > end_s)
-        end = begin + int(later[0]) if len(later) else len(self.samples.stamps_s)
+    def within(self, begin: int, end: int) -> ImuSamples:
+        """Return the samples of these numbers."""
         arrays = (self.samples.stamps_s, self.samples.angular_velocity,
                   self.samples.specific_force)  # fmt: skip
-        return ImuSamples(*(array[begin:end].copy() for array in arrays)), end
+        return ImuSamples(*(array[begin:end].copy() for array in arrays))
+
+
+@dataclass(frozen=True, slots=True)
+class Wheels:
+    """All wheel speeds of a recording, along the LiDAR's x axis, and where they come from."""
+
+    samples: WheelSamples
+    path: Path = Path("wheels")
+
+    def within(self, begin: int, end: int) -> WheelSamples:
+        """Return the samples of these numbers."""
+        return WheelSamples(
+            self.samples.stamps_s[begin:end].copy(), self.samples.speeds[begin:end].copy()
+        )
+
+
+def check_times(recorded: Inertial | Wheels, stamps_s: Sequence[float]) -> None:
+    """Refuse samples of another time than the scans'."""
+    stamps = recorded.samples.stamps_s
+    if stamps.max() < stamps_s[0] or stamps.min() > stamps_s[-1]:
+        raise FormatError(
+            f"{recorded.path}: expected samples from {stamps_s[0]:.3f} to {stamps_s[-1]:.3f} s, "
+            f"when scans were taken, got {stamps.min():.3f} to {stamps.max():.3f} s"
+        )
 
 
 def followed(
-    folder: ScanFolder, odometry: str, inertial: Inertial | None = None
-) -> Iterator[OdometryEstimate]:
+    folder: ScanFolder, odometry: str, inertial: Inertial | None = None,
+    wheels: Wheels | None = None,
+) -> Iterator[OdometryEstimate]:  # fmt: skip
     """Yield what an odometry, named by its spec, tells of one scan after the other.
 
     A spec that names none is refused before anything is read.
     """
     running = ODOMETRIES.make(odometry)
     running.reset(inertial.lidar_from_imu if inertial else None)
-    return (running.update(scan, imu) for scan, imu in _joined(folder, inertial))
+    return (asked(running, *each) for each in _joined(folder, inertial, wheels))
 
 
 def _joined(
-    folder: ScanFolder, inertial: Inertial | None
-) -> Iterator[tuple[LidarScan, ImuSamples | None]]:
+    folder: ScanFolder, inertial: Inertial | None, wheels: Wheels | None
+) -> Iterator[tuple[LidarScan, ImuSamples | None, WheelSamples | None]]:
     """Yield scans with the samples up to the ends of their sweeps."""
-    begin, imu = 0, None
+    felt = rolled = 0
+    imu, speeds = None, None
     for scan in folder:
+        end_s = scan.stamp_s + float(scan.time_offset_s.max(initial=0))
         if inertial is not None:
-            end_s = scan.stamp_s + float(scan.time_offset_s.max(initial=0))
-            imu, begin = inertial.until(begin, end_s)
-        yield scan, imu
+            begin, felt = felt, _until(inertial.samples.stamps_s, felt, end_s)
+            imu = inertial.within(begin, felt)
+        if wheels is not None:
+            begin, rolled = rolled, _until(wheels.samples.stamps_s, rolled, end_s)
+            speeds = wheels.within(begin, rolled)
+        yield scan, imu, speeds
+
+
+def _until(stamps_s: np.ndarray, begin: int, end_s: float) -> int:
+    """Return the number of the first sample, from one on, that is later than a time."""
+    later = np.flatnonzero(stamps_s[begin:] > end_s)
+    return begin + int(later[0]) if len(later) else len(stamps_s)
 
 
 def write_followed(
     folder: ScanFolder, odometry: str, out: Path, form: str = "kitti",
-    inertial: Inertial | None = None,
+    inertial: Inertial | None = None, wheels: Wheels | None = None,
 ) -> Iterator[OdometryEstimate]:  # fmt: skip
     """Yield likewise, and write each pose as soon as it is known: what is done stays.
 
     Poses are the LiDAR's in its first frame, x ahead, y left, z up, whatever the format.
     """
-    estimates = followed(folder, odometry, inertial)
+    estimates = followed(folder, odometry, inertial, wheels)
     trajectory_text(form, (), ())
     with out.open("w", encoding="utf-8") as file:
         for told in estimates:

@@ -12,14 +12,18 @@ import typer
 from roadscope.commands.terminal import complain, headline, progress_bars, show
 
 if TYPE_CHECKING:
-    from roadscope.benchmarks.followed import Inertial
+    from roadscope.benchmarks.followed import Inertial, Wheels
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
     from roadscope.core import Pose
 
-NO_IMU = "none"
+NONE = "none"
 IMU_HELP = (
     "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR or beside it if "
     "not given; none: no IMU."
+)
+WHEELS_HELP = (
+    "Lines of stamp and speed, s, m/s, for odometries that take them, lidar-inertial?wheels=true; "
+    "wheels.csv or wheels.txt in DIR or beside it if not given; none: no wheels."
 )
 
 
@@ -43,6 +47,7 @@ def run_odometry(
             help="Where the IMU sits in the LiDAR's frame, metres and degrees.",
         ),
     ] = None,
+    wheels: Annotated[str | None, typer.Option(metavar="FILE", help=WHEELS_HELP)] = None,
     truth: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="True poses of the LiDAR, as KITTI or TUM, to compare."),
@@ -60,13 +65,16 @@ def run_odometry(
     scans = ScanFolder.find(folder, rate_hz=rate_hz)
     inertial = _inertial(folder, scans, imu, mounting)
     true = Truth.read(truth, scans.stamps_s) if truth else None
+    rolled = _wheels(folder, scans, odometry, wheels)
     if inertial is not None:
         complain(f"with {len(inertial.samples.stamps_s)} inertial samples of {inertial.path}")
+    if rolled is not None:
+        complain(f"with {len(rolled.samples.stamps_s)} wheel speeds of {rolled.path}")
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
     try:
         with progress_bars() as progress:
-            for told in write_followed(scans, odometry, out, format, inertial):
+            for told in write_followed(scans, odometry, out, format, inertial, rolled):
                 poses.append(told.start_from_lidar)
                 reasons.update([told.reason] if told.reason else [])
                 progress("scans", len(poses), len(scans))
@@ -93,17 +101,37 @@ def _inertial(
     folder: Path, scans: ScanFolder, given: str | None, mounting: str | None
 ) -> Inertial | None:
     """Read the samples that are named or lie beside the scans."""
-    from roadscope.benchmarks.followed import Inertial
+    from roadscope.benchmarks.followed import Inertial, check_times
     from roadscope.benchmarks.formats.imu_file import NAMES, find_imu, parse_mounting, read_imu
     from roadscope.benchmarks.formats.table import FormatError
 
     mounted = parse_mounting(mounting) if mounting else None
     path = find_imu(folder) if given is None else Path(given)
-    if path is None or given == NO_IMU:
+    if path is None or given == NONE:
         if mounted is not None:
             raise FormatError(f"a mounting is of an IMU: expected {' or '.join(NAMES)} in or "
                               f"beside {folder}, or --imu FILE")  # fmt: skip
         return None
     inertial = Inertial(read_imu(path), mounted, path)
-    inertial.check(scans.stamps_s)
+    check_times(inertial, scans.stamps_s)
     return inertial
+
+
+def _wheels(folder: Path, scans: ScanFolder, odometry: str, given: str | None) -> Wheels | None:
+    """Read the wheel speeds that are named or lie beside the scans, if anybody takes them."""
+    from roadscope.benchmarks.followed import Wheels, check_times
+    from roadscope.benchmarks.formats.table import FormatError
+    from roadscope.benchmarks.formats.wheel_file import find_wheels, read_wheels
+    from roadscope.odometry import ODOMETRIES
+    from roadscope.odometry.api import takes_wheels
+
+    path = find_wheels(folder) if given is None else Path(given)
+    if path is None or given == NONE:
+        return None
+    if not takes_wheels(ODOMETRIES.make(odometry)):
+        if given is None:
+            return None
+        raise FormatError(f"{odometry} takes no wheel speeds; lidar-inertial?wheels=true does")
+    wheels = Wheels(read_wheels(path), path)
+    check_times(wheels, scans.stamps_s)
+    return wheels

@@ -45,6 +45,11 @@ class WheeledOdometry(Odometry, Protocol):
         """
 
 
+def takes_wheels(odometry: Odometry) -> bool:
+    """Say whether an odometry lets wheel speeds in: `wheels`, if it has that, may be False."""
+    return isinstance(odometry, WheeledOdometry) and bool(getattr(odometry, "wheels", True))
+
+
 def asked(
     odometry: Odometry, scan: LidarScan, imu: ImuSamples | None, wheels: WheelSamples | None
 ) -> OdometryEstimate:

@@ -131,6 +131,49 @@ class Telling(StillOdometry):
 """
 
 
+ROLLING = (
+    TELLING
+    + """
+    def add_wheels(self, wheels):
+        self.count += 100 * len(wheels.stamps_s) + round(wheels.speeds.sum())
+"""
+)
+
+
+def rolled(folder, *options):
+    plugin = folder / "rolling.py"
+    plugin.write_text(ROLLING)
+    done, out = follow(folder, "--imu", "none", "--odometry", f"{plugin}:Telling", *options)
+    assert done.exit_code == 0, done.output
+    return [round(p.translation[0]) for p in read_trajectory(out, "kitti").poses], done.stderr
+
+
+def test_wheel_speeds_are_handed_on_up_to_the_end_of_each_sweep(recording):
+    stamps = 0.01 + 0.02 * np.arange(30)
+    np.savetxt(recording / "wheels.csv", np.column_stack([stamps, np.full(30, 8.0)]),
+               delimiter=",", header="stamp,speed", comments="")  # fmt: skip
+    counts, told = rolled(recording)
+    assert counts == [(540 - 1) * k for k in range(1, 7)]
+    assert f"with 30 wheel speeds of {recording / 'wheels.csv'}" in told
+    counts, told = rolled(recording, "--wheels", "none")
+    assert counts == [-1, -2, -3, -4, -5, -6]
+    assert "wheel" not in told
+
+
+def test_wheels_are_for_those_who_take_them(recording):
+    np.savetxt(recording / "rolled.txt", [[0.0, 8.0], [0.5, 8.0]])
+    done, _ = follow(recording, "--odometry", "lidar-inertial?wheels=true", "--wheels",
+                     str(recording / "rolled.txt"))  # fmt: skip
+    assert "with 2 wheel speeds" in done.stderr
+    for other in ("still", "lidar-inertial"):
+        done = command(recording, "--odometry", other, "--wheels", "rolled.txt")
+        assert done.returncode != 0
+        assert f"{other} takes no wheel speeds; lidar-inertial?wheels=true does" in done.stderr
+    np.savetxt(recording / "late.txt", [[100.0, 8.0], [100.5, 8.0]])
+    done = command(recording, "--odometry", "lidar-inertial?wheels=true", "--wheels", "late.txt")
+    assert "expected samples from 0.050 to 0.550 s, when scans were taken" in done.stderr
+
+
 def test_samples_and_mounting_are_handed_on(recording):
     plugin = recording / "telling.py"
     plugin.write_text(TELLING)
