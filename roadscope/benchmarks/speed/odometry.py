@@ -17,16 +17,21 @@ import numpy as np
 from roadscope.benchmarks.drive import Step, drive, imu_mounting
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.papers.zhang2022_plays import STANDING
-from roadscope.benchmarks.papers.zhang2022_scene import film
+from roadscope.benchmarks.papers.zhang2022_removal import LIDAR_FROM_IMU
+from roadscope.benchmarks.papers.zhang2022_scene import Shot, film
 from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
 from roadscope.core import LidarScan, Pose
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.polar import polar_above_ground
 from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.clusters.cluster_features import of_partners
 from roadscope.odometry.clusters.cluster_match import match_clusters
 from roadscope.odometry.clusters.roughness import cluster_features
 from roadscope.odometry.clusters.segments import Clustering, centres_of, segments_of
 from roadscope.odometry.clusters.sensor_height import sensor_height
+from roadscope.odometry.loam.feature_match import match_features
+from roadscope.odometry.loam.imu_prediction import ImuPrediction
+from roadscope.odometry.rigid import exp_se3
 
 RIG = "vlp16-imu"
 LARGER = ("hdl32e-imu", "hdl64e-imu")
@@ -40,6 +45,11 @@ GOAL_MS: Mapping[str, float] = {RIG: 8.0}
 PAPER_MS = 17.9
 """A frame of a VLP-16 in Zhang 2022, on a computer of its own."""
 CLUSTERED, LABELLED = "clustering by range and angle", "clusters matched, dynamic or not"
+PREDICTED = "prediction by the IMU"
+THRESHOLD_M = 0.1
+"""A cluster that moved farther is dynamic."""
+AHEAD = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.01])
+"""Own motion between two scans that is taken out of one: m and rad."""
 STAGES_GOAL_MS = 2.0
 """For clustering and labelling."""
 
@@ -99,19 +109,28 @@ def measure_stages(rig: str, repeats: int) -> list[SpeedRow]:
 
     With the usual rig also on a scan of the paper's corridor, of which more is walls.
     """
-    steps = list(drive(Episode(SCENARIO, SEED, rig, DURATION_S)))
+    episode = Episode(SCENARIO, SEED, rig, DURATION_S)
+    *_, before, now = drive(episode)
     told = f"ms of {STAGES_GOAL_MS:g}" if rig == RIG else "ms"
-    rows = _stage_rows(rig, steps[-2].scan, steps[-1].scan, repeats, told)
+    rows = _stage_rows(rig, (before, now), imu_mounting(episode), repeats, told)
     if rig != RIG:
         return rows
-    *_, before, now = film(replace(STANDING, scans=2), SEED)
-    return rows + _stage_rows("corridor", before.scan, now.scan, repeats, told)
+    *_, earlier, later = film(replace(STANDING, scans=2), SEED)
+    return rows + _stage_rows("corridor", (earlier, later), LIDAR_FROM_IMU, repeats, told)
 
 
 def _stage_rows(
-    place: str, before: LidarScan, now: LidarScan, repeats: int, unit: str
-) -> list[SpeedRow]:
-    times = interleaved(_stages(before, now), repeats, process_time)
+    place: str, pair: tuple[Step, Step] | tuple[Shot, Shot], mounting: Pose | None, repeats: int,
+    unit: str,
+) -> list[SpeedRow]:  # fmt: skip
+    before, now = pair
+    imu = ImuPrediction(mounting)
+    for each in pair:
+        imu.add(each.imu)
+    calls = _stages(before.scan, now.scan) | {
+        PREDICTED: partial(imu.motion, before.scan.stamp_s, now.scan.stamp_s)
+    }
+    times = interleaved(calls, repeats, process_time)
     rows = [SpeedRow(f"{name}, {place}", seconds * 1e3, "ms") for name, seconds in times.items()]
     both = 1e3 * (times[CLUSTERED] + times[LABELLED])
     return [*rows, SpeedRow(f"clustering and labelling, {place}", both, unit)]
@@ -124,8 +143,13 @@ def _stages(before: LidarScan, now: LidarScan) -> dict[str, Callable[[], Any]]:
     cloud = Cloud.of(now, pose)
     standing = cloud.select(polar_above_ground(cloud, ceiling_m=np.inf))
     labels = rule.labels(standing)
-    found = segments_of(now, rule)
-    earlier = segments_of(before, rule)
+    found, earlier = segments_of(now, rule), segments_of(before, rule)
+    features, known = (
+        cluster_features(s.points, s, "ring", sectors=True) for s in (found, earlier)
+    )
+    clusters = match_clusters(found.centres, earlier.centres, np.eye(4), THRESHOLD_M)
+    ours, theirs = of_partners(features, known, clusters, still_only=True)
+    since_s = now.stamp_s - before.stamp_s
     return {
         "height of the sensor": partial(sensor_height, now.points),
         "cloud": partial(Cloud.of, now, pose),
@@ -133,9 +157,11 @@ def _stages(before: LidarScan, now: LidarScan) -> dict[str, Callable[[], Any]]:
         CLUSTERED: partial(rule.labels, standing),
         "clusters' centres": partial(centres_of, standing.points, labels),
         LABELLED: partial(
-            match_clusters, found.centres, earlier.centres, np.eye(4), 0.1
+            match_clusters, found.centres, earlier.centres, np.eye(4), THRESHOLD_M
         ),
+        "deskew": partial(found.at_stamp, exp_se3(AHEAD), since_s),
         "edges and planes": partial(
-            cluster_features, found.points, found, "ring", sectors=not rule.windows
+            cluster_features, found.points, found, "ring", sectors=True
         ),
+        "Levenberg-Marquardt on edges and planes": partial(match_features, ours, theirs, np.eye(4)),
     }  # fmt: skip

@@ -77,6 +77,8 @@ def test_stages_add_up_to_clustering_and_labelling() -> None:
     for place in (RIG, "corridor"):
         both = named[f"clustering and labelling, {place}"]
         assert both == pytest.approx(sum(named[f"{part}, {place}"] for part in parts))
+        for stage in ("deskew", odometry.PREDICTED, "Levenberg-Marquardt on edges and planes"):
+            assert named[f"{stage}, {place}"] > 0
 
 
 def test_larger_lidars_are_for_those_that_need_no_other_package() -> None:
