@@ -46,8 +46,8 @@ class WheeledOdometry(Odometry, Protocol):
 
 
 def takes_wheels(odometry: Odometry) -> bool:
-    """Say whether an odometry lets wheel speeds in: `wheels`, if it has that, may be False."""
-    return isinstance(odometry, WheeledOdometry) and bool(getattr(odometry, "wheels", True))
+    """Say whether an odometry lets wheel speeds in; one that has `wheels` False does not."""
+    return isinstance(odometry, WheeledOdometry) and getattr(odometry, "wheels", True) is not False
 
 
 def asked(

@@ -88,7 +88,7 @@ class LidarInertialOdometry:
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
         self._known: InertialState | None = None
         self._level = True
-        self._felt = FeltSpeed(self.noise)
+        self._felt, self._fast_s = FeltSpeed(self.noise), -np.inf
         self._begin(np.eye(4))
 
     def _begin(self, start_from_map: np.ndarray) -> None:
@@ -97,7 +97,7 @@ class LidarInertialOdometry:
         self._start = InertialStart(self.noise, anew=self._known is not None)
         self._check, self._misfits = SpeedCheck(), 0
         self._speed_known, self._rest = False, Rest(self.noise)
-        self._slipped, self._fast_s = 0, -np.inf
+        self._slipped = 0
 
     def add_wheels(self, wheels: WheelSamples) -> None:
         """Take speeds along the LiDAR's x axis, which is the vehicle's."""
@@ -162,6 +162,8 @@ class LidarInertialOdometry:
         """Predict and correct; return which returns have moved in, and what is wrong."""
         track.predict(stretch)
         scan = sweep.scan
+        if not track.slow:
+            self._fast_s = scan.stamp_s
         rolled = self._rolled(track, scan.stamp_s)
         points = track.seen(sweep)
         moving = track.moving(points, scan.stamp_s)
@@ -206,8 +208,6 @@ class LidarInertialOdometry:
 
         Even braking is felt as evenly as standing, but who brakes was faster within the window.
         """
-        if not track.slow:
-            self._fast_s = now_s
         slow = now_s >= self._fast_s + WINDOW_S
         felt = felt_still(self._imu, now_s, self.noise) if slow else None
         if felt is not None and self._rest.may_be(stretch, now_s):
