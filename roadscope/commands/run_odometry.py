@@ -63,6 +63,7 @@ def run_odometry(
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
 
     scans = ScanFolder.find(folder, rate_hz=rate_hz)
+    _spare(out, truth, imu, wheels)
     inertial = _inertial(folder, scans, imu, mounting)
     true = Truth.read(truth, scans.stamps_s) if truth else None
     rolled = _wheels(folder, scans, odometry, wheels)
@@ -85,6 +86,15 @@ def run_odometry(
     if true is not None:
         typer.echo(f"beside {truth}: {compared(poses, true)}")
     typer.echo(f"written: {out}")
+
+
+def _spare(out: Path, *read: Path | str | None) -> None:
+    """Refuse to write over what is read."""
+    from roadscope.benchmarks.formats.table import FormatError
+
+    given = [Path(each) for each in read if each is not None]
+    if any(each.exists() and out.exists() and each.samefile(out) for each in given):
+        raise FormatError(f"{out} is read here: --out names another file for the poses")
 
 
 def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:

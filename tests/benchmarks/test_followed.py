@@ -214,6 +214,14 @@ def test_what_is_wrong_beside_the_scans_is_said(recording, options, message):
     assert not (recording / "poses.txt").exists()
 
 
+def test_what_is_read_is_not_written_over(recording):
+    before = (recording / "truth.tum").read_text()
+    done = command(recording, "--odometry", "still", "--truth", "truth.tum", "--out", "truth.tum")
+    assert done.returncode != 0
+    assert "truth.tum is read here" in done.stderr
+    assert (recording / "truth.tum").read_text() == before
+
+
 def test_as_a_stranger_runs_it(recording):
     done = command(recording, "--odometry", "still", "--truth", "truth.tum")
     assert done.returncode == 0, done.stderr

@@ -9,8 +9,9 @@ import numpy as np
 
 from roadscope.benchmarks.formats.table import FormatError, read_lines, read_table
 
-LONGEST_S, SHORTEST_NS = 1.0, 1e4
-"""Between these, the usual step of stamps is neither seconds nor nanoseconds."""
+LONGEST_S, SHORTEST_NS = 1.0, 2e5
+"""Between these, the usual step of stamps is neither seconds nor nanoseconds: samples of 5 kHz at
+most; of wheels in microseconds a step is 20,000."""
 
 
 def find_beside(folder: Path, names: Sequence[str]) -> Path | None:
@@ -22,8 +23,8 @@ def find_beside(folder: Path, names: Sequence[str]) -> Path | None:
 def read_samples(path: Path, columns: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return (K,) stamps, s, and (K, C - 1) values of C columns, by commas or white space.
 
-    Stamps are seconds or whole nanoseconds, on the clock of the scans; a line of names at the top
-    and lines that begin with `#` are passed over.
+    Stamps are seconds or whole nanoseconds, on the clock of the scans; a line of names at the top,
+    or lines that begin with `#`, are passed over.
     """
     lines = read_lines(path)
     separator = "," if any("," in line for line in lines[:2]) else None

@@ -6,7 +6,7 @@ All odometries take turns on every scan of one drive, since shared machines chan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import process_time
@@ -25,13 +25,12 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.polar import polar_above_ground
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.clusters.cluster_features import of_partners
-from roadscope.odometry.clusters.cluster_match import match_clusters
 from roadscope.odometry.clusters.roughness import cluster_features
 from roadscope.odometry.clusters.segments import Clustering, centres_of, segments_of
 from roadscope.odometry.clusters.sensor_height import sensor_height
 from roadscope.odometry.loam.feature_match import match_features
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.rigid import exp_se3
+from roadscope.odometry.zhang import ZhangOdometry
 
 RIG = "vlp16-imu"
 LARGER = ("hdl32e-imu", "hdl64e-imu")
@@ -46,10 +45,7 @@ PAPER_MS = 17.9
 """A frame of a VLP-16 in Zhang 2022, on a computer of its own."""
 CLUSTERED, LABELLED = "clustering by range and angle", "clusters matched, dynamic or not"
 PREDICTED = "prediction by the IMU"
-THRESHOLD_M = 0.1
-"""A cluster that moved farther is dynamic."""
-AHEAD = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.01])
-"""Own motion between two scans that is taken out of one: m and rad."""
+MATCHED = "Levenberg-Marquardt on edges and planes"
 STAGES_GOAL_MS = 2.0
 """For clustering and labelling."""
 
@@ -111,23 +107,25 @@ def measure_stages(rig: str, repeats: int) -> list[SpeedRow]:
     """
     episode = Episode(SCENARIO, SEED, rig, DURATION_S)
     *_, before, now = drive(episode)
+    motion = (before.world_from_lidar.inverse() @ now.world_from_lidar).matrix
     told = f"ms of {STAGES_GOAL_MS:g}" if rig == RIG else "ms"
-    rows = _stage_rows(rig, (before, now), imu_mounting(episode), repeats, told)
+    rows = _stage_rows(rig, (before, now), motion, imu_mounting(episode), repeats, told)
     if rig != RIG:
         return rows
     *_, earlier, later = film(replace(STANDING, scans=2), SEED)
-    return rows + _stage_rows("corridor", (earlier, later), LIDAR_FROM_IMU, repeats, told)
+    pair = earlier, later
+    return rows + _stage_rows("corridor", pair, np.eye(4), LIDAR_FROM_IMU, repeats, told)
 
 
 def _stage_rows(
-    place: str, pair: tuple[Step, Step] | tuple[Shot, Shot], mounting: Pose | None, repeats: int,
-    unit: str,
+    place: str, pair: tuple[Step, Step] | tuple[Shot, Shot], motion: np.ndarray,
+    mounting: Pose | None, repeats: int, unit: str,
 ) -> list[SpeedRow]:  # fmt: skip
     before, now = pair
     imu = ImuPrediction(mounting)
     for each in pair:
         imu.add(each.imu)
-    calls = _stages(before.scan, now.scan) | {
+    calls = stages(before.scan, now.scan, motion) | {
         PREDICTED: partial(imu.motion, before.scan.stamp_s, now.scan.stamp_s)
     }
     times = interleaved(calls, repeats, process_time)
@@ -136,32 +134,32 @@ def _stage_rows(
     return [*rows, SpeedRow(f"clustering and labelling, {place}", both, unit)]
 
 
-def _stages(before: LidarScan, now: LidarScan) -> dict[str, Callable[[], Any]]:
-    """Return every stage as a call, fed with what the stages before it return."""
-    rule = Clustering()
+def stages(before: LidarScan, now: LidarScan, motion: np.ndarray) -> dict[str, partial[Any]]:
+    """Return every stage as a call, fed with what the stages before it return.
+
+    motion: (4, 4) `before_from_now`, as a good prediction would have it.
+    """
+    method, rule = ZhangOdometry(), Clustering()
     pose = Pose.planar(0.0, 0.0, 0.0, sensor_height(now.points))
     cloud = Cloud.of(now, pose)
     standing = cloud.select(polar_above_ground(cloud, ceiling_m=np.inf))
     labels = rule.labels(standing)
     found, earlier = segments_of(now, rule), segments_of(before, rule)
-    features, known = (
-        cluster_features(s.points, s, "ring", sectors=True) for s in (found, earlier)
-    )
-    clusters = match_clusters(found.centres, earlier.centres, np.eye(4), THRESHOLD_M)
-    ours, theirs = of_partners(features, known, clusters, still_only=True)
     since_s = now.stamp_s - before.stamp_s
+    features, known = (
+        cluster_features(each.at_stamp(motion, since_s), each, "ring", sectors=True)
+        for each in (found, earlier)
+    )
+    clusters = method.compared(found, earlier, motion, since_s)
+    ours, theirs = of_partners(features, known, clusters, still_only=True)
     return {
         "height of the sensor": partial(sensor_height, now.points),
         "cloud": partial(Cloud.of, now, pose),
         "ground removal": partial(polar_above_ground, cloud, ceiling_m=np.inf),
         CLUSTERED: partial(rule.labels, standing),
         "clusters' centres": partial(centres_of, standing.points, labels),
-        LABELLED: partial(
-            match_clusters, found.centres, earlier.centres, np.eye(4), THRESHOLD_M
-        ),
-        "deskew": partial(found.at_stamp, exp_se3(AHEAD), since_s),
-        "edges and planes": partial(
-            cluster_features, found.points, found, "ring", sectors=True
-        ),
-        "Levenberg-Marquardt on edges and planes": partial(match_features, ours, theirs, np.eye(4)),
-    }  # fmt: skip
+        LABELLED: partial(method.compared, found, earlier, motion, since_s),
+        "deskew": partial(found.at_stamp, motion, since_s),
+        "edges and planes": partial(cluster_features, found.points, found, "ring", sectors=True),
+        MATCHED: partial(match_features, ours, theirs, motion),
+    }

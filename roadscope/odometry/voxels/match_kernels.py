@@ -23,8 +23,7 @@ as another (two degrees over the root of 12). Traces on what is ahead sink as on
 through them that lean would lift the sensor and turn it up."""
 
 FIRM, FAR = 20.0, 5.0
-"""So many standard deviations off a surface is not on it; from so many points on what is not on it
-contradicts it."""
+"""A surface of so many points contradicts what is not on it: so many standard deviations off."""
 
 
 @compiled()
@@ -40,8 +39,8 @@ def normal_equations(
     axes. The last result: points that have a surface, the sum of their weights, and that of
     their squared distances, weighed, in standard deviations.
 
-    A point is held by the largest voxel around it whose surface passes near: small ones take over
-    where large ones hold more than one.
+    A point is held by the largest voxel around it whose surface passes near, if none does by the
+    largest that has one: small ones take over where large ones hold more than one.
     """
     H, b, told = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
     q, j, off, weight = np.empty(3), np.empty(6), np.empty(3), np.empty(3)

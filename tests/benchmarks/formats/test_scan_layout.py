@@ -1,0 +1,72 @@
+"""Beams of points whose file tells none."""
+
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.drive import drive, imu_mounting
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.followed import Inertial, followed
+from roadscope.benchmarks.formats.scan_folder import ScanFolder
+from roadscope.benchmarks.formats.scan_layout import BEAM, rings_and_columns
+from roadscope.core import ImuSamples
+from roadscope.odometry import ODOMETRIES
+
+DRIVE = Episode("two-way", 17, "vlp16-imu", 2.5)
+
+
+def cone(elevations_deg, rng, count=200, jitter_deg=0.0):
+    """Points of beams, so many each, and the beam of each."""
+    beam = np.repeat(np.arange(len(elevations_deg)), count)
+    rise = np.deg2rad(np.asarray(elevations_deg)[beam] + rng.uniform(-1, 1, len(beam)) * jitter_deg)
+    turn, reach = rng.uniform(-np.pi, np.pi, len(beam)), rng.uniform(3, 60, len(beam))
+    flat = np.cos(rise)
+    ways = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), np.sin(rise)])
+    return reach[:, None] * ways, beam
+
+
+@pytest.mark.parametrize(
+    "elevations_deg", [np.arange(-15, 16, 2.0), np.arange(-24.8, 2.1, 0.33), [-3.0]]
+)
+def test_beams_are_told_apart_by_the_gaps_between_them(elevations_deg):
+    points, beam = cone(elevations_deg, np.random.default_rng(0), jitter_deg=0.03)
+    assert np.array_equal(rings_and_columns(points)[0], beam)
+
+
+def test_where_there_are_no_gaps_bands_stand_for_beams():
+    points, _ = cone(np.arange(-15, 16, 2.0), np.random.default_rng(0), jitter_deg=1.0)
+    ring, _ = rings_and_columns(points)
+    elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
+    assert all(np.ptp(elevation[ring == each]) <= BEAM + 1e-9 for each in np.unique(ring))
+    assert len(np.unique(ring)) > 60
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A drive as `.npy` files without beams, the samples of its IMU, and the drive itself."""
+    folder = tmp_path_factory.mktemp("scans")
+    steps = list(drive(DRIVE))
+    for k, step in enumerate(steps):
+        scan = step.scan
+        np.save(folder / f"{k}.npy",
+                np.column_stack([scan.points, scan.intensity, scan.time_offset_s]))  # fmt: skip
+    stamps = "".join(f"{step.scan.stamp_s:.6f}\n" for step in steps)
+    (folder / "times.txt").write_text(stamps)
+    blocks = [step.imu for step in steps if step.imu is not None]
+    names = "stamps_s", "angular_velocity", "specific_force"
+    joined = (np.concatenate([getattr(block, name) for block in blocks]) for name in names)
+    samples = ImuSamples(*joined)
+    return folder, Inertial(samples, imu_mounting(DRIVE)), steps
+
+
+@pytest.mark.parametrize("name", ["lidar-inertial", "voxel-map", "zhang2022", "loam", "lego-loam"])
+def test_a_folder_without_beams_is_followed_as_the_drive_is(recorded, name):
+    """Azimuth steps are others, so that features are, and what scans tell least of, height."""
+    folder, inertial, steps = recorded
+    *_, last = followed(ScanFolder.find(folder), name, inertial)
+    odometry = ODOMETRIES.make(name)
+    odometry.reset(imu_mounting(DRIVE))
+    *_, told = (odometry.update(step.scan, step.imu) for step in steps)
+    expected = told.start_from_lidar.translation[:2]
+    assert expected[0] > 20
+    assert last.start_from_lidar.translation[:2] == pytest.approx(expected, abs=0.3)
+    assert last.reason == told.reason
