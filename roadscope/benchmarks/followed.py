@@ -25,12 +25,16 @@ from roadscope.odometry.api import asked
 class Inertial:
     """All samples of a recording, and how the IMU is mounted; None: its frame is the LiDAR's.
 
-    path: where they come from.
+    path: where they come from. left_out: lines of it that told nothing.
     """
 
     samples: ImuSamples
     lidar_from_imu: Pose | None = None
     path: Path = Path("imu")
+    left_out: int = 0
+
+    def __str__(self) -> str:
+        return _told(len(self.samples.stamps_s), "inertial samples", self.path, self.left_out)
 
     def within(self, begin: int, end: int) -> ImuSamples:
         """Return the samples of these numbers."""
@@ -41,16 +45,28 @@ class Inertial:
 
 @dataclass(frozen=True, slots=True)
 class Wheels:
-    """All wheel speeds of a recording, along the LiDAR's x axis, and where they come from."""
+    """All wheel speeds of a recording, along the LiDAR's x axis.
+
+    path: where they come from. left_out: lines of it that told nothing.
+    """
 
     samples: WheelSamples
     path: Path = Path("wheels")
+    left_out: int = 0
+
+    def __str__(self) -> str:
+        return _told(len(self.samples.stamps_s), "wheel speeds", self.path, self.left_out)
 
     def within(self, begin: int, end: int) -> WheelSamples:
         """Return the samples of these numbers."""
         return WheelSamples(
             self.samples.stamps_s[begin:end].copy(), self.samples.speeds[begin:end].copy()
         )
+
+
+def _told(count: int, what: str, path: Path, left_out: int) -> str:
+    less = f" ({left_out} left out: no numbers, or stamps that do not rise)" if left_out else ""
+    return f"{count} {what} of {path}{less}"
 
 
 def check_times(recorded: Inertial | Wheels, stamps_s: Sequence[float]) -> None:
@@ -64,7 +80,7 @@ def check_times(recorded: Inertial | Wheels, stamps_s: Sequence[float]) -> None:
 
 
 def followed(
-    folder: ScanFolder, odometry: str, inertial: Inertial | None = None,
+    folder: ScanFolder, odometry: str, *, inertial: Inertial | None = None,
     wheels: Wheels | None = None,
 ) -> Iterator[OdometryEstimate]:  # fmt: skip
     """Yield what an odometry, named by its spec, tells of one scan after the other.
@@ -85,29 +101,28 @@ def _joined(
     for scan in folder:
         end_s = scan.stamp_s + float(scan.time_offset_s.max(initial=0))
         if inertial is not None:
-            begin, felt = felt, _until(inertial.samples.stamps_s, felt, end_s)
+            begin, felt = felt, max(felt, _until(inertial.samples.stamps_s, end_s))
             imu = inertial.within(begin, felt)
         if wheels is not None:
-            begin, rolled = rolled, _until(wheels.samples.stamps_s, rolled, end_s)
+            begin, rolled = rolled, max(rolled, _until(wheels.samples.stamps_s, end_s))
             speeds = wheels.within(begin, rolled)
         yield scan, imu, speeds
 
 
-def _until(stamps_s: np.ndarray, begin: int, end_s: float) -> int:
-    """Return the number of the first sample, from one on, that is later than a time."""
-    later = np.flatnonzero(stamps_s[begin:] > end_s)
-    return begin + int(later[0]) if len(later) else len(stamps_s)
+def _until(stamps_s: np.ndarray, end_s: float) -> int:
+    """Return how many of (K,) rising stamps are no later than a time."""
+    return int(np.searchsorted(stamps_s, end_s, side="right"))
 
 
 def write_followed(
     folder: ScanFolder, odometry: str, out: Path, form: str = "kitti",
-    inertial: Inertial | None = None, wheels: Wheels | None = None,
+    *, inertial: Inertial | None = None, wheels: Wheels | None = None,
 ) -> Iterator[OdometryEstimate]:  # fmt: skip
     """Yield likewise, and write each pose as soon as it is known: what is done stays.
 
     Poses are the LiDAR's in its first frame, x ahead, y left, z up, whatever the format.
     """
-    estimates = followed(folder, odometry, inertial, wheels)
+    estimates = followed(folder, odometry, inertial=inertial, wheels=wheels)
     trajectory_text(form, (), ())
     with out.open("w", encoding="utf-8") as file:
         for told in estimates:

@@ -61,7 +61,10 @@ def _trackers() -> list[tuple[str, str]]:
 def _odometries() -> list[tuple[str, str]]:
     from roadscope.odometry import ODOMETRIES
 
-    oracle = (f"{GIVEN_TRUTH}A", "The odometry A, spared the returns of what truly moves.")
+    oracle = (
+        f"{GIVEN_TRUTH}A",
+        "The odometry A, spared the returns of what truly moves; on boards.",
+    )
     return [*_plugins(ODOMETRIES), oracle, *_plugins(ODOMETRY_NOISES)]
 
 

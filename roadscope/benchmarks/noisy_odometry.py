@@ -51,7 +51,7 @@ class EgoNoise:
 ODOMETRY_NOISES: Registry[EgoNoise] = Registry(
     "odometry noise model",
     {"noisy-odometry": "roadscope.benchmarks.noisy_odometry:EgoNoise"},
-    summaries={"noisy-odometry": "True poses with drift, noise and jumps."},
+    summaries={"noisy-odometry": "True poses with drift, noise and jumps; on boards."},
 )
 
 

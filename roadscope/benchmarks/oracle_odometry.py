@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from roadscope.benchmarks.noisy_odometry import imitated
 from roadscope.benchmarks.oracle import MARKS, ONE_CLUSTER, ORACLE
+from roadscope.core.registry import split_spec
 
 GIVEN_TRUTH = f"{ORACLE}?odometry="
 """Names an odometry that gets scans without the returns of what truly moves."""
@@ -19,6 +20,11 @@ def spared(spec: str) -> str | None:
     None where a spec is no oracle's.
     """
     return spec.removeprefix(GIVEN_TRUTH) if spec.startswith(GIVEN_TRUTH) else None
+
+
+def needs_truth(spec: str) -> bool:
+    """Say whether a spec names what only truth can make: an oracle or an imitation."""
+    return split_spec(spec)[0] == ORACLE or imitated(spec)
 
 
 def method_of(spec: str) -> str:

@@ -17,6 +17,13 @@ if TYPE_CHECKING:
     from roadscope.core import Pose
 
 NONE = "none"
+USUAL, USUAL_WITH_IMU = "voxel-map", "lidar-inertial"
+MANY = 0.2
+"""Share of degraded scans from which on the poses are not to be trusted as they are."""
+ODOMETRY_HELP = (
+    "Name or file.py:Class; roadscope list odometries. If not given, lidar-inertial where there is "
+    "an IMU, else voxel-map."
+)
 IMU_HELP = (
     "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR or beside it if "
     "not given; none: no IMU."
@@ -31,9 +38,7 @@ def run_odometry(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Scans in order of name: .bin, .pcd or .npy.")
     ],
-    odometry: Annotated[
-        str, typer.Option(metavar="SPEC", help="Name or file.py:Class; roadscope list odometries.")
-    ] = "voxel-map",
+    odometry: Annotated[str | None, typer.Option(metavar="SPEC", help=ODOMETRY_HELP)] = None,
     out: Annotated[Path, typer.Option(help="File for the poses.")] = Path("poses.txt"),
     format: Annotated[str, typer.Option(help="kitti: 3 x 4 matrices; tum: with stamps.")] = "kitti",
     rate_hz: Annotated[
@@ -65,17 +70,18 @@ def run_odometry(
     scans = ScanFolder.find(folder, rate_hz=rate_hz)
     _spare(out, truth, imu, wheels)
     inertial = _inertial(folder, scans, imu, mounting)
+    if odometry is None:
+        odometry = USUAL if inertial is None else USUAL_WITH_IMU
     true = Truth.read(truth, scans.stamps_s) if truth else None
-    rolled = _wheels(folder, scans, odometry, wheels)
-    if inertial is not None:
-        complain(f"with {len(inertial.samples.stamps_s)} inertial samples of {inertial.path}")
-    if rolled is not None:
-        complain(f"with {len(rolled.samples.stamps_s)} wheel speeds of {rolled.path}")
+    rolled = _wheels(folder, scans, wheels)
+    _check_use(odometry, inertial, rolled, named=(imu, wheels))
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
     try:
         with progress_bars() as progress:
-            for told in write_followed(scans, odometry, out, format, inertial, rolled):
+            estimates = write_followed(scans, odometry, out, format, inertial=inertial,
+                                       wheels=rolled)  # fmt: skip
+            for told in estimates:
                 poses.append(told.start_from_lidar)
                 reasons.update([told.reason] if told.reason else [])
                 progress("scans", len(poses), len(scans))
@@ -89,9 +95,11 @@ def run_odometry(
 
 
 def _spare(out: Path, *read: Path | str | None) -> None:
-    """Refuse to write over what is read."""
+    """Refuse to write over what is read, or where nothing can be written."""
     from roadscope.benchmarks.formats.table import FormatError
 
+    if not out.absolute().parent.is_dir() or out.is_dir():
+        raise FormatError(f"{out}: cannot be written: --out names a file in a folder that is there")
     given = [Path(each) for each in read if each is not None]
     if any(each.exists() and out.exists() and each.samefile(out) for each in given):
         raise FormatError(f"{out} is read here: --out names another file for the poses")
@@ -104,7 +112,13 @@ def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
         f"{odometry}: {len(poses)} scans, from the first to the last {x:.2f} {y:.2f} {z:.2f} m"
     )
     if reasons:
-        show(f"degraded in {reasons.total()} scans, mostly: {reasons.most_common(1)[0][0]}")
+        share = reasons.total() / len(poses)
+        show(f"degraded in {reasons.total()} of {len(poses)} scans, mostly: "
+             f"{reasons.most_common(1)[0][0]}")  # fmt: skip
+        if share > MANY:
+            complain(
+                "so many degraded scans: do not trust the poses before you have looked at them"
+            )
 
 
 def _inertial(
@@ -122,26 +136,47 @@ def _inertial(
             raise FormatError(f"a mounting is of an IMU: expected {' or '.join(NAMES)} in or "
                               f"beside {folder}, or --imu FILE")  # fmt: skip
         return None
-    inertial = Inertial(read_imu(path), mounted, path)
+    samples, left_out = read_imu(path)
+    inertial = Inertial(samples, mounted, path, left_out)
     check_times(inertial, scans.stamps_s)
     return inertial
 
 
-def _wheels(folder: Path, scans: ScanFolder, odometry: str, given: str | None) -> Wheels | None:
-    """Read the wheel speeds that are named or lie beside the scans, if anybody takes them."""
+def _wheels(folder: Path, scans: ScanFolder, given: str | None) -> Wheels | None:
+    """Read the wheel speeds that are named or lie beside the scans."""
     from roadscope.benchmarks.followed import Wheels, check_times
-    from roadscope.benchmarks.formats.table import FormatError
     from roadscope.benchmarks.formats.wheel_file import find_wheels, read_wheels
-    from roadscope.odometry import ODOMETRIES
-    from roadscope.odometry.api import takes_wheels
 
     path = find_wheels(folder) if given is None else Path(given)
     if path is None or given == NONE:
         return None
-    if not takes_wheels(ODOMETRIES.make(odometry)):
-        if given is None:
-            return None
-        raise FormatError(f"{odometry} takes no wheel speeds; lidar-inertial?wheels=true does")
-    wheels = Wheels(read_wheels(path), path)
+    samples, left_out = read_wheels(path)
+    wheels = Wheels(samples, path, left_out)
     check_times(wheels, scans.stamps_s)
     return wheels
+
+
+def _check_use(
+    odometry: str, inertial: Inertial | None, wheels: Wheels | None,
+    named: tuple[str | None, str | None],
+) -> None:  # fmt: skip
+    """Say what is used beside the scans and what is not; what was named, and is not, is refused."""
+    from roadscope.benchmarks.formats.table import FormatError
+    from roadscope.benchmarks.oracle_odometry import needs_truth
+    from roadscope.odometry import ODOMETRIES
+    from roadscope.odometry.api import takes_imu, takes_wheels
+
+    if needs_truth(odometry):
+        raise FormatError(f"{odometry} is made from truth: it stands on boards only")
+    made = ODOMETRIES.make(odometry)
+    kinds = (
+        (inertial, takes_imu(made), "an IMU; lidar-inertial does", named[0]),
+        (wheels, takes_wheels(made), "wheel speeds; lidar-inertial?wheels=true does", named[1]),
+    )
+    for found, taken, what, name in kinds:
+        if found is None:
+            continue
+        if not taken and name is not None:
+            raise FormatError(f"{odometry} has no use for {what}")
+        complain(f"with {found}" if taken else
+                 f"{found.path} is not used: {odometry} has no use for {what}")  # fmt: skip

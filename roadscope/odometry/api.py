@@ -30,7 +30,8 @@ class Odometry(Protocol):
         """Take a scan and return where it was taken.
 
         imu: the samples since the last call, in order of time, up to the end of the sweep at
-            best; None without an IMU.
+            best; None without an IMU. Who has no use for them may say so by a class attribute
+            `takes_imu = False`, so that users are told.
         """
 
 
@@ -48,6 +49,11 @@ class WheeledOdometry(Odometry, Protocol):
 def takes_wheels(odometry: Odometry) -> bool:
     """Say whether an odometry lets wheel speeds in; one that has `wheels` False does not."""
     return isinstance(odometry, WheeledOdometry) and getattr(odometry, "wheels", True) is not False
+
+
+def takes_imu(odometry: Odometry) -> bool:
+    """Say whether an odometry has use for inertial samples: unless it says that it has none."""
+    return getattr(odometry, "takes_imu", True) is not False
 
 
 def asked(

@@ -66,7 +66,8 @@ class LidarInertialOdometry:
 
         match_m, insert_m: edges of cubes of which one return is matched, or put into the map;
             indoors, where few cubes are met, finer ones are matched.
-        reach_m: how far the map goes. drop_dynamic: leave out what is held to be dynamic.
+        reach_m: how far the map goes. drop_dynamic: leave out what is held to be dynamic, and
+            put nothing into the map that is off a surface known there.
         imu: the unit whose noise is expected, a name of `envs.sensors.imu_specs.IMUS`.
         wheels: let their speed in, where there are any.
         """

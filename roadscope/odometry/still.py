@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
@@ -11,6 +13,8 @@ from roadscope.odometry.estimates import estimate
 
 class StillOdometry:
     """Stays where it is: the lowest mark, and what a jammed odometry looks like."""
+
+    takes_imu: ClassVar = False
 
     def __init__(self) -> None:
         self.reset()

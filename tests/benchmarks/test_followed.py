@@ -168,10 +168,56 @@ def test_wheels_are_for_those_who_take_them(recording):
     for other in ("still", "lidar-inertial"):
         done = command(recording, "--odometry", other, "--wheels", "rolled.txt")
         assert done.returncode != 0
-        assert f"{other} takes no wheel speeds; lidar-inertial?wheels=true does" in done.stderr
+        assert f"{other} has no use for wheel speeds; lidar-inertial?wheels=true" in done.stderr
     np.savetxt(recording / "late.txt", [[100.0, 8.0], [100.5, 8.0]])
     done = command(recording, "--odometry", "lidar-inertial?wheels=true", "--wheels", "late.txt")
     assert "expected samples from 0.050 to 0.550 s, when scans were taken" in done.stderr
+
+
+def test_what_is_not_used_is_said(recording):
+    np.savetxt(recording / "wheels.csv", [[0.0, 8.0], [0.5, 8.0]], delimiter=",")
+    done, _ = follow(recording, "--odometry", "still")
+    assert "imu.csv is not used: still has no use for an IMU; lidar-inertial does" in done.stderr
+    assert "wheels.csv is not used: still has no use for wheel speeds" in done.stderr
+
+
+def test_who_has_an_imu_gets_the_odometry_that_uses_it(recording):
+    assert "lidar-inertial: 6 scans" in follow(recording)[0].stdout
+    assert "voxel-map: 6 scans" in follow(recording, "--imu", "none")[0].stdout
+
+
+def test_lines_that_tell_nothing_are_left_out_and_told(recording):
+    lines = (recording / "imu.csv").read_text().splitlines()
+    lines[40] = ",".join([lines[40].split(",")[0], *["nan"] * 6])
+    lines[80] = "1e9" + lines[80][lines[80].index(",") :]
+    (recording / "imu.csv").write_text("\n".join(lines))
+    done, out = follow(recording, "--mounting", "0,0,0,0,0,90")
+    assert "with 238 inertial samples" in done.stderr
+    assert "(2 left out: no numbers, or stamps that do not rise)" in done.stderr
+    truth = driven(6)[0].pose(0.55)
+    last = read_trajectory(out, "kitti").poses[-1]
+    assert np.linalg.norm(last.translation - truth[:3, 3]) < 0.1
+
+
+DOUBTFUL = """
+from dataclasses import replace
+from roadscope.core import OdometryStatus
+from roadscope.odometry.still import StillOdometry
+
+class Doubtful(StillOdometry):
+    def update(self, scan, imu=None):
+        foggy = scan.stamp_s > 0.3
+        told = super().update(scan, imu)
+        return replace(told, status=OdometryStatus.DEGRADED, reason="fog") if foggy else told
+"""
+
+
+def test_many_degraded_scans_are_warned_of(recording):
+    plugin = recording / "doubtful.py"
+    plugin.write_text(DOUBTFUL)
+    done, _ = follow(recording, "--odometry", f"{plugin}:Doubtful")
+    assert "degraded in 3 of 6 scans, mostly: fog" in done.stdout
+    assert "do not trust the poses" in done.stderr
 
 
 def test_samples_and_mounting_are_handed_on(recording):
@@ -200,6 +246,10 @@ def test_samples_and_mounting_are_handed_on(recording):
         (["--truth", "times.txt"], "times.txt, line 1: expected 12 columns"),
         (["--truth", "short.kitti"], "short.kitti: expected 6 poses, one a scan, got 1"),
         (["--truth", "nothing.tum"], "nothing.tum: cannot be read"),
+        (["--out", "nowhere/poses.txt"], "poses.txt: cannot be written: --out names a file"),
+        (["--odometry", "oracle?odometry=still"], "is made from truth: it stands on boards only"),
+        (["--odometry", "noisy-odometry"], "is made from truth: it stands on boards only"),
+        (["--odometry", "still", "--imu", "imu.csv"], "still has no use for an IMU"),
     ],
 )
 def test_what_is_wrong_beside_the_scans_is_said(recording, options, message):

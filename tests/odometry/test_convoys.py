@@ -46,5 +46,4 @@ def test_ours_comes_along_with_little_drift() -> None:
         for seed in range(10_010, 10_016)
     ]
     drifts = np.array([drift(r.both, (50.0, 100.0, 200.0), every=1).t_rel for r in rides])
-    assert (drifts < 1.0).sum() >= 5, drifts
-    assert drifts.max() < 3.0, drifts
+    assert drifts.max() < 1.0, drifts

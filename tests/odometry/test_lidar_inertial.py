@@ -32,9 +32,11 @@ from roadscope.odometry.inertial.kernels import integrated
 from roadscope.odometry.inertial.rest import Rest
 from roadscope.odometry.inertial.speed_search import Ends, speed_of
 from roadscope.odometry.inertial.standstill import felt_still
+from roadscope.odometry.inertial.track import InertialTrack
 from roadscope.odometry.lidar_inertial import LidarInertialOdometry
 from roadscope.odometry.rigid import exp_se3, exp_so3, log_so3
 from roadscope.odometry.voxels.free_space import CERTAIN, FreeSpace
+from roadscope.odometry.voxels.sweep import Sweep
 
 NOISE = InertialNoise()
 
@@ -234,6 +236,22 @@ def test_what_drives_ahead_has_moved_and_what_it_hid_has_not():
     assert looked_behind(3.0, back(10.0))[inside].mean() > 0.9
     assert not looked_behind(3.0, back(14.0)).any()
     assert not looked_behind(0.0, back(10.0)).any()
+
+
+@pytest.mark.parametrize("drop_dynamic", [True, False])
+def test_what_is_dynamic_is_neither_matched_nor_remembered_unless_asked(drop_dynamic):
+    drive = Drive()
+    sweep = Sweep.of(drive.scan(0), 0.3, 0.8)
+    state = started(np.array([0, 0, 9.81]), np.zeros(3), (0.1, 0.1, 0.1), NOISE)
+    track = InertialTrack(state, np.zeros(3), NOISE, reach_m=80.0, drop_dynamic=drop_dynamic)
+    points = track.seen(sweep)
+    none = np.zeros(len(points), bool)
+    track.remember(sweep, points, none)
+    assert track.matched(sweep, points, none).held > 200
+    assert (track.matched(sweep, points, ~none).held == 0) == drop_dynamic
+    before = track.map.voxels.counts.sum()
+    track.remember(sweep, points, ~none)
+    assert (track.map.voxels.counts.sum() == before) == drop_dynamic
 
 
 def samples(rng, shake, noise=NOISE):

@@ -88,7 +88,9 @@ def test_doubt_adds_to_the_error_of_a_match_across_the_ground():
     room = VoxelMap(reach_m=50.0)
     room.add(points + 0.01 * rng.standard_normal(points.shape), np.zeros(3))
     here, prior = points[::20], 0.01 * np.eye(6)
-    sure, doubted = (settled_on(room.voxels, here, np.eye(4), prior, m) for m in (0.0, 0.3))
+    sure, doubted = (
+        settled_on(room.voxels, here, np.eye(4), prior, doubt_m=each) for each in (0.0, 0.3)
+    )
     error = np.linalg.inv(doubted.information) - np.linalg.inv(sure.information)
     assert error[:2, :2] == pytest.approx(0.09 * np.eye(2), abs=1e-3)
     assert np.abs(error[2:, 2:]).max() < 1e-3

@@ -13,7 +13,9 @@ from roadscope.core import ImuSamples, Pose
 NAMES = ("imu.csv", "imu.txt")
 COLUMNS = ("stamp", "wx", "wy", "wz", "ax", "ay", "az")
 IN_G = (0.5, 2.0)
-"""A mean force within is one in units of gravity."""
+"""A force that mostly is within is one in units of gravity."""
+FASTEST_RAD_S = 5.0
+"""Nothing that drives mostly turns so fast."""
 MOUNTING = "x,y,z,roll,pitch,yaw"
 
 
@@ -22,13 +24,20 @@ def find_imu(folder: Path) -> Path | None:
     return find_beside(folder, NAMES)
 
 
-def read_imu(path: Path) -> ImuSamples:
-    """Read `stamp wx wy wz ax ay az`, rad/s and m/s^2, as `read_samples` does."""
-    stamps_s, values = read_samples(path, COLUMNS)
-    force = float(np.linalg.norm(values[:, 3:], axis=1).mean())
+def read_imu(path: Path) -> tuple[ImuSamples, int]:
+    """Read `stamp wx wy wz ax ay az`, rad/s and m/s^2, as `read_samples` does.
+
+    Return with them how many lines were left out.
+    """
+    found = read_samples(path, COLUMNS)
+    values = found.values
+    force = float(np.median(np.linalg.norm(values[:, 3:], axis=1)))
     if IN_G[0] < force < IN_G[1]:
-        raise FormatError(f"{path}: expected forces in m/s^2, got {force:.2f} on average: in g?")
-    return ImuSamples(stamps_s, values[:, :3], values[:, 3:])
+        raise FormatError(f"{path}: expected forces in m/s^2, got {force:.2f} mostly: in g?")
+    rate = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
+    if rate > FASTEST_RAD_S:
+        raise FormatError(f"{path}: expected rates in rad/s, got {rate:.1f} mostly: in degrees?")
+    return ImuSamples(found.stamps_s, values[:, :3], values[:, 3:]), found.left_out
 
 
 def parse_mounting(text: str) -> Pose:

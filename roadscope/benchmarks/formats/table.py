@@ -42,6 +42,16 @@ class Table:
 
     def numbers(self, first: int, last: int) -> np.ndarray:
         """Return fields `first` up to but not including `last` as (N, K) finite float64."""
+        values = self.numbers_or_nan(first, last)
+        wrong = np.argwhere(~np.isfinite(values))
+        if len(wrong):
+            row, column = wrong[0].tolist()
+            given = self.rows[row][first + column]
+            self.refuse(row, f"a finite {self.columns[first + column]}", given)
+        return values
+
+    def numbers_or_nan(self, first: int, last: int) -> np.ndarray:
+        """Return the same where `nan` and `inf` are numbers too."""
         texts = [row[first:last] for row in self.rows]
         if any("_" in text for row in texts for text in row):
             # Python's own way to write thousands: 1_0 is no 10 in a file.
@@ -50,10 +60,6 @@ class Table:
             values = np.array(texts, dtype=np.float64).reshape(len(texts), last - first)
         except ValueError:
             self._refuse_texts(first, last)
-        wrong = np.argwhere(~np.isfinite(values))
-        if len(wrong):
-            row, column = wrong[0].tolist()
-            self.refuse(row, f"a finite {self.columns[first + column]}", texts[row][column])
         return values
 
     def within(self, first: int, last: int, limit: float, unit: str) -> np.ndarray:
@@ -129,16 +135,17 @@ def read_table(
     *,
     separator: str | None = None,
     least: int | None = None,
-    comment: str | None = None,
+    comment: str | tuple[str, ...] = (),
 ) -> Table:
     """Read lines of the named columns; an empty file is a table without rows.
 
-    separator: None for white space. comment: what lines that are passed over begin with.
+    separator: None for white space. comment: what lines that are passed over begin with,
+        one of these.
     least: columns that must be there when the last ones may be missing, the same in all lines.
     """
     rows, lines = [], []
     for number, line in enumerate(read_lines(path), start=1):
-        if not line.strip() or (comment and line.lstrip().startswith(comment)):
+        if not line.strip() or line.lstrip().startswith(comment):
             continue
         rows.append([field.strip() for field in line.strip().split(separator)])
         lines.append(number)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from roadscope.benchmarks.formats.stamped_samples import find_beside, read_samples
+from roadscope.benchmarks.formats.table import FormatError
 from roadscope.core import WheelSamples
 
 NAMES = ("wheels.csv", "wheels.txt")
 COLUMNS = ("stamp", "speed")
+FASTEST_M_S = 90.0
+"""Faster is no vehicle on a road."""
 
 
 def find_wheels(folder: Path) -> Path | None:
@@ -16,7 +21,14 @@ def find_wheels(folder: Path) -> Path | None:
     return find_beside(folder, NAMES)
 
 
-def read_wheels(path: Path) -> WheelSamples:
-    """Read `stamp speed`, m/s along the vehicle, by commas or white space; stamps as an IMU's."""
-    stamps_s, values = read_samples(path, COLUMNS)
-    return WheelSamples(stamps_s, values[:, 0])
+def read_wheels(path: Path) -> tuple[WheelSamples, int]:
+    """Read `stamp speed`, m/s along the vehicle, as `read_samples` does.
+
+    Return with them how many lines were left out.
+    """
+    found = read_samples(path, COLUMNS)
+    speeds = found.values[:, 0]
+    fastest = float(np.abs(speeds).max())
+    if fastest > FASTEST_M_S:
+        raise FormatError(f"{path}: expected speeds in m/s, got up to {fastest:.1f}: in km/h?")
+    return WheelSamples(found.stamps_s, speeds), found.left_out

@@ -22,15 +22,15 @@ counts by how far it is above this."""
 
 
 def settled_on(
-    voxels: Voxels, points: np.ndarray, pose: np.ndarray, covariance: np.ndarray,
+    voxels: Voxels, points: np.ndarray, pose: np.ndarray, covariance: np.ndarray, *,
     doubt_m: float = 0.0, floor_m: float = FLOOR_M,
 ) -> Match:  # fmt: skip
     """Move (N, 3) points, metres, onto the surfaces, held by a prediction.
 
     pose: (4, 4), predicted. covariance: (6, 6) of its place and turn, map's axes. doubt_m: how far
     the surfaces may have moved together over the ground. floor_m: what points are off surfaces that
-    are known perfectly. The match's information has nothing in
-    directions in which the surfaces leave the scan free.
+    are known perfectly. The match's information has nothing in directions in which the surfaces
+    leave the scan free.
     """
     held = np.linalg.inv(covariance + 1e-12 * np.eye(6)) * SIMILAR
     vague_m = float(np.sqrt(np.trace(covariance[:3, :3])))

@@ -130,8 +130,8 @@ class InertialTrack:
         covariance = self.state.covariance[POSE, POSE]
         doubt_m = self.doubt_m if self.felt else 0.0
         return settled_on(
-            self.map.voxels, points[few], self.state.pose, covariance, doubt_m,
-            CLOSE_FLOOR_M if sweep.close else FLOOR_M,
+            self.map.voxels, points[few], self.state.pose, covariance, doubt_m=doubt_m,
+            floor_m=CLOSE_FLOOR_M if sweep.close else FLOOR_M,
         )  # fmt: skip
 
     def settle(self, found: Match) -> None:

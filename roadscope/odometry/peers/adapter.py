@@ -34,9 +34,9 @@ class Adapter:
     the end of the sweep, to the stamp, at the velocity between the last two scans.
     """
 
-    def __init__(self, start: Callable[[Pose | None], Library]) -> None:
-        """Take what starts a library, told how the IMU is mounted."""
-        self._start = start
+    def __init__(self, start: Callable[[Pose | None], Library], *, takes_imu: bool = False) -> None:
+        """Take what starts a library, told how the IMU is mounted; takes_imu: it has use for it."""
+        self._start, self._takes_imu = start, takes_imu
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
@@ -72,7 +72,8 @@ class Adapter:
         poor = poverty(int(sound.sum()), LEAST_POINTS, scan.ring[sound]) or self._placed(given)
         spread = CARRIED * tick.elapsed_s**4 if poor else STEP * bool(tick.elapsed_s)
         self._covariance = grown(self._covariance, inverse(before) @ self._pose, spread)
-        reason = tick.reason or poor
+        lack = self._imu.lack(scan.stamp_s, tick.elapsed_s) if self._takes_imu else ""
+        reason = tick.reason or poor or lack
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
 
     def _given(self, scan: LidarScan, sound: np.ndarray) -> Given:

@@ -17,6 +17,7 @@ class GenzIcpOdometry:
     """
 
     requires: ClassVar = Requirement("genz-icp", "pip install roadscope[peers]")
+    takes_imu: ClassVar = False
 
     def __init__(
         self, *, voxel_m: float = 0.6, points: int = 3000, planarity: float = 0.2,

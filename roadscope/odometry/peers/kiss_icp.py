@@ -20,6 +20,7 @@ class KissIcpOdometry:
     """
 
     requires: ClassVar = Requirement("kiss-icp", "pip install roadscope[peers]")
+    takes_imu: ClassVar = False
 
     def __init__(self, *, voxel_m: float = 1.0, deskew: bool = True) -> None:
         """Set it up; voxel_m: `mapping.voxel_size`, `data.max_range` / 100 when not given."""

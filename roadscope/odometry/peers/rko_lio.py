@@ -47,7 +47,7 @@ class RkoLioOdometry:
             "initialization_phase": starts_at_rest,
             "deskew": deskew,
         }
-        self._adapter = Adapter(lambda mounting: _RkoLio(settings, mounting))
+        self._adapter = Adapter(lambda mounting: _RkoLio(settings, mounting), takes_imu=True)
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget map, pose, speed, biases."""

@@ -25,6 +25,7 @@ class SmallGicpOdometry:
     """
 
     requires: ClassVar = SMALL_GICP
+    takes_imu: ClassVar = False
 
     def __init__(
         self, *, voxel_m: float = 1.0, downsample_m: float = 0.25, neighbours: int = 10,
@@ -53,6 +54,7 @@ class SmallGicpScanOdometry:
     """small_gicp (Koide 2024), each scan onto the one before; otherwise as `SmallGicpOdometry`."""
 
     requires: ClassVar = SMALL_GICP
+    takes_imu: ClassVar = False
 
     def __init__(
         self, *, downsample_m: float = 0.25, neighbours: int = 10, gate_m: float = 1.0,

@@ -55,12 +55,8 @@ def normal_equations(
         slot = surface_at(voxels, x, y, z)
         if slot < 0:
             continue
-        rx, ry, rz = (
-            x - voxels.means[slot, 0], y - voxels.means[slot, 1], z - voxels.means[slot, 2]
-        )  # fmt: skip
         axes = voxels.axes[slot]
-        for k in range(3):
-            off[k] = axes[k, 0] * rx + axes[k, 1] * ry + axes[k, 2] * rz
+        _offsets(voxels, slot, (x, y, z), off)
         squared, traced = 0.0, _traced(matrix, q)
         for k in range(voxels.held[slot]):
             variance = _variance(voxels.spreads[slot], voxels.counts[slot], off, k, floor_m)
@@ -136,6 +132,17 @@ def surface_at(voxels: Voxels, x: float, y: float, z: float) -> Index:
 
 
 @compiled()
+def _offsets(
+    voxels: Voxels, slot: Index, place: tuple[float, float, float], off: np.ndarray
+) -> None:
+    """Fill how far a place is from the mean of a voxel along its axes, (3,) metres."""
+    axes, means = voxels.axes[slot], voxels.means[slot]
+    x, y, z = place[0] - means[0], place[1] - means[1], place[2] - means[2]
+    for k in range(3):
+        off[k] = axes[k, 0] * x + axes[k, 1] * y + axes[k, 2] * z
+
+
+@compiled()
 def _passes(voxels: Voxels, slot: Index, x: float, y: float, z: float) -> bool:
     """Say whether a place lies on the surface of a voxel."""
     means, squared = voxels.means[slot], 0.0
@@ -198,13 +205,7 @@ def contradicts(voxels: Voxels, points: np.ndarray) -> np.ndarray:
         slot = surface_at(voxels, x, y, z)
         if slot < 0 or voxels.counts[slot] < FIRM:
             continue
-        axes, means = voxels.axes[slot], voxels.means[slot]
-        for k in range(3):
-            off[k] = (
-                axes[k, 0] * (x - means[0])
-                + axes[k, 1] * (y - means[1])
-                + axes[k, 2] * (z - means[2])
-            )
+        _offsets(voxels, slot, (x, y, z), off)
         squared = 0.0
         for k in range(voxels.held[slot]):
             spread = _variance(voxels.spreads[slot], voxels.counts[slot], off, k, FLOOR_M)

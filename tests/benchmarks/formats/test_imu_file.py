@@ -1,9 +1,12 @@
 """Files of inertial samples."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
 from roadscope.benchmarks.formats.imu_file import find_imu, parse_mounting, read_imu
+from roadscope.benchmarks.formats.stamped_samples import rising_rows
 from roadscope.benchmarks.formats.table import FormatError
 
 ROWS = np.column_stack([10 + 0.0025 * np.arange(5), np.tile([0.1, 0.2, 0.3, 1, 2, 9.8], (5, 1))])
@@ -16,10 +19,18 @@ def written(path, rows=ROWS, head="", separator=" ", stamps="%.9f"):
 
 @pytest.mark.parametrize(
     ("head", "separator"),
-    [("", " "), ("", ","), ("stamp,wx,wy,wz,ax,ay,az", ","), ("# s rad/s m/s^2", " ")],
+    [
+        ("", " "),
+        ("", ","),
+        ("stamp,wx,wy,wz,ax,ay,az", ","),
+        ("# s rad/s m/s^2", " "),
+        ("stamp wx wy wz ax ay az\n# s rad/s, m/s^2", " "),
+        ("# s, rad/s, m/s^2\nstamp,wx,wy,wz,ax,ay,az", ","),
+    ],
 )
 def test_samples_are_read(tmp_path, head, separator):
-    found = read_imu(written(tmp_path / "imu.csv", head=head, separator=separator))
+    found, left_out = read_imu(written(tmp_path / "imu.csv", head=head, separator=separator))
+    assert not left_out
     assert found.stamps_s == pytest.approx(ROWS[:, 0])
     assert found.angular_velocity == pytest.approx(ROWS[:, 1:4])
     assert found.specific_force == pytest.approx(ROWS[:, 4:])
@@ -27,9 +38,42 @@ def test_samples_are_read(tmp_path, head, separator):
 
 def test_nanoseconds_are_known(tmp_path):
     rows = ROWS * [1e9, 1, 1, 1, 1, 1, 1]
-    assert read_imu(written(tmp_path / "i", rows, stamps="%.0f")).stamps_s == pytest.approx(
-        ROWS[:, 0]
-    )
+    found, _ = read_imu(written(tmp_path / "i", rows, stamps="%.0f"))
+    assert found.stamps_s == pytest.approx(ROWS[:, 0])
+
+
+MANY = np.column_stack([0.0025 * np.arange(400), np.tile(ROWS[0, 1:], (400, 1))])
+
+
+@pytest.mark.parametrize(("row", "stamp"), [(5, 1e6), (200, -3.0), (200, MANY[199, 0])])
+def test_a_line_out_of_order_costs_no_other(tmp_path, row, stamp):
+    rows = MANY.copy()
+    rows[row, 0], rows[30, 2] = stamp, np.inf
+    found, left_out = read_imu(written(tmp_path / "imu.csv", rows))
+    assert left_out == 2
+    assert found.stamps_s == pytest.approx(np.delete(MANY[:, 0], [30, row]))
+
+
+def test_a_file_in_disorder_is_refused(tmp_path):
+    path = written(tmp_path / "imu.csv", np.vstack([MANY[:50], MANY[:20], MANY[10:40]]))
+    with pytest.raises(FormatError, match=r"line 51: expected stamps that rise, got '0.0000"):
+        read_imu(path)
+
+
+def test_the_most_rows_that_rise_are_kept():
+    """Beside every subset of a few rows."""
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        stamps = rng.integers(0, 8, rng.integers(1, 9)).astype(float)
+        kept = rising_rows(stamps)
+        assert (np.diff(stamps[kept]) > 0).all()
+        chains = (
+            subset
+            for size in range(1, len(stamps) + 1)
+            for subset in combinations(stamps.tolist(), size)
+            if (np.diff(subset) > 0).all()
+        )
+        assert len(kept) == max(map(len, chains))
 
 
 @pytest.mark.parametrize(
@@ -37,8 +81,9 @@ def test_nanoseconds_are_known(tmp_path):
     [
         (ROWS[:1], "expected lines of stamp wx wy wz ax ay az, got 1"),
         (ROWS * [1e6, 1, 1, 1, 1, 1, 1], "stamps in seconds or nanoseconds, got steps of 2500"),
-        (ROWS / [1, 1, 1, 1, 10, 10, 10], r"forces in m/s\^2, got 1.01 on average: in g"),
-        (np.where(ROWS == 0.2, np.nan, ROWS), "line 1: expected a finite wy, got 'nan'"),
+        (ROWS / [1, 1, 1, 1, 10, 10, 10], r"forces in m/s\^2, got 1.01 mostly: in g"),
+        (ROWS + 20 * np.eye(1, 7, 1), r"rates in rad/s, got 20.1 mostly: in degrees"),
+        (np.where(ROWS == 0.2, np.nan, ROWS), "expected lines of stamp wx wy wz ax ay az, got 0"),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path, rows, message):

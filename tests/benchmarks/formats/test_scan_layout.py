@@ -62,7 +62,7 @@ def recorded(tmp_path_factory):
 def test_a_folder_without_beams_is_followed_as_the_drive_is(recorded, name):
     """Azimuth steps are others, so that features are, and what scans tell least of, height."""
     folder, inertial, steps = recorded
-    *_, last = followed(ScanFolder.find(folder), name, inertial)
+    *_, last = followed(ScanFolder.find(folder), name, inertial=inertial)
     odometry = ODOMETRIES.make(name)
     odometry.reset(imu_mounting(DRIVE))
     *_, told = (odometry.update(step.scan, step.imu) for step in steps)

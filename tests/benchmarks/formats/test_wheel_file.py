@@ -12,7 +12,8 @@ from roadscope.benchmarks.formats.wheel_file import find_wheels, read_wheels
 )
 def test_speeds_are_read(tmp_path, text):
     (tmp_path / "wheels.csv").write_text(text)
-    found = read_wheels(find_wheels(tmp_path))
+    found, left_out = read_wheels(find_wheels(tmp_path))
+    assert not left_out
     assert found.stamps_s == pytest.approx([10, 10.02])
     assert found.speeds == pytest.approx([7.5, -7])
 
@@ -30,7 +31,9 @@ def test_the_file_lies_in_the_folder_or_beside_it(tmp_path):
     [
         ("0 1\n", "expected lines of stamp speed, got 1"),
         ("0 1 2\n1 2 3\n", "line 1: expected 2 columns"),
-        ("0 1\n0.02 nan\n", "line 2: expected a finite speed, got 'nan'"),
+        ("0 1\n0.02 nan\n", "expected lines of stamp speed, got 1"),
+        ("0 1\n0.02 x\n", "line 2: expected a number as speed, got 'x'"),
+        ("0 100\n0.02 101\n", "expected speeds in m/s, got up to 101.0: in km/h"),
         ("0 1\n20 1\n", "stamps in seconds or nanoseconds, got steps of 20"),
     ],
 )

@@ -115,3 +115,13 @@ def test_samples_are_handed_on_once_on_the_adapters_clock():
     ends = [given.stamp_s + given.after_s.max() for given in runs._library.given]
     last = [given.imu.stamps_s[-1] for given in runs._library.given]
     assert np.abs(np.subtract(ends, last)).max() < 0.005
+
+
+def test_who_uses_samples_says_when_they_lack():
+    for takes_imu, said in ((True, "no inertial samples"), (False, "")):
+        runs = Adapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=takes_imu)
+        told = [runs.update(s, None if k in (4, 5) else i) for k, (s, i) in enumerate(INPUTS)]
+        # The sweep before the first scan with samples again reached beyond its stamp.
+        assert [each.reason for each in told[3:8]] == ["", said, said, said, ""]
+    runs = Adapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=True)
+    assert all(runs.update(scan, None).ok for scan, _ in INPUTS)
