@@ -38,7 +38,7 @@ VAGUE_M_S = 0.5
 """A speed known no better than this is called degraded."""
 GUESS_M_S, GUESS_RAD_S = 10.0, 0.1
 """How far off the motion may be while its speed is not known."""
-UNSURE = "nothing taller than vehicles tells the speed clearly"
+UNSURE = "nothing that is fixed tells the speed clearly"
 REMEMBERED = 10.0
 """A scan is matched to about so many others: its error is theirs in good part."""
 LOST = 5
@@ -145,7 +145,7 @@ class LidarInertialOdometry:
         if speed is None:
             return "" if len(self._start) == 1 else "the speed is not known yet"
         if told is None and speed.ahead_m_s < self._felt.least_m_s:
-            speed = replace(speed, ahead_m_s=self._felt.gained_m_s, by_tall=False)
+            speed = replace(speed, ahead_m_s=self._felt.gained_m_s, by_fixtures=False)
         self._track = self._start.track(speed, self._imu, self._lever, self._made)
         self._speed_known = speed.known
         return "" if speed.known else UNSURE
@@ -223,7 +223,7 @@ class LidarInertialOdometry:
         track.doubt_m = self._rest.doubt_m(track)
 
     def _held_against_what_stands(self, track: InertialTrack, scan: LidarScan) -> str:
-        """Correct the speed by things taller than vehicles; where it is another, say so."""
+        """Correct the speed by fixtures; where it is another, say so."""
         ahead_m_s, rate_rad_s = track.twist()[[0, 5]]
         off_m_s = self._check.off(
             scan, float(ahead_m_s), float(rate_rad_s), track.unfelt_m_s2, self._felt.least_m_s

@@ -85,7 +85,9 @@ def after_a_rest():
 def test_things_that_move_along_mislead_nobody_who_felt_that_he_left(after_a_rest, monkeypatch):
     drive, odometry = after_a_rest
     track = odometry._track
-    monkeypatch.setattr(speed_check, "standing_speed_of", lambda *_: Speed(0.4, 2.0, by_tall=True))
+    monkeypatch.setattr(
+        speed_check, "standing_speed_of", lambda *_: Speed(0.4, 2.0, by_fixtures=True)
+    )
     driven(odometry, drive, range(12, 40))
     assert odometry._track is track
     assert track.twist()[0] == pytest.approx(8.0, abs=0.2)
@@ -96,7 +98,7 @@ def test_who_is_held_slower_than_he_felt_begins_anew(after_a_rest, monkeypatch):
     wrong = odometry._track
     wrong.state.velocity = np.zeros(3)
     monkeypatch.setattr(
-        "roadscope.odometry.inertial.start.speed_of", lambda *_: Speed(0.0, 2.0, by_tall=True)
+        "roadscope.odometry.inertial.start.speed_of", lambda *_: Speed(0.0, 2.0, by_fixtures=True)
     )
     told = driven(odometry, drive, range(12, 14))
     assert told[-1].reason == "more speed was felt than is seen"

@@ -21,7 +21,7 @@ def answers(monkeypatch):
     def of(*looks, unfelt_m_s2=100.0, least_m_s=-np.inf):
         told = iter(looks)
         monkeypatch.setattr(
-            speed_check, "standing_speed_of", lambda *_: Speed(next(told), 2.0, by_tall=True)
+            speed_check, "standing_speed_of", lambda *_: Speed(next(told), 2.0, by_fixtures=True)
         )
         monkeypatch.setattr(speed_check, "SCANS", 1)
         check = SpeedCheck()
@@ -86,7 +86,7 @@ def test_who_holds_a_wrong_speed_too_firmly_begins_anew(monkeypatch, levels):
     for k in range(12):
         odometry.update(drive.scan(k), drive.imu(k))
     track, speed_m_s = odometry._track, odometry._track.twist()[0]
-    seen = Speed(speed_m_s - 0.7 * FAR_M_S, 2.0, by_tall=True)
+    seen = Speed(speed_m_s - 0.7 * FAR_M_S, 2.0, by_fixtures=True)
     monkeypatch.setattr(speed_check, "standing_speed_of", lambda *_: seen)
     told = []
     for k in range(12, 60):

@@ -63,7 +63,7 @@ class SpeedCheck:
         if abs(off_m_s) < FAR_M_S or not np.isfinite(self._confirmed_s):
             return True
         possible_m_s = NEAR_M_S + unfelt_m_s2 * (now_s - self._confirmed_s)
-        # What moves along looks slower than it should; nothing that is tall looks faster.
+        # What moves along looks slower than it should; no fixture looks faster.
         return abs(off_m_s - before_m_s) < FAR_M_S and -off_m_s < possible_m_s
 
     def contradicts(self, off_m_s: float, deviation_m_s: float) -> bool:

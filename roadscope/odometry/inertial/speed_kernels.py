@@ -14,18 +14,25 @@ UPRIGHT = 2
 
 
 @compiled()
-def ends(
+def reaches(
     points: np.ndarray, ring: np.ndarray, column: np.ndarray, rings: int, columns: int
 ) -> np.ndarray:
+    """Return (rings, columns) float32, how far each beam went, metres; 0 where nothing came."""
+    reach = np.zeros((rings, columns), np.float32)
+    for n in range(len(points)):
+        x, y, z = points[n]
+        reach[ring[n], column[n]] = np.sqrt(x * x + y * y + z * z)
+    return reach
+
+
+@compiled()
+def ends(reach: np.ndarray, ring: np.ndarray, column: np.ndarray) -> np.ndarray:
     """Return (N,) bool, at which returns a thing ends to the left or the right.
 
     The wall of a tunnel and the ground have no ends: there, returns stand where the beams point,
     not where something is.
     """
-    reach = np.zeros((rings, columns), np.float32)
-    for n in range(len(points)):
-        x, y, z = points[n]
-        reach[ring[n], column[n]] = np.sqrt(x * x + y * y + z * z)
+    rings, columns = reach.shape
     edges = np.zeros((rings, columns), np.bool_)
     for r in range(rings):
         for c in range(columns):
@@ -39,13 +46,57 @@ def ends(
                     there = reach[r, (c + side * d) % columns]
                     near |= 0.0 < there < least
                 edges[r, c] |= not near
-    marks = np.zeros(len(points), np.bool_)
-    for n in range(len(points)):
+    marks = np.zeros(len(ring), np.bool_)
+    for n in range(len(ring)):
         r, c = ring[n], column[n]
         marks[n] = edges[r, c] and (
             _upright(edges, reach, r, c, -1) or _upright(edges, reach, r, c, 1)
         )
     return marks
+
+
+@compiled()
+def slim(
+    reach: np.ndarray, ring: np.ndarray, column: np.ndarray, asked: np.ndarray, widest_m: float
+) -> np.ndarray:
+    """Return (N,) bool, at which of the returns asked for, (N,) bool, something slim was met.
+
+    It is no wider than so many metres and stands free: on either side beams go farther. What
+    hides a part of a thing does not make it slim.
+    """
+    columns = reach.shape[1]
+    marks = np.zeros(len(ring), np.bool_)
+    for n in range(len(ring)):
+        here = reach[ring[n], column[n]]
+        if not asked[n] or not 0.0 < here < np.inf:
+            continue
+        most = max(int(widest_m / here * columns / (2.0 * np.pi)), 1)
+        left = _columns_to_the_side(reach, ring[n], column[n], -1, most)
+        right = _columns_to_the_side(reach, ring[n], column[n], 1, most)
+        marks[n] = left >= 0 and right >= 0 and left + right < most
+    return marks
+
+
+@compiled()
+def _columns_to_the_side(reach: np.ndarray, r: Index, c: Index, side: int, most: int) -> int:
+    """Return how many more columns to one side meet the same thing; -1 if it does not end there.
+
+    It ends where two beams in a row go farther: one may have got no answer.
+    """
+    columns, here = reach.shape[1], reach[r, c]
+    margin = here * JUMP_SHARE + JUMP_M
+    same, missed = 0, 0
+    for d in range(1, most + 3):
+        there = reach[r, (c + side * d) % columns]
+        if 0.0 < there < here - margin:
+            return -1
+        if 0.0 < there < here + margin:
+            same, missed = d, 0
+            continue
+        missed += 1
+        if missed == 2:
+            return same
+    return -1
 
 
 @compiled()

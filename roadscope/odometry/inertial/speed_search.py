@@ -1,7 +1,8 @@
 """How fast a sensor is whose first scans have just come: the speed at which things come together.
 
-The majority does not decide: among lorries most returns move along with the sensor. What is higher
-above the ground than any vehicle stands, and is asked first.
+The majority does not decide: among lorries most returns move along with the sensor. Fixtures are
+asked first: what is higher above the ground than any vehicle, or higher than any person and too
+slim for a vehicle, as posts, trunks, lamps.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.speed_kernels import ends, gathered
+from roadscope.odometry.inertial.speed_kernels import ends, gathered, reaches, slim
 
 SPEEDS_M_S = np.arange(-8.0, 50.0, 0.25)
 CELL_M = 0.4
@@ -25,49 +26,69 @@ BESIDE_M_S = 2.0
 LEAST_TALL = 8
 """Ends of tall things, in a scan on average, from which they decide. A few are met where beams
 leave the roof of a tunnel, and travel with the sensor."""
+SLIM_M, PERSON_M = 0.6, 2.0
+"""Vehicles that are so high are wider; people and riders are as slim, but not so high."""
+LEAST_SLIM, APART_M = 4.0, 2.0
+"""Slim things, in a scan on average, from which they decide; nearer ones count as one. Beside the
+sensor a piece of a lorry may be seen by itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ends:
-    """Where things end in a scan: (K, 2) metres as measured, (K,) times, (K,) whether tall."""
+    """Where things end in a scan, and where slim ones are.
+
+    points: (K, 2) metres as measured. times_s: (K,). upright, tall, slim: (K,) bool, whether it is
+    an upright end, one of a tall thing, or on a slim thing.
+    """
 
     points: np.ndarray
     times_s: np.ndarray
+    upright: np.ndarray
     tall: np.ndarray
+    slim: np.ndarray
 
     @staticmethod
     def of(scan: LidarScan) -> Ends:
         """Find them."""
         points = np.where(np.isfinite(scan.points), scan.points, 0.0)
         if not len(points):
-            return Ends(np.empty((0, 2)), np.empty(0), np.empty(0, bool))
+            return Ends(np.empty((0, 2)), np.empty(0), *np.empty((3, 0), bool))
         flat = np.hypot(points[:, 0], points[:, 1])
         near = (flat < NEAR_M) & (flat > 0)
         ground_m = np.quantile(points[near, 2], GROUND_SHARE) if near.any() else -np.inf
         height_m = points[:, 2] - ground_m
-        kept = ends(points, scan.ring, scan.column, scan.ring.max() + 1, scan.column.max() + 1)
-        kept &= (height_m > LOWEST_M) & (flat < FARTHEST_M) & (flat > 1.5)
+        usable = (flat < FARTHEST_M) & (flat > 1.5)
+        reach = reaches(points, scan.ring, scan.column, scan.ring.max() + 1, scan.column.max() + 1)
+        upright = ends(reach, scan.ring, scan.column) & usable & (height_m > LOWEST_M)
+        free = slim(reach, scan.ring, scan.column, usable & (height_m > PERSON_M), SLIM_M)
+        kept = upright | free
         times = scan.stamp_s + scan.time_offset_s[kept].astype(np.float64)
-        return Ends(points[kept, :2].astype(np.float64), times, height_m[kept] > TALLEST_M)
+        return Ends(points[kept, :2].astype(np.float64), times, upright[kept],
+                    (upright & (height_m > TALLEST_M))[kept], free[kept])  # fmt: skip
+
+    @property
+    def slim_things(self) -> int:
+        """Return how many slim things there are."""
+        return len(np.unique(np.floor(self.points[self.slim] / APART_M), axis=0))
 
 
 @dataclass(frozen=True, slots=True)
 class Speed:
     """The best speed ahead, m/s, and how many times as much it gathers as the best of others.
 
-    by_tall: whether only things decided that are taller than vehicles.
+    by_fixtures: whether only things decided that no road user can be.
     """
 
     ahead_m_s: float
     clarity: float
-    by_tall: bool = False
+    by_fixtures: bool = False
 
     CLEAR: ClassVar = 1.25
 
     @staticmethod
     def told(ahead_m_s: float) -> Speed:
         """Return a speed that was not looked for but told."""
-        return Speed(ahead_m_s, np.inf, by_tall=True)
+        return Speed(ahead_m_s, np.inf, by_fixtures=True)
 
     @property
     def clear(self) -> bool:
@@ -77,25 +98,33 @@ class Speed:
     @property
     def known(self) -> bool:
         """Whether it is to be believed: what is as low as vehicles may all move along."""
-        return self.clear and self.by_tall
+        return self.clear and self.by_fixtures
 
 
 def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
     """Return the speed at which scans in a row agree; with the turn rate about the vertical."""
-    if _tall(scans) >= LEAST_TALL:
-        return standing_speed_of(scans, rate_rad_s)
-    return Speed(*_peak(scans, rate_rad_s, [np.ones(len(each.tall), bool) for each in scans]))
+    fixed = _fixed(scans)
+    if fixed is not None:
+        return Speed(*_peak(scans, rate_rad_s, fixed), by_fixtures=True)
+    return Speed(*_peak(scans, rate_rad_s, [each.upright for each in scans]))
 
 
 def standing_speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
-    """Return the speed at which that agrees which is taller than vehicles; not clear without."""
-    if _tall(scans) < LEAST_TALL:
+    """Return the speed at which fixtures agree; not clear where there are too few."""
+    fixed = _fixed(scans)
+    if fixed is None:
         return Speed(0.0, 0.0)
-    return Speed(*_peak(scans, rate_rad_s, [each.tall for each in scans]), by_tall=True)
+    return Speed(*_peak(scans, rate_rad_s, fixed), by_fixtures=True)
 
 
-def _tall(scans: list[Ends]) -> float:
-    return sum(int(each.tall.sum()) for each in scans) / max(len(scans), 1)
+def _fixed(scans: list[Ends]) -> list[np.ndarray] | None:
+    """Return which ends of each scan are of fixtures; None where there are too few."""
+    count = max(len(scans), 1)
+    tall = sum(int(each.tall.sum()) for each in scans) / count >= LEAST_TALL
+    many = sum(each.slim_things for each in scans) / count >= LEAST_SLIM
+    if not (tall or many):
+        return None
+    return [each.tall & tall | each.slim & many for each in scans]
 
 
 def _peak(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> tuple[float, float]:

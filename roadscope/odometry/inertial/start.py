@@ -34,7 +34,7 @@ class InertialStart:
     """Gathers scans and what was felt between them.
 
     anew: whether the sensor was followed before, and lost. One that was not and that feels nothing
-    is taken to stand unless what is taller than vehicles says that it moves.
+    is taken to stand unless fixtures say that it moves.
     """
 
     def __init__(self, noise: InertialNoise, *, anew: bool = False) -> None:
@@ -57,7 +57,7 @@ class InertialStart:
     @property
     def held(self) -> bool:
         """Whether the sensor is taken to stand since the first scan."""
-        return self._quiet and not self._anew and not self._best.by_tall
+        return self._quiet and not self._anew and not self._best.by_fixtures
 
     def speed(self) -> Speed | None:
         """Return the speed ahead once it is clear, or enough scans were seen."""
@@ -106,6 +106,6 @@ class InertialStart:
 
 def _held_still(seen: Speed) -> Speed:
     """Return what was seen by a sensor that feels nothing: what is low may all be traffic."""
-    if not seen.by_tall:
+    if not seen.by_fixtures:
         return Speed(0.0, 0.0)
     return replace(seen, ahead_m_s=0.0) if abs(seen.ahead_m_s) < SLOW_M_S else seen
