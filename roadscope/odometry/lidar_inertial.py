@@ -22,7 +22,7 @@ from roadscope.odometry.inertial.filter import (
 )
 from roadscope.odometry.inertial.rest import Rest
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
-from roadscope.odometry.inertial.speed_search import Speed
+from roadscope.odometry.inertial.speed_search import ROUGHLY_M_S, Speed
 from roadscope.odometry.inertial.standstill import WINDOW_S, felt_still
 from roadscope.odometry.inertial.start import InertialStart
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
@@ -225,19 +225,20 @@ class LidarInertialOdometry:
     def _held_against_what_stands(self, track: InertialTrack, scan: LidarScan) -> str:
         """Correct the speed by fixtures; where it is another, say so."""
         ahead_m_s, rate_rad_s = track.twist()[[0, 5]]
-        off_m_s = self._check.off(
+        looked = self._check.off(
             scan, float(ahead_m_s), float(rate_rad_s), track.unfelt_m_s2, self._felt.least_m_s
         )
-        if off_m_s is None:
+        if looked is None:
             return ""
+        off_m_s, spread_m_s = looked
         if abs(off_m_s) > FAR_M_S:
             self._misfits = LOST
             return "what stands beside the road moves otherwise"
-        if self._check.contradicts(off_m_s, track.looked_off_m_s):
+        if self._check.contradicts(off_m_s, track.looked_off_m_s(max(spread_m_s, ROUGHLY_M_S))):
             # What pulled the speed away has passed for a slope.
             self._misfits, self._level = LOST, False
             return "what stands beside the road moves otherwise again and again"
-        track.speed_up(off_m_s)
+        track.speed_up(off_m_s, spread_m_s)
         self._speed_known = True
         return ""
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.speed_kernels import slim
+from roadscope.odometry.inertial.speed_kernels import joined, slim
 from roadscope.odometry.inertial.speed_search import Ends, speed_of, standing_speed_of
 
 COLUMNS = 1800
@@ -81,7 +81,31 @@ def test_posts_lower_than_lorries_tell_the_speed(speed_m_s):
     assert not any(each.tall.any() for each in seen)
     found = standing_speed_of(seen, 0.0)
     assert found.known
-    assert found.ahead_m_s == pytest.approx(speed_m_s, abs=0.4)
+    assert found.ahead_m_s == pytest.approx(speed_m_s, abs=0.1)
+    assert found.spread_m_s < 0.2
+
+
+def test_points_are_joined_where_all_of_their_pairs_say():
+    """Beside the minimum of the sum over pairs on a fine grid of speeds."""
+    rng = np.random.default_rng(0)
+    scans = np.repeat(np.arange(5), 12)
+    ahead = np.column_stack([0.1 * scans + 0.01 * rng.random(60), np.zeros(60)])
+    things = 20 * rng.random((12, 2))
+    points = np.tile(things, (5, 1)) - 14.0 * ahead + 0.03 * rng.standard_normal((60, 2))
+    apart = scans[:, None] != scans
+    turned, moved = points[:, None] - points, ahead[:, None] - ahead
+
+    def cost(speed):
+        off = turned + speed * moved
+        return -np.exp(-0.5 * (off**2).sum(axis=2) / 0.1**2)[apart].sum()
+
+    speeds = np.arange(13.5, 14.5, 0.001)
+    best = speeds[np.argmin([cost(speed) for speed in speeds])]
+    found, weight = joined(points, ahead, scans, 14.2, 0.1)
+    assert found == pytest.approx(best, abs=0.005)
+    assert found == pytest.approx(14.0, abs=0.05)
+    assert weight > 3
+    assert joined(points + 1000.0 * scans[:, None], ahead, scans, 14.2, 0.1)[1] == 0
 
 
 def test_people_are_no_posts():

@@ -32,11 +32,12 @@ class SpeedCheck:
     def off(
         self, scan: LidarScan, ahead_m_s: float, rate_rad_s: float, unfelt_m_s2: float,
         least_m_s: float = -np.inf,
-    ) -> float | None:  # fmt: skip
-        """Take a scan and what motion is held true; return how much faster it is, m/s.
+    ) -> tuple[float, float] | None:  # fmt: skip
+        """Take a scan and what motion is held true; return how much faster it is, and how sure.
 
-        None where that is not clear, or was not looked at. unfelt_m_s2: what acceleration may have
-        gone unnoticed since the speed was confirmed. least_m_s: what looks slower moves along.
+        Both m/s, the latter a standard deviation. None where that is not clear, or was not looked
+        at. unfelt_m_s2: what acceleration may have gone unnoticed since the speed was confirmed.
+        least_m_s: what looks slower moves along.
         """
         if scan.stamp_s < self._done_s + EVERY_S:
             return None
@@ -55,7 +56,7 @@ class SpeedCheck:
         if abs(off_m_s) < NEAR_M_S:
             self._confirmed_s = scan.stamp_s
         self._done_s = scan.stamp_s
-        return off_m_s
+        return off_m_s, seen.spread_m_s
 
     def _believed(self, off_m_s: float, now_s: float, unfelt_m_s2: float) -> bool:
         """Say whether a look is; against a speed once confirmed it takes two that are possible."""

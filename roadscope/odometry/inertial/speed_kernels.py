@@ -11,6 +11,8 @@ JUMP_M, JUMP_SHARE = 0.4, 0.02
 """A beam's neighbour that reaches so much farther has missed the thing that the beam met."""
 UPRIGHT = 2
 """Columns by which an upright end may be off in the beam above or below."""
+STEPS, REACH = 6, 3.0
+"""Of Gauss and Newton; standard deviations beyond which a pair does not count."""
 
 
 @compiled()
@@ -118,29 +120,23 @@ def _upright(edges: np.ndarray, reach: np.ndarray, r: Index, c: Index, up: int) 
 
 @compiled()
 def gathered(
-    points: np.ndarray, times_s: np.ndarray, scans: np.ndarray, rate: float, speeds: np.ndarray,
-    cell_m: float,
-) -> np.ndarray:  # fmt: skip
+    points: np.ndarray, ahead: np.ndarray, scans: np.ndarray, speeds: np.ndarray, cell_m: float
+) -> np.ndarray:
     """Return (V,) how often different scans meet in one cell of the ground plane, at each speed.
 
-    points: (N, 2) as measured. times_s: (N,) since the first scan. scans: (N,) which of the scans,
-    fewer than 32. rate: rad/s about the vertical. speeds: (V,) m/s ahead.
+    points: (N, 2) metres, turned as the sensor was at first. ahead: (N, 2) s, where they are moved
+    by a speed. scans: (N,) which of the scans, fewer than 32. speeds: (V,) m/s ahead.
     """
     slots = 1024
     while slots < 2 * len(points):
         slots *= 2
-    angles = rate * times_s
-    cosines, sines = np.cos(angles), np.sin(angles)
-    turned_x = cosines * points[:, 0] - sines * points[:, 1]
-    turned_y = sines * points[:, 0] + cosines * points[:, 1]
-    ahead_x, ahead_y = times_s * np.cos(0.5 * angles), times_s * np.sin(0.5 * angles)
     scores = np.zeros(len(speeds))
     keys, met = np.empty(slots, np.int64), np.empty(slots, np.int64)
     for s in range(len(speeds)):
         keys[:] = EMPTY
         met[:] = 0
         for n in range(len(points)):
-            x, y = turned_x[n] + speeds[s] * ahead_x[n], turned_y[n] + speeds[s] * ahead_y[n]
+            x, y = points[n, 0] + speeds[s] * ahead[n, 0], points[n, 1] + speeds[s] * ahead[n, 1]
             key = cube_of(x, y, 0.0, cell_m)
             slot = slot_of(keys, key)
             keys[slot] = key
@@ -152,3 +148,36 @@ def gathered(
                 count += 1
             scores[s] += count * (count - 1) // 2
     return scores
+
+
+@compiled()
+def joined(
+    points: np.ndarray, ahead: np.ndarray, scans: np.ndarray, speed: float, near_m: float
+) -> tuple[float, float]:
+    """Return the speed near another at which points of different scans meet best, and its weight.
+
+    As `gathered`, without cells: least squares over all pairs, weighed by Welsch's function of
+    how far they are apart. The weight, s^2, is what the pairs that meet say of the speed together;
+    0 where none do. near_m: the standard deviation of that function.
+    """
+    weight = 0.0
+    for _ in range(STEPS):
+        weight, vector = 0.0, 0.0
+        for i in range(len(points)):
+            for j in range(i):
+                if scans[i] == scans[j]:
+                    continue
+                along, aside = ahead[i, 0] - ahead[j, 0], ahead[i, 1] - ahead[j, 1]
+                x = points[i, 0] - points[j, 0] + speed * along
+                if abs(x) > REACH * near_m:
+                    continue
+                y = points[i, 1] - points[j, 1] + speed * aside
+                if abs(y) > REACH * near_m:
+                    continue
+                share = np.exp(-0.5 * (x * x + y * y) / (near_m * near_m))
+                weight += share * (along * along + aside * aside)
+                vector += share * (along * x + aside * y)
+        if weight <= 0.0:
+            return speed, 0.0
+        speed -= vector / weight
+    return speed, weight

@@ -7,13 +7,13 @@ slim for a vehicle, as posts, trunks, lamps.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.speed_kernels import ends, gathered, reaches, slim
+from roadscope.odometry.inertial.speed_kernels import ends, gathered, joined, reaches, slim
 
 SPEEDS_M_S = np.arange(-8.0, 50.0, 0.25)
 CELL_M = 0.4
@@ -31,6 +31,14 @@ SLIM_M, PERSON_M = 0.6, 2.0
 LEAST_SLIM, APART_M = 4.0, 2.0
 """Slim things, in a scan on average, from which they decide; nearer ones count as one. Beside the
 sensor a piece of a lorry may be seen by itself."""
+
+
+ROUGHLY_M_S = 0.3
+"""Standard deviation of a speed that is told by cells."""
+NEAR_FIXTURE_M = 0.1
+"""How far apart the same fixture is met."""
+FINE_S2_M_S, FINEST_M_S = 2.0, 0.08
+"""A fine speed errs by so much over its weight, in tunnels as on roads; the body sways, besides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +84,14 @@ class Ends:
 class Speed:
     """The best speed ahead, m/s, and how many times as much it gathers as the best of others.
 
-    by_fixtures: whether only things decided that no road user can be.
+    by_fixtures: whether only things decided that no road user can be. spread_m_s: how far off it
+    may be, one standard deviation.
     """
 
     ahead_m_s: float
     clarity: float
     by_fixtures: bool = False
+    spread_m_s: float = ROUGHLY_M_S
 
     CLEAR: ClassVar = 1.25
 
@@ -105,16 +115,20 @@ def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
     """Return the speed at which scans in a row agree; with the turn rate about the vertical."""
     fixed = _fixed(scans)
     if fixed is not None:
-        return Speed(*_peak(scans, rate_rad_s, fixed), by_fixtures=True)
-    return Speed(*_peak(scans, rate_rad_s, [each.upright for each in scans]))
+        return _by_fixtures(scans, rate_rad_s, fixed)
+    return _Looks.at(scans, rate_rad_s, [each.upright for each in scans]).roughly()
 
 
 def standing_speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
     """Return the speed at which fixtures agree; not clear where there are too few."""
     fixed = _fixed(scans)
-    if fixed is None:
-        return Speed(0.0, 0.0)
-    return Speed(*_peak(scans, rate_rad_s, fixed), by_fixtures=True)
+    return Speed(0.0, 0.0) if fixed is None else _by_fixtures(scans, rate_rad_s, fixed)
+
+
+def _by_fixtures(scans: list[Ends], rate: float, fixed: list[np.ndarray]) -> Speed:
+    looks = _Looks.at(scans, rate, fixed)
+    found = replace(looks.roughly(), by_fixtures=True)
+    return looks.finely(found) if found.clear else found
 
 
 def _fixed(scans: list[Ends]) -> list[np.ndarray] | None:
@@ -127,18 +141,53 @@ def _fixed(scans: list[Ends]) -> list[np.ndarray] | None:
     return [each.tall & tall | each.slim & many for each in scans]
 
 
-def _peak(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> tuple[float, float]:
-    """Return the best speed of the chosen ends, m/s, and its clarity."""
-    points = np.concatenate([each.points[c] for each, c in zip(scans, chosen, strict=True)])
-    times = np.concatenate([each.times_s[c] for each, c in zip(scans, chosen, strict=True)])
-    number = np.concatenate([np.full(int(c.sum()), i) for i, c in enumerate(chosen)])
-    if len(points) < 2:
-        return 0.0, 0.0
-    scores = gathered(points, times - times.min(), number, rate, SPEEDS_M_S, CELL_M)
-    scores = scores - np.median(scores)
-    best = int(scores.argmax())
-    others = scores[np.abs(SPEEDS_M_S - SPEEDS_M_S[best]) > BESIDE_M_S]
-    around = slice(max(best - 1, 0), best + 2)
-    weights = np.maximum(scores[around], 0.0) + 1e-9
-    middle = float(weights @ SPEEDS_M_S[around] / weights.sum())
-    return middle, float(scores[best] / max(others.max(), 1.0))
+@dataclass(frozen=True, slots=True)
+class _Looks:
+    """Chosen ends of scans in a row.
+
+    points: (N, 2) metres, turned as the sensor was at first. ahead: (N, 2) s, where they are moved
+    by a speed, along the arc on which the sensor drives. scans: (N,) numbers.
+    """
+
+    points: np.ndarray
+    ahead: np.ndarray
+    scans: np.ndarray
+
+    @staticmethod
+    def at(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> _Looks:
+        """Join them; rate: rad/s about the vertical."""
+        points = np.concatenate([each.points[c] for each, c in zip(scans, chosen, strict=True)])
+        times = np.concatenate([each.times_s[c] for each, c in zip(scans, chosen, strict=True)])
+        number = np.concatenate([np.full(int(c.sum()), i) for i, c in enumerate(chosen)])
+        times = times - times.min(initial=np.inf)
+        angles = rate * times
+        cosines, sines = np.cos(angles), np.sin(angles)
+        turned = np.column_stack([
+            cosines * points[:, 0] - sines * points[:, 1],
+            sines * points[:, 0] + cosines * points[:, 1],
+        ])  # fmt: skip
+        half = times[:, None] * np.column_stack([np.cos(0.5 * angles), np.sin(0.5 * angles)])
+        return _Looks(turned, half, number)
+
+    def roughly(self) -> Speed:
+        """Return the best speed by cells."""
+        if len(self.points) < 2:
+            return Speed(0.0, 0.0)
+        scores = gathered(self.points, self.ahead, self.scans, SPEEDS_M_S, CELL_M)
+        scores = scores - np.median(scores)
+        best = int(scores.argmax())
+        others = scores[np.abs(SPEEDS_M_S - SPEEDS_M_S[best]) > BESIDE_M_S]
+        around = slice(max(best - 1, 0), best + 2)
+        weights = np.maximum(scores[around], 0.0) + 1e-9
+        middle = float(weights @ SPEEDS_M_S[around] / weights.sum())
+        return Speed(middle, float(scores[best] / max(others.max(), 1.0)))
+
+    def finely(self, rough: Speed) -> Speed:
+        """Return the speed near a rough one at which the points themselves meet."""
+        ahead_m_s, weight = joined(
+            self.points, self.ahead, self.scans, rough.ahead_m_s, NEAR_FIXTURE_M
+        )
+        if not weight or abs(ahead_m_s - rough.ahead_m_s) > BESIDE_M_S:
+            return rough
+        spread_m_s = float(np.hypot(FINE_S2_M_S / weight, FINEST_M_S))
+        return replace(rough, ahead_m_s=ahead_m_s, spread_m_s=spread_m_s)

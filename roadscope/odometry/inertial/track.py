@@ -48,8 +48,6 @@ RENEWED_S = 1.0
 in it, and no measurement of a pose in it tells more than how scans lie to one another."""
 WANDER = np.array([0.3] * 3 + [0.01] * 3)
 """By no more than this, m and rad, where scans tell nothing."""
-AHEAD_M_S = 0.3
-"""How well the speed is told by where things come together."""
 CLOSE_FLOOR_M = 0.02
 """Between near walls the whole map hangs on few scans that were taken nearby, whose errors in
 attitude it has: what is met again from elsewhere is as much off as this at least."""
@@ -175,18 +173,20 @@ class InertialTrack:
         off = force + to_sensor @ gravity - self.state.force_bias
         observe(self.state, J, off, np.full(3, RESTING_M_S2**2))
 
-    @property
-    def looked_off_m_s(self) -> float:
-        """Return the standard deviation of what is seen of the speed ahead from what is held."""
+    def looked_off_m_s(self, spread_m_s: float) -> float:
+        """Return the standard deviation of what is seen of the speed ahead from what is held.
+
+        spread_m_s: that of what is seen from the truth.
+        """
         ahead = self.state.pose[:3, 0]
         variance = float(ahead @ self.state.covariance[SPEED, SPEED] @ ahead)
-        return float(np.sqrt(variance + AHEAD_M_S**2))
+        return float(np.hypot(np.sqrt(variance), spread_m_s))
 
-    def speed_up(self, off_m_s: float) -> None:
+    def speed_up(self, off_m_s: float, spread_m_s: float) -> None:
         """Take a measured difference to the speed ahead."""
         J = np.zeros((1, SIZE))
         J[0, SPEED] = self.state.pose[:3, 0]
-        observe(self.state, J, np.array([off_m_s]), np.array([AHEAD_M_S**2]))
+        observe(self.state, J, np.array([off_m_s]), np.array([spread_m_s**2]))
 
     def roll(self, speed_m_s: float, variance: float, *, doubted: bool) -> bool:
         """Take what wheels tell; say whether it was taken: if doubted, not what is far off."""
