@@ -61,7 +61,7 @@ def ends(reach: np.ndarray, ring: np.ndarray, column: np.ndarray) -> np.ndarray:
 def slim(
     reach: np.ndarray, ring: np.ndarray, column: np.ndarray, asked: np.ndarray, widest_m: float
 ) -> np.ndarray:
-    """Return (N,) bool, at which of the returns asked for, (N,) bool, something slim was met.
+    """Return (N,) bool, where the middle of a slim thing is, of (N,) bool returns asked for.
 
     It is no wider than so many metres and stands free: on either side beams go farther. What
     hides a part of a thing does not make it slim.
@@ -75,7 +75,7 @@ def slim(
         most = max(int(widest_m / here * columns / (2.0 * np.pi)), 1)
         left = _columns_to_the_side(reach, ring[n], column[n], -1, most)
         right = _columns_to_the_side(reach, ring[n], column[n], 1, most)
-        marks[n] = left >= 0 and right >= 0 and left + right < most
+        marks[n] = right >= 0 and 0 <= left - right <= 1 and left + right < most
     return marks
 
 
@@ -158,21 +158,20 @@ def joined(
 
     As `gathered`, without cells: least squares over all pairs, weighed by Welsch's function of
     how far they are apart. The weight, s^2, is what the pairs that meet say of the speed together;
-    0 where none do. near_m: the standard deviation of that function.
+    0 where none do. near_m: the standard deviation of that function. points: in order of the
+    second axis, as they are moved by the speed.
     """
     weight = 0.0
     for _ in range(STEPS):
         weight, vector = 0.0, 0.0
         for i in range(len(points)):
-            for j in range(i):
-                if scans[i] == scans[j]:
-                    continue
+            for j in range(i - 1, -1, -1):
                 along, aside = ahead[i, 0] - ahead[j, 0], ahead[i, 1] - ahead[j, 1]
-                x = points[i, 0] - points[j, 0] + speed * along
-                if abs(x) > REACH * near_m:
-                    continue
                 y = points[i, 1] - points[j, 1] + speed * aside
-                if abs(y) > REACH * near_m:
+                if y > 2 * REACH * near_m:
+                    break
+                x = points[i, 0] - points[j, 0] + speed * along
+                if scans[i] == scans[j] or max(abs(x), abs(y)) > REACH * near_m:
                     continue
                 share = np.exp(-0.5 * (x * x + y * y) / (near_m * near_m))
                 weight += share * (along * along + aside * aside)

@@ -28,16 +28,16 @@ LEAST_TALL = 8
 leave the roof of a tunnel, and travel with the sensor."""
 SLIM_M, PERSON_M = 0.6, 2.0
 """Vehicles that are so high are wider; people and riders are as slim, but not so high."""
-LEAST_SLIM, APART_M = 4.0, 2.0
-"""Slim things, in a scan on average, from which they decide; nearer ones count as one. Beside the
-sensor a piece of a lorry may be seen by itself."""
+LEAST_SLIM, MANY_SLIM, APART_M = 4.0, 10.0, 2.0
+"""Slim things, in a scan on average, from which they decide, and from which they do so alone;
+nearer ones count as one. Beside the sensor a piece of a lorry may be seen by itself."""
 
 
 ROUGHLY_M_S = 0.3
 """Standard deviation of a speed that is told by cells."""
 NEAR_FIXTURE_M = 0.1
 """How far apart the same fixture is met."""
-FINE_S2_M_S, FINEST_M_S = 2.0, 0.08
+FINE_S2_M_S, FINEST_M_S = 2.0, 0.1
 """A fine speed errs by so much over its weight, in tunnels as on roads; the body sways, besides."""
 
 
@@ -46,7 +46,7 @@ class Ends:
     """Where things end in a scan, and where slim ones are.
 
     points: (K, 2) metres as measured. times_s: (K,). upright, tall, slim: (K,) bool, whether it is
-    an upright end, one of a tall thing, or on a slim thing.
+    an upright end, one of a tall thing, or the middle of a slim thing.
     """
 
     points: np.ndarray
@@ -134,8 +134,9 @@ def _by_fixtures(scans: list[Ends], rate: float, fixed: list[np.ndarray]) -> Spe
 def _fixed(scans: list[Ends]) -> list[np.ndarray] | None:
     """Return which ends of each scan are of fixtures; None where there are too few."""
     count = max(len(scans), 1)
+    things = sum(each.slim_things for each in scans) / count
     tall = sum(int(each.tall.sum()) for each in scans) / count >= LEAST_TALL
-    many = sum(each.slim_things for each in scans) / count >= LEAST_SLIM
+    tall, many = tall and things < MANY_SLIM, things >= LEAST_SLIM
     if not (tall or many):
         return None
     return [each.tall & tall | each.slim & many for each in scans]
@@ -184,9 +185,9 @@ class _Looks:
 
     def finely(self, rough: Speed) -> Speed:
         """Return the speed near a rough one at which the points themselves meet."""
-        ahead_m_s, weight = joined(
-            self.points, self.ahead, self.scans, rough.ahead_m_s, NEAR_FIXTURE_M
-        )
+        order = np.argsort(self.points[:, 1] + rough.ahead_m_s * self.ahead[:, 1])
+        ahead_m_s, weight = joined(self.points[order], self.ahead[order], self.scans[order],
+                                   rough.ahead_m_s, NEAR_FIXTURE_M)  # fmt: skip
         if not weight or abs(ahead_m_s - rough.ahead_m_s) > BESIDE_M_S:
             return rough
         spread_m_s = float(np.hypot(FINE_S2_M_S / weight, FINEST_M_S))
