@@ -80,15 +80,20 @@ def test_check_env_minds_only_the_wrapping_of_foreign_environments(name: str) ->
     check_env(env, skip_render_check=True)
 
 
-@pytest.mark.parametrize("name", env_ids())
-def test_specs_survive_json(name: str) -> None:
-    spec = gym.make(name, rig="lux").spec
+@pytest.fixture(scope="module", params=env_ids())
+def every_id(request: pytest.FixtureRequest) -> str:
+    """One after the other for all that ask: the last recordings are kept."""
+    return str(request.param)
+
+
+def test_specs_survive_json(every_id: str) -> None:
+    spec = gym.make(every_id, rig="lux").spec
     assert spec is not None
     again = gym.envs.registration.EnvSpec.from_json(spec.to_json())
     assert again == spec
     first, second = gym.make(spec), gym.make(again)
-    one, _ = first.reset(seed=2)
-    two, _ = second.reset(seed=2)
+    one, _ = first.reset(seed=0)
+    two, _ = second.reset(seed=0)
     assert digest(one) == digest(two)
 
 
@@ -210,9 +215,8 @@ def test_a_crash_ends_an_agents_episode() -> None:
     assert terminated or truncated
 
 
-@pytest.mark.parametrize("name", env_ids())
-def test_actions_outside_the_space_are_refused(name: str) -> None:
-    env = gym.make(name, rig="lux", disable_env_checker=True)
+def test_actions_outside_the_space_are_refused(every_id: str) -> None:
+    env = gym.make(every_id, rig="lux", disable_env_checker=True)
     env.reset(seed=0)
     wrong = 99 if isinstance(env.action_space, gym.spaces.Discrete) else [7.0]
     with pytest.raises(ValueError, match="lies outside the action space"):
