@@ -1,13 +1,9 @@
 """A result's key changes with every file that decides it."""
 
-import shutil
-import subprocess
-import sys
-from pathlib import Path
+from collections.abc import Iterator
 
 import pytest
-
-import roadscope
+from edited_keys import Copy, copied
 
 KEYS = """
 from roadscope.benchmarks.eligibility import Eligibility
@@ -19,19 +15,11 @@ for board, detector, tracker in (("detection", "pag", None), ("tracking", "pag",
 """
 
 
-def keys(root: Path) -> list[str]:
-    result = subprocess.run(
-        [sys.executable, "-c", KEYS], cwd=root, capture_output=True, text=True, check=True
-    )
-    return result.stdout.split()
-
-
 @pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[list[str]]]:
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Copy, list[list[str]]]]:
     """A copy of the package, and the keys that it gave, the last at the end."""
-    root = tmp_path_factory.mktemp("copy")
-    shutil.copytree(Path(roadscope.__file__).parent, root / "roadscope")
-    return root, [keys(root)]
+    with copied(KEYS, tmp_path_factory.mktemp("copy")) as made:
+        yield made, [made.keys()]
 
 
 @pytest.mark.parametrize(
@@ -53,10 +41,9 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[list[str]
     ],
 )
 def test_what_decides_a_result_is_in_its_key(
-    copy: tuple[Path, list[list[str]]], file: str, changed: list[bool]
+    copy: tuple[Copy, list[list[str]]], file: str, changed: list[bool]
 ) -> None:
-    root, given = copy
-    path = root / "roadscope" / file
-    path.write_text(path.read_text() + "# edited\n")
-    given.append(keys(root))
+    made, given = copy
+    made.edit(file)
+    given.append(made.keys())
     assert [a != b for a, b in zip(*given[-2:], strict=True)] == changed

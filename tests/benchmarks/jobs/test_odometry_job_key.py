@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from edited_keys import assert_changed
+from edited_keys import assert_changed, copied
 
 KEYS = """
 from roadscope.benchmarks.episode import Episode
@@ -28,4 +28,5 @@ def test_what_decides_poses_and_scores_is_in_the_key(tmp_path: Path) -> None:
         ("trackers/nearest.py", [False, False, False]),
         ("benchmarks/boards/tables.py", [False, False, False]),
     ]
-    assert_changed(KEYS, tmp_path, edits)
+    with copied(KEYS, tmp_path) as copy:
+        assert_changed(copy, edits)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from edited_keys import assert_changed, keys
+from edited_keys import assert_changed, copied
 
 KEYS = """
 from roadscope.benchmarks.eligibility import Eligibility
@@ -34,7 +34,8 @@ def test_what_decides_a_result_is_in_its_key(tmp_path: Path) -> None:
         ("trackers/nearest.py", [False, False, True]),
         ("benchmarks/boards/tables.py", [False, False, False]),
     ]
-    before = assert_changed(KEYS, tmp_path, edits)
-    weights = tmp_path / "roadscope/detectors/camera/weights/network.safetensors"
-    weights.write_bytes(weights.read_bytes() + b"\0")
-    assert not set(before) & set(keys(KEYS, tmp_path))
+    with copied(KEYS, tmp_path) as copy:
+        before = assert_changed(copy, edits)
+        weights = tmp_path / "roadscope/detectors/camera/weights/network.safetensors"
+        weights.write_bytes(weights.read_bytes() + b"\0")
+        assert not set(before) & set(copy.keys())
