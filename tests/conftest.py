@@ -1,11 +1,16 @@
 """Settings shared by all tests."""
 
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+# Processes that tests start, and the next run, read byte code instead of compiling all sources.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Shared machines stall for longer than any deadline; a fixed seed keeps CI repeatable.
 settings.register_profile("roadscope", deadline=None, max_examples=50, derandomize=True)
