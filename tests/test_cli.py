@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,23 @@ def suite(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture
+def refused(monkeypatch, capsys) -> Callable[..., str]:
+    """End with a status and nothing but errors, which are returned; in this process."""
+
+    def refuse(status: int, *arguments: object) -> str:
+        monkeypatch.setattr(sys, "argv", ["roadscope", *map(str, arguments)])
+        monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+        with pytest.raises(SystemExit) as ended:
+            main()
+        answer = capsys.readouterr()
+        assert ended.value.code == status
+        assert answer.out == ""
+        return answer.err
+
+    return refuse
+
+
 def test_help_of_everything() -> None:
     whole = roadscope_does("--help")
     assert whole.returncode == 0
@@ -84,8 +102,9 @@ def test_list() -> None:
     everything = roadscope_does("list").stdout
     for name in ("pag-range", "nearest", "roundabout", "quick", "lux", "hdl32e"):
         assert name in everything
-    assert "roundabout" not in roadscope_does("list", "detectors").stdout
-    assert "oracle" in roadscope_does("list", "detectors").stdout
+    detectors = roadscope_does("list", "detectors").stdout
+    assert "roundabout" not in detectors
+    assert "oracle" in detectors
 
 
 @pytest.mark.parametrize(
@@ -125,17 +144,11 @@ def test_list() -> None:
         (["fly"], 2, "fly"),
     ],
 )  # fmt: skip
-def test_bad_input_is_answered_in_one_line(arguments, status, message, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(sys, "argv", ["roadscope", *map(str, arguments)])
-    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    answer = capsys.readouterr()
-    assert ended.value.code == status
-    assert answer.out == ""
-    assert message in answer.err
-    assert answer.err.startswith("error: ")
-    assert answer.err.count("\n") == 1
+def test_bad_input_is_answered_in_one_line(arguments, status, message, refused) -> None:
+    errors = refused(status, *arguments)
+    assert message in errors
+    assert errors.startswith("error: ")
+    assert errors.count("\n") == 1
 
 
 def test_bad_input_ends_the_program_too() -> None:
@@ -145,7 +158,7 @@ def test_bad_input_ends_the_program_too() -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_folders_that_cannot_be_used(tmp_path, suite) -> None:
+def test_folders_that_cannot_be_used(tmp_path, suite, refused) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
     foreign = tmp_path / "foreign"
@@ -161,12 +174,11 @@ def test_folders_that_cannot_be_used(tmp_path, suite) -> None:
         (foreign, "another program"),
         (corrupt, "not usable"),
     ):
-        done = roadscope_does(
-            "leaderboard", "--suite", suite, "--entry", "pag", "--jobs", 1, "--out", out
+        errors = refused(
+            1, "leaderboard", "--suite", suite, "--entry", "pag", "--jobs", 1, "--out", out
         )
-        assert done.returncode == 1
-        assert message in done.stderr
-        assert done.stderr.count("\n") == 1
+        assert message in errors
+        assert errors.count("\n") == 1
 
 
 def test_leaderboard_prints_and_writes(tmp_path, suite) -> None:
@@ -234,13 +246,12 @@ def test_run_shows_what_the_camera_sees(tmp_path) -> None:
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_picture_that_is_a_folder_is_refused_first(tmp_path) -> None:
+def test_a_picture_that_is_a_folder_is_refused_first(tmp_path, refused) -> None:
     folder = tmp_path / "scene.png"
     folder.mkdir()
-    done = roadscope_does("run", "motorway", "--picture", folder)
-    assert done.returncode == 1
-    assert "it is a folder" in done.stderr
-    assert done.stderr.count("\n") == 1
+    errors = refused(1, "run", "motorway", "--picture", folder)
+    assert "it is a folder" in errors
+    assert errors.count("\n") == 1
 
 
 def slow_run(suite: Path, out: Path, log: Path, jobs: int) -> list[str]:
