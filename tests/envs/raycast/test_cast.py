@@ -21,7 +21,10 @@ def brute_force(scene: Scene, columns: Columns, slopes: np.ndarray) -> Hits:
     ranges, cosines, reflectivity = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     owners = np.full(shape, NOTHING)
     reached = np.zeros((*shape, len(scene.present)), bool)
+    faces = [faces_of(prisms, m) for m in range(len(prisms))]
     for c, origin in enumerate(columns.origins):
+        from_world = [pose_of(poses[c], owner).inverse() for owner in prisms.owners]
+        starts = [pose.apply(origin) for pose in from_world]
         for j, slope in enumerate(slopes):
             direction = columns.ahead[c] + slope * columns.up[c]
             direction = direction / np.linalg.norm(direction)
@@ -33,12 +36,7 @@ def brute_force(scene: Scene, columns: Columns, slopes: np.ndarray) -> Hits:
             for m, owner in enumerate(prisms.owners):
                 if owner >= 0 and not scene.present[owner]:
                     continue
-                pose = poses[c, owner] if owner >= 0 else np.zeros(3)
-                world_from_body = Pose.planar(pose[0], pose[1], pose[2])
-                body_from_world = world_from_body.inverse()
-                start = body_from_world.apply(origin)
-                ray = body_from_world.rotation @ direction
-                enter, cosine = meet(prisms, m, start, ray)
+                enter, cosine = meet(faces[m], starts[m], from_world[m].rotation @ direction)
                 if enter is None or enter > MAX_RANGE_M:
                     continue
                 if owner >= 0:
@@ -52,8 +50,13 @@ def brute_force(scene: Scene, columns: Columns, slopes: np.ndarray) -> Hits:
     return Hits(ranges, owners, cosines, reflectivity, counts, hits)
 
 
-def meet(prisms: Prisms, m: int, start: np.ndarray, ray: np.ndarray) -> tuple[float | None, float]:
-    """Distance to where the ray enters the prism, and the cosine of incidence there."""
+def pose_of(poses: np.ndarray, owner: int) -> Pose:
+    """World from body."""
+    return Pose.planar(*poses[owner]) if owner >= 0 else Pose.planar(0.0, 0.0, 0.0)
+
+
+def faces_of(prisms: Prisms, m: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Normals that point outwards, and a point of each face."""
     corners = prisms.footprints[m, : prisms.corners[m]]
     edges = np.roll(corners, -1, axis=0) - corners
     faces = [
@@ -62,6 +65,13 @@ def meet(prisms: Prisms, m: int, start: np.ndarray, ray: np.ndarray) -> tuple[fl
     ]
     faces.append((np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, prisms.tops[m]])))
     faces.append((np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, prisms.bottoms[m]])))
+    return faces
+
+
+def meet(
+    faces: list[tuple[np.ndarray, np.ndarray]], start: np.ndarray, ray: np.ndarray
+) -> tuple[float | None, float]:
+    """Distance to where the ray enters the prism, and the cosine of incidence there."""
     enter, leave, cosine = -np.inf, np.inf, 0.0
     for normal, point in faces:
         room, rate = normal @ (point - start), normal @ ray
