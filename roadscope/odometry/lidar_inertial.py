@@ -147,8 +147,8 @@ class LidarInertialOdometry:
         if told is None and speed.ahead_m_s < self._felt.least_m_s:
             speed = replace(speed, ahead_m_s=self._felt.gained_m_s, by_fixtures=False)
         self._track = self._start.track(speed, self._imu, self._lever, self._made)
-        self._speed_known = speed.known
-        return "" if speed.known else UNSURE
+        self._speed_known = speed.known or sweep.close
+        return "" if self._speed_known else UNSURE
 
     def _made(self, state: InertialState) -> InertialTrack:
         if self._known is not None:
@@ -182,6 +182,8 @@ class LidarInertialOdometry:
             track.settle(found)
             self._stand_or_leave(track, stretch, scan.stamp_s)
             track.remember(sweep, points, moving)
+            # No traffic drives along in a room.
+            self._speed_known |= sweep.close
             if not rolled:
                 poor = self._held_against_what_stands(track, scan) or poor
         else:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.speed_kernels import joined, slim
+from roadscope.odometry.inertial.edge_kernels import slim
+from roadscope.odometry.inertial.speed_kernels import joined
 from roadscope.odometry.inertial.speed_search import Ends, speed_of, standing_speed_of
 
 COLUMNS = 1800
@@ -15,7 +16,7 @@ WIDE_M = 0.6
 def is_slim(row):
     """Return which beams of one ring, as (COLUMNS,) ranges, met the middle of something slim."""
     column = np.arange(COLUMNS)
-    return slim(row[None].astype(np.float32), np.zeros(COLUMNS, np.int64), column, row > 0, WIDE_M)
+    return slim(row[None], np.zeros(COLUMNS, np.int64), column, row > 0, True, WIDE_M / STEP_RAD)
 
 
 def wall(reach_m=50.0):

@@ -11,7 +11,7 @@ SCANS, EVERY_S = 5, 0.5
 FAR_M_S = 2.5
 """So far off is another world: that of the traffic."""
 NEAR_M_S, BELIEVED_S = 1.0, 2.0
-"""A look so near, three of its deviations, confirms a speed; and that lasts for two looks."""
+"""A look so near confirms a speed; and that lasts for two looks."""
 UNLIKELY = 3.0
 """Standard deviations of what is held and what is seen together."""
 

@@ -13,7 +13,8 @@ from typing import ClassVar
 import numpy as np
 
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.speed_kernels import ends, gathered, joined, reaches, slim
+from roadscope.odometry.inertial.beam_table import BeamTable
+from roadscope.odometry.inertial.speed_kernels import count_apart, gathered, joined
 
 SPEEDS_M_S = np.arange(-8.0, 50.0, 0.25)
 CELL_M = 0.4
@@ -21,6 +22,7 @@ LOWEST_M, TALLEST_M = 0.4, 4.3
 """Above the ground: lower is the ground; no road user is taller."""
 FARTHEST_M = 60.0
 NEAR_M, GROUND_SHARE = 25.0, 0.05
+"""The ground is the lowest share of what is so near."""
 BESIDE_M_S = 2.0
 """Speeds closer than this support each other rather than compete."""
 LEAST_TALL = 8
@@ -31,14 +33,14 @@ SLIM_M, PERSON_M = 0.6, 2.0
 LEAST_SLIM, MANY_SLIM, APART_M = 4.0, 10.0, 2.0
 """Slim things, in a scan on average, from which they decide, and from which they do so alone;
 nearer ones count as one. Beside the sensor a piece of a lorry may be seen by itself."""
-
-
 ROUGHLY_M_S = 0.3
 """Standard deviation of a speed that is told by cells."""
 NEAR_FIXTURE_M = 0.1
 """How far apart the same fixture is met."""
 FINE_S2_M_S, FINEST_M_S = 2.0, 0.1
 """A fine speed errs by so much over its weight, in tunnels as on roads; the body sways, besides."""
+VAGUEST_M_S = 1.0
+"""One that errs by more tells nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,26 +60,27 @@ class Ends:
     @staticmethod
     def of(scan: LidarScan) -> Ends:
         """Find them."""
-        points = np.where(np.isfinite(scan.points), scan.points, 0.0)
+        points = scan.points
         if not len(points):
             return Ends(np.empty((0, 2)), np.empty(0), *np.empty((3, 0), bool))
         flat = np.hypot(points[:, 0], points[:, 1])
         near = (flat < NEAR_M) & (flat > 0)
-        ground_m = np.quantile(points[near, 2], GROUND_SHARE) if near.any() else -np.inf
-        height_m = points[:, 2] - ground_m
+        height_m = points[:, 2] - (np.quantile(points[near, 2], GROUND_SHARE) if near.any() else 0)
         usable = (flat < FARTHEST_M) & (flat > 1.5)
-        reach = reaches(points, scan.ring, scan.column, scan.ring.max() + 1, scan.column.max() + 1)
-        upright = ends(reach, scan.ring, scan.column) & usable & (height_m > LOWEST_M)
-        free = slim(reach, scan.ring, scan.column, usable & (height_m > PERSON_M), SLIM_M)
+        table = BeamTable.of(points, scan.ring, scan.column)
+        # Where no ground is seen, nothing is known to be taller than vehicles.
+        grounded = usable & near.any()
+        upright = table.ends() & usable & ((height_m > LOWEST_M) | ~near.any())
+        free = table.slim(grounded & (height_m > PERSON_M), SLIM_M)
         kept = upright | free
         times = scan.stamp_s + scan.time_offset_s[kept].astype(np.float64)
         return Ends(points[kept, :2].astype(np.float64), times, upright[kept],
-                    (upright & (height_m > TALLEST_M))[kept], free[kept])  # fmt: skip
+                    (upright & grounded & (height_m > TALLEST_M))[kept], free[kept])  # fmt: skip
 
     @property
     def slim_things(self) -> int:
         """Return how many slim things there are."""
-        return len(np.unique(np.floor(self.points[self.slim] / APART_M), axis=0))
+        return int(count_apart(self.points[self.slim], APART_M))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +111,7 @@ class Speed:
     @property
     def known(self) -> bool:
         """Whether it is to be believed: what is as low as vehicles may all move along."""
-        return self.clear and self.by_fixtures
+        return self.clear and self.by_fixtures and self.spread_m_s <= VAGUEST_M_S
 
 
 def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
@@ -135,11 +138,12 @@ def _fixed(scans: list[Ends]) -> list[np.ndarray] | None:
     """Return which ends of each scan are of fixtures; None where there are too few."""
     count = max(len(scans), 1)
     things = sum(each.slim_things for each in scans) / count
-    tall = sum(int(each.tall.sum()) for each in scans) / count >= LEAST_TALL
-    tall, many = tall and things < MANY_SLIM, things >= LEAST_SLIM
-    if not (tall or many):
+    enough_tall = sum(int(each.tall.sum()) for each in scans) / count >= LEAST_TALL
+    slim_counts = things >= LEAST_SLIM
+    tall_counts = enough_tall and things < MANY_SLIM
+    if not (tall_counts or slim_counts):
         return None
-    return [each.tall & tall | each.slim & many for each in scans]
+    return [each.tall & tall_counts | each.slim & slim_counts for each in scans]
 
 
 @dataclass(frozen=True, slots=True)

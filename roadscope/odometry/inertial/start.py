@@ -90,7 +90,9 @@ class InertialStart:
         if samples.covers(stamp_s, stamp_s + FELT_S):
             lengths, _, forces = samples.within(stamp_s, stamp_s + FELT_S)
             force = lengths @ forces / lengths.sum()
-        spread = HELD_M_S if self.held and not speed.ahead_m_s else SPREAD_M_S
+        ahead_m_s = max(SPREAD_M_S[0], speed.spread_m_s)
+        held = self.held and not speed.ahead_m_s
+        spread = HELD_M_S if held else (ahead_m_s, *SPREAD_M_S[1:])
         state = started(force, np.array([speed.ahead_m_s, 0.0, 0.0]), spread, self.noise)
         state.pose[:3, 3] = lever
         track = made(state)

@@ -13,6 +13,8 @@ BOUNDS_M = (1.5, 120.0)
 """Nearer is the own vehicle; farther, beams lie too far apart to tell a surface."""
 ENOUGH = 500
 """Returns to be matched: a road has more of them at a cube's usual size, a room has not."""
+CROWDED = 30
+"""Returns of a scan for each of those in a room; who sends out few beams has few on roads too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +23,8 @@ class Sweep:
 
     scan: the whole. rows: (K,) of the returns kept. members: (N,) which of the K each return of
     the scan belongs to, or -1. few: rows of the K that are matched; all are put into the map.
-    close: whether walls are so near all around that cubes of the usual size leave few returns.
+    close: whether walls are so near all around that cubes of the usual size leave few returns of
+        many: a room, or a corridor.
     """
 
     scan: LidarScan
@@ -35,7 +38,7 @@ class Sweep:
         """Thin a scan to cubes of two sizes, metres; where few are met, what is matched less."""
         rows, members = cubed(scan.points, insert_m, BOUNDS_M)
         few = thinned(scan.points[rows], match_m, BOUNDS_M)
-        close = len(few) < min(ENOUGH, len(rows))
+        close = len(few) < min(ENOUGH, len(rows), len(scan) / CROWDED)
         while len(few) < min(ENOUGH, len(rows)) and match_m > insert_m:
             match_m /= 2
             few = thinned(scan.points[rows], match_m, BOUNDS_M)
