@@ -74,7 +74,8 @@ def run_odometry(
         odometry = USUAL if inertial is None else USUAL_WITH_IMU
     true = Truth.read(truth, scans.stamps_s) if truth else None
     rolled = _wheels(folder, scans, wheels)
-    _check_use(odometry, inertial, rolled, named=(imu, wheels))
+    _spare(out, scans.times, *scans.files, *(each.path for each in (inertial, rolled) if each))
+    _check_use(odometry, inertial, rolled, named=(imu or mounting, wheels))
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
     try:
@@ -107,6 +108,8 @@ def _spare(out: Path, *read: Path | str | None) -> None:
 
 def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
     """Say where the last scan was taken, and in how many the odometry was degraded."""
+    from rich.markup import escape
+
     x, y, z = poses[-1].translation
     headline(
         f"{odometry}: {len(poses)} scans, from the first to the last {x:.2f} {y:.2f} {z:.2f} m"
@@ -114,7 +117,7 @@ def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
     if reasons:
         share = reasons.total() / len(poses)
         show(f"degraded in {reasons.total()} of {len(poses)} scans, mostly: "
-             f"{reasons.most_common(1)[0][0]}")  # fmt: skip
+             f"{escape(reasons.most_common(1)[0][0])}")  # fmt: skip
         if share > MANY:
             complain(
                 "so many degraded scans: do not trust the poses before you have looked at them"

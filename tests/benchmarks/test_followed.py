@@ -119,6 +119,8 @@ from roadscope.core import Pose
 from roadscope.odometry.still import StillOdometry
 
 class Telling(StillOdometry):
+    takes_imu = True
+
     def reset(self, lidar_from_imu=None):
         super().reset(lidar_from_imu)
         self.yaw, self.count = lidar_from_imu.yaw if lidar_from_imu else 0.0, 0
@@ -208,7 +210,8 @@ class Doubtful(StillOdometry):
     def update(self, scan, imu=None):
         foggy = scan.stamp_s > 0.3
         told = super().update(scan, imu)
-        return replace(told, status=OdometryStatus.DEGRADED, reason="fog") if foggy else told
+        doubt = {"status": OdometryStatus.DEGRADED, "reason": "[fog] of [/x]"}
+        return replace(told, **doubt) if foggy else told
 """
 
 
@@ -216,7 +219,7 @@ def test_many_degraded_scans_are_warned_of(recording):
     plugin = recording / "doubtful.py"
     plugin.write_text(DOUBTFUL)
     done, _ = follow(recording, "--odometry", f"{plugin}:Doubtful")
-    assert "degraded in 3 of 6 scans, mostly: fog" in done.stdout
+    assert "degraded in 3 of 6 scans, mostly: [fog] of [/x]" in done.stdout
     assert "do not trust the poses" in done.stderr
 
 
@@ -250,6 +253,8 @@ def test_samples_and_mounting_are_handed_on(recording):
         (["--odometry", "oracle?odometry=still"], "is made from truth: it stands on boards only"),
         (["--odometry", "noisy-odometry"], "is made from truth: it stands on boards only"),
         (["--odometry", "still", "--imu", "imu.csv"], "still has no use for an IMU"),
+        (["--odometry", "still", "--mounting", "0,0,0,0,0,90"], "still has no use for an IMU"),
+        (["--mounting", "0,0,nan,0,0,90"], "expected a mounting x,y,z,roll,pitch,yaw"),
     ],
 )
 def test_what_is_wrong_beside_the_scans_is_said(recording, options, message):
@@ -264,12 +269,14 @@ def test_what_is_wrong_beside_the_scans_is_said(recording, options, message):
     assert not (recording / "poses.txt").exists()
 
 
-def test_what_is_read_is_not_written_over(recording):
-    before = (recording / "truth.tum").read_text()
-    done = command(recording, "--odometry", "still", "--truth", "truth.tum", "--out", "truth.tum")
-    assert done.returncode != 0
-    assert "truth.tum is read here" in done.stderr
-    assert (recording / "truth.tum").read_text() == before
+@pytest.mark.parametrize("name", ["truth.tum", "imu.csv", "wheels.csv", "times.txt", "3.npy"])
+def test_what_is_read_is_not_written_over(recording, name):
+    np.savetxt(recording / "wheels.csv", [[0.0, 8.0], [0.5, 8.0]], delimiter=",")
+    before = (recording / name).read_bytes()
+    out = str(recording / name)
+    done, _ = follow(recording, "--truth", str(recording / "truth.tum"), "--out", out)
+    assert f"{out} is read here" in str(done.exception)
+    assert (recording / name).read_bytes() == before
 
 
 def test_as_a_stranger_runs_it(recording):

@@ -27,12 +27,13 @@ COLUMNS = "x y z [intensity [time in seconds]]"
 class ScanFolder:
     """Files of scans, in order, and when each was taken.
 
-    stamps_s: as many; from `times.txt`, one number a line, or at `rate_hz`.
+    stamps_s: as many; from the file `times`, one number a line, or at `rate_hz`.
     """
 
     files: tuple[Path, ...]
     stamps_s: tuple[float, ...]
     rate_hz: float
+    times: Path | None = None
 
     @staticmethod
     def find(folder: Path | str, *, rate_hz: float = 10.0) -> ScanFolder:
@@ -49,8 +50,8 @@ class ScanFolder:
         kinds = sorted({p.suffix for p in files})
         if len(kinds) > 1:
             raise FormatError(f"{root}: expected scans of one kind, got {' and '.join(kinds)}")
-        stamps = _stamps(root, len(files), rate_hz)
-        return ScanFolder(tuple(files), stamps, rate_hz)
+        times = next((p for p in (root / TIMES, root.parent / TIMES) if p.is_file()), None)
+        return ScanFolder(tuple(files), _stamps(times, len(files), rate_hz), rate_hz, times)
 
     def __len__(self) -> int:
         return len(self.files)
@@ -145,8 +146,7 @@ def _offsets(path: Path, times: np.ndarray) -> np.ndarray:
     return offsets
 
 
-def _stamps(root: Path, count: int, rate_hz: float) -> tuple[float, ...]:
-    path = next((p for p in (root / TIMES, root.parent / TIMES) if p.is_file()), None)
+def _stamps(path: Path | None, count: int, rate_hz: float) -> tuple[float, ...]:
     if path is None:
         return tuple(k / rate_hz for k in range(count))
     table = read_table(path, ("seconds",))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,8 @@ from roadscope.benchmarks.formats.table import FormatError, Table, read_lines, r
 LONGEST_S, SHORTEST_NS = 1.0, 2e5
 """Between these, the usual step of stamps is neither seconds nor nanoseconds: samples of 5 kHz at
 most; of wheels in microseconds a step is 20,000."""
-FEW_BACKWARD = 0.01
-"""Share of the stamps that may be earlier than the one before."""
+FEW = 0.01
+"""Share of the stamps that may be out of order."""
 
 
 def find_beside(folder: Path, names: Sequence[str]) -> Path | None:
@@ -29,7 +30,7 @@ class Samples:
     """Samples in order of time.
 
     stamps_s: (K,) rising. values: (K, C - 1). left_out: lines that say nothing, for one of their
-    fields is not a number or their stamp is out of order.
+    fields is `nan` or `inf` or their stamp is out of order.
     """
 
     stamps_s: np.ndarray
@@ -42,16 +43,14 @@ def read_samples(path: Path, columns: Sequence[str]) -> Samples:
 
     Stamps are seconds or whole nanoseconds, on the clock of the scans; a line of names at the top,
     or lines that begin with `#`, are passed over. A few stamps may be out of order, as of samples
-    that came late or when a clock was set; a file of which more than a few are is refused.
+    that came late; a file of which more are, as when a clock was set back, is refused.
     """
     table, values = _numbers(path, columns)
-    sound = np.isfinite(values).all(axis=1)
-    stamps = values[sound, 0]
-    backward = np.flatnonzero(np.diff(stamps) < 0)
-    if len(backward) > FEW_BACKWARD * len(stamps):
-        at = int(np.flatnonzero(sound)[backward[0] + 1])
+    sound = np.flatnonzero(np.isfinite(values).all(axis=1))
+    rising = rising_rows(values[sound, 0])
+    if len(sound) - len(rising) > max(FEW * len(sound), 1):
+        at = int(sound[np.flatnonzero(np.diff(values[sound, 0]) <= 0)[0] + 1])
         table.refuse(at, "stamps that rise", table.rows[at][0])
-    rising = rising_rows(stamps)
     kept = values[sound][rising]
     if len(kept) < 2:
         raise FormatError(f"{path}: expected lines of {' '.join(columns)}, got {len(kept)}")
@@ -65,12 +64,9 @@ def read_samples(path: Path, columns: Sequence[str]) -> Samples:
 
 def _numbers(path: Path, columns: Sequence[str]) -> tuple[Table, np.ndarray]:
     """Return the lines of numbers, and these, `nan` and `inf` among them."""
-    lines = [line.strip() for line in read_lines(path)]
-    telling = [line for line in lines if line and not line.startswith("#")]
-    separator = "," if any("," in line for line in telling[:2]) else None
-    head = telling[0].split(separator)[0].strip() if telling else ""
-    names = head if head[:1].isalpha() and head.lower() not in ("nan", "inf") else "#"
-    table = read_table(path, columns, separator=separator, comment=("#", names))
+    telling = (line for line in read_lines(path) if line.strip() and not line.startswith("#"))
+    separator = "," if any("," in line for line in islice(telling, 2)) else None
+    table = read_table(path, columns, separator=separator, comment="#", names=True)
     return table, table.numbers_or_nan(0, len(columns))
 
 

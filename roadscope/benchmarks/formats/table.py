@@ -136,18 +136,24 @@ def read_table(
     separator: str | None = None,
     least: int | None = None,
     comment: str | tuple[str, ...] = (),
+    names: bool = False,
 ) -> Table:
     """Read lines of the named columns; an empty file is a table without rows.
 
     separator: None for white space. comment: what lines that are passed over begin with,
-        one of these.
+        one of these. names: the first line is too if it begins with no number.
     least: columns that must be there when the last ones may be missing, the same in all lines.
     """
     rows, lines = [], []
     for number, line in enumerate(read_lines(path), start=1):
         if not line.strip() or line.lstrip().startswith(comment):
             continue
-        rows.append([field.strip() for field in line.strip().split(separator)])
+        fields = [field.strip() for field in line.strip().split(separator)]
+        if names and not _is_number(fields[0]):
+            names = False
+            continue
+        names = False
+        rows.append(fields)
         lines.append(number)
     allowed = range(len(columns) if least is None else least, len(columns) + 1)
     width = len(rows[0]) if rows and len(rows[0]) in allowed else None

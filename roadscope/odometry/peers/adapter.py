@@ -34,7 +34,7 @@ class Adapter:
     the end of the sweep, to the stamp, at the velocity between the last two scans.
     """
 
-    def __init__(self, start: Callable[[Pose | None], Library], *, takes_imu: bool = False) -> None:
+    def __init__(self, start: Callable[[Pose | None], Library], *, takes_imu: bool) -> None:
         """Take what starts a library, told how the IMU is mounted; takes_imu: it has use for it."""
         self._start, self._takes_imu = start, takes_imu
         self.reset()

@@ -38,7 +38,7 @@ class GenzIcpOdometry:
             "planarity_threshold": planarity,
             "max_points_per_voxel": voxel_points,
         }
-        self._adapter = Adapter(lambda _: _GenzIcp(mapping, deskew))
+        self._adapter = Adapter(lambda _: _GenzIcp(mapping, deskew), takes_imu=self.takes_imu)
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget map and pose."""

@@ -26,7 +26,7 @@ class KissIcpOdometry:
         """Set it up; voxel_m: `mapping.voxel_size`, `data.max_range` / 100 when not given."""
         if not voxel_m > 0:
             raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
-        self._adapter = Adapter(lambda _: _KissIcp(voxel_m, deskew))
+        self._adapter = Adapter(lambda _: _KissIcp(voxel_m, deskew), takes_imu=self.takes_imu)
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget map and pose."""

@@ -29,6 +29,7 @@ class RkoLioOdometry:
     """
 
     requires: ClassVar = Requirement("rko_lio", "pip install roadscope[peers]")
+    takes_imu: ClassVar = True
 
     def __init__(
         self, *, voxel_m: float = 1.0, thin_twice: bool = False, starts_at_rest: bool = False,
@@ -47,7 +48,9 @@ class RkoLioOdometry:
             "initialization_phase": starts_at_rest,
             "deskew": deskew,
         }
-        self._adapter = Adapter(lambda mounting: _RkoLio(settings, mounting), takes_imu=True)
+        self._adapter = Adapter(
+            lambda mounting: _RkoLio(settings, mounting), takes_imu=self.takes_imu
+        )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget map, pose, speed, biases."""

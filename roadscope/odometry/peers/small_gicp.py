@@ -39,7 +39,9 @@ class SmallGicpOdometry:
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
         if not voxel_m > 0:
             raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
-        self._adapter = Adapter(lambda _: _Gicp(scans, _VoxelMap(voxel_m)))
+        self._adapter = Adapter(
+            lambda _: _Gicp(scans, _VoxelMap(voxel_m)), takes_imu=self.takes_imu
+        )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget map and pose."""
@@ -62,7 +64,7 @@ class SmallGicpScanOdometry:
     ) -> None:  # fmt: skip
         """Set it up; see `SmallGicpOdometry`."""
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
-        self._adapter = Adapter(lambda _: _Gicp(scans, _LastScan()))
+        self._adapter = Adapter(lambda _: _Gicp(scans, _LastScan()), takes_imu=self.takes_imu)
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget scan and pose."""

@@ -26,6 +26,8 @@ def written(path, rows=ROWS, head="", separator=" ", stamps="%.9f"):
         ("# s rad/s m/s^2", " "),
         ("stamp wx wy wz ax ay az\n# s rad/s, m/s^2", " "),
         ("# s, rad/s, m/s^2\nstamp,wx,wy,wz,ax,ay,az", ","),
+        ('"stamp","wx","wy","wz","ax","ay","az"', ","),
+        ("%time,field.x,field.y,field.z,field.ax,field.ay,field.az", ","),
     ],
 )
 def test_samples_are_read(tmp_path, head, separator):
@@ -54,9 +56,27 @@ def test_a_line_out_of_order_costs_no_other(tmp_path, row, stamp):
     assert found.stamps_s == pytest.approx(np.delete(MANY[:, 0], [30, row]))
 
 
-def test_a_file_in_disorder_is_refused(tmp_path):
-    path = written(tmp_path / "imu.csv", np.vstack([MANY[:50], MANY[:20], MANY[10:40]]))
-    with pytest.raises(FormatError, match=r"line 51: expected stamps that rise, got '0.0000"):
+def test_the_first_line_may_be_none_of_names(tmp_path):
+    rows = MANY.copy()
+    rows[[0, 7], 0] = np.nan
+    found, left_out = read_imu(written(tmp_path / "imu.csv", rows))
+    assert (len(found.stamps_s), left_out) == (398, 2)
+    _, left_out = read_imu(written(tmp_path / "imu.csv", rows, head="n wx wy wz ax ay az"))
+    assert left_out == 2
+
+
+@pytest.mark.parametrize(
+    ("rows", "line"),
+    [
+        (np.vstack([MANY[:50], MANY[:20], MANY[10:40]]), 51),
+        (MANY - 0.5 * np.eye(1, 7) * (np.arange(400) >= 200)[:, None], 201),
+        (np.column_stack([MANY[:, 0].round(2), MANY[:, 1:]]), 2),
+    ],
+)
+def test_a_file_in_disorder_is_refused(tmp_path, rows, line):
+    """Parts joined askew, a clock that was set back, stamps that were rounded."""
+    path = written(tmp_path / "imu.csv", rows)
+    with pytest.raises(FormatError, match=f"line {line}: expected stamps that rise, got"):
         read_imu(path)
 
 
@@ -82,7 +102,7 @@ def test_the_most_rows_that_rise_are_kept():
         (ROWS[:1], "expected lines of stamp wx wy wz ax ay az, got 1"),
         (ROWS * [1e6, 1, 1, 1, 1, 1, 1], "stamps in seconds or nanoseconds, got steps of 2500"),
         (ROWS / [1, 1, 1, 1, 10, 10, 10], r"forces in m/s\^2, got 1.01 mostly: in g"),
-        (ROWS + 20 * np.eye(1, 7, 1), r"rates in rad/s, got 20.1 mostly: in degrees"),
+        (ROWS + 20 * np.eye(1, 7, 1), r"rates in rad/s, got up to 20.1: in degrees"),
         (np.where(ROWS == 0.2, np.nan, ROWS), "expected lines of stamp wx wy wz ax ay az, got 0"),
     ],
 )
