@@ -30,14 +30,14 @@ LEAST_TALL = 8
 leave the roof of a tunnel, and travel with the sensor."""
 SLIM_M, PERSON_M = 0.6, 2.0
 """Vehicles that are so high are wider; people and riders are as slim, but not so high."""
-LEAST_SLIM, MANY_SLIM, APART_M = 4.0, 10.0, 2.0
-"""Slim things, in a scan on average, from which they decide, and from which they do so alone;
-nearer ones count as one. Beside the sensor a piece of a lorry may be seen by itself."""
+FEW_SLIM, LEAST_SLIM, MANY_SLIM, APART_M = 2.0, 4.0, 10.0, 2.0
+"""Slim things, in a scan on average, from which they guess, decide, and decide alone; nearer ones
+count as one. Beside the sensor a piece of a lorry may be seen by itself."""
 ROUGHLY_M_S = 0.3
 """Standard deviation of a speed that is told by cells."""
 NEAR_FIXTURE_M = 0.1
 """How far apart the same fixture is met."""
-FINE_S2_M_S, FINEST_M_S = 2.0, 0.1
+FINE_S2_M_S, FINEST_M_S = 0.15, 0.1
 """A fine speed errs by so much over its weight, in tunnels as on roads; the body sways, besides."""
 VAGUEST_M_S = 1.0
 """One that errs by more tells nothing."""
@@ -115,10 +115,17 @@ class Speed:
 
 
 def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
-    """Return the speed at which scans in a row agree; with the turn rate about the vertical."""
+    """Return the speed at which scans in a row agree; with the turn rate about the vertical.
+
+    Where fixtures are too few to decide, they guess better than what may be traffic.
+    """
     fixed = _fixed(scans)
     if fixed is not None:
         return _by_fixtures(scans, rate_rad_s, fixed)
+    if _slim_things(scans) >= FEW_SLIM:
+        guess = _by_fixtures(scans, rate_rad_s, [each.slim for each in scans])
+        if guess.known:
+            return replace(guess, by_fixtures=False)
     return _Looks.at(scans, rate_rad_s, [each.upright for each in scans]).roughly()
 
 
@@ -136,14 +143,18 @@ def _by_fixtures(scans: list[Ends], rate: float, fixed: list[np.ndarray]) -> Spe
 
 def _fixed(scans: list[Ends]) -> list[np.ndarray] | None:
     """Return which ends of each scan are of fixtures; None where there are too few."""
-    count = max(len(scans), 1)
-    things = sum(each.slim_things for each in scans) / count
-    enough_tall = sum(int(each.tall.sum()) for each in scans) / count >= LEAST_TALL
+    things = _slim_things(scans)
+    enough_tall = sum(int(each.tall.sum()) for each in scans) >= LEAST_TALL * len(scans)
     slim_counts = things >= LEAST_SLIM
     tall_counts = enough_tall and things < MANY_SLIM
     if not (tall_counts or slim_counts):
         return None
     return [each.tall & tall_counts | each.slim & slim_counts for each in scans]
+
+
+def _slim_things(scans: list[Ends]) -> float:
+    """Return how many there are in a scan, on average."""
+    return sum(each.slim_things for each in scans) / max(len(scans), 1)
 
 
 @dataclass(frozen=True, slots=True)
