@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from roadscope.benchmarks.formats.scan_layout import rings_and_columns
 from roadscope.core import LidarScan
+from roadscope.odometry.inertial.beam_table import BeamTable
 from roadscope.odometry.inertial.edge_kernels import slim
-from roadscope.odometry.inertial.speed_kernels import joined
+from roadscope.odometry.inertial.speed_kernels import count_apart, joined
 from roadscope.odometry.inertial.speed_search import Ends, speed_of, standing_speed_of
+from roadscope.odometry.inertial.speed_search import _fixed as fixed_of
 
 COLUMNS = 1800
 STEP_RAD = 2 * np.pi / COLUMNS
@@ -50,8 +53,8 @@ def test_a_beam_without_an_answer_does_not_part_a_lorry():
     assert not is_slim(row).any()
 
 
-def street(speed_m_s, posts, walking_m_s=0.0):
-    """Six scans of posts, 0.2 m wide, of (x, y, top above the ground) metres, on flat ground."""
+def street(speed_m_s, posts, walking_m_s=0.0, wide_m=0.2):
+    """Six scans of posts of (x, y, top above the ground) metres, on flat ground."""
     scans, rings = [], np.arange(16)
     up = np.tan(np.deg2rad(2.0 * rings - 15.0))
     for k in range(6):
@@ -59,7 +62,7 @@ def street(speed_m_s, posts, walking_m_s=0.0):
         reach[:7] = (1.9 / -up[:7])[:, None]
         for x, y, top_m in posts:
             x = x - 0.1 * k * (speed_m_s - walking_m_s)
-            at_m, wide = np.hypot(x, y), 0.1 / np.hypot(x, y) / STEP_RAD
+            at_m, wide = np.hypot(x, y), wide_m / 2 / np.hypot(x, y) / STEP_RAD
             middle = np.arctan2(y, x) / STEP_RAD
             across = np.arange(np.ceil(middle - wide), np.floor(middle + wide) + 1).astype(int)
             hit = (up * at_m < top_m - 1.9) & (up * at_m > -1.9)
@@ -106,7 +109,8 @@ def test_points_are_joined_where_all_of_their_pairs_say():
     assert found == pytest.approx(best, abs=0.005)
     assert found == pytest.approx(14.0, abs=0.05)
     assert weight > 3
-    assert joined(points + 1000.0 * scans[:, None], ahead, scans, 14.2, 0.1)[1] == 0
+    apart = np.column_stack([points[:, 0] + 1000.0 * scans, points[:, 1]])[order]
+    assert joined(apart, ahead[order], scans[order], 14.2, 0.1)[1] == 0
 
 
 def test_people_are_no_posts():
@@ -116,6 +120,124 @@ def test_people_are_no_posts():
     assert not speed_of(seen, 0.0).known
 
 
+def test_what_is_as_wide_as_a_cab_is_no_post():
+    assert not any(each.slim.any() for each in street(9.0, ROAD, wide_m=0.9))
+
+
 def test_a_few_slim_things_decide_nothing():
     """Beside the sensor a piece of a lorry may be seen by itself."""
     assert not standing_speed_of(street(9.0, ROAD[:2]), 0.0).known
+
+
+def test_slim_things_are_counted_once():
+    """Wherever they lie on a grid; a metre apart is one."""
+    rng = np.random.default_rng(0)
+    post = np.array([4.0, 6.0]) + 0.03 * rng.standard_normal((40, 2))
+    assert count_apart(post, 2.0) == 1
+    near, other, third = (post + np.array(way) for way in ((1.0, 0.0), (2.5, 0.0), (0.0, -9.0)))
+    assert count_apart(np.vstack([post, near]), 2.0) == 1
+    assert count_apart(np.vstack([post, other, third]), 2.0) == 3
+    assert count_apart(np.empty((0, 2)), 2.0) == 0
+
+
+def some(kind, count):
+    """Ends of a scan: slim or tall ones, 5 m apart."""
+    points = 5.0 * np.column_stack([np.arange(count), np.ones(count)])
+    marks = {name: np.full(count, name == kind) for name in ("tall", "slim")}
+    return Ends(points, np.zeros(count), np.full(count, kind == "tall"), **marks)
+
+
+def both(tall, slim):
+    one, other = some("tall", tall), some("slim", slim)
+    names = "points", "times_s", "upright", "tall", "slim"
+    return Ends(*(np.concatenate([getattr(one, n), getattr(other, n)]) for n in names))
+
+
+@pytest.mark.parametrize(
+    ("tall", "slim", "chosen"),
+    [(7, 3, None), (8, 3, 8), (7, 4, 4), (8, 4, 12), (8, 9, 17), (40, 10, 10), (0, 10, 10)],
+)
+def test_slim_things_decide_alone_where_there_are_many(tall, slim, chosen):
+    found = fixed_of([both(tall, slim)] * 3)
+    assert (found and [int(each.sum()) for each in found]) == (chosen and [chosen] * 3)
+
+
+def lorry(columns, low=0.5, high=3.9, open_rad=2 * np.pi):
+    """A side 12 m long, 5 m to the left, on flat ground, in 16 beams; read without columns."""
+    up = np.tan(np.deg2rad(2.0 * np.arange(16) - 15.0))
+    angle = (np.arange(columns) + 0.5) * open_rad / columns - open_rad / 2
+    angle, up = (a.ravel() for a in np.meshgrid(angle, up))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flat = np.where(up < 0, -1.9 / up, np.inf)
+        side = np.where(np.sin(angle) > 0, 5.0 / np.sin(angle), np.inf)
+    height = 1.9 + side * up
+    met = (np.abs(side * np.cos(angle)) < 6) & (low < height) & (height < high) & (side < flat)
+    flat = np.where(met, side, flat)
+    seen = flat < 80
+    flat, angle, up = flat[seen], angle[seen], up[seen]
+    return np.column_stack([flat * np.cos(angle), flat * np.sin(angle), flat * up])
+
+
+def read(points):
+    ring, column = rings_and_columns(points)
+    n = len(points)
+    return LidarScan(points.astype(np.float32), np.full(n, 0.5), ring, column, np.zeros(n), 0.0,
+                     "lidar")  # fmt: skip
+
+
+@pytest.mark.parametrize("columns", [400, 512, 720, 900, 1024, 1800, 2048])
+def test_no_step_of_a_sensor_makes_fixtures_of_a_lorry(columns):
+    """Columns of scans that are read from files may be finer than the sensor's own steps."""
+    seen = Ends.of(read(lorry(columns)))
+    assert not seen.slim.any()
+    assert not seen.tall.any()
+
+
+@pytest.mark.parametrize("columns", [512, 900, 1800])
+def test_a_post_is_a_fixture_at_any_step(columns):
+    points = lorry(columns, low=9.0)
+    angle = np.arctan2(points[:, 1], points[:, 0])
+    up = points[:, 2] / np.hypot(points[:, 0], points[:, 1])
+    post = (np.abs(angle - 0.5) < 0.02) & (9.0 * up > -1.9)
+    flat = np.hypot(points[:, 0], points[:, 1])
+    points[post] *= (9.0 / flat[post])[:, None]
+    above = np.tan(np.deg2rad([1.0, 3.0, 5.0, 7.0]))
+    beams = np.unique(angle[post])
+    top = np.array([[9 * np.cos(a), 9 * np.sin(a), 9 * u] for a in beams for u in above])
+    assert Ends.of(read(np.vstack([points, top]))).slim_things == 1
+
+
+def test_the_edge_of_a_narrow_field_is_no_end():
+    """A wall goes on beyond it; the last column is not beside the first."""
+    columns = 440
+    angle = np.deg2rad(110) * ((np.arange(columns) + 0.5) / columns - 0.5)
+    up = np.tan(np.deg2rad([-6.0, -4.0, 8.0, 10.0]))
+    ring, column = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(columns)))
+    flat = np.where(ring < 2, 1.9 / np.abs(up[ring]), 20.0 / np.cos(angle[column]))
+    points = np.column_stack([flat * np.cos(angle[column]), flat * np.sin(angle[column]),
+                              flat * up[ring]])  # fmt: skip
+    table = BeamTable.of(points, ring, column)
+    assert not table.closed
+    assert table.step_rad == pytest.approx(np.deg2rad(0.25), rel=0.01)
+    assert not table.ends().any()
+    post = np.abs(angle[column] - 0.3) < np.deg2rad(0.6)
+    points[post & (ring > 1)] *= 0.5
+    assert (table := BeamTable.of(points, ring, column)).slim(points[:, 2] > 0.2, 0.6).sum() == 2
+    assert table.ends().sum() > 0
+
+
+def test_of_two_returns_in_one_cell_the_nearer_counts():
+    row = np.array([[12.0, 0.0, 1.0], [50.0, 0.0, 4.0]])
+    table = BeamTable.of(row, np.zeros(2, int), np.zeros(2, int))
+    assert table.first.tolist() == [True, False]
+    assert table.reach[0, 0] == pytest.approx(np.hypot(12, 1))
+
+
+def test_where_no_ground_is_seen_nothing_is_known_to_be_tall():
+    """A sensor near the ground, whose beams meet it far off, among cars."""
+    points = lorry(1800)
+    high = points[points[:, 2] > -1.0] * [6.0, 6.0, 1.0]
+    seen = Ends.of(read(high))
+    assert seen.upright.any()
+    assert not seen.tall.any()
+    assert not seen.slim.any()
