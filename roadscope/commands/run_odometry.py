@@ -68,13 +68,13 @@ def run_odometry(
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
 
     scans = ScanFolder.find(folder, rate_hz=rate_hz)
-    _spare(out, truth, imu, wheels)
     inertial = _inertial(folder, scans, imu, mounting)
     if odometry is None:
         odometry = USUAL if inertial is None else USUAL_WITH_IMU
     true = Truth.read(truth, scans.stamps_s) if truth else None
     rolled = _wheels(folder, scans, wheels)
-    _spare(out, scans.times, *scans.files, *(each.path for each in (inertial, rolled) if each))
+    found = [each.path for each in (inertial, rolled) if each is not None]
+    _spare(out, truth, scans.times, *scans.files, *found)
     _check_use(odometry, inertial, rolled, named=(imu or mounting, wheels))
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
@@ -95,14 +95,14 @@ def run_odometry(
     typer.echo(f"written: {out}")
 
 
-def _spare(out: Path, *read: Path | str | None) -> None:
+def _spare(out: Path, *read: Path | None) -> None:
     """Refuse to write over what is read, or where nothing can be written."""
     from roadscope.benchmarks.formats.table import FormatError
 
     if not out.absolute().parent.is_dir() or out.is_dir():
         raise FormatError(f"{out}: cannot be written: --out names a file in a folder that is there")
-    given = [Path(each) for each in read if each is not None]
-    if any(each.exists() and out.exists() and each.samefile(out) for each in given):
+    given = [each for each in read if each is not None]
+    if out.exists() and any(each.samefile(out) for each in given if each.exists()):
         raise FormatError(f"{out} is read here: --out names another file for the poses")
 
 
