@@ -27,12 +27,18 @@ def test_on_a_road_one_return_of_each_cube_is_matched(scan):
 
 
 def test_in_a_room_more_are_matched_but_none_that_are_not_kept(scan):
-    room = shrunk(scan, 0.2)
+    room = shrunk(scan, 0.1)
     sweep = Sweep.of(room, 0.3, 0.8)
     coarse = len(np.unique(np.floor(room.points[sweep.rows] / 0.8), axis=0))
     assert coarse < len(sweep.few) <= len(sweep.rows)
     assert sweep.close
     assert len(np.unique(sweep.few)) == len(sweep.few)
+
+
+def test_who_sends_out_few_beams_is_in_no_room(scan):
+    sweep = Sweep.of(kept(scan, np.arange(len(scan)) % 16 == 0), 0.3, 0.8)
+    assert len(sweep.few) < ENOUGH
+    assert not sweep.close
 
 
 def test_few_returns_stay_few(scan):
