@@ -46,9 +46,8 @@ class LegoLoamOdometry:
         """Forget pose, speed, the last scan and the map."""
         self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
         self._progress = Progress(self._imu)
-        self._mapping = LegoMapping(reach_m=self.reach_m, loop=self.loop)
+        self._mapping = LegoMapping(every=self.map_every, reach_m=self.reach_m, loop=self.loop)
         self._before: tuple[Returns, Features] | None = None
-        self._matched = 0
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
         """Match the scan with the one before, and at times with the map."""
@@ -73,9 +72,7 @@ class LegoLoamOdometry:
         self._before = kept, features.at(kept.at_stamp(motion, since_s))
         # What is not believed of a scan would stay in the map.
         if not reason:
-            if self._matched % self.map_every == 0:
-                self._mapping.take(self._before[1], self._progress.pose)
-            self._matched += 1
+            self._mapping.take(self._before[1], self._progress.pose)
         return self._told(scan, tick.reason or reason or lack)
 
     def _begin(self, kept: Returns, since_s: float, predicted: np.ndarray) -> np.ndarray:

@@ -7,23 +7,30 @@ z ahead; ours is ISO 8855 throughout.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
-from roadscope.odometry.clusters.cluster_features import of_partners
-from roadscope.odometry.clusters.cluster_match import ClusterMatch, match_clusters
+from roadscope.odometry.clusters.cluster_features import of_partners, relabelled
+from roadscope.odometry.clusters.cluster_match import ALONE, ClusterMatch, match_clusters
+from roadscope.odometry.clusters.parts import parts
 from roadscope.odometry.clusters.roughness import Reading, cluster_features
 from roadscope.odometry.clusters.segments import Clustering, Segments, segments_of
 from roadscope.odometry.estimates import estimate
+from roadscope.odometry.lego.mapping import LegoMapping
 from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
 from roadscope.odometry.loam.progress import Progress, misfit_of
 from roadscope.odometry.loam.returns import poverty
+
+MOST_MOVE = 0.5
+"""Where a greater share of what is in clusters would move, it is the prediction that is wrong."""
+REACH_M = 100.0
+"""How far the map goes, LeGO-LOAM's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,36 +48,45 @@ class ZhangOdometry:
     """Matches edges and planes from scan to scan, cluster by cluster, without what moves.
 
     eps_m, angle_deg, min_points: of the clustering (table 1). windows: whether the angle bounds
-        clusters or links alone. A wall that is one cluster wherever it goes has another centre
-        as soon as something hides a part of it, and moves as a whole; the paper drops the parts
-        of walls that only one of the scans shows. On roads and with wide columns windows leave too
-        few features, and the way is lost; so links alone are bounded unless told otherwise.
+        clusters, see `parts`, or links alone. A wall that is one cluster wherever it goes has
+        another centre as soon as something hides a part of it, and moves as a whole; the paper
+        drops the parts of walls that only one of the scans shows.
     still_m, still_m_s, view: a cluster is dynamic whose centre moved farther than the first, plus
-        the second times the time between the scans, plus the third times the own way: what is
-        seen of a wall goes along with the sensor. The paper prints no threshold. With a view of 1
-        nobody who is slower than the sensor is dynamic; with 0 walls are, as one drives.
+        the second times the time between the scans, plus the third times the own way. The paper
+        prints no threshold. Where links alone are bounded, what is seen of a wall goes along with
+        the sensor, and a view of 1 allows for that; then nobody is dynamic who is slower.
     roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
     drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be left out.
+    map_every, loop: so many scans to a look at LeGO-LOAM's map, 0 for none, and whether its loops
+        are closed. Section 2.3 goes from scan to scan; section 3.2 speaks of SLAM, and of loops
+        closed in both systems: the chain may have stood before LeGO-LOAM's map.
     """
 
     def __init__(
         self, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
-        windows: bool = False, still_m: float = 0.05, still_m_s: float = 0.5,
-        view: float = 1.0, roughness: Reading = "ring",
+        windows: bool = True, still_m: float = 0.05, still_m_s: float = 0.5,
+        view: float = 0.0, roughness: Reading = "ring",
         drop_dynamic: bool = True, same_cluster: bool = True,
+        map_every: int = 0, loop: bool = False,
     ) -> None:  # fmt: skip
         if roughness not in get_args(Reading):
             raise ValueError(f"roughness is 'ring' or 'cluster', got {roughness!r}")
-        self.clustering = Clustering(eps_m, angle_deg, min_points, windows)
+        if map_every < 0:
+            raise ValueError(f"map_every must be 0 or more, got {map_every!r}")
+        if loop and not map_every:
+            raise ValueError("loops are closed in a map: loop asks for map_every of 1 or more")
+        self.clustering, self.windows = Clustering(eps_m, angle_deg, min_points), windows
         self.still_m, self.still_m_s, self.view = still_m, still_m_s, view
         self.roughness = roughness
         self.drop_dynamic, self.same_cluster = drop_dynamic, same_cluster
+        self.map_every, self.loop = map_every, loop
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget pose, speed and the last scan."""
+        """Forget pose, speed, the last scan and the map."""
         self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
         self._progress = Progress(self._imu)
+        self._mapping = LegoMapping(every=self.map_every, reach_m=REACH_M, loop=self.loop)
         self._before: Moment | None = None
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
@@ -80,35 +96,45 @@ class ZhangOdometry:
         if not tick.in_order:
             return self._told(scan, tick.reason)
         lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s)
-        segments = segments_of(scan, self.clustering)  # section 2.1
+        whole = segments_of(scan, self.clustering)  # section 2.1
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)  # eq. 3
         if self._before is not None and not self._progress.begun:
-            predicted = self._begin(segments, since_s, predicted)
+            predicted = self._begin(whole, since_s, predicted)
+        segments = self.cut(whole, predicted)
         features = self._features(segments, predicted, since_s)  # eq. 5 and 6
         poor = poverty(segments, features)
         if poor or self._before is None:
             self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
-            self._before = self._before if poor else Moment(segments, features)
+            self._before = self._before if poor else self._moment(whole, features)
             return self._told(scan, tick.reason or poor or lack)
-        clusters = self._same_clusters(segments, predicted, since_s)  # eq. 4
-        found, dropped = self._matched(features, clusters, predicted)  # eq. 7 to 10
+        clusters = self.compared(segments, self._before.segments, predicted, since_s)  # eq. 4
+        found, dropped = self._matched(features, clusters, segments.sizes, predicted)  # eq. 7-10
         motion, reason = self._progress.step(predicted, found, scan.stamp_s)
         # As LOAM does: the next scan meets these features where their own sweep's motion, now
         # known, puts them.
-        self._before = Moment(segments, features.at(segments.at_stamp(motion, since_s)))
+        placed = features.at(segments.at_stamp(motion, since_s))
+        self._before = self._moment(whole, placed)
+        if not reason:
+            stays = np.where(dropped, ALONE, np.arange(len(dropped)))
+            self._mapping.take(relabelled(placed, stays), self._progress.pose)
         return self._told(scan, tick.reason or reason or lack, returns_of(scan, segments, dropped))
+
+    def cut(self, whole: Segments, before_from_now: np.ndarray) -> Segments:
+        """Return clusters as the scan before has them."""
+        angle_deg = self.clustering.angle_deg
+        return parts(whole, angle_deg, before_from_now) if self.windows else whole
+
+    def _moment(self, whole: Segments, features: Features) -> Moment:
+        """Return what the next scan is matched with: features are of clusters seen from here."""
+        own = self.cut(whole, np.eye(4))
+        edges, planes = own.labels[features.edge_rows], own.labels[features.plane_rows]
+        return Moment(own, replace(features, edge_labels=edges, plane_labels=planes))
 
     def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
         """Undo the sweep's own motion and take the roughest and smoothest of each cluster."""
-        points, sectors = segments.at_stamp(motion, since_s), not self.clustering.windows
-        return cluster_features(points, segments, self.roughness, sectors=sectors)
-
-    def _same_clusters(
-        self, segments: Segments, predicted: np.ndarray, since_s: float
-    ) -> ClusterMatch:
-        assert self._before is not None
-        return self.compared(segments, self._before.segments, predicted, since_s)
+        points = segments.at_stamp(motion, since_s)
+        return cluster_features(points, segments, self.roughness, sectors=not self.windows)
 
     def compared(
         self, now: Segments, before: Segments, predicted: np.ndarray, since_s: float
@@ -122,49 +148,52 @@ class ZhangOdometry:
         return match_clusters(now.centres, before.centres, predicted, threshold_m)
 
     def _matched(
-        self, features: Features, clusters: ClusterMatch, start: np.ndarray
+        self, features: Features, clusters: ClusterMatch, sizes: np.ndarray, start: np.ndarray
     ) -> tuple[FeatureMatch, np.ndarray]:
         """Match without dynamic clusters and say which, (K,) bool, those are.
 
-        Where they leave too little, an error of the prediction is taken for motion of everything,
-        and would be for ever: then all clusters that have a partner are matched.
+        sizes: (K,) returns in each. Where most of what is seen would move, and where too little
+        is left without it, an error of the prediction is taken for motion of everything, and
+        would be for ever: then all features are matched, of whatever cluster.
         """
-        if self.drop_dynamic:
+        assert self._before is not None
+        believed = sizes[clusters.dynamic].sum() <= MOST_MOVE * sizes.sum()
+        none = np.zeros_like(clusters.dynamic)
+        if believed and self.drop_dynamic:
             found = self._match(features, clusters, start, still_only=True)
             if not misfit_of(found):
                 return found, clusters.dynamic
-        found = self._match(features, clusters, start, still_only=False)
-        return found, np.zeros_like(clusters.dynamic)
+        elif believed and self.same_cluster:
+            return self._match(features, clusters, start, still_only=False), none
+        return match_features(features, self._before.features, start, same_label=False), none
 
     def _match(
         self, features: Features, clusters: ClusterMatch, start: np.ndarray, *, still_only: bool
     ) -> FeatureMatch:
-        """Move features onto those before, from the prediction on."""
+        """Move features of clusters that have a partner onto those before."""
         assert self._before is not None
-        now, before = features, self._before.features
-        if still_only or self.same_cluster:
-            now, before = of_partners(now, before, clusters, still_only=still_only)
+        now, before = of_partners(features, self._before.features, clusters, still_only=still_only)
         return match_features(now, before, start, same_label=self.same_cluster)
 
-    def _begin(self, segments: Segments, since_s: float, predicted: np.ndarray) -> np.ndarray:
-        """Return the first motion, (4, 4), from features of all clusters that have a partner.
+    def _begin(self, whole: Segments, since_s: float, predicted: np.ndarray) -> np.ndarray:
+        """Return the first motion, (4, 4), from all features, of whatever cluster.
 
         Before a step has told the speed, an IMU does not: a start at speed would be taken for
         clusters that all move. Features of the first scan are then taken anew.
         """
         assert self._before is not None
-        features = self._features(segments, predicted, since_s)
-        clusters = self._same_clusters(segments, predicted, since_s)
-        motion = self._match(features, clusters, predicted, still_only=False).before_from_now
-        before = self._before.segments
-        self._before = Moment(before, self._features(before, motion, since_s))
+        now = self._features(self.cut(whole, predicted), predicted, since_s)
+        found = match_features(now, self._before.features, predicted, same_label=False)
+        motion, first = found.before_from_now, self._before.segments
+        self._before = Moment(first, self._features(first, motion, since_s))
         return motion
 
     def _told(
         self, scan: LidarScan, reason: str, moving: np.ndarray | None = None
     ) -> OdometryEstimate:
-        at = self._progress
-        return estimate(at.pose, at.covariance, scan.stamp_s, len(scan), reason, dynamic=moving)
+        pose = self._mapping.map_from_start @ self._progress.pose
+        covariance = self._progress.covariance
+        return estimate(pose, covariance, scan.stamp_s, len(scan), reason, dynamic=moving)
 
 
 def dynamic_returns(
@@ -174,7 +203,8 @@ def dynamic_returns(
 
     predicted: (4, 4) `before_from_now`.
     """
-    earlier, later = segments_of(before, rule.clustering), segments_of(now, rule.clustering)
+    earlier = rule.cut(segments_of(before, rule.clustering), np.eye(4))
+    later = rule.cut(segments_of(now, rule.clustering), predicted)
     clusters = rule.compared(later, earlier, predicted, now.stamp_s - before.stamp_s)
     return returns_of(now, later, clusters.dynamic)
 

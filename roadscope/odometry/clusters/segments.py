@@ -23,21 +23,19 @@ class Clustering:
 
     eps_m: what noise adds to two neighbouring returns' distance. The printed 0.02 m cannot be
         the whole distance, see `cluster_range_angle`.
-    angle_deg: the search angle. min_points: clusters of fewer are outliers.
-    windows: whether the angle bounds clusters rather than links, see `cluster_range_angle`.
+    angle_deg: the search angle, which bounds links here; `parts` cuts clusters by it.
+    min_points: clusters of fewer are outliers.
     """
 
     eps_m: float = 0.02
     angle_deg: float = 5.0
     min_points: int = 30
-    windows: bool = False
 
     def labels(self, cloud: Cloud) -> np.ndarray:
         """Return the cluster of each return that stands above the ground, (N,); or negative."""
         return cluster_range_angle(
-            cloud, eps_m=self.eps_m, angle_deg=self.angle_deg, min_points=self.min_points,
-            windows=self.windows,
-        )  # fmt: skip
+            cloud, eps_m=self.eps_m, angle_deg=self.angle_deg, min_points=self.min_points
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

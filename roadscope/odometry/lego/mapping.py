@@ -17,12 +17,13 @@ APART_M, APART_RAD = 0.3, 0.2
 class LegoMapping:
     """Corrects the odometry by a map of its keyframes, and by loops.
 
-    reach_m: keyframes nearer than this make the map. map_from_start: (4, 4), what the
-    odometry's poses are corrected by.
+    every: so many scans to a look at the map; 0: it is never looked at. reach_m: keyframes
+    nearer than this make the map. map_from_start: (4, 4), what the odometry's poses are
+    corrected by.
     """
 
-    def __init__(self, *, reach_m: float, loop: bool) -> None:
-        self.reach_m = reach_m
+    def __init__(self, *, every: int, reach_m: float, loop: bool) -> None:
+        self.every, self.reach_m, self._offered = every, reach_m, 0
         self.loops = LoopClosing() if loop else None
         self.map_from_start = np.eye(4)
         self.keyframes: list[Keyframe] = []
@@ -30,7 +31,14 @@ class LegoMapping:
         self._last = np.eye(4)
 
     def take(self, features: Features, start_from_lidar: np.ndarray) -> None:
-        """Match a scan's features with the map and add them to it; the odometry's pose is told."""
+        """Match a scan's features with the map and add them to it, if it is its turn.
+
+        start_from_lidar: (4, 4), the odometry's pose.
+        """
+        turn = self.every > 0 and self._offered % self.every == 0
+        self._offered += 1
+        if not turn:
+            return
         pose = self.map_from_start @ start_from_lidar
         taken = keyframe(features, pose, 0.0)
         if self.keyframes:
