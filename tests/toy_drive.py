@@ -40,12 +40,13 @@ def ranges(origins, ways):
 class Drive:
     """Constant speed and turn rate; every scan a full turn of 16 beams around its stamp.
 
-    Both may grow from nothing during the first `ramp_s` seconds.
+    Both may grow from nothing during the first `ramp_s` seconds. A real VLP-16 has 1800 columns.
     """
 
-    def __init__(self, speed_m_s=8.0, yaw_rate_rad_s=0.1, noise_m=0.01, seed=0, ramp_s=0.0):
+    def __init__(self, speed_m_s=8.0, yaw_rate_rad_s=0.1, noise_m=0.01, seed=0, ramp_s=0.0,
+                 columns=COLUMNS):  # fmt: skip
         self.twist = np.array([speed_m_s, 0, 0, 0, 0, yaw_rate_rad_s])
-        self.noise_m, self.seed, self.ramp_s = noise_m, seed, ramp_s
+        self.noise_m, self.seed, self.ramp_s, self.columns = noise_m, seed, ramp_s, columns
 
     def pose(self, stamp_s):
         """`start_from_lidar` at a stamp; the first scan's is 0.05 s."""
@@ -57,11 +58,11 @@ class Drive:
     def scan(self, k):
         rng = np.random.default_rng([self.seed, k])
         stamp_s = 0.05 + PERIOD_S * k
-        offsets = (np.arange(COLUMNS) + 0.5) / COLUMNS * PERIOD_S - PERIOD_S / 2
-        azimuths = -np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)
+        offsets = (np.arange(self.columns) + 0.5) / self.columns * PERIOD_S - PERIOD_S / 2
+        azimuths = -np.linspace(-np.pi, np.pi, self.columns, endpoint=False)
         poses = np.array([self.pose(stamp_s + t) for t in offsets])
         column, ring = (a.ravel() for a in np.meshgrid(
-            np.arange(COLUMNS), np.arange(16), indexing="ij"))  # fmt: skip
+            np.arange(self.columns), np.arange(16), indexing="ij"))  # fmt: skip
         flat = np.cos(ELEVATIONS[ring])
         ways = np.column_stack([
             flat * np.cos(azimuths[column]), flat * np.sin(azimuths[column]),
@@ -90,14 +91,15 @@ class Drive:
 
 
 @cache
-def moment(speed_m_s, k):
-    drive = Drive(speed_m_s)
+def moment(speed_m_s, columns, k):
+    drive = Drive(speed_m_s, columns=columns)
     return drive.scan(k), drive.imu(k)
 
 
-def driven(scans=12, speed_m_s=8.0):
+def driven(scans=12, speed_m_s=8.0, columns=COLUMNS):
     """A drive with its scans and IMU blocks, which are kept: tests leave them alone."""
-    return Drive(speed_m_s), [moment(speed_m_s, k) for k in range(scans)]
+    drive = Drive(speed_m_s, columns=columns)
+    return drive, [moment(speed_m_s, columns, k) for k in range(scans)]
 
 
 def emptied(scan):

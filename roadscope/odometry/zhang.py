@@ -51,10 +51,12 @@ class ZhangOdometry:
         clusters, see `parts`, or links alone. A wall that is one cluster wherever it goes has
         another centre as soon as something hides a part of it, and moves as a whole; the paper
         drops the parts of walls that only one of the scans shows.
-    still_m, still_m_s, view: a cluster is dynamic whose centre moved farther than the first, plus
-        the second times the time between the scans, plus the third times the own way. The paper
-        prints no threshold. Where links alone are bounded, what is seen of a wall goes along with
-        the sensor, and a view of 1 allows for that; then nobody is dynamic who is slower.
+    still_m, still_m_s, view, sampled: a cluster is dynamic whose centre moved farther than the
+        first, plus the second times the time between the scans, plus the third times the own way,
+        and farther than the fourth times its range. The paper prints no threshold. Where links
+        alone are bounded, what is seen of a wall goes along with the sensor, and a view of 1
+        allows for that; then nobody is dynamic who is slower. Beams spread, so that far away
+        the same thing is told by other returns in every scan.
     roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
     drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be left out.
     map_every, loop: so many scans to a look at LeGO-LOAM's map, 0 for none, and whether its loops
@@ -65,7 +67,7 @@ class ZhangOdometry:
     def __init__(
         self, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
         windows: bool = True, still_m: float = 0.05, still_m_s: float = 0.5,
-        view: float = 0.0, roughness: Reading = "ring",
+        view: float = 0.0, sampled: float = 0.01, roughness: Reading = "ring",
         drop_dynamic: bool = True, same_cluster: bool = True,
         map_every: int = 0, loop: bool = False,
     ) -> None:  # fmt: skip
@@ -76,7 +78,7 @@ class ZhangOdometry:
         if loop and not map_every:
             raise ValueError("loops are closed in a map: loop asks for map_every of 1 or more")
         self.clustering, self.windows = Clustering(eps_m, angle_deg, min_points), windows
-        self.still_m, self.still_m_s, self.view = still_m, still_m_s, view
+        self.still_m, self.still_m_s, self.view, self.sampled = still_m, still_m_s, view, sampled
         self.roughness = roughness
         self.drop_dynamic, self.same_cluster = drop_dynamic, same_cluster
         self.map_every, self.loop = map_every, loop
@@ -144,8 +146,9 @@ class ZhangOdometry:
         predicted: (4, 4) `before_from_now`. since_s: time between the scans, seconds.
         """
         way_m = float(np.linalg.norm(predicted[:3, 3]))
-        threshold_m = self.still_m + self.still_m_s * since_s + self.view * way_m
-        return match_clusters(now.centres, before.centres, predicted, threshold_m)
+        least_m = self.still_m + self.still_m_s * since_s + self.view * way_m
+        thresholds_m = np.maximum(least_m, self.sampled * np.linalg.norm(now.centres, axis=1))
+        return match_clusters(now.centres, before.centres, predicted, thresholds_m)
 
     def _matched(
         self, features: Features, clusters: ClusterMatch, sizes: np.ndarray, start: np.ndarray

@@ -44,9 +44,10 @@ def test_partners_are_one_to_one_and_the_nearest_pair_comes_first():
 
 @given(st.integers(0, 1000))
 def test_matching_does_not_depend_on_the_frame(seed):
+    """Of all level ones: how far a centre moved is counted over the ground."""
     rng = np.random.default_rng(seed)
     before, now = rng.uniform(-9, 9, (6, 3)), rng.uniform(-9, 9, (5, 3))
-    turned = exp_se3(rng.uniform(-1, 1, 6))
+    turned = exp_se3(rng.uniform(-1, 1, 6) * [1, 1, 1, 0, 0, 1])
     carried = before @ turned[:3, :3].T + turned[:3, 3]
     one, other = match_clusters(now, before, AHEAD, 1.0), match_clusters(
         now, carried, turned @ AHEAD, 1.0)  # fmt: skip
@@ -115,6 +116,49 @@ def test_segments_stand_above_the_ground_and_are_large():
     )
 
 
-def test_an_unknown_reading_is_named():
-    with pytest.raises(ValueError, match="roughness is 'ring' or 'cluster', got 'box'"):
-        ZhangOdometry(roughness="box")
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"roughness": "box"}, "roughness is 'ring' or 'cluster', got 'box'"),
+        ({"map_every": -1}, "map_every must be 0 or more, got -1"),
+        ({"loop": True}, "loop asks for map_every of 1 or more"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings, said):
+    with pytest.raises(ValueError, match=said):
+        ZhangOdometry(**settings)
+
+
+def test_a_start_at_speed_is_not_taken_for_motion_of_everything():
+    """At 8 m/s all that stands has moved 0.8 m by the second scan."""
+    drive, inputs = driven(6, columns=1800)
+    odometry = ZhangOdometry()
+    told = [odometry.update(*each) for each in inputs]
+    assert told[-1].dynamic.mean() < 0.5
+    off = told[-1].start_from_lidar.matrix - drive.pose(inputs[-1][0].stamp_s)
+    assert np.abs(off[:3, 3]).max() < 0.5
+
+
+def test_a_prediction_that_is_wrong_drops_nothing():
+    """Where most of what is seen would move, all of it is matched, and the speed found again."""
+    drive, inputs = driven(10, columns=1800)
+    odometry = ZhangOdometry()
+    for each in inputs[:6]:
+        odometry.update(*each)
+    odometry._imu.velocity = odometry._imu.velocity + np.array([0.0, 4.0, 0.0])
+    wrong = odometry.update(inputs[6][0])
+    assert not wrong.dynamic.any()
+    told = [odometry.update(*each) for each in inputs[7:]]
+    off = told[-1].start_from_lidar.matrix - drive.pose(inputs[-1][0].stamp_s)
+    assert np.abs(off[:3, 3]).max() < 1.0
+
+
+def test_a_map_takes_every_so_many_scans_and_none_leaves_poses_alone():
+    plain, mapped = ZhangOdometry(), ZhangOdometry(map_every=2)
+    for each in driven(8, columns=1800)[1]:
+        one, other = plain.update(*each), mapped.update(*each)
+    assert np.array_equal(plain._mapping.map_from_start, np.eye(4))
+    assert not plain._mapping.keyframes
+    # Of seven scans that have steps the first makes a keyframe, and every second one after it.
+    assert len(mapped._mapping.keyframes) == 4
+    assert not np.array_equal(one.start_from_lidar.matrix, other.start_from_lidar.matrix)

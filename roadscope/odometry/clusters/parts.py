@@ -21,7 +21,7 @@ def parts(segments: Segments, angle_deg: float, before_from_now: np.ndarray) -> 
     on, around one and the same place. A part need not have `min_points`, its cluster has.
     """
     count = int(np.ceil(360.0 / angle_deg - 1e-9))
-    labels = _cut(segments.points, segments.labels, before_from_now, count)
+    labels = _cut(segments.points, segments.whole, before_from_now, count)
     centres, sizes = centres_of(segments.points, labels)
     return replace(segments, labels=labels, centres=centres, sizes=sizes)
 

@@ -36,8 +36,8 @@ def cluster_features(
     Readings taken. The paper says a few of each cluster, whatever its size: with LOAM's numbers,
     2 and 4, a turn of clusters no wider than the search angle gives as many features as LOAM's
     sectors do. Clusters of any width are divided, so that a wall gives more than a post. `ring`
-    sums eq. 6 over neighbours on the ring, `cluster` over the whole cluster as it
-    is printed.
+    sums eq. 6 over neighbours on the ring, also beyond the search angle, `cluster` over the whole
+    cluster as it is printed.
     """
     sweep = sweep_of(points, segments.ring, segments.column)
     parts = SECTORS * (int(segments.ring.max(initial=0)) + 1) if sectors else 1
@@ -46,7 +46,7 @@ def cluster_features(
     if reading == "cluster":
         rough, limits = cluster_roughness(points, segments.labels), BY_CLUSTER
     else:
-        rough = ring_roughness(sweep, segments.labels) / limit_of(points)
+        rough = ring_roughness(sweep, segments.whole) / limit_of(points)
         limits = BY_RING
     found = extract(
         points, segments.ring, segments.column, groups, rough=rough, limits=limits, by_cluster=True

@@ -44,10 +44,12 @@ class Segments(Returns):
 
     centres: (K, 3) float64, mean of each cluster's points (eq. 2).
     sizes: (K,) int64, how many points each has.
+    whole: (N,) int64, labels of clusters that the search angle did not cut.
     """
 
     centres: np.ndarray
     sizes: np.ndarray
+    whole: np.ndarray
 
 
 def segments_of(scan: LidarScan, clustering: Clustering) -> Segments:
@@ -56,14 +58,15 @@ def segments_of(scan: LidarScan, clustering: Clustering) -> Segments:
     The ground is found by Himmelsbach 2010, as in the paper; how high the sensor stands above it
     is read from the scan. What hangs high is kept: here it is as good as walls.
     """
-    cloud = _standing(scan)
+    cloud = standing(scan)
     # Outliers carry other negative labels too in clusterings.
     labels = np.maximum(clustering.labels(cloud), -1)
     times_s = scan.time_offset_s[cloud.rows].astype(float)
     centres, sizes = centres_of(cloud.points, labels)
     return Segments(
-        cloud.points, cloud.ring, cloud.column, times_s, cloud.rows, labels, centres, sizes
-    )
+        cloud.points, cloud.ring, cloud.column, times_s, cloud.rows, labels, centres, sizes,
+        labels,
+    )  # fmt: skip
 
 
 def centres_of(points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -75,8 +78,8 @@ def centres_of(points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.n
     return sums / np.maximum(sizes, 1)[:, None], sizes
 
 
-def _standing(scan: LidarScan) -> Cloud:
-    """Return what stands above the ground, lidar frame."""
+def standing(scan: LidarScan) -> Cloud:
+    """Return what stands above the ground, lidar frame; all of it where no ground is seen."""
     ranges = np.einsum("ni,ni->n", scan.points, scan.points)
     with np.errstate(invalid="ignore"):
         rows = np.flatnonzero((ranges >= BOUNDS_M[0] ** 2) & (ranges <= BOUNDS_M[1] ** 2))

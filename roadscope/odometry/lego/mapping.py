@@ -7,7 +7,7 @@ import numpy as np
 from roadscope.odometry.lego.keyframes import Keyframe, KeyframeMap, keyframe
 from roadscope.odometry.lego.loop_closing import LoopClosing
 from roadscope.odometry.loam.features import Features
-from roadscope.odometry.loam.progress import misfit_of
+from roadscope.odometry.loam.progress import misfit_of, settled
 from roadscope.odometry.rigid import inverse, log_se3
 
 APART_M, APART_RAD = 0.3, 0.2
@@ -44,7 +44,7 @@ class LegoMapping:
         if self.keyframes:
             found = self._map.match(taken, pose)
             if not misfit_of(found):
-                pose = found.before_from_now
+                pose = settled(pose, found)
         step = log_se3(inverse(self._last) @ pose)
         far = np.linalg.norm(step[:3]) > APART_M or np.linalg.norm(step[3:]) > APART_RAD
         if far or not self.keyframes:

@@ -8,6 +8,7 @@ import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
+from roadscope.odometry.clusters.segments import standing
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.peers.interface import Given, Library, Placed
@@ -34,9 +35,15 @@ class Adapter:
     the end of the sweep, to the stamp, at the velocity between the last two scans.
     """
 
-    def __init__(self, start: Callable[[Pose | None], Library], *, takes_imu: bool) -> None:
-        """Take what starts a library, told how the IMU is mounted; takes_imu: it has use for it."""
-        self._start, self._takes_imu = start, takes_imu
+    def __init__(
+        self, start: Callable[[Pose | None], Library], *, takes_imu: bool, ground: bool = True
+    ) -> None:
+        """Take what starts a library, told how the IMU is mounted; takes_imu: it has use for it.
+
+        ground: whether it is shown the ground, as its authors mean it to be. Where that is flat
+        its rings travel with the sensor, and who has no prior follows them.
+        """
+        self._start, self._takes_imu, self._ground = start, takes_imu, ground
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
@@ -68,6 +75,10 @@ class Adapter:
         if self._twist is not None:
             self._pose = before @ exp_se3(self._twist * tick.elapsed_s)
         sound = np.isfinite(scan.points).all(axis=1)
+        if not self._ground:
+            above = np.zeros(len(sound), bool)
+            above[standing(scan).rows] = True
+            sound &= above
         given = self._given(scan, sound)
         poor = poverty(int(sound.sum()), LEAST_POINTS, scan.ring[sound]) or self._placed(given)
         spread = CARRIED * tick.elapsed_s**4 if poor else STEP * bool(tick.elapsed_s)

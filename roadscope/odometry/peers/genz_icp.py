@@ -21,7 +21,7 @@ class GenzIcpOdometry:
 
     def __init__(
         self, *, voxel_m: float = 0.6, points: int = 3000, planarity: float = 0.2,
-        voxel_points: int = 3, deskew: bool = True,
+        voxel_points: int = 3, deskew: bool = True, ground: bool = True,
     ) -> None:  # fmt: skip
         """Set it up.
 
@@ -38,7 +38,9 @@ class GenzIcpOdometry:
             "planarity_threshold": planarity,
             "max_points_per_voxel": voxel_points,
         }
-        self._adapter = Adapter(lambda _: _GenzIcp(mapping, deskew), takes_imu=self.takes_imu)
+        self._adapter = Adapter(
+            lambda _: _GenzIcp(mapping, deskew), takes_imu=self.takes_imu, ground=ground
+        )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget map and pose."""

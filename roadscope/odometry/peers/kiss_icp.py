@@ -22,11 +22,16 @@ class KissIcpOdometry:
     requires: ClassVar = Requirement("kiss-icp", "pip install roadscope[peers]")
     takes_imu: ClassVar = False
 
-    def __init__(self, *, voxel_m: float = 1.0, deskew: bool = True) -> None:
-        """Set it up; voxel_m: `mapping.voxel_size`, `data.max_range` / 100 when not given."""
+    def __init__(self, *, voxel_m: float = 1.0, deskew: bool = True, ground: bool = True) -> None:
+        """Set it up; voxel_m: `mapping.voxel_size`, `data.max_range` / 100 when not given.
+
+        ground: see `Adapter`, also for the other peers.
+        """
         if not voxel_m > 0:
             raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
-        self._adapter = Adapter(lambda _: _KissIcp(voxel_m, deskew), takes_imu=self.takes_imu)
+        self._adapter = Adapter(
+            lambda _: _KissIcp(voxel_m, deskew), takes_imu=self.takes_imu, ground=ground
+        )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget map and pose."""

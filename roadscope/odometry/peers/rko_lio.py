@@ -33,7 +33,7 @@ class RkoLioOdometry:
 
     def __init__(
         self, *, voxel_m: float = 1.0, thin_twice: bool = False, starts_at_rest: bool = False,
-        deskew: bool = True,
+        deskew: bool = True, ground: bool = True,
     ) -> None:  # fmt: skip
         """Set it up.
 
@@ -49,7 +49,7 @@ class RkoLioOdometry:
             "deskew": deskew,
         }
         self._adapter = Adapter(
-            lambda mounting: _RkoLio(settings, mounting), takes_imu=self.takes_imu
+            lambda mounting: _RkoLio(settings, mounting), takes_imu=self.takes_imu, ground=ground
         )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:

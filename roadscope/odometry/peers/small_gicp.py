@@ -29,7 +29,7 @@ class SmallGicpOdometry:
 
     def __init__(
         self, *, voxel_m: float = 1.0, downsample_m: float = 0.25, neighbours: int = 10,
-        gate_m: float = 1.0, deskew: bool = True,
+        gate_m: float = 1.0, deskew: bool = True, ground: bool = True,
     ) -> None:  # fmt: skip
         """Set it up.
 
@@ -40,7 +40,7 @@ class SmallGicpOdometry:
         if not voxel_m > 0:
             raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
         self._adapter = Adapter(
-            lambda _: _Gicp(scans, _VoxelMap(voxel_m)), takes_imu=self.takes_imu
+            lambda _: _Gicp(scans, _VoxelMap(voxel_m)), takes_imu=self.takes_imu, ground=ground
         )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
@@ -60,11 +60,13 @@ class SmallGicpScanOdometry:
 
     def __init__(
         self, *, downsample_m: float = 0.25, neighbours: int = 10, gate_m: float = 1.0,
-        deskew: bool = True,
+        deskew: bool = True, ground: bool = True,
     ) -> None:  # fmt: skip
         """Set it up; see `SmallGicpOdometry`."""
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
-        self._adapter = Adapter(lambda _: _Gicp(scans, _LastScan()), takes_imu=self.takes_imu)
+        self._adapter = Adapter(
+            lambda _: _Gicp(scans, _LastScan()), takes_imu=self.takes_imu, ground=ground
+        )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
         """Forget scan and pose."""

@@ -125,3 +125,16 @@ def test_who_uses_samples_says_when_they_lack():
         assert [each.reason for each in told[3:8]] == ["", said, said, said, ""]
     runs = Adapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=True)
     assert all(runs.update(scan, None).ok for scan, _ in INPUTS)
+
+
+def test_the_ground_is_left_out_where_it_is_asked():
+    def shown(ground):
+        library = Knowing(lambda pose, _: pose)
+        runs = Adapter(lambda _: library, takes_imu=False, ground=ground)
+        runs.update(*INPUTS[0])
+        return library.given[0].points
+
+    whole, above = shown(True), shown(False)
+    assert len(whole) == len(INPUTS[0][0])
+    assert 60 < len(above) < len(whole)
+    assert above[:, 2].min() > whole[:, 2].min() + 0.1

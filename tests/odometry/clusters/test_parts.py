@@ -1,0 +1,66 @@
+"""Clusters that are cut by the search angle."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roadscope.odometry.clusters.cluster_match import match_clusters
+from roadscope.odometry.clusters.parts import parts
+from roadscope.odometry.clusters.segments import Segments, centres_of
+from roadscope.odometry.rigid import exp_se3, inverse
+
+
+def segments(points, labels):
+    rows = np.arange(len(points))
+    centres, sizes = centres_of(points, labels)
+    zeros = np.zeros(len(points))
+    return Segments(points, rows, rows, zeros, rows, labels, centres, sizes, labels)
+
+
+def cut_slowly(points, labels, motion, angle_deg):
+    """One return after the other, as the docstring says."""
+    count, numbers, found = int(np.ceil(360 / angle_deg - 1e-9)), {}, []
+    for point, label in zip(points, labels, strict=True):
+        x, y, _ = motion[:3, :3] @ point + motion[:3, 3]
+        window = int((np.degrees(np.arctan2(y, x)) + 180) / 360 * count) % count
+        key = (label, window)
+        found.append(-1 if label < 0 else numbers.setdefault(key, len(numbers)))
+    return np.array(found)
+
+
+@given(st.integers(0, 1000), st.sampled_from([5.0, 7.0, 90.0, 360.0]))
+def test_parts_are_of_one_cluster_and_one_window(seed, angle_deg):
+    rng = np.random.default_rng(seed)
+    points, labels = rng.uniform(-9, 9, (60, 3)), rng.integers(-1, 4, 60)
+    motion = exp_se3(rng.uniform(-1, 1, 6))
+    found = parts(segments(points, labels), angle_deg, motion)
+    assert np.array_equal(found.labels, cut_slowly(points, labels, motion, angle_deg))
+    assert found.sizes.sum() == (labels >= 0).sum()
+    for part, centre in enumerate(found.centres):
+        assert np.allclose(centre, points[found.labels == part].mean(axis=0))
+
+
+def test_parts_of_a_wall_stay_where_they_are_while_the_sensor_moves():
+    """Whole, the wall goes along with the sensor, which sees so far to either side."""
+    wall = np.column_stack([np.linspace(-8, 8, 1601), np.full(1601, 3.0), np.zeros(1601)])
+    motion = exp_se3(np.array([1.0, 0, 0, 0, 0, 0.1]))
+
+    def seen(place):
+        points = wall @ inverse(place)[:3, :3].T + inverse(place)[:3, 3]
+        near = np.abs(points @ place[0, :3]) < 6.0
+        return segments(points[near], np.zeros(near.sum(), np.int64))
+
+    before, now = seen(np.eye(4)), seen(motion)
+    whole = match_clusters(now.centres, before.centres, motion, 0.1)
+    assert whole.dynamic.all()
+    cut = parts(now, 5.0, motion), parts(before, 5.0, np.eye(4))
+    found = match_clusters(cut[0].centres, cut[1].centres, motion, 0.1)
+    assert len(found.dynamic) > 20
+    # What only one of the scans shows is at the ends.
+    assert found.dynamic.sum() <= 3
+    assert np.median(found.moved_m) < 0.01
+
+
+def test_nothing_has_no_parts():
+    found = parts(segments(np.empty((0, 3)), np.empty(0, np.int64)), 5.0, np.eye(4))
+    assert len(found.centres) == 0
