@@ -132,7 +132,6 @@ def test_every_option_can_be_given_its_default(kind, stage, name, default):
         ("cluster?residual_m=abc", "residual_m must be a number, got 'abc'"),
         ("cluster?faint=nan", "faint must be a number, got 'nan'"),
         ("cluster?exclusive=maybe", "exclusive must be True or False, got 'maybe'"),
-        ("cluster?clustering=range-angle&windows=1", "windows must be True or False, got 1"),
         ("cluster?clustering=dbscan&min_points=2.5", "min_points must be a whole number, got 2.5"),
         ("zhang2017?late=1", "late must be True or False, got 1"),
         ("long-range?range_max_m=far", "range_max_m must be a number, got 'far'"),

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_drive import driven
 
-from roadscope.odometry.clusters.cluster_match import ALONE, match_clusters
+from roadscope.odometry.clusters.cluster_match import ALONE, REACH_M, match_clusters
 from roadscope.odometry.clusters.segments import Clustering, centres_of, segments_of
 from roadscope.odometry.clusters.sensor_height import sensor_height
 from roadscope.odometry.loam.feature_match import FeatureMatch
@@ -40,6 +40,21 @@ def test_partners_are_one_to_one_and_the_nearest_pair_comes_first():
     found = match_clusters(np.array([[0.5, 0, 0], [0.1, 0, 0]]), before, np.eye(4), 1.0)
     assert found.partners.tolist() == [ALONE, 0]
     assert match_clusters(np.empty((0, 3)), before, np.eye(4), 1.0).dynamic.shape == (0,)
+
+
+@given(st.integers(0, 1000))
+def test_partners_are_those_of_the_slow_way(seed):
+    """The nearest of all pairs, then the nearest of what is left, until none is within reach."""
+    rng = np.random.default_rng(seed)
+    before, now = rng.uniform(-6, 6, (9, 3)), rng.uniform(-6, 6, (7, 3))
+    moved = now @ AHEAD[:3, :3].T + AHEAD[:3, 3]
+    apart = np.linalg.norm(moved[:, None] - before, axis=2)
+    partners = np.full(7, ALONE)
+    while np.isfinite(apart).any() and apart.min() <= REACH_M:
+        row, column = np.unravel_index(np.argmin(apart), apart.shape)
+        partners[row] = column
+        apart[row], apart[:, column] = np.inf, np.inf
+    assert np.array_equal(match_clusters(now, before, AHEAD, 0.1).partners, partners)
 
 
 @given(st.integers(0, 1000))

@@ -29,15 +29,12 @@ class Rule(NamedTuple):
     """When two returns are linked: limit in metres at range 0 and more per metre, and an angle.
 
     cosine: of the angle; -1 or less from half a turn on.
-    windows: the turn is divided into so many from straight behind on, which no link leaves; each
-    is no wider than the angle. 0: it is not divided.
     """
 
     eps_m: float
     reach: float
     angle: float
     cosine: float
-    windows: int
 
 
 class Polar(NamedTuple):
@@ -73,7 +70,7 @@ def linked_sets(points: np.ndarray, origin: np.ndarray, ring: np.ndarray, rule: 
     one set need not be compared.
     """
     swept, sector, shell, sectors = _cells(points, origin, rule)
-    near = _neighbours(swept, ring, sector, rule)
+    near = _neighbours(swept, ring, rule)
     rings = ring.max() - ring.min() + 1
     order = order_by(shell * rings + (ring - ring.min()))
     order = order[order_by(sector[order])]
@@ -83,7 +80,7 @@ def linked_sets(points: np.ndarray, origin: np.ndarray, ring: np.ndarray, rule: 
     runs, cells = _runs(cloud, parents, (sector, shell, ring[order]), rule)
     firsts = runs.starts[cells[:-1]]
     sector, shell = sector[firsts], shell[firsts]
-    around = BESIDE if sectors > 1 and rule.windows == 0 else 0
+    around = BESIDE if sectors > 1 else 0
     _link_cells(cloud, parents, (runs, cells, sector, shell), (sectors, around), rule)
     sets = np.empty(len(points), np.int64)
     for row in range(len(points)):
@@ -97,21 +94,19 @@ def _cells(
 ) -> tuple[Polar, np.ndarray, np.ndarray, int]:
     """Return the points, sector and shell of each, (N,) int64, and the number of sectors.
 
-    Sectors are windows, or as wide as half the angle; shells as half the limit: range is measured
-    in limits, the integral of dr / (eps + reach r).
+    Sectors are as wide as half the angle, shells as half the limit: range is measured in limits,
+    the integral of dr / (eps + reach r).
     """
     wide = (rule.angle + 2 * TURN_ERROR) / BESIDE * (1 + HAIR)
     sectors = int(min(2 * np.pi / wide, MOST_SECTORS))
     sectors = sectors if sectors > 2 * BESIDE else 1
-    sectors = rule.windows if rule.windows > 0 else sectors
     size = len(points)
     ways, ranges = np.empty((size, 2)), np.empty(size)
     sector, shell = np.empty(size, np.int64), np.empty(size, np.int64)
     for row in range(size):
         x, y = points[row, 0] - origin[0], points[row, 1] - origin[1]
         ways[row, 0], ways[row, 1], ranges[row] = x, y, np.sqrt(x * x + y * y)
-        azimuth = np.arctan2(y, x) if rule.windows > 0 else _quick_azimuth(x, y)
-        sector[row] = int((azimuth / (2 * np.pi) + 0.5) * sectors) % sectors
+        sector[row] = int((quick_azimuth(x, y) / (2 * np.pi) + 0.5) * sectors) % sectors
         limits = ranges[row] / rule.eps_m
         if rule.reach > 0:
             grown = rule.reach * limits
@@ -122,7 +117,7 @@ def _cells(
 
 
 @compiled(forceinline=True, borrowing=True)
-def _quick_azimuth(x: float, y: float) -> float:
+def quick_azimuth(x: float, y: float) -> float:
     """Return arctan2 to 1.2e-5 by a polynomial of Hastings (Abramowitz and Stegun, 4.4.47)."""
     wide, high = abs(x), abs(y)
     most = max(wide, high)
@@ -136,7 +131,7 @@ def _quick_azimuth(x: float, y: float) -> float:
 
 
 @compiled()
-def _neighbours(swept: Polar, ring: np.ndarray, sector: np.ndarray, rule: Rule) -> np.ndarray:
+def _neighbours(swept: Polar, ring: np.ndarray, rule: Rule) -> np.ndarray:
     """Return parents, (N,) int64, after links to the last return and to the last of the ring."""
     parents, lowest = np.arange(len(ring)), ring.min()
     last = np.full(ring.max() - lowest + 1, -1)
@@ -144,8 +139,7 @@ def _neighbours(swept: Polar, ring: np.ndarray, sector: np.ndarray, rule: Rule) 
         before, beside = row - 1, last[ring[row] - lowest]
         last[ring[row] - lowest] = row
         for other in (before, beside):
-            allowed = other >= 0 and (rule.windows == 0 or sector[row] == sector[other])
-            if allowed and _are_linked(swept, row, other, rule):
+            if other >= 0 and _are_linked(swept, row, other, rule):
                 join(parents, row, other)
     return parents
 

@@ -16,9 +16,8 @@ UPRIGHT = 0.05
 
 
 def cluster_range_angle(
-    cloud: Cloud, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
-    windows: bool = False,
-) -> np.ndarray:  # fmt: skip
+    cloud: Cloud, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30
+) -> np.ndarray:
     """Grow clusters within a scan angle (Zhang 2022).
 
     Returns (N,) int64 labels, negative where a cluster has fewer than `min_points`.
@@ -31,12 +30,8 @@ def cluster_range_angle(
     to two spacings of the returns at the lesser of the two ranges, where the spacing is the
     wider of those between beams and between columns. The paper grows from a seed and then from
     the farthest returns in six directions until no return satisfies eq. 1 any more; that ends
-    with the linked components, whichever seeds are taken first.
-
-    windows: what the angle bounds. False: a link, so that a cluster goes on as long as returns
-    follow one another. True: the cluster. The paper takes any return for a seed; so that they
-    are the same in every scan, the turn is divided into windows of the angle from straight
-    behind on, which no cluster leaves.
+    with the linked components, whichever seeds are taken first. The angle bounds links: a cluster
+    goes on as long as returns follow one another. Zhang 2022's odometry cuts it by the angle.
     """
     for name, value in (("eps_m", eps_m), ("angle_deg", angle_deg), ("min_points", min_points)):
         if not 0 < value < np.inf:
@@ -49,10 +44,9 @@ def cluster_range_angle(
     share = eps_m / nearest + reach
     widest = np.pi if share >= 1.0 else 1e-9 + float(np.arcsin(share))
     angle = float(np.radians(angle_deg))
-    count = int(np.ceil(2 * np.pi / angle - 1e-9)) if windows else 0
     within = min(angle, widest)
     cosine = float(np.cos(within)) if within < np.pi else -2.0
-    rule = Rule(float(eps_m), reach, within, cosine, count)
+    rule = Rule(float(eps_m), reach, within, cosine)
     sets = linked_sets(cloud.points, cloud.origin, cloud.ring, rule)
     return _large_ones(sets, min_points)
 

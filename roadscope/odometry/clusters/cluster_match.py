@@ -10,6 +10,8 @@ from roadscope.core.jit import compiled
 
 ALONE = -1
 """In place of a partner."""
+REACH_M = 5.0
+"""Farther off nobody is looked for, as with features: no prediction is so wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,8 +42,7 @@ def match_clusters(
     changes by half the gap between two beams as soon as one of them passes over the thing.
     """
     moved = now @ before_from_now[:3, :3].T + before_from_now[:3, 3]
-    apart = np.linalg.norm(moved[:, None] - before[None], axis=2)
-    partners = one_to_one(apart)
+    partners = one_to_one(moved, before, REACH_M)
     away = np.full(len(now), np.inf)
     met = partners != ALONE
     away[met] = np.linalg.norm((moved[met] - before[partners[met]])[:, :2], axis=1)
@@ -49,12 +50,22 @@ def match_clusters(
 
 
 @compiled()
-def one_to_one(apart: np.ndarray) -> np.ndarray:
-    """Return for each row of (K, L) distances the column it is matched with, (K,) int64; or -1."""
-    rows, columns = apart.shape
-    partners, taken = np.full(rows, ALONE), np.zeros(columns, np.bool_)
-    for place in np.argsort(apart.ravel(), kind="mergesort"):
-        row, column = place // columns, place % columns
+def one_to_one(now: np.ndarray, before: np.ndarray, reach_m: float) -> np.ndarray:
+    """Return for each of (K, 3) places the one of (L, 3) it is matched with, (K,) int64; or -1."""
+    rows, columns, apart = [0], [0], [np.inf]
+    for k in range(len(now)):
+        for j in range(len(before)):
+            square = 0.0
+            for i in range(3):
+                square += (now[k, i] - before[j, i]) ** 2
+            if square <= reach_m * reach_m:
+                rows.append(k)
+                columns.append(j)
+                apart.append(square)
+    partners, taken = np.full(len(now), ALONE), np.zeros(len(before), np.bool_)
+    # The first of the lists is there for its type alone; it comes last.
+    for place in np.argsort(np.array(apart), kind="mergesort")[:-1]:
+        row, column = rows[place], columns[place]
         if partners[row] == ALONE and not taken[column]:
             partners[row] = column
             taken[column] = True

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.odometry.clusters.segments import Segments, centres_of
+from roadscope.detectors.clustering.polar_cells import quick_azimuth
+from roadscope.odometry.clusters.segments import Segments
 
 
 def parts(segments: Segments, angle_deg: float, before_from_now: np.ndarray) -> Segments:
@@ -21,28 +22,36 @@ def parts(segments: Segments, angle_deg: float, before_from_now: np.ndarray) -> 
     on, around one and the same place. A part need not have `min_points`, its cluster has.
     """
     count = int(np.ceil(360.0 / angle_deg - 1e-9))
-    labels = _cut(segments.points, segments.whole, before_from_now, count)
-    centres, sizes = centres_of(segments.points, labels)
-    return replace(segments, labels=labels, centres=centres, sizes=sizes)
+    labels, sums, sizes = _cut(segments.points, segments.whole, before_from_now, count)
+    return replace(segments, labels=labels, centres=sums / sizes[:, None], sizes=sizes)
 
 
 @compiled()
-def _cut(points: np.ndarray, labels: np.ndarray, motion: np.ndarray, count: int) -> np.ndarray:
-    """Return the part of each point, (N,) int64, numbered as they appear; -1 for outliers."""
-    clusters = labels.max() + 1 if len(labels) else 0
-    numbers, found = np.full(max(clusters, 0) * count, -1), 0
-    cut = np.full(len(labels), -1)
-    for n in range(len(labels)):
-        if labels[n] < 0:
+def _cut(
+    points: np.ndarray, whole: np.ndarray, motion: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the part of each point, (N,) int64, numbered as they appear; -1 for outliers.
+
+    And of each part the sum of its points, (K, 3), and how many they are, (K,) int64.
+    """
+    rooms = (whole.max() + 1) * count if len(whole) else 0
+    numbers, found = np.full(rooms, -1), 0
+    labels, sums, sizes = np.full(len(whole), -1), np.zeros((rooms, 3)), np.zeros(rooms, np.int64)
+    for n in range(len(whole)):
+        if whole[n] < 0:
             continue
         x, y = motion[0, 3], motion[1, 3]
         for i in range(3):
             x += motion[0, i] * points[n, i]
             y += motion[1, i] * points[n, i]
-        share = np.arctan2(y, x) / (2 * np.pi) + 0.5
-        place = labels[n] * count + min(int(share * count), count - 1)
+        share = quick_azimuth(x, y) / (2 * np.pi) + 0.5
+        place = whole[n] * count + int(share * count) % count
         if numbers[place] < 0:
             numbers[place] = found
             found += 1
-        cut[n] = numbers[place]
-    return cut
+        part = numbers[place]
+        labels[n] = part
+        sizes[part] += 1
+        for i in range(3):
+            sums[part, i] += points[n, i]
+    return labels, sums[:found].copy(), sizes[:found].copy()

@@ -73,7 +73,7 @@ def test_odometries_take_turns_on_scans_of_their_own() -> None:
 
 def test_stages_add_up_to_clustering_and_labelling() -> None:
     named = {row.name: row.value for row in measure_stages(RIG, 2)}
-    parts = (odometry.CLUSTERED, odometry.LABELLED)
+    parts = (odometry.CLUSTERED, odometry.CUT, odometry.CUT, odometry.LABELLED)
     for place in (RIG, "corridor"):
         both = named[f"clustering and labelling, {place}"]
         assert both == pytest.approx(sum(named[f"{part}, {place}"] for part in parts))

@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from roadscope.detectors.clustering.polar_cells import quick_azimuth
 from roadscope.odometry.clusters.cluster_match import match_clusters
 from roadscope.odometry.clusters.parts import parts
 from roadscope.odometry.clusters.segments import Segments, centres_of
@@ -22,7 +23,7 @@ def cut_slowly(points, labels, motion, angle_deg):
     count, numbers, found = int(np.ceil(360 / angle_deg - 1e-9)), {}, []
     for point, label in zip(points, labels, strict=True):
         x, y, _ = motion[:3, :3] @ point + motion[:3, 3]
-        window = int((np.degrees(np.arctan2(y, x)) + 180) / 360 * count) % count
+        window = int((quick_azimuth(x, y) / (2 * np.pi) + 0.5) * count) % count
         key = (label, window)
         found.append(-1 if label < 0 else numbers.setdefault(key, len(numbers)))
     return np.array(found)
