@@ -33,7 +33,7 @@ ODOMETRIES: Registry[Odometry] = Registry(
         "zhang2022": "Edges and planes of clusters that stand still (Zhang 2022).",
         "zhang2022-map": "The same, then LeGO-LOAM's map of what stands still.",
         "zhang2022-loop": "The same, with loops closed.",
-        "loam": "Edges and planes from scan to scan: Zhang 2022's chain without clusters.",
+        "loam": "Edges and planes from scan to scan: Zhang 2022's chain, no clusters.",
         "lidar-inertial": "A Kalman filter on the IMU and a map of what stands still: ours.",
         "lego-loam": "Ground planes, then edges, then a map: Shan and Englot 2018.",
         "lego-loam-loop": "The same, with loops closed.",

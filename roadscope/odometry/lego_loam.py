@@ -12,7 +12,7 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.estimates import estimate
-from roadscope.odometry.lego.mapping import LegoMapping
+from roadscope.odometry.lego.mapping import REACH_M, LegoMapping
 from roadscope.odometry.lego.segments import LEAST, features_of, kept_of
 from roadscope.odometry.lego.two_step import match_two_steps
 from roadscope.odometry.loam.features import Features
@@ -30,7 +30,7 @@ class LegoLoamOdometry:
     """
 
     def __init__(
-        self, *, min_points: int = LEAST, map_every: int = 5, reach_m: float = 100.0,
+        self, *, min_points: int = LEAST, map_every: int = 5, reach_m: float = REACH_M,
         loop: bool = False,
     ) -> None:  # fmt: skip
         for name, value in (("min_points", min_points), ("map_every", map_every)):

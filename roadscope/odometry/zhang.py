@@ -20,17 +20,15 @@ from roadscope.odometry.clusters.parts import parts
 from roadscope.odometry.clusters.roughness import Reading, cluster_features
 from roadscope.odometry.clusters.segments import Clustering, Segments, segments_of
 from roadscope.odometry.estimates import estimate
-from roadscope.odometry.lego.mapping import LegoMapping
+from roadscope.odometry.lego.mapping import REACH_M, LegoMapping
 from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.loam.progress import Progress, misfit_of
+from roadscope.odometry.loam.progress import Progress
 from roadscope.odometry.loam.returns import poverty
 
-MOST_MOVE = 0.5
+MOST_MOVE = 0.33
 """Where a greater share of what is in clusters would move, it is the prediction that is wrong."""
-REACH_M = 100.0
-"""How far the map goes, LeGO-LOAM's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,24 +48,26 @@ class ZhangOdometry:
     eps_m, angle_deg, min_points: of the clustering (table 1). windows: whether the angle bounds
         clusters, see `parts`, or links alone. A wall that is one cluster wherever it goes has
         another centre as soon as something hides a part of it, and moves as a whole; the paper
-        drops the parts of walls that only one of the scans shows.
+        drops the parts of walls that only one of the scans shows. With columns as wide as a
+        degree such clusters give too few features, and the way is lost.
     still_m, still_m_s, view, sampled: a cluster is dynamic whose centre moved farther than the
         first, plus the second times the time between the scans, plus the third times the own way,
-        and farther than the fourth times its range. The paper prints no threshold. Where links
-        alone are bounded, what is seen of a wall goes along with the sensor, and a view of 1
-        allows for that; then nobody is dynamic who is slower. Beams spread, so that far away
-        the same thing is told by other returns in every scan.
+        and farther than the fourth times its range: beams spread, so that far away the same thing
+        is told by other returns in every scan. The paper prints no threshold. view: None: 0, or 1
+        where links alone are bounded: what is seen of a whole wall goes along with the sensor;
+        then nobody is dynamic who is slower.
     roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
     drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be left out.
     map_every, loop: so many scans to a look at LeGO-LOAM's map, 0 for none, and whether its loops
-        are closed. Section 2.3 goes from scan to scan; section 3.2 speaks of SLAM, and of loops
-        closed in both systems: the chain may have stood before LeGO-LOAM's map.
+        are closed. Section 2 goes from scan to scan; section 3 speaks of SLAM, and of the loops
+        that LeGO-LOAM closes as a reason why both systems end near the truth: the chain may have
+        stood before LeGO-LOAM's map.
     """
 
     def __init__(
         self, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
         windows: bool = True, still_m: float = 0.05, still_m_s: float = 0.5,
-        view: float = 0.0, sampled: float = 0.01, roughness: Reading = "ring",
+        view: float | None = None, sampled: float = 0.01, roughness: Reading = "ring",
         drop_dynamic: bool = True, same_cluster: bool = True,
         map_every: int = 0, loop: bool = False,
     ) -> None:  # fmt: skip
@@ -78,7 +78,8 @@ class ZhangOdometry:
         if loop and not map_every:
             raise ValueError("loops are closed in a map: loop asks for map_every of 1 or more")
         self.clustering, self.windows = Clustering(eps_m, angle_deg, min_points), windows
-        self.still_m, self.still_m_s, self.view, self.sampled = still_m, still_m_s, view, sampled
+        self.still_m, self.still_m_s, self.sampled = still_m, still_m_s, sampled
+        self.view = float(not windows) if view is None else view
         self.roughness = roughness
         self.drop_dynamic, self.same_cluster = drop_dynamic, same_cluster
         self.map_every, self.loop = map_every, loop
@@ -123,7 +124,7 @@ class ZhangOdometry:
         return self._told(scan, tick.reason or reason or lack, returns_of(scan, segments, dropped))
 
     def cut(self, whole: Segments, before_from_now: np.ndarray) -> Segments:
-        """Return clusters as the scan before has them."""
+        """Return clusters cut by the angle as seen from the scan before, if it bounds them."""
         angle_deg = self.clustering.angle_deg
         return parts(whole, angle_deg, before_from_now) if self.windows else whole
 
@@ -155,20 +156,16 @@ class ZhangOdometry:
     ) -> tuple[FeatureMatch, np.ndarray]:
         """Match without dynamic clusters and say which, (K,) bool, those are.
 
-        sizes: (K,) returns in each. Where most of what is seen would move, and where too little
-        is left without it, an error of the prediction is taken for motion of everything, and
-        would be for ever: then all features are matched, of whatever cluster.
+        sizes: (K,) returns in each. Where most of what is seen would move, an error of the
+        prediction is taken for motion of everything, and would be for ever: then all features are
+        matched, of whatever cluster.
         """
         assert self._before is not None
-        believed = sizes[clusters.dynamic].sum() <= MOST_MOVE * sizes.sum()
         none = np.zeros_like(clusters.dynamic)
-        if believed and self.drop_dynamic:
-            found = self._match(features, clusters, start, still_only=True)
-            if not misfit_of(found):
-                return found, clusters.dynamic
-        elif believed and self.same_cluster:
-            return self._match(features, clusters, start, still_only=False), none
-        return match_features(features, self._before.features, start, same_label=False), none
+        if not _believed(clusters, sizes) or not (self.drop_dynamic or self.same_cluster):
+            return match_features(features, self._before.features, start, same_label=False), none
+        found = self._match(features, clusters, start, still_only=self.drop_dynamic)
+        return found, clusters.dynamic if self.drop_dynamic else none
 
     def _match(
         self, features: Features, clusters: ClusterMatch, start: np.ndarray, *, still_only: bool
@@ -179,14 +176,18 @@ class ZhangOdometry:
         return match_features(now, before, start, same_label=self.same_cluster)
 
     def _begin(self, whole: Segments, since_s: float, predicted: np.ndarray) -> np.ndarray:
-        """Return the first motion, (4, 4), from all features, of whatever cluster.
+        """Return the first motion, (4, 4): as predicted from rest, or from all features.
 
         Before a step has told the speed, an IMU does not: a start at speed would be taken for
         clusters that all move. Features of the first scan are then taken anew.
         """
         assert self._before is not None
-        now = self._features(self.cut(whole, predicted), predicted, since_s)
-        found = match_features(now, self._before.features, predicted, same_label=False)
+        now = self.cut(whole, predicted)
+        clusters = self.compared(now, self._before.segments, predicted, since_s)
+        if _believed(clusters, now.sizes):
+            return predicted
+        seen = self._features(now, predicted, since_s)
+        found = match_features(seen, self._before.features, predicted, same_label=False)
         motion, first = found.before_from_now, self._before.segments
         self._before = Moment(first, self._features(first, motion, since_s))
         return motion
@@ -197,6 +198,11 @@ class ZhangOdometry:
         pose = self._mapping.map_from_start @ self._progress.pose
         covariance = self._progress.covariance
         return estimate(pose, covariance, scan.stamp_s, len(scan), reason, dynamic=moving)
+
+
+def _believed(clusters: ClusterMatch, sizes: np.ndarray) -> bool:
+    """Return whether a prediction has most returns, (K,) to a cluster, stand still."""
+    return bool(sizes[clusters.dynamic].sum() <= MOST_MOVE * sizes.sum())
 
 
 def dynamic_returns(

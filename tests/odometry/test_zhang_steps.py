@@ -6,15 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_drive import driven
 
-from roadscope.odometry.clusters.cluster_match import ALONE, REACH_M, match_clusters
-from roadscope.odometry.clusters.segments import Clustering, centres_of, segments_of
-from roadscope.odometry.clusters.sensor_height import sensor_height
+from roadscope.odometry.above_ground import sensor_height
+from roadscope.odometry.clusters.cluster_match import ALONE, REACH_M, ClusterMatch, match_clusters
+from roadscope.odometry.clusters.segments import Clustering, Segments, centres_of, segments_of
 from roadscope.odometry.loam.feature_match import FeatureMatch
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
 from roadscope.odometry.loam.interpolation import deskewed_between
 from roadscope.odometry.loam.progress import misfit_of, settled
 from roadscope.odometry.rigid import exp_se3
-from roadscope.odometry.zhang import ZhangOdometry
+from roadscope.odometry.zhang import MOST_MOVE, ZhangOdometry
 
 AHEAD = exp_se3(np.array([1.0, 0, 0, 0, 0, 0]))
 
@@ -144,28 +144,82 @@ def test_settings_that_make_no_sense_are_refused(settings, said):
         ZhangOdometry(**settings)
 
 
+@pytest.fixture
+def under_way():
+    """An odometry that has seen six scans of a drive at 8 m/s, the drive, and all its inputs."""
+    drive, inputs = driven(10, columns=1800)
+    odometry = ZhangOdometry()
+    for each in inputs[:6]:
+        odometry.update(*each)
+    return odometry, drive, inputs
+
+
+def away(told, drive, scan):
+    """Level distance from the truth: height is what a scan without ground tells least."""
+    off = told.start_from_lidar.matrix - drive.pose(scan.stamp_s)
+    return np.abs(off[:2, 3]).max()
+
+
 def test_a_start_at_speed_is_not_taken_for_motion_of_everything():
     """At 8 m/s all that stands has moved 0.8 m by the second scan."""
     drive, inputs = driven(6, columns=1800)
     odometry = ZhangOdometry()
     told = [odometry.update(*each) for each in inputs]
-    assert told[-1].dynamic.mean() < 0.5
-    off = told[-1].start_from_lidar.matrix - drive.pose(inputs[-1][0].stamp_s)
-    assert np.abs(off[:3, 3]).max() < 0.5
+    assert max(away(t, drive, s) for t, (s, _) in zip(told, inputs, strict=True)) < 0.1
 
 
-def test_a_prediction_that_is_wrong_drops_nothing():
-    """Where most of what is seen would move, all of it is matched, and the speed found again."""
-    drive, inputs = driven(10, columns=1800)
-    odometry = ZhangOdometry()
-    for each in inputs[:6]:
-        odometry.update(*each)
+def test_what_stands_beside_a_drive_is_not_dynamic(under_way):
+    """It is, where clusters are cut as each scan sees them, or features keep old numbers."""
+    odometry, drive, inputs = under_way
+    told = [odometry.update(*each) for each in inputs[6:]]
+    assert max(t.dynamic.mean() for t in told) < 0.1
+    assert away(told[-1], drive, inputs[-1][0]) < 0.1
+    before = odometry._before
+    own = odometry.cut(before.segments, np.eye(4))
+    assert np.array_equal(before.segments.labels, own.labels)
+    assert np.array_equal(before.features.edge_labels, own.labels[before.features.edge_rows])
+    assert np.array_equal(before.features.plane_labels, own.labels[before.features.plane_rows])
+
+
+@pytest.mark.parametrize("away_share", [0.9, 1.1])
+def test_where_most_would_move_nothing_is_dropped(under_way, away_share):
+    """The prediction is then wrong rather than the street."""
+    odometry, _, _ = under_way
+    before = odometry._before
+    count = len(before.segments.sizes)
+    sizes, dynamic = np.ones(count, np.int64), np.arange(count) < away_share * MOST_MOVE * count
+    clusters = ClusterMatch(np.arange(count), np.zeros(count), dynamic)
+    _, dropped = odometry._matched(before.features, clusters, sizes, np.eye(4))
+    assert dropped.tolist() == (dynamic if away_share < 1 else np.zeros(count, bool)).tolist()
+
+
+def test_a_wrong_speed_is_found_again(under_way):
+    odometry, drive, inputs = under_way
     odometry._imu.velocity = odometry._imu.velocity + np.array([0.0, 4.0, 0.0])
-    wrong = odometry.update(inputs[6][0])
-    assert not wrong.dynamic.any()
-    told = [odometry.update(*each) for each in inputs[7:]]
-    off = told[-1].start_from_lidar.matrix - drive.pose(inputs[-1][0].stamp_s)
-    assert np.abs(off[:3, 3]).max() < 1.0
+    told = [odometry.update(*each) for each in inputs[6:]]
+    assert not told[0].dynamic.any()
+    assert away(told[-1], drive, inputs[-1][0]) < 0.6
+    assert odometry._imu.velocity[1] == pytest.approx(0.0, abs=0.3)
+
+
+def test_columns_a_degree_apart_are_told_to_be_too_few():
+    odometry = ZhangOdometry()
+    told = [odometry.update(*each) for each in driven(10)[1]]
+    assert sum(not each.ok for each in told) >= 5
+
+
+@pytest.mark.parametrize(("sampled", "dynamic"), [(0.01, False), (0.0, True)])
+def test_far_things_may_seem_to_move_farther(sampled, dynamic):
+    """By 0.3 m at 40 m, where beams of a VLP-16 are 0.14 m apart, or 1.4 m."""
+
+    def seen(shift_m):
+        row = np.zeros(1, np.int64)
+        there = np.array([[40.0, shift_m, 0.0]])
+        return Segments(there, row, row, np.zeros(1), row, row, there, row + 1, row)
+
+    rule = ZhangOdometry(sampled=sampled)
+    found = rule.compared(seen(0.3), seen(0.0), np.eye(4), 0.1)
+    assert found.dynamic.tolist() == [dynamic]
 
 
 def test_a_map_takes_every_so_many_scans_and_none_leaves_poses_alone():

@@ -64,7 +64,7 @@ PLAYS = dict(zip(WALKED, (STANDING, STRAIGHT, LOOP), strict=True))
 SCENARIO, RIG, DURATION_S = "racetrack-loop", "hdl64e-imu", 80.0
 ROUTE_SEEDS = 5
 """The long route takes minutes a seed."""
-LINKS = {"windows": False, "view": 1.0}
+LINKS = {"windows": False}
 REMOVALS: dict[str, tuple[int, dict[str, Any]]] = {
     "zhang2022, 1 s apart": (10, {}),
     "zhang2022, 0.1 s apart": (1, {}),
@@ -145,13 +145,13 @@ def long_route(seed: int) -> dict[Key, float]:
 
 
 def noisy(seed: int) -> dict[Key, float]:
-    """Measure the paper's method and its rival with other noise: nothing may hang on quiet ones."""
+    """Measure the paper's chain and its rival with other noise: nothing may hang on quiet ones."""
     return {
         (f"{experiment}, {name}", spec, quantity): value
         for experiment in NOISY
         for name, noise in NOISES.items()
         for spec, (errors_m, calls_ms) in errors(
-            film(PLAYS[experiment], seed, noise), (OURS, PEER)
+            film(PLAYS[experiment], seed, noise), (SCANS, OURS, PEER)
         ).items()
         for quantity, value in told(errors_m, calls_ms, experiment).items()
     }

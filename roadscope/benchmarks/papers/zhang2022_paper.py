@@ -15,7 +15,7 @@ SCANS, OURS, PEER = "zhang2022", "zhang2022-map", "lego-loam"
 """The paper's chain from scan to scan, the same before LeGO-LOAM's map, and its rival."""
 READINGS = {
     f"{OURS}?roughness='cluster'": "eq. 6 as printed",
-    f"{OURS}?windows=False&view=1.0": "angle bounds links",
+    f"{OURS}?windows=False": "angle bounds links",
     f"{OURS}?view=1.0": "own way allowed for",
     f"{OURS}?same_cluster=False": "any cluster's features",
     f"{OURS}?drop_dynamic=False": "nothing dropped",
@@ -84,9 +84,9 @@ def note_of(experiment: str) -> str | None:
         )
     if experiment in WALKED:
         return (
-            "The paper prints its odometry from scan to scan (zhang2022) and speaks of SLAM and of "
-            "closed loops where it measures; zhang2022-map is the same chain before LeGO-LOAM's "
-            "map. lidar-inertial is told of what make the IMU is (imu=zed2)."
+            "The paper's odometry goes from scan to scan (zhang2022) and it speaks of SLAM, and of "
+            "LeGO-LOAM's loops, where it measures; zhang2022-map is the same chain before "
+            "LeGO-LOAM's map. lidar-inertial is told of what make the IMU is (imu=zed2)."
         )
     if experiment.endswith("noise"):
         return "Range noise of the LiDAR and all errors of the IMU, of the first 5 seeds at most."
@@ -94,7 +94,8 @@ def note_of(experiment: str) -> str | None:
         return (
             "The search angle of 5 deg bounds clusters, as the walls in the paper's figures "
             "suggest; one can also read that it bounds steps from return to return alone. A "
-            "cluster is dynamic whose centre moved 0.05 m + 0.5 m/s, in links the own way more: "
-            "the paper prints no threshold. What it says of points is of one pair of scans."
+            "cluster is dynamic whose centre moved 0.05 m + 0.5 m/s, in links the own way more, "
+            "and 1 % of its range: the paper prints no threshold. What it says of points is of "
+            "one pair of scans."
         )
     return None

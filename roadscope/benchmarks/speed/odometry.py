@@ -24,10 +24,10 @@ from roadscope.core import LidarScan, Pose
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.polar import polar_above_ground
 from roadscope.odometry import ODOMETRIES
+from roadscope.odometry.above_ground import sensor_height, standing
 from roadscope.odometry.clusters.cluster_features import of_partners
 from roadscope.odometry.clusters.roughness import cluster_features
 from roadscope.odometry.clusters.segments import Clustering, segments_of
-from roadscope.odometry.clusters.sensor_height import sensor_height
 from roadscope.odometry.loam.feature_match import match_features
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
 from roadscope.odometry.zhang import ZhangOdometry
@@ -143,7 +143,7 @@ def stages(before: LidarScan, now: LidarScan, motion: np.ndarray) -> dict[str, p
     method, rule = ZhangOdometry(), Clustering()
     pose = Pose.planar(0.0, 0.0, 0.0, sensor_height(now.points))
     cloud = Cloud.of(now, pose)
-    standing = cloud.select(polar_above_ground(cloud, ceiling_m=np.inf))
+    above = standing(now)
     whole = segments_of(now, rule)
     found, earlier = method.cut(whole, motion), method.cut(segments_of(before, rule), np.eye(4))
     since_s = now.stamp_s - before.stamp_s
@@ -157,7 +157,7 @@ def stages(before: LidarScan, now: LidarScan, motion: np.ndarray) -> dict[str, p
         "height of the sensor": partial(sensor_height, now.points),
         "cloud": partial(Cloud.of, now, pose),
         "ground removal": partial(polar_above_ground, cloud, ceiling_m=np.inf),
-        CLUSTERED: partial(rule.labels, standing),
+        CLUSTERED: partial(rule.labels, above),
         CUT: partial(method.cut, whole, motion),
         LABELLED: partial(method.compared, found, earlier, motion, since_s),
         "deskew": partial(found.at_stamp, motion, since_s),

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.core import LidarScan, Pose
+from roadscope.core import LidarScan
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.range_angle import cluster_range_angle
-from roadscope.detectors.ground.polar import polar_above_ground
-from roadscope.odometry.clusters.sensor_height import sensor_height
+from roadscope.odometry.above_ground import standing
 from roadscope.odometry.loam.returns import Returns
-
-BOUNDS_M = (0.5, 120.0)
-ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,18 +72,3 @@ def centres_of(points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.n
     sizes = np.bincount(known)
     sums = np.column_stack([np.bincount(known, place[:, i], len(sizes)) for i in range(3)])
     return sums / np.maximum(sizes, 1)[:, None], sizes
-
-
-def standing(scan: LidarScan) -> Cloud:
-    """Return what stands above the ground, lidar frame; all of it where no ground is seen."""
-    ranges = np.einsum("ni,ni->n", scan.points, scan.points)
-    with np.errstate(invalid="ignore"):
-        rows = np.flatnonzero((ranges >= BOUNDS_M[0] ** 2) & (ranges <= BOUNDS_M[1] ** 2))
-    near = replace(scan, **{name: getattr(scan, name)[rows] for name in ARRAYS})
-    height_m = sensor_height(near.points)
-    level = Pose.planar(0.0, 0.0, 0.0, height_m if np.isfinite(height_m) else 0.0)
-    cloud = Cloud.of(near, level)
-    if np.isfinite(height_m):
-        cloud = cloud.select(polar_above_ground(cloud, ceiling_m=np.inf))
-    lowered = cloud.points - level.translation
-    return Cloud(lowered, cloud.ring, cloud.column, rows[cloud.rows], cloud.origin)

@@ -10,6 +10,8 @@ from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.progress import misfit_of, settled
 from roadscope.odometry.rigid import inverse, log_se3
 
+REACH_M = 100.0
+"""How far a map goes, as published."""
 APART_M, APART_RAD = 0.3, 0.2
 """Nearer to the last one no keyframe is taken: what stands still adds nothing to a map."""
 

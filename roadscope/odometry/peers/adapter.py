@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
+from roadscope.odometry.above_ground import standing
 from roadscope.odometry.clock import Clock
-from roadscope.odometry.clusters.segments import standing
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.peers.interface import Given, Library, Placed
@@ -41,7 +41,8 @@ class Adapter:
         """Take what starts a library, told how the IMU is mounted; takes_imu: it has use for it.
 
         ground: whether it is shown the ground, as its authors mean it to be. Where that is flat
-        its rings travel with the sensor, and who has no prior follows them.
+        its rings travel with the sensor, and who has no prior follows them. Without it the rest
+        is what `standing` leaves.
         """
         self._start, self._takes_imu, self._ground = start, takes_imu, ground
         self.reset()

@@ -92,7 +92,7 @@ def test_two_alone_are_linked_within_any_angle():
         assert (labels[0] == labels[1]) == together
 
 
-def test_thequick_azimuth_is_off_by_less_than_sectors_allow():
+def test_the_quick_azimuth_is_off_by_less_than_sectors_allow():
     turns = np.concatenate([np.linspace(-np.pi, np.pi, 4001), np.arange(-4, 5) * np.pi / 4])
     quick = [quick_azimuth(2.0 * np.cos(a), 2.0 * np.sin(a)) for a in turns]
     assert np.abs(wrap_angle(np.array(quick) - turns)).max() < TURN_ERROR

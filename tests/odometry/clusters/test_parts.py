@@ -65,3 +65,6 @@ def test_parts_of_a_wall_stay_where_they_are_while_the_sensor_moves():
 def test_nothing_has_no_parts():
     found = parts(segments(np.empty((0, 3)), np.empty(0, np.int64)), 5.0, np.eye(4))
     assert len(found.centres) == 0
+    outliers = parts(segments(np.ones((3, 3)), np.full(3, -1)), 5.0, np.eye(4))
+    assert outliers.labels.tolist() == [-1, -1, -1]
+    assert len(outliers.centres) == 0

@@ -59,6 +59,14 @@ def test_true_times_of_points_are_used_and_poses_are_of_the_stamp(name):
     assert off(name, drive, backward)[1] > 0.08
 
 
+def test_who_is_spared_the_ground_follows_too(name):
+    drive, inputs = ridden(1.0, 1.5, 36)
+    away_m, turned = off(f"{name}?ground=false", drive, inputs)
+    assert (away_m, turned) != off(name, drive, inputs)
+    assert away_m < 0.3
+    assert turned < 0.03
+
+
 def test_follows_to_speed(name):
     if name not in AT_SPEED:
         pytest.skip("holds on to what it saw first where little stands out of the ground")

@@ -1,10 +1,18 @@
-"""How high above the ground a LiDAR stands, from its scan."""
+"""What of a scan stands above the ground, and how high above that the LiDAR is."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from roadscope.core import LidarScan, Pose
 from roadscope.core.jit import compiled
+from roadscope.detectors.cloud import Cloud
+from roadscope.detectors.ground.polar import polar_above_ground
+
+BOUNDS_M = (0.5, 120.0)
+ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 NEAR_M = 20.0
 BIN_M = 0.05
@@ -45,3 +53,22 @@ def sensor_height(points: np.ndarray) -> float:
             mean: float = -(sums[b] + sums[b + 1]) / (counts[b] + counts[b + 1])
             return mean
     return np.nan
+
+
+def standing(scan: LidarScan) -> Cloud:
+    """Return what stands above the ground, lidar frame; all of it where no ground is seen.
+
+    Ground by lines in polar segments (Himmelsbach 2010). Returns nearer or farther than the
+    bounds, and those that are no numbers, are left out; what hangs high is kept.
+    """
+    ranges = np.einsum("ni,ni->n", scan.points, scan.points)
+    with np.errstate(invalid="ignore"):
+        rows = np.flatnonzero((ranges >= BOUNDS_M[0] ** 2) & (ranges <= BOUNDS_M[1] ** 2))
+    near = replace(scan, **{name: getattr(scan, name)[rows] for name in ARRAYS})
+    height_m = sensor_height(near.points)
+    level = Pose.planar(0.0, 0.0, 0.0, height_m if np.isfinite(height_m) else 0.0)
+    cloud = Cloud.of(near, level)
+    if np.isfinite(height_m):
+        cloud = cloud.select(polar_above_ground(cloud, ceiling_m=np.inf))
+    lowered = cloud.points - level.translation
+    return Cloud(lowered, cloud.ring, cloud.column, rows[cloud.rows], cloud.origin)
