@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_drive import Drive, driven, emptied, kept, offset
+from toy_drive import Drive, columns_for, driven, emptied, kept, offset
 
 from roadscope.core import ImuSamples, OdometryEstimate, Pose
 from roadscope.odometry import ODOMETRIES
@@ -33,8 +33,6 @@ KNOWS_SPEED = {"lidar-inertial": 3}
 """Those that call themselves degraded until they know the speed, and the scan by which they do."""
 SLOW_M_S = {"rko-lio": 1.0}
 """Those that do not find a start at speed are driven slowly."""
-FINE = {"zhang2022", "zhang2022-map", "zhang2022-loop"}
-"""Those that cut what they see by angles are shown as many columns as a real sensor has."""
 UNEVEN = {"genz-icp"}
 """Their threads add up in any order, so that the same input gives poses some millimetres apart."""
 
@@ -52,7 +50,7 @@ def odometry(name):
 
 
 def drive_for(name, scans=12):
-    return driven(scans, SLOW_M_S.get(name, 8.0), 1800 if name in FINE else 360)
+    return driven(scans, SLOW_M_S.get(name, 8.0), columns_for(name))
 
 
 def run(odometry, inputs):

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from toy_drive import Drive, emptied, kept
+from toy_drive import Drive, columns_for, emptied, kept
 
 from roadscope.core import ImuSamples
 from roadscope.odometry import ODOMETRIES
@@ -16,6 +16,8 @@ READ_NO_SCANS = {"still", "dead-reckoning"}
 SPEED_M_S = 8.0
 FROM_REST_S = {"rko-lio": 3.0}
 """Those that do not find a start at speed get so long to come to it."""
+MAPPED = {"zhang2022-map", "zhang2022-loop"}
+"""Their map corrects at times what steps have gathered: a step towards the truth is no error."""
 FIRST, LAST, SCANS, SETTLED = 10, 13, 26, 5
 """Which scans are spoilt, how many there are, how many at the end have to be right."""
 WRONG_M, WRONG_RAD = 0.5, 0.1
@@ -35,18 +37,19 @@ def name(request):
 def drive_of(name):
     """A drive that is at speed from the first spoilt scan on, and the number of that scan."""
     ramp_s = FROM_REST_S.get(name, 0.0)
-    return Drive(SPEED_M_S, ramp_s=ramp_s), FIRST + round(10 * ramp_s)
+    drive = Drive(SPEED_M_S, ramp_s=ramp_s, columns=columns_for(name))
+    return drive, FIRST + round(10 * ramp_s)
 
 
 def inputs_of(name, scans=SCANS):
     drive, first = drive_of(name)
-    return taken(drive.ramp_s, scans + first - FIRST)
+    return taken(drive.ramp_s, drive.columns, scans + first - FIRST)
 
 
 @cache
-def taken(ramp_s, scans):
+def taken(ramp_s, columns, scans):
     """Scans with their samples, which tests leave alone."""
-    drive = Drive(SPEED_M_S, ramp_s=ramp_s)
+    drive = Drive(SPEED_M_S, ramp_s=ramp_s, columns=columns)
     return [(drive.scan(k), drive.imu(k)) for k in range(scans)]
 
 
@@ -104,7 +107,11 @@ def follow(name, inputs):
     assert np.isfinite(poses).all()
     assert all(np.isfinite(each.covariance).all() for each in told)
     latest = np.maximum.accumulate([scan.stamp_s for scan, _ in inputs])
-    return told, apart(poses, [drive.pose(stamp_s) for stamp_s in latest])
+    truth = np.array([drive.pose(stamp_s) for stamp_s in latest])
+    off = apart(poses, truth)
+    if name in MAPPED:
+        off[np.diff(np.linalg.norm((poses - truth)[:, :3, 3], axis=1)) < 0] = 0.0
+    return told, off
 
 
 @cache
