@@ -28,8 +28,8 @@ from roadscope.odometry.loam.progress import Progress
 from roadscope.odometry.loam.returns import poverty
 
 MOST_MOVE = 0.33
-"""Where a greater share of what is in clusters would move, it is the prediction that is wrong. Right
-ones left .27 at most on validation drives, wrong ones .38 or more."""
+"""Where a greater share of what is in clusters would move, it is the prediction that is wrong.
+Right ones left .27 at most on validation drives, wrong ones .38 or more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +157,7 @@ class ZhangOdometry:
     ) -> tuple[FeatureMatch, np.ndarray]:
         """Match without dynamic clusters and say which, (K,) bool, those are.
 
-        sizes: (K,) returns in each. Where most of what is seen would move, an error of the
+        sizes: (K,) returns in each. Where too much of what is seen would move, an error of the
         prediction is taken for motion of everything, and would be for ever: then all features are
         matched, of whatever cluster.
         """
