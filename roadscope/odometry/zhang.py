@@ -27,9 +27,11 @@ from roadscope.odometry.loam.imu_prediction import ImuPrediction
 from roadscope.odometry.loam.progress import Progress
 from roadscope.odometry.loam.returns import poverty
 
-MOST_MOVE = 0.33
-"""Where a greater share of what is in clusters would move, it is the prediction that is wrong.
-Right ones left .27 at most on validation drives, wrong ones .38 or more."""
+MANY_MOVE = 0.33
+"""Where a greater share of what is in clusters would move, it is the prediction that is wrong. On
+validation drives in streets and on the loop the true motion leaves .3 (95 % of scans), and to
+believe in rest .3 to .4 (5 %). Where all that is near goes along it is the other way about: the true
+motion of a platoon leaves .7, rest .04. No share tells it there, and the method is lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,16 +167,11 @@ class ZhangOdometry:
         none = np.zeros_like(clusters.dynamic)
         if not _believed(clusters, sizes) or not (self.drop_dynamic or self.same_cluster):
             return match_features(features, self._before.features, start, same_label=False), none
-        found = self._match(features, clusters, start, still_only=self.drop_dynamic)
+        now, before = of_partners(
+            features, self._before.features, clusters, still_only=self.drop_dynamic
+        )
+        found = match_features(now, before, start, same_label=self.same_cluster)
         return found, clusters.dynamic if self.drop_dynamic else none
-
-    def _match(
-        self, features: Features, clusters: ClusterMatch, start: np.ndarray, *, still_only: bool
-    ) -> FeatureMatch:
-        """Move features of clusters that have a partner onto those before."""
-        assert self._before is not None
-        now, before = of_partners(features, self._before.features, clusters, still_only=still_only)
-        return match_features(now, before, start, same_label=self.same_cluster)
 
     def _begin(self, whole: Segments, since_s: float, predicted: np.ndarray) -> np.ndarray:
         """Return the first motion, (4, 4): as predicted from rest, or from all features.
@@ -203,7 +200,7 @@ class ZhangOdometry:
 
 def _believed(clusters: ClusterMatch, sizes: np.ndarray) -> bool:
     """Return whether a prediction has most returns, (K,) to a cluster, stand still."""
-    return bool(sizes[clusters.dynamic].sum() <= MOST_MOVE * sizes.sum())
+    return bool(sizes[clusters.dynamic].sum() <= MANY_MOVE * sizes.sum())
 
 
 def dynamic_returns(

@@ -14,7 +14,7 @@ from roadscope.odometry.loam.imu_prediction import ImuPrediction
 from roadscope.odometry.loam.interpolation import deskewed_between
 from roadscope.odometry.loam.progress import misfit_of, settled
 from roadscope.odometry.rigid import exp_se3
-from roadscope.odometry.zhang import MOST_MOVE, ZhangOdometry
+from roadscope.odometry.zhang import MANY_MOVE, ZhangOdometry
 
 AHEAD = exp_se3(np.array([1.0, 0, 0, 0, 0, 0]))
 
@@ -182,12 +182,12 @@ def test_what_stands_beside_a_drive_is_not_dynamic(under_way):
 
 
 @pytest.mark.parametrize("away_share", [0.9, 1.1])
-def test_where_most_would_move_nothing_is_dropped(under_way, away_share):
+def test_where_many_would_move_nothing_is_dropped(under_way, away_share):
     """The prediction is then wrong rather than the street."""
     odometry, _, _ = under_way
     before = odometry._before
     count = len(before.segments.sizes)
-    sizes, dynamic = np.ones(count, np.int64), np.arange(count) < away_share * MOST_MOVE * count
+    sizes, dynamic = np.ones(count, np.int64), np.arange(count) < away_share * MANY_MOVE * count
     clusters = ClusterMatch(np.arange(count), np.zeros(count), dynamic)
     _, dropped = odometry._matched(before.features, clusters, sizes, np.eye(4))
     assert dropped.tolist() == (dynamic if away_share < 1 else np.zeros(count, bool)).tolist()
