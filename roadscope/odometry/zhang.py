@@ -28,10 +28,11 @@ from roadscope.odometry.loam.progress import Progress
 from roadscope.odometry.loam.returns import poverty
 
 MANY_MOVE = 0.33
-"""Where a greater share of what is in clusters would move, it is the prediction that is wrong. On
-validation drives in streets and on the loop the true motion leaves .3 (95 % of scans), and to
-believe in rest .3 to .4 (5 %). Where all that is near goes along it is the other way about: the true
-motion of a platoon leaves .7, rest .04. No share tells it there, and the method is lost."""
+"""Where a greater share of what is in clusters would move, it is the prediction that is wrong.
+
+On validation drives in streets and on the loop, the true motion leaves .3 (95 % of scans), and to
+believe in rest .3 to .4 (5 %). Where all that is near goes along it is the other way about: the
+true motion of a platoon leaves .7, rest .04. No share tells it there, and the method is lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
