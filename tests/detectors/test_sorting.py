@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roadscope.detectors.sorting import order_by, order_within, starts_of
+from roadscope.detectors.sorting import median_of, order_by, order_within, starts_of
 
 sizes = st.integers(0, 300)
 
@@ -40,3 +40,14 @@ def test_sorted_and_reversed_groups(values):
 def test_starts():
     assert starts_of(np.array([4, 4, 2, 7, 7, 7])).tolist() == [0, 2, 3, 6]
     assert starts_of(np.empty(0)).tolist() == [0]
+
+
+@given(
+    arrays(
+        np.float64,
+        st.integers(1, 300),
+        elements=st.floats(-1e6, 1e6) | st.floats(0, 1e-300) | st.sampled_from([0.0, 0.1, 0.3, 9.0]),
+    )
+)
+def test_median_to_the_last_bit(values):
+    assert median_of(values) == np.median(values)

@@ -38,23 +38,25 @@ class Rule(NamedTuple):
 
 
 class Polar(NamedTuple):
-    """Returns by (N,) sector, shell and ring.
+    """Returns as swept.
 
-    points: (N, 3). ways: (N, 2), their x and y from the origin. ranges: (N,), lengths of these.
+    points: (N, 3). origin: (2,) or longer, x and y of the axis. ranges: (N,) from the axis.
     """
 
     points: np.ndarray
-    ways: np.ndarray
+    origin: np.ndarray
     ranges: np.ndarray
 
 
 class Runs(NamedTuple):
-    """Returns of one cell and one ring: (R + 1,) starts, and N.
+    """Returns of one cell and one ring: (R + 1,) starts in the order of cells, and N.
 
+    order: (N,) rows of returns by sector, shell and ring.
     lows, highs: (R,) metres, least and greatest height. limits: (R,) metres, no link is longer.
     wholes: (R,) row that stands for all of a run, or `SEVERAL`, once neighbours were linked.
     """
 
+    order: np.ndarray
     starts: np.ndarray
     lows: np.ndarray
     highs: np.ndarray
@@ -69,23 +71,33 @@ def linked_sets(points: np.ndarray, origin: np.ndarray, ring: np.ndarray, rule: 
     Neighbours in the sweep, which is the order of the points, are linked first: what then is in
     one set need not be compared.
     """
-    swept, sector, shell, sectors = _cells(points, origin, rule)
-    near = _neighbours(swept, ring, rule)
-    rings = ring.max() - ring.min() + 1
-    order = order_by(shell * rings + (ring - ring.min()))
-    order = order[order_by(sector[order])]
-    cloud = Polar(points[order], swept.ways[order], swept.ranges[order])
-    parents = _in_order(near, order)
-    sector, shell = sector[order], shell[order]
-    runs, cells = _runs(cloud, parents, (sector, shell, ring[order]), rule)
-    firsts = runs.starts[cells[:-1]]
-    sector, shell = sector[firsts], shell[firsts]
+    cloud, sector, shell, sectors = _cells(points, origin, rule)
+    parents = _neighbours(cloud, ring, rule)
+    order = _order(sector, shell, ring)
+    runs, cells = _runs(cloud, parents, (sector, shell, ring, order), rule)
+    firsts = order[runs.starts[cells[:-1]]]
     around = BESIDE if sectors > 1 else 0
-    _link_cells(cloud, parents, (runs, cells, sector, shell), (sectors, around), rule)
-    sets = np.empty(len(points), np.int64)
-    for row in range(len(points)):
-        sets[order[row]] = order[root_of(parents, row)]
-    return sets
+    parts = runs, cells, sector[firsts], shell[firsts]
+    _link_cells(cloud, parents, parts, (sectors, around), rule)
+    for row in range(len(parents)):
+        parents[row] = root_of(parents, row)
+    return parents
+
+
+@compiled()
+def _order(sector: np.ndarray, shell: np.ndarray, ring: np.ndarray) -> np.ndarray:
+    """Return the order, (N,) int64, by sector, then shell, then ring."""
+    lowest = ring.min()
+    rings, keys = ring.max() - lowest + 1, np.empty(len(ring), np.int64)
+    for row in range(len(ring)):
+        keys[row] = shell[row] * rings + ring[row] - lowest
+    order = order_by(keys)
+    for row in range(len(ring)):
+        keys[row] = sector[order[row]]
+    again = order_by(keys)
+    for row in range(len(ring)):
+        again[row] = order[again[row]]
+    return again
 
 
 @compiled()
@@ -101,19 +113,20 @@ def _cells(
     sectors = int(min(2 * np.pi / wide, MOST_SECTORS))
     sectors = sectors if sectors > 2 * BESIDE else 1
     size = len(points)
-    ways, ranges = np.empty((size, 2)), np.empty(size)
+    ranges = np.empty(size)
     sector, shell = np.empty(size, np.int64), np.empty(size, np.int64)
     for row in range(size):
         x, y = points[row, 0] - origin[0], points[row, 1] - origin[1]
-        ways[row, 0], ways[row, 1], ranges[row] = x, y, np.sqrt(x * x + y * y)
-        sector[row] = int((quick_azimuth(x, y) / (2 * np.pi) + 0.5) * sectors) % sectors
+        ranges[row] = np.sqrt(x * x + y * y)
+        behind = int((quick_azimuth(x, y) / (2 * np.pi) + 0.5) * sectors)
+        sector[row] = behind if behind < sectors else 0
         limits = ranges[row] / rule.eps_m
         if rule.reach > 0:
             grown = rule.reach * limits
             # Half the time of log1p, which small ones need.
             limits = (np.log(1.0 + grown) if grown > 1e-3 else np.log1p(grown)) / rule.reach
         shell[row] = int(BESIDE * limits * (1 - HAIR))
-    return Polar(points, ways, ranges), sector, shell, sectors
+    return Polar(points, origin, ranges), sector, shell, sectors
 
 
 @compiled(forceinline=True, borrowing=True)
@@ -138,51 +151,46 @@ def _neighbours(swept: Polar, ring: np.ndarray, rule: Rule) -> np.ndarray:
     for row in range(len(ring)):
         before, beside = row - 1, last[ring[row] - lowest]
         last[ring[row] - lowest] = row
-        for other in (before, beside):
-            if other >= 0 and _are_linked(swept, row, other, rule):
-                join(parents, row, other)
+        if before >= 0 and _are_linked(swept, row, before, rule):
+            join(parents, row, before)
+        if beside >= 0 and beside != before and _are_linked(swept, row, beside, rule):
+            join(parents, row, beside)
     return parents
 
 
 @compiled()
-def _in_order(parents: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Return the same sets with rows numbered in another order, each under its first."""
-    first, moved = np.full(len(order), -1), np.empty(len(order), np.int64)
-    for row in range(len(order)):
-        root = root_of(parents, order[row])
-        if first[root] < 0:
-            first[root] = row
-        moved[row] = first[root]
-    return moved
-
-
-@compiled()
 def _runs(
-    cloud: Polar, parents: np.ndarray, keys: tuple[np.ndarray, np.ndarray, np.ndarray], rule: Rule
-) -> tuple[Runs, np.ndarray]:
-    """Return runs of one sector, shell and ring, and at which of them cells begin, (C + 1,)."""
-    sector, shell, ring = keys
+    cloud: Polar, parents: np.ndarray,
+    keys: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], rule: Rule,
+) -> tuple[Runs, np.ndarray]:  # fmt: skip
+    """Return runs of one sector, shell and ring, and at which of them cells begin, (C + 1,).
+
+    keys: sector, shell and ring of each return, and the order by them.
+    """
+    sector, shell, ring, order = keys
     size, count, cell = len(ring), 0, 0
     starts, cells = np.empty(size + 1, np.int64), np.empty(size + 1, np.int64)
     lows, highs, limits = np.empty(size), np.empty(size), np.empty(size)
     wholes = np.empty(size, np.int64)
-    for row in range(size):
+    last = -1
+    for place in range(size):
+        row = order[place]
         z, limit = cloud.points[row, 2], rule.eps_m + rule.reach * cloud.ranges[row]
         root = root_of(parents, row)
-        new = row == 0 or sector[row] != sector[row - 1] or shell[row] != shell[row - 1]
+        new = place == 0 or sector[row] != sector[last] or shell[row] != shell[last]
         if new:
             cells[cell] = count
             cell += 1
-        if new or ring[row] != ring[row - 1]:
-            starts[count], lows[count], highs[count], limits[count] = row, z, z, limit
+        if new or ring[row] != ring[last]:
+            starts[count], lows[count], highs[count], limits[count] = place, z, z, limit
             wholes[count] = root
             count += 1
-        run = count - 1
+        last, run = row, count - 1
         wholes[run] = root if wholes[run] == root else SEVERAL
         lows[run], highs[run] = min(lows[run], z), max(highs[run], z)
         limits[run] = max(limits[run], limit)
     starts[count], cells[cell] = size, count
-    return Runs(starts[: count + 1], lows, highs, limits, wholes), cells[: cell + 1]
+    return Runs(order, starts[: count + 1], lows, highs, limits, wholes), cells[: cell + 1]
 
 
 @compiled()
@@ -226,13 +234,14 @@ def _link_inside(
     cloud: Polar, parents: np.ndarray, runs: Runs, cell: tuple[int, int], rule: Rule
 ) -> int:
     """Join the linked points of a cell; return one of them if all hang together."""
-    first, end = runs.starts[cell[0]], runs.starts[cell[1]]
     if _all_whole(parents, runs, cell):
-        return int(first)
+        return int(runs.wholes[cell[0]])
     for run in range(cell[0], cell[1]):
         for other in range(run, cell[1]):
             _link_runs(cloud, parents, (runs, run, other), rule)
-    return int(first) if _hangs_together(parents, first, end) else SEVERAL
+    first, end = runs.starts[cell[0]], runs.starts[cell[1]]
+    whole = _hangs_together(parents, runs.order, first, end)
+    return int(runs.order[first]) if whole else SEVERAL
 
 
 @compiled(borrowing=True)
@@ -249,11 +258,11 @@ def _all_whole(parents: np.ndarray, runs: Runs, cell: tuple[int, int]) -> bool:
 
 
 @compiled(borrowing=True)
-def _hangs_together(parents: np.ndarray, first: int, end: int) -> bool:
-    root, row = root_of(parents, first), first + 1
-    while row < end and root_of(parents, row) == root:
-        row += 1
-    return bool(row == end)
+def _hangs_together(parents: np.ndarray, order: np.ndarray, first: int, end: int) -> bool:
+    root, place = root_of(parents, order[first]), first + 1
+    while place < end and root_of(parents, order[place]) == root:
+        place += 1
+    return bool(place == end)
 
 
 @compiled(borrowing=True)
@@ -283,8 +292,10 @@ def _link_runs(cloud: Polar, parents: np.ndarray, pair: tuple[Runs, int, int], r
     if both and _same(parents, runs.wholes[one], runs.wholes[two]):
         return False
     joined = False
-    for row in range(runs.starts[one], runs.starts[one + 1]):
-        for other in range(runs.starts[two], runs.starts[two + 1]):
+    for place in range(runs.starts[one], runs.starts[one + 1]):
+        row = runs.order[place]
+        for beside in range(runs.starts[two], runs.starts[two + 1]):
+            other = runs.order[beside]
             if not both and _same(parents, row, other):
                 continue
             if _are_linked(cloud, row, other, rule):
@@ -304,6 +315,9 @@ def _are_linked(cloud: Polar, row: int, other: int, rule: Rule) -> bool:
     if square > limit * limit:
         return False
     # Within the angle, as the cosine of what is between them tells; on the axis there is none.
-    along = cloud.ways[row, 0] * cloud.ways[other, 0] + cloud.ways[row, 1] * cloud.ways[other, 1]
+    along = 0.0
+    for axis in range(2):
+        middle = cloud.origin[axis]
+        along += (cloud.points[row, axis] - middle) * (cloud.points[other, axis] - middle)
     both = cloud.ranges[row] * cloud.ranges[other]
     return bool(both > 0.0 and along >= rule.cosine * both)

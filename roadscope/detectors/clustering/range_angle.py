@@ -8,6 +8,7 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering.density import OUTLIER
 from roadscope.detectors.clustering.polar_cells import Rule, linked_sets
+from roadscope.detectors.sorting import median_of
 
 SPACINGS = 2.0
 """Neighbours on a face across the beam are one spacing apart; one lost return is bridged."""
@@ -74,10 +75,10 @@ def _spacing(points: np.ndarray, ring: np.ndarray, column: np.ndarray, origin: n
     """Return the greater of two medians: of angles between beams and between columns."""
     rises, steps = np.empty(len(ring)), np.empty(len(ring))
     upright, turns, azimuth, opener = 0, 0, 0.0, -1
-    x, y = points[0, 0] - origin[0], points[0, 1] - origin[1]
+    here = 0.0
     for row in range(len(ring)):
-        last_x, last_y = x, y
         x, y = points[row, 0] - origin[0], points[row, 1] - origin[1]
+        last, here = here, np.sqrt(x * x + y * y)
         if row == 0 or column[row] != column[row - 1]:
             before, azimuth = azimuth, np.arctan2(y, x)
             if opener >= 0:
@@ -86,7 +87,6 @@ def _spacing(points: np.ndarray, ring: np.ndarray, column: np.ndarray, origin: n
                 turns += 1
             opener = row
         elif ring[row] > ring[row - 1]:
-            here, last = np.sqrt(x * x + y * y), np.sqrt(last_x * last_x + last_y * last_y)
             nearer = min(here, last)
             if nearer > 0 and abs(here - last) < UPRIGHT * nearer:
                 beams = ring[row] - ring[row - 1]
@@ -94,25 +94,23 @@ def _spacing(points: np.ndarray, ring: np.ndarray, column: np.ndarray, origin: n
                 upright += 1
     widest = 0.0
     if upright:
-        widest = max(widest, np.median(rises[:upright]))
+        widest = max(widest, median_of(rises[:upright]))
     if turns:
-        widest = max(widest, np.median(steps[:turns]))
+        widest = max(widest, median_of(steps[:turns]))
     return float(widest)
 
 
 @compiled()
 def _large_ones(sets: np.ndarray, min_points: int) -> np.ndarray:
     """Return labels by first appearance of sets of at least `min_points`, else `OUTLIER`."""
-    counts, numbers = np.zeros(len(sets), np.int64), np.full(len(sets), OUTLIER)
+    counts, labels, found = np.zeros(len(sets), np.int64), np.empty(len(sets), np.int64), 0
     for item in sets:
         counts[item] += 1
-    labels, found = np.full(len(sets), OUTLIER), 0
     for row in range(len(sets)):
         item = sets[row]
-        if counts[item] < min_points:
-            continue
-        if numbers[item] == OUTLIER:
-            numbers[item] = found
+        if counts[item] >= min_points:
+            # From here on it is the number of the cluster that is kept, below all counts.
+            counts[item] = -1 - found
             found += 1
-        labels[row] = numbers[item]
+        labels[row] = -1 - counts[item] if counts[item] < 0 else OUTLIER
     return labels

@@ -51,22 +51,43 @@ def match_clusters(
 
 @compiled()
 def one_to_one(now: np.ndarray, before: np.ndarray, reach_m: float) -> np.ndarray:
-    """Return for each of (K, 3) places the one of (L, 3) it is matched with, (K,) int64; or -1."""
-    rows, columns, apart = [0], [0], [np.inf]
+    """Return for each of (K, 3) places the one of (L, 3) it is matched with, (K,) int64; or -1.
+
+    Two that are nearest to each other among all that is left are the nearest pair that either is
+    in: so the nearest pairs first, without sorting them; of equal ones the first.
+    """
+    partners, sought = np.full(len(now), ALONE), np.ones(len(now), np.bool_)
+    taken, found = np.zeros(len(before), np.bool_), True
+    theirs, ours = np.empty(len(now), np.int64), np.empty(len(before), np.int64)
+    while found:
+        theirs[:], ours[:], found = ALONE, ALONE, False
+        _nearest((now, before, reach_m * reach_m), (sought, taken), (theirs, ours))
+        for k in range(len(now)):
+            sought[k] = sought[k] and theirs[k] != ALONE
+            if sought[k] and ours[theirs[k]] == k:
+                partners[k], taken[theirs[k]], sought[k], found = theirs[k], True, False, True
+    return partners
+
+
+@compiled()
+def _nearest(
+    places: tuple[np.ndarray, np.ndarray, float], left: tuple[np.ndarray, np.ndarray],
+    nearest: tuple[np.ndarray, np.ndarray],
+) -> None:  # fmt: skip
+    """Write who is nearest to each of both, within the square root of the last of places."""
+    (now, before, most), (sought, taken), (theirs, ours) = places, left, nearest
+    least = np.full(len(before), most)
     for k in range(len(now)):
+        if not sought[k]:
+            continue
+        shortest = most
         for j in range(len(before)):
             square = 0.0
             for i in range(3):
                 square += (now[k, i] - before[j, i]) ** 2
-            if square <= reach_m * reach_m:
-                rows.append(k)
-                columns.append(j)
-                apart.append(square)
-    partners, taken = np.full(len(now), ALONE), np.zeros(len(before), np.bool_)
-    # The first of the lists is there for its type alone; it comes last.
-    for place in np.argsort(np.array(apart), kind="mergesort")[:-1]:
-        row, column = rows[place], columns[place]
-        if partners[row] == ALONE and not taken[column]:
-            partners[row] = column
-            taken[column] = True
-    return partners
+            if taken[j] or square > most:
+                continue
+            if square < shortest or theirs[k] == ALONE:
+                shortest, theirs[k] = square, j
+            if square < least[j] or ours[j] == ALONE:
+                least[j], ours[j] = square, k

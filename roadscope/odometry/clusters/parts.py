@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.detectors.clustering.polar_cells import quick_azimuth
+from roadscope.detectors.clustering.polar_cells import TURN_ERROR, quick_azimuth
 from roadscope.odometry.clusters.segments import Segments
+
+EDGE = 2 * TURN_ERROR
+"""Sine of what is too near the edge of a window to be told without its azimuth."""
 
 
 def parts(segments: Segments, angle_deg: float, before_from_now: np.ndarray) -> Segments:
@@ -37,6 +40,7 @@ def _cut(
     rooms = (whole.max() + 1) * count if len(whole) else 0
     numbers, found = np.full(rooms, -1), 0
     labels, sums, sizes = np.full(len(whole), -1), np.zeros((rooms, 3)), np.zeros(rooms, np.int64)
+    window, first, last = -1, (0.0, 0.0), (0.0, 0.0)
     for n in range(len(whole)):
         if whole[n] < 0:
             continue
@@ -44,8 +48,12 @@ def _cut(
         for i in range(3):
             x += motion[0, i] * points[n, i]
             y += motion[1, i] * points[n, i]
-        share = quick_azimuth(x, y) / (2 * np.pi) + 0.5
-        place = whole[n] * count + int(share * count) % count
+        # Most points are in the window of the one before, which two products tell.
+        beside = EDGE * (abs(x) + abs(y))
+        if not (first[0] * y - first[1] * x > beside and last[1] * x - last[0] * y > beside):
+            window = int((quick_azimuth(x, y) / (2 * np.pi) + 0.5) * count) % count
+            first, last = _edge(window, count), _edge(window + 1, count)
+        place = whole[n] * count + window
         if numbers[place] < 0:
             numbers[place] = found
             found += 1
@@ -55,3 +63,12 @@ def _cut(
         for i in range(3):
             sums[part, i] += points[n, i]
     return labels, sums[:found].copy(), sizes[:found].copy()
+
+
+@compiled(borrowing=True)
+def _edge(window: int, count: int) -> tuple[float, float]:
+    """Return the way along which a window begins; nowhere if windows are half a turn or wider."""
+    if count <= 2:
+        return 0.0, 0.0
+    angle = 2 * np.pi * (window / count - 0.5)
+    return np.cos(angle), np.sin(angle)

@@ -29,10 +29,12 @@ def cut_slowly(points, labels, motion, angle_deg):
     return np.array(found)
 
 
-@given(st.integers(0, 1000), st.sampled_from([5.0, 7.0, 90.0, 360.0]))
-def test_parts_are_of_one_cluster_and_one_window(seed, angle_deg):
+@given(st.integers(0, 1000), st.sampled_from([5.0, 7.0, 90.0, 180.0, 360.0]), st.booleans())
+def test_parts_are_of_one_cluster_and_one_window(seed, angle_deg, swept):
     rng = np.random.default_rng(seed)
-    points, labels = rng.uniform(-9, 9, (60, 3)), rng.integers(-1, 4, 60)
+    points, labels = rng.uniform(-9, 9, (300, 3)), rng.integers(-1, 4, 300)
+    if swept:
+        points = points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))]
     motion = exp_se3(rng.uniform(-1, 1, 6))
     found = parts(segments(points, labels), angle_deg, motion)
     assert np.array_equal(found.labels, cut_slowly(points, labels, motion, angle_deg))
