@@ -50,8 +50,9 @@ class PrecisionCurve:
 def image_precision(images: Sequence[Labelled], least_iou: float = 0.5) -> PrecisionCurve:
     """Return the curve over all images at one threshold of intersection over union."""
     objects = sum(int(image.asked.sum()) for image in images)
-    parts = [_outcomes(image, least_iou) for image in images]
-    scores = np.concatenate([np.empty(0), *(s for s, _ in parts)])
+    parts = [outcomes(image, least_iou) for image in images]
+    told = (image.scores[rows] for image, (rows, _) in zip(images, parts, strict=True))
+    scores = np.concatenate([np.empty(0), *told])
     hits = np.concatenate([np.empty(0, bool), *(h for _, h in parts)])
     order = np.argsort(-scores, kind="mergesort")
     found, false = np.cumsum(hits[order]), np.cumsum(~hits[order])
@@ -65,8 +66,8 @@ def image_precision(images: Sequence[Labelled], least_iou: float = 0.5) -> Preci
     return PrecisionCurve(float(read.mean()), precision, recall, scores[order], objects)
 
 
-def _outcomes(image: Labelled, least_iou: float) -> tuple[np.ndarray, np.ndarray]:
-    """Scores of the detections that count, and whether each is a hit."""
+def outcomes(image: Labelled, least_iou: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    """Return which detections count, (C,) rows by falling score, and whether each is a hit."""
     order = np.argsort(-image.scores, kind="mergesort")
     last = np.argsort(~image.asked, kind="mergesort")
     overlaps = box_ious(image.boxes[order], image.objects[last])
@@ -78,7 +79,7 @@ def _outcomes(image: Labelled, least_iou: float) -> tuple[np.ndarray, np.ndarray
         if match >= 0:
             free[match] = False
             hit[i] = kept[i] = asked[match]
-    return image.scores[order][kept], hit[kept]
+    return order[kept], hit[kept]
 
 
 def _match(row: np.ndarray, free: np.ndarray, asked: np.ndarray, least_iou: float) -> int:

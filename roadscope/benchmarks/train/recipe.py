@@ -56,7 +56,7 @@ class Recipe(Record):
     episodes: int = 420
     images: int = 10
     every_s: float = 0.5
-    calibration_episodes: int = 22
+    calibration_episodes: int = 44
     validation_episodes: int = 33
     steps: int = 10500
     pixels: int = 4 * 256 * 320

@@ -8,8 +8,9 @@ import numpy as np
 
 from roadscope.core import Category
 from roadscope.core.checks import settle_arrays
-from roadscope.core.jit import compiled
 from roadscope.core.record import Record
+from roadscope.detectors.camera.suppression import distinct
+from roadscope.detectors.camera.traits import TRAITS, looked_around
 
 STRIDE = 2
 """Pixels from one answer to the next."""
@@ -20,10 +21,12 @@ UNIT_PX = 4.0
 """Distances are exponentials in this unit."""
 LARGEST = 6.0
 """Of the logarithm of a distance over its unit."""
+FLOOR = -2.5
+"""Log odds of the heat below which an answer is not looked at: hardly any of these is right."""
 MOST = 2000
 """Boxes of an image that are looked at, the surest first."""
-SAME_IOU = 0.55
-"""Boxes of a family that overlap more are of one and the same."""
+SAME_IOU = 0.75
+"""Boxes of a family that overlap more are of one and the same; others are told apart by traits."""
 FIRST_CATEGORIES = (Category.CAR, Category.CYCLIST, Category.PEDESTRIAN)
 """By family; vehicles are cars unless told otherwise."""
 
@@ -34,13 +37,13 @@ class Peaks(Record):
 
     boxes: (N, 4) float64, pixels, left top right bottom. families: (N,) int64, places among
         vehicle, cyclist, pedestrian. categories: (N,) int64, values of `Category`.
-    log_odds: (N,) float64, of the heat.
+    traits: (N, 9) float64, see `TRAITS`.
     """
 
     boxes: np.ndarray
     families: np.ndarray
     categories: np.ndarray
-    log_odds: np.ndarray
+    traits: np.ndarray
 
     def __post_init__(self) -> None:
         settle_arrays(
@@ -48,26 +51,27 @@ class Peaks(Record):
             boxes=(np.float64, ("N", 4)),
             families=(np.int64, ("N",)),
             categories=(np.int64, ("N",)),
-            log_odds=(np.float64, ("N",)),
+            traits=(np.float64, ("N", len(TRAITS))),
         )
 
     def __len__(self) -> int:
         return len(self.boxes)
 
-    def select(self, index: np.ndarray) -> Peaks:
-        """Keep the rows that a mask or an index array names."""
-        return Peaks(
-            self.boxes[index], self.families[index], self.categories[index], self.log_odds[index]
-        )
+    @property
+    def log_odds(self) -> np.ndarray:
+        """(N,) of the heat."""
+        return self.traits[:, 0]
 
 
-def decode(answers: np.ndarray, least_log_odds: float) -> Peaks:
+def decode(answers: np.ndarray, size: tuple[int, int], least_log_odds: float = FLOOR) -> Peaks:
     """Read the answers of one image, (h, w, 4, 12), at four parts of each place, row by row.
 
     Log odds of a centre of each family, logarithms of the distances to left, top, right and bottom
     over their unit, log odds among the categories of vehicles. Every part may name a box, not the
     highest among its neighbours alone: centres of people who stand close together lie beside each
     other.
+
+    size: height and width of the image, pixels; boxes end at its edges.
     """
     heat = answers[..., : len(FIRST_CATEGORIES)]
     places = np.nonzero(heat >= least_log_odds)
@@ -79,39 +83,11 @@ def decode(answers: np.ndarray, least_log_odds: float) -> Peaks:
     across, down = FINE * columns + parts % FINE, FINE * rows + parts // FINE
     middles = (np.stack([across, down], axis=1) + 0.5) * STRIDE
     boxes = np.concatenate([middles - sides[:, :2], middles + sides[:, 2:]], axis=1)
+    boxes = np.clip(boxes, 0, [size[1], size[0], size[1], size[0]])
     kinds = said[:, 4:].argmax(axis=1)
     categories = np.array(FIRST_CATEGORIES)[families] + np.where(families == 0, kinds, 0)
-    peaks = Peaks(boxes, families, categories, values[order])
-    return peaks.select(distinct(peaks.boxes, peaks.families, SAME_IOU))
-
-
-@compiled()
-def distinct(boxes: np.ndarray, families: np.ndarray, most_iou: float) -> np.ndarray:
-    """Return (K,) rows, of boxes sorted by falling score, that no better one of the family covers.
-
-    boxes: (N, 4) float64. families: (N,) int64. Greedy non-maximum suppression.
-    """
-    kept = np.empty(len(boxes), np.int64)
-    count = 0
-    for i in range(len(boxes)):
-        free = True
-        for other in kept[:count]:
-            if families[other] == families[i] and _iou(boxes[other], boxes[i]) > most_iou:
-                free = False
-                break
-        if free:
-            kept[count] = i
-            count += 1
-    return kept[:count].copy()
-
-
-@compiled()
-def _iou(one: np.ndarray, other: np.ndarray) -> float:
-    """Intersection over union of two boxes, 0 where both are empty."""
-    width = min(one[2], other[2]) - max(one[0], other[0])
-    height = min(one[3], other[3]) - max(one[1], other[1])
-    if width <= 0 or height <= 0:
-        return 0.0
-    common = width * height
-    areas = (one[2] - one[0]) * (one[3] - one[1]) + (other[2] - other[0]) * (other[3] - other[1])
-    return float(common / (areas - common))
+    there = np.flatnonzero((boxes[:, 2:] > boxes[:, :2]).all(axis=1))
+    boxes, families, values = boxes[there], families[there], values[order][there]
+    kept = distinct(boxes, families, SAME_IOU)
+    voted, traits = looked_around(boxes, families, values, kept)
+    return Peaks(voted, families[kept], categories[there][kept], traits)

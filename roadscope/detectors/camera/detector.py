@@ -86,7 +86,7 @@ class CameraDetector:
         if image.black:
             return nothing_in(image)
         peaks = self.peaks(image.pixels)
-        scores = self._loaded[1].scores(peaks.log_odds, peaks.families)
+        scores = self._loaded[1].scores(peaks.traits, peaks.families)
         kept = np.flatnonzero(scores >= self.min_score)
         order = kept[np.argsort(-scores[kept], kind="stable")]
         return ImageDetections(
@@ -101,13 +101,10 @@ class CameraDetector:
             raise RecordError(f"an image of at least 32 x 32 pixels is needed, got {width} x "
                               f"{height}")  # fmt: skip
         shrunk, factor = _shrunk(pixels)
-        network, calibration = self._loaded
-        answers = _look(network, shrunk, self.threads)
-        peaks = decode(answers, calibration.least_log_odds(self.min_score))
-        boxes = np.clip(peaks.boxes * factor, 0, [width, height, width, height])
-        inside = np.flatnonzero((boxes[:, 2:] - boxes[:, :2] > 0).all(axis=1))
-        found = Peaks(boxes, peaks.families, peaks.categories, peaks.log_odds)
-        return found.select(inside)
+        answers = _look(self._loaded[0], shrunk, self.threads)
+        peaks = decode(answers, shrunk.shape[:2])
+        boxes = np.minimum(peaks.boxes * factor, [width, height, width, height])
+        return Peaks(boxes, peaks.families, peaks.categories, peaks.traits)
 
     @cached_property
     def _loaded(self) -> tuple[CentreNetwork, Calibration]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from roadscope.detectors.camera.calibration import Calibration
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -19,34 +20,14 @@ FOLDER = Path(__file__).parent / "weights"
 SHIPPED = FOLDER / "network.safetensors"
 ABOUT = "roadscope"
 """Entry of the file's metadata that holds everything but tensors."""
+WORTH = ("middles", "spreads", "weights")
+"""Fields of a calibration, beside the architecture."""
 PICKLED = (b"PK\x03\x04", b"\x80")
 """How the files of `torch.save` and plain pickles begin."""
 
 
 class WeightsError(ValueError):
     """A file has no weights of this network."""
-
-
-@dataclass(frozen=True, slots=True)
-class Calibration:
-    """What the heat is worth: a detection is right with log odds slope * heat + offset (Platt).
-
-    slopes, offsets: of vehicles, cyclists, pedestrians.
-    """
-
-    slopes: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def scores(self, log_odds: np.ndarray, families: np.ndarray) -> np.ndarray:
-        """Return (N,) chances of being right."""
-        told = np.array(self.slopes)[families] * log_odds + np.array(self.offsets)[families]
-        scores: np.ndarray = 1 / (1 + np.exp(-np.clip(told, -40, 40)))
-        return scores
-
-    def least_log_odds(self, score: float) -> float:
-        """Return a heat below which no family reaches the score."""
-        told = np.log(score / (1 - score))
-        return float(((told - np.array(self.offsets)) / np.array(self.slopes)).min())
 
 
 def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
@@ -58,8 +39,7 @@ def save(path: Path, network: CentreNetwork, calibration: Calibration) -> None:
     tensors = {k: v.detach().cpu().contiguous() for k, v in network.state_dict().items()}
     about = {
         "architecture": ARCHITECTURE,
-        "slopes": calibration.slopes,
-        "offsets": calibration.offsets,
+        **{name: getattr(calibration, name).tolist() for name in WORTH},
     }
     # One entry: several come in an order of their own each time, and so other bytes.
     path.write_bytes(packed(tensors, {ABOUT: json.dumps(about)}))
@@ -127,10 +107,6 @@ def _kind(tensor: Tensor) -> str:
 
 def _calibration(path: Path, about: Mapping[str, Any]) -> Calibration:
     try:
-        slopes, offsets = (tuple(float(v) for v in about[k]) for k in ("slopes", "offsets"))
-        sound = len(slopes) == len(offsets) == 3 and min(slopes) > 0
+        return Calibration(**{name: np.array(about[name], float) for name in WORTH})
     except (KeyError, TypeError, ValueError) as error:
-        raise WeightsError(f"{path}: what its scores are worth cannot be read") from error
-    if not (sound and np.isfinite([*slopes, *offsets]).all()):
-        raise WeightsError(f"{path}: expected three positive slopes and offsets, got {about}")
-    return Calibration(slopes, offsets)  # type: ignore[arg-type]
+        raise WeightsError(f"{path}: what its scores are worth cannot be read: {error}") from error

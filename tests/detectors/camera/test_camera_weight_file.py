@@ -6,20 +6,24 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
+from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
 from roadscope.detectors.camera.network import ARCHITECTURE, CentreNetwork
-from roadscope.detectors.camera.weight_file import Calibration, WeightsError, load, save
+from roadscope.detectors.camera.weight_file import WeightsError, load, save
 
 
 def about(**changes: object) -> dict[str, str]:
-    sound = {"architecture": ARCHITECTURE, "slopes": [1, 1, 1], "offsets": [0, 0, 0]}
+    worth = {"middles": [0] * 9, "spreads": [1] * 9, "weights": [[0] * TERM_COUNT] * 3}
+    sound = {"architecture": ARCHITECTURE, **worth}
     return {"roadscope": json.dumps({**sound, **changes})}
 
 
 def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
-    network, worth = CentreNetwork(), Calibration((1.5, 1.0, 0.5), (0.1, -2.0, 0.0))
+    drawn = np.random.default_rng(0).uniform(0.1, 2, (3, TERM_COUNT)).round(4)
+    network, worth = CentreNetwork(), Calibration(np.arange(9) / 8, np.arange(1, 10), drawn)
     save(tmp_path / "a.safetensors", network, worth)
     again, same = load(tmp_path / "a.safetensors")
-    assert same == worth
+    for name in ("middles", "spreads", "weights"):
+        assert np.array_equal(getattr(same, name), getattr(worth, name))
     for name, tensor in network.state_dict().items():
         assert torch.equal(tensor, again.state_dict()[name])
 
@@ -66,7 +70,10 @@ def test_tensors_that_are_no_weights_are_refused(tmp_path: Path) -> None:
             load(path)
 
 
-@pytest.mark.parametrize("change", [{"slopes": None}, {"slopes": [1, -1, 1]}, {"offsets": [1, 2]}])
+@pytest.mark.parametrize(
+    "change",
+    [{"middles": None}, {"spreads": [1] * 8 + [-1]}, {"weights": [1, 2]}, {"middles": ["x"] * 9}],
+)
 def test_scores_without_worth_are_refused(tmp_path: Path, change: dict[str, object]) -> None:
     path = tmp_path / "d.safetensors"
     save_file(CentreNetwork().state_dict(), path, about(**change))
@@ -80,10 +87,3 @@ def test_the_same_weights_are_the_same_bytes(tmp_path: Path) -> None:
         save(tmp_path / f"{name}.safetensors", network, Calibration())
     first, second = ((tmp_path / f"{name}.safetensors").read_bytes() for name in "ab")
     assert first == second
-
-
-def test_scores_follow_the_curve_of_their_family() -> None:
-    worth = Calibration((1.0, 2.0, 1.0), (0.0, 0.0, 1.0))
-    scores = worth.scores(np.array([0.0, 1.0, -1.0]), np.array([0, 1, 2]))
-    np.testing.assert_allclose(scores, [0.5, 1 / (1 + np.exp(-2)), 0.5])
-    assert worth.least_log_odds(0.5) == -1.0

@@ -1,0 +1,61 @@
+"""How likely a box is right, by its traits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from roadscope.core.checks import settle_arrays
+from roadscope.core.record import Record
+from roadscope.detectors.camera.traits import TRAITS
+
+FAMILY_COUNT = 3
+FARTHEST = 4.0
+"""Traits stranger than so many standard deviations count as that strange."""
+TERM_COUNT = 1 + len(TRAITS) + len(TRAITS) * (len(TRAITS) + 1) // 2
+
+
+def _heat_alone() -> np.ndarray:
+    weights = np.zeros((FAMILY_COUNT, TERM_COUNT))
+    weights[:, 1] = 1.0
+    return weights
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration(Record):
+    """A logistic curve (Platt 1999) for each family, of traits and products of two of them.
+
+    Left out, the heat is taken as it is.
+
+    middles, spreads: (9,) mean and standard deviation of each trait.
+    weights: (3, 55), of vehicles, cyclists, pedestrians, for the `terms` of traits.
+    """
+
+    middles: np.ndarray = field(default_factory=lambda: np.zeros(len(TRAITS)))
+    spreads: np.ndarray = field(default_factory=lambda: np.ones(len(TRAITS)))
+    weights: np.ndarray = field(default_factory=_heat_alone)
+
+    def __post_init__(self) -> None:
+        settle_arrays(
+            self,
+            middles=(np.float64, (len(TRAITS),)),
+            spreads=(np.float64, (len(TRAITS),)),
+            weights=(np.float64, (FAMILY_COUNT, TERM_COUNT)),
+        )
+        finite = all(np.isfinite(x).all() for x in (self.middles, self.spreads, self.weights))
+        if not finite or self.spreads.min() <= 0:
+            raise ValueError("a calibration has finite numbers, and spreads above 0")
+
+    def scores(self, traits: np.ndarray, families: np.ndarray) -> np.ndarray:
+        """Return (N,) chances of being right, of (N, 9) traits."""
+        told = (self.terms(traits) * self.weights[families]).sum(axis=1)
+        scores: np.ndarray = 1 / (1 + np.exp(-np.clip(told, -40, 40)))
+        return scores
+
+    def terms(self, traits: np.ndarray) -> np.ndarray:
+        """Return (N, 55): one, every trait beside its middle in spreads, products of any two."""
+        usual = np.clip((traits - self.middles) / self.spreads, -FARTHEST, FARTHEST)
+        first, second = np.triu_indices(len(TRAITS))
+        one = np.ones((len(traits), 1))
+        return np.concatenate([one, usual, usual[:, first] * usual[:, second]], axis=1)

@@ -1,0 +1,67 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roadscope.benchmarks.metrics.image_precision import box_ious
+from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
+from roadscope.detectors.camera.suppression import distinct
+from roadscope.detectors.camera.traits import AGREEING_IOU, TRAITS, VOTING_IOU, looked_around
+
+
+def slowly(
+    boxes: np.ndarray, families: np.ndarray, heat: np.ndarray, kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Box by box, as the docstrings say."""
+    chances, overlaps = 1 / (1 + np.exp(-heat)), box_ious(boxes, boxes)
+    voted, traits = np.zeros((len(kept), 4)), np.zeros((len(kept), len(TRAITS)))
+    for k, row in enumerate(kept):
+        alike = (families == families[row]) & (overlaps[row] > AGREEING_IOU)
+        same = alike & (overlaps[row] > VOTING_IOU)
+        voted[k] = np.average(boxes[same], axis=0, weights=(chances * overlaps[row])[same])
+        traits[k, 7] = np.log(1 + chances[alike].sum())
+        traits[k, 8] = np.average(overlaps[row][alike], weights=chances[alike])
+    beside = box_ious(voted, voted)
+    for k, row in enumerate(kept):
+        surer = [
+            j for j, o in enumerate(kept) if families[o] == families[row] and heat[o] > heat[row]
+        ]
+        others = [j for j, o in enumerate(kept) if families[o] != families[row]]
+        for at, rivals in ((1, surer), (3, others)):
+            if rivals and beside[k, rivals].max() > 0:
+                best = rivals[int(beside[k, rivals].argmax())]
+                traits[k, at] = beside[k, best]
+                traits[k, at + 1] = beside[k, best] * (heat[kept[best]] - heat[row])
+        width, height = voted[k, 2:] - voted[k, :2]
+        traits[k, 0], traits[k, 5], traits[k, 6] = heat[row], np.log(height), np.log(width / height)
+    return voted, traits
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0, 1, 40]))
+def test_what_is_around_a_box_is_that_of_its_definition(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(0, 40, (count, 2))
+    boxes = np.concatenate([corners, corners + rng.uniform(10, 30, (count, 2))], axis=1)
+    families, heat = rng.integers(0, 3, count), -np.sort(-rng.normal(0, 2, count))
+    kept = distinct(boxes, families, 0.6)
+    expected = slowly(boxes, families, heat, kept)
+    for got, wanted in zip(looked_around(boxes, families, heat, kept), expected, strict=True):
+        np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
+
+
+def test_without_a_calibration_scores_are_the_heat() -> None:
+    traits = np.random.default_rng(0).uniform(-3, 3, (9, len(TRAITS)))
+    scores = Calibration().scores(traits, np.arange(9) % 3)
+    np.testing.assert_allclose(scores, 1 / (1 + np.exp(-traits[:, 0])))
+
+
+def test_scores_follow_the_terms_of_their_family() -> None:
+    middles, spreads = np.arange(9.0), np.full(9, 2.0)
+    weights = np.zeros((3, TERM_COUNT))
+    weights[1, 0], weights[1, 2] = 0.5, 1.0
+    # The last term is the square of the last trait.
+    weights[2, -1] = 0.25
+    traits = np.tile(middles, (3, 1))
+    traits[1, 1] += 2.0
+    traits[2, 8] += 400.0
+    scores = Calibration(middles, spreads, weights).scores(traits, np.arange(3))
+    np.testing.assert_allclose(scores, 1 / (1 + np.exp([0.0, -1.5, -4.0])))
