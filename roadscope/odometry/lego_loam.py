@@ -19,6 +19,7 @@ from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
 from roadscope.odometry.loam.progress import Progress
 from roadscope.odometry.loam.returns import Returns, poverty
+from roadscope.odometry.scatter import scattered
 
 
 class LegoLoamOdometry:
@@ -55,7 +56,7 @@ class LegoLoamOdometry:
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
             return self._told(scan, tick.reason)
-        lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s)
+        lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s) or scattered(scan)
         kept = kept_of(scan, least=self.min_points)
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)

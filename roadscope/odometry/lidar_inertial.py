@@ -28,6 +28,7 @@ from roadscope.odometry.inertial.start import InertialStart
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
 from roadscope.odometry.rigid import inverse
+from roadscope.odometry.scatter import scattered
 from roadscope.odometry.voxels.matching import Match
 from roadscope.odometry.voxels.sweep import Sweep
 
@@ -121,8 +122,9 @@ class LidarInertialOdometry:
         else:
             moving, poor = self._follow(self._track, sweep, stretch, poor)
         self._tell(stretch)
+        lack = self._imu.lack(scan.stamp_s, tick.elapsed_s)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan),
-                        tick.reason or poor or self._imu.lack(scan.stamp_s, tick.elapsed_s),
+                        tick.reason or poor or lack or scattered(scan),
                         dynamic=sweep.spread(moving))  # fmt: skip
 
     def _stretch(self, scan: LidarScan, tick: Tick) -> Stretch:

@@ -13,6 +13,7 @@ from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3
+from roadscope.odometry.scatter import scattered
 from roadscope.odometry.voxels.matching import Belief, Match, best, match
 from roadscope.odometry.voxels.surfaces import VoxelMap
 
@@ -96,7 +97,8 @@ class VoxelMapOdometry:
             self._begin(cloud, twist, tick)
         else:
             poor = self._follow(cloud, twist, tick)
-        reason = tick.reason or poor or self._imu.lack(scan.stamp_s, tick.elapsed_s)
+        lack = self._imu.lack(scan.stamp_s, tick.elapsed_s)
+        reason = tick.reason or poor or lack or scattered(scan)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
 
     def _cloud(self, scan: LidarScan) -> Cloud:

@@ -26,6 +26,7 @@ from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.imu_prediction import ImuPrediction
 from roadscope.odometry.loam.progress import Progress
 from roadscope.odometry.loam.returns import poverty
+from roadscope.odometry.scatter import scattered
 
 MANY_MOVE = 0.33
 """Where a greater share of what is in clusters would move, it is the prediction that is wrong.
@@ -102,7 +103,7 @@ class ZhangOdometry:
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
             return self._told(scan, tick.reason)
-        lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s)
+        lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s) or scattered(scan)
         whole = segments_of(scan, self.clustering)  # section 2.1
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)  # eq. 3

@@ -83,7 +83,7 @@ SPOILT = {
     "same stamp": lambda scan, first: kept(scan, slice(None), stamp_s=first.stamp_s),
     "backward": lambda scan, first: kept(scan, slice(None), stamp_s=first.stamp_s - 0.8),
 }
-TOLD = {"empty", "one ring", "few points", "no numbers", "same stamp", "backward"}
+TOLD = {"empty", "one ring", "few points", "no numbers", "loud", "same stamp", "backward"}
 """Nothing can be known of these scans, so that they are degraded however good a guess was."""
 
 

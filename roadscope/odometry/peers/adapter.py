@@ -13,6 +13,7 @@ from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.peers.interface import Given, Library, Placed
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
+from roadscope.odometry.scatter import scattered
 
 LEAST_POINTS = 60
 FASTEST_M_S = 100.0
@@ -85,7 +86,7 @@ class Adapter:
         spread = CARRIED * tick.elapsed_s**4 if poor else STEP * bool(tick.elapsed_s)
         self._covariance = grown(self._covariance, inverse(before) @ self._pose, spread)
         lack = self._imu.lack(scan.stamp_s, tick.elapsed_s) if self._takes_imu else ""
-        reason = tick.reason or poor or lack
+        reason = tick.reason or poor or lack or scattered(scan)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
 
     def _given(self, scan: LidarScan, sound: np.ndarray) -> Given:

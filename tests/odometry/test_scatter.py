@@ -1,0 +1,44 @@
+"""How loud a scan is."""
+
+import copy
+
+import numpy as np
+import pytest
+from toy_drive import Drive
+
+from roadscope.odometry.scatter import LEAST_TRIPLES, MOST_M, scatter_m, scattered
+
+
+def louder(scan, sigma_m):
+    rng, spoilt = np.random.default_rng(0), copy.deepcopy(scan)
+    ranges = np.linalg.norm(scan.points, axis=1, keepdims=True)
+    spoilt.points[:] = scan.points * (1 + rng.normal(0, sigma_m, ranges.shape) / ranges)
+    return spoilt
+
+
+def in_order(scan, rows):
+    other = copy.deepcopy(scan)
+    for name in ("points", "ring", "column", "time_offset_s"):
+        getattr(other, name)[:] = getattr(scan, name)[rows]
+    return other
+
+
+@pytest.mark.parametrize("sigma_m", [0.05, 0.2, 0.4])
+def test_noise_is_found_whatever_the_order(sigma_m):
+    scan = louder(Drive(8.0, columns=1800).scan(0), sigma_m)
+    assert scatter_m(scan) == pytest.approx(sigma_m, rel=0.1)
+    by_ring = np.lexsort((scan.column, scan.ring))
+    assert scatter_m(in_order(scan, by_ring)) == pytest.approx(scatter_m(scan))
+    assert bool(scattered(scan)) == (sigma_m > MOST_M)
+
+
+def test_what_has_no_numbers_or_too_few_tells_nothing():
+    scan = louder(Drive(8.0, columns=1800).scan(0), 0.3)
+    few = copy.deepcopy(scan)
+    few.points[LEAST_TRIPLES:] = np.nan
+    assert scatter_m(few) == 0.0
+    assert scattered(few) == ""
+    half = copy.deepcopy(scan)
+    half.points[::2] = np.nan
+    half.points[: len(half) // 2] = scan.points[: len(half) // 2]
+    assert scatter_m(half) == pytest.approx(0.3, rel=0.1)
