@@ -8,8 +8,8 @@ from roadscope.core import LidarScan
 from roadscope.core.jit import compiled
 from roadscope.detectors.sorting import median_of
 
-MOST_M = 0.12
-"""Data sheets tell .02 to .03 m; whoever is ten times as loud is not, and four times is a fault."""
+MOST_M = 0.15
+"""Data sheets tell .02 to .03 m, .1 of a LUX; ten times as much is above."""
 LEAST_TRIPLES = 200
 """Fewer tell nothing."""
 ENOUGH = 4000

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadscope.core import CameraImage, Frame, ImageDetections, RecordError
+from roadscope.detectors.camera.calibration import Calibration
 from roadscope.detectors.camera.decode import FINE, Peaks, decode
 from roadscope.detectors.camera.precision import AUTO, PRECISIONS, fastest
-from roadscope.detectors.camera.weight_file import SHIPPED, Calibration, load
+from roadscope.detectors.camera.weight_file import SHIPPED, load
 
 if TYPE_CHECKING:
     from roadscope.detectors.camera.network import CentreNetwork
