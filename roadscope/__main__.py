@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 import warnings
 from collections.abc import Callable, Mapping
@@ -46,8 +47,15 @@ COMMANDS: Mapping[str, tuple[Callable[..., None], str]] = {
 }
 """What each is, and an example of it."""
 
+
+def _help(command: Callable[..., None]) -> str:
+    """Return a docstring of which each paragraph is one line: terminals break them themselves."""
+    paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
+    return "\n\n".join(" ".join(each.split()) for each in paragraphs)
+
+
 for _name, (_command, _example) in COMMANDS.items():
-    app.command(_name, epilog=f"Example:  {_example}")(_command)
+    app.command(_name, help=_help(_command), epilog=f"Example:  {_example}")(_command)
 
 
 def _version(asked: bool) -> None:

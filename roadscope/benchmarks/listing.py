@@ -129,6 +129,7 @@ def _rigs() -> list[tuple[str, str]]:
 
 def _sensors() -> list[tuple[str, str]]:
     from roadscope.envs.sensors.camera_spec import CAMERAS
+    from roadscope.envs.sensors.imu_specs import IMUS
     from roadscope.envs.sensors.lidar_specs import SPECS
 
     lidars = _each(
@@ -145,7 +146,14 @@ def _sensors() -> list[tuple[str, str]]:
             f"focal length {s.pinhole.focal_px[0]:g} pixels, {1 / s.period_s:g} Hz."
         ),
     )
-    return [*lidars, *cameras]
+    units = _each(
+        IMUS,
+        lambda s: (
+            f"IMU: {s.rate_hz:g} Hz, noise {s.gyro_noise:.3g} rad/s and "
+            f"{s.accelerometer_noise:.3g} m/s2 per root of a Hz."
+        ),
+    )
+    return [*lidars, *cameras, *units]
 
 
 def _weathers() -> list[tuple[str, str]]:

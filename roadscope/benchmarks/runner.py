@@ -85,7 +85,7 @@ def run(
     if jobs < 1:
         raise RunError(f"jobs: expected 1 or more worker processes, got {jobs}")
     folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
-    conditions = manifest(suite, jobs, asked)
+    conditions = manifest(suite, jobs, asked, given)
     if out_dir is not None:
         check_targets(folder, label_of(conditions))
     with Store(folder / DATABASE) as store:

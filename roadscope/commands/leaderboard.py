@@ -269,6 +269,7 @@ def _show(results: Any, loaded: Any, by: Collection[str]) -> None:
     from roadscope.benchmarks.boards.columns import footnote
     from roadscope.benchmarks.boards.tables import (
         agreement_lines,
+        believed_lines,
         board_table,
         comparison,
         conditions,
@@ -285,7 +286,7 @@ def _show(results: Any, loaded: Any, by: Collection[str]) -> None:
             screen.print("No object in any episode was to be found: there is nothing to score.")
         if text := comparison(results, name):
             screen.print(text)
-        for text in agreement_lines(results, name):
+        for text in (*agreement_lines(results, name), *believed_lines(results, name)):
             screen.print(text)
         screen.print(footnote(name, screen.width, jobs), style="dim")
         if name in SENSOR_BOARDS and "family" not in by:

@@ -15,7 +15,7 @@ from roadscope.benchmarks.boards.kept import CURVES, NAME, label_of, set_aside
 from roadscope.benchmarks.boards.latex import to_latex
 from roadscope.benchmarks.boards.results import Results
 from roadscope.benchmarks.boards.rows import FIRST_METRIC, Row
-from roadscope.benchmarks.boards.tables import failure_lines, figure
+from roadscope.benchmarks.boards.tables import believed_lines, failure_lines, figure
 from roadscope.benchmarks.cache import write_atomically
 
 
@@ -72,6 +72,6 @@ def _board(results: Results, board: str) -> str:
             for metric, (_, digits) in columns.items()
         ]
         lines.append(markdown_row([place.place, entry.replace("|", "\\|"), *cells]))
-    for text in failure_lines(results, board):
+    for text in (*believed_lines(results, board), *failure_lines(results, board)):
         lines += ["", text]
     return "\n".join([*lines, *markdown_lines(results, board)])

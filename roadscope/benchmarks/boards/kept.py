@@ -28,8 +28,9 @@ def file_names(label: str = "") -> dict[str, str]:
 
 
 def label_of(manifest: Mapping[str, Any]) -> str:
-    """Name what a run was of, its suite and boards, as part of a file's name."""
-    words = [str(manifest.get("suite", "")), *map(str, manifest.get("boards", ()))]
+    """Name what a run was of, its suite, boards and calibration, as part of a file's name."""
+    believed = Path(str(manifest.get("calibration", ""))).stem
+    words = [str(manifest.get("suite", "")), *map(str, manifest.get("boards", ())), believed]
     return "-".join(re.sub(r"[^\w.]+", "-", word) for word in words if word)
 
 

@@ -123,6 +123,12 @@ def failure_lines(results: Results, board: str) -> list[str]:
     return lines
 
 
+def believed_lines(results: Results, board: str) -> list[str]:
+    """Say what fusions believe of the sensors if it is not what the rig says."""
+    name = results.manifest.get("calibration")
+    return [f"Fusions believe the calibration {name}."] if name and board == "fusion" else []
+
+
 def _name(results: Results, standing: Standing) -> Text:
     name = Text(standing.entry, style="not bold" if standing.mark else "")
     told = standing.entry.endswith(f" on {ORACLE}") and standing.board == "odometry"

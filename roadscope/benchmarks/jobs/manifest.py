@@ -24,9 +24,15 @@ from roadscope.benchmarks.suite import Suite
 LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "highway-env", "filterpy", "joblib")
 
 
-def manifest(suite: Suite, jobs: int, boards: Sequence[str] = ()) -> dict[str, Any]:
-    """Return versions, code, machine, suite and boards of a run, as JSON can hold them."""
-    return {
+def manifest(
+    suite: Suite, jobs: int, boards: Sequence[str] = (), calibration: str = ""
+) -> dict[str, Any]:
+    """Return versions, code, machine, suite and boards of a run, as JSON can hold them.
+
+    calibration: file that fusions believe in place of the rig; its name is told, if it is given.
+    """
+    believed = {"calibration": Path(calibration).name} if calibration else {}
+    return believed | {
         "roadscope": __version__,
         "commit": commit(),
         "code": code_hash("core", "envs", "detectors", "trackers", "benchmarks"),

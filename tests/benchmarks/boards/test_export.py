@@ -138,6 +138,15 @@ def test_what_is_no_board_is_overwritten(tmp_path) -> None:
 def test_names_of_suites_are_names_of_files() -> None:
     manifest = {"suite": "../my suite", "boards": ["kitti car"]}
     assert label_of(manifest) == "..-my-suite-kitti-car"
+    believed = {"suite": "fusion", "boards": ["fusion"], "calibration": "off by one.json"}
+    assert label_of(believed) == "fusion-fusion-off-by-one"
+
+
+def test_a_board_says_which_calibration_was_believed(tmp_path) -> None:
+    results = of_suite("fusion", "fusion")
+    assert "calibration" not in to_markdown(results)
+    believed = replace(results, manifest={**results.manifest, "calibration": "mine.json"})
+    assert "Fusions believe the calibration mine.json." in to_markdown(believed)
 
 
 def test_a_folder_where_a_board_would_be_kept_is_named(tmp_path) -> None:
