@@ -142,11 +142,12 @@ def test_names_of_suites_are_names_of_files() -> None:
     assert label_of(believed) == "fusion-fusion-off-by-one"
 
 
-def test_a_board_says_which_calibration_was_believed(tmp_path) -> None:
-    results = of_suite("fusion", "fusion")
-    assert "calibration" not in to_markdown(results)
-    believed = replace(results, manifest={**results.manifest, "calibration": "mine.json"})
-    assert "Fusions believe the calibration mine.json." in to_markdown(believed)
+def test_a_board_of_fusions_says_which_calibration_they_believed() -> None:
+    row, place = replace(ROWS[0], board="fusion"), replace(PLACES[0], board="fusion")
+    results = Results({"suite": "tiny"}, (*ROWS, row), (), (), (*PLACES, place))
+    assert "believe" not in to_markdown(results)
+    believed = to_markdown(replace(results, manifest={"calibration": "mine.json"}))
+    assert believed.count("Fusions believe the calibration mine.json.") == 1
 
 
 def test_a_folder_where_a_board_would_be_kept_is_named(tmp_path) -> None:
