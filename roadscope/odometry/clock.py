@@ -34,10 +34,14 @@ class Tick:
 
 
 class Clock:
-    """Tells from the stamps of scans how much time passed, and finds gaps and steps back."""
+    """Tells from the stamps of scans how much time passed, and finds gaps and steps back.
+
+    Where a clock that began anew goes on as before, it was a few stamps that were wrong.
+    """
 
     def __init__(self) -> None:
         self.last_s = math.nan
+        self._left_s = math.inf
         self._periods_s: deque[float] = deque(maxlen=REMEMBERED)
         self._late = 0
 
@@ -52,12 +56,18 @@ class Clock:
         if elapsed_s <= 0:
             self._late += 1
             if self._late >= RESTART:
-                self.last_s, self._late = stamp_s, 0
+                self._left_s, self.last_s, self._late = self.last_s, stamp_s, 0
             said = "repeats the last" if elapsed_s == 0 else f"is {-elapsed_s:.3g} s before it"
             return Tick(0.0, f"the stamp {said}", in_order=False)
         self.last_s, self._late = stamp_s, 0
         usual_s = median(self._periods_s) if self._periods_s else math.inf
-        self._periods_s.append(elapsed_s)
         if elapsed_s > GAP_PERIODS * usual_s:
+            if 0 < (since_s := stamp_s - self._left_s) < elapsed_s:
+                self._left_s = math.inf
+                return Tick(since_s, "the clock is again where it was before")
+            self._periods_s.append(elapsed_s)
             return Tick(elapsed_s, f"no scan for {elapsed_s:.3g} s")
+        self._periods_s.append(elapsed_s)
+        # What passed on the other clock has passed.
+        self._left_s += elapsed_s
         return Tick(elapsed_s)

@@ -1,5 +1,7 @@
 """What the stamps of scans tell."""
 
+import pytest
+
 from roadscope.odometry.clock import RESTART, Clock
 
 
@@ -33,6 +35,17 @@ def test_repeated_and_backward_stamps_take_no_time():
     assert [t.in_order for t in told] == [True, True, False, False, True]
     assert [t.elapsed_s for t in told[2:4]] == [0.0, 0.0]
     assert told[-1].elapsed_s == 0.2 - 0.1
+
+
+@pytest.mark.parametrize("wrong", [RESTART, RESTART + 1, RESTART + 4])
+def test_a_few_stamps_that_were_wrong_cost_no_time(wrong):
+    """Those before the clock is believed to begin anew take no time, and are made up for."""
+    right = [0.1 * k for k in range(20 + wrong + 3)]
+    stamps = [s - 2.0 if 20 <= k < 20 + wrong else s for k, s in enumerate(right)]
+    told = ticks(*stamps)
+    assert sum(t.elapsed_s for t in told) == pytest.approx(right[-1])
+    assert "again where it was" in told[20 + wrong].reason
+    assert not any(t.reason for t in told[20 + wrong + 1 :])
 
 
 def test_a_clock_that_began_anew_is_followed():
