@@ -64,7 +64,7 @@ def run(
     jobs: worker processes.
     out_dir: where results are kept (`results.sqlite`) and `leaderboard.json`, `.csv`, `.md`
         and `.tex` are written; None keeps results in the cache folder and writes no board. Boards
-        of other suites that are there are kept (`leaderboard-SUITE-BOARD.json`).
+        of other suites that are there are kept (`leaderboard-SUITE-BOARD[-CALIBRATION].json`).
     fresh: do again what an earlier run has done.
     kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.

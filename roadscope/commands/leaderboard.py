@@ -52,7 +52,8 @@ Out = Annotated[
     Path | None,
     typer.Option(
         help="Folder for leaderboard.json, .csv, .md, .tex and the results database; boards of "
-        "other suites in it are kept as leaderboard-SUITE-BOARD."
+        "other suites in it are kept as leaderboard-SUITE-BOARD, with the calibration's name if "
+        "one was given."
     ),
 ]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Do again what an earlier run has done.")]

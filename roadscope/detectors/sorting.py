@@ -86,7 +86,7 @@ def median_of(values: np.ndarray) -> float:
     if not high > low:
         return float(low)
     scale = BINS / (high - low)
-    if scale == np.inf:
+    if not 0.0 < scale < np.inf:
         return float(np.median(values))
     counts = np.zeros(BINS + 1, np.int64)
     for value in values:

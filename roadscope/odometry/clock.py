@@ -36,12 +36,12 @@ class Tick:
 class Clock:
     """Tells from the stamps of scans how much time passed, and finds gaps and steps back.
 
-    Where a clock that began anew goes on as before, it was a few stamps that were wrong.
+    Where a clock that began anew soon goes on as before, it was a few stamps that were wrong.
     """
 
     def __init__(self) -> None:
         self.last_s = math.nan
-        self._left_s = math.inf
+        self._left_s, self._anew = math.inf, 0
         self._periods_s: deque[float] = deque(maxlen=REMEMBERED)
         self._late = 0
 
@@ -57,17 +57,17 @@ class Clock:
             self._late += 1
             if self._late >= RESTART:
                 self._left_s, self.last_s, self._late = self.last_s, stamp_s, 0
+                self._anew = 0
             said = "repeats the last" if elapsed_s == 0 else f"is {-elapsed_s:.3g} s before it"
             return Tick(0.0, f"the stamp {said}", in_order=False)
         self.last_s, self._late = stamp_s, 0
         usual_s = median(self._periods_s) if self._periods_s else math.inf
-        if elapsed_s > GAP_PERIODS * usual_s:
-            if 0 < (since_s := stamp_s - self._left_s) < elapsed_s:
-                self._left_s = math.inf
-                return Tick(since_s, "the clock is again where it was before")
-            self._periods_s.append(elapsed_s)
-            return Tick(elapsed_s, f"no scan for {elapsed_s:.3g} s")
+        self._anew += 1
+        is_gap, since_s = elapsed_s > GAP_PERIODS * usual_s, stamp_s - self._left_s
+        if is_gap and self._anew <= REMEMBERED and 0 < since_s <= (RESTART + GAP_PERIODS) * usual_s:
+            self._left_s = math.inf
+            return Tick(since_s, "the clock is again where it was before")
         self._periods_s.append(elapsed_s)
         # What passed on the other clock has passed.
         self._left_s += elapsed_s
-        return Tick(elapsed_s)
+        return Tick(elapsed_s, f"no scan for {elapsed_s:.3g} s" if is_gap else "")

@@ -9,7 +9,7 @@ from roadscope.core.jit import compiled
 from roadscope.detectors.sorting import median_of
 
 MOST_M = 0.15
-"""Data sheets tell .02 to .03 m, .1 of a LUX; ten times as much is above."""
+"""Data sheets tell .02 to .03 m, of a LUX .1: more than half as much again is a fault."""
 LEAST_TRIPLES = 200
 """Fewer tell nothing."""
 ENOUGH = 4000
@@ -38,14 +38,16 @@ def scatter_m(scan: LidarScan) -> float:
 def _bends(points: np.ndarray, ring: np.ndarray, column: np.ndarray, every: int) -> np.ndarray:
     """Return (T,) second differences of ranges of three returns of a ring, as far apart each.
 
-    every: of so many rings one is looked at.
+    every: of so many rings one is looked at, but of four at least.
     """
-    rings = np.int64(ring.max()) + 1 if len(ring) else 0
+    lowest = np.int64(ring.min()) if len(ring) else 0
+    rings = np.int64(ring.max()) + 1 - lowest if len(ring) else 0
+    step = max(1, min(every, int(rings) // 4))
     ranges, columns = np.full((rings, 2), np.nan), np.zeros((rings, 2), np.int64)
     bends, found = np.empty(len(ring)), 0
     for row in range(len(ring)):
-        here, square = np.int64(ring[row]), 0.0
-        if here % every:
+        here, square = np.int64(ring[row]) - lowest, 0.0
+        if here % step:
             continue
         for axis in range(3):
             square += points[row, axis] * points[row, axis]

@@ -84,7 +84,8 @@ SPOILT = {
     "backward": lambda scan, first: kept(scan, slice(None), stamp_s=first.stamp_s - 0.8),
 }
 TOLD = {"empty", "one ring", "few points", "no numbers", "loud", "same stamp", "backward"}
-"""Nothing can be known of these scans, so that they are degraded however good a guess was."""
+"""These scans tell nothing, or by far less than they should, so that they are degraded however good
+a guess was."""
 
 
 def steps(poses):

@@ -48,6 +48,15 @@ def test_a_few_stamps_that_were_wrong_cost_no_time(wrong):
     assert not any(t.reason for t in told[20 + wrong + 1 :])
 
 
+@pytest.mark.parametrize("back_s", [1.0, 4.0])
+def test_a_gap_after_a_clock_began_anew_is_a_gap(back_s):
+    right = [0.1 * k for k in range(60)]
+    stamps = [s if k < 20 else s - back_s for k, s in enumerate(right)]
+    told = ticks(*stamps, stamps[-1] + 3.0, stamps[-1] + 5.0)
+    assert [t.elapsed_s for t in told[-2:]] == pytest.approx([3.0, 2.0])
+    assert "no scan for 3 s" in told[-2].reason
+
+
 def test_a_clock_that_began_anew_is_followed():
     told = ticks(100.0, 100.1, *(0.1 * k for k in range(RESTART + 2)))
     assert not any(t.in_order for t in told[2 : 2 + RESTART])

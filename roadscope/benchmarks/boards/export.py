@@ -24,7 +24,7 @@ def save_all(results: Results, folder: Path) -> list[Path]:
 
     With an odometry board also `drift.svg`, its drift against the distance driven. Files of another
     suite or of other boards that are there are kept under names of their own
-    (`leaderboard-SUITE-BOARD.json`).
+    (`leaderboard-SUITE-BOARD[-CALIBRATION].json`).
     """
     set_aside(folder, label_of(results.manifest))
     contents = {

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from roadscope.detectors.camera.network import CentreNetwork
 
 LEAST_SCORE = 0.01
-"""Of detections that are calibrated and scored."""
+"""Of detections that are scored."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ def _heat_alone() -> np.ndarray:
 class Calibration(Record):
     """A logistic curve (Platt 1999) for each family, of traits and products of two of them.
 
-    Left out, the heat is taken as it is.
+    Left out, the heat is taken as it is, up to log odds of 4 either way.
 
     middles, spreads: (9,) mean and standard deviation of each trait.
     weights: (3, 55), of vehicles, cyclists, pedestrians, for the `terms` of traits.

@@ -33,7 +33,10 @@ FIRST_CATEGORIES = (Category.CAR, Category.CYCLIST, Category.PEDESTRIAN)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Peaks(Record):
-    """Boxes of each family of which no surer one covers much the same, the surest first.
+    """Boxes of each family, the surest by heat first.
+
+    No surer one covered much the same before answers were averaged; afterwards it may, and traits
+    tell of it.
 
     boxes: (N, 4) float64, pixels, left top right bottom. families: (N,) int64, places among
         vehicle, cyclist, pedestrian. categories: (N,) int64, values of `Category`.

@@ -52,7 +52,7 @@ class CameraDetector:
         """Set the detector up; the network is read with the first image.
 
         weights: a .safetensors file; the shipped one if left out.
-        min_score: least score that is told.
+        min_score: least score that is told; answers of hardly any heat never are, see `FLOOR`.
         precision: float32, bfloat16, or auto, the faster of both on the device. With bfloat16
             the last digits of boxes and scores depend on the processor.
         threads: processor cores to use; torch has one setting for the whole process.
@@ -96,7 +96,7 @@ class CameraDetector:
         )  # fmt: skip
 
     def peaks(self, pixels: np.ndarray) -> Peaks:
-        """Return boxes with uncalibrated scores in (H, W, 3) uint8 pixels."""
+        """Return boxes and their traits in (H, W, 3) uint8 pixels."""
         height, width = pixels.shape[:2]
         if min(height, width) < COARSEST:
             raise RecordError(f"an image of at least 32 x 32 pixels is needed, got {width} x "

@@ -81,7 +81,7 @@ def _compare(
     families, log_odds = told
     for other in range(len(boxes)):
         same = families[other] == families[k]
-        if other == k or (same and log_odds[other] <= log_odds[k]):
+        if other == k or (same and other > k):
             continue
         at = 1 if same else 3
         overlap = iou(boxes[k], boxes[other])

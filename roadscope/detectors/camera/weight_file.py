@@ -108,5 +108,10 @@ def _kind(tensor: Tensor) -> str:
 def _calibration(path: Path, about: Mapping[str, Any]) -> Calibration:
     try:
         return Calibration(**{name: np.array(about[name], float) for name in WORTH})
-    except (KeyError, TypeError, ValueError) as error:
+    except KeyError as error:
+        raise WeightsError(
+            f"{path} does not say what its scores are worth: no {error}; weights of an older "
+            "version have to be trained again"
+        ) from error
+    except (TypeError, ValueError) as error:
         raise WeightsError(f"{path}: what its scores are worth cannot be read: {error}") from error

@@ -85,7 +85,7 @@ def _nearest(
             square = 0.0
             for i in range(3):
                 square += (now[k, i] - before[j, i]) ** 2
-            if taken[j] or square > most:
+            if taken[j] or not square <= most:
                 continue
             if square < shortest or theirs[k] == ALONE:
                 shortest, theirs[k] = square, j
