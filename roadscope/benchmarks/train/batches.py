@@ -40,18 +40,25 @@ class Deck:
         self._places = [(e, k) for e, episode in enumerate(episodes) for k in range(len(episode))]
         self._episodes = episodes
         self._seed = seed
+        self._dealt = -1, np.empty(0, int)
 
     def crop(
         self, number: int, crop: tuple[int, int], rng: np.random.Generator
     ) -> tuple[Tensor, Targets]:
         """Return the number-th crop of all, (3, h, w) in 0 to 1, and its targets."""
         turn, place = divmod(number, len(self._places))
-        order = np.random.default_rng([self._seed, 1, turn]).permutation(len(self._places))
-        e, k = self._places[order[place]]
+        e, k = self._places[self._order(turn)[place]]
         pixels, labels = self._episodes[e].pixels[k], self._episodes[e].labels[k]
         window = drawn_window(labels, pixels.shape[:2], crop, rng)
         image = relit(cut_out(pixels, window, crop), rng)
         return image, targets_of(objects_in(labels, window, crop), *crop)
+
+    def _order(self, turn: int) -> np.ndarray:
+        """Return the order of a round; the last one is remembered."""
+        if self._dealt[0] != turn:
+            rng = np.random.default_rng([self._seed, 1, turn])
+            self._dealt = turn, rng.permutation(len(self._places))
+        return self._dealt[1]
 
 
 def batch(deck: Deck, recipe: Recipe, step: int) -> Batch:
@@ -62,10 +69,10 @@ def batch(deck: Deck, recipe: Recipe, step: int) -> Batch:
     # Numbers leave room for the largest batch, so that steps share no crop.
     most = round(recipe.pixels / min(h * w for h, w in CROPS)) + 1
     made = [deck.crop(step * most + i, crop, rng) for i in range(count)]
-    images = torch.stack([image for image, _ in made]).permute(0, 2, 3, 1).contiguous()
+    pixels = torch.stack([image.permute(1, 2, 0) for image, _ in made])
     columns = zip(*([*_arrays(t)] for _, t in made), strict=True)
     maps = TargetMaps(*(torch.from_numpy(np.stack(column)) for column in columns))
-    return Batch(2 * images - 1, maps)
+    return Batch(pixels.mul_(2).sub_(1), maps)
 
 
 def _arrays(targets: Targets) -> tuple[np.ndarray, ...]:

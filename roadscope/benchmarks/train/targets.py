@@ -16,6 +16,8 @@ LEAST_SPREAD = 0.8
 """Squares; smaller objects have this much, or nothing but one square would be taught."""
 NEAR_CENTRE = 0.1
 """Heat from which on a square answers for the box, and is not asked when the object is not."""
+FARTHEST = 14.5
+"""Standard deviations at which the heat is less than any float32 above 0."""
 NO_CATEGORY = -1
 
 
@@ -59,27 +61,33 @@ def targets_of(objects: Objects, height: int, width: int) -> Targets:
     vehicles = np.full(shape, NO_CATEGORY, np.int64)
     areas = (objects.boxes[:, 2:] - objects.boxes[:, :2]).prod(axis=1)
     for i in np.argsort(-areas, kind="stable"):
-        bell = _bell(objects.boxes[i], shape)
+        place, bell = _bell(objects.boxes[i], shape)
         family, near = objects.families[i], bell > NEAR_CENTRE
         if not objects.asked[i]:
-            judged[family][near] = 0.0
+            judged[family][place][near] = 0.0
             continue
-        heat[family] = np.maximum(heat[family], bell)
-        boxes[:, near] = objects.boxes[i][:, None]
-        weights[near] = bell[near] / bell[near].sum()
-        vehicles[near] = objects.categories[i] if family == 0 else NO_CATEGORY
+        warm = heat[family][place]
+        np.maximum(warm, bell, out=warm)
+        boxes[:, *place][:, near] = objects.boxes[i][:, None]
+        weights[place][near] = bell[near] / bell[near].sum()
+        vehicles[place][near] = objects.categories[i] if family == 0 else NO_CATEGORY
     judged[heat == 1.0] = 1.0
     return Targets(heat, judged, boxes, weights, vehicles)
 
 
-def _bell(box: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Return (h, w) float32: 1 in the square that holds the centre of a box, less around it."""
+def _bell(box: np.ndarray, shape: tuple[int, int]) -> tuple[tuple[slice, slice], np.ndarray]:
+    """Return float32, 1 in the square that holds the centre of a box, less around it; and where.
+
+    Beyond these rows and columns of the (h, w) squares float32 has nothing but 0.
+    """
     sides = (box[2:] - box[:2]) / STRIDE
     middle = np.minimum((box[:2] + box[2:]) / (2 * STRIDE), np.array(shape[::-1]) - 1e-3)
     spread = np.maximum(SPREAD * sides, LEAST_SPREAD)
-    columns, rows = (
-        np.exp(-0.5 * ((np.arange(n) - np.floor(m)) / s) ** 2)
-        for n, m, s in zip(shape[::-1], middle, spread, strict=True)
-    )
-    bell: np.ndarray = (rows[:, None] * columns).astype(np.float32)
-    return bell
+    squares, heats = [], []
+    for n, m, s in zip(shape[::-1], middle.tolist(), spread.tolist(), strict=True):
+        first, reach = int(m // 1), int(FARTHEST * s) + 1
+        low, high = max(first - reach, 0), min(first + reach + 1, n)
+        squares.append(slice(low, high))
+        heats.append(np.exp(-0.5 * ((np.arange(low, high) - first) / s) ** 2))
+    bell: np.ndarray = (heats[1][:, None] * heats[0]).astype(np.float32)
+    return (squares[1], squares[0]), bell
