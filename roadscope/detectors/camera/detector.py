@@ -13,7 +13,7 @@ import numpy as np
 from roadscope.core import CameraImage, Frame, ImageDetections, RecordError
 from roadscope.detectors.camera.calibration import Calibration
 from roadscope.detectors.camera.decode import FINE, Peaks, decode
-from roadscope.detectors.camera.precision import AUTO, PRECISIONS, fastest
+from roadscope.detectors.camera.precision import AUTO, PRECISIONS, fastest, whole_float32
 from roadscope.detectors.camera.weight_file import SHIPPED, load
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def _look(network: CentreNetwork, pixels: np.ndarray, threads: int) -> np.ndarra
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
-        with torch.inference_mode():
+        with torch.inference_mode(), whole_float32():
             full = np.full((height, width, 3), GREY, np.uint8)
             full[: pixels.shape[0], : pixels.shape[1]] = pixels
             places = torch.from_numpy(squared(full)).to(first.device, first.dtype)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 AUTO = "auto"
 PRECISIONS = (AUTO, "float32", "bfloat16")
@@ -19,3 +22,18 @@ def has_bfloat16(device: str) -> bool:
 def fastest(device: str) -> str:
     """Return the faster of `float32` and `bfloat16` on a device."""
     return "bfloat16" if has_bfloat16(device) else "float32"
+
+
+@contextmanager
+def whole_float32() -> Iterator[None]:
+    """Let a graphics card compute with all digits of float32: by default torch drops ten bits."""
+    import torch
+
+    cudnn: Any = torch.backends.cudnn
+    convolutions = cudnn.conv
+    before = convolutions.fp32_precision
+    convolutions.fp32_precision = "ieee"
+    try:
+        yield
+    finally:
+        convolutions.fp32_precision = before

@@ -2,6 +2,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,6 +130,23 @@ def test_blobs_are_found_where_colour_stands_out() -> None:
     assert sorted(found.categories.tolist()) == [0, 6]
 
 
+def test_a_graphics_card_keeps_all_digits_while_it_looks_and_no_longer(
+    eager: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    convolutions: Any = torch.backends.cudnn.conv  # type: ignore[attr-defined]
+    before, seen = convolutions.fp32_precision, []
+    answers = CentreNetwork.answers
+
+    def noted(network: CentreNetwork, pixels: torch.Tensor) -> torch.Tensor:
+        seen.append(convolutions.fp32_precision)
+        return answers(network, pixels)
+
+    monkeypatch.setattr(CentreNetwork, "answers", noted)
+    CameraDetector(weights=str(eager)).detect(frame_of(noise(64, 64)))
+    assert seen == ["ieee"]
+    assert convolutions.fp32_precision == before != "ieee"
+
+
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
 def test_a_graphics_card_says_the_same(eager: Path) -> None:
     frame = frame_of(noise(96, 128))
@@ -136,5 +154,5 @@ def test_a_graphics_card_says_the_same(eager: Path) -> None:
         CameraDetector(weights=str(eager), device=device).detect(frame)
         for device in ("cpu", "cuda")
     )
-    assert len(here) == pytest.approx(len(there), abs=2)
-    np.testing.assert_allclose(np.sort(here.scores)[-5:], np.sort(there.scores)[-5:], atol=1e-3)
+    assert len(here) == len(there) > 0
+    np.testing.assert_allclose(np.sort(here.scores), np.sort(there.scores), atol=1e-4)
