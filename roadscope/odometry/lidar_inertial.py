@@ -37,8 +37,8 @@ LEAST_POINTS = 60
 LEAST_AGREEMENT = 0.3
 HOLDS, HALF = 1.0, 0.5
 """A point on a surface tells the way ahead by so much, 1/m^2, on average, or hardly at all: by 2
-and more on streets, by less in platoons, tunnels and between barriers. Even there at least so many
-of the points agree (.53 and more on validation seeds); where fewer do, what would tell is off."""
+and more on streets, by less in platoons, tunnels and between barriers. Even there fewer than half
+of the points agree in 4 of 1500 scans of validation seeds; where all moves along, in every one."""
 VAGUE_M_S = 0.5
 """A speed known no better than this is called degraded."""
 GUESS_M_S, GUESS_RAD_S = 10.0, 0.1
