@@ -10,24 +10,19 @@ from roadscope.core import Category, Detections, ImageDetections
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
+from roadscope.fusion.candidates import (
+    Candidates,
+    camera_alone_features,
+    candidate_features,
+    lenders,
+    lidar_features,
+)
 from roadscope.fusion.depth import places_at
 from roadscope.fusion.evidence import combine_or_keep
-from roadscope.fusion.masses import (
-    camera_features,
-    camera_masses,
-    families_of,
-    lidar_masses,
-    log_odds,
-)
+from roadscope.fusion.masses import camera_masses, lidar_masses
 from roadscope.fusion.matched_views import Agreement
-from roadscope.fusion.matching import leftovers
-from roadscope.fusion.overlap import areas, intersections
 from roadscope.fusion.sizes import USUAL_M
-from roadscope.fusion.weights import odds_model
-
-LEND_DEPTH = 4.0
-"""A camera box without a partner takes the distance of a cluster that covers its middle when
-their depths agree to two standard deviations: of a crowd that is one cluster."""
+from roadscope.fusion.weights import odds_model, ranking_model
 
 
 class ConsistentFusion:
@@ -47,68 +42,28 @@ class ConsistentFusion:
         """Join both sensors' targets."""
         views = Views.of(lidar, camera, projection)
         agreement = Agreement.of(views, projection)
-        rows, columns = agreement.pairs()
-        single = leftovers(len(views.lidar), rows), leftovers(len(views.camera), columns)
-        masses = _masses(views, rows, columns, single)
-        features = candidate_features(views, agreement, rows, columns, single)
-        names = kinds_of(lidar is None, camera is None)
-        odds = [odds_of(name, part) for name, part in zip(names, features, strict=True)]
-        lidar_rows = np.concatenate([rows, single[0], np.full(len(single[1]), -1)])
-        camera_rows = np.concatenate([columns, np.full(len(single[0]), -1), single[1]])
-        scores = 1 / (1 + np.exp(-np.concatenate(odds)))
-        fused = assemble(views, lidar_rows, camera_rows, masses, scores)
-        return with_places(fused, views, agreement, (camera_rows, projection))
+        candidates = Candidates.of(views, agreement)
+        if lidar is None:
+            odds = ranking_model().values(camera_alone_features(views.camera))[:, 0]
+        elif camera is None:
+            odds = odds_model("lidar_alone").odds(lidar_features(views))
+        else:
+            odds = odds_of(views, agreement, projection, candidates)
+        rows, columns = candidates.lidar_rows, candidates.camera_rows
+        masses, scores = _masses(views, candidates), 1 / (1 + np.exp(-odds))
+        fused = assemble(views, rows, columns, masses, scores)
+        return with_places(fused, views, agreement, (columns, projection))
 
 
-def odds_of(name: str, features: np.ndarray) -> np.ndarray:
-    """(N,) log odds; a sensor that works alone has the first few features only."""
-    model = odds_model(name)
-    return model.odds(features[:, : model.size])
-
-
-def kinds_of(no_lidar: bool, no_camera: bool) -> tuple[str, str, str]:
-    """Names of the models for pairs, for LiDAR's alone and for the camera's alone."""
-    return (
-        "pair",
-        "lidar_alone" if no_camera else "lidar_only",
-        "camera_alone" if no_lidar else "camera_only",
+def odds_of(
+    views: Views, agreement: Agreement, projection: Projection, candidates: Candidates
+) -> np.ndarray:
+    """(P + L + C,) log odds of targets where both sensors are at work."""
+    features = candidate_features(views, agreement, projection, candidates)
+    names = ("pair", "lidar_only", "camera_only")
+    return np.concatenate(
+        [odds_model(name).odds(part) for name, part in zip(names, features, strict=True)]
     )
-
-
-def candidate_features(
-    views: Views, agreement: Agreement, rows: np.ndarray, columns: np.ndarray,
-    single: tuple[np.ndarray, np.ndarray],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Features of pairs, (P, 10), of LiDAR's alone, (L, 5), of the camera's alone, (C, 6).
-
-    Beside those of each sensor: how well pairs agree, how much of a cluster lies in a camera's
-    box (it may be a part of what that shows), how far away a camera's box is, and whether a
-    cluster at its depth covers it.
-    """
-    of_lidar, of_camera = lidar_features(views), camera_features(views.camera)
-    cost = agreement.cost[rows, columns] / 10.0
-    far = agreement.log_depths - np.log(20.0)
-    pairs = np.column_stack([of_lidar[rows], of_camera[columns], cost, far[columns]])
-    shared = intersections(views.lidar_boxes, views.camera.boxes).max(axis=1, initial=0.0)
-    part = shared / np.maximum(areas(views.lidar_boxes), 1.0)
-    lent = lenders(views, agreement)[0]
-    return (
-        pairs,
-        np.column_stack([of_lidar, part])[single[0]],
-        np.column_stack([of_camera, far, lent])[single[1]],
-    )
-
-
-def lidar_features(views: Views) -> np.ndarray:
-    """(N, 4): log odds of the score, log of range over 20 m, which family."""
-    ranges = np.hypot(views.lidar.centres[:, 0], views.lidar.centres[:, 1])
-    family = families_of(views.lidar.categories)
-    return np.column_stack(
-        [
-            log_odds(views.lidar.scores), np.log(np.maximum(ranges, 1.0) / 20.0),
-            family == 1, family == 2,
-        ]
-    )  # fmt: skip
 
 
 def with_places(
@@ -144,25 +99,11 @@ def with_places(
     )
 
 
-def lenders(views: Views, agreement: Agreement) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) bool whether a cluster covers a camera box's middle at its depth, and (M,) which."""
-    boxes = views.camera.boxes
-    if not len(views.lidar):
-        return np.zeros(len(boxes), bool), np.full(len(boxes), -1)
-    middles = (boxes[:, 0] + boxes[:, 2]) / 2
-    left, right = views.lidar_boxes[:, None, 0], views.lidar_boxes[:, None, 2]
-    covers = (left <= middles) & (middles <= right) & views.in_image[:, None]
-    apart = np.where(covers, agreement.depth, np.inf)
-    best = apart.argmin(axis=0)
-    return apart[best, np.arange(len(boxes))] < LEND_DEPTH, best
-
-
-def _masses(
-    views: Views, rows: np.ndarray, columns: np.ndarray, single: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
+def _masses(views: Views, candidates: Candidates) -> np.ndarray:
     of_lidar, of_camera = lidar_masses(views.lidar), camera_masses(views.camera)
-    joined = combine_or_keep(of_lidar[rows], of_camera[columns])
-    return np.concatenate([joined, of_lidar[single[0]], of_camera[single[1]]])
+    joined = combine_or_keep(of_lidar[candidates.rows], of_camera[candidates.columns])
+    alone = of_lidar[candidates.lidar_only], of_camera[candidates.camera_only]
+    return np.concatenate([joined, *alone])
 
 
 def _put(values: np.ndarray, rows: np.ndarray, new: np.ndarray | bool) -> np.ndarray:

@@ -12,22 +12,27 @@ import numpy as np
 
 
 @dataclass(frozen=True, slots=True)
-class ClassModel:
-    """Multinomial logistic model of second order.
+class SecondOrderModel:
+    """Logistic model of second order: a constant, F features and their products.
 
     mean, spread: (F,) of the features, which are bounded at three spreads.
-    weights: (T, 3), log odds of vehicle, cyclist and pedestrian against nothing; a constant, F
-        features and their products.
+    weights: (T, K), log odds of K classes against nothing.
     """
 
     mean: np.ndarray
     spread: np.ndarray
     weights: np.ndarray
 
+    def values(self, features: np.ndarray) -> np.ndarray:
+        """(N, K) log odds of (N, F) features."""
+        bounded = np.clip((features - self.mean) / self.spread, -3.0, 3.0)
+        odds: np.ndarray = second_order(bounded) @ self.weights
+        return odds
+
     def probabilities(self, features: np.ndarray) -> np.ndarray:
-        """(N, 4) chances of `FAMILIES` and of nothing of (N, F) features."""
-        terms = second_order(np.clip((features - self.mean) / self.spread, -3.0, 3.0))
-        odds = np.column_stack([terms @ self.weights, np.zeros(len(terms))])
+        """(N, K + 1) chances of the classes and of nothing of (N, F) features."""
+        values = self.values(features)
+        odds = np.column_stack([values, np.zeros(len(values))])
         odds = np.exp(odds - odds.max(axis=1, keepdims=True))
         chances: np.ndarray = odds / odds.sum(axis=1, keepdims=True)
         return chances
@@ -64,10 +69,20 @@ def table() -> dict[str, Any]:
 
 
 @cache
-def lidar_model() -> ClassModel:
-    """Return the classes of clusters."""
-    part = table()["lidar_classes"]
-    return ClassModel(*(np.array(part[name]) for name in ("mean", "spread", "weights")))
+def lidar_model() -> SecondOrderModel:
+    """Return the families of clusters."""
+    return _second_order_model("lidar_classes")
+
+
+@cache
+def ranking_model() -> SecondOrderModel:
+    """Return the chance that a camera's box is a target's, and the first of it."""
+    return _second_order_model("camera_ranking")
+
+
+def _second_order_model(name: str) -> SecondOrderModel:
+    part = table()[name]
+    return SecondOrderModel(*(np.array(part[name]) for name in ("mean", "spread", "weights")))
 
 
 @cache

@@ -53,7 +53,8 @@ FALSE = "false"
 DISTANCE = "distance right"
 HIDDEN = "distance right of those more than a third hidden"
 CLASS = "class right of those found"
-"""Tables of their own, by condition."""
+MORE_POINTS = "points more found than by the better sensor alone"
+"""Tables of their own, by condition; the last seed by seed, so that chance of a seed falls out."""
 CLAIMS, MORE = "claims", "finds more than either sensor alone"
 MORE_AT_EQUAL = "finds more at half a false alarm a scan"
 EVIDENCE = "finds more with evidence"
@@ -183,14 +184,24 @@ def measure_with(detector: Detector | None, seed: int) -> dict[Key, float]:
             if condition in WITH_BOTH:
                 found[HIDDEN, method, condition] = 100 * result.hidden_distance
                 found[CLASS, method, condition] = 100 * result.family
+            if method in FUSED:
+                found[MORE_POINTS, method, condition] = 100 * (
+                    result.all_found - better_alone(shares, condition)
+                )
             found |= {(condition, method, name): v for name, v in quantities(result).items()}
     for claim, shown in ((MORE, EVERY_SCORE), (MORE_AT_EQUAL, "clear")):
-        alone = max(shares[shown, one].all_found for one in (LIDAR, CAMERA))
+        alone = better_alone(shares, shown)
         for method in FUSED:
             found[CLAIMS, method, claim] = float(shares[shown, method].all_found > alone)
     with_it, without = (shares["clear", each].all_found for each in ("li2021", WITHOUT))
     found[CLAIMS, "li2021", EVIDENCE] = float(with_it > without)
     return found
+
+
+def better_alone(shares: Mapping[tuple[str, str], FusionRates], condition: str) -> float:
+    """Return what the better sensor finds alone, of those that work."""
+    alone = (shares.get((condition, one)) for one in (LIDAR, CAMERA))
+    return max(found.all_found for found in alone if found is not None)
 
 
 def detected(moments: Sequence[Moment]) -> list[Detections]:

@@ -3,7 +3,7 @@ import tomllib
 import numpy as np
 
 from roadscope.benchmarks.fit.fusion import logistic, multinomial, written
-from roadscope.fusion.weights import ClassModel, OddsModel, second_order, table
+from roadscope.fusion.weights import OddsModel, SecondOrderModel, second_order, table
 
 
 def test_logistic_weights_are_found_again() -> None:
@@ -20,7 +20,7 @@ def test_class_chances_follow_the_shares() -> None:
     values = rng.uniform(-1, 1, (8000, 1))
     label = np.where(rng.random(8000) < 0.8, (values[:, 0] > 0) * 2, 3)
     weights = multinomial(second_order(values), label)
-    model = ClassModel(np.zeros(1), np.ones(1), weights)
+    model = SecondOrderModel(np.zeros(1), np.ones(1), weights)
     high, low = model.probabilities(np.array([[0.8], [-0.8]]))
     assert high[2] > 0.7
     assert low[0] > 0.7
