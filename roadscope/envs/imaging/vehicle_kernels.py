@@ -184,7 +184,7 @@ def _front(
 ) -> None:
     side, level = abs(across) / wide, z / height
     if big:
-        level *= 0.55 if height < 2.8 else 1.6
+        level *= 1.5 if height < 2.8 else 1.6
     if category == BUS and z > 0.82 * height:
         if side < 0.7 and 0.86 * height < z < 0.96 * height:
             lit = (across / 0.09) % 1.0 < 0.6 and side < 0.55

@@ -49,6 +49,19 @@ def test_headlamps_are_white_at_both_sides_and_shine_when_lit(side: float) -> No
     assert lit[4:].min() > 5.0
 
 
+@pytest.mark.parametrize(
+    ("category", "height"),
+    [(Category.CAR, 1.5), (Category.VAN, 2.0), (Category.VAN, 2.52), (Category.VAN, 2.64),
+     (Category.BUS, 3.1), (Category.TRUCK, 3.6), (Category.TRUCK, 4.0)],
+)  # fmt: skip
+def test_headlamps_hang_at_the_height_of_a_cars(category, height: float) -> None:
+    """Road law asks for 0.5 to 1.2 m of every vehicle."""
+    frame = np.array([0.0, 0.0, 1.0, 0.0, 2.6, 1.0, height, category], float)
+    heights = np.arange(0.01, height, 0.02)
+    lit = [painted(frame, (2.6, 0.75, z), FRONT, lamps=True)[4:].min() > 5.0 for z in heights]
+    assert 0.5 < heights[lit].min() < heights[lit].max() < 1.3
+
+
 @pytest.mark.parametrize(("end", "level"), [(rear, 0.36), (front, 0.31)])
 def test_plates_are_bright_with_dark_letters(end, level: float) -> None:
     row = np.array([end(a, level)[1] for a in np.linspace(-0.22, 0.22, 200) / (WIDTH / 2)])
