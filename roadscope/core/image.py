@@ -10,7 +10,13 @@ from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 
 DARK = 8
-"""Brightest byte of an image that shows nothing."""
+"""Brightest byte of an image that shows nothing, and how far bytes of an even one lie apart."""
+DIM = 64
+"""Greatest mean byte of a covered lens, whose noise is amplified."""
+BLOCK = 16
+"""Side of the blocks over which noise is averaged, pixels."""
+CHANCE = 8.0
+"""Standard deviations by which the darkest and the brightest block differ by noise alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +43,24 @@ class CameraImage(Record):
         return self.pixels.shape[1], self.pixels.shape[0]
 
     @property
-    def black(self) -> bool:
-        """Whether nothing can be seen: the lens is covered, or no light came in."""
-        return int(self.pixels.max(initial=0)) <= DARK
+    def blank(self) -> bool:
+        """Whether nothing can be seen: the lens is covered or blinded, or no light came in.
+
+        An image is blank where it is all black or all white, or dark and even but for noise.
+        """
+        if self.pixels.max(initial=0) <= DARK or self.pixels.min(initial=255) >= 255 - DARK:
+            return True
+        green = self.pixels[..., 1]
+        # Nearly all images are told by few of their pixels.
+        return _even(green[::4, ::4], BLOCK // 4) and _even(green, BLOCK)
+
+
+def _even(values: np.ndarray, side: int) -> bool:
+    """Whether blocks of an (H, W) channel are dark and differ by no more than noise makes them."""
+    rows, columns = (length - length % side for length in values.shape)
+    if values.mean() > DIM or not rows or not columns:
+        return False
+    shape = rows // side, side, columns // side, side
+    blocks = values[:rows, :columns].astype(np.float32).reshape(shape)
+    noise = np.median(blocks.std(axis=(1, 3))) / side
+    return bool(np.ptp(blocks.mean(axis=(1, 3))) <= DARK + CHANCE * noise)

@@ -45,7 +45,7 @@ class ColourBlobs:
 
         if frame.camera is None:
             raise RecordError("the frame has no image: a camera detector needs one in each frame")
-        if frame.camera.black:
+        if frame.camera.blank:
             return nothing_in(frame.camera)
         apart = self._apart(frame.camera.pixels)
         blobs, _ = label(apart >= self.contrast)

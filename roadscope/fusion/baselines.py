@@ -1,4 +1,7 @@
-"""What fusion is measured against: simple rules without evidence theory."""
+"""What fusion is measured against: simple rules without evidence theory.
+
+Where one sensor brought nothing at all, every rule answers with the targets of the other.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +32,15 @@ class UnionFusion:
     ) -> FusedDetections:
         """Join both sensors' targets."""
         views = Views.of(lidar, camera, projection)
+        if lidar is None or camera is None:
+            return self._of_one(views)
         rows, columns = matched(views, self.least_iou)
         return self._joined(views, rows, columns)
+
+    def _of_one(self, views: Views) -> FusedDetections:
+        """Return all targets of the sensor that is at work."""
+        nothing = np.empty(0, np.int64)
+        return UnionFusion._joined(self, views, nothing, nothing)
 
     def _joined(self, views: Views, rows: np.ndarray, columns: np.ndarray) -> FusedDetections:
         lidar_only = leftovers(len(views.lidar), rows)

@@ -33,6 +33,8 @@ class IcpBoxFusion(ImageFirstFusion):
     ) -> FusedDetections:
         """Join both sensors' targets."""
         views = Views.of(lidar, camera, projection)
+        if lidar is None or camera is None:
+            return self._of_one(views)
         rows = np.flatnonzero(views.in_image)
         boxes = views.camera.boxes
         if not len(rows) or not len(boxes):

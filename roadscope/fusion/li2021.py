@@ -13,14 +13,23 @@ from roadscope.fusion.evidence import combine_or_keep
 from roadscope.fusion.masses import camera_masses, lidar_masses
 from roadscope.fusion.overlap import coverage
 
+RANKS = ("class", "any")
+
 
 class Li2021Fusion:
     """Decision-level fusion as in the paper."""
 
     def __init__(
-        self, *, threshold_1: float = 0.2, threshold_2: float = 0.3, evidence: bool = True
-    ) -> None:
-        """Take both overlap thresholds (5.1); without `evidence` the camera's masses stand."""
+        self, *, threshold_1: float = 0.2, threshold_2: float = 0.3, evidence: bool = True,
+        rank: str = "class",
+    ) -> None:  # fmt: skip
+        """Take both overlap thresholds (5.1); without `evidence` the camera's masses stand.
+
+        rank: what the score of a target is, which the paper does not say: the mass on its `class`,
+        as in Table 1, or the belief that it is `any` of the classes.
+        """
+        require(rank in RANKS, self, "rank", f"one of {', '.join(RANKS)}", rank)
+        self.rank = rank
         for name, value in (("threshold_1", threshold_1), ("threshold_2", threshold_2)):
             require(0 <= value < 1, self, name, "a share from 0 to below 1", value)
         self.threshold_1 = threshold_1
@@ -46,11 +55,13 @@ class Li2021Fusion:
         if self.evidence and both.any():
             masses[both] = combine_or_keep(of_lidar[number[both]], masses[both])
         alone = np.flatnonzero(~overlapped)
+        masses = np.concatenate([masses, of_lidar[alone]])
         return assemble(
             views,
             np.concatenate([number, alone]),
             np.concatenate([np.arange(len(number)), np.full(len(alone), -1)]),
-            np.concatenate([masses, of_lidar[alone]]),
+            masses,
+            1 - masses[:, -1] if self.rank == "any" else None,
         )
 
     def _join_boxes(self, views: Views) -> tuple[np.ndarray, np.ndarray]:

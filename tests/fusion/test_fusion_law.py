@@ -72,9 +72,12 @@ def test_nothing_seen_is_nothing_found(name: str) -> None:
 def test_one_sensor_is_enough(name: str) -> None:
     lidar, camera = scene(3)
     alone = FUSIONS.make(name).fuse(None, camera, LOOK)
+    assert len(alone)
     assert alone.by_camera.all()
     assert alone.stamp_s == camera.stamp_s
-    assert not FUSIONS.make(name).fuse(lidar, None, LOOK).by_camera.any()
+    other = FUSIONS.make(name).fuse(lidar, None, LOOK)
+    assert len(other)
+    assert not other.by_camera.any()
 
 
 @pytest.mark.parametrize("name", list(FUSIONS))
@@ -113,6 +116,7 @@ def test_who_is_wholly_sure_of_the_wrong_class_spoils_his_own_target_alone(name:
     [
         ("li2021?threshold_1=1.5", r"threshold_1: expected a share from 0 to below 1, got 1\.5"),
         ("li2021?threshold_2=-0.1", "threshold_2: expected a share"),
+        ("li2021?rank=score", "rank: expected one of class, any, got 'score'"),
         ("union?least_iou=0", "least_iou: expected between 0 and 1, got 0"),
         ("bayes?prior=1", "prior: expected between 0 and 1, got 1"),
         ("weighted-boxes?least_iou=2", "least_iou must be between 0 and 1"),

@@ -138,3 +138,13 @@ def test_a_box_beside_the_camera_is_cut_at_its_plane() -> None:
     assert boxes[0, 2] == pytest.approx(near[0])
     _, seen = projected_boxes(lidar((-10, 0)), LOOK)
     assert seen.tolist() == [False]
+
+
+def test_targets_are_ranked_by_their_class_or_by_being_any() -> None:
+    box = tuple(box_of(20, 0))
+    one, other = (
+        Li2021Fusion(rank=rank).fuse(lidar((20, 0)), camera(box), LOOK) for rank in ("class", "any")
+    )
+    assert np.allclose(one.masses, other.masses)
+    assert np.allclose(one.scores, one.masses[:, :3].max(axis=1))
+    assert np.allclose(other.scores, 1 - other.masses[:, 3])

@@ -129,7 +129,7 @@ def _imitated(detector: str, episode: Episode) -> Look:
     def seeing(picture: Picture) -> tuple[ImageDetections, float]:
         found = camera.of(picture.truth, pinhole)
         image = picture.frame.camera
-        if image is not None and image.black:
+        if image is not None and image.blank:
             return nothing_seen(picture.frame.stamp_s), 0.0
         return _stamped(found, picture.frame.stamp_s), 0.0
 

@@ -23,6 +23,7 @@ from roadscope.benchmarks.metrics.fusion_parts import in_crowd
 from roadscope.benchmarks.papers.li2021_scene import Moment, film
 from roadscope.benchmarks.papers.li2021_table import table_1
 from roadscope.benchmarks.papers.reproduction import (
+    POINTS,
     YES_OR_NO,
     Key,
     ReproductionRow,
@@ -42,8 +43,15 @@ SCENARIOS, RIG, DURATION_S, EVERY = ("street", "town-crossing"), "li2021", 10.0,
 LIDAR, CAMERA = "LiDAR alone", "camera alone"
 WITHOUT = "li2021-without-evidence"
 """Whose masses are the camera's wherever that has a box: what evidence theory adds to it."""
+BELIEF, BELIEF_WITHOUT = "li2021-by-belief", "li2021-by-belief-without"
+"""The same two with targets ranked by the belief that they are any of the classes."""
+SPECS = {
+    LIDAR: "union", CAMERA: "union",
+    BELIEF: "li2021?rank=any", BELIEF_WITHOUT: f"{WITHOUT}?rank=any",
+}  # fmt: skip
+"""Of methods that are no names of fusions."""
 FUSED = (
-    "li2021", WITHOUT, "icp-boxes", "weighted-boxes", "bayes", "consistent",
+    "li2021", WITHOUT, BELIEF, BELIEF_WITHOUT, "icp-boxes", "weighted-boxes", "bayes", "consistent",
 )  # fmt: skip
 METHODS = (LIDAR, CAMERA, *FUSED)
 EQUAL_FALSE = 0.5
@@ -53,8 +61,9 @@ FALSE = "false"
 DISTANCE = "distance right"
 HIDDEN = "distance right of those more than a third hidden"
 CLASS = "class right of those found"
-MORE_POINTS = "points more found than by the better sensor alone"
-"""Tables of their own, by condition; the last seed by seed, so that chance of a seed falls out."""
+MORE_BOTH = "found more than by the better sensor alone"
+MORE_ONE = "found more than by the sensor that is left"
+"""Tables of their own, by condition; the last two of differences on the same seed."""
 CLAIMS, MORE = "claims", "finds more than either sensor alone"
 MORE_AT_EQUAL = "finds more at half a false alarm a scan"
 EVIDENCE = "finds more with evidence"
@@ -97,7 +106,7 @@ def reproduce(
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
     measured = over_seeds(measure, numbers, progress, jobs=jobs)
     rows = [
-        summarise((experiment, method), quantity, unit_of(quantity), values,
+        summarise((experiment, method), quantity, unit_of(quantity, experiment), values,
                   PAPER.get((split(experiment)[0], method, quantity)))
         for (experiment, method, quantity), values in measured.items()
     ]  # fmt: skip
@@ -112,6 +121,8 @@ def note_of(experiment: str) -> str | None:
     told = CAMERA_NOTES[camera]
     if plain == EVERY_SCORE:
         return f"All that is found counts, however unsure. {told}"
+    if plain == "clear":
+        told = f"{told} By belief: ranked by the belief that a target is any of the classes."
     if plain == CLAIMS:
         return (
             "The share of seeds in which a method finds more road users than camera and LiDAR "
@@ -124,8 +135,10 @@ def note_of(experiment: str) -> str | None:
     )
 
 
-def unit_of(quantity: str) -> str:
-    """Return the unit in which a quantity is given."""
+def unit_of(quantity: str, experiment: str) -> str:
+    """Return the unit in which a quantity of an experiment is given."""
+    if split(experiment)[0] in (MORE_BOTH, MORE_ONE):
+        return POINTS
     if quantity in (MORE, MORE_AT_EQUAL, EVIDENCE):
         return YES_OR_NO
     return "1/scan" if quantity == FALSE else "%"
@@ -185,16 +198,17 @@ def measure_with(detector: Detector | None, seed: int) -> dict[Key, float]:
                 found[HIDDEN, method, condition] = 100 * result.hidden_distance
                 found[CLASS, method, condition] = 100 * result.family
             if method in FUSED:
-                found[MORE_POINTS, method, condition] = 100 * (
-                    result.all_found - better_alone(shares, condition)
-                )
+                more = result.all_found - better_alone(shares, condition)
+                place = MORE_BOTH if condition in WITH_BOTH else MORE_ONE
+                found[place, method, condition] = 100 * more
             found |= {(condition, method, name): v for name, v in quantities(result).items()}
     for claim, shown in ((MORE, EVERY_SCORE), (MORE_AT_EQUAL, "clear")):
         alone = better_alone(shares, shown)
         for method in FUSED:
             found[CLAIMS, method, claim] = float(shares[shown, method].all_found > alone)
-    with_it, without = (shares["clear", each].all_found for each in ("li2021", WITHOUT))
-    found[CLAIMS, "li2021", EVIDENCE] = float(with_it > without)
+    for method, other in (("li2021", WITHOUT), (BELIEF, BELIEF_WITHOUT)):
+        with_it, without = (shares["clear", each].all_found for each in (method, other))
+        found[CLAIMS, method, EVIDENCE] = float(with_it > without)
     return found
 
 
@@ -218,7 +232,7 @@ def outcomes(
     no_camera = method == LIDAR or condition == "camera fails"
     if no_lidar and no_camera:
         return None
-    fusion = FUSIONS.make("union" if method in (LIDAR, CAMERA) else method)
+    fusion = FUSIONS.make(SPECS.get(method, method))
     return [
         fusion.fuse(
             None if no_lidar else points, None if no_camera else moment.camera, moment.projection

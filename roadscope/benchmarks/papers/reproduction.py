@@ -42,6 +42,9 @@ class ReproductionRow:
 
 YES_OR_NO = "yes or no"
 """Unit of what is 1 where a claim holds and 0 where it does not; tables say it in words."""
+POINTS = "points"
+"""Unit of a difference of percentages, which alone can be negative."""
+LEAST = {POINTS: -np.inf}
 MOST = {YES_OR_NO: 1.0, "share": 1.0, "%": 100.0}
 Key = tuple[str, str, str]
 """Experiment, method, quantity."""
@@ -79,7 +82,7 @@ def summarise(
     """Make a row from one value a seed; NaN stands for a seed that has none.
 
     place: experiment and method. The interval is Student's t: most seeds often agree to the last
-    digit, where resampling has nothing to go by. No quantity here can be negative.
+    digit, where resampling has nothing to go by.
     """
     known = np.array([value for value in values if np.isfinite(value)])
     n = len(known)
@@ -89,8 +92,8 @@ def summarise(
     if n == 1:
         return ReproductionRow(*place, quantity, unit, paper, mean, None, None, 1)
     half = _student_quantile(n - 1) * float(known.std(ddof=1)) / np.sqrt(n)
-    most = MOST.get(unit, np.inf)
-    low, high = max(mean - half, 0.0), min(mean + half, most)
+    low = max(mean - half, LEAST.get(unit, 0.0))
+    high = min(mean + half, MOST.get(unit, np.inf))
     return ReproductionRow(*place, quantity, unit, paper, mean, float(low), float(high), n)
 
 

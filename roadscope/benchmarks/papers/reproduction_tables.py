@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
-from roadscope.benchmarks.papers.reproduction import YES_OR_NO, ReproductionRow
+from roadscope.benchmarks.papers.reproduction import POINTS, YES_OR_NO, ReproductionRow
 from roadscope.benchmarks.tables import plain_table
 
 MOST_COLUMNS = 5
 UNNAMED = (YES_OR_NO, "1", "", "share", "count", "frame", None)
-DECIMALS = {"m": 4, "deg": 3, "%": 1}
+DECIMALS = {"m": 4, "deg": 3, "%": 1, POINTS: 1}
 """In tables without intervals; two for other units."""
 
 

@@ -28,16 +28,16 @@ LARGEST_WIDTH = 960
 1280 become 640, for which the network was trained."""
 
 
-class BlackImageWarning(UserWarning):
+class BlankImageWarning(UserWarning):
     """An image in which nothing can be seen was given: the lens is covered, or there was none."""
 
 
 class CameraDetector:
     """A convolutional network that was trained on rendered traffic.
 
-    Takes images of any size from 32 x 32 up. A frame without an image is refused; an image in
-    which all is black has no detections and brings a `BlackImageWarning`. Scores are chances of
-    being right, calibrated on pictures that were not learned from.
+    Takes images of any size from 32 x 32 up. A frame without an image is refused; an image that
+    shows nothing has no detections and brings a `BlankImageWarning`. Scores are chances of being
+    right, calibrated on pictures that were not learned from.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class CameraDetector:
         if frame.camera is None:
             raise RecordError("the frame has no image: a camera detector needs one in each frame")
         image = frame.camera
-        if image.black:
+        if image.blank:
             return nothing_in(image)
         peaks = self.peaks(image.pixels)
         scores = self._loaded[1].scores(peaks.traits, peaks.families)
@@ -119,10 +119,10 @@ class CameraDetector:
 
 
 def nothing_in(image: CameraImage) -> ImageDetections:
-    """Warn of a black image to whoever called `detect`, and return no detections."""
+    """Warn of a blank image to whoever called `detect`, and return no detections."""
     warnings.warn(
-        f"camera '{image.sensor}' at {image.stamp_s:.3f} s: the image is black",
-        BlackImageWarning, stacklevel=3,
+        f"camera '{image.sensor}' at {image.stamp_s:.3f} s: the image is blank",
+        BlankImageWarning, stacklevel=3,
     )  # fmt: skip
     return ImageDetections(
         np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), image.stamp_s, size_px=image.size_px

@@ -58,7 +58,8 @@ def test_who_is_asked_in_which_condition(method: str, condition: str, count: int
 def test_a_note_says_whose_detections_the_cameras_are() -> None:
     for camera, words in ((li2021.IMAGES, "shipped network's"), (li2021.IMITATED, "imitation")):
         tables = (
-            li2021.HIDDEN, li2021.CLASS, li2021.MORE_POINTS, li2021.CLAIMS, li2021.EVERY_SCORE,
+            li2021.HIDDEN, li2021.CLASS, li2021.MORE_BOTH, li2021.MORE_ONE, li2021.CLAIMS,
+            li2021.EVERY_SCORE,
         )  # fmt: skip
         for experiment in (*li2021.CONDITIONS, *tables):
             titled = li2021.titled(experiment, camera)

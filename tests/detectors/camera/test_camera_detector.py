@@ -10,7 +10,7 @@ import torch
 
 from roadscope.core import Calibration, CameraImage, Frame, RecordError
 from roadscope.detectors.camera import CAMERA_DETECTORS
-from roadscope.detectors.camera.detector import BlackImageWarning, CameraDetector
+from roadscope.detectors.camera.detector import BlankImageWarning, CameraDetector
 from roadscope.detectors.camera.network import CentreNetwork
 from roadscope.detectors.camera.weight_file import Calibration as Worth
 from roadscope.detectors.camera.weight_file import WeightsError, save
@@ -69,7 +69,7 @@ def test_a_tiny_image_is_refused(eager: Path) -> None:
 def test_a_black_image_brings_a_warning_where_detect_is_called() -> None:
     for name in CAMERA_DETECTORS.names():
         detector = CAMERA_DETECTORS.make(name)
-        with pytest.warns(BlackImageWarning, match=r"'front' at 0\.500 s: the image is b") as told:
+        with pytest.warns(BlankImageWarning, match=r"'front' at 0\.500 s: the image is b") as told:
             assert len(detector.detect(frame_of(np.full((64, 64, 3), 3, np.uint8)))) == 0
         assert told[0].filename == __file__
 
