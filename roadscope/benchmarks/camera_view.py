@@ -17,6 +17,8 @@ from roadscope.envs.sensors.rigs import rig
 
 COLOURS = {"vehicle": (255, 170, 0), "cyclist": (0, 200, 255), "pedestrian": (255, 60, 120)}
 """Of the boxes of each family."""
+LEAST_SCORE = 0.3
+"""Boxes that are less sure are not drawn: they would hide the picture."""
 LINE_PX = 2
 TEXT_PX = 11
 
@@ -30,14 +32,15 @@ def check_view(episode: Episode, detector: str, path: Path | str) -> None:
 
 
 def camera_view(episode: Episode, detector: str) -> tuple[np.ndarray, ImageDetections]:
-    """Return the middle image with boxes drawn in, (H, W, 3) uint8, and what was found in it.
+    """Return the middle image with boxes drawn in, (H, W, 3) uint8, and what they say.
 
-    detector: a camera detector's spec, `oracle` or an imitation. Images that a fault takes are
-    passed over; where it takes all of them that is a ValueError.
+    detector: a camera detector's spec, `oracle` or an imitation; boxes of at least `LEAST_SCORE`.
+    Images that a fault takes are passed over; where it takes all of them that is a ValueError.
     """
     picture = _middle(episode)
     assert picture.frame.camera is not None
     found, _ = seer(detector, episode)(picture)
+    found = found.select(found.scores >= LEAST_SCORE)
     return drawn(picture.frame.camera.pixels, found), found
 
 

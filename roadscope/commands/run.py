@@ -44,7 +44,7 @@ def run_scenario(
     ] = None,
 ) -> None:
     """Run one episode through one detector and one tracker."""
-    from roadscope.benchmarks.camera_view import check_view, save_view
+    from roadscope.benchmarks.camera_view import LEAST_SCORE, check_view, save_view
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.single import picture_path, run_episode, save_picture
     from roadscope.envs.sensors.faults import faults_of
@@ -65,7 +65,8 @@ def run_scenario(
         typer.echo(f"picture: {picture}")
     if image is not None:
         count = save_view(episode, camera_detector, image)
-        typer.echo(f"image: {image}, {count} boxes of {camera_detector}")
+        sure = f"boxes of {camera_detector} with a score of {LEAST_SCORE:g} or more"
+        typer.echo(f"image: {image}, {count} {sure}")
 
 
 def _show(summary: Summary, detector: str, tracker: str) -> None:

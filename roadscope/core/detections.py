@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -107,6 +107,15 @@ class ImageDetections(Record):
 
     def __len__(self) -> int:
         return len(self.boxes)
+
+    def select(self, index: np.ndarray) -> ImageDetections:
+        """Keep the rows that a mask or an index array names."""
+        boxes = self.boxes[index]
+        require(boxes.ndim == 2, self, "select", "a mask or an index array", index)
+        return replace(
+            self, boxes=boxes, categories=self.categories[index], scores=self.scores[index],
+            masses=None if self.masses is None else self.masses[index],
+        )  # fmt: skip
 
 
 def check_boxes(

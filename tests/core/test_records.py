@@ -163,3 +163,17 @@ def test_empty_records_select_and_families() -> None:
     assert {c.family for c in Category} == set(Family)
     with pytest.raises(KeyError, match="no sensor 'roof' in the calibration; known: lux"):
         Calibration((("lux", Pose.identity()),)).pose("roof")
+
+
+def test_image_detections_are_selected_row_by_row() -> None:
+    boxes = np.arange(12.0).reshape(3, 4)
+    masses = np.array([[0.9, 0.0, 0.0, 0.1], [0.0, 0.5, 0.0, 0.5], [0.0, 0.0, 0.2, 0.8]])
+    found = ImageDetections(
+        boxes, np.array([0, 5, 6], np.int8), np.array([0.9, 0.5, 0.2]), 1.5, masses, (640, 480)
+    )
+    sure = found.select(found.scores >= 0.5)
+    assert sure == ImageDetections(
+        boxes[:2], np.array([0, 5], np.int8), np.array([0.9, 0.5]), 1.5, masses[:2], (640, 480)
+    )
+    with pytest.raises(RecordError, match="select: expected a mask or an index array"):
+        found.select(0)  # type: ignore[arg-type]
