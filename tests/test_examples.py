@@ -32,6 +32,14 @@ def test_a_wrapped_environment_feeds_a_detector() -> None:
     assert lines[0].startswith("step 0: 12 scans") or lines[0].startswith("step 0: 13 scans")
 
 
+def test_an_odometry_follows_the_ego() -> None:
+    lines = run("odometry_on_board.py").splitlines()
+    assert len(lines) == 10
+    away_m, off_m = (float(part) for part in lines[-1].split()[2::3][:2])
+    assert away_m > 200.0
+    assert off_m < 0.01 * away_m
+
+
 def test_ppo_trains_on_the_observation() -> None:
     pytest.importorskip("stable_baselines3")
     assert "trained for 64 steps" in run("train_ppo.py")
