@@ -62,7 +62,7 @@ def run_odometry(
 
     Scans are stamped with the middle of their sweep, by times.txt in DIR or beside it, one number
     of seconds a line. Poses are the LiDAR's in its first frame, x ahead, y left, z up. After
-    Ctrl-C those that are known are kept.
+    Ctrl-C, or a scan that cannot be read, those that are known are kept.
     """
     from roadscope.benchmarks.followed import Truth, compared, write_followed
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
@@ -86,8 +86,9 @@ def run_odometry(
                 poses.append(told.start_from_lidar)
                 reasons.update([told.reason] if told.reason else [])
                 progress("scans", len(poses), len(scans))
-    except KeyboardInterrupt:
-        complain(f"{len(poses)} of {len(scans)} poses are kept in {out}")
+    except BaseException:
+        if poses:
+            complain(f"{len(poses)} of {len(scans)} poses are kept in {out}")
         raise
     _tell(odometry, poses, reasons)
     if true is not None:

@@ -59,6 +59,15 @@ def test_after_an_interrupt_poses_are_kept(folder, monkeypatch):
     assert len(read_trajectory(out, "kitti").poses) == 3
 
 
+def test_before_a_scan_that_cannot_be_read_poses_are_kept(folder):
+    (folder / "4.npy").write_bytes(b"nothing")
+    done, out = follow(folder, "--odometry", "still")
+    assert done.exit_code != 0
+    assert "4 of 6 poses are kept" in done.stderr
+    assert "4.npy" in str(done.exception)
+    assert len(read_trajectory(out, "kitti").poses) == 4
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
