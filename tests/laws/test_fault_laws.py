@@ -222,6 +222,14 @@ def test_what_is_said_to_be_lost_is_lost(severity: int) -> None:
                 assert sensing.image_lost(index) == said
 
 
+@pytest.mark.parametrize("condition", [f"{kind}:5" for kind in FAULTS] + ["night:5 + fog:5"])
+def test_none_but_a_blackout_leaves_a_blank_image(condition: str) -> None:
+    seen = [frame.camera for frame, _ in sensed(condition) if frame.camera is not None]
+    blank = [image.blank for image in seen]
+    assert blank == [not image.pixels.any() for image in seen]
+    assert any(blank) == (condition == "blackout:5")
+
+
 @KINDS
 def test_figures_only_get_worse(kind: str) -> None:
     figures = FAULTS[kind].figures
