@@ -40,7 +40,7 @@ class Picture:
 
 
 class WithoutPixels(Sensing):
-    """One white pixel stands for every image; what is in them is found as ever."""
+    """One grey pixel, which is not blank, stands for every image; truth is found as ever."""
 
     def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
         """Return the truth of one image and a frame with a pixel, where it would arrive."""
@@ -50,8 +50,8 @@ class WithoutPixels(Sensing):
         raster = rasterise(scene, mount.spec.pinhole, poses[0] @ mount.ego_from_camera, stamp_s,
                            outlines=True, solids=solids)  # fmt: skip
         seen = image_truth(raster, solids, len(scene.present))
-        white = np.full((1, 1, 3), 255, np.uint8)
-        image = CameraImage(white, mount.spec.pinhole.intrinsics, stamp_s, mount.name)
+        grey = np.full((1, 1, 3), 128, np.uint8)
+        image = CameraImage(grey, mount.spec.pinhole.intrinsics, stamp_s, mount.name)
         believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
         return frame, truth_of_image(timeline, stamp_s, seen)
