@@ -60,7 +60,7 @@ def camera_masses(camera: ImageDetections) -> np.ndarray:
     """Return (N, 4) masses of camera detections, after how reliable their scores are by size."""
     if camera.masses is not None:
         return _own(camera.masses)
-    reliable = 1 / (1 + np.exp(-odds_model("camera_alone").odds(camera_features(camera))))
+    reliable = 1 / (1 + np.exp(-odds_model("camera_masses").odds(camera_features(camera))))
     belief = MOST * reliable[:, None]
     shares = confusion("camera")[families_of(camera.categories)]
     return np.concatenate([belief * shares, 1 - belief], axis=1)

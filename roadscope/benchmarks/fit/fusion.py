@@ -117,9 +117,13 @@ def labels_of(shapes: np.ndarray, moment: Moment) -> np.ndarray:
 def fit_alone(
     moments: Sequence[Moment], lidar: Sequence[Detections]
 ) -> tuple[dict[str, list[object]], dict[str, list[object]]]:
-    """Weights of each sensor alone, and how often each takes one family for another."""
-    features_of: dict[str, list[np.ndarray]] = {"lidar_alone": [], "camera_alone": []}
-    right: dict[str, list[np.ndarray]] = {"lidar_alone": [], "camera_alone": []}
+    """Weights of LiDAR alone and of the camera's masses, and who is taken for whom.
+
+    A target of LiDAR alone is to be one that counts. The camera's masses tell whether somebody is
+    there, a parked car or one that is hardly seen too.
+    """
+    features_of: dict[str, list[np.ndarray]] = {"lidar_alone": [], "camera_masses": []}
+    right: dict[str, list[np.ndarray]] = {"lidar_alone": [], "camera_masses": []}
     counts = {"lidar": np.full((3, 3), 0.5), "camera": np.full((3, 3), 0.5)}
     for moment, points in zip(moments, lidar, strict=True):
         camera, real = moment.camera, moment.targets
@@ -135,10 +139,13 @@ def fit_alone(
         for name, near, found, values in sensors:
             hit = np.asarray(near[:, real.eligible]).max(axis=1, initial=False)
             excused = np.asarray(near[:, ~real.eligible]).max(axis=1, initial=False)
-            shown = views.in_image if name == "lidar" else np.ones(len(hit), bool)
-            counted = (hit | ~excused) & shown
-            features_of[f"{name}_alone"].append(values[counted])
-            right[f"{name}_alone"].append(hit[counted])
+            if name == "camera":
+                features_of["camera_masses"].append(values)
+                right["camera_masses"].append(hit | excused)
+            else:
+                counted = (hit | ~excused) & views.in_image
+                features_of["lidar_alone"].append(values[counted])
+                right["lidar_alone"].append(hit[counted])
             best = np.where(real.eligible, near, False)
             rows = np.flatnonzero(hit)
             np.add.at(
