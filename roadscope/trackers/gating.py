@@ -97,6 +97,7 @@ def chi_square_gate(share: float, dimensions: int) -> float:
 
 def candidates_by_distance(places: np.ndarray, others: np.ndarray, gates: np.ndarray) -> Candidates:
     """Return pairs of (N, 2) and (M, 2) places nearer than the (N,) gates; costs: distances."""
+    places, others = np.ascontiguousarray(places), np.ascontiguousarray(others)
     rows, columns = neighbours(places, others, np.column_stack([gates, gates]))
     apart = places[rows] - others[columns]
     distances = np.hypot(apart[:, 0], apart[:, 1])
@@ -112,7 +113,8 @@ def candidates_by_likelihood(
     expected: (N, 2); covariances: (N, 2, 2) of the innovations; measured: (M, 2).
     """
     # Along each axis alone a pair beyond the gate is beyond it in the plane too.
-    reach = np.sqrt(gate * covariances[:, [0, 1], [0, 1]])
+    reach = np.ascontiguousarray(np.sqrt(gate * covariances[:, [0, 1], [0, 1]]))
+    expected, measured = np.ascontiguousarray(expected), np.ascontiguousarray(measured)
     rows, columns = neighbours(expected, measured, reach)
     squares = _mahalanobis_squared(expected, covariances, measured, rows, columns)
     found = Candidates((len(expected), len(measured)), rows, columns, squares)

@@ -27,7 +27,7 @@ def chain(sideways=0.0):
 
 
 def valued(made, pose):
-    row = features(made, made.sightings[-1], np.arange(9) // 3, pose)
+    row = features(made, made.sightings[-1], (np.arange(9) // 3).astype(np.int16), pose)
     return dict(zip(FEATURES, row, strict=True))
 
 
@@ -63,6 +63,9 @@ def test_shipped_weights_fit_the_features():
 
 def test_one_steady_car_is_more_probable_than_one_that_jumps():
     pose = VehiclePose(5.0, -20.9, 0.0, 4.4, 1.8)
-    rows = [features(c, c.sightings[-1], np.arange(9) // 3, pose) for c in (chain(), chain(0.7))]
+    rows = [
+        features(c, c.sightings[-1], (np.arange(9) // 3).astype(np.int16), pose)
+        for c in (chain(), chain(0.7))
+    ]
     steady, jumping = shipped_model().probabilities(np.array(rows))
     assert steady > jumping

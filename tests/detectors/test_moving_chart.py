@@ -107,7 +107,9 @@ def test_an_image_is_that_of_numpy(seed) -> None:
     reach = rng.uniform(5, 50, 60)
     points = np.column_stack([reach * np.cos(azimuths), reach * np.sin(azimuths), reach * tilts])
     points, times_s = points.astype(np.float32), 1e-3 * column
-    image, slopes, (azimuth, step), column_times_s = imaged(points, ring, column, times_s)
+    image, slopes, (azimuth, step), column_times_s = imaged(
+        points, ring.astype(np.int16), column.astype(np.int32), times_s
+    )
     raw, raw_slopes, looks, raw_times_s = tabulate(
         points, ring - ring.min(), column - column.min(), times_s
     )

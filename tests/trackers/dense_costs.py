@@ -7,7 +7,7 @@ from roadscope.trackers.gating import Candidates
 
 def candidates(costs):
     """All pairs of (N, M) costs that are finite."""
-    rows, columns = np.nonzero(np.isfinite(costs))
+    rows, columns = map(np.ascontiguousarray, np.nonzero(np.isfinite(costs)))
     return Candidates(costs.shape, rows, columns, costs[rows, columns])
 
 

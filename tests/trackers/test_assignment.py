@@ -41,7 +41,7 @@ def test_in_turn_equals_the_slow_way(costs, gate):
         free = [(c, j) for j, c in enumerate(of_row) if c < gate and j not in expected.values()]
         if free:
             expected[row] = min(free)[1]
-    turns = np.arange(len(costs))[::-1]
+    turns = np.arange(len(costs))[::-1].copy()
     near = candidates(np.where(costs < gate, costs, np.inf))
     rows, columns = assign_in_turn(near, turns)
     assert dict(zip(rows.tolist(), columns.tolist(), strict=True)) == expected

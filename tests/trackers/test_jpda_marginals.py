@@ -11,7 +11,7 @@ from roadscope.trackers.jpda_marginals import association_marginals as marginals
 
 def association_marginals(pairs, missed, free, limit):
     """(N, M) marginals of (N, M) weights, 0 where impossible."""
-    rows, columns = np.nonzero(pairs)
+    rows, columns = map(np.ascontiguousarray, np.nonzero(pairs))
     found = np.zeros(pairs.shape)
     found[rows, columns] = marginals_of_pairs(
         rows, columns, pairs[rows, columns], (missed, free), limit

@@ -213,7 +213,7 @@ def moving(problem: Problem, speed: float) -> Problem:
 def thinned(rays: Rays, most: int) -> Rays:
     """Keep at most so many rays, evenly."""
     step = -(-len(rays.slope) // most)
-    return rays if step <= 1 else Rays(*(column[::step] for column in rays))
+    return rays if step <= 1 else Rays(*(column[::step].copy() for column in rays))
 
 
 def thinned_problem(problem: Problem, most: int = 200) -> Problem:

@@ -139,5 +139,6 @@ def _step(problem: Problem, guess: Guess, misfit: np.ndarray, slope: np.ndarray)
 def _logs(problem: Problem, vectors: np.ndarray) -> np.ndarray:
     """Return the log-likelihood (K, M) of each ray alone for (K, D) vectors."""
     kept, told = (problem.free, problem.fixed), (problem.rays, problem.chances)
+    vectors = np.ascontiguousarray(vectors)
     logs: np.ndarray = np.log(ray_chances(vectors, drawn(problem.model), kept, told))
     return logs

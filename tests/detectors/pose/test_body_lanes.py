@@ -81,13 +81,13 @@ def test_the_lowest_are_those_of_the_descent(model, seed, count, ways) -> None:
     rng = np.random.default_rng(seed)
     rays = rays_about(rng)
     problem = still_problem(rays, model, CHANCES)
-    starts = states_about(rng, count, 0.0)[:, problem.free]
+    starts = states_about(rng, count, 0.0)[:, problem.free].copy()
     asked = drawn(model), space_of(problem, around=8, ways=ways), (rays, Rules(LIMIT, 0.006))
     slacks = np.array([*SLACKS_M[4:], 0.0])
     best, _, costs = descended(starts, slacks, *asked)
     only, least = lowest(starts, slacks, *asked)
     assert np.array_equal(only, best)
     assert np.array_equal(least, costs)
-    for start, vector in zip(starts, best, strict=True):
-        alone, _, _ = descended(start[None], slacks, *asked)
+    for row, vector in enumerate(best):
+        alone, _, _ = descended(starts[row : row + 1], slacks, *asked)
         assert np.array_equal(alone[0], vector)
