@@ -7,7 +7,7 @@ from roadscope.benchmarks.formats.scan_layout import rings_and_columns
 from roadscope.core import LidarScan
 from roadscope.odometry.inertial.beam_table import BeamTable
 from roadscope.odometry.inertial.edge_kernels import slim
-from roadscope.odometry.inertial.speed_kernels import count_apart, joined
+from roadscope.odometry.inertial.speed_kernels import count_apart, gathered, joined
 from roadscope.odometry.inertial.speed_search import Ends, speed_of, standing_speed_of
 from roadscope.odometry.inertial.speed_search import _fixed as fixed_of
 
@@ -51,6 +51,23 @@ def test_a_beam_without_an_answer_does_not_part_a_lorry():
     row[100:160] = 12.0
     row[[104, 110]] = 0.0
     assert not is_slim(row).any()
+
+
+@pytest.mark.parametrize("count", [0, 1, 40, 700])
+def test_meetings_in_cells_are_counted_as_in_the_slow_way(count):
+    rng = np.random.default_rng(count)
+    points, scans = np.round(rng.normal(0, 9, (count, 2)), 1), rng.integers(0, 6, count)
+    ahead, speeds = rng.uniform(-0.1, 0.6, (count, 2)), np.array([-8.0, 0.0, 0.25, 30.0])
+    expected = []
+    for speed in speeds:
+        met = {}
+        for cell, scan in zip(
+            np.floor((points + speed * ahead) / 0.4).tolist(), scans, strict=True
+        ):
+            met.setdefault(tuple(cell), set()).add(scan)
+        expected.append(sum(len(each) * (len(each) - 1) // 2 for each in met.values()))
+    assert gathered(points, ahead, scans, speeds, 0.4).tolist() == expected
+    assert count < 700 or min(expected) > 0
 
 
 def street(speed_m_s, posts, walking_m_s=0.0, wide_m=0.2):

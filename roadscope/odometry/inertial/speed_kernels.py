@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.odometry.cubes import EMPTY, cube_of, slot_of
+from roadscope.odometry.cubes import EMPTY, slot_of
 
 STEPS, REACH = 6, 3.0
 """Of Gauss and Newton; standard deviations beyond which a pair does not count."""
@@ -24,22 +24,29 @@ def gathered(
     while slots < 2 * len(points):
         slots *= 2
     scores = np.zeros(len(speeds))
-    keys, met = np.empty(slots, np.int64), np.empty(slots, np.int64)
+    keys, met = np.full(slots, EMPTY), np.zeros(slots, np.int64)
+    cells, taken = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     for s in range(len(speeds)):
-        keys[:] = EMPTY
-        met[:] = 0
         for n in range(len(points)):
             x, y = points[n, 0] + speeds[s] * ahead[n, 0], points[n, 1] + speeds[s] * ahead[n, 1]
-            key = cube_of(x, y, 0.0, cell_m)
-            slot = slot_of(keys, key)
-            keys[slot] = key
+            i, j = np.int32(np.floor(x / cell_m)), np.int32(np.floor(y / cell_m))
+            cells[n] = (1 << 62) + np.int64(i) * (1 << 32) + j
+        size = 0
+        for n in range(len(points)):
+            slot = slot_of(keys, cells[n])
+            taken[size] = slot
+            size += keys[slot] == EMPTY
+            keys[slot] = cells[n]
             met[slot] |= 1 << scans[n]
-        for slot in range(slots):
-            bits, count = met[slot], 0
+        pairs = 0
+        for k in range(size):
+            bits, count = met[taken[k]], 0
             while bits:
                 bits &= bits - 1
                 count += 1
-            scores[s] += count * (count - 1) // 2
+            pairs += count * (count - 1) // 2
+            keys[taken[k]], met[taken[k]] = EMPTY, 0
+        scores[s] = pairs
     return scores
 
 
