@@ -61,7 +61,6 @@ class Room(NamedTuple):
     slopes: np.ndarray
 
 
-@compiled()
 def descended(
     starts: np.ndarray, slacks: np.ndarray, drawn: Drawn, space: Space, told: tuple[Rays, Rules]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -71,7 +70,11 @@ def descended(
     told: the rays and what is made of them.
     """
     size = starts.shape[1]
-    return _descended(starts, slacks, (drawn, space), told, np.zeros((len(starts), size, size)))
+    normals = np.zeros((len(starts), size, size))
+    found: tuple[np.ndarray, np.ndarray, np.ndarray] = _descended(
+        starts, slacks, (drawn, space), told, normals
+    )
+    return found
 
 
 @compiled()

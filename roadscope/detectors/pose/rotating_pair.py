@@ -148,7 +148,7 @@ def _searched(views: Views, settings: Filter, plan: Plan) -> tuple[float, np.nda
     angle = start + fine[best] * plan.step
     beside = np.array([angle - plan.step, angle + plan.step])
     if tied and len(views.stamps) > 1:
-        before, after = sweep(views, beside, settings, True)[:, 0]
+        before, after = sweep(views, beside, settings, tied)[:, 0]
     else:
         before, after = free_scores(views, beside, settings)
     angle += plan.step * _off(before, scores[best], after)
@@ -191,7 +191,7 @@ def _scores(views: Views, angles: np.ndarray, settings: Filter, tied: bool) -> n
         # A hair more, for rounding.
         if bounds[k] + 1e-9 < top:
             break
-        scores[k] = sweep(views, angles[k : k + 1], settings, True)[0, 0]
+        scores[k] = sweep(views, angles[k : k + 1], settings, tied)[0, 0]
         bounds[k], top = -np.inf, max(top, scores[k])
     return scores
 

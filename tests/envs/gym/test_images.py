@@ -37,7 +37,8 @@ def test_the_latest_image_is_observed_and_every_one_is_in_the_frames() -> None:
 @pytest.mark.filterwarnings("ignore:.*precision lowered:UserWarning")
 @pytest.mark.parametrize("name", ["TwoWay-v0", "Street-v0"])
 def test_what_pixels_show_comes_with_the_observed_image(name: str) -> None:
-    env = gym.make(f"roadscope/{name}", rig="wide", pixel_truth=True)
+    brief = {"rig": "wide", "duration_s": 3.0}
+    env = gym.make(f"roadscope/{name}", pixel_truth=True, **brief)
     check_env(env.unwrapped, skip_render_check=True)
     first, info = env.reset(seed=3)
     assert info["pixel_truth"].depth.shape == first["image"].shape[:2]
@@ -45,11 +46,11 @@ def test_what_pixels_show_comes_with_the_observed_image(name: str) -> None:
     seen = [truth for truth in info["truths"] if truth.image_boxes is not None]
     assert seen[-1].pixels == info["pixel_truth"]
     assert all(truth.pixels is not None for truth in seen)
-    plain = gym.make(f"roadscope/{name}", rig="wide")
+    plain = gym.make(f"roadscope/{name}", **brief)
     again, untold = plain.reset(seed=3)
     assert "pixel_truth" not in untold
     assert np.array_equal(first["image"], again["image"])
-    light = gym.make(f"roadscope/{name}", rig="wide", pixel_truth=True, records=False)
+    light = gym.make(f"roadscope/{name}", pixel_truth=True, records=False, **brief)
     _, info = light.reset(seed=3)
     assert "truths" not in info
     assert info["pixel_truth"].instances.max() >= 0
