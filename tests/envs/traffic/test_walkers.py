@@ -61,8 +61,8 @@ def test_people_move_as_people_do(timeline: Timeline) -> None:
 
 def test_somebody_crosses_the_road() -> None:
     crossed = 0
-    for seed in range(3):
-        timeline = record("street", seed, 20.0)
+    for seed in range(2):
+        timeline = record("street", seed, 12.0)
         on_foot = np.flatnonzero(timeline.categories == Category.PEDESTRIAN)
         across = timeline.axles[:, on_foot, 1]
         crossed += int((np.abs(across[0] - across[-1]) > 8.0).sum())
