@@ -16,9 +16,14 @@ from roadscope.benchmarks.formats.trajectories import (
     read_trajectory,
     trajectory_text,
 )
+from roadscope.benchmarks.jobs.ride import checked
+from roadscope.benchmarks.jobs.stack import guarded
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.api import asked
+
+ALONG_M = 10.0
+"""Nobody drives so far along an axis that points upwards and less along the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +90,15 @@ def followed(
 ) -> Iterator[OdometryEstimate]:  # fmt: skip
     """Yield what an odometry, named by its spec, tells of one scan after the other.
 
-    A spec that names none is refused before anything is read.
+    A spec that names none is refused before anything is read; what a plug-in does wrong raises
+    `EntryError`.
     """
     running = ODOMETRIES.make(odometry)
-    running.reset(inertial.lidar_from_imu if inertial else None)
-    return (asked(running, *each) for each in _joined(folder, inertial, wheels))
+    guarded(odometry, lambda: running.reset(inertial.lidar_from_imu if inertial else None))
+    return (
+        checked(odometry, guarded(odometry, asked, running, scan, *samples), scan)
+        for scan, *samples in _joined(folder, inertial, wheels)
+    )
 
 
 def _joined(
@@ -120,15 +129,15 @@ def write_followed(
 ) -> Iterator[OdometryEstimate]:  # fmt: skip
     """Yield likewise, and write each pose as soon as it is known: what is done stays.
 
-    Poses are the LiDAR's in its first frame, x ahead, y left, z up, whatever the format.
+    Before the first pose nothing is written, so that what was in the file stays. Poses are the
+    LiDAR's in its first frame, x ahead, y left, z up, whatever the format.
     """
     estimates = followed(folder, odometry, inertial=inertial, wheels=wheels)
     trajectory_text(form, (), ())
-    with out.open("w", encoding="utf-8") as file:
-        for told in estimates:
+    for number, told in enumerate(estimates):
+        with out.open("a" if number else "w", encoding="utf-8") as file:
             file.write(trajectory_text(form, (told.start_from_lidar,), (told.stamp_s,)))
-            file.flush()
-            yield told
+        yield told
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,3 +205,10 @@ def compared(poses: Sequence[Pose], truth: Truth) -> str:
     )  # fmt: skip
     ate_m, end_m = absolute_errors(both, "se3").rmse_m, absolute_errors(both, "origin").end_m
     return f"{way_m:.1f} m: ATE {ate_m:.3f} m, at the end {end_m:.3f} m off, {drifts}"
+
+
+def of_camera(truth: Truth) -> bool:
+    """Say whether true poses seem to be a camera's, whose z axis points ahead, as KITTI's own."""
+    known = [matrix for matrix in truth.poses if matrix is not None]
+    x, y, z = np.abs(np.linalg.inv(known[0]) @ known[-1])[:3, 3]
+    return bool(z > max(x, y, ALONG_M))

@@ -17,12 +17,11 @@ if TYPE_CHECKING:
     from roadscope.core import Pose
 
 NONE = "none"
-USUAL, USUAL_WITH_IMU = "voxel-map", "lidar-inertial"
+USUAL = "lidar-inertial"
 MANY = 0.2
 """Share of degraded scans from which on the poses are not to be trusted as they are."""
 ODOMETRY_HELP = (
-    "Name or file.py:Class; roadscope list odometries. If not given, lidar-inertial where there is "
-    "an IMU, else voxel-map."
+    f"Name or file.py:Class; roadscope list odometries. {USUAL} if not given, without an IMU too."
 )
 IMU_HELP = (
     "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR or beside it if "
@@ -38,7 +37,7 @@ def run_odometry(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Scans in order of name: .bin, .pcd or .npy.")
     ],
-    odometry: Annotated[str | None, typer.Option(metavar="SPEC", help=ODOMETRY_HELP)] = None,
+    odometry: Annotated[str, typer.Option(metavar="SPEC", help=ODOMETRY_HELP)] = USUAL,
     out: Annotated[Path, typer.Option(help="File for the poses.")] = Path("poses.txt"),
     format: Annotated[str, typer.Option(help="kitti: 3 x 4 matrices; tum: with stamps.")] = "kitti",
     rate_hz: Annotated[
@@ -61,20 +60,19 @@ def run_odometry(
     """Tell from a folder of scans how the LiDAR moved.
 
     Scans are stamped with the middle of their sweep, by times.txt in DIR or beside it, one number
-    of seconds a line. Poses are the LiDAR's in its first frame, x ahead, y left, z up. After
-    Ctrl-C, or a scan that cannot be read, those that are known are kept.
+    a line, seconds or milli-, micro- or nanoseconds. Poses are the LiDAR's in its first frame, x
+    ahead, y left, z up. After Ctrl-C, or a scan that cannot be read, those that are known are kept.
     """
-    from roadscope.benchmarks.followed import Truth, compared, write_followed
+    from roadscope.benchmarks.followed import Truth, compared, of_camera, write_followed
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
 
     scans = ScanFolder.find(folder, rate_hz=rate_hz)
     inertial = _inertial(folder, scans, imu, mounting)
-    if odometry is None:
-        odometry = USUAL if inertial is None else USUAL_WITH_IMU
     true = Truth.read(truth, scans.stamps_s) if truth else None
     rolled = _wheels(folder, scans, wheels)
     found = [each.path for each in (inertial, rolled) if each is not None]
     _spare(out, truth, scans.times, *scans.files, *found)
+    _tell_missing(scans, folder, without_imu=inertial is None and imu is None)
     _check_use(odometry, inertial, rolled, named=(imu or mounting, wheels))
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
@@ -92,8 +90,26 @@ def run_odometry(
         raise
     _tell(odometry, poses, reasons)
     if true is not None:
+        if of_camera(true):
+            complain(f"{truth}: its z axis points ahead: expected poses of the LiDAR, x ahead, not "
+                     "of a camera, as KITTI's own are")  # fmt: skip
         typer.echo(f"beside {truth}: {compared(poses, true)}")
     typer.echo(f"written: {out}")
+
+
+def _tell_missing(scans: ScanFolder, folder: Path, *, without_imu: bool) -> None:
+    """Say what is taken for granted where the recording does not tell it."""
+    from roadscope.benchmarks.formats.imu_file import NAMES
+    from roadscope.benchmarks.formats.scan_folder import TIMES
+
+    if scans.times is None:
+        complain(f"no {TIMES}: scans are taken to be {scans.rate_hz:g} a second")
+    if without_imu:
+        complain(f"no IMU: {' or '.join(NAMES)} in or beside {folder}, or --imu FILE")
+    if not next(iter(scans)).time_offset_s.any():
+        complain(
+            "points without times: each scan is taken to be seen at once, or to be deskewed already"
+        )
 
 
 def _spare(out: Path, *read: Path | None) -> None:
@@ -129,9 +145,12 @@ def _inertial(
     folder: Path, scans: ScanFolder, given: str | None, mounting: str | None
 ) -> Inertial | None:
     """Read the samples that are named or lie beside the scans."""
+    import numpy as np
+
     from roadscope.benchmarks.followed import Inertial, check_times
     from roadscope.benchmarks.formats.imu_file import NAMES, find_imu, parse_mounting, read_imu
     from roadscope.benchmarks.formats.table import FormatError
+    from roadscope.odometry.imu_buffer import GAP_S
 
     mounted = parse_mounting(mounting) if mounting else None
     path = find_imu(folder) if given is None else Path(given)
@@ -143,6 +162,10 @@ def _inertial(
     samples, left_out = read_imu(path)
     inertial = Inertial(samples, mounted, path, left_out)
     check_times(inertial, scans.stamps_s)
+    step_s = float(np.median(np.diff(samples.stamps_s)))
+    if step_s > GAP_S:
+        complain(f"{path}: samples {step_s:.2g} s apart are too few: they are used where they are "
+                 f"{GAP_S:g} s apart at most")  # fmt: skip
     return inertial
 
 

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from roadscope.__main__ import app
 from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
+from roadscope.benchmarks.jobs.stack import EntryError
 from roadscope.core import Pose
 
 RUNNER = CliRunner()
@@ -124,6 +125,7 @@ def test_imu_mounting_and_truth(recording, name):
 
 TELLING = """
 from dataclasses import replace
+from roadscope.benchmarks.jobs.stack import EntryError
 from roadscope.core import Pose
 from roadscope.odometry.still import StillOdometry
 
@@ -192,9 +194,86 @@ def test_what_is_not_used_is_said(recording):
     assert "wheels.csv is not used: still has no use for wheel speeds" in done.stderr
 
 
-def test_who_has_an_imu_gets_the_odometry_that_uses_it(recording):
-    assert "lidar-inertial: 6 scans" in follow(recording)[0].stdout
-    assert "voxel-map: 6 scans" in follow(recording, "--imu", "none")[0].stdout
+def test_what_is_missing_is_told(folder, recording):
+    done, _ = follow(recording)
+    assert "no IMU" not in done.stderr
+    assert "no times.txt" not in done.stderr
+    assert "points without times" not in done.stderr
+    (folder / "imu.csv").rename(folder / "IMU.dat")
+    (folder / "times.txt").unlink()
+    for file in folder.glob("*.npy"):
+        np.save(file, np.load(file)[:, :4])
+    done, _ = follow(recording)
+    assert done.exit_code == 0, done.output
+    assert f"no IMU: imu.csv or imu.txt in or beside {folder}, or --imu FILE" in done.stderr
+    assert "no times.txt: scans are taken to be 10 a second" in done.stderr
+    assert "points without times: each scan is taken to be seen at once" in done.stderr
+    assert "lidar-inertial: 6 scans" in done.stdout
+    assert "no IMU" not in follow(recording, "--imu", "none")[0].stderr
+
+
+def test_samples_too_far_apart_are_told(recording):
+    lines = (recording / "imu.csv").read_text().splitlines()
+    (recording / "imu.csv").write_text("\n".join(lines[1::20]))
+    assert "samples 0.05 s apart are too few: they are used where" in follow(recording)[0].stderr
+
+
+def test_true_poses_of_a_camera_are_told(recording):
+    camera = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+    ahead = np.column_stack([4.0 * np.arange(6), np.zeros((6, 2))])
+    for name, places in (("lidar", ahead), ("camera", ahead @ camera.T)):
+        poses = [Pose.from_euler(*place) for place in places]
+        (recording / f"{name}.kitti").write_text(trajectory_text("kitti", poses, range(6)))
+        done, _ = follow(recording, "--truth", str(recording / f"{name}.kitti"))
+        assert ("its z axis points ahead" in done.stderr) == (name == "camera")
+
+
+def test_until_the_first_pose_is_known_the_file_stays_as_it_is(folder):
+    out = folder / "poses.txt"
+    out.write_text("mine")
+    (folder / "0.npy").write_bytes(b"nothing")
+    assert follow(folder)[0].exit_code != 0
+    assert out.read_text() == "mine"
+
+
+BROKEN = """
+from roadscope.odometry.still import StillOdometry
+
+class Resets(StillOdometry):
+    def reset(self):
+        pass
+
+class Raises(StillOdometry):
+    def update(self, scan, imu=None):
+        raise KeyError("oops")
+
+class Leaves(StillOdometry):
+    def update(self, scan, imu=None):
+        raise SystemExit(3)
+
+class Answers(StillOdometry):
+    def update(self, scan, imu=None):
+        return super().update(scan, imu).start_from_lidar
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Resets", "takes 1 positional argument but 2 were given"),
+        ("Raises", "KeyError: 'oops' (broken.py:10)"),
+        ("Leaves", "SystemExit: 3 (broken.py:14)"),
+        ("Answers", "update returned Pose, not OdometryEstimate"),
+    ],
+)
+def test_what_a_plug_in_does_wrong_is_told_in_a_line(folder, name, message):
+    (folder / "broken.py").write_text(BROKEN)
+    done, out = follow(folder, "--odometry", f"{folder / 'broken.py'}:{name}")
+    assert done.exit_code != 0
+    assert isinstance(done.exception, EntryError)
+    assert f"broken.py:{name}: " in str(done.exception)
+    assert message in str(done.exception)
+    assert not out.exists()
 
 
 def test_lines_that_tell_nothing_are_left_out_and_told(recording):

@@ -12,8 +12,8 @@ from roadscope.core import ImuSamples, Pose
 
 NAMES = ("imu.csv", "imu.txt")
 COLUMNS = ("stamp", "wx", "wy", "wz", "ax", "ay", "az")
-IN_G = (0.5, 2.0)
-"""A force that mostly is within is one in units of gravity."""
+FORCES_M_S2 = (5.0, 20.0)
+"""What drives, or is carried, mostly feels: gravity."""
 FASTEST_RAD_S = 6.0
 """What drives, or is carried, does not turn faster in one sample of a hundred."""
 MOUNTING = "x,y,z,roll,pitch,yaw"
@@ -32,8 +32,11 @@ def read_imu(path: Path) -> tuple[ImuSamples, int]:
     found = read_samples(path, COLUMNS)
     values = found.values
     force = float(np.median(np.linalg.norm(values[:, 3:], axis=1)))
-    if IN_G[0] < force < IN_G[1]:
-        raise FormatError(f"{path}: expected forces in m/s^2, got {force:.2f} mostly: in g?")
+    if not FORCES_M_S2[0] < force < FORCES_M_S2[1]:
+        raise FormatError(
+            f"{path}: expected forces in m/s^2, 9.8 at rest, got {force:.2f} mostly: in g, or with "
+            "gravity taken out?"
+        )
     rate = float(np.quantile(np.linalg.norm(values[:, :3], axis=1), 0.99))
     if rate > FASTEST_RAD_S:
         raise FormatError(f"{path}: expected rates in rad/s, got up to {rate:.1f}: in degrees?")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,10 @@ from roadscope.core.scan import FARTHEST_M
 
 SUFFIXES = (".bin", ".pcd", ".npy")
 TIMES = "times.txt"
+NEAREST_S, FARTHEST_S = 0.01, 5.0
+"""Scans follow one another so far apart, which tells the unit of their stamps."""
+NUMBERS = re.compile(r"([0-9]+)")
+UNITS_S = (1.0, 1e-3, 1e-6, 1e-9)
 TIME_FIELDS = ("time", "t", "timestamp", "offset_time", "time_offset_s")
 """What drivers call a point's time."""
 INTENSITY_FIELDS = ("intensity", "i", "reflectivity")
@@ -27,7 +32,8 @@ COLUMNS = "x y z [intensity [time in seconds]]"
 class ScanFolder:
     """Files of scans, in order, and when each was taken.
 
-    stamps_s: as many; from the file `times`, one number a line, or at `rate_hz`.
+    stamps_s: as many; from the file `times`, one number a line, in seconds or milli-, micro- or
+        nanoseconds, or at `rate_hz`.
     """
 
     files: tuple[Path, ...]
@@ -43,11 +49,11 @@ class ScanFolder:
             raise FormatError(f"{root}: no such folder; expected one with {', '.join(SUFFIXES)}")
         if not rate_hz > 0:
             raise FormatError(f"a rate is above 0 Hz, got {rate_hz}")
-        files = sorted((p for p in root.iterdir() if p.suffix in SUFFIXES), key=_order)
+        files = sorted((p for p in root.iterdir() if p.suffix.lower() in SUFFIXES), key=_order)
         if not files:
             seen = ", ".join(sorted(p.name for p in root.iterdir())[:8]) or "nothing"
             raise FormatError(f"{root}: expected files {', '.join(SUFFIXES)}, got {seen}")
-        kinds = sorted({p.suffix for p in files})
+        kinds = sorted({p.suffix.lower() for p in files})
         if len(kinds) > 1:
             raise FormatError(f"{root}: expected scans of one kind, got {' and '.join(kinds)}")
         times = next((p for p in (root / TIMES, root.parent / TIMES) if p.is_file()), None)
@@ -68,7 +74,7 @@ def read_scan(path: Path, stamp_s: float) -> LidarScan:
     out. Beams are those that a `.pcd` tells, else bands of elevation. Points that are no numbers,
     as drivers write for rays without a return, are left out.
     """
-    rows = _pcd_rows(path) if path.suffix == ".pcd" else _rows(path)
+    rows = _pcd_rows(path) if path.suffix.lower() == ".pcd" else _rows(path)
     near = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & rows[:, :3].any(axis=1)
     rows = rows[near & np.isfinite(rows).all(axis=1)]
     points = rows[:, :3].astype(np.float32)
@@ -84,7 +90,7 @@ def read_scan(path: Path, stamp_s: float) -> LidarScan:
 
 def _rows(path: Path) -> np.ndarray:
     """Return (N, 6) x y z intensity time and ring, 0 where untold, of a `.bin` or `.npy`."""
-    if path.suffix == ".bin":
+    if path.suffix.lower() == ".bin":
         return _filled(_bin(path))
     try:
         given = np.load(path, allow_pickle=False)
@@ -136,7 +142,7 @@ def _offsets(path: Path, times: np.ndarray) -> np.ndarray:
     if not len(times) or times.max() == times.min():
         return np.zeros(len(times))
     length = float(times.max() - times.min())
-    unit = next((u for u in (1.0, 1e-3, 1e-6, 1e-9) if 0.005 <= length * u <= 1.0), None)
+    unit = next((u for u in UNITS_S if 0.005 <= length * u <= 1.0), None)
     if unit is None:
         raise FormatError(
             f"{path}: expected times of points over 5 ms to 1 s, in seconds or milli-, micro- or "
@@ -152,9 +158,18 @@ def _stamps(path: Path | None, count: int, rate_hz: float) -> tuple[float, ...]:
     table = read_table(path, ("seconds",))
     if len(table) != count:
         raise FormatError(f"{path}: expected {count} lines, one a scan, got {len(table)}")
-    return tuple(table.numbers(0, 1)[:, 0].tolist())
+    stamps = table.numbers(0, 1)[:, 0]
+    step = float(np.median(np.diff(stamps))) if count > 1 else 0.0
+    unit = next((u for u in UNITS_S if NEAREST_S <= step * u <= FARTHEST_S), None)
+    if unit is None and step > FARTHEST_S:
+        raise FormatError(
+            f"{path}: expected stamps {NEAREST_S:g} to {FARTHEST_S:g} s apart, in seconds or "
+            f"milli-, micro- or nanoseconds, got steps of {step:g}"
+        )
+    return tuple((stamps * (unit or 1.0)).tolist())
 
 
-def _order(path: Path) -> tuple[int, str]:
-    """Numbers count, so that 10 comes after 9."""
-    return (int(path.stem), "") if path.stem.isdigit() else (-1, path.name)
+def _order(path: Path) -> list[tuple[int, str]]:
+    """Numbers in names count, so that 10 comes after 9."""
+    parts = NUMBERS.split(path.stem)
+    return [(int(part), part) if part.isdigit() else (-1, part) for part in parts if part]

@@ -92,6 +92,31 @@ def test_folders_are_in_order_of_numbers(tmp_path):
         ScanFolder.find(tmp_path)
 
 
+def test_numbers_within_names_count_too(tmp_path):
+    for name in ("scan_10_b", "scan_9_b", "scan_9_a", "a", "007", "6"):
+        np.save(tmp_path / f"{name}.npy", ROWS[:, :3])
+    (tmp_path / "6.npy").rename(tmp_path / "6.NPY")
+    names = [p.stem for p in ScanFolder.find(tmp_path).files]
+    assert names == ["a", "scan_9_a", "scan_9_b", "scan_10_b", "6", "007"]
+
+
+@pytest.mark.parametrize("unit", [1, 1000, 1000000, 1000000000])
+def test_the_unit_of_stamps_is_told_by_how_far_they_are_apart(tmp_path, unit):
+    for k in range(3):
+        np.save(tmp_path / f"{k}.npy", ROWS[:, :3])
+    stamps = [1700000000.25, 1700000000.375, 1700000000.5]
+    (tmp_path / "times.txt").write_text("".join(f"{stamp * unit:.3f}\n" for stamp in stamps))
+    assert ScanFolder.find(tmp_path).stamps_s == pytest.approx(stamps, abs=1e-6)
+
+
+def test_stamps_of_no_known_unit_are_refused(tmp_path):
+    for k in range(3):
+        np.save(tmp_path / f"{k}.npy", ROWS[:, :3])
+    (tmp_path / "times.txt").write_text("0\n7000\n14000\n")
+    with pytest.raises(FormatError, match=r"0.01 to 5 s apart, in seconds .* got steps of 7000"):
+        ScanFolder.find(tmp_path)
+
+
 BAD_PCD = {
     "no header": (b"points", "expected a PCD header"),
     "no x": (pcd("ascii", fields="a y z intensity t"), "line 3: expected fields x, y and z"),
