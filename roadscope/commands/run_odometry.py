@@ -20,9 +20,7 @@ NONE = "none"
 USUAL = "lidar-inertial"
 MANY = 0.2
 """Share of degraded scans from which on the poses are not to be trusted as they are."""
-ODOMETRY_HELP = (
-    f"Name or file.py:Class; roadscope list odometries. {USUAL} if not given, without an IMU too."
-)
+ODOMETRY_HELP = "Name or file.py:Class; roadscope list odometries."
 IMU_HELP = (
     "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR or beside it if "
     "not given; none: no IMU."
