@@ -12,7 +12,7 @@ import typer
 from roadscope.commands.terminal import complain, headline, progress_bars, show
 
 if TYPE_CHECKING:
-    from roadscope.benchmarks.followed import Inertial, Wheels
+    from roadscope.benchmarks.followed import Inertial, Truth, Wheels
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
     from roadscope.core import Pose
 
@@ -61,7 +61,7 @@ def run_odometry(
     a line, seconds or milli-, micro- or nanoseconds. Poses are the LiDAR's in its first frame, x
     ahead, y left, z up. After Ctrl-C, or a scan that cannot be read, those that are known are kept.
     """
-    from roadscope.benchmarks.followed import Truth, compared, of_camera, write_followed
+    from roadscope.benchmarks.followed import Truth, write_followed
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
 
     scans = ScanFolder.find(folder, rate_hz=rate_hz)
@@ -88,10 +88,7 @@ def run_odometry(
         raise
     _tell(odometry, poses, reasons)
     if true is not None:
-        if of_camera(true):
-            complain(f"{truth}: its z axis points ahead: expected poses of the LiDAR, x ahead, not "
-                     "of a camera, as KITTI's own are")  # fmt: skip
-        typer.echo(f"beside {truth}: {compared(poses, true)}")
+        _compare(poses, true, truth)
     typer.echo(f"written: {out}")
 
 
@@ -137,6 +134,16 @@ def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
             complain(
                 "so many degraded scans: do not trust the poses before you have looked at them"
             )
+
+
+def _compare(poses: Sequence[Pose], true: Truth, path: Path | None) -> None:
+    """Say how far off the poses are, and what is odd about the true ones."""
+    from roadscope.benchmarks.followed import compared, of_camera
+
+    if of_camera(true):
+        complain(f"{path}: its z axis points ahead: expected poses of the LiDAR, x ahead, not of a "
+                 "camera, as KITTI's own are")  # fmt: skip
+    typer.echo(f"beside {path}: {compared(poses, true)}")
 
 
 def _inertial(
