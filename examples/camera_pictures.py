@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from roadscope.envs.imaging.pinhole import Pinhole, mounted
-from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.rig import CameraMount
-from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.sensing import Sensing
-from roadscope.envs.traffic.scenarios import record
+from roadscope.envs import (
+    CameraMount,
+    CameraSpec,
+    Pinhole,
+    Sensing,
+    camera_pose,
+    find_rig,
+    record_traffic,
+)
 
 # Scenario, seed, time, kind of light, weather.
 PICTURES = {
@@ -27,9 +30,9 @@ SPEC = CameraSpec("picture", Pinhole.centred(1280, 960, 900.0), period_s=0.05)
 
 def picture(scenario: str, seed: int, stamp_s: float, light: str, air: str) -> np.ndarray:
     """Return what a camera behind the ego's windscreen sees, (960, 1280, 3) uint8."""
-    timeline = record(scenario, seed, stamp_s + 1.0)
-    camera = CameraMount("camera", SPEC, mounted(2.0, 0.0, 1.4))
-    sensing = Sensing(replace(rig("wide"), camera=camera), seed, weather=air, light=light)
+    timeline = record_traffic(scenario, seed, stamp_s + 1.0)
+    camera = CameraMount("camera", SPEC, camera_pose(2.0, 0.0, 1.4))
+    sensing = Sensing(replace(find_rig("wide"), camera=camera), seed, weather=air, light=light)
     frame, _ = sensing.sense_image_at(timeline, stamp_s)
     return frame.camera.pixels
 

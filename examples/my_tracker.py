@@ -5,11 +5,13 @@ Try it:  roadscope leaderboard tracking --entry examples/my_tracker.py:LastSeen
 
 import numpy as np
 
-from roadscope.core import Detections, Pose, Tracks, TrackState
+from roadscope import Detections, Pose, Tracks, TrackState
 
 
 class LastSeen:
     """Gives a detection the identity of the closest detection of the last frame."""
+
+    kind = "tracker"
 
     def __init__(self, *, gate_m: float = 3.0) -> None:
         self.gate_m = gate_m

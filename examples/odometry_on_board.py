@@ -8,8 +8,7 @@ import gymnasium as gym
 import highway_env  # noqa: F401  (registers its ids)
 import numpy as np
 
-from roadscope.envs.gym.sensor_wrapper import SensorWrapper
-from roadscope.odometry import ODOMETRIES
+from roadscope import ODOMETRIES, SensorWrapper
 
 IDLE = 1
 

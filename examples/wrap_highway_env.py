@@ -6,8 +6,7 @@ The policy runs at 1 Hz and the LiDAR at 12.5 Hz: `info["frames"]` has every sca
 import gymnasium as gym
 import highway_env  # noqa: F401  (registers its ids)
 
-from roadscope.detectors import DETECTORS
-from roadscope.envs.gym.sensor_wrapper import SensorWrapper
+from roadscope import DETECTORS, SensorWrapper
 
 IDLE = 1
 

@@ -9,15 +9,22 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
+from roadscope.commands.cache import cache
 from roadscope.commands.calibrate import calibrate
 from roadscope.commands.check import check
+from roadscope.commands.compare import compare
+from roadscope.commands.doctor import doctor
+from roadscope.commands.export import export
 from roadscope.commands.leaderboard import leaderboard
 from roadscope.commands.list import list_names
+from roadscope.commands.new import new
 from roadscope.commands.reproduce import reproduce
 from roadscope.commands.run import run_scenario
 from roadscope.commands.run_odometry import run_odometry
 from roadscope.commands.speed import speed
+from roadscope.commands.submit import submit
 from roadscope.commands.terminal import complain
 from roadscope.commands.train import train
 
@@ -29,21 +36,27 @@ app = typer.Typer(
     "truth.",
     epilog="Start with:  roadscope leaderboard",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    # Help that rich draws costs twice the processor time.
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
 COMMANDS: Mapping[str, tuple[Callable[..., None], str]] = {
     "list": (list_names, "roadscope list detectors"),
     "run": (run_scenario, "roadscope run roundabout --seed 3 --picture scene.png"),
     "leaderboard": (leaderboard, 'roadscope leaderboard --entry "my_tracker.py:Mine?gate_m=2.5"'),
-    "check": (check, "roadscope check my_tracker.py:Mine"),
+    "new": (new, "roadscope new tracker my_tracker.py"),
+    "check": (check, "roadscope check my_tracker.py:MyTracker"),
+    "compare": (compare, "roadscope compare before after --fail-on-regression"),
+    "submit": (submit, "roadscope submit results --suite exported --name mine"),
+    "export": (export, "roadscope export quick exported --seeds 1"),
     "calibrate": (calibrate, "roadscope calibrate --rig li2021 --poses 20 --out calibration.json"),
     "run-odometry": (run_odometry, "roadscope run-odometry scans --out poses.txt"),
     "reproduce": (reproduce, "roadscope reproduce lu2018 --out results"),
     "speed": (speed, "roadscope speed detectors --out results"),
     "train": (train, "roadscope train camera --out my_network.safetensors"),
+    "doctor": (doctor, "roadscope doctor"),
 }
 """What each is, and an example of it."""
 
@@ -54,8 +67,32 @@ def _help(command: Callable[..., None]) -> str:
     return "\n\n".join(" ".join(each.split()) for each in paragraphs)
 
 
+class _Command(TyperCommand):
+    """A command, before which the Gymnasium ids are registered: `--help` does without Gymnasium."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Register the ids, then run the command."""
+        from roadscope.envs.gym.registration import register
+
+        register()
+        return super().invoke(ctx)
+
+
 for _name, (_command, _example) in COMMANDS.items():
-    app.command(_name, help=_help(_command), epilog=f"Example:  {_example}")(_command)
+    _text = _help(_command)
+    app.command(
+        _name,
+        cls=_Command,
+        help=_text,
+        short_help=_text.partition("\n")[0],
+        epilog=f"Example:  {_example}",
+    )(_command)
+app.add_typer(
+    cache,
+    name="cache",
+    help="Show or remove files that are computed once and read again.",
+    epilog="Example:  roadscope cache clear --kind detections",
+)
 
 
 def _version(asked: bool) -> None:
@@ -79,7 +116,7 @@ def main() -> None:
     """Run the command line; bad input ends in one line on stderr and a non-zero exit."""
     warnings.showwarning = _warn
     try:
-        status = app(standalone_mode=False)
+        status = app(prog_name="roadscope", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED
     except Exception as error:

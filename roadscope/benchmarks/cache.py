@@ -5,14 +5,24 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
-from collections.abc import Callable, Sequence
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from functools import cache, partial
+from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import BinaryIO, Protocol, TypeVar
 
 from roadscope.core import RecordError
 
 ENVIRONMENT_VARIABLE = "ROADSCOPE_CACHE"
+MAGIC = b"rscache1"
+"""First bytes of a file of computed content; the SHA-256 of the content follows."""
+HEADER_BYTES = len(MAGIC) + 32
+REASON_LENGTH = 300
+"""Longest reason in a warning, characters; chosen by hand."""
 
 
 class FolderError(ValueError):
@@ -75,27 +85,139 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
 class Saved(Protocol):
     """What can be written to a file."""
 
-    def save(self, path: Path) -> None:
+    def save(self, file: BinaryIO, /) -> None:
         """Write it."""
 
 
-S = TypeVar("S", bound=Saved)
+S = TypeVar("S")
+V = TypeVar("V", bound=Saved)
 
 
-def kept(path: Path, load: Callable[[Path], S], make: Callable[[], S], *, anew: bool = False) -> S:
-    """Read what an earlier run has kept, or make and keep it; what is damaged is made again.
+@dataclass(slots=True)
+class Ledger:
+    """What a run knows of the kept files that a task reads.
 
-    load: raises `RecordError` where a file is damaged.
-    anew: make it in any case.
+    digests: by path, of files that were there when the run began or that it wrote since; None
+        where there was none. A file that is not listed may be used as it is.
+    written: the digests of the files that the task wrote.
+    notes: what was wrong with files, for the reader.
     """
-    if path.exists() and not anew:
+
+    digests: Mapping[str, str | None] = field(default_factory=dict)
+    written: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def usable(self, path: Path) -> bool:
+        """Return whether a file may be read: not one that appeared since the run began."""
+        return str(path) in _written or self.digests.get(str(path), "") is not None
+
+    def expects(self, path: Path, digest: str) -> bool:
+        """Return whether a file is the one that the run or this process wrote or began with."""
+        return digest in (_written.get(str(path)), self.digests.get(str(path), digest))
+
+
+_ledger: ContextVar[Ledger | None] = ContextVar("ledger", default=None)
+_written: dict[str, str] = {}
+"""The digests of all files that this process wrote."""
+
+
+@contextmanager
+def checked_by(ledger: Ledger) -> Iterator[Ledger]:
+    """Read kept files only as a ledger knows them, and put warnings of them in its notes."""
+    token = _ledger.set(ledger)
+    try:
+        yield ledger
+    finally:
+        _ledger.reset(token)
+
+
+def kept(
+    path: Path, load: Callable[[BinaryIO], V], make: Callable[[], V], *, anew: bool = False
+) -> V:
+    """Read what an earlier run has written, or make and write it.
+
+    A damaged file is removed with a warning and made again; so is one that somebody else changed
+    since the run began (`checked_by`). anew: make it in any case.
+    """
+    ledger = _ledger.get() or Ledger()
+    if not anew and ledger.usable(path):
         try:
-            return load(path)
-        except RecordError:
-            path.unlink(missing_ok=True)
+            return _read(path, load, partial(ledger.expects, path))
+        except FileNotFoundError:
+            pass
+        except RecordError as error:
+            _note(f"{error}; it is made again")
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
     made = make()
-    write_atomically(path, made.save)
+    ledger.written[str(path)] = _written[str(path)] = write_kept(path, made)
     return made
+
+
+def _note(text: str) -> None:
+    """Warn of a file, or note the warning where a task of a run hands it on."""
+    ledger = _ledger.get()
+    if ledger is None:
+        warnings.warn(text, stacklevel=4)
+    else:
+        ledger.notes.append(text)
+
+
+def write_kept(path: Path, content: Saved) -> str:
+    """Write a header with the digest of the content, and the content; return the digest."""
+    buffer = BytesIO()
+    content.save(buffer)
+    payload = buffer.getbuffer()
+    digest = sha256(payload)
+
+    def write(part: Path) -> None:
+        with part.open("wb") as file:
+            file.write(MAGIC + digest.digest())
+            file.write(payload)
+
+    write_atomically(path, write)
+    return digest.hexdigest()
+
+
+def read_kept(path: Path, load: Callable[[BinaryIO], S]) -> S:
+    """Read what `write_kept` wrote; whatever is wrong with it raises `RecordError`."""
+    return _read(path, load, lambda digest: True)
+
+
+def _read(path: Path, load: Callable[[BinaryIO], S], expects: Callable[[str], bool]) -> S:
+    """Read a file if its digest is expected."""
+    try:
+        with path.open("rb") as file:
+            header, payload = file.read(HEADER_BYTES), file.read()
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
+    if header != MAGIC + sha256(payload).digest():
+        raise RecordError(f"{path} is damaged: its digest does not fit its content")
+    if not expects(header[len(MAGIC) :].hex()):
+        raise RecordError(f"{path} was changed by somebody else since the run began")
+    # Damaged archives raise errors of zipfile, zlib and NumPy, and MemoryError for absurd shapes.
+    try:
+        return load(BytesIO(payload))
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"[:REASON_LENGTH]
+        raise RecordError(f"{path} is damaged: {reason}") from error
+
+
+def digest_of(path: Path) -> str | None:
+    """Return the digest in the header of a file, or None if `write_kept` did not write it.
+
+    The content is not read, so the digest says whether the file is another one than before.
+    """
+    try:
+        with path.open("rb") as file:
+            header = file.read(HEADER_BYTES)
+    except OSError:
+        return None
+    if len(header) < HEADER_BYTES or not header.startswith(MAGIC):
+        return None
+    return header[len(MAGIC) :].hex()
 
 
 def _user_cache_dir() -> Path:

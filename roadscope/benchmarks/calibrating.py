@@ -95,10 +95,13 @@ def calibrate_rig(
     camera_of(carrier)
     tell("poses", 0, poses)
     views = board_views(
-        carrier, poses, np.random.default_rng([seed, poses]),
-        told=lambda done: tell("poses", done, poses), scans=scans,
+        carrier,
+        poses,
+        np.random.default_rng([seed, poses]),
+        told=lambda done: tell("poses", done, poses),
+        scans=scans,
         tilted=not upright,
-    )  # fmt: skip
+    )
     if len(views) < LEAST_POSES:
         raise CalibrationError(
             f"both sensors saw the whole board in {len(views)} of {poses} poses only, "

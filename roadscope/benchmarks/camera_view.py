@@ -9,8 +9,8 @@ import numpy as np
 from roadscope.benchmarks.cache import usable_file, write_atomically
 from roadscope.benchmarks.episode import Episode, check_episode
 from roadscope.benchmarks.images import Picture, camera_of, image_rows, pictures
-from roadscope.benchmarks.jobs.entries import check_camera
-from roadscope.benchmarks.jobs.look import seer
+from roadscope.benchmarks.nodes.images import detect_in_picture
+from roadscope.benchmarks.references import check_image_source
 from roadscope.benchmarks.single import PICTURES
 from roadscope.core import Category, ImageDetections
 from roadscope.envs.sensors.rigs import rig
@@ -27,7 +27,7 @@ def check_view(episode: Episode, detector: str, path: Path | str) -> None:
     """Refuse a rig without camera, a detector or a file that cannot be, before anything runs."""
     check_episode(episode)
     camera_of(rig(episode.rig))
-    check_camera(detector)
+    check_image_source(detector)
     usable_file(path, PICTURES, "an image")
 
 
@@ -39,7 +39,7 @@ def camera_view(episode: Episode, detector: str) -> tuple[np.ndarray, ImageDetec
     """
     picture = _middle(episode)
     assert picture.frame.camera is not None
-    found, _ = seer(detector, episode)(picture)
+    found = detect_in_picture(check_image_source(detector), episode, picture)
     found = found.select(found.scores >= LEAST_SCORE)
     return drawn(picture.frame.camera.pixels, found), found
 

@@ -40,9 +40,11 @@ class Step(Record):
     def copied(self) -> Step:
         """Return a step whose measurements a plug-in may write to."""
         return replace(
-            self, scan=select(self.scan, slice(None)), imu=_joined([self.imu]),
+            self,
+            scan=select(self.scan, slice(None)),
+            imu=_joined([self.imu]),
             wheels=_joined([self.wheels]),
-        )  # fmt: skip
+        )
 
     def without_moving(self) -> Step:
         """Return the step as it is in a world in which nothing moves but the sensor."""
@@ -94,9 +96,12 @@ def _sensed(episode: Episode) -> Iterator[Step]:
         if frame.lidar is None:
             continue
         yield Step(
-            frame.lidar, _joined(felt), _joined(rolled), truth.world_from_ego @ mount,
+            frame.lidar,
+            _joined(felt),
+            _joined(rolled),
+            truth.world_from_ego @ mount,
             moving_in(truth),
-        )  # fmt: skip
+        )
         felt, rolled = [], []
 
 

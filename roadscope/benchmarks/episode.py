@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roadscope.benchmarks.cache import cache_dir, kept
-from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
+from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash, timeline_hash
 from roadscope.core import Frame, Truth
 from roadscope.core.names import unknown
 from roadscope.envs.sensors.rig import Rig
@@ -19,6 +18,8 @@ from roadscope.envs.traffic.timeline import Timeline
 if TYPE_CHECKING:
     from roadscope.envs.sensors.sensing import Sensing
 
+LONGEST_S = 3600.0
+"""Longest episode; its traffic alone takes about twelve minutes to record. Chosen by hand."""
 KEPT_BYTES = 128_000_000
 BYTES_PER_RETURN = 40
 SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
@@ -60,7 +61,7 @@ class Episode:
             "name": self.scenario,
             "seed": self.seed,
             "duration_s": self.duration_s,
-            "code": sensing_hash(),
+            "code": timeline_hash(self.scenario),
         }
 
     def spec(self) -> dict[str, object]:
@@ -73,6 +74,7 @@ class Episode:
         faulty = {"faults": fingerprint(faults_of(self.faults))} if self.faults else {}
         return {
             **self.traffic_spec(),
+            "sensing": sensing_hash(self.scenario),
             "rig": fingerprint(rig(self.rig)),
             "weather": fingerprint(weather(self.weather)),
             "light": self.light,
@@ -83,15 +85,19 @@ class Episode:
 def timeline_path(episode: Episode) -> Path:
     """Return where the traffic of an episode is kept."""
     key = fingerprint(episode.traffic_spec())
-    return cache_dir() / "timelines" / f"{episode.scenario}-{episode.seed}-{key}.npz"
+    return cache_dir() / "timelines" / f"{episode.scenario}-{episode.seed}-{key}.cache"
 
 
 def timeline_of(episode: Episode) -> Timeline:
     """Read the traffic of an episode, or record and keep it."""
+    return kept(timeline_path(episode), Timeline.load, partial(record_timeline, episode))
+
+
+def record_timeline(episode: Episode) -> Timeline:
+    """Record the traffic of an episode."""
     from roadscope.envs.traffic.scenarios import record
 
-    make = partial(record, episode.scenario, episode.seed, episode.duration_s)
-    return kept(timeline_path(episode), Timeline.load, make)
+    return record(episode.scenario, episode.seed, episode.duration_s)
 
 
 def sensing_of(episode: Episode, carrier: Rig | None = None) -> Sensing:
@@ -102,9 +108,12 @@ def sensing_of(episode: Episode, carrier: Rig | None = None) -> Sensing:
     # Without a name the light is that of some day too, and a fault may make it night.
     light = None if episode.light == "day" else episode.light
     return Sensing(
-        rig(episode.rig) if carrier is None else carrier, episode.seed,
-        weather=episode.weather, light=light, faults=episode.faults,
-    )  # fmt: skip
+        rig(episode.rig) if carrier is None else carrier,
+        episode.seed,
+        weather=episode.weather,
+        light=light,
+        faults=episode.faults,
+    )
 
 
 def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
@@ -148,17 +157,29 @@ def _copied(frame: Frame) -> Frame:
 
 
 def check_episode(episode: Episode) -> None:
-    """Refuse what cannot be sensed: unknown names, less time than one sweep takes."""
+    """Refuse what cannot be sensed.
+
+    That is unknown names, less time than one sweep takes or more than an hour, and a light that no
+    camera of the rig would see.
+    """
     from roadscope.envs.imaging.light import LIGHTS
+    from roadscope.envs.sensors.sensing import check_light
     from roadscope.envs.traffic.scenarios import find
 
     find(episode.scenario)
     if episode.light not in LIGHTS:
         raise ValueError(unknown("light", episode.light, LIGHTS))
-    mount = sensing_of(episode).rig.lidar
+    sensors = sensing_of(episode).rig
+    check_light(episode.light, sensors)
+    mount = sensors.lidar
     least_s = mount.stamp_s(0) + mount.spec.sweep_s / 2
-    if episode.duration_s is not None and not least_s <= episode.duration_s < math.inf:
+    duration_s = episode.duration_s
+    if duration_s is None:
+        return
+    if not duration_s >= least_s:
         raise ValueError(
             f"an episode lasts at least {least_s:.3g} s, one sweep of '{episode.rig}', "
-            f"got {episode.duration_s:g} s"
+            f"got {duration_s:g} s"
         )
+    if duration_s > LONGEST_S:
+        raise ValueError(f"an episode lasts at most {LONGEST_S:g} s, an hour, got {duration_s:g} s")

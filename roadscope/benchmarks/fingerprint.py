@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from hashlib import sha256
@@ -13,13 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.core.registry import Plugin, source_hash
+from roadscope.benchmarks.sources import DATA_KINDS, package
+from roadscope.core.spec import Spec, source_hash
 
 PACKAGE = Path(__file__).resolve().parents[1]
 LIBRARIES = ("highway-env", "numpy", "scipy", "numba", "filterpy")
 """Whose versions may change a score."""
-KINDS = (".py", ".toml", ".json", ".npz", ".safetensors")
-"""Files that decide: sources, and what was learned."""
+RECORDING = "roadscope.envs.traffic.scenarios"
+"""Records traffic; builders of scenarios are named there as text."""
+SENSING = (
+    "roadscope.envs.sensors.faults",
+    "roadscope.envs.sensors.rigs",
+    "roadscope.envs.sensors.sensing",
+    "roadscope.envs.sensors.weather",
+)
+"""Make frames and truth from traffic."""
 
 
 def fingerprint(value: Any) -> str:
@@ -29,40 +37,64 @@ def fingerprint(value: Any) -> str:
 
 
 @cache
-def code_hash(*rooms: str) -> str:
-    """Hash all sources and data of rooms of this package, such as `core`, or single files of it."""
+def code_hash(*modules: str, root: Path = PACKAGE) -> str:
+    """Hash the syntax trees and data of modules and of all modules that they import.
+
+    modules: dotted names, such as `roadscope.envs.traffic.scenarios`. root: folder of the package.
+    Comments, docstrings, positions and imports for type checkers alone do not count.
+    """
+    sources = package(root)
+    names = sorted(sources.closure(modules))
     digest = sha256()
-    for room in sorted(rooms):
-        place = PACKAGE / room
-        paths = (
-            [place]
-            if place.is_file()
-            else sorted(file for file in place.rglob("*.*") if file.suffix in KINDS)
-        )
-        if not paths:
-            raise FileNotFoundError(f"no source file of the package in {place}")
-        for path in paths:
-            digest.update(str(path.relative_to(PACKAGE)).encode() + b"\0")
-            digest.update(path.read_bytes() + b"\0")
+    for name in names:
+        digest.update(f"{name} {sources.source(name).digest}\n".encode())
+    for path in sources.data_files(names):
+        content = sha256(path.read_bytes()).hexdigest()
+        digest.update(f"{path.relative_to(sources.root).as_posix()} {content}\n".encode())
     return digest.hexdigest()[:16]
 
 
-def sensing_hash() -> str:
-    """Hash what frames and truth are made by: our code and the versions of what it calls."""
-    return fingerprint([code_hash("core", "envs"), [package_version(n) for n in LIBRARIES]])
+def package_hash() -> str:
+    """Hash all sources and data of this package, papers and tools included."""
+    return code_hash(*package(PACKAGE).modules())
 
 
-def plugin_hash(plugin: Plugin[Any]) -> str:
-    """Hash a plug-in's source, arguments and files that these name; ours with their whole room."""
-    room = str(getattr(plugin.factory, "__module__", "")).split(".")
-    shared = code_hash(room[1]) if plugin.ours and len(room) > 1 else ""
-    source = _source_of_ours(plugin.factory) if plugin.ours else source_hash(plugin)
-    return fingerprint([source, shared, dict(plugin.arguments), _named_files(plugin.arguments)])
+def timeline_hash(scenario: str = "") -> str:
+    """Hash what traffic is recorded by: our code and the versions of what it calls.
+
+    scenario: whose traffic; empty: that of all scenarios. Sensors do not count.
+    """
+    from roadscope.envs.traffic.scenarios import SCENARIOS, find
+
+    scenarios = [find(scenario)] if scenario else list(SCENARIOS.values())
+    builders = {each.builder.partition(":")[0] for each in scenarios}
+    return fingerprint([code_hash(RECORDING, *sorted(builders)), _library_versions()])
+
+
+def sensing_hash(scenario: str = "") -> str:
+    """Hash what frames and truth are made by: `timeline_hash` and the sensors."""
+    return fingerprint([timeline_hash(scenario), code_hash(*SENSING)])
+
+
+def plugin_hash(spec: Spec) -> str:
+    """Hash a resolved plug-in's source, arguments and the files that its arguments name.
+
+    A plug-in of ours counts by what its module imports, a stranger's by its file, the files
+    beside it and the version of its distribution; a stranger's is not imported for it.
+    """
+    place, _, name = spec.target.rpartition(":")
+    if spec.ours:
+        required = spec.requirement
+        needed = f"{required.distribution}={required.version}" if required else ""
+        source = f"{code_hash(place)} {name} {needed}"
+    else:
+        source = source_hash(spec.target)
+    return fingerprint([source, dict(spec.arguments), _named_files(spec.arguments)])
 
 
 def _named_files(arguments: Mapping[str, Any]) -> list[str]:
     """Return the hashes of data that arguments name, such as learned traits of one's own."""
-    texts = [value for value in arguments.values() if str(value).endswith(KINDS)]
+    texts = [value for value in arguments.values() if str(value).endswith((".py", *DATA_KINDS))]
     return [sha256(Path(text).read_bytes()).hexdigest() for text in texts if _is_file(text)]
 
 
@@ -73,10 +105,8 @@ def _is_file(text: str) -> bool:
         return False
 
 
-@cache
-def _source_of_ours(factory: Callable[..., Any]) -> str:
-    """Hash once what does not change while a process runs: a file of a user's may."""
-    return source_hash(Plugin("", factory, {}, True))
+def _library_versions() -> list[str]:
+    return [package_version(name) for name in LIBRARIES]
 
 
 @cache

@@ -16,11 +16,10 @@ from roadscope.benchmarks.formats.trajectories import (
     read_trajectory,
     trajectory_text,
 )
-from roadscope.benchmarks.jobs.ride import checked
-from roadscope.benchmarks.jobs.stack import guarded
+from roadscope.benchmarks.isolation import Limits, PluginError, open_plugin
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
+from roadscope.core.answers import AnswerError, check_estimate
 from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.api import asked
 
 ALONG_M = 10.0
 """Nobody drives so far along an axis that points upwards and less along the others."""
@@ -43,8 +42,7 @@ class Inertial:
 
     def within(self, begin: int, end: int) -> ImuSamples:
         """Return the samples of these numbers."""
-        arrays = (self.samples.stamps_s, self.samples.angular_velocity,
-                  self.samples.specific_force)  # fmt: skip
+        arrays = (self.samples.stamps_s, self.samples.angular_velocity, self.samples.specific_force)
         return ImuSamples(*(array[begin:end].copy() for array in arrays))
 
 
@@ -85,20 +83,34 @@ def check_times(recorded: Inertial | Wheels, stamps_s: Sequence[float]) -> None:
 
 
 def followed(
-    folder: ScanFolder, odometry: str, *, inertial: Inertial | None = None,
+    folder: ScanFolder,
+    odometry: str,
+    *,
+    inertial: Inertial | None = None,
     wheels: Wheels | None = None,
-) -> Iterator[OdometryEstimate]:  # fmt: skip
-    """Yield what an odometry, named by its spec, tells of one scan after the other.
+) -> Iterator[OdometryEstimate]:
+    """Yield an odometry's estimate of one scan after the other.
 
     A spec that names none is refused before anything is read; what a plug-in does wrong raises
-    `EntryError`.
+    `PluginError`. One that is not ours runs in a process of its own, without a limit of time for
+    the whole recording.
     """
-    running = ODOMETRIES.make(odometry)
-    guarded(odometry, lambda: running.reset(inertial.lidar_from_imu if inertial else None))
-    return (
-        checked(odometry, guarded(odometry, asked, running, scan, *samples), scan)
-        for scan, *samples in _joined(folder, inertial, wheels)
-    )
+    spec = ODOMETRIES.resolve(odometry)
+    limits = Limits(episode_s=float("inf"))
+
+    def estimates() -> Iterator[OdometryEstimate]:
+        with open_plugin(spec, limits=limits) as plugin:
+            plugin.call("reset", inertial.lidar_from_imu if inertial else None)
+            for scan, imu, speeds in _joined(folder, inertial, wheels):
+                if speeds is not None and plugin.traits.takes_wheels:
+                    plugin.call("add_wheels", speeds)
+                answer = plugin.call("update", scan, imu).answer
+                try:
+                    yield check_estimate(answer, stamp_s=scan.stamp_s, returns=len(scan))
+                except AnswerError as error:
+                    raise PluginError(odometry, str(error)) from error
+
+    return estimates()
 
 
 def _joined(
@@ -124,9 +136,14 @@ def _until(stamps_s: np.ndarray, end_s: float) -> int:
 
 
 def write_followed(
-    folder: ScanFolder, odometry: str, out: Path, form: str = "kitti",
-    *, inertial: Inertial | None = None, wheels: Wheels | None = None,
-) -> Iterator[OdometryEstimate]:  # fmt: skip
+    folder: ScanFolder,
+    odometry: str,
+    out: Path,
+    form: str = "kitti",
+    *,
+    inertial: Inertial | None = None,
+    wheels: Wheels | None = None,
+) -> Iterator[OdometryEstimate]:
     """Yield likewise, and write each pose as soon as it is known: what is done stays.
 
     Before the first pose nothing is written, so that what was in the file stays. Poses are the
@@ -155,8 +172,9 @@ class Truth:
             return Truth(_brought(read_trajectory(path, "tum"), stamps_s, path))
         poses = read_trajectory(path, "kitti").poses
         if len(poses) != len(stamps_s):
-            raise FormatError(f"{path}: expected {len(stamps_s)} poses, one a scan, "
-                              f"got {len(poses)}")  # fmt: skip
+            raise FormatError(
+                f"{path}: expected {len(stamps_s)} poses, one a scan, got {len(poses)}"
+            )
         return Truth(tuple(pose.matrix for pose in poses))
 
 
@@ -201,8 +219,9 @@ def compared(poses: Sequence[Pose], truth: Truth) -> str:
     drifts = (
         f"t_rel {found.t_rel:.2f} %, r_rel {found.r_rel:.2f} deg/100m over "
         f"{lengths[0]:g} to {lengths[-1]:g} m"
-        if len(found) else f"too short for t_rel over {lengths[0]:g} m"
-    )  # fmt: skip
+        if len(found)
+        else f"too short for t_rel over {lengths[0]:g} m"
+    )
     ate_m, end_m = absolute_errors(both, "se3").rmse_m, absolute_errors(both, "origin").end_m
     return f"{way_m:.1f} m: ATE {ate_m:.3f} m, at the end {end_m:.3f} m off, {drifts}"
 

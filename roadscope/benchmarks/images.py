@@ -10,6 +10,7 @@ import numpy as np
 
 from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
 from roadscope.benchmarks.fingerprint import fingerprint
+from roadscope.benchmarks.metrics.image_labels import ParkedBoxes
 from roadscope.benchmarks.parked_boxes import parked_boxes
 from roadscope.core import CameraImage, Frame, Truth
 from roadscope.core.projection import Projection
@@ -30,13 +31,13 @@ KEPT_BYTES = 400_000_000
 class Picture:
     """One image, which a failing camera leaves out, and what is really there.
 
-    index: number of the image. parked: (P, 4) boxes of parked cars and (P,) ranges.
+    index: number of the image. parked: the parked cars in it, which are scenery.
     """
 
     index: int
     frame: Frame
     truth: Truth
-    parked: tuple[np.ndarray, np.ndarray]
+    parked: ParkedBoxes
 
 
 class WithoutPixels(Sensing):
@@ -47,8 +48,14 @@ class WithoutPixels(Sensing):
         mount = camera_of(self.rig)
         scene, poses = self._place(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         solids = solids_of(scene, stamp_s)
-        raster = rasterise(scene, mount.spec.pinhole, poses[0] @ mount.ego_from_camera, stamp_s,
-                           outlines=True, solids=solids)  # fmt: skip
+        raster = rasterise(
+            scene,
+            mount.spec.pinhole,
+            poses[0] @ mount.ego_from_camera,
+            stamp_s,
+            outlines=True,
+            solids=solids,
+        )
         seen = image_truth(raster, solids, len(scene.present))
         grey = np.full((1, 1, 3), 128, np.uint8)
         image = CameraImage(grey, mount.spec.pinhole.intrinsics, stamp_s, mount.name)
@@ -80,8 +87,11 @@ def sensing_without_pixels(episode: Episode) -> Sensing:
 def image_rows(episode: Episode, every_s: float) -> list[int]:
     """Return the numbers of images that are about `every_s` apart, each once."""
     camera, end_s = camera_of(rig(episode.rig)), timeline_of(episode).end_s
-    last = int(np.floor((end_s - camera.spec.exposure_s / 2 - camera.stamp_s(0))
-                        / camera.spec.period_s + 1e-6))  # fmt: skip
+    last = int(
+        np.floor(
+            (end_s - camera.spec.exposure_s / 2 - camera.stamp_s(0)) / camera.spec.period_s + 1e-6
+        )
+    )
     return list(range(0, last + 1, max(1, round(every_s / camera.spec.period_s))))
 
 

@@ -10,13 +10,13 @@ from typing import Any, TypeVar
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
-from roadscope.benchmarks.oracle import CLUSTER_BOXES, FUSED, ORACLE
-from roadscope.benchmarks.oracle_odometry import GIVEN_TRUTH
-from roadscope.benchmarks.recorded.mot import mot_table
-from roadscope.benchmarks.recorded.suite import kitti_table
+from roadscope.benchmarks.recorded.mot import MOT
+from roadscope.benchmarks.recorded.suite import KITTI, recorded_table
+from roadscope.benchmarks.references import CLUSTER_BOXES
 from roadscope.benchmarks.suite import SUITES, load_suite
 from roadscope.core import Registry, SpecError
 from roadscope.core.names import unknown
+from roadscope.core.spec import FUSED, ORACLE
 
 T = TypeVar("T")
 
@@ -62,7 +62,7 @@ def _odometries() -> list[tuple[str, str]]:
     from roadscope.odometry import ODOMETRIES
 
     oracle = (
-        f"{GIVEN_TRUTH}A",
+        f"{ORACLE}?odometry=A",
         "The odometry A, spared the returns of what truly moves; on boards.",
     )
     return [*_plugins(ODOMETRIES), oracle, *_plugins(ODOMETRY_NOISES)]
@@ -79,9 +79,9 @@ def _plugins(registry: Registry[Any]) -> list[tuple[str, str]]:
 def _described(registry: Registry[Any], name: str) -> str:
     try:
         plugin = registry.resolve(name)
+        text = _first_line(plugin.factory)
     except SpecError as error:
         return f"cannot be loaded: {error}"
-    text = _first_line(plugin.factory)
     arguments = ", ".join(f"{k}={v}" for k, v in plugin.arguments.items())
     return f"{text} ({arguments})" if arguments else text
 
@@ -109,10 +109,10 @@ def _scenarios() -> list[tuple[str, str]]:
 def _suites() -> list[tuple[str, str]]:
     suites = {name: load_suite(name) for name in SUITES}
     recorded = [
-        (told["name"], f"v{told['version']}: {told['summary']} (--{told['name']} DIR).")
-        for told in (kitti_table(), mot_table())
+        (table.name, f"v{table.version}: {table.summary} (--{table.name} DIR).")
+        for table in map(recorded_table, (KITTI, MOT))
     ]
-    return [*_each(suites, lambda s: f"v{s.version}: {s.summary}."), *recorded]
+    return [*_each(suites, lambda s: f"v{s.version}: {s.summary_with_seeds}."), *recorded]
 
 
 def _rigs() -> list[tuple[str, str]]:

@@ -75,9 +75,14 @@ class NoisyCamera:
     """
 
     def __init__(
-        self, model: CameraNoise, seed: int, *, extinction_per_m: float = 0.0, night: bool = False,
+        self,
+        model: CameraNoise,
+        seed: int,
+        *,
+        extinction_per_m: float = 0.0,
+        night: bool = False,
         lit: float = 1.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the errors, a seed, and what is between camera and objects.
 
         lit: share of what would be found otherwise that a dark or dazzled camera still finds.
@@ -109,9 +114,10 @@ class NoisyCamera:
         return ImageDetections(
             np.concatenate([moved[found], false]),
             STANDS_FOR[np.concatenate([said[found], false_families])],
-            np.concatenate([scores[found], false_scores]), truth.stamp_s,
+            np.concatenate([scores[found], false_scores]),
+            truth.stamp_s,
             size_px=(width, height),
-        )  # fmt: skip
+        )
 
     def _odds(self, truth: Truth, sides: np.ndarray, family: np.ndarray) -> np.ndarray:
         model = self._model
@@ -138,9 +144,7 @@ class NoisyCamera:
         wide = tall * np.choose(families, (1.4, 0.6, 0.4))
         bottoms = height / 2 + focal * 1.4 / depths + 3 * rng.standard_normal(count)
         middles = rng.uniform(0, width, count)
-        boxes = np.column_stack(
-            [middles - wide / 2, bottoms - tall, middles + wide / 2, bottoms]
-        )  # fmt: skip
+        boxes = np.column_stack([middles - wide / 2, bottoms - tall, middles + wide / 2, bottoms])
         scores = _probability(-1.0 + 1.2 * rng.standard_normal(count))
         return _inside(boxes, width, height), families, scores
 

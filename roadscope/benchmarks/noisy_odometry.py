@@ -14,7 +14,6 @@ from itertools import pairwise
 import numpy as np
 
 from roadscope.core import Pose, Registry
-from roadscope.core.registry import split_spec
 from roadscope.odometry.rigid import exp_se3
 
 
@@ -55,11 +54,6 @@ ODOMETRY_NOISES: Registry[EgoNoise] = Registry(
 )
 
 
-def imitated(spec: str) -> bool:
-    """Say whether a spec names poses made from truth, and no odometry."""
-    return split_spec(spec)[0] in ODOMETRY_NOISES
-
-
 def noisy_poses(noise: EgoNoise, truth: Sequence[Pose], seed: int) -> list[Pose]:
     """Return `start_from_lidar` as told, one for each true `world_from_lidar`; the first is none.
 
@@ -79,9 +73,11 @@ def _told(noise: EgoNoise, motion: Pose, rng: np.random.Generator) -> Pose:
     way_m = float(np.linalg.norm(matrix[:3, 3]))
     matrix[:3, 3] *= 1 + noise.scale
     error = np.concatenate(
-        [noise.shift_m * rng.standard_normal(3),
-         np.deg2rad(noise.shake_deg) * rng.standard_normal(3)]
-    )  # fmt: skip
+        [
+            noise.shift_m * rng.standard_normal(3),
+            np.deg2rad(noise.shake_deg) * rng.standard_normal(3),
+        ]
+    )
     error[5] += np.deg2rad(noise.turn_deg) * way_m / 100
     jumps, jump_m = rng.random() < noise.jump, noise.jump_m * rng.standard_normal(2)
     error[:2] += jumps * jump_m

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from roadscope.benchmarks.metrics.image_labels import ParkedBoxes
 from roadscope.core import Pose
 from roadscope.core.projection import Projection
 from roadscope.envs.world.world import World
@@ -13,17 +14,15 @@ LEAST_SIDE_PX = 2.0
 BEHIND_M = 0.3
 
 
-def parked_boxes(
-    world: World, world_from_ego: Pose, projection: Projection
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (P, 4) boxes in the image of parked cars, hidden ones too, and (P,) ranges, metres."""
+def parked_boxes(world: World, world_from_ego: Pose, projection: Projection) -> ParkedBoxes:
+    """Return the boxes of parked cars in the image, hidden ones too."""
     from roadscope.envs.world.roadside import KINDS, kinds_of
 
     here = world_from_ego.translation[:2]
     things = world.scenery.around(here, PARKED_RANGE_M)
     cars = np.flatnonzero(kinds_of(things.owners) == list(KINDS).index("parked_cars"))
     if not len(cars):
-        return np.empty((0, 4)), np.empty(0)
+        return ParkedBoxes(np.empty((0, 4)), np.empty(0))
     footprints, owners = things.footprints[cars], things.owners[cars]
     heights = np.stack([things.bottoms[cars], things.tops[cars]], axis=1)
     levels = np.broadcast_to(heights[:, :, None, None], (*heights.shape, footprints.shape[1], 1))
@@ -35,7 +34,7 @@ def parked_boxes(
 
 def _bounds(
     points: np.ndarray, owners: np.ndarray, ranges: np.ndarray, projection: Projection
-) -> tuple[np.ndarray, np.ndarray]:
+) -> ParkedBoxes:
     """Bound (M, Q, 3) points, ego frame, of each owner in the image."""
     # Corners beside or behind the camera lie far outside the image, on their side of it.
     homogeneous = points @ projection.matrix[:, :3].T + projection.matrix[:, 3]
@@ -52,4 +51,4 @@ def _bounds(
         if ((high - low) >= LEAST_SIDE_PX).all():
             boxes.append(np.concatenate([low, high]))
             away.append(ranges[mine].mean())
-    return np.array(boxes).reshape(-1, 4), np.array(away)
+    return ParkedBoxes(np.array(boxes).reshape(-1, 4), np.array(away))

@@ -8,38 +8,45 @@ from pathlib import Path
 
 import numpy as np
 
+from roadscope.benchmarks.boards.detection import detection_scores
+from roadscope.benchmarks.boards.tracking import track_node, tracking_scores
 from roadscope.benchmarks.cache import usable_file, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, check_episode, sensing_of, timeline_of
-from roadscope.benchmarks.jobs.ego_poses import track_told
-from roadscope.benchmarks.jobs.entries import check_detector, check_tracker
-from roadscope.benchmarks.jobs.job import detection_scores, perceived_by, tracking_scores
-from roadscope.benchmarks.jobs.stack import prints_aside
+from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.perceived import Perceived
+from roadscope.benchmarks.nodes.fusions import detection_node
+from roadscope.benchmarks.nodes.poses import start_from_ego
+from roadscope.benchmarks.nodes.tracks import track
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.core import Tracks
+from roadscope.benchmarks.records import EpisodeDetections
+from roadscope.benchmarks.references import (
+    check_detection_source,
+    check_ego,
+    made_from_truth,
+)
+from roadscope.core import Spec, Tracks
 
 PICTURES = (".png", ".jpg", ".webp")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Summary:
-    """What came of an episode.
+    """The detections, tracks and scores of an episode.
 
-    perceived: detections and truth, frame by frame, world frame.
-    tracks: tracks, frame by frame, world frame.
+    detections: frame by frame, with the truth, frame `world`.
+    tracks: frame by frame, frame `world`.
     detection, tracking: scores by metric.
     """
 
     episode: Episode
-    perceived: Perceived
+    detections: EpisodeDetections
     tracks: tuple[Tracks, ...]
     detection: Mapping[str, Score]
     tracking: Mapping[str, Score]
 
 
-@prints_aside()
 def run_episode(
     episode: Episode,
     *,
@@ -47,31 +54,43 @@ def run_episode(
     tracker: str = "existence",
     eligibility: Eligibility | None = None,
     progress: Progress | None = None,
+    options: RunOptions | None = None,
 ) -> Summary:
-    """Run one stack over one episode; unknown names raise before anything runs.
+    """Run a detector and a tracker over one episode; unknown names raise before anything runs.
 
-    progress: told the stage, steps done and steps in all.
+    progress: is called with the stage, steps done and steps in all.
+    options: how plug-ins that are not ours are run. What they do wrong raises `PluginError`.
     """
-    check_detector(detector)
-    check_tracker(tracker)
+    source = check_detection_source(detector)
+    following = check_plugin_spec(Spec.parse(tracker), TRACKER)
+    if following.ego is not None:
+        check_ego(following.ego)
     check_episode(episode)
     rule = Eligibility() if eligibility is None else eligibility
-    tell = progress or silent
-    tell("traffic", 0, 1)
+    options = options or RunOptions()
+    report = progress or silent
+    report("traffic", 0, 1)
     timeline_of(episode)
-    tell("traffic", 1, 1)
-    tell("detection", 0, 1)
-    perceived = perceived_by(detector, episode, rule)
-    tell("detection", 1, 1)
-    tell("tracking", 0, 1)
-    tracks, calls_ms = track_told(tracker, perceived, episode)
-    tell("tracking", 1, 1)
+    report("traffic", 1, 1)
+    report("detection", 0, 1)
+    detections = detection_node(source, episode, rule).compute(options)
+    assert isinstance(detections, EpisodeDetections)
+    report("detection", 1, 1)
+    report("tracking", 0, 1)
+    node = track_node(following, detector, episode, rule)
+    poses = None
+    if node.ego is not None:
+        stamps_s = [truth.stamp_s for truth in detections.truths]
+        poses = start_from_ego(node.ego.compute(options), episode, stamps_s)
+    no_poses = [None] * len(detections.truths)
+    answers = track(following, detections, poses=poses if node.posed else no_poses, options=options)
+    report("tracking", 1, 1)
     return Summary(
         episode,
-        perceived,
-        tuple(tracks),
-        detection_scores(detector, perceived, rule),
-        tracking_scores(tracks, calls_ms, perceived, rule),
+        detections,
+        answers.tracks,
+        detection_scores(detections, rule, timed=not made_from_truth(source)),
+        tracking_scores(answers, detections, rule),
     )
 
 
@@ -89,7 +108,7 @@ def picture(summary: Summary, index: int | None = None) -> np.ndarray:
         truth,
         timeline,
         tracks=summary.tracks[index],
-        detections=summary.perceived.detections[index].moved(ego_from_world, "ego"),
+        detections=summary.detections.detections[index].moved(ego_from_world, "ego"),
     )
 
 

@@ -6,23 +6,38 @@ the version. Seeds come from a split, so that training, validation and test neve
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, TypeVar
 
-from roadscope.benchmarks.ego import NO_POSES, TRUE_POSES
+from msgspec import Meta, Struct
+
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.metrics.odometry import SHORT_M
-from roadscope.core import RecordError
+from roadscope.core.config import ConfigError, read_config
 from roadscope.core.names import unknown
+from roadscope.core.spec import NO_POSES, TRUE_POSES
+
+T = TypeVar("T")
 
 SUITES = (
-    "quick", "standard", "detection", "tracking", "camera", "camera-unseen", "fusion", "odometry",
-    "odometry-empty", "odometry-convoy", "odometry-ablation", "tracking-ego", "crossing",
-)  # fmt: skip
+    "quick",
+    "standard",
+    "detection",
+    "tracking",
+    "camera",
+    "camera-unseen",
+    "fusion",
+    "odometry",
+    "odometry-empty",
+    "odometry-convoy",
+    "odometry-ablation",
+    "tracking-ego",
+    "crossing",
+)
 """Suites that ship with the package."""
 
 SPLITS: Mapping[str, range] = {
@@ -32,10 +47,80 @@ SPLITS: Mapping[str, range] = {
 }
 """Seeds of each split; nothing is tuned on test seeds."""
 
-KEYS = (
-    "name", "version", "summary", "rig", "duration_s", "scenarios", "weathers", "lights", "faults",
-    "split", "seeds", "eligibility", "detection", "tracking", "camera", "fusion", "odometry",
-)  # fmt: skip
+Names = tuple[str, ...]
+SomeNames = Annotated[Names, Meta(min_length=1)]
+Positive = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
+"""Seconds or metres; infinity is none."""
+
+
+class DetectionTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[detection]`."""
+
+    entries: Names = ()
+
+
+class TrackingTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[tracking]`; ego: one text or several."""
+
+    entries: Names = ()
+    detectors: Names = ()
+    ego: str | SomeNames = TRUE_POSES
+
+
+class CameraTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[camera]`."""
+
+    entries: Names = ()
+    every_s: Positive = 0.5
+
+
+class FusionTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[fusion]`."""
+
+    entries: Names = ()
+    lidar: Names = ()
+    camera: Names = ()
+    every_s: Positive = 0.4
+
+
+class OdometryTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[odometry]`."""
+
+    entries: Names = ()
+    lengths_m: Annotated[tuple[Positive, ...], Meta(min_length=1)] = SHORT_M
+
+
+class EligibilityTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[eligibility]`; range_m: nearest and farthest."""
+
+    range_m: tuple[float, float] = Eligibility().range_m
+    min_returns: int = Eligibility().min_returns
+    families: Names = Eligibility().families
+
+
+class SuiteTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A suite's file; what the keys mean is said in `Suite`.
+
+    seeds: how many of the split, or which.
+    """
+
+    name: str
+    version: int
+    summary: str = ""
+    rig: str
+    duration_s: Positive | None = None
+    scenarios: SomeNames
+    weathers: SomeNames | None = None
+    lights: SomeNames = ("day",)
+    faults: SomeNames | None = None
+    split: str = "test"
+    seeds: int | tuple[int, ...]
+    eligibility: EligibilityTable = EligibilityTable()
+    detection: DetectionTable = DetectionTable()
+    tracking: TrackingTable = TrackingTable()
+    camera: CameraTable = CameraTable()
+    fusion: FusionTable = FusionTable()
+    odometry: OdometryTable = OdometryTable()
 
 
 class SuiteError(ValueError):
@@ -95,6 +180,12 @@ class Suite:
         """Name and version."""
         return f"{self.name} v{self.version}"
 
+    @property
+    def summary_with_seeds(self) -> str:
+        """The summary and the number of seeds."""
+        seeds = f"{len(self.seeds)} seed{'s' * (len(self.seeds) > 1)}"
+        return f"{self.summary}, {seeds}" if self.summary else seeds
+
 
 def load_suite(name_or_path: str | Path) -> Suite:
     """Read a suite of the package by name, or one of your own from a `.toml` file."""
@@ -116,14 +207,10 @@ def load_suite(name_or_path: str | Path) -> Suite:
 
 
 def parse_suite(content: str, label: str) -> Suite:
-    """Read a suite from TOML text; errors begin with the label."""
+    """Read a suite from TOML text; errors begin with the label and list all problems."""
     try:
-        table = tomllib.loads(content)
-    except tomllib.TOMLDecodeError as error:
-        raise SuiteError(f"{label}: not TOML: {error}") from error
-    try:
-        return _suite(table)
-    except (SuiteError, RecordError) as error:
+        return _suite(read_config(content, SuiteTable))
+    except ConfigError as error:
         raise SuiteError(f"{label}: {error}") from error
 
 
@@ -145,172 +232,102 @@ def check_names(suite: Suite) -> None:
         check_episode(replace(first, faults=faults))
 
 
-def _suite(table: Mapping[str, Any]) -> Suite:
-    _known_keys(table, KEYS, "")
-    detection = _table(table, "detection", ("entries",))
-    tracking = _table(table, "tracking", ("entries", "detectors", "ego"))
-    camera = _table(table, "camera", ("entries", "every_s"))
-    fusion = _table(table, "fusion", ("entries", "lidar", "camera", "every_s"))
-    odometry = _table(table, "odometry", ("entries", "lengths_m"))
-    eligibility = _table(table, "eligibility", ("range_m", "min_returns", "families"))
-    duration = _seconds(table, "duration_s", None)
-    return Suite(
-        name=_take(table, "name", str),
-        version=_take(table, "version", int),
-        summary=_take(table, "summary", str, ""),
-        scenarios=_strings(table, "scenarios"),
-        seeds=_seeds(table),
-        rig=_take(table, "rig", str),
-        duration_s=duration,
-        eligibility=_eligibility(eligibility),
-        detectors=_strings(detection, "entries", ()),
-        trackers=_strings(tracking, "entries", ()),
-        public_detectors=_strings(tracking, "detectors", ()),
-        weathers=_weathers(table),
-        lights=_lights(table),
-        faults=_faults(table),
-        camera_detectors=_strings(camera, "entries", ()),
-        image_every_s=_seconds(camera, "every_s", 0.5) or 0.5,
-        fusions=_strings(fusion, "entries", ()),
-        fused_lidar=_strings(fusion, "lidar", ()),
-        fused_camera=_strings(fusion, "camera", ()),
-        fused_every_s=_seconds(fusion, "every_s", 0.4) or 0.4,
-        odometries=_strings(odometry, "entries", ()),
-        odometry_lengths_m=_lengths(odometry),
-        egos=_egos(tracking),
+def _suite(table: SuiteTable) -> Suite:
+    """Return the suite of a table; problems between its keys are raised together."""
+    problems: list[str] = []
+
+    def checked(key: str, read: Callable[[], T], instead: T) -> T:
+        """Note what is wrong with a key and go on."""
+        try:
+            return read()
+        except ValueError as error:
+            problems.append(f"{key}: {error}")
+            return instead
+
+    if table.weathers is not None and table.faults is not None:
+        problems.append("weathers and faults: choose one; faults hold weather too, as fog:3")
+    suite = Suite(
+        name=table.name,
+        version=table.version,
+        summary=table.summary,
+        scenarios=_unique(table.scenarios),
+        seeds=checked("seeds", lambda: _seeds(table), ()),
+        rig=table.rig,
+        duration_s=table.duration_s,
+        eligibility=checked("eligibility", lambda: _eligibility(table), Eligibility()),
+        detectors=_unique(table.detection.entries),
+        trackers=_unique(table.tracking.entries),
+        public_detectors=_unique(table.tracking.detectors),
+        weathers=checked("weathers", lambda: _weathers(table.weathers or ("clear",)), ()),
+        lights=checked("lights", lambda: _lights(table.lights), ()),
+        faults=checked("faults", lambda: _faults(table.faults or ("clear",)), ()),
+        camera_detectors=_unique(table.camera.entries),
+        image_every_s=table.camera.every_s,
+        fusions=_unique(table.fusion.entries),
+        fused_lidar=_unique(table.fusion.lidar),
+        fused_camera=_unique(table.fusion.camera),
+        fused_every_s=table.fusion.every_s,
+        odometries=_unique(table.odometry.entries),
+        odometry_lengths_m=_unique(table.odometry.lengths_m),
+        egos=checked("tracking.ego", lambda: _egos(table.tracking.ego), ()),
     )
+    if problems:
+        raise ConfigError(problems)
+    return suite
 
 
-def _seconds(table: Mapping[str, Any], key: str, default: float | None) -> float | None:
-    value = _take(table, key, (int, float), default)
-    if value is not None and not 0 < value < float("inf"):
-        raise SuiteError(f"{key}: expected seconds above 0, got {value}")
-    return None if value is None else float(value)
+def _unique(values: Iterable[T]) -> tuple[T, ...]:
+    """Drop what was there before."""
+    return tuple(dict.fromkeys(values))
 
 
-def _lengths(table: Mapping[str, Any]) -> tuple[float, ...]:
-    given = _take(table, "lengths_m", list, list(SHORT_M))
-    if not given or not all(type(v) in (int, float) and 0 < v < float("inf") for v in given):
-        raise SuiteError(f"odometry.lengths_m: expected metres above 0, got {given}")
-    return tuple(dict.fromkeys(float(v) for v in given))
+def _eligibility(table: SuiteTable) -> Eligibility:
+    rule = table.eligibility
+    return Eligibility(rule.range_m, rule.min_returns, _unique(rule.families))
 
 
-def _egos(table: Mapping[str, Any]) -> tuple[str, ...]:
+def _egos(given: str | Names) -> Names:
     """Read one text or several."""
-    given = _take(table, "ego", (str, list), TRUE_POSES)
-    named = _strings({"ego": [given] if isinstance(given, str) else given}, "ego")
-    if "" in named:
-        raise SuiteError(f"tracking.ego: expected {TRUE_POSES}, {NO_POSES} or an odometry")
-    return named
+    egos = _unique([given] if isinstance(given, str) else given)
+    if "" in egos:
+        raise ValueError(f"expected {TRUE_POSES}, {NO_POSES} or an odometry")
+    return egos
 
 
-def _weathers(table: Mapping[str, Any]) -> tuple[str, ...]:
+def _weathers(names: Names) -> Names:
     """Read names in full, so that `fog` and `fog-3` are one."""
     from roadscope.envs.sensors.weather import weather
 
-    given = _strings(table, "weathers", ("clear",))
-    if not given:
-        raise SuiteError("weathers: expected at least one")
-    try:
-        return tuple(dict.fromkeys(weather(name).name for name in given))
-    except ValueError as error:
-        raise SuiteError(f"weathers: {error}") from error
+    return _unique(weather(name).name for name in names)
 
 
-def _lights(table: Mapping[str, Any]) -> tuple[str, ...]:
+def _lights(names: Names) -> Names:
     from roadscope.envs.imaging.light import LIGHTS
 
-    given = _strings(table, "lights", ("day",))
-    if not given:
-        raise SuiteError("lights: expected at least one")
-    for name in given:
+    for name in names:
         if name not in LIGHTS:
-            raise SuiteError(f"lights: {unknown('light', name, LIGHTS)}")
-    return given
+            raise ValueError(unknown("light", name, LIGHTS))
+    return _unique(names)
 
 
-def _faults(table: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
+def _faults(texts: Names) -> tuple[Names, ...]:
     """Read one set of faults a text, such as `night:2 + glare:1`; `clear` is none."""
-    from roadscope.envs.sensors.faults import NO_FAULT, faults_of
+    from roadscope.envs.sensors.faults import faults_of
 
-    given = _strings(table, "faults", (NO_FAULT,))
-    if not given:
-        raise SuiteError("faults: expected at least one")
-    if "faults" in table and "weathers" in table:
-        raise SuiteError("weathers and faults: choose one; faults hold weather too, as fog:3")
-    try:
-        return tuple(dict.fromkeys(tuple(map(str, faults_of(text))) for text in given))
-    except ValueError as error:
-        raise SuiteError(f"faults: {error}") from error
+    return _unique(tuple(map(str, faults_of(text))) for text in texts)
 
 
-def _eligibility(table: Mapping[str, Any]) -> Eligibility:
-    default = Eligibility()
-    band = _take(table, "range_m", list, list(default.range_m))
-    if len(band) != 2 or not all(type(v) in (int, float) for v in band):
-        raise SuiteError(f"eligibility.range_m: expected [near, far] in metres, got {band}")
-    return Eligibility(
-        range_m=(float(band[0]), float(band[1])),
-        min_returns=_take(table, "min_returns", int, default.min_returns),
-        families=_strings(table, "families", default.families),
-    )
-
-
-def _seeds(table: Mapping[str, Any]) -> tuple[int, ...]:
-    split = _take(table, "split", str, "test")
-    if split not in SPLITS:
-        raise SuiteError(unknown("split", split, SPLITS))
-    allowed, given = SPLITS[split], _take(table, "seeds", (int, list))
+def _seeds(table: SuiteTable) -> tuple[int, ...]:
+    if table.split not in SPLITS:
+        raise ValueError(unknown("split", table.split, SPLITS))
+    allowed, given = SPLITS[table.split], table.seeds
     if isinstance(given, int):
         if given > len(allowed):
-            raise SuiteError(f"seeds: split '{split}' has {len(allowed)} seeds, got {given}")
-        given = list(allowed[: max(given, 0)])
-    if not given or not all(type(s) is int and s in allowed for s in given):
-        raise SuiteError(
-            f"seeds: expected how many, or a list within {allowed.start} to {allowed.stop - 1} "
-            f"(split '{split}'), got {table['seeds']!r}"
+            raise ValueError(f"split '{table.split}' has {len(allowed)} seeds, got {given}")
+        given = tuple(allowed[: max(given, 0)])
+    if not given or not all(seed in allowed for seed in given):
+        raise ValueError(
+            f"expected how many, or a list within {allowed.start} to {allowed.stop - 1} "
+            f"(split '{table.split}'), got {table.seeds!r}"
         )
-    return tuple(dict.fromkeys(given))
-
-
-def _table(table: Mapping[str, Any], key: str, known: tuple[str, ...]) -> Mapping[str, Any]:
-    found: Mapping[str, Any] = _take(table, key, dict, {})
-    _known_keys(found, known, f"{key}.")
-    return found
-
-
-def _known_keys(table: Mapping[str, Any], known: tuple[str, ...], prefix: str) -> None:
-    for key in table:
-        if key not in known:
-            raise SuiteError(unknown("key", prefix + key, [prefix + k for k in known]))
-
-
-_NEEDED = object()
-
-
-def _take(table: Mapping[str, Any], key: str, kind: Any, default: Any = _NEEDED) -> Any:
-    value = table.get(key, default)
-    if value is _NEEDED:
-        raise SuiteError(f"key '{key}' is missing")
-    if value is not default and (not isinstance(value, kind) or isinstance(value, bool)):
-        kinds = kind if isinstance(kind, tuple) else (kind,)
-        raise SuiteError(f"{key}: expected {' or '.join(map(_kind_name, kinds))}, got {value!r}")
-    return value
-
-
-def _kind_name(kind: type) -> str:
-    names: dict[type, str] = {
-        str: "text", int: "an integer", float: "a number", list: "a list", dict: "a table"
-    }  # fmt: skip
-    return names[kind]
-
-
-def _strings(
-    table: Mapping[str, Any], key: str, default: tuple[str, ...] | None = None
-) -> tuple[str, ...]:
-    value = _take(table, key, list, _NEEDED if default is None else list(default))
-    if not all(isinstance(v, str) for v in value):
-        raise SuiteError(f"{key}: expected a list of texts, got {value!r}")
-    if default is None and not value:
-        raise SuiteError(f"{key}: expected at least one")
-    return tuple(dict.fromkeys(value))
+    return _unique(given)

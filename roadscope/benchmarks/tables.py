@@ -10,6 +10,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from roadscope.benchmarks.cached_files import KindUsage, size_text
 from roadscope.benchmarks.metrics.score import Score
 
 
@@ -18,16 +19,69 @@ def plain_table(**options: Any) -> Table:
     return Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0, **options)
 
 
+MEANINGS: Mapping[str, Mapping[str, str]] = {
+    "detector": {
+        "detection_rate": "eligible objects detected within 2 m",
+        "precision": "detections that are an object",
+        "f1": "harmonic mean of both",
+        "false_alarms_per_frame": "detections that are no object",
+        "ap": "average precision, gates 0.5 to 4 m",
+        "position_rmse_m": "error of centres from above, RMS",
+        "heading_rmse_deg": "error of the length axis, RMS",
+        "size_rmse_m": "error of length and width, RMS",
+        "category_accuracy": "matches with the right category",
+        "call_p50_ms": "processor time a frame, median",
+    },
+    "tracker": {
+        "hota": "detection and association together",
+        "mota": "1 - share of misses, false, switches",
+        "idf1": "frames explained by one track",
+        "id_switches": "object goes to another track",
+        "fragmentations": "object is lost and tracked again",
+        "recall": "object frames with a track",
+        "precision": "track frames with an object",
+        "motp_m": "distance of track and object, mean",
+        "velocity_rmse_m_s": "error of velocities, RMS",
+        "call_p50_ms": "processor time an update, median",
+    },
+}
+"""What the ten main figures of each kind of plug-in mean, in the order in which they are shown."""
+
+
+def explained_table(kind: str, scores: Mapping[str, Score]) -> Table:
+    """Return the main figures of one episode with what they mean; those without unit are shares.
+
+    kind: `detector` or `tracker`.
+    """
+    table = plain_table()
+    table.add_column("metric", no_wrap=True)
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    table.add_column("best", no_wrap=True)
+    table.add_column("meaning")
+    for name, meaning in MEANINGS[kind].items():
+        if name in scores:
+            score = scores[name]
+            unit = "" if score.unit == "1" else score.unit
+            best = "high" if score.better == "higher" else "low"
+            table.add_row(name, _value(score), unit, best, meaning)
+    return table
+
+
+def _value(score: Score) -> str:
+    return "-" if math.isnan(score.value) else f"{score.value:.3f}"
+
+
 def score_table(scores: Mapping[str, Score]) -> Table:
-    """Return the scores of one episode."""
+    """Return all scores of one episode with their numbers of samples."""
     table = plain_table()
     table.add_column("metric")
     table.add_column("value", justify="right")
     table.add_column("unit")
     table.add_column("samples", justify="right")
     for name, score in scores.items():
-        value = "-" if math.isnan(score.value) else f"{score.value:.3f}"
-        table.add_row(name, value, "" if score.unit == "1" else score.unit, str(score.n))
+        unit = "" if score.unit == "1" else score.unit
+        table.add_row(name, _value(score), unit, str(score.n))
     return table
 
 
@@ -59,17 +113,41 @@ def pose_table(rows: Sequence[Any]) -> Table:
     """Return what numbers of poses of a board give; rows are `calibrating.PoseRow`s."""
     table = plain_table()
     for name in (
-        "poses", "reprojection\npx", "8 to 30 m\npx", "worst\npx", "position\ncm",
-        "rotation\ndeg", "by corners\npx",
-    ):  # fmt: skip
+        "poses",
+        "reprojection\npx",
+        "8 to 30 m\npx",
+        "worst\npx",
+        "position\ncm",
+        "rotation\ndeg",
+        "by corners\npx",
+    ):
         table.add_column(f"  {name}" if name != "poses" else name, justify="right")
     for row in rows:
         figures = (
-            row.reprojection_px, row.held_out_px, row.held_out_most_px, 100 * row.position_m,
-            row.rotation_deg, row.corners_px,
-        )  # fmt: skip
+            row.reprojection_px,
+            row.held_out_px,
+            row.held_out_most_px,
+            100 * row.position_m,
+            row.rotation_deg,
+            row.corners_px,
+        )
         told = ("-" if not math.isfinite(value) else f"{value:.2f}" for value in figures)
         table.add_row(str(row.poses), *told)
+    return table
+
+
+def usage_table(usages: Sequence[KindUsage]) -> Table:
+    """Return numbers of files and sizes by kind, with their sum."""
+    table = plain_table()
+    table.add_column("kind", style="cyan", no_wrap=True)
+    table.add_column("files", justify="right", no_wrap=True)
+    table.add_column("size", justify="right", no_wrap=True)
+    table.add_column("what")
+    for usage in usages:
+        size = size_text(usage.size_bytes)
+        table.add_row(usage.kind, f" {usage.files}", f" {size}", f" {usage.description}")
+    files, size_bytes = sum(u.files for u in usages), sum(u.size_bytes for u in usages)
+    table.add_row("all", str(files), f" {size_text(size_bytes)}", "")
     return table
 
 

@@ -15,9 +15,7 @@ LEAST_RETURNS, LEAST_PIXELS, LEAST_HEIGHT_PX = 5, 60, 12.0
 MOST_HIDDEN = 0.9
 
 
-def targets_of(
-    truth: Truth, seen: Truth, parked: np.ndarray, projection: Projection
-) -> Targets:  # fmt: skip
+def targets_of(truth: Truth, seen: Truth, parked: np.ndarray, projection: Projection) -> Targets:
     """Join truth of a scan and of its image; (P, 2) parked cars come last, not eligible.
 
     To be found is who is in the image, 3 to 60 m away, and gave 5 returns or shows 60 pixels, 12
@@ -41,11 +39,21 @@ def targets_of(
     )
     n = len(cars)
     car_boxes, _ = projected_boxes(
-        Detections(cars, np.tile((4.4, 1.8, 1.5), (n, 1)), np.zeros(n), np.zeros(n, np.int8),
-                   np.ones(n), "ego", truth.stamp_s), projection)  # fmt: skip
+        Detections(
+            cars,
+            np.tile((4.4, 1.8, 1.5), (n, 1)),
+            np.zeros(n),
+            np.zeros(n, np.int8),
+            np.ones(n),
+            "ego",
+            truth.stamp_s,
+        ),
+        projection,
+    )
     return Targets(
         np.concatenate([FAMILY[truth.categories[both]], np.zeros(n, np.int64)]),
-        np.concatenate([centres, cars]), np.concatenate([boxes, car_boxes]),
+        np.concatenate([centres, cars]),
+        np.concatenate([boxes, car_boxes]),
         np.concatenate([eligible, np.zeros(n, bool)]),
         np.concatenate([seen.occluded_fraction[other], np.zeros(n)]),
-    )  # fmt: skip
+    )

@@ -48,18 +48,28 @@ def calibrate(
     place = None if out is None else calibration_path(out)
     with progress_bars() as progress:
         found = calibrate_rig(
-            rig, poses=poses, seed=seed, known_intrinsics=known_intrinsics,
-            corners_only=corners_only, upright=upright, scans=scans, outliers=outliers,
+            rig,
+            poses=poses,
+            seed=seed,
+            known_intrinsics=known_intrinsics,
+            corners_only=corners_only,
+            upright=upright,
+            scans=scans,
+            outliers=outliers,
             progress=progress,
-        )  # fmt: skip
+        )
     last = found.rows[-1]
     headline(f"{rig}: both sensors saw the whole board in {found.seen} of {found.asked} poses")
-    show(f"places 8 to 30 m off {last.held_out_px:.2f} px off the truth, "
-         f"{last.corners_px:.2f} px from corners alone")  # fmt: skip
+    show(
+        f"places 8 to 30 m off {last.held_out_px:.2f} px off the truth, "
+        f"{last.corners_px:.2f} px from corners alone"
+    )
     show(f"camera's pose        {100 * last.position_m:.1f} cm and {last.rotation_deg:.2f} deg off")
-    show(f"reprojection error   {last.reprojection_px:.2f} px of {found.result.inliers.sum()} "
-         f"corners in scans, {(~found.result.inliers).sum()} left out: scans tell corners so "
-         "badly\n")  # fmt: skip
+    show(
+        f"reprojection error   {last.reprojection_px:.2f} px of {found.result.inliers.sum()} "
+        f"corners in scans, {(~found.result.inliers).sum()} left out: scans tell corners so "
+        "badly\n"
+    )
     show(pose_table(found.rows))
     show("Medians over choices of poses; worst: of them. Errors against the truth.", dim=True)
     show(f"From {enough(found.rows)} poses on the error stays within half more than with all.")

@@ -6,29 +6,39 @@ from typing import Annotated
 
 import typer
 
+from roadscope.commands.completion import plugin_kinds
+
 
 def check(
     spec: Annotated[
         str,
         typer.Argument(
-            help="A detector (of LiDAR; of images if detect() is said to return "
-            "ImageDetections), tracker, odometry (an update() of scans) or fusion: "
+            help="A detector (of LiDAR or images), tracker, odometry or fusion: "
             "module:Class or file.py:Class."
         ),
     ],
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            help="What it is, if its class does not say so: detector, camera detector, tracker, "
+            "fusion or odometry.",
+            autocompletion=plugin_kinds,
+        ),
+    ] = None,
     deadline: Annotated[
         float,
-        typer.Option(
-            min=1,
-            help="Seconds for each item; what takes longer hangs. Ours, which compile, have 900.",
-        ),
+        typer.Option(min=1, help="Seconds for each item; what takes longer hangs."),
     ] = 120.0,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run it in this process, for debugging.")
+    ] = False,
 ) -> None:
-    """Look at a plug-in of your own: its contract, item by item, and two seconds of traffic."""
-    from roadscope.benchmarks.check.plugin import broken, check_plugin, line
+    """Check a plug-in of your own: its contract, item by item, and two seconds of traffic."""
+    from roadscope.testing import check as check_contract
 
-    items = check_plugin(spec, deadline_s=deadline, told=lambda item: typer.echo(line(item)))
-    if count := broken(items):
-        typer.echo(f"{spec}: {count} {'item' if count == 1 else 'items'} wrong")
+    done = check_contract(
+        spec, kind=kind, deadline_s=deadline, trust=trust, report=lambda item: typer.echo(str(item))
+    )
+    typer.echo(done.verdict)
+    if not done.ok:
         raise typer.Exit(1)
-    typer.echo(f"{spec}: all right")

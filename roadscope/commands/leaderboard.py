@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from roadscope.commands import completion
 from roadscope.commands.options import Jobs, workers
 from roadscope.commands.terminal import complain, console, progress_bars
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks import Results, Suite
+    from roadscope.benchmarks.loop import RunOptions
 
 DEFAULT_SUITE = "quick"
 
@@ -17,21 +23,25 @@ DEFAULT_SUITE = "quick"
 Board = Annotated[
     str | None,
     typer.Argument(
-        help="detection, tracking, camera, fusion or odometry; all that the suite has if left out."
+        help="detection, tracking, camera, fusion or odometry; all that the suite has if left out.",
+        autocompletion=completion.boards,
     ),
 ]
-Suite = Annotated[
+SuiteName = Annotated[
     str | None,
     typer.Option(
         help="Conditions: a name (roadscope list suites) or a .toml file; quick if left out, for "
-        "the boards camera, fusion and odometry the suite of that name."
+        "the boards camera, fusion and odometry the suite of that name.",
+        autocompletion=completion.suites,
     ),
 ]
 Entry = Annotated[
     list[str] | None,
     typer.Option(
         help="Your detector, tracker, fusion or odometry, beside the suite's own: a name, "
-        "module:Class or file.py:Class, with ?argument=value. Can be given several times."
+        "module:Class or file.py:Class, with ?argument=value. Can be given several times. Your "
+        "code runs in a process of its own.",
+        autocompletion=completion.entries,
     ),
 ]
 Only = Annotated[bool, typer.Option("--only", help="Run the given entries alone.")]
@@ -85,7 +95,8 @@ Detections = Annotated[
     list[str] | None,
     typer.Option(
         help="Whose detections trackers get, in place of the suite's: a detector or "
-        "fused?lidar=A&camera=B&fusion=C (can be given several times)."
+        "fused?lidar=A&camera=B&fusion=C (can be given several times).",
+        autocompletion=completion.detectors,
     ),
 ]
 Calibration = Annotated[
@@ -93,17 +104,49 @@ Calibration = Annotated[
     typer.Option(help="What fusions believe of the sensors: a file of roadscope calibrate."),
 ]
 Deadline = Annotated[
-    float,
+    float, typer.Option(min=1, help="Seconds for a plug-in that is not ours on one episode.")
+]
+Trust = Annotated[
+    bool,
     typer.Option(
-        min=1, help="Seconds for a camera detector, fusion or odometry of yours on one episode."
+        "--trust",
+        help="Run plug-ins inside the run's own processes, for debugging: they can end or falsify "
+        "it.",
     ),
 ]
+Sandbox = Annotated[
+    bool,
+    typer.Option(
+        "--sandbox",
+        help="Give plug-ins that are not ours no network and no files but a scratch folder (needs "
+        "bubblewrap, Linux).",
+    ),
+]
+Backend = Annotated[
+    str,
+    typer.Option(
+        help="What provides worker processes: loky (this machine), ray or dask (extras).",
+        autocompletion=completion.backends,
+    ),
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        help="Of a running cluster of Ray or Dask, such as tcp://HOST:8786; --jobs 0 is then one "
+        "for each of its cores. Its machines should share the folder ROADSCOPE_CACHE."
+    ),
+]
+Width = Annotated[
+    int | None, typer.Option(min=40, help="Width of the tables; that of the terminal, else 80.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no tables.")]
+Json = Annotated[bool, typer.Option("--json", help="Print leaderboard.json instead of tables.")]
 
 
 def leaderboard(
     board: Board = None,
     *,
-    suite: Suite = None,
+    suite: SuiteName = None,
     entry: Entry = None,
     only: Only = False,
     by: By = None,
@@ -117,84 +160,191 @@ def leaderboard(
     detections: Detections = None,
     calibration: Calibration = None,
     deadline: Deadline = 300.0,
+    trust: Trust = False,
+    sandbox: Sandbox = False,
+    backend: Backend = "loky",
+    address: Address = None,
+    width: Width = None,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Rank detectors, trackers, camera detectors, fusions, odometries on a suite of traffic.
 
     What an earlier run has finished is not done again; a stopped run goes on where it was.
 
-    An entry that fails becomes a row with its reason.
+    An entry that fails becomes a row with its reason, and the exit status is 1.
     """
-    from roadscope.benchmarks.boards.results import check_breakdown
-    from roadscope.benchmarks.jobs.entries import ALL_BOARDS
-    from roadscope.benchmarks.jobs.plan import boards_of
-    from roadscope.benchmarks.runner import run
+    from roadscope.benchmarks.boards import chosen_boards
+    from roadscope.benchmarks.isolation import Limits
+    from roadscope.benchmarks.loop import RunOptions
+    from roadscope.benchmarks.results.results import check_breakdown
+    from roadscope.benchmarks.run import leaderboard as run
 
-    conditions = _conditions(suite or _usual(board), kitti, mot)
-    conditions = _given(conditions, detections) if detections else conditions
-    conditions = conditions if seeds is None else _fewer(conditions, seeds)
-    boards = boards_of(conditions) if board is None else (board,)
+    loaded = _suite(suite or _usual_suite(board), kitti, mot)
+    loaded = _with_detections(loaded, detections) if detections else loaded
+    loaded = loaded if seeds is None else _with_fewer_seeds(loaded, seeds)
+    boards = chosen_boards(loaded, None if board is None else [board])
     _check_tracks(tracks, kitti or mot)
-    _refuse_idle(boards, calibration, detections)
-    for each in by or () if set(boards) <= set(ALL_BOARDS) else ():
-        check_breakdown(each, _recorded_boards(kitti, mot) or boards)
-    with progress_bars() as progress:
+    _refuse_unused([each.name for each in boards], calibration, detections)
+    for each in by or ():
+        check_breakdown(each, boards)
+    with progress_bars(quiet=quiet) as progress:
         results = run(
-            conditions, entry or (), boards=boards, only=only, jobs=workers(jobs), out_dir=out,
-            fresh=fresh, progress=progress, calibration=calibration, deadline_s=deadline,
-        )  # fmt: skip
-        lost = [] if tracks is None else _save_tracks(
-            (conditions, entry or (), boards, only), tracks, workers(jobs), progress
-        )  # fmt: skip
-    _show(results, conditions, dict.fromkeys(by or ()))
-    if suite is None and not (kitti or mot):
-        _tell_more(board)
-    if lost:
-        typer.echo(f"no tracks were written of {', '.join(lost)}")
-    _tell_written(out and out / "leaderboard.json", tracks)
-    _tell_kept(out)
-    if results.barren():
+            loaded,
+            entry or (),
+            boards=None if board is None else [board],
+            only=only,
+            jobs=jobs if address else workers(jobs),
+            out_dir=out,
+            fresh=fresh,
+            progress=progress,
+            calibration=calibration,
+            deadline_s=deadline,
+            trust=trust,
+            sandbox=sandbox,
+            notice=complain,
+            backend=backend,
+            address=address,
+        )
+        left_out: list[str] = []
+        if tracks is not None:
+            left_out = _save_tracks(
+                loaded,
+                entry or (),
+                tracks,
+                only=only,
+                jobs=workers(jobs),
+                options=RunOptions(Limits(episode_s=deadline), trust, sandbox),
+                progress=progress,
+            )
+    if json:
+        typer.echo(results.to_json(), nl=False)
+    if json or quiet:
+        _complain_of_failures(results)
+    else:
+        shown = _Shown(results, loaded, console(width=width), tuple(dict.fromkeys(by or ())))
+        shown.show()
+        if suite is None and not (kitti or mot):
+            _name_full_suite(board, entry or ())
+        if left_out:
+            typer.echo(f"no tracks were written of {', '.join(left_out)}")
+        _name_written(out and out / "leaderboard.json", tracks)
+        _name_kept_boards(out)
+    if results.failed_entries:
         raise typer.Exit(1)
 
 
-def _save_tracks(asked: Any, folder: Path, jobs: int, progress: Any) -> list[str]:
-    """Write the tracks of what was asked: conditions, entries, boards, and whether these alone."""
-    from roadscope.benchmarks.boards.track_files import save_tracks
-    from roadscope.benchmarks.jobs.plan import plan
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    """The boards of a run on a terminal."""
 
-    conditions, entries, boards, only = asked
-    done = plan(conditions, entries, boards, only=only).tracking
-    return save_tracks(done, folder, workers=jobs, progress=progress)
+    results: Results
+    suite: Suite
+    screen: Any
+    by: tuple[str, ...]
+
+    def show(self) -> None:
+        """Print every board with what is said of it."""
+        from roadscope.benchmarks.boards import board_named
+        from roadscope.benchmarks.report.tables import (
+            agreement_lines,
+            board_table,
+            comparison,
+            explanation,
+            failure_lines,
+            footnote,
+        )
+
+        results, screen = self.results, self.screen
+        text = explanation(self.suite, results.boards())
+        screen.print(f"[bold]{self.suite.title}[/]: {self.suite.summary_with_seeds}. {text}")
+        for name in results.boards():
+            board = board_named(name)
+            screen.print(f"\n[bold]{name} board[/]")
+            screen.print(board_table(results, name, screen.width))
+            for line in failure_lines(results, name):
+                # One line each, however long, so that it can be searched for.
+                screen.print(line, markup=False, soft_wrap=True)
+            lines = [comparison(results, name), *agreement_lines(results, name)]
+            lines.append(board.remark(results.manifest.get("calibration", "")))
+            if results.nothing_eligible(name):
+                lines.insert(0, "No object in any episode was to be found: nothing is scored.")
+            for line in filter(None, lines):
+                screen.print(line, markup=False)
+            screen.print(footnote(results, name, screen.width), style="dim", markup=False)
+            if board.always_by is not None and board.always_by[0] not in self.by:
+                by, metric = board.always_by
+                self._show_breakdown(name, by, (metric,))
+            for by in self.by:
+                self._show_breakdown(name, by)
+
+    def _show_breakdown(self, board: str, by: str, metrics: tuple[str, ...] = ()) -> None:
+        from roadscope.benchmarks.boards import board_named
+        from roadscope.benchmarks.report.breakdowns import breakdown_tables, note
+
+        if by not in [each.by for each in board_named(board).breakdowns]:
+            return
+        screen = self.screen
+        for table in breakdown_tables(self.results, board, by, screen.width, metrics=metrics):
+            # A title within the table would be broken at the table's width.
+            screen.print(f"\n[bold]{table.title}[/]")
+            table.title = None
+            screen.print(table)
+        if text := note(board, by):
+            screen.print(text, style="dim")
 
 
-def _tell_written(*paths: Path | None) -> None:
+def _save_tracks(
+    suite: Suite,
+    entries: Sequence[str],
+    folder: Path,
+    *,
+    only: bool,
+    jobs: int,
+    options: RunOptions,
+    progress: Any,
+) -> list[str]:
+    """Write the tracks that the run has kept; return the entries that are left out."""
+    from roadscope.benchmarks.isolation import probed_in_sandbox
+    from roadscope.benchmarks.report.track_files import save_tracks
+    from roadscope.benchmarks.run import plan
+
+    with probed_in_sandbox(options.sandbox):
+        made = plan(suite, entries, only=only)
+    return save_tracks(made.jobs, folder, workers=jobs, options=options, progress=progress)
+
+
+def _name_written(*paths: Path | None) -> None:
     for path in paths:
         if path is not None:
             typer.echo(f"written: {path}")
 
 
-def _tell_kept(out: Path | None) -> None:
+def _name_kept_boards(out: Path | None) -> None:
     """Name boards of other suites in the folder."""
-    from roadscope.benchmarks.boards.kept import kept_boards
+    from roadscope.benchmarks.report.kept import kept_boards
 
     if out is not None and (kept := kept_boards(out)):
         typer.echo(f"kept beside it: {', '.join(path.name for path in kept)}")
 
 
-def _tell_more(board: str | None) -> None:
-    """Name the suite of a board that was shown on the quick one."""
+def _name_full_suite(board: str | None, entries: Sequence[str]) -> None:
+    """Name the suite of a board that was shown on the quick one, with the user's entries."""
     from roadscope.benchmarks.suite import SUITES
 
-    if board in SUITES and _usual(board) != board:
-        typer.echo(f"A quick look. In full: roadscope leaderboard {board} --suite {board}")
+    if board in SUITES and _usual_suite(board) != board:
+        given = "".join(f" --entry '{entry}'" for entry in entries)
+        typer.echo(f"A quick look. In full: roadscope leaderboard {board} --suite {board}{given}")
 
 
-def _usual(board: str | None) -> str:
-    from roadscope.benchmarks.jobs.entries import ODOMETRY, SENSOR_BOARDS
+def _usual_suite(board: str | None) -> str:
+    from roadscope.benchmarks.boards import BOARDS
 
-    return board if board in (*SENSOR_BOARDS, ODOMETRY) else DEFAULT_SUITE
+    known = BOARDS.get(board) if board else None
+    return known.default_suite if known else DEFAULT_SUITE
 
 
-def _given(suite: Any, detections: list[str]) -> Any:
+def _with_detections(suite: Suite, detections: list[str]) -> Suite:
     """Return the suite with other detections for its trackers."""
     from dataclasses import replace
 
@@ -205,14 +355,8 @@ def _given(suite: Any, detections: list[str]) -> Any:
     return replace(suite, public_detectors=tuple(dict.fromkeys(detections)))
 
 
-def _recorded_boards(kitti: Path | None, mot: Path | None) -> tuple[str, ...]:
-    from roadscope.benchmarks.recorded.recording import KITTI_BOARDS, MOT_BOARDS
-
-    return (KITTI_BOARDS if kitti else ()) + (MOT_BOARDS if mot else ())
-
-
-def _fewer(suite: Any, seeds: int) -> Any:
-    """Return the suite with its first seeds alone; what is done of these need not be done again."""
+def _with_fewer_seeds(suite: Suite, seeds: int) -> Suite:
+    """Return the suite with its first seeds; what is done of them need not be done again."""
     from dataclasses import replace
 
     from roadscope.benchmarks.recorded.suite import RecordedSuite
@@ -227,8 +371,8 @@ def _fewer(suite: Any, seeds: int) -> Any:
     return replace(suite, seeds=suite.seeds[:seeds])
 
 
-def _conditions(suite: str, kitti: Path | None, mot: Path | None) -> Any:
-    """Return the suite that is meant; a folder of recorded data is one of its own."""
+def _suite(suite: str, kitti: Path | None, mot: Path | None) -> Suite:
+    """Return the suite that is meant; a folder of recorded data is a suite."""
     from roadscope.benchmarks.recorded.mot import MOT, mot_suite
     from roadscope.benchmarks.recorded.suite import KITTI, kitti_suite
     from roadscope.benchmarks.suite import load_suite
@@ -246,19 +390,21 @@ def _conditions(suite: str, kitti: Path | None, mot: Path | None) -> Any:
     return load_suite(suite)
 
 
-def _refuse_idle(boards: Any, calibration: Path | None, detections: list[str] | None) -> None:
-    """Refuse options that no board of the run would heed."""
+def _refuse_unused(
+    boards: Sequence[str], calibration: Path | None, detections: list[str] | None
+) -> None:
+    """Refuse options that no board of the run uses."""
     if calibration is not None and "fusion" not in boards:
         raise ValueError(f"--calibration is for the board fusion, not {' and '.join(boards)}")
     if detections and "tracking" not in boards:
         raise ValueError(f"--detections is for the board tracking, not {' and '.join(boards)}")
 
 
-def _check_tracks(tracks: Path | None, kitti: Path | None) -> None:
+def _check_tracks(tracks: Path | None, recorded: Path | None) -> None:
     """Refuse a folder for tracks that nothing would be written to, before anything runs."""
     from roadscope.benchmarks.cache import usable_folder
 
-    if tracks is not None and kitti is None:
+    if tracks is not None and recorded is None:
         raise ValueError(
             "--tracks writes tracks of recorded data: name its folder with --kitti or --mot"
         )
@@ -266,61 +412,9 @@ def _check_tracks(tracks: Path | None, kitti: Path | None) -> None:
         usable_folder(tracks)
 
 
-def _show(results: Any, loaded: Any, by: Collection[str]) -> None:
-    from roadscope.benchmarks.boards.columns import footnote
-    from roadscope.benchmarks.boards.tables import (
-        agreement_lines,
-        believed_lines,
-        board_table,
-        comparison,
-        conditions,
-    )
-    from roadscope.benchmarks.jobs.entries import SENSOR_BOARDS
+def _complain_of_failures(results: Results) -> None:
+    from roadscope.benchmarks.report.tables import failure_lines
 
-    screen, jobs = console(), results.manifest["jobs"]
-    summary = f": {loaded.summary}" if loaded.summary else ""
-    screen.print(f"[bold]{loaded.title}[/]{summary}. {conditions(loaded, results.boards())}")
-    for name in results.boards():
-        screen.print(f"\n[bold]{name} board[/]")
-        screen.print(board_table(results, name, screen.width))
-        if results.nothing_eligible(name):
-            screen.print("No object in any episode was to be found: there is nothing to score.")
-        if text := comparison(results, name):
-            screen.print(text)
-        for text in (*agreement_lines(results, name), *believed_lines(results, name)):
-            screen.print(text)
-        screen.print(footnote(name, screen.width, jobs), style="dim")
-        if name in SENSOR_BOARDS and "family" not in by:
-            _show_breakdown(screen, results, name, "family", ("detection_rate",))
-        for each in by:
-            _show_breakdown(screen, results, name, each)
-    _complain_of_failures(results)
-
-
-def _show_breakdown(
-    screen: Any, results: Any, board: str, by: str, metrics: tuple[str, ...] = ()
-) -> None:
-    from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables, note
-    from roadscope.benchmarks.boards.results import BREAKDOWNS
-
-    if by not in BREAKDOWNS[board]:
-        return
-    for table in breakdown_tables(results, board, by, screen.width, metrics):
-        # A title within the table would be broken at the table's width.
-        screen.print(f"\n[bold]{table.title}[/]")
-        table.title = None
-        screen.print(table)
-    if text := note(board, by):
-        screen.print(text, style="dim")
-
-
-def _complain_of_failures(results: Any) -> None:
-    from roadscope.benchmarks.boards.results import reason_alone
-
-    for name, count, reason in results.reasons():
-        told = reason_alone(name, reason)
-        if results.not_installed(name):
-            complain(f"left out: {name}: {told}")
-            continue
-        counted = results.row(results.board_of(name), name, "failed_episodes")
-        complain(f"failed: {name} in {count} of {counted.n} episodes: {told}")
+    for board in results.boards():
+        for line in failure_lines(results, board):
+            complain(line)

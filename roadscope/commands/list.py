@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from roadscope.commands.completion import listed_kinds
 from roadscope.commands.terminal import show
 
 
@@ -15,7 +16,8 @@ def list_names(
         typer.Argument(
             help="detectors, stages (of detectors), camera-detectors, fusions, trackers, "
             "odometries, scenarios, suites, rigs, sensors, weathers, lights or faults; "
-            "all if left out."
+            "all if left out.",
+            autocompletion=listed_kinds,
         ),
     ] = None,
 ) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from roadscope.commands import completion
 from roadscope.commands.terminal import complain, headline, progress_bars, show
 
 if TYPE_CHECKING:
@@ -35,7 +36,10 @@ def run_odometry(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Scans in order of name: .bin, .pcd or .npy.")
     ],
-    odometry: Annotated[str, typer.Option(metavar="SPEC", help=ODOMETRY_HELP)] = USUAL,
+    odometry: Annotated[
+        str,
+        typer.Option(metavar="SPEC", help=ODOMETRY_HELP, autocompletion=completion.odometries),
+    ] = USUAL,
     out: Annotated[Path, typer.Option(help="File for the poses.")] = Path("poses.txt"),
     format: Annotated[str, typer.Option(help="kitti: 3 x 4 matrices; tum: with stamps.")] = "kitti",
     rate_hz: Annotated[
@@ -71,13 +75,20 @@ def run_odometry(
     found = [each.path for each in (inertial, rolled) if each is not None]
     _spare(out, truth, scans.times, *scans.files, *found)
     _tell_missing(scans, folder, without_imu=inertial is None and imu is None)
-    _check_use(odometry, inertial, rolled, named=(imu or mounting, wheels))
+    _check_use(
+        odometry,
+        inertial,
+        rolled,
+        imu_named=bool(imu or mounting),
+        wheels_named=wheels is not None,
+    )
     reasons: Counter[str] = Counter()
     poses: list[Pose] = []
     try:
         with progress_bars() as progress:
-            estimates = write_followed(scans, odometry, out, format, inertial=inertial,
-                                       wheels=rolled)  # fmt: skip
+            estimates = write_followed(
+                scans, odometry, out, format, inertial=inertial, wheels=rolled
+            )
             for told in estimates:
                 poses.append(told.start_from_lidar)
                 reasons.update([told.reason] if told.reason else [])
@@ -128,8 +139,10 @@ def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
     )
     if reasons:
         share = reasons.total() / len(poses)
-        show(f"degraded in {reasons.total()} of {len(poses)} scans, mostly: "
-             f"{escape(reasons.most_common(1)[0][0])}")  # fmt: skip
+        show(
+            f"degraded in {reasons.total()} of {len(poses)} scans, mostly: "
+            f"{escape(reasons.most_common(1)[0][0])}"
+        )
         if share > MANY:
             complain(
                 "so many degraded scans: do not trust the poses before you have looked at them"
@@ -141,8 +154,10 @@ def _compare(poses: Sequence[Pose], true: Truth, path: Path | None) -> None:
     from roadscope.benchmarks.followed import compared, of_camera
 
     if of_camera(true):
-        complain(f"{path}: its z axis points ahead: expected poses of the LiDAR, x ahead, not of a "
-                 "camera, as KITTI's own are")  # fmt: skip
+        complain(
+            f"{path}: its z axis points ahead: expected poses of the LiDAR, x ahead, not of a "
+            "camera, as KITTI's own are"
+        )
     typer.echo(f"beside {path}: {compared(poses, true)}")
 
 
@@ -161,16 +176,20 @@ def _inertial(
     path = find_imu(folder) if given is None else Path(given)
     if path is None or given == NONE:
         if mounted is not None:
-            raise FormatError(f"a mounting is of an IMU: expected {' or '.join(NAMES)} in or "
-                              f"beside {folder}, or --imu FILE")  # fmt: skip
+            raise FormatError(
+                f"a mounting is of an IMU: expected {' or '.join(NAMES)} in or "
+                f"beside {folder}, or --imu FILE"
+            )
         return None
     samples, left_out = read_imu(path)
     inertial = Inertial(samples, mounted, path, left_out)
     check_times(inertial, scans.stamps_s)
     step_s = float(np.median(np.diff(samples.stamps_s)))
     if step_s > GAP_S:
-        complain(f"{path}: samples {step_s:.2g} s apart are too few: they are used where they are "
-                 f"{GAP_S:g} s apart at most")  # fmt: skip
+        complain(
+            f"{path}: samples {step_s:.2g} s apart are too few: they are used where they are "
+            f"{GAP_S:g} s apart at most"
+        )
     return inertial
 
 
@@ -189,26 +208,39 @@ def _wheels(folder: Path, scans: ScanFolder, given: str | None) -> Wheels | None
 
 
 def _check_use(
-    odometry: str, inertial: Inertial | None, wheels: Wheels | None,
-    named: tuple[str | None, str | None],
-) -> None:  # fmt: skip
+    odometry: str,
+    inertial: Inertial | None,
+    wheels: Wheels | None,
+    *,
+    imu_named: bool,
+    wheels_named: bool,
+) -> None:
     """Say what is used beside the scans and what is not; what was named, and is not, is refused."""
     from roadscope.benchmarks.formats.table import FormatError
-    from roadscope.benchmarks.oracle_odometry import needs_truth
-    from roadscope.odometry import ODOMETRIES
-    from roadscope.odometry.api import takes_imu, takes_wheels
+    from roadscope.benchmarks.isolation import open_plugin
+    from roadscope.benchmarks.references import made_from_truth, pose_source
 
-    if needs_truth(odometry):
+    source = pose_source(odometry)
+    if made_from_truth(source):
         raise FormatError(f"{odometry} is made from truth: it stands on boards only")
-    made = ODOMETRIES.make(odometry)
+    with open_plugin(source) as plugin:
+        traits = plugin.traits
     kinds = (
-        (inertial, takes_imu(made), "an IMU; lidar-inertial does", named[0]),
-        (wheels, takes_wheels(made), "wheel speeds; lidar-inertial?wheels=true does", named[1]),
+        (inertial, traits.takes_imu, "an IMU; lidar-inertial does", imu_named),
+        (
+            wheels,
+            traits.takes_wheels,
+            "wheel speeds; lidar-inertial?wheels=true does",
+            wheels_named,
+        ),
     )
-    for found, taken, what, name in kinds:
-        if found is None:
+    for samples, taken, what, named in kinds:
+        if samples is None:
             continue
-        if not taken and name is not None:
+        if not taken and named:
             raise FormatError(f"{odometry} has no use for {what}")
-        complain(f"with {found}" if taken else
-                 f"{found.path} is not used: {odometry} has no use for {what}")  # fmt: skip
+        complain(
+            f"with {samples}"
+            if taken
+            else f"{samples.path} is not used: {odometry} has no use for {what}"
+        )

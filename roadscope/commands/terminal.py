@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
@@ -9,15 +10,22 @@ from typing import Any
 
 import typer
 
-LINE_EACH_S = 60.0
-"""Where no terminal shows bars, a line says this often how far a stage is."""
+LINE_EACH_S = 10.0
+"""Where no terminal shows bars, a line says at most this often how far a stage is."""
 
 
-def console(*, stderr: bool = False) -> Any:
-    """Return a rich console that colours nothing of its own accord."""
+PIPED_WIDTH = 80
+"""Width of tables that go to a file or pipe, characters."""
+
+
+def console(*, stderr: bool = False, width: int | None = None) -> Any:
+    """Return a rich console that colours nothing of its own accord; width: None: as it is."""
     from rich.console import Console
 
-    return Console(stderr=stderr, highlight=False)
+    screen = Console(stderr=stderr, highlight=False, width=width)
+    if width is None and not screen.is_terminal and "COLUMNS" not in os.environ:
+        screen.width = PIPED_WIDTH
+    return screen
 
 
 def show(thing: Any, *, dim: bool = False) -> None:
@@ -38,8 +46,14 @@ def complain(text: str) -> None:
 
 
 @contextmanager
-def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Show one bar for each stage, with time spent and left; in a log, a line now and then."""
+def progress_bars(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
+    """Show one bar for each stage, with time spent and left; in a log, plain lines.
+
+    quiet: show nothing.
+    """
+    if quiet:
+        yield lambda stage, done, total: None
+        return
     from rich import progress as bars
 
     columns = (
@@ -53,18 +67,23 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
     shown = bars.Progress(*columns, console=console(stderr=True))
     tasks: dict[str, bars.TaskID] = {}
     logged, begun = not shown.console.is_terminal, monotonic()
-    told_s = begun
+    written_s = dict[str, float]()
+
+    def log(stage: str, done: int, total: int) -> None:
+        now_s = monotonic()
+        if done == total or now_s - written_s.get(stage, -LINE_EACH_S) >= LINE_EACH_S:
+            written_s[stage] = now_s
+            complain(f"{stage} {done}/{total}, {now_s - begun:.0f} s")
 
     def tell(stage: str, done: int, total: int) -> None:
-        nonlocal told_s
+        if logged:
+            log(stage, done, total)
+            return
         # Started late, so that an error in the input is the only line there is.
         shown.start()
         if stage not in tasks:
             tasks[stage] = shown.add_task(stage, total=total)
         shown.update(tasks[stage], completed=done, total=total)
-        if logged and monotonic() - told_s > LINE_EACH_S:
-            told_s = monotonic()
-            complain(f"{stage} {done}/{total}, {told_s - begun:.0f} s")
 
     try:
         yield tell

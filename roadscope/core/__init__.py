@@ -6,11 +6,13 @@ from roadscope.core.detections import Detections, ImageDetections
 from roadscope.core.frame import Calibration, Frame
 from roadscope.core.image import CameraImage
 from roadscope.core.imu import ImuSamples
+from roadscope.core.loading import NotInstalledError, Requirement, SpecError
 from roadscope.core.odometry import OdometryEstimate, OdometryStatus
 from roadscope.core.pixel_truth import SKY, PixelTruth
 from roadscope.core.pose import Pose, wrap_angle
-from roadscope.core.registry import NotInstalledError, Plugin, Registry, Requirement, SpecError
+from roadscope.core.registry import Registry
 from roadscope.core.scan import LidarScan
+from roadscope.core.spec import Spec
 from roadscope.core.tracks import Tracks, TrackState
 from roadscope.core.truth import GROUND, WEATHER, Truth
 from roadscope.core.wheels import WheelSamples
@@ -32,11 +34,11 @@ __all__ = [
     "OdometryEstimate",
     "OdometryStatus",
     "PixelTruth",
-    "Plugin",
     "Pose",
     "RecordError",
     "Registry",
     "Requirement",
+    "Spec",
     "SpecError",
     "TrackState",
     "Tracks",

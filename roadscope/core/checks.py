@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
+from roadscope.core.category import Category
+
 Shape = tuple[int | str, ...]
 
 
@@ -18,7 +20,9 @@ def settle_arrays(record: object, /, **fields: tuple[DTypeLike, Shape]) -> None:
     """Convert the named fields of a frozen record to arrays and check their shapes.
 
     A letter in a shape is a length that must agree between all fields that use it; floats must
-    be finite. Raises `RecordError` naming record, field, expectation and what was given.
+    be finite. Values of another dtype are converted where that changes no value beyond rounding:
+    floats to integers if they are whole, numbers to booleans if they are 0 or 1. Raises
+    `RecordError` naming record, field, expectation and what was given.
     """
     lengths: dict[str, tuple[int, str]] = {}
     for name, (dtype, shape) in fields.items():
@@ -37,21 +41,69 @@ def require(condition: bool, record: object, name: str, expected: str, given: ob
         raise RecordError(f"{_label(record, name)}: expected {expected}, got {given!r}")
 
 
+def check_sizes(record: object, name: str, sizes: np.ndarray) -> None:
+    """Raise `RecordError` where an (N, 3) length, width or height is not positive."""
+    _require_rows((sizes > 0).all(axis=1), record, name, "positive lengths", sizes)
+
+
+def check_categories(record: object, name: str, categories: np.ndarray) -> None:
+    """Raise `RecordError` where one of (N,) is no value of `Category`."""
+    known = (categories >= 0) & (categories < len(Category))
+    expected = f"values of Category, 0 to {len(Category) - 1}"
+    _require_rows(known, record, name, expected, categories)
+
+
+def check_scores(record: object, name: str, scores: np.ndarray) -> None:
+    """Raise `RecordError` where one of (N,) is not in 0 to 1."""
+    _require_rows((scores >= 0) & (scores <= 1), record, name, "values in 0 to 1", scores)
+
+
+def check_image_boxes(record: object, name: str, boxes: np.ndarray) -> None:
+    """Raise `RecordError` where an (N, 4) box has its right left of its left, or is upside down."""
+    ordered = (boxes[:, 2:] >= boxes[:, :2]).all(axis=1)
+    expected = "left, top, right, bottom with right >= left and bottom >= top"
+    _require_rows(ordered, record, name, expected, boxes)
+
+
+def _require_rows(
+    good: np.ndarray | np.bool, record: object, name: str, expected: str, values: np.ndarray
+) -> None:
+    """Raise `RecordError` that names the first of the rows that are not good."""
+    require(bool(good.all()), record, name, expected, values[~good][:1].tolist())
+
+
 def _label(record: object, name: str) -> str:
     return f"{type(record).__name__}.{name}"
 
 
 def _convert(record: object, name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
+    wanted = np.dtype(dtype)
     try:
         given = np.asarray(value)
-        wanted = np.dtype(dtype)
-        if given.size and given.dtype.kind == "f" and wanted.kind in "iu":
-            raise TypeError(f"floats given, {wanted} wanted")
+        _check_exact(given, wanted)
         return np.ascontiguousarray(given, dtype=wanted).reshape(given.shape)
     except (TypeError, ValueError) as error:
-        raise RecordError(
-            f"{_label(record, name)}: not an array of {np.dtype(dtype)}: {error}"
-        ) from error
+        raise RecordError(f"{_label(record, name)}: not an array of {wanted}: {error}") from error
+
+
+def _check_exact(given: np.ndarray, wanted: np.dtype[Any]) -> None:
+    """Raise `ValueError` where conversion would change a value by more than rounding."""
+    if given.dtype == wanted or not given.size:
+        return
+    if given.dtype.kind not in "biuf":
+        raise ValueError(f"expected numbers, got {given.dtype} such as {given.flat[0]!r}")
+    if wanted.kind == "b":
+        exact, expected = (given == 0) | (given == 1), "True or False"
+    elif wanted.kind in "iu" and not np.can_cast(given.dtype, wanted):
+        limits = np.iinfo(wanted)
+        # Below the limit plus one: the greatest int64 itself is no float.
+        exact = (given >= limits.min) & (given < limits.max + 1)
+        exact &= np.trunc(given) == given if given.dtype.kind == "f" else True
+        expected = f"whole numbers from {limits.min} to {limits.max}"
+    else:
+        return
+    if not exact.all():
+        raise ValueError(f"expected {expected}, got {given[~exact].flat[0]}")
 
 
 def _check_shape(

@@ -6,8 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from roadscope.core.category import Category
-from roadscope.core.checks import require, settle_arrays
+from roadscope.core.checks import (
+    check_categories,
+    check_image_boxes,
+    check_scores,
+    check_sizes,
+    require,
+    settle_arrays,
+)
 from roadscope.core.pose import Pose, wrap_angle
 from roadscope.core.record import Record
 
@@ -54,19 +60,27 @@ class Detections(Record):
     def empty(stamp_s: float, frame: str = "ego") -> Detections:
         """Return detections of nothing."""
         return Detections(
-            np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0, np.int8), np.empty(0),
-            frame, stamp_s,
-        )  # fmt: skip
+            np.empty((0, 3)),
+            np.empty((0, 3)),
+            np.empty(0),
+            np.empty(0, np.int8),
+            np.empty(0),
+            frame,
+            stamp_s,
+        )
 
     def select(self, index: np.ndarray) -> Detections:
         """Keep the rows that a mask or an index array names."""
         centres = self.centres[index]
         require(centres.ndim == 2, self, "select", "a mask or an index array", index)
         return self._trusted(
-            centres=centres, sizes=self.sizes[index], yaws=self.yaws[index],
-            categories=self.categories[index], scores=self.scores[index],
+            centres=centres,
+            sizes=self.sizes[index],
+            yaws=self.yaws[index],
+            categories=self.categories[index],
+            scores=self.scores[index],
             masses=None if self.masses is None else self.masses[index],
-        )  # fmt: skip
+        )
 
     def moved(self, a_from_b: Pose, frame: str) -> Detections:
         """Express boxes of frame b in frame a, named `frame`."""
@@ -81,7 +95,8 @@ class Detections(Record):
 class ImageDetections(Record):
     """Boxes found in one image.
 
-    boxes: (N, 4) float64, pixels, left top right bottom.
+    boxes: (N, 4) float64, pixels, left top right bottom, right not left of left, bottom not above
+        top.
     categories: (N,) int8, values of `Category`.
     scores: (N,) float64 in 0 to 1.
     stamp_s: seconds since reset.
@@ -104,32 +119,37 @@ class ImageDetections(Record):
             scores=(np.float64, ("N",)),
             **({} if self.masses is None else {"masses": (np.float64, ("N", "K"))}),
         )
+        check_image_boxes(self, "boxes", self.boxes)
+        check_categories(self, "categories", self.categories)
+        check_scores(self, "scores", self.scores)
 
     def __len__(self) -> int:
         return len(self.boxes)
+
+    @staticmethod
+    def empty(stamp_s: float, size_px: tuple[int, int] | None = None) -> ImageDetections:
+        """Return detections of nothing."""
+        return ImageDetections(
+            np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s, size_px=size_px
+        )
 
     def select(self, index: np.ndarray) -> ImageDetections:
         """Keep the rows that a mask or an index array names."""
         boxes = self.boxes[index]
         require(boxes.ndim == 2, self, "select", "a mask or an index array", index)
         return replace(
-            self, boxes=boxes, categories=self.categories[index], scores=self.scores[index],
+            self,
+            boxes=boxes,
+            categories=self.categories[index],
+            scores=self.scores[index],
             masses=None if self.masses is None else self.masses[index],
-        )  # fmt: skip
+        )
 
 
 def check_boxes(
     record: Record, sizes: np.ndarray, categories: np.ndarray, scores: np.ndarray
 ) -> None:
     """Refuse boxes without extent, categories that do not exist and scores beyond 0 to 1."""
-    positive = (sizes > 0).all(axis=1)
-    require(
-        bool(positive.all()), record, "sizes", "positive lengths", sizes[~positive][:1].tolist()
-    )
-    known = (categories >= 0) & (categories < len(Category))
-    require(
-        bool(known.all()), record, "categories", f"values of Category, 0 to {len(Category) - 1}",
-        categories[~known][:1].tolist(),
-    )  # fmt: skip
-    proper = (scores >= 0) & (scores <= 1)
-    require(bool(proper.all()), record, "scores", "values in 0 to 1", scores[~proper][:1].tolist())
+    check_sizes(record, "sizes", sizes)
+    check_categories(record, "categories", categories)
+    check_scores(record, "scores", scores)

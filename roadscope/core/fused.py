@@ -6,9 +6,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from roadscope.core.checks import require, settle_arrays
-from roadscope.core.detections import Detections
+from roadscope.core.category import Category, Family
+from roadscope.core.checks import (
+    RecordError,
+    check_categories,
+    check_image_boxes,
+    check_scores,
+    check_sizes,
+    require,
+    settle_arrays,
+)
+from roadscope.core.detections import Detections, ImageDetections
 from roadscope.core.record import Record
+
+_FAMILY_COLUMN = np.array([list(Family).index(category.family) for category in Category])
+"""Column of each category's family in masses on vehicle, cyclist, pedestrian and ignorance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,13 +73,127 @@ class FusedDetections(Record):
             image_boxes=(np.float64, ("N", 4)),
             masses=(np.float64, ("N", "K")),
         )
-        proper = (self.scores >= 0) & (self.scores <= 1)
-        require(bool(proper.all()), self, "scores", "values in 0 to 1", self.scores[~proper][:1])
+        check_categories(self, "categories", self.categories)
+        check_scores(self, "scores", self.scores)
+        check_sizes(self, "sizes", self.sizes[self.has_box])
+        check_image_boxes(self, "image_boxes", self.image_boxes[self.has_image_box])
         found = self.by_lidar | self.by_camera
         require(bool(found.all()), self, "by_lidar", "a sensor for every target", "none")
 
     def __len__(self) -> int:
         return len(self.scores)
+
+    @staticmethod
+    def of(
+        lidar: Detections | None,
+        camera: ImageDetections | None,
+        *,
+        pairs: np.ndarray | None = None,
+        scores: np.ndarray | None = None,
+    ) -> FusedDetections:
+        """Return all detections of both sensors as targets, one target for each pair.
+
+        For fusions that only say which detections belong together. A pair has the box in space of
+        its LiDAR detection, the image box of its camera detection, the greater score and the
+        category that goes with it.
+
+        lidar, camera: detections in frame `ego` and in the image, None for a sensor that brought
+            nothing; one of them must be there.
+        pairs: (M, 2) rows of `lidar` and `camera` that belong together; each row once at most.
+        scores: (M,) of the pairs, in place of the greater score.
+        """
+        rows = _pair_rows(pairs, _count(lidar), _count(camera))
+        of_lidar = np.setdiff1d(np.arange(_count(lidar)), rows[:, 0])
+        of_camera = np.setdiff1d(np.arange(_count(camera)), rows[:, 1])
+        lidar_rows = np.concatenate([rows[:, 0], of_lidar, np.full(len(of_camera), -1)])
+        camera_rows = np.concatenate([rows[:, 1], np.full(len(of_lidar), -1), of_camera])
+        given = None
+        if scores is not None:
+            given = np.concatenate(
+                [
+                    np.asarray(scores, np.float64),
+                    _scores(lidar)[of_lidar],
+                    _scores(camera)[of_camera],
+                ]
+            )
+        return FusedDetections.from_rows(
+            lidar, camera, lidar_rows=lidar_rows, camera_rows=camera_rows, scores=given
+        )
+
+    @staticmethod
+    def from_rows(
+        lidar: Detections | None,
+        camera: ImageDetections | None,
+        *,
+        lidar_rows: np.ndarray,
+        camera_rows: np.ndarray,
+        categories: np.ndarray | None = None,
+        scores: np.ndarray | None = None,
+        masses: np.ndarray | None = None,
+        lidar_boxes: np.ndarray | None = None,
+    ) -> FusedDetections:
+        """Return targets of which each is a row of one sensor's detections or of both.
+
+        lidar, camera: as in `of`.
+        lidar_rows, camera_rows: (N,) rows of the detections, -1 where a target has none.
+        categories, scores: (N,); those of the sensor with the greater score if left out.
+        masses: (N, K) with ignorance last; if left out (N, 4) with the score as the mass of the
+            family, in the order vehicle, cyclist, pedestrian.
+        lidar_boxes: (L, 4) all LiDAR detections projected into the image, zeros where outside; the
+            image boxes of targets that the camera does not have.
+        """
+        if lidar is None and camera is None:
+            raise RecordError("FusedDetections: expected detections of one sensor at least")
+        if lidar is not None and lidar.frame != "ego":
+            raise RecordError(
+                f"FusedDetections: expected detections in frame ego, got those in "
+                f"frame {lidar.frame}"
+            )
+        stamp_s = lidar.stamp_s if lidar is not None else camera.stamp_s if camera else 0.0
+        points = Detections.empty(stamp_s) if lidar is None else lidar
+        image = ImageDetections.empty(stamp_s) if camera is None else camera
+        lidar_rows = _rows("lidar_rows", lidar_rows, len(points))
+        camera_rows = _rows("camera_rows", camera_rows, len(image))
+        if len(lidar_rows) != len(camera_rows):
+            raise RecordError(
+                f"FusedDetections: expected as many lidar_rows as camera_rows, got "
+                f"{len(lidar_rows)} and {len(camera_rows)}"
+            )
+        by_lidar, by_camera = lidar_rows >= 0, camera_rows >= 0
+        of_lidar = _taken(points.scores, lidar_rows, -1.0)
+        of_camera = _taken(image.scores, camera_rows, -1.0)
+        if categories is None:
+            categories = np.where(
+                of_lidar > of_camera,
+                _taken(points.categories, lidar_rows, 0),
+                _taken(image.categories, camera_rows, 0),
+            )
+        if scores is None:
+            scores = np.maximum(of_lidar, of_camera)
+        boxes = _taken(image.boxes, camera_rows, 0.0)
+        projected = np.zeros(len(boxes), np.bool_)
+        if lidar_boxes is not None:
+            candidates = _taken(np.asarray(lidar_boxes, np.float64), lidar_rows, 0.0)
+            inside = (candidates[:, 2:] > candidates[:, :2]).all(axis=1)
+            projected = by_lidar & ~by_camera & inside
+            boxes[projected] = candidates[projected]
+        centres = _taken(points.centres, lidar_rows, 0.0)
+        return FusedDetections(
+            categories=categories,
+            scores=scores,
+            by_lidar=by_lidar,
+            by_camera=by_camera,
+            has_box=by_lidar,
+            centres=centres,
+            sizes=_taken(points.sizes, lidar_rows, 1.0),
+            yaws=_taken(points.yaws, lidar_rows, 0.0),
+            distances_m=np.where(by_lidar, np.hypot(centres[:, 0], centres[:, 1]), -1.0),
+            numbers=lidar_rows,
+            has_image_box=by_camera | projected,
+            image_boxes=boxes,
+            masses=_simple_masses(categories, scores) if masses is None else masses,
+            stamp_s=stamp_s,
+        )
 
     def select(self, index: np.ndarray) -> FusedDetections:
         """Keep the rows that a mask or an index array names."""
@@ -80,3 +206,61 @@ class FusedDetections(Record):
         return Detections(
             kept.centres, kept.sizes, kept.yaws, kept.categories, kept.scores, "ego", kept.stamp_s
         )
+
+
+def _count(detections: Detections | ImageDetections | None) -> int:
+    return 0 if detections is None else len(detections)
+
+
+def _scores(detections: Detections | ImageDetections | None) -> np.ndarray:
+    return np.empty(0) if detections is None else detections.scores
+
+
+def _pair_rows(pairs: np.ndarray | None, lidar: int, camera: int) -> np.ndarray:
+    """Return (M, 2) rows; refuse other shapes, rows that do not exist and rows named twice."""
+    given = np.empty((0, 2), np.int64) if pairs is None else np.asarray(pairs)
+    if given.size == 0:
+        return np.empty((0, 2), np.int64)
+    if given.ndim != 2 or given.shape[1] != 2:
+        raise RecordError(f"FusedDetections: expected pairs (M, 2), got shape {given.shape}")
+    columns = (("LiDAR", given[:, 0], lidar), ("camera", given[:, 1], camera))
+    for sensor, column, count in columns:
+        rows = _rows(f"rows of {sensor} in pairs", column, count)
+        if (rows < 0).any() or len(np.unique(rows)) < len(rows):
+            raise RecordError(
+                f"FusedDetections: expected each row of {sensor} detections once at "
+                f"most in pairs, from 0 to {count - 1}, got {rows.tolist()}"
+            )
+    return given.astype(np.int64)
+
+
+def _rows(name: str, rows: np.ndarray, count: int) -> np.ndarray:
+    """Return (N,) rows; refuse those that are not whole or do not exist."""
+    given = np.asarray(rows)
+    whole = given.dtype.kind in "iu" or given.size == 0
+    if (
+        given.ndim != 1
+        or not whole
+        or (given.size and not -1 <= given.min() <= given.max() < count)
+    ):
+        raise RecordError(
+            f"FusedDetections: expected {name} (N,), whole numbers from -1 to "
+            f"{count - 1}, got {given.tolist()}"
+        )
+    return given.astype(np.int64)
+
+
+def _taken(values: np.ndarray, rows: np.ndarray, otherwise: float) -> np.ndarray:
+    """Return the named rows of values, a constant where the row is -1."""
+    taken = np.full((len(rows), *values.shape[1:]), otherwise, values.dtype)
+    taken[rows >= 0] = values[rows[rows >= 0]]
+    return taken
+
+
+def _simple_masses(categories: np.ndarray, scores: np.ndarray) -> np.ndarray:
+    """Return (N, 4) masses: the score on the family, the rest on ignorance."""
+    families = _FAMILY_COLUMN[np.asarray(categories, np.int64)]
+    masses = np.zeros((len(families), len(Family) + 1))
+    masses[np.arange(len(families)), families] = scores
+    masses[:, -1] = 1.0 - np.asarray(scores)
+    return masses

@@ -48,8 +48,13 @@ class OdometryEstimate(Record):
         least = float(self.covariance.diagonal().min())
         require(least >= 0, self, "covariance", "variances of 0 or more", least)
         degraded = self.status is OdometryStatus.DEGRADED
-        require(degraded == bool(self.reason), self, "reason", "one if and only if degraded",
-                self.reason)  # fmt: skip
+        require(
+            degraded == bool(self.reason),
+            self,
+            "reason",
+            "one if and only if degraded",
+            self.reason,
+        )
 
     @property
     def ok(self) -> bool:

@@ -25,12 +25,18 @@ class Pose(Record):
         orthonormal = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-6
         require(
             bool(orthonormal) and np.linalg.det(rotation) > 0,
-            self, "matrix", "a rotation in its upper left 3 x 3 block", rotation.tolist(),
-        )  # fmt: skip
+            self,
+            "matrix",
+            "a rotation in its upper left 3 x 3 block",
+            rotation.tolist(),
+        )
         require(
             np.array_equal(self.matrix[3], (0, 0, 0, 1)),
-            self, "matrix", "a last row of 0 0 0 1", self.matrix[3].tolist(),
-        )  # fmt: skip
+            self,
+            "matrix",
+            "a last row of 0 0 0 1",
+            self.matrix[3].tolist(),
+        )
 
     @staticmethod
     def identity() -> Pose:

@@ -32,13 +32,19 @@ class Projection(Record):
         block = self.matrix[:, :3]
         singular = np.linalg.svd(block, compute_uv=False)
         require(
-            bool(singular[-1] > 1e-9 * singular[0]), self, "matrix",
-            "a left 3 x 3 block that can be inverted", self.matrix.tolist(),
-        )  # fmt: skip
+            bool(singular[-1] > 1e-9 * singular[0]),
+            self,
+            "matrix",
+            "a left 3 x 3 block that can be inverted",
+            self.matrix.tolist(),
+        )
         require(
-            bool(np.linalg.det(block) > 0), self, "matrix",
-            "a left 3 x 3 block of positive determinant, which is no mirror", self.matrix.tolist(),
-        )  # fmt: skip
+            bool(np.linalg.det(block) > 0),
+            self,
+            "matrix",
+            "a left 3 x 3 block of positive determinant, which is no mirror",
+            self.matrix.tolist(),
+        )
         length = np.linalg.norm(self.matrix[2, :3])
         require(bool(abs(length - 1) < 1e-6), self, "matrix", "a third row of unit length", length)
         require(self.width > 0 and self.height > 0, self, "width", "an image", self.width)

@@ -70,9 +70,12 @@ class Tracks(Record):
         check_boxes(self, self.sizes, self.categories, self.scores)
         known = (self.states >= 0) & (self.states < len(TrackState))
         require(
-            bool(known.all()), self, "states", f"values of TrackState, 0 to {max(TrackState)}",
+            bool(known.all()),
+            self,
+            "states",
+            f"values of TrackState, 0 to {max(TrackState)}",
             self.states[~known][:1].tolist(),
-        )  # fmt: skip
+        )
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -82,9 +85,18 @@ class Tracks(Record):
         """Return no tracks."""
         none, three = np.empty(0), np.empty((0, 3))
         return Tracks(
-            np.empty(0, np.int64), three, three, none, np.empty((0, 2)), np.empty((0, 4, 4)),
-            np.empty(0, np.int8), none, np.empty(0, np.int8), frame, stamp_s,
-        )  # fmt: skip
+            np.empty(0, np.int64),
+            three,
+            three,
+            none,
+            np.empty((0, 2)),
+            np.empty((0, 4, 4)),
+            np.empty(0, np.int8),
+            none,
+            np.empty(0, np.int8),
+            frame,
+            stamp_s,
+        )
 
     @staticmethod
     def of(detections: Detections, ids: np.ndarray) -> Tracks:
@@ -94,18 +106,34 @@ class Tracks(Record):
         """
         n = len(detections)
         return Tracks(
-            ids, detections.centres, detections.sizes, detections.yaws, np.zeros((n, 2)),
-            np.tile(np.eye(4), (n, 1, 1)), detections.categories, detections.scores,
-            np.full(n, TrackState.CONFIRMED, np.int8), detections.frame, detections.stamp_s,
-        )  # fmt: skip
+            ids,
+            detections.centres,
+            detections.sizes,
+            detections.yaws,
+            np.zeros((n, 2)),
+            np.tile(np.eye(4), (n, 1, 1)),
+            detections.categories,
+            detections.scores,
+            np.full(n, TrackState.CONFIRMED, np.int8),
+            detections.frame,
+            detections.stamp_s,
+        )
 
     def select(self, index: np.ndarray) -> Tracks:
         """Keep the rows that a mask or an index array names."""
         return Tracks(
-            self.ids[index], self.centres[index], self.sizes[index], self.yaws[index],
-            self.velocities[index], self.covariances[index], self.categories[index],
-            self.scores[index], self.states[index], self.frame, self.stamp_s,
-        )  # fmt: skip
+            self.ids[index],
+            self.centres[index],
+            self.sizes[index],
+            self.yaws[index],
+            self.velocities[index],
+            self.covariances[index],
+            self.categories[index],
+            self.scores[index],
+            self.states[index],
+            self.frame,
+            self.stamp_s,
+        )
 
     @property
     def sure(self) -> Tracks:
@@ -117,9 +145,15 @@ class Tracks(Record):
         """Express tracks of frame b in frame a, named `frame`, both frames held still."""
         turn = np.kron(np.eye(2), a_from_b.rotation[:2, :2])
         return Tracks(
-            self.ids, a_from_b.apply(self.centres), self.sizes,
+            self.ids,
+            a_from_b.apply(self.centres),
+            self.sizes,
             wrap_angle(self.yaws + a_from_b.yaw),
             self.velocities @ a_from_b.rotation[:2, :2].T,
             turn @ self.covariances @ turn.T,
-            self.categories, self.scores, self.states, frame, self.stamp_s,
-        )  # fmt: skip
+            self.categories,
+            self.scores,
+            self.states,
+            frame,
+            self.stamp_s,
+        )

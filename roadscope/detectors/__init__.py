@@ -1,7 +1,20 @@
 """Detectors by name."""
 
+from typing import TYPE_CHECKING
+
+from roadscope._lazy import lazy_names
 from roadscope.core import Registry
 from roadscope.detectors.api import Detector
+
+if TYPE_CHECKING:
+    from roadscope.detectors.camera import CAMERA_DETECTORS
+    from roadscope.detectors.pose.body_fit import BodyFit
+    from roadscope.detectors.pose.body_model import BodyModel, saloon
+    from roadscope.detectors.pose.estimate import VehiclePose
+    from roadscope.detectors.pose.matched_filter import fit_single
+    from roadscope.detectors.pose.multi_frame import fit_multi
+    from roadscope.detectors.pose.ransac import fit_ransac
+    from roadscope.detectors.pose.smoother import Smoother
 
 # The residual variants refuse outlines more ragged than 0.12 m: a face that only one layer of the
 # LUX meets shows its whole range noise of 0.10 m. Chosen on seeds from 10000 up.
@@ -70,4 +83,32 @@ DETECTORS: Registry[Detector] = Registry(
     },
 )
 
-__all__ = ["DETECTORS", "Detector"]
+_PLACES = {
+    "CAMERA_DETECTORS": "roadscope.detectors.camera:CAMERA_DETECTORS",
+    "BodyFit": "roadscope.detectors.pose.body_fit:BodyFit",
+    "BodyModel": "roadscope.detectors.pose.body_model:BodyModel",
+    "Smoother": "roadscope.detectors.pose.smoother:Smoother",
+    "VehiclePose": "roadscope.detectors.pose.estimate:VehiclePose",
+    "fit_multi": "roadscope.detectors.pose.multi_frame:fit_multi",
+    "fit_ransac": "roadscope.detectors.pose.ransac:fit_ransac",
+    "fit_single": "roadscope.detectors.pose.matched_filter:fit_single",
+    "saloon": "roadscope.detectors.pose.body_model:saloon",
+}
+"""Public name -> `module:attribute`, loaded when first used."""
+
+__all__ = [
+    "CAMERA_DETECTORS",
+    "DETECTORS",
+    "BodyFit",
+    "BodyModel",
+    "Detector",
+    "Smoother",
+    "VehiclePose",
+    "fit_multi",
+    "fit_ransac",
+    "fit_single",
+    "saloon",
+]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazy_names(__name__, _PLACES)

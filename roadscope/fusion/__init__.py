@@ -1,7 +1,15 @@
 """Fusions by name."""
 
+from typing import TYPE_CHECKING
+
+from roadscope._lazy import lazy_names
 from roadscope.core import Registry
 from roadscope.fusion.api import Fusion
+
+if TYPE_CHECKING:
+    from roadscope.fusion.calibration import CalibrationResult, calibrate
+    from roadscope.fusion.cluster_boxes import ClusterBoxes
+    from roadscope.fusion.pairing import nearest_images
 
 FUSIONS: Registry[Fusion] = Registry(
     "fusion",
@@ -30,4 +38,22 @@ FUSIONS: Registry[Fusion] = Registry(
     },
 )
 
-__all__ = ["FUSIONS", "Fusion"]
+_PLACES = {
+    "CalibrationResult": "roadscope.fusion.calibration:CalibrationResult",
+    "ClusterBoxes": "roadscope.fusion.cluster_boxes:ClusterBoxes",
+    "calibrate": "roadscope.fusion.calibration:calibrate",
+    "nearest_images": "roadscope.fusion.pairing:nearest_images",
+}
+"""Public name -> `module:attribute`, loaded when first used."""
+
+__all__ = [
+    "FUSIONS",
+    "CalibrationResult",
+    "ClusterBoxes",
+    "Fusion",
+    "calibrate",
+    "nearest_images",
+]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazy_names(__name__, _PLACES)

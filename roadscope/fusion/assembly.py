@@ -52,8 +52,8 @@ class Views:
             check_moment(lidar.stamp_s, camera.stamp_s)
         if camera is not None:
             _check_size(camera, projection)
-        none = ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s)
-        return Views(points, camera or none, *projected_boxes(points, projection))
+        image = ImageDetections.empty(stamp_s) if camera is None else camera
+        return Views(points, image, *projected_boxes(points, projection))
 
 
 def _check_size(camera: ImageDetections, projection: Projection) -> None:
@@ -78,7 +78,6 @@ def assemble(
     score is the family's mass unless given.
     """
     lidar, camera = views.lidar, views.camera
-    has_box, has_image = lidar_rows >= 0, camera_rows >= 0
     family = masses[:, : len(FAMILIES)].argmax(axis=1)
     categories = _STAND_IN[family]
     for rows, detections in ((lidar_rows, lidar), (camera_rows, camera)):
@@ -87,23 +86,13 @@ def assemble(
         agrees = families_of(said) == family[known]
         categories[known[agrees]] = said[agrees]
     believed = masses[np.arange(len(masses)), family] if scores is None else scores
-    boxes = _taken(camera.boxes, camera_rows, 0.0)
-    projected = has_box & ~has_image
-    projected[projected] = views.in_image[lidar_rows[projected]]
-    boxes[projected] = views.lidar_boxes[lidar_rows[projected]]
-    centres = _taken(lidar.centres, lidar_rows, 0.0)
-    return FusedDetections(
-        categories=categories, scores=np.clip(believed, 0.0, 1.0),
-        by_lidar=has_box, by_camera=has_image,
-        has_box=has_box, centres=centres, sizes=_taken(lidar.sizes, lidar_rows, 1.0),
-        yaws=_taken(lidar.yaws, lidar_rows, 0.0),
-        distances_m=np.where(has_box, np.hypot(centres[:, 0], centres[:, 1]), -1.0),
-        numbers=lidar_rows, has_image_box=has_image | projected, image_boxes=boxes,
-        masses=masses, stamp_s=lidar.stamp_s,
-    )  # fmt: skip
-
-
-def _taken(values: np.ndarray, rows: np.ndarray, otherwise: float) -> np.ndarray:
-    taken = np.full((len(rows), *values.shape[1:]), otherwise)
-    taken[rows >= 0] = values[rows[rows >= 0]]
-    return taken
+    return FusedDetections.from_rows(
+        lidar,
+        camera,
+        lidar_rows=lidar_rows,
+        camera_rows=camera_rows,
+        categories=categories,
+        scores=np.clip(believed, 0.0, 1.0),
+        masses=masses,
+        lidar_boxes=views.lidar_boxes,
+    )

@@ -1,7 +1,17 @@
 """Odometries by name."""
 
+from typing import TYPE_CHECKING
+
+from roadscope._lazy import lazy_names
 from roadscope.core import Registry
 from roadscope.odometry.api import Odometry
+
+if TYPE_CHECKING:
+    from roadscope.odometry.api import WheeledOdometry
+    from roadscope.odometry.cloud_kernels import placed, thinned
+    from roadscope.odometry.estimates import estimate
+    from roadscope.odometry.voxels.matching import Belief, Match, best_match
+    from roadscope.odometry.voxels.surfaces import VoxelMap
 
 ODOMETRIES: Registry[Odometry] = Registry(
     "odometry",
@@ -45,4 +55,30 @@ ODOMETRIES: Registry[Odometry] = Registry(
     },
 )
 
-__all__ = ["ODOMETRIES", "Odometry"]
+_PLACES = {
+    "WheeledOdometry": "roadscope.odometry.api:WheeledOdometry",
+    "Belief": "roadscope.odometry.voxels.matching:Belief",
+    "Match": "roadscope.odometry.voxels.matching:Match",
+    "VoxelMap": "roadscope.odometry.voxels.surfaces:VoxelMap",
+    "best_match": "roadscope.odometry.voxels.matching:best_match",
+    "estimate": "roadscope.odometry.estimates:estimate",
+    "placed": "roadscope.odometry.cloud_kernels:placed",
+    "thinned": "roadscope.odometry.cloud_kernels:thinned",
+}
+"""Public name -> `module:attribute`, loaded when first used."""
+
+__all__ = [
+    "ODOMETRIES",
+    "Belief",
+    "Match",
+    "Odometry",
+    "VoxelMap",
+    "WheeledOdometry",
+    "best_match",
+    "estimate",
+    "placed",
+    "thinned",
+]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazy_names(__name__, _PLACES)

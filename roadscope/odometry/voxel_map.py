@@ -14,7 +14,7 @@ from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3
 from roadscope.odometry.scatter import scattered
-from roadscope.odometry.voxels.matching import Belief, Match, best, match
+from roadscope.odometry.voxels.matching import Belief, Match, best_match, match
 from roadscope.odometry.voxels.surfaces import VoxelMap
 
 BOUNDS_M = (1.5, 120.0)
@@ -148,7 +148,7 @@ class VoxelMapOdometry:
             twist = self._first_twist(self._first, cloud, twist, tick.elapsed_s)
         starts = [self._belief(each, tick) for each in _around(twist, tick)]
         points = cloud.at_stamp(twist, cloud.few)
-        found = best(match(self._map.voxels, points, start) for start in starts)
+        found = best_match(self._map, points, starts)
         seen = log_se3(inverse(self._pose) @ found.map_from_sensor) / tick.elapsed_s
         points = cloud.at_stamp(seen, cloud.few)
         start = Belief(found.map_from_sensor, self._belief(twist, tick).information)

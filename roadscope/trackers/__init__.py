@@ -1,7 +1,15 @@
 """Trackers by name."""
 
+from typing import TYPE_CHECKING
+
+from roadscope._lazy import lazy_names
 from roadscope.core import Registry
 from roadscope.trackers.api import Tracker
+
+if TYPE_CHECKING:
+    from roadscope.trackers.api import OfflineTracker
+    from roadscope.trackers.assignment import assign_greedily
+    from roadscope.trackers.ticks import in_world
 
 TRACKERS: Registry[Tracker] = Registry(
     "tracker",
@@ -57,4 +65,20 @@ TRACKERS: Registry[Tracker] = Registry(
     },
 )
 
-__all__ = ["TRACKERS", "Tracker"]
+_PLACES = {
+    "OfflineTracker": "roadscope.trackers.api:OfflineTracker",
+    "assign_greedily": "roadscope.trackers.assignment:assign_greedily",
+    "in_world": "roadscope.trackers.ticks:in_world",
+}
+"""Public name -> `module:attribute`, loaded when first used."""
+
+__all__ = [
+    "TRACKERS",
+    "OfflineTracker",
+    "Tracker",
+    "assign_greedily",
+    "in_world",
+]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazy_names(__name__, _PLACES)

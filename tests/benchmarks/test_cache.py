@@ -1,7 +1,13 @@
 import warnings
+import zlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
+import numpy as np
 import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
 
 from roadscope.benchmarks import cache
 from roadscope.core import RecordError
@@ -33,24 +39,109 @@ def test_where_nothing_can_be_written_a_temporary_folder_serves(tmp_path, monkey
 
 
 class Text(str):
-    def save(self, path: Path) -> None:
-        path.write_text(self)
+    def save(self, file: BinaryIO) -> None:
+        file.write(self.encode())
 
     @staticmethod
-    def load(path: Path) -> "Text":
-        if "half" in path.read_text():
-            raise RecordError("half a file")
-        return Text(path.read_text())
+    def load(file: BinaryIO) -> "Text":
+        return Text(file.read().decode())
 
 
-def test_what_is_kept_is_made_once_and_again_where_it_is_damaged(tmp_path) -> None:
-    path, made = tmp_path / "sub" / "file.txt", iter(map(Text, ("one", "two", "three")))
+def test_what_is_kept_is_made_once_and_again_on_request(tmp_path: Path) -> None:
+    path, made = tmp_path / "sub" / "file.cache", iter(map(Text, ("one", "two", "three")))
     assert cache.kept(path, Text.load, lambda: next(made)) == "one"
+    first = cache.digest_of(path)
     assert cache.kept(path, Text.load, lambda: next(made)) == "one"
-    path.write_text("half")
-    assert cache.kept(path, Text.load, lambda: next(made)) == "two"
-    assert cache.kept(path, Text.load, lambda: next(made), anew=True) == "three"
-    assert path.read_text() == "three"
+    assert cache.digest_of(path) == first
+    assert cache.kept(path, Text.load, lambda: next(made), anew=True) == "two"
+    assert cache.digest_of(path) != first
+    assert cache.read_kept(path, Text.load) == "two"
+
+
+class Arrays(dict[str, np.ndarray]):
+    """Content as most of ours is: a compressed archive of arrays."""
+
+    def save(self, file: BinaryIO) -> None:
+        np.savez_compressed(file, allow_pickle=False, **self)
+
+    @staticmethod
+    def load(file: BinaryIO) -> "Arrays":
+        with np.load(file, allow_pickle=False) as data:
+            return Arrays(data)
+
+
+def _arrays() -> Arrays:
+    rng = np.random.default_rng(3)
+    return Arrays(points=rng.normal(size=(200, 3)), ids=np.arange(500), empty=np.empty((0, 4)))
+
+
+def _flipped(whole: bytes, place: int, bit: int) -> bytes:
+    at = place % len(whole)
+    return whole[:at] + bytes([whole[at] ^ 1 << bit]) + whole[at + 1 :]
+
+
+def _swapped(whole: bytes, place: int, size: int) -> bytes:
+    at = place % (len(whole) - 2 * size)
+    middle = at + size
+    return whole[:at] + whole[middle : middle + size] + whole[at:middle] + whole[middle + size :]
+
+
+PLACES = st.integers(0, 1_000_000)
+DAMAGES = st.one_of(
+    st.builds(lambda p, b: lambda w: _flipped(w, p, b), PLACES, st.integers(0, 7)),
+    st.builds(lambda p: lambda w: w[: p % len(w)], PLACES),
+    st.builds(lambda p: lambda w: w[p % len(w) + 1 :], PLACES),
+    st.builds(lambda p, n: lambda w: _swapped(w, p, n), PLACES, st.integers(1, 300)),
+    st.builds(lambda more: lambda w: w + more, st.binary(min_size=1, max_size=40)),
+    st.builds(lambda other: lambda w: other, st.binary(max_size=200)),
+)
+"""What may happen to the bytes of a file."""
+
+
+@settings(max_examples=400, deadline=None, suppress_health_check=list(HealthCheck))
+@given(damage=DAMAGES)
+def test_every_damaged_file_is_named_and_made_again(
+    tmp_path: Path, damage: Callable[[bytes], bytes]
+) -> None:
+    path = tmp_path / "arrays.cache"
+    cache.write_kept(path, _arrays())
+    whole = path.read_bytes()
+    damaged = damage(whole)
+    assume(damaged != whole)
+    path.write_bytes(damaged)
+    made = []
+    with pytest.warns(UserWarning, match="arrays.cache is damaged"):
+        cache.kept(path, Arrays.load, lambda: made.append(1) or _arrays())
+    assert made == [1]
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError("absurd shape"), zlib.error("incorrect data check"), KeyError("ids")]
+)
+def test_content_that_cannot_be_read_is_made_again(tmp_path: Path, error: Exception) -> None:
+    path = tmp_path / "file.cache"
+    cache.write_kept(path, Text("old"))
+
+    def load(file: BinaryIO) -> Text:
+        if file.read() == b"old":
+            raise error
+        return Text("read")
+
+    with pytest.warns(UserWarning, match=r"file\.cache .*" + type(error).__name__):
+        assert cache.kept(path, load, lambda: Text("new")) == "new"
+    assert cache.kept(path, load, lambda: Text("newest")) == "read"
+
+
+def test_a_folder_in_the_place_of_a_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="cannot read"):
+        cache.read_kept(tmp_path, Text.load)
+
+
+def test_files_of_others_have_no_digest(tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    assert cache.digest_of(tmp_path / "other.npz") is None
+    assert cache.digest_of(tmp_path / "missing") is None
 
 
 def test_a_write_that_fails_leaves_the_old_file(tmp_path) -> None:

@@ -3,7 +3,7 @@ import pytest
 from toy_boxes import detections, truth
 
 from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.oracle import oracle_detections
+from roadscope.benchmarks.nodes.detections import oracle_detections
 from roadscope.core import Pose, RecordError
 
 

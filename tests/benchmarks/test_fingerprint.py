@@ -1,13 +1,29 @@
+import os
 import subprocess
 import sys
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from roadscope.benchmarks import fingerprint as module
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint, package_version, plugin_hash
+from roadscope.benchmarks.fingerprint import (
+    PACKAGE,
+    code_hash,
+    fingerprint,
+    package_version,
+    plugin_hash,
+    sensing_hash,
+    timeline_hash,
+)
+from roadscope.benchmarks.sources import package
+from roadscope.core import Registry, SpecError
 from roadscope.detectors import DETECTORS
+from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.fusion import FUSIONS
 from roadscope.trackers import TRACKERS
 
 
@@ -25,9 +41,21 @@ def test_equal_content_has_equal_fingerprints() -> None:
 
 def test_other_content_has_other_fingerprints() -> None:
     things = [
-        1, "1", 1.5, None, True, [1], {"a": 1}, np.arange(3), np.arange(3.0), np.zeros((3, 1)),
-        np.zeros((1, 3)), Thing(1, np.arange(3)), Thing(2, np.arange(3)), code_hash,
-    ]  # fmt: skip
+        1,
+        "1",
+        1.5,
+        None,
+        True,
+        [1],
+        {"a": 1},
+        np.arange(3),
+        np.arange(3.0),
+        np.zeros((3, 1)),
+        np.zeros((1, 3)),
+        Thing(1, np.arange(3)),
+        Thing(2, np.arange(3)),
+        code_hash,
+    ]
     assert len({fingerprint(thing) for thing in things}) == len(things)
 
 
@@ -40,11 +68,15 @@ def test_fingerprints_do_not_depend_on_the_process() -> None:
     )
     runs = [
         subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True,
-            cwd=module.PACKAGE.parent, env={"PYTHONHASHSEED": seed},
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=PACKAGE.parent,
+            env={"PYTHONHASHSEED": seed},
         ).stdout
         for seed in ("1", "2")
-    ]  # fmt: skip
+    ]
     assert runs[0] == runs[1]
 
 
@@ -62,21 +94,238 @@ def test_a_file_that_an_argument_names_counts_by_content(tmp_path) -> None:
     assert plugin_hash(plugin) != before
 
 
-def test_code_is_hashed_file_by_file(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(module, "PACKAGE", tmp_path)
-    (tmp_path / "room").mkdir()
-    (tmp_path / "room" / "a.py").write_text("a")
-    (tmp_path / "room" / "b.py").write_text("b")
-    plain = code_hash.__wrapped__
-    whole, one = plain("room"), plain("room/a.py")
-    (tmp_path / "room" / "b.py").write_text("changed")
-    assert plain("room") != whole
-    assert plain("room/a.py") == one
+MINI = {
+    "__init__.py": "",
+    "base.py": "GAIN = 2\n",
+    "middle.py": "from mini import base\n\n\ndef twice(x):\n    return base.GAIN * x\n",
+    "face/__init__.py": "from mini.base import GAIN\nfrom mini.face.deep import deep\n",
+    "face/deep.py": "def deep():\n    return 3\n",
+    "face/plain.py": "WIDTH = 8\n",
+    "lazy.py": """
+from typing import TYPE_CHECKING
+if TYPE_CHECKING:
+    from mini.unrelated import OTHER
+    from mini.late import LATE
+def __getattr__(name):
+    return 1
+""",
+    "typed.py": """
+from typing import TYPE_CHECKING
+if TYPE_CHECKING:
+    from mini.unrelated import OTHER
+SIZE = 4
+""",
+    "unrelated.py": "OTHER = 5\n",
+    "top.py": """
+from mini.middle import twice
+
+def work(x):
+    from mini.late import LATE
+    return twice(x) + LATE
+""",
+    "late.py": "LATE = 6\n",
+    "relative/__init__.py": "",
+    "relative/user.py": "from ..base import GAIN\nfrom . import beside\n",
+    "relative/beside.py": "NEAR = 1\n",
+    "files/__init__.py": "",
+    "files/reader.py": "FOLDER = 'tables'\n",
+    "files/top.toml": "a = 1\n",
+    "files/tables/one.json": "[1]",
+    "files/other/two.json": "[2]",
+    "files/notes.txt": "x",
+}
+"""A package of a few modules."""
+HashOf = Callable[[str, Mapping[str, str]], str]
 
 
-def test_no_room_is_hashed_as_nothing() -> None:
-    with pytest.raises(FileNotFoundError, match=r"no source file .*benchmarks/jb"):
-        code_hash("core", "benchmarks/jb.py")
+@pytest.fixture
+def hash_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> HashOf:
+    """Return what hashes one module of the small package in which some files are changed."""
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "cache"))
+    numbers = count()
+
+    def hashed(module: str, changes: Mapping[str, str]) -> str:
+        root = tmp_path / str(next(numbers)) / "mini"
+        for name, text in {**MINI, **changes}.items():
+            path = root / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+        return code_hash(f"mini.{module}", root=root)
+
+    return hashed
+
+
+REWORDED = """
+# A comment.
+from mini.middle import twice
+
+def work(x):
+    \"\"\"Return it.\"\"\"
+    from mini.late import LATE  # another
+    return (
+        twice(x) + LATE
+    )
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "file", "text"),
+    [
+        ("top", "top.py", REWORDED),
+        ("top", "base.py", '"""Doc."""\n\nGAIN = 2\n"""What it is multiplied by."""\n'),
+        ("top", "unrelated.py", "OTHER = 6\n"),
+        ("top", "files/top.toml", "a = 2\n"),
+        ("typed", "unrelated.py", "OTHER = 6\n"),
+        ("typed", "typed.py", "SIZE = 4\n"),
+        ("lazy", "lazy.py", MINI["lazy.py"]),
+        ("files.reader", "files/other/two.json", "[3]"),
+        ("files.reader", "files/notes.txt", "y"),
+        ("files.reader", "__init__.py", "A = 1\n"),
+    ],
+)
+def test_what_a_module_does_not_run_or_read_changes_no_hash(
+    hash_of: HashOf, module: str, file: str, text: str
+) -> None:
+    if file == "typed.py":
+        text = f"from typing import TYPE_CHECKING\n{text}"
+    assert hash_of(module, {file: text}) == hash_of(module, {})
+
+
+@pytest.mark.parametrize(
+    ("module", "file", "text"),
+    [
+        ("top", "top.py", MINI["top.py"].replace("+ LATE", "- LATE")),
+        ("top", "middle.py", MINI["middle.py"].replace("* x", "+ x")),
+        ("top", "base.py", "GAIN = 2.0\n"),
+        ("top", "late.py", "LATE = 7\n"),
+        ("face", "base.py", "GAIN = 3\n"),
+        ("relative.user", "base.py", "GAIN = 3\n"),
+        ("relative.user", "relative/beside.py", "NEAR = 2\n"),
+        ("files.reader", "files/top.toml", "a = 2\n"),
+        ("files.reader", "files/tables/one.json", "[3]"),
+        ("files.reader", "files/more.npz", "new"),
+    ],
+)
+def test_what_a_module_runs_or_reads_changes_its_hash(
+    hash_of: HashOf, module: str, file: str, text: str
+) -> None:
+    assert hash_of(module, {file: text}) != hash_of(module, {})
+
+
+def test_a_module_taken_from_a_package_does_not_bring_the_packages_own_imports(
+    hash_of: HashOf,
+) -> None:
+    user = {"user.py": "from mini.face import plain\n"}
+    assert hash_of("user", {**user, "base.py": "GAIN = 3\n"}) == hash_of("user", user)
+    assert hash_of("user", {**user, "face/plain.py": "WIDTH = 9\n"}) != hash_of("user", user)
+
+
+def test_a_name_that_package_and_module_share_brings_both(hash_of: HashOf) -> None:
+    user = {"user.py": "from mini.face import deep\n"}
+    for file in ("base.py", "face/deep.py"):
+        assert hash_of("user", {**user, file: "GAIN = 3\n"}) != hash_of("user", user)
+
+
+def test_a_name_that_a_module_loads_on_use_brings_where_it_is_from(hash_of: HashOf) -> None:
+    user = {"user.py": "from mini.lazy import OTHER\n"}
+    assert hash_of("user", {**user, "unrelated.py": "OTHER = 6\n"}) != hash_of("user", user)
+    assert hash_of("user", {**user, "late.py": "LATE = 7\n"}) == hash_of("user", user)
+    assert hash_of("lazy", {"unrelated.py": "OTHER = 6\n"}) == hash_of("lazy", {})
+
+
+def test_unknown_modules_are_refused_by_name(hash_of: HashOf) -> None:
+    with pytest.raises(ModuleNotFoundError, match=r"mini\.nothing"):
+        hash_of("nothing", {})
+
+
+def test_a_file_that_changes_is_parsed_again_by_the_next_process(tmp_path: Path) -> None:
+    root = tmp_path / "mini"
+    root.mkdir()
+    code = "import sys, pathlib; from roadscope.benchmarks.fingerprint import code_hash\n"
+    code += "print(code_hash('mini.one', root=pathlib.Path(sys.argv[1])))"
+
+    def hashed() -> str:
+        return subprocess.run(
+            [sys.executable, "-c", code, str(root)],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "ROADSCOPE_CACHE": str(tmp_path / "cache")},
+        ).stdout
+
+    hashes = []
+    for text in ("A = 1\n", "A = 1\n", "A = 2\n"):
+        (root / "one.py").write_text(text)
+        hashes.append(hashed())
+    assert hashes[0] == hashes[1] != hashes[2]
+    for index in (tmp_path / "cache").rglob("*.json"):
+        index.write_bytes(b"damaged")
+    assert hashed() == hashes[2]
+
+
+def test_traffic_does_not_depend_on_sensors_and_images() -> None:
+    sources = package(PACKAGE)
+    recorded = sources.closure(["roadscope.envs.traffic.scenarios"])
+    assert not [
+        n for n in recorded if n.startswith(("roadscope.envs.sensors", "roadscope.envs.im"))
+    ]
+    assert timeline_hash("motorway") != timeline_hash("merge")
+    assert timeline_hash("motorway") != timeline_hash()
+    assert sensing_hash("motorway") != sensing_hash("merge")
+
+
+@pytest.mark.parametrize(
+    ("registry", "spec", "data"),
+    [
+        (CAMERA_DETECTORS, "network", "network.safetensors"),
+        (TRACKERS, "existence", "roadscope.toml"),
+        (FUSIONS, "li2021", "weights.toml"),
+    ],
+)
+def test_what_plug_ins_of_ours_have_learned_counts(
+    registry: Registry[Any], spec: str, data: str
+) -> None:
+    sources = package(PACKAGE)
+    modules = sources.closure([registry.resolve(spec).factory.__module__])
+    assert data in [path.name for path in sources.data_files(modules)]
+
+
+STRANGER = "from beside import GAIN\n\nraise SystemExit\n\nclass Mine:\n    pass\n"
+
+
+def hash_of_tracker(text: str) -> str:
+    return plugin_hash(TRACKERS.resolve(text))
+
+
+@pytest.mark.parametrize("target", ["{folder}/mine.py:Mine", "strange.mine:Mine"])
+def test_a_strangers_code_counts_and_is_not_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    folder = tmp_path / "strange"
+    folder.mkdir()
+    (folder / "__init__.py").write_text("raise SystemExit")
+    (folder / "mine.py").write_text(STRANGER)
+    (folder / "beside.py").write_text("GAIN = 1\n")
+    target = target.format(folder=folder)
+    before = hash_of_tracker(target)
+    assert hash_of_tracker(f"{target}?a=1") != before
+    assert hash_of_tracker(target.replace(":Mine", ":Other")) != before
+    (folder / "beside.py").write_text("GAIN = 2\n")
+    assert hash_of_tracker(target) != before
+
+
+def test_a_stranger_that_does_not_exist_is_refused() -> None:
+    for target in ("no/such/file.py:Mine", "no_such_module:Mine"):
+        with pytest.raises(SpecError, match="no file or module"):
+            hash_of_tracker(target)
+
+
+def test_ours_by_target_count_by_what_they_import() -> None:
+    targets = ["roadscope.trackers.nearest:NearestTracker", "roadscope.trackers.gnn:GnnTracker"]
+    hashes = [hash_of_tracker(target) for target in targets]
+    assert hashes == [hash_of_tracker("nearest"), hash_of_tracker("gnn")]
+    assert hashes[0] != hashes[1]
 
 
 def test_missing_packages_have_no_version() -> None:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from roadscope.__main__ import app
 from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
-from roadscope.benchmarks.jobs.stack import EntryError
+from roadscope.benchmarks.isolation import PluginError
 from roadscope.core import Pose
 
 RUNNER = CliRunner()
@@ -94,12 +94,15 @@ def recording(folder):
     (folder / "times.txt").write_text("".join(f"{s:.9f}\n" for s in stamps))
     blocks = [imu for _, imu in driven(6)[1]]
     back = MOUNTED.rotation
-    rows = np.vstack([
-        np.column_stack([i.stamps_s, i.angular_velocity @ back, i.specific_force @ back])
-        for i in blocks
-    ])  # fmt: skip
-    np.savetxt(folder / "imu.csv", rows, delimiter=",", header="stamp,wx,wy,wz,ax,ay,az",
-               comments="")  # fmt: skip
+    rows = np.vstack(
+        [
+            np.column_stack([i.stamps_s, i.angular_velocity @ back, i.specific_force @ back])
+            for i in blocks
+        ]
+    )
+    np.savetxt(
+        folder / "imu.csv", rows, delimiter=",", header="stamp,wx,wy,wz,ax,ay,az", comments=""
+    )
     truth = [Pose(Drive().pose(s)) for s in np.arange(0, 0.7, 0.05)]
     times = np.arange(0, 0.7, 0.05).tolist()
     (folder / "truth.tum").write_text(trajectory_text("tum", truth, times))
@@ -110,8 +113,14 @@ def recording(folder):
 def command(folder, *options, **kept):
     """Run the command in a process of its own, 80 columns wide."""
     line = [sys.executable, "-m", "roadscope", "run-odometry", str(folder), *options]
-    return subprocess.run(line, capture_output=True, text=True, cwd=folder, timeout=120,
-                          env=os.environ | {"COLUMNS": "80"} | kept)  # fmt: skip
+    return subprocess.run(
+        line,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=120,
+        env=os.environ | {"COLUMNS": "80"} | kept,
+    )
 
 
 @pytest.mark.parametrize("name", ["truth.tum", "truth.kitti"])
@@ -125,7 +134,6 @@ def test_imu_mounting_and_truth(recording, name):
 
 TELLING = """
 from dataclasses import replace
-from roadscope.benchmarks.jobs.stack import EntryError
 from roadscope.core import Pose
 from roadscope.odometry.still import StillOdometry
 
@@ -163,8 +171,13 @@ def rolled(folder, *options):
 
 def test_wheel_speeds_are_handed_on_up_to_the_end_of_each_sweep(recording):
     stamps = 0.01 + 0.02 * np.arange(30)
-    np.savetxt(recording / "wheels.csv", np.column_stack([stamps, np.full(30, 8.0)]),
-               delimiter=",", header="stamp,speed", comments="")  # fmt: skip
+    np.savetxt(
+        recording / "wheels.csv",
+        np.column_stack([stamps, np.full(30, 8.0)]),
+        delimiter=",",
+        header="stamp,speed",
+        comments="",
+    )
     counts, told = rolled(recording)
     assert counts == [(540 - 1) * k for k in range(1, 7)]
     assert f"with 30 wheel speeds of {recording / 'wheels.csv'}" in told
@@ -175,8 +188,13 @@ def test_wheel_speeds_are_handed_on_up_to_the_end_of_each_sweep(recording):
 
 def test_wheels_are_for_those_who_take_them(recording):
     np.savetxt(recording / "rolled.txt", [[0.0, 8.0], [0.5, 8.0]])
-    done, _ = follow(recording, "--odometry", "lidar-inertial?wheels=true", "--wheels",
-                     str(recording / "rolled.txt"))  # fmt: skip
+    done, _ = follow(
+        recording,
+        "--odometry",
+        "lidar-inertial?wheels=true",
+        "--wheels",
+        str(recording / "rolled.txt"),
+    )
     assert "with 2 wheel speeds" in done.stderr
     for other in ("still", "lidar-inertial"):
         done = command(recording, "--odometry", other, "--wheels", "rolled.txt")
@@ -270,7 +288,7 @@ def test_what_a_plug_in_does_wrong_is_told_in_a_line(folder, name, message):
     (folder / "broken.py").write_text(BROKEN)
     done, out = follow(folder, "--odometry", f"{folder / 'broken.py'}:{name}")
     assert done.exit_code != 0
-    assert isinstance(done.exception, EntryError)
+    assert isinstance(done.exception, PluginError)
     assert f"broken.py:{name}: " in str(done.exception)
     assert message in str(done.exception)
     assert not out.exists()

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.nodes.detections import oracle_detections
 from roadscope.benchmarks.noisy import CLUTTER_SIZE_M, NOISES, NoiseModel, NoisyDetections
-from roadscope.benchmarks.oracle import ORACLE, from_truth, made_from_truth
+from roadscope.benchmarks.references import detection_source, is_noise, made_from_truth
 from roadscope.core import Category, Detections, Pose, SpecError, Truth, wrap_angle
 
 EPISODE = Episode("intersection", 10_000, "hdl32e")
@@ -51,8 +52,8 @@ def truths(frames=FRAMES, objects=OBJECTS, hidden=0.0, returns=50) -> list[Truth
 
 
 def detect(spec: str, frames: list[Truth], episode: Episode = EPISODE) -> list[Detections]:
-    make = from_truth(spec, episode, RULE)
-    return [make(truth) for truth in frames]
+    noisy = NoisyDetections(NOISES.make(spec), episode, RULE)
+    return [noisy.of(truth) for truth in frames]
 
 
 def detected(found: list[Detections], frames: list[Truth]) -> np.ndarray:
@@ -65,7 +66,8 @@ def detected(found: list[Detections], frames: list[Truth]) -> np.ndarray:
 
 def test_without_errors_it_is_the_oracle() -> None:
     frames = truths(3)
-    for noisy, true in zip(detect(QUIET, frames), detect(ORACLE, frames), strict=True):
+    for noisy, truth in zip(detect(QUIET, frames), frames, strict=True):
+        true = oracle_detections(truth, RULE)
         for name in ("centres", "sizes", "categories"):
             np.testing.assert_array_equal(getattr(noisy, name), getattr(true, name))
         np.testing.assert_allclose(noisy.yaws, true.yaws, atol=1e-12)
@@ -214,8 +216,11 @@ def test_the_same_bytes_in_another_process() -> None:
     script += "from test_noisy import digest; print(digest())"
     done = subprocess.run(
         [sys.executable, "-c", script],
-        env={"PYTHONHASHSEED": "5"}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        env={"PYTHONHASHSEED": "5"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout.strip() == digest()
 
 
@@ -246,6 +251,8 @@ def test_every_model_has_a_summary_and_is_no_plug_in() -> None:
     for name in NOISES:
         assert NOISES.summaries[name].endswith(".")
         assert name not in DETECTORS
-        assert made_from_truth(name)
-        assert made_from_truth(f"{name}?miss=0.2")
-    assert not made_from_truth("pag")
+        for spec in (name, f"{name}?miss=0.2"):
+            assert made_from_truth(detection_source(spec))
+            assert is_noise(detection_source(spec))
+    assert made_from_truth(detection_source("oracle"))
+    assert not made_from_truth(detection_source("pag"))

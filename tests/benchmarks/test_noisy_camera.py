@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.jobs.look import lit_share
+from roadscope.benchmarks.nodes.images import lit_share
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES, LIT, CameraNoise, NoisyCamera
 from roadscope.core import Category, Pose, Truth
 from roadscope.envs.imaging.pinhole import Pinhole
@@ -10,18 +10,34 @@ from roadscope.envs.imaging.pinhole import Pinhole
 LONG, WIDE = Pinhole.centred(1280, 960, 1600.0), Pinhole.centred(640, 480, 420.0)
 
 
-def truth(heights_px: list[float], *, hidden: float = 0.0, far_m: float = 20.0, copies: int = 400,
-          category: Category = Category.PEDESTRIAN) -> Truth:  # fmt: skip
+def truth(
+    heights_px: list[float],
+    *,
+    hidden: float = 0.0,
+    far_m: float = 20.0,
+    copies: int = 400,
+    category: Category = Category.PEDESTRIAN,
+) -> Truth:
     tall = np.repeat(heights_px, copies)
     n = len(tall)
     left = np.full(n, 300.0)
     boxes = np.column_stack([left, np.full(n, 200.0), left + tall / 2, 200.0 + tall])
     zero = np.zeros(n, np.int64)
     return Truth(
-        np.arange(n), np.full(n, category), np.tile([far_m, 0, 1], (n, 1)), np.ones((n, 3)),
-        np.zeros(n), np.zeros((n, 2)), zero, zero + 500, np.full(n, hidden), Pose.identity(), 0.0,
-        np.empty(0, np.int64), boxes,
-    )  # fmt: skip
+        np.arange(n),
+        np.full(n, category),
+        np.tile([far_m, 0, 1], (n, 1)),
+        np.ones((n, 3)),
+        np.zeros(n),
+        np.zeros((n, 2)),
+        zero,
+        zero + 500,
+        np.full(n, hidden),
+        Pose.identity(),
+        0.0,
+        np.empty(0, np.int64),
+        boxes,
+    )
 
 
 def share(model: CameraNoise, scene: Truth, **air: object) -> float:

@@ -1,21 +1,21 @@
 """Poses made from truth with errors of known size."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from node_answers import poses_of
 
-from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.jobs.entries import check_entry, kind_of
-from roadscope.benchmarks.jobs.odometry_job import OdometryJob, execute_odometry
-from roadscope.benchmarks.jobs.plan import plan
-from roadscope.benchmarks.jobs.ride import ride
+from roadscope import Episode, Pose, leaderboard, load_suite
 from roadscope.benchmarks.listing import names_of
 from roadscope.benchmarks.metrics.odometry import Trajectories, score_odometry
-from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES, EgoNoise, imitated, noisy_poses
-from roadscope.benchmarks.oracle_odometry import odometry_mark
-from roadscope.benchmarks.suite import load_suite
-from roadscope.core import Pose, SpecError
+from roadscope.benchmarks.nodes.poses import PoseNode
+from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES, EgoNoise, noisy_poses
+from roadscope.benchmarks.references import check_ego, check_pose_source
+from roadscope.benchmarks.run import plan
+from roadscope.core import SpecError
 
 NONE = {"scale": 0.0, "turn_deg": 0.0, "shift_m": 0.0, "shake_deg": 0.0}
 EPISODE = Episode("cold-start", 10001, "vlp16-imu", 1.5)
@@ -88,30 +88,40 @@ def test_wrong_arguments_are_refused(wrong):
         ODOMETRY_NOISES.make(f"noisy-odometry?{wrong}")
 
 
-def test_an_imitation_is_an_entry_and_tells_trackers_poses():
+def test_an_imitation_is_an_entry_and_gives_trackers_poses():
     spec = "noisy-odometry?scale=0.1"
-    assert kind_of(spec, ("odometry",)) == "odometry"
-    check_entry("odometry", spec)
-    check_entry("tracker", f"nearest?ego={spec}")
-    with pytest.raises(SpecError, match="no scan that could be spared"):
-        check_entry("odometry", f"oracle?odometry={spec}")
+    check_ego(spec)
+    with pytest.raises(SpecError, match="uses no scan that could lack returns"):
+        check_pose_source(f"oracle?odometry={spec}")
     with pytest.raises(SpecError, match="jump must be at most 1"):
-        check_entry("odometry", "noisy-odometry?jump=2")
-    (planned,) = plan(load_suite("odometry"), [spec], ("odometry",), only=True).odometry[:1]
-    assert (planned.entry, planned.ours) == (spec, True)
+        check_pose_source("noisy-odometry?jump=2")
+    jobs = plan(load_suite("odometry"), [spec], boards=["odometry"], only=True).jobs
+    assert {(job.entry, job.mark) for job in jobs} == {(spec, "imitation")}
     assert "noisy-odometry" in {name for name, _ in names_of("odometries")}
 
 
-def test_an_imitation_has_its_mark_its_scores_and_no_cost():
+def test_an_imitation_has_its_scores_and_no_cost():
     spec = "noisy-odometry?scale=0.1&shift_m=0"
-    assert imitated(spec)
-    assert odometry_mark(spec) == "imitation"
-    found = ride(spec, EPISODE)
-    assert len(found.both) == len(found.stamps_s) > 10
-    assert not found.degraded.any()
-    outcome = execute_odometry(OdometryJob(spec, spec, EPISODE, (10.0,)))
-    assert outcome.reason is None
-    assert outcome.scores["t_rel"].value == pytest.approx(10, rel=0.3)
-    assert not {"call_p50_ms", "dynamic_recall"} & set(outcome.scores)
-    keys = {OdometryJob("x", f"noisy-odometry?scale={s}", EPISODE).key for s in (0.1, 0.1, 0.2)}
+    answers = poses_of(spec, EPISODE)
+    assert len(answers.trajectories) == len(answers.stamps_s) > 10
+    assert not answers.degraded.any()
+    suite = replace(
+        load_suite("odometry"),
+        scenarios=(EPISODE.scenario,),
+        seeds=(EPISODE.seed,),
+        duration_s=EPISODE.duration_s,
+        odometry_lengths_m=(10.0,),
+    )
+    results = leaderboard(suite, [spec], boards=["odometry"], only=True)
+    assert not results.failures
+    assert results.row("odometry", spec, "t_rel").value == pytest.approx(10, rel=0.3)
+    assert results.row("odometry", spec, "call_p50_ms") is None
+    assert results.row("odometry", spec, "dynamic_recall") is None
+
+
+def test_other_arguments_of_an_imitation_are_another_key():
+    keys = {
+        PoseNode(check_pose_source(f"noisy-odometry?scale={scale}"), EPISODE).key
+        for scale in (0.1, 0.1, 0.2)
+    }
     assert len(keys) == 2

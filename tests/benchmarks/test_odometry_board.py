@@ -6,26 +6,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from node_answers import poses_of
 from rich.console import Console
 from typer.testing import CliRunner
 
+from roadscope import ODOMETRIES, Episode, Results, Spec, leaderboard, load_suite
 from roadscope.__main__ import app
-from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables
-from roadscope.benchmarks.boards.results import Results
-from roadscope.benchmarks.boards.tables import board_table
+from roadscope.benchmarks.boards.board import episodes
 from roadscope.benchmarks.drive import drive, imu_mounting, moving_in
-from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
-from roadscope.benchmarks.jobs.plan import episodes, plan
-from roadscope.benchmarks.jobs.ride import ride
-from roadscope.benchmarks.oracle_odometry import entry_of, method_of, odometry_mark
-from roadscope.benchmarks.runner import run
-from roadscope.benchmarks.suite import SuiteError, load_suite, parse_suite
+from roadscope.benchmarks.episode import sensing_of, timeline_of
+from roadscope.benchmarks.report.breakdowns import breakdown_tables
+from roadscope.benchmarks.report.tables import board_table
+from roadscope.benchmarks.run import plan
+from roadscope.benchmarks.suite import SuiteError, parse_suite
 from roadscope.core import SpecError
-from roadscope.core.registry import split_spec
-from roadscope.odometry import ODOMETRIES
 
-PLUGINS = Path(__file__).parent / "check" / "bad_odometries.py"
-GOOD = f"{PLUGINS}:Good"
+PLUGINS = Path(__file__).parent / "sensor_plugins.py"
+GOOD = f"{PLUGINS}:Steady"
 TINY = """
 name = "tiny"
 version = 1
@@ -54,14 +51,16 @@ def out(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def results(suite, out) -> Results:
-    return run(suite, boards=("odometry",), out_dir=out)
+    return leaderboard(suite, boards=["odometry"], out_dir=out)
 
 
 def test_marks_are_who_looks_at_no_scan_and_who_is_spared_what_moves(results) -> None:
     assert {s.entry: s.mark for s in results.standings} == {
-        "scan-to-scan": None, "scan-to-scan on oracle": "upper mark",
-        "dead-reckoning": "lower mark", "still": "lower mark",
-    }  # fmt: skip
+        "scan-to-scan": None,
+        "scan-to-scan on oracle": "upper mark",
+        "dead-reckoning": "lower mark",
+        "still": "lower mark",
+    }
 
 
 def test_who_does_not_move_is_all_of_the_way_off(results) -> None:
@@ -82,7 +81,7 @@ def test_parts_are_of_scenarios_conditions_and_distances(results, suite) -> None
     ):
         rows = [r for r in results.breakdown(by, "odometry") if r.entry == "still"]
         assert bands <= {r.band for r in rows}
-        tables = list(breakdown_tables(results, "odometry", by, 80, ("t_rel", "end")))
+        tables = list(breakdown_tables(results, "odometry", by, 80, metrics=("t_rel", "end")))
         assert tables
         assert all(Console(width=80).measure(table).minimum <= 80 for table in tables)
 
@@ -99,37 +98,40 @@ def test_every_kind_of_file_is_written(results, out) -> None:
     assert r"\begin{tabular}" in (out / "leaderboard.tex").read_text()
 
 
-def test_a_second_run_does_nothing_again(suite, out, results, monkeypatch) -> None:
-    for name in ("execute_odometries", "apart"):
-        monkeypatch.setattr(f"roadscope.benchmarks.runner.{name}", None)
-    again = run(suite, boards=("odometry",), out_dir=out)
-    assert again.row("odometry", "scan-to-scan", "t_rel") == results.row(
-        "odometry", "scan-to-scan", "t_rel"
+def test_a_second_run_does_nothing_again(suite, out, results) -> None:
+    stages = []
+    again = leaderboard(
+        suite,
+        boards=["odometry"],
+        out_dir=out,
+        progress=lambda stage, done, total: stages.append(stage),
     )
+    assert stages == []
+    assert again.rows == results.rows
 
 
-def test_strangers_that_raise_end_hang_or_take_all_memory_become_rows(suite, out) -> None:
+def test_an_odometry_that_raises_or_hangs_costs_its_own_row(suite) -> None:
     small = replace(suite, seeds=suite.seeds[:1], faults=((),), scenarios=suite.scenarios[:1])
-    told, rate = {}, {}
-    for names, deadline_s in (
-        (("Good", "Raises", "Ends", "Greedy", "ReturnsNan"), 300.0), (("Hangs",), 1.0),
-    ):  # fmt: skip
-        specs = [f"{PLUGINS}:{name}" for name in names]
-        found = run(
-            small, specs, boards=("odometry",), only=True, out_dir=out, deadline_s=deadline_s
-        )
-        told |= {name.rpartition(":")[2]: reason for name, _, reason in found.reasons()}
-        rate |= {n: found.row("odometry", f"{PLUGINS}:{n}", "failed_episodes").value for n in names}
-    assert rate == {"Good": 0, "Raises": 1, "Ends": 1, "Greedy": 1, "ReturnsNan": 1, "Hangs": 1}
-    assert "KeyError" in told["Raises"]
-    assert "ended its whole process, exit code 3" in told["Ends"]
-    assert "MemoryError" in told["Greedy"]
-    assert "finite" in told["ReturnsNan"]
-    assert "no answer within 1 s: it hangs" in told["Hangs"]
+    given = {"boards": ["odometry"], "only": True}
+    raising, hanging = f"{PLUGINS}:RaisingOdometry", f"{PLUGINS}:HangingOdometry"
+    found = leaderboard(small, [GOOD, raising], **given)
+    assert found.row("odometry", GOOD, "t_rel").value > 0
+    (failure,) = found.failures
+    assert failure.entry == raising
+    assert "KeyError" in failure.reason
+    (failure,) = leaderboard(small, [hanging], deadline_s=1.0, **given).failures
+    assert failure.reason.startswith(f"{hanging}: update: ")
+    assert "1 s" in failure.reason
+
+
+def test_the_median_stands_beside_the_mean(results) -> None:
+    middle = results.row("odometry", "still", "t_rel_median")
+    assert middle.n == results.row("odometry", "still", "t_rel").n
+    assert middle.value == pytest.approx(100, abs=15)
 
 
 def test_an_oracle_sees_nothing_that_moves() -> None:
-    found, spared = (ride(spec, STANDING) for spec in ("still", "oracle?odometry=still"))
+    found, spared = (poses_of(spec, STANDING) for spec in ("still", "oracle?odometry=still"))
     moving = [each.sum() for each in found.moving]
     assert min(moving) > 0
     for all_of_it, rest, gone in zip(found.moving, spared.moving, moving, strict=True):
@@ -168,28 +170,23 @@ def test_inertial_samples_of_lost_scans_come_with_the_next() -> None:
     assert imu_mounting(lossy) is not None
 
 
-@pytest.mark.parametrize(
-    ("spec", "method", "entry", "mark"),
-    [
-        ("voxel-map", "voxel-map", "voxel-map", None),
-        ("still", "still", "still", "lower mark"),
-        ("dead-reckoning", "dead-reckoning", "dead-reckoning", "lower mark"),
-        ("oracle?odometry=a?b=1&c=2", "a?b=1&c=2", "a?b=1&c=2 on oracle", "upper mark"),
-    ],
-)
-def test_oracles_name_their_method(spec, method, entry, mark) -> None:
-    assert (method_of(spec), entry_of(spec), odometry_mark(spec)) == (method, entry, mark)
+def planned(suite, entries, **options):
+    jobs = plan(suite, entries, boards=["odometry"], **options).jobs
+    return {job.entry: (str(job.answers.source), job.mark) for job in jobs}
 
 
 def test_each_ranked_odometry_of_a_suite_has_its_oracle(suite) -> None:
-    planned = {job.odometry for job in plan(suite, [GOOD], ("odometry",)).odometry}
-    ranked = {"scan-to-scan", GOOD}
-    oracles = {f"oracle?odometry={spec}" for spec in ranked}
-    assert planned == {*ranked, *oracles, "still", "dead-reckoning"}
-    alone = {job.odometry for job in plan(suite, [GOOD], ("odometry",), only=True).odometry}
-    assert alone == {GOOD}
-    asked = plan(suite, ["oracle?odometry=still"], ("odometry",), only=True).odometry
-    assert {job.entry for job in asked} == {"still on oracle"}
+    marks = {"still": "lower mark", "dead-reckoning": "lower mark"}
+    ranked = ("scan-to-scan", GOOD, "voxel-map?match_m=2&insert_m=1.5")
+    assert planned(suite, [GOOD, ranked[2]]) == {
+        **{spec: (spec, None) for spec in ranked},
+        **{f"{spec} on oracle": (f"oracle?odometry={spec}", "upper mark") for spec in ranked},
+        **{spec: (spec, mark) for spec, mark in marks.items()},
+    }
+    assert planned(suite, [GOOD], only=True) == {GOOD: (GOOD, None)}
+    assert planned(suite, ["oracle?odometry=still"], only=True) == {
+        "still on oracle": ("oracle?odometry=still", "upper mark")
+    }
 
 
 def test_the_suite_of_the_package_has_the_hard_scenarios_and_what_is_registered() -> None:
@@ -197,7 +194,7 @@ def test_the_suite_of_the_package_has_the_hard_scenarios_and_what_is_registered(
     assert len(loaded.seeds) >= 5
     assert (
         {"lidar-inertial", "zhang2022", "kiss-icp", "still"}
-        <= {split_spec(spec)[0] for spec in loaded.odometries}
+        <= {Spec.parse(spec).name for spec in loaded.odometries}
         <= set(ODOMETRIES.names())
     )
     assert len(episodes(loaded)) == len(loaded.scenarios) * len(loaded.seeds)
@@ -206,27 +203,41 @@ def test_the_suite_of_the_package_has_the_hard_scenarios_and_what_is_registered(
 def test_what_is_no_odometry_is_named_before_anything_runs(suite) -> None:
     for spec, words in (
         ("nobody", "no odometry 'nobody'"),
-        ("nearest", "is a tracker; it belongs on the tracking board"),
+        ("nearest", "is a tracker; the boards of this run are for an odometry"),
         ("voxel-map?match_m=0", "match_m must be above 0"),
     ):
         with pytest.raises(SpecError, match=words):
-            plan(suite, [spec], ("odometry",))
-    with pytest.raises(SuiteError, match=r"odometry\.lengths_m: expected metres above 0"):
+            plan(suite, [spec], boards=["odometry"])
+    with pytest.raises(SuiteError, match=r"odometry\.lengths_m"):
         parse_suite(TINY.replace("[10, 20]", "[0]"), "tiny")
 
 
 def test_the_command_line_shows_the_board(tmp_path, suite, results, monkeypatch) -> None:
     small = TINY.replace('"scan-to-scan", ', "").replace(', "dropped-scans:2"', "")
     (tmp_path / "tiny.toml").write_text(small.replace(', "standing-in-traffic"', ""))
-    for by, words in (("distance", "t_rel (%) by distance"), ("scenario", "stand")):
+    for by, words in (("distance", "t_rel (%) by distance"), ("scenario", "by scenario")):
         said = CliRunner().invoke(
             app,
-            ["leaderboard", "odometry", "--suite", str(tmp_path / "tiny.toml"), "--by", by,
-             "--jobs", "1", "--seeds", "1", "--out", str(tmp_path / "out"), "--entry", GOOD],
+            [
+                "leaderboard",
+                "odometry",
+                "--suite",
+                str(tmp_path / "tiny.toml"),
+                "--by",
+                by,
+                "--jobs",
+                "1",
+                "--seeds",
+                "1",
+                "--out",
+                str(tmp_path / "out"),
+                "--entry",
+                GOOD,
+            ],
             env={"COLUMNS": "80"},
-        )  # fmt: skip
+        )
         assert said.exit_code == 0, said.output
-        for each in (words, "fail", "t_rel", "still", "Good on", "oracle"):
+        for each in (words, "fail", "t_rel", "still", "Steady", "oracle"):
             assert each in said.output
         lines = [line for line in said.stdout.splitlines() if not line.startswith("written")]
         assert max(map(len, lines)) <= 80

@@ -6,30 +6,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from node_answers import fused_detections_of, fusion_node, fusions_of, images_of
+from rich.console import Console
 from safetensors.numpy import save_file
 from toy_sensors import TINY
 from typer.testing import CliRunner
 
+from roadscope import CAMERA_DETECTORS, FUSIONS, Projection, Results, leaderboard, load_suite
 from roadscope.__main__ import app
-from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables
-from roadscope.benchmarks.boards.results import Results
-from roadscope.benchmarks.boards.tables import board_table
-from roadscope.benchmarks.jobs.camera_job import CameraJob, seen_of
-from roadscope.benchmarks.jobs.fused import FusedSpec, fuse, perceive_fused
-from roadscope.benchmarks.jobs.plan import boards_of, episodes, plan
-from roadscope.benchmarks.runner import run
-from roadscope.benchmarks.seen import Seen
-from roadscope.benchmarks.suite import SUITES, load_suite, parse_suite
+from roadscope.benchmarks.boards.board import episodes
+from roadscope.benchmarks.nodes.images import ImageNode
+from roadscope.benchmarks.records import EpisodeImageDetections
+from roadscope.benchmarks.references import image_source
+from roadscope.benchmarks.report.breakdowns import breakdown_tables
+from roadscope.benchmarks.report.tables import board_table
+from roadscope.benchmarks.run import plan
+from roadscope.benchmarks.suite import SUITES, parse_suite
 from roadscope.core import SpecError
-from roadscope.core.projection import Projection
-from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.detectors.camera.network import ARCHITECTURE
 from roadscope.detectors.camera.weight_file import SHIPPED
-from roadscope.fusion import FUSIONS
 from roadscope.fusion.calibration import CalibrationResult
 from roadscope.fusion.calibration_file import write_calibration
 
-SENSORS = Path(__file__).parent / "check" / "bad_sensors.py"
+SENSORS = Path(__file__).parent / "sensor_plugins.py"
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +43,7 @@ def out(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def results(suite, out) -> Results:
-    return run(suite, boards=("camera", "fusion"), out_dir=out)
+    return leaderboard(suite, boards=["camera", "fusion"], out_dir=out)
 
 
 def test_every_registered_detector_and_fusion_has_a_place(results) -> None:
@@ -85,88 +84,84 @@ def test_false_alarms_stand_beside_every_rate_of_a_family(results) -> None:
         alarms = {(r.entry, r.band) for r in rows if r.metric == "false_alarms"}
         assert rates
         assert rates <= alarms
-        (table,) = breakdown_tables(results, board, "family", 80, ("detection_rate",))
+        (table,) = breakdown_tables(results, board, "family", 80, metrics=("detection_rate",))
         assert "false alarms per" in str(table.title)
         assert "(" in str(next(iter(table.columns[1].cells)))
 
 
 def test_tables_fit_a_terminal(results) -> None:
-    from rich.console import Console
-
     console = Console(width=80)
     for board in ("camera", "fusion"):
         assert console.measure(board_table(results, board, 80)).minimum <= 80
 
 
-def test_a_strangers_fusion_runs_apart_and_costs_only_its_own_row(suite, out, capfd) -> None:
+def test_a_strangers_fusion_costs_only_its_own_row(suite, out, capfd) -> None:
     small = replace(suite, seeds=suite.seeds[1:], fused_lidar=("cluster-boxes",))
-    good, bad = f"{SENSORS}:Mine", f"{SENSORS}:NeedsBoth"
-    found = run(small, [good, bad, "union"], boards=("fusion",), only=True, out_dir=out)
+    good, bad = f"{SENSORS}:MyUnion", f"{SENSORS}:NeedsBoth"
+    found = leaderboard(small, [good, bad, "union"], boards=["fusion"], only=True, out_dir=out)
     assert found.row("fusion", good, "ap").value == found.row("fusion", "union", "ap").value
     assert found.row("fusion", bad, "failed_episodes").value > 0
-    reasons = [reason for name, _, reason in found.reasons() if name == bad]
-    assert reasons
-    assert all("AttributeError" in reason for reason in reasons)
-    conditions = {failure.condition for failure in found.failures}
-    assert conditions
-    assert conditions <= {episode.condition for episode in episodes(small)}
+    assert found.failures
+    assert {failure.entry for failure in found.failures} == {bad}
+    assert all("AttributeError" in failure.reason for failure in found.failures)
+    assert {f.condition for f in found.failures} <= {e.condition for e in episodes(small)}
     assert "Warning" not in capfd.readouterr().err
 
 
-def test_a_second_run_does_nothing_again(suite, out, results, monkeypatch) -> None:
-    for name in ("execute_camera", "execute_fusions", "seen_of", "detections_of", "apart"):
-        monkeypatch.setattr(f"roadscope.benchmarks.runner.{name}", None)
-    monkeypatch.setattr("roadscope.benchmarks.jobs.public.PublicDetections.read", None)
-    again = run(suite, boards=("camera", "fusion"), out_dir=out)
-    assert again.row("fusion", "union", "ap") == results.row("fusion", "union", "ap")
-    assert again.row("camera", "network", "ap50") == results.row("camera", "network", "ap50")
+def test_a_second_run_does_nothing_again(suite, out, results) -> None:
+    stages = []
+    again = leaderboard(
+        suite,
+        boards=["camera", "fusion"],
+        out_dir=out,
+        progress=lambda stage, done, total: stages.append(stage),
+    )
+    assert stages == []
+    assert again.rows == results.rows
     written = json.loads((out / "leaderboard.json").read_text())
     assert {row["board"] for row in written["rows"]} == {"camera", "fusion"}
     assert "### detected (false alarms per image) by family" in (out / "leaderboard.md").read_text()
 
 
-def test_strangers_that_raise_hang_or_end_the_program_become_rows(suite, out) -> None:
+def test_a_camera_detector_that_raises_or_hangs_costs_its_own_row(suite) -> None:
     small = replace(suite, seeds=suite.seeds[:1], faults=((),), camera_detectors=())
-    told = {}
-    for names, deadline_s in ((("Fine", "Raises", "EndsAll"), 300.0), (("Hangs",), 1.0)):
-        specs = [f"{SENSORS}:{name}" for name in names]
-        found = run(small, specs, boards=("camera",), only=True, out_dir=out, deadline_s=deadline_s)
-        told |= {name.rpartition(":")[2]: reason for name, _, reason in found.reasons()}
-    assert "Fine" not in told
-    assert "KeyError" in told["Raises"]
-    assert "no answer within 1 s: it hangs" in told["Hangs"]
-    assert "ended its whole process, exit code 3" in told["EndsAll"]
+    given = {"boards": ["camera"], "only": True}
+    good, raising, hanging = (
+        f"{SENSORS}:{name}" for name in ("OneBox", "RaisingCamera", "HangingCamera")
+    )
+    found = leaderboard(small, [good, raising], **given)
+    assert found.row("camera", good, "failed_episodes").value == 0
+    (failure,) = found.failures
+    assert failure.entry == raising
+    assert "KeyError" in failure.reason
+    (failure,) = leaderboard(small, [hanging], deadline_s=1.0, **given).failures
+    assert failure.reason.startswith(f"{hanging}: detect: ")
+    assert "1 s" in failure.reason
 
 
 def test_detections_are_kept_as_they_were(suite, tmp_path) -> None:
-    episode = episodes(suite)[3]
-    seen = seen_of(CameraJob("noisy-camera", "noisy-camera", episode, 0.2))
-    assert any(d is None for d in seen.detections)
-    seen.save(tmp_path / "seen.npz")
-    back = Seen.load(tmp_path / "seen.npz")
-    assert back.detections == seen.detections
-    assert back.truths == seen.truths
-    assert np.array_equal(back.rows, seen.rows)
-    assert all(
-        np.array_equal(x, y)
-        for one, other in zip(back.parked, seen.parked, strict=True)
-        for x, y in zip(one, other, strict=True)
-    )
+    answers = images_of("noisy-camera", episodes(suite)[3], 0.2)
+    assert any(d is None for d in answers.detections)
+    with (tmp_path / "kept.npz").open("wb") as file:
+        answers.save(file)
+    with (tmp_path / "kept.npz").open("rb") as file:
+        back = EpisodeImageDetections.load(file)
+    assert back == answers
 
 
 def test_fused_detections_are_a_detector_for_trackers(suite, out) -> None:
-    found = run(suite, boards=("tracking",), out_dir=out)
+    found = leaderboard(suite, boards=["tracking"], out_dir=out)
     assert found.row("tracking", "nearest", "hota").value > 0
     spec, episode = suite.public_detectors[0], episodes(suite)[0]
-    perceived = perceive_fused(spec, episode, suite.eligibility)
-    moments = fuse(FusedSpec.parse(spec), episode, suite.eligibility)
-    assert len(perceived.detections) == len(moments.fused) == len(perceived.truths)
-    for seen, fused, truth in zip(
-        perceived.detections, moments.fused, perceived.truths, strict=True
+    detections = fused_detections_of(spec, episode, suite.eligibility)
+    fusions = fusions_of(spec, episode, suite.eligibility)
+    assert len(detections.detections) == len(fusions.fused) == len(detections.truths)
+    for of_tracker, fused, truth in zip(
+        detections.detections, fusions.fused, detections.truths, strict=True
     ):
-        assert seen.stamp_s == fused.stamp_s == truth.stamp_s
-        assert len(seen) == int(fused.has_box.sum())
-    kinds = np.concatenate([d.categories for d in perceived.detections])
+        assert of_tracker.stamp_s == fused.stamp_s == truth.stamp_s
+        assert len(of_tracker) == int(fused.has_box.sum())
+    kinds = np.concatenate([d.categories for d in detections.detections])
     assert len(np.unique(kinds)) > 1
 
 
@@ -175,16 +170,16 @@ def test_another_calibration_gives_other_results_under_another_key(suite, tmp_pa
     matrix = np.array([[320.0, -420, 0, -640], [240, 0, -420, 108], [1, 0, 0, -2.0]])
     whole = np.ones(6, bool)
     write_calibration(path, CalibrationResult(Projection(matrix, 640, 480), whole, 0.5), "here")
-    episode = episodes(suite)[0]
-    true = FusedSpec(camera="noisy-camera")
-    other = replace(true, calibration=str(path))
-    assert true.made_by(episode, suite.eligibility, 0.4) != other.made_by(
-        episode, suite.eligibility, 0.4
+    own, other = (
+        fusion_node(spec, episodes(suite)[0], suite.eligibility, every_s=0.4)
+        for spec in ("fused?camera=noisy-camera", f"fused?camera=noisy-camera&calibration={path}")
     )
-    assert len(fuse(other, episode, suite.eligibility, 0.4).fused)
+    assert own.key != other.key
+    assert len(other.read().fused)
+    assert other.read() != own.read()
     write_calibration(path, CalibrationResult(Projection(matrix, 1280, 960), whole, 0.5), "here")
-    with pytest.raises(RuntimeError, match="1280 x 960 pixels, the rig's have 640 x 480"):
-        plan(suite, (), ("fusion",), calibration=str(path))
+    with pytest.raises(ValueError, match="1280 x 960 pixels, the rig's have 640 x 480"):
+        plan(suite, (), boards=["fusion"], calibration=str(path))
 
 
 @pytest.mark.parametrize(
@@ -194,13 +189,13 @@ def test_another_calibration_gives_other_results_under_another_key(suite, tmp_pa
         ("fused?camera=nobody", "no camera detector 'nobody'"),
         ("fused?fusion=nobody", "no fusion 'nobody'"),
         ("fused?lidr=cluster-boxes", "no argument 'lidr'; known: lidar, camera, fusion"),
-        ("fused?lidar=fused", "not another fusion"),
+        ("fused?lidar=fused", "not a fusion"),
         ("fused?calibration=nowhere.json", r"cannot read nowhere\.json"),
     ],
 )
 def test_what_cannot_be_fused_is_named_before_anything_runs(suite, spec, words) -> None:
     with pytest.raises(ValueError, match=words):
-        plan(replace(suite, public_detectors=(spec,)), (), ("tracking",))
+        plan(replace(suite, public_detectors=(spec,)), (), boards=["tracking"])
 
 
 def test_weights_that_do_not_fit_are_named_before_anything_runs(suite, tmp_path) -> None:
@@ -213,45 +208,58 @@ def test_weights_that_do_not_fit_are_named_before_anything_runs(suite, tmp_path)
         (tmp_path / "none.safetensors", "cannot read weights"),
     ):
         with pytest.raises(SpecError, match=words):
-            plan(suite, [f"network?weights={path}"], ("camera",))
+            plan(suite, [f"network?weights={path}"], boards=["camera"])
 
 
 def test_other_weights_are_another_key(suite, tmp_path) -> None:
     mine = tmp_path / "mine.safetensors"
-    mine.write_bytes(SHIPPED.read_bytes())
-    (job, *_) = (
-        j
-        for j in plan(suite, [f"network?weights={mine}"], ("camera",)).camera
-        if "weights" in j.entry
-    )
-    before = job.key
-    mine.write_bytes(SHIPPED.read_bytes() + b"\0")
-    assert replace(job).key != before
+    keys = []
+    for ending in (b"", b"\0"):
+        mine.write_bytes(SHIPPED.read_bytes() + ending)
+        node = ImageNode(image_source(f"network?weights={mine}"), episodes(suite)[0], 0.4)
+        keys.append(node.key)
+    assert keys[0] != keys[1]
 
 
 def test_kinds_belong_on_their_boards(suite) -> None:
-    with pytest.raises(SpecError, match="is a camera detector; it belongs on the camera board"):
-        plan(suite, ["network"], ("fusion",))
-    with pytest.raises(SpecError, match="is a fusion; it belongs on the fusion board"):
-        plan(suite, ["union"], ("camera",))
+    with pytest.raises(SpecError, match=r"'network' is a camera detector; the boards .* a fusion"):
+        plan(suite, ["network"], boards=["fusion"])
+    with pytest.raises(SpecError, match=r"'union' is a fusion; the boards .* a camera detector"):
+        plan(suite, ["union"], boards=["camera"])
     with pytest.raises(SpecError, match="no camera detector 'netwrk'"):
-        plan(suite, ["netwrk"], ("camera",))
-    unsaid = f"{SENSORS}:Unsaid"
-    both = plan(replace(suite, detectors=("distance",)), [unsaid], ("detection", "camera"))
-    assert unsaid in {job.entry for job in both.camera}
-    assert unsaid not in {job.entry for job in both.detection}
-    with pytest.raises(SpecError, match="is a camera detector; it belongs on the camera board"):
-        plan(suite, [unsaid], ("detection",))
+        plan(suite, ["netwrk"], boards=["camera"])
     blind = replace(suite, rig="lux")
     for board in ("camera", "fusion"):
         with pytest.raises(ValueError, match="rig 'lux' has no camera; li2021 and wide"):
-            plan(blind, (), (board,))
+            plan(blind, (), boards=[board])
+
+
+def test_a_class_with_detect_says_its_kind_or_the_board_does(suite) -> None:
+    with_both = replace(suite, detectors=("distance",))
+    unsaid, spatial, imaging = (
+        f"{SENSORS}:{name}" for name in ("OneBox", "SpatialBox", "RaisingCamera")
+    )
+    with pytest.raises(SpecError, match='kind = "detector"'):
+        plan(with_both, [unsaid], boards=["detection", "camera"])
+    for entry, board in (
+        (unsaid, "detection"),
+        (unsaid, "camera"),
+        (spatial, "detection"),
+        (imaging, "camera"),
+    ):
+        named = plan(with_both, [entry], boards=[board], only=True)
+        assert {(job.board.name, job.entry) for job in named.jobs} == {(board, entry)}
+    both = plan(with_both, [spatial, imaging], boards=["detection", "camera"], only=True)
+    placed = {(job.board.name, job.entry) for job in both.jobs}
+    assert placed == {("detection", spatial), ("camera", imaging)}
+    with pytest.raises(SpecError, match="is a camera detector; the boards of this run are for a d"):
+        plan(with_both, [imaging], boards=["detection"])
 
 
 @pytest.mark.parametrize("name", SUITES)
 def test_suites_of_the_package_have_jobs_on_all_their_boards(name: str) -> None:
-    loaded = load_suite(name)
-    assert plan(loaded, (), boards_of(loaded)).jobs
+    made = plan(load_suite(name), ())
+    assert {job.board.name for job in made.jobs} == {board.name for board in made.boards}
 
 
 def test_the_command_line_shows_both_boards(tmp_path, suite, results) -> None:

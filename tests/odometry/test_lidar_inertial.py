@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from node_answers import poses_of
 from toy_drive import Drive, driven, kept, offset
 
 from roadscope.core import ImuSamples, Pose
@@ -64,12 +65,17 @@ def state_off_by(error):
 
 
 def difference(one, other):
-    return np.concatenate([
-        one.pose[:3, 3] - other.pose[:3, 3], log_so3(one.pose[:3, :3] @ other.pose[:3, :3].T),
-        one.velocity - other.velocity, one.rate_bias - other.rate_bias,
-        one.force_bias - other.force_bias, one.gravity - other.gravity,
-        [one.wheel_scale - other.wheel_scale],
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            one.pose[:3, 3] - other.pose[:3, 3],
+            log_so3(one.pose[:3, :3] @ other.pose[:3, :3].T),
+            one.velocity - other.velocity,
+            one.rate_bias - other.rate_bias,
+            one.force_bias - other.force_bias,
+            one.gravity - other.gravity,
+            [one.wheel_scale - other.wheel_scale],
+        ]
+    )
 
 
 def test_errors_are_carried_on_as_differences_are(rng):
@@ -110,8 +116,10 @@ def test_noise_that_is_added_is_that_of_random_samples(rng):
     ends = []
     for _ in range(400):
         state = state_off_by(np.zeros(SIZE))
-        noisy = (samples[1] + NOISE.rate * 20 * rng.standard_normal((80, 3)),
-                 samples[2] + NOISE.force * 20 * rng.standard_normal((80, 3)))  # fmt: skip
+        noisy = (
+            samples[1] + NOISE.rate * 20 * rng.standard_normal((80, 3)),
+            samples[2] + NOISE.force * 20 * rng.standard_normal((80, 3)),
+        )
         propagate(state, samples[0], *noisy, NOISE)
         ends.append(state)
     off = np.array([difference(each, ends[0])[:9] for each in ends]).std(axis=0)
@@ -332,12 +340,11 @@ def test_sizes_are_above_nought():
 def test_traffic_does_not_pull(scenario, least_m, t_rel):
     """On a validation seed; a map that takes the traffic for the world drifts by 100 %."""
     from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.jobs.ride import ride
     from roadscope.benchmarks.metrics.odometry import drift
 
-    found = ride("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
-    assert found.both.distances[-1] > least_m
-    assert drift(found.both).t_rel < t_rel
+    found = poses_of("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
+    assert found.trajectories.distances[-1] > least_m
+    assert drift(found.trajectories).t_rel < t_rel
     assert found.degraded.mean() < 0.2
 
 
@@ -345,8 +352,7 @@ def test_traffic_does_not_pull(scenario, least_m, t_rel):
 @pytest.mark.parametrize("scenario", ["standing-in-traffic", "standing-barriers"])
 def test_standing_is_standing(scenario):
     from roadscope.benchmarks.episode import Episode
-    from roadscope.benchmarks.jobs.ride import ride
     from roadscope.benchmarks.metrics.odometry import score_standing
 
-    found = ride("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
-    assert score_standing(found.both, found.stamps_s).false_motion.value < 0.05
+    found = poses_of("lidar-inertial", Episode(scenario, 10_000, "vlp16-imu"))
+    assert score_standing(found.trajectories, found.stamps_s).false_motion.value < 0.05

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from node_answers import poses_of
 from toy_drive import driven, emptied, offset
 
 from roadscope.benchmarks.drive import drive
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.jobs.ride import ride
 from roadscope.core import WheelSamples
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.api import Odometry, WheeledOdometry, asked
@@ -146,7 +146,7 @@ def test_between_bare_walls_wheels_alone_tell_the_speed_and_in_a_tunnel_lamps_do
     episode = Episode(scenario, 10_003, "vlp16-imu", 15.0)
     errors = {}
     for spec in ("lidar-inertial", "lidar-inertial?wheels=true"):
-        both = ride(spec, episode).both
+        both = poses_of(spec, episode).trajectories
         ends = [p[-1, :3, 3] - p[0, :3, 3] for p in (both.estimate, both.truth)]
         way_m = np.linalg.norm(ends[1])
         errors[spec] = abs(np.linalg.norm(ends[0]) - way_m) / way_m

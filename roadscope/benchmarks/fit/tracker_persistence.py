@@ -21,7 +21,7 @@ from roadscope.benchmarks.fit.tracker_samples import (
     sensed_episodes,
 )
 from roadscope.benchmarks.metrics.matching import match
-from roadscope.benchmarks.perceived import Perceived
+from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
 from roadscope.trackers.existence import FURTHEST, SURE, ExistenceTracker
@@ -221,7 +221,7 @@ def fallen_short(told: np.ndarray, right: np.ndarray) -> float:
 
 
 def _sensed_verdicts(
-    history: Sequence[Tracks], seen: Perceived, rule: Eligibility, gate_m: float
+    history: Sequence[Tracks], seen: EpisodeDetections, rule: Eligibility, gate_m: float
 ) -> dict[tuple[int, int], bool]:
     told: dict[tuple[int, int], bool] = {}
     pairings = rule.pairings(history, seen.truths, seen.parked)

@@ -18,11 +18,11 @@ from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
-from roadscope.benchmarks.jobs.fused import perceive_fused
-from roadscope.benchmarks.jobs.stack import perceive
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.matching import Pairing, centre_distances, match
-from roadscope.benchmarks.oracle import full_name, is_fused
-from roadscope.benchmarks.perceived import Perceived
+from roadscope.benchmarks.nodes.fusions import detection_node
+from roadscope.benchmarks.records import EpisodeDetections
+from roadscope.benchmarks.references import detection_source
 from roadscope.core import Category, Detections, Family, Pose, Truth
 from roadscope.core.pose import wrap_angle
 from roadscope.trackers.existence_targets import log_odds
@@ -212,17 +212,20 @@ class Drives:
 
 
 @lru_cache(maxsize=1)
-def sensed_episodes(drives: Drives) -> tuple[Perceived, ...]:
-    """Let a detector see train seeds of our traffic."""
-    make = perceive_fused if is_fused(drives.detector) else perceive
+def sensed_episodes(drives: Drives) -> tuple[EpisodeDetections, ...]:
+    """Return a detector's detections on train seeds of our traffic."""
+    source = detection_source(drives.detector)
     seeds = range(FIRST_SEED, FIRST_SEED + drives.seeds)
-    return tuple(
-        make(full_name(drives.detector), Episode(scenario, seed, rig, DURATION_S), Eligibility())
+    episodes = (
+        Episode(scenario, seed, rig, DURATION_S)
         for scenario, rig, seed in product(drives.scenarios, drives.rigs, seeds)
     )
+    nodes = (detection_node(source, episode, Eligibility()) for episode in episodes)
+    made = (node.compute(RunOptions()) for node in nodes)
+    return tuple(each for each in made if isinstance(each, EpisodeDetections))
 
 
-def of_family(kind: str, seen: Perceived) -> tuple[Perceived, Eligibility]:
+def of_family(kind: str, seen: EpisodeDetections) -> tuple[EpisodeDetections, Eligibility]:
     """Return an episode with detections of one class alone, and a rule by which others are none."""
     family = CLASSES[kind].family
     kinds = np.array([category for category in Category if category.family is family])
@@ -230,7 +233,7 @@ def of_family(kind: str, seen: Perceived) -> tuple[Perceived, Eligibility]:
     return replace(seen, detections=found), Eligibility(families=(family.value,))
 
 
-def in_ego(seen: Perceived) -> tuple[list[Detections], list[Pose]]:
+def in_ego(seen: EpisodeDetections) -> tuple[list[Detections], list[Pose]]:
     """Return an episode's detections as trackers are given them, and the ego's poses."""
     poses = [truth.world_from_ego for truth in seen.truths]
     found = [

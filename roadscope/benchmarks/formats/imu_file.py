@@ -24,11 +24,12 @@ def find_imu(folder: Path) -> Path | None:
     return find_beside(folder, NAMES)
 
 
-def read_imu(path: Path) -> tuple[ImuSamples, int]:
+def read_imu(path: Path | str) -> tuple[ImuSamples, int]:
     """Read `stamp wx wy wz ax ay az`, rad/s and m/s^2, as `read_samples` does.
 
     Return with them how many lines were left out.
     """
+    path = Path(path)
     found = read_samples(path, COLUMNS)
     values = found.values
     force = float(np.median(np.linalg.norm(values[:, 3:], axis=1)))

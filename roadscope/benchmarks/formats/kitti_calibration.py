@@ -42,8 +42,9 @@ class KittiCalibration(Record):
         settle_arrays(self, projection=(np.float64, (3, 4)))
 
 
-def read_calibration(path: Path) -> KittiCalibration:
+def read_calibration(path: Path | str) -> KittiCalibration:
     """Read `P2`, and `R0_rect`, `Tr_velo_to_cam`, `Tr_imu_to_velo` where all three are given."""
+    path = Path(path)
     found = _matrices(path)
     if "P2" not in found:
         known = ", ".join(found) or "nothing"

@@ -1,4 +1,4 @@
-"""Tracks as KITTI tracking results."""
+"""Tracks, labels, detections and calibration as KITTI has them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ from roadscope.benchmarks.formats.kitti_frames import (
     corners,
     rotations_from_yaws,
 )
-from roadscope.benchmarks.formats.kitti_objects import TYPE_NAMES, KittiObjects, KittiType
+from roadscope.benchmarks.formats.kitti_objects import (
+    CLASS_IDS,
+    TYPE_NAMES,
+    KittiObjects,
+    KittiType,
+)
 from roadscope.core import Category, Pose, Tracks
 
 TYPE_FROM_CATEGORY = {
@@ -31,9 +36,12 @@ def kitti_objects(
     world_from_ego: Pose,
     projection: np.ndarray,
     image_size: tuple[int, int],
+    *,
+    all_around: bool = False,
 ) -> KittiObjects:
     """Turn the tracks of one frame into rows; those that the image does not show are left out.
 
+    all_around: keep those too; their boxes in the image are empty.
     world_from_ego: of the same frame; the ego frame is the camera's turned to ISO 8855.
     projection: (3, 4), pixels from metres in the rectified camera frame.
     image_size: width and height in pixels, to which boxes are clipped.
@@ -45,7 +53,7 @@ def kitti_objects(
     yaws = tracks.yaws - world_from_ego.yaw if tracks.frame == "world" else tracks.yaws
     rotations = rotations_from_yaws(yaws)
     boxes = clipped_boxes(corners(bottoms, seen.sizes, rotations), projection, image_size)
-    shown = np.flatnonzero(np.all(boxes[:, 2:] > boxes[:, :2], axis=1))
+    shown = np.flatnonzero(np.all(boxes[:, 2:] > boxes[:, :2], axis=1) | all_around)
     types = np.array([TYPE_FROM_CATEGORY[Category(c)] for c in seen.categories], np.int8)
     unknown = np.full(len(shown), -1)
     return KittiObjects(
@@ -55,17 +63,67 @@ def kitti_objects(
     )  # fmt: skip
 
 
-def save_results(path: Path, frames: Sequence[KittiObjects]) -> None:
+def save_results(path: Path | str, frames: Sequence[KittiObjects]) -> None:
     """Write rows, in order of frames, as 18 columns with six decimals."""
-    path.write_text("".join(_line(rows, k) for rows in frames for k in range(len(rows))))
+    _write(
+        Path(path), [_line(rows, k, [rows.scores[k]]) for rows in frames for k in range(len(rows))]
+    )
 
 
-def _line(rows: KittiObjects, k: int) -> str:
+def save_labels(path: Path, frames: Sequence[KittiObjects]) -> None:
+    """Write rows, in order of frames, as the 17 columns of labels with six decimals."""
+    _write(path, [_line(rows, k, []) for rows in frames for k in range(len(rows))])
+
+
+def save_detections(path: Path, frames: Sequence[KittiObjects]) -> None:
+    """Write rows of types that are detected, separated by commas, as AB3DMOT has them."""
+    numbers = {kind: number for number, kind in CLASS_IDS.items()}
+    lines = []
+    for rows in frames:
+        for k in range(len(rows)):
+            values = [
+                *rows.boxes[k],
+                rows.scores[k],
+                *rows.sizes[k, ::-1],
+                *rows.bottoms[k],
+                rows.rotations_y[k],
+                rows.alphas[k],
+            ]
+            numbered = f"{rows.frames[k]},{numbers[KittiType(rows.types[k])]}"
+            lines.append(f"{numbered},{','.join(f'{v:.6f}' for v in values)}\n")
+    _write(path, lines)
+
+
+def calibration_text(projection: np.ndarray, camera_from_lidar: Pose, lidar_from_imu: Pose) -> str:
+    """Return a calibration file; all cameras are the one.
+
+    projection: (3, 4), pixels from metres in the camera frame, which is rectified.
+    """
+    matrices = {f"P{k}": projection for k in range(4)} | {
+        "R0_rect": np.eye(3),
+        "Tr_velo_to_cam": camera_from_lidar.matrix[:3],
+        "Tr_imu_to_velo": lidar_from_imu.matrix[:3],
+    }
+    return "".join(
+        f"{key}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n"
+        for key, matrix in matrices.items()
+    )
+
+
+def _write(path: Path, lines: Sequence[str]) -> None:
+    path.write_text("".join(lines), encoding="utf-8")
+
+
+def _line(rows: KittiObjects, k: int, scores: Sequence[float]) -> str:
     """Return one line, height width length in KITTI's order."""
     kind = TYPE_NAMES[KittiType(rows.types[k])]
     head = f"{rows.frames[k]} {rows.ids[k]} {kind} {rows.truncated[k]} {rows.occluded[k]}"
     values = [
-        rows.alphas[k], *rows.boxes[k], *rows.sizes[k, ::-1], *rows.bottoms[k],
-        rows.rotations_y[k], rows.scores[k],
-    ]  # fmt: skip
+        rows.alphas[k],
+        *rows.boxes[k],
+        *rows.sizes[k, ::-1],
+        *rows.bottoms[k],
+        rows.rotations_y[k],
+        *scores,
+    ]
     return f"{head} {' '.join(f'{v:.6f}' for v in values)}\n"

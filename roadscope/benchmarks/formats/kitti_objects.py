@@ -134,11 +134,12 @@ class KittiObjects(Record):
         return rows_by_frame(self, 0, count)
 
 
-def read_labels(path: Path, *, results: bool = False) -> KittiObjects:
+def read_labels(path: Path | str, *, results: bool = False) -> KittiObjects:
     """Read a label file (17 columns) or a tracker's results (17, or 18 with a score).
 
     Results may come in any order of frames, and without 3-D boxes.
     """
+    path = Path(path)
     last = len(LABEL_COLUMNS)
     table = read_table(path, LABEL_COLUMNS[: last if results else last - 1], least=17)
     frames, ids = table.integers(0, 0, MAX_FRAMES - 1), table.integers(1, -1)
@@ -159,8 +160,9 @@ def read_labels(path: Path, *, results: bool = False) -> KittiObjects:
     )  # fmt: skip
 
 
-def read_detections(path: Path) -> KittiObjects:
+def read_detections(path: Path | str) -> KittiObjects:
     """Read detections, comma separated (the layout of AB3DMOT); a file may be empty."""
+    path = Path(path)
     table = read_table(path, DETECTION_COLUMNS, separator=",")
     frames, classes = table.integers(0, 0, MAX_FRAMES - 1), table.integers(1)
     known = ", ".join(f"{k} {TYPE_NAMES[v].lower()}" for k, v in CLASS_IDS.items())

@@ -23,12 +23,13 @@ FARTHEST_M = 1e8
 """No place is farther from the world's origin: twice around the Earth."""
 
 
-def read_poses(path: Path) -> list[Pose]:
+def read_poses(path: Path | str) -> list[Pose]:
     """Read one 3 x 4 camera pose a line as `world_from_ego`.
 
     The world is the frame that the poses are given in, mostly the first camera's, turned to
     ISO 8855 like the ego's.
     """
+    path = Path(path)
     table = read_table(path, POSE_COLUMNS)
     poses = []
     for row, matrix in enumerate(table.within(0, 12, FARTHEST_M, "m").reshape(-1, 3, 4)):
@@ -39,12 +40,13 @@ def read_poses(path: Path) -> list[Pose]:
     return poses
 
 
-def read_oxts(path: Path, calibration: KittiCalibration) -> list[Pose]:
+def read_oxts(path: Path | str, calibration: KittiCalibration) -> list[Pose]:
     """Read the inertial unit's records as `world_from_ego`.
 
     The world is level, x east, y north, z up, its origin at the unit's first place; positions
     by the Mercator projection with the first latitude's scale, as KITTI's own tools have it.
     """
+    path = Path(path)
     if calibration.camera_from_imu is None:
         raise FormatError(
             f"{path}: needs R0_rect, Tr_velo_to_cam and Tr_imu_to_velo in the calibration, "

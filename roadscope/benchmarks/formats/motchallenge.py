@@ -100,7 +100,11 @@ class MotSequence(Record):
 
 
 def read_mot(
-    path: Path, *, ordered: bool = False, truth: bool = False, end: tuple[int, str] | None = None
+    path: Path | str,
+    *,
+    ordered: bool = False,
+    truth: bool = False,
+    end: tuple[int, str] | None = None,
 ) -> MotRows:
     """Read a det.txt, gt.txt or result file of 7, 9 (class, visibility) or 10 (x y z) columns.
 
@@ -108,6 +112,7 @@ def read_mot(
     truth: refuse rows without an id, which detections have.
     end: the last frame that may be there, and what says so; None: as far as any sequence goes.
     """
+    path = Path(path)
     table = _table(path)
     frames, ids = table.integers(0, 1, MAX_FRAMES), table.integers(1, 0 if truth else -1)
     n = len(table)
@@ -164,8 +169,9 @@ def mot_rows(tracks: Tracks, frame: int, boxes: np.ndarray | None = None) -> Mot
     return rows if boxes is None else rows.select(np.all(boxes[:, 2:] > boxes[:, :2], axis=1))
 
 
-def save_mot(path: Path, frames: Sequence[MotRows], *, world: bool = True) -> None:
+def save_mot(path: Path | str, frames: Sequence[MotRows], *, world: bool = True) -> None:
     """Write results of 10 columns, world coordinates or -1 in the last three."""
+    path = Path(path)
     lines = []
     for rows in frames:
         points = rows.points if world else np.full((len(rows), 3), -1.0)

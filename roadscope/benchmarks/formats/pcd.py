@@ -29,8 +29,9 @@ class Header:
     lines: int
 
 
-def read_pcd(path: Path) -> dict[str, np.ndarray]:
+def read_pcd(path: Path | str) -> dict[str, np.ndarray]:
     """Return the fields of all points by name, (N,) each; x, y and z are among them."""
+    path = Path(path)
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -17,6 +17,8 @@ from roadscope.core.scan import FARTHEST_M
 
 SUFFIXES = (".bin", ".pcd", ".npy")
 TIMES = "times.txt"
+POINT_TIMES = "velodyne_times"
+"""Folder of the times of points beside `velodyne`, as `roadscope export` writes them."""
 NEAREST_S, FARTHEST_S = 0.01, 5.0
 """Scans follow one another so far apart, which tells the unit of their stamps."""
 NUMBERS = re.compile(r"([0-9]+)")
@@ -67,13 +69,14 @@ class ScanFolder:
             yield read_scan(path, stamp_s)
 
 
-def read_scan(path: Path, stamp_s: float) -> LidarScan:
+def read_scan(path: Path | str, stamp_s: float) -> LidarScan:
     """Read a scan; its points' times, where it has any, are told from the middle of the sweep.
 
     Without times the scan is taken as seen all at once, as one is whose own motion has been taken
     out. Beams are those that a `.pcd` tells, else bands of elevation. Points that are no numbers,
     as drivers write for rays without a return, are left out.
     """
+    path = Path(path)
     rows = _pcd_rows(path) if path.suffix.lower() == ".pcd" else _rows(path)
     near = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & rows[:, :3].any(axis=1)
     rows = rows[near & np.isfinite(rows).all(axis=1)]
@@ -89,9 +92,12 @@ def read_scan(path: Path, stamp_s: float) -> LidarScan:
 
 
 def _rows(path: Path) -> np.ndarray:
-    """Return (N, 6) x y z intensity time and ring, 0 where untold, of a `.bin` or `.npy`."""
+    """Return (N, 6) x y z intensity time and ring, 0 where unknown, of a `.bin` or `.npy`."""
     if path.suffix.lower() == ".bin":
-        return _filled(_bin(path))
+        rows = _filled(_bin(path))
+        if (times := _times_beside(path)).is_file():
+            rows[:, 4] = _point_times(times, len(rows))
+        return rows
     try:
         given = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
@@ -118,6 +124,19 @@ def _bin(path: Path) -> np.ndarray:
         raise FormatError(f"{path}: expected float32 x y z intensity, 16 bytes a point, "
                           f"got {size} bytes{five}")  # fmt: skip
     return np.fromfile(path, "<f4").reshape(-1, 4)
+
+
+def _times_beside(path: Path) -> Path:
+    """Return where an exported suite has the times of the points of `velodyne/SEQ/NAME.bin`."""
+    sequence = path.absolute().parent
+    return sequence.parent.parent / POINT_TIMES / sequence.name / path.name
+
+
+def _point_times(path: Path, count: int) -> np.ndarray:
+    times = np.fromfile(path, "<f4") if path.stat().st_size == 4 * count else None
+    if times is None:
+        raise FormatError(f"{path}: expected float32, one for each of {count} points")
+    return times
 
 
 def _pcd_rows(path: Path) -> np.ndarray:

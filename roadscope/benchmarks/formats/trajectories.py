@@ -34,8 +34,9 @@ class Trajectory:
     stamps_s: tuple[float, ...] | None = None
 
 
-def read_trajectory(path: Path, form: TrajectoryFormat) -> Trajectory:
+def read_trajectory(path: Path | str, form: TrajectoryFormat) -> Trajectory:
     """Read a file of poses; what is malformed is refused with its line and what was expected."""
+    path = Path(path)
     if form not in FORMATS:
         raise FormatError(unknown("format of trajectories", form, FORMATS))
     return _read_kitti(path) if form == "kitti" else _read_tum(path)

@@ -21,11 +21,12 @@ def find_wheels(folder: Path) -> Path | None:
     return find_beside(folder, NAMES)
 
 
-def read_wheels(path: Path) -> tuple[WheelSamples, int]:
+def read_wheels(path: Path | str) -> tuple[WheelSamples, int]:
     """Read `stamp speed`, m/s along the vehicle, as `read_samples` does.
 
     Return with them how many lines were left out.
     """
+    path = Path(path)
     found = read_samples(path, COLUMNS)
     speeds = found.values[:, 0]
     fastest = float(np.quantile(np.abs(speeds), 0.99))

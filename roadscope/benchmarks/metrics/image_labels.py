@@ -24,6 +24,20 @@ FAMILY_OF = np.array([FAMILIES.index(c.family) for c in Category])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ParkedBoxes(Record):
+    """Parked cars in an image, which are scenery.
+
+    boxes: (P, 4) float64, pixels, left top right bottom. ranges_m: (P,) float64.
+    """
+
+    boxes: np.ndarray
+    ranges_m: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.ranges_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Labels(Record):
     """Everything in one picture that could be taken for a road user.
 
@@ -85,22 +99,20 @@ class Labels(Record):
         return np.where(self.categories == PARKED, 0, FAMILY_OF[self.categories])
 
 
-def labels_of(truth: Truth, parked: tuple[np.ndarray, np.ndarray] | None = None) -> Labels:
-    """Return labels of all road users of whom anything is seen, and of parked cars.
-
-    parked: (P, 4) boxes and (P,) ranges as `parked_boxes` gives them.
-    """
+def labels_of(truth: Truth, parked: ParkedBoxes | None = None) -> Labels:
+    """Return labels of all road users that are at least partly visible, and of parked cars."""
     if truth.image_boxes is None:
         raise ValueError("the truth is not of an image: it has no boxes in one")
     boxes = truth.image_boxes
     inside = ((boxes[:, 2:] - boxes[:, :2]) > 0).all(axis=1) & (truth.visible_pixels > 0)
     away = np.hypot(*(truth.centres[:, :2] - truth.world_from_ego.translation[:2]).T)
-    extra, ranges = parked if parked is not None else (np.empty((0, 4)), np.empty(0))
-    none = np.ones(len(extra), np.int64)
+    if parked is None:
+        parked = ParkedBoxes(np.empty((0, 4)), np.empty(0))
+    none = np.ones(len(parked), np.int64)
     return Labels(
-        np.concatenate([boxes[inside], extra]),
+        np.concatenate([boxes[inside], parked.boxes]),
         np.concatenate([truth.categories[inside].astype(np.int64), PARKED * none]),
         np.concatenate([truth.visible_pixels[inside], -none]),
-        np.concatenate([truth.occluded_fraction[inside], np.zeros(len(extra))]),
-        np.concatenate([away[inside], ranges]),
+        np.concatenate([truth.occluded_fraction[inside], np.zeros(len(parked))]),
+        np.concatenate([away[inside], parked.ranges_m]),
     )

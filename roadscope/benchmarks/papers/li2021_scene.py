@@ -8,8 +8,8 @@ import numpy as np
 
 from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
 from roadscope.benchmarks.images import sensing_without_pixels
-from roadscope.benchmarks.jobs.look import at_night, lit_share
 from roadscope.benchmarks.metrics.fusion import Targets
+from roadscope.benchmarks.nodes.images import is_dark, lit_share
 from roadscope.benchmarks.noisy_camera import CameraNoise, NoisyCamera
 from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.targets import targets_of
@@ -56,7 +56,7 @@ def film(
     images = np.arange(1, int(last / carrier.camera.spec.period_s))
     scan_s = np.array([carrier.lidar.stamp_s(int(k)) for k in scans])
     image_s = np.array([carrier.camera.stamp_s(int(k)) for k in images])
-    camera = NoisyCamera(noise or CameraNoise(), episode.seed, night=at_night(episode),
+    camera = NoisyCamera(noise or CameraNoise(), episode.seed, night=is_dark(episode),
                          lit=lit_share(episode),
                          extinction_per_m=sensing.weather.extinction_per_m)  # fmt: skip
     taken = []

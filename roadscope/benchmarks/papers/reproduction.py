@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.jobs.workers import in_parallel
+from roadscope.benchmarks.workers import in_parallel
 
 
 @dataclass(frozen=True, slots=True)

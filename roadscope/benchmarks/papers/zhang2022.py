@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.jobs.ride import ride
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.papers.reproduction import (
     YES_OR_NO,
     Key,
@@ -47,6 +48,7 @@ from roadscope.benchmarks.papers.zhang2022_paper import (
 from roadscope.benchmarks.papers.zhang2022_plays import CASES, LOOP, STANDING, STRAIGHT
 from roadscope.benchmarks.papers.zhang2022_removal import LIDAR_FROM_IMU, MS, removal
 from roadscope.benchmarks.papers.zhang2022_scene import Shot, film
+from roadscope.benchmarks.references import pose_source
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.zhang import ZhangOdometry
 
@@ -135,10 +137,13 @@ def long_route(seed: int) -> dict[Key, float]:
     """Measure every method on the long route."""
     found: dict[Key, float] = {}
     for spec in methods_of(ROUTE):
-        both = ride(spec, Episode(SCENARIO, seed, RIG, DURATION_S))
-        start = np.linalg.inv(both.both.truth[0]) @ both.both.truth
-        errors_m = np.linalg.norm(both.both.estimate[:, :3, 3] - start[:, :3, 3], axis=1)
-        found |= {(ROUTE, spec, q): v for q, v in told(errors_m, both.calls_ms, ROUTE).items()}
+        node = PoseNode(pose_source(spec), Episode(SCENARIO, seed, RIG, DURATION_S))
+        poses = node.compute(RunOptions())
+        both = poses.trajectories
+        start = np.linalg.inv(both.truth[0]) @ both.truth
+        errors_m = np.linalg.norm(both.estimate[:, :3, 3] - start[:, :3, 3], axis=1)
+        calls_ms = poses.times.processor_ms
+        found |= {(ROUTE, spec, q): v for q, v in told(errors_m, calls_ms, ROUTE).items()}
         also = further(errors_m, ROUTE)
         found |= {(FURTHER.format(ROUTE), spec, q): v for q, v in also.items()}
     return found

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,12 +22,12 @@ from roadscope.benchmarks.formats.motchallenge import (
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.recorded.combined import alpha_parts
 from roadscope.benchmarks.recorded.image_plane import ImagePlane
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.benchmarks.recorded.recording import Recording
-from roadscope.benchmarks.recorded.suite import RecordedSuite
+from roadscope.benchmarks.recorded.suite import RecordedSuite, recorded_table
+from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.core import Pose, Tracks, Truth
 
 MOT = "mot"
@@ -55,20 +52,18 @@ class MotRecording(Recording):
         return {
             "sequence": self.sequence,
             **{n: sha256(p.read_bytes()).hexdigest() for n, p in paths.items() if p.is_file()},
-            "code": code_hash("core", "benchmarks/formats", "benchmarks/recorded"),
+            "code": code_hash("roadscope.benchmarks.recorded.mot"),
         }
 
     def check(self) -> None:
         """Read the files; what is malformed raises `FormatError`."""
         image_sequence(self)
 
-    def replayed(self) -> Perceived:
+    def replayed(self) -> EpisodeDetections:
         """Return people found as if a detector had found them on a plane; truth has the stamps."""
         sequence, plane = image_sequence(self)
         found = tuple(plane.laid_flat(frame) for frame in sequence.detections)
-        none = np.zeros(len(found))
-        truths = tuple(_nobody(frame.stamp_s) for frame in found)
-        return Perceived(found, truths, none, np.empty((0, 2)), none)
+        return EpisodeDetections.recorded(found, [_nobody(frame.stamp_s) for frame in found])
 
     def rows(self, tracks: Sequence[Tracks]) -> list[MotRows]:
         """Return the boxes of tracks in the image."""
@@ -120,34 +115,28 @@ def mot_suite(folder: Path | str) -> RecordedSuite:
     raise FormatError(f"{given}: expected {wanted}, here or in train/; got {seen}")
 
 
-def mot_table() -> dict[str, Any]:
-    """Return what the suite says of itself, whatever the folder."""
-    content = resources.files("roadscope.benchmarks").joinpath(f"suites/{MOT}.toml")
-    return tomllib.loads(content.read_text(encoding="utf-8"))
-
-
 def _sequences(root: Path) -> list[str]:
     return sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []
 
 
 def _suite(recordings: tuple[MotRecording, ...], labelled: int) -> RecordedSuite:
-    table = mot_table()
+    table = recorded_table(MOT)
     return RecordedSuite(
-        name=table["name"],
-        version=table["version"],
-        summary=table["summary"],
+        name=table.name,
+        version=table.version,
+        summary=table.summary,
         scenarios=(MOT,),
         seeds=tuple(r.seed for r in recordings),
         rig=MOT,
         duration_s=None,
         eligibility=Eligibility(),
         detectors=(),
-        trackers=tuple(table["tracking"]["entries"]),
+        trackers=table.tracking.entries,
         public_detectors=("det",),
         weathers=(Recording.weather,),
         recordings=recordings,
         labelled=labelled,
-        remark=table["remark"],
+        remark=table.remark,
     )
 
 

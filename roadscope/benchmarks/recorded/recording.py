@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 
-import numpy as np
-
 from roadscope.benchmarks.fingerprint import code_hash
 from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.perceived import Perceived
 from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
+from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.core import Category, Tracks
 
 
@@ -59,30 +57,26 @@ class Recording:
             "category": self.category,
             "scaled": files.scores_are_shares(self.detector),
             **{name: sha256(path.read_bytes()).hexdigest() for name, path in paths.items()},
-            "code": code_hash("core", "benchmarks/formats", "benchmarks/recorded/recording.py"),
+            "code": code_hash("roadscope.benchmarks.recorded.recording"),
         }
 
     def check(self) -> None:
         """Read the files; what is malformed raises `FormatError`."""
         sequence_of(self)
 
-    def replayed(self) -> Perceived:
-        """Return detections, ego frame, and truth as if a detector had made them."""
+    def replayed(self) -> EpisodeDetections:
+        """Return detections, frame `ego`, and truth as if a detector had made them."""
         sequence = sequence_of(self)
-        none = np.zeros(len(sequence))
-        return Perceived(sequence.detections, sequence.truths, none, np.empty((0, 2)), none)
+        return EpisodeDetections.recorded(sequence.detections, sequence.truths)
 
     def scores(self, tracks: Sequence[Tracks]) -> dict[str, Score]:
         """Return the scores of tracks, world frame; tentative ones may be among them."""
         return kitti_scores(tracks, sequence_of(self))
 
 
-OFFLINE = "offline"
-"""Metric that is 1 where a tracker went over its tracks again with all frames at hand."""
-KITTI_BOARDS = tuple(f"kitti {category.name.lower()}" for category in TYPE_OF)
-"""One for each class: they are never ranked together."""
-MOT_BOARDS = ("mot pedestrian",)
-RECORDED_BOARDS = (*KITTI_BOARDS, *MOT_BOARDS)
+KITTI_CLASSES = tuple(category.name.lower() for category in TYPE_OF)
+"""Each has a board of its own: they are never ranked together."""
+MOT_CLASSES = ("pedestrian",)
 
 
 @lru_cache(maxsize=1)

@@ -25,7 +25,7 @@ def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Sc
     results: what a tracker told of it, 7 or 10 columns.
     Anything malformed raises `FormatError` with file, line and what was expected.
 
-    >>> from roadscope.benchmarks.recorded.result_files import score_mot_results
+    >>> from roadscope.benchmarks import score_mot_results
     >>> scores = score_mot_results("MOT17-02", "mine/MOT17-02.txt")
     >>> for name in ("hota", "mota", "idf1"):
     ...     print(f"{name} {scores[name].value:.3f}")

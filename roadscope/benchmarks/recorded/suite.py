@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+
+from msgspec import Struct
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_classes import said_of_others
@@ -17,6 +17,7 @@ from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.recorded.recording import Recording
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Category
+from roadscope.core.config import read_config
 
 KITTI = "kitti"
 
@@ -33,6 +34,11 @@ class RecordedSuite(Suite):
     recordings: tuple[Recording, ...] = ()
     labelled: int = 0
     remark: str = ""
+
+    @property
+    def summary_with_seeds(self) -> str:
+        """The summary: sequences take the place of seeds."""
+        return self.summary
 
 
 def kitti_suite(folder: Path | str) -> RecordedSuite:
@@ -58,30 +64,46 @@ def kitti_suite(folder: Path | str) -> RecordedSuite:
             f"{files.root}: expected {DETECTIONS}NAME/Car/SEQ.txt for a sequence of label_02 "
             f"({known}), got {files.found()}"
         )
-    table = kitti_table()
+    table = recorded_table(KITTI)
     return RecordedSuite(
-        name=table["name"],
-        version=table["version"],
-        summary=table["summary"],
+        name=table.name,
+        version=table.version,
+        summary=table.summary,
         scenarios=(KITTI,),
         seeds=tuple(dict.fromkeys(r.seed for r in recordings)),
         rig=KITTI,
         duration_s=None,
         eligibility=Eligibility(),
         detectors=(),
-        trackers=tuple(table["tracking"]["entries"]),
+        trackers=table.tracking.entries,
         public_detectors=tuple(dict.fromkeys(r.detector for r in recordings)),
         weathers=(Recording.weather,),
         recordings=recordings,
         labelled=len(files.sequences()),
-        remark=" ".join([*_left_out(files, recordings), table["remark"]]),
+        remark=" ".join([*_left_out(files, recordings), table.remark]),
     )
 
 
-def kitti_table() -> dict[str, Any]:
-    """Return what the suite says of itself, whatever the folder."""
-    content = resources.files("roadscope.benchmarks").joinpath(f"suites/{KITTI}.toml")
-    return tomllib.loads(content.read_text(encoding="utf-8"))
+class RecordedEntries(Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[tracking]`."""
+
+    entries: tuple[str, ...]
+
+
+class RecordedTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a suite says of itself, whatever the folder."""
+
+    name: str
+    version: int
+    summary: str
+    remark: str
+    tracking: RecordedEntries
+
+
+def recorded_table(name: str) -> RecordedTable:
+    """Read the file of a suite of recorded traffic: `kitti` or `mot`."""
+    content = resources.files("roadscope.benchmarks").joinpath(f"suites/{name}.toml")
+    return read_config(content.read_text(encoding="utf-8"), RecordedTable)
 
 
 def _left_out(files: KittiFolder, recordings: Sequence[Recording]) -> list[str]:

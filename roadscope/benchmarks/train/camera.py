@@ -211,7 +211,7 @@ def _record(done: Trained, name: str, plan: Recipe, jobs: int) -> None:
     """Write down what produced the weights and what they reach."""
     from hashlib import sha256
 
-    from roadscope.benchmarks.jobs.manifest import cpu_model
+    from roadscope.benchmarks.manifest import cpu_model
     from roadscope.detectors.camera.detector import CameraDetector
     from roadscope.detectors.camera.network import ARCHITECTURE
 

@@ -53,7 +53,7 @@ class View:
     @property
     def name(self) -> str:
         """A name for files, another one whenever anything differs, code of sensors included."""
-        key = fingerprint({"view": repr(self), "code": sensing_hash()})
+        key = fingerprint({"view": repr(self), "code": sensing_hash(self.scenario)})
         return f"{self.scenario}-{self.seed}-{key}"
 
     def sensing(self) -> Sensing:

@@ -13,7 +13,7 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
-from roadscope.envs.sensors.sensing import Sensing
+from roadscope.envs.sensors.sensing import Sensing, check_light
 from roadscope.envs.sensors.weather import CLEAR, Weather
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.style import style_named
@@ -78,6 +78,7 @@ class Observer:
         self._sensing = Sensing(
             rig, 0, style, weather=weather, light=light, faults=faults, pixel_truth=pixel_truth
         )
+        check_light(light, rig)
 
     def next_seed(self, seed: int | None) -> int:
         """Return the seed of the next episode, the given one if there is one."""

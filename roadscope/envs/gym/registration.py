@@ -1,16 +1,11 @@
-"""The Gymnasium ids of this package, known as soon as both packages are imported."""
+"""The Gymnasium ids of this package, and environments by name."""
 
 from __future__ import annotations
 
-import sys
+from typing import TYPE_CHECKING, Any
 
-# Every import of the package pays for this module: importlib.abc alone would double its cost.
-TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from importlib.machinery import ModuleSpec
-    from types import ModuleType
-    from typing import Any
+    import gymnasium as gym
 
 NAMESPACE = "roadscope"
 
@@ -50,56 +45,26 @@ def register() -> None:
             )
 
 
-def register_on_import() -> None:
-    """Register now if Gymnasium is loaded, otherwise right after someone imports it.
+def make(name: str, **settings: Any) -> gym.Env[Any, Any]:
+    """Return the environment of a Gymnasium id or of a scenario's name.
 
-    Gymnasium brings NumPy, a quarter of a second of processor time that `roadscope --help` and
-    programs without environments should not pay.
+    name: an id (`roadscope/Highway-v0`) or a name of `roadscope list scenarios` (`roundabout`).
+    settings: those of `roadscope.envs.ScenarioEnv`, such as `rig="hdl32e"`, `ego="idm"` or
+        `faults="fog:3"`, and those of `gymnasium.make`, such as `render_mode` or
+        `max_episode_steps`.
+
+    >>> env = roadscope.make("roundabout", rig="hdl32e")
     """
-    if "gymnasium" in sys.modules:
-        register()
-    elif not any(isinstance(finder, _GymnasiumFinder) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _GymnasiumFinder())
+    import gymnasium as gym
 
+    register()
+    if "/" in name or ":" in name:
+        return gym.make(name, **settings)
+    from roadscope.envs.traffic.scenarios import find
 
-class _GymnasiumFinder:
-    """Finds Gymnasium as the other finders do, and has `register` run once it is loaded."""
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        if fullname != "gymnasium":
-            return None
-        for finder in sys.meta_path:
-            if finder is self or not hasattr(finder, "find_spec"):
-                continue
-            spec = finder.find_spec(fullname, path, target)
-            if spec is not None:
-                if spec.loader is not None:
-                    spec.loader = _RegisteringLoader(spec.loader, self)  # type: ignore[assignment]
-                return spec
-        return None
-
-
-class _RegisteringLoader:
-    """Loads by the loader that it stands in for, then registers and steps aside."""
-
-    def __init__(self, loader: Any, finder: _GymnasiumFinder) -> None:
-        self._loader = loader
-        self._finder = finder
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._loader, name)
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        made: ModuleType | None = self._loader.create_module(spec)
-        return made
-
-    def exec_module(self, module: ModuleType) -> None:
-        module.__loader__ = self._loader
-        if module.__spec__ is not None:
-            module.__spec__.loader = self._loader
-        self._loader.exec_module(module)
-        if self._finder in sys.meta_path:
-            sys.meta_path.remove(self._finder)
-        register()
+    scenario = find(name).name
+    of_scenario = {arguments["scenario"]: key for key, arguments in IDS.items()}
+    if scenario in of_scenario:
+        return gym.make(f"{NAMESPACE}/{of_scenario[scenario]}", **settings)
+    # Every id takes another scenario; what has no id of its own goes by the first one.
+    return gym.make(env_ids()[0], scenario=scenario, **settings)

@@ -51,6 +51,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
     style: roadside, a name of `roadside.STYLES`; None for what suits the environment.
     weather: name of a preset (`roadscope list weathers`) or a `Weather`.
     light: name of a preset (`roadscope list lights`) or a `Light`, for the camera; None: some day.
+        Without a camera only None and `day` are taken.
     faults: such as `fog:3` or a list of them (`roadscope list faults`); they hold weather too.
     records: whether `info` carries every frame and its truth; training without them is lighter.
     pixel_truth: whether `info["pixel_truth"]` carries depth, instance and category of every pixel

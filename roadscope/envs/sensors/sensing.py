@@ -20,6 +20,7 @@ from roadscope.envs.sensors.faults import Fault, Faults, faults_of
 from roadscope.envs.sensors.inertial import Inertial
 from roadscope.envs.sensors.lidar import Path, sweep
 from roadscope.envs.sensors.rig import CameraMount, Rig
+from roadscope.envs.sensors.rigs import RIGS
 from roadscope.envs.sensors.truths import directions, pixel_truth_of, truth_at, truth_of_image
 from roadscope.envs.sensors.weather import CLEAR, Weather
 from roadscope.envs.sensors.weather import weather as find_weather
@@ -324,6 +325,17 @@ def sense(
 ) -> Iterator[tuple[Frame, Truth]]:
     """Measure a whole timeline: one frame and its truth a sweep, in order."""
     yield from Sensing(rig, seed, weather=weather, faults=faults).whole(timeline)
+
+
+def check_light(light: str | Light | None, rig: Rig) -> None:
+    """Raise `RecordError` where a light other than day is chosen and nothing would change by it."""
+    if light is None or light == "day" or rig.camera is not None:
+        return
+    name = light if isinstance(light, str) else "of your own"
+    raise RecordError(
+        f"light '{name}' changes images alone, and rig '{rig.name}' has no camera; rigs with one: "
+        f"{', '.join(name for name, place in RIGS.items() if place.camera)}"
+    )
 
 
 def _refuse_night(light: str | Light, faults: tuple[Fault, ...]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -184,6 +185,17 @@ SCENARIOS: Mapping[str, Scenario] = _scenarios(
 )  # fmt: skip
 
 
+_SCENARIO_OF_ENVIRONMENT: Mapping[str, str] = MappingProxyType(
+    {
+        "highway": "motorway",
+        "highway-fast": "motorway",
+        "highway-dense": "dense-motorway",
+        "parking": "parking-lot",
+    }
+)
+"""Environments whose scenario has another name."""
+
+
 def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
     """Record a scenario; the same name, seed and duration give the same bytes.
 
@@ -218,7 +230,28 @@ def find(name: str) -> Scenario:
     """Return the scenario of that name."""
     if name in SCENARIOS:
         return SCENARIOS[name]
-    raise ScenarioError(unknown("scenario", name, SCENARIOS))
+    scenario = scenario_of_environment(name)
+    hint = "" if scenario is None else f"an environment; its traffic is the scenario '{scenario}'"
+    raise ScenarioError(unknown("scenario", name, SCENARIOS, hint=hint))
+
+
+def scenario_of_environment(env_id: str) -> str | None:
+    """Return the scenario with the traffic of an environment, or None where there is none.
+
+    env_id: an id of highway-env or of this package, with or without namespace and version, such as
+        `highway-fast-v0`, `roadscope/Highway-v0` or `highway`.
+    """
+    plain = re.sub(r"-v\d+$", "", env_id.rpartition("/")[2])
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", plain).lower().split("-")
+    # Variants of an environment, such as `racetrack-oval`, have the traffic of the first of them.
+    shortest = 0 if plain != env_id else len(words) - 1
+    for count in range(len(words), shortest, -1):
+        name = "-".join(words[:count])
+        if name in _SCENARIO_OF_ENVIRONMENT:
+            return _SCENARIO_OF_ENVIRONMENT[name]
+        if name in SCENARIOS:
+            return name
+    return None
 
 
 def accept(timeline: Timeline) -> Acceptance:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -144,25 +145,31 @@ class Timeline(Record):
         x, y = states.axles[0, 0]
         return Pose.planar(x, y, states.yaws[0, 0])
 
-    def save(self, path: Path | str) -> None:
+    def save(self, file: Path | str | BinaryIO) -> None:
         """Write the timeline to a compressed `.npz` file."""
+        if isinstance(file, Path | str):
+            with Path(file).open("wb") as opened:
+                self.save(opened)
+            return
         header = {"format": FORMAT, "style": self.style, "raw": self.raw}
         arrays = {name: getattr(self, name) for name in _ARRAYS}
-        with Path(path).open("wb") as file:
-            contents = {"header": np.array(json.dumps(header)), **self.road.to_arrays(), **arrays}
-            np.savez_compressed(file, allow_pickle=False, **contents)
+        contents = {"header": np.array(json.dumps(header)), **self.road.to_arrays(), **arrays}
+        np.savez_compressed(file, allow_pickle=False, **contents)
 
     @staticmethod
-    def load(path: Path | str) -> Timeline:
+    def load(file: Path | str | BinaryIO) -> Timeline:
         """Read a timeline that `save` wrote; anything else is refused by name."""
+        if isinstance(file, Path | str):
+            with Path(file).open("rb") as opened:
+                return Timeline.load(opened)
         try:
-            with Path(path).open("rb") as file:
-                return _unpack(np.load(file, allow_pickle=False))
+            return _unpack(np.load(file, allow_pickle=False))
         except OSError:
             raise
         # A damaged archive fails in as many ways as zipfile, zlib, NumPy and our records know.
         except Exception as error:
-            raise RecordError(f"{path}: not a timeline file: {error}") from error
+            name = getattr(file, "name", "content")
+            raise RecordError(f"{name}: not a timeline file: {error}") from error
 
     def _presence(self) -> tuple[np.ndarray, np.ndarray]:
         """First and last sample of each actor, (A,) each."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from roadscope.odometry.rigid import exp_so3, log_so3, orthonormal
 from roadscope.odometry.voxels.match_kernels import normal_equations
+from roadscope.odometry.voxels.surfaces import VoxelMap
 from roadscope.odometry.voxels.voxel_kernels import Voxels
 
 SCALES = (12.0, 8.0, 5.0, 4.0, 3.0)
@@ -78,6 +79,10 @@ def match(
     return Match(pose, H, len(points), int(told[0]), float(told[1]))
 
 
-def best(matches: Iterable[Match]) -> Match:
-    """Return the match with which most points agree; of equals the first."""
+def best_match(surfaces: VoxelMap, points: np.ndarray, beliefs: Iterable[Belief]) -> Match:
+    """Match (N, 3) points, metres, sensor frame, from each belief; return the best match.
+
+    That is the one with which most points agree; of equals the first.
+    """
+    matches = (match(surfaces.voxels, points, belief) for belief in beliefs)
     return max(matches, key=lambda found: found.fits)

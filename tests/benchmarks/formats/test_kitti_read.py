@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from toy_kitti import EGO_SPEED_M_S, FRAMES, IMAGE_SIZE, P2, write_kitti
 
-from roadscope.benchmarks.boards.tables import conditions
 from roadscope.benchmarks.formats import FormatError, KittiFolder, read_sequence
 from roadscope.benchmarks.formats.kitti import UNKNOWN, logistic
 from roadscope.benchmarks.formats.kitti_calibration import read_calibration
 from roadscope.benchmarks.formats.kitti_objects import KittiType, read_detections, read_labels
 from roadscope.benchmarks.formats.kitti_poses import read_poses
 from roadscope.benchmarks.recorded.suite import kitti_suite
+from roadscope.benchmarks.report.tables import explanation
 from roadscope.core import Category
 
 LABEL = "0 0 Car 0 0 -1.5 100.0 150.0 200.0 220.0 1.5 1.7 4.2 2.0 1.7 12.0 -1.57"
@@ -93,14 +93,14 @@ def test_cars_that_are_numbered_otherwise_are_refused(folder):
 def test_rows_of_other_classes_are_counted_and_told(folder):
     whole = read_sequence(folder, "0000")
     assert whole.left_out == 0
-    assert "left out" not in conditions(kitti_suite(folder))
+    assert "left out" not in explanation(kitti_suite(folder), ["kitti car"])
     few = renumbered(folder, 3, "0000", every=4)
     mixed = read_sequence(folder, "0000")
     assert mixed.left_out == few
     assert sum(map(len, mixed.detected)) == sum(map(len, whole.detected)) - few
     rows = sum(map(len, whole.detected)) + sum(map(len, read_sequence(folder, "0001").detected))
     said = f"{few} of {rows} rows in det_toy/Car are left out: their class is not car (1 ped"
-    assert said in conditions(kitti_suite(folder))
+    assert said in explanation(kitti_suite(folder), ["kitti car"])
 
 
 def test_a_file_without_the_class_is_fine_where_another_has_it(folder):

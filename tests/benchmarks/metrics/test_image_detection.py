@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.metrics.image_detection import score_images
-from roadscope.benchmarks.metrics.image_labels import PARKED, Labels, labels_of
+from roadscope.benchmarks.metrics.image_labels import PARKED, Labels, ParkedBoxes, labels_of
 from roadscope.core import ImageDetections, Pose, Truth
 
 CAR, CYCLIST, PERSON = 0, 5, 6
@@ -98,7 +98,7 @@ def test_labels_are_of_who_is_seen() -> None:
         np.array([90, 0, 90]), np.zeros(n), Pose.planar(0.0, 0.0, 0.0), 0.0,
         np.empty(0, np.int64), np.array([A, B, [5.0, 5, 5, 9]]),
     )  # fmt: skip
-    made = labels_of(truth, (np.array([C]), np.array([40.0])))
+    made = labels_of(truth, ParkedBoxes(np.array([C]), np.array([40.0])))
     assert made.categories.tolist() == [CAR, PARKED]
     assert made.ranges_m.tolist() == [5.0, 40.0]
     assert made.asked.tolist() == [True, False]

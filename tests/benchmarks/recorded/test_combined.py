@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.boards.statistics import pooled_interval
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.tracking.alphas import ALPHA_BANDS, BY_ALPHA
 from roadscope.benchmarks.metrics.tracking.clear import clear
@@ -18,6 +17,7 @@ from roadscope.benchmarks.recorded.combined import (
     nees_band,
 )
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
+from roadscope.benchmarks.results.statistics import pooled_interval
 from roadscope.benchmarks.speed.metrics import as_trackeval
 
 

@@ -9,15 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from roadscope import Category, ImageDetections, Tracks, leaderboard
 from roadscope.__main__ import app
 from roadscope.benchmarks.formats.motchallenge import read_mot
 from roadscope.benchmarks.formats.table import FormatError
-from roadscope.benchmarks.jobs.plan import plan
 from roadscope.benchmarks.recorded.image_plane import ImagePlane
 from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.result_files import score_mot_results
-from roadscope.benchmarks.runner import run
-from roadscope.core import Category, ImageDetections, Tracks
+from roadscope.benchmarks.run import plan
 
 TRACKERS = ["nearest", "gnn", "existence"]
 FRAMES = 40
@@ -50,7 +49,8 @@ def write_mot(folder, name="MOT17-02", seed=0):
 def results(tmp_path_factory):
     folder, out = tmp_path_factory.mktemp("mot"), tmp_path_factory.mktemp("out")
     write_mot(write_mot(folder), "MOT17-04", seed=1)
-    return run("quick", TRACKERS, boards=["tracking"], only=True, mot=folder, out_dir=out), folder
+    found = leaderboard("quick", TRACKERS, boards=["tracking"], only=True, mot=folder, out_dir=out)
+    return found, folder
 
 
 def test_trackers_are_ranked_on_image_boxes(results):
@@ -69,10 +69,24 @@ def test_the_command_writes_board_and_tracks_that_score_the_same(results, tmp_pa
     found, folder = results
     told = CliRunner().invoke(
         app,
-        ["leaderboard", "tracking", "--mot", str(folder), "--entry", "gnn", "--only", "--jobs", "1",
-         "--out", str(tmp_path / "board"), "--tracks", str(tmp_path / "tracks"),
-         "--by", "sequence"],
-    )  # fmt: skip
+        [
+            "leaderboard",
+            "tracking",
+            "--mot",
+            str(folder),
+            "--entry",
+            "gnn",
+            "--only",
+            "--jobs",
+            "1",
+            "--out",
+            str(tmp_path / "board"),
+            "--tracks",
+            str(tmp_path / "tracks"),
+            "--by",
+            "sequence",
+        ],
+    )
     assert told.exit_code == 0, told.output
     assert "MOTChallenge" in told.output
     rows = json.loads((tmp_path / "board" / "leaderboard.json").read_text())["rows"]
@@ -80,8 +94,11 @@ def test_the_command_writes_board_and_tracks_that_score_the_same(results, tmp_pa
     tracks = tmp_path / "tracks" / "motchallenge" / "gnn" / "pedestrian" / "MOT17-02.txt"
     assert len(read_mot(tracks)) > 2 * FRAMES
     again = score_mot_results(folder / "MOT17-02", tracks)
-    (whole,) = (r.value for r in found.breakdown("sequence", BOARD)
-                if (r.entry, r.band, r.metric) == ("gnn", "MOT17-02", "hota"))  # fmt: skip
+    (whole,) = (
+        r.value
+        for r in found.breakdown("sequence", BOARD)
+        if (r.entry, r.band, r.metric) == ("gnn", "MOT17-02", "hota")
+    )
     assert again["hota"].value == pytest.approx(whole, abs=1e-9)
 
 
@@ -140,7 +157,7 @@ def test_options_that_do_not_go_together_are_refused(options, said):
 
 def test_files_decide_the_key_and_their_place_does_not(tmp_path):
     def keys(where):
-        jobs = plan(mot_suite(where), ["gnn"], ("tracking",), only=True).tracking
+        jobs = plan(mot_suite(where), ["gnn"], boards=["tracking"], only=True).jobs
         return [job.key for job in jobs]
 
     before = keys(write_mot(tmp_path / "a"))
@@ -159,9 +176,11 @@ def test_flat_boxes_come_back_as_they_were(given_boxes, image_size):
     left_top, size = np.split(np.array(given_boxes), 2, axis=1)
     n = len(size)
     found = ImageDetections(
-        np.hstack([left_top, left_top + size]), np.full(n, Category.PEDESTRIAN, np.int8),
-        np.full(n, 0.9), 0.0,
-    )  # fmt: skip
+        np.hstack([left_top, left_top + size]),
+        np.full(n, Category.PEDESTRIAN, np.int8),
+        np.full(n, 0.9),
+        0.0,
+    )
     plane = ImagePlane.of([replace(found, stamp_s=1.0)], image_size)
     flat = plane.laid_flat(found)
     assert np.median(flat.sizes[:, 0]) == pytest.approx(1.7)

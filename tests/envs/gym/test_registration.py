@@ -1,16 +1,31 @@
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
-from roadscope.envs.gym.registration import IDS, env_ids, register, register_on_import
-from roadscope.envs.traffic.scenarios import SCENARIOS
+import roadscope
+from roadscope.envs import env_ids, register
+
+IDS = env_ids()
+SCRIPT = """
+import sys
+from roadscope.__main__ import main
+if __name__ == "__main__":
+    sys.exit(main())
+"""
+"""What pip writes as the command `roadscope`."""
 
 
-def run(code: str) -> str:
+def run(*arguments: str, **variables: str) -> str:
     result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, **variables},
     )
     assert result.returncode == 0, result.stderr
     return result.stdout.strip()
@@ -24,64 +39,37 @@ COUNT = "print(sum(name.startswith('roadscope/') for name in gymnasium.registry)
     [
         "import roadscope, gymnasium",
         "import gymnasium, roadscope",
-        "import roadscope, roadscope.envs.gym.highway, gymnasium",
-        "import roadscope, gymnasium.envs.registration",
-        "import roadscope; from gymnasium import spaces; import gymnasium",
+        "import roadscope.trackers, gymnasium",
+        "from roadscope import Pose; import gymnasium",
     ],
 )
 def test_ids_are_known_whatever_is_imported_first(imports: str) -> None:
-    assert run(f"{imports}\n{COUNT}") == str(len(IDS))
+    assert run("-c", f"{imports}\n{COUNT}") == str(len(IDS))
 
 
-def test_make_imports_the_package_that_an_id_names() -> None:
-    code = (
-        "import gymnasium\n"
-        "env = gymnasium.make('roadscope:roadscope/ParkingLot-v0')\n"
-        "print(env.spec.id)"
-    )
-    assert run(code) == "roadscope/ParkingLot-v0"
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import gymnasium\nenv = gymnasium.make('roadscope:roadscope/Highway-v0')",
+        "import gymnasium, roadscope\nenv = gymnasium.make('roadscope/Highway-v0')",
+        "import roadscope, gymnasium\nenv = gymnasium.make('roadscope/Highway-v0')",
+        "import roadscope\nenv = roadscope.make('roadscope/Highway-v0')",
+    ],
+)
+def test_environments_are_made_in_a_fresh_process(code: str) -> None:
+    assert run("-c", f"{code}\nprint(env.spec.id)") == "roadscope/Highway-v0"
 
 
-def test_importing_the_package_loads_no_gymnasium() -> None:
-    assert run("import sys, roadscope\nprint('gymnasium' in sys.modules)") == "False"
-
-
-def test_gymnasium_keeps_its_own_loader_and_no_finder_stays() -> None:
-    code = (
-        "import sys, roadscope, gymnasium\n"
-        "print(type(gymnasium.__spec__.loader).__name__, type(gymnasium.__loader__).__name__,\n"
-        "      any('Gymnasium' in type(finder).__name__ for finder in sys.meta_path))"
-    )
-    assert run(code) == "SourceFileLoader SourceFileLoader False"
-
-
-def test_looking_for_gymnasium_without_loading_it_is_harmless() -> None:
-    code = (
-        "import importlib.util, roadscope\n"
-        "spec = importlib.util.find_spec('gymnasium')\n"
-        "assert spec.origin.endswith('__init__.py') and spec.submodule_search_locations\n"
-        f"import gymnasium\n{COUNT}"
-    )
-    assert run(code) == str(len(IDS))
-
-
-def test_a_missing_gymnasium_is_reported_as_missing() -> None:
-    code = (
-        "import sys, roadscope\n"
-        "sys.meta_path = [f for f in sys.meta_path if 'Gymnasium' in type(f).__name__]\n"
-        "try:\n    import gymnasium\nexcept ModuleNotFoundError as error:\n    print(error.name)"
-    )
-    assert run(code) == "gymnasium"
+def test_importing_leaves_the_import_system_as_it_was() -> None:
+    code = "import sys, gymnasium\nbefore = list(sys.meta_path)\nimport roadscope\n"
+    assert run("-c", f"{code}print(sys.meta_path == before)") == "True"
 
 
 def test_registering_again_changes_nothing() -> None:
-    register()
     before = dict(gym.registry)
-    finders = list(sys.meta_path)
     register()
-    register_on_import()
     assert dict(gym.registry) == before
-    assert sys.meta_path == finders
+    assert set(IDS) <= set(before)
 
 
 def test_an_id_that_somebody_else_has_registered_is_left_alone() -> None:
@@ -91,9 +79,76 @@ def test_an_id_that_somebody_else_has_registered_is_left_alone() -> None:
         "import roadscope\n"
         "print(gymnasium.spec('roadscope/Highway-v0').entry_point)"
     )
-    assert run(code) == "mine:Env"
+    assert run("-c", code) == "mine:Env"
 
 
-def test_every_id_plays_a_known_scenario() -> None:
-    assert env_ids() == tuple(f"roadscope/{name}" for name in IDS)
-    assert {arguments["scenario"] for arguments in IDS.values()} <= set(SCENARIOS)
+@pytest.mark.parametrize("started", ["module", "script"])
+def test_a_command_registers_before_a_plug_in_is_loaded(tmp_path: Path, started: str) -> None:
+    (tmp_path / "tiny.py").write_text(
+        "import gymnasium, pathlib\n"
+        "with pathlib.Path(__file__).with_suffix('.log').open('a') as log:\n"
+        "    print('roadscope/Highway-v0' in gymnasium.registry, file=log)\n"
+        "class Tracker:\n    pass\n"
+    )
+    script = tmp_path / "roadscope"
+    script.write_text(SCRIPT)
+    start = ["-m", "roadscope"] if started == "module" else [str(script)]
+    plugin = f"{tmp_path / 'tiny.py'}:Tracker"
+    subprocess.run([sys.executable, *start, "check", plugin], capture_output=True, timeout=120)
+    assert set((tmp_path / "tiny.log").read_text().split()) == {"True"}
+
+
+def test_the_ids_wait_for_a_command(tmp_path: Path) -> None:
+    (tmp_path / "roadscope").write_text(
+        "import sys\n"
+        "from roadscope.__main__ import main\n"
+        "before = 'gymnasium' in sys.modules\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "import gymnasium\n"
+        "print(before, 'roadscope/Highway-v0' in gymnasium.registry)\n"
+    )
+    for arguments, known in ((["--help"], "False"), (["list", "rigs"], "True")):
+        printed = run(str(tmp_path / "roadscope"), *arguments).splitlines()
+        assert printed[-1].split() == ["False", known]
+
+
+def test_children_of_the_command_line_know_the_ids_too(tmp_path: Path) -> None:
+    (tmp_path / "roadscope").write_text(
+        "import multiprocessing, sys\n"
+        "import roadscope\n"
+        "if __name__ == '__main__':\n"
+        "    print('gymnasium' in sys.modules)\n"
+        "    with multiprocessing.get_context('spawn').Pool(1) as pool:\n"
+        "        import gymnasium\n"
+        "        print(pool.apply(gymnasium.spec, ('roadscope/Highway-v0',)).id)\n"
+    )
+    assert run(str(tmp_path / "roadscope")).split() == ["False", "roadscope/Highway-v0"]
+
+
+@pytest.mark.parametrize("name", ["roundabout", "roadscope/Roundabout-v0"])
+def test_environments_go_by_id_or_scenario(name: str) -> None:
+    env = roadscope.make(name, rig="hdl32e")
+    assert env.spec is not None
+    assert env.spec.id == "roadscope/Roundabout-v0"
+    observation, _ = env.reset(seed=0)
+    assert observation["lidar_range"].shape[0] == 32
+    env.close()
+
+
+def test_scenarios_without_an_id_are_played() -> None:
+    env = roadscope.make("tunnel", max_episode_steps=3)
+    assert env.spec is not None
+    assert env.spec.kwargs["scenario"] == "tunnel"
+    assert env.spec.max_episode_steps == 3
+    env.close()
+
+
+def test_a_mistyped_scenario_is_named_with_what_there_is() -> None:
+    with pytest.raises(ValueError, match=r"'tunel'.*tunnel"):
+        roadscope.make("tunel")
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_every_id_plays_a_known_scenario(name: str) -> None:
+    env = roadscope.make(name)
+    env.close()

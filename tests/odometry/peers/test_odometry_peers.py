@@ -1,6 +1,5 @@
 """What other libraries' odometries are given and told; skipped where they are not installed."""
 
-import importlib.metadata
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,8 +9,9 @@ import numpy as np
 import pytest
 from toy_drive import Drive, offset
 
+from roadscope.benchmarks.fingerprint import plugin_hash
 from roadscope.core import Pose
-from roadscope.core.registry import NotInstalledError, source_hash
+from roadscope.core.loading import NotInstalledError, Requirement
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.rigid import hat
 
@@ -45,8 +45,11 @@ def off(spec, drive, inputs, mounting=None):
 def test_five_of_four_libraries():
     assert len(PEERS) == 5
     assert {ODOMETRIES.resolve(name).requirement.distribution for name in PEERS} == {
-        "kiss-icp", "small_gicp", "genz-icp", "rko_lio",
-    }  # fmt: skip
+        "kiss-icp",
+        "small_gicp",
+        "genz-icp",
+        "rko_lio",
+    }
 
 
 def test_true_times_of_points_are_used_and_poses_are_of_the_stamp(name):
@@ -102,16 +105,18 @@ def moved(imu, mounting):
 
 @pytest.mark.parametrize("name", PEERS)
 def test_what_is_not_installed_is_said(name, monkeypatch):
-    def nothing(distribution):
-        raise importlib.metadata.PackageNotFoundError(distribution)
-
-    plugin = ODOMETRIES.resolve(name)
-    with_it = source_hash(plugin)
-    monkeypatch.setattr("roadscope.core.registry.version", nothing)
+    monkeypatch.setattr(Requirement, "version", None)
     with pytest.raises(NotInstalledError, match=r"not installed: pip install roadscope\[peers\]"):
         ODOMETRIES.make(name)
-    monkeypatch.undo()
-    assert source_hash(plugin) == with_it
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_another_version_of_the_library_is_another_key(name, monkeypatch):
+    hashes = set()
+    for version in ("1.0", "2.0", None):
+        monkeypatch.setattr(Requirement, "version", version)
+        hashes.add(plugin_hash(ODOMETRIES.resolve(name)))
+    assert len(hashes) == 3
 
 
 @pytest.mark.parametrize(

@@ -1,22 +1,24 @@
 """What other libraries' trackers are given and asked; skipped where they are not installed."""
 
-import importlib.metadata
+import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from toy_boxes import detections
 from tracked_scenes import both, boxes, identities, told
 
-from roadscope.benchmarks.jobs.entries import check
-from roadscope.benchmarks.jobs.stack import EntryError, track
-from roadscope.core import Category, Pose, TrackState
-from roadscope.core.registry import NotInstalledError, source_hash
-from roadscope.trackers import TRACKERS
+import roadscope
+from roadscope import TRACKERS, Category, Pose, TrackState
+from roadscope.benchmarks.fingerprint import plugin_hash
+from roadscope.core.loading import NotInstalledError, Requirement
 
 PEERS = [name for name in TRACKERS if TRACKERS.resolve(name).requirement is not None]
 CONFIRMED = TrackState.CONFIRMED
+ROOT = Path(roadscope.__file__).parents[1]
 
 
 @pytest.fixture(params=PEERS)
@@ -37,8 +39,10 @@ def cars(ticks, speeds=(10.0, -8.0), scores=0.9):
 def test_six_of_three_libraries():
     assert len(PEERS) == 6
     assert {TRACKERS.resolve(name).requirement.distribution for name in PEERS} == {
-        "norfair", "stonesoup", "trackers",
-    }  # fmt: skip
+        "norfair",
+        "stonesoup",
+        "trackers",
+    }
 
 
 def test_cars_are_confirmed_and_followed_at_their_speed(peer):
@@ -95,20 +99,70 @@ def test_two_in_one_process_do_not_meddle(peer, request):
 
 
 @pytest.mark.parametrize("name", PEERS)
-def test_what_is_not_installed_is_said_and_stops_no_board(name, monkeypatch):
-    def nothing(distribution):
-        raise importlib.metadata.PackageNotFoundError(distribution)
-
-    plugin = TRACKERS.resolve(name)
-    with_it = source_hash(plugin)
-    monkeypatch.setattr("roadscope.core.registry.version", nothing)
+def test_what_is_not_installed_is_said(name, monkeypatch):
+    monkeypatch.setattr(Requirement, "version", None)
+    assert "is not installed: pip install" in TRACKERS.missing(name)
     with pytest.raises(NotInstalledError, match="is not installed: pip install"):
         TRACKERS.make(name)
-    check(TRACKERS, name)
-    with pytest.raises(EntryError, match=f"^{name}: .* is not installed: pip install"):
-        track(name, None)
-    monkeypatch.undo()
-    assert source_hash(plugin) == with_it
+
+
+HIDDEN = """
+import importlib.metadata
+
+version = importlib.metadata.version
+
+def of_others(name):
+    if name in DISTRIBUTIONS:
+        raise importlib.metadata.PackageNotFoundError(name)
+    return version(name)
+
+importlib.metadata.version = of_others
+"""
+SUITE = """
+name = "tiny"
+version = 1
+rig = "lux"
+duration_s = 0.8
+scenarios = ["lu2018-occlusion"]
+split = "validation"
+seeds = [10004]
+[tracking]
+entries = ["nearest"]
+detectors = ["oracle"]
+"""
+
+
+def test_what_is_not_installed_ends_no_run(tmp_path):
+    """In all processes of a run, the plug-ins' own too."""
+    distributions = sorted({TRACKERS.resolve(name).requirement.distribution for name in PEERS})
+    hide = HIDDEN.replace("DISTRIBUTIONS", repr(distributions))
+    (tmp_path / "sitecustomize.py").write_text(hide)
+    (tmp_path / "tiny.toml").write_text(SUITE)
+    entries = [part for name in PEERS for part in ("--entry", name)]
+    command = [sys.executable, "-m", "roadscope", "leaderboard", "--suite", "tiny.toml", "--json"]
+    path = os.pathsep.join([str(tmp_path), str(ROOT), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [*command, "--jobs", "1", *entries],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": path},
+    )
+    assert done.returncode == 0, done.stderr
+    board = json.loads(done.stdout)
+    assert {failure["entry"] for failure in board["failures"]} == set(PEERS)
+    assert all("is not installed: pip install" in each["reason"] for each in board["failures"])
+    ranks = {place["entry"]: place["rank"] for place in board["standings"]}
+    assert ranks == {"nearest": 1} | dict.fromkeys(PEERS)
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_another_version_of_the_library_is_another_key(name, monkeypatch):
+    hashes = set()
+    for version in ("1.0", "2.0", None):
+        monkeypatch.setattr(Requirement, "version", version)
+        hashes.add(plugin_hash(TRACKERS.resolve(name)))
+    assert len(hashes) == 3
 
 
 @pytest.mark.parametrize(

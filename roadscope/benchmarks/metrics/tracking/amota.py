@@ -50,7 +50,7 @@ class Amota(Record):
 
 
 def amota(*sequences: TrackedSequence, threshold: float = 0.5) -> Amota:
-    """Return the averages of one or several sequences together.
+    """Return AMOTA and its parts (Weng et al. 2020) of one or several sequences together.
 
     A track is as sure as it is on average over its frames. For every recall the score is
     sought from which on matched tracks reach it, and what is surer is scored by CLEAR MOT.

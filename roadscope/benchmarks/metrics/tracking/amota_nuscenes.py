@@ -42,7 +42,7 @@ class NuscenesAmota(Record):
 
 
 def amota_nuscenes(*sequences: TrackedSequence, gate_m: float = GATE_M) -> NuscenesAmota:
-    """Return the averages of one class in one or several sequences together.
+    """Return nuScenes' AMOTA (Caesar et al. 2020) of one class in one or several sequences.
 
     Pairs match up to `gate_m` between centres seen from above, whatever their similarity; a
     track is as sure as it is on average over its frames. MOTAR is

@@ -73,7 +73,10 @@ class Clear:
 
 
 def clear(sequence: TrackedSequence, threshold: float = 0.5) -> Clear:
-    """Match and count a sequence; pairs from the threshold on can be matched."""
+    """Return CLEAR MOT's counts of a sequence (Bernardin and Stiefelhagen 2008).
+
+    threshold: similarity, 0 to 1, from which on a pair can be matched.
+    """
     return count(sequence, follow(sequence, threshold))
 
 

@@ -83,7 +83,7 @@ class Hota(Record):
 
 
 def hota(sequence: TrackedSequence) -> Hota:
-    """Return HOTA of a sequence.
+    """Return HOTA of a sequence (Luiten et al. 2021): curves over `ALPHAS`, 0 to 1.
 
     One assignment a frame serves all alphas: it weighs similarity with how well object and track
     fit over the whole sequence.

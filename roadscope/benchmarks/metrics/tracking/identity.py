@@ -43,9 +43,10 @@ class Identity:
 
 
 def identity(sequence: TrackedSequence, threshold: float = 0.5) -> Identity:
-    """Pair objects and tracks once for the whole sequence so that most object frames are covered.
+    """Return IDF1 and its parts (Ristani et al. 2016).
 
-    A frame is covered where the similarity of the pair reaches the threshold.
+    Objects and tracks are paired once for the whole sequence, so that most object frames are
+    covered. A frame is covered where the similarity of the pair reaches the threshold.
     """
     from scipy.optimize import linear_sum_assignment
 

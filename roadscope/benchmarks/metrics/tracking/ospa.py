@@ -56,7 +56,9 @@ def ospa(
     *,
     pairing_order: float | None = None,
 ) -> Ospa:
-    """Return OSPA frame by frame; it needs the distances of the sequence.
+    """Return OSPA of each frame in metres (Schuhmacher, Vo and Vo 2008).
+
+    The sequence must have distances.
 
     cutoff_m: no distance counts for more, and so much an object or track too many.
     pairing_order: of the distances that decide who is paired; None: `order`, as defined.
@@ -75,7 +77,9 @@ def ospa(
 
 
 def gospa(sequence: TrackedSequence, cutoff_m: float = 2.0, order: float = 1.0) -> Gospa:
-    """Return GOSPA frame by frame; it needs the distances of the sequence.
+    """Return GOSPA of each frame in metres (Rahmathullah et al. 2017).
+
+    The sequence must have distances.
 
     cutoff_m: pairs at least so far apart are a miss and a false track, each of which costs half
         of cutoff_m ** order.

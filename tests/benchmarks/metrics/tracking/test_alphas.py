@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from toy_boxes import tracks, truth
 
-from roadscope.benchmarks.boards.breakdown_tables import breakdown_tables
-from roadscope.benchmarks.boards.results import gather
+from roadscope import load_suite
 from roadscope.benchmarks.eligibility import Eligibility
-from roadscope.benchmarks.jobs.plan import tracking_jobs
-from roadscope.benchmarks.jobs.store import Outcome
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.metrics.tracking.alphas import ALPHA_BANDS, BY_ALPHA, CURVES, score_alphas
-from roadscope.benchmarks.suite import load_suite
+from roadscope.benchmarks.report.breakdowns import breakdown_tables
+from roadscope.benchmarks.results import gather
+from roadscope.benchmarks.run import plan
+from roadscope.benchmarks.store import Outcome
 
 RULE = Eligibility(range_m=(0.0, 60.0), min_returns=10)
 NAMES = ("hota", *CURVES)
@@ -49,7 +49,7 @@ def test_without_objects_there_is_none():
 
 
 def test_the_board_of_simulated_traffic_has_a_curve_whose_mean_is_its_figure():
-    jobs = tracking_jobs(load_suite("quick"), ["gnn", "nearest"])
+    jobs = plan(load_suite("quick"), ["gnn", "nearest"], boards=["tracking"], only=True).jobs
     outcomes = {job.key: Outcome(scored(k, 2 + k % 4)) for k, job in enumerate(jobs)}
     found = gather(jobs, outcomes, {})
     rows = [row for row in found.breakdown(BY_ALPHA, "tracking") if row.entry == "gnn"]

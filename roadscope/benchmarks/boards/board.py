@@ -1,0 +1,210 @@
+"""What a board is: which plug-ins it ranks, what they get, how they are scored and shown."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.kinds import Kind, check_plugin_spec
+from roadscope.benchmarks.metrics.breakdown import BANDS, EXCESS, part_name
+from roadscope.benchmarks.metrics.calibration import pooled_calibration
+from roadscope.benchmarks.metrics.cost import cost
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.records import CallTimes
+from roadscope.core import Spec
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks.suite import Suite
+
+Scores = Mapping[str, Score]
+Condition = Callable[[Any], str]
+
+CONDITIONS: Mapping[str, Condition] = {
+    "weather": lambda episode: episode.weather,
+    "scenario": lambda episode: episode.scenario,
+    "condition": lambda episode: episode.condition,
+}
+"""What whole episodes of simulated traffic are broken down by; the condition is weather, light
+and faults together."""
+CALIBRATION_ERROR = "calibration_error"
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One figure of a board as it is shown.
+
+    metric: its name in scores. heading: of the column; may be broken at spaces.
+    decimals: digits after the point. note: what is said of it below the table.
+    """
+
+    metric: str
+    heading: str
+    decimals: int = 2
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Breakdown:
+    """Something by which a board's figures are divided.
+
+    by: its name, as `--by` takes it. title: as a table's title has it; empty: the name.
+    note: what is said below the tables.
+    """
+
+    by: str
+    title: str = ""
+    note: str = ""
+
+
+def time_columns(decimals: int, per: str) -> tuple[Column, ...]:
+    """Return the columns of what calls cost; per: what a call is for."""
+    note = f"ms: processor time of a call, one {per}; wall: time that passed."
+    return (
+        Column("call_p50_ms", "ms p50", decimals, note),
+        Column("call_p99_ms", "ms p99", decimals, note),
+        Column("wall_p50_ms", "wall ms", decimals, note),
+    )
+
+
+class SuiteCheck(NamedTuple):
+    """One thing that must be right in a suite.
+
+    key: where in the suite it stands, `tracking.detectors`.
+    check: raises `ValueError` with the reason when it is called with the argument.
+    """
+
+    key: str
+    check: Callable[[Any], object]
+    argument: Any
+
+
+class Board(ABC):
+    """One board.
+
+    Adding a board is a subclass in a file of its own, and its line in `boards.BOARDS`.
+    """
+
+    name: str
+    kind: Kind
+    """Kind of the plug-ins that it ranks."""
+    headline: str
+    """The metric that it ranks by."""
+    columns: Sequence[Column]
+    """What is shown, the most important first: as many as the width allows."""
+    breakdowns: Sequence[Breakdown]
+    by_condition: Sequence[str]
+    """Metrics of whole episodes that are broken down by conditions."""
+    shown_parts: Sequence[Column]
+    """Metrics that are shown broken down; the heading is part of a title."""
+    conditions: Mapping[str, Condition] = CONDITIONS
+    inputs_name: str = ""
+    """What whose detections an entry gets are called; empty: it gets none."""
+    share_found: str = ""
+    """Metric without a value where nothing in an episode was to be found."""
+    summed: Sequence[str] = ()
+    """Counts that are shown as sums over episodes, as papers have them."""
+    medians: Sequence[str] = ()
+    """Metrics whose median over episodes is a figure too, `NAME_median`."""
+    three_digits: bool = False
+    """Whether figures reach from millimetres to kilometres, so that three digits are shown."""
+    alarms: str = ""
+    """What `false_alarms` are per, where they stand beside detection rates in breakdowns."""
+    always_by: tuple[str, str] | None = None
+    """A breakdown and the one metric of it that is shown without being asked for."""
+    default_suite: str = "quick"
+    sample: str = "seeds"
+    """What intervals are over."""
+
+    @abstractmethod
+    def suite_entries(self, suite: Suite) -> Sequence[str]:
+        """Return the entries that a suite compares on this board."""
+
+    @abstractmethod
+    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+        """Return the jobs of entries on all episodes of a suite, with those of the marks."""
+
+    @abstractmethod
+    def score(self, job: Job, answers: Any) -> Scores:
+        """Return the scores of a job's answers."""
+
+    @abstractmethod
+    def explanation(self, suite: Suite) -> str:
+        """Return what is to be found in a suite, and by whom, for a reader."""
+
+    def check_entry(self, spec: Spec) -> Spec:
+        """Return an entry's resolved spec; `SpecError` says why it cannot be one."""
+        return check_plugin_spec(spec, self.kind)
+
+    def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
+        """Return what is to be checked of a suite before its entries of this board run."""
+        key = f"{self.name}.entries"
+
+        def check(text: str) -> None:
+            self.check_entry(Spec.parse(text))
+
+        return [SuiteCheck(key, check, text) for text in self.suite_entries(suite)]
+
+    def pooled(self, metric: str, scores: Sequence[Scores]) -> list[Score]:
+        """Return the scores of a metric that are pooled over episodes, one an episode."""
+        bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
+        if metric == CALIBRATION_ERROR and all(b in each for b in bins for each in scores):
+            return pooled_calibration([[each[b] for b in bins] for each in scores])
+        return [each[metric] for each in scores]
+
+    def is_silent(self, metric: str, scores: Sequence[Scores]) -> bool:
+        """Return whether an entry never says what a metric measures, so that it has none."""
+        return False
+
+    def remark(self, calibration: str) -> str:
+        """Return what else a reader must know of a run; empty if nothing."""
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardSetting:
+    """What a run asks of a board beside its entries.
+
+    marks: whether the marks are wanted. calibration: a file that fusions believe, or empty.
+    """
+
+    marks: bool = True
+    calibration: str = ""
+
+
+def check_camera(suite: Suite) -> None:
+    """Refuse a suite whose rig has no camera."""
+    from roadscope.benchmarks.images import camera_of
+    from roadscope.envs.sensors.rigs import rig
+
+    camera_of(rig(suite.rig))
+
+
+def episodes(suite: Suite) -> list[Episode]:
+    """Return every scenario with every seed in every weather, light and set of faults.
+
+    These are not crossed: further lights and faults come with the first of the others.
+    """
+    (weather, *weathers), (light, *lights) = suite.weathers, suite.lights
+    first, *faults = suite.faults
+    conditions = [(weather, light, first), *((other, light, first) for other in weathers)]
+    conditions += [(weather, other, first) for other in lights]
+    conditions += [(weather, light, other) for other in faults]
+    return [
+        Episode(scenario, seed, suite.rig, suite.duration_s, *each)
+        for seed in suite.seeds
+        for scenario in suite.scenarios
+        for each in conditions
+    ]
+
+
+def call_cost(times: CallTimes, percentiles: Sequence[int] = (50, 99)) -> dict[str, Score]:
+    """Return what a plug-in's calls cost: percentiles of processor time, median of wall time.
+
+    The first call is left out: it may compile or load what the plug-in needs.
+    """
+    wall = cost(times.wall_ms, (50,))["call_p50_ms"]
+    return {**cost(times.processor_ms, percentiles), "wall_p50_ms": wall}

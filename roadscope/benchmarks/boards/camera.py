@@ -1,0 +1,140 @@
+"""The camera board: detectors of road users in images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from roadscope.benchmarks.boards.board import (
+    CONDITIONS,
+    Board,
+    BoardSetting,
+    Breakdown,
+    Column,
+    Scores,
+    call_cost,
+    check_camera,
+    episodes,
+    time_columns,
+)
+from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.kinds import CAMERA_DETECTOR
+from roadscope.benchmarks.metrics.image_parts import camera_scores
+from roadscope.benchmarks.nodes.images import ImageNode, extinction_per_m
+from roadscope.benchmarks.records import EpisodeImageDetections
+from roadscope.benchmarks.references import (
+    IMITATION,
+    UPPER_MARK,
+    check_image_source,
+    image_source,
+    is_noise,
+    made_from_truth,
+)
+from roadscope.core import Spec
+from roadscope.core.spec import ORACLE
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks.suite import Suite
+
+_NOTES = {
+    "size": "small: below 32 x 32 pixels, large: above 96 x 96.",
+    "occlusion": "Occlusion: share of the outline that something else covers.",
+    "score": "Scores are calibrated where precision lies within their band.",
+}
+
+
+class CameraBoard(Board):
+    """Ranks camera detectors by AP50."""
+
+    name = "camera"
+    kind = CAMERA_DETECTOR
+    headline = "ap50"
+    columns = (
+        Column(
+            "ap50",
+            "AP50",
+            2,
+            "AP50: from an IoU of 0.5, mean of the families; episodes are "
+            "weighed by their objects.",
+        ),
+        Column("ap", "AP", 2, "AP: IoU 0.5 to 0.95."),
+        Column("detection_rate", "detected", 2, "detected, false: from a score of 0.5."),
+        Column("false_alarms", "false per image", 2),
+        Column("category_accuracy", "category", 2, "category: share of right ones."),
+        Column("calibration_error", "cal. error", 2, "cal. error: of the scores (ECE)."),
+        *time_columns(1, "image")[:1],
+        *time_columns(1, "image")[1:],
+        Column("ap50_16px", "AP50 16 px", 2, "16 px: of objects at least that high."),
+    )
+    breakdowns = (
+        Breakdown("family"),
+        *(
+            Breakdown(
+                by,
+                {"size": "size in the image", "range": "range, m"}.get(by, ""),
+                _NOTES.get(by, ""),
+            )
+            for by in ("size", "range", "occlusion", "category", "score", *CONDITIONS)
+        ),
+    )
+    by_condition = ("ap50", "detection_rate", "false_alarms", "objects_per_image")
+    shown_parts = (
+        Column("ap50", "AP50"),
+        Column("detection_rate", "detected"),
+        Column("precision", "precision"),
+    )
+    share_found = "detection_rate"
+    alarms = "false alarms per image"
+    always_by = ("family", "detection_rate")
+    default_suite = "camera"
+
+    def suite_entries(self, suite: Suite) -> Sequence[str]:
+        """Return the entries that a suite compares on this board."""
+        return suite.camera_detectors
+
+    def check_entry(self, spec: Spec) -> Spec:
+        """Return a camera detector's resolved spec; noise models are entries too."""
+        return check_image_source(spec)
+
+    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+        """Return every detector on all episodes, and with the marks the true boxes."""
+        check_camera(suite)
+        sources = {str(entry): entry for entry in entries}
+        if setting.marks:
+            sources[ORACLE] = image_source(ORACLE)
+        return [
+            Job(
+                self,
+                name,
+                episode,
+                ImageNode(source, episode, suite.image_every_s),
+                mark=_mark(source),
+            )
+            for episode in episodes(suite)
+            for name, source in sources.items()
+        ]
+
+    def score(self, job: Job, answers: EpisodeImageDetections) -> Scores:
+        """Return the scores of a job's answers, and their cost unless made from truth."""
+        assert isinstance(job.answers, ImageNode)
+        labels = answers.labels(extinction_per_m(job.answers.episode))
+        scores = camera_scores(answers.filled, labels)
+        if made_from_truth(job.answers.source):
+            return scores
+        has_image = np.array([d is not None for d in answers.detections], bool)
+        return scores | call_cost(answers.times.select(has_image))
+
+    def explanation(self, suite: Suite) -> str:
+        """Return what is to be found in a suite, for a reader."""
+        return (
+            "To be found in images: road users with at least 40 visible pixels, 8 pixels high, at "
+            "most three quarters hidden and not lost in fog or rain; parked cars count neither way."
+        )
+
+
+def _mark(source: Spec) -> str | None:
+    if source.kind == ORACLE:
+        return UPPER_MARK
+    return IMITATION if is_noise(source) else None

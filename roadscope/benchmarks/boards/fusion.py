@@ -1,0 +1,176 @@
+"""The fusion board: fusions of LiDAR and camera detections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from roadscope.benchmarks.boards.board import (
+    CONDITIONS,
+    Board,
+    BoardSetting,
+    Breakdown,
+    Column,
+    Scores,
+    SuiteCheck,
+    call_cost,
+    check_camera,
+    episodes,
+    time_columns,
+)
+from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.images import projection_of
+from roadscope.benchmarks.kinds import FUSION
+from roadscope.benchmarks.metrics.fusion_parts import fusion_scores
+from roadscope.benchmarks.nodes.detections import DetectionNode
+from roadscope.benchmarks.nodes.fusions import FusionNode, fitting_calibration
+from roadscope.benchmarks.nodes.images import ImageNode
+from roadscope.benchmarks.records import EpisodeFusions
+from roadscope.benchmarks.references import (
+    CAMERA_ALONE,
+    LIDAR_ALONE,
+    ONE_SENSOR,
+    check_detection_source,
+    check_image_source,
+    detection_source,
+    image_source,
+)
+from roadscope.core import Spec, SpecError
+from roadscope.envs.sensors.rigs import rig
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks.suite import Suite
+
+INPUTS = "inputs"
+PASSED_ON = "union"
+"""The fusion that passes on what one sensor detected, where the other brings nothing."""
+
+
+class FusionBoard(Board):
+    """Ranks fusions by AP."""
+
+    name = "fusion"
+    kind = FUSION
+    headline = "ap"
+    columns = (
+        Column(
+            "ap",
+            "AP",
+            2,
+            "AP: of targets of any class, in the image by IoU 0.5, else within 2 m; episodes are "
+            "weighed by their objects.",
+        ),
+        Column("f1", "F1", 2, "F1, detected, false, precision: from a score of 0.5."),
+        Column("detection_rate", "detected", 2),
+        Column("false_alarms", "false per scan", 2),
+        Column(
+            "distance_right", "dist. right", 2, "dist. right: of detected ones, within 10 % or 1 m."
+        ),
+        Column("family_right", "class right", 2, "class right: vehicle, cyclist or pedestrian."),
+        *time_columns(2, "scan")[:1],
+        Column("calibration_error", "cal. error", 2, "cal. error: of the scores (ECE)."),
+        Column(
+            "hidden_distance_right", "dist. hidden", 2, "dist. hidden: of more than a third hidden."
+        ),
+        Column("precision", "precision", 2),
+        *time_columns(2, "scan")[1:],
+    )
+    breakdowns = (
+        Breakdown("family"),
+        Breakdown("range", "range, m"),
+        Breakdown("crowd"),
+        Breakdown("score", note="Scores are calibrated where precision lies within their band."),
+        *(Breakdown(by) for by in CONDITIONS),
+        Breakdown(INPUTS, note="In brackets: the rank on these detections."),
+    )
+    by_condition = (
+        "ap",
+        "f1",
+        "detection_rate",
+        "false_alarms",
+        "distance_right",
+        "family_right",
+    )
+    shown_parts = (
+        Column("ap", "AP"),
+        Column("detection_rate", "detected"),
+        Column("precision", "precision"),
+    )
+    inputs_name = INPUTS
+    share_found = "detection_rate"
+    alarms = "false alarms per scan"
+    always_by = ("family", "detection_rate")
+    default_suite = "fusion"
+
+    def suite_entries(self, suite: Suite) -> Sequence[str]:
+        """Return the entries that a suite compares on this board."""
+        return suite.fusions
+
+    def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
+        """Return what is to be checked: fusions, and the detectors whose detections they get."""
+        return [
+            *super().suite_checks(suite),
+            *(SuiteCheck("fusion.lidar", check_detection_source, s) for s in suite.fused_lidar),
+            *(SuiteCheck("fusion.camera", check_image_source, s) for s in suite.fused_camera),
+        ]
+
+    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+        """Return every fusion of all pairs of detectors, and with the marks one sensor alone."""
+        check_camera(suite)
+        if setting.calibration:
+            fitting_calibration(setting.calibration, projection_of(rig(suite.rig)))
+        if not (suite.fused_lidar and suite.fused_camera):
+            raise SpecError(f"suite {suite.title} names no fusion.lidar or no fusion.camera")
+        passed_on = FUSION.registry.resolve(PASSED_ON)
+        rows = [(str(entry), entry, "") for entry in dict.fromkeys(entries)]
+        if setting.marks:
+            rows += [(alone, passed_on, alone) for alone in (LIDAR_ALONE, CAMERA_ALONE)]
+        pairs = [
+            (detection_source(lidar), image_source(camera))
+            for lidar in suite.fused_lidar
+            for camera in suite.fused_camera
+        ]
+        jobs = []
+        for episode in episodes(suite):
+            for lidar, camera in pairs:
+                node = FusionNode(
+                    DetectionNode(lidar, episode, suite.eligibility),
+                    ImageNode(camera, episode, suite.fused_every_s, of_scans=True),
+                    passed_on,
+                    setting.calibration,
+                    suite.fused_every_s,
+                )
+                jobs += [
+                    Job(
+                        self,
+                        name,
+                        episode,
+                        replace(node, fusion=fusion, alone=alone),
+                        mark=ONE_SENSOR if alone else None,
+                        inputs=node.inputs,
+                    )
+                    for name, fusion, alone in rows
+                ]
+        return jobs
+
+    def score(self, job: Job, answers: EpisodeFusions) -> Scores:
+        """Return the scores of a job's answers, and their cost unless it is a mark."""
+        scores = fusion_scores(answers.fused, answers.targets)
+        return scores if job.mark else scores | call_cost(answers.times)
+
+    def explanation(self, suite: Suite) -> str:
+        """Return what is to be found in a suite, and whose detections fusions get."""
+        lidar, camera = " and ".join(suite.fused_lidar), " and ".join(suite.fused_camera)
+        text = (
+            "To be found by fusions: road users in the image, 3 to 60 m away, with 5 returns or 60 "
+            "pixels, 12 high, less than nine tenths hidden. They get the detections of "
+            f"{lidar} with those of {camera}."
+        )
+        if any(name.startswith("noisy-camera") for name in suite.fused_camera):
+            text += " noisy-camera is an imitation made from truth."
+        return text
+
+    def remark(self, calibration: str) -> str:
+        """Return which calibration fusions believe, if not the rig's."""
+        return f"Fusions believe the calibration {calibration}." if calibration else ""

@@ -1,0 +1,206 @@
+"""The odometry board: how the sensor moved, from scans and inertial samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from roadscope.benchmarks.boards.board import (
+    CONDITIONS,
+    Board,
+    BoardSetting,
+    Breakdown,
+    Column,
+    Scores,
+    call_cost,
+    episodes,
+    time_columns,
+)
+from roadscope.benchmarks.drive import MOVING_M_S
+from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.kinds import ODOMETRY, traits_of
+from roadscope.benchmarks.metrics.odometry import (
+    SHORT_M,
+    by_distance,
+    score_moving,
+    score_odometry,
+    score_standing,
+)
+from roadscope.benchmarks.metrics.odometry.by_distance import DISTANCE
+from roadscope.benchmarks.metrics.score import Score, ratio
+from roadscope.benchmarks.nodes.poses import PoseNode
+from roadscope.benchmarks.records import EpisodePoses
+from roadscope.benchmarks.references import (
+    IMITATION,
+    LOWER_MARK,
+    LOWER_ODOMETRIES,
+    UPPER_MARK,
+    check_pose_source,
+    is_noise,
+    pose_source,
+)
+from roadscope.core import Spec
+from roadscope.core.spec import ORACLE
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks.suite import Suite
+
+DYNAMIC_NOTE = "dyn.: returns that the odometry holds to be of moving objects."
+ERROR_NOTE = "mean, std, min, max: of the positions' errors, mean of the episodes."
+
+
+class OdometryBoard(Board):
+    """Ranks odometries by translational drift."""
+
+    name = "odometry"
+    kind = ODOMETRY
+    headline = "t_rel"
+    columns = (
+        Column("t_rel", "t_rel %", 2),
+        Column("t_rel_median", "t_rel median", 2, "t_rel median: over the episodes."),
+        Column(
+            "failed",
+            "failures",
+            2,
+            "failures: share of episodes that end more than 1 m and 5 % of the distance off.",
+        ),
+        Column("r_rel", "r_rel deg", 2, "r_rel: degrees in 100 m."),
+        Column("ate", "ATE m", 2, "ATE, end: of positions, first pose on first pose."),
+        Column("end", "end m", 2),
+        Column("false_motion", "false m", 2, "false: farthest estimated motion of a standing ego."),
+        *time_columns(1, "scan")[:1],
+        Column("below_1", "t_rel < 1 %", 2, "t_rel < 1 %: share of episodes."),
+        Column("rpe", "RPE m", 3, "RPE: from scan to scan."),
+        Column("call_p90_ms", "ms p90", 1),
+        *time_columns(1, "scan")[1:],
+        Column("dynamic_recall", "dyn. recall", 2, DYNAMIC_NOTE),
+        Column("dynamic_precision", "dyn. prec.", 2, DYNAMIC_NOTE),
+        Column("degraded", "degraded", 2, "degraded: share of scans whose pose is uncertain."),
+        Column("rpe_rotation", "RPE deg", 3, "RPE: from scan to scan."),
+        Column("error_max", "max m", 2, ERROR_NOTE),
+        Column("error_mean", "mean m", 2, ERROR_NOTE),
+        Column("error_std", "std m", 2, ERROR_NOTE),
+        Column("false_motion_end", "false end m", 2, "false end: error at the end of the rest."),
+        Column("error_min", "min m", 2, ERROR_NOTE),
+    )
+    breakdowns = (
+        Breakdown(
+            DISTANCE,
+            "distance, m",
+            "t_rel: over all stretches of that length; position: after that distance.",
+        ),
+        *(Breakdown(by) for by in CONDITIONS),
+    )
+    by_condition = (
+        "failed",
+        "t_rel",
+        "below_1",
+        "r_rel",
+        "end",
+        "false_motion",
+        "dynamic_precision",
+        "dynamic_recall",
+        "degraded",
+    )
+    shown_parts = (
+        Column("failed", "failure rate"),
+        Column("t_rel", "t_rel (%)"),
+        Column("end", "error of the last position (m)"),
+        Column("position_error", "error of the position (m)"),
+        Column("false_motion", "false motion of a standing ego (m)"),
+        Column("dynamic_recall", "recall of dynamic returns"),
+    )
+    medians = ("t_rel",)
+    three_digits = True
+    default_suite = "odometry"
+
+    def suite_entries(self, suite: Suite) -> Sequence[str]:
+        """Return the entries that a suite compares on this board."""
+        return suite.odometries
+
+    def check_entry(self, spec: Spec) -> Spec:
+        """Return an odometry's resolved spec; oracles and noise models are entries too."""
+        return check_pose_source(spec)
+
+    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+        """Return every odometry on all episodes, and with the marks each one without movers."""
+        ranked = [entry for entry in entries if _mark(entry) is None]
+        oracles = [pose_source(f"{ORACLE}?odometry={entry}") for entry in ranked]
+        sources = dict.fromkeys([*entries, *(oracles if setting.marks else [])])
+        return [
+            Job(
+                self,
+                _entry_name(source),
+                episode,
+                PoseNode(source, episode),
+                mark=_mark(source),
+                settings=tuple(suite.odometry_lengths_m),
+                missing=_missing(source),
+            )
+            for episode in episodes(suite)
+            for source in sources
+        ]
+
+    def score(self, job: Job, answers: EpisodePoses) -> Scores:
+        """Return the scores of a job's answers."""
+        assert isinstance(job.answers, PoseNode)
+        source = job.answers.source
+        return pose_scores(
+            answers, job.settings, without_movers=source.kind == ORACLE or is_noise(source)
+        )
+
+    def is_silent(self, metric: str, scores: Sequence[Scores]) -> bool:
+        """Return whether a recall is of an odometry that never holds a return to be dynamic."""
+        if metric != "dynamic_recall":
+            return False
+        return not any(each["dynamic_precision"].n for each in scores if metric in each)
+
+    def explanation(self, suite: Suite) -> str:
+        """Return what drift is measured over."""
+        *lengths, last = (f"{length_m:g}" for length_m in suite.odometry_lengths_m)
+        over = f"{', '.join(lengths)} and {last}" if lengths else last
+        return (
+            f"Drifts t_rel and r_rel are over stretches of {over} m, as KITTI defines them. 'on "
+            f"oracle': without the returns of objects that move faster than {MOVING_M_S:g} m/s."
+        )
+
+
+def pose_scores(
+    answers: EpisodePoses, lengths_m: Sequence[float] = SHORT_M, *, without_movers: bool = False
+) -> dict[str, Score]:
+    """Return an odometry's scores on an episode and what its calls cost.
+
+    lengths_m: stretches that drift is measured over.
+    without_movers: its scans had no moving objects, or were not used: none could be found.
+    """
+    both, timed = answers.trajectories, len(answers.times.wall_ms) > 0
+    moving = score_moving(answers.dynamic, answers.moving).named() if not without_movers else {}
+    return {
+        **score_odometry(both, lengths_m=lengths_m).named(),
+        **score_standing(both, answers.stamps_s).named(),
+        "degraded": ratio(int(np.sum(answers.degraded)), len(answers.degraded), "lower"),
+        **moving,
+        **(call_cost(answers.times, (50, 90, 99)) if timed else {}),
+        **by_distance(both),
+    }
+
+
+def _mark(source: Spec) -> str | None:
+    if source.kind == ORACLE:
+        return UPPER_MARK
+    if is_noise(source):
+        return IMITATION
+    return LOWER_MARK if str(source) in LOWER_ODOMETRIES else None
+
+
+def _entry_name(source: Spec) -> str:
+    odometry = source.parts.get(ODOMETRY.name)
+    return str(source) if odometry is None else f"{odometry} on {ORACLE}"
+
+
+def _missing(source: Spec) -> str:
+    if is_noise(source):
+        return ""
+    return traits_of(source.parts.get(ODOMETRY.name, source)).requires

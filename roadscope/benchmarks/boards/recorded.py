@@ -1,0 +1,241 @@
+"""The boards of recorded data: trackers on KITTI's and MOTChallenge's sequences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from roadscope.benchmarks.boards.board import (
+    Board,
+    BoardSetting,
+    Breakdown,
+    Column,
+    Condition,
+    Scores,
+    call_cost,
+    time_columns,
+)
+from roadscope.benchmarks.boards.tracking import (
+    ALPHA_NOTE,
+    CURVE_TITLES,
+    NEES_NOTE,
+    OFFLINE,
+    missing_requirement,
+    offline_score,
+    with_each_ego,
+)
+from roadscope.benchmarks.fingerprint import code_hash
+from roadscope.benchmarks.graph import Job, Node
+from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, CURVES
+from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline, scores_tentative_tracks
+from roadscope.benchmarks.recorded.combined import COMBINED, NEES_BAND
+from roadscope.benchmarks.recorded.recording import KITTI_CLASSES, MOT_CLASSES, Recording
+from roadscope.benchmarks.recorded.suite import RecordedSuite
+from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
+from roadscope.benchmarks.suite import Suite
+from roadscope.core import Spec, SpecError
+from roadscope.core.spec import NO_POSES, TRUE_POSES
+
+SEQUENCES: Mapping[str, Condition] = {"sequence": lambda recording: recording.sequence}
+"""What recordings are broken down by."""
+SUMS_NOTE = "Counts: sums over the sequences."
+PASS_NOTE = "pass: online, or offline with all frames at hand."
+SAMOTA_NOTE = (
+    "sAMOTA: mean of sequences; with tentative tracks of trackers that weigh them (weighed = True)."
+)
+SEQUENCES_NOTE = (
+    "A sequence without a labelled object of the class has no figures but false alarms, which "
+    "count in HOTA, MOTA and IDF1 of all sequences."
+)
+NEES_BAND_NOTE = (
+    "NEES over its degrees of freedom; in brackets the 95 % band of a consistent tracker, each "
+    "object's errors taken for one value; all: all sequences."
+)
+
+
+@dataclass(frozen=True)
+class RecordedNode(Node):
+    """The detections of a recording; they are read from its own files whenever they are needed."""
+
+    recording: Recording
+
+    stage = "reading"
+    folder = "recorded"
+    record = EpisodeDetections
+
+    def content(self) -> Mapping[str, Any]:
+        """Return what the detections depend on."""
+        return {"episode": self.recording.spec(), "code": code_hash(__name__)}
+
+    def compute(self, options: RunOptions) -> EpisodeDetections:
+        """Read the recording."""
+        return self.recording.replayed()
+
+    def read(self, options: RunOptions | None = None, *, anew: bool = False) -> EpisodeDetections:
+        """Read the recording; nothing is kept beside it."""
+        return self.recording.replayed()
+
+
+class RecordedBoard(Board):
+    """Ranks trackers on one class of recorded objects by HOTA of image boxes."""
+
+    kind = TRACKER
+    headline = "hota"
+    conditions = SEQUENCES
+    summed = ("id_switches", "wrong_associations", "fragmentations")
+    share_found = "mota"
+    sample = "sequences"
+
+    def __init__(self, name: str) -> None:
+        """Take the board's name, `kitti car` or the like."""
+        self.name = name
+
+    def suite_entries(self, suite: Suite) -> Sequence[str]:
+        """Return the entries that a suite compares on this board."""
+        return suite.trackers
+
+    def check_entry(self, spec: Spec) -> Spec:
+        """Return a tracker's resolved spec; recordings have no scans for an odometry."""
+        resolved = check_plugin_spec(spec, TRACKER)
+        if spec.ego is not None and str(spec.ego) not in (TRUE_POSES, NO_POSES):
+            raise SpecError(f"'{spec}': recorded detections come without scans for an odometry")
+        return resolved
+
+    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+        """Return every tracker on every recording; the first detector goes without saying."""
+        assert isinstance(suite, RecordedSuite)
+        first = suite.public_detectors[0]
+        return [
+            Job(
+                self,
+                str(tracker)
+                if recording.detector == first
+                else f"{tracker} on {recording.detector}",
+                recording,
+                TrackNode(
+                    tracker,
+                    RecordedNode(recording),
+                    posed=tracker.ego is None,
+                    tentative=scores_tentative_tracks(tracker),
+                ),
+                missing=missing_requirement(tracker),
+            )
+            for recording in suite.recordings
+            if recording.board == self.name
+            for tracker in with_each_ego(entries, (TRUE_POSES,))
+        ]
+
+    def score(self, job: Job, answers: EpisodeTracks) -> Scores:
+        """Return the scores of a job's answers, its cost, and whether the tracker is offline."""
+        assert isinstance(job.answers, TrackNode)
+        assert isinstance(job.episode, Recording)
+        offline = is_offline(job.answers.tracker)
+        return {
+            **job.episode.scores(answers.tracks),
+            **offline_score(len(answers.tracks), offline),
+            **call_cost(answers.times),
+        }
+
+    def pooled(self, metric: str, scores: Sequence[Scores]) -> list[Score]:
+        """Return each sequence's part in the figure of all sequences as one."""
+        if metric in COMBINED and scores:
+            return COMBINED[metric](scores, metric)
+        return super().pooled(metric, scores)
+
+    def explanation(self, suite: Suite) -> str:
+        """Return whose detections are tracked, and in which sequences."""
+        assert isinstance(suite, RecordedSuite)
+        sequences = len(dict.fromkeys(r.sequence for r in suite.recordings))
+        first, *others = suite.public_detectors
+        text = f"{sequences} of {suite.labelled} labelled sequences have detections. "
+        text += f"Trackers get those of {first}"
+        text += f", and where it says so of {', '.join(others)}." if others else "."
+        return f"{text} {suite.remark}".rstrip()
+
+
+class KittiBoard(RecordedBoard):
+    """Ranks trackers on one class of KITTI's objects."""
+
+    columns = (
+        Column("hota", "HOTA", 3, "HOTA, MOTA, IDF1: image boxes, all sequences as one (KITTI)."),
+        Column(OFFLINE, "pass", 0, PASS_NOTE),
+        Column("mota", "MOTA", 3),
+        Column("idf1", "IDF1", 3),
+        Column("id_switches", "ID sw.", 0, SUMS_NOTE),
+        Column("hota_3d", "HOTA 3-D", 3, "3-D: IoU in space, from 0.25."),
+        *time_columns(2, "frame")[:1],
+        Column("ass_a", "AssA", 3),
+        Column("det_a", "DetA", 3),
+        Column("samota_3d", "sAMOTA 3-D", 3, SAMOTA_NOTE),
+        Column("nees_position", "NEES", 2, NEES_NOTE),
+        Column(
+            "nees_in_band",
+            "in band",
+            2,
+            "in band: share of sequences whose NEES lies in its 95 % band.",
+        ),
+        Column("hota_centre", "HOTA centre", 3, "centre: from above, gate 2 m."),
+        Column("position_rmse_m", "pos. m", 2, "pos.: RMSE of centres that match."),
+        Column("fragmentations", "frag.", 0, SUMS_NOTE),
+        Column("mota_3d", "MOTA 3-D", 3),
+        *time_columns(2, "frame")[1:],
+        Column(
+            "heading_rmse_deg",
+            "head. deg",
+            1,
+            "head.: RMSE of matched headings, front and rear distinguished.",
+        ),
+        Column("wrong_associations", "wrong assoc", 0, SUMS_NOTE),
+    )
+    breakdowns = (
+        Breakdown(BY_ALPHA, note=ALPHA_NOTE),
+        Breakdown("sequence", note=f"{SEQUENCES_NOTE} {NEES_BAND_NOTE}"),
+    )
+    by_condition = ("hota", "mota", "idf1", "hota_3d", "false_alarms", "nees_position", *NEES_BAND)
+    shown_parts = (
+        Column("hota", "HOTA"),
+        Column("hota_3d", "HOTA of 3-D boxes"),
+        Column("mota", "MOTA"),
+        Column("idf1", "IDF1"),
+        Column("false_alarms", "false alarms"),
+        Column("nees_position", "NEES (its 95 % band)"),
+        *(Column(name, CURVE_TITLES[name]) for name in CURVES),
+    )
+
+
+class MotBoard(RecordedBoard):
+    """Ranks trackers on MOTChallenge's people."""
+
+    columns = (
+        Column("hota", "HOTA", 3, "HOTA, MOTA, IDF1: image boxes, all sequences as one (MOT)."),
+        Column(OFFLINE, "pass", 0, PASS_NOTE),
+        Column("mota", "MOTA", 3),
+        Column("idf1", "IDF1", 3),
+        Column("id_switches", "ID sw.", 0, SUMS_NOTE),
+        Column("samota", "sAMOTA", 3, SAMOTA_NOTE),
+        *time_columns(2, "frame")[:1],
+        Column("ass_a", "AssA", 3),
+        Column("det_a", "DetA", 3),
+        Column("fragmentations", "frag.", 0, SUMS_NOTE),
+        *time_columns(2, "frame")[1:],
+    )
+    breakdowns = (
+        Breakdown(BY_ALPHA, note=ALPHA_NOTE),
+        Breakdown("sequence", note=SEQUENCES_NOTE),
+    )
+    by_condition = ("hota", "mota", "idf1", "false_alarms")
+    shown_parts = (
+        Column("hota", "HOTA"),
+        Column("mota", "MOTA"),
+        Column("idf1", "IDF1"),
+        Column("false_alarms", "false alarms"),
+        *(Column(name, CURVE_TITLES[name]) for name in CURVES),
+    )
+
+
+KITTI_BOARDS = tuple(KittiBoard(f"kitti {name}") for name in KITTI_CLASSES)
+MOT_BOARDS = tuple(MotBoard(f"mot {name}") for name in MOT_CLASSES)

@@ -1,0 +1,247 @@
+"""The tracking board: trackers on the same detections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from roadscope.benchmarks.boards.board import (
+    CONDITIONS,
+    Board,
+    BoardSetting,
+    Breakdown,
+    Column,
+    Scores,
+    SuiteCheck,
+    call_cost,
+    check_camera,
+    episodes,
+    time_columns,
+)
+from roadscope.benchmarks.boards.detection import rule_in_words
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.graph import Job, Node
+from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec, traits_of
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.tracking import score_tracks
+from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, CURVES, score_alphas
+from roadscope.benchmarks.nodes.fusions import detection_node
+from roadscope.benchmarks.nodes.poses import PoseNode
+from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline
+from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
+from roadscope.benchmarks.references import (
+    UPPER_MARK,
+    check_detection_source,
+    check_ego,
+    detection_source,
+    is_noise,
+    pose_source,
+)
+from roadscope.core import Spec, SpecError
+from roadscope.core.spec import FUSED, NO_POSES, ORACLE, TRUE_POSES
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks.suite import Suite
+
+OFFLINE = "offline"
+"""Metric that is 1 where a tracker answered again with all frames at hand."""
+DETECTOR_INPUTS = "detector"
+NEES_NOTE = (
+    "NEES: of positions, over its degrees of freedom; 1 when consistent, more when the tracks' "
+    "covariances are too small."
+)
+COUNTS_NOTE = "Counts: per episode."
+ALPHA_NOTE = "A pair is a hit where its similarity reaches alpha; HOTA is the mean over alphas."
+CURVE_TITLES = {"det_a": "DetA", "ass_a": "AssA", "loc_a": "LocA"}
+
+
+class TrackingBoard(Board):
+    """Ranks trackers by HOTA."""
+
+    name = "tracking"
+    kind = TRACKER
+    headline = "hota"
+    columns = (
+        Column("hota", "HOTA", 2, "HOTA, MOTA, IDF1: centres from above, gate 2 m."),
+        Column("mota", "MOTA", 2),
+        Column("idf1", "IDF1", 2),
+        Column("id_switches", "ID sw.", 1, COUNTS_NOTE),
+        Column("wrong_associations", "wrong assoc", 1, COUNTS_NOTE),
+        Column(
+            "kept_through_occlusion",
+            "kept hidden",
+            2,
+            "kept hidden: share of objects with the same track after an occlusion.",
+        ),
+        *time_columns(2, "frame")[:1],
+        Column("velocity_rmse_m_s", "vel. m/s", 2, "vel.: RMSE of matched velocities."),
+        Column("motp_m", "MOTP m", 2),
+        Column("fragmentations", "frag.", 1, COUNTS_NOTE),
+        *time_columns(2, "frame")[1:],
+        Column("ass_a", "AssA", 2),
+        Column("det_a", "DetA", 2),
+        Column("samota", "sAMOTA", 2, "sAMOTA: as AB3DMOT defines it."),
+        Column("gospa_m", "GOSPA m", 2, "GOSPA: order 1, cut-off 2 m, per frame."),
+        Column(
+            "inside_state", "in 95 %", 2, "in 95 %: objects within their tracks' 95 % ellipses."
+        ),
+        Column(
+            "heading_rmse_deg",
+            "head. deg",
+            1,
+            "head.: RMSE of matched headings, front and rear distinguished.",
+        ),
+        Column("nees_position", "NEES", 2, NEES_NOTE),
+        Column(
+            "nees_in_band",
+            "in band",
+            2,
+            "in band: share of episodes whose NEES lies in its 95 % band.",
+        ),
+        Column(
+            "amota_nuscenes",
+            "AMOTA nuSc.",
+            2,
+            "nuSc.: as nuScenes defines them; AMOTP in metres, 2 where a recall is not reached.",
+        ),
+        Column("amotp_nuscenes_m", "AMOTP nuSc.", 2),
+    )
+    breakdowns = (
+        *(Breakdown(by) for by in CONDITIONS),
+        Breakdown(DETECTOR_INPUTS, note="In brackets: the rank on these detections."),
+        Breakdown(BY_ALPHA, note=ALPHA_NOTE),
+    )
+    by_condition = ("hota", "mota", "idf1")
+    shown_parts = (
+        Column("hota", "HOTA"),
+        *(Column(name, CURVE_TITLES[name]) for name in CURVES),
+    )
+    inputs_name = DETECTOR_INPUTS
+    share_found = "mota"
+
+    def suite_entries(self, suite: Suite) -> Sequence[str]:
+        """Return the entries that a suite compares on this board."""
+        return suite.trackers
+
+    def check_entry(self, spec: Spec) -> Spec:
+        """Return a tracker's resolved spec, with who tells it the ego's poses."""
+        resolved = check_plugin_spec(spec, TRACKER)
+        if spec.ego is not None:
+            check_ego(spec.ego)
+        return resolved
+
+    def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
+        """Return what is to be checked: trackers, poses, detectors, a camera if they fuse."""
+        checks = super().suite_checks(suite)
+        checks += [SuiteCheck("tracking.ego", check_ego, ego) for ego in suite.egos]
+
+        def check_detector(text: str) -> None:
+            if check_detection_source(text).kind == FUSED:
+                check_camera(suite)
+
+        texts = suite.public_detectors
+        return checks + [SuiteCheck("tracking.detectors", check_detector, text) for text in texts]
+
+    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+        """Return every tracker on the detections of every detector; on the oracle as a mark."""
+        if entries and not suite.public_detectors:
+            raise SpecError(
+                f"suite {suite.title} names no tracking.detectors whose detections trackers get"
+            )
+        alone = tuple(suite.public_detectors) == (ORACLE,)
+        missing = {str(spec): missing_requirement(spec) for spec in entries}
+        return [
+            Job(
+                self,
+                str(tracker) if detector != ORACLE or alone else f"{tracker} on {detector}",
+                episode,
+                track_node(tracker, detector, episode, suite.eligibility),
+                mark=UPPER_MARK if detector == ORACLE and not alone else None,
+                inputs=detector,
+                settings=suite.eligibility,
+                missing=missing.get(str(tracker), "") or missing_requirement(tracker),
+            )
+            for episode in episodes(suite)
+            for detector in suite.public_detectors
+            for tracker in with_each_ego(entries, suite.egos)
+        ]
+
+    def score(self, job: Job, answers: EpisodeTracks) -> Scores:
+        """Return the scores of a job's answers."""
+        assert isinstance(job.answers, TrackNode)
+        inputs: EpisodeDetections = job.answers.detections.read()
+        scores = tracking_scores(answers, inputs, job.settings)
+        scores |= tracking_parts(answers, inputs, job.settings)
+        if is_offline(job.answers.tracker):
+            scores |= offline_score(len(answers.tracks))
+        return scores
+
+    def explanation(self, suite: Suite) -> str:
+        """Return what is to be found in a suite, and whose detections trackers get."""
+        text = rule_in_words(suite.eligibility)
+        if not suite.public_detectors:
+            return text
+        first, *others = [d for d in suite.public_detectors if d != ORACLE] or [ORACLE]
+        text += f" Trackers get the detections of {', of '.join([first, *others])}"
+        text += "; figures are of all of these together" if others else ""
+        has_oracle = ORACLE in suite.public_detectors[1:]
+        return text + (", 'on oracle' the true boxes." if has_oracle else ".")
+
+
+def with_each_ego(trackers: Iterable[Spec], egos: Sequence[str]) -> list[Spec]:
+    """Return every tracker with the poses of each ego; one that names its own has those alone.
+
+    Those with the true poses have no part `ego`, so that they are one entry however they are
+    named.
+    """
+    specs = (
+        tracker.plain if ego == TRUE_POSES else tracker.with_ego(ego)
+        for tracker in trackers
+        for ego in (egos if tracker.ego is None else [str(tracker.ego)])
+    )
+    return list(dict.fromkeys(specs))
+
+
+def track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility) -> TrackNode:
+    """Return the node of a tracker on the detections of a detector."""
+    detections: Node = detection_node(detection_source(detector), episode, rule)
+    if tracker.ego is None:
+        return TrackNode(tracker, detections)
+    if str(tracker.ego) == NO_POSES:
+        return TrackNode(tracker, detections, posed=False)
+    return TrackNode(tracker, detections, ego=PoseNode(pose_source(tracker.ego), episode))
+
+
+def missing_requirement(tracker: Spec) -> str:
+    """Return what is not installed that a tracker, or the odometry of its poses, needs."""
+    if missing := traits_of(tracker).requires:
+        return missing
+    if tracker.ego is None or str(tracker.ego) in (TRUE_POSES, NO_POSES):
+        return ""
+    source = pose_source(tracker.ego)
+    if is_noise(source):
+        return ""
+    return traits_of(source.parts.get("odometry", source)).requires
+
+
+def tracking_scores(
+    answers: EpisodeTracks, inputs: EpisodeDetections, rule: Eligibility
+) -> dict[str, Score]:
+    """Return a tracker's scores on an episode, and its cost."""
+    pairings = rule.pairings(answers.tracks, inputs.truths, inputs.parked)
+    scores = score_tracks(answers.tracks, inputs.truths, pairings).named()
+    return scores | call_cost(answers.times)
+
+
+def tracking_parts(
+    answers: EpisodeTracks, inputs: EpisodeDetections, rule: Eligibility
+) -> dict[str, Score]:
+    """Return a tracker's scores on an episode at each alpha."""
+    pairings = rule.pairings(answers.tracks, inputs.truths, inputs.parked)
+    return score_alphas(answers.tracks, inputs.truths, pairings)
+
+
+def offline_score(frames: int, offline: bool = True) -> dict[str, Score]:
+    """Return the mark of a tracker that uses frames that were still to come, or does not."""
+    return {OFFLINE: Score(float(offline), "1", "lower", frames)}

@@ -1,0 +1,144 @@
+"""What the cache folder holds, by kind, and how it is emptied."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from roadscope.benchmarks.cache import ENVIRONMENT_VARIABLE
+from roadscope.core.names import unknown
+
+RESULTS = "results"
+"""The kind of the results database, which is removed only when asked for by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileKind:
+    """One kind of files.
+
+    place: subfolder of the cache, or `.` for the cache folder itself.
+    names: what the names of its files look like; other files are not ours and stay.
+    """
+
+    description: str
+    place: str
+    names: re.Pattern[str]
+
+
+_DIGEST = r"[0-9a-f]{16,}"
+_ARRAYS = re.compile(rf"(.+-)?{_DIGEST}(\.npz|\w*\.part)")
+
+FILE_KINDS: Mapping[str, FileKind] = {
+    "timelines": FileKind("recorded traffic", "timelines", _ARRAYS),
+    "detections": FileKind("LiDAR detections that trackers share", "detections", _ARRAYS),
+    "image-detections": FileKind("detections in images", "image-detections", _ARRAYS),
+    "egos": FileKind("poses of the ego by odometries", "egos", _ARRAYS),
+    "camera-training": FileKind(
+        "pictures and checkpoints of roadscope train",
+        "camera-training",
+        re.compile(rf"(.+[-.])?{_DIGEST}.*\.(npy|npz|pt|part)"),
+    ),
+    RESULTS: FileKind(
+        "results of leaderboards without --out", ".", re.compile(r"results\.sqlite(-wal|-shm)?")
+    ),
+}
+"""Kinds by the names that `roadscope cache clear --kind` takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class KindUsage:
+    """How many files of a kind there are and how much they hold."""
+
+    kind: str
+    description: str
+    files: int
+    size_bytes: int
+
+
+def cache_folder() -> Path:
+    """Return the folder that computed files go to; it is not made, nor tried."""
+    named = os.environ.get(ENVIRONMENT_VARIABLE)
+    if named:
+        return Path(named)
+    from platformdirs import user_cache_path
+
+    return user_cache_path("roadscope", appauthor=False)
+
+
+def cache_usage(folder: Path | str | None = None) -> tuple[KindUsage, ...]:
+    """Return what the cache holds, kind by kind; `cache_folder()` if none is given."""
+    place = cache_folder() if folder is None else Path(folder)
+    return tuple(_usage(kind, list(_files(place, kind))) for kind in FILE_KINDS)
+
+
+def clear_cache(
+    kinds: Collection[str] | None = None,
+    *,
+    results: bool = False,
+    folder: Path | str | None = None,
+) -> tuple[KindUsage, ...]:
+    """Remove files of some kinds and return what was removed, kind by kind.
+
+    What is removed is computed again when it is needed; results are lost, so that `results` has
+    to be said. Links are not followed, and files with names that are not ours stay.
+
+    kinds: keys of `FILE_KINDS`; all but results if left out.
+    results: whether the results database is removed, too.
+    folder: `cache_folder()` if left out.
+    """
+    place = cache_folder() if folder is None else Path(folder)
+    for kind in kinds or ():
+        if kind not in FILE_KINDS:
+            raise ValueError(unknown("kind of cached files", kind, FILE_KINDS))
+    if RESULTS in (kinds or ()) and not results:
+        raise ValueError("results are lost for good when they are removed: add --results")
+    chosen = [kind for kind in FILE_KINDS if kind != RESULTS and kind in (kinds or FILE_KINDS)]
+    return tuple(_removed(place, kind) for kind in [*chosen, *[RESULTS] * results])
+
+
+def size_text(size_bytes: int) -> str:
+    """Return a size as people write it: `0 B`, `12.3 MB`."""
+    size, unit = float(size_bytes), "B"
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 1000 or unit == "GB":
+            break
+        size /= 1000
+    return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
+
+
+def _files(folder: Path, kind: str) -> Iterator[Path]:
+    """Yield the files of a kind; neither folders nor files that are links."""
+    known = FILE_KINDS[kind]
+    place = folder / known.place
+    if not place.is_dir() or (place.is_symlink() and known.place != "."):
+        return
+    for path in sorted(place.iterdir()):
+        if known.names.fullmatch(path.name) and path.is_file() and not path.is_symlink():
+            yield path
+
+
+def _usage(kind: str, files: list[Path]) -> KindUsage:
+    size_bytes = sum(_size(path) for path in files)
+    return KindUsage(kind, FILE_KINDS[kind].description, len(files), size_bytes)
+
+
+def _size(path: Path) -> int:
+    """Return the size of a file; 0 where another process removes it meanwhile."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
+
+
+def _removed(folder: Path, kind: str) -> KindUsage:
+    files = list(_files(folder, kind))
+    usage = _usage(kind, files)
+    for path in files:
+        path.unlink(missing_ok=True)
+    place = folder / FILE_KINDS[kind].place
+    if files and FILE_KINDS[kind].place != "." and not any(place.iterdir()):
+        place.rmdir()
+    return usage

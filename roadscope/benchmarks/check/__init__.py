@@ -1,1 +1,0 @@
-"""A plug-in of one's own against its contract."""

@@ -1,0 +1,606 @@
+"""Comparison of two runs, or of two entries of one run, on the same jobs."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from roadscope.benchmarks.boards import board_named
+from roadscope.benchmarks.metrics.breakdown import split_name
+from roadscope.benchmarks.metrics.score import Better, Score
+from roadscope.benchmarks.results.job_scores import JobName, JobScores
+from roadscope.benchmarks.results.statistics import (
+    grouped,
+    mean_and_error,
+    merged,
+    paired_interval,
+)
+from roadscope.core.names import unknown
+
+Verdict = Literal["better", "worse", "same", "unknown"]
+Side = Literal["a", "b"]
+
+NAME = "leaderboard.json"
+TIMES = re.compile(r"(call|wall)_.*_ms")
+"""Names of metrics that depend on the machine too."""
+
+
+class CompareError(ValueError):
+    """Two results cannot be compared."""
+
+
+class WithJson(Protocol):
+    """What a run returns, such as `Results`."""
+
+    def to_json(self) -> str:
+        """Return the content of its `leaderboard.json`."""
+
+
+Source = Path | str | Mapping[str, Any] | WithJson
+"""A `leaderboard.json`, a folder that holds one, its content, or results of a run."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredRun:
+    """The scores of all jobs of one run, and where they come from."""
+
+    label: str
+    manifest: Mapping[str, Any]
+    jobs: tuple[JobScores, ...]
+
+    def entries(self) -> list[str]:
+        """Return the names of its entries."""
+        return list(dict.fromkeys(job.entry for job in self.jobs))
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How one metric differs between A and B.
+
+    a, b: values pooled over the blocks that both have; a block is a scenario with a seed.
+    difference: b minus a, with its interval low to high; NaN where there is none.
+    p: p-value of no difference; q: the same, adjusted to the number of metrics compared.
+    n: number of blocks.
+    timed: whether it is a time, which depends on the machine too.
+    verdict: of B. `unknown` where there are too few blocks to tell.
+    """
+
+    board: str
+    entry_a: str
+    entry_b: str
+    metric: str
+    a: float
+    b: float
+    difference: float
+    low: float
+    high: float
+    p: float
+    q: float
+    n: int
+    unit: str
+    better: Better
+    timed: bool
+    verdict: Verdict
+
+    @property
+    def entry(self) -> str:
+        """The entry, or B's against A's."""
+        return _label_of_entries(self.entry_a, self.entry_b)
+
+
+@dataclass(frozen=True, slots=True)
+class FailedJob:
+    """A job that failed on one side or on both, with the reason (of B where both have one)."""
+
+    name: JobName
+    entry_a: str
+    entry_b: str
+    failed_in_a: bool
+    failed_in_b: bool
+    reason: str
+
+    @property
+    def entry(self) -> str:
+        """The entry, or B's against A's."""
+        return _label_of_entries(self.entry_a, self.entry_b)
+
+
+@dataclass(frozen=True, slots=True)
+class Unpaired:
+    """Jobs that one side has alone, or in which one side alone has a metric.
+
+    metric: its name; empty where whole jobs have no counterpart.
+    """
+
+    side: Side
+    board: str
+    entry: str
+    metric: str
+    jobs: int
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What differs between A and B.
+
+    level: of the intervals; 1 - level is the false discovery rate of the verdicts.
+    times: whether times count as regressions.
+    """
+
+    a: str
+    b: str
+    level: float
+    times: bool
+    differences: tuple[Difference, ...]
+    failures: tuple[FailedJob, ...]
+    unpaired: tuple[Unpaired, ...]
+
+    @property
+    def changed(self) -> tuple[Difference, ...]:
+        """The metrics that are better or worse in B."""
+        return tuple(d for d in self.differences if d.verdict in ("better", "worse"))
+
+    @property
+    def regressions(self) -> tuple[Difference, ...]:
+        """The metrics that are worse in B; times only if they count."""
+        worse = [d for d in self.differences if d.verdict == "worse"]
+        return tuple(d for d in worse if self.times or not d.timed)
+
+    @property
+    def new_failures(self) -> tuple[FailedJob, ...]:
+        """The jobs that failed in B and not in A."""
+        return tuple(f for f in self.failures if f.failed_in_b and not f.failed_in_a)
+
+    @property
+    def regressed(self) -> bool:
+        """Whether B is worse than A anywhere."""
+        return bool(self.regressions or self.new_failures)
+
+    def to_json(self) -> str:
+        """Return everything as JSON text."""
+        content = {
+            "a": self.a,
+            "b": self.b,
+            "level": self.level,
+            "times": self.times,
+            "regressed": self.regressed,
+            "differences": [_finite(asdict(d)) for d in self.differences],
+            "failures": [{**asdict(f), "name": f.name._asdict()} for f in self.failures],
+            "unpaired": [asdict(u) for u in self.unpaired],
+        }
+        return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+def compare(
+    a: Source,
+    b: Source | None = None,
+    *,
+    entries: Sequence[str] | None = None,
+    metrics: Iterable[str] | None = None,
+    level: float = 0.95,
+    times: bool = False,
+) -> Comparison:
+    """Compare each metric of each entry of B with that of A, on the jobs that both have.
+
+    entries: two names: the entry of A and the one of B; without B both are of A. Otherwise each
+        entry is compared with the one of the same name.
+    metrics: their names; all that are of whole episodes if left out. One that is broken down is
+        named as in `f1 by range: 0-20`.
+    times: whether times (`call_*_ms`, `wall_*_ms`) count as regressions too.
+
+    The seeds of each scenario are the sample. An interval is that of `paired_interval`. The
+    p-value is that of Student's t, stratified by scenario, with the degrees of freedom of Welch
+    and Satterthwaite. Where some seeds differ by the same amount, as counts do, Student's t is
+    too sure of few of them, and the p-value is at least that of the exact test by flips of signs.
+    Three to five seeds in one scenario are too few for scores that are close to one of two values:
+    there three alike by chance look like a change.
+    A metric is better or worse where its p-value, adjusted by Benjamini and Hochberg (1995), is
+    at most 1 - level and its interval excludes zero. Metrics that are equal in every block are
+    not counted among those compared: they cannot become a false discovery.
+    """
+    if not 0.5 <= level < 1:
+        raise CompareError(f"a level lies between 0.5 and 1, got {level:g}")
+    run_a, run_b = _runs(a, b, entries)
+    check_comparable(run_a, run_b)
+    pairs = _entry_pairs(run_a, run_b, entries)
+    matched: list[_MatchedEntry] = []
+    unpaired: list[Unpaired] = []
+    for entry_a, entry_b in pairs:
+        found, alone = _match(run_a, run_b, entry_a, entry_b)
+        matched += found
+        unpaired += alone
+    if not matched:
+        raise CompareError(f"{run_a.label} and {run_b.label} have no job in common")
+    if entries is None:
+        unpaired += _entries_alone(run_a, run_b)
+    wanted = _wanted(matched, metrics)
+    differences: list[Difference] = []
+    for each in matched:
+        found_of, missing = _differences(each, wanted, level)
+        differences += found_of
+        unpaired += missing
+    first, second = entries or ("", "")
+    return Comparison(
+        _named(run_a.label, first),
+        _named(run_b.label, second),
+        level,
+        times,
+        tuple(_judged(differences, level, times)),
+        tuple(failed for each in matched for failed in each.failures()),
+        tuple(unpaired),
+    )
+
+
+def read_run(source: Source) -> ScoredRun:
+    """Read the scores of all jobs of a run; a file without them raises `CompareError`."""
+    label, content = _content(source)
+    if not isinstance(content, Mapping):
+        raise CompareError(f"{label} is not a {NAME} of roadscope leaderboard")
+    items, manifest = content.get("scores"), content.get("manifest", {})
+    if not isinstance(items, list):
+        raise CompareError(
+            f'{label} has no list "scores", by which single seeds are compared; files that '
+            "earlier versions wrote have means alone. ScoredRun the leaderboard again to write it"
+        )
+    jobs = []
+    for number, item in enumerate(items):
+        try:
+            jobs.append(JobScores.from_json(item))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise CompareError(
+                f'{label}: item {number} of "scores" is not as expected ({error!r})'
+            ) from error
+    names = [(job.name, job.entry) for job in jobs]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise CompareError(f"{label} has two jobs of {twice[1]} on {' '.join(map(str, twice[0]))}")
+    return ScoredRun(label, manifest if isinstance(manifest, Mapping) else {}, tuple(jobs))
+
+
+@dataclass(frozen=True, slots=True)
+class _MatchedEntry:
+    """An entry of A and one of B on the jobs that both have."""
+
+    board: str
+    entry_a: str
+    entry_b: str
+    pairs: tuple[_Pair, ...]
+
+    def failures(self) -> list[FailedJob]:
+        """Return the jobs that failed on either side."""
+        return [
+            FailedJob(
+                pair.a.name,
+                self.entry_a,
+                self.entry_b,
+                pair.a.reason is not None,
+                pair.b.reason is not None,
+                pair.b.reason or pair.a.reason or "",
+            )
+            for pair in self.pairs
+            if pair.a.reason is not None or pair.b.reason is not None
+        ]
+
+
+class _Pair(NamedTuple):
+    a: JobScores
+    b: JobScores
+
+
+def _content(source: Source) -> tuple[str, Any]:
+    if isinstance(source, Mapping):
+        return "the results", source
+    if hasattr(source, "to_json"):
+        return "the results", json.loads(source.to_json())
+    if not isinstance(source, str | Path):
+        raise CompareError(f"expected a {NAME}, its content or results, got {source!r}")
+    path = Path(source)
+    if path.is_dir():
+        path = path / NAME
+    if not path.is_file():
+        raise CompareError(f"no file {path}: name a {NAME} or a folder that holds one")
+    try:
+        return str(path), json.loads(path.read_text("utf-8"))
+    except ValueError as error:
+        raise CompareError(f"{path} is no JSON file: {error}") from error
+
+
+def _runs(
+    a: Source, b: Source | None, entries: Sequence[str] | None
+) -> tuple[ScoredRun, ScoredRun]:
+    if entries is not None and (isinstance(entries, str) or len(entries) != 2):
+        raise CompareError(f"entries are two names, one of A and one of B, got {entries!r}")
+    if b is None and entries is None:
+        raise CompareError("name a second file, or two entries of the first one")
+    run_a = read_run(a)
+    return run_a, run_a if b is None else read_run(b)
+
+
+def check_comparable(a: ScoredRun, b: ScoredRun) -> None:
+    """Refuse runs of other episodes, or those whose metrics are defined otherwise."""
+    for key, what in (
+        ("suite", "suites"),
+        ("suite_version", "versions of the suite"),
+        ("metric_version", "versions of the metrics"),
+    ):
+        of_a, of_b = a.manifest.get(key), b.manifest.get(key)
+        if of_a is not None and of_b is not None and of_a != of_b:
+            raise CompareError(f"A and B are of different {what}: {of_a} and {of_b}")
+
+
+def _entry_pairs(
+    a: ScoredRun, b: ScoredRun, entries: Sequence[str] | None
+) -> list[tuple[str, str]]:
+    if entries is None:
+        others = set(b.entries())
+        return [(entry, entry) for entry in a.entries() if entry in others]
+    for run, entry in ((a, entries[0]), (b, entries[1])):
+        if entry not in run.entries():
+            raise CompareError(f"{run.label}: {unknown('entry', entry, run.entries())}")
+    return [(entries[0], entries[1])]
+
+
+def _match(
+    a: ScoredRun, b: ScoredRun, entry_a: str, entry_b: str
+) -> tuple[list[_MatchedEntry], list[Unpaired]]:
+    """Pair the jobs of two entries, board by board, and count those of one side alone."""
+    of_a = {job.name: job for job in a.jobs if job.entry == entry_a}
+    of_b = {job.name: job for job in b.jobs if job.entry == entry_b}
+    matched, unpaired = [], []
+    for board in dict.fromkeys(name.board for name in (*of_a, *of_b)):
+        names_a = [name for name in of_a if name.board == board]
+        names_b = [name for name in of_b if name.board == board]
+        common = [name for name in names_a if name in of_b]
+        pairs = tuple(_Pair(of_a[name], of_b[name]) for name in common)
+        if pairs:
+            matched.append(_MatchedEntry(board, entry_a, entry_b, pairs))
+        if alone := len(names_a) - len(common):
+            unpaired.append(Unpaired("a", board, entry_a, "", alone))
+        if alone := len(names_b) - len(common):
+            unpaired.append(Unpaired("b", board, entry_b, "", alone))
+    return matched, unpaired
+
+
+def _entries_alone(a: ScoredRun, b: ScoredRun) -> list[Unpaired]:
+    """Name the entries that one side has alone."""
+    alone: list[Unpaired] = []
+    for side, own, other in (("a", a, b), ("b", b, a)):
+        counts: dict[tuple[str, str], int] = {}
+        others = set(other.entries())
+        for job in own.jobs:
+            if job.entry not in others:
+                key = job.name.board, job.entry
+                counts[key] = counts.get(key, 0) + 1
+        alone += [
+            Unpaired("a" if side == "a" else "b", board, entry, "", count)
+            for (board, entry), count in counts.items()
+        ]
+    return alone
+
+
+def _wanted(matched: Sequence[_MatchedEntry], metrics: Iterable[str] | None) -> set[str]:
+    """Return the names of the metrics to compare."""
+    known = {
+        name: None
+        for each in matched
+        for pair in each.pairs
+        for name in (*pair.a.scores, *pair.b.scores)
+    }
+    whole = [name for name in known if not split_name(name)[1]]
+    if metrics is None:
+        return set(whole)
+    wanted = {metrics} if isinstance(metrics, str) else set(metrics)
+    for name in sorted(wanted):
+        if name not in known:
+            raise CompareError(unknown("metric", name, whole))
+    return wanted
+
+
+def _differences(
+    each: _MatchedEntry, wanted: set[str], level: float
+) -> tuple[list[Difference], list[Unpaired]]:
+    """Return how the wanted metrics of an entry differ, and which of them one side has alone."""
+    sound = [pair for pair in each.pairs if pair.a.reason is None and pair.b.reason is None]
+    names = dict.fromkeys(n for pair in sound for n in (*pair.a.scores, *pair.b.scores))
+    differences, unpaired = [], []
+    for name in (n for n in names if n in wanted):
+        both = [pair for pair in sound if name in pair.a.scores and name in pair.b.scores]
+        only_a = sum(name in pair.a.scores for pair in sound) - len(both)
+        only_b = sum(name in pair.b.scores for pair in sound) - len(both)
+        if only_a:
+            unpaired.append(Unpaired("a", each.board, each.entry_a, name, only_a))
+        if only_b:
+            unpaired.append(Unpaired("b", each.board, each.entry_b, name, only_b))
+        if both:
+            ones = _blocks(each.board, [pair.a for pair in both], name)
+            others = _blocks(each.board, [pair.b for pair in both], name)
+            differences.append(_difference(each, name, ones, others, level))
+    return differences, unpaired
+
+
+Block = tuple[str, int]
+"""A scenario with a seed: jobs on the same traffic are no independent sample."""
+
+
+def _blocks(board: str, jobs: Sequence[JobScores], metric: str) -> dict[Block, Score]:
+    """Return a metric of an entry by scenario and seed."""
+    groups: dict[Block, list[Score]] = {}
+    for job, score in zip(
+        jobs, board_named(board).pooled(metric, [job.scores for job in jobs]), strict=True
+    ):
+        groups.setdefault((job.name.scenario, job.name.seed), []).append(_averaged(score))
+    return {block: _averaged(merged(scores)) for block, scores in groups.items()}
+
+
+def _averaged(score: Score) -> Score:
+    """Return a score without a weight if it has no value: it does not count."""
+    return score if math.isfinite(score.value) else replace(score, weight=0.0)
+
+
+def _difference(
+    each: _MatchedEntry,
+    metric: str,
+    ones: Mapping[Block, Score],
+    others: Mapping[Block, Score],
+    level: float,
+) -> Difference:
+    used = [block for block in ones if ones[block].weight > 0 and others[block].weight > 0]
+    scores_a, pooled_a = _linear([ones[block] for block in used])
+    scores_b, pooled_b = _linear([others[block] for block in used])
+    strata = [scenario for scenario, _ in used]
+    interval = paired_interval(scores_b, scores_a, strata, level=level)
+    p = _p_value(interval.mean, scores_a, scores_b, strata) if used else math.nan
+    first = next(iter(ones.values()))
+    return Difference(
+        each.board,
+        each.entry_a,
+        each.entry_b,
+        metric,
+        pooled_a,
+        pooled_b,
+        interval.mean,
+        interval.low,
+        interval.high,
+        p,
+        math.nan,
+        len(used),
+        first.unit,
+        first.better,
+        TIMES.fullmatch(metric) is not None,
+        "unknown",
+    )
+
+
+def _linear(scores: Sequence[Score]) -> tuple[list[Score], float]:
+    """Return scores that are averaged themselves, with the same pooled value, and that value.
+
+    RMS errors are linearised at their pooled value r (the delta method): x becomes
+    r + (x^2 - r^2) / 2r.
+    """
+    if not scores:
+        return [], math.nan
+    power = scores[0].power
+    x = np.array([s.value for s in scores]) ** power
+    w = np.array([s.weight for s in scores])
+    mean = float((w * x).sum() / w.sum())
+    pooled = mean ** (1 / power) if power > 1 else mean
+    if power > 1:
+        slope = power * pooled ** (power - 1)
+        x = pooled + (x - mean) / slope if slope else x
+    linear = [replace(s, value=float(v), power=1) for s, v in zip(scores, x, strict=True)]
+    return linear, pooled
+
+
+EXACT = 13
+"""Number of blocks up to which all flips of signs are tried, 2 to that power."""
+
+
+def _p_value(
+    difference: float, ones: Sequence[Score], others: Sequence[Score], strata: Sequence[str]
+) -> float:
+    """Return the p-value of no difference; NaN where no block is repeated."""
+    from scipy.special import stdtr
+
+    amounts = np.array([b.value - a.value for a, b in zip(ones, others, strict=True)])
+    if not amounts.any() and difference == 0:
+        return 1.0
+    shares = difference + _spread(others) - _spread(ones)
+    error, freedom = _stratified_error(shares, strata)
+    if math.isnan(error):
+        return math.nan
+    student = 2 * float(stdtr(freedom, -abs(difference) / error)) if error > 0 else 0.0
+    sizes = np.abs(amounts[amounts != 0])
+    if len(np.unique(np.round(sizes / sizes.max(), 9))) == len(sizes):
+        return student
+    if len(shares) > EXACT:
+        return max(student, 2.0 ** (1 - len(sizes)))
+    return max(student, _p_of_sign_flips(shares))
+
+
+def _spread(scores: Sequence[Score]) -> np.ndarray:
+    """Return each block's part in how far the weighted mean may be off, (N,)."""
+    x = np.array([s.value for s in scores])
+    w = np.array([s.weight for s in scores])
+    spread: np.ndarray = w * (x - (w * x).sum() / w.sum()) / w.mean()
+    return spread
+
+
+def _stratified_error(values: np.ndarray, strata: Sequence[str]) -> tuple[float, float]:
+    """Return the standard error of a mean over strata, and its degrees of freedom.
+
+    NaN where all strata have one value.
+    """
+    _, error, freedom = mean_and_error(grouped(values, strata))
+    if error <= 1e-12 * float(np.abs(values).max(initial=0.0)):
+        return 0.0, 1.0
+    return error, freedom
+
+
+def _p_of_sign_flips(values: np.ndarray) -> float:
+    """Return the exact p-value of a mean of zero where each sign is as probable as the other."""
+    from scipy.stats import permutation_test
+
+    found = permutation_test(
+        (values,),
+        lambda x, axis: x.mean(axis=axis),
+        permutation_type="samples",
+        vectorized=True,
+        n_resamples=2**EXACT,
+    )
+    return float(found.pvalue)
+
+
+def _judged(differences: Sequence[Difference], level: float, times: bool) -> list[Difference]:
+    """Adjust the p-values and say which metrics are better or worse; times by themselves."""
+    from scipy.stats import false_discovery_control
+
+    adjusted = [d.p for d in differences]
+    for timed in (False, True):
+        family = [
+            i
+            for i, d in enumerate(differences)
+            if (d.timed and not times) == timed and math.isfinite(d.p) and not _equal(d)
+        ]
+        if family:
+            q_values = false_discovery_control([adjusted[i] for i in family], method="bh")
+            for i, q in zip(family, q_values, strict=True):
+                adjusted[i] = float(q)
+    return [
+        replace(d, q=q, verdict=_verdict(d, q, level))
+        for d, q in zip(differences, adjusted, strict=True)
+    ]
+
+
+def _equal(difference: Difference) -> bool:
+    """Say whether a metric is equal in every block."""
+    return difference.difference == 0 and not (difference.low < 0 or difference.high > 0)
+
+
+def _verdict(difference: Difference, q: float, level: float) -> Verdict:
+    if math.isnan(q):
+        return "unknown"
+    excluded = difference.low > 0 or difference.high < 0
+    if q > 1 - level or not excluded:
+        return "same"
+    return "better" if (difference.difference > 0) == (difference.better == "higher") else "worse"
+
+
+def _label_of_entries(a: str, b: str) -> str:
+    return b if a == b else f"{b} against {a}"
+
+
+def _named(label: str, entry: str) -> str:
+    return f"{label}, {entry}" if entry else label
+
+
+def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
+    }

@@ -1,0 +1,598 @@
+"""A suite's sensor data, calibration and truth as files in KITTI's layout."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from hashlib import sha256
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from roadscope import __version__
+from roadscope.benchmarks.boards.board import episodes as episodes_of
+from roadscope.benchmarks.cache import FolderError, usable_folder, write_atomically
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode, sensed, sensing_of, timeline_of
+from roadscope.benchmarks.formats.kitti_export import (
+    calibration_text,
+    kitti_objects,
+    save_detections,
+    save_labels,
+)
+from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, EGO_FROM_CAMERA
+from roadscope.benchmarks.formats.kitti_objects import TYPE_NAMES, KittiObjects, KittiType
+from roadscope.benchmarks.formats.trajectories import trajectory_text
+from roadscope.benchmarks.nodes.detections import DetectionNode
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.references import detection_source, made_from_truth
+from roadscope.benchmarks.suite import SPLITS, Suite, check_names, load_suite
+from roadscope.core import Calibration, Category, Detections, Family, Frame, Pose, Tracks, Truth
+from roadscope.core.names import unknown
+from roadscope.core.spec import FUSED
+from roadscope.envs.sensors.rig import Rig
+
+MANIFEST = "manifest.json"
+RIG_FILE = "rig.toml"
+FORMAT = 1
+TRUTH_COLUMNS = (
+    "frame,stamp_s,id,category,x_m,y_m,z_m,length_m,width_m,height_m,yaw_rad,vx_m_s,vy_m_s,"
+    "lidar_returns,occluded_fraction"
+)
+VIEW_PX = (1242, 375)
+"""Size of the image that a rig without a camera is given: KITTI's."""
+FOCAL_PX = 358.5
+"""Its focal length, for 120 degrees from left to right; the LUX sees 110. Chosen by hand."""
+OCCLUDED = (0.25, 0.5)
+"""From these shares on an object is partly and largely occluded. Chosen by hand."""
+POINT_BYTES = 20
+"""Four numbers in `velodyne` and one in `velodyne_times`, of four bytes each."""
+PNG_SHARE = 0.7
+"""Size of an image with noise as PNG, beside its pixels: measured on rig `wide`."""
+FILE_OF = {
+    Family.VEHICLE: KittiType.CAR,
+    Family.PEDESTRIAN: KittiType.PEDESTRIAN,
+    Family.CYCLIST: KittiType.CYCLIST,
+}
+"""Detection files know three classes: vans, lorries and the like stand among the cars."""
+
+
+class ExportError(ValueError):
+    """A suite cannot be exported as asked, or a folder is no exported suite."""
+
+
+class ExportedSequence(msgspec.Struct, frozen=True, kw_only=True):
+    """One episode and the name of its files.
+
+    frames: number of scans. lost: numbers of those that a fault took.
+    digest: of the truth, by which changed traffic is noticed; empty until all is written.
+    """
+
+    name: str
+    scenario: str
+    seed: int
+    weather: str
+    light: str
+    faults: tuple[str, ...]
+    truth: bool
+    frames: int = 0
+    lost: tuple[int, ...] = ()
+    digest: str = ""
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
+    """What an exported folder is of: all that its truth is made from.
+
+    rig: a name, or the file `rig.toml` in the folder.
+    detections: whose, each in a folder `det_NAME`.
+    """
+
+    format: int
+    roadscope: str
+    suite: str
+    suite_version: int
+    rig: str
+    duration_s: float | None
+    range_m: tuple[float, float]
+    min_returns: int
+    families: tuple[str, ...]
+    odometry_lengths_m: tuple[float, ...]
+    detections: tuple[str, ...]
+    sequences: tuple[ExportedSequence, ...]
+
+    @property
+    def eligibility(self) -> Eligibility:
+        """The rule of what is to be found."""
+        return Eligibility(self.range_m, self.min_returns, self.families)
+
+    def episode(self, sequence: ExportedSequence, folder: Path) -> Episode:
+        """Return what a sequence is made from; folder: where the manifest lies."""
+        rig = str(folder / RIG_FILE) if self.rig == RIG_FILE else self.rig
+        return Episode(
+            sequence.scenario,
+            sequence.seed,
+            rig,
+            self.duration_s,
+            sequence.weather,
+            sequence.light,
+            sequence.faults,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ExportPlan:
+    """What is to be written where.
+
+    scans: number of all scans. bytes_at_most: of scans and images, were no ray without a return.
+    done: number of sequences that an earlier run has written.
+    """
+
+    folder: Path
+    suite: Suite
+    manifest: Manifest
+    scans: int
+    bytes_at_most: int
+    done: int
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceView:
+    """The camera of a sequence: the rig's, or one in the LiDAR's place that takes no images.
+
+    Calibration is what the user believes it to be. The ego frame of KITTI's files is the camera's,
+    turned to ISO 8855.
+    """
+
+    projection: np.ndarray
+    size: tuple[int, int]
+    ego_from_camera: Pose
+    ego_from_lidar: Pose
+
+    @staticmethod
+    def of(rig: Rig, known: Calibration) -> SequenceView:
+        """Take the rig's sensors where the calibration has them."""
+        ego_from_lidar = known.pose(rig.lidar.name)
+        width, height = VIEW_PX
+        intrinsics = np.array([[FOCAL_PX, 0, width / 2], [0, FOCAL_PX, height / 2], [0, 0, 1]])
+        mounted = ego_from_lidar @ EGO_FROM_CAMERA
+        if rig.camera is not None:
+            pinhole = rig.camera.spec.pinhole
+            intrinsics, width, height = pinhole.intrinsics, pinhole.width, pinhole.height
+            mounted = known.pose(rig.camera.name)
+        projection = np.column_stack([intrinsics, np.zeros(3)])
+        return SequenceView(projection, (width, height), mounted, ego_from_lidar)
+
+    @property
+    def camera_from_lidar(self) -> Pose:
+        """Where the LiDAR is."""
+        return self.ego_from_camera.inverse() @ self.ego_from_lidar
+
+    def turned(self, world_from_ego: Pose) -> Pose:
+        """Return the pose of the camera, turned to ISO 8855, in the world."""
+        return world_from_ego @ self.ego_from_camera @ CAMERA_FROM_EGO
+
+    def rows(self, tracks: Tracks, frame: int, world_from_ego: Pose, **how: bool) -> KittiObjects:
+        """Return boxes of the world as rows of a frame."""
+        pose = self.turned(world_from_ego)
+        return kitti_objects(tracks, frame, pose, self.projection, self.size, **how)
+
+
+def plan_export(
+    suite: Suite | str | Path,
+    folder: Path | str,
+    *,
+    seeds: int | None = None,
+    scenarios: Sequence[str] | None = None,
+    with_truth: bool = False,
+    detections: Sequence[str] | None = None,
+) -> ExportPlan:
+    """Return what an export would write; a folder that holds something else is refused.
+
+    suite: itself, its name, or a `.toml` file.
+    seeds: as many of its seeds, the first; all if left out.
+    scenarios: names of some of its scenarios.
+    with_truth: whether truth of test seeds is written too.
+    detections: whose detections are written; those that trackers of the suite get if left out.
+    """
+    chosen = load_suite(suite) if isinstance(suite, str | Path) else suite
+    chosen = _narrowed(chosen, seeds, scenarios)
+    check_names(chosen)
+    place = Path(folder)
+    manifest = _manifest(chosen, with_truth, detections)
+    before = _before(place, manifest)
+    return ExportPlan(
+        place,
+        chosen,
+        before or manifest,
+        *_amount(chosen, manifest),
+        sum(bool(s.digest) for s in before.sequences) if before else 0,
+    )
+
+
+def export_suite(plan: ExportPlan, *, progress: Progress = silent) -> Path:
+    """Write what is planned, sequence by sequence, and return the folder.
+
+    What an earlier run has written is left as it is: a run that was stopped goes on.
+    """
+    folder, manifest = usable_folder(plan.folder), plan.manifest
+    if manifest.rig == RIG_FILE:
+        text = Path(plan.suite.rig).read_text(encoding="utf-8")
+        _save_text(folder / RIG_FILE, text)
+    _save_text(folder / "README.md", _readme(manifest))
+    total = len(manifest.sequences)
+    for number, sequence in enumerate(manifest.sequences):
+        progress("sequences", number, total)
+        if sequence.digest:
+            continue
+        _save_text(folder / MANIFEST, _encoded(manifest))
+        written = _write_sequence(folder, manifest, sequence)
+        sequences = list(manifest.sequences)
+        sequences[number] = written
+        manifest = msgspec.structs.replace(manifest, sequences=tuple(sequences))
+        _save_text(folder / MANIFEST, _encoded(manifest))
+    progress("sequences", total, total)
+    return folder
+
+
+def read_manifest(folder: Path | str) -> Manifest:
+    """Read what an exported folder is of; `ExportError` says what else it is."""
+    path = Path(folder) / MANIFEST
+    if not path.is_file():
+        raise ExportError(f"{folder} is no exported suite: it has no {MANIFEST}")
+    try:
+        found = msgspec.json.decode(path.read_bytes(), type=Manifest)
+    except msgspec.DecodeError as error:
+        raise ExportError(f"{path}: {error}") from error
+    if found.format != FORMAT:
+        raise ExportError(f"{path} has format {found.format}, this version reads {FORMAT}")
+    return found
+
+
+def digest_of(truths: Sequence[Truth]) -> str:
+    """Return a digest of truth, to a millimetre."""
+    digest = sha256()
+    for truth in truths:
+        places = np.rint(1000 * truth.centres).astype(np.int64)
+        own = np.rint(1000 * truth.world_from_ego.translation).astype(np.int64)
+        for array in (truth.ids, truth.lidar_returns, places, own):
+            digest.update(np.ascontiguousarray(array, "<i8").tobytes())
+    return digest.hexdigest()[:16]
+
+
+def boxes_of(truth: Truth) -> Tracks:
+    """Return all objects as if they were tracked, in the world."""
+    boxes = Detections(
+        truth.centres,
+        truth.sizes,
+        truth.yaws,
+        truth.categories,
+        np.ones(len(truth)),
+        "world",
+        truth.stamp_s,
+    )
+    return Tracks.of(boxes, truth.ids)
+
+
+def _narrowed(suite: Suite, seeds: int | None, scenarios: Sequence[str] | None) -> Suite:
+    if seeds is not None and not 1 <= seeds <= len(suite.seeds):
+        raise ExportError(f"suite {suite.title} has {len(suite.seeds)} seeds, not {seeds}")
+    for name in scenarios or ():
+        if name not in suite.scenarios:
+            raise ExportError(unknown(f"scenario of {suite.title}", name, suite.scenarios))
+    return replace(
+        suite,
+        seeds=suite.seeds[:seeds],
+        scenarios=tuple(s for s in suite.scenarios if s in scenarios)
+        if scenarios
+        else suite.scenarios,
+    )
+
+
+def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) -> Manifest:
+    hidden = [seed for seed in suite.seeds if seed in SPLITS["test"] and not with_truth]
+    sequences = tuple(
+        ExportedSequence(
+            name=f"{number:04d}",
+            scenario=episode.scenario,
+            seed=episode.seed,
+            weather=episode.weather,
+            light=episode.light,
+            faults=episode.faults,
+            truth=episode.seed not in hidden,
+        )
+        for number, episode in enumerate(episodes_of(suite))
+    )
+    if detections is None:
+        detections = [
+            d
+            for d in suite.public_detectors
+            if detection_source(d).kind != FUSED
+            and not (hidden and made_from_truth(detection_source(d)))
+        ]
+    for name in detections:
+        if hidden and made_from_truth(detection_source(name)):
+            raise ExportError(f"detections of {name} are truth: of test seeds with --with-truth")
+    return Manifest(
+        format=FORMAT,
+        roadscope=__version__,
+        suite=suite.name,
+        suite_version=suite.version,
+        rig=RIG_FILE if suite.rig.endswith(".toml") else suite.rig,
+        duration_s=suite.duration_s,
+        range_m=suite.eligibility.range_m,
+        min_returns=suite.eligibility.min_returns,
+        families=suite.eligibility.families,
+        odometry_lengths_m=suite.odometry_lengths_m,
+        detections=tuple(dict.fromkeys(detections)),
+        sequences=sequences,
+    )
+
+
+def _before(folder: Path, planned: Manifest) -> Manifest | None:
+    """Return what an earlier run has written of the same; a folder of anything else is refused."""
+    if folder.exists() and not folder.is_dir():
+        raise FolderError(f"cannot write to folder {folder}: a file is in the way")
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return None
+    try:
+        found = read_manifest(folder)
+    except ExportError as error:
+        raise FolderError(f"{folder} holds something else; nothing was written ({error})") from None
+    if _unwritten(found) != _unwritten(planned):
+        raise FolderError(
+            f"{folder} holds another export, of {found.suite} v{found.suite_version} with "
+            f"{len(found.sequences)} sequences, or with other options; name another folder"
+        )
+    return found
+
+
+def _unwritten(manifest: Manifest) -> Manifest:
+    bare = (msgspec.structs.replace(s, frames=0, lost=(), digest="") for s in manifest.sequences)
+    return msgspec.structs.replace(manifest, sequences=tuple(bare))
+
+
+def _amount(suite: Suite, manifest: Manifest) -> tuple[int, int]:
+    """Return the number of scans, and the bytes of scans and images at most."""
+    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.traffic.scenarios import find
+
+    carrier = rig(suite.rig)
+    spec, scans = carrier.lidar.spec, 0
+    for sequence in manifest.sequences:
+        length_s = suite.duration_s or find(sequence.scenario).duration_s
+        scans += max(int((length_s - carrier.lidar.stamp_s(0)) / spec.period_s) + 1, 0)
+    size = scans * len(spec.elevations) * spec.columns * POINT_BYTES
+    if carrier.camera is not None:
+        pinhole = carrier.camera.spec.pinhole
+        size += int(scans * pinhole.width * pinhole.height * 3 * PNG_SHARE)
+    return scans, size
+
+
+def _write_sequence(
+    folder: Path, manifest: Manifest, sequence: ExportedSequence
+) -> ExportedSequence:
+    """Write all files of a sequence and return what is known of it then."""
+    from roadscope.envs.sensors.rigs import rig
+
+    episode = manifest.episode(sequence, folder)
+    frames: list[Frame] = []
+    truths: list[Truth] = []
+    lost: list[int] = []
+    for number, (frame, truth) in enumerate(sensed(episode)):
+        _write_scan(folder, sequence.name, number, frame)
+        if frame.lidar is None:
+            lost.append(number)
+        # Scans are large, and they are written.
+        frames.append(replace(frame, lidar=None))
+        truths.append(truth)
+    carrier = rig(episode.rig)
+    if not frames:
+        raise ExportError(f"{sequence.scenario}, seed {sequence.seed}: no scan in so little time")
+    known = sensing_of(episode).calibration
+    view = SequenceView.of(carrier, known)
+    pixels = _write_images(folder, sequence.name, episode, truths) if carrier.camera else []
+    _write_calibration(folder, sequence.name, carrier, known)
+    _write_inertial(folder, sequence.name, frames)
+    stamps = "".join(f"{truth.stamp_s:.9f}\n" for truth in truths)
+    for path in (f"times/{sequence.name}.txt", f"velodyne/{sequence.name}/times.txt"):
+        _save_text(folder / path, stamps)
+    _write_ego_poses(folder, sequence.name, view, truths)
+    if sequence.truth:
+        _write_truth(folder, sequence.name, view, truths, pixels)
+        _write_lidar_poses(folder, sequence.name, carrier, truths)
+    for detector in manifest.detections:
+        node = DetectionNode(detection_source(detector), episode, manifest.eligibility)
+        found = node.read().detections
+        _write_detections(folder, sequence.name, detector, view, found, truths)
+    return msgspec.structs.replace(
+        sequence, frames=len(frames), lost=tuple(lost), digest=digest_of(truths)
+    )
+
+
+def _write_scan(folder: Path, name: str, number: int, frame: Frame) -> None:
+    """Write the points of a scan and their times; of a lost one empty files."""
+    scan = frame.lidar
+    points, times = np.empty((0, 4), "<f4"), np.empty(0, "<f4")
+    if scan is not None:
+        points = np.column_stack([scan.points, scan.intensity]).astype("<f4")
+        times = scan.time_offset_s.astype("<f4")
+    for kind, array in (("velodyne", points), ("velodyne_times", times)):
+        _save(folder / kind / name / f"{number:06d}.bin", partial(_to_file, array))
+
+
+def _write_images(
+    folder: Path, name: str, episode: Episode, truths: Sequence[Truth]
+) -> list[np.ndarray]:
+    """Write an image at the stamp of each scan; return the pixels of each object in each."""
+    from matplotlib.image import imsave
+
+    sensing, timeline, pixels = sensing_of(episode), timeline_of(episode), []
+    for number, truth in enumerate(truths):
+        frame, there = sensing.sense_image_at(timeline, truth.stamp_s)
+        pixels.append(there.visible_pixels)
+        if frame.camera is not None:
+            path = folder / "image_02" / name / f"{number:06d}.png"
+            _save(path, partial(imsave, arr=frame.camera.pixels, format="png"))
+    return pixels
+
+
+def _write_calibration(folder: Path, name: str, carrier: Rig, known: Calibration) -> None:
+    """Write where the sensors are; without inertial unit the vehicle stands for it."""
+    view = SequenceView.of(carrier, known)
+    ego_from_imu = known.pose(carrier.imu.name) if carrier.imu else Pose.identity()
+    lidar_from_imu = view.ego_from_lidar.inverse() @ ego_from_imu
+    text = calibration_text(view.projection, view.camera_from_lidar, lidar_from_imu)
+    _save_text(folder / "calib" / f"{name}.txt", text)
+
+
+def _write_inertial(folder: Path, name: str, frames: Sequence[Frame]) -> None:
+    imu = [frame.imu for frame in frames if frame.imu is not None]
+    wheels = [frame.wheels for frame in frames if frame.wheels is not None]
+    if imu:
+        rows = np.concatenate(
+            [np.column_stack([i.stamps_s, i.angular_velocity, i.specific_force]) for i in imu]
+        )
+        _save_rows(folder / "imu" / f"{name}.csv", "stamp,wx,wy,wz,ax,ay,az", rows)
+    if wheels:
+        rows = np.concatenate([np.column_stack([w.stamps_s, w.speeds]) for w in wheels])
+        _save_rows(folder / "wheels" / f"{name}.csv", "stamp,speed", rows)
+
+
+def _write_ego_poses(folder: Path, name: str, view: SequenceView, truths: Sequence[Truth]) -> None:
+    """Write poses of the camera, in the world turned to the camera's axes."""
+    poses = [CAMERA_FROM_EGO @ t.world_from_ego @ view.ego_from_camera for t in truths]
+    stamps = [t.stamp_s for t in truths]
+    _save_text(folder / "ego_pose" / f"{name}.txt", trajectory_text("kitti", poses, stamps))
+
+
+def _write_truth(
+    folder: Path,
+    name: str,
+    view: SequenceView,
+    truths: Sequence[Truth],
+    pixels: Sequence[np.ndarray],
+) -> None:
+    """Write labels of what is visible in the image or the scan, and all truth."""
+    labels = []
+    for number, truth in enumerate(truths):
+        visible = truth.lidar_returns > 0
+        if pixels:
+            visible |= pixels[number] > 0
+        boxes = boxes_of(truth).select(visible)
+        rows = view.rows(boxes, number, truth.world_from_ego)
+        shares = dict(zip(truth.ids.tolist(), truth.occluded_fraction.tolist(), strict=True))
+        hidden = np.array([shares[i] for i in rows.ids.tolist()])
+        last = np.array([view.size[0] - 1, view.size[1] - 1])
+        cut = np.any(rows.boxes[:, :2] <= 0, axis=1) | np.any(rows.boxes[:, 2:] >= last, axis=1)
+        labels.append(
+            replace(
+                rows, occluded=np.digitize(hidden, OCCLUDED), truncated=np.asarray(cut, np.int64)
+            )
+        )
+    _save(folder / "label_02" / f"{name}.txt", lambda path: save_labels(path, labels))
+    _save_text(folder / "truth" / f"{name}.csv", _truth_text(truths))
+
+
+def _write_lidar_poses(folder: Path, name: str, carrier: Rig, truths: Sequence[Truth]) -> None:
+    """Write where the LiDAR truly was, whatever the calibration says."""
+    poses = [t.world_from_ego @ carrier.lidar.ego_from_lidar for t in truths]
+    text = trajectory_text("tum", poses, [t.stamp_s for t in truths])
+    _save_text(folder / "lidar_pose" / f"{name}.txt", text)
+
+
+def _truth_text(truths: Sequence[Truth]) -> str:
+    lines = [TRUTH_COLUMNS]
+    for number, truth in enumerate(truths):
+        for k in range(len(truth)):
+            values = (
+                *truth.centres[k],
+                *truth.sizes[k],
+                truth.yaws[k],
+                *truth.velocities[k],
+            )
+            category = Category(truth.categories[k]).name.lower()
+            numbers = ",".join(f"{v:.6f}" for v in values)
+            lines.append(
+                f"{number},{truth.stamp_s:.9f},{truth.ids[k]},{category},{numbers},"
+                f"{truth.lidar_returns[k]},{truth.occluded_fraction[k]:.6f}"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _write_detections(
+    folder: Path,
+    name: str,
+    detector: str,
+    view: SequenceView,
+    found: Sequence[Detections],
+    truths: Sequence[Truth],
+) -> None:
+    """Write a detector's boxes, each class in a file of its own."""
+    frames = [
+        view.rows(
+            Tracks.of(boxes, np.arange(len(boxes))), number, truth.world_from_ego, all_around=True
+        )
+        for number, (boxes, truth) in enumerate(zip(found, truths, strict=True))
+    ]
+    families = [[Category(c).family for c in boxes.categories] for boxes in found]
+    for family, kind in FILE_OF.items():
+        rows = []
+        for each, own in zip(frames, families, strict=True):
+            of_family = each.select(np.array([f is family for f in own], bool))
+            rows.append(replace(of_family, types=np.full(len(of_family), kind, np.int8)))
+        path = folder / detections_folder(detector) / TYPE_NAMES[kind] / f"{name}.txt"
+        _save(path, partial(_detections_to, rows))
+
+
+def detections_folder(detector: str) -> str:
+    """Return the name of the folder of a detector's boxes."""
+    return f"det_{re.sub(r'[^A-Za-z0-9_.-]+', '-', detector)}"
+
+
+def _detections_to(rows: Sequence[KittiObjects], path: Path) -> None:
+    save_detections(path, rows)
+
+
+def _to_file(array: np.ndarray, path: Path) -> None:
+    array.tofile(path)
+
+
+def _save(path: Path, write: Callable[[Path], Any]) -> None:
+    write_atomically(path, write)
+
+
+def _save_text(path: Path, text: str) -> None:
+    _save(path, lambda part: part.write_text(text, encoding="utf-8"))
+
+
+def _save_rows(path: Path, header: str, rows: np.ndarray) -> None:
+    lines = (",".join(f"{v:.9f}" for v in row) for row in rows.tolist())
+    _save_text(path, "\n".join([header, *lines]) + "\n")
+
+
+def _encoded(manifest: Manifest) -> str:
+    return msgspec.json.format(msgspec.json.encode(manifest), indent=1).decode() + "\n"
+
+
+def _sequence_lines(manifest: Manifest) -> Iterator[str]:
+    for s in manifest.sequences:
+        condition = manifest.episode(s, Path()).condition
+        yield f"| {s.name} | {s.scenario} | {s.seed} | {condition} | {'yes' if s.truth else 'no'} |"
+
+
+def _readme(manifest: Manifest) -> str:
+    found = ", ".join(detections_folder(d) for d in manifest.detections) or "none"
+    text = resources.files("roadscope.benchmarks").joinpath("exported_readme.md")
+    return text.read_text(encoding="utf-8").format(
+        title=f"{manifest.suite} v{manifest.suite_version}",
+        version=manifest.roadscope,
+        rig=manifest.rig,
+        detections=found,
+        columns=TRUTH_COLUMNS.replace(",", ", "),
+        sequences="\n".join(_sequence_lines(manifest)),
+    )

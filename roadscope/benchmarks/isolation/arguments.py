@@ -1,0 +1,34 @@
+"""Calls whose arguments must stay as they were."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from roadscope.core.wire import WireError, encode
+
+
+class ChangedArgumentError(RuntimeError):
+    """A method changed an argument of its call; the message says which."""
+
+
+def call_watched(function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
+    """Call a function and return its answer; `ChangedArgumentError` if it changed an argument.
+
+    Must run in the process of the function: what is sent elsewhere is a copy.
+    """
+    before = [encode(argument) for argument in arguments]
+    answer = function(*arguments)
+    for number, (argument, expected) in enumerate(zip(arguments, before, strict=True), start=1):
+        if _encoded(argument) != expected:
+            name = getattr(function, "__name__", "the call")
+            raise ChangedArgumentError(f"{name} changed its argument {number}; copy it first")
+    return answer
+
+
+def _encoded(argument: Any) -> bytes:
+    try:
+        return encode(argument)
+    except WireError:
+        # It can be encoded before the call only.
+        return b""

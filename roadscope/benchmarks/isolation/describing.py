@@ -1,0 +1,78 @@
+"""What a plug-in says of itself and of its errors; runs beside the plug-in."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from roadscope.benchmarks.isolation.limits import Traits
+from roadscope.core.loading import (
+    Requirement,
+    binding_problem,
+    parameters_of,
+    positional_parameters_of,
+)
+from roadscope.core.text import error_text, one_line
+
+HARNESS = Path(__file__).resolve().parent
+PACKAGE = Path(__file__).resolve().parents[2]
+SLOW_LIBRARIES = frozenset({"filterpy", "numba", "scipy", "sklearn", "torch"})
+"""What takes long to import and may be imported before a process is forked: no threads start."""
+OUR_ROOMS = frozenset({"core", "detectors", "fusion", "odometry", "trackers"})
+METHODS = ("detect", "update", "fuse", "reset", "rescored", "add_wheels")
+
+
+def traits_of(kind: type[Any], arguments: Mapping[str, Any], plugin: object = None) -> Traits:
+    """Return what a class says of itself, and, where it was made, its instance."""
+    told = kind if plugin is None else plugin
+    methods = frozenset(name for name in METHODS if callable(getattr(told, name, None)))
+    declared, need = getattr(kind, "kind", ""), getattr(kind, "requires", None)
+    requirement = need if isinstance(need, Requirement) else None
+    module = str(getattr(kind, "__module__", ""))
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return Traits(
+        file=Path(file).resolve() if isinstance(file, str) else None,
+        module=module,
+        class_name=kind.__name__,
+        methods=methods,
+        kind=one_line(declared, 80) if isinstance(declared, str) else "",
+        offline=bool(getattr(kind, "offline", False)),
+        weighed=bool(getattr(kind, "weighed", False)),
+        takes_imu=getattr(told, "takes_imu", True) is not False,
+        takes_wheels="add_wheels" in methods and getattr(told, "wheels", True) is not False,
+        requires=(requirement.missing or "") if requirement else "",
+        requirement=f"{requirement.distribution}=={requirement.version}" if requirement else "",
+        parameters=parameters_of(kind),
+        positional=positional_parameters_of(kind),
+        problem=binding_problem(kind, arguments),
+    )
+
+
+def may_preload(module: str) -> bool:
+    """Say whether a supervisor may import a module for all plug-ins to come."""
+    package, _, rest = module.partition(".")
+    if package == PACKAGE.name:
+        return rest.partition(".")[0] in OUR_ROOMS
+    return package in SLOW_LIBRARIES and "." not in rest and not rest.startswith("_")
+
+
+def describe(error: BaseException) -> str:
+    """Say in one line what was raised, and at which line of the plug-in's own file.
+
+    The plug-in's file is the first one on the stack that is not of this package.
+    """
+    try:
+        frames = [
+            (frame.f_code.co_filename, line)
+            for frame, line in traceback.walk_tb(error.__traceback__)
+            if not Path(frame.f_code.co_filename).is_relative_to(HARNESS)
+        ]
+        foreign = [name for name, _ in frames if not Path(name).is_relative_to(PACKAGE)]
+        lines = [(name, line) for name, line in frames if not foreign or name == foreign[0]]
+        place = f" ({Path(lines[-1][0]).name}:{lines[-1][1]})" if lines else ""
+    except Exception:
+        place = ""
+    return error_text(error) + place

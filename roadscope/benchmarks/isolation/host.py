@@ -1,0 +1,533 @@
+"""The worker's side: opens plug-ins, asks them and checks what arrives."""
+
+from __future__ import annotations
+
+import atexit
+import math
+import os
+import secrets
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any, NoReturn, Protocol
+
+from roadscope.benchmarks.isolation.arguments import ChangedArgumentError, call_watched
+from roadscope.benchmarks.isolation.channel import (
+    Channel,
+    ClosedError,
+    TooLongError,
+    framed,
+    open_buffer,
+)
+from roadscope.benchmarks.isolation.describing import METHODS, describe, may_preload, traits_of
+from roadscope.benchmarks.isolation.limits import (
+    MOST_LOG_CHARACTERS,
+    Limits,
+    PluginError,
+    PluginSpec,
+    SandboxError,
+    Timed,
+    Traits,
+)
+from roadscope.benchmarks.isolation.sandbox import (
+    needed_paths,
+    sandbox_available,
+    sandbox_command,
+)
+from roadscope.core.loading import SpecError, load_class
+from roadscope.core.text import lines, one_line
+from roadscope.core.wire import WireError, decode, encode
+
+ROOT = Path(__file__).resolve().parents[3]
+"""The folder that contains the package."""
+RUN = (
+    "import sys; sys.path[:] = sys.argv[2:]; "
+    "from roadscope.benchmarks.isolation.supervisor import supervise; supervise(int(sys.argv[1]))"
+)
+ENVIRONMENT = (
+    "PATH",
+    "HOME",
+    "USER",
+    "LANG",
+    "LANGUAGE",
+    "TZ",
+    "TMPDIR",
+    "VIRTUAL_ENV",
+    "PYTHONPATH",
+    "PYTHONHASHSEED",
+    "PYTHONHOME",
+    "PYTHONDONTWRITEBYTECODE",
+    "LD_LIBRARY_PATH",
+    "DYLD_LIBRARY_PATH",
+    "CUDA_VISIBLE_DEVICES",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "NUMBA_CACHE_DIR",
+    "LC_ALL",
+    "LC_CTYPE",
+)
+"""What a plug-in's process gets of this one's environment: no keys, no folders of ours."""
+MARK = "PLUGIN_MARK"
+"""Variable of all processes below one supervisor, by which they are known when it was ended."""
+MOST_SWEEPS = 20
+"""How often processes are looked for that start others as they end; chosen by hand."""
+MOST_PRELOADED = 1000
+"""Far more than there are such modules."""
+REPORT_S = 8.0
+"""How long a guard may take to end a plug-in with all that it started, and to report."""
+MOST_REPORT_BYTES = 1 << 20
+CLOCK_ERROR_S = 0.01
+"""By how much a call may seem longer than the wait for it; chosen by hand."""
+
+
+class PluginHandle(Protocol):
+    """A plug-in that was made.
+
+    log: the end of what it printed, once it is closed; empty for one in this process.
+    """
+
+    traits: Traits
+    log: str
+
+    def call(self, method: str, *arguments: Any) -> Timed:
+        """Call a method and return its answer and cost; `PluginError` when it fails."""
+
+    def has(self, method: str) -> bool:
+        """Say whether it has a method of the protocols."""
+
+
+@contextmanager
+def open_plugin(
+    spec: PluginSpec,
+    *,
+    limits: Limits | None = None,
+    isolated: bool | None = None,
+    sandbox: bool = False,
+    hidden: Sequence[Path] = (),
+    watch_arguments: bool = False,
+) -> Iterator[PluginHandle]:
+    """Make a plug-in, in a process of its own unless it is ours, and end it afterwards.
+
+    isolated: whether it gets its own process; None: as the spec says. sandbox: whether that has
+    no network and only an empty scratch folder to write to; hidden: folders that look empty then
+    beside that of our cache, such as that of results. watch_arguments: whether a call that changes
+    its arguments fails, for which they are compared in the plug-in's own process. `PluginError`
+    says how the plug-in failed, `SandboxError` why there is no sandbox.
+    """
+    if not (spec.isolated if isolated is None else isolated):
+        yield _InProcess(spec, watch_arguments=watch_arguments)
+        return
+    plugin = _Isolated(
+        spec,
+        limits or Limits(),
+        sandbox=sandbox,
+        hidden=hidden,
+        watch_arguments=watch_arguments,
+    )
+    try:
+        plugin.load()
+        yield plugin
+    except PluginError as error:
+        plugin.close()
+        error.log = error.log or plugin.log
+        raise
+    finally:
+        plugin.close()
+
+
+def probe(spec: PluginSpec, *, limits: Limits | None = None) -> Traits:
+    """Return what the class of a plug-in says of itself; a stranger's is loaded in a child.
+
+    `SpecError` when it cannot be loaded. Remembered until its file changes. The child is in a
+    sandbox within `probed_in_sandbox`.
+    """
+    if not spec.isolated:
+        return traits_of(load_class(spec.target), spec.arguments)
+    key = spec.text, spec.target, Path.cwd()
+    if key in _PROBED:
+        traits, changed = _PROBED[key]
+        if changed == _changed(traits.file):
+            return traits
+    plugin = _Isolated(spec, limits or Limits(), make=False, sandbox=_sandboxed_probes.get())
+    try:
+        traits = plugin.load()
+    except PluginError as error:
+        raise SpecError(str(error)) from error
+    finally:
+        plugin.close()
+    _PROBED[key] = traits, _changed(traits.file)
+    return traits
+
+
+@contextmanager
+def probed_in_sandbox(sandbox: bool) -> Iterator[None]:
+    """Load classes of strangers, to see what they say of themselves, in a sandbox too."""
+    token = _sandboxed_probes.set(sandbox)
+    try:
+        yield
+    finally:
+        _sandboxed_probes.reset(token)
+
+
+_sandboxed_probes: ContextVar[bool] = ContextVar("sandboxed_probes", default=False)
+
+_PROBED: dict[tuple[str, str, Path], tuple[Traits, int]] = {}
+
+
+def _changed(file: Path | None) -> int:
+    try:
+        return file.stat().st_mtime_ns if file else 0
+    except OSError:
+        return -1
+
+
+class _InProcess:
+    """A plug-in in this process: nothing is limited, only its exceptions are caught."""
+
+    def __init__(self, spec: PluginSpec, *, watch_arguments: bool) -> None:
+        self._text, self.log = spec.text, ""
+        self._watch_arguments = watch_arguments
+        self._plugin = self._guarded(spec.make)
+        self.traits = traits_of(type(self._plugin), spec.arguments, self._plugin)
+
+    def has(self, method: str) -> bool:
+        return method in self.traits.methods
+
+    def call(self, method: str, *arguments: Any) -> Timed:
+        function = self._guarded(getattr, self._plugin, method)
+        wall_s, processor_s = time.perf_counter(), time.process_time()
+        if self._watch_arguments:
+            answer = self._guarded(call_watched, function, arguments)
+        else:
+            answer = self._guarded(function, *arguments)
+        processor_s, wall_s = time.process_time() - processor_s, time.perf_counter() - wall_s
+        return Timed(answer, processor_s * 1e3, wall_s * 1e3)
+
+    def _guarded(self, function: Any, *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except KeyboardInterrupt:
+            raise
+        except (SpecError, ChangedArgumentError) as error:
+            raise PluginError(self._text, str(error)) from error
+        except BaseException as error:
+            raise PluginError(self._text, describe(error)) from error
+
+
+class _Isolated:
+    """A plug-in in its own process."""
+
+    traits: Traits
+
+    def __init__(
+        self,
+        spec: PluginSpec,
+        limits: Limits,
+        *,
+        make: bool = True,
+        sandbox: bool = False,
+        hidden: Sequence[Path] = (),
+        watch_arguments: bool = False,
+    ) -> None:
+        self._text, self._limits = spec.text, limits
+        self._left_s = limits.episode_s
+        self._called: set[str] = set()
+        self._number = 0
+        self._failed: PluginError | None = None
+        self.log = ""
+        if not hasattr(os, "fork"):
+            raise PluginError(
+                self._text, "processes cannot be forked here; --trust runs it in this one"
+            )
+        self._own = _Supervisor(_sandboxed(spec, hidden)) if sandbox else None
+        self._supervisor = self._own or _Supervisor.of_this_process()
+        request = encode(
+            {
+                "target": spec.target,
+                "arguments": repr(dict(spec.arguments)),
+                "make": make,
+                "watch_arguments": watch_arguments,
+                "path": _import_path(),
+                "folder": str(Path.cwd()),
+                "preload": list(self._supervisor.preload),
+                "answer_bytes": round(limits.answer_mb * 1e6),
+                "memory_bytes": round(limits.memory_gb * 1e9),
+                "output_bytes": round(limits.output_mb * 1e6),
+            }
+        )
+        self._data, data = socket.socketpair()
+        self._watch, watch = socket.socketpair()
+        self._buffer = open_buffer()
+        self._channel = Channel(self._data, ended=self._watch, buffer=self._buffer)
+        self._reports = Channel(self._watch)
+        self._opened = time.monotonic()
+        with data, watch:
+            self._supervisor.open(request, [data.fileno(), self._buffer, watch.fileno()])
+
+    def has(self, method: str) -> bool:
+        return method in self.traits.methods
+
+    def load(self) -> Traits:
+        """Wait until the plug-in is loaded and made."""
+        loaded = self._answer(None, 0, limit_s=self._limits.first_call_s, doing="loading it")
+        try:
+            self.traits = _traits(loaded.answer)
+            self._supervisor.remember(loaded.answer["loaded"])
+        except (KeyError, TypeError, ValueError):
+            self._fail("what it says of itself is malformed")
+        return self.traits
+
+    def call(self, method: str, *arguments: Any) -> Timed:
+        if self._failed is not None:
+            raise self._failed
+        first = method not in self._called
+        self._called.add(method)
+        self._number += 1
+        message = encode({"number": self._number, "method": method, "arguments": list(arguments)})
+        return self._answer(
+            message,
+            self._number,
+            limit_s=self._limits.first_call_s if first else self._limits.call_s,
+            doing=method,
+        )
+
+    def close(self) -> None:
+        """End the process with all that it started."""
+        self._end(b"E")
+        if self._own is not None:
+            self._own.close()
+
+    def _answer(self, message: bytes | None, number: int, *, limit_s: float, doing: str) -> Timed:
+        """Send a call, wait for its answer and check it."""
+        most = round(self._limits.answer_mb * 1e6) + MOST_REPORT_BYTES
+        # It loads without being asked, maybe before this process goes on.
+        start = self._opened if message is None else time.monotonic()
+        deadline = start + min(limit_s, self._left_s)
+        try:
+            if message is not None:
+                if self._channel.surplus():
+                    self._fail(f"sent more than one answer before {doing}")
+                self._channel.send(message, deadline)
+            received = self._channel.receive(most, deadline)
+        except TimeoutError:
+            whole = limit_s >= self._left_s
+            self._fail(
+                f"{doing}: all calls of the episode took more than {self._limits.episode_s:g} s"
+                if whole
+                else f"{doing}: no answer within {limit_s:g} s: it hangs"
+            )
+        except TooLongError as error:
+            self._fail(
+                f"{doing}: an answer of {int(str(error)) / 1e6:.1f} MB, more than the "
+                f"{self._limits.answer_mb:g} MB that it may have"
+            )
+        except ClosedError:
+            self._fail(doing, asked=b"D")
+        waited_s = time.monotonic() - start
+        self._left_s -= waited_s
+        if self._channel.surplus():
+            self._fail(f"{doing}: more than one answer")
+        try:
+            told = decode(received)
+        except WireError as error:
+            self._fail(f"{doing}: {error}")
+        if not _is_answer(told, number, waited_s + CLOCK_ERROR_S):
+            self._fail(f"{doing}: a forged or malformed answer")
+        if told["error"]:
+            self._refuse(told["error"])
+        return Timed(told["answer"], told["processor_ms"], told["wall_ms"])
+
+    def _refuse(self, error: str) -> NoReturn:
+        """Raise what the plug-in raised; it goes on."""
+        report = self._report(b"L")
+        raise PluginError(self._text, error, "" if report is None else report["log"])
+
+    def _fail(self, reason: str, *, asked: bytes = b"E") -> NoReturn:
+        """End the plug-in and raise what it did; how it ended says more than that it ended."""
+        report = self._end(asked)
+        if report is None:
+            reason = f"{reason}: the process that watches over it was ended"
+        elif report["how"]:
+            reason = f"{reason}: {report['how']}"
+        self._failed = PluginError(self._text, reason, self.log)
+        raise self._failed
+
+    def _end(self, asked: bytes) -> Mapping[str, str] | None:
+        """Have the process ended and return the last report, None if there is none."""
+        if self._watch.fileno() < 0:
+            return None
+        report = self._report(asked)
+        self.log = "" if report is None else lines(report["log"], MOST_LOG_CHARACTERS)
+        self._data.close()
+        self._watch.close()
+        os.close(self._buffer)
+        if report is None:
+            # The guard was ended or stopped: its supervisor ends whatever is left.
+            self._supervisor.close()
+        return report
+
+    def _report(self, asked: bytes) -> Mapping[str, str] | None:
+        try:
+            with suppress(OSError):
+                self._watch.send(asked)
+            deadline = time.monotonic() + REPORT_S
+            while True:
+                report = decode(self._reports.receive(MOST_REPORT_BYTES, deadline))
+                if report["ended"] or asked == b"L":
+                    return dict(report)
+        except (ClosedError, TimeoutError, TooLongError, WireError):
+            return None
+
+
+class _Supervisor:
+    """A process that forks those of plug-ins."""
+
+    _running: dict[int, _Supervisor] = {}  # noqa: RUF012
+    _lock = threading.Lock()
+
+    def __init__(self, before: Sequence[str] = ()) -> None:
+        """Start it; `before` are words before its command."""
+        self._control, control = socket.socketpair()
+        words = [*before, sys.executable, "-c", RUN, str(control.fileno())]
+        self._mark = secrets.token_hex(16)
+        known = {name: os.environ[name] for name in ENVIRONMENT if name in os.environ}
+        with control:
+            self._process = subprocess.Popen(
+                [*words, *_import_path(), str(ROOT)],
+                pass_fds=[control.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                env=known | {MARK: self._mark},
+                start_new_session=True,
+            )
+        self._sending = threading.Lock()
+        self.preload: dict[str, None] = {}
+
+    @classmethod
+    def of_this_process(cls) -> _Supervisor:
+        """Return this process's supervisor, a new one if it is not there or has ended."""
+        with cls._lock:
+            running = cls._running.get(os.getpid())
+            if running is None or running._process.poll() is not None:
+                if running is None:
+                    atexit.register(cls._close_all)
+                else:
+                    running.close()
+                running = cls._running[os.getpid()] = cls()
+            return running
+
+    @classmethod
+    def _close_all(cls) -> None:
+        running = cls._running.pop(os.getpid(), None)
+        if running is not None:
+            running.close()
+
+    def open(self, request: bytes, files: Sequence[int]) -> None:
+        """Ask for a plug-in's process that has the other ends of two sockets, and a buffer.
+
+        What goes wrong shows when those are read.
+        """
+        message = framed(request)
+        with self._sending, suppress(OSError):
+            sent = socket.send_fds(self._control, [message], list(files))
+            self._control.sendall(message[sent:])
+
+    def remember(self, modules: Sequence[str]) -> None:
+        """Take slow libraries that a plug-in loaded: the next ones have them from the start."""
+        names = [name for name in modules if type(name) is str and may_preload(name)]
+        self.preload |= dict.fromkeys(names[:MOST_PRELOADED])
+
+    def close(self) -> None:
+        """End it with all plug-ins."""
+        self._control.close()
+        try:
+            self._process.wait(REPORT_S)
+        except subprocess.TimeoutExpired:
+            self._kill()
+        if self._process.returncode:
+            self._end_marked()
+
+    def _end_marked(self) -> None:
+        """End what is left of a supervisor that was ended: nobody is above those processes now."""
+        import psutil
+
+        for _ in range(MOST_SWEEPS):
+            left = 0
+            for process in psutil.process_iter():
+                with suppress(psutil.Error):
+                    if process.environ().get(MARK) == self._mark:
+                        left += process.status() != psutil.STATUS_ZOMBIE
+                        process.kill()
+            if not left:
+                return
+
+    def _kill(self) -> None:
+        """End a supervisor that was stopped, and all processes below it."""
+        import psutil
+
+        with suppress(psutil.Error):
+            supervisor = psutil.Process(self._process.pid)
+            for process in [*supervisor.children(recursive=True), supervisor]:
+                with suppress(psutil.Error):
+                    process.kill()
+        self._process.wait()
+
+
+def _import_path() -> list[str]:
+    return [entry or str(Path.cwd()) for entry in sys.path]
+
+
+def _sandboxed(spec: PluginSpec, hidden: Sequence[Path]) -> list[str]:
+    if why := sandbox_available():
+        raise SandboxError(why)
+    place = spec.target.rpartition(":")[0]
+    readable = [ROOT, *needed_paths(sys.path)]
+    if place.endswith(".py"):
+        readable.append(Path(place).resolve().parent)
+    from roadscope.benchmarks.cache import cache_dir
+
+    folders = [path.resolve() for path in (cache_dir(), *hidden)]
+    return sandbox_command(readable=readable, hidden=folders)
+
+
+def _is_answer(told: Any, number: int, most_s: float) -> bool:
+    names = {"number", "error", "answer", "wall_ms", "processor_ms"}
+    if type(told) is not dict or told.keys() != names or told["number"] != number:
+        return False
+    times = told["wall_ms"], told["processor_ms"]
+    if not all(type(ms) is float and math.isfinite(ms) and ms >= 0 for ms in times):
+        return False
+    return type(told["error"]) is str and told["wall_ms"] <= most_s * 1e3
+
+
+def _traits(told: Any) -> Traits:
+    """Make traits of what a child said, all of it checked."""
+    fields = {name: value for name, value in told.items() if name != "loaded"}
+    file, methods, parameters = fields["file"], fields["methods"], fields["parameters"]
+    texts = ("module", "class_name", "kind", "requires", "requirement", "problem")
+    marks = ("offline", "weighed", "takes_imu", "takes_wheels")
+    proper = (
+        all(type(fields[name]) is str for name in texts)
+        and all(type(fields[name]) is bool for name in marks)
+        and (file is None or type(file) is str)
+        and type(parameters) is dict
+        and all(type(text) is str for text in parameters.values())
+        and type(fields["positional"]) is tuple
+        and all(type(name) is str for name in fields["positional"])
+    )
+    if not proper:
+        raise ValueError
+    fields |= {name: one_line(fields[name]) for name in texts}
+    fields["parameters"] = {one_line(key): one_line(text) for key, text in parameters.items()}
+    fields["positional"] = tuple(one_line(name) for name in fields["positional"])
+    fields["file"] = None if file is None else Path(file)
+    fields["methods"] = frozenset(methods) & frozenset(METHODS)
+    return Traits(**fields)

@@ -1,0 +1,126 @@
+"""What a plug-in may use, and what is said when it fails."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from roadscope.core.text import lines, one_line
+
+MOST_LOG_CHARACTERS = 4000
+"""Chosen by hand: the end of a traceback and some lines before it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a plug-in that runs in its own process may use.
+
+    first_call_s: for loading and making it, and for the first call of each method: libraries
+        load weights and compile then.
+    call_s: for each later call.
+    episode_s: for all calls together, loading included.
+    memory_gb: resident memory of its process and of all that it started, 10^9 bytes.
+    answer_mb: size of an answer, 10^6 bytes.
+    output_mb: what it may print, 10^6 bytes.
+    """
+
+    first_call_s: float = 120.0
+    call_s: float = 30.0
+    episode_s: float = 300.0
+    memory_gb: float = 8.0
+    answer_mb: float = 64.0
+    output_mb: float = 16.0
+
+
+class PluginError(RuntimeError):
+    """A plug-in failed; the text is one line that begins with its spec.
+
+    log: the end of what it printed, at most 4,000 characters.
+    """
+
+    def __init__(self, spec: str, reason: str, log: str = "") -> None:
+        """Take the plug-in's spec, the reason, and what it printed."""
+        super().__init__(one_line(f"{spec}: {reason}"))
+        self.log = lines(log, MOST_LOG_CHARACTERS)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle it: it goes from workers to the process that started them."""
+        return _plugin_error, (str(self), self.log)
+
+
+class SandboxError(RuntimeError):
+    """The sandbox cannot be used here; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timed:
+    """An answer of a plug-in and what its call alone cost.
+
+    processor_ms: processor time of its process, all threads together.
+    wall_ms: time that passed.
+    """
+
+    answer: Any
+    processor_ms: float
+    wall_ms: float
+
+
+class PluginSpec(Protocol):
+    """What is needed of the string that names a plug-in, once it is parsed."""
+
+    @property
+    def text(self) -> str:
+        """The string as the user wrote it."""
+
+    @property
+    def arguments(self) -> Mapping[str, Any]:
+        """Arguments of the constructor: literals."""
+
+    @property
+    def target(self) -> str:
+        """`module:Class` or `path/file.py:Class`."""
+
+    @property
+    def isolated(self) -> bool:
+        """Whether it runs in a process of its own."""
+
+    def make(self) -> Any:
+        """Construct the plug-in in this process."""
+
+
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """What a plug-in's class says of itself.
+
+    file: where it was loaded from, None for one without a file. module, class_name: its names.
+    methods: those of the protocols that it has. kind: the board's kind that it declares, or "".
+    offline, weighed, takes_imu, takes_wheels: see the protocols of trackers and odometries.
+    requires: what is not installed that it needs, or "". requirement: the distribution that it
+        needs and its version, "" without one.
+    parameters: of the constructor, by name the default as text, "" without one.
+    positional: those of them that can be given by position.
+    problem: why the constructor does not take the arguments, or "".
+    """
+
+    file: Path | None
+    module: str
+    class_name: str
+    methods: frozenset[str]
+    kind: str
+    offline: bool
+    weighed: bool
+    takes_imu: bool
+    takes_wheels: bool
+    requires: str
+    requirement: str
+    parameters: Mapping[str, str]
+    positional: tuple[str, ...]
+    problem: str
+
+
+def _plugin_error(text: str, log: str) -> PluginError:
+    error = PluginError.__new__(PluginError, text)
+    error.log = log
+    return error

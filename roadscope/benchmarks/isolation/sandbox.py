@@ -1,0 +1,72 @@
+"""The supervisor in a sandbox of bubblewrap: no network, no file to write, no process to see."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+
+SCRATCH = Path("/tmp")
+"""The one folder that can be written; it is empty at the start and vanishes at the end."""
+MASKED = (Path("/run"), Path("/var/run"), Path("/dev/shm"))
+"""Folders of sockets and of memory that other processes share."""
+SCRATCH_BYTES = 2_000_000_000
+"""What the scratch folder holds: it lies in memory and is not counted as a plug-in's own."""
+TRY_S = 20.0
+
+
+@cache
+def sandbox_available() -> str:
+    """Say why plug-ins cannot be sandboxed here; empty if they can."""
+    if sys.platform != "linux":
+        return "a sandbox needs Linux"
+    if shutil.which("bwrap") is None:
+        return "bubblewrap is not installed: apt-get install bubblewrap"
+    try:
+        tried = subprocess.run(
+            [*sandbox_command(readable=(), hidden=()), sys.executable, "-c", "pass"],
+            capture_output=True,
+            text=True,
+            timeout=TRY_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"bubblewrap does not run here: {error}"
+    if tried.returncode:
+        return f"bubblewrap does not run here: {' '.join(tried.stderr.split())[:300]}"
+    return ""
+
+
+def sandbox_command(*, readable: Iterable[Path], hidden: Sequence[Path]) -> list[str]:
+    """Return the words before a command that run it in a sandbox.
+
+    readable: files and folders that the command needs, also where they lie in the scratch folder
+        or in a hidden one. hidden: folders that look empty.
+    """
+    masks = [path for path in (*MASKED, *hidden) if path.is_dir()]
+    needed = {path.resolve() for path in (Path(sys.prefix), Path(sys.base_prefix), *readable)}
+    words = ["bwrap", "--die-with-parent", "--unshare-all", "--new-session"]
+    words += ["--ro-bind", "/", "/", "--dev", "/dev", "--proc", "/proc"]
+    for path in (SCRATCH, *masks):
+        if not path.is_symlink():
+            words += ["--size", str(SCRATCH_BYTES), "--tmpfs", str(path)]
+    for path in sorted(needed):
+        if path.exists() and any(path.is_relative_to(mask) for mask in (SCRATCH, *masks)):
+            words += ["--ro-bind", str(path), str(path)]
+    for path in hidden:
+        # Again: one may lie within what is readable.
+        if path.is_dir() and any(path.is_relative_to(place) for place in needed):
+            words += ["--tmpfs", str(path)]
+    for path in masks:
+        if not path.is_symlink():
+            words += ["--remount-ro", str(path)]
+    return [*words, "--setenv", "TMPDIR", str(SCRATCH), "--setenv", "HOME", str(SCRATCH)]
+
+
+def needed_paths(path: Iterable[str]) -> list[Path]:
+    """Return the entries of an import path that exist."""
+    return [Path(entry) for entry in path if entry and os.path.exists(entry)]  # noqa: PTH110

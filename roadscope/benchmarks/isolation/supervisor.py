@@ -1,0 +1,302 @@
+"""The process that starts plug-ins' processes and the ones that watch over them.
+
+A worker has one supervisor. It imports what all plug-ins need once and never holds anything
+of a suite; for each plug-in it forks a guard, and the guard forks the plug-in's process. The
+guard watches it and ends it with all that it started.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import os
+import select
+import signal
+import socket
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any, NoReturn
+
+import psutil
+
+from roadscope.benchmarks.isolation.channel import (
+    LENGTH_BYTES,
+    ClosedError,
+    receive_exactly,
+    send_all,
+)
+from roadscope.benchmarks.isolation.child import CHILD_SUBREAPER, control_process, run_plugin
+from roadscope.core.wire import decode, encode
+
+END, CLOSED, LOG = b"E", b"D", b"L"
+"""What a worker asks a guard: to end the plug-in, the same where it closed its socket, the log."""
+FILES = 3
+"""Files that come with a request: the plug-in's socket and buffer, and the guard's socket."""
+POLL_S = 0.1
+"""How often memory is measured."""
+POLL_SHARE = 0.05
+"""Most of a core that measuring may use, where there are very many processes."""
+CLOSING_S = 1.0
+"""How long a process may take to end by itself once its socket is closed."""
+ENDING_S = 5.0
+"""How long processes are given to vanish once they were killed."""
+LOG_BYTES = 16_000
+MOST_PROCESSES = 1000
+"""Chosen by hand: more than any library's pool, fewer than a machine has room for."""
+
+
+def supervise(control: int) -> NoReturn:
+    """Fork a guard for every request that arrives on the socket, until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_SETMASK, [])
+    control_process(CHILD_SUBREAPER, 1)
+    worker = socket.socket(fileno=control)
+    guards: set[int] = set()
+    orphans = False
+    gc.collect()
+    gc.freeze()
+    poll = select.poll()
+    poll.register(worker, select.POLLIN)
+    while True:
+        ready = poll.poll(POLL_S * 1e3 if guards or orphans else None)
+        ended = {number: status for number, status in _reap().items() if number in guards}
+        guards.difference_update(ended)
+        # A guard that was killed leaves processes behind, and they are this one's children now.
+        orphans = (orphans or any(ended.values())) and _end_orphans(guards)
+        if not ready:
+            continue
+        try:
+            request, files = _request(worker)
+        except (ClosedError, OSError):
+            break
+        _preload(request["preload"])
+        guard = os.fork()
+        if guard == 0:
+            worker.detach()
+            os.close(control)
+            _guard(request, *files)
+        guards.add(guard)
+        for file in files:
+            os.close(file)
+    _end_descendants()
+    os._exit(0)
+
+
+def _request(worker: socket.socket) -> tuple[Mapping[str, Any], list[int]]:
+    head, files, _, _ = socket.recv_fds(worker, LENGTH_BYTES, FILES)
+    if not head:
+        raise ClosedError
+    head += receive_exactly(worker, LENGTH_BYTES - len(head))
+    data = receive_exactly(worker, int.from_bytes(head, "little"))
+    return decode(data), files
+
+
+def _preload(modules: Sequence[str]) -> None:
+    """Import what earlier plug-ins imported, once for all to come: torch takes seconds."""
+    missing = [name for name in modules if name not in sys.modules]
+    for name in missing:
+        # One that fails here fails in the plug-in's process too, where it is noticed.
+        with suppress(Exception):
+            importlib.import_module(name)
+    if missing:
+        gc.collect()
+        gc.freeze()
+
+
+def _end_orphans(guards: set[int]) -> bool:
+    """End all children that are no guards, with theirs; say whether there were any."""
+    orphans = [child for child in psutil.Process().children() if child.pid not in guards]
+    for orphan in orphans:
+        for process in [orphan, *_below(orphan)]:
+            with suppress(psutil.Error):
+                process.kill()
+    return bool(orphans)
+
+
+def _reap() -> dict[int, int]:
+    """Return the exit status of each child that ended, by its number."""
+    reaped = {}
+    with suppress(ChildProcessError):
+        while True:
+            number, status = os.waitpid(-1, os.WNOHANG)
+            if not number:
+                break
+            reaped[number] = status
+    return reaped
+
+
+def _end_descendants() -> None:
+    """End all processes that descend from this one."""
+    deadline = time.monotonic() + ENDING_S
+    while time.monotonic() < deadline:
+        _reap()
+        left = _below(psutil.Process())
+        if not left:
+            return
+        for process in left:
+            with suppress(psutil.Error):
+                process.kill()
+        time.sleep(0.001)
+
+
+def _below(process: psutil.Process) -> list[psutil.Process]:
+    try:
+        return list(process.children(recursive=True))
+    except psutil.NoSuchProcess:
+        return []
+
+
+def _guard(request: Mapping[str, Any], data: int, buffer: int, watch: int) -> NoReturn:
+    """Start the plug-in's process, watch over it, and say to the worker how it ended."""
+    try:
+        os.setsid()
+        control_process(CHILD_SUBREAPER, 1)
+        output, written = os.pipe()
+        plugin = os.fork()
+        if plugin == 0:
+            for file in (watch, output):
+                os.close(file)
+            run_plugin(request, connection=data, buffer=buffer, output=written)
+        for file in (data, buffer, written):
+            os.close(file)
+        Guard(request, plugin, output=output, worker=socket.socket(fileno=watch)).watch()
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+        with suppress(BaseException):
+            _end_descendants()
+        os._exit(1)
+    os._exit(0)
+
+
+class Guard:
+    """Watches over the process of one plug-in."""
+
+    def __init__(
+        self, request: Mapping[str, Any], plugin: int, *, output: int, worker: socket.socket
+    ) -> None:
+        """Take the limits, the process, the pipe of its output and the socket to the worker."""
+        self._memory_bytes, self._output_bytes = request["memory_bytes"], request["output_bytes"]
+        self._plugin, self._output, self._worker = plugin, output, worker
+        self._log, self._written = b"", 0
+        self._status: int | None = None
+        self._next_measure = 0.0
+        os.set_blocking(output, False)
+        self._poll = select.poll()
+        self._poll.register(worker, select.POLLIN)
+        self._poll.register(output, select.POLLIN)
+        if hasattr(os, "pidfd_open"):
+            with suppress(OSError):
+                self._poll.register(os.pidfd_open(plugin), select.POLLIN)
+
+    def watch(self) -> None:
+        """Watch until the plug-in ended or has to end, end it and report."""
+        while True:
+            ready = {number for number, _ in self._poll.poll(POLL_S * 1e3)}
+            if self._output in ready and not self._read():
+                self._poll.unregister(self._output)
+            how = self._over()
+            if not how and self._worker.fileno() in ready:
+                asked = self._asked()
+                if asked == LOG:
+                    self._report("", ended=False)
+                    continue
+                if asked == CLOSED:
+                    how = self._closed()
+                break
+            if how:
+                break
+        with suppress(OSError):
+            os.killpg(self._plugin, signal.SIGKILL)
+        _end_descendants()
+        with suppress(OSError):
+            self._report(how, ended=True)
+
+    def _asked(self) -> bytes:
+        """Return what the worker asks for, nothing where it is gone."""
+        try:
+            return self._worker.recv(1)
+        except OSError:
+            return b""
+
+    def _over(self) -> str:
+        """Say why the plug-in has to end or how it ended, empty while all is well."""
+        if self._ended():
+            return _words(self._status or 0)
+        if self._written > self._output_bytes:
+            return f"wrote more than {self._output_bytes / 1e6:g} MB of output"
+        now = time.monotonic()
+        if now >= self._next_measure:
+            tree = _below(psutil.Process())
+            used = _used_bytes(tree, self._memory_bytes)
+            if used > self._memory_bytes:
+                most = self._memory_bytes / 1e9
+                return f"used {used / 1e9:.2f} GB of memory, more than the {most:g} GB that it may"
+            if len(tree) > MOST_PROCESSES:
+                return f"started more than {MOST_PROCESSES} processes"
+            after = time.monotonic()
+            self._next_measure = after + max(POLL_S, (after - now) / POLL_SHARE)
+        return ""
+
+    def _ended(self) -> bool:
+        if self._status is None:
+            self._status = _reap().get(self._plugin)
+        return self._status is not None
+
+    def _closed(self) -> str:
+        """Say how a process ended whose socket is closed."""
+        deadline = time.monotonic() + CLOSING_S
+        while not self._ended() and time.monotonic() < deadline:
+            time.sleep(0.001)
+        return _words(self._status) if self._status is not None else "closed its connection"
+
+    def _read(self) -> bool:
+        """Take what was written, the end of it for the log; say whether more may come."""
+        try:
+            piece = os.read(self._output, 1 << 16)
+        except BlockingIOError:
+            return True
+        self._written += len(piece)
+        self._log = (self._log + piece)[-LOG_BYTES:]
+        return bool(piece)
+
+    def _report(self, how: str, *, ended: bool) -> None:
+        written = -1
+        while written != self._written and self._written <= 2 * self._output_bytes:
+            written = self._written
+            self._read()
+        log = self._log.decode(errors="backslashreplace")
+        send_all(self._worker, encode({"ended": ended, "how": how, "log": log}))
+
+
+def _used_bytes(tree: Sequence[psutil.Process], most: int) -> int:
+    """Return the resident memory of processes; those that are gone count nothing.
+
+    What processes share counts once where the system says how much that is.
+    """
+    used = 0
+    for process in tree:
+        with suppress(psutil.Error):
+            used += process.memory_info().rss
+    if used <= most or len(tree) < 2:
+        return used
+    shares = 0
+    for process in tree:
+        with suppress(psutil.Error):
+            full = process.memory_full_info()
+            shares += getattr(full, "pss", None) or full.rss
+    return shares
+
+
+def _words(status: int) -> str:
+    """Say how a process ended by the status that `os.waitpid` returned."""
+    code = os.waitstatus_to_exitcode(status)
+    if code >= 0:
+        return f"ended its own process with exit status {code}"
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = str(-code)
+    described = signal.strsignal(-code)
+    return f"its process was ended by {name}" + (f" ({described.lower()})" if described else "")

@@ -1,1 +1,0 @@
-"""Jobs, one entry on one episode each: planned, run in parallel, kept."""

@@ -1,0 +1,135 @@
+"""The five kinds of plug-in: where their names are, what is called, and how an entry is told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from roadscope.benchmarks.isolation import Traits, probe
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
+from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
+from roadscope.core import Registry, Spec, SpecError
+from roadscope.core.names import unknown
+from roadscope.core.spec import ORACLE
+from roadscope.detectors import DETECTORS
+from roadscope.detectors.camera import CAMERA_DETECTORS
+from roadscope.fusion import FUSIONS
+from roadscope.odometry import ODOMETRIES
+from roadscope.trackers import TRACKERS
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of plug-in.
+
+    name: what its class may declare as `kind`.
+    registry: its registered names.
+    method: what the harness calls at every moment, beside `reset`.
+    warm_calls: calls of an instance that is thrown away, before ours is timed, so that no timed
+        call compiles anything.
+    """
+
+    name: str
+    registry: Registry[Any]
+    method: str
+    warm_calls: int = 0
+
+    def __str__(self) -> str:
+        return f"{'an' if self.name[0] in 'aeiou' else 'a'} {self.name}"
+
+
+DETECTOR = Kind("detector", DETECTORS, "detect", warm_calls=6)
+CAMERA_DETECTOR = Kind("camera detector", CAMERA_DETECTORS, "detect", warm_calls=1)
+TRACKER = Kind("tracker", TRACKERS, "update")
+FUSION = Kind("fusion", FUSIONS, "fuse")
+ODOMETRY = Kind("odometry", ODOMETRIES, "update", warm_calls=4)
+KINDS: Mapping[str, Kind] = {
+    kind.name: kind for kind in (DETECTOR, CAMERA_DETECTOR, TRACKER, FUSION, ODOMETRY)
+}
+_IMITATIONS = ((CAMERA_DETECTOR, CAMERA_NOISES), (ODOMETRY, ODOMETRY_NOISES))
+"""Noise models that are entries of a board."""
+
+
+def entry_kind(spec: Spec, possible: Sequence[Kind] = tuple(KINDS.values())) -> Kind:
+    """Return the kind of an entry.
+
+    A registered name has the kind of its registry, a noise model that of what it imitates. A
+    class has the kind that it declares by an attribute `kind`, or else the only one among the
+    possible kinds whose method it has.
+
+    possible: the kinds of the boards that are asked for.
+    """
+    if spec.is_class:
+        return _kind_of_class(spec, possible)
+    if spec.name == ORACLE and "odometry" in spec.parts:
+        return ODOMETRY
+    for kind in KINDS.values():
+        if spec.name in kind.registry:
+            return kind
+    for kind, noises in _IMITATIONS:
+        if spec.name in noises:
+            return kind
+    names = [name for kind in possible for name in kind.registry]
+    kinds = " or ".join(kind.name for kind in possible)
+    raise SpecError(
+        f"{unknown(kinds, spec.name, names)}; or name your own: package.module:Class, "
+        "path/to/file.py:Class"
+    )
+
+
+def _kind_of_class(spec: Spec, possible: Sequence[Kind]) -> Kind:
+    traits = traits_of(spec)
+    if traits.kind:
+        if traits.kind not in KINDS:
+            raise SpecError(f"'{spec}': {unknown('kind', traits.kind, KINDS)}")
+        return KINDS[traits.kind]
+    fitting = [kind for kind in possible if kind.method in traits.methods]
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting:
+        names = " or ".join(map(str, fitting))
+        raise SpecError(
+            f"'{spec}' has a method {fitting[0].method}(): it may be {names}. Name the board or "
+            f'the kind, or let the class say it by an attribute: kind = "{fitting[0].name}"'
+        )
+    wanted = ", ".join(f"{kind.method}() as {kind} has" for kind in possible)
+    raise SpecError(f"'{spec}' has no method {wanted}")
+
+
+def traits_of(spec: Spec) -> Traits:
+    """Return what the harness must know of a plug-in's class before it runs."""
+    target = spec if spec.target else DETECTORS.resolve(spec)
+    return probe(target.plain)
+
+
+def check_plugin_spec(spec: Spec, kind: Kind) -> Spec:
+    """Return the resolved spec of a plug-in; refuse one that does not fit its kind.
+
+    A plug-in of ours is made once, so that wrong values are refused too. What a stranger's
+    class does when it is made is found out when it runs, and costs only its own row.
+    """
+    resolved = kind.registry.resolve(spec)
+    traits = traits_of(resolved)
+    if kind.method not in traits.methods:
+        others = [k for k in KINDS.values() if k.method in traits.methods]
+        wrong = f"is {others[0]}" if others else f"has no {kind.method}()"
+        raise SpecError(f"'{spec}' {wrong}, not {kind}")
+    if "reset" not in traits.methods:
+        raise SpecError(f"'{spec}' has no reset()")
+    if traits.problem:
+        raise SpecError(f"'{spec}': {traits.problem}")
+    if resolved.ours and not traits.requires:
+        make_once(resolved)
+    return resolved
+
+
+def make_once(spec: Spec) -> None:
+    """Make a plug-in of ours, and read the weights that it names; errors name the spec."""
+    try:
+        plugin = spec.plain.make()
+        if "weights" in spec.arguments and hasattr(plugin, "prepare"):
+            plugin.prepare()
+    except (TypeError, ValueError) as error:
+        text = str(error)
+        raise SpecError(text if text.startswith(f"'{spec}") else f"'{spec}': {text}") from error

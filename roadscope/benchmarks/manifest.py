@@ -1,0 +1,85 @@
+"""Under which conditions results came about."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from roadscope import __version__
+from roadscope.benchmarks.fingerprint import (
+    PACKAGE,
+    fingerprint,
+    package_hash,
+    package_version,
+    sensing_hash,
+)
+from roadscope.benchmarks.metrics import METRIC_VERSION
+from roadscope.benchmarks.suite import Suite
+
+LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "highway-env", "filterpy", "joblib")
+
+
+def manifest(
+    suite: Suite, jobs: int, boards: Sequence[str] = (), calibration: str = ""
+) -> dict[str, Any]:
+    """Return versions, code, machine, suite and boards of a run, as JSON can hold them.
+
+    calibration: file that fusions believe in place of the rig; its name is told, if it is given.
+    """
+    believed = {"calibration": Path(calibration).name} if calibration else {}
+    return believed | {
+        "roadscope": __version__,
+        "commit": commit(),
+        "code": package_hash(),
+        "sensing_code": sensing_hash(),
+        "metric_version": METRIC_VERSION,
+        "suite": suite.name,
+        "suite_version": suite.version,
+        "suite_hash": fingerprint(suite),
+        "boards": list(boards),
+        "scenarios": list(suite.scenarios),
+        "weathers": list(suite.weathers),
+        "faults": [" + ".join(faults) or "clear" for faults in suite.faults],
+        "seeds": list(suite.seeds),
+        "rig": suite.rig,
+        "jobs": jobs,
+        "python": platform.python_version(),
+        "libraries": {name: package_version(name) for name in LIBRARIES},
+        "platform": platform.platform(),
+        "cpu": cpu_model(),
+        "cores": os.cpu_count(),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def commit() -> str | None:
+    """Return the commit of this checkout, `+` after it when files differ; None outside one."""
+    if not (PACKAGE.parent / ".git").exists():
+        return None
+    head, changes = _git("rev-parse", "HEAD"), _git("status", "--porcelain", "--", "roadscope")
+    return None if head is None else head + ("+" if changes else "")
+
+
+def cpu_model() -> str:
+    """Return the processor's name as the system tells it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def _git(*arguments: str) -> str | None:
+    try:
+        command = ["git", "-C", str(PACKAGE.parent), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()

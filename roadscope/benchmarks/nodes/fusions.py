@@ -1,0 +1,294 @@
+"""Fused detections of a LiDAR detector and a camera detector."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode, sensing_of
+from roadscope.benchmarks.fingerprint import code_hash, plugin_hash
+from roadscope.benchmarks.graph import Node
+from roadscope.benchmarks.images import camera_of, projection_of
+from roadscope.benchmarks.kinds import FUSION
+from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
+from roadscope.benchmarks.metrics.fusion import Targets
+from roadscope.benchmarks.nodes.detections import DetectionNode
+from roadscope.benchmarks.nodes.images import ImageNode
+from roadscope.benchmarks.records import EpisodeDetections, EpisodeFusions, EpisodeImageDetections
+from roadscope.benchmarks.references import CALIBRATION, CAMERA_ALONE, LIDAR_ALONE
+from roadscope.benchmarks.targets import targets_of
+from roadscope.core import Detections, ImageDetections, Pose, Spec
+from roadscope.core.answers import check_fused, check_masses
+from roadscope.core.fused import FusedDetections
+from roadscope.core.projection import Projection
+from roadscope.core.spec import FUSED
+from roadscope.envs.sensors.rigs import rig
+from roadscope.fusion.calibration_file import read_calibration
+from roadscope.fusion.pairing import ALONE, ClocksApartError, moved_projection, nearest_images
+
+
+@dataclass(frozen=True)
+class FusionNode(Node):
+    """What a fusion makes of the kept detections of both sensors.
+
+    fusion: the resolved spec; with `alone` it only passes on what one sensor detected.
+    calibration: a file that the fusion believes; empty: what the rig is believed to be.
+    every_s: seconds from scan to scan; 0: all scans.
+    alone: `LIDAR_ALONE`, `CAMERA_ALONE` or empty.
+    """
+
+    lidar: DetectionNode
+    camera: ImageNode
+    fusion: Spec
+    calibration: str = ""
+    every_s: float = 0.0
+    alone: str = ""
+
+    stage = "fusions"
+    folder = "fusions"
+    record = EpisodeFusions
+
+    @staticmethod
+    def of(
+        fused: Spec,
+        episode: Episode,
+        rule: Eligibility,
+        *,
+        every_s: float = 0.0,
+        alone: str = "",
+    ) -> FusionNode:
+        """Return the node of a resolved spec `fused?lidar=A&camera=B&fusion=C`."""
+        return FusionNode(
+            DetectionNode(fused.parts["lidar"], episode, rule),
+            ImageNode(fused.parts["camera"], episode, every_s, of_scans=True),
+            fused.parts["fusion"],
+            str(fused.arguments.get(CALIBRATION, "")),
+            every_s,
+            alone,
+        )
+
+    @property
+    def episode(self) -> Episode:
+        """The episode."""
+        return self.lidar.episode
+
+    @property
+    def inputs(self) -> str:
+        """Whose detections are fused, in words."""
+        return f"{self.lidar.source} + {self.camera.source}"
+
+    def content(self) -> Mapping[str, Any]:
+        """Return what the fused detections depend on."""
+        believed = read_calibration(self.calibration).matrix.tolist() if self.calibration else None
+        return {
+            "lidar": self.lidar.content(),
+            "camera": self.camera.content(),
+            "fusion": self.alone or plugin_hash(self.fusion),
+            "calibration": believed,
+            "every_s": self.every_s,
+            "code": code_hash(__name__),
+        }
+
+    def sources(self) -> tuple[Node, ...]:
+        """Return the detections of both sensors."""
+        return (self.lidar, self.camera)
+
+    def compute(self, options: RunOptions) -> EpisodeFusions:
+        """Fuse each scan with the image nearest in time, moved by the ego's motion in between.
+
+        A black image counts as none. Without an image, or without a scan, fusions get None.
+        """
+        lidar: EpisodeDetections = self.lidar.read(options)
+        camera: EpisodeImageDetections = self.camera.read(options)
+        rows = scan_rows(self.episode, len(lidar.truths), self.every_s)
+        columns: set[int] = set()
+
+        def check(answer: Any, tick: CallInput[float]) -> FusedDetections:
+            targets = check_fused(answer, stamp_s=_expected_stamp_s(tick))
+            check_masses(targets.masses, columns)
+            return targets
+
+        ticks = self._ticks(lidar, camera, rows)
+        replies = run_plugin(self.fusion, FUSION, ticks, check, options=options)
+        fused = tuple(
+            nothing_fused(stamp_s) if answer is None else replace(answer, stamp_s=stamp_s)
+            for answer, stamp_s in zip(replies.answers, replies.contexts, strict=True)
+        )
+        targets = _targets(self.episode, lidar, camera, rows)
+        return EpisodeFusions(rows, fused, targets, replies.times)
+
+    def _ticks(
+        self, lidar: EpisodeDetections, camera: EpisodeImageDetections, rows: np.ndarray
+    ) -> Iterator[CallInput[float]]:
+        """Yield the pairs of scans and images, in the frames in which the user believes."""
+        sensing = sensing_of(self.episode)
+        believed = self._believed_projection()
+        # What a detector makes of a black image says nothing about the scene.
+        usable = [
+            detections
+            for detections, image in zip(camera.detections, camera.rows.tolist(), strict=True)
+            if detections is not None and sensing.image_lost(image) is None
+        ]
+        scan_s = np.array([lidar.truths[row].stamp_s for row in rows])
+        nearest = _nearest_images(scan_s, np.array([d.stamp_s for d in usable]))
+        for row, image in zip(rows.tolist(), nearest.tolist(), strict=True):
+            truth = lidar.truths[row]
+            boxes = None if image == ALONE or self.alone == LIDAR_ALONE else usable[image]
+            no_scan = sensing.scan_lost(row) or self.alone == CAMERA_ALONE
+            points = lidar.detections[row].moved(truth.world_from_ego.inverse(), "ego")
+            gap_s = 0.0 if boxes is None else boxes.stamp_s - truth.stamp_s
+            projection = _moved(believed, lidar, row, gap_s)
+            arguments = (None if no_scan else points, boxes, projection)
+            yield CallInput(arguments, truth.stamp_s, call=not (no_scan and boxes is None))
+
+    def _believed_projection(self) -> Projection:
+        sensing = sensing_of(self.episode)
+        camera = camera_of(sensing.rig)
+        pinhole = camera.spec.pinhole
+        believed = Projection.of(
+            pinhole.intrinsics,
+            sensing.calibration.pose(camera.name),
+            pinhole.width,
+            pinhole.height,
+        )
+        if not self.calibration:
+            return believed
+        return fitting_calibration(self.calibration, believed)
+
+
+@dataclass(frozen=True)
+class FusedDetectionNode(Node):
+    """Fused detections of all scans as those of a detector; targets without a place are left out.
+
+    Their times are those of both detectors and of the fusion.
+    """
+
+    fusion: FusionNode
+
+    stage = "fusions"
+    folder = "detections"
+    record = EpisodeDetections
+
+    @property
+    def episode(self) -> Episode:
+        """The episode."""
+        return self.fusion.episode
+
+    def content(self) -> Mapping[str, Any]:
+        """Return what the detections depend on."""
+        return {"fusion": self.fusion.content(), "code": code_hash(__name__)}
+
+    def sources(self) -> tuple[Node, ...]:
+        """Return the fusion."""
+        return (self.fusion,)
+
+    def compute(self, options: RunOptions) -> EpisodeDetections:
+        """Take the targets that have a box in space."""
+        fusions: EpisodeFusions = self.fusion.read(options)
+        lidar: EpisodeDetections = self.fusion.lidar.read(options)
+        camera: EpisodeImageDetections = self.fusion.camera.read(options)
+        scans = max(len(fusions.rows), 1)
+        return replace(
+            lidar,
+            detections=tuple(
+                fused.detections().moved(truth.world_from_ego, "world")
+                for fused, truth in zip(fusions.fused, lidar.truths, strict=True)
+            ),
+            times=(lidar.times + fusions.times).shifted(
+                float(camera.times.processor_ms.sum()) / scans,
+                float(camera.times.wall_ms.sum()) / scans,
+            ),
+        )
+
+
+def detection_node(source: Spec, episode: Episode, rule: Eligibility) -> Node:
+    """Return the node of whatever makes detections in space."""
+    if source.kind == FUSED:
+        return FusedDetectionNode(FusionNode.of(source, episode, rule))
+    return DetectionNode(source, episode, rule)
+
+
+def scan_rows(episode: Episode, scans: int, every_s: float) -> np.ndarray:
+    """Return (K,) int64, which scans are fused; not the first, before which nothing is known."""
+    step = max(1, round(every_s / rig(episode.rig).lidar.spec.period_s))
+    return np.arange(0 if step == 1 else step, scans, step)
+
+
+def fitting_calibration(path: str, rig_projection: Projection) -> Projection:
+    """Read a calibration; refuse one for images of another size than the rig's."""
+    calibration = read_calibration(path)
+    width, height = rig_projection.width, rig_projection.height
+    if (calibration.width, calibration.height) != (width, height):
+        raise ValueError(
+            f"{path}: is for images of {calibration.width} x {calibration.height} pixels, the "
+            f"rig's have {width} x {height}"
+        )
+    return calibration
+
+
+def nothing_fused(stamp_s: float) -> FusedDetections:
+    """Return no targets: neither sensor brought anything."""
+    none, number, yes = np.empty(0), np.empty(0, np.int64), np.empty(0, bool)
+    return FusedDetections(
+        categories=np.empty(0, np.int8),
+        scores=none,
+        by_lidar=yes,
+        by_camera=yes,
+        has_box=yes,
+        centres=np.empty((0, 3)),
+        sizes=np.empty((0, 3)),
+        yaws=none,
+        distances_m=none,
+        numbers=number,
+        has_image_box=yes,
+        image_boxes=np.empty((0, 4)),
+        masses=np.empty((0, 4)),
+        stamp_s=stamp_s,
+    )
+
+
+def _expected_stamp_s(tick: CallInput[float]) -> float:
+    """Return the stamp that an answer has: the scan's, or the image's without a scan."""
+    points, boxes, _ = tick.arguments
+    first: Detections | ImageDetections = boxes if points is None else points
+    return first.stamp_s
+
+
+def _nearest_images(scan_s: np.ndarray, image_s: np.ndarray) -> np.ndarray:
+    try:
+        return nearest_images(scan_s, image_s)
+    except ClocksApartError:
+        # Clocks of an episode agree: the images near these few scans were lost.
+        return np.full(len(scan_s), ALONE)
+
+
+def _moved(projection: Projection, lidar: EpisodeDetections, row: int, gap_s: float) -> Projection:
+    """Move a projection to another moment by the ego's motion, which trackers get too."""
+    truths = lidar.truths
+    if len(truths) < 2:
+        return projection
+    before, now = truths[max(row, 1) - 1], truths[max(row, 1)]
+    motion: Pose = before.world_from_ego.inverse() @ now.world_from_ego
+    return moved_projection(projection, motion, now.stamp_s - before.stamp_s, gap_s)
+
+
+def _targets(
+    episode: Episode,
+    lidar: EpisodeDetections,
+    camera: EpisodeImageDetections,
+    rows: np.ndarray,
+) -> tuple[Targets, ...]:
+    """Return what both sensors could detect; the image is the nearest one, lost or not."""
+    true_projection = projection_of(rig(episode.rig))
+    image_s = np.array([t.stamp_s for t in camera.truths])
+    targets = []
+    for row in rows.tolist():
+        truth = lidar.truths[row]
+        image = camera.truths[int(np.abs(image_s - truth.stamp_s).argmin())]
+        moved = _moved(true_projection, lidar, row, image.stamp_s - truth.stamp_s)
+        targets.append(targets_of(truth, image, lidar.parked, moved))
+    return tuple(targets)

@@ -1,0 +1,133 @@
+"""Poses: an odometry's, those of one that lacks moving objects, or those made from truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from roadscope.benchmarks.drive import Step, drive, imu_mounting
+from roadscope.benchmarks.episode import Episode, sensing_of
+from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.graph import Node
+from roadscope.benchmarks.kinds import ODOMETRY
+from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
+from roadscope.benchmarks.nodes.traffic import TrafficNode
+from roadscope.benchmarks.noisy_odometry import noisy_poses
+from roadscope.benchmarks.records import CallTimes, EpisodePoses
+from roadscope.benchmarks.references import is_noise
+from roadscope.core import Pose, Spec
+from roadscope.core.answers import STAMP_TOLERANCE_S, check_estimate
+from roadscope.core.spec import ORACLE
+from roadscope.odometry.rigid import orthonormal
+
+
+@dataclass(frozen=True)
+class PoseNode(Node):
+    """The poses of an odometry, of one whose scans lack moving objects, or made from truth."""
+
+    source: Spec
+    episode: Episode
+
+    stage = "poses"
+    folder = "poses"
+    record = EpisodePoses
+
+    def content(self) -> Mapping[str, Any]:
+        """Return what the poses depend on."""
+        if is_noise(self.source):
+            maker = fingerprint(self.source.make())
+        else:
+            maker = plugin_hash(self.plugin)
+        return {
+            "source": str(self.source),
+            "by": maker,
+            "episode": self.episode.spec(),
+            "code": code_hash(__name__),
+        }
+
+    @property
+    def plugin(self) -> Spec:
+        """The odometry that runs."""
+        return self.source.parts["odometry"] if self.source.kind == ORACLE else self.source
+
+    def sources(self) -> tuple[Node, ...]:
+        """Return the traffic."""
+        return (TrafficNode.of(self.episode),)
+
+    def compute(self, options: RunOptions) -> EpisodePoses:
+        """Run the odometry over the scans that arrive."""
+        if is_noise(self.source):
+            return _from_truth(self.source, self.episode)
+        steps: Iterable[Step] = drive(self.episode)
+        if self.source.kind == ORACLE:
+            steps = (step.without_moving() for step in steps)
+        replies = run_plugin(
+            self.plugin,
+            ODOMETRY,
+            _ticks(steps),
+            lambda answer, tick: check_estimate(
+                answer, stamp_s=tick.context.stamp_s, returns=len(tick.context.moving)
+            ),
+            reset=(imu_mounting(self.episode),),
+            options=options,
+        )
+        if not replies.contexts:
+            raise ValueError("no scan arrives: the episode is too short, or all are lost")
+        answers = [answer for answer in replies.answers if answer is not None]
+        return EpisodePoses(
+            np.array([each.start_from_lidar.matrix for each in answers]),
+            np.array([each.world_from_lidar for each in replies.contexts]),
+            np.array([each.stamp_s for each in answers]),
+            np.array([not each.ok for each in answers]),
+            tuple(each.dynamic for each in answers),
+            tuple(each.moving for each in replies.contexts),
+            replies.times,
+        )
+
+
+def start_from_ego(poses: EpisodePoses, episode: Episode, stamps_s: Sequence[float]) -> list[Pose]:
+    """Return the ego's pose that an odometry last estimated at each stamp, seconds.
+
+    In the ego frame of the first scan, by the calibration as the user believes it; the start
+    before the first scan.
+    """
+    sensing = sensing_of(episode)
+    mount = sensing.calibration.pose(sensing.rig.lidar.name)
+    back = mount.inverse()
+    known = [(mount @ Pose(pose) @ back).matrix for pose in poses.trajectories.estimate]
+    rows = np.searchsorted(poses.stamps_s, np.asarray(stamps_s) + STAMP_TOLERANCE_S) - 1
+    return [Pose(np.eye(4) if row < 0 else known[row]) for row in rows]
+
+
+@dataclass(frozen=True, slots=True)
+class _Moment:
+    """What is true of a scan: its stamp, the LiDAR's pose (4, 4), and the moving returns (N,)."""
+
+    stamp_s: float
+    world_from_lidar: np.ndarray
+    moving: np.ndarray
+
+
+def _ticks(steps: Iterable[Step]) -> Iterator[CallInput[_Moment]]:
+    for step in steps:
+        moment = _Moment(step.scan.stamp_s, step.world_from_lidar.matrix, step.moving)
+        yield CallInput((step.scan, step.imu), moment, wheels=step.wheels)
+
+
+def _from_truth(source: Spec, episode: Episode) -> EpisodePoses:
+    """Return poses that a noise model makes from the true ones; no call costs anything."""
+    steps = list(drive(episode))
+    truth = [step.world_from_lidar for step in steps]
+    noisy = noisy_poses(source.make(), truth, episode.seed)
+    return EpisodePoses(
+        np.array([orthonormal(pose.matrix) for pose in noisy]),
+        np.array([pose.matrix for pose in truth]),
+        np.array([step.scan.stamp_s for step in steps]),
+        np.zeros(len(steps), bool),
+        tuple(np.zeros(len(step.scan), bool) for step in steps),
+        tuple(step.moving for step in steps),
+        CallTimes.zero(0),
+    )

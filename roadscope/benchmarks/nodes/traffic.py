@@ -1,0 +1,42 @@
+"""The recorded traffic of an episode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from roadscope.benchmarks.episode import Episode, record_timeline, timeline_path
+from roadscope.benchmarks.graph import Node
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.envs.traffic.timeline import Timeline
+
+
+@dataclass(frozen=True)
+class TrafficNode(Node):
+    """Traffic; episodes that differ in weather, light, faults or rig share it."""
+
+    episode: Episode
+
+    stage = "traffic"
+    folder = "timelines"
+    record = Timeline
+
+    @staticmethod
+    def of(episode: Episode) -> TrafficNode:
+        """Return the node of an episode's traffic."""
+        return TrafficNode(Episode(episode.scenario, episode.seed, "", episode.duration_s))
+
+    def content(self) -> Mapping[str, Any]:
+        """Return what the traffic depends on."""
+        return self.episode.traffic_spec()
+
+    @property
+    def path(self) -> Path:
+        """The kept file."""
+        return timeline_path(self.episode)
+
+    def compute(self, options: RunOptions) -> Timeline:
+        """Record the traffic."""
+        return record_timeline(self.episode)

@@ -1,0 +1,176 @@
+"""Entries that are no plug-ins: made from the ground truth, or composed of others.
+
+They belong to the benchmark alone and never run in a stranger's process:
+
+- `oracle`: the true boxes; `oracle?odometry=A`: the odometry A, whose scans lack the returns of
+  moving objects.
+- noise models, `noisy?miss=0.2`, `noisy-camera`, `noisy-odometry`: truth with errors of known size.
+- `fused?lidar=A&camera=B&fusion=C`: the fused detections of a LiDAR and a camera detector.
+
+On boards some of them are marks: shown beside the entries, without a rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from roadscope.benchmarks.kinds import (
+    CAMERA_DETECTOR,
+    DETECTOR,
+    FUSION,
+    ODOMETRY,
+    Kind,
+    check_plugin_spec,
+    make_once,
+)
+from roadscope.benchmarks.noisy import NOISES
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
+from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
+from roadscope.core import Registry, Spec, SpecError
+from roadscope.core.spec import FUSED, FUSED_PARTS, NO_POSES, ORACLE, TRUE_POSES
+from roadscope.fusion.calibration_file import read_calibration
+
+UPPER_MARK, LOWER_MARK = "upper mark", "lower mark"
+IMITATION = "imitation"
+"""The mark of what is made from truth with errors."""
+ONE_SENSOR = "alone"
+"""The mark of what one sensor detects without the other."""
+LIDAR_ALONE, CAMERA_ALONE = "LiDAR alone", "camera alone"
+CALIBRATION = "calibration"
+"""Argument of `fused`: a file of `roadscope calibrate` that the fusion believes."""
+
+CLUSTER_BOXES = "cluster-boxes"
+ONE_CLUSTER = "one-cluster"
+"""The lower mark of the detection board: all returns above ground are one cluster and one box."""
+NAMED_BY_SUITES: Registry[object] = Registry(
+    DETECTOR.name,
+    {
+        CLUSTER_BOXES: "roadscope.fusion.cluster_boxes:ClusterBoxes",
+        ONE_CLUSTER: "roadscope.detectors.pipeline:ClusterDetector?clustering=one&shape=rectangle",
+    },
+)
+"""Detectors that are no entries of their own: `cluster-boxes` is made to be fused."""
+LOWER_ODOMETRIES = ("still", "dead-reckoning")
+"""They use no scan: the lower marks of the odometry board."""
+FUSED_DEFAULTS: Mapping[str, str] = {
+    "lidar": CLUSTER_BOXES,
+    "camera": "network",
+    "fusion": "consistent",
+}
+_NOISE_KINDS = (NOISES.kind, CAMERA_NOISES.kind, ODOMETRY_NOISES.kind)
+
+
+def made_from_truth(spec: Spec) -> bool:
+    """Return whether a resolved spec is no plug-in but made from truth."""
+    return spec.kind == ORACLE or spec.kind in _NOISE_KINDS
+
+
+def is_noise(spec: Spec) -> bool:
+    """Return whether a resolved spec is a noise model."""
+    return spec.kind in _NOISE_KINDS
+
+
+def detection_source(text: str | Spec) -> Spec:
+    """Return the resolved spec of whatever makes detections in space."""
+    spec = Spec.parse(text) if isinstance(text, str) else text
+    if spec.name == ORACLE and not spec.parts:
+        return replace(spec, kind=ORACLE)
+    if spec.name == FUSED:
+        return _fused(spec)
+    for registry in (NOISES, NAMED_BY_SUITES):
+        if spec.name in registry:
+            return registry.resolve(spec)
+    return DETECTOR.registry.resolve(spec)
+
+
+def image_source(text: str | Spec) -> Spec:
+    """Return the resolved spec of whatever makes detections in images."""
+    spec = Spec.parse(text) if isinstance(text, str) else text
+    if spec.name == ORACLE and not spec.parts:
+        return replace(spec, kind=ORACLE)
+    registry = CAMERA_NOISES if spec.name in CAMERA_NOISES else CAMERA_DETECTOR.registry
+    return registry.resolve(spec)
+
+
+def pose_source(text: str | Spec) -> Spec:
+    """Return the resolved spec of whatever makes poses.
+
+    The one of an oracle is that of its odometry, with kind `oracle`.
+    """
+    spec = Spec.parse(text) if isinstance(text, str) else text
+    if spec.name == ORACLE and ODOMETRY.name in spec.parts:
+        odometry = spec.parts[ODOMETRY.name]
+        if odometry.name in ODOMETRY_NOISES:
+            raise SpecError(f"'{spec}': a noise model uses no scan that could lack returns")
+        inner = ODOMETRY.registry.resolve(odometry)
+        return replace(spec, parts={ODOMETRY.name: inner}, kind=ORACLE, target=inner.target)
+    if spec.name in ODOMETRY_NOISES:
+        return ODOMETRY_NOISES.resolve(spec)
+    return ODOMETRY.registry.resolve(spec)
+
+
+def check_detection_source(text: str | Spec) -> Spec:
+    """Resolve what makes detections in space; refuse what cannot be made."""
+    spec = detection_source(text)
+    if spec.kind == FUSED:
+        if spec.parts["lidar"].kind == FUSED:
+            raise SpecError(f"lidar={spec.parts['lidar']}: name a LiDAR detector, not a fusion")
+        check_detection_source(spec.parts["lidar"])
+        check_image_source(spec.parts["camera"])
+        check_plugin_spec(spec.parts["fusion"], FUSION)
+        if path := spec.arguments.get(CALIBRATION):
+            read_calibration(str(path))
+        return spec
+    return _checked(spec, DETECTOR)
+
+
+def check_image_source(text: str | Spec) -> Spec:
+    """Resolve what makes detections in images; refuse what cannot be made."""
+    return _checked(image_source(text), CAMERA_DETECTOR)
+
+
+def check_pose_source(text: str | Spec) -> Spec:
+    """Resolve what makes poses; refuse what cannot be made."""
+    spec = pose_source(text)
+    if spec.kind == ORACLE:
+        check_plugin_spec(spec.parts[ODOMETRY.name], ODOMETRY)
+        return spec
+    return _checked(spec, ODOMETRY)
+
+
+def check_ego(text: str | Spec) -> None:
+    """Refuse what tells no poses of the ego."""
+    if str(text) in (TRUE_POSES, NO_POSES):
+        return
+    try:
+        check_pose_source(text)
+    except SpecError as error:
+        raise SpecError(f"ego={text}: {error}; or '{TRUE_POSES}', '{NO_POSES}'") from error
+
+
+def _checked(spec: Spec, kind: Kind) -> Spec:
+    if spec.kind == ORACLE:
+        return spec
+    if is_noise(spec):
+        make_once(spec)
+        return spec
+    if spec.name in NAMED_BY_SUITES:
+        make_once(spec)
+        return spec
+    return check_plugin_spec(spec, kind)
+
+
+def _fused(spec: Spec) -> Spec:
+    """Resolve the parts of `fused?lidar=A&camera=B&fusion=C`."""
+    for key in spec.arguments:
+        if key != CALIBRATION:
+            known = ", ".join((*FUSED_PARTS, CALIBRATION))
+            raise SpecError(f"'{spec}': no argument '{key}'; known: {known}")
+    named = {key: spec.parts.get(key) or Spec.parse(FUSED_DEFAULTS[key]) for key in FUSED_PARTS}
+    parts = {
+        "lidar": detection_source(named["lidar"]),
+        "camera": image_source(named["camera"]),
+        "fusion": FUSION.registry.resolve(named["fusion"]),
+    }
+    return replace(spec, parts=parts, kind=FUSED)

@@ -1,0 +1,240 @@
+"""Results broken down, as tables for a terminal and for files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from rich.table import Table
+from rich.text import Text
+
+from roadscope.benchmarks.boards import Board, board_named
+from roadscope.benchmarks.boards.board import Breakdown
+from roadscope.benchmarks.metrics.breakdown import BANDS
+from roadscope.benchmarks.recorded.combined import NEES_BAND
+from roadscope.benchmarks.report.tables import figure
+from roadscope.benchmarks.results import Results, Row
+from roadscope.benchmarks.tables import plain_table
+from roadscope.core.text import one_line
+
+NEES, ALL, FALSE_ALARMS, DETECTION_RATE = (
+    "nees_position",
+    "all",
+    "false_alarms",
+    "detection_rate",
+)
+NAME_WIDTH, LONGEST_WORD = 24, 22
+"""Greatest width of the entry's column and of a word in a heading, characters."""
+
+Cells = Mapping[tuple[str, str], Row]
+Remarks = Mapping[tuple[str, str], str]
+"""By entry and band: what stands in brackets behind a figure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One metric of a board, broken down.
+
+    cells: rows by entry and band. remarks: what stands in brackets behind a figure.
+    """
+
+    title: str
+    metric: str
+    cells: Cells
+    remarks: Remarks
+    bands: tuple[str, ...]
+
+    def text(self, entry: str, band: str) -> str:
+        """Return a figure as it is shown."""
+        row = self.cells.get((entry, band))
+        text = figure(row, 0 if self.metric == FALSE_ALARMS else 2, interval=False)
+        remark = self.remarks.get((entry, band))
+        return text if remark is None else f"{text} ({remark})"
+
+
+def breakdown_tables(
+    results: Results, name: str, by: str, width: int, *, metrics: Sequence[str] = ()
+) -> list[Table]:
+    """Return tables of each metric that is known, entries by bands, in rank order.
+
+    metrics: these alone, if any are named. Bands that the width has no space for continue in a
+    table below.
+    """
+    tables = []
+    for part in parts_of(results, name, by):
+        if metrics and part.metric not in metrics:
+            continue
+        name_width = _name_width(results, name, part, width)
+        for number, bands in enumerate(_pages(results, name, part, width - name_width)):
+            table = _table(results, name, part, bands, name_width=name_width)
+            table.title = part.title + (", continued" if number else "")
+            if part.metric == DETECTION_RATE:
+                _add_counts(table, results.breakdown(by, name), bands)
+            if by == "sequence" and part.metric == board_named(name).headline:
+                _add_object_frames(table, results.breakdown(by, name), bands)
+            tables.append(table)
+    return tables
+
+
+def note(name: str, by: str) -> str:
+    """Return what is said below a board's tables by something; often nothing."""
+    return _breakdown(board_named(name), by).note
+
+
+def parts_of(results: Results, name: str, by: str) -> Iterator[Part]:
+    """Yield each metric that a board shows broken down by something."""
+    board = board_named(name)
+    rows = _rows_with_whole(results, board, by)
+    # A band without objects is left out: matched detections may lie a little beyond the farthest.
+    headline = board.shown_parts[0].metric
+    wanted = {row.band for row in rows if row.metric == headline}
+    wanted |= {ALL} if wanted else set()
+    for column in board.shown_parts:
+        metric = column.metric
+        own = [row for row in rows if row.metric == metric]
+        if metric == FALSE_ALARMS:
+            cells = {(row.entry, row.band): row for row in own}
+        else:
+            cells = {(r.entry, r.band): r for r in own if not wanted or r.band in wanted}
+        if by == "sequence" and cells and metric not in (NEES, FALSE_ALARMS):
+            bare = [r for r in rows if r.metric == FALSE_ALARMS]
+            unknown = [replace(row, metric=metric, value=None, samples=0) for row in bare]
+            cells = {(row.entry, row.band): row for row in unknown} | cells
+        if not cells:
+            continue
+        ranked = {cell: r for cell, r in cells.items() if not results.standing(name, r.entry).mark}
+        remarks, beside = _remarks(board, metric, by, rows, ranked)
+        bands = tuple(bands_of(list(cells.values())))
+        heading = f"{column.heading}{beside} by {_breakdown(board, by).title or by}"
+        yield Part(heading, metric, cells, remarks, bands)
+
+
+def bands_of(rows: Sequence[Row]) -> list[str]:
+    """Return the bands of rows, quantities and sequences ascending, conditions as in the suite."""
+    bands = dict.fromkeys(row.band for row in rows)
+    if rows and rows[0].by == "sequence":
+        return sorted(bands, key=lambda band: (band == ALL, band))
+    ordered = BANDS[rows[0].by].labels if rows and rows[0].by in BANDS else tuple(bands)
+    known = [band for band in ordered if band in bands]
+    return known + [band for band in bands if band not in known]
+
+
+def _breakdown(board: Board, by: str) -> Breakdown:
+    return next(each for each in board.breakdowns if each.by == by)
+
+
+def _rows_with_whole(results: Results, board: Board, by: str) -> list[Row]:
+    """Return the rows of a board by something; beside NEES of each sequence that of all."""
+    parts = results.breakdown(by, board.name)
+    if by != "sequence":
+        return parts
+    whole = [row for row in results.rows if row.board == board.name]
+    return parts + [
+        replace(row, by=by, band=ALL) for row in whole if row.metric in (NEES, *NEES_BAND)
+    ]
+
+
+def _remarks(
+    board: Board, metric: str, by: str, rows: Sequence[Row], cells: Cells
+) -> tuple[Remarks, str]:
+    """Return what stands in brackets, a rank, false alarms or a band, and how a title names it."""
+    if board.alarms and metric == DETECTION_RATE:
+        alarms = {
+            (row.entry, row.band): f"{row.value:.2f}"
+            for row in rows
+            if row.metric == FALSE_ALARMS and row.value is not None
+        }
+        return alarms, f" ({board.alarms})" if alarms else ""
+    if metric == NEES:
+        low, high = (
+            {(r.entry, r.band): f"{r.value:.2f}" for r in rows if r.metric == name and r.value}
+            for name in NEES_BAND
+        )
+        return {cell: f"{low[cell]}-{high[cell]}" for cell in low if cell in high}, ""
+    if metric == board.headline and by == board.inputs_name:
+        return _ranks(cells), ""
+    return {}, ""
+
+
+def _ranks(cells: Cells) -> Remarks:
+    """Return the rank of each entry on the same inputs, 1 for the best."""
+    bands: dict[str, list[float]] = {}
+    for (_, band), row in cells.items():
+        if row.value is not None:
+            bands.setdefault(band, []).append(row.value)
+    return {
+        (entry, band): str(1 + sum(other > row.value for other in bands[band]))
+        for (entry, band), row in cells.items()
+        if row.value is not None
+    }
+
+
+def _table(
+    results: Results, name: str, part: Part, bands: Sequence[str], *, name_width: int
+) -> Table:
+    table = plain_table(title_justify="left", title_style="bold")
+    table.add_column(board_named(name).kind.name, style="bold", width=name_width, overflow="fold")
+    for band in bands:
+        width = _band_width(results, name, part, band)
+        table.add_column(one_line(band), justify="right", width=width, overflow="fold")
+    marked = False
+    for entry in results.entries(name):
+        is_mark = results.standing(name, entry).mark is not None
+        if is_mark and not marked:
+            table.add_section()
+        marked = is_mark
+        text = Text(one_line(entry), style="not bold" if is_mark else "")
+        cells = [part.text(entry, band) for band in bands]
+        table.add_row(text, *cells, style="dim" if is_mark else None)
+    return table
+
+
+def _name_width(results: Results, name: str, part: Part, width: int) -> int:
+    """Return the width of the entry's column beside which the widest band fits."""
+    widest = max(_band_width(results, name, part, band) for band in part.bands)
+    return min(NAME_WIDTH, width - widest - 2)
+
+
+def _pages(results: Results, name: str, part: Part, width: int) -> list[list[str]]:
+    """Divide the bands into those that fit side by side in a width, at least one."""
+    pages: list[list[str]] = []
+    left = 0
+    for band in part.bands:
+        needed = 1 + _band_width(results, name, part, band)
+        if not pages or left < needed:
+            pages.append([])
+            left = width - 1
+        pages[-1].append(band)
+        left -= needed
+    return pages
+
+
+def _band_width(results: Results, name: str, part: Part, band: str) -> int:
+    cells = [part.text(entry, band) for entry in results.entries(name)]
+    words = [word[:LONGEST_WORD] for word in band.split()]
+    return max(map(len, [*words, *cells, "100"]))
+
+
+def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None:
+    """Add how many objects were to be found, and how many had too few returns."""
+    counts = {band: [0, 0] for band in bands}
+    for row in rows:
+        if row.band in counts and row.metric == DETECTION_RATE:
+            # Entries that failed in some episodes had fewer to find.
+            counts[row.band][0] = max(counts[row.band][0], row.samples)
+        if row.band in counts and row.metric == "unseen_per_frame":
+            unseen = round((row.value or 0.0) * row.samples)
+            counts[row.band][1] = max(counts[row.band][1], unseen)
+    for index, label in enumerate(("to be found", "too few returns")):
+        figures = [count[index] for count in counts.values()]
+        if any(figures):
+            table.add_row(Text(label, style="not bold"), *map(str, figures), style="dim")
+
+
+def _add_object_frames(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None:
+    """Add in how many frames objects of each sequence are, summed over the objects."""
+    counts = [
+        max((r.samples for r in rows if (r.metric, r.band) == ("mota", band)), default=0)
+        for band in bands
+    ]
+    table.add_row(Text("object frames", style="not bold"), *map(str, counts), style="dim")

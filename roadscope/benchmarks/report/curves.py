@@ -1,0 +1,79 @@
+"""The odometry board as a picture: drift against the distance driven."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from roadscope.benchmarks.cache import write_atomically
+from roadscope.benchmarks.metrics.odometry.by_distance import DISTANCE, MARKS_M
+from roadscope.benchmarks.results import Results, Row
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BOARD = "odometry"
+PANELS = {"t_rel": "t_rel (%)", "position_error": "error of the position (m)"}
+STYLES = ("-", "--", ":")
+"""One for each ten entries, which are as many colours."""
+SIZE_INCHES = 10.0, 4.5
+
+
+def has_curves(results: Results) -> bool:
+    """Say whether any entry's drift is known over any distance."""
+    rows = results.breakdown(DISTANCE, BOARD) if BOARD in results.boards() else []
+    return any(row.value is not None for row in rows)
+
+
+def draw_curves(results: Results, path: Path) -> None:
+    """Write t_rel and error of the position against distance, each with its 95 % interval.
+
+    Entries in rank order, marks last. The path's ending says the format: svg, png or pdf.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    rows = [row for row in results.breakdown(DISTANCE, BOARD) if row.value is not None]
+    figure = Figure(SIZE_INCHES, layout="constrained")
+    axes = figure.subplots(1, len(PANELS))
+    for place, (metric, label) in zip(axes, PANELS.items(), strict=True):
+        for k, entry in enumerate(results.entries(BOARD)):
+            own = [row for row in rows if (row.entry, row.metric) == (entry, metric)]
+            if own:
+                _curve(place, own, f"C{k % 10}", STYLES[k // 10 % len(STYLES)])
+        _settle(place, label)
+    lines, names = axes[0].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside right upper", fontsize="small", frameon=False)
+    ending = path.suffix[1:]
+    # The same results give the same bytes, and words stay words.
+    with mpl.rc_context({"svg.hashsalt": "roadscope", "svg.fonttype": "none"}):
+        dated = {"Date": None} if ending == "svg" else {}
+        write_atomically(path, partial(figure.savefig, format=ending, metadata=dated))
+
+
+def _curve(place: Axes, rows: Sequence[Row], colour: str, style: str) -> None:
+    # An interval that is not known is no number, and leaves a gap.
+    figures = [(row.band, row.value, row.low, row.high) for row in rows]
+    at, values, low, high = np.array(figures, np.float64).T
+    place.plot(at, values, style, color=colour, label=rows[0].entry, marker="o", markersize=3)
+    place.fill_between(at, low, high, color=colour, alpha=0.12, linewidth=0)
+
+
+def _settle(place: Axes, label: str) -> None:
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    place.set(xscale="log", xlabel="distance driven (m)", ylabel=label)
+    place.set_yscale("log", nonpositive="clip")
+    place.set_xticks(MARKS_M, [str(mark) for mark in MARKS_M])
+    # Figures of all entries may lie between two powers of ten.
+    place.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    place.yaxis.set_major_formatter("{x:g}")
+    for axis in (place.xaxis, place.yaxis):
+        axis.set_minor_locator(NullLocator())
+    place.grid(alpha=0.3)
+    for side in ("top", "right"):
+        place.spines[side].set_visible(False)

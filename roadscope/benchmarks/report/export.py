@@ -1,0 +1,173 @@
+"""Leaderboards as files for other programs: JSON, CSV, Markdown, LaTeX."""
+
+from __future__ import annotations
+
+import csv
+import html
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from roadscope.benchmarks.boards import board_named
+from roadscope.benchmarks.cache import write_atomically
+from roadscope.benchmarks.report.breakdowns import parts_of
+from roadscope.benchmarks.report.curves import draw_curves, has_curves
+from roadscope.benchmarks.report.kept import CURVES, NAME, label_of, set_aside
+from roadscope.benchmarks.report.tables import failure_lines, figure
+from roadscope.benchmarks.results import Results, Row
+from roadscope.core.text import one_line
+
+FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r")
+"""A spreadsheet takes a text that begins so for a formula (OWASP, CSV injection)."""
+LATEX_ESCAPES = {
+    "\\": r"\textbackslash{}",
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "{": r"\{",
+    "}": r"\}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """A table as texts: its title, headings and rows."""
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def save_all(results: Results, folder: Path) -> list[Path]:
+    """Write `leaderboard.json`, `.csv`, `.md` and `.tex` to a folder and return their paths.
+
+    With an odometry board also `drift.svg`, its drift against the distance driven. Files of another
+    suite or of other boards that are there are kept under names of their own
+    (`leaderboard-SUITE-BOARD[-CALIBRATION].json`).
+    """
+    set_aside(folder, label_of(results.manifest))
+    contents = {
+        "json": results.to_json(),
+        "csv": to_csv(results),
+        "md": to_markdown(results),
+        "tex": to_latex(results),
+    }
+    paths = [folder / f"{NAME}.{ending}" for ending in contents]
+    for path, content in zip(paths, contents.values(), strict=True):
+        write_atomically(path, partial(_write, content))
+    if has_curves(results):
+        paths.append(folder / CURVES)
+        draw_curves(results, paths[-1])
+    return paths
+
+
+def to_csv(results: Results) -> str:
+    """Return one line for each row, as in the JSON: the whole first, then its parts."""
+    text = StringIO()
+    writer = csv.DictWriter(text, [field.name for field in fields(Row)], lineterminator="\n")
+    writer.writeheader()
+    for row in (*results.rows, *results.parts):
+        writer.writerow({name: _csv_cell(value) for name, value in asdict(row).items()})
+    return text.getvalue()
+
+
+def to_markdown(results: Results) -> str:
+    """Return each board as a table, intervals with its first figure, then broken down."""
+    sections = []
+    for name in results.boards():
+        table = _board_table(results, name)
+        lines = [f"## {name}", "", *_markdown_table(table), *_paragraphs(results, name)]
+        for part in _part_tables(results, name):
+            lines += ["", f"### {_markdown(part.title)}", "", *_markdown_table(part)]
+        sections.append("\n".join(lines))
+    return "\n\n".join(sections) + "\n"
+
+
+def to_latex(results: Results) -> str:
+    """Return each board as a tabular (package booktabs), then broken down."""
+    tables = []
+    for name in results.boards():
+        board = _board_table(results, name)
+        tables.append(_latex_table(board, "rl" + "r" * (len(board.headings) - 2)))
+        tables += [
+            _latex_table(part, "l" + "r" * (len(part.headings) - 1))
+            for part in _part_tables(results, name)
+        ]
+    return "\n\n".join(tables) + "\n"
+
+
+def latex_text(text: str) -> str:
+    """Return text as LaTeX prints it."""
+    return "".join(LATEX_ESCAPES.get(letter, letter) for letter in one_line(text))
+
+
+def _write(content: str, path: Path) -> None:
+    path.write_text(content, encoding="utf-8")
+
+
+def _board_table(results: Results, name: str) -> TextTable:
+    board = board_named(name)
+    rows = []
+    for entry in results.entries(name):
+        cells = [
+            figure(
+                results.row(name, entry, column.metric),
+                column.decimals,
+                interval=column.metric == board.headline,
+            )
+            for column in board.columns
+        ]
+        rows.append([results.standing(name, entry).place, entry, *cells])
+    headings = ["", board.kind.name, *(column.heading for column in board.columns)]
+    return TextTable(f"{name} board", headings, rows)
+
+
+def _part_tables(results: Results, name: str) -> Iterator[TextTable]:
+    for breakdown in board_named(name).breakdowns:
+        for part in parts_of(results, name, breakdown.by):
+            rows = [
+                [entry, *(part.text(entry, band) for band in part.bands)]
+                for entry in results.entries(name)
+            ]
+            yield TextTable(part.title, ["entry", *part.bands], rows)
+
+
+def _paragraphs(results: Results, name: str) -> list[str]:
+    """Return what is said below a board, each with an empty line before it."""
+    remark = board_named(name).remark(results.manifest.get("calibration", ""))
+    texts = [*([remark] if remark else []), *failure_lines(results, name)]
+    return [line for text in texts for line in ("", _markdown(text))]
+
+
+def _csv_cell(value: Any) -> Any:
+    """Return a cell that a spreadsheet takes for what it is."""
+    if not isinstance(value, str):
+        return value
+    text = one_line(value)
+    return f"'{text}" if text.startswith(FORMULA_SIGNS) else text
+
+
+def _markdown(text: str) -> str:
+    """Return text without tags, and in one cell of a table."""
+    return html.escape(one_line(text), quote=False).replace("|", "\\|")
+
+
+def _markdown_table(table: TextTable) -> list[str]:
+    rule = ["---"] * len(table.headings)
+    rows = [list(map(_markdown, row)) for row in (table.headings, *table.rows)]
+    return ["| " + " | ".join(row) + " |" for row in (rows[0], rule, *rows[1:])]
+
+
+def _latex_table(table: TextTable, alignment: str) -> str:
+    headings, *lines = (
+        " & ".join(map(latex_text, row)) + r" \\" for row in (table.headings, *table.rows)
+    )
+    begin = [f"% {one_line(table.title)}", rf"\begin{{tabular}}{{{alignment}}}", r"\toprule"]
+    return "\n".join([*begin, headings, r"\midrule", *lines, r"\bottomrule", r"\end{tabular}"])

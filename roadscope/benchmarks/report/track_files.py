@@ -1,0 +1,143 @@
+"""Tracks of recorded sequences as result files of KITTI and of MOTChallenge."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from roadscope.benchmarks.cache import usable_folder, write_atomically
+from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
+from roadscope.benchmarks.formats.kitti_objects import KittiObjects
+from roadscope.benchmarks.formats.motchallenge import MotRows, mot_rows, save_mot
+from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.isolation import PluginError, probed_in_sandbox
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.recorded.mot import MotRecording
+from roadscope.benchmarks.recorded.recording import Recording, sequence_of
+from roadscope.benchmarks.records import EpisodeTracks
+from roadscope.benchmarks.workers import in_parallel
+from roadscope.core import Tracks
+
+KITTI_FOLDER, MOT_FOLDER = "kitti", "motchallenge"
+
+
+@dataclass(frozen=True, slots=True)
+class _SequenceTask:
+    """Jobs of one tracker on one sequence, one of each class, and where their tracks go."""
+
+    jobs: tuple[Job, ...]
+    folder: Path
+    name: str
+
+
+def save_tracks(
+    jobs: Sequence[Job],
+    folder: Path | str,
+    *,
+    workers: int = 1,
+    options: RunOptions | None = None,
+    progress: Progress | None = None,
+) -> list[str]:
+    """Write the tracks of recorded sequences as files; return the entries that are left out.
+
+    jobs: of boards of recorded data; their tracks are read where a run has kept them.
+    folder: gets `kitti/TRACKER/SEQ.txt`, all classes in one file, and
+        `motchallenge/TRACKER/CLASS/SEQ.txt`, for results in that format have no class. Boxes in the
+        image are those around the projected boxes; tracks outside of the image are left out. Of
+        image sequences there is the latter alone. A folder that cannot be written to raises
+        `FolderError`.
+
+    A tracker that fails on a sequence has no files of it. Tentative tracks are left out.
+    """
+    root = usable_folder(folder)
+    names = folder_names([job.entry for job in jobs])
+    groups: dict[tuple[str, str], list[Job]] = {}
+    for job in jobs:
+        if isinstance(job.episode, Recording):
+            groups.setdefault((job.entry, job.episode.sequence), []).append(job)
+    tasks = [
+        _SequenceTask(tuple(group), root, names[entry]) for (entry, _), group in groups.items()
+    ]
+    failed = []
+    report = progress or silent
+    work = partial(_save, options or RunOptions())
+    for done, (index, proper) in enumerate(in_parallel(work, tasks, workers), start=1):
+        report("tracks", done, len(tasks))
+        if not proper:
+            failed.append(tasks[index].jobs[0].entry)
+    return list(dict.fromkeys(failed))
+
+
+def folder_names(entries: Sequence[str]) -> Mapping[str, str]:
+    """Return a name that every file system takes for each entry, no two alike."""
+    names: dict[str, str] = {}
+    for entry in dict.fromkeys(entries):
+        plain = name = re.sub(r"[^\w.=+-]+", "_", entry).strip("._") or "tracker"
+        while name.lower() in {known.lower() for known in names.values()}:
+            name = f"{plain}_{len(names)}"
+        names[entry] = name
+    return names
+
+
+def _save(options: RunOptions, task: _SequenceTask) -> bool:
+    """Write the files of one sequence; return False where the tracker failed."""
+    kitti: list[list[KittiObjects]] = []
+    sequence, next_id = "", 0
+    for job in task.jobs:
+        recording = job.episode
+        assert isinstance(recording, Recording)
+        if job.missing:
+            return False
+        try:
+            with probed_in_sandbox(options.sandbox):
+                answers: EpisodeTracks = job.answers.read(options)
+        except PluginError:
+            return False
+        tracks = [each.sure for each in answers.tracks]
+        if isinstance(recording, MotRecording):
+            _write_mot(task, recording, recording.rows(tracks))
+            continue
+        rows, boxes = _rows(tracks, recording)
+        _write_mot(task, recording, boxes)
+        # Each class had a tracker of its own, but a file has each id once.
+        kitti.append([_renumbered(row, next_id) for row in rows])
+        next_id += 1 + max((int(row.ids.max(initial=-1)) for row in rows), default=-1)
+        sequence = recording.sequence
+    if not kitti:
+        return True
+    path = task.folder / KITTI_FOLDER / task.name / f"{sequence}.txt"
+    merged = [row for frame in zip(*kitti, strict=True) for row in frame]
+    write_atomically(path, lambda part: save_results(part, merged))
+    return True
+
+
+def _rows(
+    tracks: Sequence[Tracks], recording: Recording
+) -> tuple[list[KittiObjects], list[MotRows]]:
+    """Return the rows of every frame in either format."""
+    sequence = sequence_of(recording)
+    view = sequence.calibration.projection, sequence.image_size
+    kitti, image_rows = [], []
+    for t, (record, pose) in enumerate(zip(tracks, sequence.world_from_ego, strict=True)):
+        rows = kitti_objects(record, t, pose, *view)
+        boxes = np.zeros((len(record), 4))
+        boxes[np.isin(record.ids, rows.ids)] = rows.boxes
+        kitti.append(rows)
+        image_rows.append(mot_rows(record, t + 1, boxes))
+    return kitti, image_rows
+
+
+def _write_mot(task: _SequenceTask, recording: Recording, rows: Sequence[MotRows]) -> None:
+    place = task.folder / MOT_FOLDER / task.name / recording.category
+    write_atomically(place / f"{recording.sequence}.txt", lambda part: save_mot(part, rows))
+
+
+def _renumbered(rows: KittiObjects, first: int) -> KittiObjects:
+    """Return rows whose ids are raised by `first`."""
+    return replace(rows, ids=rows.ids + first)

@@ -1,0 +1,82 @@
+"""The scores of one job, as a board is computed from them and as files hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Self
+
+from roadscope.benchmarks.metrics.score import Score
+
+
+class JobName(NamedTuple):
+    """What two jobs have in common that are compared.
+
+    condition: weather, light and faults in words. inputs: whose detections the entry got.
+    """
+
+    board: str
+    scenario: str
+    seed: int
+    condition: str
+    inputs: str
+
+
+@dataclass(frozen=True, slots=True)
+class JobScores:
+    """The scores of one entry on one episode.
+
+    condition: weather, light and faults in words.
+    inputs: whose detections the entry got; empty where it makes its own.
+    scores: by metric; none where it failed.
+    reason: why it failed, or None. log: the end of what the plug-in printed then.
+    mark: which mark of the board the entry is, or None.
+    conditions: by name of a condition of the board (`weather`, `sequence`) its value.
+    """
+
+    board: str
+    entry: str
+    scenario: str
+    seed: int
+    condition: str
+    inputs: str
+    scores: Mapping[str, Score]
+    reason: str | None = None
+    mark: str | None = None
+    conditions: Mapping[str, str] = field(default_factory=dict)
+    log: str = ""
+
+    @property
+    def name(self) -> JobName:
+        """What it has in common with the same job of another run."""
+        return JobName(self.board, self.scenario, self.seed, self.condition, self.inputs)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the job as JSON holds it."""
+        return {
+            "board": self.board,
+            "entry": self.entry,
+            "scenario": self.scenario,
+            "seed": self.seed,
+            "condition": self.condition,
+            "inputs": self.inputs,
+            "scores": {name: score.to_json() for name, score in self.scores.items()},
+            "reason": self.reason,
+            "mark": self.mark,
+            "conditions": dict(self.conditions),
+        }
+
+    @classmethod
+    def from_json(cls, item: Mapping[str, Any]) -> Self:
+        """Undo `to_json`; marks and conditions may be missing."""
+        texts = {name: str(item[name]) for name in ("board", "entry", "scenario")}
+        texts |= {name: str(item.get(name) or "") for name in ("condition", "inputs")}
+        reason, mark = item.get("reason"), item.get("mark")
+        return cls(
+            **texts,
+            seed=int(item["seed"]),
+            scores={name: Score.from_json(score) for name, score in item["scores"].items()},
+            reason=None if reason is None else str(reason),
+            mark=None if mark is None else str(mark),
+            conditions={str(k): str(v) for k, v in item.get("conditions", {}).items()},
+        )

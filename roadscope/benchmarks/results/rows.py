@@ -1,0 +1,192 @@
+"""Figures of entries, pooled from the scores of their jobs."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from roadscope.benchmarks.boards import Board
+from roadscope.benchmarks.metrics.breakdown import part_name, split_name
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.results.job_scores import JobScores
+from roadscope.benchmarks.results.statistics import merged, pooled_interval
+
+Block = tuple[str, int]
+"""Scenario and seed: what is the same traffic."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One figure of one entry.
+
+    value: pooled over episodes; low and high: its 95 % interval over seeds; all three None
+        where there is none.
+    n: number of episodes behind it.
+    by, band: what it is broken down by (`range`) and which part it is of (`0-20`); empty where
+        it is of the whole.
+    samples: number of objects, detections, frames or the like behind it.
+    """
+
+    board: str
+    entry: str
+    metric: str
+    value: float | None
+    low: float | None
+    high: float | None
+    n: int
+    unit: str
+    better: str
+    by: str = ""
+    band: str = ""
+    samples: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class EntryResult:
+    """What came of all jobs of an entry.
+
+    mark: which mark it is, or None when it is ranked.
+    sound: the jobs without a failure.
+    episodes: number of all.
+    reason: why all failed, or None if any did not.
+    """
+
+    board: Board
+    entry: str
+    mark: str | None
+    sound: tuple[JobScores, ...]
+    episodes: int
+    reason: str | None = None
+
+    @property
+    def failed(self) -> int:
+        """Number of episodes in which it failed."""
+        return self.episodes - len(self.sound)
+
+
+def whole_rows(result: EntryResult) -> list[Row]:
+    """Return an entry's figures over all episodes, and how often it failed."""
+    names = [name for name in _names(result) if _is_whole(name) and not _silent(result, name)]
+    rows = [_row(result, name, samples_of(result, name)) for name in names]
+    rows += [_median_row(result, name) for name in result.board.medians if name in names]
+    failed = Row(
+        result.board.name,
+        result.entry,
+        "failed_episodes",
+        result.failed,
+        None,
+        None,
+        result.episodes,
+        "1",
+        "lower",
+    )
+    return [*rows, failed]
+
+
+def part_rows(result: EntryResult) -> list[Row]:
+    """Return an entry's figures broken down; bands without anything to be found are left out."""
+    names = _names(result)
+    rows = [_row(result, n, samples_of(result, n)) for n in names if not _is_whole(n)]
+    for by, values in conditions_of(result).items():
+        for band in dict.fromkeys(values):
+            in_band = [s for s, v in zip(result.sound, values, strict=True) if v == band]
+            part = replace(result, sound=tuple(in_band))
+            for metric in result.board.by_condition:
+                if _silent(result, metric):
+                    continue
+                if samples := samples_of(part, metric):
+                    rows.append(_row(result, part_name(metric, by, band), samples))
+    return [row for row in rows if row.samples]
+
+
+def conditions_of(result: EntryResult) -> dict[str, list[str]]:
+    """Return by name of a condition its value in each of the sound episodes."""
+    board = result.board
+    values = {by: [each.conditions.get(by, "") for each in result.sound] for by in board.conditions}
+    if board.inputs_name:
+        values[board.inputs_name] = [each.inputs for each in result.sound]
+    return values
+
+
+Samples = Sequence[tuple[Block, Score]]
+
+
+def blocks(samples: Samples) -> dict[Block, Score]:
+    """Pool what comes from the same traffic: seeds are the sample, not weathers or detectors."""
+    groups: dict[Block, list[Score]] = {}
+    for block, score in samples:
+        groups.setdefault(block, []).append(score)
+    return {block: merged(scores) for block, scores in groups.items()}
+
+
+def headline_scores(result: EntryResult) -> dict[Block, Score]:
+    """Return by scenario and seed what an entry is ranked by."""
+    return blocks(samples_of(result, result.board.headline))
+
+
+def samples_of(result: EntryResult, name: str) -> Samples:
+    """Return a metric's score in each sound episode that has it, as it is pooled."""
+    having = [each for each in result.sound if name in each.scores]
+    pooled = result.board.pooled(name, [each.scores for each in having])
+    return [((each.scenario, each.seed), score) for each, score in zip(having, pooled, strict=True)]
+
+
+def _names(result: EntryResult) -> list[str]:
+    return list(dict.fromkeys(name for each in result.sound for name in each.scores))
+
+
+def _is_whole(name: str) -> bool:
+    return split_name(name)[1] == ""
+
+
+def _silent(result: EntryResult, name: str) -> bool:
+    return result.board.is_silent(name, [each.scores for each in result.sound])
+
+
+def _row(result: EntryResult, name: str, samples: Samples) -> Row:
+    first, joined = samples[0][1], blocks(samples)
+    interval = pooled_interval(list(joined.values()), [scenario for scenario, _ in joined])
+    interval = interval.clipped(first.least, first.most)
+    metric, by, band = split_name(name)
+    measured = [score for _, score in samples if math.isfinite(score.value)]
+    # A count of a whole board is the sum over its episodes, as papers print it.
+    times = len(measured) if metric in result.board.summed and not by else 1
+    value, low, high = (
+        times * v if math.isfinite(v) else None
+        for v in (interval.mean, interval.low, interval.high)
+    )
+    return Row(
+        result.board.name,
+        result.entry,
+        metric,
+        value,
+        low,
+        high,
+        len(measured),
+        first.unit,
+        first.better,
+        by,
+        band,
+        sum(score.n for score in measured),
+    )
+
+
+def _median_row(result: EntryResult, name: str) -> Row:
+    """Return the median over episodes, which one hard scenario does not carry away."""
+    samples = samples_of(result, name)
+    values = [score.value for _, score in samples if math.isfinite(score.value)]
+    median = statistics.median(values) if values else None
+    first = samples[0][1]
+    return Row(
+        result.board.name,
+        result.entry,
+        f"{name}_median",
+        median,
+        None,
+        None,
+        len(values),
+        first.unit,
+        first.better,
+    )

@@ -1,0 +1,195 @@
+"""Confidence intervals of means over episodes that hold for few seeds too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from roadscope.benchmarks.metrics.score import Score
+
+SMALL = 10
+"""Strata below this size get Student's t: studentised resampling is unstable there."""
+ALIKE = 0.01
+"""Share of the variance below which a resample has none, and share of such resamples that is
+borne."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean with its confidence interval; low and high are NaN where it has none.
+
+    n: number of values that were not NaN.
+    """
+
+    mean: float
+    low: float
+    high: float
+    n: int
+
+    def clipped(self, least: float, most: float) -> Interval:
+        """Keep the ends within what the value can be."""
+        low, high = np.clip([self.low, self.high], least, most)
+        return Interval(self.mean, float(low), float(high), self.n)
+
+
+def mean_interval(
+    values: Sequence[float] | np.ndarray,
+    strata: Sequence[object] | None = None,
+    *,
+    level: float = 0.95,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> Interval:
+    """Return the mean of values over seeds, each stratum (scenario) weighing the same.
+
+    The seeds are the sample, the strata are fixed. With 10 values or more in every stratum the
+    interval is the bootstrap-t (Efron and Tibshirani 1993, ch. 12.5), which follows skewed
+    values; below that, and where most values are alike, Student's t with Welch-Satterthwaite
+    degrees of freedom. BCa and percentile intervals cover too little under 30 values. NaN
+    values are left out.
+    """
+    groups = grouped(np.asarray(values, np.float64), strata)
+    n = sum(map(len, groups))
+    if n == 0:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    mean, error, freedom = mean_and_error(groups)
+    if not np.isfinite(error):
+        return Interval(mean, np.nan, np.nan, n)
+    if error <= 1e-12 * max(abs(mean), 1e-3):
+        return Interval(mean, mean, mean, n)
+    tail = (1 - level) / 2
+    t_high = _student_quantile(freedom, 1 - tail)
+    t_low = -t_high
+    if min(map(len, groups)) >= SMALL:
+        drawn = _studentised(groups, resamples, np.random.default_rng(seed))
+        if drawn is not None:
+            t_low, t_high = np.quantile(drawn, [tail, 1 - tail])
+    return Interval(mean, float(mean - t_high * error), float(mean - t_low * error), n)
+
+
+def pooled_interval(
+    scores: Sequence[Score], strata: Sequence[object] | None = None, *, level: float = 0.95
+) -> Interval:
+    """Pool one score over episodes by its weight, as if they were one, with an interval.
+
+    The pooled value is a ratio of sums, in RMS errors the root of one; its spread over episodes
+    is that of the linearised ratio (Cochran 1977, ch. 6), w_i (x_i - r) / mean(w), to which
+    `mean_interval` is applied. Episodes in which nothing was measured are left out.
+    """
+    used = [i for i, s in enumerate(scores) if _measured(s)]
+    if not used:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    power = scores[used[0]].power
+    x = np.array([scores[i].value for i in used]) ** power
+    w = np.array([scores[i].weight for i in used])
+    pooled = float((w * x).sum() / w.sum())
+    labels = None if strata is None else [strata[i] for i in used]
+    spread = mean_interval(w * (x - pooled) / w.mean(), labels, level=level)
+    ends = pooled + np.array([spread.low, spread.high]) - spread.mean
+    if power > 1:
+        ends, pooled = np.maximum(ends, 0.0) ** (1 / power), pooled ** (1 / power)
+    return Interval(pooled, float(ends[0]), float(ends[1]), len(used))
+
+
+def paired_interval(
+    ones: Sequence[Score],
+    others: Sequence[Score],
+    strata: Sequence[object] | None = None,
+    *,
+    level: float = 0.95,
+) -> Interval:
+    """Return by how much one pooled score exceeds another on the same episodes, with an interval.
+
+    Both are linearised as in `pooled_interval` and subtracted episode by episode, so what makes
+    an episode hard for both cancels. Episodes in which either measured nothing are left out.
+    """
+    if any(s.power != 1 for s in (*ones, *others)):
+        raise ValueError("only scores that are averaged themselves can be compared")
+    pairs = list(zip(ones, others, strict=True))
+    used = [i for i, pair in enumerate(pairs) if all(_measured(s) for s in pair)]
+    if not used:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    difference, spread = 0.0, np.zeros(len(used))
+    for sign, scores in ((1, ones), (-1, others)):
+        x = np.array([scores[i].value for i in used])
+        w = np.array([scores[i].weight for i in used])
+        pooled = float((w * x).sum() / w.sum())
+        difference += sign * pooled
+        spread += sign * w * (x - pooled) / w.mean()
+    labels = None if strata is None else [strata[i] for i in used]
+    found = mean_interval(spread, labels, level=level)
+    shift = difference - found.mean
+    return Interval(difference, found.low + shift, found.high + shift, len(used))
+
+
+def merged(scores: Sequence[Score]) -> Score:
+    """Pool one score over episodes that are no independent sample, such as one in two weathers."""
+    first = next((s for s in scores if _measured(s)), scores[0])
+    used = [s for s in scores if _measured(s)]
+    if len(used) < 2:
+        return first
+    weight = sum(s.weight for s in used)
+    power = sum(s.weight * s.value**first.power for s in used) / weight
+    n = sum(s.n for s in used)
+    return replace(first, value=power ** (1 / first.power), n=n, weight=weight)
+
+
+def _measured(score: Score) -> bool:
+    return bool(np.isfinite(score.value)) and score.weight > 0
+
+
+def grouped(values: np.ndarray, strata: Sequence[object] | None) -> list[np.ndarray]:
+    """Return the values of each stratum that are not NaN."""
+    labels = [str(s) for s in strata] if strata is not None else [""] * len(values)
+    kept = [(s, v) for s, v in zip(labels, values, strict=True) if np.isfinite(v)]
+    names = sorted({s for s, _ in kept})
+    return [np.array([v for s, v in kept if s == name]) for name in names]
+
+
+def mean_and_error(groups: list[np.ndarray]) -> tuple[float, float, float]:
+    """Return the mean over strata, its standard error and the degrees of freedom.
+
+    A stratum of one value borrows the variance of the others; NaN where all have one.
+    """
+    mean = float(np.mean([g.mean() for g in groups]))
+    repeated = [g for g in groups if len(g) > 1]
+    if not repeated:
+        return mean, np.nan, np.nan
+    pooled = sum(((g - g.mean()) ** 2).sum() for g in repeated) / sum(len(g) - 1 for g in repeated)
+    shares = [(g.var(ddof=1) if len(g) > 1 else pooled) / len(g) for g in groups]
+    variance = sum(shares) / len(groups) ** 2
+    spread = (
+        sum(s**2 / (len(g) - 1) for s, g in zip(shares, groups, strict=True) if len(g) > 1)
+        / len(groups) ** 4
+    )
+    freedom = variance**2 / spread if spread > 0 else 1.0
+    return mean, float(np.sqrt(variance)), float(max(freedom, 1.0))
+
+
+def _studentised(
+    groups: list[np.ndarray], resamples: int, rng: np.random.Generator
+) -> np.ndarray | None:
+    """Return the studentised mean of resamples within strata, (R,).
+
+    Where a few values differ from many that are alike, resamples without those few have next to
+    no variance and the quotient is without bounds: then None.
+    """
+    shift, variance = np.zeros(resamples), np.zeros(resamples)
+    observed = 0.0
+    for group in groups:
+        drawn = group[rng.integers(len(group), size=(resamples, len(group)))]
+        shift += (drawn.mean(axis=1) - group.mean()) / len(groups)
+        variance += drawn.var(axis=1, ddof=1) / len(group) / len(groups) ** 2
+        observed += float(group.var(ddof=1)) / len(group) / len(groups) ** 2
+    if (variance < ALIKE * observed).mean() > ALIKE:
+        return None
+    studentised: np.ndarray = shift / np.sqrt(np.maximum(variance, ALIKE * observed))
+    return studentised
+
+
+def _student_quantile(freedom: float, probability: float) -> float:
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, probability))

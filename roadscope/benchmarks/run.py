@@ -1,0 +1,308 @@
+"""Run a suite and return its leaderboard."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from roadscope.benchmarks.boards import Board, board_named, chosen_boards
+from roadscope.benchmarks.boards.board import BoardSetting
+from roadscope.benchmarks.boards.recorded import RecordedNode
+from roadscope.benchmarks.cache import cache_dir, usable_folder
+from roadscope.benchmarks.graph import Job, run_jobs
+from roadscope.benchmarks.isolation import Limits, probed_in_sandbox
+from roadscope.benchmarks.kinds import entry_kind
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.manifest import manifest
+from roadscope.benchmarks.nodes.tracks import TrackNode
+from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.recorded.mot import mot_suite
+from roadscope.benchmarks.recorded.suite import RecordedSuite, kitti_suite
+from roadscope.benchmarks.report.export import save_all
+from roadscope.benchmarks.report.kept import check_targets, label_of
+from roadscope.benchmarks.results import Results, gather
+from roadscope.benchmarks.results.agreement import BoardAgreement, agreement
+from roadscope.benchmarks.results.results import condition_of
+from roadscope.benchmarks.store import Outcome, Store, StoredJob, StoreError
+from roadscope.benchmarks.suite import SUITES, Suite, SuiteError, check_names, load_suite
+from roadscope.benchmarks.workers import WorkerSettings
+from roadscope.core import Spec, SpecError
+
+DATABASE = "results.sqlite"
+
+
+class RunError(ValueError):
+    """A run was asked for something that it cannot do."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunPlan:
+    """What a run computes: the jobs of its boards."""
+
+    suite: Suite
+    boards: tuple[Board, ...]
+    jobs: tuple[Job, ...]
+
+
+def leaderboard(
+    suite: Suite | str = "quick",
+    entries: Sequence[str] = (),
+    *,
+    boards: Sequence[str] | None = None,
+    only: bool = False,
+    jobs: int = 1,
+    out_dir: Path | str | None = None,
+    fresh: bool = False,
+    progress: Progress | None = None,
+    kitti: Path | str | None = None,
+    mot: Path | str | None = None,
+    calibration: Path | str | None = None,
+    deadline_s: float | None = None,
+    limits: Limits | None = None,
+    trust: bool = False,
+    sandbox: bool = False,
+    notice: Callable[[str], None] | None = None,
+    backend: str = "loky",
+    address: str | None = None,
+) -> Results:
+    """Run a suite's entries and yours, and return the leaderboard.
+
+    suite: a suite, its name or a path to its TOML file.
+    entries: specs of detectors, trackers, camera detectors, fusions and odometries to compare
+        with the suite's own; with `only`, they alone.
+    boards: some of `detection`, `tracking`, `camera`, `fusion`, `odometry`; None: all that the
+        suite has entries for.
+    jobs: worker processes; with an address, 0 stands for one for each core of the cluster.
+    out_dir: where results are kept (`results.sqlite`) and `leaderboard.json`, `.csv`, `.md`
+        and `.tex` are written; None keeps results in the cache folder and writes no board. Boards
+        of other suites in the folder stay (`leaderboard-SUITE-BOARD[-CALIBRATION].json`).
+    fresh: do again what an earlier run has done.
+    kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
+        (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
+    mot: likewise a folder of MOTChallenge's image sequences (`mot_suite`).
+    calibration: a file of `roadscope calibrate`, which the fusion board believes.
+    deadline_s: seconds for a plug-in that is not ours on one episode, in a process of its own;
+        None: as `limits` says, 300 s if it is left out.
+    limits: what else such a plug-in may use.
+    trust: run plug-ins inside this process instead, for debugging: they can end or falsify the
+        run.
+    sandbox: isolate them from files and the network too (needs bubblewrap).
+    backend: what provides worker processes, `loky` (on this machine), `ray` or `dask`.
+    address: of a running cluster of Ray or Dask; None: workers are started on this machine.
+        Machines of a cluster need this package, the files of plug-ins and of recorded data at the
+        same paths, and should share the folder that `ROADSCOPE_CACHE` names: computed files stay
+        where they are computed, and what a machine has not it computes again.
+    notice: is called, before anything runs, with what is left out for want of an installation.
+
+    A worker process that dies costs only the jobs that it runs, and they are tried again.
+
+    Unknown names and wrong arguments raise `SpecError` or `SuiteError` before anything runs; what
+    a plug-in does wrong while it runs becomes a failure of its row.
+    """
+    if jobs < (0 if address else 1):
+        raise RunError(f"jobs: expected 1 or more worker processes, got {jobs}")
+    workers = WorkerSettings(jobs, backend, address)
+    workers.check()
+    believed = "" if calibration is None else str(calibration)
+    with probed_in_sandbox(sandbox and not trust):
+        made = plan(
+            _suite(suite, kitti, mot), entries, boards=boards, only=only, calibration=believed
+        )
+    if notice is not None:
+        for text in dict.fromkeys(
+            f"{j.entry} is left out: {j.missing}" for j in made.jobs if j.missing
+        ):
+            notice(text)
+    folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
+    conditions = manifest(made.suite, jobs, [b.name for b in made.boards], believed)
+    if out_dir is not None:
+        check_targets(folder, label_of(conditions))
+    limits = limits or Limits()
+    if deadline_s is not None:
+        limits = replace(limits, episode_s=deadline_s)
+    options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
+    with Store(folder / DATABASE) as store:
+        outcomes = _outcomes(store, made, conditions, workers, options, progress or silent)
+        results = gather(made.jobs, outcomes, conditions)
+        if isinstance(made.suite, RecordedSuite):
+            compared = agreements(results, made, store.outcomes)
+            results = replace(results, agreements=compared)
+    if out_dir is not None:
+        save_all(results, folder)
+    return results
+
+
+def plan(
+    suite: Suite,
+    entries: Sequence[str],
+    *,
+    boards: Sequence[str] | None = None,
+    only: bool = False,
+    calibration: str = "",
+) -> RunPlan:
+    """Return the jobs of a run; unknown names and wrong arguments raise before anything runs.
+
+    Arguments as of `leaderboard`. Marks stand on a board only beside entries.
+    """
+    if only and not entries:
+        raise SpecError("--only needs at least one --entry")
+    chosen = chosen_boards(suite, boards)
+    recorded = isinstance(suite, RecordedSuite)
+    if not recorded:
+        _check(suite, "", check_names, suite)
+    by_board = _by_board([Spec.parse(text) for text in entries], chosen, recorded)
+    jobs: list[Job] = []
+    for board in chosen:
+        if not recorded:
+            for key, check, argument in board.suite_checks(suite):
+                _check(suite, key, check, argument)
+        own = [board.check_entry(spec) for spec in by_board[board.name]]
+        suites = (
+            [] if only else [board.check_entry(Spec.parse(t)) for t in board.suite_entries(suite)]
+        )
+        if specs := list(dict.fromkeys([*suites, *own])):
+            setting = BoardSetting(marks=not only, calibration=calibration)
+            jobs += board.jobs(suite, specs, setting=setting)
+    if not jobs:
+        names = ", ".join(board.name for board in chosen)
+        raise SpecError(f"suite {suite.title} has nothing to run on: {names}")
+    return RunPlan(suite, tuple(chosen), tuple(jobs))
+
+
+def read_recordings(made: RunPlan) -> None:
+    """Read all recordings of a plan; a malformed file raises `FormatError`."""
+    nodes = [job.answers.detections for job in made.jobs if isinstance(job.answers, TrackNode)]
+    recordings = (node.recording for node in nodes if isinstance(node, RecordedNode))
+    for recording in dict.fromkeys(recordings):
+        recording.check()
+
+
+def agreements(
+    results: Results,
+    made: RunPlan,
+    outcomes: Callable[[Iterable[str]], Mapping[str, Outcome]],
+) -> tuple[BoardAgreement, ...]:
+    """Compare ranks on recorded data with those of every suite that was run on the same trackers.
+
+    outcomes: looks up by key what earlier runs found. Only what they finished is compared, under
+    the code as it is now; nothing is run for it.
+    """
+    trackers = {
+        str(job.answers.tracker): job.answers.tracker
+        for job in made.jobs
+        if isinstance(job.answers, TrackNode)
+    }
+    compared = []
+    for name in SUITES:
+        suite = load_suite(name)
+        if not suite.public_detectors:
+            continue
+        simulated = _simulated_figures(suite, list(trackers.values()), outcomes)
+        for board in results.boards():
+            recorded = _headline_figures(results, board, list(trackers))
+            if match := agreement(simulated, recorded):
+                compared.append(BoardAgreement(board, suite.title, match.rho, match.entries))
+    return tuple(compared)
+
+
+def _simulated_figures(
+    suite: Suite,
+    trackers: Sequence[Spec],
+    outcomes: Callable[[Iterable[str]], Mapping[str, Outcome]],
+) -> dict[str, float]:
+    """Return the headline metric on a suite of the trackers that finished all of it."""
+    names = [str(tracker) for tracker in trackers]
+    jobs = board_named("tracking").jobs(suite, trackers, setting=BoardSetting(marks=False))
+    jobs = [job for job in jobs if job.entry in names]
+    known = outcomes([job.key for job in jobs])
+    missing = {j.entry for j in jobs if j.key not in known or known[j.key].reason is not None}
+    done = [job for job in jobs if job.entry not in missing]
+    return _headline_figures(gather(done, known, {}), "tracking", names)
+
+
+def _headline_figures(results: Results, board: str, entries: Sequence[str]) -> dict[str, float]:
+    headline = board_named(board).headline
+    rows = {entry: results.row(board, entry, headline) for entry in entries}
+    return {e: row.value for e, row in rows.items() if row is not None and row.value is not None}
+
+
+def _check(suite: Suite, key: str, check: Callable[[Any], object], argument: Any) -> None:
+    """Run a check; its error names the suite, and the key in it unless that is empty."""
+    try:
+        check(argument)
+    except ValueError as error:
+        place = f"suite {suite.title}" + (f", {key}" if key else "")
+        raise SuiteError(f"{place}: {error}") from error
+
+
+def _suite(suite: Suite | str, kitti: Path | str | None, mot: Path | str | None) -> Suite:
+    if kitti is not None:
+        return kitti_suite(kitti)
+    if mot is not None:
+        return mot_suite(mot)
+    return load_suite(suite) if isinstance(suite, str) else suite
+
+
+def _by_board(
+    specs: Sequence[Spec], boards: Sequence[Board], recorded: bool
+) -> dict[str, list[Spec]]:
+    """Return the entries of each board; one that no board of the run ranks is refused."""
+    by_board: dict[str, list[Spec]] = {board.name: [] for board in boards}
+    possible = list(dict.fromkeys(board.kind.name for board in boards))
+    kinds = [next(b.kind for b in boards if b.kind.name == name) for name in possible]
+    for spec in specs:
+        kind = entry_kind(spec, kinds)
+        fitting = [board for board in boards if board.kind.name == kind.name]
+        if not fitting:
+            wanted = " or ".join(dict.fromkeys(str(board.kind) for board in boards))
+            raise SpecError(f"'{spec}' is {kind}; the boards of this run are for {wanted}")
+        for board in fitting:
+            by_board[board.name].append(spec)
+    return by_board
+
+
+def _outcomes(
+    store: Store,
+    made: RunPlan,
+    conditions: Mapping[str, Any],
+    workers: WorkerSettings,
+    options: RunOptions,
+    progress: Progress,
+) -> dict[str, Outcome]:
+    """Do what the store does not know yet, each outcome written as it comes."""
+    number = store.begin(conditions)
+    keys = [job.key for job in made.jobs]
+    known = {} if options.fresh else store.outcomes(keys)
+    unkept: list[str] = []
+    # Failures are tried again.
+    done = {key: outcome for key, outcome in known.items() if outcome.reason is None}
+
+    def take(job: Job, outcome: Outcome) -> None:
+        episode = job.episode
+        row = StoredJob(
+            job.key,
+            job.board.name,
+            job.entry,
+            episode.scenario,
+            episode.seed,
+            job.spec,
+            inputs=job.inputs,
+            condition=condition_of(job),
+        )
+        done[job.key] = outcome
+        try:
+            store.put(row, outcome, number)
+        except StoreError as error:
+            unkept.append(str(error))
+
+    wanted = {job.key: job for job in made.jobs if job.key not in done}
+    if wanted:
+        read_recordings(made)
+    run_jobs(list(wanted.values()), take, workers=workers, options=options, progress=progress)
+    if unkept:
+        # Somebody damaged the file while the run went on; the board is made from memory.
+        warnings.warn(f"{len(unkept)} results are not kept: {unkept[0]}", stacklevel=3)
+    return done

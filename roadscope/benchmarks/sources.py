@@ -1,0 +1,279 @@
+"""What modules of a package consist of: their syntax trees, and the modules that they import.
+
+A file is parsed once: its digest and its imports are kept in the cache folder.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+import msgspec
+
+from roadscope.benchmarks.cache import cache_dir, write_atomically
+
+DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
+"""Endings of files beside the sources that decide results."""
+FORMAT = 1
+"""Raised when `Source` or what its digest covers changes."""
+
+
+class Import(msgspec.Struct, frozen=True, array_like=True):
+    """One imported name.
+
+    module: dotted name. name: what is taken from it; empty for `import module`.
+    """
+
+    module: str
+    name: str = ""
+
+
+class Source(msgspec.Struct, frozen=True, array_like=True):
+    """What counts of one source file.
+
+    digest: of the syntax tree without comments, docstrings, positions and what only type
+        checkers read.
+    imports: from the same package, inside functions too.
+    bound: names that the top level binds.
+    offered: imports for type checkers in a module with a `__getattr__` of its own, which loads
+        them on use.
+    texts: string constants without white space, which may name data files.
+    """
+
+    digest: str
+    imports: tuple[Import, ...]
+    bound: tuple[str, ...]
+    offered: tuple[Import, ...]
+    texts: tuple[str, ...]
+
+
+class _Parsed(msgspec.Struct, frozen=True, array_like=True):
+    """A source as it was when the file had this time stamp and this size."""
+
+    mtime_ns: int
+    size: int
+    source: Source
+
+
+class Package:
+    """The source files of one package, read as needed."""
+
+    def __init__(self, root: Path) -> None:
+        """Take the package's folder; its name is the package's name."""
+        self.root = root.resolve()
+        self.name = self.root.name
+        self._sources: dict[str, Source] = {}
+        self._parsed = _load(_index_path(self.root))
+        self._new = False
+
+    def file_of(self, module: str) -> Path | None:
+        """Return the file of a dotted name, or None if the package has no such module."""
+        first, *rest = module.split(".")
+        if first != self.name:
+            return None
+        place = self.root.joinpath(*rest)
+        candidates = [place / "__init__.py"] + ([place.with_name(f"{place.name}.py")] * bool(rest))
+        return next((path for path in candidates if path.is_file()), None)
+
+    def modules(self) -> list[str]:
+        """Return the dotted names of all modules."""
+        paths = (path.relative_to(self.root.parent) for path in self.root.rglob("*.py"))
+        names = (path.with_suffix("").parts for path in paths)
+        return sorted(".".join(n[:-1] if n[-1] == "__init__" else n) for n in names)
+
+    def source(self, module: str) -> Source:
+        """Parse a module, once."""
+        if module not in self._sources:
+            path = self.file_of(module)
+            if path is None:
+                raise ModuleNotFoundError(f"no module '{module}' in {self.root}")
+            self._sources[module] = self._read(module, path)
+        return self._sources[module]
+
+    def closure(self, modules: Iterable[str]) -> set[str]:
+        """Return these modules and all of the package that they import, directly or not."""
+        reached: set[str] = set()
+        pending = list(modules)
+        while pending:
+            module = pending.pop()
+            if module not in reached:
+                reached.add(module)
+                for imported in self.source(module).imports:
+                    pending += self._targets(imported)
+        self._save()
+        return reached
+
+    def data_files(self, modules: Iterable[str]) -> list[Path]:
+        """Return the data that modules may read.
+
+        That is all data in their folders, and in those subfolders without sources that one of
+        the modules names.
+        """
+        texts: dict[Path, set[str]] = {}
+        for module in modules:
+            path = self.file_of(module)
+            assert path is not None
+            texts.setdefault(path.parent, set()).update(self.source(module).texts)
+        return sorted(
+            path
+            for folder, named in texts.items()
+            for path in _data_in(folder)
+            if path.parent == folder or any(path.parent.name in text for text in named)
+        )
+
+    def _targets(self, imported: Import) -> list[str]:
+        """Return the modules that one import loads; none if it is of something else."""
+        module, name = imported.module, imported.name
+        if self.file_of(module) is None:
+            return []
+        below = f"{module}.{name}"
+        is_module = bool(name) and self.file_of(below) is not None
+        source = self.source(module)
+        if is_module and name not in source.bound:
+            return [below]
+        offered = [each for each in source.offered if each.name == name and each != imported]
+        targets = [target for each in offered for target in self._targets(each)]
+        return [module, *targets, *([below] if is_module else [])]
+
+    def _read(self, module: str, path: Path) -> Source:
+        state, key = path.stat(), str(path)
+        parsed = self._parsed.get(key)
+        if parsed is None or (parsed.mtime_ns, parsed.size) != (state.st_mtime_ns, state.st_size):
+            is_package = path.name == "__init__.py"
+            source = parse(path.read_bytes(), module, is_package=is_package)
+            parsed = _Parsed(state.st_mtime_ns, state.st_size, source)
+            self._parsed[key], self._new = parsed, True
+        return parsed.source
+
+    def _save(self) -> None:
+        if not self._new:
+            return
+        self._new = False
+        index = _index_path(self.root)
+        content = msgspec.json.encode({**_load(index), **self._parsed})
+
+        def write(path: Path) -> None:
+            path.write_bytes(content)
+
+        with suppress(OSError):
+            write_atomically(index, write)
+
+
+@cache
+def package(root: Path) -> Package:
+    """Return the package in a folder; its files are read once in a process."""
+    return Package(root)
+
+
+def parse(content: bytes, module: str, *, is_package: bool = False) -> Source:
+    """Return what counts of a source file. module: its dotted name, for relative imports."""
+    tree = ast.parse(content)
+    bound = {name for node in tree.body for name in _bound_by(node)}
+    for_checkers = [node for node in tree.body if _is_for_checkers(node)]
+    offered = [
+        each
+        for block in for_checkers
+        for node in ast.walk(block)
+        for each in _imports_of(node, module, is_package=is_package)
+    ]
+    _Bare().visit(tree)
+    imports: list[Import] = []
+    texts: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant):
+            if isinstance(node.value, str) and node.value and not set(node.value) & set(" \n"):
+                texts.append(node.value)
+        else:
+            imports += _imports_of(node, module, is_package=is_package)
+    return Source(
+        digest=sha256(ast.dump(tree).encode()).hexdigest(),
+        imports=tuple(dict.fromkeys(imports)),
+        bound=tuple(sorted(bound)),
+        offered=tuple(dict.fromkeys(offered)) if "__getattr__" in bound else (),
+        texts=tuple(dict.fromkeys(texts)),
+    )
+
+
+class _Bare(ast.NodeTransformer):
+    """Takes out docstrings and what only type checkers read."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
+        text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        return None if text else node
+
+    def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
+        self.generic_visit(node)
+        return node.orelse if _is_for_checkers(node) else node
+
+
+def _is_for_checkers(node: ast.AST) -> bool:
+    """Whether this is `if TYPE_CHECKING:` or `if typing.TYPE_CHECKING:`."""
+    if not isinstance(node, ast.If):
+        return False
+    name = getattr(node.test, "id", getattr(node.test, "attr", ""))
+    return bool(name == "TYPE_CHECKING")
+
+
+def _imports_of(node: ast.AST, module: str, *, is_package: bool) -> Iterator[Import]:
+    """Return what a statement imports from the same package."""
+    package_name = module.partition(".")[0]
+    if isinstance(node, ast.Import):
+        found = [Import(alias.name) for alias in node.names]
+    elif isinstance(node, ast.ImportFrom):
+        found = [Import(_absolute(node, module, is_package), alias.name) for alias in node.names]
+    else:
+        return
+    yield from (each for each in found if each.module.partition(".")[0] == package_name)
+
+
+def _absolute(node: ast.ImportFrom, module: str, is_package: bool) -> str:
+    """Return the dotted name of the module that `from ... import` names."""
+    if not node.level:
+        return node.module or ""
+    parts = module.split(".")
+    up = node.level - is_package
+    base = parts[: len(parts) - up]
+    return ".".join([*base, node.module] if node.module else base)
+
+
+def _bound_by(node: ast.AST) -> Iterator[str]:
+    """Return the names that a statement of the top level binds."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        yield node.name
+    elif isinstance(node, ast.Import | ast.ImportFrom):
+        yield from (alias.asname or alias.name.partition(".")[0] for alias in node.names)
+    elif not _is_for_checkers(node):
+        yield from (
+            part.id
+            for part in ast.walk(node)
+            if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)
+        )
+
+
+@cache
+def _data_in(folder: Path) -> tuple[Path, ...]:
+    """Return data files of a folder and of its subfolders without sources."""
+    found = [path for path in folder.iterdir() if path.suffix in DATA_KINDS]
+    for below in folder.iterdir():
+        if below.is_dir() and not any(below.rglob("*.py")):
+            found += [path for path in below.rglob("*") if path.suffix in DATA_KINDS]
+    return tuple(found)
+
+
+def _index_path(root: Path) -> Path:
+    """Return where digests are kept; syntax trees differ between versions of Python."""
+    key = f"{FORMAT} {sys.version_info[:2]} {root}"
+    return cache_dir() / "sources" / f"{sha256(key.encode()).hexdigest()[:16]}.json"
+
+
+def _load(index: Path) -> dict[str, _Parsed]:
+    """Read the digests that an earlier process kept; none if the file is damaged."""
+    try:
+        return msgspec.json.decode(index.read_bytes(), type=dict[str, _Parsed])
+    except (OSError, msgspec.DecodeError):
+        return {}

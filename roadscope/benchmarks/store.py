@@ -1,0 +1,227 @@
+"""Results on disk: one SQLite row per job, written as the job ends."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from roadscope.benchmarks.metrics.score import Score
+
+APPLICATION_ID = 0x52534350
+"""`RSCP`, marks the file as ours in its SQLite header."""
+SCHEMA_VERSION = 2
+BATCH = 500
+LOG_LENGTH = 10_000
+"""Longest log in a row, characters; chosen by hand."""
+
+SCHEMA = """
+CREATE TABLE IF NOT EXISTS manifests (id INTEGER PRIMARY KEY, content TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS results (
+    key TEXT PRIMARY KEY, board TEXT NOT NULL, entry TEXT NOT NULL, scenario TEXT NOT NULL,
+    seed INTEGER NOT NULL, spec TEXT NOT NULL, scores TEXT NOT NULL, reason TEXT,
+    manifest INTEGER NOT NULL REFERENCES manifests (id), finished TEXT NOT NULL,
+    inputs TEXT NOT NULL DEFAULT '', condition TEXT NOT NULL DEFAULT '',
+    log TEXT NOT NULL DEFAULT '', digest TEXT NOT NULL DEFAULT ''
+);
+"""
+ADDED = ("inputs", "condition", "log", "digest")
+"""Columns that version 1 did not have."""
+COLUMNS = (
+    *("key", "board", "entry", "scenario", "seed", "spec", "scores", "reason", "manifest"),
+    *("finished", "inputs", "condition", "log"),
+)
+"""What the digest of a row covers, in this order."""
+
+
+class StoreError(ValueError):
+    """A results file could not be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one job.
+
+    scores: by metric; empty when the job failed.
+    reason: why it failed, or None.
+    log: what a failed plug-in printed; the store keeps its last `LOG_LENGTH` characters.
+    """
+
+    scores: Mapping[str, Score]
+    reason: str | None = None
+    log: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredJob:
+    """What a row says about its job.
+
+    spec: everything that the key was hashed from, as JSON.
+    inputs: whose detections the entry was called with; empty where it senses by itself.
+    condition: weather, light and faults in words.
+    """
+
+    key: str
+    board: str
+    entry: str
+    scenario: str
+    seed: int
+    spec: str
+    inputs: str = ""
+    condition: str = ""
+
+
+class Store:
+    """A results file; use it as a context manager. One process writes, others may read."""
+
+    def __init__(self, path: Path | str) -> None:
+        """Open or make the file; a corrupt or foreign one raises `StoreError`."""
+        self.path = Path(path)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._db = sqlite3.connect(self.path, isolation_level=None)
+        except (OSError, sqlite3.Error) as error:
+            raise StoreError(f"cannot open results file {self.path}: {error}") from error
+        # Damaged text may be no UTF-8; then the digest of its row does not fit.
+        self._db.text_factory = partial(str, encoding="utf-8", errors="replace")
+        try:
+            self._prepare()
+        except sqlite3.Error as error:
+            self._db.close()
+            raise StoreError(
+                f"results file {self.path} is not usable: {error}; move it away or name another "
+                "folder with --out"
+            ) from error
+        except StoreError:
+            self._db.close()
+            raise
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._db.close()
+
+    def begin(self, manifest: Mapping[str, Any]) -> int:
+        """Note the conditions of a run and return their number."""
+        text = json.dumps(manifest, sort_keys=True)
+        cursor = self._execute("INSERT INTO manifests (content) VALUES (?)", (text,))
+        assert cursor.lastrowid is not None
+        return cursor.lastrowid
+
+    def put(self, job: StoredJob, outcome: Outcome, manifest: int) -> None:
+        """Write the outcome of a job, durable when this returns."""
+        scores = json.dumps({k: s.to_json() for k, s in outcome.scores.items()}, allow_nan=False)
+        finished = datetime.now(UTC).isoformat(timespec="seconds")
+        row = {
+            **asdict(job),
+            "scores": scores,
+            "reason": outcome.reason,
+            "log": outcome.log[-LOG_LENGTH:],
+            "manifest": manifest,
+            "finished": finished,
+        }
+        values = [row[name] for name in COLUMNS]
+        names, marks = ", ".join((*COLUMNS, "digest")), ", ".join("?" * (len(COLUMNS) + 1))
+        query = f"INSERT OR REPLACE INTO results ({names}) VALUES ({marks})"
+        self._execute(query, [*values, _digest(values)])
+
+    def outcomes(self, keys: Iterable[str]) -> dict[str, Outcome]:
+        """Return what is known of the jobs with these keys.
+
+        A row whose digest does not fit its content does not count; a warning names its entry.
+        """
+        wanted, outcomes = list(keys), {}
+        for start in range(0, len(wanted), BATCH):
+            batch = wanted[start : start + BATCH]
+            marks = ", ".join("?" * len(batch))
+            query = f"SELECT {', '.join(COLUMNS)}, digest FROM results WHERE key IN ({marks})"
+            for *values, digest in self._execute(query, batch).fetchall():
+                row = dict(zip(COLUMNS, values, strict=True))
+                outcome = _outcome(row) if digest == _digest(values) else None
+                if outcome is None:
+                    warnings.warn(
+                        f"{self.path}: the row of {row['entry']} on {row['scenario']}, seed "
+                        f"{row['seed']}, is damaged and does not count",
+                        stacklevel=2,
+                    )
+                else:
+                    outcomes[row["key"]] = outcome
+        return outcomes
+
+    def _execute(self, query: str, values: Sequence[Any]) -> sqlite3.Cursor:
+        try:
+            return self._db.execute(query, values)
+        except sqlite3.Error as error:
+            raise StoreError(
+                f"results file {self.path} is not usable: {error}; move it away or name another "
+                "folder with --out"
+            ) from error
+
+    def _prepare(self) -> None:
+        (tables,) = self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        (application,) = self._db.execute("PRAGMA application_id").fetchone()
+        (schema,) = self._db.execute("PRAGMA user_version").fetchone()
+        if tables and application != APPLICATION_ID:
+            raise StoreError(f"{self.path} is a database of another program; it was left alone")
+        if tables and schema not in (1, SCHEMA_VERSION):
+            raise StoreError(
+                f"{self.path} has results format {schema}, this version reads {SCHEMA_VERSION}"
+            )
+        (health,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
+        if health != "ok":
+            raise sqlite3.DatabaseError(health)
+        self._db.execute("PRAGMA journal_mode = WAL")
+        self._db.execute("PRAGMA synchronous = NORMAL")
+        self._db.execute("PRAGMA busy_timeout = 10000")
+        if tables and schema == 1:
+            self._migrate()
+        self._db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        self._db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        self._db.executescript(SCHEMA)
+
+    def _migrate(self) -> None:
+        """Add what version 1 did not have, in one transaction."""
+        self._db.execute("BEGIN IMMEDIATE")
+        try:
+            # Another process may have done so since the version was read.
+            known = {row[1] for row in self._db.execute("PRAGMA table_info(results)")}
+            for name in set(ADDED) - known:
+                self._db.execute(f"ALTER TABLE results ADD COLUMN {name} TEXT NOT NULL DEFAULT ''")
+            if "digest" not in known:
+                query = f"SELECT {', '.join(COLUMNS)} FROM results"
+                digests = [(_digest(row), row[0]) for row in self._db.execute(query).fetchall()]
+                self._db.executemany("UPDATE results SET digest = ? WHERE key = ?", digests)
+            self._db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+            self._db.execute("COMMIT")
+        except sqlite3.Error:
+            self._db.execute("ROLLBACK")
+            raise
+
+
+def _digest(values: Sequence[Any]) -> str:
+    """Hash the values of a row's columns."""
+    # SQLite returns bytes where a damaged column has another type than was written.
+    return sha256(json.dumps(list(values), default=repr).encode()).hexdigest()
+
+
+def _outcome(row: Mapping[str, Any]) -> Outcome | None:
+    """Read a row, or return None if its scores have another layout."""
+    try:
+        named = {k: Score.from_json(v) for k, v in json.loads(row["scores"]).items()}
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return None
+    return Outcome(named, row["reason"], row["log"])

@@ -1,0 +1,93 @@
+"""Files to start from: a suite and a plug-in of each kind, each of which works as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from roadscope.benchmarks.cache import FolderError, usable_file, write_atomically
+from roadscope.core import SpecError
+from roadscope.core.names import unknown
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """One file to start from.
+
+    source: its name in this package. default_path: where it is written if nothing else is said.
+    next_steps: commands to go on with; `{path}` stands for the file.
+    """
+
+    source: str
+    default_path: str
+    next_steps: tuple[str, ...]
+
+
+def _plugin(source: str, class_name: str, board: str) -> Template:
+    """Return the template of a plug-in that is ranked on a board."""
+    spec = f"{{path}}:{class_name}"
+    steps = f"roadscope check {spec}", f"roadscope leaderboard {board} --entry {spec} --seeds 1"
+    return Template(f"{source}.py.txt", f"my_{source}.py", steps)
+
+
+TEMPLATES: Mapping[str, Template] = {
+    "suite": Template(
+        "suite.toml", "my_suite.toml", ("roadscope leaderboard --suite {path} --out results",)
+    ),
+    "tracker": _plugin("tracker", "MyTracker", "tracking"),
+    "detector": _plugin("detector", "MyDetector", "detection"),
+    "camera-detector": _plugin("camera_detector", "MyCameraDetector", "camera"),
+    "odometry": _plugin("odometry", "MyOdometry", "odometry"),
+    "fusion": _plugin("fusion", "MyFusion", "fusion"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenTemplate:
+    """A file that was written, and commands to go on with."""
+
+    path: Path
+    next_steps: tuple[str, ...]
+
+
+def write_template(
+    kind: str, path: Path | str | None = None, *, force: bool = False
+) -> WrittenTemplate:
+    """Write a commented file that works as it is, and return where it is and what to do next.
+
+    kind: a key of `TEMPLATES`; another one raises `SpecError`.
+    path: of the file, or a folder that exists; `default_path` of the template if left out.
+    force: write over a file that exists; without it that raises `FolderError`.
+    """
+    if kind not in TEMPLATES:
+        raise SpecError(unknown("template", kind, TEMPLATES))
+    template = TEMPLATES[kind]
+    place = Path(template.default_path if path is None else path)
+    if place.is_dir():
+        place = place / template.default_path
+    ending = Path(template.default_path).suffix
+    place = usable_file(place, (ending,), f"a {kind}")
+    if place.exists() and not force:
+        raise FolderError(f"{place} exists; --force writes over it")
+    text = template_text(kind)
+    write_atomically(place, lambda part: _write(part, text))
+    steps = tuple(step.format(path=_quoted(place)) for step in template.next_steps)
+    return WrittenTemplate(place, steps)
+
+
+def template_text(kind: str) -> str:
+    """Return the text of a template."""
+    return resources.files(__name__).joinpath(TEMPLATES[kind].source).read_text("utf-8")
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _quoted(path: Path) -> str:
+    """Return a path as a shell takes it for one word."""
+    import shlex
+
+    return shlex.quote(str(path))

@@ -1,0 +1,75 @@
+"""`roadscope cache`."""
+
+from __future__ import annotations
+
+import json as json_module
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from roadscope.commands.completion import cache_kinds
+from roadscope.commands.terminal import show
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from roadscope.benchmarks.cached_files import KindUsage
+
+cache = typer.Typer(no_args_is_help=True, add_completion=False)
+
+
+@cache.command("path", help="Print the folder that computed files go to.")
+def print_path() -> None:
+    """Print the folder; nothing else, for use in scripts."""
+    from roadscope.benchmarks.cached_files import cache_folder
+
+    typer.echo(cache_folder())
+
+
+@cache.command("show", help="Show what the cache holds, by kind.")
+def show_usage(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Show sizes by kind of file."""
+    from dataclasses import asdict
+
+    from roadscope.benchmarks.cached_files import cache_folder, cache_usage
+
+    usages = cache_usage()
+    if json:
+        table = {"folder": str(cache_folder()), "kinds": [asdict(usage) for usage in usages]}
+        typer.echo(json_module.dumps(table, indent=2))
+        return
+    typer.echo(cache_folder())
+    _show_sizes(usages)
+
+
+@cache.command("clear", help="Remove computed files; what is needed again is computed again.")
+def clear(
+    kind: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Remove this kind alone: timelines, detections, image-detections, egos, "
+            "camera-training. Can be given several times.",
+            autocompletion=cache_kinds,
+        ),
+    ] = None,
+    results: Annotated[
+        bool, typer.Option("--results", help="Remove the results database, too.")
+    ] = False,
+) -> None:
+    """Remove files of ours and say which and how much."""
+    from roadscope.benchmarks.cached_files import cache_folder, clear_cache
+
+    removed = [usage for usage in clear_cache(kind, results=results) if usage.files]
+    if not removed:
+        typer.echo(f"nothing to remove in {cache_folder()}")
+        return
+    typer.echo(f"removed from {cache_folder()}:")
+    _show_sizes(removed)
+
+
+def _show_sizes(usages: Sequence[KindUsage]) -> None:
+    from roadscope.benchmarks.tables import usage_table
+
+    show(usage_table(usages))

@@ -1,0 +1,89 @@
+"""`roadscope doctor`."""
+
+from __future__ import annotations
+
+import json as json_module
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from roadscope.commands.terminal import headline
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from roadscope.benchmarks.doctor import Diagnosis
+
+
+def doctor(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Show whether this installation works: versions, extras, cache, kernels, isolation.
+
+    The exit status is 1 if something is broken.
+    """
+    from roadscope.benchmarks.doctor import doctor as examine
+
+    diagnosis = examine()
+    if json:
+        typer.echo(json_module.dumps(diagnosis.to_json(), indent=2))
+    else:
+        _show(diagnosis)
+    if diagnosis.broken:
+        raise typer.Exit(1)
+
+
+def _show(diagnosis: Diagnosis) -> None:
+    from roadscope.benchmarks.cached_files import size_text
+
+    _section("versions", ((k, v or "not installed") for k, v in diagnosis.versions.items()))
+    _section(
+        "extras",
+        (
+            (each.name, "installed" if each.installed else _missing(each.missing, each.command))
+            for each in diagnosis.extras
+        ),
+    )
+    machine, cache, kernels = diagnosis.machine, diagnosis.cache, diagnosis.kernels
+    memory = "unknown" if machine.memory_bytes is None else size_text(machine.memory_bytes)
+    rows = [("platform", machine.platform), ("cores", str(machine.cores)), ("memory", memory)]
+    _section("machine", rows)
+    free = "" if cache.free_bytes is None else f", {size_text(cache.free_bytes)} free"
+    rows = [("folder", f"{cache.path} ({_writable(cache.writable)}{free})")]
+    rows += [
+        (usage.kind, f"{usage.files} files, {size_text(usage.size_bytes)}")
+        for usage in diagnosis.usages
+        if usage.files
+    ]
+    _section("cache", rows)
+    where = f"{kernels.folder.path} ({_writable(kernels.folder.writable)})"
+    amount = f"{kernels.cached}, {size_text(kernels.size_bytes)}" if kernels.cached else "none"
+    _section("kernels", [("folder", where), ("cached", amount)])
+    isolation = diagnosis.isolation
+    rows = [(part, "yes" if there else "no") for part, there in isolation.parts.items()]
+    rows.append(("sandbox (bubblewrap)", isolation.sandbox_reason or "yes"))
+    _section("isolation of plug-ins", rows)
+    typer.echo()
+    for text in diagnosis.warnings:
+        typer.echo(f"warning: {text}")
+    for text in diagnosis.broken:
+        typer.echo(f"broken: {text}")
+    if not diagnosis.broken:
+        typer.echo("nothing is broken")
+
+
+def _section(title: str, rows: Iterable[tuple[str, str]]) -> None:
+    """Print a heading and rows of a name and what is said of it."""
+    headline(title)
+    listed = list(rows)
+    width = max((len(name) for name, _ in listed), default=0)
+    for name, text in listed:
+        typer.echo(f"  {name:{width}}  {text}")
+
+
+def _missing(missing: tuple[str, ...], command: str) -> str:
+    return f"missing {', '.join(missing)}: {command}"
+
+
+def _writable(writable: bool) -> str:
+    return "can be written" if writable else "CANNOT be written"

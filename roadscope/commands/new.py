@@ -1,0 +1,33 @@
+"""`roadscope new`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from roadscope.commands.completion import template_kinds
+
+
+def new(
+    kind: Annotated[
+        str,
+        typer.Argument(
+            help="suite, tracker, detector, camera-detector, odometry or fusion.",
+            autocompletion=template_kinds,
+        ),
+    ],
+    path: Annotated[
+        Path | None, typer.Argument(help="File to write, or a folder; my_KIND if left out.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over a file that exists.")] = False,
+) -> None:
+    """Write a suite or a plug-in to start from, which works as it is."""
+    from roadscope.benchmarks.templates import write_template
+
+    written = write_template(kind, path, force=force)
+    typer.echo(f"written: {written.path}")
+    typer.echo("Next:")
+    for step in written.next_steps:
+        typer.echo(f"  {step}")

@@ -1,0 +1,76 @@
+"""Config records from TOML; all problems of a file are reported at once."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, TypeVar
+
+import msgspec
+
+from roadscope.core.names import unknown
+
+T = TypeVar("T", bound=msgspec.Struct)
+PLACE = re.compile(r" - at `\$(.*)`$")
+"""Where msgspec says that a value is wrong, behind the reason."""
+
+
+class ConfigError(ValueError):
+    """A file of settings cannot be read; `problems` has one text for each problem."""
+
+    def __init__(self, problems: Iterable[str]) -> None:
+        """Take what is wrong."""
+        self.problems = tuple(problems)
+        several = [f"{len(self.problems)} problems:"] if len(self.problems) > 1 else []
+        super().__init__("\n- ".join([*several, *self.problems]))
+
+
+def read_config(content: str, kind: type[T]) -> T:
+    """Return the record of TOML text; unknown, missing and wrong keys raise `ConfigError`."""
+    try:
+        table = tomllib.loads(content)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError([f"not TOML: {error}"]) from error
+    problems = list(_problems(table, kind, ""))
+    if problems:
+        raise ConfigError(problems)
+    return msgspec.convert(table, kind)
+
+
+def _problems(table: Mapping[str, Any], kind: type[msgspec.Struct], prefix: str) -> Iterator[str]:
+    """Say what is wrong with a table and those below it; prefix: `camera.` for the table camera."""
+    fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
+    known = [prefix + name for name in fields]
+    for key in table:
+        if key not in fields:
+            yield unknown("key", prefix + key, known)
+    missing = [
+        f"'{prefix}{name}'" for name, f in fields.items() if f.required and name not in table
+    ]
+    if missing:
+        keys, are = ("key", "is") if len(missing) == 1 else ("keys", "are")
+        yield f"{keys} {', '.join(missing)} {are} missing"
+    for name, field in fields.items():
+        if name not in table:
+            continue
+        value = table[name]
+        if _is_table(field.type) and isinstance(value, Mapping):
+            yield from _problems(value, field.type, f"{prefix}{name}.")
+        else:
+            yield from _wrong(value, field.type, prefix + name)
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
+def _wrong(value: Any, kind: Any, key: str) -> Iterator[str]:
+    """Say why a value is not of a kind, if it is not."""
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        reason, place = str(error), PLACE.search(str(error))
+        where = key + (place.group(1) if place else "")
+        reason = PLACE.sub("", reason)
+        yield f"{where}: {reason[0].lower()}{reason[1:]} (given: {value!r})"

@@ -1,0 +1,201 @@
+"""Classes of plug-ins, loaded from a module or from a file."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import NoneType
+from typing import Any, get_args
+
+from roadscope.core.text import error_text
+
+LOADERS = (__file__, importlib.__file__)
+
+
+LITERAL_KINDS: Mapping[Any, str] = {
+    bool: "True or False",
+    int: "a whole number",
+    float: "a number",
+}
+
+
+class SpecError(ValueError):
+    """A plug-in could not be named, loaded or made."""
+
+
+class NotInstalledError(SpecError):
+    """A plug-in needs a distribution that is not installed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """What a plug-in needs and this package does not bring; its class says so as `requires`.
+
+    distribution: its name on the package index.
+    command: what installs it.
+    """
+
+    distribution: str
+    command: str
+
+    @property
+    def version(self) -> str | None:
+        """The installed version, or None."""
+        try:
+            return version(self.distribution)
+        except PackageNotFoundError:
+            return None
+
+    @property
+    def missing(self) -> str | None:
+        """Why the plug-in cannot be made, or None if it can."""
+        if self.version is not None:
+            return None
+        return f"{self.distribution} is not installed: {self.command}"
+
+
+def load_class(target: str) -> type[Any]:
+    """Return the class that `module:Class` or `path/file.py:Class` names.
+
+    `SpecError` says what is wrong with the name, or what the module raised and in which line.
+    """
+    place, _, attribute = target.rpartition(":")
+    if not place:
+        raise SpecError(f"'{target}' names no module or file before the colon")
+    if not attribute:
+        raise SpecError(f"'{target}': name a class after the colon: {place}:Class")
+    module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
+    try:
+        found = getattr(module, attribute)
+    except AttributeError:
+        known = [
+            name
+            for name, value in vars(module).items()
+            if inspect.isclass(value) and value.__module__ == module.__name__ and name[0] != "_"
+        ]
+        raise SpecError(
+            f"no class '{attribute}' in {place}; it has: {', '.join(known) or 'no class'}"
+        ) from None
+    if not inspect.isclass(found):
+        raise SpecError(f"'{target}' is not a class")
+    return found
+
+
+def parameters_of(kind: type[Any]) -> dict[str, str]:
+    """Return the names of a constructor's parameters with their defaults as text.
+
+    One without a default has an empty text. Empty for a class that does not tell its parameters.
+    """
+    try:
+        parameters = inspect.signature(kind).parameters.values()
+    except (TypeError, ValueError):
+        return {}
+    return {p.name: "" if p.default is p.empty else str(p.default) for p in parameters}
+
+
+def positional_parameters_of(kind: type[Any]) -> tuple[str, ...]:
+    """Return the names of a constructor's parameters that can be given by position."""
+    try:
+        parameters = inspect.signature(kind).parameters.values()
+    except (TypeError, ValueError):
+        return ()
+    possible = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    return tuple(p.name for p in parameters if p.kind in possible)
+
+
+def binding_problem(kind: type[Any], arguments: Mapping[str, Any]) -> str:
+    """Say why a constructor does not take the arguments; empty if it does."""
+    try:
+        signature = inspect.signature(kind)
+    except (TypeError, ValueError):
+        return ""
+    try:
+        signature.bind(**arguments)
+    except TypeError as error:
+        known = [
+            f"{name}={default}" if default else name
+            for name, default in parameters_of(kind).items()
+        ]
+        return f"{error}; its arguments: {', '.join(known) or 'none'}"
+    return ""
+
+
+def _import_module(name: str) -> Any:
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        text = error_text(error).partition(": ")[2]
+        raise SpecError(f"cannot import '{name}': {text}{_where(error)}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise SpecError(_fails(name, error)) from error
+
+
+def _import_file(path: Path) -> Any:
+    """Import a file; the files beside it come first on the path, as where Python runs it."""
+    if not path.is_file():
+        raise SpecError(f"no file {path}")
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    name = "roadscope_plugin_" + sha256(str(path.resolve()).encode()).hexdigest()[:12]
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException as error:
+        sys.modules.pop(name, None)
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        raise SpecError(_fails(path, error)) from error
+    return module
+
+
+def _fails(place: object, error: BaseException) -> str:
+    return f"{place} fails when loaded: {error_text(error)}{_where(error)}"
+
+
+def _where(error: BaseException) -> str:
+    """Say at which line of the module that is loaded; empty where it was not found or read."""
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename not in LOADERS and not frame.filename.startswith("<frozen importlib")
+    ]
+    lines = [frame.lineno for frame in frames if frame.filename == frames[0].filename]
+    return f" ({Path(frames[0].filename).name}:{lines[-1]})" if frames else ""
+
+
+def wrong_literal(factory: Callable[..., Any], arguments: Mapping[str, Any]) -> str:
+    """Return which argument is of another type than its annotation; empty if none is.
+
+    Only annotations of bool, int, float and None, alone or in a union, are compared.
+    """
+    parameters = inspect.signature(factory, eval_str=True).parameters
+    for name, value in arguments.items():
+        if name not in parameters or value is None:
+            continue
+        annotation = parameters[name].annotation
+        kinds = set(get_args(annotation) or (annotation,)) - {NoneType}
+        if not kinds or not kinds <= LITERAL_KINDS.keys():
+            continue
+        # An int is taken for a float; True is not taken for an int.
+        accepted = kinds | ({int} if float in kinds else set())
+        if type(value) not in accepted:
+            expected = " or ".join(words for kind, words in LITERAL_KINDS.items() if kind in kinds)
+            return f"{name} must be {expected}, got {value!r}"
+    return ""

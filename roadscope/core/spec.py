@@ -1,0 +1,253 @@
+"""A plug-in named by one string, parsed once.
+
+A spec is a registered name (`nearest`), a class of a module (`package.module:Class`) or of a file
+(`path/to/file.py:Class`), with arguments if there are any: `nearest?gate_m=2.5&coast_frames=20`.
+Values are read as Python literals and otherwise taken as text.
+
+Some specs are composed of others, their parts:
+
+- `TRACKER?ego=ODOMETRY`: a tracker that gets the ego's poses from an odometry. `ego=` comes last,
+  everything behind it belongs to the odometry.
+- `oracle?odometry=ODOMETRY`: an odometry that gets scans without moving objects; likewise.
+- `fused?lidar=DETECTOR&camera=DETECTOR&fusion=FUSION`: the fused detections of two detectors.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from hashlib import sha256
+from importlib.metadata import packages_distributions, version
+from pathlib import Path
+from typing import Any
+
+from roadscope.core.loading import (
+    NotInstalledError,
+    Requirement,
+    SpecError,
+    binding_problem,
+    load_class,
+    wrong_literal,
+)
+from roadscope.core.names import unknown
+
+KINDS = ("detector", "camera detector", "tracker", "fusion", "odometry")
+"""What a plug-in can be. A class may say so itself by an attribute: `kind = "tracker"`."""
+ORACLE, FUSED = "oracle", "fused"
+TRUE_POSES, NO_POSES = "truth", "none"
+"""What `ego=` may name beside an odometry; without it trackers get the true poses."""
+EGO, ODOMETRY = "ego", "odometry"
+FUSED_PARTS = ("lidar", "camera", "fusion")
+_EGO_PART = re.compile(rf"[?&]{EGO}=")
+
+
+@dataclass(frozen=True, eq=False)
+class Spec:
+    """A plug-in named by a string.
+
+    text: the string, as the user wrote it.
+    name: the part before `?`.
+    arguments: keyword arguments of its constructor, by name.
+    parts: the specs that it is composed of, by key: `ego`, `odometry`, `lidar`, `camera`, `fusion`.
+    kind: one of `KINDS`, or the kind of another registry; empty until a registry resolved it.
+    target: `module:Class` or `path/file.py:Class` that holds the class; likewise.
+
+    Specs are equal when text and kind are. They hold strings and literals only, so they can be
+    sent to other processes.
+    """
+
+    text: str
+    name: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    parts: Mapping[str, Spec] = field(default_factory=dict)
+    kind: str = ""
+    target: str = ""
+
+    @staticmethod
+    def parse(text: str) -> Spec:
+        """Read a spec; `SpecError` says what is wrong with it. Nothing is loaded."""
+        before_ego, *ego = _EGO_PART.split(text, maxsplit=1)
+        parts = {EGO: Spec.parse(ego[0])} if ego else {}
+        name, _, query = before_ego.partition("?")
+        if not name:
+            raise SpecError(f"'{text}' names nothing")
+        if name == ORACLE and query.startswith(f"{ODOMETRY}="):
+            inner = Spec.parse(text.partition(f"{ODOMETRY}=")[2])
+            return Spec(text, name, {}, {ODOMETRY: inner})
+        arguments: dict[str, Any] = {}
+        for item in filter(None, query.split("&")):
+            key, equals, value = item.partition("=")
+            if not equals or not key.isidentifier():
+                raise SpecError(
+                    f"'{text}': arguments look like name?key=value&key=value, got '{item}'"
+                )
+            if name == FUSED and key in FUSED_PARTS:
+                parts[key] = Spec.parse(value)
+            else:
+                arguments[key] = _literal(value)
+        return Spec(text, name, arguments, parts)
+
+    def __str__(self) -> str:
+        return self.text
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Spec):
+            return NotImplemented
+        return (self.text, self.kind) == (other.text, other.kind)
+
+    def __hash__(self) -> int:
+        return hash((self.text, self.kind))
+
+    @property
+    def ego(self) -> Spec | None:
+        """Who tells a tracker the ego's poses; None: nothing is said."""
+        return self.parts.get(EGO)
+
+    @property
+    def plain(self) -> Spec:
+        """The plug-in alone, without who tells it the ego's poses."""
+        if self.ego is None:
+            return self
+        parts = {key: part for key, part in self.parts.items() if key != EGO}
+        return replace(self, text=_EGO_PART.split(self.text, maxsplit=1)[0], parts=parts)
+
+    def with_ego(self, ego: str) -> Spec:
+        """Return the spec with the ego's poses of `truth`, `none` or an odometry."""
+        text = self.plain.text
+        return replace(
+            Spec.parse(f"{text}{'&' if '?' in text else '?'}{EGO}={ego}"),
+            arguments=self.arguments,
+            kind=self.kind,
+            target=self.target,
+        )
+
+    @property
+    def is_class(self) -> bool:
+        """Whether the name is that of a class in a module or file, not a registered name."""
+        return ":" in self.name
+
+    @property
+    def ours(self) -> bool:
+        """Whether the plug-in ships with this package."""
+        return self.target.startswith("roadscope.")
+
+    @property
+    def factory(self) -> Any:
+        """The class, loaded into this process when it is first asked for."""
+        return load_class(self.target)
+
+    @property
+    def requirement(self) -> Requirement | None:
+        """What a plug-in of ours needs beside this package, if anything."""
+        required = getattr(self.factory, "requires", None) if self.ours else None
+        return required if isinstance(required, Requirement) else None
+
+    @property
+    def missing(self) -> str | None:
+        """Why a plug-in of ours cannot be made here, or None if it can."""
+        return self.requirement.missing if self.requirement else None
+
+    @property
+    def isolated(self) -> bool:
+        """Whether it runs in a process of its own: what is not ours, and wrappers of such."""
+        return not self.ours or self.requirement is not None
+
+    def make(self) -> Any:
+        """Construct the plug-in in this process; wrong arguments are named."""
+        factory = self.factory
+        if problem := binding_problem(factory, self.arguments):
+            raise SpecError(f"'{self.text}': {problem}")
+        if self.ours and (wrong := wrong_literal(factory, self.arguments)):
+            raise ValueError(wrong)
+        required = getattr(factory, "requires", None)
+        if isinstance(required, Requirement) and required.missing:
+            raise NotInstalledError(required.missing)
+        return factory(**self.arguments)
+
+
+def source_hash(target: str) -> str:
+    """Hash what `module:Class` or `path/file.py:Class` is made from: 16 hexadecimal digits.
+
+    That is its file, the files beside it that it imports and, for an installed package, its
+    version. Files are read, nothing is imported.
+    """
+    place, _, name = target.rpartition(":")
+    file = Path(place) if place.endswith(".py") else _file_of_module(place)
+    if file is None or not file.is_file():
+        raise SpecError(f"no file or module {place}")
+    digest = sha256(f"{_distribution_version(place)} {name}".encode())
+    for each in _source_files(file):
+        digest.update(each.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def _source_files(file: Path) -> list[Path]:
+    """Return a plug-in's file and the files and packages beside it that it imports, sorted."""
+    files: set[Path] = set()
+    ahead = [file.resolve()]
+    while ahead:
+        here = ahead.pop()
+        if here in files:
+            continue
+        files.add(here)
+        for node in ast.walk(ast.parse(here.read_bytes())):
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module] if node.module else [alias.name for alias in node.names]
+            else:
+                continue
+            for top in {name.partition(".")[0] for name in names}:
+                beside = here.parent / f"{top}.py"
+                ahead += [beside] if beside.is_file() else (here.parent / top).rglob("*.py")
+    return sorted(files)
+
+
+def _file_of_module(module: str) -> Path | None:
+    """Return the file of a module; its package is not imported."""
+    first, *rest = module.split(".")
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+    top = importlib.util.find_spec(first)
+    if top is None:
+        return None
+    if not rest:
+        return Path(top.origin) if top.origin else None
+    for folder in top.submodule_search_locations or ():
+        place = Path(folder).joinpath(*rest)
+        for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):
+            if path.is_file():
+                return path
+    return None
+
+
+def _distribution_version(module: str) -> str:
+    names = _distributions().get(module.partition(".")[0], [])
+    return ",".join(f"{name}={version(name)}" for name in sorted(set(names)))
+
+
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    """Read once which distribution each package is of: it takes a third of a second."""
+    return packages_distributions()
+
+
+def _literal(text: str) -> Any:
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return {"true": True, "false": False, "none": None}.get(text.lower(), text)
+
+
+def unknown_name(kind: str, name: str, known: list[str], composed: str = "") -> str:
+    """Return what is wrong with a name that no plug-in of a kind has, and what is possible."""
+    more = f"or put one together: {composed}; " if composed else ""
+    return (
+        f"{unknown(kind, name, known)}; {more}"
+        "or name your own: package.module:Class, path/to/file.py:Class"
+    )

@@ -1,0 +1,198 @@
+"""The metrics as plain functions, for anybody's detections, tracks and poses.
+
+Tracking metrics take a `TrackedSequence`: `TrackedSequence.of` makes one from ids and similarities
+or distances, `tracked_sequence` from records. Counts of several sequences add up (`one + other`).
+Metrics of odometry take estimated and true poses of the same stamps. Units are in the names:
+metres, radians, seconds; shares are 0 to 1.
+
+All are compared in our tests with the reference implementations: TrackEval, Stone Soup, nuScenes,
+pycocotools, KITTI's and evo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from roadscope.benchmarks.metrics import METRIC_VERSION
+from roadscope.benchmarks.metrics import average_precision as _precision
+from roadscope.benchmarks.metrics import calibration as _calibration
+from roadscope.benchmarks.metrics.image_precision import Labelled as _Labelled
+from roadscope.benchmarks.metrics.image_precision import PrecisionCurve, image_precision
+from roadscope.benchmarks.metrics.matching import Pairing as _Pairing
+from roadscope.benchmarks.metrics.matching import centre_distances as _centre_distances
+from roadscope.benchmarks.metrics.odometry.absolute import AbsoluteErrors, absolute_errors
+from roadscope.benchmarks.metrics.odometry.alignment import Alignment
+from roadscope.benchmarks.metrics.odometry.drift import KITTI_EVERY, KITTI_M, Drift, drift
+from roadscope.benchmarks.metrics.odometry.relative import RelativeErrors, relative_errors
+from roadscope.benchmarks.metrics.odometry.trajectory import Trajectories as _Trajectories
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.tracking.amota import Amota, amota
+from roadscope.benchmarks.metrics.tracking.amota_nuscenes import NuscenesAmota, amota_nuscenes
+from roadscope.benchmarks.metrics.tracking.clear import Clear, clear
+from roadscope.benchmarks.metrics.tracking.hota import ALPHAS, Hota, hota
+from roadscope.benchmarks.metrics.tracking.identity import Identity, identity
+from roadscope.benchmarks.metrics.tracking.nees import Nees
+from roadscope.benchmarks.metrics.tracking.nees import nees as _nees
+from roadscope.benchmarks.metrics.tracking.ospa import Gospa, Ospa, gospa, ospa
+from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.benchmarks.metrics.tracking.similarity import tracked_sequence
+from roadscope.benchmarks.metrics.tracking.states import StateErrors as _StateErrors
+from roadscope.core import Detections, ImageDetections, Pose, Truth
+
+__all__ = [
+    "ALPHAS",
+    "KITTI_M",
+    "METRIC_VERSION",
+    "AbsoluteErrors",
+    "Amota",
+    "Clear",
+    "Drift",
+    "Gospa",
+    "Hota",
+    "Identity",
+    "Nees",
+    "NuscenesAmota",
+    "Ospa",
+    "PrecisionCurve",
+    "RelativeErrors",
+    "Score",
+    "TrackedSequence",
+    "amota",
+    "amota_nuscenes",
+    "ate",
+    "average_precision",
+    "calibration_error",
+    "clear",
+    "gospa",
+    "hota",
+    "identity",
+    "image_average_precision",
+    "kitti_drift",
+    "nees",
+    "ospa",
+    "rpe",
+    "tracked_sequence",
+]
+
+Poses = np.ndarray | Sequence[Pose]
+"""(N, 4, 4) float64 rigid motions, metres, or as many `Pose`s."""
+
+
+def ate(estimate: Poses, truth: Poses, *, alignment: Alignment = "se3") -> AbsoluteErrors:
+    """Return the absolute trajectory error of each pose (Sturm et al. 2012); `rmse_m` is ATE.
+
+    estimate, truth: (N, 4, 4), poses of the same sensor at the same stamps.
+    alignment: `none`: both are in the same frame. `origin`: first pose on first pose. `yaw`:
+        shift and turn about z, `se3`: shift and rotation, with the least squared distances
+        (Umeyama 1991, without scale).
+    """
+    return absolute_errors(_trajectories(estimate, truth), alignment)
+
+
+def rpe(estimate: Poses, truth: Poses, *, step: int = 1) -> RelativeErrors:
+    """Return the relative pose errors (Sturm et al. 2012) of motions over `step` frames.
+
+    estimate, truth: (N, 4, 4), poses of the same sensor at the same stamps, each in a frame of
+        its own. `rmse_m` and `rmse_rad` are what is called RPE.
+    """
+    return relative_errors(_trajectories(estimate, truth), step)
+
+
+def kitti_drift(
+    estimate: Poses,
+    truth: Poses,
+    *,
+    lengths_m: Sequence[float] = KITTI_M,
+    every: int = KITTI_EVERY,
+) -> Drift:
+    """Return KITTI's drift (Geiger et al. 2012): `t_rel` in %, `r_rel` in degrees per 100 m.
+
+    estimate, truth: (N, 4, 4), poses of the same sensor at the same stamps, each in a frame of
+        its own.
+    lengths_m: of the stretches. every: a stretch begins at every so many-th frame. The defaults
+        are KITTI's; trajectories of less than 100 m need shorter stretches.
+    """
+    return drift(_trajectories(estimate, truth), lengths_m, every=every)
+
+
+def nees(
+    errors: np.ndarray, covariances: np.ndarray, *, velocity_errors: np.ndarray | None = None
+) -> Nees:
+    """Return the normalised estimation error squared (Bar-Shalom et al. 2001, chapter 5.4).
+
+    errors: (K, 2) metres, estimated less true x and y. covariances: (K, 4, 4), of x, y and their
+        velocities, as `Tracks.covariances` has them. velocity_errors: (K, 2) m/s; with them NEES
+        has four degrees of freedom, without them two.
+    """
+    count = len(errors)
+    velocities = np.zeros((count, 2)) if velocity_errors is None else np.asarray(velocity_errors)
+    states = _StateErrors(
+        np.asarray(errors, float), velocities, np.zeros(count), np.asarray(covariances, float)
+    )
+    return _nees(states, velocity=velocity_errors is not None)
+
+
+def average_precision(
+    detections: Sequence[Detections],
+    truths: Sequence[Truth],
+    *,
+    gate_m: float = 2.0,
+    required: Sequence[np.ndarray] | None = None,
+) -> Score:
+    """Return average precision by distance of centres (Caesar et al. 2020, nuScenes), 0 to 1.
+
+    Detections are matched from the highest score down, each to the nearest free object within
+    the gate, seen from above; interpolated precision is averaged over 101 recalls. Classes are
+    not compared: select one class first for a mean over classes.
+
+    detections, truths: T frames, in the same coordinate frame. gate_m: metres.
+    required: T arrays (M,) bool, which objects are to be detected; others count neither as
+        missed nor as false alarms. None: all objects of the truth.
+    """
+    pairings = []
+    for t, (found, truth) in enumerate(zip(detections, truths, strict=True)):
+        eligible = np.ones(len(truth), bool) if required is None else np.asarray(required[t], bool)
+        distances = _centre_distances(found.centres, truth.centres)
+        pairings.append(_Pairing(distances, eligible, np.ones(len(found), bool)))
+    scores = [found.scores for found in detections]
+    return _precision.average_precision(pairings, scores, gate_m)
+
+
+def image_average_precision(
+    detections: Sequence[ImageDetections], boxes: Sequence[np.ndarray], *, least_iou: float = 0.5
+) -> PrecisionCurve:
+    """Return average precision of boxes in images as COCO defines it; `ap` is 0 to 1.
+
+    Classes are not compared: select one class first.
+
+    detections: of T images. boxes: T arrays (M, 4) of true boxes, pixels, left top right bottom.
+    least_iou: intersection over union from which on a detection is right.
+    """
+    images = []
+    for found, true in zip(detections, boxes, strict=True):
+        objects = np.asarray(true, float).reshape(-1, 4)
+        asked, counted = np.ones(len(objects), bool), np.ones(len(found), bool)
+        images.append(_Labelled(found.boxes, found.scores, objects, asked, counted))
+    return image_precision(images, least_iou)
+
+
+def calibration_error(scores: np.ndarray, right: np.ndarray) -> Score:
+    """Return the expected calibration error (Naeini et al. 2015) in ten bins, 0 to 1.
+
+    scores: (N,) in 0 to 1. right: (N,) bool, which detections are right.
+    """
+    values, hits = np.asarray(scores, float), np.asarray(right, bool)
+    return _calibration.calibration_error(_calibration.excess(values, hits))
+
+
+def _trajectories(estimate: Poses, truth: Poses) -> _Trajectories:
+    return _Trajectories(_matrices(estimate), _matrices(truth))
+
+
+def _matrices(poses: Poses) -> np.ndarray:
+    """Return (N, 4, 4) matrices of poses."""
+    if isinstance(poses, np.ndarray):
+        return poses
+    return np.array([p.matrix for p in poses], float).reshape(-1, 4, 4)

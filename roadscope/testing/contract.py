@@ -1,0 +1,253 @@
+"""All promises of a plug-in, for a report or as items of a test suite."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+
+from roadscope.benchmarks.isolation import PluginError
+from roadscope.benchmarks.kinds import (
+    CAMERA_DETECTOR,
+    DETECTOR,
+    FUSION,
+    KINDS,
+    ODOMETRY,
+    TRACKER,
+    Kind,
+    entry_kind,
+    traits_of,
+)
+from roadscope.benchmarks.noisy import NOISES
+from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
+from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
+from roadscope.benchmarks.references import NAMED_BY_SUITES
+from roadscope.core import Spec, SpecError
+from roadscope.core.answers import AnswerError
+from roadscope.core.names import unknown
+from roadscope.core.spec import FUSED, ORACLE
+from roadscope.core.text import one_line
+from roadscope.testing.subject import DEADLINE_S, Promise, PromiseError, Subject, resolved
+
+LOADED = "can be loaded"
+QUIET = "prints nothing"
+SAME = "the same"
+"""Stands for a reason that an earlier item has already given."""
+MODULES: Mapping[str, str] = {
+    DETECTOR.name: "detectors",
+    CAMERA_DETECTOR.name: "camera_detectors",
+    TRACKER.name: "trackers",
+    FUSION.name: "fusions",
+    ODOMETRY.name: "odometries",
+}
+"""Where the promises of each kind are."""
+WARNING = re.compile(r"^.*:\d+: \w*Warning: .*\n(?:  .*\n?)?", re.MULTILINE)
+"""A warning of Python as it is printed, with its line of code."""
+MOST_SHOWN = 60
+"""Characters of what a plug-in printed; chosen by hand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """What came of one promise.
+
+    remark: what is wrong, or a remark on what is good; may be empty.
+    """
+
+    promise: str
+    good: bool
+    remark: str = ""
+
+    def __str__(self) -> str:
+        mark = "ok   " if self.good else "WRONG"
+        return f"{mark}  {self.promise}" + (f": {self.remark}" if self.remark else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What came of all promises of a plug-in.
+
+    spec: the plug-in. kind: what it is, empty if it could not be loaded.
+    """
+
+    spec: str
+    kind: str
+    items: tuple[Item, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether all promises are kept."""
+        return not self.broken
+
+    @property
+    def broken(self) -> tuple[Item, ...]:
+        """The promises that are not kept."""
+        return tuple(item for item in self.items if not item.good)
+
+    @property
+    def verdict(self) -> str:
+        """One line on the whole."""
+        count = len(self.broken)
+        wrong = f"{count} {'item' if count == 1 else 'items'} wrong"
+        return f"{self.spec}: {wrong if count else 'all right'}"
+
+    def __str__(self) -> str:
+        return "\n".join([*map(str, self.items), self.verdict])
+
+
+@dataclass(frozen=True, slots=True)
+class ContractItem:
+    """One promise of one plug-in, as a test suite goes through them.
+
+    spec: the plug-in, resolved.
+    """
+
+    spec: Spec
+    kind: Kind
+    promise: Promise
+    deadline_s: float = DEADLINE_S
+    trust: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.spec} {self.promise.words}"
+
+    def verify(self) -> str:
+        """Return a remark; `PromiseError` says what is wrong."""
+        subject = Subject(self.spec, self.kind, deadline_s=self.deadline_s, trust=self.trust)
+        return _verify(self.promise, subject)
+
+
+def contract_items(
+    spec: str, *, kind: str | None = None, deadline_s: float = DEADLINE_S, trust: bool = False
+) -> list[ContractItem]:
+    """Return all promises of a plug-in; `SpecError` if it cannot be loaded.
+
+    Arguments are those of `check`.
+    """
+    plugin, known = _resolved(spec, kind)
+    return [
+        ContractItem(plugin, known, promise, deadline_s, trust)
+        for promise in _promises(plugin, known)
+    ]
+
+
+def check(
+    spec: str,
+    *,
+    kind: str | None = None,
+    deadline_s: float = DEADLINE_S,
+    trust: bool = False,
+    report: Callable[[Item], object] | None = None,
+) -> Report:
+    """Go through everything that a plug-in promises, and return what came of it.
+
+    spec: a registered name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
+    kind: detector, camera detector, tracker, fusion or odometry; without it the class says it by
+        an attribute `kind`, or it has the only method of that name.
+    deadline_s: of each promise, for loading the class and all calls of it, our own work not
+        counted. What has none left hangs, and no more promises are tried.
+    trust: run a class that is not ours in this process, where nothing ends what hangs.
+    report: is called with each item as it is known.
+    """
+    items: list[Item] = []
+    logs: list[str] = []
+
+    def add(item: Item) -> None:
+        items.append(item)
+        if report is not None:
+            report(item)
+
+    if kind is not None:
+        _kind_named(kind)
+    try:
+        plugin, known = _resolved(spec, kind)
+        promises = _promises(plugin, known)
+    except SpecError as error:
+        add(Item(LOADED, False, str(error)))
+        return Report(spec, "", tuple(items))
+    add(Item(LOADED, True, _kind_in_words(plugin, known)))
+    reasons: set[str] = set()
+    for number, promise in enumerate(promises):
+        subject = Subject(plugin, known, deadline_s=deadline_s, trust=trust)
+        item = _item(promise, subject)
+        logs += subject.logs
+        again = not item.good and item.remark in reasons
+        reasons.add(item.remark)
+        add(Item(item.promise, False, SAME) if again else item)
+        # A plug-in that cannot be made, called or waited for need not be asked for more.
+        if not item.good and (number < 2 or subject.hangs):
+            break
+    add(_quiet("".join(logs)))
+    return Report(spec, known.name, tuple(items))
+
+
+def _item(promise: Promise, subject: Subject) -> Item:
+    try:
+        return Item(promise.words, True, _verify(promise, subject))
+    except PromiseError as error:
+        return Item(promise.words, False, str(error))
+
+
+def _verify(promise: Promise, subject: Subject) -> str:
+    """Return a remark; whatever the plug-in does wrong is a `PromiseError`."""
+    try:
+        return promise.verify(subject)
+    except (AnswerError, SpecError) as error:
+        raise PromiseError(str(error)) from error
+    except PluginError as error:
+        text = str(error).removeprefix(f"{subject.spec}: ")
+        if subject.hangs and "hangs" not in text:
+            text += ": it hangs"
+        raise PromiseError(text) from error
+
+
+def _resolved(text: str, kind: str | None) -> tuple[Spec, Kind]:
+    """Return the spec of a plug-in and its kind; refuse what is no plug-in."""
+    spec = Spec.parse(text).plain
+    if spec.name == FUSED:
+        raise SpecError(f"'{text}' joins two detectors by a fusion; check each of the three")
+    registries = (NOISES, CAMERA_NOISES, ODOMETRY_NOISES)
+    if spec.name == ORACLE or any(spec.name in registry for registry in registries):
+        raise SpecError(f"'{text}' is made from the truth and is no plug-in: it promises nothing")
+    if kind is not None:
+        known = _kind_named(kind)
+    else:
+        known = DETECTOR if spec.name in NAMED_BY_SUITES else entry_kind(spec)
+    plugin = resolved(spec, known)
+    traits_of(plugin)
+    return plugin, known
+
+
+def _kind_named(kind: str) -> Kind:
+    name = kind.replace("-", " ")
+    if name not in KINDS:
+        raise SpecError(unknown("kind", kind, KINDS))
+    return KINDS[name]
+
+
+def _promises(spec: Spec, kind: Kind) -> Sequence[Promise]:
+    promises: Sequence[Promise] = _promises_in(MODULES[kind.name])
+    if kind is TRACKER and traits_of(spec).offline:
+        return (*promises, *_promises_in("offline"))
+    return promises
+
+
+def _promises_in(module: str) -> Sequence[Promise]:
+    promises: Sequence[Promise] = import_module(f"roadscope.testing.{module}").PROMISES
+    return promises
+
+
+def _kind_in_words(spec: Spec, kind: Kind) -> str:
+    if kind is TRACKER and traits_of(spec).offline:
+        return "an offline tracker"
+    return f"{'an' if kind is ODOMETRY else 'a'} {kind.name}"
+
+
+def _quiet(printed: str) -> Item:
+    """Return whether a plug-in printed nothing but warnings of Python."""
+    text = WARNING.sub("", printed).strip()
+    if not text:
+        return Item(QUIET, True)
+    first = one_line(text.splitlines()[0])[:MOST_SHOWN]
+    return Item(QUIET, False, f"it prints '{first}'; use logging below the level WARNING")

@@ -1,0 +1,136 @@
+"""What an odometry promises."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from roadscope.benchmarks.drive import Step, drive, select
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.kinds import ODOMETRY
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.metrics.odometry import absolute_errors
+from roadscope.benchmarks.nodes.poses import PoseNode
+from roadscope.core import OdometryEstimate, OdometryStatus, Pose, Spec
+from roadscope.core.answers import check_estimate
+from roadscope.testing.shared import (
+    Standard,
+    Words,
+    figure_in_words,
+    input_promise,
+    memory_promises,
+    start_promises,
+)
+from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
+
+SCENE = Episode("two-way", 0, "vlp16-imu", 2.0)
+"""Traffic, one of the training seeds, sensors, seconds."""
+FEW = 8
+"""Scans of the scene that most promises use."""
+EVERY_EMPTY = 3
+"""One of so many scans has no returns where such are tried."""
+START_TOLERANCE = 1e-6
+"""Of the first pose: metres, and entries of the rotation matrix."""
+REFERENCE, MARK = "lidar-inertial", "still"
+SHARE_OF_STILL = 0.5
+"""An odometry that is off by a greater share of the way, which is the error of `still`, is broken.
+
+Chosen by hand: one that uses its scans is off by a few hundredths of the way.
+"""
+
+
+@lru_cache(maxsize=1)
+def steps() -> tuple[Step, ...]:
+    """Return the scans of the scene."""
+    return tuple(drive(SCENE))
+
+
+def estimate(instance: Instance, given: Sequence[Step]) -> list[OdometryEstimate]:
+    """Return the estimates of scans that follow on each other."""
+    return [
+        check_estimate(
+            instance.call("update", step.scan, step.imu),
+            stamp_s=step.scan.stamp_s,
+            returns=len(step.scan),
+        )
+        for step in given
+    ]
+
+
+def estimate_few(instance: Instance) -> list[OdometryEstimate]:
+    """Return the estimates of the first scans of the scene."""
+    return estimate(instance, steps()[:FEW])
+
+
+def answers(subject: Subject) -> str:
+    """Run it over a few scans, and refuse a first pose that is not the start."""
+    with subject.started() as instance:
+        first = estimate_few(instance)[0].start_from_lidar
+    away_m = float(np.linalg.norm(first.translation))
+    turned = float(np.abs(first.matrix[:3, :3] - np.eye(3)).max())
+    if max(away_m, turned) > START_TOLERANCE:
+        raise PromiseError(
+            f"the first pose is {away_m:.3g} m from the start; poses are start_from_lidar, in the "
+            "LiDAR's frame of the first scan"
+        )
+    return ""
+
+
+def without_imu(subject: Subject) -> str:
+    """Run it over scans that come without inertial samples."""
+    with subject.started() as instance:
+        estimate(instance, [replace(step, imu=None) for step in steps()[:FEW]])
+    return ""
+
+
+def empty_scans(subject: Subject) -> str:
+    """Run it over scans some of which have no returns, the first one too."""
+    given = [
+        step if number % EVERY_EMPTY else replace(step, scan=select(step.scan, slice(0, 0)))
+        for number, step in enumerate(steps()[: FEW + 2])
+    ]
+    with subject.started() as instance:
+        estimates = estimate(instance, given)[::EVERY_EMPTY]
+    good = all(each.status is OdometryStatus.DEGRADED for each in estimates)
+    return "" if good else "a scan without returns is not called degraded"
+
+
+def compare(subject: Subject) -> str:
+    """Follow two seconds of traffic; refuse an odometry that is off by much of the way."""
+    error_m = _end_error_m(subject.spec, subject.options)
+    still = _standard(MARK)
+    words = figure_in_words(
+        "error after two seconds among traffic",
+        error_m,
+        beside=[_standard(REFERENCE), still],
+        unit=" m",
+    )
+    if error_m > SHARE_OF_STILL * still.value:
+        raise PromiseError(f"{words}: poses are start_from_lidar, metres, x ahead, y left, z up")
+    return words
+
+
+@lru_cache(maxsize=2)
+def _standard(name: str) -> Standard:
+    return Standard(name, _end_error_m(ODOMETRY.registry.resolve(name), RunOptions()))
+
+
+def _end_error_m(spec: Spec, options: RunOptions) -> float:
+    poses = PoseNode(spec, SCENE).compute(options)
+    return float(absolute_errors(poses.trajectories, "origin").end_m)
+
+
+RESETS: tuple[tuple[Pose | None, ...], ...] = ((), (Pose.identity(),))
+"""Without and with `lidar_from_imu`."""
+PROMISES = (
+    *start_promises("update", "scan, imu", RESETS),
+    Promise("answers each scan with a pose, the first at the start", answers),
+    input_promise(estimate_few),
+    Promise("goes on without an IMU", without_imu),
+    Promise("goes on after scans without returns", empty_scans),
+    *memory_promises(estimate_few, Words("scans", "poses")),
+    Promise("follows two seconds of traffic", compare),
+)

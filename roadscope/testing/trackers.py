@@ -1,0 +1,362 @@
+"""What a tracker promises."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from roadscope.benchmarks.boards.tracking import tracking_scores
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.kinds import TRACKER
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.nodes.detections import DetectionNode
+from roadscope.benchmarks.nodes.tracks import track
+from roadscope.benchmarks.records import CallTimes, EpisodeDetections, EpisodeTracks
+from roadscope.benchmarks.references import detection_source
+from roadscope.core import Category, Detections, Pose, Tracks, TrackState
+from roadscope.core.answers import check_tracks
+from roadscope.testing.shared import (
+    Standard,
+    figure_in_words,
+    input_promise,
+    start_promises,
+)
+from roadscope.testing.subject import Instance, Promise, PromiseError, Subject
+
+PERIOD_S = 0.1
+FRAMES = 20
+FAR_M = 20.0
+"""No road user moves so far from one frame to the next."""
+NEAR_M = 1.0
+"""A track within this distance of a car is that of the car; chosen by hand."""
+RING_M, RING_AT_M = 6.0, (20.0, 0.0)
+"""Radius and middle of the circle on which cars drive."""
+FRESH_INSTANCES = 5
+"""If ids are drawn at random, so many fresh instances do not give them in one order."""
+FIELDS = ("centres", "sizes", "yaws", "velocities", "covariances", "categories", "scores")
+SCENE = Episode("motorway", 0, "lux", 2.0)
+"""Traffic, one of the training seeds, sensors, seconds."""
+RULE = Eligibility()
+REFERENCE = "existence"
+UNLINKED = "new ids in every frame"
+"""The lower mark: true boxes, no two of which belong together."""
+LEAST_OF_UNLINKED = 2.0
+"""A tracker whose HOTA is not so many times that of `UNLINKED` is broken.
+
+Chosen by hand: ids that are the numbers of rows have 1.9 times as much, `nearest` has 5 times.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerInput:
+    """What a tracker gets in one frame: detections, and the ego's pose or None."""
+
+    detections: Detections
+    ego_pose: Pose | None = None
+
+
+def parallel_cars(seed: int = 0, *, posed: bool = False) -> list[TrackerInput]:
+    """Return four cars 12 m and more from each other, one in ten not detected.
+
+    posed: whether the ego drives and its poses are known.
+    """
+    rng = np.random.default_rng(seed)
+    start = np.array([[10.0, -6.0], [25.0, 6.0], [40.0, -6.0], [-15.0, 6.0]])
+    velocity = np.array([[5.0, 0.0], [-4.0, 0.0], [0.0, 0.0], [6.0, 0.5]])
+    ticks = []
+    for k in range(FRAMES):
+        places = start + k * PERIOD_S * velocity + 0.05 * rng.standard_normal((4, 2))
+        detections = cars(places[rng.random(4) < 0.9], k * PERIOD_S)
+        if posed:
+            pose = Pose.planar(0.8 * k, 0.1 * k, 0.01 * k)
+            ticks.append(TrackerInput(detections.moved(pose.inverse(), "ego"), pose))
+        else:
+            ticks.append(TrackerInput(detections))
+    return ticks
+
+
+def circling_cars(first: int = 0) -> list[TrackerInput]:
+    """Return four cars on a circle, each of which ends where another one begins.
+
+    first: number of the first frame; the cars begin at the same places whatever it is.
+    """
+    rng = np.random.default_rng(first)
+    ticks = []
+    for k in range(FRAMES):
+        angles = 0.3 + 0.5 * np.pi * (np.arange(4) + k / FRAMES)
+        places = RING_AT_M + RING_M * np.column_stack([np.cos(angles), np.sin(angles)])
+        places += 0.05 * rng.standard_normal((4, 2))
+        ticks.append(TrackerInput(cars(places, (first + k) * PERIOD_S)))
+    return ticks
+
+
+def cars(places: np.ndarray, stamp_s: float) -> Detections:
+    """Return detections of cars at (N, 2) places, frame `ego`."""
+    n = len(places)
+    return Detections(
+        np.column_stack([places, np.full(n, 0.75)]),
+        np.tile([4.6, 1.85, 1.5], (n, 1)),
+        np.zeros(n),
+        np.full(n, Category.CAR),
+        np.full(n, 0.9),
+        "ego",
+        stamp_s,
+    )
+
+
+def update(instance: Instance, tick: TrackerInput) -> Tracks:
+    """Return the tracks of a frame."""
+    answer = instance.call("update", tick.detections, tick.ego_pose)
+    posed = tick.ego_pose is not None
+    return check_tracks(answer, stamp_s=tick.detections.stamp_s, posed=posed)
+
+
+def update_all(instance: Instance, ticks: Iterable[TrackerInput]) -> list[Tracks]:
+    """Return the tracks of frames that follow on each other."""
+    return [update(instance, tick) for tick in ticks]
+
+
+def answer_anew(subject: Subject, ticks: Sequence[TrackerInput]) -> list[Tracks]:
+    """Return the tracks of a fresh instance."""
+    with subject.started() as instance:
+        return update_all(instance, ticks)
+
+
+def answers(subject: Subject) -> str:
+    """Run it with the ego's pose and without, and have every answer checked."""
+    for posed in (False, True):
+        answer_anew(subject, parallel_cars(posed=posed))
+    if "rescored" in subject.traits.methods and not subject.traits.offline:
+        return "its rescored is never called: the class does not say offline = True"
+    return ""
+
+
+def no_detections(subject: Subject) -> str:
+    """Refuse tracks before the first detection, and run frames without detections in between."""
+    with subject.started() as instance:
+        if len(update(instance, TrackerInput(Detections.empty(0.0)))):
+            raise PromiseError("the first frame has no detections, yet there are tracks")
+        for k in range(1, 8):
+            places = np.array([[10.0, 0.0]]) if k % 3 else np.empty((0, 2))
+            update(instance, TrackerInput(cars(places, k * PERIOD_S)))
+    return ""
+
+
+def unique_ids(subject: Subject) -> str:
+    """Refuse ids that go on to another object: cars flash up far from each other."""
+    last: dict[int, np.ndarray] = {}
+    with subject.started() as instance:
+        for k in range(FRAMES):
+            place = np.array([[40.0 * (k % 4) - 60.0, 40.0 * (k % 3) - 40.0]])
+            places = place if k % 5 else np.empty((0, 2))
+            tracks = update(instance, TrackerInput(cars(places, k * PERIOD_S)))
+            for identity, centre in zip(tracks.ids.tolist(), tracks.centres, strict=True):
+                jumped_m = np.linalg.norm(centre - last.get(identity, centre))
+                if jumped_m > FAR_M:
+                    raise PromiseError(
+                        f"id {identity} came back {jumped_m:.0f} m away, at "
+                        f"{tracks.stamp_s:.1f} s; an id belongs to one object and is never used "
+                        "again for another"
+                    )
+                last[identity] = centre
+    return ""
+
+
+def one_id(subject: Subject) -> str:
+    """Refuse a tracker that gives other ids to a car that is detected in every frame."""
+    ids: list[int] = []
+    with subject.started() as instance:
+        for k in range(FRAMES):
+            place = np.array([[10.0 + 0.5 * k, 3.0]])
+            tracks = update(instance, TrackerInput(cars(place, k * PERIOD_S)))
+            near = np.hypot(*(tracks.centres[:, :2] - place).T) < NEAR_M
+            ids += tracks.ids[near & (tracks.states != TrackState.TENTATIVE)].tolist()
+    if not ids:
+        raise PromiseError("a car at 5 m/s, detected in every frame, has no track within 1 m")
+    if len(set(ids)) > 1:
+        raise PromiseError(f"a car at 5 m/s, detected in every frame, had ids {sorted(set(ids))}")
+    return ""
+
+
+def order(subject: Subject) -> str:
+    """Refuse a tracker whose tracks depend on the order of detections."""
+    rng, ticks = np.random.default_rng(1), parallel_cars()
+    mixed = [
+        replace(tick, detections=tick.detections.select(rng.permutation(len(tick.detections))))
+        for tick in ticks
+    ]
+    if words := difference(answer_anew(subject, ticks), answer_anew(subject, mixed)):
+        raise PromiseError(f"the order of detections matters: in another order {words}")
+    return ""
+
+
+def repeats(subject: Subject) -> str:
+    """Refuse a tracker that answers the same input in another way."""
+    ticks = parallel_cars(posed=True)
+    if words := difference(answer_anew(subject, ticks), answer_anew(subject, ticks)):
+        raise PromiseError(f"the same input gives other tracks the second time: {words}")
+    return ""
+
+
+def forgets(subject: Subject) -> str:
+    """Refuse a tracker that keeps anything at a reset.
+
+    Once the clock goes on and every car begins where another one ended and drives on like that:
+    tracks that are left match the new cars, and their ids are in another order. Once the clock
+    starts anew.
+    """
+    episodes = (
+        (circling_cars(), circling_cars(FRAMES)),
+        (parallel_cars(seed=5), parallel_cars()),
+    )
+    for before, after in episodes:
+        with subject.started() as instance:
+            earlier = update_all(instance, before)
+            instance.call("reset")
+            answered = update_all(instance, after)
+        expected = answer_anew(subject, after)
+        words = difference(expected, answered) or known_ids(
+            earlier, expected=expected, answered=answered
+        )
+        if not words and not in_order(expected, answered):
+            fresh = (answer_anew(subject, after) for _ in range(FRESH_INSTANCES))
+            if all(in_order(expected, again) for again in fresh):
+                words = "ids are given in another order"
+        if words:
+            raise PromiseError(f"reset does not forget: after another episode {words}")
+    return ""
+
+
+def moving_ego(subject: Subject) -> str:
+    """Refuse a tracker that loses a parked car while the ego drives."""
+    place = np.array([[30.0, 4.0, 0.75]])
+    with subject.started() as instance:
+        for k in range(FRAMES):
+            pose = Pose.planar(1.0 * k, 0.0, 0.02 * k)
+            detections = cars(pose.inverse().apply(place)[:, :2], k * PERIOD_S)
+            tracks = update(instance, TrackerInput(detections, pose))
+    world = tracks if tracks.frame == "world" else tracks.moved(pose, "world")
+    distances_m = np.hypot(*(world.centres[:, :2] - place[:, :2]).T)
+    if not (distances_m < NEAR_M).any():
+        nearest = f"{distances_m.min():.1f} m away" if len(distances_m) else "not there"
+        raise PromiseError(
+            f"a parked car passed at 10 m/s has its track {nearest}, in frame '{tracks.frame}'; "
+            "ego_pose is world_from_ego, and detections come in the ego frame"
+        )
+    return ""
+
+
+def compare(subject: Subject) -> str:
+    """Track two seconds of traffic on perfect detections; refuse what is no better than no ids."""
+    tracks = track(subject.spec, true_boxes(), options=subject.options)
+    if not any(map(len, tracks.tracks)):
+        raise PromiseError("two seconds of a motorway with perfect detections: there is no track")
+    hota, mark = _hota(tracks), _unlinked()
+    words = figure_in_words(
+        "HOTA on perfect detections of a motorway", hota, beside=[_reference(), mark]
+    )
+    if hota < LEAST_OF_UNLINKED * mark.value:
+        raise PromiseError(f"{words}: tracks do not follow objects; rows are no identities")
+    return words
+
+
+@lru_cache(maxsize=1)
+def true_boxes() -> EpisodeDetections:
+    """Return the true boxes of the scene, those of every frame in an order of its own."""
+    rng = np.random.default_rng(2)
+    boxes = DetectionNode(detection_source("oracle"), SCENE, RULE).compute(RunOptions())
+    mixed = tuple(each.select(rng.permutation(len(each))) for each in boxes.detections)
+    return replace(boxes, detections=mixed)
+
+
+@lru_cache(maxsize=1)
+def _reference() -> Standard:
+    return Standard(REFERENCE, _hota(track(TRACKER.registry.resolve(REFERENCE), true_boxes())))
+
+
+@lru_cache(maxsize=1)
+def _unlinked() -> Standard:
+    boxes = true_boxes().detections
+    ends = np.cumsum([len(each) for each in boxes])
+    tracks = tuple(
+        Tracks.of(each, np.arange(end - len(each), end))
+        for each, end in zip(boxes, ends, strict=True)
+    )
+    return Standard(UNLINKED, _hota(EpisodeTracks(tracks, CallTimes.zero(len(tracks)))))
+
+
+def _hota(tracks: EpisodeTracks) -> float:
+    return float(np.nan_to_num(tracking_scores(tracks, true_boxes(), RULE)["hota"].value))
+
+
+def difference(expected: Sequence[Tracks], answered: Sequence[Tracks]) -> str:
+    """Return in which frame two runs differ, but for the names of tracks; empty if nowhere."""
+    names: dict[int, int] = {}
+    for one, other in zip(expected, answered, strict=True):
+        when = f"at {one.stamp_s:.1f} s"
+        if len(one) != len(other):
+            return f"there are {len(other)} tracks instead of {len(one)} {when}"
+        first, second = _by_place(one), _by_place(other)
+        for field in FIELDS:
+            if not np.allclose(getattr(one, field)[first], getattr(other, field)[second]):
+                return f"the {field} of tracks differ {when}"
+        for a, b in zip(one.ids[first].tolist(), other.ids[second].tolist(), strict=True):
+            if names.setdefault(a, b) != b:
+                return f"identities are mixed up {when}"
+    return "" if len(set(names.values())) == len(names) else "two tracks become one"
+
+
+def known_ids(
+    earlier: Sequence[Tracks], *, expected: Sequence[Tracks], answered: Sequence[Tracks]
+) -> str:
+    """Return which id of an earlier episode comes back; empty where all are new or as expected.
+
+    Ids may begin anew or go on: those that begin anew are those of a fresh instance.
+    """
+    if all(a == b for a, b in _renamed(expected, answered)):
+        return ""
+    known = {identity for tracks in earlier for identity in tracks.ids.tolist()}
+    for tracks in answered:
+        if back := known.intersection(tracks.ids.tolist()):
+            return f"its id {min(back)} comes back at {tracks.stamp_s:.1f} s"
+    return ""
+
+
+def in_order(expected: Sequence[Tracks], answered: Sequence[Tracks]) -> bool:
+    """Return whether the ids of two runs that differ in nothing else have the same order."""
+    second = [b for _, b in sorted(_renamed(expected, answered))]
+    return second == sorted(second)
+
+
+def _renamed(expected: Sequence[Tracks], answered: Sequence[Tracks]) -> set[tuple[int, int]]:
+    """Return the ids of each track in two runs that differ in nothing else."""
+    return {
+        names
+        for one, other in zip(expected, answered, strict=True)
+        for names in zip(
+            one.ids[_by_place(one)].tolist(), other.ids[_by_place(other)].tolist(), strict=True
+        )
+    }
+
+
+def _by_place(tracks: Tracks) -> np.ndarray:
+    return np.lexsort(np.round(tracks.centres.T, 6))
+
+
+PROMISES = (
+    *start_promises("update", "detections, ego_pose"),
+    Promise("answers with tracks of the same moment", answers),
+    Promise("goes on in frames without detections", no_detections),
+    Promise("never uses an id again", unique_ids),
+    Promise("keeps the id of an object", one_id),
+    Promise("does not depend on the order of detections", order),
+    input_promise(lambda instance: update_all(instance, parallel_cars(posed=True))),
+    Promise("gives the same tracks for the same input", repeats),
+    Promise("forgets everything at a reset", forgets),
+    Promise("tracks what stands while the ego moves", moving_ego),
+    Promise("tracks two seconds of traffic", compare),
+)

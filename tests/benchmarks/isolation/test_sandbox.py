@@ -1,0 +1,90 @@
+"""What a plug-in in a sandbox can reach."""
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from roadscope.benchmarks.isolation import (
+    Limits,
+    PluginError,
+    SandboxError,
+    open_plugin,
+    sandbox_available,
+)
+from roadscope.core import Tracks
+from tests.benchmarks.isolation.specs import bad, detections
+
+needs_sandbox = pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_available() or "-")
+
+
+@needs_sandbox
+def test_a_sandbox_hides_files_network_and_processes(tmp_path: Path) -> None:
+    place, hidden = tmp_path / "results", tmp_path / "cache"
+    for folder in (place, hidden):
+        folder.mkdir()
+    secret = hidden / "truth"
+    secret.write_text("x")
+    spec = bad("Tries", place=str(place), secret=str(secret))
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        with open_plugin(spec) as plugin:
+            free = plugin.call("update", None, port).answer
+        (place / "new").unlink()
+        with open_plugin(spec, sandbox=True, hidden=[hidden]) as plugin:
+            caught = plugin.call("update", None, port).answer
+    assert (free["write"], free["read"], free["network"]) == ("", "", "")
+    assert caught["write"]
+    assert caught["read"]
+    assert caught["network"]
+    assert caught["scratch"] == ""
+    assert not caught["listing"]
+    assert caught["processes"] < min(free["processes"], 8)
+    assert secret.read_text() == "x"
+    assert not (place / "new").exists()
+
+
+@needs_sandbox
+def test_a_sandbox_hides_our_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "ours"))
+    (tmp_path / "ours").mkdir()
+    (tmp_path / "ours" / "timeline").write_text("x")
+    spec = bad("Tries", place=str(tmp_path / "ours"), secret=str(tmp_path / "ours" / "timeline"))
+    with open_plugin(spec, sandbox=True) as plugin:
+        caught = plugin.call("update", None, None).answer
+    assert caught["read"]
+    assert not caught["listing"]
+
+
+@needs_sandbox
+def test_a_sandbox_changes_no_answer() -> None:
+    answers = []
+    for sandbox in (False, True):
+        with open_plugin(bad("Good"), sandbox=sandbox) as plugin:
+            plugin.call("reset")
+            answers.append(plugin.call("update", detections(), None).answer)
+    assert isinstance(answers[0], Tracks)
+    assert answers[0] == answers[1]
+
+
+@needs_sandbox
+@pytest.mark.parametrize("name", ["Segfault", "KillsParent", "KillsGrandparent", "Hogs"])
+def test_failures_in_a_sandbox_are_named(name: str) -> None:
+    with (
+        pytest.raises(PluginError, match=name),
+        open_plugin(bad(name), sandbox=True, limits=Limits(memory_gb=0.5)) as plugin,
+    ):
+        plugin.call("update", detections(), None)
+
+
+def test_what_cannot_be_sandboxed_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    sandbox_available.cache_clear()
+    try:
+        with (
+            pytest.raises(SandboxError, match="bubblewrap"),
+            open_plugin(bad("Good"), sandbox=True),
+        ):
+            pass
+    finally:
+        sandbox_available.cache_clear()

@@ -1,0 +1,72 @@
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import pytest
+
+from roadscope.benchmarks.metrics.odometry.by_distance import MARKS_M
+from roadscope.benchmarks.report.curves import PANELS, draw_curves, has_curves
+from roadscope.benchmarks.report.export import save_all
+from roadscope.benchmarks.results import Results, Row, Standing
+
+ENTRIES = [f"odometry-{k}" for k in range(12)]
+
+
+def curve(entry, metric, drift):
+    """Drift at each distance; none is as long as the last."""
+    rows = {mark: (drift * mark, drift * mark / 2, drift * mark * 2, 5) for mark in MARKS_M}
+    rows[MARKS_M[-1]] = None, None, None, 0
+    return [
+        Row("odometry", entry, metric, *figures, "%", "lower", "distance", str(mark))
+        for mark, figures in rows.items()
+    ]
+
+
+PARTS = tuple(
+    row
+    for k, entry in enumerate(ENTRIES)
+    for metric in PANELS
+    for row in curve(entry, metric, 0.01 * (k + 1))
+)
+ROWS = tuple(Row("odometry", entry, "t_rel", 1.0, 0.5, 2.0, 5, "%", "lower") for entry in ENTRIES)
+PLACES = tuple(Standing("odometry", entry, None, 1, 1, 2) for entry in ENTRIES)
+RESULTS = Results({"suite": "tiny"}, ROWS, (), PARTS, PLACES)
+
+
+def texts(path):
+    words = ElementTree.parse(path).iter("{http://www.w3.org/2000/svg}text")
+    return ["".join(word.itertext()) for word in words]
+
+
+def test_every_entry_has_its_name_and_every_axis_too(tmp_path) -> None:
+    draw_curves(RESULTS, tmp_path / "drift.svg")
+    said = texts(tmp_path / "drift.svg")
+    assert [word for word in said if word in ENTRIES] == ENTRIES
+    assert set(PANELS.values()) <= set(said)
+    assert said.count("distance driven (m)") == len(PANELS)
+    assert said.count("800") == len(PANELS)
+
+
+def test_the_same_results_give_the_same_bytes(tmp_path) -> None:
+    one, other = tmp_path / "one.svg", tmp_path / "other.svg"
+    draw_curves(RESULTS, one)
+    draw_curves(RESULTS, other)
+    assert one.read_bytes() == other.read_bytes()
+    draw_curves(replace(RESULTS, parts=PARTS[:-7]), other)
+    assert one.read_bytes() != other.read_bytes()
+
+
+@pytest.mark.parametrize("ending", ["png", "pdf"])
+def test_other_formats_go_by_the_ending(tmp_path, ending) -> None:
+    draw_curves(RESULTS, tmp_path / f"drift.{ending}")
+    start = {"png": b"\x89PNG", "pdf": b"%PDF"}[ending]
+    assert (tmp_path / f"drift.{ending}").read_bytes().startswith(start)
+
+
+def test_it_is_saved_beside_the_odometry_board_alone(tmp_path) -> None:
+    assert save_all(RESULTS, tmp_path)[-1] == tmp_path / "drift.svg"
+    others = tuple(replace(row, board="detection", by="range") for row in PARTS)
+    assert not has_curves(
+        replace(RESULTS, rows=(replace(ROWS[0], board="detection"),), parts=others)
+    )
+    unknown = tuple(replace(row, value=None, low=None, high=None) for row in PARTS)
+    assert not has_curves(replace(RESULTS, parts=unknown))

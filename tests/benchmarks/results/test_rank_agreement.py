@@ -1,0 +1,41 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
+
+from roadscope.benchmarks.results.agreement import agreement, spearman
+
+VALUES = st.lists(st.integers(-5, 5), min_size=3, max_size=12)
+
+
+@given(VALUES, st.integers(0, 100))
+def test_it_is_scipys(ones, seed):
+    others = np.random.default_rng(seed).integers(-3, 3, len(ones)).tolist()
+    rho = spearman(ones, others)
+    if len(set(ones)) > 1 and len(set(others)) > 1:
+        assert rho == pytest.approx(spearmanr(ones, others).statistic, abs=1e-12)
+    else:
+        assert math.isnan(rho)
+
+
+def test_ranks_and_not_values_count():
+    assert spearman([1, 2, 3, 4], [1, 10, 100, 1000]) == pytest.approx(1)
+    assert spearman([1, 2, 3], [3, 2, -8]) == pytest.approx(-1)
+    with pytest.raises(ValueError, match="as many values"):
+        spearman([1, 2], [1])
+
+
+def test_entries_on_both_boards_are_compared():
+    ours = {"a": 0.5, "b": 0.6, "c": 0.7, "only here": 1.0, "failed": math.nan}
+    real = {"c": 70.0, "b": 60.0, "a": 65.0, "failed": 1.0, "only there": 2.0}
+    found = agreement(ours, real)
+    assert found.entries == ("a", "b", "c")
+    assert found.rho == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("figures", [{"a": 1.0, "b": 2.0}, {"a": 1.0, "b": 1.0, "c": 1.0}])
+def test_too_little_to_compare_is_no_agreement(figures):
+    assert agreement(figures, {"a": 1.0, "b": 2.0, "c": 3.0}) is None

@@ -1,0 +1,406 @@
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_kitti import write_kitti
+
+from roadscope.benchmarks.cache import FolderError
+from roadscope.benchmarks.compare import compare
+from roadscope.benchmarks.episode import Episode, sensed
+from roadscope.benchmarks.export_suite import (
+    ExportError,
+    export_suite,
+    plan_export,
+    read_manifest,
+)
+from roadscope.benchmarks.followed import followed
+from roadscope.benchmarks.formats import read_sequence
+from roadscope.benchmarks.formats.imu_file import read_imu
+from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
+from roadscope.benchmarks.formats.scan_folder import ScanFolder
+from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
+from roadscope.benchmarks.metrics.odometry import Trajectories, score_odometry
+from roadscope.benchmarks.metrics.tracking import score_tracks
+from roadscope.benchmarks.parked import parked_among
+from roadscope.benchmarks.results.job_scores import JobScores
+from roadscope.benchmarks.submit import SubmitError, submit, submit_kitti, submit_mot
+from roadscope.benchmarks.suite import parse_suite
+from roadscope.core import Category, Detections, Tracks, wrap_angle
+from roadscope.envs.sensors.rigs import rig
+from roadscope.trackers import TRACKERS
+
+SUITE = """
+name = "tiny"
+version = 1
+rig = "vlp16-imu"
+scenarios = ["lu2018-three-vehicles", "lu2018-occlusion"]
+seeds = 1
+duration_s = 2.0
+[tracking]
+entries = ["nearest"]
+detectors = ["distance-l-shape", "oracle"]
+[odometry]
+entries = ["lidar-inertial"]
+lengths_m = [2.0]
+"""
+DETECTOR = "distance-l-shape"
+SEED = 20_000
+PRINTED = 2e-6
+
+
+def suite_of(text: str = SUITE):
+    return parse_suite(text, "tiny")
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("suite") / "exported"
+    return export_suite(plan_export(suite_of(), folder, with_truth=True))
+
+
+@pytest.fixture(scope="module")
+def episode() -> Episode:
+    return Episode("lu2018-three-vehicles", SEED, "vlp16-imu", 2.0)
+
+
+def truths_of(episode):
+    return [truth for _, truth in sensed(episode)]
+
+
+def test_scans_come_back_as_they_were(exported, episode) -> None:
+    scans = ScanFolder.find(exported / "velodyne" / "0000")
+    frames = [frame for frame, _ in sensed(episode)]
+    assert len(scans) == len(frames)
+    for scan, frame in zip(scans, frames, strict=True):
+        np.testing.assert_array_equal(scan.points, frame.lidar.points)
+        np.testing.assert_allclose(scan.intensity, frame.lidar.intensity)
+        assert scan.stamp_s == pytest.approx(frame.stamp_s, abs=1e-9)
+        # About the middle of what was seen, where the record has the middle of the sweep.
+        apart = scan.time_offset_s - frame.lidar.time_offset_s
+        assert np.ptp(apart) < 1e-6
+        assert abs(apart).max() < 5e-3
+    times = np.fromfile(exported / "velodyne_times" / "0000" / "000003.bin", "<f4")
+    np.testing.assert_array_equal(times, frames[3].lidar.time_offset_s)
+
+
+def test_inertial_samples_come_back(exported, episode) -> None:
+    samples, left_out = read_imu(exported / "imu" / "0000.csv")
+    felt = [frame.imu for frame, _ in sensed(episode)]
+    np.testing.assert_allclose(
+        samples.specific_force, np.concatenate([i.specific_force for i in felt]), atol=1e-8
+    )
+    assert left_out == 0
+
+
+def test_labels_and_poses_come_back_by_the_reader_of_kitti(exported, episode) -> None:
+    sequence = read_sequence(exported, "0000", Category.CAR, detector=DETECTOR)
+    truths = truths_of(episode)
+    assert len(sequence) == len(truths)
+    lidar = rig("vlp16-imu").lidar.ego_from_lidar
+    labelled = 0
+    for read, pose, truth in zip(sequence.truths, sequence.world_from_ego, truths, strict=True):
+        # Without a camera the reader's ego is the LiDAR.
+        wanted = truth.world_from_ego @ lidar
+        np.testing.assert_allclose(pose.matrix, wanted.matrix, atol=1e-9)
+        rows = [truth.ids.tolist().index(i) for i in read.ids.tolist()]
+        assert (truth.lidar_returns[rows] > 0).all()
+        np.testing.assert_allclose(read.centres, truth.centres[rows], atol=PRINTED)
+        np.testing.assert_allclose(read.sizes, truth.sizes[rows], atol=PRINTED)
+        np.testing.assert_allclose(wrap_angle(read.yaws - truth.yaws[rows]), 0, atol=PRINTED)
+        labelled += len(rows)
+    assert labelled > 0
+
+
+def test_our_tracker_runs_on_the_exported_detections(exported) -> None:
+    sequence = read_sequence(exported, "0000", Category.CAR, detector=DETECTOR)
+    tracker = TRACKERS.make("nearest")
+    tracker.reset()
+    for found, pose in zip(sequence.detections, sequence.world_from_ego, strict=True):
+        tracks = tracker.update(found, pose)
+    assert len(tracks) > 0
+
+
+def test_an_odometry_runs_on_the_exported_scans(exported) -> None:
+    scans = ScanFolder.find(exported / "velodyne" / "0000")
+    estimates = list(followed(scans, "lidar-inertial"))
+    assert len(estimates) == len(scans)
+
+
+def test_truth_of_test_seeds_is_written_only_if_asked(tmp_path) -> None:
+    text = SUITE.replace("2.0\n[tracking]", "0.5\n[tracking]")
+    plan = plan_export(suite_of(text), tmp_path / "test", scenarios=["lu2018-occlusion"])
+    assert plan.manifest.detections == (DETECTOR,)
+    folder = export_suite(plan)
+    hidden = ("label_02", "truth", "lidar_pose")
+    assert not any((folder / name).exists() for name in hidden)
+    assert (folder / "velodyne" / "0000" / "000000.bin").is_file()
+    with pytest.raises(ExportError, match="truth"):
+        plan_export(suite_of(), tmp_path / "other", detections=["oracle"])
+    validation = text.replace("seeds = 1", 'seeds = 1\nsplit = "validation"')
+    plan = plan_export(
+        suite_of(validation), tmp_path / "more", scenarios=["lu2018-occlusion"], detections=()
+    )
+    folder = export_suite(plan)
+    assert all((folder / name / "0000.txt").is_file() for name in ("label_02", "lidar_pose"))
+    assert not list(folder.glob("det_*"))
+
+
+def test_images_are_taken_with_the_scans(tmp_path) -> None:
+    from PIL import Image
+
+    text = SUITE.replace("vlp16-imu", "wide").replace("2.0\n[tracking]", "0.3\n[tracking]")
+    plan = plan_export(
+        suite_of(text),
+        tmp_path / "wide",
+        scenarios=["lu2018-three-vehicles"],
+        with_truth=True,
+        detections=(),
+    )
+    folder = export_suite(plan)
+    scans = sorted((folder / "velodyne" / "0000").glob("*.bin"))
+    images = sorted((folder / "image_02" / "0000").glob("*.png"))
+    assert [p.stem for p in images] == [p.stem for p in scans]
+    with Image.open(images[0]) as image:
+        assert image.size == (640, 480)
+    assert (folder / "label_02" / "0000.txt").read_text()
+
+
+def test_a_stopped_export_goes_on(tmp_path, exported) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(exported, folder)
+    path = folder / "manifest.json"
+    content = json.loads(path.read_text())
+    content["sequences"][1] |= {"digest": "", "frames": 0}
+    path.write_text(json.dumps(content))
+    kept, lost = folder / "calib" / "0000.txt", folder / "calib" / "0001.txt"
+    kept.write_text("mine")
+    lost.unlink()
+    plan = plan_export(suite_of(), folder, with_truth=True)
+    assert plan.done == 1
+    export_suite(plan)
+    assert kept.read_text() == "mine"
+    assert lost.is_file()
+    assert read_manifest(folder) == read_manifest(exported)
+
+
+def test_folders_of_something_else_are_left_alone(tmp_path, exported) -> None:
+    mine = tmp_path / "mine.txt"
+    mine.write_text("mine")
+    for folder in (tmp_path, mine):
+        with pytest.raises(FolderError):
+            plan_export(suite_of(), folder)
+    with pytest.raises(FolderError, match="another export"):
+        plan_export(suite_of(), exported, with_truth=False)
+    assert mine.read_text() == "mine"
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path) -> None:
+    with pytest.raises(ExportError, match="1 seeds"):
+        plan_export(suite_of(), tmp_path, seeds=4)
+    with pytest.raises(ExportError, match="lu2018-occlusion"):
+        plan_export(suite_of(), tmp_path, scenarios=["lu2018-oclusion"])
+
+
+def test_a_plan_says_how_much(tmp_path, exported) -> None:
+    plan = plan_export(suite_of(), tmp_path / "new")
+    written = list((exported / "velodyne").glob("*/*.bin"))
+    assert plan.scans == pytest.approx(len(written), abs=4)
+    assert sum(p.stat().st_size for p in written) <= plan.bytes_at_most
+    assert not (tmp_path / "new").exists()
+
+
+def perfect(exported: Path, out: Path, sequences=("0000", "0001"), off_m: float = 0.0) -> Path:
+    """Write results that are the labelled truth, all of it moved by some metres."""
+    content = {s.name: s for s in read_manifest(exported).sequences}
+    lidar = rig("vlp16-imu").lidar.ego_from_lidar
+    for name in sequences:
+        episode = Episode(content[name].scenario, SEED, "vlp16-imu", 2.0)
+        rows, poses, stamps = [], [], []
+        for number, truth in enumerate(truths_of(episode)):
+            pose = truth.world_from_ego @ lidar
+            boxes = Detections(
+                truth.centres + np.array([off_m, 0, 0]),
+                truth.sizes,
+                truth.yaws,
+                truth.categories,
+                np.full(len(truth), 0.9),
+                "world",
+                truth.stamp_s,
+            )
+            tracks = Tracks.of(boxes, truth.ids)
+            rows.append(kitti_objects(tracks, number, pose, P2, (1242, 375), all_around=True))
+            poses.append(pose)
+            stamps.append(truth.stamp_s)
+        for board in ("tracking", "odometry"):
+            (out / board).mkdir(parents=True, exist_ok=True)
+        save_results(out / "tracking" / f"{name}.txt", rows)
+        form = "tum" if name == "0000" else "kitti"
+        (out / "odometry" / f"{name}.txt").write_text(trajectory_text(form, poses, stamps))
+    return out
+
+
+P2 = np.array([[358.5, 0, 621, 0], [0, 358.5, 187.5, 0], [0, 0, 1, 0]])
+
+
+def test_perfect_results_are_perfect(exported, tmp_path) -> None:
+    found = submit(perfect(exported, tmp_path / "mine"), suite=exported)
+    assert found.name == "mine"
+    assert found.boards() == ["tracking", "odometry"]
+    for e in found.episodes:
+        assert e.reason is None
+        if e.board == "tracking":
+            assert e.scores["hota"].value == pytest.approx(1, abs=1e-4)
+            assert e.scores["position_rmse_m"].value < 1e-5
+            assert "nees_state" not in e.scores
+        else:
+            assert e.scores["end"].value == pytest.approx(0, abs=1e-6)
+
+
+def test_scores_are_those_of_the_metrics(exported, tmp_path, episode) -> None:
+    out = perfect(exported, tmp_path / "mine", off_m=0.5)
+    found = submit(out, suite=exported, name="off", inputs=DETECTOR)
+    (own,) = [e for e in found.episodes if (e.board, e.scenario) == ("tracking", episode.scenario)]
+    truths = truths_of(episode)
+    boxes = [
+        Detections(
+            t.centres + np.array([0.5, 0, 0]),
+            t.sizes,
+            t.yaws,
+            t.categories,
+            np.full(len(t), 0.9),
+            "world",
+            t.stamp_s,
+        )
+        for t in truths
+    ]
+    tracks = [Tracks.of(b, t.ids) for b, t in zip(boxes, truths, strict=True)]
+    rule = read_manifest(exported).eligibility
+    pairings = rule.pairings(tracks, truths, parked_among(episode, truths))
+    wanted = score_tracks(tracks, truths, pairings).named()
+    for metric in ("hota", "mota", "idf1", "position_rmse_m", "gospa_m", "amota"):
+        assert own.scores[metric].value == pytest.approx(wanted[metric].value, abs=1e-4)
+    assert own.scores["position_rmse_m"].value == pytest.approx(0.5, abs=1e-4)
+    assert own.inputs == DETECTOR
+    for job in found.episodes:
+        assert (job.entry, job.seed) == ("off", SEED)
+        assert JobScores.from_json(json.loads(json.dumps(job.to_json()))).name == job.name
+
+
+def test_scores_of_poses_are_those_of_the_metrics(exported, tmp_path) -> None:
+    out = perfect(exported, tmp_path / "mine")
+    true = read_trajectory(out / "odometry" / "0000.txt", "tum")
+    poses = [replace(p, matrix=p.matrix.copy()) for p in true.poses]
+    for k, pose in enumerate(poses):
+        pose.matrix[0, 3] += 0.01 * k
+    (out / "odometry" / "0000.txt").write_text(trajectory_text("tum", poses, true.stamps_s))
+    (own,) = [
+        e
+        for e in submit(out, suite=exported).episodes
+        if e.board == "odometry" and e.scenario == "lu2018-three-vehicles"
+    ]
+    both = Trajectories(*(np.array([p.matrix for p in each]) for each in (poses, true.poses)))
+    wanted = score_odometry(both, lengths_m=(2.0,)).named()
+    for metric in ("t_rel", "end"):
+        assert own.scores[metric].value == pytest.approx(wanted[metric].value, rel=1e-6)
+        assert own.scores[metric].value > 0
+
+
+def test_submissions_are_compared_with_one_another(exported, tmp_path) -> None:
+    good = submit(perfect(exported, tmp_path / "good"), suite=exported, name="mine")
+    bad = submit(perfect(exported, tmp_path / "bad", off_m=0.7), suite=exported, name="mine")
+    found = {d.metric: d for d in compare(good, bad).differences if d.board == "tracking"}
+    assert found["position_rmse_m"].difference == pytest.approx(0.7, abs=1e-3)
+
+
+def test_a_sequence_without_results_has_failed(exported, tmp_path) -> None:
+    out = perfect(exported, tmp_path / "mine", sequences=("0000",))
+    found = submit(out, suite=exported)
+    assert [e.reason is None for e in found.episodes] == [True, True, False, False]
+    assert compare(found, found).failures
+
+
+def test_bad_results_are_refused(exported, tmp_path) -> None:
+    out = perfect(exported, tmp_path / "mine", sequences=("0000",))
+    path = out / "tracking" / "0000.txt"
+    good = path.read_text()
+    line = good.splitlines()[0].split()
+    for bad in (
+        "999 " + " ".join(line[1:]),
+        " ".join([line[0], "-1", *line[2:]]),
+        " ".join([*line[:10], "-1", "-1", "-1", *line[13:]]),
+        "1 2 Car",
+    ):
+        path.write_text(bad + "\n")
+        with pytest.raises(FormatError, match="0000"):
+            submit(out, suite=exported)
+    path.write_text(good)
+    poses = out / "odometry" / "0000.txt"
+    lines = poses.read_text().splitlines()
+    for bad in (lines[:-2], ["1 2 3"], []):
+        poses.write_text("\n".join(bad) + "\n")
+        with pytest.raises(FormatError, match="0000"):
+            submit(out, suite=exported)
+
+
+def test_folders_that_hold_no_results_are_refused(exported, tmp_path) -> None:
+    with pytest.raises(SubmitError):
+        submit(tmp_path / "none", suite=exported)
+    with pytest.raises(ExportError):
+        submit(tmp_path)
+    with pytest.raises(SubmitError, match="tracking"):
+        submit(tmp_path, suite=exported)
+    (tmp_path / "tracking").mkdir()
+    (tmp_path / "tracking" / "0007.txt").write_text("")
+    with pytest.raises(SubmitError, match="0007"):
+        submit(tmp_path, suite=exported)
+
+
+def test_changed_traffic_is_noticed(exported, tmp_path) -> None:
+    folder = tmp_path / "changed"
+    folder.mkdir()
+    content = json.loads((exported / "manifest.json").read_text())
+    content["sequences"][0]["digest"] = "0" * 16
+    (folder / "manifest.json").write_text(json.dumps(content))
+    out = perfect(exported, tmp_path / "mine", sequences=("0000",))
+    with pytest.raises(SubmitError, match="traffic"):
+        submit(out, suite=folder)
+
+
+def test_results_on_kitti(tmp_path) -> None:
+    kitti = write_kitti(tmp_path / "kitti")
+    out = tmp_path / "mine"
+    out.mkdir()
+    labels = (kitti / "label_02" / "0000.txt").read_text().splitlines()
+    (out / "0000.txt").write_text(
+        "\n".join(f"{line} 0.9" for line in labels if "DontCare" not in line) + "\n"
+    )
+    found = submit_kitti(out, kitti)
+    assert found.boards() == ["kitti car", "kitti pedestrian"]
+    first, second = [e for e in found.episodes if e.board == "kitti car"]
+    for metric in ("hota", "hota_3d", "hota_centre", "mota"):
+        assert first.scores[metric].value == pytest.approx(1)
+    assert second.reason is not None
+    assert not compare(found, found).regressed
+
+
+def test_results_on_motchallenge(tmp_path) -> None:
+    sequence = tmp_path / "mot" / "MOT17-02"
+    box = "10,20,30,60"
+    for place, tail in (("gt/gt.txt", "1,1,1"), ("det/det.txt", "0.9,-1,-1,-1")):
+        path = sequence / place
+        path.parent.mkdir(parents=True)
+        number = "1" if place.startswith("gt") else "-1"
+        path.write_text("".join(f"{t},{number},{box},{tail}\n" for t in (1, 2, 3)))
+    (sequence / "seqinfo.ini").write_text(
+        "[Sequence]\nname=MOT17-02\nframeRate=10\nseqLength=3\nimWidth=640\nimHeight=480\n"
+    )
+    out = tmp_path / "mine"
+    out.mkdir()
+    (out / "MOT17-02.txt").write_text("".join(f"{t},5,{box},0.9,-1,-1,-1\n" for t in (1, 2, 3)))
+    (own,) = submit_mot(out, tmp_path / "mot").episodes
+    assert (own.board, own.reason) == ("mot pedestrian", None)
+    assert own.scores["hota"].value == pytest.approx(1)

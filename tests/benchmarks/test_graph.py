@@ -1,0 +1,273 @@
+"""The graph of a run: every node is computed once and kept; failures are named once."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import pytest
+
+from roadscope import Episode
+from roadscope.benchmarks.graph import Job, Node, run_jobs
+from roadscope.benchmarks.isolation import PluginError
+from roadscope.benchmarks.loop import RunOptions
+from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.store import Outcome
+from roadscope.benchmarks.workers import WorkerSettings
+
+
+class Text(str):
+    """What the nodes of these tests hold."""
+
+    def save(self, file: BinaryIO) -> None:
+        file.write(self.encode())
+
+    @staticmethod
+    def load(file: BinaryIO) -> "Text":
+        return Text(file.read().decode())
+
+
+@dataclass(frozen=True)
+class Step(Node):
+    """Writes its name to a log, waits, and joins the texts of its sources.
+
+    fault: `plug-in` or `ours`, what goes wrong.
+    """
+
+    name: str
+    log: Path
+    parts: tuple["Step", ...] = ()
+    fault: str = ""
+    wait_s: float = 0.0
+
+    stage = "steps"
+    folder = "steps"
+    record = Text
+
+    def content(self) -> Mapping[str, Any]:
+        return {"name": self.name, "parts": [part.content() for part in self.parts]}
+
+    def sources(self) -> tuple[Node, ...]:
+        return self.parts
+
+    def compute(self, options: RunOptions) -> Text:
+        note(self.log, self.name)
+        time.sleep(self.wait_s)
+        if self.fault == "plug-in":
+            raise PluginError(self.name, "it broke", "its last words")
+        if self.fault == "ours":
+            raise KeyError(self.name)
+        read = [part.read(options) for part in self.parts]
+        note(self.log, f"{self.name} done")
+        return Text("+".join([self.name, *read]))
+
+
+class Lengths:
+    """A board that scores the length of a text."""
+
+    name = "lengths"
+
+    def score(self, job: Job, answers: Text) -> Mapping[str, Score]:
+        if job.settings == "no score":
+            raise ZeroDivisionError("no score")
+        return {"length": Score(float(len(answers)), "1", "higher", 1)}
+
+
+def note(log: Path, line: str) -> None:
+    """Append a line, whole, whoever else does so too."""
+    handle = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    os.write(handle, f"{line}\n".encode())
+    os.close(handle)
+
+
+def job(answers: Step, **fields: Any) -> Job:
+    return Job(Lengths(), answers.name, Episode("motorway", 1, "lux", 1.0), answers, **fields)
+
+
+def outcomes(jobs: list[Job], workers: int = 1, **options: Any) -> dict[str, Outcome]:
+    taken: dict[str, Outcome] = {}
+
+    def take(job: Job, outcome: Outcome) -> None:
+        assert job.entry not in taken
+        taken[job.entry] = outcome
+
+    run_jobs(jobs, take, workers=WorkerSettings(workers), options=RunOptions(**options))
+    return taken
+
+
+@pytest.fixture
+def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "log"
+
+
+def begun(log: Path) -> Counter[str]:
+    lines = log.read_text().splitlines() if log.exists() else []
+    return Counter(line for line in lines if not line.endswith("done"))
+
+
+def diamond(log: Path, **fields: Any) -> list[Step]:
+    """Return three answers that share two steps; the one step is computed from the other."""
+    deep = Step("deep", log)
+    shared = Step("shared", log, (deep,), **fields)
+    return [Step(name, log, (shared, deep)) for name in ("a", "b", "c")]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_node_is_computed_once_after_its_sources_and_kept(log: Path, workers: int) -> None:
+    jobs = [job(step) for step in diamond(log)]
+    found = outcomes(jobs, workers)
+    assert {name: o.scores["length"].value for name, o in found.items()} == {
+        name: len(f"{name}+shared+deep+deep") for name in "abc"
+    }
+    assert begun(log) == dict.fromkeys(["deep", "shared", "a", "b", "c"], 1)
+    lines = log.read_text().splitlines()
+    assert lines[:4] == ["deep", "deep done", "shared", "shared done"]
+    assert outcomes(jobs, workers) == found
+    assert log.read_text().splitlines() == lines
+
+
+def test_nodes_are_kept_by_what_they_depend_on(log: Path) -> None:
+    one, same, other = Step("x", log), Step("x", log / "elsewhere"), Step("y", log)
+    assert one.key == same.key != other.key
+    assert Step("z", log, (one,)).key != Step("z", log, (other,)).key
+    assert one.path == same.path
+    assert one.path.is_relative_to(Path(os.environ["ROADSCOPE_CACHE"]))
+
+
+def test_fresh_does_again_what_is_made_from_traffic_and_not_the_traffic(log: Path) -> None:
+    jobs = [job(step) for step in diamond(log)]
+    outcomes(jobs)
+    outcomes(jobs, fresh=True)
+    assert begun(log) == {"deep": 1, "shared": 2, "a": 2, "b": 2, "c": 2}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_answers_that_others_need_too_are_computed_once_in_a_fresh_run(
+    log: Path, workers: int
+) -> None:
+    first, *others = diamond(log)
+    jobs = [job(first.parts[0]), job(first), *map(job, others)]
+    outcomes(jobs, workers)
+    found = outcomes(jobs, workers, fresh=True)
+    assert all(outcome.reason is None for outcome in found.values())
+    assert begun(log) == {"deep": 1, "shared": 2, "a": 2, "b": 2, "c": 2}
+
+
+def test_a_damaged_node_is_computed_again_and_named(log: Path) -> None:
+    first, *_ = diamond(log)
+    outcomes([job(first)])
+    before = first.path.read_bytes()
+    first.path.write_bytes(before[:-3])
+    with pytest.warns(UserWarning, match=first.path.name):
+        found = outcomes([job(first)])
+    assert found["a"].reason is None
+    assert first.path.read_bytes() == before
+    assert begun(log) == {"deep": 1, "shared": 1, "a": 2}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_a_source_does_wrong_is_named_by_each_dependent_and_tried_once(
+    log: Path, workers: int
+) -> None:
+    other = Step("other", log)
+    jobs = [job(step) for step in (*diamond(log, fault="plug-in"), other)]
+    found = outcomes(jobs, workers)
+    assert begun(log) == {"deep": 1, "shared": 1, "other": 1}
+    for name in "abc":
+        assert found[name].reason == "shared: it broke"
+        assert found[name].log == "its last words"
+        assert found[name].scores == {}
+    assert found["other"].reason is None
+
+
+def test_failures_are_not_kept(log: Path) -> None:
+    assert outcomes([job(diamond(log, fault="plug-in")[0])])["a"].reason
+    assert outcomes([job(diamond(log)[0])])["a"].reason is None
+    assert begun(log) == {"deep": 1, "shared": 2, "a": 1}
+
+
+@pytest.mark.parametrize(
+    ("fault", "settings"), [("ours", None), ("", "no score")], ids=["node", "score"]
+)
+def test_what_is_no_plug_ins_fault_is_said_to_be_ours(
+    log: Path, fault: str, settings: str | None
+) -> None:
+    broken = job(Step("broken", log, fault=fault), settings=settings)
+    found = outcomes([broken, job(Step("sound", log))])
+    assert found["sound"].reason is None
+    reason = found["broken"].reason or ""
+    assert "not the entry's fault" in reason
+    assert "test_graph.py:" in reason
+    assert len(reason.splitlines()) == 1
+
+
+def test_an_entry_that_is_not_installed_is_not_computed_and_neither_is_what_it_needs(
+    log: Path,
+) -> None:
+    absent = job(Step("absent", log, (Step("only", log),)), missing="x is not installed")
+    found = outcomes([absent, job(Step("sound", log))])
+    assert found["absent"].reason == "absent: x is not installed"
+    assert begun(log) == {"sound": 1}
+
+
+def test_progress_says_how_much_of_each_stage_is_done(log: Path) -> None:
+    calls = []
+    jobs = [job(step) for step in diamond(log)]
+    run_jobs(jobs, lambda *_: None, progress=lambda *call: calls.append(call))
+    stages = list(dict.fromkeys(stage for stage, _, _ in calls))
+    assert stages[0] == "steps"
+    assert "lengths" in stages[-1]
+    for stage, count in zip(stages, (1, 3), strict=True):
+        assert (stage, 0, count) in calls
+        assert (stage, count, count) in calls
+
+
+CHILD = """
+import sys
+from pathlib import Path
+sys.path[:0] = sys.argv[1].split(":")
+from test_graph import many, outcomes
+for name, outcome in outcomes(many(Path(sys.argv[2])), int(sys.argv[3])).items():
+    print(name, outcome.scores["length"].value, flush=True)
+"""
+
+
+def many(log: Path) -> list[Job]:
+    """Return twelve jobs of a twentieth of a second on four sources."""
+    sources = [Step(f"source-{k}", log, wait_s=0.05) for k in range(4)]
+    return [
+        job(Step(f"answer-{k}", log, (sources[k % 4], sources[(k + 1) % 4]), wait_s=0.05))
+        for k in range(12)
+    ]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_run_that_was_killed_goes_on_where_it_was(log: Path, workers: int) -> None:
+    paths = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+    command = [sys.executable, "-c", CHILD, ":".join(paths), str(log), str(workers)]
+    for kills_after in (2, 6, 10):
+        child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        while sum(begun(log).values()) < kills_after:
+            assert child.poll() is None
+            time.sleep(0.01)
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+        time.sleep(1.5 if workers > 1 else 0.0)
+    kept = [line for line in log.read_text().splitlines() if line.endswith("done")]
+    assert 0 < len(kept) < 16
+    last = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    lines = dict(line.split() for line in last.splitlines())
+    assert lines == {
+        f"answer-{k}": str(float(len(f"answer-{k}+source-0+source-0"))) for k in range(12)
+    }
+    every = Counter(line for line in log.read_text().splitlines() if line.endswith("done"))
+    assert len(every) == 16
+    # Only what was being written at the moment of a kill may be computed twice.
+    assert sum(every.values()) <= 16 + 3 * workers

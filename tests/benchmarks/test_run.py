@@ -1,0 +1,424 @@
+"""`roadscope.leaderboard`: a suite is run, its results are kept, and a board is returned."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from roadscope import Results, leaderboard
+from roadscope.benchmarks.cache import FolderError
+from roadscope.benchmarks.episode import Episode, sensed, timeline_path
+from roadscope.benchmarks.nodes.tracks import ego_motions
+from roadscope.benchmarks.run import RunError, plan
+from roadscope.benchmarks.suite import Suite, SuiteError, parse_suite
+from roadscope.core import SpecError
+
+PLUGINS = Path(__file__).parent / "plugins.py"
+TINY = """
+name = "tiny"
+version = 1
+rig = "lux"
+scenarios = ["lu2018-three-vehicles", "lu2018-occlusion"]
+split = "validation"
+seeds = 2
+duration_s = 0.9
+[detection]
+entries = ["pag"]
+[tracking]
+entries = ["nearest"]
+detectors = ["pag", "oracle"]
+"""
+EPISODES = 4
+
+
+def plugin(name: str) -> str:
+    return f"{PLUGINS}:{name}"
+
+
+@pytest.fixture(scope="module")
+def suite() -> Suite:
+    return parse_suite(TINY, "tiny")
+
+
+@pytest.fixture(scope="module")
+def results(suite, tmp_path_factory) -> Results:
+    return leaderboard(suite, out_dir=tmp_path_factory.mktemp("out"))
+
+
+def test_both_boards_have_their_entries(results) -> None:
+    assert results.boards() == ["detection", "tracking"]
+    assert results.entries("detection") == ["pag", "oracle", "one-cluster"]
+    assert set(results.entries("tracking")) == {"nearest", "nearest on oracle"}
+    assert results.failures == ()
+
+
+def test_marks_are_not_ranked(results) -> None:
+    places = {(s.board, s.entry): (s.mark, s.rank) for s in results.standings}
+    assert places == {
+        ("detection", "pag"): (None, 1),
+        ("detection", "oracle"): ("upper mark", None),
+        ("detection", "one-cluster"): ("lower mark", None),
+        ("tracking", "nearest"): (None, 1),
+        ("tracking", "nearest on oracle"): ("upper mark", None),
+    }
+
+
+def test_what_is_broken_down_adds_up(results) -> None:
+    whole = results.row("detection", "pag", "detection_rate")
+    for by in ("range", "category", "occlusion", "points", "weather", "scenario"):
+        rows = [
+            row
+            for row in results.breakdown(by)
+            if (row.entry, row.metric) == ("pag", "detection_rate")
+        ]
+        assert sum(row.samples for row in rows) == whole.samples
+        found = sum(row.value * row.samples for row in rows)
+        assert found == pytest.approx(whole.value * whole.samples)
+    assert {row.band for row in results.breakdown("weather", "tracking")} == {"clear"}
+    assert {row.band for row in results.breakdown("detector", "tracking")} == {"pag", "oracle"}
+
+
+def test_the_oracle_is_the_upper_mark(results) -> None:
+    for metric in ("detection_rate", "precision", "f1", "ap"):
+        row = results.row("detection", "oracle", metric)
+        assert row is not None
+        assert row.value == row.low == row.high == 1.0
+        assert row.n == EPISODES
+
+
+def test_rows_are_complete(results) -> None:
+    for row in results.rows:
+        assert row.better in ("higher", "lower")
+        assert row.unit
+        if row.low is not None:
+            assert row.low <= row.value <= row.high
+    cost = results.row("tracking", "nearest", "call_p50_ms")
+    assert cost is not None
+    assert cost.value > 0
+
+
+def test_the_board_is_written_as_json(suite, tmp_path) -> None:
+    results = leaderboard(suite, boards=["detection"], out_dir=tmp_path)
+    board = json.loads((tmp_path / "leaderboard.json").read_text())
+    assert set(board) >= {"manifest", "rows", "parts", "standings", "failures", "scores"}
+    assert len(board["scores"]) == len(results.jobs) == 3 * EPISODES
+    assert set(board["rows"][0]) == {
+        "board",
+        "entry",
+        "metric",
+        "value",
+        "low",
+        "high",
+        "n",
+        "unit",
+        "better",
+        "by",
+        "band",
+        "samples",
+    }
+    assert len(board["rows"]) == len(results.rows)
+    assert len(board["parts"]) == len(results.parts) > 0
+    assert [place["entry"] for place in board["standings"]] == results.entries("detection")
+    assert board["manifest"]["suite"] == "tiny"
+    assert board["manifest"]["libraries"]["highway-env"]
+
+
+def test_a_second_run_does_nothing_again(suite, tmp_path) -> None:
+    log = tmp_path / "log"
+    entry = f"{plugin('Logged')}?log={log}"
+    stages = []
+    for _ in range(2):
+        leaderboard(
+            suite,
+            [entry],
+            boards=["detection"],
+            only=True,
+            out_dir=tmp_path / "out",
+            progress=lambda stage, done, total: stages.append((stage, done, total)),
+        )
+    assert log.read_text().count("begun") == EPISODES
+    assert stages[-1][1:] == (EPISODES, EPISODES)
+    assert "detection" in stages[-1][0]
+    leaderboard(
+        suite, [entry], boards=["detection"], only=True, out_dir=tmp_path / "out", fresh=True
+    )
+    assert log.read_text().count("begun") == 2 * EPISODES
+
+
+def test_trackers_share_one_run_of_the_detector(suite, tmp_path) -> None:
+    log = tmp_path / "log"
+    detector = f"{plugin('Logged')}?log={log}"
+    text = TINY.replace('detectors = ["pag", "oracle"]', f"detectors = ['{detector}']")
+    leaderboard(
+        parse_suite(text, "x"), ["nearest-q"], boards=["tracking"], out_dir=tmp_path / "out"
+    )
+    assert log.read_text().count("begun") == EPISODES
+
+
+BAD = {
+    "Raises": ["KeyError", r"what\nis this", "plugins.py:"],
+    "RaisesWhenMade": ["no weights"],
+    "ReturnsNonsense": ["not Detections"],
+    "ReturnsNan": ["finite", "plugins.py:"],
+    "Exits": ["SystemExit: 3", "plugins.py:"],
+    "Late": ["stamped"],
+    "Dies": ["3"],
+}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_bad_plug_ins_become_rows_with_reasons_and_the_rest_goes_on(
+    suite, results, tmp_path, jobs
+) -> None:
+    given = [plugin(name) for name in BAD]
+    found = leaderboard(suite, given, boards=["detection"], out_dir=tmp_path, jobs=jobs)
+    reasons = {f.entry.partition(":")[2]: f.reason for f in found.failures}
+    assert set(reasons) == set(BAD)
+    for name, words in BAD.items():
+        assert reasons[name].startswith(f"{plugin(name)}: ")
+        assert not [word for word in words if word not in reasons[name]], reasons[name]
+        assert len(reasons[name].splitlines()) == 1
+        failed = found.row("detection", plugin(name), "failed_episodes")
+        assert failed.value == failed.n == EPISODES
+        assert found.standing("detection", plugin(name)).rank is None
+    assert set(found.failed_entries) == set(given)
+    assert found.entries("detection")[0] == "pag"
+    assert found.entries("detection")[-2:] == ["oracle", "one-cluster"]
+    assert untimed(found, "detection", "pag") == untimed(results, "detection", "pag")
+
+
+TIMES = ("call_p50_ms", "call_p99_ms", "wall_p50_ms")
+
+
+def untimed(found: Results, board: str, *entries: str) -> list:
+    """Return all rows of a board, or of some entries, but times."""
+    every = [row for row in (*found.rows, *found.parts) if row.board == board]
+    names = entries or found.entries(board)
+    return [row for row in every if row.metric not in TIMES and row.entry in names]
+
+
+def test_what_plug_ins_print_is_no_result_and_stands_in_the_log_of_a_failure(
+    suite, tmp_path, capfd
+) -> None:
+    own = tmp_path / "mine.py"
+    own.write_text(
+        "class Wrong:\n    def reset(self): print('hello from mine')\n"
+        "    def detect(self, frame): return 7\n"
+        "class Raises(Wrong):\n    def detect(self, frame): raise KeyError(7)\n"
+        "class Dies(Wrong):\n    def detect(self, frame): import os; os._exit(3)\n"
+    )
+    bad = [f"{own}:{name}" for name in ("Wrong", "Raises", "Dies")]
+    options = {"boards": ["detection"], "only": True, "out_dir": tmp_path, "fresh": True}
+    found = leaderboard(suite, [plugin("Prints"), *bad], **options)
+    assert "hello" not in capfd.readouterr().out
+    assert found.failed_entries == bad
+    assert all("hello from mine" in failure.log for failure in found.failures)
+
+
+def test_failures_are_tried_again(suite, tmp_path) -> None:
+    own = tmp_path / "mine.py"
+    flag = tmp_path / "flag"
+    own.write_text(
+        "from pathlib import Path\nfrom roadscope import Detections\n"
+        f"class Mine:\n    def reset(self): assert Path({str(flag)!r}).exists()\n"
+        "    def detect(self, frame): return Detections.empty(frame.stamp_s)\n"
+    )
+    options = {"boards": ["detection"], "only": True, "out_dir": tmp_path / "out"}
+    assert len(leaderboard(suite, [f"{own}:Mine"], **options).failures) == EPISODES
+    flag.touch()
+    assert leaderboard(suite, [f"{own}:Mine"], **options).failures == ()
+
+
+def test_a_failing_public_detector_is_named_by_its_trackers(tmp_path) -> None:
+    text = TINY.replace('detectors = ["pag", "oracle"]', f"detectors = ['{plugin('Raises')}']")
+    found = leaderboard(parse_suite(text, "x"), boards=["tracking"], out_dir=tmp_path)
+    assert found.row("tracking", "nearest", "hota") is None
+    assert len(found.failures) == EPISODES
+    assert all(f"{plugin('Raises')}: KeyError" in f.reason for f in found.failures)
+
+
+def test_a_plug_in_cannot_change_what_others_get(suite, results, tmp_path) -> None:
+    found = leaderboard(
+        suite, [plugin("Scribbles")], boards=["detection"], out_dir=tmp_path, fresh=True
+    )
+    assert untimed(found, "detection", "pag", "oracle") == untimed(
+        results, "detection", "pag", "oracle"
+    )
+
+
+def test_parallel_jobs_give_the_same(suite, results, tmp_path) -> None:
+    parallel = leaderboard(suite, jobs=2, out_dir=tmp_path, fresh=True)
+    for board in ("detection", "tracking"):
+        assert untimed(parallel, board) == untimed(results, board)
+
+
+def test_velocities_in_the_ego_frame_are_relative_to_the_ego(suite, tmp_path) -> None:
+    """A tracker that says 0 in the ego frame claims that all move as the ego does."""
+    given = [plugin("EgoFrame")]
+    found = leaderboard(suite, given, boards=["tracking"], only=True, out_dir=tmp_path)
+    row = found.row("tracking", f"{plugin('EgoFrame')} on oracle", "velocity_rmse_m_s")
+    episode = plan(suite, [], boards=["detection"]).jobs[0].episode
+    truths = [truth for _, truth in sensed(episode)]
+    speed = np.hypot(*ego_motions(truths)[:, :2].T).mean()
+    assert speed > 5.0
+    assert row.value < speed / 2
+
+
+def test_a_damaged_file_of_an_episode_is_named_and_made_again(suite, tmp_path) -> None:
+    jobs = plan(suite, [], boards=["detection"]).jobs
+    job = next(j for j in jobs if j.entry == "pag")
+    first = job.answers.read()
+    assert len(first.truths) == len(first.detections) == len(first.times.wall_ms)
+    job.answers.path.write_bytes(b"half a file")
+    with pytest.warns(UserWarning, match=job.answers.path.name):
+        leaderboard(suite, boards=["detection"], out_dir=tmp_path)
+    again = job.answers.read()
+    assert (again.detections, again.truths) == (first.detections, first.truths)
+
+
+def test_traffic_is_recorded_once_and_a_broken_file_is_made_again(suite) -> None:
+    episode = Episode("lu2018-occlusion", 10_000, "lux", 0.9)
+    before = [truth for _, truth in sensed(episode)]
+    path = timeline_path(episode)
+    written = path.stat().st_mtime_ns
+    assert [truth for _, truth in sensed(episode)] == before
+    assert path.stat().st_mtime_ns == written
+    path.write_bytes(b"broken")
+    with pytest.warns(UserWarning, match=path.name):
+        assert [truth for _, truth in sensed(episode)] == before
+
+
+def test_bad_settings_are_refused(suite, tmp_path) -> None:
+    with pytest.raises(RunError, match="jobs"):
+        leaderboard(suite, jobs=0, out_dir=tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FolderError, match="cannot write to folder"):
+        leaderboard(suite, out_dir=tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("entries", "options", "error"),
+    [
+        (["neerest"], {}, SpecError),
+        (["nearest?gate=2"], {}, SpecError),
+        (["nearest"], {"boards": ["detection"]}, SpecError),
+        (["voxel-map"], {}, SpecError),
+        (["nowhere.at.all:Mine"], {}, SpecError),
+        ([], {"boards": ["drift"]}, SpecError),
+        ([], {"only": True}, SpecError),
+        ([], {"boards": ["camera"]}, ValueError),
+    ],
+)
+def test_what_cannot_be_run_is_refused_before_anything_runs(
+    suite, tmp_path, entries, options, error
+) -> None:
+    stages = []
+    good = f"{plugin('Logged')}?log={tmp_path / 'log'}"
+    with pytest.raises(error):
+        leaderboard(
+            suite,
+            [good, *entries] if entries else entries,
+            out_dir=tmp_path / "out",
+            progress=lambda *stage: stages.append(stage),
+            **options,
+        )
+    assert stages == []
+    assert not (tmp_path / "log").exists()
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_suite_that_names_what_there_is_not_is_refused_by_its_name(tmp_path) -> None:
+    wrong = parse_suite(TINY.replace('entries = ["nearest"]', 'entries = ["neerest"]'), "x")
+    with pytest.raises(SuiteError, match=r"tiny v1, tracking\.entries: .*'nearest'"):
+        leaderboard(wrong, out_dir=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_only_leaves_the_suites_entries_and_the_marks_out(suite, tmp_path) -> None:
+    found = leaderboard(suite, ["distance"], boards=["detection"], only=True, out_dir=tmp_path)
+    assert found.entries("detection") == ["distance"]
+    assert found.boards() == ["detection"]
+    beside = leaderboard(suite, ["distance"], boards=["detection"], out_dir=tmp_path)
+    assert set(beside.entries("detection")) == {"distance", "pag", "oracle", "one-cluster"}
+    assert untimed(beside, "detection", "distance") == [
+        row for row in untimed(found, "detection") if row.metric
+    ]
+
+
+def test_a_strangers_tracker_and_detector_stand_on_their_boards(suite, tmp_path) -> None:
+    own = tmp_path / "mine.py"
+    own.write_text(
+        "from roadscope import Detections\n"
+        "from roadscope.trackers.nearest import NearestTracker\n"
+        "class Tracker(NearestTracker):\n    kind = 'tracker'\n"
+        "class Blind:\n    def reset(self): pass\n"
+        "    def detect(self, frame): return Detections.empty(frame.stamp_s)\n"
+    )
+    found = leaderboard(suite, [f"{own}:Tracker", f"{own}:Blind"], out_dir=tmp_path / "out")
+    assert found.failures == ()
+    ours = untimed(found, "tracking", "nearest")
+    same = untimed(found, "tracking", f"{own}:Tracker")
+    assert [row.value for row in ours] == [row.value for row in same]
+    assert found.row("detection", f"{own}:Blind", "detection_rate").value == 0.0
+    assert found.row("detection", f"{own}:Blind", "call_p50_ms").value > 0
+    assert found.row("detection", f"{own}:Blind", "wall_p50_ms").value > 0
+
+
+def test_what_is_not_installed_is_named_before_anything_runs(suite, tmp_path) -> None:
+    own, events = tmp_path / "mine.py", []
+    own.write_text(
+        "from roadscope.core import Requirement\n"
+        "from roadscope.trackers.nearest import NearestTracker\n"
+        "class Needy(NearestTracker):\n    kind = 'tracker'\n"
+        "    requires = Requirement('no-such-library', 'pip install no-such-library')\n"
+    )
+    found = leaderboard(
+        suite,
+        [f"{own}:Needy"],
+        boards=["tracking"],
+        out_dir=tmp_path / "out",
+        notice=events.append,
+        progress=lambda *stage: events.append(stage),
+    )
+    assert isinstance(events[0], str)
+    assert f"{own}:Needy" in events[0]
+    assert "pip install no-such-library" in events[0]
+    assert found.not_installed(f"{own}:Needy")
+    assert found.failed_entries == []
+    assert found.row("tracking", "nearest", "hota").n == EPISODES
+
+
+CHILD = """
+import sys
+from roadscope import leaderboard
+suite, entry, out = sys.argv[1:]
+leaderboard(suite, [entry], boards=["detection"], only=True, out_dir=out)
+"""
+
+
+def test_a_run_that_was_killed_goes_on_where_it_was(tmp_path) -> None:
+    path, log = tmp_path / "tiny.toml", tmp_path / "log"
+    path.write_text(TINY)
+    entry, out = f"{plugin('Logged')}?log={log}&wait_s=0.02", tmp_path / "out"
+    command = [sys.executable, "-c", CHILD, str(path), entry, str(out)]
+    kills = 2
+    for kill in range(kills):
+        child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        while not log.exists() or log.read_text().count("begun") < 2 * kill + 2:
+            assert child.poll() is None
+            time.sleep(0.005)
+        child.kill()
+        child.wait()
+    assert not (out / "leaderboard.json").exists()
+    subprocess.run(command, check=True)
+    # What was running when it was killed is begun again, and nothing else.
+    assert EPISODES <= log.read_text().count("begun") <= EPISODES + kills
+    kept = json.loads((out / "leaderboard.json").read_text())
+    assert len(kept["scores"]) == EPISODES
+    whole = leaderboard(parse_suite(TINY, "x"), [entry], boards=["detection"], only=True)
+    values = {row["metric"]: row["value"] for row in kept["rows"] if row["metric"] not in TIMES}
+    assert values == {row.metric: row.value for row in whole.rows if row.metric not in TIMES}

@@ -1,0 +1,125 @@
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from roadscope.__main__ import main
+from roadscope.benchmarks.cached_files import cache_folder, cache_usage, clear_cache, size_text
+
+DIGEST = "0123456789abcdef"
+OURS = {
+    "timelines": f"timelines/motorway-3-{DIGEST}.npz",
+    "detections": f"detections/{DIGEST}.npz",
+    "image-detections": f"image-detections/{DIGEST}.npz",
+    "egos": f"egos/{DIGEST}.npz",
+    "camera-training": f"camera-training/street-1-{DIGEST}.npy",
+    "results": "results.sqlite",
+}
+FOREIGN = (
+    "notes.txt",
+    "timelines/notes.txt",
+    "timelines/mine.npz",
+    "detections/boxes.npz",
+    "mine/0123456789abcdef.npz",
+    "timelines/deep/0123456789abcdef.npz",
+    "other.sqlite",
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    place = tmp_path / "cache"
+    for k, name in enumerate((*OURS.values(), *FOREIGN)):
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_bytes(b"x" * (k + 1))
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(place))
+    return place
+
+
+def does(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["roadscope", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def names(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+
+
+def test_usage_by_kind(folder: Path) -> None:
+    usages = {usage.kind: usage for usage in cache_usage()}
+    assert set(usages) == set(OURS)
+    assert all(usage.files == 1 for usage in usages.values())
+    assert usages["timelines"].size_bytes == 1
+    assert usages["results"].size_bytes == 6
+
+
+def test_clear_removes_ours_alone_and_keeps_results(folder: Path) -> None:
+    removed = clear_cache()
+    assert sum(usage.files for usage in removed) == 5
+    assert names(folder) == {*FOREIGN, OURS["results"]}
+    assert sum(usage.files for usage in clear_cache()) == 0
+
+
+def test_one_kind_alone(folder: Path) -> None:
+    (removed,) = clear_cache(["egos"])
+    assert (removed.kind, removed.files, removed.size_bytes) == ("egos", 1, 4)
+    assert names(folder) == {*FOREIGN, *OURS.values()} - {OURS["egos"]}
+
+
+def test_results_have_to_be_said(folder: Path) -> None:
+    with pytest.raises(ValueError, match="--results"):
+        clear_cache(["results"])
+    assert (folder / "results.sqlite").exists()
+    clear_cache(["results"], results=True)
+    assert names(folder) == {*FOREIGN, *OURS.values()} - {"results.sqlite"}
+    with pytest.raises(ValueError, match=r"no kind of cached files 'ego'.*did you mean 'egos'"):
+        clear_cache(["ego"])
+
+
+def test_links_are_not_followed(tmp_path: Path) -> None:
+    elsewhere, cache = tmp_path / "elsewhere", tmp_path / "linked"
+    (elsewhere / "egos").mkdir(parents=True)
+    cache.mkdir()
+    precious = elsewhere / "egos" / f"{DIGEST}.npz"
+    precious.write_bytes(b"x")
+    (cache / "egos").symlink_to(elsewhere / "egos")
+    (cache / "detections").mkdir()
+    (cache / "detections" / f"{DIGEST}.npz").symlink_to(precious)
+    assert not any(usage.files for usage in clear_cache(results=True, folder=cache))
+    assert precious.exists()
+
+
+def test_the_command(folder: Path, monkeypatch, capsys) -> None:
+    assert does(monkeypatch, "cache", "path") == 0
+    assert capsys.readouterr().out == f"{folder}\n"
+    assert does(monkeypatch, "cache", "show", "--json") == 0
+    table = json.loads(capsys.readouterr().out)
+    assert {kind["kind"]: kind["files"] for kind in table["kinds"]} == dict.fromkeys(OURS, 1)
+    assert does(monkeypatch, "cache", "clear", "--kind", "egos", "--kind", "timelines") == 0
+    said = capsys.readouterr().out
+    assert "egos" in said
+    assert "timelines" in said
+    assert "image-detections" not in said
+    assert does(monkeypatch, "cache", "clear", "--results") == 0
+    assert "results" in capsys.readouterr().out
+    assert names(folder) == set(FOREIGN)
+    assert does(monkeypatch, "cache", "clear", "--kind", "nothing") == 1
+    assert "no kind of cached files" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_not_there_holds_nothing(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("ROADSCOPE_CACHE", str(tmp_path / "none"))
+    assert cache_folder() == tmp_path / "none"
+    assert not any(usage.files for usage in (*cache_usage(), *clear_cache()))
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [(0, "0 B"), (999, "999 B"), (1500, "1.5 kB"), (2_340_000_000_000, "2340.0 GB")],
+)
+def test_sizes(size: int, text: str) -> None:
+    assert size_text(size) == text

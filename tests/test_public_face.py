@@ -1,0 +1,174 @@
+"""What the package offers, and that README, documentation and examples need nothing else.
+
+`public_names.txt` records it. After a change that is wanted:  python tests/test_public_face.py
+"""
+
+import ast
+import importlib
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import roadscope
+
+ROOT = Path(__file__).parents[1]
+NAMES = Path(__file__).parent / "public_names.txt"
+OFFERED_MODULES = ("metrics", "formats", "testing")
+ROOMS = ("envs", "detectors", "odometry", "trackers", "fusion", "benchmarks")
+OFFERING = (
+    "roadscope",
+    *(f"roadscope.{name}" for name in ("metrics", "formats", "testing", *ROOMS)),
+)
+"""Modules whose `__all__` is public."""
+NOT_YET: tuple[str, ...] = ()
+"""Names in the table whose modules do not exist yet; empty it as they come."""
+LAZY = ("roadscope", *(f"roadscope.{name}" for name in ROOMS))
+
+
+def offered(module: str) -> list[str]:
+    names = importlib.import_module(module).__all__
+    return [name for name in names if (module, name) not in [("roadscope", n) for n in NOT_YET]]
+
+
+def recorded() -> str:
+    """Describe all public names: signatures, the methods of classes, members of enumerations."""
+    places: dict[int, str] = {}
+    lines = []
+    for module in OFFERING:
+        lines += ["", module]
+        for name in sorted(offered(module)):
+            value = getattr(importlib.import_module(module), name)
+            known = places.setdefault(id(value), f"{module}.{name}")
+            if known != f"{module}.{name}":
+                lines.append(f"  {name} = {known}")
+            elif not inspect.ismodule(value):
+                lines += [wrapped(f"  {line}") for line in described(name, value)]
+    return "\n".join(lines).lstrip() + "\n"
+
+
+def wrapped(line: str) -> str:
+    unquoted = re.sub(r"(: |-> )'([^']*)'", r"\1\2", line)
+    return textwrap.fill(unquoted, 100, subsequent_indent=" " * 8, break_on_hyphens=False)
+
+
+def described(name: str, value: Any) -> Iterator[str]:
+    if inspect.isclass(value) and issubclass(value, Enum):
+        yield f"enum {name}: {', '.join(member.name for member in value)}"
+    elif inspect.isclass(value):
+        plain = issubclass(value, Exception) or getattr(value, "_is_protocol", False)
+        yield f"class {name}{'' if plain else inspect.signature(value)}"
+        for method, member in sorted(vars(value).items()):
+            if not method.startswith("_"):
+                yield from (f"  .{line}" for line in of_class(method, member))
+    elif callable(value) and hasattr(value, "__name__"):
+        yield f"{name}{inspect.signature(value)}"
+    else:
+        yield f"{name}: {type(value).__name__}"
+
+
+def of_class(name: str, member: Any) -> Iterator[str]:
+    if isinstance(member, staticmethod | classmethod):
+        yield f"{name}{inspect.signature(member.__func__)}"
+    elif inspect.isfunction(member):
+        yield f"{name}{inspect.signature(member)}"
+    elif isinstance(member, property):
+        yield name
+
+
+def test_names_and_signatures_are_the_recorded_ones() -> None:
+    now, before = recorded().splitlines(), NAMES.read_text("utf-8").splitlines()
+    gone = [line.strip() for line in before if line not in now]
+    new = [line.strip() for line in now if line not in before]
+    assert now == before, (
+        f"no longer there: {gone}; new: {new}. If that is wanted: python tests/test_public_face.py"
+    )
+
+
+def test_a_moderate_number_of_names_stands_at_the_top() -> None:
+    modules = {module.removeprefix("roadscope.") for module in OFFERING[1:]}
+    assert 25 <= len(set(roadscope.__all__) - modules) <= 36
+
+
+@pytest.mark.parametrize("module", OFFERING)
+def test_every_name_has_a_docstring(module: str) -> None:
+    assert importlib.import_module(module).__doc__
+    for name in offered(module):
+        value = getattr(importlib.import_module(module), name)
+        if inspect.isclass(value) or inspect.isroutine(value) or inspect.ismodule(value):
+            doc = vars(value).get("__doc__") if inspect.isclass(value) else value.__doc__
+            # A dataclass without a docstring gets its signature as one.
+            assert doc, f"{module}.{name}"
+            assert not doc.startswith(f"{name}("), f"{module}.{name}"
+
+
+@pytest.mark.parametrize("module", LAZY)
+def test_type_checkers_and_the_table_say_the_same(module: str) -> None:
+    loaded = importlib.import_module(module)
+    table = loaded._PLACES
+    assert set(table) <= set(loaded.__all__)
+    (block,) = [
+        node
+        for node in ast.parse(Path(str(loaded.__file__)).read_text("utf-8")).body
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+    ]
+    typed = {}
+    for node in block.body:
+        assert isinstance(node, ast.ImportFrom)
+        for alias in node.names:
+            joint = "." if node.module == "roadscope" else ":"
+            typed[alias.asname or alias.name] = f"{node.module}{joint}{alias.name}"
+    assert typed == table
+
+
+@pytest.mark.parametrize("module", LAZY)
+def test_names_are_listed_and_others_refused(module: str) -> None:
+    loaded = importlib.import_module(module)
+    assert set(loaded.__all__) <= set(dir(loaded))
+    with pytest.raises(AttributeError, match=f"{module}.*no_such_name"):
+        _ = loaded.no_such_name
+
+
+def private_imports(source: str) -> list[str]:
+    """Return what a text imports from the package that is not public."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            named = [alias.name for alias in node.names]
+            found += [n for n in named if n.split(".")[0] == "roadscope" and n not in OFFERING]
+        elif isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] == "roadscope":
+            public = node.module in OFFERING
+            names = importlib.import_module(str(node.module)).__all__ if public else []
+            found += [f"{node.module}:{a.name}" for a in node.names if a.name not in names]
+    return found
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        blocks = re.findall(r"^```python\n(.*?)^```", path.read_text("utf-8"), re.S | re.M)
+        yield from ((f"{path.name} {block.splitlines()[0]}", block) for block in blocks)
+    for path in sorted((ROOT / "examples").glob("*.py")):
+        yield path.name, path.read_text("utf-8")
+
+
+@pytest.mark.parametrize("text", [pytest.param(text, id=name) for name, text in texts()])
+def test_users_are_shown_public_names_only(text: str) -> None:
+    assert private_imports(text) == []
+
+
+def test_private_imports_are_noticed() -> None:
+    assert private_imports("from roadscope.trackers.assignment import assign_greedily") == [
+        "roadscope.trackers.assignment:assign_greedily"
+    ]
+    assert private_imports("from roadscope.trackers import kalman") == ["roadscope.trackers:kalman"]
+    assert private_imports("import roadscope.core.pose, numpy") == ["roadscope.core.pose"]
+    assert private_imports("from roadscope import Pose, metrics\nimport roadscope.metrics") == []
+
+
+if __name__ == "__main__":
+    NAMES.write_text(recorded(), "utf-8")

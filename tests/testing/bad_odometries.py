@@ -1,0 +1,125 @@
+"""Odometries as a user would bring them, most of them bad."""
+
+import os
+import time
+
+import numpy as np
+
+from roadscope import OdometryEstimate, OdometryStatus, Pose
+
+
+def told(scan, x=0.0, **changed):
+    given = {"start_from_lidar": Pose.planar(x, 0.0, 0.0), "covariance": np.zeros((6, 6)),
+             "dynamic": np.zeros(len(scan), bool), "stamp_s": scan.stamp_s}  # fmt: skip
+    if not len(scan):
+        given |= {"status": OdometryStatus.DEGRADED, "reason": "no returns"}
+    return OdometryEstimate(**(given | changed))
+
+
+class Good:
+    """Goes on at 10 m/s, whatever it sees."""
+
+    def __init__(self, *, step_m=1.0):
+        self.step_m = step_m
+
+    def reset(self, lidar_from_imu=None):
+        self.x = -self.step_m
+
+    def update(self, scan, imu=None):
+        self.x += self.step_m
+        return told(scan, self.x)
+
+
+class Unsaid:
+    """Says by its answer alone that it is an odometry."""
+
+    def reset(self, mounting=None): ...
+
+    def update(self, sweep, samples=None) -> OdometryEstimate:
+        return told(sweep)
+
+
+class WithoutMounting(Good):
+    def reset(self):
+        self.x = 0.0
+
+
+class ReturnsMatrix(Good):
+    def update(self, scan, imu=None):
+        return np.eye(4)
+
+
+class WrongStamp(Good):
+    def update(self, scan, imu=None):
+        return told(scan, stamp_s=scan.stamp_s + 1)
+
+
+class ForgetsReturns(Good):
+    def update(self, scan, imu=None):
+        return told(scan, dynamic=np.zeros(3, bool))
+
+
+class StartsElsewhere(Good):
+    def update(self, scan, imu=None):
+        return told(scan, 3.0)
+
+
+class FliesOff(Good):
+    def update(self, scan, imu=None):
+        return told(scan, 1e9)
+
+
+class ReturnsNan(Good):
+    def update(self, scan, imu=None):
+        return told(scan, np.nan)
+
+
+class NeedsImu(Good):
+    def update(self, scan, imu=None):
+        self.last_s = imu.stamps_s[-1]
+        return super().update(scan, imu)
+
+
+class NeedsReturns(Good):
+    def update(self, scan, imu=None):
+        assert scan.points.min() < 0
+        return super().update(scan, imu)
+
+
+class Scribbles(Good):
+    def update(self, scan, imu=None):
+        scan.points[:] = 0
+        return super().update(scan, imu)
+
+
+class Random(Good):
+    def update(self, scan, imu=None):
+        self.x += np.random.default_rng().random() if self.x >= 0 else 0
+        return super().update(scan, imu)
+
+
+class Remembers(Good):
+    def reset(self, lidar_from_imu=None):
+        self.step_m += 0.5
+        super().reset()
+
+
+class Raises(Good):
+    def update(self, scan, imu=None):
+        raise KeyError("what is this")
+
+
+class Hangs(Good):
+    def update(self, scan, imu=None):
+        time.sleep(600)
+
+
+class Ends(Good):
+    def update(self, scan, imu=None):
+        os._exit(3)
+
+
+class Greedy(Good):
+    def update(self, scan, imu=None):
+        self.much = np.ones((64, 1024, 1024, 1024))
+        return super().update(scan, imu)

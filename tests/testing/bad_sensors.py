@@ -1,0 +1,115 @@
+"""Camera detectors and fusions as a user would bring them, some of them bad."""
+
+import time
+from dataclasses import fields, replace
+
+import numpy as np
+
+from roadscope import FUSIONS, Detections, ImageDetections
+
+UnionFusion = FUSIONS.resolve("union").factory
+
+
+def box(stamp_s, right=600.0):
+    return ImageDetections([[10.0, 10.0, right, 90.0]], [0], [0.9], stamp_s)
+
+
+class Fine:
+    """One box wherever there is light."""
+
+    def reset(self): ...
+
+    def detect(self, frame) -> ImageDetections:
+        lit = frame.camera.pixels.max() > 8
+        found = box(frame.stamp_s, 50.0)
+        return found if lit else ImageDetections(np.empty((0, 4)), [], [], frame.stamp_s)
+
+
+class Unsaid(Fine):
+    def detect(self, frame):
+        return box(frame.stamp_s, float(frame.camera.pixels.shape[1]))
+
+
+class BoxesInSpace(Fine):
+    def detect(self, frame) -> ImageDetections:
+        return Detections.empty(frame.stamp_s)
+
+
+class AnHourLate(Fine):
+    def detect(self, frame) -> ImageDetections:
+        return box(frame.stamp_s + 3600.0)
+
+
+class SeesInTheDark(Fine):
+    def detect(self, frame) -> ImageDetections:
+        return box(frame.stamp_s)
+
+
+class Greyscale(Fine):
+    def detect(self, frame) -> ImageDetections:
+        return box(frame.stamp_s)
+
+
+class Raises(Fine):
+    def detect(self, frame) -> ImageDetections:
+        raise KeyError("what is this")
+
+
+class Hangs(Fine):
+    def detect(self, frame) -> ImageDetections:
+        time.sleep(600)
+
+
+class EndsAll(Fine):
+    def detect(self, frame) -> ImageDetections:
+        import os
+
+        os._exit(3)
+
+
+class Mine(UnionFusion):
+    """A good one."""
+
+
+class NeedsBoth(UnionFusion):
+    def fuse(self, lidar, camera, projection):
+        assert len(camera.boxes) >= 0
+        return super().fuse(lidar, camera, projection)
+
+
+class MakesUp(UnionFusion):
+    """Remembers its first targets for ever."""
+
+    kept = None
+
+    def fuse(self, lidar, camera, projection):
+        found = super().fuse(lidar, camera, projection)
+        self.kept = self.kept or found
+        if len(found):
+            return found
+        some = np.ones(len(self.kept), bool)
+        return replace(self.kept, by_lidar=~some, by_camera=some, stamp_s=found.stamp_s)
+
+
+class ReturnsDetections(UnionFusion):
+    def fuse(self, lidar, camera, projection):
+        return Detections.empty(2.0)
+
+
+class Unsettled(UnionFusion):
+    def fuse(self, lidar, camera, projection):
+        found = super().fuse(lidar, camera, projection)
+        return replace(found, scores=np.random.default_rng().random(len(found)))
+
+
+class FindsAQuarter(UnionFusion):
+    """Passes on the first quarter of what it gets."""
+
+    def fuse(self, lidar, camera, projection):
+        targets = super().fuse(lidar, camera, projection)
+        return rows_of(targets, np.arange(len(targets) // 4))
+
+
+def rows_of(targets, rows):
+    names = [field.name for field in fields(targets) if field.name != "stamp_s"]
+    return replace(targets, **{name: getattr(targets, name)[rows] for name in names})

@@ -1,0 +1,232 @@
+"""The contract kit: what it says of plug-ins that break one promise each, and of good ones."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import roadscope
+from roadscope import SpecError
+from roadscope.__main__ import app
+from roadscope.testing import ContractItem, Item, PromiseError, check, contract_items
+
+HERE = Path(__file__).parent
+TRACKERS, SENSORS, ODOMETRIES = (
+    HERE / f"bad_{name}.py" for name in ("trackers", "sensors", "odometries")
+)
+DETECTORS = HERE.parent / "benchmarks" / "plugins.py"
+NAME, METHODS, ANSWERS, FIGURE = "by its name alone", "has reset and", "answers", "two seconds"
+INPUT, REPEATS, RESET = "input alone", "gives the same", "at a reset"
+BROKEN = [
+    (TRACKERS, "tracker", "NeedsArguments", NAME, "'gate_m'"),
+    (TRACKERS, "tracker", "Positional", NAME, "def __init__(self, *, gate_m)"),
+    (TRACKERS, "tracker", "RaisesWhenMade", NAME, "OSError: no weights (bad_trackers.py:"),
+    (TRACKERS, "tracker", "WithoutReset", METHODS, "no method reset"),
+    (TRACKERS, "tracker", "WithoutPose", ANSWERS, "TypeError"),
+    (TRACKERS, "tracker", "WrongType", ANSWERS, "Detections"),
+    (TRACKERS, "tracker", "ReturnsNan", ANSWERS, "Tracks.centres: must be finite"),
+    (TRACKERS, "tracker", "WrongStamp", ANSWERS, "stamped"),
+    (TRACKERS, "tracker", "WorldWithoutPose", ANSWERS, "possible: ego"),
+    (TRACKERS, "tracker", "Raises", ANSWERS, "KeyError: 'what is this' (bad_trackers.py:"),
+    (TRACKERS, "tracker", "Invents", "without detections", "there are tracks"),
+    (TRACKERS, "tracker", "ReusesIds", "never uses an id again", "id 0 came back"),
+    (TRACKERS, "tracker", "ChangesIds", "keeps the id", "[0, 1, 2"),
+    (TRACKERS, "tracker", "DependsOnOrder", "order of detections", "in another order"),
+    (TRACKERS, "tracker", "MutatesInput", INPUT, "update changed its argument 1"),
+    (TRACKERS, "tracker", "Random", REPEATS, "the second time"),
+    (TRACKERS, "tracker", "Remembers", RESET, "after another episode there are"),
+    (TRACKERS, "tracker", "EmptyReset", RESET, "after another episode its id "),
+    (TRACKERS, "tracker", "KeepsTracks", RESET, "after another episode its id "),
+    (TRACKERS, "tracker", "RenamesTracks", RESET, "in another order"),
+    (TRACKERS, "tracker", "KeepsOne", RESET, "after another episode its id "),
+    (TRACKERS, "tracker", "KeepsTheClock", RESET, "ValueError: stamps must increase"),
+    (TRACKERS, "tracker", "IgnoresThePose", "while the ego moves", "world_from_ego"),
+    (TRACKERS, "tracker", "FollowsNothing", "keeps the id", "no track"),
+    (TRACKERS, "tracker", "FollowsNothing", FIGURE, "no track"),
+    (TRACKERS, "tracker", "NumbersRows", FIGURE, "HOTA"),
+    (TRACKERS, "tracker", "LateWithout", "has rescored", "no method rescored"),
+    (TRACKERS, "tracker", "LateNothing", "rescores every frame", "NoneType"),
+    (TRACKERS, "tracker", "LateShort", "rescores every frame", "19 records for 20"),
+    (TRACKERS, "tracker", "LateSwapped", "rescores every frame", "stamped 1.9"),
+    (TRACKERS, "tracker", "LateScribbles", "history alone", "rescored changed its argument 1"),
+    (TRACKERS, "tracker", "LateCounts", "rescores the same history", "the second time"),
+    (TRACKERS, "tracker", "LateForgets", "updates go on", "changes what update answers"),
+    (DETECTORS, "detector", "Raises", ANSWERS, "KeyError"),
+    (DETECTORS, "detector", "ReturnsNonsense", ANSWERS, "not Detections"),
+    (DETECTORS, "detector", "ReturnsNan", ANSWERS, "must be finite"),
+    (DETECTORS, "detector", "Late", ANSWERS, "the stamp of the frame"),
+    (DETECTORS, "detector", "Scribbles", INPUT, "detect changed its argument 1"),
+    (DETECTORS, "detector", "WithoutReset", METHODS, "no method reset"),
+    (DETECTORS, "detector", "Dies", ANSWERS, "exit status 3"),
+    (DETECTORS, "detector", "Prints", FIGURE, "0 boxes"),
+    (DETECTORS, "detector", "LooksAside", FIGURE, "'ego', x ahead"),
+    (ODOMETRIES, "odometry", "WithoutMounting", METHODS, "TypeError"),
+    (ODOMETRIES, "odometry", "ReturnsMatrix", ANSWERS, "ndarray"),
+    (ODOMETRIES, "odometry", "WrongStamp", ANSWERS, "stamped"),
+    (ODOMETRIES, "odometry", "ForgetsReturns", ANSWERS, "dynamic has 3 values for "),
+    (ODOMETRIES, "odometry", "StartsElsewhere", ANSWERS, "3 m from the start"),
+    (ODOMETRIES, "odometry", "FliesOff", ANSWERS, "1e+09 m from the start"),
+    (ODOMETRIES, "odometry", "ReturnsNan", ANSWERS, "must be finite"),
+    (ODOMETRIES, "odometry", "Raises", ANSWERS, "KeyError: 'what is this' (bad_odometries.py:"),
+    (ODOMETRIES, "odometry", "Scribbles", INPUT, "update changed its argument 1"),
+    (ODOMETRIES, "odometry", "NeedsImu", "without an IMU", "AttributeError"),
+    (ODOMETRIES, "odometry", "NeedsReturns", "without returns", "ValueError: zero-size"),
+    (ODOMETRIES, "odometry", "Random", REPEATS, "the second time"),
+    (ODOMETRIES, "odometry", "Remembers", RESET, "after it give other poses"),
+    (ODOMETRIES, "odometry", "Unsaid", FIGURE, "still"),
+    (SENSORS, "camera detector", "BoxesInSpace", ANSWERS, "Detections, not ImageDetections"),
+    (SENSORS, "camera detector", "AnHourLate", ANSWERS, "stamped 360"),
+    (SENSORS, "camera detector", "SeesInTheDark", "black image", "1 boxes"),
+    (SENSORS, "camera detector", "Greyscale", "other sizes", "320 x 240"),
+    (SENSORS, "camera detector", "Fine", FIGURE, "left, top, right, bottom in pixels"),
+    (SENSORS, "fusion", "NeedsBoth", "with one sensor", "AttributeError"),
+    (SENSORS, "fusion", "MakesUp", "with one sensor", "no detections"),
+    (SENSORS, "fusion", "ReturnsDetections", ANSWERS, "Detections, not FusedDetections"),
+    (SENSORS, "fusion", "Unsettled", REPEATS, "the second time"),
+    (SENSORS, "fusion", "FindsAQuarter", FIGURE, "what one sensor finds"),
+]
+"""File, kind, class, promise that it breaks (part of its words), part of what is said of it."""
+GOOD = [
+    (TRACKERS, "tracker", ("Good", "CountsAnew", "RandomNames", "Late")),
+    (SENSORS, "fusion", ("Mine",)),
+    (ODOMETRIES, "odometry", ("Good",)),
+]
+"""Plug-ins that keep all promises: ids go on after a reset, begin anew, or are drawn."""
+
+
+def items_of(spec: str, kind: str, part: str) -> list[ContractItem]:
+    """Return the promises of a plug-in in whose words a text stands."""
+    items = [item for item in contract_items(spec, kind=kind) if part in item.promise.words]
+    assert items, f"no promise of a {kind} has '{part}' in its words"
+    return items
+
+
+@pytest.mark.parametrize(("file", "kind", "name", "promise", "words"), BROKEN)
+def test_a_broken_promise_is_named(
+    file: Path, kind: str, name: str, promise: str, words: str
+) -> None:
+    (item,) = items_of(f"{file}:{name}", kind, promise)
+    with pytest.raises(PromiseError) as raised:
+        item.verify()
+    assert words in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "item",
+    [
+        item
+        for file, kind, names in GOOD
+        for name in names
+        for item in contract_items(f"{file}:{name}", kind=kind)
+    ],
+    ids=str,
+)
+def test_a_good_plugin_keeps_every_promise(item: ContractItem) -> None:
+    item.verify()
+
+
+def test_a_figure_stands_beside_those_of_ours() -> None:
+    """Of an odometry that goes on at 10 m/s, as the ego does there."""
+    last = contract_items(f"{ODOMETRIES}:Good", kind="odometry")[-1]
+    own_m, reference_m, still_m = map(float, re.findall(r"([\d.]+) m\b", last.verify()))
+    assert reference_m < own_m < 0.5 * still_m
+
+
+def test_a_second_pass_that_nobody_asks_for_is_remarked() -> None:
+    (item,) = items_of(f"{TRACKERS}:Online", "tracker", ANSWERS)
+    assert "offline = True" in item.verify()
+
+
+def test_a_report_has_an_item_for_every_promise() -> None:
+    told: list[Item] = []
+    done = roadscope.check(f"{TRACKERS}:Prints", kind="tracker", report=told.append)
+    assert tuple(told) == done.items
+    promises = [item.promise.words for item in contract_items(f"{TRACKERS}:Prints", kind="tracker")]
+    assert [item.promise for item in done.items[1:-1]] == promises
+    assert not done.ok
+    assert done.broken == done.items[-1:]
+    assert "hello from a tracker" in done.broken[0].remark
+    assert all(str(item) in str(done) for item in done.items)
+
+
+@pytest.mark.parametrize("trust", [False, True], ids=["isolated", "trusted"])
+def test_it_runs_in_this_process_on_demand(trust: bool) -> None:
+    done = check(f"{TRACKERS}:MutatesInput", kind="tracker", trust=trust)
+    assert any("changed its argument" in item.remark for item in done.broken)
+    assert check(f"{TRACKERS}:Good", kind="tracker", trust=trust).ok
+
+
+def test_what_hangs_is_named_and_not_tried_again() -> None:
+    done = check(f"{TRACKERS}:Hangs", kind="tracker", deadline_s=2.0)
+    assert [item.good for item in done.items] == [True, True, True, False, True]
+    assert "hangs" in done.broken[0].remark
+
+
+def test_what_ends_its_process_is_named() -> None:
+    done = check(f"{TRACKERS}:Ends", kind="tracker")
+    assert "exit status 7" in done.broken[0].remark
+    assert not done.items[-2].good
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("no_such_file.py:Mine", "no file"),
+        ("oracle", "made from the truth"),
+        ("noisy?miss=0.2", "made from the truth"),
+        ("noisy-camera", "made from the truth"),
+        ("fused?lidar=pag", "each of the three"),
+        ("utmost", "utmost"),
+        (f"{TRACKERS}:Best", "no class 'Best'"),
+        (f"{TRACKERS}:Neither", "update()"),
+        (f"{TRACKERS}:Good", 'kind = "tracker"'),
+        (f"{DETECTORS}:Late", 'kind = "detector"'),
+    ],
+)
+def test_what_is_no_plugin_of_one_kind_is_said(spec: str, words: str) -> None:
+    done = check(spec)
+    assert not done.ok
+    assert len(done.items) == 1
+    assert words in done.items[0].remark
+    with pytest.raises(SpecError):
+        contract_items(spec)
+
+
+def test_an_unknown_kind_is_refused() -> None:
+    with pytest.raises(SpecError, match="odometry"):
+        check(f"{TRACKERS}:Good", kind="oddity")
+
+
+@pytest.mark.parametrize(
+    ("spec", "kind"),
+    [
+        ("voxel-map", "odometry"),
+        ("gnn", "tracker"),
+        ("gnn?gate_m=2.0&ego=voxel-map", "tracker"),
+        ("colour-blobs", "camera detector"),
+        ("union", "fusion"),
+        ("roadscope.fusion.baselines:UnionFusion", "fusion"),
+        ("cluster-boxes", "detector"),
+        (f"{TRACKERS}:SaysItsKind", "tracker"),
+    ],
+)
+def test_the_kind_comes_from_the_registry_the_class_or_its_method(spec: str, kind: str) -> None:
+    assert {item.kind.name for item in contract_items(spec)} == {kind}
+
+
+def test_a_wrong_argument_is_named_without_a_place_in_the_code() -> None:
+    done = check("gnn?foo=1")
+    assert not done.ok
+    assert "foo" in done.broken[0].remark
+    assert ".py:" not in done.broken[0].remark
+
+
+def test_the_command_fails_when_a_promise_is_broken() -> None:
+    done = CliRunner().invoke(app, ["check", f"{TRACKERS}:WithoutReset", "--kind", "tracker"])
+    assert done.exit_code == 1
+    assert sum(line.startswith("WRONG") for line in done.output.splitlines()) == 1
+    good = CliRunner().invoke(app, ["check", f"{TRACKERS}:SaysItsKind"])
+    assert good.exit_code == 0

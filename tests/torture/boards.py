@@ -1,0 +1,184 @@
+"""A tiny suite of all five boards, and runs of it with hostile entries."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+import roadscope
+from roadscope.benchmarks.isolation import Limits
+from tests.torture.acts import CLASSES
+
+RIG = """
+name = "small"
+lidar = "vlp16"
+imu = "adis16448"
+[camera]
+sensor = "wide"
+width_px = 320
+height_px = 180
+focal_px = 160
+"""
+SUITE = """
+name = "torture"
+version = 1
+rig = "small.toml"
+duration_s = 2.0
+scenarios = ["motorway", "roundabout"]
+seeds = [20000]
+[detection]
+entries = ["distance"]
+[tracking]
+entries = ["nearest"]
+detectors = ["noisy-misses"]
+[camera]
+entries = ["noisy-camera"]
+[fusion]
+entries = ["union"]
+lidar = ["noisy-misses"]
+camera = ["noisy-camera"]
+[odometry]
+entries = ["still"]
+"""
+LIMITS = Limits(first_call_s=4, call_s=4, episode_s=20, memory_gb=0.6, output_mb=2)
+MOST_MESSAGE = 2000
+PRIVATE_TIME = ("call_", "wall_")
+"""How the names of metrics begin that are times."""
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """Folders of one run: its own cache, results, suite and copy of the plug-ins."""
+
+    folder: Path
+
+    @property
+    def cache(self) -> Path:
+        return self.folder / "cache"
+
+    @property
+    def out(self) -> Path:
+        return self.folder / "out"
+
+    @property
+    def suite(self) -> Path:
+        return self.folder / "torture.toml"
+
+    @property
+    def plugins(self) -> Path:
+        return self.folder / "hostile.py"
+
+    def spec(self, board: str, act: str, **more: Any) -> str:
+        """Name a hostile entry of a board."""
+        arguments = {"act": act, **more}
+        query = "&".join(f"{key}={value}" for key, value in arguments.items())
+        return f"{self.plugins}:{CLASSES[board]}?{query}"
+
+    @contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Let computed files go to this cache."""
+        before = os.environ["ROADSCOPE_CACHE"]
+        os.environ["ROADSCOPE_CACHE"] = str(self.cache)
+        try:
+            yield
+        finally:
+            os.environ["ROADSCOPE_CACHE"] = before
+
+    def run(self, entries: Sequence[str], **options: Any) -> "Run":
+        """Run the suite with hostile entries."""
+        options = {"limits": LIMITS, "out_dir": self.out} | options
+        with self.in_use(), warnings.catch_warnings(record=True) as raised:
+            warnings.simplefilter("always")
+            results = roadscope.leaderboard(str(self.suite), entries, **options)
+        return Run(results, [str(each.message) for each in raised])
+
+    def command(self, *words: str) -> subprocess.CompletedProcess[str]:
+        """Run the suite by the command line."""
+        return subprocess.run(
+            [sys.executable, "-m", "roadscope", "leaderboard", "--suite", str(self.suite), *words],
+            env=os.environ
+            | {"ROADSCOPE_CACHE": str(self.cache), "PYTHONPATH": os.pathsep.join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
+        )
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run returned, and what it warned of."""
+
+    results: roadscope.Results
+    warned: list[str]
+
+    def values(self, hostile: bool = False) -> Mapping[str, Any]:
+        """Return every score of the suite's own entries, but times, exactly."""
+        named = {}
+        for job in self.results.jobs:
+            if ("hostile.py" in job.entry) is not hostile:
+                continue
+            place = f"{job.board} {job.entry} {job.scenario} {job.inputs}"
+            named[place] = {"reason": job.reason} | without_times(job.scores)
+        return named
+
+    def reasons(self, entry: str) -> list[str | None]:
+        """Return the reason of each episode of an entry, None where it came through."""
+        return [job.reason for job in self.results.jobs if job.entry == entry]
+
+
+def without_times(scores: Mapping[str, Any]) -> dict[str, str]:
+    """Return scores as text with all digits, but those of time."""
+    return {
+        name: json.dumps(score.to_json())
+        for name, score in scores.items()
+        if not name.startswith(PRIVATE_TIME)
+    }
+
+
+def workshop(folder: Path, timelines: Path | None = None) -> Workshop:
+    """Make the folders of a run; timelines: a cache whose traffic is taken."""
+    made = Workshop(folder)
+    for place in (made.cache, made.out):
+        place.mkdir(parents=True)
+    (folder / "small.toml").write_text(RIG)
+    made.suite.write_text(SUITE)
+    shutil.copy(Path(__file__).with_name("hostile.py"), made.plugins)
+    if timelines is not None:
+        shutil.copytree(timelines / "timelines", made.cache / "timelines")
+    return made
+
+
+def left_running(plugins: Path) -> list[str]:
+    """Return the command lines of processes that hostile plug-ins left behind.
+
+    A worker's supervisor may go on; below it there must be nobody.
+    """
+    left = [" ".join(p.cmdline()) for p in processes() if str(plugins) in p.cmdline()]
+    for process in psutil.Process().children(recursive=True):
+        try:
+            above = process.parent()
+            if above is not None and "isolation.supervisor" in " ".join(above.cmdline()):
+                left.append(f"{process.pid} below a supervisor")
+        except psutil.Error:
+            continue
+    return left
+
+
+def processes() -> Iterator[psutil.Process]:
+    """Yield all processes whose command line can be read."""
+    for process in psutil.process_iter():
+        try:
+            process.cmdline()
+        except psutil.Error:
+            continue
+        yield process

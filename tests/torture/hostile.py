@@ -1,0 +1,603 @@
+"""Plug-ins of all five kinds that answer honestly, but for the act that they are asked for.
+
+A run loads this file from a copy, in the process of a plug-in. An act is a function that takes the
+plug-in and its honest answer and returns what is answered instead.
+"""
+
+import ctypes
+import gc
+import io
+import os
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from dataclasses import fields
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+import roadscope.core
+from roadscope.core import (
+    Detections,
+    ImageDetections,
+    OdometryEstimate,
+    Pose,
+    Tracks,
+)
+from roadscope.core.fused import FusedDetections
+from roadscope.core.wire import encode
+
+SOCKET = 3
+"""The file number of the connection to the run."""
+LONG_S = 600
+MILLION = 1_000_000
+
+
+class Plugin:
+    """What all five have in common.
+
+    act: a function of this file. folders: the cache and the folder of results, where a real one
+    would guess them. later: acts from this call on.
+    """
+
+    def __init__(self, *, act="honest", cache="", results="", later=0):
+        self.act, self.cache, self.results, self.later = act, cache, results, later
+        self.calls = 0
+        if act == "hang_when_made":
+            time.sleep(LONG_S)
+
+    def reset(self, mounting=None):
+        if self.act == "hang_in_reset":
+            time.sleep(LONG_S)
+
+    def acted(self, answer):
+        self.calls += 1
+        if self.calls <= self.later or self.act.startswith("hang_"):
+            return answer if self.act != "hang_in_call" else time.sleep(LONG_S)
+        return globals()[self.act](self, answer)
+
+
+class Detector(Plugin):
+    kind = "detector"
+
+    def detect(self, frame):
+        return self.acted(boxes(frame.stamp_s))
+
+
+class CameraDetector(Plugin):
+    kind = "camera detector"
+
+    def detect(self, frame):
+        corners = [[10.0, 20.0, 60.0, 50.0], [100.0, 80.0, 140.0, 120.0]]
+        return self.acted(ImageDetections(corners, [0, 6], [0.9, 0.4], frame.stamp_s))
+
+
+class Tracker(Plugin):
+    kind = "tracker"
+
+    def update(self, detections, ego_pose):
+        if len(detections) < 2:
+            detections = boxes(detections.stamp_s)
+        return self.acted(Tracks.of(detections, np.arange(len(detections))))
+
+
+class Fusion(Plugin):
+    kind = "fusion"
+
+    def fuse(self, lidar, camera, projection):
+        if lidar is None or len(lidar) < 2:
+            lidar = boxes(camera.stamp_s if lidar is None else lidar.stamp_s)
+        return self.acted(FusedDetections.of(lidar, camera))
+
+
+class Odometry(Plugin):
+    kind = "odometry"
+
+    def update(self, scan, imu=None):
+        still = np.zeros(len(scan), bool)
+        return self.acted(OdometryEstimate(Pose.identity(), np.eye(6), still, scan.stamp_s))
+
+
+def boxes(stamp_s):
+    return Detections(
+        [[10, 0, 1], [25, 3, 1]], [[4.5, 1.8, 1.5]] * 2, [0, 0], [0, 0], [0.9, 0.4], "ego", stamp_s
+    )
+
+
+def honest(plugin, answer):
+    return answer
+
+
+# Ends of the process.
+
+
+def segfault(plugin, answer):
+    ctypes.string_at(0)
+
+
+def exit_0(plugin, answer):
+    os._exit(0)
+
+
+def exit_3(plugin, answer):
+    os._exit(3)
+
+
+def kill_itself(plugin, answer):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def stop_itself(plugin, answer):
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
+# Exceptions.
+
+
+class UnspeakableError(Exception):
+    def __str__(self):
+        raise RuntimeError("no text")
+
+
+def base_exception(plugin, answer):
+    raise BaseException("bare \x1b[31m\nred")
+
+
+def generator_exit(plugin, answer):
+    raise GeneratorExit
+
+
+def system_exit(plugin, answer):
+    raise SystemExit(0)
+
+
+def keyboard_interrupt(plugin, answer):
+    raise KeyboardInterrupt
+
+
+def unspeakable(plugin, answer):
+    raise UnspeakableError
+
+
+def long_text(plugin, answer):
+    raise ValueError("x\n" * MILLION)
+
+
+# Resources.
+
+
+def flood(plugin, answer):
+    while True:
+        os.write(1, b"y" * 65536)
+
+
+def hog(plugin, answer):
+    memory = []
+    while True:
+        memory.append(np.ones(1 << 21))
+        time.sleep(0.002)
+
+
+def million_boxes(plugin, answer):
+    return many(answer, MILLION)
+
+
+def thousands_of_boxes(plugin, answer):
+    return many(answer, 50_000)
+
+
+def many(answer, count):
+    arrays = {
+        name: np.repeat(value[:1], count, axis=0)
+        for name, value in values_of(answer).items()
+        if isinstance(value, np.ndarray)
+    }
+    if "ids" in arrays:
+        arrays["ids"] = np.arange(count)
+    return forged(answer, **arrays)
+
+
+# What is written to the socket.
+
+
+def write(data):
+    with socket.socket(fileno=os.dup(SOCKET)) as connection:
+        connection.sendall(data)
+
+
+def framed(message):
+    return len(message).to_bytes(8, "little") + message
+
+
+def told(plugin, answer, **changes):
+    """Return a well-formed answer to this call, the first of which has number 2."""
+    content = {"number": plugin.calls + 1, "error": "", "answer": answer}
+    return framed(encode(content | {"wall_ms": 0.0, "processor_ms": 0.0} | changes))
+
+
+def forged_answer(plugin, answer):
+    write(told(plugin, answer, number=99))
+    time.sleep(LONG_S)
+
+
+def forged_bytes(plugin, answer):
+    write(framed(os.urandom(64)))
+    time.sleep(LONG_S)
+
+
+def forged_pickle(plugin, answer):
+    import pickle
+
+    write(framed(pickle.dumps(answer)))
+    time.sleep(LONG_S)
+
+
+def forged_length(plugin, answer):
+    write((1 << 62).to_bytes(8, "little"))
+    time.sleep(LONG_S)
+
+
+def truncated(plugin, answer):
+    message = told(plugin, answer)
+    write(message[: len(message) // 2])
+    os._exit(0)
+
+
+def second_answer(plugin, answer):
+    write(told(plugin, answer) * 3)
+    return answer
+
+
+def forged_times(plugin, answer):
+    write(told(plugin, answer, wall_ms=float("nan")))
+    time.sleep(LONG_S)
+
+
+# Answers that break the contract.
+
+
+def values_of(record):
+    return {field.name: getattr(record, field.name) for field in fields(record)}
+
+
+def forged(record, **changes):
+    """Return a record of the same class that was never checked."""
+    made = object.__new__(type(record))
+    for name, value in (values_of(record) | changes).items():
+        object.__setattr__(made, name, value)
+    return made
+
+
+def nan_scores(plugin, answer):
+    return forged(answer, scores=np.full(len(answer), np.nan))
+
+
+def float_ids(plugin, answer):
+    return forged(answer, ids=np.arange(len(answer)) + 0.5)
+
+
+def object_arrays(plugin, answer):
+    name = "dynamic" if isinstance(answer, OdometryEstimate) else "scores"
+    return forged(answer, **{name: np.array([object()] * len(getattr(answer, name)))})
+
+
+def category_99(plugin, answer):
+    return forged(answer, categories=np.full(len(answer), 99, np.int8))
+
+
+def skewed_pose(plugin, answer):
+    matrix = np.eye(4)
+    matrix[0, 1] = 0.5
+    return forged(answer, start_from_lidar=forged(Pose.identity(), matrix=matrix))
+
+
+def nan_pose(plugin, answer):
+    matrix = np.eye(4)
+    matrix[0, 3] = np.nan
+    return forged(answer, start_from_lidar=forged(Pose.identity(), matrix=matrix))
+
+
+def far_pose(plugin, answer):
+    return forged(answer, start_from_lidar=Pose.planar(1e200, 0.0, 0.0))
+
+
+def short_mask(plugin, answer):
+    return forged(answer, dynamic=answer.dynamic[1:])
+
+
+def negative_covariance(plugin, answer):
+    return forged(answer, covariance=-np.eye(6))
+
+
+def none_mask(plugin, answer):
+    names = {OdometryEstimate: "dynamic", FusedDetections: "by_lidar", Tracks: "states"}
+    return forged(answer, **{names.get(type(answer), "scores"): None})
+
+
+def missing_field(plugin, answer):
+    made = object.__new__(type(answer))
+    object.__setattr__(made, "stamp_s", answer.stamp_s)
+    return made
+
+
+def wrong_type(plugin, answer):
+    return [1, 2, 3]
+
+
+def other_record(plugin, answer):
+    return Pose.identity()
+
+
+def nothing(plugin, answer):
+    return None
+
+
+def itself(plugin, answer):
+    return plugin
+
+
+def wrong_stamp(plugin, answer):
+    return forged(answer, stamp_s=answer.stamp_s + 1.0)
+
+
+def nan_stamp(plugin, answer):
+    return forged(answer, stamp_s=float("nan"))
+
+
+def wrong_frame(plugin, answer):
+    return forged(answer, frame="moon")
+
+
+def repeated_ids(plugin, answer):
+    return forged(answer, ids=np.zeros(len(answer), np.int64))
+
+
+def negative_sizes(plugin, answer):
+    return forged(answer, sizes=-answer.sizes)
+
+
+def inverted_boxes(plugin, answer):
+    return forged(answer, boxes=answer.boxes[:, [2, 3, 0, 1]])
+
+
+def wrong_shape(plugin, answer):
+    if isinstance(answer, OdometryEstimate):
+        return forged(answer, covariance=np.zeros((3, 3)))
+    return forged(answer, categories=np.zeros((len(answer), 2), np.int8))
+
+
+def enormous_values(plugin, answer):
+    for name in ("centres", "boxes", "covariance"):
+        if hasattr(answer, name):
+            return forged(answer, **{name: np.full_like(getattr(answer, name), 1e300)})
+    return answer
+
+
+def enormous_velocities(plugin, answer):
+    return forged(answer, velocities=answer.velocities + 1e200)
+
+
+def singular_covariances(plugin, answer):
+    return forged(answer, covariances=np.zeros_like(answer.covariances))
+
+
+def indefinite_covariances(plugin, answer):
+    return forged(answer, covariances=-answer.covariances)
+
+
+def tiny_sizes(plugin, answer):
+    return forged(answer, sizes=np.full_like(answer.sizes, 5e-324))
+
+
+def varying_masses(plugin, answer):
+    columns = 2 + plugin.calls % 3
+    return forged(answer, masses=np.full((len(answer), columns), 1.0 / columns))
+
+
+# What may be done, and must change nothing.
+
+
+def written_later(plugin, answer):
+    """Change what was answered after it was."""
+
+    def spoil():
+        for _ in range(10):
+            time.sleep(0.03)
+            for value in values_of(answer).values():
+                if isinstance(value, np.ndarray):
+                    value.fill(1)
+
+    threading.Thread(target=spoil, daemon=True).start()
+    return answer
+
+
+def children(plugin, answer):
+    """Leave processes behind, in this session and in others, one without a parent."""
+    if plugin.calls == 1:
+        start_children()
+    return answer
+
+
+def children_and_death(plugin, answer):
+    start_children()
+    os._exit(4)
+
+
+def start_children():
+    words = [sys.executable, "-c", f"import time; time.sleep({LONG_S})", __file__]
+    for session in (False, True):
+        subprocess.Popen(words, start_new_session=session)
+    orphan = f"import subprocess; subprocess.Popen({words!r}, start_new_session=True)"
+    subprocess.run([sys.executable, "-c", orphan], check=True)
+
+
+def patch(plugin, answer):
+    """Change classes of ours, and functions of libraries that scores are made with."""
+    for kind in (Detections, ImageDetections, Tracks, FusedDetections, OdometryEstimate, Pose):
+        for name in ("moved", "select", "inverse", "apply", "sure"):
+            if hasattr(kind, name):
+                setattr(kind, name, lambda *arguments, **named: arguments[0])
+    roadscope.core.Tracks = roadscope.core.Detections = None
+    np.median = np.interp = np.gradient = lambda *arguments, **named: 0.0
+    return answer
+
+
+class FoundError(Exception):
+    """Something was in reach that must not be."""
+
+
+def seek_truth(plugin, answer):
+    """Look through all frames and all objects of this process."""
+    for top in sys._current_frames().values():
+        frame = top
+        while frame is not None:
+            refuse_truth([*frame.f_locals.values(), *frame.f_globals.values()])
+            frame = frame.f_back
+    refuse_truth(gc.get_objects())
+    return answer
+
+
+def refuse_truth(things):
+    hidden = ("Truth", "Episode", "Suite", "Timeline", "Job", "TrackNode", "DetectionNode")
+    for thing in things:
+        name = type(thing).__name__
+        if name in hidden and type(thing).__module__.startswith("roadscope"):
+            raise FoundError(f"a {name} is in this process")
+
+
+def seek_paths(plugin, answer):
+    """Look for the folders of caches and results in all that this process was given."""
+    texts = [*os.environ.values(), *sys.argv, *sys.path, str(Path.cwd())]
+    for file in ("environ", "cmdline"):
+        texts += Path("/proc/self", file).read_text(errors="replace").split("\0")
+    texts += [str(link.readlink()) for link in Path("/proc/self/fd").iterdir() if link.exists()]
+    for text in texts:
+        for piece in text.replace("=", os.pathsep).split(os.pathsep):
+            for name in ("results.sqlite", "timelines", "leaderboard.json"):
+                if piece and (Path(piece) / name).exists():
+                    raise FoundError(f"{name} is in {piece}")
+    return answer
+
+
+# What damages files of the run.
+
+
+def kept_files(plugin):
+    """Find kept files, by the environment of processes above this one or by guessing.
+
+    Once in an episode: bits that are flipped twice are as they were.
+    """
+    if plugin.calls > 1:
+        return
+    folders = {plugin.cache}
+    for process in psutil.Process().parents():
+        try:
+            folders.add(process.environ().get("ROADSCOPE_CACHE", ""))
+        except psutil.Error:
+            continue
+    for folder in filter(None, folders):
+        yield from sorted(Path(folder).glob("*/*.npz"))
+        yield from sorted(Path(folder).glob("*/*.cache"))
+
+
+def rewrite_broken(plugin, answer):
+    """Change the content of kept files, not their digests."""
+    for path in kept_files(plugin):
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 0xFF
+        path.write_bytes(content)
+    return answer
+
+
+def rewrite_valid(plugin, answer):
+    """Write other content with the digest that belongs to it."""
+    for path in kept_files(plugin):
+        with suppress(Exception):
+            path.write_bytes(changed(path.read_bytes()))
+    return answer
+
+
+def changed(content):
+    """Return a kept file in which everything is 7 m, or pixels, beside where it was."""
+    with np.load(io.BytesIO(content[40:]), allow_pickle=False) as data:
+        arrays = dict(data)
+    for name in ("d_centres", "d_boxes", "k_centres", "f_centres", "estimate"):
+        if name in arrays:
+            arrays[name] = arrays[name] + 7.0
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return content[:8] + sha256(buffer.getvalue()).digest() + buffer.getvalue()
+
+
+def plant(plugin, answer):
+    """Write answers of others before they are computed, under the names that they will have."""
+    for path in Path(plugin.results).glob("*/*.npz"):
+        if path.parent.name in ("tracks", "fusions"):
+            place = Path(plugin.cache, path.parent.name, path.name)
+            place.parent.mkdir(exist_ok=True)
+            place.write_bytes(changed(path.read_bytes()))
+    return answer
+
+
+def forge_results(plugin, answer):
+    """Give every row of the results a perfect score."""
+    with sqlite3.connect(Path(plugin.results) / "results.sqlite", timeout=5) as database:
+        rows = database.execute("SELECT key, scores FROM results").fetchall()
+        for key, scores in rows:
+            forged_scores = scores.replace('"value": 0.', '"value": 0.9')
+            database.execute("UPDATE results SET scores = ? WHERE key = ?", (forged_scores, key))
+    database.close()
+    return answer
+
+
+def ruin_results(plugin, answer):
+    """Overwrite the results with nonsense."""
+    for path in Path(plugin.results).glob("results.sqlite*"):
+        path.write_bytes(os.urandom(10_000))
+    return answer
+
+
+# What hits the processes of the run.
+
+
+def kill_guard(plugin, answer):
+    os.kill(os.getppid(), signal.SIGKILL)
+    time.sleep(LONG_S)
+
+
+def kill_supervisor(plugin, answer):
+    psutil.Process().parents()[1].kill()
+    time.sleep(1.0)
+    return answer
+
+
+def kill_both(plugin, answer):
+    """End guard and supervisor, with children left behind."""
+    start_children()
+    guard, supervisor = psutil.Process().parents()[:2]
+    supervisor.kill()
+    guard.kill()
+    time.sleep(LONG_S)
+
+
+def stop_both(plugin, answer):
+    for process in psutil.Process().parents()[1::-1]:
+        process.suspend()
+    time.sleep(LONG_S)
+
+
+def say_process(plugin, answer):
+    raise ValueError(f"in process {os.getpid()}")
+
+
+def kill_worker(plugin, answer):
+    """End the run's own process that asked."""
+    psutil.Process().parents()[2].kill()
+    time.sleep(LONG_S)

@@ -1,0 +1,97 @@
+"""The command line shows the board of a run in which plug-ins failed, and says so."""
+
+import csv
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.torture.acts import ALL
+from tests.torture.boards import Workshop, left_running
+
+Made = Callable[..., Workshop]
+ACTS = ("exit_0", "base_exception")
+NASTY = "=cmd|<script>alert(1)\x1b[31m\n\u202e&%_.py"
+"""The name of a file that is a formula, a tag, a new line and a colour."""
+
+
+@pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.slow)])
+def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made, jobs: str) -> None:
+    place = new_workshop()
+    entries = {place.spec(board, act): board for board in ALL for act in (*ACTS, "honest")}
+    words = [word for entry in entries for word in ("--entry", entry)]
+    done = place.command("--jobs", jobs, "--out", str(place.out), *words)
+    assert done.returncode == 1
+    for board in ALL:
+        assert f"{board} board" in done.stdout
+    for own in ("distance", "nearest", "noisy-camera", "union", "still"):
+        assert own in done.stdout
+    for entry in entries:
+        named = [line for line in done.stdout.splitlines() if line.startswith(f"{entry} failed")]
+        assert len(named) == ("honest" not in entry)
+    assert "Traceback" not in done.stderr
+    saved = json.loads((place.out / "leaderboard.json").read_text())
+    failed = {f["entry"].removesuffix(" on oracle") for f in saved["failures"]}
+    assert failed == {e for e in entries if "honest" not in e}
+    assert left_running(place.plugins) == []
+
+
+def test_without_failures_the_status_is_0(new_workshop: Made) -> None:
+    place = new_workshop()
+    entry = place.spec("tracking", "honest")
+    done = place.command("tracking", "--jobs", "1", "--json", "--entry", entry)
+    assert done.returncode == 0
+    assert entry in {row["entry"] for row in json.loads(done.stdout)["rows"]}
+
+
+def test_names_are_harmless_wherever_they_are_shown(
+    new_workshop: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = new_workshop()
+    (place.folder / NASTY).write_bytes(place.plugins.read_bytes())
+    monkeypatch.chdir(place.folder)
+    entries = [f"{NASTY}:Tracker?act={act}" for act in ("honest", "base_exception")]
+    words = [word for entry in entries for word in ("--entry", entry)]
+    done = place.command("tracking", "--jobs", "1", "--out", str(place.out), *words)
+    assert done.returncode == 1
+    assert "cmd" in done.stdout
+    for text in (done.stdout, done.stderr):
+        assert all(line.isprintable() for line in text.splitlines())
+    check_csv(place.out / "leaderboard.csv")
+    check_markdown(place.out / "leaderboard.md")
+    check_latex(place.out / "leaderboard.tex")
+
+
+def check_csv(path: Path) -> None:
+    with path.open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert len({len(row) for row in rows}) == 1
+    texts = [cell for row in rows for cell in row if "cmd" in cell]
+    assert texts
+    for text in texts:
+        assert text.isprintable()
+        assert text[0] not in "=+-@"
+
+
+def check_markdown(path: Path) -> None:
+    lines = path.read_text().splitlines()
+    named = [line for line in lines if "cmd" in line]
+    assert named
+    assert not any("<" in line for line in named)
+    assert all(line.isprintable() for line in lines)
+    tables = [line for line in named if line.startswith("| ")]
+    columns = [len(re.findall(r"(?<!\\)\|", line)) for line in lines if line.startswith("| ---")]
+    assert tables
+    assert len(re.findall(r"(?<!\\)\|", tables[0])) == columns[0]
+
+
+def check_latex(path: Path) -> None:
+    lines = path.read_text().splitlines()
+    named = [line for line in lines if "cmd" in line]
+    assert named
+    assert all(line.isprintable() for line in lines)
+    for line in named:
+        assert line.endswith(r"\\")
+        assert not re.search(r"(?<!\\)[%_#]", line)

@@ -1,0 +1,63 @@
+"""Plug-ins that are trusted run in this process; those in a sandbox reach nothing."""
+
+import os
+from collections.abc import Callable
+
+import pytest
+
+from roadscope.benchmarks.isolation import sandbox_available
+from tests.torture.boards import Run, Workshop, left_running
+
+Made = Callable[..., Workshop]
+needs_sandbox = pytest.mark.skipif(bool(sandbox_available()), reason=sandbox_available() or "-")
+
+
+@pytest.mark.parametrize("trust", [True, False])
+def test_a_trusted_plugin_runs_in_this_process(new_workshop: Made, trust: bool) -> None:
+    place = new_workshop()
+    entry = place.spec("tracking", "say_process")
+    run = place.run([entry], boards=["tracking"], trust=trust)
+    for reason in run.reasons(entry):
+        assert reason is not None
+        assert reason.startswith(entry)
+        assert (f"in process {os.getpid()} " in reason) is trust
+
+
+def test_what_a_trusted_plugin_raises_is_its_own_row(
+    new_workshop: Made, honest_run: tuple[Workshop, Run]
+) -> None:
+    place = new_workshop()
+    acts = ("base_exception", "generator_exit", "system_exit", "unspeakable", "wrong_type")
+    entries = [place.spec("tracking", act) for act in acts]
+    run = place.run(entries, boards=["tracking"], trust=True)
+    for entry in entries:
+        assert all(reason and reason.startswith(entry) for reason in run.reasons(entry))
+    honest = honest_run[1].values()
+    assert run.values() == {k: v for k, v in honest.items() if k.startswith("tracking")}
+
+
+@needs_sandbox
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_sandbox_holds(new_workshop: Made, honest_run: tuple[Workshop, Run], jobs: int) -> None:
+    place = new_workshop()
+    harmless = ("honest", "children", "seek_truth", "seek_paths", "rewrite_valid")
+    failing = ("segfault", "exit_0", "kill_guard", "kill_worker", "forge_results")
+    entries = {
+        act: place.spec("tracking", act, cache=place.cache, results=place.out)
+        for act in (*harmless, *failing)
+    }
+    marker = place.folder / "written"
+    code = f"\nwith suppress(OSError):\n    Path({str(marker)!r}).write_text('x')\n"
+    with place.plugins.open("a") as file:
+        file.write(code)
+    run = place.run(list(entries.values()), jobs=jobs, boards=["tracking"], sandbox=True)
+    assert not marker.exists()
+    for act in harmless:
+        assert run.reasons(entries[act]) == [None, None]
+    for act in failing:
+        reasons = run.reasons(entries[act])
+        assert all(reason and reason.startswith(entries[act]) for reason in reasons)
+    honest = honest_run[1].values()
+    assert run.values() == {k: v for k, v in honest.items() if k.startswith("tracking")}
+    assert run.warned == []
+    assert left_running(place.plugins) == []
