@@ -225,7 +225,7 @@ def leaderboard(
         shown = _Shown(results, loaded, console(width=width), tuple(dict.fromkeys(by or ())))
         shown.show()
         if suite is None and not (kitti or mot):
-            _name_full_suite(board, entry or ())
+            _name_full_suite(board, entry or (), only=only)
         if left_out:
             typer.echo(f"no tracks were written of {', '.join(left_out)}")
         _name_written(out and out / "leaderboard.json", tracks)
@@ -271,7 +271,8 @@ class _Shown:
                 lines.insert(0, "No object in any episode was to be found: nothing is scored.")
             for line in filter(None, lines):
                 screen.print(line, markup=False)
-            screen.print(footnote(results, name, screen.width), style="dim", markup=False)
+            if text := footnote(results, name, screen.width):
+                screen.print(text, style="dim", markup=False)
             if board.always_by is not None and board.always_by[0] not in self.by:
                 by, metric = board.always_by
                 self._show_breakdown(name, by, (metric,))
@@ -328,12 +329,12 @@ def _name_kept_boards(out: Path | None) -> None:
         typer.echo(f"kept beside it: {', '.join(path.name for path in kept)}")
 
 
-def _name_full_suite(board: str | None, entries: Sequence[str]) -> None:
+def _name_full_suite(board: str | None, entries: Sequence[str], *, only: bool) -> None:
     """Name the suite of a board that was shown on the quick one, with the user's entries."""
     from roadscope.benchmarks.suite import SUITES
 
     if board in SUITES and _usual_suite(board) != board:
-        given = "".join(f" --entry '{entry}'" for entry in entries)
+        given = "".join(f" --entry '{entry}'" for entry in entries) + " --only" * only
         typer.echo(f"A quick look. In full: roadscope leaderboard {board} --suite {board}{given}")
 
 
