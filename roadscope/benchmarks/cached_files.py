@@ -29,13 +29,16 @@ class FileKind:
 
 
 _DIGEST = r"[0-9a-f]{16,}"
-_ARRAYS = re.compile(rf"(.+-)?{_DIGEST}(\.npz|\w*\.part)")
+_ARRAYS = re.compile(rf"(.+-)?{_DIGEST}(\.npz|\.cache|\w*\.part)")
 
 FILE_KINDS: Mapping[str, FileKind] = {
     "timelines": FileKind("recorded traffic", "timelines", _ARRAYS),
     "detections": FileKind("LiDAR detections that trackers share", "detections", _ARRAYS),
     "image-detections": FileKind("detections in images", "image-detections", _ARRAYS),
-    "egos": FileKind("poses of the ego by odometries", "egos", _ARRAYS),
+    "fusions": FileKind("fused detections", "fusions", _ARRAYS),
+    "poses": FileKind("poses by odometries", "poses", _ARRAYS),
+    "tracks": FileKind("tracks", "tracks", _ARRAYS),
+    "sources": FileKind("index of our sources", "sources", re.compile(rf"{_DIGEST}\.json")),
     "camera-training": FileKind(
         "pictures and checkpoints of roadscope train",
         "camera-training",

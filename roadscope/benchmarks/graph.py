@@ -1,8 +1,8 @@
-"""The graph of a run: timeline -> percepts -> answers -> scores, each computed once and kept.
+"""The graph of a run: traffic -> detections -> answers -> scores, each computed once and kept.
 
 A `Node` is a kept file, named by a hash of everything that it depends on. A `Job` scores the
-answers of one entry on one episode of a board. `run_jobs` does what is missing of some jobs: the
-nodes that they need, level by level, then their scores.
+answers of one entry on one episode of a board. `run_jobs` computes what is missing: the nodes that
+jobs need, level by level, then their scores.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Scoring(Protocol):
 
     name: str
 
-    def score(self, job: Job, answers: Any, /) -> Mapping[str, Score]:
+    def score(self, job: Job, answers: Any, options: RunOptions, /) -> Mapping[str, Score]:
         """Return the scores of a job's answers."""
 
 
@@ -145,10 +145,10 @@ def run_jobs(
     options: RunOptions | None = None,
     progress: Progress = silent,
 ) -> None:
-    """Compute the scores of jobs, and what they need; each outcome is taken as it comes.
+    """Compute the scores of jobs, and what they need; `take` is called with each outcome.
 
-    Whatever goes wrong becomes the reason of a job's outcome. What a source of several jobs does
-    wrong is computed once. Kept files that somebody else changes meanwhile are not used.
+    Whatever goes wrong becomes the reason of a job's outcome. A source that failed is not run again
+    for each job that needs it. Kept files that somebody else changes meanwhile are not used.
 
     workers: which processes compute; None: this one.
     """
@@ -229,7 +229,7 @@ class _Run:
         return self._anew(node) or not self._files.has(node)
 
     def _anew(self, node: Node) -> bool:
-        """Return whether a kept node is computed again; traffic is always the same."""
+        """Return whether a kept node is computed again; traffic never is: it is deterministic."""
         return self._options.fresh and bool(node.sources())
 
 
@@ -317,7 +317,7 @@ def score(options: RunOptions, task: _Task[Job]) -> Outcome:
     except Exception as error:
         return Outcome({}, f"not the entry's fault: {described(error)}")
     try:
-        return Outcome(job.board.score(job, answers))
+        return Outcome(job.board.score(job, answers, options))
     except Exception as error:
         return Outcome({}, f"not the entry's fault: {described(error)}")
 
@@ -375,13 +375,13 @@ def _compute(options: RunOptions, task: _Task[Node]) -> NodeFailure | None:
 
 
 def _node_death(node: Node) -> NodeFailure:
-    """Return why a node could not be computed whose worker died again and again."""
+    """Return the failure of a node during which workers died repeatedly."""
     reason = f"the worker process died while its {node.stage} were computed (out of memory?)"
     return NodeFailure(reason, worker_died=True)
 
 
 def _job_death(job: Job) -> Outcome:
-    """Return the outcome of a job whose worker died again and again."""
+    """Return the outcome of a job during which workers died repeatedly."""
     reason = f"the worker process died while it ran on {job.episode.scenario} (out of memory?)"
     return Outcome({}, f"{job.entry}: {reason}")
 

@@ -147,11 +147,11 @@ def _ask(
 def _warmed_up(
     spec: Spec, kind: Kind, ticks: Iterator[CallInput[C]], reset: Sequence[Any]
 ) -> Iterator[CallInput[C]]:
-    """Let an instance of ours that is thrown away answer the first moments, then yield all.
+    """Call a throw-away instance of ours with the first inputs, then yield all inputs.
 
-    Ours compile when they are first called; no timed call pays for that. It is done once in a
-    process, again until something was detected. What is not ours is called no more often than
-    it is asked; its first call is left out of its times.
+    Ours compile when they are first called, and no timed call shall include that. It is done once
+    in a process, and again in later episodes until one answer is not empty. Plug-ins that are not
+    ours get no warm-up; their first call is left out of their times.
     """
     if spec in _warm or not kind.warm_calls:
         return ticks

@@ -146,7 +146,7 @@ class Suite:
     fusions: entries of the fusion board; all get, every `fused_every_s`, the detections of each
         of `fused_lidar` with those of each of `fused_camera`.
     egos: whose poses of the ego trackers are told: `truth`, `none` or odometries; every tracker is
-        compared with each, unless it names its own (`ego.split_ego`).
+        compared with each, unless it names its own (`gnn?ego=none`).
     odometries: entries of the odometry board; their drift is measured over stretches of
         `odometry_lengths_m`.
     """

@@ -214,7 +214,12 @@ def leaderboard(
                 tracks,
                 only=only,
                 jobs=workers(jobs),
-                options=RunOptions(Limits(episode_s=deadline), trust, sandbox),
+                options=RunOptions(
+                    Limits(episode_s=deadline),
+                    trust,
+                    sandbox,
+                    hidden=() if out is None else (out,),
+                ),
                 progress=progress,
             )
     if json:

@@ -173,17 +173,25 @@ class Spec:
 def source_hash(target: str) -> str:
     """Hash what `module:Class` or `path/file.py:Class` is made from: 16 hexadecimal digits.
 
-    That is its file, the files beside it that it imports and, for an installed package, its
-    version. Files are read, nothing is imported.
+    That is its file and the files beside it that it imports; in a package all files of the package
+    and the version of its distribution. Files are read, nothing is imported.
     """
     place, _, name = target.rpartition(":")
     file = Path(place) if place.endswith(".py") else _file_of_module(place)
     if file is None or not file.is_file():
         raise SpecError(f"no file or module {place}")
     digest = sha256(f"{_distribution_version(place)} {name}".encode())
-    for each in _source_files(file):
+    package = _package_of(file.resolve())
+    for each in sorted(package.rglob("*.py")) if package else _source_files(file):
         digest.update(each.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
+
+
+def _package_of(file: Path) -> Path | None:
+    """Return the folder of the topmost package that a file is in; None: it is in no package."""
+    folders = [folder for folder in file.parents if (folder / "__init__.py").is_file()]
+    inside = [f for k, f in enumerate(folders) if f == file.parents[k]]
+    return inside[-1] if inside else None
 
 
 def _source_files(file: Path) -> list[Path]:

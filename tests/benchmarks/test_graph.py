@@ -73,7 +73,7 @@ class Lengths:
 
     name = "lengths"
 
-    def score(self, job: Job, answers: Text) -> Mapping[str, Score]:
+    def score(self, job: Job, answers: Text, options: RunOptions) -> Mapping[str, Score]:
         if job.settings == "no score":
             raise ZeroDivisionError("no score")
         return {"length": Score(float(len(answers)), "1", "higher", 1)}

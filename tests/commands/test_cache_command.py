@@ -9,10 +9,13 @@ from roadscope.benchmarks.cached_files import cache_folder, cache_usage, clear_c
 
 DIGEST = "0123456789abcdef"
 OURS = {
-    "timelines": f"timelines/motorway-3-{DIGEST}.npz",
+    "timelines": f"timelines/motorway-3-{DIGEST}.cache",
     "detections": f"detections/{DIGEST}.npz",
     "image-detections": f"image-detections/{DIGEST}.npz",
-    "egos": f"egos/{DIGEST}.npz",
+    "poses": f"poses/{DIGEST}.npz",
+    "fusions": f"fusions/{DIGEST}.npz",
+    "tracks": f"tracks/{DIGEST}.npz",
+    "sources": f"sources/{DIGEST}.json",
     "camera-training": f"camera-training/street-1-{DIGEST}.npy",
     "results": "results.sqlite",
 }
@@ -53,20 +56,20 @@ def test_usage_by_kind(folder: Path) -> None:
     assert set(usages) == set(OURS)
     assert all(usage.files == 1 for usage in usages.values())
     assert usages["timelines"].size_bytes == 1
-    assert usages["results"].size_bytes == 6
+    assert usages["results"].size_bytes == len(OURS)
 
 
 def test_clear_removes_ours_alone_and_keeps_results(folder: Path) -> None:
     removed = clear_cache()
-    assert sum(usage.files for usage in removed) == 5
+    assert sum(usage.files for usage in removed) == len(OURS) - 1
     assert names(folder) == {*FOREIGN, OURS["results"]}
     assert sum(usage.files for usage in clear_cache()) == 0
 
 
 def test_one_kind_alone(folder: Path) -> None:
-    (removed,) = clear_cache(["egos"])
-    assert (removed.kind, removed.files, removed.size_bytes) == ("egos", 1, 4)
-    assert names(folder) == {*FOREIGN, *OURS.values()} - {OURS["egos"]}
+    (removed,) = clear_cache(["poses"])
+    assert (removed.kind, removed.files, removed.size_bytes) == ("poses", 1, 4)
+    assert names(folder) == {*FOREIGN, *OURS.values()} - {OURS["poses"]}
 
 
 def test_results_have_to_be_said(folder: Path) -> None:
@@ -75,17 +78,17 @@ def test_results_have_to_be_said(folder: Path) -> None:
     assert (folder / "results.sqlite").exists()
     clear_cache(["results"], results=True)
     assert names(folder) == {*FOREIGN, *OURS.values()} - {"results.sqlite"}
-    with pytest.raises(ValueError, match=r"no kind of cached files 'ego'.*did you mean 'egos'"):
-        clear_cache(["ego"])
+    with pytest.raises(ValueError, match=r"no kind of cached files 'pose'.*did you mean 'poses'"):
+        clear_cache(["pose"])
 
 
 def test_links_are_not_followed(tmp_path: Path) -> None:
     elsewhere, cache = tmp_path / "elsewhere", tmp_path / "linked"
-    (elsewhere / "egos").mkdir(parents=True)
+    (elsewhere / "poses").mkdir(parents=True)
     cache.mkdir()
-    precious = elsewhere / "egos" / f"{DIGEST}.npz"
+    precious = elsewhere / "poses" / f"{DIGEST}.npz"
     precious.write_bytes(b"x")
-    (cache / "egos").symlink_to(elsewhere / "egos")
+    (cache / "poses").symlink_to(elsewhere / "poses")
     (cache / "detections").mkdir()
     (cache / "detections" / f"{DIGEST}.npz").symlink_to(precious)
     assert not any(usage.files for usage in clear_cache(results=True, folder=cache))
@@ -98,9 +101,9 @@ def test_the_command(folder: Path, monkeypatch, capsys) -> None:
     assert does(monkeypatch, "cache", "show", "--json") == 0
     table = json.loads(capsys.readouterr().out)
     assert {kind["kind"]: kind["files"] for kind in table["kinds"]} == dict.fromkeys(OURS, 1)
-    assert does(monkeypatch, "cache", "clear", "--kind", "egos", "--kind", "timelines") == 0
+    assert does(monkeypatch, "cache", "clear", "--kind", "poses", "--kind", "timelines") == 0
     said = capsys.readouterr().out
-    assert "egos" in said
+    assert "poses" in said
     assert "timelines" in said
     assert "image-detections" not in said
     assert does(monkeypatch, "cache", "clear", "--results") == 0

@@ -178,3 +178,18 @@ def test_a_resolved_spec_names_its_class_and_its_kind_and_loads_nothing() -> Non
 def test_a_plug_in_of_ours_refuses_arguments_of_another_type() -> None:
     with pytest.raises(ValueError, match=r"gate_m.*'far'"):
         TRACKERS.make("nearest?gate_m=far")
+
+
+def test_all_files_of_a_package_count_as_its_source(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "package_of_mine"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "helper.py").write_text("K = 1\n")
+    (package / "plug.py").write_text("from package_of_mine.helper import K\n\n\nclass Mine: ...\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    before = source_hash("package_of_mine.plug:Mine")
+    assert source_hash(f"{package / 'plug.py'}:Mine") != ""
+    (package / "helper.py").write_text("K = 2\n")
+    assert source_hash("package_of_mine.plug:Mine") != before

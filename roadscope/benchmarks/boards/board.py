@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import Kind, check_plugin_spec
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.breakdown import BANDS, EXCESS, part_name
 from roadscope.benchmarks.metrics.calibration import pooled_calibration
 from roadscope.benchmarks.metrics.cost import cost
@@ -128,8 +129,8 @@ class Board(ABC):
         """Return the jobs of entries on all episodes of a suite, with those of the marks."""
 
     @abstractmethod
-    def score(self, job: Job, answers: Any) -> Scores:
-        """Return the scores of a job's answers."""
+    def score(self, job: Job, answers: Any, options: RunOptions) -> Scores:
+        """Return the scores of a job's answers; options: for inputs that are read again."""
 
     @abstractmethod
     def explanation(self, suite: Suite) -> str:

@@ -21,6 +21,7 @@ from roadscope.benchmarks.boards.board import (
 )
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import CAMERA_DETECTOR
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.image_parts import camera_scores
 from roadscope.benchmarks.nodes.images import ImageNode, extinction_per_m
 from roadscope.benchmarks.records import EpisodeImageDetections
@@ -116,7 +117,7 @@ class CameraBoard(Board):
             for name, source in sources.items()
         ]
 
-    def score(self, job: Job, answers: EpisodeImageDetections) -> Scores:
+    def score(self, job: Job, answers: EpisodeImageDetections, options: RunOptions) -> Scores:
         """Return the scores of a job's answers, and their cost unless made from truth."""
         assert isinstance(job.answers, ImageNode)
         labels = answers.labels(extinction_per_m(job.answers.episode))

@@ -21,6 +21,7 @@ from roadscope.benchmarks.boards.board import (
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import DETECTOR
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.breakdown import BANDS, broken_down
 from roadscope.benchmarks.metrics.detection import score_detections
 from roadscope.benchmarks.metrics.score import Score, mean
@@ -133,7 +134,7 @@ class DetectionBoard(Board):
             for name, source in sources.items()
         ]
 
-    def score(self, job: Job, answers: EpisodeDetections) -> Scores:
+    def score(self, job: Job, answers: EpisodeDetections, options: RunOptions) -> Scores:
         """Return the scores of a job's answers."""
         assert isinstance(job.answers, DetectionNode)
         source = job.answers.source

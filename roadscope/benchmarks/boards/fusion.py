@@ -22,6 +22,7 @@ from roadscope.benchmarks.boards.board import (
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.images import projection_of
 from roadscope.benchmarks.kinds import FUSION
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.fusion_parts import fusion_scores
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.fusions import FusionNode, fitting_calibration
@@ -154,7 +155,7 @@ class FusionBoard(Board):
                 ]
         return jobs
 
-    def score(self, job: Job, answers: EpisodeFusions) -> Scores:
+    def score(self, job: Job, answers: EpisodeFusions, options: RunOptions) -> Scores:
         """Return the scores of a job's answers, and their cost unless it is a mark."""
         scores = fusion_scores(answers.fused, answers.targets)
         return scores if job.mark else scores | call_cost(answers.times)

@@ -21,6 +21,7 @@ from roadscope.benchmarks.boards.board import (
 from roadscope.benchmarks.drive import MOVING_M_S
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.kinds import ODOMETRY, traits_of
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import (
     SHORT_M,
     by_distance,
@@ -143,7 +144,7 @@ class OdometryBoard(Board):
             for source in sources
         ]
 
-    def score(self, job: Job, answers: EpisodePoses) -> Scores:
+    def score(self, job: Job, answers: EpisodePoses, options: RunOptions) -> Scores:
         """Return the scores of a job's answers."""
         assert isinstance(job.answers, PoseNode)
         source = job.answers.source

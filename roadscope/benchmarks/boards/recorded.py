@@ -129,7 +129,7 @@ class RecordedBoard(Board):
             for tracker in with_each_ego(entries, (TRUE_POSES,))
         ]
 
-    def score(self, job: Job, answers: EpisodeTracks) -> Scores:
+    def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
         """Return the scores of a job's answers, its cost, and whether the tracker is offline."""
         assert isinstance(job.answers, TrackNode)
         assert isinstance(job.episode, Recording)

@@ -23,6 +23,7 @@ from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec, traits_of
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, CURVES, score_alphas
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.suite import Suite
 
 OFFLINE = "offline"
-"""Metric that is 1 where a tracker answered again with all frames at hand."""
+"""Metric that is 1 for an offline tracker, which uses all frames of an episode."""
 DETECTOR_INPUTS = "detector"
 NEES_NOTE = (
     "NEES: of positions, over its degrees of freedom; 1 when consistent, more when the tracks' "
@@ -167,10 +168,10 @@ class TrackingBoard(Board):
             for tracker in with_each_ego(entries, suite.egos)
         ]
 
-    def score(self, job: Job, answers: EpisodeTracks) -> Scores:
+    def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
         """Return the scores of a job's answers."""
         assert isinstance(job.answers, TrackNode)
-        inputs: EpisodeDetections = job.answers.detections.read()
+        inputs: EpisodeDetections = job.answers.detections.read(options)
         scores = tracking_scores(answers, inputs, job.settings)
         scores |= tracking_parts(answers, inputs, job.settings)
         if is_offline(job.answers.tracker):
@@ -185,15 +186,15 @@ class TrackingBoard(Board):
         first, *others = [d for d in suite.public_detectors if d != ORACLE] or [ORACLE]
         text += f" Trackers get the detections of {', of '.join([first, *others])}"
         text += "; figures are of all of these together" if others else ""
-        has_oracle = ORACLE in suite.public_detectors[1:]
+        has_oracle = ORACLE in suite.public_detectors and first != ORACLE
         return text + (", 'on oracle' the true boxes." if has_oracle else ".")
 
 
 def with_each_ego(trackers: Iterable[Spec], egos: Sequence[str]) -> list[Spec]:
     """Return every tracker with the poses of each ego; one that names its own has those alone.
 
-    Those with the true poses have no part `ego`, so that they are one entry however they are
-    named.
+    The true poses are the default: the part `ego` is dropped then, so that `gnn` and
+    `gnn?ego=truth` are one entry.
     """
     specs = (
         tracker.plain if ego == TRUE_POSES else tracker.with_ego(ego)
@@ -243,5 +244,5 @@ def tracking_parts(
 
 
 def offline_score(frames: int, offline: bool = True) -> dict[str, Score]:
-    """Return the mark of a tracker that uses frames that were still to come, or does not."""
+    """Return the metric `offline`: 1 for a tracker that uses all frames of an episode, else 0."""
     return {OFFLINE: Score(float(offline), "1", "lower", frames)}

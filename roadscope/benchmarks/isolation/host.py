@@ -149,7 +149,7 @@ def probe(spec: PluginSpec, *, limits: Limits | None = None) -> Traits:
     `SpecError` when it cannot be loaded. Remembered until its file changes. The child is in a
     sandbox within `probed_in_sandbox`.
     """
-    if not spec.isolated:
+    if not spec.isolated or not hasattr(os, "fork"):
         return traits_of(load_class(spec.target), spec.arguments)
     key = spec.text, spec.target, Path.cwd()
     if key in _PROBED:
@@ -185,7 +185,7 @@ _PROBED: dict[tuple[str, str, Path], tuple[Traits, int]] = {}
 def _changed(file: Path | None) -> int:
     try:
         return file.stat().st_mtime_ns if file else 0
-    except OSError:
+    except (OSError, ValueError):
         return -1
 
 
@@ -510,6 +510,8 @@ def _is_answer(told: Any, number: int, most_s: float) -> bool:
 
 def _traits(told: Any) -> Traits:
     """Make traits of what a child said, all of it checked."""
+    if type(told) is not dict:
+        raise ValueError
     fields = {name: value for name, value in told.items() if name != "loaded"}
     file, methods, parameters = fields["file"], fields["methods"], fields["parameters"]
     texts = ("module", "class_name", "kind", "requires", "requirement", "problem")

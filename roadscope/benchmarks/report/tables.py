@@ -22,7 +22,7 @@ from roadscope.core.text import one_line
 
 NAME_WIDTH, LONGEST_NAME = 12, 48
 """Least and greatest width of the entry's column, characters."""
-UNCOMPARED = (
+NO_COMPARISON = (
     "How these ranks agree with those on simulated traffic is shown once that was run too: "
     "roadscope leaderboard tracking --suite tracking, with the same --out if any."
 )
@@ -30,9 +30,9 @@ UNCOMPARED = (
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What of a board a width has space for.
+    """The columns of a board that fit in a width.
 
-    columns: in the order of importance. intervals: metrics that are shown with theirs.
+    columns: in the order of importance. intervals: metrics that are shown with their interval.
     """
 
     columns: tuple[Column, ...]
@@ -126,7 +126,7 @@ def footnote(results: Results, name: str, width: int) -> str:
 
 
 def failure_lines(results: Results, board: str) -> list[str]:
-    """Return why entries failed, those that failed in every episode first."""
+    """Return why entries failed: a line for each entry and reason."""
     lines = []
     entries = dict.fromkeys(f.entry for f in results.failures if f.board == board)
     for entry in entries:
@@ -169,7 +169,7 @@ def agreement_lines(results: Results, name: str) -> list[str]:
     ]
     ranked = [s for s in results.standings if s.board == name and s.rank is not None]
     comparable = name.startswith("kitti") and len(ranked) >= LEAST
-    return lines or [UNCOMPARED] * comparable
+    return lines or [NO_COMPARISON] * comparable
 
 
 def comparison(results: Results, name: str) -> str:
