@@ -49,8 +49,8 @@ def clear(
     kind: Annotated[
         list[str] | None,
         typer.Option(
-            help="Remove this kind alone: timelines, detections, image-detections, egos, "
-            "camera-training. Can be given several times.",
+            help="Remove this kind alone: timelines, detections, image-detections, fusions, poses, "
+            "tracks, sources, camera-training. Can be given several times.",
             autocompletion=cache_kinds,
         ),
     ] = None,

@@ -47,7 +47,7 @@ def completed(words: str) -> list[str]:
         ("roadscope leaderboard --entry image-f", {"image-first"}),
         ("roadscope run-odometry scans --odometry lego", {"lego-loam", "lego-loam-loop"}),
         ("roadscope new cam", {"camera-detector"}),
-        ("roadscope cache clear --kind ego", {"egos"}),
+        ("roadscope cache clear --kind pos", {"poses"}),
         ("roadscope list we", {"weathers"}),
         ("roadscope run street --rig nothing", set()),
     ],

@@ -12,6 +12,7 @@ from roadscope.benchmarks.formats import read_sequence
 from roadscope.benchmarks.formats.kitti_objects import KittiType, read_labels
 from roadscope.benchmarks.formats.kitti_rules import judged
 from roadscope.benchmarks.formats.motchallenge import read_mot
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.track_files import folder_names, save_tracks
@@ -49,7 +50,7 @@ def test_what_is_written_scores_as_the_board_says(folder, tmp_path):
     sequence = read_sequence(folder, "0000")
     counted = judged(sequence.labelled, rows.by_frame(FRAMES), KittiType.CAR)
     job = next(j for j in jobs if j.episode.category == "car")
-    scores = job.board.score(job, job.answers.read())
+    scores = job.board.score(job, job.answers.read(), RunOptions())
     for metric, score in sequence_scores(counted, 0.5).items():
         np.testing.assert_allclose(score.value, scores[metric].value, atol=1e-5, err_msg=metric)
 
