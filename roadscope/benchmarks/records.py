@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, BinaryIO, Self
@@ -75,19 +76,19 @@ class CallTimes(Record):
         return CallTimes(self.processor_ms[calls], self.wall_ms[calls])
 
 
-class EpisodeRecord(Record):
+class EpisodeRecord(Record, ABC):
     """Base of the records of an episode, which are kept as `.npz` files."""
 
     __slots__ = ()
 
+    @abstractmethod
     def arrays(self) -> Arrays:
         """Return everything as named arrays."""
-        raise NotImplementedError
 
     @classmethod
+    @abstractmethod
     def from_arrays(cls, data: Arrays) -> Self:
         """Undo `arrays`."""
-        raise NotImplementedError
 
     def save(self, file: BinaryIO) -> None:
         """Write a compressed `.npz` archive."""
