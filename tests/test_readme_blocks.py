@@ -61,5 +61,5 @@ def test_the_pose_is_the_one_that_is_said() -> None:
 
 
 def test_the_curve_has_the_length_that_is_said() -> None:
-    (curve,) = values(block("hota(seen)"))
+    (curve,) = values(block("hota(sequence)"))
     assert curve.shape == (19,)
