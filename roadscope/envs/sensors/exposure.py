@@ -10,9 +10,9 @@ import numpy as np
 from roadscope.core import Pose
 from roadscope.core.record import Record
 from roadscope.envs.imaging.light import Light
+from roadscope.envs.imaging.lighting import BLOCK
 from roadscope.envs.imaging.raster import Raster, Solids
 from roadscope.envs.imaging.shading import room
-from roadscope.envs.imaging.sky_kernels import BLOCK
 from roadscope.envs.sensors.camera_spec import METERED_S, CameraSpec
 from roadscope.envs.sensors.exposure_kernels import DRAWS, Sensor, Shutter, develop
 from roadscope.envs.sensors.glare_kernels import bloom, halo_weights, rain_streaks, spread_sun

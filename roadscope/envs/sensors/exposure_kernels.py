@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.imaging.sky_kernels import BLOCK
+from roadscope.envs.imaging.lighting import BLOCK
 
 MOST_TAPS = 9
 """Most samples along the way of a pixel during the exposure."""

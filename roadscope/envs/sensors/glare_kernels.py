@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.imaging.face_kernels import SKY_FACE
-from roadscope.envs.imaging.sky_kernels import BLOCK
+from roadscope.envs.imaging.lighting import BLOCK
+from roadscope.envs.imaging.raster import SKY_FACE
 
 HALO = 0.10
 """Share of the light above white that a halo throws around."""

@@ -1,4 +1,4 @@
-"""Cheap noise that belongs to places: draws by hash, and a tile of smooth noise."""
+"""Cheap noise that belongs to positions: draws by hash, and a tile of smooth noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is drawn on vehicles: wheels, seams, lamps, plates, windows and pillars."""
+"""What is drawn on vehicles: bodywork, wheels, lamps, plates, windows."""
 
 from __future__ import annotations
 
