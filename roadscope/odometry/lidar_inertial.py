@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.core.names import unknown
-from roadscope.envs.sensors.imu_specs import IMUS
+from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer

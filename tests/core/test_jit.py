@@ -47,7 +47,7 @@ def run(script: Path, **environment: str) -> list[int]:
 CAST = """
 import numpy as np
 from roadscope.envs.sensors.lidar import sweep
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS
 from roadscope.core import Pose
 from roadscope.envs.world.prisms import Prisms
 from roadscope.envs.raycast.kernels import cast_all

@@ -8,7 +8,7 @@ from node_answers import poses_of
 from toy_drive import Drive, driven, kept, offset
 
 from roadscope.core import ImuSamples, Pose
-from roadscope.envs.sensors.imu_specs import IMUS
+from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial.filter import (

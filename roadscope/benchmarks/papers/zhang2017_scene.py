@@ -16,8 +16,7 @@ from roadscope.benchmarks.papers.zhang2017_drives import DRIVES, FRAME_S, Drive,
 from roadscope.core import LidarScan, Pose
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import sweep
-from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
 from roadscope.envs.world.ford_fusion import ford_fusion
 from roadscope.envs.world.prisms import Prisms
 

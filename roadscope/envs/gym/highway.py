@@ -18,7 +18,7 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
-from roadscope.envs.traffic.driver_constants import original_constants
+from roadscope.envs.traffic.conversion import original_constants
 from roadscope.envs.traffic.scenarios import find
 
 EGOS = ("agent", "idm")

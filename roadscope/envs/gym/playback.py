@@ -10,9 +10,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, rig_of
-from roadscope.envs.gym.spaces import Observation, observation_space
+from roadscope.envs.gym.spaces import Observation, checked_action, observation_space
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig

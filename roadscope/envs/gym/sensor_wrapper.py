@@ -10,16 +10,21 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
 from roadscope.core import Pose
-from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
-from roadscope.envs.gym.spaces import Observation, goal_state, observation_space
+from roadscope.envs.gym.spaces import Observation, checked_action, goal_state, observation_space
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.ego_motion import AHEAD, RAW_S
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
-from roadscope.envs.traffic.conversion import ForeignEnvError, refuse_multi_agent, to_world
-from roadscope.envs.traffic.driver_constants import Constants, original_constants, own_constants
+from roadscope.envs.traffic.conversion import (
+    Constants,
+    ForeignEnvError,
+    original_constants,
+    own_constants,
+    refuse_multi_agent,
+    to_world,
+)
 from roadscope.envs.traffic.recorder import TrafficRecorder
 from roadscope.envs.traffic.timeline import Timeline
 

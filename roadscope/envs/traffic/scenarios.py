@@ -196,8 +196,8 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
     if scenario.scripted:
         timeline: Timeline = build(scenario.name, seed, duration_s)
         return timeline
+    from roadscope.envs.traffic.mix import with_unseen_bodies
     from roadscope.envs.traffic.simulated import play
-    from roadscope.envs.traffic.unseen import with_unseen_bodies
 
     for child in np.random.SeedSequence(seed).spawn(TRIES):
         traffic, dressing = child.spawn(2)

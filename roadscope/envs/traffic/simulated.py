@@ -24,10 +24,9 @@ from roadscope.envs.traffic.flow import FlowRoad
 from roadscope.envs.traffic.inflow import Inflow, remove_arrived
 from roadscope.envs.traffic.junction import Crossing, GiveWay
 from roadscope.envs.traffic.mix import EGO, draw_body
-from roadscope.envs.traffic.pavement import Kerb
 from roadscope.envs.traffic.recorder import TrafficRecorder
 from roadscope.envs.traffic.timeline import Timeline
-from roadscope.envs.traffic.walkers import People
+from roadscope.envs.traffic.walkers import Kerb, People
 
 STEP_S = 0.05
 """Physics step: 20 Hz."""

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.envs.world.borders import Sites
-from roadscope.envs.world.footprints import padded, placed, rectangle
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world.prisms import Prisms, padded, placed, rectangle
 
 Value = np.ndarray | float
 

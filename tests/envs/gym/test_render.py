@@ -14,10 +14,17 @@ from roadscope.core import (
     TrackState,
     Truth,
 )
-from roadscope.envs.gym.render import GROUND_RETURN, WEATHER_RETURN, birds_eye
-from roadscope.envs.gym.render_colours import DETECTION, EGO, FAMILIES
-from roadscope.envs.gym.render_road import ASPHALT
-from roadscope.envs.gym.render_view import View, box_corners
+from roadscope.envs.gym.render import (
+    ASPHALT,
+    DETECTION,
+    EGO,
+    FAMILIES,
+    GROUND_RETURN,
+    WEATHER_RETURN,
+    View,
+    birds_eye,
+    box_corners,
+)
 from roadscope.envs.world.roadside import Scenery
 from tests.envs.worlds import platoon
 

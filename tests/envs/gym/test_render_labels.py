@@ -3,9 +3,15 @@ import pytest
 
 from roadscope.core import Pose, Tracks, TrackState
 from roadscope.envs.gym.canvas import Canvas
-from roadscope.envs.gym.render_colours import track_colour
-from roadscope.envs.gym.render_labels import LABEL, Labels, draw_legend, write_distances, write_ids
-from roadscope.envs.gym.render_view import View
+from roadscope.envs.gym.render import (
+    LABEL,
+    Labels,
+    View,
+    draw_legend,
+    track_colour,
+    write_distances,
+    write_ids,
+)
 
 SIZE = 400
 VIEW = View(Pose.planar(0.0, 0.0, 0.0), SIZE, 0.2)

@@ -13,12 +13,12 @@ from highway_env.vehicle.behavior import IDMVehicle
 import roadscope  # noqa: F401  (registers ours)
 from roadscope.core import WEATHER, Pose, RecordError
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
-from roadscope.envs.sensors.body_sway import BodySway
-from roadscope.envs.sensors.dead_reckoning import DeadReckoning
-from roadscope.envs.sensors.imu_specs import IMUS
+from roadscope.envs.sensors.ego_motion import BodySway
+from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.envs.sensors.rig import ImuMount
 from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.sensors.sensing import Sensing
+from roadscope.envs.sensors.wheels import DeadReckoning
 from roadscope.envs.traffic.conversion import (
     DRIVER_CONSTANTS,
     ForeignEnvError,

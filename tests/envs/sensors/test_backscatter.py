@@ -11,11 +11,16 @@ from scipy.stats import kstest
 
 from roadscope.core import WEATHER, LidarScan, Pose
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.sensors import backscatter
-from roadscope.envs.sensors.backscatter import echo_rate, echoes, overlap
-from roadscope.envs.sensors.lidar import SweepTruth, sweep
-from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar import (
+    APERTURE_M,
+    DIVERGENCE_RAD,
+    SweepTruth,
+    echo_rate,
+    echoes,
+    overlap,
+    sweep,
+)
+from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
 from roadscope.envs.sensors.weather import CLEAR, WEATHERS, Weather, fog, rain
 from roadscope.envs.world.prisms import Prisms
 
@@ -123,18 +128,15 @@ def test_rain_is_the_drops_that_the_beam_meets() -> None:
     weather, rng, rays, far = rain(400.0), np.random.default_rng(1), 20_000, 14.0
     slope = 4.1 * 400.0**-0.21
     least_mm = 1.0
-    width = backscatter.APERTURE_M + backscatter.DIVERGENCE_RAD * far
+    width = APERTURE_M + DIVERGENCE_RAD * far
     volume = np.pi / 4 * width**2 * far
     number = rng.poisson(8000 / slope * np.exp(-slope * least_mm) * volume, rays)
     ray = np.repeat(np.arange(rays), number)
     sizes = (least_mm + rng.exponential(1 / slope, len(ray))) * 1e-3
     ranges = rng.uniform(0, far, len(ray))
-    inside = (
-        rng.random(len(ray))
-        < ((backscatter.APERTURE_M + backscatter.DIVERGENCE_RAD * ranges) / width) ** 2
-    )
+    inside = rng.random(len(ray)) < ((APERTURE_M + DIVERGENCE_RAD * ranges) / width) ** 2
     inside &= (ranges > 0.9) & (sizes < 8e-3)
-    area = np.pi / 4 * (backscatter.APERTURE_M + backscatter.DIVERGENCE_RAD * ranges) ** 2
+    area = np.pi / 4 * (APERTURE_M + DIVERGENCE_RAD * ranges) ** 2
     scattered = 2 * np.pi / 4 * sizes**2 / weather.lidar_ratio_sr
     power = np.pi * scattered / area * overlap(ranges) / ranges**2
     power *= np.exp(-2 * weather.extinction_per_m * ranges)

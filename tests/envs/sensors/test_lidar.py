@@ -8,8 +8,7 @@ import pytest
 from roadscope.core import GROUND, LidarScan, Pose, RecordError
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import SweepTruth, lidar_columns, sweep
-from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
 from roadscope.envs.world.prisms import Prisms
 
 WALL = np.array([[0.0, -30], [1, -30], [1, 30], [0, 30]])
