@@ -9,7 +9,7 @@ import numpy as np
 from roadscope.core import Category, Detections, ImageDetections, RecordError
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
-from roadscope.fusion.masses import FAMILIES, families_of
+from roadscope.fusion.evidence import FAMILIES, families_of
 from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import check_moment
 

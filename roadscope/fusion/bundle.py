@@ -13,16 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.fusion.board import Board
-from roadscope.fusion.board_model import (
+from roadscope.fusion.calibration import CalibrationError, decompose
+from roadscope.fusion.calibration_target import (
+    Board,
+    BoardSight,
     corners_of_boards,
     edge_errors,
     image_errors,
     range_errors,
     stacked,
 )
-from roadscope.fusion.board_sight import BoardSight
-from roadscope.fusion.calibration import CalibrationError, decompose
 
 SPOTS = (0.5, 0.25, 0.1)
 """Softness of edges, as shares of the step between columns: first soft, so that far beams pull.

@@ -9,8 +9,7 @@ from roadscope.core.checks import require
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
-from roadscope.fusion.evidence import combine_or_keep
-from roadscope.fusion.masses import camera_masses, lidar_masses
+from roadscope.fusion.evidence import camera_masses, combine_or_keep, lidar_masses
 from roadscope.fusion.overlap import coverage
 
 RANKS = ("class", "any")

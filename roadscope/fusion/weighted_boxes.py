@@ -10,7 +10,7 @@ from roadscope.core import Detections, ImageDetections
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
-from roadscope.fusion.masses import camera_masses, lidar_masses
+from roadscope.fusion.evidence import camera_masses, lidar_masses
 from roadscope.fusion.overlap import ious
 
 

@@ -12,7 +12,6 @@ from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.inertial.felt import FeltSpeed
 from roadscope.odometry.inertial.filter import (
     POSE,
     SPEED,
@@ -20,10 +19,9 @@ from roadscope.odometry.inertial.filter import (
     InertialState,
     resume,
 )
-from roadscope.odometry.inertial.rest import Rest
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
 from roadscope.odometry.inertial.speed_search import ROUGHLY_M_S, Speed
-from roadscope.odometry.inertial.standstill import WINDOW_S, felt_still
+from roadscope.odometry.inertial.standstill import WINDOW_S, FeltSpeed, Rest, felt_still
 from roadscope.odometry.inertial.start import InertialStart
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer

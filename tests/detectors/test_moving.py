@@ -8,11 +8,11 @@ from toy_lidar import CALIBRATION, scan
 
 from roadscope.core import Frame, LidarScan, Pose
 from roadscope.detectors.moving import Memory, extract
-from roadscope.detectors.moving.growth import linked, whole_body
+from roadscope.detectors.moving.extraction import linked, whole_body
 from roadscope.detectors.moving.lidar import lidar_of
-from roadscope.detectors.moving.view import View
-from roadscope.detectors.moving.view_kernels import (
+from roadscope.detectors.moving.view import (
     NOISE_USUAL_M,
+    View,
     range_noise_of,
     thinned,
     unskew,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from roadscope.fusion.board import Board, corners_in_image, corners_in_scans
 from roadscope.fusion.calibration import CalibrationError
+from roadscope.fusion.calibration_target import Board, corners_in_image, corners_in_scans
 
 BOARD = Board()
 

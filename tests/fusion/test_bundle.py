@@ -5,11 +5,19 @@ import pytest
 from scipy.optimize import least_squares
 
 from roadscope.core import Pose
-from roadscope.fusion.board import Board, corners_in_scans
-from roadscope.fusion.board_model import edge_errors, image_errors, range_errors, stacked
-from roadscope.fusion.board_sight import Beams, BoardSight, board_sight
 from roadscope.fusion.bundle import State, descend, refine
 from roadscope.fusion.calibration import CalibrationError, calibrate, decompose, distances_px
+from roadscope.fusion.calibration_target import (
+    Beams,
+    Board,
+    BoardSight,
+    board_sight,
+    corners_in_scans,
+    edge_errors,
+    image_errors,
+    range_errors,
+    stacked,
+)
 
 BOARD = Board()
 BEAMS = Beams(np.radians(30 - 0.25 * np.arange(240)), np.radians([-1.2, -0.4, 0.4, 1.2]))

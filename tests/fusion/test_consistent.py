@@ -6,7 +6,7 @@ import pytest
 from roadscope.core import Category, Detections, ImageDetections, Pose
 from roadscope.core.projection import Projection
 from roadscope.fusion import FUSIONS
-from roadscope.fusion.depth import depths_of, places_at
+from roadscope.fusion.candidates import depths_of, places_at
 from roadscope.fusion.overlap import projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

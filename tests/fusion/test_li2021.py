@@ -5,9 +5,8 @@ import pytest
 
 from roadscope.core import Category, Detections, ImageDetections, Pose, RecordError
 from roadscope.core.projection import Projection
-from roadscope.fusion.evidence import combine
+from roadscope.fusion.evidence import camera_masses, combine, lidar_masses
 from roadscope.fusion.li2021 import Li2021Fusion
-from roadscope.fusion.masses import camera_masses, lidar_masses
 from roadscope.fusion.overlap import projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

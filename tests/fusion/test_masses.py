@@ -10,7 +10,7 @@ from roadscope.benchmarks.papers.li2021_scene import Moment, film
 from roadscope.core import Category, Detections, ImageDetections
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion.cluster_boxes import ClusterBoxes
-from roadscope.fusion.masses import MOST, camera_masses, lidar_masses, masses_of
+from roadscope.fusion.evidence import MOST, camera_masses, lidar_masses, masses_of
 from roadscope.fusion.overlap import ious
 
 SEEDS = range(10320, 10322)

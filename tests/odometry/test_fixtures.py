@@ -5,10 +5,16 @@ import pytest
 
 from roadscope.benchmarks.formats.scan_layout import rings_and_columns
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.beam_table import BeamTable
-from roadscope.odometry.inertial.edge_kernels import slim
-from roadscope.odometry.inertial.speed_kernels import count_apart, gathered, joined
-from roadscope.odometry.inertial.speed_search import Ends, speed_of, standing_speed_of
+from roadscope.odometry.inertial.speed_search import (
+    BeamTable,
+    Ends,
+    count_apart,
+    gathered,
+    joined,
+    slim,
+    speed_of,
+    standing_speed_of,
+)
 from roadscope.odometry.inertial.speed_search import _fixed as fixed_of
 
 COLUMNS = 1800

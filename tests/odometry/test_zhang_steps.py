@@ -7,12 +7,10 @@ from hypothesis import strategies as st
 from toy_drive import driven
 
 from roadscope.odometry.above_ground import sensor_height
-from roadscope.odometry.clusters.cluster_match import ALONE, REACH_M, ClusterMatch, match_clusters
+from roadscope.odometry.clusters.features import ALONE, REACH_M, ClusterMatch, match_clusters
 from roadscope.odometry.clusters.segments import Clustering, Segments, centres_of, segments_of
 from roadscope.odometry.loam.feature_match import FeatureMatch
-from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.loam.interpolation import deskewed_between
-from roadscope.odometry.loam.progress import misfit_of, settled
+from roadscope.odometry.loam.progress import ImuPrediction, deskewed_between, misfit_of, settled
 from roadscope.odometry.rigid import exp_se3
 from roadscope.odometry.zhang import MANY_MOVE, ZhangOdometry
 

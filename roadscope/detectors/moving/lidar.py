@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import LidarScan
-from roadscope.detectors.moving.view_kernels import evenly, range_noise_of, tabulate
+from roadscope.detectors.moving.view import evenly, range_noise_of, tabulate
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 SWEEP_LEAST_S = 1e-3

@@ -7,21 +7,19 @@ from toy_drive import Drive, kept
 
 from roadscope.odometry.cloud_kernels import deskewed
 from roadscope.odometry.loam.feature_match import (
+    DEVIATION,
     NOISE_M,
+    TUKEY,
+    Pairs,
     _weights,
+    distances,
     joined,
     match_features,
+    moved,
+    normal_equations,
     settle,
 )
 from roadscope.odometry.loam.features import extract
-from roadscope.odometry.loam.lm_kernels import (
-    DEVIATION,
-    TUKEY,
-    distances,
-    moved,
-    normal_equations,
-)
-from roadscope.odometry.loam.pair_kernels import Pairs
 from roadscope.odometry.rigid import exp_se3, log_se3
 
 

@@ -5,8 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.odometry.loam.pair_kernels import RINGS_AWAY, SLIM, lines_of, planes_of
-from roadscope.odometry.loam.ring_table import NONE, nearest, ring_table
+from roadscope.odometry.loam.feature_match import (
+    NONE,
+    RINGS_AWAY,
+    SLIM,
+    lines_of,
+    nearest,
+    planes_of,
+    ring_table,
+)
 from roadscope.odometry.rigid import exp_se3
 
 NOWHERE = np.eye(4)

@@ -6,18 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_drive import Drive
 
-from roadscope.odometry.loam.feature_kernels import (
+from roadscope.odometry.loam.features import (
     ADJACENT,
     GRAZING,
     JUMP,
     SAME_M,
+    Limits,
+    cluster_roughness,
+    extract,
     members,
     picked,
+    roughness,
     sectors_of,
     sweep_of,
     unreliable,
 )
-from roadscope.odometry.loam.features import Limits, cluster_roughness, extract, roughness
 
 COLUMNS = 720
 AZIMUTHS = np.radians(np.linspace(-90, 90, COLUMNS))
