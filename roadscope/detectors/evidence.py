@@ -29,9 +29,20 @@ FLOOR_M, LOW_M, DECK_M, CEILING_M = 0.12, 0.3, 0.8, 2.5
 closed body is seen inside of its sides; above the fourth are crowns and buildings, and lorries."""
 
 COUNTS = (
-    "body", "ground", "deep", "low", "top", "bottom", "levels", "depth", "above", "top_level",
-    "ends", "sides", "overhang",
-)  # fmt: skip
+    "body",
+    "ground",
+    "deep",
+    "low",
+    "top",
+    "bottom",
+    "levels",
+    "depth",
+    "above",
+    "top_level",
+    "ends",
+    "sides",
+    "overhang",
+)
 """Columns of `count_returns`."""
 
 Place = tuple[float, float, float, float, float, float]
@@ -209,10 +220,31 @@ def _crossing(box: np.ndarray, origin: np.ndarray, azimuth: float) -> tuple[floa
 # What a scan says of a box, whoever proposed it: the features that scores are made of.
 
 FEATURES = (
-    "log_returns", "log_columns", "levels", "range_m", "passing", "top_m", "bottom_m",
-    "deep", "depth_m", "ground", "ends", "sides", "above", "overhang", "log_residual", "fit",
-    "length_m", "width_m", "view", "top_level", "top_share", "fill", "small", "weighed",
-)  # fmt: skip
+    "log_returns",
+    "log_columns",
+    "levels",
+    "range_m",
+    "passing",
+    "top_m",
+    "bottom_m",
+    "deep",
+    "depth_m",
+    "ground",
+    "ends",
+    "sides",
+    "above",
+    "overhang",
+    "log_residual",
+    "fit",
+    "length_m",
+    "width_m",
+    "view",
+    "top_level",
+    "top_share",
+    "fill",
+    "small",
+    "weighed",
+)
 """Names of the columns of `features`."""
 
 
@@ -269,7 +301,7 @@ def features(
         "fill": body / np.maximum(count["levels"] * sight[:, 3], 1.0),
         "small": np.array([v.category >= Category.MOTORCYCLE for v in vehicles], float),
         "weighed": np.array([v.fit != 0 for v in vehicles], float),
-    }  # fmt: skip
+    }
     return np.column_stack([named[name] for name in FEATURES])
 
 

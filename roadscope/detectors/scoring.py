@@ -114,7 +114,7 @@ CURVES: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
         (0.0, 1.0),
         (-0.245, 0.245),
     ),
-}  # fmt: skip
+}
 
 # --------------------------------------------------------------------------------------------------
 # The probability that a detection is right, from what the scan says of its box.

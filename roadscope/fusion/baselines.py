@@ -57,10 +57,11 @@ class UnionFusion:
             np.concatenate(
                 [
                     self._score(views.lidar.scores[rows], views.camera.scores[columns]),
-                    views.lidar.scores[lidar_only], views.camera.scores[camera_only],
+                    views.lidar.scores[lidar_only],
+                    views.camera.scores[camera_only],
                 ]
             ),
-        )  # fmt: skip
+        )
 
     def _score(self, lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:
         better: np.ndarray = np.maximum(lidar, camera)

@@ -69,9 +69,15 @@ Errors = Callable[[State], np.ndarray]
 
 
 def refine(
-    matrix: np.ndarray, corners: np.ndarray, pixels: np.ndarray, sights: Sequence[BoardSight],
-    board: Board, *, free: bool = True, spots: Sequence[float] = SPOTS,
-) -> Bundle:  # fmt: skip
+    matrix: np.ndarray,
+    corners: np.ndarray,
+    pixels: np.ndarray,
+    sights: Sequence[BoardSight],
+    board: Board,
+    *,
+    free: bool = True,
+    spots: Sequence[float] = SPOTS,
+) -> Bundle:
     """Find the likeliest camera and boards, from a start nearby.
 
     matrix: (3, 4) LiDAR frame to pixels. corners: (P, 3, 3) left, right and top of each board,

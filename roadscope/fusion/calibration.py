@@ -40,9 +40,15 @@ class CalibrationResult:
 
 
 def calibrate(
-    points: np.ndarray, pixels: np.ndarray, width: int, height: int,
-    *, gate_px: float = 8.0, seed: int = 0, intrinsics: np.ndarray | None = None,
-) -> CalibrationResult:  # fmt: skip
+    points: np.ndarray,
+    pixels: np.ndarray,
+    width: int,
+    height: int,
+    *,
+    gate_px: float = 8.0,
+    seed: int = 0,
+    intrinsics: np.ndarray | None = None,
+) -> CalibrationResult:
     """Find the projection from (N, 3) points, metres, and their (N, 2) pixels.
 
     Outliers are left out by random sampling of six points and a gate; the linear solution of the
@@ -144,9 +150,11 @@ def _agreeing(
 
 
 def _refined(
-    matrix: np.ndarray, points: np.ndarray, pixels: np.ndarray,
+    matrix: np.ndarray,
+    points: np.ndarray,
+    pixels: np.ndarray,
     known: np.ndarray | None,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Refine all numbers, or the mounting pose alone where the intrinsics are known."""
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation

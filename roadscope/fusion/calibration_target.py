@@ -87,9 +87,12 @@ def corners_in_image(grey: np.ndarray) -> np.ndarray:
     top, bottom = int(rows.min()), int(rows.max())
     if bottom - top < LEAST_ROWS_PX:
         raise CalibrationError(f"the board is {bottom - top} pixels high, {LEAST_ROWS_PX} needed")
-    if top == 0 or bottom == grey.shape[0] - 1 or columns.min() == 0 or (
-        columns.max() == grey.shape[1] - 1
-    ):  # fmt: skip
+    if (
+        top == 0
+        or bottom == grey.shape[0] - 1
+        or columns.min() == 0
+        or (columns.max() == grey.shape[1] - 1)
+    ):
         raise CalibrationError("the image cuts the board")
     inside = _within(top, bottom)
     lines = []

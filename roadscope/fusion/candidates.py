@@ -212,11 +212,18 @@ def candidate_features(
     alone = ranking_model().values(of_camera)[:, 0]
     pairs = np.column_stack(
         [
-            of_lidar[rows], of_camera[columns], cost[rows, columns],
-            agreement.depth[rows, columns] / 10.0, far[columns], image[rows], extent[rows],
-            covered[columns], cut[columns], alone[columns],
+            of_lidar[rows],
+            of_camera[columns],
+            cost[rows, columns],
+            agreement.depth[rows, columns] / 10.0,
+            far[columns],
+            image[rows],
+            extent[rows],
+            covered[columns],
+            cut[columns],
+            alone[columns],
         ]
-    )  # fmt: skip
+    )
     shared = intersections(views.lidar_boxes, views.camera.boxes).max(axis=1, initial=0.0)
     part = shared / np.maximum(areas(views.lidar_boxes), 1.0)
     best = cost.min(axis=1, initial=WORST / 10.0)
@@ -233,10 +240,12 @@ def lidar_features(views: Views) -> np.ndarray:
     family = families_of(views.lidar.categories)
     return np.column_stack(
         [
-            log_odds(views.lidar.scores), np.log(np.maximum(ranges, 1.0) / 20.0),
-            family == 1, family == 2,
+            log_odds(views.lidar.scores),
+            np.log(np.maximum(ranges, 1.0) / 20.0),
+            family == 1,
+            family == 2,
         ]
-    )  # fmt: skip
+    )
 
 
 def camera_alone_features(camera: ImageDetections) -> np.ndarray:

@@ -66,9 +66,11 @@ def odds_of(
 
 
 def with_places(
-    fused: FusedDetections, views: Views, agreement: Agreement,
+    fused: FusedDetections,
+    views: Views,
+    agreement: Agreement,
     seen: tuple[np.ndarray, Projection],
-) -> FusedDetections:  # fmt: skip
+) -> FusedDetections:
     """Give targets of the camera alone a place and a size, from a cluster or from the image."""
     camera_rows, projection = seen
     alone = np.flatnonzero(~fused.has_box)

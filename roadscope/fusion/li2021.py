@@ -19,9 +19,13 @@ class Li2021Fusion:
     """Decision-level fusion as in the paper."""
 
     def __init__(
-        self, *, threshold_1: float = 0.2, threshold_2: float = 0.3, evidence: bool = True,
+        self,
+        *,
+        threshold_1: float = 0.2,
+        threshold_2: float = 0.3,
+        evidence: bool = True,
         rank: str = "class",
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take both overlap thresholds (5.1); without `evidence` the camera's masses stand.
 
         rank: what the score of a target is, which the paper does not say: the mass on its `class`,

@@ -28,9 +28,13 @@ class LegoLoamOdometry:
     """
 
     def __init__(
-        self, *, min_points: int = LEAST, map_every: int = 5, reach_m: float = REACH_M,
+        self,
+        *,
+        min_points: int = LEAST,
+        map_every: int = 5,
+        reach_m: float = REACH_M,
         loop: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         for name, value in (("min_points", min_points), ("map_every", map_every)):
             if value < 1:
                 raise ValueError(f"{name} must be 1 or more, got {value!r}")

@@ -73,12 +73,22 @@ class ZhangOdometry:
     """
 
     def __init__(
-        self, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
-        windows: bool = True, still_m: float = 0.05, still_m_s: float = 0.5,
-        view: float | None = None, sampled: float = 0.01, roughness: Reading = "ring",
-        drop_dynamic: bool = True, same_cluster: bool = True,
-        map_every: int = 0, loop: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        eps_m: float = 0.02,
+        angle_deg: float = 5.0,
+        min_points: int = 30,
+        windows: bool = True,
+        still_m: float = 0.05,
+        still_m_s: float = 0.5,
+        view: float | None = None,
+        sampled: float = 0.01,
+        roughness: Reading = "ring",
+        drop_dynamic: bool = True,
+        same_cluster: bool = True,
+        map_every: int = 0,
+        loop: bool = False,
+    ) -> None:
         if roughness not in get_args(Reading):
             raise ValueError(f"roughness is 'ring' or 'cluster', got {roughness!r}")
         if map_every < 0:

@@ -94,9 +94,12 @@ def test_folders_that_cannot_be_written_cost_only_time(script: Path, tmp_path: P
     blocked = str(tmp_path / "__pycache__" / "deeper")
     for _ in range(2):
         result = run(
-            script, HOME=blocked, XDG_CACHE_HOME=blocked, IPYTHONDIR=blocked,
+            script,
+            HOME=blocked,
+            XDG_CACHE_HOME=blocked,
+            IPYTHONDIR=blocked,
             PYTHONDONTWRITEBYTECODE="1",
-        )  # fmt: skip
+        )
         assert result[0] == 8
         assert result[1] == 0
 

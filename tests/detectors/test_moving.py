@@ -150,10 +150,12 @@ def test_a_sweep_from_a_moving_sensor_puts_what_stands_where_it_stands(speed, si
     rng = np.random.default_rng(seed)
     fixed = rng.uniform(-40, 40, (50, 3))
     times = rng.uniform(-0.05, 0.05, 50)
-    seen = np.array([
-        Pose.planar(speed * t, side * t, turn * t).inverse().apply(p)
-        for p, t in zip(fixed, times, strict=True)
-    ])  # fmt: skip
+    seen = np.array(
+        [
+            Pose.planar(speed * t, side * t, turn * t).inverse().apply(p)
+            for p, t in zip(fixed, times, strict=True)
+        ]
+    )
     assert np.allclose(unskew(seen, times, np.array([speed, side, turn])), fixed, atol=1e-9)
 
 

@@ -33,10 +33,13 @@ def poses(count: int, seed: int) -> list[Pose]:
     return [
         Pose.from_euler(x, 0.2 * x * a, z, yaw=yaw, pitch=pitch, roll=roll)
         for x, a, z, yaw, pitch, roll in zip(
-            ahead, rng.uniform(-1, 1, count), rng.uniform(-0.45, -0.25, count),
-            *rng.uniform(-1, 1, (3, count)) * [[0.5], [0.2], [0.1]], strict=True,
+            ahead,
+            rng.uniform(-1, 1, count),
+            rng.uniform(-0.45, -0.25, count),
+            *rng.uniform(-1, 1, (3, count)) * [[0.5], [0.2], [0.1]],
+            strict=True,
         )
-    ]  # fmt: skip
+    ]
 
 
 def corners_at(pose: Pose) -> np.ndarray:
@@ -79,9 +82,13 @@ def seen(
 
 def linear(corners: np.ndarray, pixels: np.ndarray, known: bool = False) -> np.ndarray:
     found = calibrate(
-        corners.reshape(-1, 3), pixels.reshape(-1, 2), 1280, 960, gate_px=25.0,
+        corners.reshape(-1, 3),
+        pixels.reshape(-1, 2),
+        1280,
+        960,
+        gate_px=25.0,
         intrinsics=INNER if known else None,
-    )  # fmt: skip
+    )
     return found.projection.matrix
 
 

@@ -12,8 +12,10 @@ from roadscope.fusion.overlap import projected_boxes
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(
     np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])), 640, 480,
-)  # fmt: skip
+    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])),
+    640,
+    480,
+)
 PERSON = (0.5, 0.6, 1.72)
 
 

@@ -80,7 +80,13 @@ def test_masses_are_the_shares_that_are_right(
 def test_own_masses_go_before_scores() -> None:
     own = np.array([[0.1, 0.2, 0.3, 0.4]])
     found = Detections(
-        np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1), np.array([Category.CAR], np.int8),
-        np.ones(1), "ego", 0.0, own,
-    )  # fmt: skip
+        np.zeros((1, 3)),
+        np.ones((1, 3)),
+        np.zeros(1),
+        np.array([Category.CAR], np.int8),
+        np.ones(1),
+        "ego",
+        0.0,
+        own,
+    )
     np.testing.assert_array_equal(lidar_masses(found), own)

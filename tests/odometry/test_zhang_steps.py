@@ -64,8 +64,10 @@ def test_matching_does_not_depend_on_the_frame(seed):
     before, now = rng.uniform(-9, 9, (6, 3)), rng.uniform(-9, 9, (5, 3))
     turned = exp_se3(rng.uniform(-1, 1, 6) * [1, 1, 1, 0, 0, 1])
     carried = before @ turned[:3, :3].T + turned[:3, 3]
-    one, other = match_clusters(now, before, AHEAD, 1.0), match_clusters(
-        now, carried, turned @ AHEAD, 1.0)  # fmt: skip
+    one, other = (
+        match_clusters(now, before, AHEAD, 1.0),
+        match_clusters(now, carried, turned @ AHEAD, 1.0),
+    )
     assert np.array_equal(one.partners, other.partners)
     assert one.moved_m == pytest.approx(other.moved_m)
 

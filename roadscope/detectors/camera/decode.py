@@ -51,9 +51,16 @@ def iou(one: np.ndarray, other: np.ndarray) -> float:
 # What is around a box that tells whether it is right: other boxes, and answers that agree.
 
 TRAITS = (
-    "heat", "overlap", "behind", "other overlap", "other ahead", "height", "width over height",
-    "agreeing", "agreement",
-)  # fmt: skip
+    "heat",
+    "overlap",
+    "behind",
+    "other overlap",
+    "other ahead",
+    "height",
+    "width over height",
+    "agreeing",
+    "agreement",
+)
 """The heat's log odds; overlap with the surer box of the family that covers it most, and how much
 less sure it is times that; the same of the box of another family, which may be less sure; the
 logarithms of height in pixels, of width over height, of one and the chances of all answers that
@@ -87,9 +94,11 @@ def looked_around(
 
 @compiled()
 def _vote(
-    answers: tuple[np.ndarray, np.ndarray, np.ndarray], row: int, box: np.ndarray,
+    answers: tuple[np.ndarray, np.ndarray, np.ndarray],
+    row: int,
+    box: np.ndarray,
     traits: np.ndarray,
-) -> None:  # fmt: skip
+) -> None:
     """Write the mean box of the answers about one, and how many agree how well."""
     boxes, families, log_odds = answers
     agreeing, agreement, votes = 0.0, 0.0, 0.0

@@ -161,9 +161,11 @@ def _neighbours(swept: Polar, ring: np.ndarray, rule: Rule) -> np.ndarray:
 
 @compiled()
 def _runs(
-    cloud: Polar, parents: np.ndarray,
-    keys: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], rule: Rule,
-) -> tuple[Runs, np.ndarray]:  # fmt: skip
+    cloud: Polar,
+    parents: np.ndarray,
+    keys: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    rule: Rule,
+) -> tuple[Runs, np.ndarray]:
     """Return runs of one sector, shell and ring, and at which of them cells begin, (C + 1,).
 
     keys: sector, shell and ring of each return, and the order by them.
@@ -196,9 +198,12 @@ def _runs(
 
 @compiled()
 def _link_cells(
-    cloud: Polar, parents: np.ndarray,
-    parts: tuple[Runs, np.ndarray, np.ndarray, np.ndarray], turn: tuple[int, int], rule: Rule,
-) -> None:  # fmt: skip
+    cloud: Polar,
+    parents: np.ndarray,
+    parts: tuple[Runs, np.ndarray, np.ndarray, np.ndarray],
+    turn: tuple[int, int],
+    rule: Rule,
+) -> None:
     """Join what is linked within cells and between those beside one another.
 
     parts: runs, at which cells begin, and each cell's sector and shell. turn: the number of
@@ -268,9 +273,11 @@ def _hangs_together(parents: np.ndarray, order: np.ndarray, first: int, end: int
 
 @compiled(borrowing=True)
 def _link_across(
-    cloud: Polar, parents: np.ndarray,
-    cells: tuple[Runs, tuple[int, int, int, int], bool], rule: Rule,
-) -> None:  # fmt: skip
+    cloud: Polar,
+    parents: np.ndarray,
+    cells: tuple[Runs, tuple[int, int, int, int], bool],
+    rule: Rule,
+) -> None:
     """Join the linked points of two cells; where both hang together one link is enough."""
     runs, (first, end, start, stop), both = cells
     for run in range(first, end):

@@ -80,9 +80,13 @@ def slide(chart: Chart, sides: np.ndarray, least: float) -> np.ndarray:
     yaws = np.arange(TURNS) * np.pi / TURNS
     headings = np.stack((np.cos(yaws), np.sin(yaws)), axis=1)
     room = Room(
-        np.empty((3, most + WIDE)), np.empty((2, most), np.int64), np.empty((4, BINS)),
-        headings, np.empty(TURNS), np.empty(4),
-    )  # fmt: skip
+        np.empty((3, most + WIDE)),
+        np.empty((2, most), np.int64),
+        np.empty((4, BINS)),
+        headings,
+        np.empty(TURNS),
+        np.empty(4),
+    )
     found, count = np.empty((open_.sum(), 8)), 0
     for a in range(open_.shape[0]):
         for b in range(open_.shape[1]):

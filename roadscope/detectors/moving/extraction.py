@@ -218,9 +218,14 @@ def _candidates(
     ends, met = starts.tolist(), met_s.tolist()
     return [
         Candidate(
-            points[i:j], rows[i:j], times_s[i:j], met[b], origins[b], boxes[b, :3],
+            points[i:j],
+            rows[i:j],
+            times_s[i:j],
+            met[b],
+            origins[b],
+            boxes[b, :3],
             float(boxes[b, 3]),
         )
         for b, (i, j) in enumerate(pairwise(ends))
         if j - i >= MIN_POINTS
-    ]  # fmt: skip
+    ]

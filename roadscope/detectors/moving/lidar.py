@@ -41,6 +41,18 @@ def lidar_of(
     if range_noise_m is None:
         range_noise_m = float(range_noise_of(image))
     return LidarSpec(
-        "seen", elevations, np.zeros(len(slopes)), azimuth, step * count, count,
-        sweep_s, sweep_s, 0.0, range_max_m, range_noise_m, 0.0, 0.0, detection_limit,
-    )  # fmt: skip
+        "seen",
+        elevations,
+        np.zeros(len(slopes)),
+        azimuth,
+        step * count,
+        count,
+        sweep_s,
+        sweep_s,
+        0.0,
+        range_max_m,
+        range_noise_m,
+        0.0,
+        0.0,
+        detection_limit,
+    )

@@ -415,9 +415,13 @@ class View(Record):
     def rays(self) -> Rays:
         """What kernels ask of a view."""
         return Rays(
-            self.image, self.slopes, (self.azimuth, self.step),
-            self.column_times_s, self.twist, self.lidar_from_ego,
-        )  # fmt: skip
+            self.image,
+            self.slopes,
+            (self.azimuth, self.step),
+            self.column_times_s,
+            self.twist,
+            self.lidar_from_ego,
+        )
 
     def origin(self, time_s: float = 0.0) -> np.ndarray:
         """Return where the sensor was some seconds after the stamp.

@@ -52,9 +52,14 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(1)
         self._observer = Observer(
-            chosen, style=style, weather=weather, light=light, faults=faults, records=records,
+            chosen,
+            style=style,
+            weather=weather,
+            light=light,
+            faults=faults,
+            records=records,
             pixel_truth=pixel_truth,
-        )  # fmt: skip
+        )
         self.observation_space = observation_space(chosen)
         self._scenario = scenario
         self._duration_s = duration_s

@@ -83,9 +83,15 @@ FAMILIES: dict[Family, Colour] = {
     Family.PEDESTRIAN: (255, 225, 80),
 }
 TRACKS: tuple[Colour, ...] = (
-    (255, 99, 99), (255, 186, 73), (240, 240, 90), (140, 230, 100), (80, 225, 190),
-    (110, 170, 255), (180, 140, 255), (255, 130, 200),
-)  # fmt: skip
+    (255, 99, 99),
+    (255, 186, 73),
+    (240, 240, 90),
+    (140, 230, 100),
+    (80, 225, 190),
+    (110, 170, 255),
+    (180, 140, 255),
+    (255, 130, 200),
+)
 TRACK_LINE_PX = 2.0
 COASTING_LINE_PX = 0.8
 
@@ -212,8 +218,9 @@ class Labels:
         self.taken.append(box)
 
     def _inside(self, box: np.ndarray) -> bool:
-        return bool((box[:2] >= 0).all() and box[2] <= self.canvas.width
-                    and box[3] <= self.canvas.height)  # fmt: skip
+        return bool(
+            (box[:2] >= 0).all() and box[2] <= self.canvas.width and box[3] <= self.canvas.height
+        )
 
 
 def write_distances(labels: Labels, view: View) -> None:
@@ -323,11 +330,17 @@ PALETTE = np.concatenate([[(0, 0, 0), WEATHER_RETURN, GROUND_RETURN], PALETTE]).
 
 
 def birds_eye(
-    frame: Frame, truth: Truth, timeline: Timeline,
-    *, tracks: Tracks | None = None, detections: Detections | None = None,
-    scenery: Prisms | None = None, legend: bool = True,
-    size_px: int = 600, metres_per_px: float = 0.2,
-) -> np.ndarray:  # fmt: skip
+    frame: Frame,
+    truth: Truth,
+    timeline: Timeline,
+    *,
+    tracks: Tracks | None = None,
+    detections: Detections | None = None,
+    scenery: Prisms | None = None,
+    legend: bool = True,
+    size_px: int = 600,
+    metres_per_px: float = 0.2,
+) -> np.ndarray:
     """(size_px, size_px, 3) uint8: what one tick measured over what was there.
 
     Lanes are grey; returns go from blue (low) to orange (high), those of the ground are dim,

@@ -83,18 +83,31 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         pixel_truth: bool = False,
     ) -> None:
         RecordConstructorArgs.__init__(
-            self, rig=rig, seed=seed, style=style, weather=weather, light=light, faults=faults,
-            records=records, pixel_truth=pixel_truth,
-        )  # fmt: skip
+            self,
+            rig=rig,
+            seed=seed,
+            style=style,
+            weather=weather,
+            light=light,
+            faults=faults,
+            records=records,
+            pixel_truth=pixel_truth,
+        )
         gym.Wrapper.__init__(self, env)
         _refuse_sensors(env)
         refuse_multi_agent(env)
         chosen = rig_of(rig)
         suited = suited_style(env.unwrapped) if style is None else style
         self._observer = Observer(
-            chosen, seed=checked_seed(seed), style=suited, weather=weather, light=light,
-            faults=faults, records=records, pixel_truth=pixel_truth,
-        )  # fmt: skip
+            chosen,
+            seed=checked_seed(seed),
+            style=suited,
+            weather=weather,
+            light=light,
+            faults=faults,
+            records=records,
+            pixel_truth=pixel_truth,
+        )
         self._recorder = TrafficRecorder()
         self._constants: Constants = {}
         self._period_s = chosen.lidar.spec.period_s

@@ -248,10 +248,14 @@ def ground_run(
     level = max(
         _level(lens, stage, base, bench[0, 0], bench[1, 0], bench[2, 0]),
         _level(
-            lens, stage, base, bench[0, end - start - 1], bench[1, end - start - 1],
+            lens,
+            stage,
+            base,
+            bench[0, end - start - 1],
+            bench[1, end - start - 1],
             bench[2, end - start - 1],
         ),
-    )  # fmt: skip
+    )
     _ground_cells(stage, level, base, bench, end - start)
     _ground_light(stage, air, row, start, end - start, bench)
     if air.lamps:
@@ -502,9 +506,14 @@ class Ground:
         """Take what lies on the ground and the roadside style."""
         paved = style in PAVED
         self.paving = Paving(
-            np.array(ASPHALT), np.array(CONCRETE if paved else ASPHALT), np.array(GRASS),
-            np.array(PAINT), np.array(KERB), SHOULDERS_M.get(style, 0.5), paved,
-        )  # fmt: skip
+            np.array(ASPHALT),
+            np.array(CONCRETE if paved else ASPHALT),
+            np.array(GRASS),
+            np.array(PAINT),
+            np.array(KERB),
+            SHOULDERS_M.get(style, 0.5),
+            paved,
+        )
         self.surface = surface
         self.cells = np.zeros((len(CELLS_M), SIDE, SIDE + PADDING), np.uint32)
         self.middles = np.zeros((len(CELLS_M), 2))
@@ -529,7 +538,12 @@ class Ground:
         slot = (tile[0] % TILES, tile[1] % TILES)
         if self._painted[level].get(slot) != tile:
             paint_tile(
-                self.surface.strips, self.surface.lines, self.paving, noise_tile(),
-                CELLS_M[level], tile, self.cells[level],
-            )  # fmt: skip
+                self.surface.strips,
+                self.surface.lines,
+                self.paving,
+                noise_tile(),
+                CELLS_M[level],
+                tile,
+                self.cells[level],
+            )
             self._painted[level][slot] = tile

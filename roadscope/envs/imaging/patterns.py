@@ -375,9 +375,15 @@ def looks_of(scene: Scene, solids: Solids, stamp_s: float, categories: np.ndarra
     colours, patterns = _COLOURS[rows], _PATTERNS[rows]
     patterns[(patterns == METAL) & (solids.bottoms > LANTERN_M)] = LANTERN
     return Looks(
-        colours, patterns, _GLOSS[rows], frames, np.ones(len(rows)), seeds,
-        colours[firsts][things], np.column_stack([solids.bottoms, solids.tops]),
-    )  # fmt: skip
+        colours,
+        patterns,
+        _GLOSS[rows],
+        frames,
+        np.ones(len(rows)),
+        seeds,
+        colours[firsts][things],
+        np.column_stack([solids.bottoms, solids.tops]),
+    )
 
 
 def _frames(

@@ -100,9 +100,7 @@ def out_of_view(lens: Lens, solids: Solids, m: int, canvas: Canvas) -> bool:
     half_x, half_y = 0.5 * (x_high - x_low), 0.5 * (y_high - y_low)
     half_z = 0.5 * (solids.tops[m] - solids.bottoms[m])
     radius = np.sqrt(half_x * half_x + half_y * half_y + half_z * half_z)
-    x, y, z = into_camera(
-        lens, x_low + half_x, y_low + half_y, solids.bottoms[m] + half_z
-    )  # fmt: skip
+    x, y, z = into_camera(lens, x_low + half_x, y_low + half_y, solids.bottoms[m] + half_z)
     if z + radius < NEAR_M:
         return True
     height, width = canvas.q.shape
@@ -533,8 +531,9 @@ def lens_of(pinhole: Pinhole, world_from_camera: Pose) -> Lens:
     return Lens(
         np.ascontiguousarray(world_from_camera.rotation.T),
         np.ascontiguousarray(world_from_camera.translation),
-        np.array(pinhole.focal_px, np.float64), np.array(pinhole.centre_px, np.float64),
-    )  # fmt: skip
+        np.array(pinhole.focal_px, np.float64),
+        np.array(pinhole.centre_px, np.float64),
+    )
 
 
 def solids_of(scene: Scene, stamp_s: float) -> Solids:
@@ -550,9 +549,12 @@ def solids_of(scene: Scene, stamp_s: float) -> Solids:
     joined = [
         np.concatenate(pair)
         for pair in (
-            (static.footprints, placed), (static.corners, corners),
-            (static.bottoms, moving.bottoms), (static.tops, moving.tops),
-            (static.owners, moving.owners), (static.extinctions, moving.extinctions),
+            (static.footprints, placed),
+            (static.corners, corners),
+            (static.bottoms, moving.bottoms),
+            (static.tops, moving.tops),
+            (static.owners, moving.owners),
+            (static.extinctions, moving.extinctions),
         )
-    ]  # fmt: skip
+    ]
     return Solids(*joined)

@@ -198,8 +198,10 @@ def _solid_run(
         du, depth = (c + 0.5 - lens.centre[0]) * slope, 1.0 / q[c]
         vx, vy, vz = x0 + r[0, 0] * du, y0 + r[0, 1] * du, z0 + r[0, 2] * du
         place = (
-            lens.origin[0] + depth * vx, lens.origin[1] + depth * vy, lens.origin[2] + depth * vz,
-        )  # fmt: skip
+            lens.origin[0] + depth * vx,
+            lens.origin[1] + depth * vy,
+            lens.origin[2] + depth * vz,
+        )
         if looks.patterns[m] == PLAIN:
             _plain(looks, m, out)
         else:
@@ -502,9 +504,18 @@ def air_of(light: Light, extinction_per_m: float, wet: float) -> Air:
     balanced = open_sky + BALANCE * (open_sky.mean() - open_sky)
     veil = horizon * min(1.0, BRIGHTEST_FOG / horizon.max())
     return Air(
-        light.towards_sun, sun * hidden, zenith, horizon, ground, light.clouds, light.lamps,
-        CLEAR_PER_M + extinction_per_m, veil, wet, balanced,
-    )  # fmt: skip
+        light.towards_sun,
+        sun * hidden,
+        zenith,
+        horizon,
+        ground,
+        light.clouds,
+        light.lamps,
+        CLEAR_PER_M + extinction_per_m,
+        veil,
+        wet,
+        balanced,
+    )
 
 
 def _stage(
@@ -529,9 +540,20 @@ def _stage(
         skyline(lens, noise_tile(), heights)
     pools, corner = _pools(lens, solids, looks, air)
     return Stage(
-        solids.footprints, solids.corners, normals, glow, *shadows, cells, ground.middles,
-        noise_tile(), pools, corner, blocks, heights, _fades(),
-    )  # fmt: skip
+        solids.footprints,
+        solids.corners,
+        normals,
+        glow,
+        *shadows,
+        cells,
+        ground.middles,
+        noise_tile(),
+        pools,
+        corner,
+        blocks,
+        heights,
+        _fades(),
+    )
 
 
 def _pools(

@@ -8,8 +8,11 @@ from roadscope.core import Category
 from roadscope.core.jit import compiled
 
 TRUCK, CAR, BUS, VAN = (
-    int(Category.TRUCK), int(Category.CAR), int(Category.BUS), int(Category.VAN)
-)  # fmt: skip
+    int(Category.TRUCK),
+    int(Category.CAR),
+    int(Category.BUS),
+    int(Category.VAN),
+)
 SLANT = 0.8
 """Rise over run of the normal of car windows, which prisms can only show as steps."""
 

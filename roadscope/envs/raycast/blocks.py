@@ -99,10 +99,18 @@ def arrange(rays: Rays) -> Blocks:
         lows[n] = angles[order[n * WIDTH]]
         highs[n] = angles[order[min((n + 1) * WIDTH, len(order)) - 1]]
     blocks = Blocks(
-        order, seam, lows, highs, np.empty((size, 3)), np.empty(size), np.empty(size),
-        np.empty((size, 2)), np.empty((size, 4)), np.empty((size, 2)),
+        order,
+        seam,
+        lows,
+        highs,
+        np.empty((size, 3)),
+        np.empty(size),
+        np.empty(size),
+        np.empty((size, 2)),
+        np.empty((size, 4)),
+        np.empty((size, 2)),
         np.empty((rows, 3, len(rays.slopes))),
-    )  # fmt: skip
+    )
     _bound_blocks(rays, blocks)
     _bound_climbs(rays, blocks)
     return blocks

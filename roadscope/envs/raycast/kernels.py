@@ -243,18 +243,36 @@ def cast_all(rays: Rays, world: World, surfaces: Surfaces, outline: np.ndarray) 
     members = assign(rays, blocks, shapes, motion, max_range_m)
     beams = len(rays.slopes)
     depth = Depth(
-        np.empty((beams, WIDTH)), np.empty((beams, WIDTH)), np.empty((beams, WIDTH)),
-        np.empty((beams, WIDTH)), np.empty((beams, WIDTH)), np.empty(beams), max_range_m,
-    )  # fmt: skip
+        np.empty((beams, WIDTH)),
+        np.empty((beams, WIDTH)),
+        np.empty((beams, WIDTH)),
+        np.empty((beams, WIDTH)),
+        np.empty((beams, WIDTH)),
+        np.empty(beams),
+        max_range_m,
+    )
     scratch = Scratch(
-        np.empty((9, WIDTH)), np.empty((6, WIDTH)), np.empty((4, WIDTH)),
-        np.empty((3 * LINES, WIDTH)), np.empty((3 * LINES, WIDTH)), np.empty((3, WIDTH)),
+        np.empty((9, WIDTH)),
+        np.empty((6, WIDTH)),
+        np.empty((4, WIDTH)),
+        np.empty((3 * LINES, WIDTH)),
+        np.empty((3 * LINES, WIDTH)),
+        np.empty((3, WIDTH)),
         np.zeros((beams, WIDTH)),
-    )  # fmt: skip
+    )
     _cast_blocks(
-        rays, blocks, members, shapes, motion, world.seed, world.ground_reflectivity, scratch,
-        depth, surfaces, outline,
-    )  # fmt: skip
+        rays,
+        blocks,
+        members,
+        shapes,
+        motion,
+        world.seed,
+        world.ground_reflectivity,
+        scratch,
+        depth,
+        surfaces,
+        outline,
+    )
 
 
 @compiled(borrowing=True)
@@ -276,8 +294,17 @@ def _cast_blocks(
         clear(rays.slopes, ground_reflectivity, scratch.world, depth)
         for i in range(members.starts[n], members.starts[n + 1]):
             _cast_unit(
-                rays, blocks, n, shapes, motion, members.units[i], seed, scratch, depth, outline,
-            )  # fmt: skip
+                rays,
+                blocks,
+                n,
+                shapes,
+                motion,
+                members.units[i],
+                seed,
+                scratch,
+                depth,
+                outline,
+            )
         store(blocks, n, depth, surfaces)
 
 

@@ -45,9 +45,10 @@ def motion_during(
     turned = np.arctan2(np.sin(last.yaw - first.yaw), np.cos(last.yaw - first.yaw))
     way = (last @ mount.ego_from_camera).translation - (first @ mount.ego_from_camera).translation
     return Motion(
-        way / exposure_s, np.array([0.0, 0.0, turned / exposure_s]),
+        way / exposure_s,
+        np.array([0.0, 0.0, turned / exposure_s]),
         (centres[1] - centres[0]) / exposure_s,
-    )  # fmt: skip
+    )
 
 
 # --------------------------------------------------------------------------------------------------
@@ -106,10 +107,18 @@ def expose(
             sight, ground, light, extinction_per_m=extinction_per_m, wet=min(1.0, rain_mm_h / 5.0)
         )
         pixels = exposed(
-            shone, raster, solids, spec, light, world_from_camera=world_from_camera,
-            stamp_s=stamp_s, noise_seed=noise_seed, rain_mm_h=rain_mm_h, motion=motion,
+            shone,
+            raster,
+            solids,
+            spec,
+            light,
+            world_from_camera=world_from_camera,
+            stamp_s=stamp_s,
+            noise_seed=noise_seed,
+            rain_mm_h=rain_mm_h,
+            motion=motion,
             extinction_per_m=extinction_per_m,
-        )  # fmt: skip
+        )
     return CameraImage(pixels, spec.pinhole.intrinsics, stamp_s, sensor), truth
 
 

@@ -81,9 +81,14 @@ def darkness(fault: Fault, rng: np.random.Generator) -> Light:
         _times(c, share) for c in (drawn.zenith, drawn.horizon, drawn.ground)
     )
     return replace(
-        drawn, sun=_times(drawn.sun, min(1.0, share)), zenith=zenith, horizon=horizon,
-        ground=ground, gain=1.0, iso=2.0**fault.severity,
-    )  # fmt: skip
+        drawn,
+        sun=_times(drawn.sun, min(1.0, share)),
+        zenith=zenith,
+        horizon=horizon,
+        ground=ground,
+        gain=1.0,
+        iso=2.0**fault.severity,
+    )
 
 
 def dazzling(fault: Fault, light: Light, ahead_rad: float, rng: np.random.Generator) -> Light:
@@ -103,9 +108,15 @@ def dazzling(fault: Fault, light: Light, ahead_rad: float, rng: np.random.Genera
     # The camera exposes for what falls on level ground, as it does by any day.
     fallen = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
     return Light(
-        ahead_rad + beside, elevation, _times(sun, 1.0), _times(zenith, 1.0),
-        _times(horizon, 1.0), clouds=0.0, gain=min(1.7, 1.1 / fallen), flare=flare,
-    )  # fmt: skip
+        ahead_rad + beside,
+        elevation,
+        _times(sun, 1.0),
+        _times(zenith, 1.0),
+        _times(horizon, 1.0),
+        clouds=0.0,
+        gain=min(1.7, 1.1 / fallen),
+        flare=flare,
+    )
 
 
 def _times(colour: object, share: float) -> tuple[float, float, float]:

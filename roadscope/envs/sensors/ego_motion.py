@@ -45,8 +45,9 @@ class Turning:
         )
         yawing, pitching, rolling = (rate[:, None] for rate in rates.T)
         level = yawing * UP + pitching * left
-        angular = [c[:, None] * axis for c, axis in zip(accelerations.T, (UP, left, ahead),
-                                                        strict=True)]  # fmt: skip
+        angular = [
+            c[:, None] * axis for c, axis in zip(accelerations.T, (UP, left, ahead), strict=True)
+        ]
         alpha = (
             sum(angular) + pitching * np.cross(yawing * UP, left) + rolling * np.cross(level, ahead)
         )
@@ -169,9 +170,13 @@ class Kinematics(Record):
     def __post_init__(self) -> None:
         vectors = (np.float64, ("T", 3))
         settle_arrays(
-            self, rotations=(np.float64, ("T", 3, 3)), positions=vectors, velocities=vectors,
-            accelerations=vectors, angular_velocities=vectors,
-        )  # fmt: skip
+            self,
+            rotations=(np.float64, ("T", 3, 3)),
+            positions=vectors,
+            velocities=vectors,
+            accelerations=vectors,
+            angular_velocities=vectors,
+        )
 
 
 class EgoMotion:

@@ -108,9 +108,13 @@ def develop(
             _dazzle(glare, r, line)
         start = _place(sensor.key, r, len(sensor.draws) - 3 * width)
         _noise(
-            line.reshape(-1), passed.reshape(-1), sensor.draws[start : start + 3 * width],
-            np.float32(sensor.shot), np.float32(sensor.read), pixels[r].reshape(-1),
-        )  # fmt: skip
+            line.reshape(-1),
+            passed.reshape(-1),
+            sensor.draws[start : start + 3 * width],
+            np.float32(sensor.shot),
+            np.float32(sensor.read),
+            pixels[r].reshape(-1),
+        )
 
 
 @compiled(borrowing=True)
@@ -465,17 +469,25 @@ def exposed(
     centre = np.array(spec.pinhole.centre_px, np.float64)
     if rain_mm_h > 0.0:
         rain_streaks(
-            light, raster.q, light[0, ::16].mean(axis=0), spec.pinhole.focal_px[0],
-            spec.exposure_s, rain_mm_h, drops,
-        )  # fmt: skip
+            light,
+            raster.q,
+            light[0, ::16].mean(axis=0),
+            spec.pinhole.focal_px[0],
+            spec.exposure_s,
+            rain_mm_h,
+            drops,
+        )
     iso = lighting.iso * METERED_S / spec.exposure_s
     pixels = np.empty(light.shape, np.uint8)
     develop(
-        light, raster.q, raster.faces, shutter_of(spec, world_from_camera, motion, solids),
+        light,
+        raster.q,
+        raster.faces,
+        shutter_of(spec, world_from_camera, motion, solids),
         _glare(light, raster, spec, lighting, world_from_camera, extinction_per_m),
         Sensor(*noise_of(spec, iso), spec.vignetting, centre, key, _draws()),
         pixels,
-    )  # fmt: skip
+    )
     return pixels
 
 

@@ -429,9 +429,11 @@ def _cloud_over(spec: LidarSpec, hits: Hits, weather: Weather, key: np.uint64) -
     """Let the weather take what it takes of the hits, in place, and put its echoes there."""
     least = max(spec.detection_limit / spec.range_max_m**2, LEAST_POWER)
     cloud_over(
-        _surfaces(hits), echoes(weather, spec.range_min_m, spec.range_max_m, least),
-        (weather.extinction_per_m, least), key,
-    )  # fmt: skip
+        _surfaces(hits),
+        echoes(weather, spec.range_min_m, spec.range_max_m, least),
+        (weather.extinction_per_m, least),
+        key,
+    )
 
 
 def _surfaces(hits: Hits) -> Surfaces:
@@ -448,18 +450,20 @@ def _measure(
     order = np.argsort(spec.firing_offsets_s, kind="stable")
     limits = np.array(
         [
-            spec.range_min_m, spec.range_max_m, spec.range_noise_m, spec.range_resolution_m,
-            spec.dropout, spec.detection_limit,
+            spec.range_min_m,
+            spec.range_max_m,
+            spec.range_noise_m,
+            spec.range_resolution_m,
+            spec.dropout,
+            spec.detection_limit,
         ]
-    )  # fmt: skip
+    )
     firings = Firings(_directions(spec.azimuths()), _directions(spec.elevations), order)
     points, intensity, ring, column, owners = collect(
         _surfaces(hits), noise, chances, firings, limits
     )
     times = spec.column_offsets_s()[column] + spec.firing_offsets_s[ring]
-    scan = LidarScan(
-        points, intensity, ring, column, times.astype(np.float32), stamp_s, sensor
-    )  # fmt: skip
+    scan = LidarScan(points, intensity, ring, column, times.astype(np.float32), stamp_s, sensor)
     assert hits.outline_rays is not None
     assert hits.outline_hits is not None
     actors = len(hits.outline_rays)

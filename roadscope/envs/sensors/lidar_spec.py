@@ -58,8 +58,11 @@ class LidarSpec(Record):
         require(0 < self.sweep_s <= self.period_s, self, "sweep_s", "0 to period_s", self.sweep_s)
         require(
             0 <= self.range_min_m < self.range_max_m < np.inf,
-            self, "range_max_m", "0 <= range_min_m < range_max_m", self.range_max_m,
-        )  # fmt: skip
+            self,
+            "range_max_m",
+            "0 <= range_min_m < range_max_m",
+            self.range_max_m,
+        )
         for name in ("range_noise_m", "range_resolution_m", "detection_limit"):
             value = getattr(self, name)
             require(0 <= value < np.inf, self, name, "a finite value from 0 up", value)
@@ -156,9 +159,15 @@ def _vlp16() -> LidarSpec:
     fired = np.arange(16)
     elevations = np.where(fired % 2 == 0, fired - 15.0, fired)
     return _spinning(
-        "vlp16", elevations, fired * 2.304e-6, columns=1808, range_m=(0.9, 100.0),
-        range_noise_m=0.03, range_resolution_m=0.002, detection_limit=0.1 * (100 / 50) ** 2,
-    )  # fmt: skip
+        "vlp16",
+        elevations,
+        fired * 2.304e-6,
+        columns=1808,
+        range_m=(0.9, 100.0),
+        range_noise_m=0.03,
+        range_resolution_m=0.002,
+        detection_limit=0.1 * (100 / 50) ** 2,
+    )
 
 
 def _hdl32e() -> LidarSpec:
@@ -174,9 +183,15 @@ def _hdl32e() -> LidarSpec:
     upper += [1.33, 2.67, 4.00, 5.33, 6.67, 8.00, 9.33, 10.67]
     elevations = np.column_stack([lower, upper]).ravel()
     return _spinning(
-        "hdl32e", elevations, np.arange(32) * 1.152e-6, columns=2170, range_m=(0.9, 100.0),
-        range_noise_m=0.02, range_resolution_m=0.002, detection_limit=0.1 * (100 / 50) ** 2,
-    )  # fmt: skip
+        "hdl32e",
+        elevations,
+        np.arange(32) * 1.152e-6,
+        columns=2170,
+        range_m=(0.9, 100.0),
+        range_noise_m=0.02,
+        range_resolution_m=0.002,
+        detection_limit=0.1 * (100 / 50) ** 2,
+    )
 
 
 def _hdl64e() -> LidarSpec:

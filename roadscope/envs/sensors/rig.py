@@ -51,9 +51,12 @@ class CameraMount(Record):
     def __post_init__(self) -> None:
         least = self.spec.exposure_s / 2
         require(
-            self.first_stamp_s >= least, self, "first_stamp_s", f"at least {least} s",
+            self.first_stamp_s >= least,
+            self,
+            "first_stamp_s",
+            f"at least {least} s",
             self.first_stamp_s,
-        )  # fmt: skip
+        )
 
     def stamp_s(self, index: int) -> float:
         """Return the stamp of the index-th image."""

@@ -139,9 +139,13 @@ def _pixels(key: str, value: object) -> int:
 # Rigs by name, or from a TOML file.
 
 SPEC_KEYS = (
-    "range_noise_m", "range_resolution_m", "dropout", "detection_limit",
-    "range_min_m", "range_max_m",
-)  # fmt: skip
+    "range_noise_m",
+    "range_resolution_m",
+    "dropout",
+    "detection_limit",
+    "range_min_m",
+    "range_max_m",
+)
 SWITCHES = ("wheels", "sway")
 KEYS = ("name", "lidar", "imu", "camera", *SWITCHES, *MOUNT_KEYS, *SPEC_KEYS)
 IMU_X_M, IMU_Z_M = 1.3, 0.6
@@ -216,10 +220,12 @@ def scaled_noise(rig: Rig, factor: float) -> Rig:
     )
     imu = None if rig.imu is None else replace(rig.imu, spec=rig.imu.spec.scaled(factor))
     return replace(
-        rig, lidar=replace(rig.lidar, spec=noisy), imu=imu,
+        rig,
+        lidar=replace(rig.lidar, spec=noisy),
+        imu=imu,
         dead_reckoning=rig.dead_reckoning.scaled(factor),
         wheels=None if rig.wheels is None else rig.wheels.scaled(factor),
-    )  # fmt: skip
+    )
 
 
 def _from_table(table: Mapping[str, Any], stem: str) -> Rig:

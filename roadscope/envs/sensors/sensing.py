@@ -276,12 +276,19 @@ class Sensing:
             self._ground = Ground(surface_of(timeline.road), style)
         blurred = mount.spec.motion_blur and not mount.spec.plain
         image, seen = expose(
-            scene, mount.spec, world_from_ego @ mount.ego_from_camera, stamp_s,
-            ground=self._ground, light=self._light_of(timeline, stamp_s),
-            categories=timeline.categories, sensor=mount.name, noise_seed=self._image_seed,
-            extinction_per_m=self.weather.extinction_per_m, rain_mm_h=self.weather.rain_rate_mm_h,
+            scene,
+            mount.spec,
+            world_from_ego @ mount.ego_from_camera,
+            stamp_s,
+            ground=self._ground,
+            light=self._light_of(timeline, stamp_s),
+            categories=timeline.categories,
+            sensor=mount.name,
+            noise_seed=self._image_seed,
+            extinction_per_m=self.weather.extinction_per_m,
+            rain_mm_h=self.weather.rain_rate_mm_h,
             motion=motion_during(timeline, mount, stamp_s, ego_at) if blurred else None,
-        )  # fmt: skip
+        )
         believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
         truth = self._swayed(truth_of_image(timeline, stamp_s, seen), timeline)

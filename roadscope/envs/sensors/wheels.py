@@ -41,9 +41,11 @@ class WheelSpec(Record):
     def scaled(self, factor: float) -> WheelSpec:
         """Return the same with every error times a factor."""
         return replace(
-            self, scale=self.scale * factor, noise_m_s=self.noise_m_s * factor,
+            self,
+            scale=self.scale * factor,
+            noise_m_s=self.noise_m_s * factor,
             resolution_m_s=self.resolution_m_s * factor,
-        )  # fmt: skip
+        )
 
     def measure(self, motion: EgoMotion, seed: int, first: int, last: int) -> WheelSamples:
         """Return samples number first to last; sample n is taken n periods after 0.

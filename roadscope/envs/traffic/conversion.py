@@ -62,9 +62,7 @@ def restore_driver_constants() -> None:
 
     for name, value in DRIVER_CONSTANTS.items():
         setattr(behavior.IDMVehicle, name, value)
-        for heir in (
-            behavior.LinearVehicle, behavior.AggressiveVehicle, behavior.DefensiveVehicle
-        ):  # fmt: skip
+        for heir in (behavior.LinearVehicle, behavior.AggressiveVehicle, behavior.DefensiveVehicle):
             if name in vars(heir):
                 delattr(heir, name)
 

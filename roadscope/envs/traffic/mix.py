@@ -124,12 +124,14 @@ UNSEEN: Mapping[Category, Mapping[str, Size]] = MappingProxyType(
         Category.CAR: {"tall-box": (3.395, 1.475, 1.790), "pickup": (4.480, 1.732, 1.577)},
         Category.VAN: {"dropside": (4.220, 1.680, 1.920), "camper": (5.350, 2.010, 2.750)},
         Category.TRUCK: {
-            "flatbed": (5.900, 2.100, 2.300), "tanker": (8.400, 2.500, 3.200),
-            "tank-trailer": (16.000, 2.550, 3.600), "long-flatbed": (11.800, 2.540, 3.000),
+            "flatbed": (5.900, 2.100, 2.300),
+            "tanker": (8.400, 2.500, 3.200),
+            "tank-trailer": (16.000, 2.550, 3.600),
+            "long-flatbed": (11.800, 2.540, 3.000),
         },
         Category.BUS: {"double-decker": (10.500, 2.520, 4.300)},
     }
-)  # fmt: skip
+)
 """Sizes of such vehicles, rounded and from memory, not of one model each. They stand for shapes:
 `world.unseen_bodies` builds a body of its own for each of these sizes, and no mix has them."""
 SALT = 0x556E7365

@@ -39,10 +39,16 @@ class Walker:
     solid = crashed = False
 
     def __init__(
-        self, path: np.ndarray, body: Body, pace: float, *,
-        start_m: float = 0.0, kerb_m: float | None = None, across_m: float = 0.0,
+        self,
+        path: np.ndarray,
+        body: Body,
+        pace: float,
+        *,
+        start_m: float = 0.0,
+        kerb_m: float | None = None,
+        across_m: float = 0.0,
         patience_s: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Walk a (K, 2) polyline with rounded corners at a pace in m/s, from start_m on.
 
         kerb_m: where along the path to wait for a gap, None for nowhere; across_m: how far it is
@@ -276,9 +282,14 @@ class Kerb:
             points = np.array([self._beside(s - coming_m, PAVEMENT_M), corner, far])
             kerb = coming_m + PAVEMENT_M - KERB_M - 0.35 + min(along, 0.0)
             self._add(
-                points, pedestrian(rng), pace, start_m=max(0.0, along), kerb_m=kerb,
-                across_m=over, patience_s=patience,
-            )  # fmt: skip
+                points,
+                pedestrian(rng),
+                pace,
+                start_m=max(0.0, along),
+                kerb_m=kerb,
+                across_m=over,
+                patience_s=patience,
+            )
 
     def ride(self, rng: np.random.Generator, at_m: float, *, end_m: float) -> None:
         """Put a cyclist at the edge of the lane, riding with the traffic."""

@@ -29,9 +29,15 @@ PAINTS = np.array([0.1, 0.15, 0.25, 0.35, 0.45, 0.6, 0.8])
 
 
 def slab(
-    size: Size, x: tuple[float, float], z: tuple[float, float],
-    *, breadth: float = 1.0, radius: float = 0.3, reflectivity: float, look: int = materials.GREY,
-) -> Prisms:  # fmt: skip
+    size: Size,
+    x: tuple[float, float],
+    z: tuple[float, float],
+    *,
+    breadth: float = 1.0,
+    radius: float = 0.3,
+    reflectivity: float,
+    look: int = materials.GREY,
+) -> Prisms:
     """Make a rounded slab; x from the rear end, z and breadth are fractions of the size."""
     length, width, height = size
     outline = rounded(
@@ -39,7 +45,7 @@ def slab(
     )
     return Prisms.of(
         outline, z[0] * height, z[1] * height, reflectivity=reflectivity, material=look
-    )  # fmt: skip
+    )
 
 
 def painted(paint: float, rng: np.random.Generator, family: str = "paint") -> Parts:
@@ -138,11 +144,12 @@ def _flatbed(size: Size, rng: np.random.Generator) -> list[Prisms]:
     high = 1.1 / size[2]
     wall = (begin - 0.3 / size[0], begin - 0.15 / size[0])
     return [
-        *cab, *_lorry_wheels(size, begin),
+        *cab,
+        *_lorry_wheels(size, begin),
         slab(size, (0, begin - 0.15 / size[0]), (high, high + 0.08), radius=0.05, **STEEL),
         slab(size, wall, (high + 0.08, 0.97), breadth=0.95, radius=0.02, **STEEL),
         slab(size, (0.02, begin), (0.6 * high, high), breadth=0.4, radius=0.05, **STEEL),
-    ]  # fmt: skip
+    ]
 
 
 def _tanker(size: Size, rng: np.random.Generator) -> list[Prisms]:
@@ -155,13 +162,14 @@ def _tanker(size: Size, rng: np.random.Generator) -> list[Prisms]:
     breadths = np.sqrt(1 - (middles / 1.05) ** 2)
     breadths[2] = 1.0
     return [
-        *cab, *_lorry_wheels(size, begin),
+        *cab,
+        *_lorry_wheels(size, begin),
         *(
             slab(size, (0, end), (float(a), float(b)), breadth=float(c), radius=0.3, **tank)
             for a, b, c in zip(steps[:-1], steps[1:], breadths, strict=True)
         ),
         slab(size, (0.02, begin), (0.7 * low, low), breadth=0.4, radius=0.05, **STEEL),
-    ]  # fmt: skip
+    ]
 
 
 def _double_decker(size: Size, rng: np.random.Generator) -> list[Prisms]:
@@ -317,17 +325,20 @@ class _Rider(NamedTuple):
         cloth, machine = float(rng.uniform(0.25, 0.7)), float(rng.uniform(0.1, 0.4))
         trousers, shirt, skin = (any_of(family, rng) for family in ("cloth", "cloth", "skin"))
         return cls(
-            {"reflectivity": cloth, "look": trousers}, {"reflectivity": cloth, "look": shirt},
-            {"reflectivity": SKIN, "look": skin}, machine,
-        )  # fmt: skip
+            {"reflectivity": cloth, "look": trousers},
+            {"reflectivity": cloth, "look": shirt},
+            {"reflectivity": SKIN, "look": skin},
+            machine,
+        )
 
     def head(self, size: Size, middle: float) -> Prisms:
         """Place the head on top, x a share of the length."""
         length, width, _ = size
         side = min(0.26, 0.6 * width, 0.6 * length)
         half = side / length / 2
-        return slab(size, (middle - half, middle + half), (0.82, 1), breadth=side / width,
-                    **self.skin)  # fmt: skip
+        return slab(
+            size, (middle - half, middle + half), (0.82, 1), breadth=side / width, **self.skin
+        )
 
 
 def _wheels(size: Size, *, diameter_m: float, breadth: float) -> list[Prisms]:
@@ -337,12 +348,15 @@ def _wheels(size: Size, *, diameter_m: float, breadth: float) -> list[Prisms]:
     rubber: Parts = {"radius": 0.02, "reflectivity": RUBBER, "look": materials.RUBBER}
     return [
         slab(
-            size, (hub - share * across / 2, hub + share * across / 2),
-            (low * tall, high * tall), breadth=breadth, **rubber,
+            size,
+            (hub - share * across / 2, hub + share * across / 2),
+            (low * tall, high * tall),
+            breadth=breadth,
+            **rubber,
         )
         for hub in (across / 2, 1 - across / 2)
         for low, high, share in WHEEL
-    ]  # fmt: skip
+    ]
 
 
 def _pedestrian(size: Size, rng: np.random.Generator) -> list[Prisms]:

@@ -121,16 +121,28 @@ class Prisms(Record):
         """Return no prisms."""
         none = np.empty(0)
         return Prisms(
-            np.empty((0, MAX_EDGES, 2)), np.empty(0, np.int32), none, none,
-            np.empty(0, np.int32), none, np.empty(0, np.float32), np.empty(0, np.int16), none,
-        )  # fmt: skip
+            np.empty((0, MAX_EDGES, 2)),
+            np.empty(0, np.int32),
+            none,
+            none,
+            np.empty(0, np.int32),
+            none,
+            np.empty(0, np.float32),
+            np.empty(0, np.int16),
+            none,
+        )
 
     @staticmethod
     def of(
-        footprint: np.ndarray, bottom_m: float, top_m: float,
-        *, owner: int = 0, extinction: float = 0.0, reflectivity: float = 0.5,
+        footprint: np.ndarray,
+        bottom_m: float,
+        top_m: float,
+        *,
+        owner: int = 0,
+        extinction: float = 0.0,
+        reflectivity: float = 0.5,
         material: int = 0,
-    ) -> Prisms:  # fmt: skip
+    ) -> Prisms:
         """Make one prism from a (K, 2) convex, counter-clockwise footprint, K up to 12."""
         corners = len(footprint)
         if not 3 <= corners <= MAX_EDGES:

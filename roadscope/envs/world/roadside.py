@@ -151,10 +151,16 @@ def _standing(body: Prisms, centre: np.ndarray, yaw: float, thing: int) -> Batch
     count = len(body)
     outlines = placed(body.footprints, np.tile(centre, (count, 1)), np.full(count, yaw))
     return Batch(
-        outlines, body.corners, body.bottoms, body.tops,
-        np.full(count, thing), body.extinctions, body.reflectivities, body.materials,
+        outlines,
+        body.corners,
+        body.bottoms,
+        body.tops,
+        np.full(count, thing),
+        body.extinctions,
+        body.reflectivities,
+        body.materials,
         body.headings + yaw,
-    )  # fmt: skip
+    )
 
 
 @lru_cache(maxsize=MODELS)
@@ -216,9 +222,13 @@ def bushes(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     length, width, height, lad = rng.random((4, len(centres)))
     outlines = _round(centres, yaws, 0.25 + 0.75 * length, 0.25 + 0.75 * width)
     return prisms_of(
-        outlines, 0.0, 0.5 + 1.5 * height, LEAF, _extinction(BUSH_LAD, lad),
+        outlines,
+        0.0,
+        0.5 + 1.5 * height,
+        LEAF,
+        _extinction(BUSH_LAD, lad),
         materials=materials.graded("leaves", lad),
-    )  # fmt: skip
+    )
 
 
 def hedges(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
@@ -227,9 +237,13 @@ def hedges(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
     height, lad = rng.random((2, len(sites)))
     outlines = ribbon(sites, style.bush_band_m[0] + 1.0, 0.8)
     return prisms_of(
-        outlines, 0.0, 1.0 + 0.3 * height, LEAF, _extinction(HEDGE_LAD, lad),
+        outlines,
+        0.0,
+        1.0 + 0.3 * height,
+        LEAF,
+        _extinction(HEDGE_LAD, lad),
         materials=materials.first_of("leaves"),
-    )  # fmt: skip
+    )
 
 
 def _round(

@@ -155,9 +155,11 @@ class ClusterMatch:
 
 
 def match_clusters(
-    now: np.ndarray, before: np.ndarray, before_from_now: np.ndarray,
+    now: np.ndarray,
+    before: np.ndarray,
+    before_from_now: np.ndarray,
     thresholds_m: np.ndarray | float,
-) -> ClusterMatch:  # fmt: skip
+) -> ClusterMatch:
     """Move (K, 3) centres as the own motion says (eq. 4) and match each to the nearest of before.
 
     before: (L, 3). thresholds_m: (K,) or one for all. One to one: of all pairs the nearest is taken
@@ -195,9 +197,10 @@ def one_to_one(now: np.ndarray, before: np.ndarray, reach_m: float) -> np.ndarra
 
 @compiled()
 def _nearest(
-    places: tuple[np.ndarray, np.ndarray, float], left: tuple[np.ndarray, np.ndarray],
+    places: tuple[np.ndarray, np.ndarray, float],
+    left: tuple[np.ndarray, np.ndarray],
     nearest: tuple[np.ndarray, np.ndarray],
-) -> None:  # fmt: skip
+) -> None:
     """Write who is nearest to each of both, within the square root of the last of places."""
     (now, before, most), (sought, taken), (theirs, ours) = places, left, nearest
     least = np.full(len(before), most)
@@ -239,18 +242,26 @@ def relabelled(features: Features, labels: np.ndarray) -> Features:
     sharp, flat = edges != ALONE, planes != ALONE
     return replace(
         features,
-        edges=features.edges[sharp], edge_labels=edges[sharp],
-        edge_rings=features.edge_rings[sharp], edge_rows=features.edge_rows[sharp],
-        planes=features.planes[flat], plane_labels=planes[flat],
-        plane_rings=features.plane_rings[flat], plane_rows=features.plane_rows[flat],
-        sharp=int(sharp[: features.sharp].sum()), flat=int(flat[: features.flat].sum()),
-    )  # fmt: skip
+        edges=features.edges[sharp],
+        edge_labels=edges[sharp],
+        edge_rings=features.edge_rings[sharp],
+        edge_rows=features.edge_rows[sharp],
+        planes=features.planes[flat],
+        plane_labels=planes[flat],
+        plane_rings=features.plane_rings[flat],
+        plane_rows=features.plane_rows[flat],
+        sharp=int(sharp[: features.sharp].sum()),
+        flat=int(flat[: features.flat].sum()),
+    )
 
 
 def _known(partners: np.ndarray, before: Features) -> np.ndarray:
     """Return for each label of before itself if it is somebody's partner, else -1."""
-    most = max(before.edge_labels.max(initial=-1), before.plane_labels.max(initial=-1),
-               partners.max(initial=-1))  # fmt: skip
+    most = max(
+        before.edge_labels.max(initial=-1),
+        before.plane_labels.max(initial=-1),
+        partners.max(initial=-1),
+    )
     known = np.full(most + 1, ALONE)
     known[partners[partners != ALONE]] = partners[partners != ALONE]
     return known

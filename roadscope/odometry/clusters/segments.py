@@ -68,9 +68,16 @@ def segments_of(scan: LidarScan, clustering: Clustering) -> Segments:
     times_s = scan.time_offset_s[cloud.rows].astype(float)
     centres, sizes = centres_of(cloud.points, labels)
     return Segments(
-        cloud.points, cloud.ring, cloud.column, times_s, cloud.rows, labels, centres, sizes,
+        cloud.points,
+        cloud.ring,
+        cloud.column,
+        times_s,
+        cloud.rows,
         labels,
-    )  # fmt: skip
+        centres,
+        sizes,
+        labels,
+    )
 
 
 def centres_of(points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

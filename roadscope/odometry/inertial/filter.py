@@ -20,9 +20,13 @@ if TYPE_CHECKING:
 
 @compiled()
 def integrated(
-    lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray,
-    rotation: np.ndarray, velocity: np.ndarray, gravity: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    lengths: np.ndarray,
+    rates: np.ndarray,
+    forces: np.ndarray,
+    rotation: np.ndarray,
+    velocity: np.ndarray,
+    gravity: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Integrate samples that are freed of biases, over a stretch (Forster 2017, eq. 32).
 
     lengths: (K,) s. rates, forces: (K, 3) rad/s and m/s^2, the unit's frame. rotation: (3, 3)
@@ -144,13 +148,18 @@ class InertialNoise:
         """Return what a data sheet says, a tenth more; no less than a tenth of the defaults."""
         least = InertialNoise()
         return InertialNoise(
-            *(max(MARGIN * stated, default / 10) for stated, default in (
-                (unit.gyro_noise, least.rate), (unit.accelerometer_noise, least.force),
-                (unit.gyro_walk, least.rate_walk), (unit.accelerometer_walk, least.force_walk),
-                (unit.gyro_turn_on, least.rate_bias),
-                (unit.accelerometer_turn_on, least.force_bias),
-            ))
-        )  # fmt: skip
+            *(
+                max(MARGIN * stated, default / 10)
+                for stated, default in (
+                    (unit.gyro_noise, least.rate),
+                    (unit.accelerometer_noise, least.force),
+                    (unit.gyro_walk, least.rate_walk),
+                    (unit.accelerometer_walk, least.force_walk),
+                    (unit.gyro_turn_on, least.rate_bias),
+                    (unit.accelerometer_turn_on, least.force_bias),
+                )
+            )
+        )
 
 
 @dataclass(slots=True)
@@ -175,15 +184,22 @@ class InertialState:
     def copied(self) -> InertialState:
         """Return a state in arrays of its own."""
         return InertialState(
-            self.pose.copy(), self.velocity.copy(), self.rate_bias.copy(),
-            self.force_bias.copy(), self.gravity.copy(), self.covariance.copy(), self.wheel_scale,
-        )  # fmt: skip
+            self.pose.copy(),
+            self.velocity.copy(),
+            self.rate_bias.copy(),
+            self.force_bias.copy(),
+            self.gravity.copy(),
+            self.covariance.copy(),
+            self.wheel_scale,
+        )
 
 
 def started(
-    force: np.ndarray, velocity: np.ndarray, speed_m_s: tuple[float, float, float],
+    force: np.ndarray,
+    velocity: np.ndarray,
+    speed_m_s: tuple[float, float, float],
     noise: InertialNoise,
-) -> InertialState:  # fmt: skip
+) -> InertialState:
     """Return the state at the first scan.
 
     force: (3,) mean specific force felt, m/s^2: gravity to within what the vehicle accelerates.
@@ -204,9 +220,13 @@ def started(
     covariance[FORCE, GRAVITY] = noise.force_bias**2 * level
     zero = np.zeros(3)
     return InertialState(
-        np.eye(4), np.array(velocity, float), zero.copy(), zero.copy(), -GRAVITY_M_S2 * up,
+        np.eye(4),
+        np.array(velocity, float),
+        zero.copy(),
+        zero.copy(),
+        -GRAVITY_M_S2 * up,
         covariance,
-    )  # fmt: skip
+    )
 
 
 def resume(state: InertialState, known: InertialState, *, level: bool = True) -> None:
@@ -228,15 +248,22 @@ def resume(state: InertialState, known: InertialState, *, level: bool = True) ->
 
 
 def propagate(
-    state: InertialState, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray,
+    state: InertialState,
+    lengths: np.ndarray,
+    rates: np.ndarray,
+    forces: np.ndarray,
     noise: InertialNoise,
-) -> None:  # fmt: skip
+) -> None:
     """Carry a state on over (K,) lengths of time, s, with (K, 3) rates and forces."""
     elapsed_s = float(lengths.sum())
     way, velocity, rotation, blocks = integrated(
-        lengths, rates - state.rate_bias, forces - state.force_bias,
-        np.ascontiguousarray(state.pose[:3, :3]), state.velocity, state.gravity,
-    )  # fmt: skip
+        lengths,
+        rates - state.rate_bias,
+        forces - state.force_bias,
+        np.ascontiguousarray(state.pose[:3, :3]),
+        state.velocity,
+        state.gravity,
+    )
     state.pose[:3, 3] += way
     state.pose[:3, :3] = rotation
     state.velocity = velocity

@@ -130,9 +130,13 @@ def _upright(edges: np.ndarray, reach: np.ndarray, r: Index, c: Index, up: int) 
 
 @compiled()
 def slim(
-    reach: np.ndarray, ring: np.ndarray, column: np.ndarray, asked: np.ndarray, closed: bool,
+    reach: np.ndarray,
+    ring: np.ndarray,
+    column: np.ndarray,
+    asked: np.ndarray,
+    closed: bool,
     widest_columns: float,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return (N,) bool, where the middle of a slim thing is, of (N,) bool returns asked for.
 
     It is no wider than so many columns at a metre and stands free: on either side beams go
@@ -223,8 +227,14 @@ class BeamTable:
         """Return (N,) bool, which of the returns asked for are middles of things no wider."""
         if not self.step_rad:
             return np.zeros(len(asked), bool)
-        marks: np.ndarray = slim(self.reach, self.ring, self.column, asked & self.first,
-                                 self.closed, widest_m / self.step_rad)  # fmt: skip
+        marks: np.ndarray = slim(
+            self.reach,
+            self.ring,
+            self.column,
+            asked & self.first,
+            self.closed,
+            widest_m / self.step_rad,
+        )
         return marks
 
 
@@ -383,8 +393,13 @@ class Ends:
         free = table.slim(grounded & (height_m > PERSON_M), SLIM_M)
         kept = upright | free
         times = scan.stamp_s + scan.time_offset_s[kept].astype(np.float64)
-        return Ends(points[kept, :2].astype(np.float64), times, upright[kept],
-                    (upright & grounded & (height_m > TALLEST_M))[kept], free[kept])  # fmt: skip
+        return Ends(
+            points[kept, :2].astype(np.float64),
+            times,
+            upright[kept],
+            (upright & grounded & (height_m > TALLEST_M))[kept],
+            free[kept],
+        )
 
     @property
     def slim_things(self) -> int:
@@ -487,10 +502,12 @@ class _Looks:
         times = times - times.min(initial=np.inf)
         angles = rate * times
         cosines, sines = np.cos(angles), np.sin(angles)
-        turned = np.column_stack([
-            cosines * points[:, 0] - sines * points[:, 1],
-            sines * points[:, 0] + cosines * points[:, 1],
-        ])  # fmt: skip
+        turned = np.column_stack(
+            [
+                cosines * points[:, 0] - sines * points[:, 1],
+                sines * points[:, 0] + cosines * points[:, 1],
+            ]
+        )
         half = times[:, None] * np.column_stack([np.cos(0.5 * angles), np.sin(0.5 * angles)])
         return _Looks(turned, half, number)
 
@@ -510,8 +527,13 @@ class _Looks:
     def finely(self, rough: Speed) -> Speed:
         """Return the speed near a rough one at which the points themselves meet."""
         order = np.argsort(self.points[:, 1] + rough.ahead_m_s * self.ahead[:, 1])
-        ahead_m_s, weight = joined(self.points[order], self.ahead[order], self.scans[order],
-                                   rough.ahead_m_s, NEAR_FIXTURE_M)  # fmt: skip
+        ahead_m_s, weight = joined(
+            self.points[order],
+            self.ahead[order],
+            self.scans[order],
+            rough.ahead_m_s,
+            NEAR_FIXTURE_M,
+        )
         if not weight or abs(ahead_m_s - rough.ahead_m_s) > BESIDE_M_S:
             return rough
         spread_m_s = float(np.hypot(FINE_S2_M_S / weight, FINEST_M_S))

@@ -52,9 +52,14 @@ counts by how far it is above this."""
 
 
 def settled_on(
-    voxels: Voxels, points: np.ndarray, pose: np.ndarray, covariance: np.ndarray, *,
-    doubt_m: float = 0.0, floor_m: float = FLOOR_M,
-) -> Match:  # fmt: skip
+    voxels: Voxels,
+    points: np.ndarray,
+    pose: np.ndarray,
+    covariance: np.ndarray,
+    *,
+    doubt_m: float = 0.0,
+    floor_m: float = FLOOR_M,
+) -> Match:
     """Move (N, 3) points, metres, onto the surfaces, held by a prediction.
 
     pose: (4, 4), predicted. covariance: (6, 6) of its place and turn, map's axes. doubt_m: how far
@@ -146,9 +151,14 @@ class InertialTrack:
     """
 
     def __init__(
-        self, state: InertialState, lever: np.ndarray, noise: InertialNoise, *, reach_m: float,
+        self,
+        state: InertialState,
+        lever: np.ndarray,
+        noise: InertialNoise,
+        *,
+        reach_m: float,
         drop_dynamic: bool = True,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.state, self.lever, self.noise = state, lever, noise
         self.drop_dynamic = drop_dynamic
         self.rate, self.felt, self.elapsed_s = np.zeros(3), True, 0.0
@@ -197,9 +207,13 @@ class InertialTrack:
         covariance = self.state.covariance[POSE, POSE]
         doubt_m = self.doubt_m if self.felt else 0.0
         return settled_on(
-            self.map.voxels, points[few], self.state.pose, covariance, doubt_m=doubt_m,
+            self.map.voxels,
+            points[few],
+            self.state.pose,
+            covariance,
+            doubt_m=doubt_m,
             floor_m=CLOSE_FLOOR_M if sweep.close else FLOOR_M,
-        )  # fmt: skip
+        )
 
     def settle(self, found: Match) -> None:
         """Take over what was found."""
@@ -264,8 +278,10 @@ class InertialTrack:
         scale = 1 + self.state.wheel_scale
         J = np.zeros((1, SIZE))
         J[0, SPEED], J[0, TURN], J[0, WHEELS] = (
-            scale * ahead, scale * np.cross(ahead, velocity), held_m_s
-        )  # fmt: skip
+            scale * ahead,
+            scale * np.cross(ahead, velocity),
+            held_m_s,
+        )
         off_m_s = speed_m_s - scale * held_m_s
         expected = float((J @ self.state.covariance @ J.T)[0, 0]) + variance
         if doubted and off_m_s**2 > SLIPPING**2 * expected:

@@ -142,9 +142,11 @@ def planes_among(grid: PointGrid, points: np.ndarray, pose: np.ndarray) -> Pairs
 
 @compiled()
 def _scatter(
-    grid: PointGrid, point: np.ndarray, pose: np.ndarray,
+    grid: PointGrid,
+    point: np.ndarray,
+    pose: np.ndarray,
     told: tuple[np.ndarray, np.ndarray, np.ndarray],
-) -> bool:  # fmt: skip
+) -> bool:
     """Fill mean, eigenvalues and eigenvectors of a point's nearest; False if they are too few."""
     mean, values, vectors = told
     place, found = np.empty(3), np.empty(NEAREST, np.int64)
@@ -224,9 +226,12 @@ class PointMap:
 
 def _empty(slots: int, room: int) -> PointGrid:
     return PointGrid(
-        np.full(slots, EMPTY, np.int64), np.full(slots, EMPTY, np.int64), np.empty((room, 3)),
-        np.empty(room, np.int64), np.zeros(2, np.int64),
-    )  # fmt: skip
+        np.full(slots, EMPTY, np.int64),
+        np.full(slots, EMPTY, np.int64),
+        np.empty((room, 3)),
+        np.empty(room, np.int64),
+        np.zeros(2, np.int64),
+    )
 
 
 # --------------------------------------------------------------------------------------------------

@@ -158,10 +158,13 @@ def kept_of(scan: LidarScan, *, least: int = LEAST) -> Returns:
     ground = ground_of(image)
     rows = np.flatnonzero(ground | (objects_of(image, ground, least) >= 0))
     return Returns(
-        scan.points[rows].astype(float), scan.ring[rows].astype(np.int64),
-        scan.column[rows].astype(np.int64), scan.time_offset_s[rows].astype(float), rows,
+        scan.points[rows].astype(float),
+        scan.ring[rows].astype(np.int64),
+        scan.column[rows].astype(np.int64),
+        scan.time_offset_s[rows].astype(float),
+        rows,
         np.where(ground[rows], GROUND, OBJECT),
-    )  # fmt: skip
+    )
 
 
 def features_of(kept: Returns, points: np.ndarray) -> Features:
@@ -171,6 +174,11 @@ def features_of(kept: Returns, points: np.ndarray) -> Features:
     """
     ground = kept.labels == GROUND
     return extract(
-        points, kept.ring, kept.column, kept.labels, limits=LIMITS, edge_rows=~ground,
+        points,
+        kept.ring,
+        kept.column,
+        kept.labels,
+        limits=LIMITS,
+        edge_rows=~ground,
         flat_rows=ground,
-    )  # fmt: skip
+    )

@@ -80,9 +80,12 @@ def nearest(
 
 @compiled()
 def nearest_on(
-    table: RingTable, ring: int, target: tuple[np.ndarray, float], label: int,
+    table: RingTable,
+    ring: int,
+    target: tuple[np.ndarray, float],
+    label: int,
     bound: tuple[float, int],
-) -> tuple[int, float]:  # fmt: skip
+) -> tuple[int, float]:
     """Return index and squared distance of the nearest point of a ring.
 
     target: (3,) metres, and its azimuth. bound: squared distance it must be under, and an index
@@ -143,9 +146,12 @@ class Pairs(NamedTuple):
 
 @compiled()
 def lines_of(
-    points: np.ndarray, labels: np.ndarray, rings: np.ndarray, table: RingTable,
+    points: np.ndarray,
+    labels: np.ndarray,
+    rings: np.ndarray,
+    table: RingTable,
     search: tuple[np.ndarray, float],
-) -> Pairs:  # fmt: skip
+) -> Pairs:
     """Pair edges with lines through the nearest edge and the nearest on a ring beside its own.
 
     points: (N, 3), labels: (N,), negative for any, rings: (N,). search: (4, 4) `before_from_now`
@@ -169,9 +175,12 @@ def lines_of(
 
 @compiled()
 def planes_of(
-    points: np.ndarray, labels: np.ndarray, rings: np.ndarray, table: RingTable,
+    points: np.ndarray,
+    labels: np.ndarray,
+    rings: np.ndarray,
+    table: RingTable,
     search: tuple[np.ndarray, float],
-) -> Pairs:  # fmt: skip
+) -> Pairs:
     """Pair points with planes through the nearest, another of its ring and one of a ring beside.
 
     As `lines_of`. The printed numerator of eq. 8 lacks its cross product: a distance from a
@@ -408,10 +417,16 @@ class FeatureMatch:
 
 
 def match_features(
-    now: Features, before: Features, start: np.ndarray, *, edges: bool = True,
-    planes: bool = True, same_label: bool = True, free: tuple[bool, ...] = ALL,
+    now: Features,
+    before: Features,
+    start: np.ndarray,
+    *,
+    edges: bool = True,
+    planes: bool = True,
+    same_label: bool = True,
+    free: tuple[bool, ...] = ALL,
     reach_m: float = 5.0,
-) -> FeatureMatch:  # fmt: skip
+) -> FeatureMatch:
     """Return the motion that brings edges onto lines and planes onto planes of the scan before.
 
     start: (4, 4) `before_from_now`, whence to look. same_label: only within clusters of one
@@ -423,21 +438,25 @@ def match_features(
         rows = slice(now.sharp)
         table = ring_table(before.edges, before.edge_rings, before.edge_labels)
         labels = _labels(now.edge_labels[rows], same_label)
-        looks.append(_look(lines_of, (now.edges[rows], labels, now.edge_rings[rows]), table,
-                           reach_m))  # fmt: skip
+        looks.append(
+            _look(lines_of, (now.edges[rows], labels, now.edge_rings[rows]), table, reach_m)
+        )
     if planes:
         rows = slice(now.flat)
         table = ring_table(before.planes, before.plane_rings, before.plane_labels)
         labels = _labels(now.plane_labels[rows], same_label)
-        looks.append(_look(planes_of, (now.planes[rows], labels, now.plane_rings[rows]), table,
-                           reach_m))  # fmt: skip
+        looks.append(
+            _look(planes_of, (now.planes[rows], labels, now.plane_rings[rows]), table, reach_m)
+        )
     return settle(looks, start, free)
 
 
 def settle(
-    looks: list[Callable[[np.ndarray], Pairs]], start: np.ndarray, free: tuple[bool, ...] = ALL,
+    looks: list[Callable[[np.ndarray], Pairs]],
+    start: np.ndarray,
+    free: tuple[bool, ...] = ALL,
     most: int = LOOKS,
-) -> FeatureMatch:  # fmt: skip
+) -> FeatureMatch:
     """Return the motion at which pairs, looked for again and again, are nearest.
 
     looks: each from a (4, 4) motion to pairs of one kind. Tukey's bisquare of the kind's own
@@ -467,9 +486,11 @@ def joined(kinds: list[Pairs]) -> Pairs:
 
 
 def _look(
-    kernel: Callable[..., Pairs], features: tuple[np.ndarray, np.ndarray, np.ndarray],
-    table: RingTable, reach_m: float,
-) -> Callable[[np.ndarray], Pairs]:  # fmt: skip
+    kernel: Callable[..., Pairs],
+    features: tuple[np.ndarray, np.ndarray, np.ndarray],
+    table: RingTable,
+    reach_m: float,
+) -> Callable[[np.ndarray], Pairs]:
     return lambda pose: kernel(*features, table, (pose, reach_m))
 
 

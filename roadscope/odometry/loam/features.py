@@ -155,9 +155,12 @@ def members(group: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 @compiled()
 def picked(
-    sweep: Sweep, rough: np.ndarray, usable: np.ndarray, groups: tuple[np.ndarray, np.ndarray],
+    sweep: Sweep,
+    rough: np.ndarray,
+    usable: np.ndarray,
+    groups: tuple[np.ndarray, np.ndarray],
     rule: tuple[int, float, float, int],
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows of the roughest of each group, and their ranks in it, (K,) int64.
 
     rule: how many at most, beyond which bound, 1 for the roughest or -1 for the smoothest, and
@@ -280,11 +283,18 @@ def cluster_roughness(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 
 def extract(
-    points: np.ndarray, ring: np.ndarray, column: np.ndarray, labels: np.ndarray, *,
-    rough: np.ndarray | None = None, limits: Limits = LIMITS, by_cluster: bool = False,
-    leave_out: bool = True, edge_rows: np.ndarray | None = None,
+    points: np.ndarray,
+    ring: np.ndarray,
+    column: np.ndarray,
+    labels: np.ndarray,
+    *,
+    rough: np.ndarray | None = None,
+    limits: Limits = LIMITS,
+    by_cluster: bool = False,
+    leave_out: bool = True,
+    edge_rows: np.ndarray | None = None,
     flat_rows: np.ndarray | None = None,
-) -> Features:  # fmt: skip
+) -> Features:
     """Return the features of (N, 3) points with (N,) ring, column and label.
 
     labels: negative for returns that give no features. rough: (N,); None: among neighbours on
@@ -313,17 +323,26 @@ def extract(
     planes = np.concatenate([flat, planes[~np.isin(planes, flat)]])
     edges = edges[np.argsort(ranks >= limits.sharp, kind="stable")]
     return Features(
-        points[edges].astype(float), points[planes].astype(float),
-        labels[edges].astype(np.int64), labels[planes].astype(np.int64),
-        ring[edges].astype(np.int64), ring[planes].astype(np.int64),
-        edges, planes, int((ranks < limits.sharp).sum()), len(flat),
-    )  # fmt: skip
+        points[edges].astype(float),
+        points[planes].astype(float),
+        labels[edges].astype(np.int64),
+        labels[planes].astype(np.int64),
+        ring[edges].astype(np.int64),
+        ring[planes].astype(np.int64),
+        edges,
+        planes,
+        int((ranks < limits.sharp).sum()),
+        len(flat),
+    )
 
 
 def _planes(
-    sweep: Sweep, rough: np.ndarray, usable: np.ndarray, groups: tuple[np.ndarray, np.ndarray],
+    sweep: Sweep,
+    rough: np.ndarray,
+    usable: np.ndarray,
+    groups: tuple[np.ndarray, np.ndarray],
     limits: Limits,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the rows of what planes are matched against: all that is smooth, and by no edge."""
     smooth = usable & (rough < limits.plane_below)
     rows = np.flatnonzero(smooth)

@@ -267,18 +267,24 @@ class Match:
 
 
 def match(
-    voxels: Voxels, points: np.ndarray, belief: Belief, *, scales: tuple[float, ...] = SCALES,
+    voxels: Voxels,
+    points: np.ndarray,
+    belief: Belief,
+    *,
+    scales: tuple[float, ...] = SCALES,
     steps: int = STEPS,
-) -> Match:  # fmt: skip
+) -> Match:
     """Move (N, 3) points, metres, sensor frame, onto the surfaces, beginning at what is held."""
     pose = belief.map_from_sensor.copy()
     for step in range(steps):
         scale = scales[min(step, len(scales) - 1)]
         H, b, _ = normal_equations(voxels, points, pose, scale)
         off = np.concatenate(
-            [pose[:3, 3] - belief.map_from_sensor[:3, 3],
-             log_so3(pose[:3, :3] @ belief.map_from_sensor[:3, :3].T)]
-        )  # fmt: skip
+            [
+                pose[:3, 3] - belief.map_from_sensor[:3, 3],
+                log_so3(pose[:3, :3] @ belief.map_from_sensor[:3, :3].T),
+            ]
+        )
         whole = H + belief.information + FLOOR * np.eye(6)
         move = -np.linalg.solve(whole, b + belief.information @ off)
         pose[:3, 3] += move[:3]

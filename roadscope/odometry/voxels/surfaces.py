@@ -70,10 +70,17 @@ class Voxels(NamedTuple):
 def empty_voxels(slots: int) -> Voxels:
     """Return a table without voxels; slots: a power of 2."""
     return Voxels(
-        np.full(slots, EMPTY, np.int64), np.zeros(slots), np.zeros((slots, 3)),
-        np.zeros((slots, 6)), np.zeros(slots), np.zeros((slots, 3)), np.zeros((slots, 3, 3)),
-        np.zeros((slots, 3)), np.zeros(slots, np.int8), np.zeros(1, np.int64),
-    )  # fmt: skip
+        np.full(slots, EMPTY, np.int64),
+        np.zeros(slots),
+        np.zeros((slots, 3)),
+        np.zeros((slots, 6)),
+        np.zeros(slots),
+        np.zeros((slots, 3)),
+        np.zeros((slots, 3, 3)),
+        np.zeros((slots, 3)),
+        np.zeros(slots, np.int8),
+        np.zeros(1, np.int64),
+    )
 
 
 @compiled(borrowing=True)

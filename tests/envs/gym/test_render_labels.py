@@ -26,11 +26,18 @@ def _tracks(centres, states=None) -> Tracks:
     count = len(centres)
     states = [TrackState.CONFIRMED] * count if states is None else states
     return Tracks(
-        np.arange(count), np.array([(x, y, 0.8) for x, y in centres]),
-        np.tile([4.0, 2.0, 1.5], (count, 1)), np.zeros(count), np.zeros((count, 2)),
-        np.tile(np.eye(4), (count, 1, 1)), np.zeros(count, np.int8), np.ones(count),
-        np.array(states, np.int8), "world", 5.0,
-    )  # fmt: skip
+        np.arange(count),
+        np.array([(x, y, 0.8) for x, y in centres]),
+        np.tile([4.0, 2.0, 1.5], (count, 1)),
+        np.zeros(count),
+        np.zeros((count, 2)),
+        np.tile(np.eye(4), (count, 1, 1)),
+        np.zeros(count, np.int8),
+        np.ones(count),
+        np.array(states, np.int8),
+        "world",
+        5.0,
+    )
 
 
 def _written(tracks: Tracks) -> list[int]:

@@ -39,9 +39,14 @@ def measure(
     scene: Scene, lidar: LidarSpec, weather: Weather, seed: int = 0
 ) -> tuple[LidarScan, SweepTruth]:
     return sweep(
-        scene, lidar, [Pose.planar(0, 0, 0, 1.9)], 0.1,
-        rng=np.random.default_rng(0), weather=weather, weather_seed=seed,
-    )  # fmt: skip
+        scene,
+        lidar,
+        [Pose.planar(0, 0, 0, 1.9)],
+        0.1,
+        rng=np.random.default_rng(0),
+        weather=weather,
+        weather_seed=seed,
+    )
 
 
 def walls(ranges: np.ndarray, reflectivity: float = 0.5) -> Scene:
@@ -73,8 +78,9 @@ def echo_ranges(weather: Weather, sweeps: int, **changes: object) -> tuple[np.nd
 @pytest.mark.parametrize("weather", [rain(50.0), fog(300.0), fog(100.0)])
 def test_intensity_falls_by_beer_and_lambert(weather: Weather) -> None:
     scene = walls(np.linspace(8.0, 60.0, 40))
-    lidar = spec(detection_limit=1e-5, elevations=np.radians([0.2, 0.6, 1.0]),
-                 firing_offsets_s=np.zeros(3))  # fmt: skip
+    lidar = spec(
+        detection_limit=1e-5, elevations=np.radians([0.2, 0.6, 1.0]), firing_offsets_s=np.zeros(3)
+    )
     clear, _ = measure(scene, lidar, CLEAR)
     scan, truth = measure(scene, lidar, weather)
     image = np.full((lidar.beams, lidar.columns), np.nan)

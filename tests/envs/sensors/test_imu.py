@@ -163,9 +163,7 @@ def timeline() -> Timeline:
 def small(imu: str | None, *, sway: bool = False) -> Rig:
     unit = None if imu is None else mount(imu)
     wheels = None if imu is None else WheelSpec()
-    return replace(
-        rig("lux"), imu=unit, wheels=wheels, sway=BodySway() if sway else None
-    )  # fmt: skip
+    return replace(rig("lux"), imu=unit, wheels=wheels, sway=BodySway() if sway else None)
 
 
 def test_scans_are_the_same_bytes_with_and_without_an_inertial_unit(timeline: Timeline) -> None:

@@ -191,6 +191,4 @@ def test_occluded_fraction_and_returns() -> None:
 
 def test_poses_must_match_the_knots() -> None:
     with pytest.raises(RecordError, match="3 knots, 1 poses"):
-        sweep(
-            moving_scene(1.0), spec(), [Pose.identity()], 0.0, rng=np.random.default_rng(0)
-        )  # fmt: skip
+        sweep(moving_scene(1.0), spec(), [Pose.identity()], 0.0, rng=np.random.default_rng(0))

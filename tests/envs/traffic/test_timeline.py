@@ -17,12 +17,19 @@ ROAD = RoadMap.from_lanes([(np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([4.0, 
 def timeline(stamps, axles, yaws, speeds, present=None, **changes):
     samples, actors = np.shape(yaws)
     return Timeline(
-        stamps_s=stamps, ids=np.arange(actors), categories=np.zeros(actors, np.int8),
-        sizes=np.ones((actors, 3)), centre_ahead_m=np.full(actors, 2.5),
+        stamps_s=stamps,
+        ids=np.arange(actors),
+        categories=np.zeros(actors, np.int8),
+        sizes=np.ones((actors, 3)),
+        centre_ahead_m=np.full(actors, 2.5),
         present=np.ones((samples, actors), bool) if present is None else present,
-        axles=axles, yaws=yaws, speeds=speeds, crashed=np.zeros((samples, actors), bool),
-        road=ROAD, **changes,
-    )  # fmt: skip
+        axles=axles,
+        yaws=yaws,
+        speeds=speeds,
+        crashed=np.zeros((samples, actors), bool),
+        road=ROAD,
+        **changes,
+    )
 
 
 def circle(times, radius, speed):

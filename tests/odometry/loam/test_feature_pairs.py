@@ -42,8 +42,13 @@ def nearest_slowly(table, place, label, rings, most):
 
 
 @settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 9999), count=st.integers(0, 120), label=st.integers(-1, 2),
-       least=st.integers(0, 1), reach_m=st.sampled_from([0.5, 3.0, 40.0]))  # fmt: skip
+@given(
+    seed=st.integers(0, 9999),
+    count=st.integers(0, 120),
+    label=st.integers(-1, 2),
+    least=st.integers(0, 1),
+    reach_m=st.sampled_from([0.5, 3.0, 40.0]),
+)
 def test_the_nearest_is_that_of_the_slow_way(seed, count, label, least, reach_m):
     rng = np.random.default_rng(seed)
     table = ring_table(*rings_of_points(rng, count))

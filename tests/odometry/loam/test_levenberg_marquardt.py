@@ -84,8 +84,11 @@ def test_the_way_down_ends_where_scipys_does(kind):
         found = descend(pairs, weights, found, ALL)
     slow = least_squares(
         lambda x: (np.sqrt(weights)[:, None] * offsets(pairs, stepped(np.eye(4), x))).ravel(),
-        np.zeros(6), xtol=1e-14, ftol=1e-14, gtol=1e-14,
-    )  # fmt: skip
+        np.zeros(6),
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
+    )
     assert found == pytest.approx(stepped(np.eye(4), slow.x), abs=1e-6)
     assert np.abs(log_se3(np.linalg.inv(truth) @ found)).max() < 0.02
 
