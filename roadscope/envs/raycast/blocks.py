@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.raycast.lanes import WIDTH
+from roadscope.envs.raycast.batch import WIDTH
 from roadscope.envs.raycast.shapes import STILL, Shapes
 
 # --------------------------------------------------------------------------------------------------

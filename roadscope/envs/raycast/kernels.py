@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
+from roadscope.envs.raycast.batch import WIDTH, count, least, load, pick, put, spread
 from roadscope.envs.raycast.blocks import (
     SLACK,
     Blocks,
@@ -18,7 +19,6 @@ from roadscope.envs.raycast.blocks import (
     follow,
 )
 from roadscope.envs.raycast.depth import Depth, Surfaces, clear, load_columns, store
-from roadscope.envs.raycast.lanes import WIDTH, count, least, load, pick, put, spread
 from roadscope.envs.raycast.shapes import STILL, Shapes, fill_planes
 from roadscope.envs.world.prisms import MAX_EDGES
 
@@ -112,7 +112,7 @@ def _draw_lids(
 def _draw_line(
     room: float, a: float, b: float, upper: int, lower: int, scratch: Scratch
 ) -> tuple[int, int]:
-    """Write the line (a + b s) / room among those it may bind with; all three are lanes."""
+    """Write the line (a + b s) / room among those it may bind with; all three are batches."""
     room = pick(room == 0.0, spread(_TINY), room)
     turned = room < 0.0
     inverse = 1.0 / room

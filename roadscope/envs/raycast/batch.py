@@ -1,8 +1,8 @@
 """Sixteen doubles handled at once inside compiled kernels.
 
 Loops over the columns of a block are too short for the compiler to turn them into vector
-instructions reliably, so the block is one value here: `Lanes`, with + - * / and comparisons,
-which give `Mask`. LLVM maps it to whatever vector registers the processor has. Every lane is
+instructions reliably, so the block is one value here: `Batch`, with + - * / and comparisons,
+which give `Mask`. LLVM maps it to whatever vector registers the processor has. Every slot is
 computed as ordinary IEEE arithmetic would, in the order written.
 """
 
@@ -17,18 +17,18 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic, models, overload, register_model
 
 WIDTH = 16
-"""Lanes in a value."""
+"""Numbers in a batch."""
 
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 _INLINE = {"forceinline": True}
 
 
-class Lanes(types.Type):
+class Batch(types.Type):
     """Sixteen doubles."""
 
     def __init__(self) -> None:
-        super().__init__(name="Lanes")
+        super().__init__(name="Batch")
 
 
 class Mask(types.Type):
@@ -38,11 +38,11 @@ class Mask(types.Type):
         super().__init__(name="Mask")
 
 
-LANES, MASK = Lanes(), Mask()
+BATCH, MASK = Batch(), Mask()
 
 
-@register_model(Lanes)
-class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+@register_model(Batch)
+class _BatchModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _VECTOR)
 
@@ -55,13 +55,13 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
 
 @intrinsic  # type: ignore[untyped-decorator]
 def spread(typing: Any, number: Any) -> Any:
-    """Put one number into all lanes."""
+    """Put one number into all slots."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         wide = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), args[0], _index(0))
         return builder.shuffle_vector(wide, wide, _order([0] * WIDTH))
 
-    return LANES(types.float64), build
+    return BATCH(types.float64), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -71,22 +71,22 @@ def load(typing: Any, rows: Any, row: Any) -> Any:
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_place(context, builder, signature, args), align=8)
 
-    return LANES(rows, types.intp), build
+    return BATCH(rows, types.intp), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def put(typing: Any, rows: Any, row: Any, lanes: Any) -> Any:
+def put(typing: Any, rows: Any, row: Any, batch: Any) -> Any:
     """Write one row of a (R, 16) array of doubles."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         builder.store(args[2], _place(context, builder, signature, args), align=8)
         return context.get_dummy_value()
 
-    return types.void(rows, types.intp, LANES), build
+    return types.void(rows, types.intp, BATCH), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def put_narrow(typing: Any, rows: Any, row: Any, place: Any, lanes: Any) -> Any:
+def put_narrow(typing: Any, rows: Any, row: Any, place: Any, batch: Any) -> Any:
     """Write sixteen places of a row of a (R, C) array of float32 or int32."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -100,17 +100,17 @@ def put_narrow(typing: Any, rows: Any, row: Any, place: Any, lanes: Any) -> Any:
         builder.store(value, pointer, align=4)
         return context.get_dummy_value()
 
-    return types.void(rows, types.intp, types.intp, LANES), build
+    return types.void(rows, types.intp, types.intp, BATCH), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def flip(typing: Any, lanes: Any) -> Any:
-    """Turn the order of lanes round."""
+def flip(typing: Any, batch: Any) -> Any:
+    """Reverse the order of the slots."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.shuffle_vector(args[0], args[0], _order(list(range(WIDTH))[::-1]))
 
-    return LANES(LANES), build
+    return BATCH(BATCH), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -120,11 +120,11 @@ def pick(typing: Any, mask: Any, yes: Any, no: Any) -> Any:
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.select(*args)
 
-    return LANES(MASK, LANES, LANES), build
+    return BATCH(MASK, BATCH, BATCH), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def root(typing: Any, lanes: Any) -> Any:
+def root(typing: Any, batch: Any) -> Any:
     """Take square roots."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -132,12 +132,12 @@ def root(typing: Any, lanes: Any) -> Any:
         name = f"llvm.sqrt.v{WIDTH}f64"
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
 
-    return LANES(LANES), build
+    return BATCH(BATCH), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def count(typing: Any, mask: Any) -> Any:
-    """Count the lanes where the mask holds."""
+    """Count the slots where the mask holds."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         word = builder.bitcast(args[0], ir.IntType(WIDTH))
@@ -147,20 +147,20 @@ def count(typing: Any, mask: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def least(typing: Any, lanes: Any) -> Any:
-    """Find the least of lanes that are all numbers."""
+def least(typing: Any, batch: Any) -> Any:
+    """Find the least of a batch of slots that are all numbers."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         value, half = args[0], WIDTH // 2
         while half:
             other = builder.shuffle_vector(
-                value, value, _order([(lane + half) % WIDTH for lane in range(WIDTH)])
+                value, value, _order([(slot + half) % WIDTH for slot in range(WIDTH)])
             )
             value = builder.select(builder.fcmp_ordered("<", value, other), value, other)
             half //= 2
         return builder.extract_element(value, _index(0))
 
-    return types.float64(LANES), build
+    return types.float64(BATCH), build
 
 
 def _place(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -169,12 +169,12 @@ def _place(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     return builder.bitcast(builder.gep(rows.data, [offset]), ir.PointerType(_VECTOR))
 
 
-def _index(lane: int) -> Any:
-    return ir.Constant(ir.IntType(32), lane)
+def _index(slot: int) -> Any:
+    return ir.Constant(ir.IntType(32), slot)
 
 
-def _order(lanes: list[int]) -> Any:
-    return ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), lanes)
+def _order(batch: list[int]) -> Any:
+    return ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), batch)
 
 
 def _define(symbol: Callable[..., Any], kind: Any, result: Any, emit: Callable[..., Any]) -> None:
@@ -192,20 +192,20 @@ def _define(symbol: Callable[..., Any], kind: Any, result: Any, emit: Callable[.
     def choose(a, b):  # type: ignore[no-untyped-def]
         if a == kind and b == kind:
             return lambda a, b: both(a, b)
-        if a == LANES == kind and isinstance(b, types.Float):
+        if a == BATCH == kind and isinstance(b, types.Float):
             return lambda a, b: both(a, spread(b))
-        if b == LANES == kind and isinstance(a, types.Float):
+        if b == BATCH == kind and isinstance(a, types.Float):
             return lambda a, b: both(spread(a), b)
         return None
 
 
-_define(operator.add, LANES, LANES, lambda builder, a, b: builder.fadd(a, b))
-_define(operator.sub, LANES, LANES, lambda builder, a, b: builder.fsub(a, b))
-_define(operator.mul, LANES, LANES, lambda builder, a, b: builder.fmul(a, b))
-_define(operator.truediv, LANES, LANES, lambda builder, a, b: builder.fdiv(a, b))
-_define(operator.lt, LANES, MASK, lambda builder, a, b: builder.fcmp_ordered("<", a, b))
-_define(operator.le, LANES, MASK, lambda builder, a, b: builder.fcmp_ordered("<=", a, b))
-_define(operator.gt, LANES, MASK, lambda builder, a, b: builder.fcmp_ordered(">", a, b))
-_define(operator.ge, LANES, MASK, lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
-_define(operator.eq, LANES, MASK, lambda builder, a, b: builder.fcmp_ordered("==", a, b))
+_define(operator.add, BATCH, BATCH, lambda builder, a, b: builder.fadd(a, b))
+_define(operator.sub, BATCH, BATCH, lambda builder, a, b: builder.fsub(a, b))
+_define(operator.mul, BATCH, BATCH, lambda builder, a, b: builder.fmul(a, b))
+_define(operator.truediv, BATCH, BATCH, lambda builder, a, b: builder.fdiv(a, b))
+_define(operator.lt, BATCH, MASK, lambda builder, a, b: builder.fcmp_ordered("<", a, b))
+_define(operator.le, BATCH, MASK, lambda builder, a, b: builder.fcmp_ordered("<=", a, b))
+_define(operator.gt, BATCH, MASK, lambda builder, a, b: builder.fcmp_ordered(">", a, b))
+_define(operator.ge, BATCH, MASK, lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
+_define(operator.eq, BATCH, MASK, lambda builder, a, b: builder.fcmp_ordered("==", a, b))
 _define(operator.and_, MASK, MASK, lambda builder, a, b: builder.and_(a, b))

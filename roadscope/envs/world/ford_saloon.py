@@ -49,7 +49,7 @@ SLABS = (
 steps, the tail almost upright; glass in two steps; roof."""
 
 
-def ford_fusion(corners: str = "sharp") -> Prisms:
+def ford_saloon(corners: str = "sharp") -> Prisms:
     """Return the body, owner 0, box centre on the ground, x ahead.
 
     corners: `sharp` or `rounded`, the key of `CORNER_RADII_M`.
