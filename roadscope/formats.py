@@ -42,7 +42,7 @@ from roadscope.benchmarks.formats.trajectories import (
 )
 from roadscope.benchmarks.formats.wheel_file import read_wheels
 from roadscope.core import Pose
-from roadscope.fusion.calibration_file import read_calibration, write_calibration
+from roadscope.fusion.calibration import read_calibration, write_calibration
 
 __all__ = [
     "FormatError",

@@ -22,10 +22,17 @@ from roadscope.benchmarks.metrics.image_precision import Labelled as _Labelled
 from roadscope.benchmarks.metrics.image_precision import PrecisionCurve, image_precision
 from roadscope.benchmarks.metrics.matching import Pairing as _Pairing
 from roadscope.benchmarks.metrics.matching import centre_distances as _centre_distances
-from roadscope.benchmarks.metrics.odometry.absolute import AbsoluteErrors, absolute_errors
-from roadscope.benchmarks.metrics.odometry.alignment import Alignment
-from roadscope.benchmarks.metrics.odometry.drift import KITTI_EVERY, KITTI_M, Drift, drift
-from roadscope.benchmarks.metrics.odometry.relative import RelativeErrors, relative_errors
+from roadscope.benchmarks.metrics.odometry.errors import (
+    KITTI_EVERY,
+    KITTI_M,
+    AbsoluteErrors,
+    Alignment,
+    Drift,
+    RelativeErrors,
+    absolute_errors,
+    drift,
+    relative_errors,
+)
 from roadscope.benchmarks.metrics.odometry.trajectory import Trajectories as _Trajectories
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.amota import Amota, amota

@@ -23,8 +23,12 @@ from roadscope.benchmarks.papers.li2021_board import (
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
-from roadscope.fusion.calibration import CalibrationError, CalibrationResult, decompose
-from roadscope.fusion.calibration_file import write_calibration
+from roadscope.fusion.calibration import (
+    CalibrationError,
+    CalibrationResult,
+    decompose,
+    write_calibration,
+)
 
 LEAST_POSES = 4
 STEPS = (4, 6, 8, 10, 12, 16, 20, 30, 40, 60, 80, 100)

@@ -18,8 +18,7 @@ from roadscope.envs.imaging.raster import rasterise, solids_of
 from roadscope.envs.sensors.camera import image_truth
 from roadscope.envs.sensors.rig import CameraMount, Rig
 from roadscope.envs.sensors.rigs import rig
-from roadscope.envs.sensors.sensing import IMAGE_RANGE_M, Sensing, world_of
-from roadscope.envs.sensors.truths import truth_of_image
+from roadscope.envs.sensors.sensing import IMAGE_RANGE_M, Sensing, truth_of_image, world_of
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.fusion.pairing import LIMIT_S
 

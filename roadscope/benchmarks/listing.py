@@ -129,8 +129,8 @@ def _rigs() -> list[tuple[str, str]]:
 
 def _sensors() -> list[tuple[str, str]]:
     from roadscope.envs.sensors.camera_spec import CAMERAS
-    from roadscope.envs.sensors.imu_specs import IMUS
-    from roadscope.envs.sensors.lidar_specs import SPECS
+    from roadscope.envs.sensors.imu_spec import IMUS
+    from roadscope.envs.sensors.lidar_spec import SPECS
 
     lidars = _each(
         SPECS,

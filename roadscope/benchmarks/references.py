@@ -29,7 +29,7 @@ from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
 from roadscope.core import Registry, Spec, SpecError
 from roadscope.core.spec import FUSED, FUSED_PARTS, NO_POSES, ORACLE, TRUE_POSES
-from roadscope.fusion.calibration_file import read_calibration
+from roadscope.fusion.calibration import read_calibration
 
 UPPER_MARK, LOWER_MARK = "upper mark", "lower mark"
 IMITATION = "imitation"

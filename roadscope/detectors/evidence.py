@@ -1,28 +1,250 @@
-"""What a scan says of a box, whoever proposed it: the features that scores are made of."""
+"""What a scan tells about a box: the features that scores are made of."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core import Category
+from roadscope.core.jit import compiled
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.evidence_kernels import (
-    CEILING_M,
-    COUNTS,
-    count_returns,
-    look_along,
-    sort_to_cells,
-)
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.recognition import Vehicle
 
+# --------------------------------------------------------------------------------------------------
+# What the returns in and around a box say of it, box by box.
+
+CELL_M = 4.0
+"""Side of the cells that returns are sorted into."""
+EDGE_M = 0.25
+"""Returns this far outside a box still belong to it: noise."""
+DEEP_M = 0.5
+"""Returns this far inside of every side are within the body."""
+AROUND_M = 1.5
+"""How far from a box its neighbourhood reaches."""
+FLOOR_M, LOW_M, DECK_M, CEILING_M = 0.12, 0.3, 0.8, 2.5
+"""Heights: ground below the first; a body stands from the second; below the third nothing of a
+closed body is seen inside of its sides; above the fourth are crowns and buildings, and lorries."""
+
+COUNTS = (
+    "body",
+    "ground",
+    "deep",
+    "low",
+    "top",
+    "bottom",
+    "levels",
+    "depth",
+    "above",
+    "top_level",
+    "ends",
+    "sides",
+    "overhang",
+)
+"""Columns of `count_returns`."""
+
+Place = tuple[float, float, float, float, float, float]
+"""Centre x and y of a box, cosine and sine of its yaw, half length and half width."""
+
+
+class Cells(NamedTuple):
+    """Points sorted into square cells.
+
+    order: (N,) int64 rows, cell by cell. starts: (C + 1,) int64, where each cell begins in it.
+    grid: (4,) float64, least x and y, metres, and the numbers of cells in x and y.
+    """
+
+    order: np.ndarray
+    starts: np.ndarray
+    grid: np.ndarray
+
+
+@compiled()
+def sort_to_cells(points: np.ndarray) -> Cells:
+    """Sort (N, 3) points, metres, N at least 1, into square cells seen from above."""
+    low_x, low_y = points[:, 0].min(), points[:, 1].min()
+    nx = int((points[:, 0].max() - low_x) / CELL_M) + 1
+    ny = int((points[:, 1].max() - low_y) / CELL_M) + 1
+    starts = np.zeros(nx * ny + 1, np.int64)
+    cells = np.empty(len(points), np.int64)
+    for i in range(len(points)):
+        cell = int((points[i, 0] - low_x) / CELL_M) * ny + int((points[i, 1] - low_y) / CELL_M)
+        cells[i] = cell
+        starts[cell + 1] += 1
+    for c in range(nx * ny):
+        starts[c + 1] += starts[c]
+    order, filled = np.empty(len(points), np.int64), starts[:-1].copy()
+    for i in range(len(points)):
+        order[filled[cells[i]]] = i
+        filled[cells[i]] += 1
+    return Cells(order, starts, np.array([low_x, low_y, float(nx), float(ny)]))
+
+
+@compiled()
+def count_returns(
+    boxes: np.ndarray, points: np.ndarray, ring: np.ndarray, cells: Cells
+) -> np.ndarray:
+    """Return (B, 13) `COUNTS` of boxes (B, 5): centre x and y, length, width, yaw.
+
+    body: standing returns within the box; ground: returns of the ground deep within it; deep:
+    share of the low returns that lie deep within it, of `low` returns; top, bottom: heights,
+    metres; levels: beams; depth: mean distance of the low returns from the sides, metres; above:
+    returns over the ceiling; top_level: highest beam; ends, sides: standing returns beyond its
+    ends and beside it; overhang: returns over the ceiling around it.
+
+    boxes, points (N, 3): metres and radians, ego frame. ring: (N,) int64, beams, lowest first.
+    cells: of `sort_to_cells` for the points.
+    """
+    out, seen = np.zeros((len(boxes), 13)), np.empty(int(ring.max()) + 1, np.bool_)
+    order, starts, grid = cells
+    for b in range(len(boxes)):
+        x, y, length, width, yaw = boxes[b]
+        reach = np.hypot(0.5 * length, 0.5 * width) + AROUND_M
+        place = x, y, np.cos(yaw), np.sin(yaw), 0.5 * length, 0.5 * width
+        first_x, last_x = _span(x, reach, grid[0], grid[2])
+        first_y, last_y = _span(y, reach, grid[1], grid[3])
+        if last_y < first_y:
+            continue
+        row, seen[:] = out[b], False
+        row[5] = np.inf
+        for cx in range(first_x, last_x + 1):
+            column = cx * int(grid[3])
+            for k in range(starts[column + first_y], starts[column + last_y + 1]):
+                i = order[k]
+                if _count(points[i, 0], points[i, 1], points[i, 2], place, row):
+                    seen[ring[i]] = True
+                    row[9] = max(row[9], ring[i])
+        row[7] /= max(row[3], 1.0)
+        row[5], row[6] = min(row[5], row[4]), seen.sum()
+    return out
+
+
+@compiled(borrowing=True)
+def _count(x: float, y: float, z: float, place: Place, row: np.ndarray) -> bool:
+    """Count a return in the row of a box; tell whether it is a standing one within it."""
+    cos, sin = place[2], place[3]
+    dx, dy = x - place[0], y - place[1]
+    u, v = abs(cos * dx + sin * dy) - place[4], abs(cos * dy - sin * dx) - place[5]
+    if u > AROUND_M or v > AROUND_M:
+        return False
+    if not (u < EDGE_M and v < EDGE_M):
+        row[12] += z > CEILING_M
+        row[10] += LOW_M < z <= CEILING_M and v < EDGE_M
+        row[11] += LOW_M < z <= CEILING_M and not v < EDGE_M and u < EDGE_M
+        return False
+    if z < FLOOR_M:
+        row[1] += max(u, v) < -DEEP_M
+        return False
+    if z > CEILING_M:
+        row[8] += 1
+        return False
+    row[0] += 1
+    row[4], row[5] = max(row[4], z), min(row[5], z)
+    if z < DECK_M:
+        row[3] += 1
+        row[2] += max(u, v) < -DEEP_M
+        row[7] += min(abs(max(u, v)), 2 * DEEP_M)
+    return True
+
+
+@compiled()
+def _span(centre: float, reach: float, low: float, cells: float) -> tuple[int, int]:
+    """First and last cell within reach of a centre along one axis; last before first if none."""
+    first = max(int(np.floor((centre - reach - low) / CELL_M)), 0)
+    last = min(int(np.floor((centre + reach - low) / CELL_M)), int(cells) - 1)
+    return first, last
+
+
+@compiled()
+def look_along(
+    boxes: np.ndarray, azimuths: np.ndarray, ranges: np.ndarray, origin: np.ndarray, step: float
+) -> np.ndarray:
+    """Return (B, 4) shares of the columns towards boxes: blocked before, hit, passing beyond.
+
+    The fourth is the number of columns that hit. boxes: (B, 5) as in `count_returns`.
+    azimuths: (C,) radians, increasing, of the nearest standing return a column; ranges: (C,)
+    metres; both from the origin, (2,) metres, of the sensor. step: radians from column to column.
+    Columns without a return pass beyond.
+    """
+    out = np.zeros((len(boxes), 4))
+    for b in range(len(boxes)):
+        x, y, length, width, yaw = boxes[b]
+        dx, dy = x - origin[0], y - origin[1]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        middle = np.arctan2(dy, dx)
+        left, right = 0.0, 0.0
+        for k in range(4):
+            u = (0.5 if k < 2 else -0.5) * length
+            v = (0.5 if k % 2 else -0.5) * width
+            turn = np.arctan2(dy + sin * u + cos * v, dx + cos * u - sin * v) - middle
+            turn -= 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
+            left, right = max(left, turn), min(right, turn)
+        columns = max((left - right) / max(step, 1e-6), 1.0)
+        for wrap in range(-1, 2):
+            start = np.searchsorted(azimuths, middle + right + 2.0 * np.pi * wrap)
+            stop = np.searchsorted(azimuths, middle + left + 2.0 * np.pi * wrap)
+            for i in range(start, stop):
+                near, far = _crossing(boxes[b], origin, azimuths[i])
+                if ranges[i] < near - 2 * EDGE_M:
+                    out[b, 0] += 1
+                elif ranges[i] < far + 2 * EDGE_M:
+                    out[b, 1] += 1
+        out[b, 3] = out[b, 1]
+        out[b, 0] = min(out[b, 0] / columns, 1.0)
+        out[b, 1] = min(out[b, 1] / columns, 1.0 - out[b, 0])
+        out[b, 2] = 1.0 - out[b, 0] - out[b, 1]
+    return out
+
+
+@compiled()
+def _crossing(box: np.ndarray, origin: np.ndarray, azimuth: float) -> tuple[float, float]:
+    """Ranges at which a ray enters and leaves a box; inf and 0 where it misses."""
+    cos, sin = np.cos(box[4]), np.sin(box[4])
+    x, y = box[0] - origin[0], box[1] - origin[1]
+    near, far = 0.0, np.inf
+    for k in range(2):
+        ax, ay, half = (cos, sin, 0.5 * box[2]) if k == 0 else (-sin, cos, 0.5 * box[3])
+        place, way = ax * x + ay * y, ax * np.cos(azimuth) + ay * np.sin(azimuth)
+        if abs(way) < 1e-9:
+            if abs(place) > half:
+                return np.inf, 0.0
+            continue
+        one, other = (place - half) / way, (place + half) / way
+        near, far = max(near, min(one, other)), min(far, max(one, other))
+    return (near, far) if near <= far else (np.inf, 0.0)
+
+
+# --------------------------------------------------------------------------------------------------
+# What a scan says of a box, whoever proposed it: the features that scores are made of.
+
 FEATURES = (
-    "log_returns", "log_columns", "levels", "range_m", "passing", "top_m", "bottom_m",
-    "deep", "depth_m", "ground", "ends", "sides", "above", "overhang", "log_residual", "fit",
-    "length_m", "width_m", "view", "top_level", "top_share", "fill", "small", "weighed",
-)  # fmt: skip
+    "log_returns",
+    "log_columns",
+    "levels",
+    "range_m",
+    "passing",
+    "top_m",
+    "bottom_m",
+    "deep",
+    "depth_m",
+    "ground",
+    "ends",
+    "sides",
+    "above",
+    "overhang",
+    "log_residual",
+    "fit",
+    "length_m",
+    "width_m",
+    "view",
+    "top_level",
+    "top_share",
+    "fill",
+    "small",
+    "weighed",
+)
 """Names of the columns of `features`."""
 
 
@@ -79,7 +301,7 @@ def features(
         "fill": body / np.maximum(count["levels"] * sight[:, 3], 1.0),
         "small": np.array([v.category >= Category.MOTORCYCLE for v in vehicles], float),
         "weighed": np.array([v.fit != 0 for v in vehicles], float),
-    }  # fmt: skip
+    }
     return np.column_stack([named[name] for name in FEATURES])
 
 

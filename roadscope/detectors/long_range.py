@@ -16,8 +16,7 @@ from roadscope.detectors.long_range_pairs import pair_poses
 from roadscope.detectors.long_range_scores import FEATURES, features, shipped_model
 from roadscope.detectors.moving import Memory, extract
 from roadscope.detectors.moving.lidar import lidar_of
-from roadscope.detectors.moving.links import Chain, Links
-from roadscope.detectors.moving.usual import Size, usual
+from roadscope.detectors.moving.links import Chain, Links, Size, usual
 from roadscope.detectors.moving.view import inverse_of
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.pose.matched_filter import fit_single

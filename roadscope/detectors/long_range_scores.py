@@ -8,8 +8,7 @@ from functools import cache
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.detectors.moving.link_kernels import unsteady
-from roadscope.detectors.moving.links import Chain, Sighting
+from roadscope.detectors.moving.links import Chain, Sighting, unsteady
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.scoring import ScoreModel
 

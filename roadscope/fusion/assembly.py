@@ -9,7 +9,7 @@ import numpy as np
 from roadscope.core import Category, Detections, ImageDetections, RecordError
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
-from roadscope.fusion.masses import FAMILIES, families_of
+from roadscope.fusion.evidence import FAMILIES, families_of
 from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import check_moment
 
@@ -69,9 +69,12 @@ def _check_size(camera: ImageDetections, projection: Projection) -> None:
 
 
 def assemble(
-    views: Views, lidar_rows: np.ndarray, camera_rows: np.ndarray, masses: np.ndarray,
+    views: Views,
+    lidar_rows: np.ndarray,
+    camera_rows: np.ndarray,
+    masses: np.ndarray,
     scores: np.ndarray | None = None,
-) -> FusedDetections:  # fmt: skip
+) -> FusedDetections:
     """Join rows of both sensors, -1 where a target has none, with (N, 4) fused masses.
 
     The family is the one with the greatest mass, the category that of a sensor that says so. The

@@ -12,8 +12,8 @@ from roadscope.core.checks import require
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
-from roadscope.fusion.masses import camera_masses, lidar_masses
-from roadscope.fusion.matching import leftovers, matched
+from roadscope.fusion.candidates import leftovers, matched
+from roadscope.fusion.evidence import camera_masses, lidar_masses
 
 
 class UnionFusion:
@@ -57,10 +57,11 @@ class UnionFusion:
             np.concatenate(
                 [
                     self._score(views.lidar.scores[rows], views.camera.scores[columns]),
-                    views.lidar.scores[lidar_only], views.camera.scores[camera_only],
+                    views.lidar.scores[lidar_only],
+                    views.camera.scores[camera_only],
                 ]
             ),
-        )  # fmt: skip
+        )
 
     def _score(self, lidar: np.ndarray, camera: np.ndarray) -> np.ndarray:
         better: np.ndarray = np.maximum(lidar, camera)

@@ -13,16 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.fusion.board import Board
-from roadscope.fusion.board_model import (
+from roadscope.fusion.calibration import CalibrationError, decompose
+from roadscope.fusion.calibration_target import (
+    Board,
+    BoardSight,
     corners_of_boards,
     edge_errors,
     image_errors,
     range_errors,
     stacked,
 )
-from roadscope.fusion.board_sight import BoardSight
-from roadscope.fusion.calibration import CalibrationError, decompose
 
 SPOTS = (0.5, 0.25, 0.1)
 """Softness of edges, as shares of the step between columns: first soft, so that far beams pull.
@@ -69,9 +69,15 @@ Errors = Callable[[State], np.ndarray]
 
 
 def refine(
-    matrix: np.ndarray, corners: np.ndarray, pixels: np.ndarray, sights: Sequence[BoardSight],
-    board: Board, *, free: bool = True, spots: Sequence[float] = SPOTS,
-) -> Bundle:  # fmt: skip
+    matrix: np.ndarray,
+    corners: np.ndarray,
+    pixels: np.ndarray,
+    sights: Sequence[BoardSight],
+    board: Board,
+    *,
+    free: bool = True,
+    spots: Sequence[float] = SPOTS,
+) -> Bundle:
     """Find the likeliest camera and boards, from a start nearby.
 
     matrix: (3, 4) LiDAR frame to pixels. corners: (P, 3, 3) left, right and top of each board,

@@ -1,4 +1,4 @@
-"""What speaks for a target: features of pairs, and of what one sensor alone found."""
+"""Pairs of LiDAR and camera detections, and the features by which they are judged."""
 
 from __future__ import annotations
 
@@ -9,12 +9,151 @@ import numpy as np
 from roadscope.core import ImageDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views
-from roadscope.fusion.depth import BORDER_PX
-from roadscope.fusion.masses import camera_features, families_of, log_odds
-from roadscope.fusion.matched_views import Agreement
-from roadscope.fusion.matching import leftovers
+from roadscope.fusion.evidence import camera_features, families_of, log_odds
 from roadscope.fusion.overlap import areas, intersections, ious
+from roadscope.fusion.sizes import SPREAD, USUAL_M
 from roadscope.fusion.weights import ranking_model
+
+# --------------------------------------------------------------------------------------------------
+# Which LiDAR box and which camera box show the same target, one to one.
+
+
+def matched(views: Views, least_iou: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows of LiDAR and camera, (M,) each, that maximise the sum of overlaps."""
+    from scipy.optimize import linear_sum_assignment
+
+    overlaps = ious(views.lidar_boxes, views.camera.boxes)
+    overlaps[~views.in_image] = 0.0
+    good = overlaps >= least_iou
+    rows, columns = linear_sum_assignment(np.where(good, -overlaps - 1.0, 0.0))
+    kept = good[rows, columns]
+    return rows[kept], columns[kept]
+
+
+def leftovers(count: int, taken: np.ndarray) -> np.ndarray:
+    """Rows below count that are not taken."""
+    return np.setdiff1d(np.arange(count), taken)
+
+
+# --------------------------------------------------------------------------------------------------
+# How far away things in an image are, from their height and from where they stand.
+
+EDGE_PX = 2.0
+"""Standard deviation of an edge of a box, beside a share of its size."""
+EDGE_SHARE = 0.04
+FARTHEST_M = 150.0
+BORDER_PX = 2.0
+
+
+def depths_of(
+    boxes: np.ndarray, categories: np.ndarray, projection: Projection
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N,) log depths, metres along the optical axis, and their standard deviations.
+
+    Two readings are joined by their variances: the height in pixels against the usual height of
+    the category, and the ground z = 0 under the lower edge. A box that touches the upper or the
+    lower edge of the image is cut, and its height says little; at the lower edge it has no foot.
+    """
+    tall = np.maximum(boxes[:, 3] - boxes[:, 1], 1.0)
+    edge = np.hypot(EDGE_PX, EDGE_SHARE * tall)
+    focal = _focal(projection)
+    by_height = np.log(focal * USUAL_M[categories, 2] / tall)
+    sd_height = np.hypot(SPREAD[categories], 1.5 * edge / tall)
+    cut_top = boxes[:, 1] <= BORDER_PX
+    cut_foot = boxes[:, 3] >= projection.height - BORDER_PX
+    sd_height = np.where(cut_top | cut_foot, 1.0, sd_height)
+    middles = (boxes[:, 0] + boxes[:, 2]) / 2
+    ground = ground_depths(np.column_stack([middles, boxes[:, 3]]), projection)
+    beyond = ground_depths(np.column_stack([middles, boxes[:, 3] - edge]), projection)
+    sd_ground = np.maximum(np.log(beyond / ground), 0.02)
+    sd_ground = np.where(cut_foot | (ground >= FARTHEST_M), 3.0, sd_ground)
+    weights = np.stack([sd_height**-2, sd_ground**-2])
+    logs = (weights * np.stack([by_height, np.log(ground)])).sum(axis=0) / weights.sum(axis=0)
+    return logs, 1 / np.sqrt(weights.sum(axis=0))
+
+
+def ground_depths(pixels: np.ndarray, projection: Projection) -> np.ndarray:
+    """(N,) depths of the ground behind (N, 2) pixels, 150 m at and above the horizon."""
+    plane = np.linalg.inv(projection.matrix[:, [0, 1, 3]])
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ plane.T
+    # The third entry is the reciprocal of the depth.
+    depths: np.ndarray = 1 / np.maximum(rays[:, 2], 1 / FARTHEST_M)
+    return depths
+
+
+def places_at(pixels: np.ndarray, depths: np.ndarray, projection: Projection) -> np.ndarray:
+    """(N, 3) points of the ego frame behind (N, 2) pixels at (N,) depths."""
+    homogeneous = np.column_stack([pixels, np.ones(len(pixels))]) * depths[:, None]
+    inverse = np.linalg.inv(projection.matrix[:, :3])
+    points: np.ndarray = (homogeneous - projection.matrix[:, 3]) @ inverse.T
+    return points
+
+
+def _focal(projection: Projection) -> float:
+    """Focal length along rows, pixels."""
+    return float(np.linalg.norm(np.cross(projection.matrix[1, :3], projection.matrix[2, :3])))
+
+
+# --------------------------------------------------------------------------------------------------
+# Which LiDAR and camera detections are one target: bearing, size and depth must agree.
+
+NEVER = 1e6
+GATE = 14.0
+"""Greatest cost of a pair; a chi-square of three terms exceeds it in 0.3 %."""
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How well each pair agrees.
+
+    cost: (N, M) sum of squared deviations in standard deviations, `NEVER` where out of sight.
+    depth: (N, M) those of depth alone. lidar_depths: (N,) metres, of centres
+        along the optical axis, 0.5 at least.
+    log_depths, spreads: (M,) of the camera's boxes.
+    """
+
+    cost: np.ndarray
+    depth: np.ndarray
+    lidar_depths: np.ndarray
+    log_depths: np.ndarray
+    spreads: np.ndarray
+
+    @staticmethod
+    def of(views: Views, projection: Projection) -> Agreement:
+        """Compare all pairs."""
+        ours, theirs = views.lidar_boxes, views.camera.boxes
+        logs, spreads = depths_of(theirs, views.camera.categories, projection)
+        _, middle = projection.project(views.lidar.centres)
+        depths = np.maximum(middle, 0.5)
+        wide = np.maximum(theirs[:, 2] - theirs[:, 0], 2.0)
+        tolerance = np.hypot(0.12 * wide, 2.0)
+        # An edge that the image cuts says nothing; both are cut at the same place.
+        ends = (ours[:, None, [0, 2]] - theirs[None][..., [0, 2]]) / tolerance[None, :, None]
+        middle_off = ends.mean(axis=-1)
+        size_off = (ends[..., 1] - ends[..., 0]) / 2
+        # A cluster may show a part of a vehicle, or hold a person and what stands beside.
+        size_off = size_off / 2.5
+        depth_off = (np.log(depths)[:, None] - logs) / np.hypot(spreads, 0.08)[None]
+        cost = middle_off**2 + np.minimum(size_off**2, 9.0) + depth_off**2
+        differs = families_of(views.lidar.categories)[:, None] != families_of(
+            views.camera.categories
+        )
+        cost = cost + 2.0 * differs
+        cost[~views.in_image] = NEVER
+        return Agreement(cost, depth_off**2, depths, logs, spreads)
+
+    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of LiDAR and camera, one to one, of least total cost below the gate."""
+        from scipy.optimize import linear_sum_assignment
+
+        gain = np.minimum(self.cost - GATE, 0.0)
+        rows, columns = linear_sum_assignment(gain)
+        kept = self.cost[rows, columns] < GATE
+        return rows[kept], columns[kept]
+
+
+# --------------------------------------------------------------------------------------------------
+# What speaks for a target: features of pairs, and of what one sensor alone found.
 
 LEND_DEPTH = 4.0
 """A camera box without a partner takes the distance of a cluster that covers its middle when
@@ -73,11 +212,18 @@ def candidate_features(
     alone = ranking_model().values(of_camera)[:, 0]
     pairs = np.column_stack(
         [
-            of_lidar[rows], of_camera[columns], cost[rows, columns],
-            agreement.depth[rows, columns] / 10.0, far[columns], image[rows], extent[rows],
-            covered[columns], cut[columns], alone[columns],
+            of_lidar[rows],
+            of_camera[columns],
+            cost[rows, columns],
+            agreement.depth[rows, columns] / 10.0,
+            far[columns],
+            image[rows],
+            extent[rows],
+            covered[columns],
+            cut[columns],
+            alone[columns],
         ]
-    )  # fmt: skip
+    )
     shared = intersections(views.lidar_boxes, views.camera.boxes).max(axis=1, initial=0.0)
     part = shared / np.maximum(areas(views.lidar_boxes), 1.0)
     best = cost.min(axis=1, initial=WORST / 10.0)
@@ -94,10 +240,12 @@ def lidar_features(views: Views) -> np.ndarray:
     family = families_of(views.lidar.categories)
     return np.column_stack(
         [
-            log_odds(views.lidar.scores), np.log(np.maximum(ranges, 1.0) / 20.0),
-            family == 1, family == 2,
+            log_odds(views.lidar.scores),
+            np.log(np.maximum(ranges, 1.0) / 20.0),
+            family == 1,
+            family == 2,
         ]
-    )  # fmt: skip
+    )
 
 
 def camera_alone_features(camera: ImageDetections) -> np.ndarray:

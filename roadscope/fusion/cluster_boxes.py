@@ -27,9 +27,13 @@ class ClusterBoxes:
     """Ground by the height span of cells, DBSCAN, a box and class masses for every cluster."""
 
     def __init__(
-        self, *, eps_m: float = 0.7, min_points: int = 3, min_score: float = 0.05,
+        self,
+        *,
+        eps_m: float = 0.7,
+        min_points: int = 3,
+        min_score: float = 0.05,
         faint: float = 0.01,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Set DBSCAN, the least score that is reported, and how faint drops of fog are."""
         require(0 < eps_m < np.inf, self, "eps_m", "a positive distance", eps_m)
         require(min_points >= 1, self, "min_points", "at least 1", min_points)
@@ -59,8 +63,9 @@ class ClusterBoxes:
         kept = scores >= self.min_score
         shapes, chances, scores = shapes[kept], chances[kept], scores[kept]
         categories = LENDS[chances[:, :3].argmax(axis=1)]
-        centres, sizes, yaws = completed(shapes[:, :3], shapes[:, 3:6], shapes[:, 6], mount,
-                                         categories)  # fmt: skip
+        centres, sizes, yaws = completed(
+            shapes[:, :3], shapes[:, 3:6], shapes[:, 6], mount, categories
+        )
         return Detections(
             centres, sizes, yaws, categories, scores, "ego", frame.lidar.stamp_s, chances
         )

@@ -11,16 +11,15 @@ from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
 from roadscope.fusion.candidates import (
+    Agreement,
     Candidates,
     camera_alone_features,
     candidate_features,
     lenders,
     lidar_features,
+    places_at,
 )
-from roadscope.fusion.depth import places_at
-from roadscope.fusion.evidence import combine_or_keep
-from roadscope.fusion.masses import camera_masses, lidar_masses
-from roadscope.fusion.matched_views import Agreement
+from roadscope.fusion.evidence import camera_masses, combine_or_keep, lidar_masses
 from roadscope.fusion.sizes import USUAL_M
 from roadscope.fusion.weights import odds_model, ranking_model
 
@@ -67,9 +66,11 @@ def odds_of(
 
 
 def with_places(
-    fused: FusedDetections, views: Views, agreement: Agreement,
+    fused: FusedDetections,
+    views: Views,
+    agreement: Agreement,
     seen: tuple[np.ndarray, Projection],
-) -> FusedDetections:  # fmt: skip
+) -> FusedDetections:
     """Give targets of the camera alone a place and a size, from a cluster or from the image."""
     camera_rows, projection = seen
     alone = np.flatnonzero(~fused.has_box)

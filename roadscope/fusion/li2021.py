@@ -9,8 +9,7 @@ from roadscope.core.checks import require
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
-from roadscope.fusion.evidence import combine_or_keep
-from roadscope.fusion.masses import camera_masses, lidar_masses
+from roadscope.fusion.evidence import camera_masses, combine_or_keep, lidar_masses
 from roadscope.fusion.overlap import coverage
 
 RANKS = ("class", "any")
@@ -20,9 +19,13 @@ class Li2021Fusion:
     """Decision-level fusion as in the paper."""
 
     def __init__(
-        self, *, threshold_1: float = 0.2, threshold_2: float = 0.3, evidence: bool = True,
+        self,
+        *,
+        threshold_1: float = 0.2,
+        threshold_2: float = 0.3,
+        evidence: bool = True,
         rank: str = "class",
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take both overlap thresholds (5.1); without `evidence` the camera's masses stand.
 
         rank: what the score of a target is, which the paper does not say: the mass on its `class`,

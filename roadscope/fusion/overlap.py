@@ -15,7 +15,7 @@ _EDGES = np.array(
         for b in range(a + 1, 8)
         if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 1
     ]
-)  # fmt: skip
+)
 
 
 def projected_boxes(lidar: Detections, projection: Projection) -> tuple[np.ndarray, np.ndarray]:
@@ -25,14 +25,17 @@ def projected_boxes(lidar: Detections, projection: Projection) -> tuple[np.ndarr
     """
     cosine, sine = np.cos(lidar.yaws)[:, None], np.sin(lidar.yaws)[:, None]
     local = _CORNERS * lidar.sizes[:, None]
-    corners = np.stack(
-        [
-            local[..., 0] * cosine - local[..., 1] * sine,
-            local[..., 0] * sine + local[..., 1] * cosine,
-            local[..., 2],
-        ],
-        axis=-1,
-    ) + lidar.centres[:, None]  # fmt: skip
+    corners = (
+        np.stack(
+            [
+                local[..., 0] * cosine - local[..., 1] * sine,
+                local[..., 0] * sine + local[..., 1] * cosine,
+                local[..., 2],
+            ],
+            axis=-1,
+        )
+        + lidar.centres[:, None]
+    )
     starts, ends = corners[:, _EDGES[:, 0]], corners[:, _EDGES[:, 1]]
     points = np.concatenate([corners, _at_near_plane(starts, ends, projection)], axis=1)
     pixels, depths = projection.project(points)

@@ -8,19 +8,27 @@ from roadscope.core import Category
 
 USUAL_M = np.array(
     [
-        [4.5, 1.8, 1.5], [5.5, 2.0, 2.3], [9.0, 2.5, 3.4], [12.0, 2.55, 3.1],
-        [2.2, 0.8, 1.4], [1.8, 0.6, 1.75], [0.5, 0.6, 1.72],
+        [4.5, 1.8, 1.5],
+        [5.5, 2.0, 2.3],
+        [9.0, 2.5, 3.4],
+        [12.0, 2.55, 3.1],
+        [2.2, 0.8, 1.4],
+        [1.8, 0.6, 1.75],
+        [0.5, 0.6, 1.72],
     ]
-)  # fmt: skip
+)
 """Length, width, height by `Category`."""
 SPREAD = np.array([0.08, 0.15, 0.12, 0.08, 0.1, 0.06, 0.07])
 """Standard deviation of the logarithm of heights by `Category`; people are 1.5 to 1.95 m."""
 
 
 def completed(
-    centres: np.ndarray, sizes: np.ndarray, yaws: np.ndarray, origin: np.ndarray,
+    centres: np.ndarray,
+    sizes: np.ndarray,
+    yaws: np.ndarray,
+    origin: np.ndarray,
     categories: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Grow (N, 3) boxes around what was seen to usual sizes, away from the sensor at (2,) origin.
 
     A vehicle's box whose longer side is a rear's width is turned, so that its length runs away

@@ -10,7 +10,7 @@ from roadscope.core import Detections, ImageDetections
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.fusion.assembly import Views, assemble
-from roadscope.fusion.masses import camera_masses, lidar_masses
+from roadscope.fusion.evidence import camera_masses, lidar_masses
 from roadscope.fusion.overlap import ious
 
 
@@ -55,11 +55,12 @@ class WeightedBoxFusion:
                     best[source, k] = rows[mine[scores[mine].argmax()]]
         masses = _masses(views, best)
         fused = assemble(
-            views, np.concatenate([best[0], unseen]),
+            views,
+            np.concatenate([best[0], unseen]),
             np.concatenate([best[1], np.full(len(unseen), -1)]),
             np.concatenate([masses, lidar_masses(views.lidar)[unseen]]),
             np.concatenate([confidence, views.lidar.scores[unseen] / models]),
-        )  # fmt: skip
+        )
         places = fused.image_boxes.copy()
         places[: len(groups)] = mean
         return replace(fused, image_boxes=places)

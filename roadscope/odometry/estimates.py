@@ -9,9 +9,14 @@ from roadscope.odometry.rigid import adjoint, inverse, orthonormal
 
 
 def estimate(
-    pose: np.ndarray, covariance: np.ndarray, stamp_s: float, returns: int, reason: str = "",
-    *, dynamic: np.ndarray | None = None,
-) -> OdometryEstimate:  # fmt: skip
+    pose: np.ndarray,
+    covariance: np.ndarray,
+    stamp_s: float,
+    returns: int,
+    reason: str = "",
+    *,
+    dynamic: np.ndarray | None = None,
+) -> OdometryEstimate:
     """Make the record of a (4, 4) pose; degraded if there is a reason.
 
     dynamic: (N,) bool, returns held to be of things that move; None: not one of them.

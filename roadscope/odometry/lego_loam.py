@@ -12,13 +12,10 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.estimates import estimate
-from roadscope.odometry.lego.mapping import REACH_M, LegoMapping
+from roadscope.odometry.lego.mapping import REACH_M, LegoMapping, match_two_steps
 from roadscope.odometry.lego.segments import LEAST, features_of, kept_of
-from roadscope.odometry.lego.two_step import match_two_steps
 from roadscope.odometry.loam.features import Features
-from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.loam.progress import Progress
-from roadscope.odometry.loam.returns import Returns, poverty
+from roadscope.odometry.loam.progress import ImuPrediction, Progress, Returns, poverty
 from roadscope.odometry.scatter import scattered
 
 
@@ -31,9 +28,13 @@ class LegoLoamOdometry:
     """
 
     def __init__(
-        self, *, min_points: int = LEAST, map_every: int = 5, reach_m: float = REACH_M,
+        self,
+        *,
+        min_points: int = LEAST,
+        map_every: int = 5,
+        reach_m: float = REACH_M,
         loop: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         for name, value in (("min_points", min_points), ("map_every", map_every)):
             if value < 1:
                 raise ValueError(f"{name} must be 1 or more, got {value!r}")

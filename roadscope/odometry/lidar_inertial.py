@@ -8,11 +8,10 @@ import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.core.names import unknown
-from roadscope.envs.sensors.imu_specs import IMUS
+from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.odometry.clock import Clock, Tick
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
-from roadscope.odometry.inertial.felt import FeltSpeed
 from roadscope.odometry.inertial.filter import (
     POSE,
     SPEED,
@@ -20,10 +19,9 @@ from roadscope.odometry.inertial.filter import (
     InertialState,
     resume,
 )
-from roadscope.odometry.inertial.rest import Rest
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
 from roadscope.odometry.inertial.speed_search import ROUGHLY_M_S, Speed
-from roadscope.odometry.inertial.standstill import WINDOW_S, felt_still
+from roadscope.odometry.inertial.standstill import WINDOW_S, FeltSpeed, Rest, felt_still
 from roadscope.odometry.inertial.start import InertialStart
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
@@ -64,9 +62,15 @@ class LidarInertialOdometry:
     """
 
     def __init__(
-        self, *, match_m: float = 0.8, insert_m: float = 0.3, reach_m: float = 120.0,
-        drop_dynamic: bool = True, imu: str = USUAL_UNIT, wheels: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        match_m: float = 0.8,
+        insert_m: float = 0.3,
+        reach_m: float = 120.0,
+        drop_dynamic: bool = True,
+        imu: str = USUAL_UNIT,
+        wheels: bool = False,
+    ) -> None:
         """Set it up.
 
         match_m, insert_m: edges of cubes of which one return is matched, or put into the map;
@@ -127,9 +131,14 @@ class LidarInertialOdometry:
             moving, poor = self._follow(self._track, sweep, stretch, poor)
         self._tell(stretch)
         lack = self._imu.lack(scan.stamp_s, tick.elapsed_s)
-        return estimate(self._pose, self._covariance, scan.stamp_s, len(scan),
-                        tick.reason or poor or lack or scattered(scan),
-                        dynamic=sweep.spread(moving))  # fmt: skip
+        return estimate(
+            self._pose,
+            self._covariance,
+            scan.stamp_s,
+            len(scan),
+            tick.reason or poor or lack or scattered(scan),
+            dynamic=sweep.spread(moving),
+        )
 
     def _stretch(self, scan: LidarScan, tick: Tick) -> Stretch:
         """Return what was felt since the last scan."""
@@ -160,8 +169,9 @@ class LidarInertialOdometry:
         if self._known is not None:
             resume(state, self._known, level=self._level)
             self._level = True
-        return InertialTrack(state, self._lever, self.noise, reach_m=self.reach_m,
-                             drop_dynamic=self.drop_dynamic)  # fmt: skip
+        return InertialTrack(
+            state, self._lever, self.noise, reach_m=self.reach_m, drop_dynamic=self.drop_dynamic
+        )
 
     def _follow(
         self, track: InertialTrack, sweep: Sweep, stretch: Stretch, poor: str

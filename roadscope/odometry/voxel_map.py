@@ -61,9 +61,13 @@ class VoxelMapOdometry:
     """
 
     def __init__(
-        self, *, memory: Literal["map", "scan"] = "map", match_m: float = 0.8,
-        insert_m: float = 0.3, reach_m: float = 150.0,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        memory: Literal["map", "scan"] = "map",
+        match_m: float = 0.8,
+        insert_m: float = 0.3,
+        reach_m: float = 150.0,
+    ) -> None:
         if memory not in ("map", "scan"):
             raise ValueError(f"memory is 'map' or 'scan', got {memory!r}")
         for name, size_m in (("match_m", match_m), ("insert_m", insert_m), ("reach_m", reach_m)):

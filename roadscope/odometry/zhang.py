@@ -14,18 +14,21 @@ import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
-from roadscope.odometry.clusters.cluster_features import of_partners, relabelled
-from roadscope.odometry.clusters.cluster_match import ALONE, ClusterMatch, match_clusters
-from roadscope.odometry.clusters.parts import parts
-from roadscope.odometry.clusters.roughness import Reading, cluster_features
-from roadscope.odometry.clusters.segments import Clustering, Segments, segments_of
+from roadscope.odometry.clusters.features import (
+    ALONE,
+    ClusterMatch,
+    Reading,
+    cluster_features,
+    match_clusters,
+    of_partners,
+    relabelled,
+)
+from roadscope.odometry.clusters.segments import Clustering, Segments, parts, segments_of
 from roadscope.odometry.estimates import estimate
 from roadscope.odometry.lego.mapping import REACH_M, LegoMapping
 from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
-from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.loam.progress import Progress
-from roadscope.odometry.loam.returns import poverty
+from roadscope.odometry.loam.progress import ImuPrediction, Progress, poverty
 from roadscope.odometry.scatter import scattered
 
 MANY_MOVE = 0.33
@@ -70,12 +73,22 @@ class ZhangOdometry:
     """
 
     def __init__(
-        self, *, eps_m: float = 0.02, angle_deg: float = 5.0, min_points: int = 30,
-        windows: bool = True, still_m: float = 0.05, still_m_s: float = 0.5,
-        view: float | None = None, sampled: float = 0.01, roughness: Reading = "ring",
-        drop_dynamic: bool = True, same_cluster: bool = True,
-        map_every: int = 0, loop: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        eps_m: float = 0.02,
+        angle_deg: float = 5.0,
+        min_points: int = 30,
+        windows: bool = True,
+        still_m: float = 0.05,
+        still_m_s: float = 0.5,
+        view: float | None = None,
+        sampled: float = 0.01,
+        roughness: Reading = "ring",
+        drop_dynamic: bool = True,
+        same_cluster: bool = True,
+        map_every: int = 0,
+        loop: bool = False,
+    ) -> None:
         if roughness not in get_args(Reading):
             raise ValueError(f"roughness is 'ring' or 'cluster', got {roughness!r}")
         if map_every < 0:

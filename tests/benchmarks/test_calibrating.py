@@ -19,9 +19,8 @@ from roadscope.benchmarks.images import projection_of
 from roadscope.benchmarks.papers import li2021_board
 from roadscope.benchmarks.papers.li2021_board import Views, places, true_corners
 from roadscope.envs.sensors.rigs import rig
-from roadscope.fusion.board import Board
-from roadscope.fusion.calibration import CalibrationError
-from roadscope.fusion.calibration_file import read_calibration
+from roadscope.fusion.calibration import CalibrationError, read_calibration
+from roadscope.fusion.calibration_target import Board
 
 
 def true_views(carrier, poses: int, noise_px: float, seed: int = 0) -> Views:

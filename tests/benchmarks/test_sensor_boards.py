@@ -25,8 +25,7 @@ from roadscope.benchmarks.suite import SUITES, parse_suite
 from roadscope.core import SpecError
 from roadscope.detectors.camera.network import ARCHITECTURE
 from roadscope.detectors.camera.weight_file import SHIPPED
-from roadscope.fusion.calibration import CalibrationResult
-from roadscope.fusion.calibration_file import write_calibration
+from roadscope.fusion.calibration import CalibrationResult, write_calibration
 
 SENSORS = Path(__file__).parent / "sensor_plugins.py"
 

@@ -76,9 +76,14 @@ def test_a_box_is_itself_turned_by_half(box, turn) -> None:
 
 
 SOLIDS = st.tuples(
-    st.floats(-8, 8), st.floats(-8, 8), st.floats(-3, 3), LENGTHS, LENGTHS, LENGTHS,
+    st.floats(-8, 8),
+    st.floats(-8, 8),
+    st.floats(-3, 3),
+    LENGTHS,
+    LENGTHS,
+    LENGTHS,
     st.floats(-math.pi, math.pi),
-)  # fmt: skip
+)
 
 
 def generalised_overlaps_3d(one_rows, other_rows, least=-1.0):

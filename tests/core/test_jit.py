@@ -47,7 +47,7 @@ def run(script: Path, **environment: str) -> list[int]:
 CAST = """
 import numpy as np
 from roadscope.envs.sensors.lidar import sweep
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS
 from roadscope.core import Pose
 from roadscope.envs.world.prisms import Prisms
 from roadscope.envs.raycast.kernels import cast_all
@@ -94,9 +94,12 @@ def test_folders_that_cannot_be_written_cost_only_time(script: Path, tmp_path: P
     blocked = str(tmp_path / "__pycache__" / "deeper")
     for _ in range(2):
         result = run(
-            script, HOME=blocked, XDG_CACHE_HOME=blocked, IPYTHONDIR=blocked,
+            script,
+            HOME=blocked,
+            XDG_CACHE_HOME=blocked,
+            IPYTHONDIR=blocked,
             PYTHONDONTWRITEBYTECODE="1",
-        )  # fmt: skip
+        )
         assert result[0] == 8
         assert result[1] == 0
 

@@ -9,8 +9,13 @@ lengths = st.floats(-100, 100)
 angles = st.floats(-3, 3)
 poses = st.builds(
     lambda x, y, z, yaw, pitch, roll: Pose.from_euler(x, y, z, yaw=yaw, pitch=pitch, roll=roll),
-    lengths, lengths, lengths, angles, st.floats(-1.5, 1.5), angles,
-)  # fmt: skip
+    lengths,
+    lengths,
+    lengths,
+    angles,
+    st.floats(-1.5, 1.5),
+    angles,
+)
 
 
 @given(poses, poses, poses)

@@ -68,10 +68,19 @@ def tracks(n: int = 2, **changes: object) -> Tracks:
 def truth() -> Truth:
     one = np.ones(1)
     return Truth(
-        one.astype(int), one.astype(int), np.ones((1, 3)), np.ones((1, 3)), one,
-        np.ones((1, 2)), one.astype(int), one.astype(int), one, Pose.identity(), 0.0,
+        one.astype(int),
+        one.astype(int),
+        np.ones((1, 3)),
+        np.ones((1, 3)),
+        one,
+        np.ones((1, 2)),
+        one.astype(int),
+        one.astype(int),
+        one,
+        Pose.identity(),
+        0.0,
         np.zeros(4, int),
-    )  # fmt: skip
+    )
 
 
 ALL = [

@@ -8,11 +8,11 @@ from toy_lidar import CALIBRATION, scan
 
 from roadscope.core import Frame, LidarScan, Pose
 from roadscope.detectors.moving import Memory, extract
-from roadscope.detectors.moving.growth import linked, whole_body
+from roadscope.detectors.moving.extraction import linked, whole_body
 from roadscope.detectors.moving.lidar import lidar_of
-from roadscope.detectors.moving.view import View
-from roadscope.detectors.moving.view_kernels import (
+from roadscope.detectors.moving.view import (
     NOISE_USUAL_M,
+    View,
     range_noise_of,
     thinned,
     unskew,
@@ -150,10 +150,12 @@ def test_a_sweep_from_a_moving_sensor_puts_what_stands_where_it_stands(speed, si
     rng = np.random.default_rng(seed)
     fixed = rng.uniform(-40, 40, (50, 3))
     times = rng.uniform(-0.05, 0.05, 50)
-    seen = np.array([
-        Pose.planar(speed * t, side * t, turn * t).inverse().apply(p)
-        for p, t in zip(fixed, times, strict=True)
-    ])  # fmt: skip
+    seen = np.array(
+        [
+            Pose.planar(speed * t, side * t, turn * t).inverse().apply(p)
+            for p, t in zip(fixed, times, strict=True)
+        ]
+    )
     assert np.allclose(unskew(seen, times, np.array([speed, side, turn])), fixed, atol=1e-9)
 
 

@@ -5,10 +5,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadscope.core import wrap_angle
-from roadscope.detectors.moving.box_kernels import slide, suppress
-from roadscope.detectors.moving.chart_kernels import _order_by, boxes_in, charted, shared_out
+from roadscope.detectors.moving.box_search import (
+    _order_by,
+    boxes_in,
+    charted,
+    shared_out,
+    slide,
+    suppress,
+)
 from roadscope.detectors.moving.extraction import CELL_M, LEAST, LIMIT, SIDES_M
-from roadscope.detectors.moving.view_kernels import imaged, tabulate
+from roadscope.detectors.moving.view import imaged, tabulate
 
 RULES = CELL_M, LIMIT
 ORIGIN = np.array([1.0, 0.5])

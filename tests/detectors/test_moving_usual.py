@@ -8,9 +8,15 @@ import pytest
 
 from roadscope.core import Category, Pose
 from roadscope.detectors.moving.extraction import Candidate
-from roadscope.detectors.moving.link_kernels import TURNS
-from roadscope.detectors.moving.links import Chain, Sighting
-from roadscope.detectors.moving.usual import RIDER_M, TRIED, TWO_WHEELERS, usual
+from roadscope.detectors.moving.links import (
+    RIDER_M,
+    TRIED,
+    TURNS,
+    TWO_WHEELERS,
+    Chain,
+    Sighting,
+    usual,
+)
 
 
 def chain(length, width, height, count=3, seed=0):

@@ -14,9 +14,7 @@ from roadscope.detectors.pipeline import ClusterDetector, apart
 from roadscope.detectors.shape import SHAPES, Vehicle
 from roadscope.detectors.stages import STAGES, options_of
 
-CARS = [
-    (25, 0, 4.6, 1.85, 1.5, 0), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.85, 1.5, 1.57)
-]  # fmt: skip
+CARS = [(25, 0, 4.6, 1.85, 1.5, 0), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.85, 1.5, 1.57)]
 
 
 @pytest.mark.parametrize("shape", SHAPES)

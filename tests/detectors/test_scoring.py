@@ -7,8 +7,14 @@ from hypothesis import strategies as st
 from toy_lidar import HEIGHT_M, cloud
 
 from roadscope.core import Category
-from roadscope.detectors.evidence import FEATURES, features
-from roadscope.detectors.evidence_kernels import COUNTS, count_returns, look_along, sort_to_cells
+from roadscope.detectors.evidence import (
+    COUNTS,
+    FEATURES,
+    count_returns,
+    features,
+    look_along,
+    sort_to_cells,
+)
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.scoring import ScoreModel, scores, shipped_model
 from roadscope.detectors.shape import Vehicle

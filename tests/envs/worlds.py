@@ -37,9 +37,16 @@ def platoon(actors: int = 3, style: str = "campus", road: RoadMap | None = None)
     axles = np.zeros((*grid, 2))
     axles[..., 0] = 50 + 10 * stamps[:, None] + 12 * np.arange(actors)
     return Timeline(
-        stamps_s=stamps, ids=np.arange(actors) * 7, categories=np.zeros(actors, np.int8),
-        sizes=np.tile([4.5, 1.8, 1.5], (actors, 1)), centre_ahead_m=np.full(actors, 2.25),
-        present=np.ones(grid, bool), axles=axles, yaws=np.zeros(grid),
-        speeds=np.full(grid, 10.0), crashed=np.zeros(grid, bool),
-        road=straight() if road is None else road, style=style,
-    )  # fmt: skip
+        stamps_s=stamps,
+        ids=np.arange(actors) * 7,
+        categories=np.zeros(actors, np.int8),
+        sizes=np.tile([4.5, 1.8, 1.5], (actors, 1)),
+        centre_ahead_m=np.full(actors, 2.25),
+        present=np.ones(grid, bool),
+        axles=axles,
+        yaws=np.zeros(grid),
+        speeds=np.full(grid, 10.0),
+        crashed=np.zeros(grid, bool),
+        road=straight() if road is None else road,
+        style=style,
+    )

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from roadscope.fusion.board import Board, corners_in_image, corners_in_scans
 from roadscope.fusion.calibration import CalibrationError
+from roadscope.fusion.calibration_target import Board, corners_in_image, corners_in_scans
 
 BOARD = Board()
 
@@ -25,9 +25,13 @@ def returns(yaw: float, step: float, noise_m: float) -> tuple[np.ndarray, ...]:
     rings, columns = np.meshgrid(np.arange(16), np.arange(-200, 200), indexing="ij")
     azimuth, elevation = (columns + 0.3) * step, np.radians(-5 + 0.7 * rings)
     rays = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
-         np.sin(elevation)], -1,
-    )  # fmt: skip
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ],
+        -1,
+    )
     ranges = (foot @ normal) / (rays @ normal)
     off = rays * ranges[..., None] - foot
     height, aside = off[..., 2], off @ left

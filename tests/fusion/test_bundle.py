@@ -5,11 +5,19 @@ import pytest
 from scipy.optimize import least_squares
 
 from roadscope.core import Pose
-from roadscope.fusion.board import Board, corners_in_scans
-from roadscope.fusion.board_model import edge_errors, image_errors, range_errors, stacked
-from roadscope.fusion.board_sight import Beams, BoardSight, board_sight
 from roadscope.fusion.bundle import State, descend, refine
 from roadscope.fusion.calibration import CalibrationError, calibrate, decompose, distances_px
+from roadscope.fusion.calibration_target import (
+    Beams,
+    Board,
+    BoardSight,
+    board_sight,
+    corners_in_scans,
+    edge_errors,
+    image_errors,
+    range_errors,
+    stacked,
+)
 
 BOARD = Board()
 BEAMS = Beams(np.radians(30 - 0.25 * np.arange(240)), np.radians([-1.2, -0.4, 0.4, 1.2]))
@@ -25,10 +33,13 @@ def poses(count: int, seed: int) -> list[Pose]:
     return [
         Pose.from_euler(x, 0.2 * x * a, z, yaw=yaw, pitch=pitch, roll=roll)
         for x, a, z, yaw, pitch, roll in zip(
-            ahead, rng.uniform(-1, 1, count), rng.uniform(-0.45, -0.25, count),
-            *rng.uniform(-1, 1, (3, count)) * [[0.5], [0.2], [0.1]], strict=True,
+            ahead,
+            rng.uniform(-1, 1, count),
+            rng.uniform(-0.45, -0.25, count),
+            *rng.uniform(-1, 1, (3, count)) * [[0.5], [0.2], [0.1]],
+            strict=True,
         )
-    ]  # fmt: skip
+    ]
 
 
 def corners_at(pose: Pose) -> np.ndarray:
@@ -71,9 +82,13 @@ def seen(
 
 def linear(corners: np.ndarray, pixels: np.ndarray, known: bool = False) -> np.ndarray:
     found = calibrate(
-        corners.reshape(-1, 3), pixels.reshape(-1, 2), 1280, 960, gate_px=25.0,
+        corners.reshape(-1, 3),
+        pixels.reshape(-1, 2),
+        1280,
+        960,
+        gate_px=25.0,
         intrinsics=INNER if known else None,
-    )  # fmt: skip
+    )
     return found.projection.matrix
 
 

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from roadscope.core.projection import Projection
-from roadscope.fusion.calibration import CalibrationError, CalibrationResult
-from roadscope.fusion.calibration_file import read_calibration, write_calibration
+from roadscope.fusion.calibration import (
+    CalibrationError,
+    CalibrationResult,
+    read_calibration,
+    write_calibration,
+)
 
 MATRIX = np.array([[320.0, -500, 0, 1], [240, 0, -500, 700], [1, 0, 0, 0.1]])
 

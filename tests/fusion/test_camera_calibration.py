@@ -16,8 +16,9 @@ INTRINSICS = np.array([[1600.0, 0, 640], [0, 1600.0, 480], [0, 0, 1]])
 
 
 def camera(rng: np.random.Generator) -> tuple[Projection, Pose]:
-    turn = Pose.from_euler(0, 0, 0, yaw=rng.normal(0, 0.03), pitch=rng.normal(0, 0.03),
-                           roll=rng.normal(0, 0.03)).rotation  # fmt: skip
+    turn = Pose.from_euler(
+        0, 0, 0, yaw=rng.normal(0, 0.03), pitch=rng.normal(0, 0.03), roll=rng.normal(0, 0.03)
+    ).rotation
     pose = Pose.from_parts(turn @ OPTICAL, np.array([2.0, 0.1, 1.4]))
     return Projection.of(INTRINSICS, pose, 1280, 960), pose
 
@@ -26,8 +27,12 @@ def board_points(rng: np.random.Generator, poses: int) -> np.ndarray:
     triangle = np.array([[0.0, -0.5, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 0.9]])
     placed = []
     for _ in range(poses):
-        pose = Pose.from_euler(rng.uniform(6, 16), rng.uniform(-2, 2), rng.uniform(0.3, 1.5),
-                               yaw=rng.uniform(-0.7, 0.7))  # fmt: skip
+        pose = Pose.from_euler(
+            rng.uniform(6, 16),
+            rng.uniform(-2, 2),
+            rng.uniform(0.3, 1.5),
+            yaw=rng.uniform(-0.7, 0.7),
+        )
         placed.append(pose.apply(triangle))
     return np.concatenate(placed)
 
@@ -63,9 +68,12 @@ def test_more_poses_give_a_better_matrix_and_outliers_are_left_out() -> None:
             assert not result.inliers[wrong].any()
             fresh = board_points(np.random.default_rng(99), 30)
             missed.append(
-                np.sqrt((distances_px(result.projection.matrix, fresh,
-                                      truth.project(fresh)[0]) ** 2).mean())
-            )  # fmt: skip
+                np.sqrt(
+                    (
+                        distances_px(result.projection.matrix, fresh, truth.project(fresh)[0]) ** 2
+                    ).mean()
+                )
+            )
         errors[poses] = float(np.median(missed))
     assert errors[20] < 0.7 * errors[6]
     assert errors[20] < 1.5

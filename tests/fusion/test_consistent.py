@@ -6,14 +6,16 @@ import pytest
 from roadscope.core import Category, Detections, ImageDetections, Pose
 from roadscope.core.projection import Projection
 from roadscope.fusion import FUSIONS
-from roadscope.fusion.depth import depths_of, places_at
+from roadscope.fusion.candidates import depths_of, places_at
 from roadscope.fusion.overlap import projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(
     np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])), 640, 480,
-)  # fmt: skip
+    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])),
+    640,
+    480,
+)
 PERSON = (0.5, 0.6, 1.72)
 
 

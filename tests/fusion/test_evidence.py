@@ -12,7 +12,7 @@ from roadscope.fusion.evidence import (
     combine_or_keep,
     conflict,
     decide,
-)  # fmt: skip
+)
 
 PEDESTRIAN, CAR = 0, 1
 
@@ -34,9 +34,9 @@ def literal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def masses(classes: int) -> st.SearchStrategy[np.ndarray]:
-    return st.lists(
-        st.floats(0.01, 1.0), min_size=classes + 1, max_size=classes + 1
-    ).map(lambda v: np.array(v) / np.sum(v))  # fmt: skip
+    return st.lists(st.floats(0.01, 1.0), min_size=classes + 1, max_size=classes + 1).map(
+        lambda v: np.array(v) / np.sum(v)
+    )
 
 
 @given(st.integers(2, 6).flatmap(lambda n: st.tuples(masses(n), masses(n), masses(n))))
@@ -76,9 +76,13 @@ def test_table_1_of_li_2021() -> None:
 
 def test_the_decision_column_of_table_1() -> None:
     rows = [
-        [0.612, 0.302, 0.086], [0.865, 0.122, 0.013], [0.920, 0.077, 0.003],
-        [0.253, 0.700, 0.047], [0.171, 0.812, 0.017], [0.082, 0.917, 0.001],
-    ]  # fmt: skip
+        [0.612, 0.302, 0.086],
+        [0.865, 0.122, 0.013],
+        [0.920, 0.077, 0.003],
+        [0.253, 0.700, 0.047],
+        [0.171, 0.812, 0.017],
+        [0.082, 0.917, 0.001],
+    ]
     decided = [UNDECIDED, PEDESTRIAN, PEDESTRIAN, UNDECIDED, UNDECIDED, CAR]
     assert decide(np.array(rows)).tolist() == decided
 

@@ -13,8 +13,10 @@ from roadscope.trackers.api import is_offline
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(
     np.array([[420.0, 0, 320], [0, 420.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([2.0, 0.0, 1.4])), 640, 480,
-)  # fmt: skip
+    Pose.from_parts(OPTICAL, np.array([2.0, 0.0, 1.4])),
+    640,
+    480,
+)
 FRAMES, PERIOD_S = 30, 0.1
 MISSED = (14,)
 """Frames in which no sensor finds the pedestrian."""

@@ -15,8 +15,10 @@ from roadscope.fusion.pairing import ClocksApartError
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(
     np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])), 640, 480,
-)  # fmt: skip
+    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])),
+    640,
+    480,
+)
 
 
 def scene(seed: int, many: int = 8) -> tuple[Detections, ImageDetections]:
@@ -24,12 +26,20 @@ def scene(seed: int, many: int = 8) -> tuple[Detections, ImageDetections]:
     x, y = rng.uniform(-20, 50, many), rng.uniform(-15, 15, many)
     categories = rng.choice([Category.CAR, Category.CYCLIST, Category.PEDESTRIAN], many)
     sizes = rng.uniform(0.4, 4.0, (many, 3))
-    lidar = Detections(np.column_stack([x, y, sizes[:, 2] / 2]), sizes, rng.uniform(-3, 3, many),
-                       categories.astype(np.int8), rng.uniform(0, 1, many), "ego", 2.0)  # fmt: skip
+    lidar = Detections(
+        np.column_stack([x, y, sizes[:, 2] / 2]),
+        sizes,
+        rng.uniform(-3, 3, many),
+        categories.astype(np.int8),
+        rng.uniform(0, 1, many),
+        "ego",
+        2.0,
+    )
     corner = rng.uniform(0, 400, (many, 2))
     boxes = np.concatenate([corner, corner + rng.uniform(5, 80, (many, 2))], axis=1)
-    camera = ImageDetections(boxes, rng.permutation(categories).astype(np.int8),
-                             rng.uniform(0, 1, many), 2.02)  # fmt: skip
+    camera = ImageDetections(
+        boxes, rng.permutation(categories).astype(np.int8), rng.uniform(0, 1, many), 2.02
+    )
     return lidar, camera
 
 

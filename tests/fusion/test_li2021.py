@@ -5,25 +5,31 @@ import pytest
 
 from roadscope.core import Category, Detections, ImageDetections, Pose, RecordError
 from roadscope.core.projection import Projection
-from roadscope.fusion.evidence import combine
+from roadscope.fusion.evidence import camera_masses, combine, lidar_masses
 from roadscope.fusion.li2021 import Li2021Fusion
-from roadscope.fusion.masses import camera_masses, lidar_masses
 from roadscope.fusion.overlap import projected_boxes
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(
     np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.0])), 640, 480,
-)  # fmt: skip
+    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.0])),
+    640,
+    480,
+)
 
 
 def lidar(*places: tuple[float, float], size=(2.0, 2.0, 2.0), category=Category.CAR) -> Detections:
     n = len(places)
     centres = np.array([[x, y, 1.0] for x, y in places]).reshape(-1, 3)
     return Detections(
-        centres, np.tile(size, (n, 1)), np.zeros(n), np.full(n, category, np.int8),
-        np.full(n, 0.7), "ego", 1.0,
-    )  # fmt: skip
+        centres,
+        np.tile(size, (n, 1)),
+        np.zeros(n),
+        np.full(n, category, np.int8),
+        np.full(n, 0.7),
+        "ego",
+        1.0,
+    )
 
 
 def camera(*boxes: tuple[float, ...], category=Category.CAR) -> ImageDetections:
@@ -63,9 +69,7 @@ def test_a_match_has_the_image_box_and_lidar_number_and_distance() -> None:
 def test_threshold_1_is_a_share_of_the_camera_box(share: float, joined: bool) -> None:
     left, top, right, bottom = box_of(20, 0)
     wide = (right - left) / share
-    fused = Li2021Fusion().fuse(
-        lidar((20, 0)), camera((right - wide, top, right, bottom)), LOOK
-    )  # fmt: skip
+    fused = Li2021Fusion().fuse(lidar((20, 0)), camera((right - wide, top, right, bottom)), LOOK)
     assert len(fused) == (1 if joined else 2)
     assert (fused.by_lidar & fused.by_camera).any() == joined
 

@@ -10,7 +10,7 @@ from roadscope.benchmarks.papers.li2021_scene import Moment, film
 from roadscope.core import Category, Detections, ImageDetections
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion.cluster_boxes import ClusterBoxes
-from roadscope.fusion.masses import MOST, camera_masses, lidar_masses, masses_of
+from roadscope.fusion.evidence import MOST, camera_masses, lidar_masses, masses_of
 from roadscope.fusion.overlap import ious
 
 SEEDS = range(10320, 10322)
@@ -80,7 +80,13 @@ def test_masses_are_the_shares_that_are_right(
 def test_own_masses_go_before_scores() -> None:
     own = np.array([[0.1, 0.2, 0.3, 0.4]])
     found = Detections(
-        np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1), np.array([Category.CAR], np.int8),
-        np.ones(1), "ego", 0.0, own,
-    )  # fmt: skip
+        np.zeros((1, 3)),
+        np.ones((1, 3)),
+        np.zeros(1),
+        np.array([Category.CAR], np.int8),
+        np.ones(1),
+        "ego",
+        0.0,
+        own,
+    )
     np.testing.assert_array_equal(lidar_masses(found), own)

@@ -10,16 +10,23 @@ from roadscope.fusion.weighted_boxes import WeightedBoxFusion
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(
     np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
-    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])), 640, 480,
-)  # fmt: skip
+    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])),
+    640,
+    480,
+)
 
 
 def cars(*places: tuple[float, float]) -> Detections:
     n = len(places)
     return Detections(
-        np.array([[x, y, 0.75] for x, y in places]), np.tile((4.5, 1.8, 1.5), (n, 1)),
-        np.zeros(n), np.zeros(n, np.int8), np.full(n, 0.6), "ego", 0.0,
-    )  # fmt: skip
+        np.array([[x, y, 0.75] for x, y in places]),
+        np.tile((4.5, 1.8, 1.5), (n, 1)),
+        np.zeros(n),
+        np.zeros(n, np.int8),
+        np.full(n, 0.6),
+        "ego",
+        0.0,
+    )
 
 
 def image(boxes: np.ndarray, score: float = 0.9) -> ImageDetections:

@@ -6,9 +6,9 @@ from toy_drive import Drive
 
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.inertial import speed_check
-from roadscope.odometry.inertial.felt import LEAST_M_S, FeltSpeed
 from roadscope.odometry.inertial.filter import InertialNoise, started
 from roadscope.odometry.inertial.speed_search import Speed
+from roadscope.odometry.inertial.standstill import LEAST_M_S, FeltSpeed
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 
 GRAVITY = np.array([0, 0, 9.81])

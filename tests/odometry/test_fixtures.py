@@ -5,10 +5,16 @@ import pytest
 
 from roadscope.benchmarks.formats.scan_layout import rings_and_columns
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.beam_table import BeamTable
-from roadscope.odometry.inertial.edge_kernels import slim
-from roadscope.odometry.inertial.speed_kernels import count_apart, gathered, joined
-from roadscope.odometry.inertial.speed_search import Ends, speed_of, standing_speed_of
+from roadscope.odometry.inertial.speed_search import (
+    BeamTable,
+    Ends,
+    count_apart,
+    gathered,
+    joined,
+    slim,
+    speed_of,
+    standing_speed_of,
+)
 from roadscope.odometry.inertial.speed_search import _fixed as fixed_of
 
 COLUMNS = 1800
@@ -87,8 +93,17 @@ def street(speed_m_s, posts, walking_m_s=0.0, wide_m=0.2):
         column, ring = np.nonzero(reach.T)
         flat, angle, n = reach[ring, column], column * STEP_RAD, len(ring)
         points = np.column_stack([flat * np.cos(angle), flat * np.sin(angle), flat * up[ring]])
-        scans.append(LidarScan(points.astype(np.float32), np.full(n, 0.5), ring, column,
-                               np.zeros(n), 0.1 * k, "lidar"))  # fmt: skip
+        scans.append(
+            LidarScan(
+                points.astype(np.float32),
+                np.full(n, 0.5),
+                ring,
+                column,
+                np.zeros(n),
+                0.1 * k,
+                "lidar",
+            )
+        )
     return [Ends.of(scan) for scan in scans]
 
 
@@ -198,8 +213,9 @@ def lorry(columns, low=0.5, high=3.9, open_rad=2 * np.pi):
 def read(points):
     ring, column = rings_and_columns(points)
     n = len(points)
-    return LidarScan(points.astype(np.float32), np.full(n, 0.5), ring, column, np.zeros(n), 0.0,
-                     "lidar")  # fmt: skip
+    return LidarScan(
+        points.astype(np.float32), np.full(n, 0.5), ring, column, np.zeros(n), 0.0, "lidar"
+    )
 
 
 @pytest.mark.parametrize("columns", [400, 512, 720, 900, 1024, 1800, 2048])
@@ -231,8 +247,9 @@ def test_the_edge_of_a_narrow_field_is_no_end():
     up = np.tan(np.deg2rad([-6.0, -4.0, 8.0, 10.0]))
     ring, column = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(columns)))
     flat = np.where(ring < 2, 1.9 / np.abs(up[ring]), 20.0 / np.cos(angle[column]))
-    points = np.column_stack([flat * np.cos(angle[column]), flat * np.sin(angle[column]),
-                              flat * up[ring]])  # fmt: skip
+    points = np.column_stack(
+        [flat * np.cos(angle[column]), flat * np.sin(angle[column]), flat * up[ring]]
+    )
     table = BeamTable.of(points, ring, column)
     assert not table.closed
     assert table.step_rad == pytest.approx(np.deg2rad(0.25), rel=0.01)

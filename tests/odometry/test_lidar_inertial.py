@@ -8,7 +8,7 @@ from node_answers import poses_of
 from toy_drive import Drive, driven, kept, offset
 
 from roadscope.core import ImuSamples, Pose
-from roadscope.envs.sensors.imu_specs import IMUS
+from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial.filter import (
@@ -23,16 +23,15 @@ from roadscope.odometry.inertial.filter import (
     WHEELS,
     InertialNoise,
     diffusion,
+    integrated,
     observe,
     propagate,
     settle,
     started,
     transition,
 )
-from roadscope.odometry.inertial.kernels import integrated
-from roadscope.odometry.inertial.rest import Rest
 from roadscope.odometry.inertial.speed_search import Ends, speed_of
-from roadscope.odometry.inertial.standstill import felt_still
+from roadscope.odometry.inertial.standstill import Rest, felt_still
 from roadscope.odometry.inertial.track import InertialTrack
 from roadscope.odometry.lidar_inertial import LidarInertialOdometry
 from roadscope.odometry.rigid import exp_se3, exp_so3, log_so3

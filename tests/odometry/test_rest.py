@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from roadscope.odometry.inertial.filter import InertialNoise, started
-from roadscope.odometry.inertial.match import settled_on
-from roadscope.odometry.inertial.rest import DOUBT_M, NEAR_M, Rest
-from roadscope.odometry.inertial.track import InertialTrack, Stretch
+from roadscope.odometry.inertial.standstill import DOUBT_M, NEAR_M, Rest
+from roadscope.odometry.inertial.track import InertialTrack, Stretch, settled_on
 from roadscope.odometry.voxels.surfaces import VoxelMap
 
 GRAVITY = np.array([0, 0, 9.81])

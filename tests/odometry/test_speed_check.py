@@ -136,9 +136,11 @@ def test_who_goes_up_but_not_ahead_may_stand():
     up, ahead = (
         InertialTrack(
             started(np.array([0, 0, 9.81]), velocity, (0.1, 0.1, 0.1), InertialNoise()),
-            np.zeros(3), InertialNoise(), reach_m=50.0,
+            np.zeros(3),
+            InertialNoise(),
+            reach_m=50.0,
         )
         for velocity in (np.array([0, 0, 2 * SLOW_M_S]), np.array([2 * SLOW_M_S, 0, 0]))
-    )  # fmt: skip
+    )
     assert up.slow
     assert not ahead.slow

@@ -7,12 +7,10 @@ from hypothesis import strategies as st
 from toy_drive import driven
 
 from roadscope.odometry.above_ground import sensor_height
-from roadscope.odometry.clusters.cluster_match import ALONE, REACH_M, ClusterMatch, match_clusters
+from roadscope.odometry.clusters.features import ALONE, REACH_M, ClusterMatch, match_clusters
 from roadscope.odometry.clusters.segments import Clustering, Segments, centres_of, segments_of
 from roadscope.odometry.loam.feature_match import FeatureMatch
-from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.loam.interpolation import deskewed_between
-from roadscope.odometry.loam.progress import misfit_of, settled
+from roadscope.odometry.loam.progress import ImuPrediction, deskewed_between, misfit_of, settled
 from roadscope.odometry.rigid import exp_se3
 from roadscope.odometry.zhang import MANY_MOVE, ZhangOdometry
 
@@ -66,8 +64,10 @@ def test_matching_does_not_depend_on_the_frame(seed):
     before, now = rng.uniform(-9, 9, (6, 3)), rng.uniform(-9, 9, (5, 3))
     turned = exp_se3(rng.uniform(-1, 1, 6) * [1, 1, 1, 0, 0, 1])
     carried = before @ turned[:3, :3].T + turned[:3, 3]
-    one, other = match_clusters(now, before, AHEAD, 1.0), match_clusters(
-        now, carried, turned @ AHEAD, 1.0)  # fmt: skip
+    one, other = (
+        match_clusters(now, before, AHEAD, 1.0),
+        match_clusters(now, carried, turned @ AHEAD, 1.0),
+    )
     assert np.array_equal(one.partners, other.partners)
     assert one.moved_m == pytest.approx(other.moved_m)
 

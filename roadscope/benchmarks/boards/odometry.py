@@ -29,7 +29,7 @@ from roadscope.benchmarks.metrics.odometry import (
     score_odometry,
     score_standing,
 )
-from roadscope.benchmarks.metrics.odometry.by_distance import DISTANCE
+from roadscope.benchmarks.metrics.odometry.errors import DISTANCE
 from roadscope.benchmarks.metrics.score import Score, ratio
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.records import EpisodePoses

@@ -23,14 +23,14 @@ from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import weights
 from roadscope.fusion.assembly import Views, assemble
 from roadscope.fusion.candidates import (
+    Agreement,
     Candidates,
     camera_alone_features,
     candidate_features,
     lidar_features,
 )
 from roadscope.fusion.cluster_boxes import ClusterBoxes, features
-from roadscope.fusion.masses import camera_features, camera_masses, families_of, lidar_masses
-from roadscope.fusion.matched_views import Agreement
+from roadscope.fusion.evidence import camera_features, camera_masses, families_of, lidar_masses
 from roadscope.fusion.overlap import ious
 
 SEEDS = range(300, 312)

@@ -10,7 +10,7 @@ import numpy as np
 from roadscope.core.checks import settle_arrays
 from roadscope.core.fused import FusedDetections
 from roadscope.core.record import Record
-from roadscope.fusion.masses import FAMILIES, families_of
+from roadscope.fusion.evidence import FAMILIES, families_of
 from roadscope.fusion.overlap import ious
 
 LEAST_IOU = 0.5

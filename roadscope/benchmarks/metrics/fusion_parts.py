@@ -13,7 +13,7 @@ from roadscope.benchmarks.metrics.fusion import FALSE, IGNORED, Judged, Targets,
 from roadscope.benchmarks.metrics.image_parts import scores_by_score
 from roadscope.benchmarks.metrics.score import Score, mean, ratio
 from roadscope.core.fused import FusedDetections
-from roadscope.fusion.masses import FAMILIES, families_of
+from roadscope.fusion.evidence import FAMILIES, families_of
 
 TOLD = 0.5
 """Score from which on a target counts for rates and false alarms."""

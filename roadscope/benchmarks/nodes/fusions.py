@@ -27,7 +27,7 @@ from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.core.spec import FUSED
 from roadscope.envs.sensors.rigs import rig
-from roadscope.fusion.calibration_file import read_calibration
+from roadscope.fusion.calibration import read_calibration
 from roadscope.fusion.pairing import ALONE, ClocksApartError, moved_projection, nearest_images
 
 

@@ -36,7 +36,7 @@ from roadscope.detectors import Detector
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.cluster_boxes import ClusterBoxes
-from roadscope.fusion.masses import FAMILIES
+from roadscope.fusion.evidence import FAMILIES
 
 FIRST_SEED = 20000
 SCENARIOS, RIG, DURATION_S, EVERY = ("street", "town-crossing"), "li2021", 10.0, 8

@@ -15,14 +15,20 @@ from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import sweep
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.world.prisms import Prisms
-from roadscope.fusion.board import Board, corners_in_image, corners_in_scans
-from roadscope.fusion.board_sight import Beams, BoardSight, board_sight
 from roadscope.fusion.bundle import refine
 from roadscope.fusion.calibration import (
     CalibrationError,
     CalibrationResult,
     calibrate,
     distances_px,
+)
+from roadscope.fusion.calibration_target import (
+    Beams,
+    Board,
+    BoardSight,
+    board_sight,
+    corners_in_image,
+    corners_in_scans,
 )
 
 SLICE_M = 0.004

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.benchmarks.papers.lu2018_follow import NOBODY, Following
-from roadscope.envs.traffic.scripted import Event, Script
+from roadscope.envs.traffic.lu2018 import Event, Script
 
 AHEAD, LEFT = "ahead (paper's y)", "left (paper's x)"
 AXES = (AHEAD, LEFT)

@@ -12,8 +12,8 @@ from roadscope.detectors.ground.grid import grid_above_ground
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.sensors.sensing import Sensing
+from roadscope.envs.traffic.lu2018 import FRAME_S, SCRIPTS, Script
 from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.scripted import FRAME_S, SCRIPTS, Script
 from roadscope.envs.world import roadside
 from roadscope.envs.world.roadside import kinds_of
 

@@ -43,7 +43,7 @@ from roadscope.benchmarks.papers.zhang2017_readings import compare
 from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.benchmarks.papers.zhang2017_taken import Taken, take, warm_up
 from roadscope.benchmarks.papers.zhang2017_verdicts import verdicts
-from roadscope.envs.world.ford_fusion import CORNER_RADII_M
+from roadscope.envs.world.ford_saloon import CORNER_RADII_M
 
 __all__ = ["note_of", "reproduce"]
 

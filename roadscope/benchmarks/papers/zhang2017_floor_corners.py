@@ -12,7 +12,7 @@ from roadscope.benchmarks.papers.zhang2017_floor_kernels import Bodies
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
 from roadscope.detectors.pose.body_kernels import RADIUS
 from roadscope.detectors.pose.body_model import UNKNOWNS
-from roadscope.envs.world.ford_fusion import CORNER_RADII_M, with_corners
+from roadscope.envs.world.ford_saloon import CORNER_RADII_M, with_corners
 from roadscope.envs.world.prisms import Prisms
 
 RADIUS_AMONG = 2

@@ -28,7 +28,7 @@ from roadscope.detectors.pose.matched_filter import fit_single
 from roadscope.detectors.pose.multi_frame import fit_multi
 from roadscope.detectors.pose.ransac import fit_ransac
 from roadscope.detectors.pose.smoother import Smoother
-from roadscope.envs.world.ford_fusion import CORNER_RADII_M, LENGTH_M, WIDTH_M
+from roadscope.envs.world.ford_saloon import CORNER_RADII_M, LENGTH_M, WIDTH_M
 
 LENGTH_SD_M, WIDTH_SD_M = 0.1, 0.05
 """Of the size of cars that a class has in common."""

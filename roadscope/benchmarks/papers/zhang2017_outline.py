@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from roadscope.detectors.pose.body_model import BodyModel, Storey
-from roadscope.envs.world.ford_fusion import AXLES_M, GLASS, LENGTH_M, NARROWING, SLABS, WIDTH_M
+from roadscope.envs.world.ford_saloon import AXLES_M, GLASS, LENGTH_M, NARROWING, SLABS, WIDTH_M
 
 
 def fusion(radius_m: tuple[float, float] = (0.0, 0.4)) -> BodyModel:

@@ -35,7 +35,7 @@ from roadscope.detectors.pose.body_kernels import (
 from roadscope.detectors.pose.body_model import UNKNOWNS, BodyModel
 from roadscope.detectors.pose.smoother import ACCELERATION_SD, SPEED_SD
 from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.world.ford_fusion import GLASS, SILVER, half_outline
+from roadscope.envs.world.ford_saloon import GLASS, SILVER, half_outline
 from roadscope.envs.world.prisms import Prisms
 
 FRAMES = 7

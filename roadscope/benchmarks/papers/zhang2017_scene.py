@@ -16,9 +16,8 @@ from roadscope.benchmarks.papers.zhang2017_drives import DRIVES, FRAME_S, Drive,
 from roadscope.core import LidarScan, Pose
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import sweep
-from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.sensors.lidar_specs import SPECS
-from roadscope.envs.world.ford_fusion import ford_fusion
+from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
+from roadscope.envs.world.ford_saloon import ford_saloon
 from roadscope.envs.world.prisms import Prisms
 
 __all__ = [
@@ -144,7 +143,7 @@ def hdl32e(noise: float = 1.0) -> LidarSpec:
 @cache
 def target_body(body: str) -> Prisms:
     """Return the car, made once: the ray caster keeps what it prepared for it."""
-    return ford_fusion(body)
+    return ford_saloon(body)
 
 
 def sensor_path(

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.envs.world.footprints import placed, rectangle
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world.prisms import Prisms, placed, rectangle
 
 LENGTH_M, DEPTH_M = 26.0, 14.0
 """Sides of the rectangle that the middle line goes around."""

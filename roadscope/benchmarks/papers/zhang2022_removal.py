@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.benchmarks.papers.zhang2022_plays import APART
 from roadscope.benchmarks.papers.zhang2022_scene import IMU, LIDAR, Play, Shot, film
-from roadscope.odometry.loam.imu_prediction import ImuPrediction
+from roadscope.odometry.loam.progress import ImuPrediction
 from roadscope.odometry.zhang import ZhangOdometry, dynamic_returns
 
 BEFORE, AFTER, PRECISION, RECALL, MS = "before", "after", "precision", "recall", "ms"

@@ -16,14 +16,10 @@ from roadscope.benchmarks.papers.zhang2022_building import Way, building, corner
 from roadscope.core import Category, ImuSamples, LidarScan, Pose
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.ego_motion import EgoMotion
-from roadscope.envs.sensors.imu import measure
-from roadscope.envs.sensors.imu_noise import ImuNoise
-from roadscope.envs.sensors.imu_spec import ImuSpec
-from roadscope.envs.sensors.imu_specs import IMUS
-from roadscope.envs.sensors.inertial import samples_of
+from roadscope.envs.sensors.imu import ImuNoise, measure, samples_of
+from roadscope.envs.sensors.imu_spec import IMUS, ImuSpec
 from roadscope.envs.sensors.lidar import sweep
-from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
 from roadscope.envs.sensors.rig import ImuMount, LidarMount
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline

@@ -21,7 +21,7 @@ from roadscope.envs.raycast.cast import NOTHING, Columns, Hits, cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.raycast.shapes import forget
 from roadscope.envs.sensors.lidar import lidar_columns, sweep
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS
 
 COUNTS = (10, 100, 250, 1000, 5000)
 COMPARED = 250

@@ -25,11 +25,10 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.polar import polar_above_ground
 from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.above_ground import sensor_height, standing
-from roadscope.odometry.clusters.cluster_features import of_partners
-from roadscope.odometry.clusters.roughness import cluster_features
+from roadscope.odometry.clusters.features import cluster_features, of_partners
 from roadscope.odometry.clusters.segments import Clustering, segments_of
 from roadscope.odometry.loam.feature_match import match_features
-from roadscope.odometry.loam.imu_prediction import ImuPrediction
+from roadscope.odometry.loam.progress import ImuPrediction
 from roadscope.odometry.zhang import ZhangOdometry
 
 RIG = "vlp16-imu"

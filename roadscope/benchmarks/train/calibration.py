@@ -12,8 +12,7 @@ from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
 from roadscope.benchmarks.metrics.image_precision import outcomes
 from roadscope.core import ImageDetections
 from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
-from roadscope.detectors.camera.decode import Peaks
-from roadscope.detectors.camera.traits import TRAITS
+from roadscope.detectors.camera.decode import TRAITS, Peaks
 
 STEPS = 100
 PRIOR = 30.0

@@ -13,7 +13,7 @@ import numpy as np
 from roadscope.core import CameraImage, Frame, ImageDetections, RecordError
 from roadscope.detectors.camera.calibration import Calibration
 from roadscope.detectors.camera.decode import FINE, Peaks, decode
-from roadscope.detectors.camera.precision import AUTO, PRECISIONS, fastest, whole_float32
+from roadscope.detectors.camera.network import AUTO, PRECISIONS, fastest, whole_float32
 from roadscope.detectors.camera.weight_file import SHIPPED, load
 
 if TYPE_CHECKING:
@@ -91,16 +91,20 @@ class CameraDetector:
         kept = np.flatnonzero(scores >= self.min_score)
         order = kept[np.argsort(-scores[kept], kind="stable")]
         return ImageDetections(
-            peaks.boxes[order], peaks.categories[order].astype(np.int8), scores[order],
-            image.stamp_s, size_px=image.size_px,
-        )  # fmt: skip
+            peaks.boxes[order],
+            peaks.categories[order].astype(np.int8),
+            scores[order],
+            image.stamp_s,
+            size_px=image.size_px,
+        )
 
     def peaks(self, pixels: np.ndarray) -> Peaks:
         """Return boxes and their traits in (H, W, 3) uint8 pixels."""
         height, width = pixels.shape[:2]
         if min(height, width) < COARSEST:
-            raise RecordError(f"an image of at least 32 x 32 pixels is needed, got {width} x "
-                              f"{height}")  # fmt: skip
+            raise RecordError(
+                f"an image of at least 32 x 32 pixels is needed, got {width} x {height}"
+            )
         shrunk, factor = _shrunk(pixels)
         answers = _look(self._loaded[0], shrunk, self.threads)
         peaks = decode(answers, shrunk.shape[:2])
@@ -122,8 +126,9 @@ def nothing_in(image: CameraImage) -> ImageDetections:
     """Warn of a blank image to whoever called `detect`, and return no detections."""
     warnings.warn(
         f"camera '{image.sensor}' at {image.stamp_s:.3f} s: the image is blank",
-        BlankImageWarning, stacklevel=3,
-    )  # fmt: skip
+        BlankImageWarning,
+        stacklevel=3,
+    )
     return ImageDetections(
         np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), image.stamp_s, size_px=image.size_px
     )

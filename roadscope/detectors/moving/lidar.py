@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import LidarScan
-from roadscope.detectors.moving.view_kernels import evenly, range_noise_of, tabulate
+from roadscope.detectors.moving.view import evenly, range_noise_of, tabulate
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 SWEEP_LEAST_S = 1e-3
@@ -41,6 +41,18 @@ def lidar_of(
     if range_noise_m is None:
         range_noise_m = float(range_noise_of(image))
     return LidarSpec(
-        "seen", elevations, np.zeros(len(slopes)), azimuth, step * count, count,
-        sweep_s, sweep_s, 0.0, range_max_m, range_noise_m, 0.0, 0.0, detection_limit,
-    )  # fmt: skip
+        "seen",
+        elevations,
+        np.zeros(len(slopes)),
+        azimuth,
+        step * count,
+        count,
+        sweep_s,
+        sweep_s,
+        0.0,
+        range_max_m,
+        range_noise_m,
+        0.0,
+        0.0,
+        detection_limit,
+    )

@@ -1,4 +1,4 @@
-"""Returns that belong together: what a shape is fitted to."""
+"""Returns that belong together, and the outline that they show to the sensor."""
 
 from __future__ import annotations
 
@@ -8,9 +8,88 @@ from itertools import pairwise
 
 import numpy as np
 
+from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.shape.contour import by_cluster, outlines
-from roadscope.detectors.sorting import starts_of
+from roadscope.detectors.sorting import order_by, order_within, starts_of
+
+# --------------------------------------------------------------------------------------------------
+# The outline that a cluster shows to the sensor.
+
+DEPTH_M = 0.6
+"""How far behind the nearest return of a column the same face may still be: three standard
+deviations of the LUX's range noise to either side."""
+
+
+def contours(cloud: Cloud, labels: np.ndarray) -> list[np.ndarray]:
+    """Return the outline of each cluster, (M, 2) points in order of azimuth.
+
+    labels: (N,) int64, negative for none. Outlines are in metres, ego frame, by rising label,
+    from right to left as the sensor sees them.
+
+    The paper's points are (x, y) in the order of the scan and it does not say how the four
+    layers are joined. Reading taken: a column gives one point, at the median range of its
+    returns of the cluster that lie on the face nearest to the sensor; what is seen over it, a
+    windscreen or a roof, is no part of the outline.
+    """
+    return outlines(cloud, labels, by_cluster(cloud, labels))
+
+
+def by_cluster(cloud: Cloud, labels: np.ndarray) -> np.ndarray:
+    """Return the rows, (K,) int64, with labels (N,) from 0 up, sorted by label, then by column."""
+    member = np.flatnonzero(labels >= 0)
+    member = member[order_by(cloud.column[member])]
+    return np.asarray(member[order_by(labels[member])])
+
+
+def outlines(cloud: Cloud, labels: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
+    """Return the outline of each cluster, as `contours` does.
+
+    labels: (N,) int64. rows: (K,) int64, what `by_cluster` returns for them.
+    """
+    if not len(rows):
+        return []
+    label, column = labels[rows], cloud.column[rows]
+    places = cloud.points[rows, :2]
+    x, y = places.T - cloud.origin[:, None]
+    ranges = np.hypot(x, y)
+    columns = _group_starts(label, column)
+    order = order_within(ranges, columns)
+    ranges, starts = ranges[order], columns[:-1]
+    face = ranges <= np.repeat(ranges[starts], np.diff(columns)) + DEPTH_M
+    counts = np.add.reduceat(face.astype(np.int64), starts)
+    # Rows are sorted by range within a column: the face comes first, its median in its middle.
+    lower, upper = order[starts + (counts - 1) // 2], order[starts + counts // 2]
+    points = (places[lower] + places[upper]) / 2
+    return _by_azimuth(points, starts_of(label[starts]), cloud.origin)
+
+
+def _group_starts(label: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Return where each column of each cluster begins, and the number of rows."""
+    changes = (label[1:] != label[:-1]) | (column[1:] != column[:-1])
+    return np.concatenate([[0], np.flatnonzero(changes) + 1, [len(label)]])
+
+
+def _by_azimuth(points: np.ndarray, starts: np.ndarray, origin: np.ndarray) -> list[np.ndarray]:
+    """Split into clusters, each sorted by azimuth from the origin, then by x and y.
+
+    Azimuths are counted from the middle of a cluster, so that the seam behind the sensor is none.
+    """
+    counts = np.diff(starts)
+    x, y = (points - origin).T
+    middle_x, middle_y = np.add.reduceat(x, starts[:-1]), np.add.reduceat(y, starts[:-1])
+    middle = np.repeat(np.arctan2(middle_y / counts, middle_x / counts), counts)
+    azimuths = wrap_angle(np.arctan2(y, x) - middle)
+    order = order_within(azimuths, starts)
+    same = azimuths[order[1:]] == azimuths[order[:-1]]
+    same[starts[1:-1] - 1] = False
+    if same.any():
+        order = np.lexsort((y, x, azimuths, np.repeat(np.arange(len(counts)), counts)))
+    ordered, ends = points[order], starts.tolist()
+    return [ordered[i:j] for i, j in pairwise(ends)]
+
+
+# --------------------------------------------------------------------------------------------------
+# Returns that belong together: what a shape is fitted to.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,10 +6,15 @@ import numpy as np
 
 from roadscope.detectors.horizon import Horizon
 from roadscope.detectors.shape.cluster import Cluster
-from roadscope.detectors.shape.completion_kernels import diagonal
-from roadscope.detectors.shape.line_kernels import split_ends
-from roadscope.detectors.shape.recognition import HALF_FACE_M, MIN_POINTS, Vehicle, recognise
-from roadscope.detectors.shape.segment import Segment
+from roadscope.detectors.shape.completion import diagonal
+from roadscope.detectors.shape.recognition import (
+    HALF_FACE_M,
+    MIN_POINTS,
+    Segment,
+    Vehicle,
+    recognise,
+    split_ends,
+)
 
 
 def vehicles_by_lines(cluster: Cluster, horizon: Horizon, *, split_m: float = 0.3) -> list[Vehicle]:

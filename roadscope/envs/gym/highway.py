@@ -18,7 +18,7 @@ from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
-from roadscope.envs.traffic.driver_constants import original_constants
+from roadscope.envs.traffic.conversion import original_constants
 from roadscope.envs.traffic.scenarios import find
 
 EGOS = ("agent", "idm")
@@ -92,9 +92,13 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         driver = _driver(scenario, ego)
         _check_render_mode(render_mode, self.metadata["render_modes"])
         sensing: dict[str, Any] = {
-            "style": style, "weather": weather, "light": light, "faults": faults,
-            "records": records, "pixel_truth": pixel_truth,
-        }  # fmt: skip
+            "style": style,
+            "weather": weather,
+            "light": light,
+            "faults": faults,
+            "records": records,
+            "pixel_truth": pixel_truth,
+        }
         if duration_s is not None and not duration_s > 0:
             raise ValueError(f"duration_s: expected a positive number of seconds, got {duration_s}")
         if driver == "agent":
@@ -109,9 +113,13 @@ class ScenarioEnv(gym.Env[Observation, Any]):
                 raise ValueError("config: only with ego='agent'; a played scenario has none")
             self._limit_s = np.inf
             inner = PlaybackEnv(
-                scenario, rig, duration_s=duration_s, step_s=step_s, render_mode=render_mode,
+                scenario,
+                rig,
+                duration_s=duration_s,
+                step_s=step_s,
+                render_mode=render_mode,
                 **sensing,
-            )  # fmt: skip
+            )
         self._inner = inner
         self.render_mode = render_mode
         self.observation_space = inner.observation_space

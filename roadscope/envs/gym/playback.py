@@ -10,9 +10,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, rig_of
-from roadscope.envs.gym.spaces import Observation, observation_space
+from roadscope.envs.gym.spaces import Observation, checked_action, observation_space
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
@@ -53,9 +52,14 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(1)
         self._observer = Observer(
-            chosen, style=style, weather=weather, light=light, faults=faults, records=records,
+            chosen,
+            style=style,
+            weather=weather,
+            light=light,
+            faults=faults,
+            records=records,
             pixel_truth=pixel_truth,
-        )  # fmt: skip
+        )
         self.observation_space = observation_space(chosen)
         self._scenario = scenario
         self._duration_s = duration_s

@@ -2,23 +2,313 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
 import numpy as np
 
-from roadscope.core import WEATHER, Category, Detections, Frame, Tracks, TrackState, Truth
-from roadscope.envs.gym.canvas import Canvas, Colour
-from roadscope.envs.gym.render_colours import (
-    COASTING_LINE_PX,
-    DETECTION,
-    EGO,
-    FAMILIES,
-    TRACK_LINE_PX,
-    track_colour,
+from roadscope.core import (
+    WEATHER,
+    Category,
+    Detections,
+    Family,
+    Frame,
+    Pose,
+    Tracks,
+    TrackState,
+    Truth,
 )
-from roadscope.envs.gym.render_labels import Labels, draw_legend, write_distances, write_ids
-from roadscope.envs.gym.render_road import blank, draw_road
-from roadscope.envs.gym.render_view import View, box_corners
+from roadscope.envs.gym.canvas import Canvas, Colour, text_px
+from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world.road_memo import once_a_road
+
+# --------------------------------------------------------------------------------------------------
+# Where things lie in the bird's-eye picture.
+
+EGO_FROM_BOTTOM = 0.4
+
+
+@dataclass(frozen=True)
+class View:
+    """Maps world coordinates to pixels of a square picture."""
+
+    world_from_ego: Pose
+    size_px: int
+    metres_per_px: float
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """(..., 2) pixels, x right and y down, of (..., 2) points in metres, world frame."""
+        (cos, sin), centre = self.world_from_ego.rotation[:2, 0], self.world_from_ego.translation
+        x, y = points[..., 0] - centre[0], points[..., 1] - centre[1]
+        ahead, left = x * cos + y * sin, y * cos - x * sin
+        placed: np.ndarray = self.home + np.stack([-left, -ahead], axis=-1) / self.metres_per_px
+        return placed
+
+    @property
+    def home(self) -> np.ndarray:
+        """(2,) pixel of the ego's rear axle."""
+        return home_px(self.size_px)
+
+    @property
+    def radius_m(self) -> float:
+        """How far from the ego the picture reaches at most."""
+        return self.size_px * self.metres_per_px * 0.8
+
+
+def home_px(size_px: int) -> np.ndarray:
+    """(2,) pixel of the ego's rear axle."""
+    return np.array([0.5, 1 - EGO_FROM_BOTTOM]) * size_px
+
+
+def box_corners(centre: np.ndarray, size: np.ndarray, yaw: float) -> np.ndarray:
+    """(4, 2) corners from above: rear right, front right, front left, rear left."""
+    ahead = np.array([np.cos(yaw), np.sin(yaw)]) * size[0] / 2
+    left = np.array([-np.sin(yaw), np.cos(yaw)]) * size[1] / 2
+    offsets = np.stack([-ahead - left, ahead - left, ahead + left, left - ahead])
+    corners: np.ndarray = offsets + centre[:2]
+    return corners
+
+
+# --------------------------------------------------------------------------------------------------
+# Colours of what the bird's-eye picture and its legend show.
+
+EGO: Colour = (245, 245, 245)
+DETECTION: Colour = (255, 150, 50)
+FAMILIES: dict[Family, Colour] = {
+    Family.VEHICLE: (76, 190, 255),
+    Family.CYCLIST: (255, 110, 220),
+    Family.PEDESTRIAN: (255, 225, 80),
+}
+TRACKS: tuple[Colour, ...] = (
+    (255, 99, 99),
+    (255, 186, 73),
+    (240, 240, 90),
+    (140, 230, 100),
+    (80, 225, 190),
+    (110, 170, 255),
+    (180, 140, 255),
+    (255, 130, 200),
+)
+TRACK_LINE_PX = 2.0
+COASTING_LINE_PX = 0.8
+
+
+def track_colour(number: int) -> Colour:
+    """Return the colour of a track by its id; ids that are a few apart differ."""
+    return TRACKS[number % len(TRACKS)]
+
+
+# --------------------------------------------------------------------------------------------------
+# The ground of the bird's-eye picture: rings of distance, asphalt and lane borders.
+
+BACKGROUND: Colour = (16, 19, 24)
+ASPHALT: Colour = (44, 49, 57)
+MARKING: Colour = (104, 112, 124)
+RING: Colour = (48, 55, 66)
+RING_M = 20.0
+PIECE_M = 25.0
+
+
+@lru_cache(maxsize=8)
+def blank(size_px: int, metres_per_px: float) -> np.ndarray:
+    """Return an empty picture with a ring each 20 m around the ego."""
+    canvas = Canvas(np.full((size_px, size_px, 3), BACKGROUND, np.uint8))
+    home = home_px(size_px)
+    y, x = np.ogrid[:size_px, :size_px]
+    way = np.hypot(x - home[0], y - home[1])
+    step = RING_M / metres_per_px
+    from_ring = np.abs((way + step / 2) % step - step / 2)
+    canvas.cover(np.where(way > step / 2, np.clip(1.2 - from_ring, 0, 1), 0.0), RING)
+    return canvas.image()
+
+
+def draw_road(canvas: Canvas, view: View, road: RoadMap) -> None:
+    """Lay asphalt on all lane strips and a line where no strip goes deeper."""
+    depth = np.full((view.size_px, view.size_px), -2.0, np.float32)
+    ends, half_widths = _pieces(road)
+    centre = view.world_from_ego.translation[:2]
+    near = np.linalg.norm(ends.mean(axis=1) - centre, axis=1) < view.radius_m + PIECE_M
+    for (start, end), half in zip(view.pixels(ends[near]), half_widths[near], strict=True):
+        _deepen(depth, start, end, half / view.metres_per_px)
+    canvas.cover(np.clip(depth + 0.5, 0, 1), ASPHALT)
+    canvas.cover(np.clip(1.1 - np.abs(depth - 0.3), 0, 1) * 0.8, MARKING)
+
+
+@once_a_road
+def _pieces(road: RoadMap) -> tuple[np.ndarray, np.ndarray]:
+    """Cut lanes into straight pieces: (N, 2, 2) start and end in metres, (N,) half widths."""
+    ends, half_widths = [np.empty((0, 2, 2))], [np.empty(0)]
+    for points, widths in road.lanes():
+        if len(points) < 2:
+            continue
+        kept = _knees(points)
+        for a, b in pairwise(kept):
+            count = max(1, int(np.ceil(np.linalg.norm(points[b] - points[a]) / PIECE_M)))
+            cuts = points[a] + np.linspace(0, 1, count + 1)[:, None] * (points[b] - points[a])
+            ends.append(np.stack([cuts[:-1], cuts[1:]], axis=1))
+            half_widths.append(np.full(count, (widths[a] + widths[b]) / 4))
+    return np.concatenate(ends), np.concatenate(half_widths)
+
+
+def _knees(points: np.ndarray) -> np.ndarray:
+    """Pick the points to keep of a polyline: one for every 0.1 rad it has turned."""
+    steps = np.diff(points, axis=0)
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(headings)))])
+    changes = np.flatnonzero(np.diff(np.floor(turned / 0.1 + 0.5))) + 1
+    return np.concatenate([[0], changes, [len(points) - 1]])
+
+
+def _deepen(depth: np.ndarray, start: np.ndarray, end: np.ndarray, half_px: float) -> None:
+    """Raise the map of depths, in pixels, to that of one straight strip, its ends drawn over."""
+    length = float(np.hypot(*(end - start)))
+    if length < 1e-6:
+        return
+    # Plain floats keep the map's single precision.
+    cos, sin = ((end - start) / length).tolist()
+    half_px, reach = float(half_px), half_px + 3
+    low = np.maximum(np.floor(np.minimum(start, end) - reach), 0).astype(int)
+    high = np.minimum(np.ceil(np.maximum(start, end) + reach) + 1, depth.shape[0]).astype(int)
+    if (low >= high).any():
+        return
+    x = np.arange(low[0], high[0], dtype=np.float32)[None, :] - np.float32(start[0])
+    y = np.arange(low[1], high[1], dtype=np.float32)[:, None] - np.float32(start[1])
+    u = x * cos + y * sin
+    v = y * cos - x * sin
+    strip = np.minimum(half_px - np.abs(v), np.minimum(u, length - u) + 2.5)
+    window = depth[low[1] : high[1], low[0] : high[0]]
+    np.maximum(window, strip, out=window)
+
+
+# --------------------------------------------------------------------------------------------------
+# Words on the bird's-eye picture: distances of the rings, ids of tracks, a legend.
+
+LABEL: Colour = (190, 198, 208)
+MARGIN_PX = 2.0
+ROW_PX = 16
+SWATCH_PX = np.array([22.0, 8.0])
+
+
+class Labels:
+    """Words on a canvas, none over another.
+
+    taken: (4,) low x, low y, high x, high y in pixels of each word so far.
+    """
+
+    def __init__(self, canvas: Canvas) -> None:
+        self.canvas = canvas
+        self.taken: list[np.ndarray] = []
+
+    def write(self, text: str, places: np.ndarray, colour: Colour, scale: int = 2) -> bool:
+        """Write at the first of (K, 2) upper left corners that is free; False if none is."""
+        for place in places:
+            box = np.concatenate([place - MARGIN_PX, place + text_px(text, scale) + MARGIN_PX])
+            if self._inside(box) and not _overlap(box, self.taken):
+                self.reserve(box)
+                self.canvas.polygon(_corners(box), BACKGROUND, fill=0.6)
+                self.canvas.text(text, place, colour, scale)
+                return True
+        return False
+
+    def reserve(self, box: np.ndarray) -> None:
+        """Keep words that are still to come out of a (4,) box."""
+        self.taken.append(box)
+
+    def _inside(self, box: np.ndarray) -> bool:
+        return bool(
+            (box[:2] >= 0).all() and box[2] <= self.canvas.width and box[3] <= self.canvas.height
+        )
+
+
+def write_distances(labels: Labels, view: View) -> None:
+    """Write the radius on each ring, behind the ego to its right, where least happens."""
+    step = RING_M / view.metres_per_px
+    diagonal = np.sqrt([0.5, 0.5])
+    for ring in range(1, int(view.size_px / step) + 1):
+        text = f"{ring * RING_M:.0f} m"
+        place = view.home + ring * step * diagonal - text_px(text, 2) / 2
+        labels.write(text, place[None], LABEL)
+
+
+def write_ids(labels: Labels, view: View, tracks: Tracks) -> None:
+    """Write ids beside their boxes, the nearest first, as far as there is room for them.
+
+    tracks: world frame. Coasting tracks come after all others.
+    """
+    away = np.linalg.norm(tracks.centres[:, :2] - view.world_from_ego.translation[:2], axis=1)
+    for row in np.lexsort((away, tracks.states == TrackState.COASTING)):
+        corners = view.pixels(box_corners(tracks.centres[row], tracks.sizes[row], tracks.yaws[row]))
+        text = str(tracks.ids[row])
+        places = _beside(corners.min(axis=0), corners.max(axis=0), text_px(text, 2))
+        labels.write(text, places, track_colour(int(tracks.ids[row])))
+
+
+def draw_legend(labels: Labels, *, detections: bool, tracks: bool) -> None:
+    """Say at the lower left what the colours mean; too small a picture goes without."""
+    picture, opacity = _legend(detections, tracks)
+    height, width = opacity.shape
+    canvas = labels.canvas
+    if 2 * width > canvas.width or 2 * height > canvas.height:
+        return
+    region = canvas.pixels[-height:, :width]
+    region += opacity[..., None] * (picture - region)
+    labels.reserve(np.array([0, canvas.height - height, width, canvas.height], float))
+
+
+@lru_cache(maxsize=4)
+def _legend(detections: bool, tracks: bool) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W, 3) picture of the legend and its (H, W) opacity."""
+    rows = [("ego", EGO, 0.35, 1.5)]
+    rows += [(f"true {family.name.lower()}", c, 0.12, 1.5) for family, c in FAMILIES.items()]
+    if detections:
+        rows.append(("detection", DETECTION, 0.0, 1.5))
+    if tracks:
+        rows.append(("track, 1 s ahead", TRACKS[3], 0.15, TRACK_LINE_PX))
+        rows.append(("coasting track", TRACKS[6], 0.15, COASTING_LINE_PX))
+    width = max(text_px(text, 2)[0] for text, *_ in rows) + SWATCH_PX[0] + 24
+    canvas = Canvas(np.full((len(rows) * ROW_PX + 8, int(width), 3), BACKGROUND, np.uint8))
+    for number, row in enumerate(rows):
+        middle = np.array([8 + SWATCH_PX[0] / 2, 4 + (number + 0.5) * ROW_PX])
+        _draw_swatch(canvas, middle, row)
+        canvas.text(row[0], np.array([16 + SWATCH_PX[0], middle[1] - 5]), LABEL)
+    picture = canvas.image()
+    drawn = (picture != BACKGROUND).any(axis=2)
+    return picture, np.where(drawn, 1.0, 0.7).astype(np.float32)
+
+
+def _draw_swatch(canvas: Canvas, middle: np.ndarray, row: tuple[str, Colour, float, float]) -> None:
+    """Draw what a row explains: a box, shorter and with the line of its way for a track."""
+    text, colour, fill, line_px = row
+    low, high = middle - SWATCH_PX / 2, middle + SWATCH_PX / 2
+    if "track" in text:
+        end = np.array([high[0], middle[1]])
+        high = high - [SWATCH_PX[0] * 0.35, 0]
+        canvas.line((low + high) / 2, end, colour, 1.5)
+    canvas.polygon(_corners(np.concatenate([low, high])), colour, fill=fill, line_px=line_px)
+
+
+def _beside(low: np.ndarray, high: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """(4, 2) corners for a word beside a box: right below, right above, left above and below."""
+    right, left = high[0] + 3, low[0] - 3 - size[0]
+    below, above = high[1] - 5, low[1] - 5
+    return np.array([[right, below], [right, above], [left, above], [left, below]])
+
+
+def _overlap(box: np.ndarray, others: list[np.ndarray]) -> bool:
+    return any(
+        bool((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all()) for other in others
+    )
+
+
+def _corners(box: np.ndarray) -> np.ndarray:
+    return box[[[0, 1], [2, 1], [2, 3], [0, 3]]]
+
+
+# --------------------------------------------------------------------------------------------------
+# A bird's-eye picture of one tick: road, returns, boxes, tracks; the ego drives up the page.
 
 GROUND_RETURN: Colour = (66, 78, 104)
 WEATHER_RETURN: Colour = (112, 92, 116)
@@ -40,11 +330,17 @@ PALETTE = np.concatenate([[(0, 0, 0), WEATHER_RETURN, GROUND_RETURN], PALETTE]).
 
 
 def birds_eye(
-    frame: Frame, truth: Truth, timeline: Timeline,
-    *, tracks: Tracks | None = None, detections: Detections | None = None,
-    scenery: Prisms | None = None, legend: bool = True,
-    size_px: int = 600, metres_per_px: float = 0.2,
-) -> np.ndarray:  # fmt: skip
+    frame: Frame,
+    truth: Truth,
+    timeline: Timeline,
+    *,
+    tracks: Tracks | None = None,
+    detections: Detections | None = None,
+    scenery: Prisms | None = None,
+    legend: bool = True,
+    size_px: int = 600,
+    metres_per_px: float = 0.2,
+) -> np.ndarray:
     """(size_px, size_px, 3) uint8: what one tick measured over what was there.
 
     Lanes are grey; returns go from blue (low) to orange (high), those of the ground are dim,

@@ -10,16 +10,21 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
 from roadscope.core import Pose
-from roadscope.envs.gym.actions import checked_action
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
-from roadscope.envs.gym.spaces import Observation, goal_state, observation_space
+from roadscope.envs.gym.spaces import Observation, checked_action, goal_state, observation_space
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.ego_motion import AHEAD, RAW_S
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
-from roadscope.envs.traffic.conversion import ForeignEnvError, refuse_multi_agent, to_world
-from roadscope.envs.traffic.driver_constants import Constants, original_constants, own_constants
+from roadscope.envs.traffic.conversion import (
+    Constants,
+    ForeignEnvError,
+    original_constants,
+    own_constants,
+    refuse_multi_agent,
+    to_world,
+)
 from roadscope.envs.traffic.recorder import TrafficRecorder
 from roadscope.envs.traffic.timeline import Timeline
 
@@ -78,18 +83,31 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
         pixel_truth: bool = False,
     ) -> None:
         RecordConstructorArgs.__init__(
-            self, rig=rig, seed=seed, style=style, weather=weather, light=light, faults=faults,
-            records=records, pixel_truth=pixel_truth,
-        )  # fmt: skip
+            self,
+            rig=rig,
+            seed=seed,
+            style=style,
+            weather=weather,
+            light=light,
+            faults=faults,
+            records=records,
+            pixel_truth=pixel_truth,
+        )
         gym.Wrapper.__init__(self, env)
         _refuse_sensors(env)
         refuse_multi_agent(env)
         chosen = rig_of(rig)
         suited = suited_style(env.unwrapped) if style is None else style
         self._observer = Observer(
-            chosen, seed=checked_seed(seed), style=suited, weather=weather, light=light,
-            faults=faults, records=records, pixel_truth=pixel_truth,
-        )  # fmt: skip
+            chosen,
+            seed=checked_seed(seed),
+            style=suited,
+            weather=weather,
+            light=light,
+            faults=faults,
+            records=records,
+            pixel_truth=pixel_truth,
+        )
         self._recorder = TrafficRecorder()
         self._constants: Constants = {}
         self._period_s = chosen.lidar.spec.period_s

@@ -1,4 +1,4 @@
-"""What an agent observes: a flat dictionary of boxes of fixed shape."""
+"""What an agent observes and does: flat dictionaries of boxes of fixed shape, and actions."""
 
 from __future__ import annotations
 
@@ -12,6 +12,29 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
+
+# --------------------------------------------------------------------------------------------------
+# Actions as given, before an environment acts on them.
+
+
+def checked_action(space: spaces.Space[Any], action: Any) -> Any:
+    """Return an action of the space, arrays as a copy; raise `ValueError` for any other.
+
+    Floats of any precision will do and keep theirs. A copy, since environments hand the action
+    on in `info`, and callers may use their array again.
+    """
+    if isinstance(space, spaces.Box):
+        given = np.array(action)
+        # A box would warn about what is no array before it says no.
+        if given.dtype.kind in "iuf" and space.contains(given.astype(space.dtype)):
+            return given
+    elif space.contains(action):
+        return action
+    raise ValueError(f"action {action!r} lies outside the action space {space}")
+
+
+# --------------------------------------------------------------------------------------------------
+# What an agent observes: a flat dictionary of boxes of fixed shape.
 
 Observation = dict[str, np.ndarray]
 

@@ -1,20 +1,494 @@
-"""The painted ground around a camera, kept from frame to frame."""
+"""The ground of an image: where which surface is, and its colours."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from roadscope.envs.imaging.ground_kernels import (
-    CELLS_M,
-    PADDING,
-    SIDE,
-    TILE,
-    TILES,
-    Paving,
-    paint_tile,
-)
-from roadscope.envs.imaging.noise_kernels import noise_tile
+from roadscope.core.jit import compiled
+from roadscope.envs.imaging.lighting import Air, Stage, own_beam, pools_at, share_passed
+from roadscope.envs.imaging.noise import NOISE_SIDE, blend_of, cell_of, grain, noise_tile
+from roadscope.envs.imaging.raster import Lens
 from roadscope.envs.world.ground import PAVED, SHOULDERS_M, Surface
+
+# --------------------------------------------------------------------------------------------------
+# The ground as a picture seen from above, in three degrees of detail around the camera.
+
+SIDE = 1024
+"""Cells along a side of a square."""
+PADDING = 16
+"""Cells after each row, so that a column of cells does not fall on one set of the cache."""
+TILE = 128
+"""Cells along a side of what is painted at once."""
+TILES = SIDE // TILE
+CELLS_M = (0.0625, 0.25, 1.0)
+"""Edge of a cell by degree of detail."""
+LINE_M, DASH_M, GAP_M = 0.14, 4.0, 6.0
+"""Width of lines, length of dashes and of the gaps between them."""
+KERB_M = 0.16
+SLAB_M = 0.48
+"""Edge of the slabs of a pavement."""
+_FAR = -1e9
+
+
+class Paving(NamedTuple):
+    """How the ground looks, linear RGB (3,) each; `shoulder_m` wide strips beside the lanes."""
+
+    asphalt: np.ndarray
+    shoulder: np.ndarray
+    soil: np.ndarray
+    paint: np.ndarray
+    kerb: np.ndarray
+    shoulder_m: float
+    paved: bool
+
+
+@compiled()
+def paint_tile(
+    strips: np.ndarray,
+    lines: np.ndarray,
+    paving: Paving,
+    noise: np.ndarray,
+    cell_m: float,
+    tile: tuple[int, int],
+    cells: np.ndarray,
+) -> None:
+    """Paint one tile of cells (SIDE, SIDE + PADDING) uint32 in place.
+
+    A cell holds red, green and blue from its lowest byte up: square roots of colours times 255.
+    """
+    x0, y0 = tile[0] * TILE * cell_m, tile[1] * TILE * cell_m
+    reach = TILE * cell_m
+    depth = np.full((TILE, TILE), _FAR)
+    cover = np.zeros((TILE, TILE))
+    margin = paving.shoulder_m + 1.0
+    for n in range(len(strips)):
+        _deepen(strips[n], x0, y0, reach, margin, cell_m, depth)
+    for n in range(len(lines)):
+        _draw_line(lines[n], x0, y0, reach, cell_m, cover)
+    for i in range(TILE):
+        for j in range(TILE):
+            row = (tile[1] * TILE + i) % SIDE
+            column = (tile[0] * TILE + j) % SIDE
+            x, y = x0 + (j + 0.5) * cell_m, y0 + (i + 0.5) * cell_m
+            cells[row, column] = _cell(paving, noise, cell_m, x, y, depth[i, j], cover[i, j])
+
+
+@compiled()
+def _deepen(
+    strip: np.ndarray,
+    x0: float,
+    y0: float,
+    reach: float,
+    margin: float,
+    cell_m: float,
+    depth: np.ndarray,
+) -> None:
+    """Raise the map of depths, metres inside the road, to that of one strip with round ends."""
+    dx, dy = strip[2] - strip[0], strip[3] - strip[1]
+    length = np.sqrt(dx * dx + dy * dy)
+    if length == 0.0:
+        return
+    dx, dy, wide = dx / length, dy / length, strip[4] + margin
+    left, right = min(strip[0], strip[2]) - wide - x0, max(strip[0], strip[2]) + wide - x0
+    low, high = min(strip[1], strip[3]) - wide - y0, max(strip[1], strip[3]) + wide - y0
+    if left > reach or right < 0.0 or low > reach or high < 0.0:
+        return
+    first_j, last_j = max(0, int(left / cell_m)), min(TILE, int(right / cell_m) + 1)
+    first_i, last_i = max(0, int(low / cell_m)), min(TILE, int(high / cell_m) + 1)
+    for i in range(first_i, last_i):
+        y = y0 + (i + 0.5) * cell_m - strip[1]
+        for j in range(first_j, last_j):
+            x = x0 + (j + 0.5) * cell_m - strip[0]
+            along, across = x * dx + y * dy, y * dx - x * dy
+            beyond = max(0.0, max(-along, along - length))
+            away = abs(across) if beyond == 0.0 else np.sqrt(across * across + beyond * beyond)
+            depth[i, j] = max(depth[i, j], strip[4] - away)
+
+
+@compiled()
+def _draw_line(
+    line: np.ndarray, x0: float, y0: float, reach: float, cell_m: float, cover: np.ndarray
+) -> None:
+    """Add the share of every cell that one piece of a line covers."""
+    dx, dy = line[2] - line[0], line[3] - line[1]
+    length = np.sqrt(dx * dx + dy * dy)
+    if length == 0.0:
+        return
+    dx, dy, wide = dx / length, dy / length, LINE_M + cell_m
+    left, right = min(line[0], line[2]) - wide - x0, max(line[0], line[2]) + wide - x0
+    low, high = min(line[1], line[3]) - wide - y0, max(line[1], line[3]) + wide - y0
+    if left > reach or right < 0.0 or low > reach or high < 0.0:
+        return
+    for i in range(max(0, int(low / cell_m)), min(TILE, int(high / cell_m) + 1)):
+        y = y0 + (i + 0.5) * cell_m - line[1]
+        for j in range(max(0, int(left / cell_m)), min(TILE, int(right / cell_m) + 1)):
+            x = x0 + (j + 0.5) * cell_m - line[0]
+            along, across = x * dx + y * dy, y * dx - x * dy
+            if along < -0.25 * cell_m or along > length + 0.25 * cell_m:
+                continue
+            share = (0.5 * (LINE_M + cell_m) - abs(across)) / cell_m
+            share = min(min(1.0, LINE_M / cell_m), max(0.0, share))
+            if line[5] > 0.0:
+                # The share of the cell along the line that lies on a dash, from its middle.
+                way = (line[4] + along + 0.5 * GAP_M) % (DASH_M + GAP_M)
+                inside = 0.5 * DASH_M - abs(way - 0.5 * (DASH_M + GAP_M))
+                share *= min(1.0, max(0.0, 0.5 + inside / cell_m))
+            cover[i, j] = max(cover[i, j], share)
+
+
+@compiled(borrowing=True)
+def _cell(
+    paving: Paving,
+    noise: np.ndarray,
+    cell_m: float,
+    x: float,
+    y: float,
+    depth: float,
+    line: float,
+) -> np.uint32:
+    """Mix what lies in one cell; what is finer than the cell counts with its mean."""
+    on_road = min(1.0, max(0.0, 0.5 + depth / cell_m))
+    beside = min(1.0, max(0.0, 0.5 + (depth + paving.shoulder_m) / cell_m)) - on_road
+    wild = 1.0 - on_road - beside
+    kerb = 0.0
+    if paving.paved and depth < 0.0:
+        kerb = max(0.0, min(1.0, max(0.0, 0.5 + (depth + KERB_M) / cell_m)) - on_road)
+    patch = 0.88 + 0.24 * blend_of(noise, x * 4.1, y * 4.1)
+    broad = 0.8 + 0.4 * blend_of(noise, x * 0.9 + 31.0, y * 0.9)
+    fine, clumps, slab, worn, tracks = 1.0, 1.0, 0.94, 0.9, 1.0
+    if cell_m < 0.5:
+        clumps = 0.6 + 0.8 * cell_of(noise, x * 23.0, y * 23.0)
+    # What does not show, as most of a road on most cells, is not looked up.
+    if cell_m < 0.1 and wild < 1.0:
+        fine = 0.86 + 0.28 * grain(x * 16.0, y * 16.0)
+        slab = _slab(x, y) if beside > 0.0 else slab
+    if cell_m < 0.1 and line > 0.0:
+        worn = 0.72 + 0.36 * cell_of(noise, x * 31.0, y * 31.0)
+    if on_road > 0.0:
+        # Tyres darken the middle of the lane's halves: a slow wave of the depth into the road.
+        tracks = 0.94 + 0.06 * np.cos(3.6 * depth)
+    packed = np.int64(0)
+    for k in range(3):
+        road = paving.asphalt[k] * fine * patch * tracks
+        strip = paving.shoulder[k] * (0.7 + 0.3 * fine) * (0.5 + 0.5 * patch)
+        strip *= slab if paving.paved else 0.93
+        strip += kerb * (paving.kerb[k] - strip)
+        soil = paving.soil[k] * broad * clumps * (0.8 + 0.2 * patch)
+        value = on_road * road + beside * strip + wild * soil
+        value += line * worn * (paving.paint[k] - value)
+        root = np.int64(min(255.0, 255.0 * np.sqrt(max(0.0, value)) + 0.5))
+        packed |= root << (8 * k)
+    return np.uint32(packed)
+
+
+@compiled(forceinline=True, borrowing=True)
+def _slab(x: float, y: float) -> float:
+    """Brightness of the slabs of a pavement, each its own, every other row half a slab along."""
+    row = np.floor(y / SLAB_M)
+    along = x / SLAB_M + 0.5 * (row % 2.0)
+    tone = 0.88 + 0.16 * grain(along + 17.0, row)
+    edge = min(along - np.floor(along), y / SLAB_M - row) * SLAB_M
+    tone *= 0.86 if edge < 0.035 else 1.0
+    return tone
+
+
+# --------------------------------------------------------------------------------------------------
+# Light that comes from the ground, some dozens of pixels of a row at once.
+
+CHUNK = 64
+"""Pixels of ground along a row that share a degree of detail."""
+SPECKS = 170.0
+"""Cells of noise to a metre of ground seen close by."""
+DETAIL_M = 14.0
+"""Nearer than this the grain of the ground is seen."""
+LAMP_STEP = 8
+"""Pixels along a row between which the light of lamps changes evenly."""
+OUTER, MIDDLE, ALL = 0xFF00FF, 0x00FF00, 0xFF00FF00FF
+"""Red and blue, green of a packed colour, and all three a byte apart."""
+
+
+@compiled(forceinline=True, borrowing=True)
+def _level(
+    lens: Lens, stage: Stage, base: tuple[float, float], x: float, y: float, depth: float
+) -> int:
+    """Degree of detail that fits a pixel's footprint on the ground; 3 beyond all squares."""
+    footprint = depth / lens.focal[0] * np.sqrt(max(1.0, 0.5 * depth / max(0.3, lens.origin[2])))
+    level = 0
+    while level < len(CELLS_M):
+        half = (SIDE // 2 - 2) * CELLS_M[level]
+        away_x = abs(base[0] + x - stage.middles[level, 0])
+        inside = away_x < half and abs(base[1] + y - stage.middles[level, 1]) < half
+        if inside and (footprint < 1.6 * CELLS_M[level] or level == len(CELLS_M) - 1):
+            break
+        level += 1
+    return level
+
+
+@compiled(forceinline=True, borrowing=True)
+def ground_run(
+    lens: Lens,
+    q: np.ndarray,
+    row: int,
+    start: int,
+    end: int,
+    stage: Stage,
+    air: Air,
+    bench: np.ndarray,
+    light: np.ndarray,
+) -> None:
+    """Shade up to `CHUNK` pixels of ground; bench (11, CHUNK) float32 is room to work in.
+
+    Its rows hold x, y, depth, red, green, blue, the three colours of the ground itself, and the
+    light of street lamps and of headlights.
+    """
+    dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
+    base = _ground_places(lens, q, dv, start, end, bench)
+    level = max(
+        _level(lens, stage, base, bench[0, 0], bench[1, 0], bench[2, 0]),
+        _level(
+            lens,
+            stage,
+            base,
+            bench[0, end - start - 1],
+            bench[1, end - start - 1],
+            bench[2, end - start - 1],
+        ),
+    )
+    _ground_cells(stage, level, base, bench, end - start)
+    _ground_light(stage, air, row, start, end - start, bench)
+    if air.lamps:
+        _ground_lamps(lens, stage, base, row, start, end - start, bench)
+    if air.wet > 0.0:
+        _ground_water(lens, stage, air, base, end - start, bench)
+    if air.extinction * max(bench[2, 0], bench[2, end - start - 1]) > 0.004:
+        _ground_air(lens, stage, air, dv, start, end, bench)
+    for c in range(start, end):
+        n = c - start
+        light[c, 0], light[c, 1], light[c, 2] = bench[3, n], bench[4, n], bench[5, n]
+
+
+@compiled(forceinline=True, borrowing=True)
+def _ground_places(
+    lens: Lens, q: np.ndarray, dv: float, start: int, end: int, bench: np.ndarray
+) -> tuple[float, float]:
+    """Write x, y, relative to the whole metres before the camera's place, and depth."""
+    r = lens.rotation
+    x0, y0 = r[1, 0] * dv + r[2, 0], r[1, 1] * dv + r[2, 1]
+    ax, ay = r[0, 0] / lens.focal[0], r[0, 1] / lens.focal[0]
+    base_x, base_y = np.floor(lens.origin[0]), np.floor(lens.origin[1])
+    ox, oy = lens.origin[0] - base_x, lens.origin[1] - base_y
+    u0 = start + 0.5 - lens.centre[0]
+    for n in range(end - start):
+        depth = 1.0 / q[start + n]
+        bench[0, n] = ox + depth * (x0 + ax * (u0 + n))
+        bench[1, n] = oy + depth * (y0 + ay * (u0 + n))
+        bench[2, n] = depth
+    return base_x, base_y
+
+
+@compiled(forceinline=True, borrowing=True)
+def _ground_cells(
+    stage: Stage, level: int, base: tuple[float, float], bench: np.ndarray, count: int
+) -> None:
+    """Write the colours of the ground, linear between cells; near ones with their grain."""
+    if level >= len(CELLS_M):
+        for n in range(count):
+            bench[3, n], bench[4, n], bench[5, n] = 0.048, 0.064, 0.025
+        return
+    scale = np.float32(1.0 / CELLS_M[level])
+    cells = stage.cells[level]
+    # Whole cells and what is left of them apart, so that 32 bits are enough.
+    whole_x, whole_y = np.floor(base[0] / CELLS_M[level]), np.floor(base[1] / CELLS_M[level])
+    bx = np.float32(base[0] / CELLS_M[level] - whole_x - 0.5)
+    by = np.float32(base[1] / CELLS_M[level] - whole_y - 0.5)
+    first_row, first_column = np.int64(whole_y), np.int64(whole_x)
+    for n in range(count):
+        fx, fy = bx + scale * bench[0, n], by + scale * bench[1, n]
+        i, j = np.floor(fy), np.floor(fx)
+        u, v = np.int64(np.float32(256.0) * (fx - j)), np.int64(np.float32(256.0) * (fy - i))
+        row = (np.int64(i) + first_row) & (SIDE - 1)
+        column = (np.int64(j) + first_column) & (SIDE - 1)
+        below, right = (row + 1) & (SIDE - 1), (column + 1) & (SIDE - 1)
+        a, b = np.int64(cells[row, column]), np.int64(cells[row, right])
+        c, d = np.int64(cells[below, column]), np.int64(cells[below, right])
+        # Red and blue at once, two bytes apart, and green beyond them: 64 bits hold all three.
+        a = (a & OUTER) | ((a & MIDDLE) << 24)
+        b = (b & OUTER) | ((b & MIDDLE) << 24)
+        c = (c & OUTER) | ((c & MIDDLE) << 24)
+        d = (d & OUTER) | ((d & MIDDLE) << 24)
+        high = ((a * (256 - u) + b * u) >> 8) & ALL
+        low = ((c * (256 - u) + d * u) >> 8) & ALL
+        mixed = (high * (256 - v) + low * v) >> 8
+        bench[3, n], bench[4, n] = mixed & 255, (mixed >> 32) & 255
+        bench[5, n] = (mixed >> 16) & 255
+    if bench[2, 0] < DETAIL_M:
+        # A tile of noise is as wide as 256 specks; places far out lose no digits.
+        fine_x = np.float32(SPECKS * (base[0] % 256.0) % NOISE_SIDE)
+        fine_y = np.float32(SPECKS * (base[1] % 256.0) % NOISE_SIDE)
+        specks = np.float32(SPECKS)
+        for n in range(count):
+            speck = cell_of(
+                stage.noise, fine_x + specks * bench[0, n], fine_y + specks * bench[1, n]
+            )
+            near = np.float32(max(0.0, 1.0 - bench[2, n] / DETAIL_M))
+            grain = (
+                np.float32(1.0) + np.float32(0.45) * (np.float32(speck) - np.float32(0.5)) * near
+            )
+            bench[3, n], bench[4, n] = bench[3, n] * grain, bench[4, n] * grain
+            bench[5, n] *= grain
+
+
+@compiled(forceinline=True, borrowing=True)
+def _ground_light(
+    stage: Stage, air: Air, row: int, start: int, count: int, bench: np.ndarray
+) -> None:
+    """Square the roots and multiply them with the light of sun and sky."""
+    for k in range(3):
+        # Bytes of roots are squared, so 255 comes in twice, and once more with the shares.
+        sun = np.float32(air.towards[2] * air.sun[k] / 255.0**3)
+        sky = np.float32(air.sky[k] / 255.0**3)
+        for n in range(count):
+            shine = sun * np.float32(stage.lit[row, start + n])
+            shine += sky * np.float32(stage.open_sky[row, start + n])
+            bench[6 + k, n] = bench[3 + k, n] * bench[3 + k, n]
+            bench[3 + k, n] = bench[6 + k, n] * shine
+
+
+@compiled(borrowing=True)
+def _ground_lamps(
+    lens: Lens,
+    stage: Stage,
+    base: tuple[float, float],
+    row: int,
+    start: int,
+    count: int,
+    bench: np.ndarray,
+) -> None:
+    """Add the light of lamps: exact every `LAMP_STEP` pixels, linear between them."""
+    ahead = _lamps_at(lens, stage, base, bench, 0)
+    for first in range(0, count, LAMP_STEP):
+        last = min(count - 1, first + LAMP_STEP)
+        here, ahead = ahead, _lamps_at(lens, stage, base, bench, last)
+        _evenly(bench[9], first, last, here[0], ahead[0])
+        _evenly(bench[10], first, last, here[1], ahead[1])
+    for n in range(count):
+        warm = bench[9, n] * np.float32(stage.open_sky[row, start + n]) * np.float32(1.0 / 255.0)
+        white = bench[10, n]
+        bench[3, n] += bench[6, n] * (warm + white)
+        bench[4, n] += bench[7, n] * (np.float32(0.72) * warm + np.float32(0.95) * white)
+        bench[5, n] += bench[8, n] * (np.float32(0.42) * warm + np.float32(0.85) * white)
+
+
+@compiled(forceinline=True, borrowing=True)
+def _evenly(line: np.ndarray, first: int, last: int, here: np.float32, there: np.float32) -> None:
+    """Write values from one pixel to another, both ends included."""
+    step = np.float32(1.0 / max(1, last - first)) * (there - here)
+    for n in range(first, last + 1):
+        line[n] = here + np.float32(n - first) * step
+
+
+@compiled(forceinline=True, borrowing=True)
+def _lamps_at(
+    lens: Lens, stage: Stage, base: tuple[float, float], bench: np.ndarray, n: int
+) -> tuple[np.float32, np.float32]:
+    """Light of street lamps and of headlights on one pixel of ground, over 255 squared."""
+    x, y = base[0] + bench[0, n], base[1] + bench[1, n]
+    warm, white = pools_at(stage.pools, stage.corner, x, y)
+    white += own_beam(lens, x, y, 0.0, False)
+    return np.float32(warm / 255.0**2), np.float32(white / 255.0**2)
+
+
+@compiled(borrowing=True)
+def _ground_water(
+    lens: Lens, stage: Stage, air: Air, base: tuple[float, float], count: int, bench: np.ndarray
+) -> None:
+    """Let wet ground be darker, and mirror the sky."""
+    for n in range(count):
+        share = _mirrored(
+            lens, stage, air, base[0] + bench[0, n], base[1] + bench[1, n], bench[2, n]
+        )
+        # Water does not stand on grass.
+        share *= 0.15 if bench[7, n] > 1.15 * bench[6, n] else 1.0
+        dark = 1.0 - 0.4 * air.wet - share
+        for k in range(3):
+            bench[3 + k, n] = dark * bench[3 + k, n] + share * air.horizon[k]
+
+
+@compiled(forceinline=True, borrowing=True)
+def _ground_air(
+    lens: Lens,
+    stage: Stage,
+    air: Air,
+    dv: float,
+    start: int,
+    end: int,
+    bench: np.ndarray,
+) -> None:
+    """Let the air take light and give its own: exact at both ends, linear between them."""
+    ends = (start, end - 1)
+    shares = (1.0, 1.0)
+    for i in range(2):
+        du = (ends[i] + 0.5 - lens.centre[0]) / lens.focal[0]
+        reach = bench[2, ends[i] - start] * np.sqrt(1.0 + du * du + dv * dv)
+        share = share_passed(stage.fades, air.extinction * reach)
+        shares = (share, share) if i == 0 else (shares[0], share)
+    step = np.float32((shares[1] - shares[0]) / max(1, end - 1 - start))
+    first = np.float32(shares[0])
+    for k in range(3):
+        veil = np.float32(air.veil[k])
+        for n in range(end - start):
+            passed = first + np.float32(n) * step
+            bench[3 + k, n] = veil + passed * (bench[3 + k, n] - veil)
+
+
+@compiled(forceinline=True, borrowing=True)
+def _mirrored(lens: Lens, stage: Stage, air: Air, x: float, y: float, depth: float) -> float:
+    """Share of light that wet ground mirrors: Schlick's law, more where water stands."""
+    down = lens.origin[2] / np.sqrt(depth * depth + lens.origin[2] * lens.origin[2])
+    graze = 1.0 - min(1.0, down)
+    square = graze * graze
+    puddle = min(1.0, max(0.0, 3.5 * (blend_of(stage.noise, 6.0 * x, 6.0 * y) - 0.42)))
+    share: float = air.wet * (0.5 + 0.5 * puddle) * (0.02 + 0.6 * square * square * graze)
+    return share
+
+
+@compiled(forceinline=True, borrowing=True)
+def plain_ground(
+    lens: Lens,
+    q: np.ndarray,
+    x0: float,
+    y0: float,
+    ax: float,
+    ay: float,
+    start: int,
+    end: int,
+    stage: Stage,
+    pixels: np.ndarray,
+) -> None:
+    """Copy the bytes of the nearest cells into pixels (W, 3) uint8."""
+    level = 0
+    for c in (start, end - 1):
+        du, depth = c + 0.5 - lens.centre[0], 1.0 / q[c]
+        x, y = lens.origin[0] + depth * (x0 + ax * du), lens.origin[1] + depth * (y0 + ay * du)
+        level = max(level, _level(lens, stage, (0.0, 0.0), x, y, depth))
+    if level >= len(CELLS_M):
+        for c in range(start, end):
+            pixels[c, 0], pixels[c, 1], pixels[c, 2] = 57, 65, 44
+        return
+    scale = 1.0 / CELLS_M[level]
+    for c in range(start, end):
+        du, depth = c + 0.5 - lens.centre[0], scale / q[c]
+        column = np.int64(np.floor(lens.origin[0] * scale + depth * (x0 + ax * du)))
+        row = np.int64(np.floor(lens.origin[1] * scale + depth * (y0 + ay * du)))
+        cell = np.int64(stage.cells[level, row & (SIDE - 1), column & (SIDE - 1)])
+        pixels[c, 0], pixels[c, 1] = cell & 255, (cell >> 8) & 255
+        pixels[c, 2] = cell >> 16
+
+
+# --------------------------------------------------------------------------------------------------
+# The painted ground around a camera, kept from frame to frame.
 
 ASPHALT = (0.078, 0.079, 0.082)
 CONCRETE = (0.24, 0.23, 0.215)
@@ -32,9 +506,14 @@ class Ground:
         """Take what lies on the ground and the roadside style."""
         paved = style in PAVED
         self.paving = Paving(
-            np.array(ASPHALT), np.array(CONCRETE if paved else ASPHALT), np.array(GRASS),
-            np.array(PAINT), np.array(KERB), SHOULDERS_M.get(style, 0.5), paved,
-        )  # fmt: skip
+            np.array(ASPHALT),
+            np.array(CONCRETE if paved else ASPHALT),
+            np.array(GRASS),
+            np.array(PAINT),
+            np.array(KERB),
+            SHOULDERS_M.get(style, 0.5),
+            paved,
+        )
         self.surface = surface
         self.cells = np.zeros((len(CELLS_M), SIDE, SIDE + PADDING), np.uint32)
         self.middles = np.zeros((len(CELLS_M), 2))
@@ -59,7 +538,12 @@ class Ground:
         slot = (tile[0] % TILES, tile[1] % TILES)
         if self._painted[level].get(slot) != tile:
             paint_tile(
-                self.surface.strips, self.surface.lines, self.paving, noise_tile(),
-                CELLS_M[level], tile, self.cells[level],
-            )  # fmt: skip
+                self.surface.strips,
+                self.surface.lines,
+                self.paving,
+                noise_tile(),
+                CELLS_M[level],
+                tile,
+                self.cells[level],
+            )
             self._painted[level][slot] = tile

@@ -44,9 +44,12 @@ class Light(Record):
 
     def __post_init__(self) -> None:
         require(
-            0 < self.sun_elevation <= np.pi / 2, self, "sun_elevation",
-            "an angle above the horizon", self.sun_elevation,
-        )  # fmt: skip
+            0 < self.sun_elevation <= np.pi / 2,
+            self,
+            "sun_elevation",
+            "an angle above the horizon",
+            self.sun_elevation,
+        )
         require(0 <= self.clouds <= 1, self, "clouds", "a share in 0 to 1", self.clouds)
         require(0 < self.gain < np.inf, self, "gain", "above 0", self.gain)
         require(0 < self.iso < np.inf, self, "iso", "above 0", self.iso)
@@ -58,10 +61,11 @@ class Light(Record):
         flat = np.cos(self.sun_elevation)
         return np.array(
             [
-                flat * np.cos(self.sun_azimuth), flat * np.sin(self.sun_azimuth),
+                flat * np.cos(self.sun_azimuth),
+                flat * np.sin(self.sun_azimuth),
                 np.sin(self.sun_elevation),
             ]
-        )  # fmt: skip
+        )
 
 
 def daylight(rng: np.random.Generator) -> Light:
@@ -78,17 +82,27 @@ def daylight(rng: np.random.Generator) -> Light:
     fallen = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
     exposure = min(1.7, 1.1 / fallen)
     return Light(
-        float(rng.uniform(-np.pi, np.pi)), elevation, _colour(sun), _colour(zenith),
-        _colour(horizon), clouds=clouds, gain=exposure * float(rng.uniform(0.95, 1.3)),
-    )  # fmt: skip
+        float(rng.uniform(-np.pi, np.pi)),
+        elevation,
+        _colour(sun),
+        _colour(zenith),
+        _colour(horizon),
+        clouds=clouds,
+        gain=exposure * float(rng.uniform(0.95, 1.3)),
+    )
 
 
 def overcast(rng: np.random.Generator) -> Light:
     """Draw a closed grey sky; hardly a shadow."""
     return Light(
-        float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.3, 1.0)), (0.04, 0.04, 0.04),
-        GREY, (0.60, 0.61, 0.62), clouds=1.0, gain=float(rng.uniform(1.4, 1.8)),
-    )  # fmt: skip
+        float(rng.uniform(-np.pi, np.pi)),
+        float(rng.uniform(0.3, 1.0)),
+        (0.04, 0.04, 0.04),
+        GREY,
+        (0.60, 0.61, 0.62),
+        clouds=1.0,
+        gain=float(rng.uniform(1.4, 1.8)),
+    )
 
 
 def dusk(rng: np.random.Generator) -> Light:
@@ -98,23 +112,34 @@ def dusk(rng: np.random.Generator) -> Light:
     zenith = np.array([0.07, 0.10, 0.22]) * (1 - 0.5 * late)
     horizon = np.array([0.46, 0.30, 0.24]) * (1 - 0.5 * late)
     return Light(
-        float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.04, 0.12)), _colour(warm),
-        _colour(zenith), _colour(horizon), (0.05, 0.045, 0.04),
-        clouds=float(rng.uniform(0.1, 0.6)), lamps=True, gain=float(rng.uniform(1.3, 1.8)),
+        float(rng.uniform(-np.pi, np.pi)),
+        float(rng.uniform(0.04, 0.12)),
+        _colour(warm),
+        _colour(zenith),
+        _colour(horizon),
+        (0.05, 0.045, 0.04),
+        clouds=float(rng.uniform(0.1, 0.6)),
+        lamps=True,
+        gain=float(rng.uniform(1.3, 1.8)),
         iso=2.0,
-    )  # fmt: skip
+    )
 
 
 def night(rng: np.random.Generator) -> Light:
     """Draw a night under the glow of a town."""
     town = float(rng.uniform(0.5, 1.5))
     return Light(
-        float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.5, 1.2)), (0.004, 0.005, 0.007),
+        float(rng.uniform(-np.pi, np.pi)),
+        float(rng.uniform(0.5, 1.2)),
+        (0.004, 0.005, 0.007),
         _colour(town * np.array([0.004, 0.0045, 0.007])),
-        _colour(town * np.array([0.018, 0.015, 0.012])), (0.004, 0.004, 0.003),
-        clouds=float(rng.uniform(0.0, 0.7)), lamps=True, gain=float(rng.uniform(0.9, 1.2)),
+        _colour(town * np.array([0.018, 0.015, 0.012])),
+        (0.004, 0.004, 0.003),
+        clouds=float(rng.uniform(0.0, 0.7)),
+        lamps=True,
+        gain=float(rng.uniform(0.9, 1.2)),
         iso=8.0,
-    )  # fmt: skip
+    )
 
 
 LIGHTS: Mapping[str, Callable[[np.random.Generator], Light]] = MappingProxyType(

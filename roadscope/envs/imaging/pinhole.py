@@ -30,9 +30,12 @@ class Pinhole(Record):
 
     def __post_init__(self) -> None:
         require(
-            self.width > 0 and self.height > 0, self, "width", "at least one pixel",
+            self.width > 0 and self.height > 0,
+            self,
+            "width",
+            "at least one pixel",
             (self.width, self.height),
-        )  # fmt: skip
+        )
         require(min(self.focal_px) > 0, self, "focal_px", "positive lengths", self.focal_px)
 
     @staticmethod

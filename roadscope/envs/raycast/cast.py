@@ -85,15 +85,21 @@ def cast(
     require(0 < max_range_m < np.inf, columns, "max_range_m", "a finite range above 0", max_range_m)
     shape = (len(slopes), len(columns))
     surfaces = Surfaces(
-        np.empty(shape, np.float32), np.empty(shape, np.int32),
-        np.empty(shape, np.float32), np.empty(shape, np.float32),
-    )  # fmt: skip
+        np.empty(shape, np.float32),
+        np.empty(shape, np.int32),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.float32),
+    )
     outline = np.zeros(len(scene.present) if outlines else 0, np.int64)
     # Other number types would make numba compile everything once more.
     world = World(
-        gather(scene), scene.poses, scene.knots_s, int(scene.seed),
-        float(scene.ground_reflectivity), float(max_range_m),
-    )  # fmt: skip
+        gather(scene),
+        scene.poses,
+        scene.knots_s,
+        int(scene.seed),
+        float(scene.ground_reflectivity),
+        float(max_range_m),
+    )
     cast_all(rays, world, surfaces, outline)
     ranges, owners, cosines, reflectivity = (surface.T for surface in surfaces)
     if not outlines:
@@ -109,6 +115,4 @@ def _rays(scene: Scene, columns: Columns, slopes: np.ndarray) -> Rays:
     knots, fractions = scene.segments(columns.stamps_s)
     ahead, up = columns.ahead, columns.up
     level = is_level(ahead, up)
-    return Rays(
-        columns.origins, ahead, up, columns.stamps_s, given, knots, fractions, level
-    )  # fmt: skip
+    return Rays(columns.origins, ahead, up, columns.stamps_s, given, knots, fractions, level)

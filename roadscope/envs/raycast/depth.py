@@ -8,8 +8,7 @@ import numpy as np
 
 from roadscope.core import GROUND, SKY
 from roadscope.core.jit import compiled
-from roadscope.envs.raycast.blocks import Blocks, Rays
-from roadscope.envs.raycast.lanes import (
+from roadscope.envs.raycast.batch import (
     WIDTH,
     flip,
     least,
@@ -20,6 +19,7 @@ from roadscope.envs.raycast.lanes import (
     root,
     spread,
 )
+from roadscope.envs.raycast.blocks import Blocks, Rays
 
 NOTHING = SKY
 """Owner of a ray that meets nothing."""

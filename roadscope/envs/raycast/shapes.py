@@ -85,15 +85,22 @@ def _prepared(scene: Scene) -> Shapes:
     poses = np.concatenate([np.full(len(static), STILL), owners[firsts]])
     count = len(static) + len(bodies)
     shapes = Shapes(
-        np.empty((count, MAX_EDGES, 3)), np.zeros(count, np.bool_), np.empty(count, np.int32),
+        np.empty((count, MAX_EDGES, 3)),
+        np.zeros(count, np.bool_),
+        np.empty(count, np.int32),
         np.empty((count, 2)),
-        np.empty((count, 3)), np.empty(count),
+        np.empty((count, 3)),
+        np.empty(count),
         np.concatenate([np.arange(len(static)), len(static) + bodies]),
         np.concatenate([static.owners, owners]),
         np.concatenate([static.reflectivities, moving.reflectivities[bodies]]),
-        static.footprints, moving.footprints,
-        starts, poses.astype(np.int64), np.empty((len(poses), 3)), np.empty((len(poses), 2)),
-    )  # fmt: skip
+        static.footprints,
+        moving.footprints,
+        starts,
+        poses.astype(np.int64),
+        np.empty((len(poses), 3)),
+        np.empty((len(poses), 2)),
+    )
     _fill(static, np.arange(len(static)), 0, shapes)
     _fill(moving, bodies, len(static), shapes)
     _bound_units(starts, shapes.circles, shapes.heights, shapes.unit_circles, shapes.unit_heights)

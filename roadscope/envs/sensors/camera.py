@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +17,42 @@ from roadscope.envs.imaging.shading import Sight, shade, shade_plain
 from roadscope.envs.raycast.cast import GROUND, NOTHING
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.exposure import Motion, exposed
-from roadscope.envs.sensors.exposure_kernels import count_visible, describe
+from roadscope.envs.sensors.exposure import Motion, count_visible, describe, exposed
+from roadscope.envs.sensors.rig import CameraMount
+from roadscope.envs.traffic.timeline import Timeline
+
+# --------------------------------------------------------------------------------------------------
+# How camera and actors move while a shutter is open.
+
+
+def motion_during(
+    timeline: Timeline,
+    mount: CameraMount,
+    stamp_s: float,
+    world_from_ego: Callable[[float], Pose] | None = None,
+) -> Motion:
+    """Return the mean motion over the exposure whose middle is the stamp.
+
+    world_from_ego: where the ego is at a stamp, if not where the timeline has it.
+    """
+    placed = timeline.world_from_ego if world_from_ego is None else world_from_ego
+    exposure_s = mount.spec.exposure_s
+    opens_s, closes_s = stamp_s - exposure_s / 2, stamp_s + exposure_s / 2
+    around = timeline.at(np.array([opens_s, closes_s]))
+    ahead = np.stack([np.cos(around.yaws), np.sin(around.yaws)], axis=-1)
+    centres = around.axles + timeline.centre_ahead_m[:, None] * ahead
+    first, last = (placed(t) for t in (opens_s, closes_s))
+    turned = np.arctan2(np.sin(last.yaw - first.yaw), np.cos(last.yaw - first.yaw))
+    way = (last @ mount.ego_from_camera).translation - (first @ mount.ego_from_camera).translation
+    return Motion(
+        way / exposure_s,
+        np.array([0.0, 0.0, turned / exposure_s]),
+        (centres[1] - centres[0]) / exposure_s,
+    )
+
+
+# --------------------------------------------------------------------------------------------------
+# One exposure of a camera in a moving scene.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,10 +107,18 @@ def expose(
             sight, ground, light, extinction_per_m=extinction_per_m, wet=min(1.0, rain_mm_h / 5.0)
         )
         pixels = exposed(
-            shone, raster, solids, spec, light, world_from_camera=world_from_camera,
-            stamp_s=stamp_s, noise_seed=noise_seed, rain_mm_h=rain_mm_h, motion=motion,
+            shone,
+            raster,
+            solids,
+            spec,
+            light,
+            world_from_camera=world_from_camera,
+            stamp_s=stamp_s,
+            noise_seed=noise_seed,
+            rain_mm_h=rain_mm_h,
+            motion=motion,
             extinction_per_m=extinction_per_m,
-        )  # fmt: skip
+        )
     return CameraImage(pixels, spec.pinhole.intrinsics, stamp_s, sensor), truth
 
 

@@ -41,9 +41,12 @@ class CameraSpec(Record):
 
     def __post_init__(self) -> None:
         require(
-            0 < self.exposure_s <= self.period_s, self, "exposure_s", "above 0, up to period_s",
+            0 < self.exposure_s <= self.period_s,
+            self,
+            "exposure_s",
+            "above 0, up to period_s",
             self.exposure_s,
-        )  # fmt: skip
+        )
         require(self.full_well > 0, self, "full_well", "a positive number", self.full_well)
         require(self.read_noise >= 0, self, "read_noise", "a number from 0 up", self.read_noise)
         require(0 <= self.vignetting < 1, self, "vignetting", "a share below 1", self.vignetting)

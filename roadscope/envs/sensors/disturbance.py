@@ -2,18 +2,130 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from roadscope.core import Calibration, Pose
-from roadscope.envs.imaging.light import Light
-from roadscope.envs.sensors.fault_light import darkness, dazzling
+from roadscope.envs.imaging.light import Light, night
 from roadscope.envs.sensors.faults import FAULTS, Fault
-from roadscope.envs.sensors.gaps import Gaps
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import CLEAR, WEATHERS, Weather
+
+# --------------------------------------------------------------------------------------------------
+# Which measurements of a sensor are lost, in bursts, whatever order they are asked for in.
+
+PAGE = 1024
+"""Draws that are made at once."""
+BEFORE = 1 << 12
+"""Bursts may have begun before the first measurement; longer ones there are none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gaps:
+    """Bursts that begin by chance at any measurement; more severe ones hold the milder ones.
+
+    start: chance that a burst begins. length: measurements that it takes.
+    seed: of the draws, which do not depend on the two.
+    """
+
+    start: float
+    length: int
+    seed: int
+
+    @staticmethod
+    def of(shares: Sequence[float], lengths: Sequence[int], seed: int) -> Gaps:
+        """Make the last of a ladder of shares that are lost in bursts of some length.
+
+        A burst covers a measurement with chance 1 - (1 - start)^length. That no step of the
+        ladder undoes what an earlier one took, chances and lengths never fall along it.
+        """
+        starts = [1 - (1 - p) ** (1 / n) for p, n in zip(shares, lengths, strict=True)]
+        return Gaps(max(starts), max(lengths), seed)
+
+    def hit(self, index: int) -> int | None:
+        """Return where the burst that covers a measurement began, the first if several do."""
+        for begin in range(index - self.length + 1, index + 1):
+            page, place = divmod(begin + BEFORE, PAGE)
+            if page >= 0 and _draws(self.seed, page)[place] < self.start:
+                return begin
+        return None
+
+
+@lru_cache(maxsize=64)
+def _draws(seed: int, page: int) -> np.ndarray:
+    return np.random.default_rng([seed, page]).random(PAGE)
+
+
+# --------------------------------------------------------------------------------------------------
+# The light of faults: the dark, and a sun that stands low ahead.
+
+HEADLIGHT_LX = 40.0
+"""Of dipped beams on the road where the pictures show a light of 1, some 10 m ahead."""
+BESIDE_RAD = 0.1
+"""The sun stands within so much of straight ahead."""
+FLARES = (1.5, 2.0, 3.0, 4.5, 7.0)
+"""How much more stray light than a clean lens a windscreen brings, by severity of the glare."""
+
+
+def darkness(fault: Fault, rng: np.random.Generator) -> Light:
+    """Draw a night as dark as the fault says; the pictures are exposed for what headlights show.
+
+    Of one seed all severities are the same night but for the light of the sky and the gain.
+    """
+    drawn = night(rng)
+    share = fault.figure / HEADLIGHT_LX / float(np.mean(drawn.horizon))
+    zenith, horizon, ground = (
+        _times(c, share) for c in (drawn.zenith, drawn.horizon, drawn.ground)
+    )
+    return replace(
+        drawn,
+        sun=_times(drawn.sun, min(1.0, share)),
+        zenith=zenith,
+        horizon=horizon,
+        ground=ground,
+        gain=1.0,
+        iso=2.0**fault.severity,
+    )
+
+
+def dazzling(fault: Fault, light: Light, ahead_rad: float, rng: np.random.Generator) -> Light:
+    """Return a light that dazzles: where lamps are lit, by their halos, otherwise by a low sun.
+
+    ahead_rad: heading of the camera, world frame, that the sun stands close to.
+    """
+    beside = float(rng.uniform(-BESIDE_RAD, BESIDE_RAD))
+    flare = FLARES[fault.severity - 1]
+    if light.lamps:
+        return replace(light, flare=flare)
+    elevation = float(np.radians(fault.figure))
+    low = max(0.0, 1.0 - elevation / 0.5)
+    sun = np.array([0.85, 0.80 - 0.18 * low, 0.70 - 0.38 * low])
+    horizon = np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low])
+    zenith = np.array([0.16, 0.28, 0.52])
+    # The camera exposes for what falls on level ground, as it does by any day.
+    fallen = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
+    return Light(
+        ahead_rad + beside,
+        elevation,
+        _times(sun, 1.0),
+        _times(zenith, 1.0),
+        _times(horizon, 1.0),
+        clouds=0.0,
+        gain=min(1.7, 1.1 / fallen),
+        flare=flare,
+    )
+
+
+def _times(colour: object, share: float) -> tuple[float, float, float]:
+    red, green, blue = (float(v) for v in np.asarray(colour, np.float64) * share)
+    return red, green, blue
+
+
+# --------------------------------------------------------------------------------------------------
+# What the faults of an episode do to a rig's measurements.
 
 SCANS_PER_BURST = (1, 1, 2, 3, 5)
 SECONDS_PER_BLACKOUT = (0.1, 0.25, 0.5, 1.0, 2.0)

@@ -33,29 +33,54 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType(
     {
         # As far as one sees by day, and as the weather of the same name.
         "fog": FaultKind("Fog for LiDAR and camera alike.", VISIBILITY_M, "m", ("lidar", "camera")),
-        "rain": FaultKind("Rain for LiDAR and camera alike.", RAIN_MM_H, "mm/h",
-                          ("lidar", "camera")),
+        "rain": FaultKind(
+            "Rain for LiDAR and camera alike.", RAIN_MM_H, "mm/h", ("lidar", "camera")
+        ),
         # Minutes after sunset, end of civil twilight, a lit town, full moon, stars and far towns.
-        "night": FaultKind("Darkness with headlights, the camera's gain up by 6 dB a step.",
-                           (16.0, 4.0, 1.0, 0.25, 0.04), "lx", ("camera",)),
+        "night": FaultKind(
+            "Darkness with headlights, the camera's gain up by 6 dB a step.",
+            (16.0, 4.0, 1.0, 0.25, 0.04),
+            "lx",
+            ("camera",),
+        ),
         # From above a wide camera's view down to the end of the road; windscreens scatter more
         # the flatter the light comes in.
-        "glare": FaultKind("A low sun ahead of where the ego sets out; at night halos of lamps.",
-                           (30.0, 20.0, 12.0, 7.0, 4.0), "deg", ("camera",)),
+        "glare": FaultKind(
+            "A low sun ahead of where the ego sets out; at night halos of lamps.",
+            (30.0, 20.0, 12.0, 7.0, 4.0),
+            "deg",
+            ("camera",),
+        ),
         # From packets lost now and then to a link that is down for half a second at a time.
-        "dropped-scans": FaultKind("Frames arrive without their scan, in bursts.",
-                                   (2.0, 5.0, 10.0, 20.0, 40.0), "%", ("lidar",)),
+        "dropped-scans": FaultKind(
+            "Frames arrive without their scan, in bursts.",
+            (2.0, 5.0, 10.0, 20.0, 40.0),
+            "%",
+            ("lidar",),
+        ),
         # Likewise, from 0.1 s at a time (one missed exchange) to 2 s (a camera that restarts).
-        "blackout": FaultKind("Images are missing or black for a while.",
-                              (2.0, 5.0, 10.0, 20.0, 40.0), "%", ("camera",)),
+        "blackout": FaultKind(
+            "Images are missing or black for a while.",
+            (2.0, 5.0, 10.0, 20.0, 40.0),
+            "%",
+            ("camera",),
+        ),
         # From a busy driver's latency to a whole turn of a LiDAR: at 30 m/s, 0.15 m to 3 m.
-        "clock-offset": FaultKind("Images are stamped later than they were taken.",
-                                  (5.0, 10.0, 25.0, 50.0, 100.0), "ms", ("camera",)),
+        "clock-offset": FaultKind(
+            "Images are stamped later than they were taken.",
+            (5.0, 10.0, 25.0, 50.0, 100.0),
+            "ms",
+            ("camera",),
+        ),
         # From what is left after a careful calibration to a knock: at 50 m, 0.2 m to 3.5 m.
-        "extrinsic-error": FaultKind("The calibration is off: so far turned, and 4 cm/deg shifted.",
-                                     (0.25, 0.5, 1.0, 2.0, 4.0), "deg", ("lidar", "camera")),
+        "extrinsic-error": FaultKind(
+            "The calibration is off: so far turned, and 4 cm/deg shifted.",
+            (0.25, 0.5, 1.0, 2.0, 4.0),
+            "deg",
+            ("lidar", "camera"),
+        ),
     }
-)  # fmt: skip
+)
 """All faults; new ones come last, since the place decides the seed."""
 
 APART = (("fog", "rain"),)

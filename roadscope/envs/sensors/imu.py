@@ -1,13 +1,77 @@
-"""Inertial samples of a vehicle's motion."""
+"""Inertial and wheel-speed samples of a vehicle's motion."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from roadscope.core import ImuSamples
+from roadscope.core import Frame, ImuSamples
 from roadscope.envs.sensors.ego_motion import EgoMotion
-from roadscope.envs.sensors.imu_noise import ImuNoise
-from roadscope.envs.sensors.rig import ImuMount
+from roadscope.envs.sensors.imu_spec import ImuSpec
+from roadscope.envs.sensors.rig import ImuMount, LidarMount, Rig
+
+# --------------------------------------------------------------------------------------------------
+# Noise and biases of inertial samples, the same in whatever pieces they are asked for.
+
+PAGE = 1024
+"""Samples that are drawn at once."""
+
+
+class ImuNoise:
+    """White noise and wandering biases of the six axes, gyroscopes first.
+
+    All depends on the seed and the numbers of the samples alone; drawing goes on where it ended.
+    """
+
+    def __init__(self, spec: ImuSpec, seed: int) -> None:
+        """Draw the biases at turning on."""
+        self._seed = seed
+        rate = spec.rate_hz
+        gyro, force = np.ones(3), np.ones(3)
+        self._white = np.sqrt(rate) * np.append(
+            spec.gyro_noise * gyro, spec.accelerometer_noise * force
+        )
+        self._step = np.append(spec.gyro_walk * gyro, spec.accelerometer_walk * force) / rate**0.5
+        turn_on = np.append(spec.gyro_turn_on * gyro, spec.accelerometer_turn_on * force)
+        self._starts = [turn_on * np.random.default_rng(seed).standard_normal(6)]
+        self._pages: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def white(self, first: int, last: int) -> np.ndarray:
+        """(N, 6) noise of samples first to last, in rad/s and m/s^2; none has a number below 0."""
+        return self._collect(0, first, last)
+
+    def biases(self, first: int, last: int) -> np.ndarray:
+        """(N, 6) biases of samples first to last, in rad/s and m/s^2."""
+        return self._collect(1, first, last)
+
+    def _collect(self, kind: int, first: int, last: int) -> np.ndarray:
+        begin = first // PAGE
+        pages = [self._page(number)[kind] for number in range(begin, last // PAGE + 1)]
+        return np.concatenate(pages)[first - begin * PAGE : last + 1 - begin * PAGE]
+
+    def _page(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """White noise and biases of a page, (PAGE, 6) each."""
+        for missing in range(len(self._starts) - 1, number):
+            self._draw(missing)
+        if number not in self._pages:
+            self._draw(number)
+        return self._pages[number]
+
+    def _draw(self, number: int) -> None:
+        """Draw a page whose start is known, and with it the start of the next."""
+        # Of seed and 0 come the same numbers as of the seed alone.
+        draws = np.random.default_rng([self._seed, number + 1]).standard_normal((2, PAGE, 6))
+        ends = self._starts[number] + np.cumsum(self._step * draws[1], axis=0)
+        if number + 1 == len(self._starts):
+            self._starts.append(ends[-1])
+        if len(self._pages) > 4:
+            self._pages.clear()
+        self._pages[number] = self._white * draws[0], ends
+
+
+# --------------------------------------------------------------------------------------------------
+# Inertial samples of a vehicle's motion.
 
 GRAVITY_M_S2 = 9.80665
 """Magnitude of gravity; it points down in the world frame."""
@@ -44,3 +108,46 @@ def felt(motion: EgoMotion, mount: ImuMount, stamps_s: np.ndarray) -> np.ndarray
     force = np.einsum("tji,tj->ti", here.rotations @ ego_from_imu, here.accelerations - gravity)
     turn = np.einsum("ji,tj->ti", ego_from_imu, here.angular_velocities)
     return np.concatenate([turn, force], axis=1)
+
+
+# --------------------------------------------------------------------------------------------------
+# What inertial unit and wheels bring with each sweep, every sample exactly once.
+
+
+class Inertial:
+    """Adds to the frame of a sweep the samples since the end of the sweep before."""
+
+    def __init__(self, rig: Rig, seed: int) -> None:
+        """Draw biases; what the LiDAR draws stays as it is without an inertial unit."""
+        *_, imu, wheels = np.random.SeedSequence(seed).generate_state(8)
+        self._wheel_seed = int(wheels)
+        self._noise = None if rig.imu is None else ImuNoise(rig.imu.spec, int(imu))
+
+    def beside(self, frame: Frame, rig: Rig, motion: EgoMotion, index: int) -> Frame:
+        """Return the frame of the index-th sweep with what a rig has of its samples."""
+        if rig.imu is not None and self._noise is not None:
+            span = samples_of(rig.lidar, index, rig.imu.spec.rate_hz)
+            frame = replace(frame, imu=measure(motion, rig.imu, self._noise, *span))
+        if rig.wheels is not None:
+            span = samples_of(rig.lidar, index, rig.wheels.rate_hz)
+            frame = replace(frame, wheels=rig.wheels.measure(motion, self._wheel_seed, *span))
+        return frame
+
+
+def samples_of(mount: LidarMount, index: int, rate_hz: float) -> tuple[int, int]:
+    """Return numbers of the first and the last sample that come with a sweep.
+
+    Those after the end of the sweep before, up to the end of this one; with the first sweep also
+    one at its very beginning. None is taken before 0.
+    """
+    end_s = mount.stamp_s(index) + mount.spec.sweep_s / 2
+    before_s = end_s - mount.spec.period_s
+    if index > 0:
+        before_s = mount.stamp_s(index - 1) + mount.spec.sweep_s / 2
+    first = _number(before_s, rate_hz) + (1 if index > 0 else 0)
+    return max(first, 0), _number(end_s, rate_hz)
+
+
+def _number(stamp_s: float, rate_hz: float) -> int:
+    """Return the last sample up to a stamp; rounding of stamps is forgiven."""
+    return int(np.floor(stamp_s * rate_hz + 1e-6))

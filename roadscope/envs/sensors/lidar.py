@@ -4,20 +4,334 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.core import LidarScan, Pose, RecordError
+from roadscope.core import WEATHER, LidarScan, Pose, RecordError
 from roadscope.core.checks import settle_arrays
+from roadscope.core.jit import compiled
 from roadscope.core.record import Record
-from roadscope.envs.raycast.cast import Columns, Hits, cast
+from roadscope.envs.raycast.cast import NOTHING, Columns, Hits, cast
 from roadscope.envs.raycast.depth import Surfaces
+from roadscope.envs.raycast.kernels import mix
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.sensors.backscatter import LEAST_POWER, echoes
-from roadscope.envs.sensors.backscatter_kernels import cloud_over
-from roadscope.envs.sensors.lidar_kernels import Firings, Way, collect, interpolate_columns
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.sensors.weather import CLEAR, Weather
+
+# --------------------------------------------------------------------------------------------------
+# From what the rays meet to what the receiver reports.
+
+
+class Firings(NamedTuple):
+    """Where C columns of B beams look: azimuths (C, 2), elevations (B, 2), cosines and sines.
+
+    order: (B,) beams as they fire.
+    """
+
+    azimuths: np.ndarray
+    elevations: np.ndarray
+    order: np.ndarray
+
+
+class Way(NamedTuple):
+    """How a sensor moves between K knots.
+
+    matrices: (K, 4, 4), world_from_lidar. turns: (K, 3, 3), cross-product matrix of the unit axis
+    about which it turns after the knot; angles: (K,), by how many radians until the next.
+    """
+
+    matrices: np.ndarray
+    turns: np.ndarray
+    angles: np.ndarray
+
+
+@compiled()
+def collect(
+    surfaces: Surfaces,
+    noise: np.ndarray,
+    chances: np.ndarray,
+    firings: Firings,
+    limits: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return points, intensity, ring, column and owner of each return, in firing order.
+
+    A surface sends back energy in proportion to reflectivity and cosine over range squared;
+    below the limit it is lost. The receiver makes up for the range squared only in the far
+    field, so intensity is reflectivity * cosine / (1 + (4 range / range_max)^2).
+
+    noise: (B, C) normal, chances: (B, C) uniform.
+    limits: range_min, range_max, noise, resolution in metres, dropout, detection limit.
+    """
+    ranges, owners, cosines, reflectivity = surfaces
+    azimuths, elevations, order = firings
+    near, far, sigma, step, dropout, limit = limits
+    size = ranges.size
+    points = np.empty((size, 3), np.float32)
+    intensity, source = np.empty(size, np.float32), np.empty(size, np.int32)
+    ring, column = np.empty(size, np.int16), np.empty(size, np.int32)
+    count = 0
+    for c in range(ranges.shape[1]):
+        for j in order:
+            true = np.float64(ranges[j, c])
+            if owners[j, c] == NOTHING or chances[j, c] < dropout:
+                continue
+            signal = np.float64(reflectivity[j, c]) * np.float64(cosines[j, c])
+            if signal * far * far < limit * true * true:
+                continue
+            measured = true + sigma * np.float64(noise[j, c])
+            if step > 0.0:
+                measured = step * np.rint(measured / step)
+            if measured < near or measured > far:
+                continue
+            flat = measured * elevations[j, 0]
+            points[count, 0], points[count, 1] = flat * azimuths[c, 0], flat * azimuths[c, 1]
+            points[count, 2] = measured * elevations[j, 1]
+            intensity[count] = signal / (1.0 + (4.0 * true / far) ** 2)
+            ring[count], column[count], source[count] = j, c, owners[j, c]
+            count += 1
+    return points[:count], intensity[:count], ring[:count], column[:count], source[:count]
+
+
+@compiled()
+def interpolate_columns(
+    way: Way, knots: np.ndarray, fractions: np.ndarray, azimuths: np.ndarray, columns: np.ndarray
+) -> None:
+    """Fill origin, direction and z axis of each column, (3, C, 3), from poses at the knots.
+
+    knots, fractions: (C,) which knot is before a column, and the share of the way to the next.
+    azimuths: (C, 2) cosines and sines.
+    """
+    matrices, turns, angles = way
+    origins, ahead, up = columns[0], columns[1], columns[2]
+    step, lidar = np.empty((3, 3)), np.empty((3, 3))
+    for c in range(len(knots)):
+        k, f = knots[c], fractions[c]
+        after = min(k + 1, len(matrices) - 1)
+        sine, rest = np.sin(f * angles[k]), 1.0 - np.cos(f * angles[k])
+        for i in range(3):
+            for j in range(3):
+                square = 0.0
+                for m in range(3):
+                    square += turns[k, i, m] * turns[k, m, j]
+                # Rodrigues' formula; a turn about z leaves the z axis as it is, to the bit.
+                step[i, j] = (1.0 if i == j else 0.0) + sine * turns[k, i, j] + rest * square
+        for i in range(3):
+            for j in range(3):
+                lidar[i, j] = 0.0
+                for m in range(3):
+                    lidar[i, j] += matrices[k, i, m] * step[m, j]
+            start = matrices[k, i, 3]
+            origins[c, i] = start + f * (matrices[after, i, 3] - start)
+            ahead[c, i] = azimuths[c, 0] * lidar[i, 0] + azimuths[c, 1] * lidar[i, 1]
+            up[c, i] = lidar[i, 2]
+
+
+# --------------------------------------------------------------------------------------------------
+# Rays through rain and fog.
+
+STEP = np.uint64(0x9E3779B97F4A7C15)
+"""From one random number to the next (Steele, Lea and Flood's SplitMix, 2014)."""
+
+
+@compiled(borrowing=True)
+def cloud_over(
+    surfaces: Surfaces, echoes: Echoes, air: tuple[float, float], key: np.uint64
+) -> None:
+    """Put weather between sensor and surfaces, in place: the strongest return of a ray wins.
+
+    Surfaces lose reflectivity; where an echo wins it takes the ray, with the reflectivity of a
+    wall as bright.
+    air: extinction per metre, and least power that the receiver reports.
+    key: of the sweep; an echo depends on it, beam and column alone.
+    """
+    ranges, owners, cosines, reflectivity = surfaces
+    extinction, least = air
+    expected = echoes.tails[-1] if len(echoes.tails) else 0.0
+    loudest = np.exp(echoes.log_powers[0]) if len(echoes.tails) else 0.0
+    for j in range(ranges.shape[0]):
+        for c in range(ranges.shape[1]):
+            reach, rivals = np.inf, expected
+            if owners[j, c] != NOTHING:
+                reach = np.float64(ranges[j, c])
+                reflectivity[j, c] *= np.exp(-2.0 * extinction * reach)
+                signal = np.float64(reflectivity[j, c]) * np.float64(cosines[j, c])
+                power = signal * _gain(reach) if signal >= least * reach * reach else 0.0
+                if power > least:
+                    rivals = _tail(echoes, np.log(power)) if power < loudest else 0.0
+            if rivals <= 0.0:
+                continue
+            state = mix(key + np.uint64(j * ranges.shape[1] + c) * STEP)
+            measured, power = _strongest(echoes, reach, rivals, state)
+            if measured > 0.0:
+                owners[j, c], ranges[j, c], cosines[j, c] = WEATHER, measured, 1.0
+                reflectivity[j, c] = power / _gain(measured)
+
+
+@compiled(borrowing=True)
+def _strongest(
+    echoes: Echoes, reach: float, rivals: float, state: np.uint64
+) -> tuple[float, float]:
+    """Return range and power of the strongest echo before the surface, zeros if there is none.
+
+    rivals: expected number of echoes that are strong enough. The echoes of a Poisson process,
+    strongest first, are where its tail passes the sums of exponential paths.
+    state: of the ray's own random numbers.
+    """
+    powers, tails, quantiles = echoes
+    passed = 0.0
+    while True:
+        passed -= np.log(_uniform(mix(state + STEP)))
+        if passed >= rivals:
+            break
+        k = _place(tails, passed)
+        share = max(passed - tails[k], 0.0) / (tails[k + 1] - tails[k])
+        power = np.exp(powers[k] + share * (powers[k + 1] - powers[k]))
+        state += STEP + STEP
+        place = _uniform(mix(state)) * (quantiles.shape[1] - 1)
+        q = min(int(place), quantiles.shape[1] - 2)
+        measured = quantiles[k, q] + (place - q) * (quantiles[k, q + 1] - quantiles[k, q])
+        if measured < reach:
+            return measured, power
+    return 0.0, 0.0
+
+
+@compiled(borrowing=True)
+def _uniform(bits: np.uint64) -> float:
+    """Return a number above 0 and up to 1 from 64 random bits."""
+    return (np.float64(bits >> np.uint64(11)) + 1.0) * 2.0**-53
+
+
+@compiled(borrowing=True)
+def _place(tails: np.ndarray, passed: float) -> int:
+    """Return the last entry, short of the end, at which no more echoes are expected than passed."""
+    low, high = 0, len(tails) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if tails[middle] <= passed:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@compiled(borrowing=True)
+def _tail(echoes: Echoes, log_power: float) -> float:
+    """Return the expected number of echoes stronger than a power."""
+    powers, tails, _ = echoes
+    step = (powers[-1] - powers[0]) / (len(powers) - 1)
+    place = (log_power - powers[0]) / step
+    k = min(int(place), len(powers) - 2)
+    share = min(place - k, 1.0)
+    tail: float = tails[k] + share * (tails[k + 1] - tails[k])
+    return tail
+
+
+@compiled(borrowing=True)
+def _gain(reach: float) -> float:
+    """Power over signal: how much the receiver sees of the beam, over range squared."""
+    square = reach * reach
+    gain: float = square / (square + OVERLAP_M * OVERLAP_M) ** 2
+    return gain
+
+
+# --------------------------------------------------------------------------------------------------
+# What droplets in the air send back to a LiDAR.
+
+PULSE_M = 0.75
+"""Half the way of light in a pulse of 5 ns; assumed for all sensors, as are the next three."""
+APERTURE_M, DIVERGENCE_RAD = 0.01, 0.003
+"""Width of the beam as it leaves, and by how much it grows per metre."""
+OVERLAP_M = 5.0
+"""Range at which the receiver sees a quarter of the beam: lenses 3 cm apart, fields of 3 mrad."""
+SAMPLES = 16.0
+"""Shape of the gamma distribution of a fog sample: it varies by a quarter, as a signal does that
+just reaches a limit of four standard deviations of noise."""
+
+DROPS_PER_M3_MM = 8000.0
+LARGEST_MM = 8.0
+"""Larger drops break up."""
+
+LEAST_POWER = 1e-9
+LEAST_TAIL = 1e-8
+POWERS, RANGES, QUANTILES = 256, 600, 257
+
+
+class Echoes(NamedTuple):
+    """The strongest echo of a ray, as tables.
+
+    log_powers: (K,) float64, decreasing to the receiver's limit.
+    tails: (K,) float64, expected number of echoes stronger than that, increasing.
+    quantiles: (K - 1, Q) float64, metres, range of an echo between two powers at Q
+        probabilities from 0 to 1.
+    """
+
+    log_powers: np.ndarray
+    tails: np.ndarray
+    quantiles: np.ndarray
+
+
+def overlap(ranges: np.ndarray) -> np.ndarray:
+    """Return which share of the beam the receiver sees, 0 to 1, at ranges in metres."""
+    square = ranges**2
+    share: np.ndarray = (square / (square + OVERLAP_M**2)) ** 2
+    return share
+
+
+def echo_rate(weather: Weather, powers: np.ndarray, ranges: np.ndarray) -> np.ndarray:
+    """Return echoes per metre of way that are stronger than a power, at a range in metres."""
+    gain = overlap(ranges) / ranges**2 * np.exp(-2 * weather.extinction_per_m * ranges)
+    if weather.kind == "rain":
+        return _drop_rate(weather, powers / gain, ranges)
+    if weather.kind == "fog":
+        from scipy.special import gammainc
+
+        mean = np.pi * weather.extinction_per_m / weather.lidar_ratio_sr * PULSE_M
+        below = gammainc(SAMPLES, SAMPLES * powers / (gain * mean))
+        rate: np.ndarray = -np.log(np.maximum(below, 1e-20)) / PULSE_M
+        return rate
+    return np.zeros(np.broadcast_shapes(powers.shape, ranges.shape))
+
+
+def _drop_rate(weather: Weather, signal: np.ndarray, ranges: np.ndarray) -> np.ndarray:
+    """Return drops per metre of beam that are brighter than a wall of a reflectivity."""
+    area = np.pi / 4 * (APERTURE_M + DIVERGENCE_RAD * ranges) ** 2
+    # A drop takes out twice its outline; over the beam's area that is extinction times length.
+    square = signal * area * weather.lidar_ratio_sr / np.pi / (np.pi / 2)
+    least_mm = np.minimum(1e3 * np.sqrt(square), LARGEST_MM)
+    slope = 4.1 * weather.rain_rate_mm_h**-0.21
+    drops = np.exp(-slope * least_mm) - np.exp(-slope * LARGEST_MM)
+    rate: np.ndarray = DROPS_PER_M3_MM / slope * drops * area
+    return rate
+
+
+@lru_cache(maxsize=32)
+def echoes(weather: Weather, near_m: float, far_m: float, least_power: float) -> Echoes:
+    """Make the tables for echoes from near to far that are stronger than the receiver's limit."""
+    edges = np.geomspace(max(near_m, 0.1), far_m, RANGES + 1)
+    widths, middles = np.diff(edges), np.sqrt(edges[1:] * edges[:-1])
+    least = max(least_power, LEAST_POWER)
+
+    def rates(powers: np.ndarray) -> np.ndarray:
+        return echo_rate(weather, powers[:, None], middles) * widths
+
+    coarse = np.geomspace(max(1.0, 2 * least), least, POWERS)
+    heard = np.flatnonzero(rates(coarse).sum(axis=1) > LEAST_TAIL)
+    if len(heard) == 0:
+        return Echoes(np.empty(0), np.empty(0), np.empty((0, QUANTILES)))
+    powers = np.geomspace(coarse[max(heard[0] - 1, 0)], least, POWERS)
+    rate = rates(powers)
+    between = np.cumsum(np.maximum(np.diff(rate, axis=0), 0) + 1e-300, axis=1)
+    shares = np.column_stack([np.zeros(POWERS - 1), between / between[:, -1:]])
+    # A ten-thousandth of the echoes, the nearest and farthest, come from a little inside.
+    chances = np.linspace(0, 1, QUANTILES).clip(5e-5, 1 - 5e-5)
+    quantiles = np.stack([np.interp(chances, share, edges) for share in shares])
+    return Echoes(np.log(powers), rate.sum(axis=1), quantiles)
+
+
+# --------------------------------------------------------------------------------------------------
+# One sweep of a scanning LiDAR through a moving scene.
 
 Path = Sequence[Pose] | Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """`world_from_lidar` at the scene's knots, or a function from (T,) stamps to (T, 3, 3) rotations
@@ -115,9 +429,11 @@ def _cloud_over(spec: LidarSpec, hits: Hits, weather: Weather, key: np.uint64) -
     """Let the weather take what it takes of the hits, in place, and put its echoes there."""
     least = max(spec.detection_limit / spec.range_max_m**2, LEAST_POWER)
     cloud_over(
-        _surfaces(hits), echoes(weather, spec.range_min_m, spec.range_max_m, least),
-        (weather.extinction_per_m, least), key,
-    )  # fmt: skip
+        _surfaces(hits),
+        echoes(weather, spec.range_min_m, spec.range_max_m, least),
+        (weather.extinction_per_m, least),
+        key,
+    )
 
 
 def _surfaces(hits: Hits) -> Surfaces:
@@ -134,18 +450,20 @@ def _measure(
     order = np.argsort(spec.firing_offsets_s, kind="stable")
     limits = np.array(
         [
-            spec.range_min_m, spec.range_max_m, spec.range_noise_m, spec.range_resolution_m,
-            spec.dropout, spec.detection_limit,
+            spec.range_min_m,
+            spec.range_max_m,
+            spec.range_noise_m,
+            spec.range_resolution_m,
+            spec.dropout,
+            spec.detection_limit,
         ]
-    )  # fmt: skip
+    )
     firings = Firings(_directions(spec.azimuths()), _directions(spec.elevations), order)
     points, intensity, ring, column, owners = collect(
         _surfaces(hits), noise, chances, firings, limits
     )
     times = spec.column_offsets_s()[column] + spec.firing_offsets_s[ring]
-    scan = LidarScan(
-        points, intensity, ring, column, times.astype(np.float32), stamp_s, sensor
-    )  # fmt: skip
+    scan = LidarScan(points, intensity, ring, column, times.astype(np.float32), stamp_s, sensor)
     assert hits.outline_rays is not None
     assert hits.outline_hits is not None
     actors = len(hits.outline_rays)

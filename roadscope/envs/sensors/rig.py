@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 from roadscope.core import Calibration, Pose
 from roadscope.core.checks import require
 from roadscope.core.record import Record
-from roadscope.envs.sensors.body_sway import BodySway
 from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.dead_reckoning import DeadReckoning
+from roadscope.envs.sensors.ego_motion import BodySway
 from roadscope.envs.sensors.imu_spec import ImuSpec
 from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.sensors.wheels import WheelSpec
+from roadscope.envs.sensors.wheels import DeadReckoning, WheelSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,9 +51,12 @@ class CameraMount(Record):
     def __post_init__(self) -> None:
         least = self.spec.exposure_s / 2
         require(
-            self.first_stamp_s >= least, self, "first_stamp_s", f"at least {least} s",
+            self.first_stamp_s >= least,
+            self,
+            "first_stamp_s",
+            f"at least {least} s",
             self.first_stamp_s,
-        )  # fmt: skip
+        )
 
     def stamp_s(self, index: int) -> float:
         """Return the stamp of the index-th image."""

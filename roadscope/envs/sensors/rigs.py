@@ -1,22 +1,11 @@
-"""Rigs by name, or from a TOML file.
-
-A file names a LiDAR and may change its mount and its figures:
-
-    lidar = "vlp16"
-    x_m = 2.5
-    z_m = 1.8
-    pitch_deg = 1.0
-    range_noise_m = 0.03
-
-`imu` names an inertial unit, `wheels = true` adds the speed of the wheels, `sway = true` lets the
-body lean when the vehicle brakes and turns. A table `[camera]` adds a camera (`camera_table`).
-"""
+"""Rigs by name, or from a TOML file."""
 
 from __future__ import annotations
 
+import difflib
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -24,25 +13,139 @@ from typing import Any
 
 from roadscope.core import Pose, RecordError
 from roadscope.core.names import unknown
-from roadscope.envs.sensors.body_sway import BodySway
-from roadscope.envs.sensors.camera_table import camera_mount, preset
-from roadscope.envs.sensors.imu_specs import IMUS
-from roadscope.envs.sensors.lidar_specs import SPECS
-from roadscope.envs.sensors.rig import ImuMount, LidarMount, Rig
-from roadscope.envs.sensors.rig_values import (
-    ANGLES,
-    MOUNT_KEYS,
-    known_keys,
-    name_of,
-    number,
-    switch,
-)
+from roadscope.envs.imaging.pinhole import Pinhole, mounted
+from roadscope.envs.sensors.camera_spec import CAMERAS, CameraSpec
+from roadscope.envs.sensors.ego_motion import BodySway
+from roadscope.envs.sensors.imu_spec import IMUS
+from roadscope.envs.sensors.lidar_spec import SPECS
+from roadscope.envs.sensors.rig import CameraMount, ImuMount, LidarMount, Rig
 from roadscope.envs.sensors.wheels import WheelSpec
 
+# --------------------------------------------------------------------------------------------------
+# Keys and values of a rig's file, each refused with what was expected.
+
+ANGLES = ("yaw", "pitch", "roll")
+MOUNT_KEYS = ("x_m", "y_m", "z_m", *(f"{angle}_deg" for angle in ANGLES))
+
+
+def known_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
+    """Refuse a table with any other key."""
+    for key in table:
+        if key not in keys:
+            close = difflib.get_close_matches(key, keys, n=1)
+            hint = f" (did you mean '{close[0]}'?)" if close else ""
+            raise RecordError(f"unknown key '{key}'{hint}; known: {', '.join(keys)}")
+
+
+def name_of(key: str, value: object, kind: str, names: Iterable[str]) -> str:
+    """Return the name of a sensor of that kind."""
+    if value is None:
+        raise RecordError(f"no key '{key}'; it names one of: {', '.join(names)}")
+    if not isinstance(value, str) or value not in names:
+        raise RecordError(f"no {kind} {value!r}; known: {', '.join(names)}")
+    return value
+
+
+def number(key: str, value: object) -> float:
+    """Return a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise RecordError(f"{key}: expected a number, got {value!r}")
+    try:
+        found = float(value)
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
+        raise RecordError(f"{key}: expected a finite number, got {found}")
+    return found
+
+
+def switch(key: str, value: object) -> bool:
+    """Return true or false."""
+    if not isinstance(value, bool):
+        raise RecordError(f"{key}: expected true or false, got {value!r}")
+    return value
+
+
+# --------------------------------------------------------------------------------------------------
+# The table `[camera]` of a rig's file.
+
+CAMERA_X_M, CAMERA_Z_M = 2.0, 1.4
+"""Behind the windscreen."""
+FIRST_STAMP_S = 0.02
+SIZE_KEYS = ("width_px", "height_px", "focal_px")
+CAMERA_SPEC_KEYS = ("exposure_s", "full_well", "read_noise", "vignetting")
+CAMERA_SWITCHES = ("motion_blur", "plain")
+CAMERA_KEYS = ("sensor", *MOUNT_KEYS, *SIZE_KEYS, "rate_hz", *CAMERA_SPEC_KEYS, *CAMERA_SWITCHES)
+LARGEST_PX = 8192
+
+
+def camera_mount(table: object) -> CameraMount:
+    """Return the camera that a table describes; `RecordError` says what is wrong in it."""
+    if not isinstance(table, Mapping):
+        raise RecordError(f"camera: expected a table [camera], got {table!r}")
+    try:
+        return _mount(table)
+    except RecordError as error:
+        raise RecordError(f"[camera] {error}") from error
+
+
+def preset(sensor: str) -> CameraMount:
+    """Return a camera of `CAMERAS` where the presets have theirs."""
+    return _mount({"sensor": sensor})
+
+
+def _mount(table: Mapping[str, Any]) -> CameraMount:
+    known_keys(table, CAMERA_KEYS)
+    spec = _spec(CAMERAS[name_of("sensor", table.get("sensor"), "camera", CAMERAS)], table)
+    at = {key: number(key, table[key]) for key in MOUNT_KEYS if key in table}
+    z_m = at.get("z_m", CAMERA_Z_M)
+    if z_m <= 0:
+        raise RecordError(f"z_m: expected a camera above the ground, got {z_m}")
+    angles = {angle: math.radians(at.get(f"{angle}_deg", 0.0)) for angle in ANGLES}
+    pose = mounted(at.get("x_m", CAMERA_X_M), at.get("y_m", 0.0), z_m, **angles)
+    return CameraMount("camera", spec, pose, max(FIRST_STAMP_S, spec.exposure_s / 2))
+
+
+def _spec(spec: CameraSpec, table: Mapping[str, Any]) -> CameraSpec:
+    changes: dict[str, Any] = {k: number(k, table[k]) for k in CAMERA_SPEC_KEYS if k in table}
+    changes |= {key: switch(key, table[key]) for key in CAMERA_SWITCHES if key in table}
+    if "rate_hz" in table:
+        changes["period_s"] = 1 / _positive("rate_hz", table["rate_hz"])
+    if any(key in table for key in SIZE_KEYS):
+        eye = spec.pinhole
+        width, height = (
+            _pixels(key, table.get(key, usual))
+            for key, usual in (("width_px", eye.width), ("height_px", eye.height))
+        )
+        focal = _positive("focal_px", table.get("focal_px", eye.focal_px[0]))
+        changes["pinhole"] = Pinhole.centred(width, height, focal)
+    return replace(spec, **changes)
+
+
+def _positive(key: str, value: object) -> float:
+    found = number(key, value)
+    if found <= 0:
+        raise RecordError(f"{key}: expected a number above 0, got {value!r}")
+    return found
+
+
+def _pixels(key: str, value: object) -> int:
+    if type(value) is not int or not 1 <= value <= LARGEST_PX:
+        raise RecordError(f"{key}: expected whole pixels, 1 to {LARGEST_PX}, got {value!r}")
+    return value
+
+
+# --------------------------------------------------------------------------------------------------
+# Rigs by name, or from a TOML file.
+
 SPEC_KEYS = (
-    "range_noise_m", "range_resolution_m", "dropout", "detection_limit",
-    "range_min_m", "range_max_m",
-)  # fmt: skip
+    "range_noise_m",
+    "range_resolution_m",
+    "dropout",
+    "detection_limit",
+    "range_min_m",
+    "range_max_m",
+)
 SWITCHES = ("wheels", "sway")
 KEYS = ("name", "lidar", "imu", "camera", *SWITCHES, *MOUNT_KEYS, *SPEC_KEYS)
 IMU_X_M, IMU_Z_M = 1.3, 0.6
@@ -117,10 +220,12 @@ def scaled_noise(rig: Rig, factor: float) -> Rig:
     )
     imu = None if rig.imu is None else replace(rig.imu, spec=rig.imu.spec.scaled(factor))
     return replace(
-        rig, lidar=replace(rig.lidar, spec=noisy), imu=imu,
+        rig,
+        lidar=replace(rig.lidar, spec=noisy),
+        imu=imu,
         dead_reckoning=rig.dead_reckoning.scaled(factor),
         wheels=None if rig.wheels is None else rig.wheels.scaled(factor),
-    )  # fmt: skip
+    )
 
 
 def _from_table(table: Mapping[str, Any], stem: str) -> Rig:

@@ -5,28 +5,109 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from roadscope.core import Calibration, CameraImage, Frame, Pose, RecordError, Truth
+from roadscope.core import (
+    GROUND,
+    SKY,
+    Calibration,
+    CameraImage,
+    Frame,
+    PixelTruth,
+    Pose,
+    RecordError,
+    Truth,
+)
+from roadscope.core.pixel_truth import GROUND_CLASS, SCENERY_CLASS, SKY_CLASS
 from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.light import Light, daylight, light_named
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.sensors.blur import motion_during
-from roadscope.envs.sensors.camera import expose
+from roadscope.envs.sensors.camera import ImageTruth, expose, motion_during
 from roadscope.envs.sensors.disturbance import Disturbance
 from roadscope.envs.sensors.ego_motion import EgoMotion, settled_s
 from roadscope.envs.sensors.faults import Fault, Faults, faults_of
-from roadscope.envs.sensors.inertial import Inertial
-from roadscope.envs.sensors.lidar import Path, sweep
+from roadscope.envs.sensors.imu import Inertial
+from roadscope.envs.sensors.lidar import Path, SweepTruth, sweep
 from roadscope.envs.sensors.rig import CameraMount, Rig
 from roadscope.envs.sensors.rigs import RIGS
-from roadscope.envs.sensors.truths import directions, pixel_truth_of, truth_at, truth_of_image
 from roadscope.envs.sensors.weather import CLEAR, Weather
 from roadscope.envs.sensors.weather import weather as find_weather
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.ground import surface_of
 from roadscope.envs.world.world import World, build_world
+
+# --------------------------------------------------------------------------------------------------
+# What was really there when a sweep or an image was taken, as records.
+
+
+def truth_at(timeline: Timeline, stamp_s: float, seen: SweepTruth) -> Truth:
+    """Join what is known of the road users at the stamp with what the sweep saw of them."""
+    sources = seen.owners.astype(np.int64)
+    sources[sources >= 0] = timeline.ids[sources[sources >= 0]]
+    rows, known = _known(timeline, stamp_s)
+    return Truth(
+        **known,
+        lidar_returns=seen.returns[rows],
+        visible_pixels=np.zeros(len(rows), np.int64),
+        occluded_fraction=seen.occluded_fraction[rows],
+        sources=sources,
+    )
+
+
+def truth_of_image(timeline: Timeline, stamp_s: float, seen: ImageTruth) -> Truth:
+    """Join what is known of the road users at the stamp with what the image shows of them."""
+    rows, known = _known(timeline, stamp_s)
+    return Truth(
+        **known,
+        lidar_returns=np.zeros(len(rows), np.int64),
+        visible_pixels=seen.visible_pixels[rows],
+        occluded_fraction=seen.occluded_fraction[rows],
+        sources=np.empty(0, np.int64),
+        image_boxes=seen.boxes[rows],
+    )
+
+
+def pixel_truth_of(timeline: Timeline, stamp_s: float, seen: ImageTruth) -> PixelTruth:
+    """Name actors in an image by their ids and say what they are."""
+    owners = seen.owners
+    actors = owners >= 0
+    instances = owners.astype(np.int64)
+    instances[actors] = timeline.ids[owners[actors]]
+    categories = np.full(owners.shape, SCENERY_CLASS, np.int8)
+    categories[owners == GROUND] = GROUND_CLASS
+    categories[owners == SKY] = SKY_CLASS
+    categories[actors] = timeline.categories[owners[actors]]
+    return PixelTruth(seen.depth, instances, categories, stamp_s)
+
+
+def _known(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict[str, Any]]:
+    """Rows of the road users that are there but for the ego, and their states."""
+    around = timeline.at(np.array([stamp_s - 1e-3, stamp_s, stamp_s + 1e-3]))
+    centres = around.axles + timeline.centre_ahead_m[:, None] * directions(around.yaws)
+    rows = np.flatnonzero(around.present[1])
+    rows = rows[rows > 0]
+    heights = timeline.sizes[rows, 2]
+    return rows, {
+        "ids": timeline.ids[rows],
+        "categories": timeline.categories[rows],
+        "centres": np.column_stack([centres[1, rows], heights / 2]),
+        "sizes": timeline.sizes[rows],
+        "yaws": around.yaws[1, rows],
+        "velocities": (centres[2, rows] - centres[0, rows]) / 2e-3,
+        "world_from_ego": timeline.world_from_ego(stamp_s),
+        "stamp_s": stamp_s,
+    }
+
+
+def directions(yaws: np.ndarray) -> np.ndarray:
+    """Return unit vectors (..., 2) of headings in radians."""
+    return np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
+
+
+# --------------------------------------------------------------------------------------------------
+# From a timeline to what a rig measures, sweep by sweep, with the truth beside it.
 
 IMAGE_RANGE_M = 250.0
 """Scenery farther from the camera is not drawn."""
@@ -195,12 +276,19 @@ class Sensing:
             self._ground = Ground(surface_of(timeline.road), style)
         blurred = mount.spec.motion_blur and not mount.spec.plain
         image, seen = expose(
-            scene, mount.spec, world_from_ego @ mount.ego_from_camera, stamp_s,
-            ground=self._ground, light=self._light_of(timeline, stamp_s),
-            categories=timeline.categories, sensor=mount.name, noise_seed=self._image_seed,
-            extinction_per_m=self.weather.extinction_per_m, rain_mm_h=self.weather.rain_rate_mm_h,
+            scene,
+            mount.spec,
+            world_from_ego @ mount.ego_from_camera,
+            stamp_s,
+            ground=self._ground,
+            light=self._light_of(timeline, stamp_s),
+            categories=timeline.categories,
+            sensor=mount.name,
+            noise_seed=self._image_seed,
+            extinction_per_m=self.weather.extinction_per_m,
+            rain_mm_h=self.weather.rain_rate_mm_h,
             motion=motion_during(timeline, mount, stamp_s, ego_at) if blurred else None,
-        )  # fmt: skip
+        )
         believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
         truth = self._swayed(truth_of_image(timeline, stamp_s, seen), timeline)

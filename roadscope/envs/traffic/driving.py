@@ -55,16 +55,29 @@ class Driver(IDMVehicle):  # type: ignore[misc]
     MIN_SPEED = 0.0
 
     def __init__(
-        self, road: Any, lane_index: Any, along_m: float, *,
-        body: Body, speed: float, wish: float, lane_changes: bool = False, route: Any = None,
-    ) -> None:  # fmt: skip
+        self,
+        road: Any,
+        lane_index: Any,
+        along_m: float,
+        *,
+        body: Body,
+        speed: float,
+        wish: float,
+        lane_changes: bool = False,
+        route: Any = None,
+    ) -> None:
         """Stand on a lane; `wish` is the speed in m/s wanted on a free road."""
         lane = road.network.get_lane(lane_index)
         super().__init__(
-            road, lane.position(along_m, 0.0), lane.heading_at(along_m), speed,
-            target_lane_index=lane_index, target_speed=wish, route=route,
+            road,
+            lane.position(along_m, 0.0),
+            lane.heading_at(along_m),
+            speed,
+            target_lane_index=lane_index,
+            target_speed=wish,
+            route=route,
             enable_lane_change=lane_changes,
-        )  # fmt: skip
+        )
         self.carry(body)
         self.lane_index, self.lane = lane_index, lane
         self.hold_m: float | None = None

@@ -26,6 +26,8 @@ class Inflow:
     choose: draws the destination node for a source lane and a body length in metres; None to go
         to the end of the source lane.
     headway_s: mean time between two vehicles of one source.
+    keep: the ego, which never vanishes.
+    due_s: when the next vehicle of each source is due.
     """
 
     rng: np.random.Generator
@@ -38,44 +40,44 @@ class Inflow:
     due_s: dict[Any, float] | None = None
 
     def __call__(self, road: FlowRoad) -> None:
-        """Clear who has arrived, then let in who is due and finds room."""
-        leave(road, self.keep)
+        """Remove vehicles that have arrived; let in those that are due where there is space."""
+        remove_arrived(road, self.keep)
         if self.due_s is None:
             first = self.rng.uniform(0.0, self.headway_s, len(self.sources))
             self.due_s = dict(zip(self.sources, first.tolist(), strict=True))
         for source, due in self.due_s.items():
-            if road.now_s >= due and self._room(road, source):
+            if road.now_s >= due and self._has_space(road, source):
                 self.place(road, source, 0.0, draw_body(self.mix, self.rng))
                 wait = self.headway_s * float(self.rng.uniform(0.6, 1.4))
                 self.due_s[source] = road.now_s + wait
 
     def line_up(
-        self, road: FlowRoad, source: Any, first_m: float, ego_place: int = -1
+        self, road: FlowRoad, source: Any, first_m: float, ego_rank: int = -1
     ) -> list[Driver]:
-        """Fill a source lane from a place back to its start, the foremost driver first.
+        """Fill a source lane from a position back to its start, the foremost driver first.
 
-        ego_place: which of them is the ego, if any.
+        ego_rank: which of them is the ego, if any, counted from 0.
         """
         drivers: list[Driver] = []
         front = first_m
         while True:
-            body = EGO if len(drivers) == ego_place else draw_body(self.mix, self.rng)
+            body = EGO if len(drivers) == ego_rank else draw_body(self.mix, self.rng)
             if front - body.size[0] < 2.0:
                 return drivers
             drivers.append(self.place(road, source, front - body.size[0] / 2, body))
             front -= body.size[0] + float(self.rng.uniform(*GAPS_M))
 
-    def line_up_all(self, road: FlowRoad, room_m: tuple[float, float], ego_place: int) -> Driver:
-        """Fill all source lanes, leaving a drawn room before their ends; return the ego.
+    def line_up_all(self, road: FlowRoad, distance_m: tuple[float, float], ego_rank: int) -> Driver:
+        """Fill all source lanes up to a drawn distance before their ends; return the ego.
 
-        ego_place: which driver of the first source is the ego; it never vanishes.
+        ego_rank: which driver of the first source is the ego; it never vanishes.
         """
         for source in self.sources:
-            first = float(road.network.get_lane(source).length - self.rng.uniform(*room_m))
-            place = ego_place if source == self.sources[0] else -1
-            queue = self.line_up(road, source, first, place)
-            if place >= 0:
-                self.keep = queue[place]
+            first = float(road.network.get_lane(source).length - self.rng.uniform(*distance_m))
+            rank = ego_rank if source == self.sources[0] else -1
+            queue = self.line_up(road, source, first, rank)
+            if rank >= 0:
+                self.keep = queue[rank]
         ego: Driver = self.keep
         return ego
 
@@ -93,24 +95,19 @@ class Inflow:
         road.refresh()
         return driver
 
-    def _room(self, road: FlowRoad, source: Any) -> bool:
-        """Whether the last vehicle on a source lane has left enough room."""
+    def _has_space(self, road: FlowRoad, source: Any) -> bool:
+        """Return whether the last vehicle on a source lane has left enough space."""
         gaps = [
-            road.along(v, source) - v.LENGTH / 2
-            for v in road.vehicles
-            if v.lane_index == source
-        ]  # fmt: skip
+            road.along(v, source) - v.LENGTH / 2 for v in road.vehicles if v.lane_index == source
+        ]
         return not gaps or min(gaps) > 8.0 + 0.9 * self.wish
 
 
-def leave(road: FlowRoad, keep: Any) -> None:
-    """Take vehicles away that have come to the end of the last lane of their way."""
+def remove_arrived(road: FlowRoad, keep: Any) -> None:
+    """Remove vehicles that have come to the end of the last lane of their route."""
     arrived = [
-        v for v in road.vehicles
-        if v is not keep
-        and isinstance(v, Driver)
-        and _at_end(road, v)
-    ]  # fmt: skip
+        v for v in road.vehicles if v is not keep and isinstance(v, Driver) and _at_end(road, v)
+    ]
     if arrived:
         road.vehicles = [v for v in road.vehicles if all(v is not a for a in arrived)]
         road.refresh()
@@ -121,5 +118,5 @@ def _at_end(road: FlowRoad, vehicle: Driver) -> bool:
     last = vehicle.route is not None and vehicle.route[-1][:2] == lane_index[:2]
     if not last and road.after(lane_index, vehicle.route) is not None:
         return False
-    way_left = road.network.get_lane(lane_index).length - road.along(vehicle, lane_index)
-    return bool(way_left < CLEAR_M + vehicle.LENGTH / 2)
+    left_m = road.network.get_lane(lane_index).length - road.along(vehicle, lane_index)
+    return bool(left_m < CLEAR_M + vehicle.LENGTH / 2)

@@ -265,9 +265,7 @@ def _tabulate(
         centres[k, at] = shot.centres
         states[k, at] = np.array((shot.headings, shot.speeds, shot.steering)).T
     fill, actors = _nearest_known(present), np.arange(len(ids))
-    return (
-        _unbroken(present), crashed[fill, actors], centres[fill, actors], states[fill, actors]
-    )  # fmt: skip
+    return (_unbroken(present), crashed[fill, actors], centres[fill, actors], states[fill, actors])
 
 
 def _nearest_known(present: np.ndarray) -> np.ndarray:

@@ -52,9 +52,7 @@ class RoadMap(Record):
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Name the arrays for a file."""
-        return {
-            "road_points": self.points, "road_widths": self.widths, "road_starts": self.starts
-        }  # fmt: skip
+        return {"road_points": self.points, "road_widths": self.widths, "road_starts": self.starts}
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, np.ndarray]) -> RoadMap:

@@ -60,130 +60,116 @@ class Acceptance:
     accepted: bool
 
 
-def _scenarios(*items: Scenario) -> Mapping[str, Scenario]:
-    return MappingProxyType({item.name: item for item in items})
+def _simulated(
+    name: str, style: str, description: str, duration_s: float = 20.0, *, unseen: bool = False
+) -> Scenario:
+    """Describe a scenario whose function in `simulated` has its name."""
+    function = name.removeprefix("unseen-").replace("-", "_")
+    builder = f"{_ROOM}.simulated:{function}"
+    return Scenario(name, description, style, builder, duration_s, unseen=unseen)
 
 
-_HERE = "roadscope.envs.traffic."
-SCENARIOS: Mapping[str, Scenario] = _scenarios(
-    Scenario(
-        "motorway", "Four lanes at about 25 m/s, from motorcycles to articulated lorries.",
-        "motorway", _HERE + "scenario_motorway:motorway",
-    ),
-    Scenario(
-        "dense-motorway", "Four full lanes at about 12 m/s.",
-        "motorway", _HERE + "scenario_motorway:dense_motorway",
-    ),
-    Scenario(
-        "merge", "Vehicles from a ramp join two lanes of a motorway.",
-        "motorway", _HERE + "scenario_merge:merge",
-    ),
-    Scenario(
-        "roundabout", "Four roads meet at a roundabout; who enters gives way.",
-        "urban", _HERE + "scenario_roundabout:roundabout",
-    ),
-    Scenario(
-        "intersection", "A crossing in town; drivers wait until their way is free.",
-        "urban", _HERE + "scenario_intersection:intersection",
-    ),
-    Scenario(
-        "racetrack", "Two lanes in a winding loop.",
-        "bare", _HERE + "scenario_racetrack:racetrack",
-    ),
-    Scenario(
-        "racetrack-loop", "A whole lap of it between rails, walls and trees.",
-        "motorway", _HERE + "scenario_racetrack:racetrack_loop", 70.0,
-    ),
-    Scenario(
-        "two-way", "A road with oncoming traffic.",
-        "urban", _HERE + "scenario_two_way:two_way",
-    ),
-    Scenario(
-        "parking-lot", "A car park with slow traffic past standing cars.",
-        "campus", _HERE + "scenario_parking:parking_lot",
-    ),
-    Scenario(
-        "waiting", "The ego stands before a road in town on which others cross both ways.",
-        "urban", _HERE + "scenario_waiting:waiting",
-    ),
-    Scenario(
-        "street", "A street in town: people walk, wait, cross and ride beside the traffic.",
-        "town", _HERE + "scenario_street:street",
-    ),
-    Scenario(
-        "town-crossing", "A crossing in town with people on foot and on bicycles.",
-        "town", _HERE + "scenario_street:town_crossing",
-    ),
-    Scenario(
-        "unseen-motorway", "As motorway, with flatbeds, tankers and other bodies never learned.",
-        "motorway", _HERE + "scenario_motorway:motorway", unseen=True,
-    ),
-    Scenario(
-        "unseen-street", "As street, with vehicles of such bodies.",
-        "town", _HERE + "scenario_street:street", unseen=True,
-    ),
-    Scenario(
-        "cut-ins", "Vehicles cut in and change places closely before the ego.",
-        "motorway", _HERE + "script_cut_ins:cut_ins", 12.0, scripted=True,
-    ),
-    Scenario(
-        "long-occlusion", "A lorry beside the ego hides who overtakes and who comes towards it.",
-        "motorway", _HERE + "script_long_occlusion:long_occlusion", 12.0, scripted=True,
-    ),
-    Scenario(
-        "convoy-pull-away", "The ego stands among lorries and pulls away with all of them.",
-        "urban", _HERE + "script_convoy:convoy_pull_away", 40.0, scripted=True,
-    ),
-    Scenario(
-        "platoon", "The ego drives within dense traffic that keeps its places.",
-        "motorway", _HERE + "script_platoon:platoon", 30.0, scripted=True,
-    ),
-    Scenario(
-        "cold-start", "The first scan is taken at 15 to 35 m/s.",
-        "motorway", _HERE + "script_cold_start:cold_start", 25.0, scripted=True,
-    ),
-    Scenario(
-        "standing-in-traffic", "The ego stands while others pass on both sides.",
-        "urban", _HERE + "script_standing:standing_in_traffic", 30.0, scripted=True,
-    ),
-    Scenario(
-        "standing-barriers", "The ego stands between noise walls while others pass.",
-        "barriers", _HERE + "script_standing:standing_barriers", 30.0, scripted=True,
-    ),
-    Scenario(
-        "barriers", "A motorway between long smooth noise walls.",
-        "barriers", _HERE + "script_walled:barriers", 30.0, scripted=True,
-    ),
-    Scenario(
-        "tunnel", "A tunnel whose lamps and niches alone tell places apart.",
-        "tunnel", _HERE + "script_walled:tunnel", 30.0, scripted=True,
-    ),
-    Scenario(
-        "stop-and-go", "Waves of standstill in a jam.",
-        "motorway", _HERE + "script_stop_and_go:stop_and_go", 60.0, scripted=True,
-    ),
-    Scenario(
-        "empty-motorway", "The ego alone on a motorway, from rest or at speed from the first scan.",
-        "motorway", _HERE + "script_empty:empty_motorway", 30.0, scripted=True,
-    ),
-    Scenario(
-        "empty-street", "The ego alone in a street with houses, trees and parked cars.",
-        "urban", _HERE + "script_empty:empty_street", 30.0, scripted=True,
-    ),
-    Scenario(
-        "lu2018-two-vehicles", "Lu 2018, 1: a car stays ahead, another comes and goes on its left.",
-        "campus", _HERE + "scripted:play_script", 15.36, scripted=True,
-    ),
-    Scenario(
-        "lu2018-occlusion", "Lu 2018, 2: a van cuts in and hides the car ahead.",
-        "campus", _HERE + "scripted:play_script", 10.56, scripted=True,
-    ),
-    Scenario(
-        "lu2018-three-vehicles", "Lu 2018, 3: three cars, one falls back out of view.",
-        "campus", _HERE + "scripted:play_script", 8.16, scripted=True,
-    ),
-)  # fmt: skip
+def _scripted(name: str, style: str, duration_s: float, description: str) -> Scenario:
+    """Describe a scenario whose function in `scripts` has its name, or one of Lu 2018."""
+    lu2018 = name.startswith("lu2018-")
+    place = "lu2018:play_script" if lu2018 else f"scripts:{name.replace('-', '_')}"
+    return Scenario(name, description, style, f"{_ROOM}.{place}", duration_s, scripted=True)
 
+
+_ROOM = "roadscope.envs.traffic"
+_SCENARIOS = (
+    _simulated(
+        "motorway",
+        "motorway",
+        "Four lanes at about 25 m/s, from motorcycles to articulated lorries.",
+    ),
+    _simulated("dense-motorway", "motorway", "Four full lanes at about 12 m/s."),
+    _simulated("merge", "motorway", "Vehicles from a ramp join two lanes of a motorway."),
+    _simulated("roundabout", "urban", "Four roads meet at a roundabout; who enters gives way."),
+    _simulated(
+        "intersection", "urban", "A crossing in town; drivers wait until their way is free."
+    ),
+    _simulated("racetrack", "bare", "Two lanes in a winding loop."),
+    _simulated(
+        "racetrack-loop", "motorway", "A whole lap of it between rails, walls and trees.", 70.0
+    ),
+    _simulated("two-way", "urban", "A road with oncoming traffic."),
+    _simulated("parking-lot", "campus", "A car park with slow traffic past standing cars."),
+    _simulated(
+        "waiting", "urban", "The ego stands before a road in town on which others cross both ways."
+    ),
+    _simulated(
+        "street", "town", "A street in town: people walk, wait, cross and ride beside the traffic."
+    ),
+    _simulated("town-crossing", "town", "A crossing in town with people on foot and on bicycles."),
+    _simulated(
+        "unseen-motorway",
+        "motorway",
+        "As motorway, with flatbeds, tankers and other bodies never learned.",
+        unseen=True,
+    ),
+    _simulated("unseen-street", "town", "As street, with vehicles of such bodies.", unseen=True),
+    _scripted(
+        "cut-ins", "motorway", 12.0, "Vehicles cut in and change places closely before the ego."
+    ),
+    _scripted(
+        "long-occlusion",
+        "motorway",
+        12.0,
+        "A lorry beside the ego hides who overtakes and who comes towards it.",
+    ),
+    _scripted(
+        "convoy-pull-away",
+        "urban",
+        40.0,
+        "The ego stands among lorries and pulls away with all of them.",
+    ),
+    _scripted(
+        "platoon", "motorway", 30.0, "The ego drives within dense traffic that keeps its places."
+    ),
+    _scripted("cold-start", "motorway", 25.0, "The first scan is taken at 15 to 35 m/s."),
+    _scripted(
+        "standing-in-traffic", "urban", 30.0, "The ego stands while others pass on both sides."
+    ),
+    _scripted(
+        "standing-barriers",
+        "barriers",
+        30.0,
+        "The ego stands between noise walls while others pass.",
+    ),
+    _scripted("barriers", "barriers", 30.0, "A motorway between long smooth noise walls."),
+    _scripted("tunnel", "tunnel", 30.0, "A tunnel whose lamps and niches alone tell places apart."),
+    _scripted("stop-and-go", "motorway", 60.0, "Waves of standstill in a jam."),
+    _scripted(
+        "empty-motorway",
+        "motorway",
+        30.0,
+        "The ego alone on a motorway, from rest or at speed from the first scan.",
+    ),
+    _scripted(
+        "empty-street",
+        "urban",
+        30.0,
+        "The ego alone in a street with houses, trees and parked cars.",
+    ),
+    _scripted(
+        "lu2018-two-vehicles",
+        "campus",
+        15.36,
+        "Lu 2018, 1: a car stays ahead, another comes and goes on its left.",
+    ),
+    _scripted(
+        "lu2018-occlusion", "campus", 10.56, "Lu 2018, 2: a van cuts in and hides the car ahead."
+    ),
+    _scripted(
+        "lu2018-three-vehicles",
+        "campus",
+        8.16,
+        "Lu 2018, 3: three cars, one falls back out of view.",
+    ),
+)
+SCENARIOS: Mapping[str, Scenario] = MappingProxyType({each.name: each for each in _SCENARIOS})
+"""The scenarios by name."""
 
 _SCENARIO_OF_ENVIRONMENT: Mapping[str, str] = MappingProxyType(
     {
@@ -210,8 +196,8 @@ def record(name: str, seed: int, duration_s: float | None = None) -> Timeline:
     if scenario.scripted:
         timeline: Timeline = build(scenario.name, seed, duration_s)
         return timeline
-    from roadscope.envs.traffic.stage import play
-    from roadscope.envs.traffic.unseen import with_unseen_bodies
+    from roadscope.envs.traffic.mix import with_unseen_bodies
+    from roadscope.envs.traffic.simulated import play
 
     for child in np.random.SeedSequence(seed).spawn(TRIES):
         traffic, dressing = child.spawn(2)

@@ -221,6 +221,15 @@ def _along(lengths: np.ndarray, yaws: np.ndarray) -> np.ndarray:
 
 
 _ARRAYS = (
-    "stamps_s", "ids", "categories", "sizes", "centre_ahead_m",
-    "present", "axles", "yaws", "speeds", "crashed", "obstacles",
-)  # fmt: skip
+    "stamps_s",
+    "ids",
+    "categories",
+    "sizes",
+    "centre_ahead_m",
+    "present",
+    "axles",
+    "yaws",
+    "speeds",
+    "crashed",
+    "obstacles",
+)

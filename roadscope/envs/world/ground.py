@@ -35,10 +35,15 @@ SHORTEST_M = 4.0
 """Shorter stretches of a line are left out."""
 SHOULDERS_M: Mapping[str, float] = MappingProxyType(
     {
-        "motorway": 2.0, "urban": 2.6, "town": 3.8, "campus": 2.0, "bare": 0.5,
-        "barriers": 2.0, "tunnel": 1.0,
+        "motorway": 2.0,
+        "urban": 2.6,
+        "town": 3.8,
+        "campus": 2.0,
+        "bare": 0.5,
+        "barriers": 2.0,
+        "tunnel": 1.0,
     }
-)  # fmt: skip
+)
 """Width of the strip beside the outermost lane, by roadside style."""
 PAVED = frozenset({"urban", "town", "campus"})
 """Styles whose strip is a pavement behind a kerb; elsewhere it is asphalt."""
@@ -108,9 +113,11 @@ def _cut(sites: Sites) -> Sites:
 
     slots = (CUTS * sites.slots[:, None] + np.arange(CUTS)).reshape(-1)
     return Sites(
-        *cuts(sites.starts, sites.ends), *cuts(sites.start_normals, sites.end_normals),
-        slots, np.repeat(sites.lanes, CUTS),
-    )  # fmt: skip
+        *cuts(sites.starts, sites.ends),
+        *cuts(sites.start_normals, sites.end_normals),
+        slots,
+        np.repeat(sites.lanes, CUTS),
+    )
 
 
 def _drawn_already(pieces: Sites, shared: np.ndarray) -> np.ndarray:

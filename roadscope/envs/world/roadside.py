@@ -1,28 +1,313 @@
-"""What grows beside a road: the same for the same road, style and seed, wherever one drives.
-
-The plane is cut into tiles. What stands beside the borders in a tile is drawn from the seed and
-the tile alone, and tiles are made when somebody comes near, so a 10 km motorway costs what is
-seen of it, and a live environment sees what a recording of it sees.
-"""
+"""What stands beside a road: the same for the same road, style and seed, wherever one drives."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
 
-from roadscope.core import WEATHER
+from roadscope.core import WEATHER, Category
 from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.world.borders import LaneIndex, Sites, border_sites, without_doubles
-from roadscope.envs.world.furniture import guard_rails, lamps, noise_walls, signs
-from roadscope.envs.world.neighbourhood import buildings, parked_cars
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world import materials
+from roadscope.envs.world.bodies import body_prisms
+from roadscope.envs.world.borders import SITE_M, LaneIndex, Sites, border_sites, without_doubles
+from roadscope.envs.world.materials import graded
+from roadscope.envs.world.prisms import Prisms, ellipse, placed
 from roadscope.envs.world.road_memo import once_a_road
 from roadscope.envs.world.style import STYLES, Style, style_named
-from roadscope.envs.world.things import Batch, join
-from roadscope.envs.world.tunnel import ceilings, tunnel_lamps, tunnel_walls
-from roadscope.envs.world.vegetation import bushes, hedges, trees
+from roadscope.envs.world.things import Batch, boxes, join, prisms_of, ribbon, scattered, stretches
+
+# --------------------------------------------------------------------------------------------------
+# What road authorities put beside a road: rails, noise walls, lamps and signs.
+
+STEEL = 0.4
+CONCRETE = 0.35
+RETROREFLECTOR = 1.0
+RAIL_M = 0.8
+"""From the border to the face of a guard rail."""
+NOISE_WALL_M = 4.5
+"""From the border to the face of a noise wall."""
+
+
+def guard_rails(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Beam 0.45 to 0.75 m above the ground, one post a piece."""
+    sites = sites.select(stretches(sites, style.guard_rail, rng))
+    posts = sites.starts + (RAIL_M + 0.14) * sites.start_normals
+    return join(
+        [
+            prisms_of(ribbon(sites, RAIL_M, 0.08), 0.45, 0.75, STEEL, materials=materials.STEEL),
+            prisms_of(
+                boxes(posts, sites.yaws, 0.06, 0.12), 0.0, 0.72, STEEL, materials=materials.STEEL
+            ),
+        ]
+    )
+
+
+def noise_walls(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Concrete walls 3.5 m high along stretches of the border."""
+    sites = sites.select(stretches(sites, style.noise_wall, rng))
+    return prisms_of(
+        ribbon(sites, NOISE_WALL_M, 0.2), 0.0, 3.5, CONCRETE, materials=materials.CONCRETE
+    )
+
+
+def lamps(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Lamp posts whose lantern overhangs no lane."""
+    centres, yaws = scattered(sites, style.lamps, (1.3, 1.8), rng)
+    tops = 6.0 + 4.0 * rng.random(len(centres))
+    posts = placed(ellipse(0.18, 0.18), centres, yaws)
+    lanterns = boxes(centres, yaws, 0.6, 0.25)
+    look = {"materials": materials.STEEL}
+    return join(
+        [
+            prisms_of(posts, 0.0, tops, STEEL, **look),
+            prisms_of(lanterns, tops, tops + 0.15, STEEL, **look),
+        ]
+    )
+
+
+def signs(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Plates across the border's direction on thin posts."""
+    centres, yaws = scattered(sites, style.signs, (1.3, 2.2), rng)
+    sides = 0.6 + 0.4 * rng.random(len(centres))
+    posts = placed(ellipse(0.08, 0.08), centres, yaws)
+    plates = boxes(centres, yaws, 0.03, sides)
+    return join(
+        [
+            prisms_of(posts, 0.0, 2.0, STEEL, materials=materials.STEEL),
+            prisms_of(
+                plates,
+                2.0,
+                2.0 + sides,
+                RETROREFLECTOR,
+                materials=materials.graded("sign", (sides - 0.6) / 0.4),
+                headings=yaws,
+            ),
+        ]
+    )
+
+
+# --------------------------------------------------------------------------------------------------
+# Buildings and parked cars.
+
+PLASTER = (0.3, 0.7)
+"""Reflectivity of facades, dark brick to white plaster, at 905 nm."""
+BUILDING_SLOT = 6
+"""Pieces of border for each building: 24 m."""
+PARKING_SLOT = 2
+"""Pieces of border for each parked car: 8 m."""
+MODELS = 32
+"""How many different cars park."""
+WIDEST_M = 1.88
+PARKED_SALT = 0x43617273
+
+
+def buildings(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Blocks of two to six storeys, with a smaller top storey."""
+    sites = sites.select(sites.straight & (sites.slots % BUILDING_SLOT == BUILDING_SLOT // 2))
+    front, side, depth, storeys, paint, chance = rng.random((6, len(sites)))
+    near, far = style.building_setback_m
+    lengths = (0.55 + 0.37 * side) * BUILDING_SLOT * SITE_M
+    depths = 8.0 + 6.0 * depth
+    offsets = near + (far - near) * front + depths / 2
+    taken = chance < style.buildings
+    centres = (sites.middles + offsets[:, None] * sites.normals)[taken]
+    yaws, lengths, depths = sites.yaws[taken], lengths[taken], depths[taken]
+    tops = 3.0 * (2 + np.floor(5 * storeys[taken]))
+    shades = PLASTER[0] + (PLASTER[1] - PLASTER[0]) * paint[taken]
+    look = {"materials": graded("facade", paint[taken]), "headings": yaws}
+    return join(
+        [
+            prisms_of(boxes(centres, yaws, lengths, depths), 0.0, tops, shades, **look),
+            prisms_of(
+                boxes(centres, yaws, lengths - 2, depths - 2), tops, tops + 2.5, shades, **look
+            ),
+        ]
+    )
+
+
+def parked_cars(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Cars at the kerb, half a metre off the lane."""
+    sites = sites.select(sites.straight & (sites.slots % PARKING_SLOT == 0))
+    sites = sites.select(rng.random(len(sites)) < style.parked_cars)
+    models = rng.integers(MODELS, size=len(sites))
+    kerb, turn = rng.normal(0.0, (0.05, 0.01), (len(sites), 2)).T
+    headings = sites.yaws + np.pi * rng.integers(2, size=len(sites)) + turn
+    offsets = 0.5 + WIDEST_M / 2 + kerb
+    centres = sites.middles + offsets[:, None] * sites.normals
+    return join(
+        [
+            _standing(_model(int(model)), centre, float(heading), thing)
+            for thing, (model, centre, heading) in enumerate(
+                zip(models, centres, headings, strict=True)
+            )
+        ]
+    )
+
+
+def _standing(body: Prisms, centre: np.ndarray, yaw: float, thing: int) -> Batch:
+    count = len(body)
+    outlines = placed(body.footprints, np.tile(centre, (count, 1)), np.full(count, yaw))
+    return Batch(
+        outlines,
+        body.corners,
+        body.bottoms,
+        body.tops,
+        np.full(count, thing),
+        body.extinctions,
+        body.reflectivities,
+        body.materials,
+        body.headings + yaw,
+    )
+
+
+@lru_cache(maxsize=MODELS)
+def _model(number: int) -> Prisms:
+    """One of the cars that park: a size around that of a small family car, and a paint."""
+    rng = np.random.default_rng([PARKED_SALT, number])
+    size = np.array([4.4, WIDEST_M - 0.08, 1.5]) + rng.uniform(-1, 1, 3) * (0.5, 0.08, 0.08)
+    return body_prisms(Category.CAR, size, rng)
+
+
+# --------------------------------------------------------------------------------------------------
+# Trees, bushes and hedges: what rays can pass through.
+
+LEAF_PROJECTION = 0.5
+TREE_LAD = (0.5, 1.5)
+BUSH_LAD = (2.0, 4.0)
+HEDGE_LAD = (5.0, 8.0)
+LEAF = 0.45
+BARK = 0.3
+
+
+def trees(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Trunk, and a crown of two steps."""
+    centres, yaws = scattered(sites, style.trees, style.tree_band_m, rng)
+    height, spread, trunk, lad = rng.random((4, len(centres)))
+    tops = 5.0 + 7.0 * height
+    # A crown stays clear of the lane beside it, so street trees are slender.
+    radii = np.minimum((0.18 + 0.12 * spread) * tops, style.tree_band_m[0] - 1.0)
+    bottoms = np.maximum(0.3 * tops, 2.2)
+    extinction = _extinction(TREE_LAD, lad)
+    leaves = materials.graded("leaves", spread)
+    stems = _round(centres, yaws, 0.12 + 0.18 * trunk, 0.12 + 0.18 * trunk)
+    return join(
+        [
+            prisms_of(stems, 0.0, bottoms, BARK, materials=materials.BARK),
+            prisms_of(
+                _round(centres, yaws, radii, radii),
+                bottoms,
+                0.8 * tops,
+                LEAF,
+                extinction,
+                materials=leaves,
+            ),
+            prisms_of(
+                _round(centres, yaws, 0.6 * radii, 0.6 * radii),
+                0.8 * tops,
+                tops,
+                LEAF,
+                extinction,
+                materials=leaves,
+            ),
+        ]
+    )
+
+
+def bushes(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Shrubs half a metre to two metres high and wide."""
+    centres, yaws = scattered(sites, style.bushes, style.bush_band_m, rng)
+    length, width, height, lad = rng.random((4, len(centres)))
+    outlines = _round(centres, yaws, 0.25 + 0.75 * length, 0.25 + 0.75 * width)
+    return prisms_of(
+        outlines,
+        0.0,
+        0.5 + 1.5 * height,
+        LEAF,
+        _extinction(BUSH_LAD, lad),
+        materials=materials.graded("leaves", lad),
+    )
+
+
+def hedges(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Clipped hedges along stretches of the border."""
+    sites = sites.select(stretches(sites, style.hedge, rng))
+    height, lad = rng.random((2, len(sites)))
+    outlines = ribbon(sites, style.bush_band_m[0] + 1.0, 0.8)
+    return prisms_of(
+        outlines,
+        0.0,
+        1.0 + 0.3 * height,
+        LEAF,
+        _extinction(HEDGE_LAD, lad),
+        materials=materials.first_of("leaves"),
+    )
+
+
+def _round(
+    centres: np.ndarray, yaws: np.ndarray, radii_x: np.ndarray, radii_y: np.ndarray
+) -> np.ndarray:
+    """(m, 8, 2) outlines of ellipses."""
+    sizes = np.stack([radii_x, radii_y], axis=-1)
+    return placed(ellipse(2.0, 2.0) * sizes[:, None, :], centres, yaws)
+
+
+def _extinction(density: tuple[float, float], draw: np.ndarray) -> np.ndarray:
+    result: np.ndarray = LEAF_PROJECTION * (density[0] + (density[1] - density[0]) * draw)
+    return result
+
+
+# --------------------------------------------------------------------------------------------------
+# What a road tunnel is made of: walls with niches, a ceiling, lamps.
+
+TUNNEL_WALL_M = 1.0
+"""From the border to the face of a wall."""
+BACK_M = 2.5
+"""From the border to where the rock is supposed to begin."""
+NICHE_M = 1.2
+"""Depth of a niche."""
+CEILING_M, ROOF_M = 5.0, 5.6
+"""Height of the ceiling, and of what lies on it."""
+OVER_LANES_M = 5.75
+"""How far a ceiling reaches inwards; from both borders it covers up to three lanes."""
+LAMP_SLOT = 3
+"""Pieces of border for each lamp: 12 m."""
+
+
+def tunnel_walls(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Raise smooth walls to the ceiling; where a niche is, a piece of them stands farther back."""
+    sites = sites.select(stretches(sites, style.tunnel_wall, rng))
+    lengths = np.linalg.norm(sites.ends - sites.starts, axis=1)
+    niche = rng.random(len(sites)) < style.niches * lengths
+    look = {"materials": materials.CONCRETE}
+    plain, behind = sites.select(~niche), sites.select(niche)
+    back = TUNNEL_WALL_M + NICHE_M
+    walls = prisms_of(
+        ribbon(plain, TUNNEL_WALL_M, BACK_M - TUNNEL_WALL_M), 0.0, CEILING_M, CONCRETE, **look
+    )
+    niches = prisms_of(ribbon(behind, back, BACK_M - back), 0.0, CEILING_M, CONCRETE, **look)
+    return join([walls, niches._replace(owners=len(plain) + niches.owners)])
+
+
+def ceilings(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Lay slabs over the lanes next to a border; none where the road bends sharply."""
+    sites = sites.select(stretches(sites, style.ceiling, rng) & sites.straight)
+    slabs = ribbon(sites, -OVER_LANES_M, OVER_LANES_M + BACK_M)
+    return prisms_of(slabs, CEILING_M, ROOF_M, CONCRETE, materials=materials.CONCRETE)
+
+
+def tunnel_lamps(sites: Sites, style: Style, rng: np.random.Generator) -> Batch:
+    """Hang a row of lamps along each wall, below the ceiling."""
+    sites = sites.select(sites.slots % LAMP_SLOT == 0)
+    sites = sites.select(rng.random(len(sites)) < style.tunnel_lamps)
+    lamps = boxes(sites.middles + 0.6 * sites.normals, sites.yaws, 1.2, 0.3)
+    return prisms_of(lamps, CEILING_M - 0.45, CEILING_M - 0.2, STEEL, materials=materials.STEEL)
+
+
+# --------------------------------------------------------------------------------------------------
+# What grows beside a road: the same for the same road, style and seed, wherever one drives.
 
 __all__ = ["CLEARANCE_M", "KINDS", "OVERHEAD", "STYLES", "Scenery", "grow", "kinds_of", "off_lanes"]
 

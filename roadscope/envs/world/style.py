@@ -44,26 +44,51 @@ class Style:
 STYLES: Mapping[str, Style] = MappingProxyType(
     {
         "motorway": Style(
-            guard_rail=0.9, noise_wall=0.2, lamps=0.01, signs=0.006, trees=0.03, bushes=0.02,
-            tree_band_m=(9.0, 25.0), bush_band_m=(3.0, 8.0),
+            guard_rail=0.9,
+            noise_wall=0.2,
+            lamps=0.01,
+            signs=0.006,
+            trees=0.03,
+            bushes=0.02,
+            tree_band_m=(9.0, 25.0),
+            bush_band_m=(3.0, 8.0),
         ),
         "urban": Style(
-            hedge=0.1, lamps=0.03, signs=0.015, trees=0.025, bushes=0.01, parked_cars=0.25,
-            buildings=0.75, tree_band_m=(3.8, 5.0), bush_band_m=(3.5, 6.0),
+            hedge=0.1,
+            lamps=0.03,
+            signs=0.015,
+            trees=0.025,
+            bushes=0.01,
+            parked_cars=0.25,
+            buildings=0.75,
+            tree_band_m=(3.8, 5.0),
+            bush_band_m=(3.5, 6.0),
         ),
         "town": Style(
-            hedge=0.1, lamps=0.03, signs=0.015, trees=0.025, buildings=0.75,
-            tree_band_m=(4.2, 5.4), bush_band_m=(3.9, 6.0), building_setback_m=(7.0, 12.0),
+            hedge=0.1,
+            lamps=0.03,
+            signs=0.015,
+            trees=0.025,
+            buildings=0.75,
+            tree_band_m=(4.2, 5.4),
+            bush_band_m=(3.9, 6.0),
+            building_setback_m=(7.0, 12.0),
         ),
         "campus": Style(
-            hedge=0.08, lamps=0.02, signs=0.006, trees=0.04, bushes=0.08, buildings=0.25,
-            tree_band_m=(5.0, 14.0), building_setback_m=(15.0, 25.0),
+            hedge=0.08,
+            lamps=0.02,
+            signs=0.006,
+            trees=0.04,
+            bushes=0.08,
+            buildings=0.25,
+            tree_band_m=(5.0, 14.0),
+            building_setback_m=(15.0, 25.0),
         ),
         "bare": Style(),
         "barriers": Style(noise_wall=1.0, signs=0.003),
         "tunnel": Style(tunnel_wall=1.0, ceiling=1.0, tunnel_lamps=0.95, niches=0.01),
     }
-)  # fmt: skip
+)
 """`town` leaves the pavements to people: nobody parks there. `barriers` and `tunnel` have next to
 nothing that tells one place along the road from another. Set once from how such roads look; no
 detector's result has moved them."""

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.envs.world.borders import Sites
-from roadscope.envs.world.footprints import padded, placed, rectangle
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.world.prisms import Prisms, padded, placed, rectangle
 
 Value = np.ndarray | float
 
@@ -39,9 +38,15 @@ def join(parts: Sequence[Batch | Prisms]) -> Batch:
 
 
 def prisms_of(
-    outlines: np.ndarray, bottoms: Value, tops: Value, reflectivities: Value,
-    extinctions: Value = 0.0, *, materials: Value = 0.0, headings: Value = 0.0,
-) -> Batch:  # fmt: skip
+    outlines: np.ndarray,
+    bottoms: Value,
+    tops: Value,
+    reflectivities: Value,
+    extinctions: Value = 0.0,
+    *,
+    materials: Value = 0.0,
+    headings: Value = 0.0,
+) -> Batch:
     """Make one prism for each of m things: (m, K, 2) outlines, numbers or (m,) arrays."""
     count = len(outlines)
 
@@ -51,19 +56,31 @@ def prisms_of(
         return column
 
     return Batch(
-        padded(outlines), np.full(count, outlines.shape[1]), full(bottoms), full(tops),
-        np.arange(count), full(extinctions), full(reflectivities),
-        full(materials).astype(np.int16), full(headings),
-    )  # fmt: skip
+        padded(outlines),
+        np.full(count, outlines.shape[1]),
+        full(bottoms),
+        full(tops),
+        np.arange(count),
+        full(extinctions),
+        full(reflectivities),
+        full(materials).astype(np.int16),
+        full(headings),
+    )
 
 
 def with_owners(prisms: Prisms, owners: np.ndarray) -> Prisms:
     """Return the same prisms under other owners."""
     return Prisms(
-        prisms.footprints, prisms.corners, prisms.bottoms, prisms.tops,
-        owners.astype(np.int32), prisms.extinctions, prisms.reflectivities, prisms.materials,
+        prisms.footprints,
+        prisms.corners,
+        prisms.bottoms,
+        prisms.tops,
+        owners.astype(np.int32),
+        prisms.extinctions,
+        prisms.reflectivities,
+        prisms.materials,
         prisms.headings,
-    )  # fmt: skip
+    )
 
 
 def scattered(

@@ -7,11 +7,111 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from roadscope.odometry.inertial.kernels import integrated
+from roadscope.core.jit import compiled
 from roadscope.odometry.rigid import exp_so3, log_so3, orthonormal
 
 if TYPE_CHECKING:
     from roadscope.envs.sensors.imu_spec import ImuSpec
+
+
+# --------------------------------------------------------------------------------------------------
+# Where inertial samples lead, and how that depends on what is known badly.
+
+
+@compiled()
+def integrated(
+    lengths: np.ndarray,
+    rates: np.ndarray,
+    forces: np.ndarray,
+    rotation: np.ndarray,
+    velocity: np.ndarray,
+    gravity: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Integrate samples that are freed of biases, over a stretch (Forster 2017, eq. 32).
+
+    lengths: (K,) s. rates, forces: (K, 3) rad/s and m/s^2, the unit's frame. rotation: (3, 3)
+    `map_from_imu` at the start. velocity, gravity: (3,) m/s and m/s^2, the map's frame; gravity
+    points down.
+
+    Returns way (3,) and velocity (3,), the map's frame, rotation (3, 3), and blocks (7, 3, 3): how
+    turn, velocity and way answer to an error of, in this order: turn to the gyro's bias; velocity
+    to turn, the gyro's bias, the accelerometer's bias; way to the same three. Turns are about the
+    map's axes.
+    """
+    turned, speed, way = rotation.copy(), velocity.copy(), np.zeros(3)
+    blocks = np.zeros((7, 3, 3))
+    step, across, felt, bent = np.empty((3, 3)), np.zeros((3, 3)), np.empty(3), np.empty((3, 3))
+    for k in range(len(lengths)):
+        dt = lengths[k]
+        _fill_turn(rates[k] * dt, step)
+        _force(turned, forces[k], rates[k] * (0.5 * dt), felt)
+        _fill_hat(felt, across)
+        for i in range(3):
+            for j in range(3):
+                bent[i, j] = (
+                    across[i, 0] * blocks[0, 0, j]
+                    + across[i, 1] * blocks[0, 1, j]
+                    + across[i, 2] * blocks[0, 2, j]
+                )
+        half = 0.5 * dt * dt
+        for i in range(3):
+            for j in range(3):
+                blocks[4, i, j] += dt * blocks[1, i, j] - half * across[i, j]
+                blocks[5, i, j] += dt * blocks[2, i, j] - half * bent[i, j]
+                blocks[6, i, j] += dt * blocks[3, i, j] - half * turned[i, j]
+                blocks[1, i, j] -= dt * across[i, j]
+                blocks[2, i, j] -= dt * bent[i, j]
+                blocks[3, i, j] -= dt * turned[i, j]
+                blocks[0, i, j] -= dt * turned[i, j]
+            gained = felt[i] + gravity[i]
+            way[i] += dt * speed[i] + half * gained
+            speed[i] += dt * gained
+        turned = _product(turned, step)
+    return way, speed, turned, blocks
+
+
+@compiled()
+def _force(turned: np.ndarray, force: np.ndarray, half_turn: np.ndarray, felt: np.ndarray) -> None:
+    """Fill a force along the map's axes, halfway through a step's turn."""
+    x = force[0] + half_turn[1] * force[2] - half_turn[2] * force[1]
+    y = force[1] + half_turn[2] * force[0] - half_turn[0] * force[2]
+    z = force[2] + half_turn[0] * force[1] - half_turn[1] * force[0]
+    for i in range(3):
+        felt[i] = turned[i, 0] * x + turned[i, 1] * y + turned[i, 2] * z
+
+
+@compiled()
+def _fill_hat(vector: np.ndarray, across: np.ndarray) -> None:
+    across[0, 1], across[0, 2], across[1, 2] = -vector[2], vector[1], -vector[0]
+    across[1, 0], across[2, 0], across[2, 1] = vector[2], -vector[1], vector[0]
+
+
+@compiled()
+def _fill_turn(turn: np.ndarray, matrix: np.ndarray) -> None:
+    """Fill the rotation of a turn within a sample, radians: small, so a series is exact."""
+    x, y, z = turn
+    angle2 = x * x + y * y + z * z
+    once = 1.0 - angle2 / 6.0 * (1.0 - angle2 / 20.0)
+    twice = 0.5 - angle2 / 24.0 * (1.0 - angle2 / 30.0)
+    matrix[0, 0] = 1.0 - twice * (y * y + z * z)
+    matrix[1, 1] = 1.0 - twice * (x * x + z * z)
+    matrix[2, 2] = 1.0 - twice * (x * x + y * y)
+    matrix[0, 1], matrix[1, 0] = twice * x * y - once * z, twice * x * y + once * z
+    matrix[0, 2], matrix[2, 0] = twice * x * z + once * y, twice * x * z - once * y
+    matrix[1, 2], matrix[2, 1] = twice * y * z - once * x, twice * y * z + once * x
+
+
+@compiled()
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    c = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            c[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+    return c
+
+
+# --------------------------------------------------------------------------------------------------
+# The error-state Kalman filter of a LiDAR with an inertial unit.
 
 PLACE, TURN, SPEED = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO, FORCE, GRAVITY = slice(9, 12), slice(12, 15), slice(15, 18)
@@ -48,13 +148,18 @@ class InertialNoise:
         """Return what a data sheet says, a tenth more; no less than a tenth of the defaults."""
         least = InertialNoise()
         return InertialNoise(
-            *(max(MARGIN * stated, default / 10) for stated, default in (
-                (unit.gyro_noise, least.rate), (unit.accelerometer_noise, least.force),
-                (unit.gyro_walk, least.rate_walk), (unit.accelerometer_walk, least.force_walk),
-                (unit.gyro_turn_on, least.rate_bias),
-                (unit.accelerometer_turn_on, least.force_bias),
-            ))
-        )  # fmt: skip
+            *(
+                max(MARGIN * stated, default / 10)
+                for stated, default in (
+                    (unit.gyro_noise, least.rate),
+                    (unit.accelerometer_noise, least.force),
+                    (unit.gyro_walk, least.rate_walk),
+                    (unit.accelerometer_walk, least.force_walk),
+                    (unit.gyro_turn_on, least.rate_bias),
+                    (unit.accelerometer_turn_on, least.force_bias),
+                )
+            )
+        )
 
 
 @dataclass(slots=True)
@@ -79,15 +184,22 @@ class InertialState:
     def copied(self) -> InertialState:
         """Return a state in arrays of its own."""
         return InertialState(
-            self.pose.copy(), self.velocity.copy(), self.rate_bias.copy(),
-            self.force_bias.copy(), self.gravity.copy(), self.covariance.copy(), self.wheel_scale,
-        )  # fmt: skip
+            self.pose.copy(),
+            self.velocity.copy(),
+            self.rate_bias.copy(),
+            self.force_bias.copy(),
+            self.gravity.copy(),
+            self.covariance.copy(),
+            self.wheel_scale,
+        )
 
 
 def started(
-    force: np.ndarray, velocity: np.ndarray, speed_m_s: tuple[float, float, float],
+    force: np.ndarray,
+    velocity: np.ndarray,
+    speed_m_s: tuple[float, float, float],
     noise: InertialNoise,
-) -> InertialState:  # fmt: skip
+) -> InertialState:
     """Return the state at the first scan.
 
     force: (3,) mean specific force felt, m/s^2: gravity to within what the vehicle accelerates.
@@ -108,9 +220,13 @@ def started(
     covariance[FORCE, GRAVITY] = noise.force_bias**2 * level
     zero = np.zeros(3)
     return InertialState(
-        np.eye(4), np.array(velocity, float), zero.copy(), zero.copy(), -GRAVITY_M_S2 * up,
+        np.eye(4),
+        np.array(velocity, float),
+        zero.copy(),
+        zero.copy(),
+        -GRAVITY_M_S2 * up,
         covariance,
-    )  # fmt: skip
+    )
 
 
 def resume(state: InertialState, known: InertialState, *, level: bool = True) -> None:
@@ -132,15 +248,22 @@ def resume(state: InertialState, known: InertialState, *, level: bool = True) ->
 
 
 def propagate(
-    state: InertialState, lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray,
+    state: InertialState,
+    lengths: np.ndarray,
+    rates: np.ndarray,
+    forces: np.ndarray,
     noise: InertialNoise,
-) -> None:  # fmt: skip
+) -> None:
     """Carry a state on over (K,) lengths of time, s, with (K, 3) rates and forces."""
     elapsed_s = float(lengths.sum())
     way, velocity, rotation, blocks = integrated(
-        lengths, rates - state.rate_bias, forces - state.force_bias,
-        np.ascontiguousarray(state.pose[:3, :3]), state.velocity, state.gravity,
-    )  # fmt: skip
+        lengths,
+        rates - state.rate_bias,
+        forces - state.force_bias,
+        np.ascontiguousarray(state.pose[:3, :3]),
+        state.velocity,
+        state.gravity,
+    )
     state.pose[:3, 3] += way
     state.pose[:3, :3] = rotation
     state.velocity = velocity

@@ -30,9 +30,13 @@ class SpeedCheck:
         self._far_m_s, self._deviations = np.inf, 0.0
 
     def off(
-        self, scan: LidarScan, ahead_m_s: float, rate_rad_s: float, unfelt_m_s2: float,
+        self,
+        scan: LidarScan,
+        ahead_m_s: float,
+        rate_rad_s: float,
+        unfelt_m_s2: float,
         least_m_s: float = -np.inf,
-    ) -> tuple[float, float] | None:  # fmt: skip
+    ) -> tuple[float, float] | None:
         """Take a scan and what motion is held true; return how much faster it is, and how sure.
 
         Both m/s, the latter a standard deviation. None where that is not clear, or was not looked

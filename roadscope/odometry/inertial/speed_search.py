@@ -1,9 +1,4 @@
-"""How fast a sensor is whose first scans have just come: the speed at which things come together.
-
-The majority does not decide: among lorries most returns move along with the sensor. Fixtures are
-asked first: what is higher above the ground than any vehicle, or higher than any person and too
-slim for a vehicle, as posts, trunks, lamps.
-"""
+"""The speed of a sensor from its first scans: at it, what stands lies in one place."""
 
 from __future__ import annotations
 
@@ -13,8 +8,332 @@ from typing import ClassVar
 import numpy as np
 
 from roadscope.core import LidarScan
-from roadscope.odometry.inertial.beam_table import BeamTable
-from roadscope.odometry.inertial.speed_kernels import count_apart, gathered, joined
+from roadscope.core.jit import compiled
+from roadscope.odometry.cubes import EMPTY, Index, slot_of
+
+# --------------------------------------------------------------------------------------------------
+# Where things end in a scan, and where slim ones are.
+
+JUMP_M, JUMP_SHARE = 0.4, 0.02
+"""A beam's neighbour that reaches so much farther has missed the thing that the beam met."""
+UPRIGHT = 2
+"""Columns by which an upright end may be off in the beam above or below."""
+WIDEST_GAP = 32
+"""Columns from return to return, at most, that may be the sensor's own step."""
+SAMPLED = 8
+"""Of so many pairs of neighbours the angle of one is asked."""
+OUTSIDE = -1.0
+"""How far a beam went that is none of the sensor's."""
+
+
+@compiled()
+def nearest(
+    points: np.ndarray, ring: np.ndarray, column: np.ndarray, rings: int, columns: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (rings, columns) metres to the nearest return of each beam, 0 without, and its number.
+
+    The number is int64, -1 without.
+    """
+    reach, number = np.zeros((rings, columns)), np.full((rings, columns), -1, np.int64)
+    for n in range(len(points)):
+        x, y, z = points[n]
+        here, r, c = np.sqrt(x * x + y * y + z * z), ring[n], column[n]
+        if here > 0.0 and (number[r, c] < 0 or here < reach[r, c]):
+            reach[r, c], number[r, c] = here, n
+    return reach, number
+
+
+@compiled()
+def spacing(points: np.ndarray, number: np.ndarray) -> tuple[int, float]:
+    """Return columns from beam to beam, and radians from column to column; 0 of both if unknown.
+
+    Columns may be finer than the sensor's own steps: then many are empty.
+    """
+    counts, asked = np.zeros(WIDEST_GAP + 1, np.int64), np.zeros(WIDEST_GAP + 1, np.int64)
+    angles = np.zeros(WIDEST_GAP + 1)
+    for r in range(number.shape[0]):
+        last = -1
+        for c in range(number.shape[1]):
+            if number[r, c] < 0:
+                continue
+            gap = c - last
+            if last >= 0 and gap <= WIDEST_GAP:
+                if counts[gap] % SAMPLED == 0:
+                    one, other = points[number[r, last]], points[number[r, c]]
+                    cross = one[0] * other[1] - one[1] * other[0]
+                    angles[gap] += abs(np.arctan2(cross, one[0] * other[0] + one[1] * other[1]))
+                    asked[gap] += 1
+                counts[gap] += 1
+            last = c
+    half, gap = counts.sum() / 2, 0
+    while gap < WIDEST_GAP and counts[: gap + 1].sum() < max(half, 1):
+        gap += 1
+    return (gap, angles[gap] / (asked[gap] * gap)) if asked[gap] else (0, 0.0)
+
+
+@compiled()
+def _beside(reach: np.ndarray, r: Index, c: Index, closed: bool) -> float:
+    """Return how far a beam went whose column may be beyond the first or the last."""
+    columns = reach.shape[1]
+    if not closed and not 0 <= c < columns:
+        return OUTSIDE
+    far: float = reach[r, c % columns]
+    return far
+
+
+@compiled()
+def ends(reach: np.ndarray, ring: np.ndarray, column: np.ndarray, closed: bool) -> np.ndarray:
+    """Return (N,) bool, at which returns a thing ends to the left or the right.
+
+    closed: whether the last column is beside the first. The wall of a tunnel and the ground have
+    no ends: there, returns stand where the beams point, not where something is.
+    """
+    rings, columns = reach.shape
+    edges = np.zeros((rings, columns), np.bool_)
+    for r in range(rings):
+        for c in range(columns):
+            here = reach[r, c]
+            if not 0.0 < here < np.inf:
+                continue
+            least = here * (1.0 + JUMP_SHARE) + JUMP_M
+            for side in (-1, 1):
+                near = False
+                for d in range(1, 3):
+                    there = _beside(reach, r, c + side * d, closed)
+                    near |= there == OUTSIDE or 0.0 < there < least
+                edges[r, c] |= not near
+    marks = np.zeros(len(ring), np.bool_)
+    for n in range(len(ring)):
+        r, c = ring[n], column[n]
+        marks[n] = edges[r, c] and (
+            _upright(edges, reach, r, c, -1) or _upright(edges, reach, r, c, 1)
+        )
+    return marks
+
+
+@compiled()
+def _upright(edges: np.ndarray, reach: np.ndarray, r: Index, c: Index, up: int) -> bool:
+    """Say whether the beam above or below ends at the same thing in nearly the same direction.
+
+    Where beams leave a wall over its top, they do so one after the other, at places that travel
+    with the sensor.
+    """
+    if not 0 <= r + up < reach.shape[0]:
+        return False
+    here = reach[r, c]
+    for d in range(-UPRIGHT, UPRIGHT + 1):
+        k = (c + d) % reach.shape[1]
+        if edges[r + up, k] and abs(reach[r + up, k] - here) < JUMP_M + JUMP_SHARE * here:
+            return True
+    return False
+
+
+@compiled()
+def slim(
+    reach: np.ndarray,
+    ring: np.ndarray,
+    column: np.ndarray,
+    asked: np.ndarray,
+    closed: bool,
+    widest_columns: float,
+) -> np.ndarray:
+    """Return (N,) bool, where the middle of a slim thing is, of (N,) bool returns asked for.
+
+    It is no wider than so many columns at a metre and stands free: on either side beams go
+    farther. What hides a part of a thing does not make it slim, nor does the edge of the field.
+    """
+    marks = np.zeros(len(ring), np.bool_)
+    for n in range(len(ring)):
+        here = reach[ring[n], column[n]]
+        if not asked[n] or not 0.0 < here < np.inf:
+            continue
+        most = max(int(widest_columns / here), 1)
+        left = _columns_to_the_side(reach, ring[n], column[n], (-1, most), closed)
+        right = _columns_to_the_side(reach, ring[n], column[n], (1, most), closed)
+        marks[n] = right >= 0 and 0 <= left - right <= 1 and left + right < most
+    return marks
+
+
+@compiled()
+def _columns_to_the_side(
+    reach: np.ndarray, r: Index, c: Index, way: tuple[int, int], closed: bool
+) -> int:
+    """Return how many more columns to one side meet the same thing; -1 if it does not end there.
+
+    way: to which side, and how many at most. It ends where two beams in a row go farther: one may
+    have got no answer.
+    """
+    side, most = way
+    here = reach[r, c]
+    margin = here * JUMP_SHARE + JUMP_M
+    same, missed = 0, 0
+    for d in range(1, most + 3):
+        there = _beside(reach, r, c + side * d, closed)
+        if there == OUTSIDE or 0.0 < there < here - margin:
+            return -1
+        if 0.0 < there < here + margin:
+            same, missed = d, 0
+            continue
+        missed += 1
+        if missed == 2:
+            return same
+    return -1
+
+
+# --------------------------------------------------------------------------------------------------
+# How far each beam of a scan went, beside which others.
+
+WHOLE = 0.97
+"""Share of a turn from which on the first column is beside the last."""
+
+
+@dataclass(frozen=True, slots=True)
+class BeamTable:
+    """Returns by ring and column: of two in one cell the nearer counts.
+
+    reach: (rings, columns) metres, 0 where nothing came. ring, column: (N,) of each return. first:
+    (N,) bool, whether it is the one that counts. step_rad: from column to column, 0 if unknown.
+    """
+
+    reach: np.ndarray
+    ring: np.ndarray
+    column: np.ndarray
+    first: np.ndarray
+    step_rad: float
+
+    @staticmethod
+    def of(points: np.ndarray, ring: np.ndarray, column: np.ndarray) -> BeamTable:
+        """Make it of N points; columns that are finer than the sensor's steps are joined."""
+        rings, columns = int(ring.max()) + 1, int(column.max()) + 1
+        reach, number = nearest(points, ring, column, rings, columns)
+        gap, step_rad = spacing(points, number)
+        if gap > 1:
+            column, step_rad = column // gap, step_rad * gap
+            reach, number = nearest(points, ring, column, rings, (columns - 1) // gap + 1)
+        first = number[ring, column] == np.arange(len(ring))
+        return BeamTable(reach, ring, column, first, step_rad)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the field goes all around."""
+        return bool(self.reach.shape[1] * self.step_rad >= WHOLE * 2 * np.pi)
+
+    def ends(self) -> np.ndarray:
+        """Return (N,) bool, which returns are upright ends of things."""
+        marks: np.ndarray = ends(self.reach, self.ring, self.column, self.closed) & self.first
+        return marks
+
+    def slim(self, asked: np.ndarray, widest_m: float) -> np.ndarray:
+        """Return (N,) bool, which of the returns asked for are middles of things no wider."""
+        if not self.step_rad:
+            return np.zeros(len(asked), bool)
+        marks: np.ndarray = slim(
+            self.reach,
+            self.ring,
+            self.column,
+            asked & self.first,
+            self.closed,
+            widest_m / self.step_rad,
+        )
+        return marks
+
+
+# --------------------------------------------------------------------------------------------------
+# How well ends of things, seen in several scans, come together at a speed.
+
+STEPS, REACH = 6, 3.0
+"""Of Gauss and Newton; standard deviations beyond which a pair does not count."""
+
+
+@compiled()
+def gathered(
+    points: np.ndarray, ahead: np.ndarray, scans: np.ndarray, speeds: np.ndarray, cell_m: float
+) -> np.ndarray:
+    """Return (V,) how often different scans meet in one cell of the ground plane, at each speed.
+
+    points: (N, 2) metres, turned as the sensor was at first. ahead: (N, 2) s, where they are moved
+    by a speed. scans: (N,) which of the scans, fewer than 32. speeds: (V,) m/s ahead.
+    """
+    slots = 1024
+    while slots < 2 * len(points):
+        slots *= 2
+    scores = np.zeros(len(speeds))
+    keys, met = np.full(slots, EMPTY), np.zeros(slots, np.int64)
+    cells, taken = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+    for s in range(len(speeds)):
+        for n in range(len(points)):
+            x, y = points[n, 0] + speeds[s] * ahead[n, 0], points[n, 1] + speeds[s] * ahead[n, 1]
+            i, j = np.int32(np.floor(x / cell_m)), np.int32(np.floor(y / cell_m))
+            cells[n] = (1 << 62) + np.int64(i) * (1 << 32) + j
+        size = 0
+        for n in range(len(points)):
+            slot = slot_of(keys, cells[n])
+            taken[size] = slot
+            size += keys[slot] == EMPTY
+            keys[slot] = cells[n]
+            met[slot] |= 1 << scans[n]
+        pairs = 0
+        for k in range(size):
+            bits, count = met[taken[k]], 0
+            while bits:
+                bits &= bits - 1
+                count += 1
+            pairs += count * (count - 1) // 2
+            keys[taken[k]], met[taken[k]] = EMPTY, 0
+        scores[s] = pairs
+    return scores
+
+
+@compiled()
+def joined(
+    points: np.ndarray, ahead: np.ndarray, scans: np.ndarray, speed: float, near_m: float
+) -> tuple[float, float]:
+    """Return the speed near another at which points of different scans meet best, and its weight.
+
+    As `gathered`, without cells: least squares over all pairs, weighed by Welsch's function of
+    how far they are apart. The weight, s^2, is what the pairs that meet say of the speed together;
+    0 where none do. near_m: the standard deviation of that function. points: in order of the
+    second axis, as they are moved by the speed.
+    """
+    weight = 0.0
+    for _ in range(STEPS):
+        weight, vector = 0.0, 0.0
+        for i in range(len(points)):
+            for j in range(i - 1, -1, -1):
+                along, aside = ahead[i, 0] - ahead[j, 0], ahead[i, 1] - ahead[j, 1]
+                y = points[i, 1] - points[j, 1] + speed * aside
+                if y > 2 * REACH * near_m:
+                    break
+                x = points[i, 0] - points[j, 0] + speed * along
+                if scans[i] == scans[j] or max(abs(x), abs(y)) > REACH * near_m:
+                    continue
+                share = np.exp(-0.5 * (x * x + y * y) / (near_m * near_m))
+                weight += share * (along * along + aside * aside)
+                vector += share * (along * x + aside * y)
+        if weight <= 0.0:
+            return speed, 0.0
+        speed -= vector / weight
+    return speed, weight
+
+
+@compiled()
+def count_apart(points: np.ndarray, apart_m: float) -> int:
+    """Return how many of (N, 2) points are so far apart, one after the other being taken."""
+    taken = np.empty((len(points), 2))
+    count = 0
+    for n in range(len(points)):
+        alone = True
+        for k in range(count):
+            x, y = points[n, 0] - taken[k, 0], points[n, 1] - taken[k, 1]
+            alone &= x * x + y * y > apart_m * apart_m
+        if alone:
+            taken[count] = points[n]
+            count += 1
+    return count
+
+
+# --------------------------------------------------------------------------------------------------
+# How fast a sensor is whose first scans have just come: the speed at which things come together.
 
 SPEEDS_M_S = np.arange(-8.0, 50.0, 0.25)
 CELL_M = 0.4
@@ -74,8 +393,13 @@ class Ends:
         free = table.slim(grounded & (height_m > PERSON_M), SLIM_M)
         kept = upright | free
         times = scan.stamp_s + scan.time_offset_s[kept].astype(np.float64)
-        return Ends(points[kept, :2].astype(np.float64), times, upright[kept],
-                    (upright & grounded & (height_m > TALLEST_M))[kept], free[kept])  # fmt: skip
+        return Ends(
+            points[kept, :2].astype(np.float64),
+            times,
+            upright[kept],
+            (upright & grounded & (height_m > TALLEST_M))[kept],
+            free[kept],
+        )
 
     @property
     def slim_things(self) -> int:
@@ -178,10 +502,12 @@ class _Looks:
         times = times - times.min(initial=np.inf)
         angles = rate * times
         cosines, sines = np.cos(angles), np.sin(angles)
-        turned = np.column_stack([
-            cosines * points[:, 0] - sines * points[:, 1],
-            sines * points[:, 0] + cosines * points[:, 1],
-        ])  # fmt: skip
+        turned = np.column_stack(
+            [
+                cosines * points[:, 0] - sines * points[:, 1],
+                sines * points[:, 0] + cosines * points[:, 1],
+            ]
+        )
         half = times[:, None] * np.column_stack([np.cos(0.5 * angles), np.sin(0.5 * angles)])
         return _Looks(turned, half, number)
 
@@ -201,8 +527,13 @@ class _Looks:
     def finely(self, rough: Speed) -> Speed:
         """Return the speed near a rough one at which the points themselves meet."""
         order = np.argsort(self.points[:, 1] + rough.ahead_m_s * self.ahead[:, 1])
-        ahead_m_s, weight = joined(self.points[order], self.ahead[order], self.scans[order],
-                                   rough.ahead_m_s, NEAR_FIXTURE_M)  # fmt: skip
+        ahead_m_s, weight = joined(
+            self.points[order],
+            self.ahead[order],
+            self.scans[order],
+            rough.ahead_m_s,
+            NEAR_FIXTURE_M,
+        )
         if not weight or abs(ahead_m_s - rough.ahead_m_s) > BESIDE_M_S:
             return rough
         spread_m_s = float(np.hypot(FINE_S2_M_S / weight, FINEST_M_S))

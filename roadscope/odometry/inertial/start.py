@@ -81,9 +81,12 @@ class InertialStart:
         return exp_se3(np.array([ahead_m, 0.0, 0.0, *(self._rate * elapsed_s)]))
 
     def track(
-        self, speed: Speed, samples: ImuBuffer, lever: np.ndarray,
+        self,
+        speed: Speed,
+        samples: ImuBuffer,
+        lever: np.ndarray,
         made: Callable[[InertialState], InertialTrack],
-    ) -> InertialTrack:  # fmt: skip
+    ) -> InertialTrack:
         """Begin at the first scan and follow the others."""
         stamp_s = self._taken[0][0].scan.stamp_s
         force = np.array([0.0, 0.0, GRAVITY_M_S2])

@@ -1,21 +1,149 @@
-"""Places where a drive comes back, and what the poses on the way become then.
-
-T. Shan and B. Englot, "LeGO-LOAM", IROS 2018, section III-E: candidates lie near, ICP checks
-them, and a pose graph takes the constraint in. They use iSAM2; here all is solved anew, seldom.
-"""
+"""Places to which a drive returns, and how the poses between are corrected."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from roadscope.odometry.lego.keyframes import Keyframe, KeyframeMap
-from roadscope.odometry.lego.point_icp import onto, overlap
-from roadscope.odometry.lego.pose_graph import Link, settled
+from roadscope.odometry.lego.point_map import Keyframe, KeyframeMap
 from roadscope.odometry.loam.progress import misfit_of
-from roadscope.odometry.rigid import inverse
+from roadscope.odometry.rigid import adjoint, exp_se3, hat, inverse, log_se3, orthonormal
+
+# --------------------------------------------------------------------------------------------------
+# Points onto points, the nearest to the nearest (Besl and McKay 1992).
+
+ICP_STEPS = 30
+KEPT = 0.8
+"""Share of the pairs, the nearest ones, that counts: what one scan alone saw has none."""
+
+
+def onto(points: np.ndarray, target: np.ndarray, start: np.ndarray, reach_m: float) -> np.ndarray:
+    """Return the (4, 4) `target_from_points` that brings (N, 3) points onto (M, 3) others.
+
+    start: (4, 4), whence to look. reach_m: pairs that lie farther apart do not count.
+    """
+    from scipy.spatial import cKDTree
+
+    pose, tree = start.copy(), cKDTree(target)
+    for _ in range(ICP_STEPS):
+        there = points @ pose[:3, :3].T + pose[:3, 3]
+        away, nearest = tree.query(there, distance_upper_bound=reach_m)
+        bound = np.quantile(away[np.isfinite(away)], KEPT) if np.isfinite(away).any() else 0.0
+        held = away <= bound
+        if held.sum() < 6:
+            return pose
+        move = between(there[held], target[nearest[held]])
+        pose = move @ pose
+        if np.abs(log_se3(move)).max() < 1e-3:
+            break
+    return pose
+
+
+def overlap(points: np.ndarray, target: np.ndarray, pose: np.ndarray, within_m: float) -> float:
+    """Return the share of (N, 3) points that a (4, 4) motion brings so near to one of others."""
+    from scipy.spatial import cKDTree
+
+    there = points @ pose[:3, :3].T + pose[:3, 3]
+    away, _ = cKDTree(target).query(there, distance_upper_bound=within_m)
+    return float(np.isfinite(away).mean())
+
+
+def between(points: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the (4, 4) motion that brings (N, 3) points nearest to as many others, in pairs."""
+    centre, aim = points.mean(axis=0), target.mean(axis=0)
+    left, _, right = np.linalg.svd((target - aim).T @ (points - centre))
+    motion = exp_se3(np.zeros(6))
+    motion[:3, :3] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    motion[:3, 3] = aim - motion[:3, :3] @ centre
+    return motion
+
+
+# --------------------------------------------------------------------------------------------------
+# Poses that agree best with motions measured between them.
+
+GRAPH_STEPS = 20
+SMALL = 1e-7
+"""Steps below, metres and radians, end the search."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Link:
+    """A measured motion: (4, 4) `first_from_second`, between poses by their numbers.
+
+    spread: (6,) standard deviations, metres along x, y, z, then radians about them.
+    """
+
+    first: int
+    second: int
+    motion: np.ndarray
+    spread: np.ndarray
+
+
+def settled(poses: np.ndarray, links: Sequence[Link]) -> np.ndarray:
+    """Return the (N, 4, 4) poses with the least sum of squares over links; the first one stays.
+
+    Gauss-Newton on sparse normal equations, from the poses given; each needs a chain of links
+    to the first.
+    """
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.linalg import spsolve
+
+    poses = poses.copy()
+    if len(poses) < 2 or not links:
+        return poses
+    for _ in range(GRAPH_STEPS):
+        rows, columns, values, off = _linear(poses, links)
+        shape = (6 * len(links), 6 * len(poses))
+        jacobian = csr_matrix((values, (rows, columns)), shape=shape)[:, 6:]
+        step = -spsolve((jacobian.T @ jacobian).tocsc(), jacobian.T @ off)
+        for pose, twist in zip(poses[1:], step.reshape(-1, 6), strict=True):
+            pose[:] = pose @ exp_se3(twist)
+        if np.abs(step).max() < SMALL:
+            break
+    return np.array([orthonormal(pose) for pose in poses])
+
+
+def misfits(poses: np.ndarray, links: Sequence[Link]) -> np.ndarray:
+    """Return (K, 6), how far poses are from what each link measured, in its deviations."""
+    return np.array([_off(poses, link) / link.spread for link in links])
+
+
+def _off(poses: np.ndarray, link: Link) -> np.ndarray:
+    between = inverse(poses[link.first]) @ poses[link.second]
+    return log_se3(inverse(link.motion) @ between)
+
+
+def _linear(
+    poses: np.ndarray, links: Sequence[Link]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows, columns and values of the Jacobian, and the (6 K,) misfits."""
+    rows, columns, values, offs = [], [], [], []
+    for k, link in enumerate(links):
+        off = _off(poses, link)
+        # How a logarithm grows with a small motion after it, up to the square of the misfit.
+        grows = np.eye(6) + _bracket(off) / 2 + _bracket(off) @ _bracket(off) / 12
+        back = adjoint(inverse(poses[link.second]) @ poses[link.first])
+        for node, block in ((link.first, -grows @ back), (link.second, grows)):
+            r, c = np.indices((6, 6))
+            rows.append(6 * k + r.ravel())
+            columns.append(6 * node + c.ravel())
+            values.append((block / link.spread[:, None]).ravel())
+        offs.append(off / link.spread)
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(values), np.hstack(offs)
+
+
+def _bracket(twist: np.ndarray) -> np.ndarray:
+    """Return the (6, 6) matrix that takes the Lie bracket with a twist."""
+    whole = np.zeros((6, 6))
+    whole[:3, :3] = whole[3:, 3:] = hat(twist[3:])
+    whole[:3, 3:] = hat(twist[:3])
+    return whole
+
+
+# --------------------------------------------------------------------------------------------------
+# Places where a drive comes back, and what the poses on the way become then.
 
 NEAR_M = 15.0
 """Candidates lie nearer than this."""

@@ -1,14 +1,40 @@
-"""Where a map of earlier features puts a scan (Shan and Englot 2018, section III-E)."""
+"""The motion between two scans, and the pose on a map of earlier features."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from roadscope.odometry.lego.keyframes import Keyframe, KeyframeMap, keyframe
 from roadscope.odometry.lego.loop_closing import LoopClosing
+from roadscope.odometry.lego.point_map import Keyframe, KeyframeMap, keyframe
+from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.progress import misfit_of, settled
 from roadscope.odometry.rigid import inverse, log_se3
+
+# --------------------------------------------------------------------------------------------------
+# The motion between two scans in two steps (Shan and Englot 2018, section III-D).
+
+LEVEL = (False, False, True, True, True, False)
+"""z, roll and pitch: what the ground tells."""
+ALONG = (True, True, False, False, False, True)
+"""x, y and yaw: what edges tell, with the others held."""
+
+
+def match_two_steps(now: Features, before: Features, start: np.ndarray) -> FeatureMatch:
+    """Return the motion by planes for height, roll and pitch, then by edges for the rest.
+
+    start: (4, 4) `before_from_now`. Each step's information is of what it sought.
+    """
+    first = match_features(now, before, start, edges=False, free=LEVEL)
+    second = match_features(now, before, first.before_from_now, planes=False, free=ALONG)
+    level, along = np.diag(np.array(LEVEL, float)), np.diag(np.array(ALONG, float))
+    information = level @ first.information @ level + along @ second.information @ along
+    held = min(first.held, second.held)
+    return FeatureMatch(second.before_from_now, information, second.residual_m, held)
+
+
+# --------------------------------------------------------------------------------------------------
+# Where a map of earlier features puts a scan (Shan and Englot 2018, section III-E).
 
 REACH_M = 100.0
 """How far a map goes, as published."""

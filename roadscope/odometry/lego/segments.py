@@ -1,13 +1,146 @@
-"""What LeGO-LOAM keeps of a scan: its ground, and objects that are not small."""
+"""A scan as an image of beams and columns: its ground, and objects that are not small."""
 
 from __future__ import annotations
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core import LidarScan
-from roadscope.odometry.lego.range_image import ground_of, objects_of, range_image
+from roadscope.core.jit import compiled
 from roadscope.odometry.loam.features import Features, Limits, extract
-from roadscope.odometry.loam.returns import Returns
+from roadscope.odometry.loam.progress import Returns
+
+# --------------------------------------------------------------------------------------------------
+# A scan as an image of beams and columns: its ground, and what stands on it.
+
+NONE = -1
+LEVEL = math.tan(math.radians(10.0))
+"""Steepest ground, as LeGO-LOAM has it: 10 deg."""
+OBJECT_ANGLE_RAD = math.radians(10.0)
+"""Two returns are of one object where the line through them stands at least this steep on the
+farther one's beam (Bogoslavskyi and Stachniss 2016, whose 10 deg these are, for want of others)."""
+
+
+class RangeImage(NamedTuple):
+    """Returns by beam and column.
+
+    points: (N, 3) metres, lidar frame. rows: (R, C) int64, the return that stands there, -1 where
+    there is none; ring 0 is the lowest.
+    """
+
+    points: np.ndarray
+    rows: np.ndarray
+
+
+def range_image(
+    points: np.ndarray, ring: np.ndarray, column: np.ndarray, bounds_m: tuple[float, float]
+) -> RangeImage:
+    """Return (N, 3) points with (N,) ring and column as an image, without those out of bounds.
+
+    Where a beam has several returns in a column the last is taken.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        ranges = np.linalg.norm(points.astype(float), axis=1)
+        kept = np.flatnonzero((ranges >= bounds_m[0]) & (ranges <= bounds_m[1]))
+    shape = (int(ring.max(initial=-1)) + 1, int(column.max(initial=-1)) + 1)
+    rows = np.full(shape, NONE, np.int64)
+    rows[ring[kept], column[kept]] = kept
+    return RangeImage(points, rows)
+
+
+@compiled()
+def ground_of(image: RangeImage) -> np.ndarray:
+    """Return which points are of the ground, (N,) bool.
+
+    Column by column upwards: two returns, one after the other and below the sensor, between which
+    it does not rise or fall by more than 10 deg (Himmelsbach 2010, as LeGO-LOAM uses it).
+    """
+    points, rows = image
+    ground = np.zeros(len(points), np.bool_)
+    for c in range(rows.shape[1]):
+        below = NONE
+        for r in range(rows.shape[0]):
+            n = rows[r, c]
+            if n == NONE:
+                continue
+            if points[n, 2] >= 0.0:
+                break
+            if below != NONE:
+                x, y = points[n, 0] - points[below, 0], points[n, 1] - points[below, 1]
+                rise = points[n, 2] - points[below, 2]
+                if abs(rise) <= LEVEL * math.sqrt(x * x + y * y):
+                    ground[n] = ground[below] = True
+            below = n
+    return ground
+
+
+@compiled()
+def objects_of(image: RangeImage, ground: np.ndarray, least: int) -> np.ndarray:
+    """Return the object, (N,) int64 from 0 on, of each point; -1 for ground and small objects.
+
+    Objects spread from return to return beside or above one another where the line between both
+    stands steep on the beam; those of fewer than so many returns are dropped.
+    """
+    points, rows = image
+    rings, columns = rows.shape
+    labels, ahead = np.full(len(points), NONE, np.int64), np.empty(len(points), np.int64)
+    place = np.empty((len(points), 2), np.int64)
+    for r in range(rings):
+        for c in range(columns):
+            if rows[r, c] != NONE:
+                place[rows[r, c], 0], place[rows[r, c], 1] = r, c
+    count, seen = 0, ground.copy()
+    for r in range(rings):
+        for c in range(columns):
+            n = rows[r, c]
+            if n == NONE or seen[n]:
+                continue
+            size, done, ahead[0], seen[n] = 1, 0, n, True
+            while done < size:
+                size = _spread(image, seen, place[ahead[done]], (ahead, size))
+                done += 1
+            if size >= least:
+                labels[ahead[:size]] = count
+                count += 1
+    return labels
+
+
+@compiled()
+def _spread(
+    image: RangeImage, seen: np.ndarray, place: np.ndarray, queue: tuple[np.ndarray, int]
+) -> int:
+    """Put the neighbours of one object into a queue; return how many are in it then."""
+    (ahead, size), (points, rows) = queue, image
+    r, c = place
+    n = rows[r, c]
+    for side in range(4):
+        up = r + (1 if side == 0 else -1 if side == 1 else 0)
+        if up < 0 or up >= rows.shape[0]:
+            continue
+        m = rows[up, (c + (1 if side == 2 else -1 if side == 3 else 0)) % rows.shape[1]]
+        if m != NONE and not seen[m] and _one_object(points[n], points[m]):
+            seen[m] = True
+            ahead[size] = m
+            size += 1
+    return size
+
+
+@compiled()
+def _one_object(a: np.ndarray, b: np.ndarray) -> bool:
+    """Say whether the angle at the farther return, between its beam and the other, is wide."""
+    ax, ay, az = np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
+    bx, by, bz = np.float64(b[0]), np.float64(b[1]), np.float64(b[2])
+    aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
+    ab = ax * bx + ay * by + az * bz
+    # Both times the farther range: across its beam, and what is left along it.
+    across = math.sqrt(max(aa * bb - ab * ab, 0.0))
+    return math.atan2(across, max(aa, bb) - ab) > OBJECT_ANGLE_RAD
+
+
+# --------------------------------------------------------------------------------------------------
+# What LeGO-LOAM keeps of a scan: its ground, and objects that are not small.
 
 BOUNDS_M = (1.0, 120.0)
 LEAST = 30
@@ -25,10 +158,13 @@ def kept_of(scan: LidarScan, *, least: int = LEAST) -> Returns:
     ground = ground_of(image)
     rows = np.flatnonzero(ground | (objects_of(image, ground, least) >= 0))
     return Returns(
-        scan.points[rows].astype(float), scan.ring[rows].astype(np.int64),
-        scan.column[rows].astype(np.int64), scan.time_offset_s[rows].astype(float), rows,
+        scan.points[rows].astype(float),
+        scan.ring[rows].astype(np.int64),
+        scan.column[rows].astype(np.int64),
+        scan.time_offset_s[rows].astype(float),
+        rows,
         np.where(ground[rows], GROUND, OBJECT),
-    )  # fmt: skip
+    )
 
 
 def features_of(kept: Returns, points: np.ndarray) -> Features:
@@ -38,6 +174,11 @@ def features_of(kept: Returns, points: np.ndarray) -> Features:
     """
     ground = kept.labels == GROUND
     return extract(
-        points, kept.ring, kept.column, kept.labels, limits=LIMITS, edge_rows=~ground,
+        points,
+        kept.ring,
+        kept.column,
+        kept.labels,
+        limits=LIMITS,
+        edge_rows=~ground,
         flat_rows=ground,
-    )  # fmt: skip
+    )

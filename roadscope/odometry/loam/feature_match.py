@@ -1,17 +1,394 @@
-"""How a sensor moved between the features of two scans (Zhang and Singh 2017; Zhang 2022, 2.3)."""
+"""How a sensor moved between the features of two scans (Zhang and Singh 2017; Zhang 2022)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.jit import compiled
 from roadscope.odometry.loam.features import Features
-from roadscope.odometry.loam.lm_kernels import bisquare, descend, distances, normal_equations
-from roadscope.odometry.loam.pair_kernels import Pairs, lines_of, planes_of
-from roadscope.odometry.loam.ring_table import RingTable, ring_table
 from roadscope.odometry.rigid import inverse, log_se3, orthonormal
+
+# --------------------------------------------------------------------------------------------------
+# The nearest point on a ring, found from its azimuth.
+
+NONE = -1
+HAIR = 1e-12
+"""Added to angles within which something may be nearer, radians, for rounding."""
+
+
+class RingTable(NamedTuple):
+    """Points ring by ring, by azimuth within a ring.
+
+    points: (N, 3) metres. azimuths: (N,) rad. labels: (N,). starts: (R + 1,) where rings start.
+    lows, highs: (R,) least and greatest elevation of a ring, rad.
+    """
+
+    points: np.ndarray
+    azimuths: np.ndarray
+    labels: np.ndarray
+    starts: np.ndarray
+    lows: np.ndarray
+    highs: np.ndarray
+
+
+def ring_table(points: np.ndarray, rings: np.ndarray, labels: np.ndarray) -> RingTable:
+    """Return (N, 3) points with (N,) ring and label as a table."""
+    azimuths = np.arctan2(points[:, 1], points[:, 0])
+    order = np.lexsort((azimuths, rings))
+    points, azimuths = np.ascontiguousarray(points[order]), azimuths[order]
+    count = int(rings.max(initial=-1)) + 1
+    starts = np.concatenate([[0], np.cumsum(np.bincount(rings, minlength=count))])
+    elevations = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
+    lows, highs = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(lows, rings[order], elevations)
+    np.maximum.at(highs, rings[order], elevations)
+    return RingTable(points, azimuths, labels[order], starts, lows, highs)
+
+
+@compiled()
+def nearest(
+    table: RingTable, place: np.ndarray, label: int, rings: tuple[int, int, int], most: float
+) -> tuple[int, int]:
+    """Return index and ring of the nearest point; -1 if none is nearer than `most`, squared.
+
+    label: the point's; negative for any. rings: search from the first outwards, so far at most
+        and no nearer to it than the last.
+    """
+    home, farthest, least = rings
+    flat2 = place[0] * place[0] + place[1] * place[1]
+    reach2 = flat2 + place[2] * place[2]
+    elevation, azimuth = np.arctan2(place[2], np.sqrt(flat2)), np.arctan2(place[1], place[0])
+    steepest = _angle_within(most, reach2)
+    count, found, where = len(table.lows), NONE, NONE
+    for step in range(least, farthest + 1):
+        for way in (-1, 1):
+            ring = home + way * step
+            if ring < 0 or ring >= count or (step == 0 and way == 1):
+                continue
+            if max(table.lows[ring] - elevation, elevation - table.highs[ring]) > steepest:
+                continue
+            index, nearer = nearest_on(table, ring, (place, azimuth), label, (most, NONE))
+            if index != NONE:
+                found, where, most = index, ring, nearer
+                steepest = _angle_within(most, reach2)
+    return found, where
+
+
+@compiled()
+def nearest_on(
+    table: RingTable,
+    ring: int,
+    target: tuple[np.ndarray, float],
+    label: int,
+    bound: tuple[float, int],
+) -> tuple[int, float]:
+    """Return index and squared distance of the nearest point of a ring.
+
+    target: (3,) metres, and its azimuth. bound: squared distance it must be under, and an index
+    that is passed over.
+    """
+    (place, azimuth), (most, skip) = target, bound
+    first, last = table.starts[ring], table.starts[ring + 1]
+    flat2 = place[0] * place[0] + place[1] * place[1]
+    middle = first + np.searchsorted(table.azimuths[first:last], azimuth)
+    found, widest = NONE, _angle_within(most, flat2)
+    for way in (-1, 1):
+        k = middle if way == 1 else middle - 1
+        for _ in range(last - first):
+            k = last - 1 if k < first else (first if k >= last else k)
+            turn = way * (table.azimuths[k] - azimuth)
+            turn += 2 * np.pi if turn < 0 else 0.0
+            if turn > np.pi or turn > widest:
+                break
+            if k != skip and (label < 0 or table.labels[k] == label):
+                dx = table.points[k, 0] - place[0]
+                dy = table.points[k, 1] - place[1]
+                dz = table.points[k, 2] - place[2]
+                squared = dx * dx + dy * dy + dz * dz
+                if squared < most:
+                    found, most = k, squared
+                    widest = _angle_within(most, flat2)
+            k += way
+    return found, most
+
+
+@compiled()
+def _angle_within(most: float, square: float) -> float:
+    """Return how far beside a place, rad, a beam may pass that is nearer to it than a distance.
+
+    most: that distance, squared. square: the place's own from the sensor, squared.
+    """
+    if most >= square:
+        return np.inf
+    return float(np.arcsin(np.sqrt(most / square)) + HAIR)
+
+
+# --------------------------------------------------------------------------------------------------
+# Which line or plane of the features before each feature belongs to.
+
+RINGS_AWAY = 2
+"""The second ring lies this near to the first at most: features leave rings without any."""
+SLIM = 0.05
+"""Sine between the sides of a triangle below which it is a line and has no plane."""
+
+
+class Pairs(NamedTuple):
+    """Pairs of K points: points, anchors (K, 3) metres, axes (K, 2, 3)."""
+
+    points: np.ndarray
+    anchors: np.ndarray
+    axes: np.ndarray
+
+
+@compiled()
+def lines_of(
+    points: np.ndarray,
+    labels: np.ndarray,
+    rings: np.ndarray,
+    table: RingTable,
+    search: tuple[np.ndarray, float],
+) -> Pairs:
+    """Pair edges with lines through the nearest edge and the nearest on a ring beside its own.
+
+    points: (N, 3), labels: (N,), negative for any, rings: (N,). search: (4, 4) `before_from_now`
+    and the farthest that is looked, metres.
+    """
+    matrix, reach_m = search
+    kept, anchors, axes = _room(len(points))
+    count, place, most = 0, np.empty(3), reach_m * reach_m
+    for n in range(len(points)):
+        _place(matrix, points[n], place)
+        j, ring = nearest(table, place, labels[n], (rings[n], len(table.lows), 0), most)
+        if j == NONE:
+            continue
+        k, _ = nearest(table, place, labels[n], (ring, RINGS_AWAY, 1), most)
+        if k == NONE:
+            continue
+        kept[count], anchors[count] = points[n], table.points[j]
+        count += _across_line(table.points[k] - table.points[j], axes[count])
+    return Pairs(kept[:count], anchors[:count], axes[:count])
+
+
+@compiled()
+def planes_of(
+    points: np.ndarray,
+    labels: np.ndarray,
+    rings: np.ndarray,
+    table: RingTable,
+    search: tuple[np.ndarray, float],
+) -> Pairs:
+    """Pair points with planes through the nearest, another of its ring and one of a ring beside.
+
+    As `lines_of`. The printed numerator of eq. 8 lacks its cross product: a distance from a
+    plane is meant (Zhang and Singh 2017, eq. 3).
+    """
+    matrix, reach_m = search
+    kept, anchors, axes = _room(len(points))
+    count, place, most = 0, np.empty(3), reach_m * reach_m
+    for n in range(len(points)):
+        _place(matrix, points[n], place)
+        j, ring = nearest(table, place, labels[n], (rings[n], len(table.lows), 0), most)
+        if j == NONE:
+            continue
+        target = (place, np.arctan2(place[1], place[0]))
+        k, _ = nearest_on(table, ring, target, labels[n], (most, j))
+        m, _ = nearest(table, place, labels[n], (ring, RINGS_AWAY, 1), most)
+        if k == NONE or m == NONE:
+            continue
+        kept[count], anchors[count] = points[n], table.points[j]
+        one, other = table.points[k] - table.points[j], table.points[m] - table.points[j]
+        count += _across_plane(one, other, axes[count])
+    return Pairs(kept[:count], anchors[:count], axes[:count])
+
+
+@compiled()
+def _room(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.empty((count, 3)), np.empty((count, 3)), np.zeros((count, 2, 3))
+
+
+@compiled()
+def _place(matrix: np.ndarray, point: np.ndarray, place: np.ndarray) -> None:
+    for i in range(3):
+        place[i] = matrix[i, 3]
+        for j in range(3):
+            place[i] += matrix[i, j] * point[j]
+
+
+@compiled()
+def _across_line(way: np.ndarray, axes: np.ndarray) -> int:
+    """Fill two unit axes across a line; return 1, or 0 for a line without direction."""
+    length = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+    if not length > 0.0:
+        return 0
+    x, y, z = way / length
+    # Any axis that is not along the line will do for the first.
+    if abs(z) < 0.9:
+        flat = np.sqrt(x * x + y * y)
+        axes[0, 0], axes[0, 1], axes[0, 2] = -y / flat, x / flat, 0.0
+    else:
+        upright = np.sqrt(y * y + z * z)
+        axes[0, 0], axes[0, 1], axes[0, 2] = 0.0, -z / upright, y / upright
+    _cross(way / length, axes[0], axes[1])
+    return 1
+
+
+@compiled()
+def _across_plane(one: np.ndarray, other: np.ndarray, axes: np.ndarray) -> int:
+    """Fill the unit normal of a plane; return 1, or 0 for a triangle too slim to have one."""
+    normal = np.empty(3)
+    _cross(one, other, normal)
+    area2 = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
+    sides2 = (one * one).sum() * (other * other).sum()
+    if not area2 > SLIM * SLIM * sides2:
+        return 0
+    axes[0] = normal / np.sqrt(area2)
+    axes[1] = 0.0
+    return 1
+
+
+@compiled()
+def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+# --------------------------------------------------------------------------------------------------
+# Levenberg and Marquardt's method on distances from lines and planes (Zhang 2022, eq. 9-10).
+
+STEPS = 4
+"""Steps between two looks for neighbours."""
+FIRST_LAMBDA, SHRUNK, RAISED = 1e-4, 0.3, 10.0
+TUKEY = 4.685
+"""Robust deviations from which on a pair counts for nothing: the bisquare's for 95 % efficiency."""
+DEVIATION = 1.4826
+"""Standard deviations a median of absolute values (normal distribution)."""
+FLOOR = 1e-9
+"""Added to the diagonal, so that what no pair holds stays where it is."""
+
+
+@compiled()
+def distances(pairs: Pairs, matrix: np.ndarray) -> np.ndarray:
+    """Return the distance of each pair, (K,) metres, under a (4, 4) motion."""
+    away, off = np.empty(len(pairs.points)), np.empty(2)
+    for n in range(len(away)):
+        _off(pairs, matrix, n, off)
+        away[n] = np.sqrt(off[0] * off[0] + off[1] * off[1])
+    return away
+
+
+@compiled()
+def bisquare(away: np.ndarray, least: float, wider: float) -> np.ndarray:
+    """Return the weights, (K,) 1/m^2, of pairs by their distances: Tukey's bisquare.
+
+    Their scatter is told by the median, but is `least` at least. wider: than 95 % efficiency asks.
+    """
+    weights = np.empty(len(away))
+    if len(away) == 0:
+        return weights
+    deviation = max(DEVIATION * np.median(away), least)
+    for n in range(len(away)):
+        share = min(away[n] / (wider * TUKEY * deviation), 1.0)
+        weights[n] = ((1.0 - share * share) / deviation) ** 2
+    return weights
+
+
+@compiled()
+def normal_equations(
+    pairs: Pairs, weights: np.ndarray, matrix: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return J'WJ (6, 6), J'Wd (6,) and the sum of weighted squares.
+
+    The unknowns are a shift, metres, and a turn about the sensor, radians, along the axes of
+    the frame that the (4, 4) motion leads to.
+    """
+    H, b, cost = np.zeros((6, 6)), np.zeros(6), 0.0
+    off, j, q = np.empty(2), np.empty(6), np.empty(3)
+    for n in range(len(pairs.points)):
+        if weights[n] <= 0.0:
+            continue
+        _off(pairs, matrix, n, off)
+        for i in range(3):
+            q[i] = (
+                matrix[i, 0] * pairs.points[n, 0]
+                + matrix[i, 1] * pairs.points[n, 1]
+                + matrix[i, 2] * pairs.points[n, 2]
+            )
+        for k in range(2):
+            a0, a1, a2 = pairs.axes[n, k]
+            if a0 == 0.0 and a1 == 0.0 and a2 == 0.0:
+                continue
+            j[0], j[1], j[2] = a0, a1, a2
+            j[3], j[4], j[5] = q[1] * a2 - q[2] * a1, q[2] * a0 - q[0] * a2, q[0] * a1 - q[1] * a0
+            for r in range(6):
+                b[r] += weights[n] * j[r] * off[k]
+                for c in range(r, 6):
+                    H[r, c] += weights[n] * j[r] * j[c]
+            cost += weights[n] * off[k] * off[k]
+    for r in range(6):
+        for c in range(r):
+            H[r, c] = H[c, r]
+    return H, b, cost
+
+
+@compiled()
+def descend(pairs: Pairs, weights: np.ndarray, start: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Return the (4, 4) motion after some steps down from a start; only what is free moves."""
+    matrix, damping = start.copy(), FIRST_LAMBDA
+    H, b, cost = normal_equations(pairs, weights, matrix)
+    for _ in range(STEPS):
+        damped = H.copy()
+        for r in range(6):
+            damped[r, r] += damping * H[r, r] + FLOOR
+            if not free[r]:
+                damped[r, :] = 0.0
+                damped[:, r] = 0.0
+                damped[r, r] = 1.0
+        step = -np.linalg.solve(damped, np.where(free, b, 0.0))
+        tried = moved(matrix, step)
+        H_there, b_there, cost_there = normal_equations(pairs, weights, tried)
+        if cost_there < cost:
+            matrix, H, b, cost = tried, H_there, b_there, cost_there
+            damping *= SHRUNK
+        else:
+            damping *= RAISED
+    return matrix
+
+
+@compiled()
+def moved(matrix: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Return a (4, 4) motion shifted and turned by a (6,) step along the axes it leads to."""
+    angle = np.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
+    once = np.sin(angle) / angle if angle > 1e-8 else 1.0
+    twice = (1 - np.cos(angle)) / (angle * angle) if angle > 1e-8 else 0.5
+    across = np.zeros((3, 3))
+    across[0, 1], across[0, 2], across[1, 2] = -step[5], step[4], -step[3]
+    across[1, 0], across[2, 0], across[2, 1] = step[5], -step[4], step[3]
+    result = matrix.copy()
+    turn = np.eye(3) + once * across + twice * (across @ across)
+    result[:3, :3] = turn @ np.ascontiguousarray(matrix[:3, :3])
+    result[:3, 3] += step[:3]
+    return result
+
+
+@compiled()
+def _off(pairs: Pairs, matrix: np.ndarray, n: int, off: np.ndarray) -> None:
+    """Fill how far a pair's point lies from its anchor along both axes."""
+    off[:] = 0.0
+    for i in range(3):
+        place = matrix[i, 3] - pairs.anchors[n, i]
+        for j in range(3):
+            place += matrix[i, j] * pairs.points[n, j]
+        off[0] += pairs.axes[n, 0, i] * place
+        off[1] += pairs.axes[n, 1, i] * place
+
+
+# --------------------------------------------------------------------------------------------------
+# How a sensor moved between the features of two scans (Zhang and Singh 2017; Zhang 2022, 2.3).
 
 ALL = (True,) * 6
 LOOKS = 15
@@ -40,10 +417,16 @@ class FeatureMatch:
 
 
 def match_features(
-    now: Features, before: Features, start: np.ndarray, *, edges: bool = True,
-    planes: bool = True, same_label: bool = True, free: tuple[bool, ...] = ALL,
+    now: Features,
+    before: Features,
+    start: np.ndarray,
+    *,
+    edges: bool = True,
+    planes: bool = True,
+    same_label: bool = True,
+    free: tuple[bool, ...] = ALL,
     reach_m: float = 5.0,
-) -> FeatureMatch:  # fmt: skip
+) -> FeatureMatch:
     """Return the motion that brings edges onto lines and planes onto planes of the scan before.
 
     start: (4, 4) `before_from_now`, whence to look. same_label: only within clusters of one
@@ -55,21 +438,25 @@ def match_features(
         rows = slice(now.sharp)
         table = ring_table(before.edges, before.edge_rings, before.edge_labels)
         labels = _labels(now.edge_labels[rows], same_label)
-        looks.append(_look(lines_of, (now.edges[rows], labels, now.edge_rings[rows]), table,
-                           reach_m))  # fmt: skip
+        looks.append(
+            _look(lines_of, (now.edges[rows], labels, now.edge_rings[rows]), table, reach_m)
+        )
     if planes:
         rows = slice(now.flat)
         table = ring_table(before.planes, before.plane_rings, before.plane_labels)
         labels = _labels(now.plane_labels[rows], same_label)
-        looks.append(_look(planes_of, (now.planes[rows], labels, now.plane_rings[rows]), table,
-                           reach_m))  # fmt: skip
+        looks.append(
+            _look(planes_of, (now.planes[rows], labels, now.plane_rings[rows]), table, reach_m)
+        )
     return settle(looks, start, free)
 
 
 def settle(
-    looks: list[Callable[[np.ndarray], Pairs]], start: np.ndarray, free: tuple[bool, ...] = ALL,
+    looks: list[Callable[[np.ndarray], Pairs]],
+    start: np.ndarray,
+    free: tuple[bool, ...] = ALL,
     most: int = LOOKS,
-) -> FeatureMatch:  # fmt: skip
+) -> FeatureMatch:
     """Return the motion at which pairs, looked for again and again, are nearest.
 
     looks: each from a (4, 4) motion to pairs of one kind. Tukey's bisquare of the kind's own
@@ -99,9 +486,11 @@ def joined(kinds: list[Pairs]) -> Pairs:
 
 
 def _look(
-    kernel: Callable[..., Pairs], features: tuple[np.ndarray, np.ndarray, np.ndarray],
-    table: RingTable, reach_m: float,
-) -> Callable[[np.ndarray], Pairs]:  # fmt: skip
+    kernel: Callable[..., Pairs],
+    features: tuple[np.ndarray, np.ndarray, np.ndarray],
+    table: RingTable,
+    reach_m: float,
+) -> Callable[[np.ndarray], Pairs]:
     return lambda pose: kernel(*features, table, (pose, reach_m))
 
 

@@ -1,13 +1,177 @@
-"""Where steps from scan to scan have led so far."""
+"""Poses from steps between scans: prediction, deskew, and the returns that give features."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from roadscope.core import ImuSamples, Pose
+from roadscope.core.jit import compiled
 from roadscope.odometry.estimates import grown
+from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.loam.feature_match import FeatureMatch
-from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.rigid import inverse, log_se3
+from roadscope.odometry.loam.features import Features
+from roadscope.odometry.rigid import exp_se3, exp_so3, inverse, log_se3, log_so3
+
+# --------------------------------------------------------------------------------------------------
+# How a LiDAR moved from one scan to the next, before that is looked at (Zhang 2022, eq. 3).
+
+BIAS_GAIN = 0.05
+GRAVITY_GAIN = 0.01
+"""Shares of what a step shows that are learned: gravity from noisy speeds, so more slowly."""
+
+
+class ImuPrediction:
+    """Integrates turn rates once and specific forces twice over the time between two scans.
+
+    Reading taken: the paper takes the way from the IMU and names no initial speed; it is that of
+    the last step of the odometry. Gravity, the accelerometer's bias with it, and the gyro's bias
+    are learned from steps. Where samples lack the motion goes on at constant velocity.
+
+    velocity: (3,) m/s, turning: (3,) rad/s, now, lidar frame.
+    """
+
+    def __init__(self, lidar_from_imu: Pose | None) -> None:
+        self.samples = ImuBuffer(lidar_from_imu)
+        self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
+        self.velocity, self.turning = np.zeros(3), np.zeros(3)
+        self._bias, self._gravity = np.zeros(3), np.full(3, np.nan)
+        self._end_velocity, self._rate, self._force = np.zeros(3), np.zeros(3), np.full(3, np.nan)
+
+    def add(self, imu: ImuSamples | None) -> None:
+        """Take further samples."""
+        self.samples.add(imu)
+
+    def motion(self, start_s: float, end_s: float) -> np.ndarray:
+        """Return (4, 4) `before_from_now`, from the last scan to the one at the end."""
+        elapsed_s = end_s - start_s
+        self._force[:] = np.nan
+        if not self.samples.covers(start_s, end_s):
+            self._end_velocity = exp_so3(-self.turning * elapsed_s) @ self.velocity
+            return exp_se3(np.concatenate([self.velocity, self.turning]) * elapsed_s)
+        lengths, rates, forces = self.samples.within(start_s, end_s)
+        self._rate = lengths @ rates / elapsed_s
+        if np.isnan(self._gravity[0]):
+            self._gravity = lengths @ forces / elapsed_s
+        state = np.array([self.velocity, self._gravity, self._lever, self._bias])
+        moved, self._end_velocity, self._force = _integrated(lengths, rates, forces, state)
+        return moved
+
+    def learn(self, predicted: np.ndarray, found: np.ndarray, elapsed_s: float) -> None:
+        """Take the motion that the scans showed in place of the one that was predicted."""
+        back = found[:3, :3].T
+        start, measured = self.velocity, not np.isnan(self._force[0])
+        off = back @ (found[:3, 3] - predicted[:3, 3]) / elapsed_s
+        self.velocity = self._end_velocity + off
+        self.turning = log_so3(found[:3, :3]) / elapsed_s
+        if not measured:
+            self._end_velocity = self.velocity = back @ found[:3, 3] / elapsed_s
+            return
+        self._bias = self._bias + BIAS_GAIN * (self._rate - self._bias - self.turning)
+        gained = (self.velocity - back @ start) / elapsed_s
+        seen = back @ self._force - gained
+        self._gravity = back @ self._gravity
+        self._gravity += GRAVITY_GAIN * (seen - self._gravity)
+
+    def carry_on(self, predicted: np.ndarray, elapsed_s: float) -> None:
+        """Believe the prediction."""
+        self.velocity = self._end_velocity
+        self.turning = log_so3(predicted[:3, :3]) / elapsed_s
+        if not np.isnan(self._force[0]):
+            self._gravity = predicted[:3, :3].T @ self._gravity
+
+
+@compiled()
+def _integrated(
+    lengths: np.ndarray, rates: np.ndarray, forces: np.ndarray, state: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return motion (4, 4), speed at the end (3,), its frame, and mean force (3,), first frame.
+
+    lengths: (K,) s. rates, forces: (K, 3). state: (4, 3) speed, gravity, place of the IMU and
+    bias of its gyro.
+    """
+    velocity, gravity, lever, bias = (
+        state[0].copy(),
+        state[1].copy(),
+        state[2].copy(),
+        state[3].copy(),
+    )
+    first = rates[0] - bias
+    speed = velocity + np.cross(first, lever)
+    turned, place, force, whole = np.eye(3), np.zeros(3), np.zeros(3), lengths.sum()
+    for k in range(len(lengths)):
+        dt = lengths[k]
+        rate = rates[k] - bias
+        # Half a step's turn: forces act in the middle of it.
+        felt = turned @ (forces[k] + 0.5 * dt * np.cross(rate, forces[k]))
+        force += felt * dt / whole
+        place += speed * dt + 0.5 * dt * dt * (felt - gravity)
+        speed += dt * (felt - gravity)
+        turned = turned @ _turn(rate * dt)
+    moved = np.eye(4)
+    moved[:3, :3] = turned
+    moved[:3, 3] = place + lever - turned @ lever
+    last = rates[len(rates) - 1] - bias
+    return moved, turned.T @ speed - np.cross(last, lever), force
+
+
+@compiled()
+def _turn(vector: np.ndarray) -> np.ndarray:
+    """Return the (3, 3) rotation of a small rotation vector, (3,) radians."""
+    angle = np.sqrt((vector**2).sum())
+    x, y, z = vector
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    once = 1.0 - angle**2 / 6.0
+    twice = 0.5 - angle**2 / 24.0
+    rotation: np.ndarray = np.eye(3) + once * across + twice * (across @ across)
+    return rotation
+
+
+# --------------------------------------------------------------------------------------------------
+# Deskew by interpolation (Zhang 2022, eq. 5).
+
+
+def deskewed_between(
+    points: np.ndarray, times_s: np.ndarray, before_from_now: np.ndarray, elapsed_s: float
+) -> np.ndarray:
+    """Return (N, 3) points as seen from the sensor at the stamp.
+
+    points: (N, 3) metres, at (N,) seconds after the stamp. before_from_now: (4, 4), motion over
+    the time elapsed up to the stamp, which goes on evenly.
+
+    Reading taken: eq. 5 scales the whole matrix by the share of time, which leaves no rotation;
+    here the turn's angle and the way are scaled. Points go to the scan's stamp, not its start.
+    """
+    share = times_s / elapsed_s
+    turn = log_so3(before_from_now[:3, :3])
+    way = before_from_now[:3, :3].T @ before_from_now[:3, 3]
+    return _interpolated(points, share, turn, way)
+
+
+@compiled()
+def _interpolated(
+    points: np.ndarray, share: np.ndarray, turn: np.ndarray, way: np.ndarray
+) -> np.ndarray:
+    """Return (N, 3) points turned and shifted by their share of a turn, (3,), and a way, (3,)."""
+    whole = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+    axis = turn / whole if whole > 0.0 else np.zeros(3)
+    moved = np.empty((len(points), 3))
+    for n in range(len(points)):
+        x, y, z = np.float64(points[n, 0]), np.float64(points[n, 1]), np.float64(points[n, 2])
+        s, c = np.sin(share[n] * whole), np.cos(share[n] * whole)
+        # Rodrigues' formula: v cos + (k x v) sin + k (k.v)(1 - cos).
+        along = (axis[0] * x + axis[1] * y + axis[2] * z) * (1.0 - c)
+        moved[n, 0] = x * c + (axis[1] * z - axis[2] * y) * s + axis[0] * along
+        moved[n, 1] = y * c + (axis[2] * x - axis[0] * z) * s + axis[1] * along
+        moved[n, 2] = z * c + (axis[0] * y - axis[1] * x) * s + axis[2] * along
+        for i in range(3):
+            moved[n, i] += share[n] * way[i]
+    return moved
+
+
+# --------------------------------------------------------------------------------------------------
+# Where steps from scan to scan have led so far.
 
 LEAST_PAIRS = 20
 """Fewer pairs of features cannot be told from chance."""
@@ -129,4 +293,44 @@ def misfit_of(found: FeatureMatch) -> str:
     weakest_m = float(np.sqrt(np.linalg.eigvalsh(covariance_of(found)[:2, :2])[-1]))
     if weakest_m > WEAKEST_M:
         return f"features leave {weakest_m:.2g} m open in one direction"
+    return ""
+
+
+# --------------------------------------------------------------------------------------------------
+# Returns of a scan that may give features.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Returns:
+    """What is kept of a scan.
+
+    points: (N, 3) float64, metres, lidar frame at each point's own time. ring, column: (N,) int64.
+    times_s: (N,) float64, seconds after the stamp. rows: (N,) int64, in the scan.
+    labels: (N,) int64, of clusters or kinds; -1 for outliers.
+    """
+
+    points: np.ndarray
+    ring: np.ndarray
+    column: np.ndarray
+    times_s: np.ndarray
+    rows: np.ndarray
+    labels: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def at_stamp(self, motion: np.ndarray, since_s: float) -> np.ndarray:
+        """Return the (N, 3) points as seen at the stamp, the sweep's own motion taken out.
+
+        motion: (4, 4) `before_from_now` over the time since_s.
+        """
+        return deskewed_between(self.points, self.times_s, motion, since_s)
+
+
+def poverty(returns: Returns, features: Features) -> str:
+    """Say why a scan cannot tell where it was taken; empty if it may."""
+    if features.sharp + features.flat < LEAST_PAIRS:
+        return f"{features.sharp + features.flat} features"
+    if returns.ring.min() == returns.ring.max():
+        return "returns of one ring alone"
     return ""

@@ -20,16 +20,26 @@ class GenzIcpOdometry:
     takes_imu: ClassVar = False
 
     def __init__(
-        self, *, voxel_m: float = 0.6, points: int = 3000, planarity: float = 0.2,
-        voxel_points: int = 3, deskew: bool = True, ground: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        voxel_m: float = 0.6,
+        points: int = 3000,
+        planarity: float = 0.2,
+        voxel_points: int = 3,
+        deskew: bool = True,
+        ground: bool = True,
+    ) -> None:
         """Set it up.
 
         voxel_m, points, planarity, voxel_points: `voxel_size`, `desired_num_voxelized_points`,
             `planarity_threshold`, `max_points_per_voxel`.
         """
-        for name, value in (("voxel_m", voxel_m), ("points", points), ("planarity", planarity),
-                            ("voxel_points", voxel_points)):  # fmt: skip
+        for name, value in (
+            ("voxel_m", voxel_m),
+            ("points", points),
+            ("planarity", planarity),
+            ("voxel_points", voxel_points),
+        ):
             if not value > 0:
                 raise ValueError(f"{name} must be above 0, got {value!r}")
         mapping = {

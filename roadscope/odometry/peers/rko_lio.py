@@ -32,9 +32,14 @@ class RkoLioOdometry:
     takes_imu: ClassVar = True
 
     def __init__(
-        self, *, voxel_m: float = 1.0, thin_twice: bool = False, starts_at_rest: bool = False,
-        deskew: bool = True, ground: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        voxel_m: float = 1.0,
+        thin_twice: bool = False,
+        starts_at_rest: bool = False,
+        deskew: bool = True,
+        ground: bool = True,
+    ) -> None:
         """Set it up.
 
         voxel_m: `voxel_size`. thin_twice: `double_downsample`, better off for 16 rings.

@@ -28,9 +28,15 @@ class SmallGicpOdometry:
     takes_imu: ClassVar = False
 
     def __init__(
-        self, *, voxel_m: float = 1.0, downsample_m: float = 0.25, neighbours: int = 10,
-        gate_m: float = 1.0, deskew: bool = True, ground: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        voxel_m: float = 1.0,
+        downsample_m: float = 0.25,
+        neighbours: int = 10,
+        gate_m: float = 1.0,
+        deskew: bool = True,
+        ground: bool = True,
+    ) -> None:
         """Set it up.
 
         voxel_m: of the map. downsample_m, neighbours: of `preprocess_points`, its defaults.
@@ -59,9 +65,14 @@ class SmallGicpScanOdometry:
     takes_imu: ClassVar = False
 
     def __init__(
-        self, *, downsample_m: float = 0.25, neighbours: int = 10, gate_m: float = 1.0,
-        deskew: bool = True, ground: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        downsample_m: float = 0.25,
+        neighbours: int = 10,
+        gate_m: float = 1.0,
+        deskew: bool = True,
+        ground: bool = True,
+    ) -> None:
         """Set it up; see `SmallGicpOdometry`."""
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
         self._adapter = Adapter(

@@ -111,9 +111,13 @@ def range_image(points: np.ndarray, ring: np.ndarray, rings: int) -> tuple[np.nd
 
 @compiled()
 def looked_through(
-    points: np.ndarray, seen: np.ndarray, ranges: np.ndarray, elevations: np.ndarray,
-    sensor_from_map: np.ndarray, votes: np.ndarray,
-) -> None:  # fmt: skip
+    points: np.ndarray,
+    seen: np.ndarray,
+    ranges: np.ndarray,
+    elevations: np.ndarray,
+    sensor_from_map: np.ndarray,
+    votes: np.ndarray,
+) -> None:
     """Add two to the votes of (N, 3) points that have moved in since a look, one to those along."""
     m, rings = sensor_from_map, len(elevations)
     slopes = np.tan(elevations)

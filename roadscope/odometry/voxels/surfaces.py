@@ -2,9 +2,189 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from roadscope.odometry.voxels.voxel_kernels import copy_near, empty_voxels, insert
+from roadscope.core.jit import compiled
+from roadscope.odometry.cubes import BITS, EMPTY, HALF, Index, cube_of, slot_of
+from roadscope.odometry.eigen_kernels import eigen3
+
+# --------------------------------------------------------------------------------------------------
+# A hash table of voxels, of several sizes, that keep the moments of the points within them.
+
+SIZES_M = (1.0, 2.0, 4.0)
+Room = tuple[np.ndarray, np.ndarray, np.ndarray]
+LEAST = 5
+"""Points from which a voxel has a surface."""
+MOST = 120.0
+"""At so many points a voxel takes no more: it stays where it was first seen. One that went on
+learning would go along with the error of whoever looks at it all the time, as at the end of a
+corridor."""
+GROWN = 1.15
+"""A surface is fitted again when there are so many times as many points."""
+THIN_M = 0.1
+"""Root mean square thickness up to which points are a surface or an edge: rough ground, leaves."""
+WIDE = 0.12
+"""Least extent, of the voxel's size, along a surface. One beam's trace across a road is a line
+that travels with the sensor: it has no width and must not be taken for an edge."""
+WIDE_M, WIDE_LEVEL_M = 0.2, 0.5
+"""And at least this, on the level more: noise along slanting beams tilts what is narrow, always the
+same way, and the ground is what tells of pitch and height."""
+WHOLE_LEVEL = 0.22
+"""On the level, however, no more than this, of the voxel's size: then it is covered nearly whole,
+for what is spread over it evenly has 0.29. Indoors larger ones hold walls too."""
+LEVEL = 0.9
+"""Least cosine to the vertical of the normal of what is level."""
+UPRIGHT = 0.8
+"""Least cosine to the vertical of an edge: poles and trunks. Level lines are mostly such traces."""
+FLOOR_M = 0.01
+"""What a point is off a surface that is known perfectly: motion within the sweep, roughness."""
+ROUGH_M = 0.03
+"""What a point may be off a surface besides and still be of it: kerbs, what the map errs."""
+
+
+class Voxels(NamedTuple):
+    """A table of M slots, by open addressing.
+
+    keys: (M,) int64. counts: (M,) points. sums: (M, 3), squares: (M, 6), of the points less the
+        voxel's centre. fitted: (M,) count when its surface was last fitted.
+    means: (M, 3) metres. axes: (M, 3, 3) unit vectors as rows. spreads: (M, 3) m^2, variances of
+        the points along them, ascending. held: (M,) how many of the axes hold other points in
+        place: 0, 1 for a surface, 2 for an edge.
+    used: (1,) slots taken.
+    """
+
+    keys: np.ndarray
+    counts: np.ndarray
+    sums: np.ndarray
+    squares: np.ndarray
+    fitted: np.ndarray
+    means: np.ndarray
+    axes: np.ndarray
+    spreads: np.ndarray
+    held: np.ndarray
+    used: np.ndarray
+
+
+def empty_voxels(slots: int) -> Voxels:
+    """Return a table without voxels; slots: a power of 2."""
+    return Voxels(
+        np.full(slots, EMPTY, np.int64),
+        np.zeros(slots),
+        np.zeros((slots, 3)),
+        np.zeros((slots, 6)),
+        np.zeros(slots),
+        np.zeros((slots, 3)),
+        np.zeros((slots, 3, 3)),
+        np.zeros((slots, 3)),
+        np.zeros(slots, np.int8),
+        np.zeros(1, np.int64),
+    )
+
+
+@compiled(borrowing=True)
+def key_of(x: float, y: float, z: float, level: int) -> Index:
+    """Return the key of the voxel of a level that holds a point; negative if it is too far off."""
+    cube = cube_of(x, y, z, SIZES_M[level])
+    return cube if cube == EMPTY else (np.int64(level) << 3 * BITS) | cube
+
+
+@compiled()
+def insert(voxels: Voxels, points: np.ndarray) -> None:
+    """Add (N, 3) points, metres, and fit the surfaces of the voxels that have grown."""
+    _insert(voxels, points, (np.empty((3, 3)), np.empty(3), np.empty((3, 3))))
+
+
+@compiled(borrowing=True)
+def _insert(voxels: Voxels, points: np.ndarray, room: Room) -> None:
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        for level in range(len(SIZES_M)):
+            key = key_of(x, y, z, level)
+            if key < 0:
+                continue
+            slot = slot_of(voxels.keys, key)
+            if voxels.keys[slot] == EMPTY:
+                voxels.keys[slot] = key
+                voxels.used[0] += 1
+            _add(voxels, slot, key, (x, y, z))
+            count = voxels.counts[slot]
+            if count >= LEAST and count >= GROWN * voxels.fitted[slot]:
+                _fit(voxels, slot, key, room)
+
+
+@compiled(borrowing=True)
+def _centre(key: Index, axis: int) -> float:
+    size = SIZES_M[key >> 3 * BITS]
+    return (((key >> (2 - axis) * BITS) & (2 * HALF - 1)) - HALF + 0.5) * size
+
+
+@compiled(borrowing=True)
+def _add(voxels: Voxels, slot: Index, key: Index, point: tuple[float, float, float]) -> None:
+    if voxels.counts[slot] >= MOST:
+        return
+    x, y, z = point[0] - _centre(key, 0), point[1] - _centre(key, 1), point[2] - _centre(key, 2)
+    sums, squares = voxels.sums[slot], voxels.squares[slot]
+    voxels.counts[slot] += 1.0
+    sums[0] += x
+    sums[1] += y
+    sums[2] += z
+    squares[0] += x * x
+    squares[1] += x * y
+    squares[2] += x * z
+    squares[3] += y * y
+    squares[4] += y * z
+    squares[5] += z * z
+
+
+@compiled(borrowing=True)
+def _fit(voxels: Voxels, slot: Index, key: Index, room: Room) -> None:
+    """Find how the points of a voxel lie, and along which axes that holds others in place."""
+    matrix, values, vectors = room
+    n, sums, squares = voxels.counts[slot], voxels.sums[slot], voxels.squares[slot]
+    at = 0
+    for i in range(3):
+        for j in range(i, 3):
+            matrix[i, j] = matrix[j, i] = squares[at] / n - sums[i] / n * (sums[j] / n)
+            at += 1
+    eigen3(matrix, values, vectors)
+    wide = max(WIDE * SIZES_M[key >> 3 * BITS], WIDE_M) ** 2
+    if abs(vectors[0, 2]) > LEVEL:
+        wide = max(wide, min(WIDE_LEVEL_M, WHOLE_LEVEL * SIZES_M[key >> 3 * BITS]) ** 2)
+    thin = THIN_M * THIN_M
+    edge = values[1] < thin and abs(vectors[2, 2]) > UPRIGHT and values[2] > wide
+    surface = values[0] < thin and (values[1] > wide or edge)
+    voxels.held[slot] = 2 if edge else 1 if surface else 0
+    for i in range(3):
+        voxels.means[slot, i] = sums[i] / n + _centre(key, i)
+        voxels.spreads[slot, i] = max(values[i], 0.0)
+        for j in range(3):
+            voxels.axes[slot, i, j] = vectors[i, j]
+    voxels.fitted[slot] = n
+
+
+@compiled()
+def copy_near(old: Voxels, new: Voxels, centre: np.ndarray, reach_m: float) -> None:
+    """Copy the voxels within a reach, in x and y, of a place into an empty table."""
+    for slot in range(len(old.keys)):
+        key = old.keys[slot]
+        if key == EMPTY:
+            continue
+        away = max(abs(_centre(key, 0) - centre[0]), abs(_centre(key, 1) - centre[1]))
+        if away > reach_m:
+            continue
+        to = slot_of(new.keys, key)
+        new.keys[to] = key
+        new.used[0] += 1
+        new.counts[to], new.fitted[to] = old.counts[slot], old.fitted[slot]
+        new.sums[to], new.squares[to] = old.sums[slot], old.squares[slot]
+        new.means[to], new.axes[to] = old.means[slot], old.axes[slot]
+        new.spreads[to], new.held[to] = old.spreads[slot], old.held[slot]
+
+
+# --------------------------------------------------------------------------------------------------
+# A map of surfaces in voxels.
 
 SLOTS = 1 << 15
 FULL = 0.5

@@ -9,7 +9,7 @@ from roadscope.benchmarks.papers.li2021_board import (
 )
 from roadscope.core.projection import Projection
 from roadscope.envs.sensors.rigs import rig
-from roadscope.fusion.board import Board
+from roadscope.fusion.calibration_target import Board
 
 
 def test_the_board_is_a_triangle_of_thin_slices() -> None:

@@ -10,7 +10,7 @@ from roadscope.benchmarks.papers.lu2018_clutter import majority
 from roadscope.benchmarks.papers.lu2018_follow import NOBODY, follow
 from roadscope.benchmarks.papers.lu2018_scene import KINDS, film
 from roadscope.core import Detections
-from roadscope.envs.traffic.scripted import SCRIPTS
+from roadscope.envs.traffic.lu2018 import SCRIPTS
 
 SEED = 12345
 """Outside the seeds of the published figures."""

@@ -3,7 +3,7 @@ import pytest
 
 from roadscope.benchmarks.papers import lu2018_events as events
 from roadscope.benchmarks.papers.lu2018_follow import NOBODY, Following
-from roadscope.envs.traffic.scripted import Event, Script
+from roadscope.envs.traffic.lu2018 import Event, Script
 
 
 def following(detected, ids, wrong_m=0.0, stray=None):

@@ -16,7 +16,7 @@ from roadscope.benchmarks.papers.zhang2017_population import (
 from roadscope.core import wrap_angle
 from roadscope.detectors.pose.body_fit import TURN_SD
 from roadscope.detectors.pose.estimate import axis_difference
-from roadscope.envs.world.ford_fusion import CORNER_RADII_M, with_corners
+from roadscope.envs.world.ford_saloon import CORNER_RADII_M, with_corners
 
 SEED, CARS = 4000, 40
 """Outside the seeds of the published figures."""

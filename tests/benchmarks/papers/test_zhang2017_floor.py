@@ -17,7 +17,7 @@ from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.detectors.pose.body_kernels import RADIUS
 from roadscope.envs.raycast.cast import Columns, cast
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.world.ford_fusion import with_corners
+from roadscope.envs.world.ford_saloon import with_corners
 from roadscope.envs.world.prisms import Prisms
 
 SEED = 12345

@@ -2,8 +2,7 @@ import numpy as np
 from toy_pictures import toy_pictures
 
 from roadscope.benchmarks.train.calibration import PRIOR, calibrated, logistic
-from roadscope.detectors.camera.decode import Peaks
-from roadscope.detectors.camera.traits import TRAITS
+from roadscope.detectors.camera.decode import TRAITS, Peaks
 
 
 def test_a_known_curve_is_found_again() -> None:

@@ -4,8 +4,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from roadscope.benchmarks.metrics.image_precision import box_ious
-from roadscope.detectors.camera.decode import SAME_IOU
-from roadscope.detectors.camera.suppression import distinct
+from roadscope.detectors.camera.decode import SAME_IOU, distinct
 
 
 def test_of_two_boxes_in_one_place_the_better_stays() -> None:

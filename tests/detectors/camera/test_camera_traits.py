@@ -4,8 +4,13 @@ from hypothesis import strategies as st
 
 from roadscope.benchmarks.metrics.image_precision import box_ious
 from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
-from roadscope.detectors.camera.suppression import distinct
-from roadscope.detectors.camera.traits import AGREEING_IOU, TRAITS, VOTING_IOU, looked_around
+from roadscope.detectors.camera.decode import (
+    AGREEING_IOU,
+    TRAITS,
+    VOTING_IOU,
+    distinct,
+    looked_around,
+)
 
 
 def slowly(

@@ -11,9 +11,7 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.clustering import CLUSTERINGS
 
 POSE = CALIBRATION.pose("lux")
-CARS = [
-    (22, 1, 4.6, 1.85, 1.5, 0.1), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.85, 1.5, 1.57)
-]  # fmt: skip
+CARS = [(22, 1, 4.6, 1.85, 1.5, 0.1), (35, 4, 4.6, 1.85, 1.5, 0), (22, -6, 4.6, 1.85, 1.5, 1.57)]
 BY_CELLS_OF_THE_EGO_FRAME = {"pag", "pag-range"}
 
 every = pytest.mark.parametrize("cluster", CLUSTERINGS.values(), ids=list(CLUSTERINGS))

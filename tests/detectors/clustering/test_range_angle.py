@@ -6,8 +6,13 @@ from toy_lidar import cloud
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.clustering.polar_cells import TURN_ERROR, quick_azimuth
-from roadscope.detectors.clustering.range_angle import SPACINGS, cluster_range_angle, spacing
+from roadscope.detectors.clustering.range_angle import (
+    SPACINGS,
+    TURN_ERROR,
+    cluster_range_angle,
+    quick_azimuth,
+    spacing,
+)
 
 STEP = 0.02
 ANGLE = np.radians(5.0)

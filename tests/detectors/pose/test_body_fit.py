@@ -12,9 +12,8 @@ from roadscope.detectors.pose.body_model import GLASS, BodyModel, Storey, saloon
 from roadscope.detectors.pose.body_rays import sight
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import sweep
-from roadscope.envs.sensors.lidar_specs import SPECS
-from roadscope.envs.world.footprints import rectangle
-from roadscope.envs.world.prisms import Prisms
+from roadscope.envs.sensors.lidar_spec import SPECS
+from roadscope.envs.world.prisms import Prisms, rectangle
 
 SPEC = SPECS["hdl32e"]
 LENGTH_M, WIDTH_M, HEIGHT_M = 4.6, 1.8, 1.0

@@ -22,7 +22,7 @@ from roadscope.detectors.pose.body_sight_kernels import (
     joined,
 )
 from roadscope.detectors.pose.body_start import ANGLES, CLOSE_M, starts
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS
 
 SPEC = SPECS["vlp16"]
 

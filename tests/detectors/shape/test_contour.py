@@ -4,8 +4,7 @@ from hypothesis import strategies as st
 
 from roadscope.core import wrap_angle
 from roadscope.detectors.cloud import Cloud
-from roadscope.detectors.shape.cluster import clusters
-from roadscope.detectors.shape.contour import DEPTH_M, contours
+from roadscope.detectors.shape.cluster import DEPTH_M, clusters, contours
 
 
 def make(points, column):

@@ -6,9 +6,16 @@ from hypothesis.extra.numpy import arrays
 
 from roadscope.core import Category
 from roadscope.detectors.horizon import Horizon
-from roadscope.detectors.shape.line_kernels import face_ends, split_ends
-from roadscope.detectors.shape.recognition import FACES, GAP_M, HALF_FACE_M, JOIN_M, recognise
-from roadscope.detectors.shape.segment import Segment
+from roadscope.detectors.shape.recognition import (
+    FACES,
+    GAP_M,
+    HALF_FACE_M,
+    JOIN_M,
+    Segment,
+    face_ends,
+    recognise,
+    split_ends,
+)
 
 FREE = Horizon(np.empty(0), np.empty(0), np.radians(0.25), None, np.zeros(2))
 

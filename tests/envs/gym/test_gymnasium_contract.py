@@ -147,9 +147,14 @@ def test_same_seed_same_bytes_in_every_process() -> None:
     for hash_seed in ("0", "1"):
         environment = {**os.environ, "PYTHONHASHSEED": hash_seed, "PYTHONPATH": str(root)}
         result = subprocess.run(
-            [sys.executable, "-c", code], env=environment, cwd=root, check=True,
-            capture_output=True, text=True, timeout=120,
-        )  # fmt: skip
+            [sys.executable, "-c", code],
+            env=environment,
+            cwd=root,
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
         found.append(result.stdout.split())
     assert found[0] == found[1] == walk()
 

@@ -29,8 +29,11 @@ def test_the_latest_image_is_observed_and_every_one_is_in_the_frames() -> None:
     assert np.array_equal(observation["image"], images[-1].camera.pixels)
     stamps = [frame.stamp_s for frame in info["frames"]]
     assert len(set(stamps)) == len(stamps)
-    seen = [truth for frame, truth in zip(info["frames"], info["truths"], strict=True)
-            if frame.camera is not None]  # fmt: skip
+    seen = [
+        truth
+        for frame, truth in zip(info["frames"], info["truths"], strict=True)
+        if frame.camera is not None
+    ]
     assert all(truth.image_boxes is not None for truth in seen)
 
 

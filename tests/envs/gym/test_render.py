@@ -14,10 +14,17 @@ from roadscope.core import (
     TrackState,
     Truth,
 )
-from roadscope.envs.gym.render import GROUND_RETURN, WEATHER_RETURN, birds_eye
-from roadscope.envs.gym.render_colours import DETECTION, EGO, FAMILIES
-from roadscope.envs.gym.render_road import ASPHALT
-from roadscope.envs.gym.render_view import View, box_corners
+from roadscope.envs.gym.render import (
+    ASPHALT,
+    DETECTION,
+    EGO,
+    FAMILIES,
+    GROUND_RETURN,
+    WEATHER_RETURN,
+    View,
+    birds_eye,
+    box_corners,
+)
 from roadscope.envs.world.roadside import Scenery
 from tests.envs.worlds import platoon
 
@@ -31,12 +38,19 @@ def _truth(timeline, offsets=((15.0, 0.0),), returns=0) -> Truth:
     count = len(offsets)
     centres = pose.apply(np.array([(x, y, 0.75) for x, y in offsets]).reshape(-1, 3))
     return Truth(
-        ids=np.arange(count), categories=np.zeros(count, np.int8), centres=centres,
-        sizes=np.tile([4.5, 1.8, 1.5], (count, 1)), yaws=np.zeros(count),
-        velocities=np.zeros((count, 2)), lidar_returns=np.zeros(count, int),
-        visible_pixels=np.zeros(count, int), occluded_fraction=np.zeros(count),
-        world_from_ego=pose, stamp_s=5.0, sources=np.full(returns, -1),
-    )  # fmt: skip
+        ids=np.arange(count),
+        categories=np.zeros(count, np.int8),
+        centres=centres,
+        sizes=np.tile([4.5, 1.8, 1.5], (count, 1)),
+        yaws=np.zeros(count),
+        velocities=np.zeros((count, 2)),
+        lidar_returns=np.zeros(count, int),
+        visible_pixels=np.zeros(count, int),
+        occluded_fraction=np.zeros(count),
+        world_from_ego=pose,
+        stamp_s=5.0,
+        sources=np.full(returns, -1),
+    )
 
 
 def _frame(points=None) -> Frame:
@@ -53,9 +67,11 @@ def _draw(frame=None, truth=None, **options) -> np.ndarray:
     """The colours of the legend are those of what it explains, so most pictures go without."""
     timeline = platoon()
     return birds_eye(
-        frame or _frame(), truth or _truth(timeline), timeline,
+        frame or _frame(),
+        truth or _truth(timeline),
+        timeline,
         **{"size_px": SIZE, "metres_per_px": SCALE, "legend": False, **options},
-    )  # fmt: skip
+    )
 
 
 def _close(image, colour, tolerance=40) -> np.ndarray:
@@ -135,9 +151,14 @@ def test_the_motion_of_objects_is_taken_out_of_their_returns():
 def test_detections_are_drawn_in_either_frame():
     pose = platoon().world_from_ego(5.0)
     ego = Detections(
-        np.array([[12.0, -5.0, 0.8]]), np.array([[4.0, 2.0, 1.5]]), np.zeros(1),
-        np.zeros(1, np.int8), np.ones(1), "ego", 5.0,
-    )  # fmt: skip
+        np.array([[12.0, -5.0, 0.8]]),
+        np.array([[4.0, 2.0, 1.5]]),
+        np.zeros(1),
+        np.zeros(1, np.int8),
+        np.ones(1),
+        "ego",
+        5.0,
+    )
     image = _draw(detections=ego)
     rows, columns = _close(image, DETECTION).T
     assert rows.mean() == pytest.approx(HOME[0] - 12 / SCALE, abs=2)
@@ -147,10 +168,18 @@ def test_detections_are_drawn_in_either_frame():
 
 def test_tracks_change_the_picture_with_their_ids():
     tracks = Tracks(
-        np.array([17]), np.array([[12.0, 8.0, 0.8]]), np.array([[4.0, 2.0, 1.5]]), np.zeros(1),
-        np.array([[8.0, 0.0]]), np.eye(4)[None], np.zeros(1, np.int8), np.ones(1),
-        np.ones(1, np.int8), "ego", 5.0,
-    )  # fmt: skip
+        np.array([17]),
+        np.array([[12.0, 8.0, 0.8]]),
+        np.array([[4.0, 2.0, 1.5]]),
+        np.zeros(1),
+        np.array([[8.0, 0.0]]),
+        np.eye(4)[None],
+        np.zeros(1, np.int8),
+        np.ones(1),
+        np.ones(1, np.int8),
+        "ego",
+        5.0,
+    )
     plain, first = _draw(), _draw(tracks=tracks)
     assert (first != plain).any()
     assert (_draw(tracks=replace(tracks, ids=np.array([25]))) != first).any()
@@ -160,9 +189,14 @@ def test_tracks_change_the_picture_with_their_ids():
 
 def test_the_legend_lies_at_the_lower_left_and_names_what_was_drawn():
     none = Detections(
-        np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0, np.int8), np.empty(0),
-        "ego", 5.0,
-    )  # fmt: skip
+        np.empty((0, 3)),
+        np.empty((0, 3)),
+        np.empty(0),
+        np.empty(0, np.int8),
+        np.empty(0),
+        "ego",
+        5.0,
+    )
     bare, truth, both = _draw(), _draw(legend=True), _draw(legend=True, detections=none)
     rows, columns = np.argwhere((truth != bare).any(axis=2)).T
     assert rows.min() > SIZE / 2

@@ -3,9 +3,15 @@ import pytest
 
 from roadscope.core import Pose, Tracks, TrackState
 from roadscope.envs.gym.canvas import Canvas
-from roadscope.envs.gym.render_colours import track_colour
-from roadscope.envs.gym.render_labels import LABEL, Labels, draw_legend, write_distances, write_ids
-from roadscope.envs.gym.render_view import View
+from roadscope.envs.gym.render import (
+    LABEL,
+    Labels,
+    View,
+    draw_legend,
+    track_colour,
+    write_distances,
+    write_ids,
+)
 
 SIZE = 400
 VIEW = View(Pose.planar(0.0, 0.0, 0.0), SIZE, 0.2)
@@ -20,11 +26,18 @@ def _tracks(centres, states=None) -> Tracks:
     count = len(centres)
     states = [TrackState.CONFIRMED] * count if states is None else states
     return Tracks(
-        np.arange(count), np.array([(x, y, 0.8) for x, y in centres]),
-        np.tile([4.0, 2.0, 1.5], (count, 1)), np.zeros(count), np.zeros((count, 2)),
-        np.tile(np.eye(4), (count, 1, 1)), np.zeros(count, np.int8), np.ones(count),
-        np.array(states, np.int8), "world", 5.0,
-    )  # fmt: skip
+        np.arange(count),
+        np.array([(x, y, 0.8) for x, y in centres]),
+        np.tile([4.0, 2.0, 1.5], (count, 1)),
+        np.zeros(count),
+        np.zeros((count, 2)),
+        np.tile(np.eye(4), (count, 1, 1)),
+        np.zeros(count, np.int8),
+        np.ones(count),
+        np.array(states, np.int8),
+        "world",
+        5.0,
+    )
 
 
 def _written(tracks: Tracks) -> list[int]:

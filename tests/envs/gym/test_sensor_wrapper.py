@@ -13,12 +13,12 @@ from highway_env.vehicle.behavior import IDMVehicle
 import roadscope  # noqa: F401  (registers ours)
 from roadscope.core import WEATHER, Pose, RecordError
 from roadscope.envs.gym.sensor_wrapper import SensorWrapper
-from roadscope.envs.sensors.body_sway import BodySway
-from roadscope.envs.sensors.dead_reckoning import DeadReckoning
-from roadscope.envs.sensors.imu_specs import IMUS
+from roadscope.envs.sensors.ego_motion import BodySway
+from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.envs.sensors.rig import ImuMount
 from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.sensors.sensing import Sensing
+from roadscope.envs.sensors.wheels import DeadReckoning
 from roadscope.envs.traffic.conversion import (
     DRIVER_CONSTANTS,
     ForeignEnvError,
@@ -29,8 +29,10 @@ from roadscope.envs.traffic.conversion import (
 pytestmark = pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
 
 MULTI_AGENT = [
-    "intersection-multi-agent-v0", "intersection-multi-agent-v1", "intersection-multi-agent-v2"
-]  # fmt: skip
+    "intersection-multi-agent-v0",
+    "intersection-multi-agent-v1",
+    "intersection-multi-agent-v2",
+]
 SINGLE_AGENT = sorted(
     name
     for name, spec in gym.registry.items()
@@ -327,11 +329,16 @@ def test_copies_go_their_own_way(twin: Any) -> None:
 @pytest.mark.parametrize(
     ("name", "action"),
     [
-        ("merge-v1", 5), ("merge-v1", -1), ("merge-v1", 1.5), ("merge-v1", "left"),
-        ("racetrack-v1", [2.0]), ("racetrack-v1", [np.nan]), ("racetrack-v1", [0.0, 0.0]),
+        ("merge-v1", 5),
+        ("merge-v1", -1),
+        ("merge-v1", 1.5),
+        ("merge-v1", "left"),
+        ("racetrack-v1", [2.0]),
+        ("racetrack-v1", [np.nan]),
+        ("racetrack-v1", [0.0, 0.0]),
         ("racetrack-v1", None),
     ],
-)  # fmt: skip
+)
 def test_actions_outside_the_space_are_refused_before_anything_moves(
     name: str, action: Any
 ) -> None:

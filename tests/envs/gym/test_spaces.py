@@ -29,18 +29,31 @@ def drive(speed: float, yaw_rate: float) -> Timeline:
     axles = np.concatenate([np.zeros((1, 2)), np.cumsum(steps[:-1], axis=0)])
     shape = (len(stamps), 1)
     return Timeline(
-        stamps, np.array([0]), np.array([Category.CAR]), np.array([[5.0, 2.0, 1.5]]),
-        np.array([2.5]), np.ones(shape, bool), axles[:, None], yaws[:, None],
-        np.full(shape, speed), np.zeros(shape, bool), road(EAST),
-    )  # fmt: skip
+        stamps,
+        np.array([0]),
+        np.array([Category.CAR]),
+        np.array([[5.0, 2.0, 1.5]]),
+        np.array([2.5]),
+        np.ones(shape, bool),
+        axles[:, None],
+        yaws[:, None],
+        np.full(shape, speed),
+        np.zeros(shape, bool),
+        road(EAST),
+    )
 
 
 def scan(points: list[tuple[float, float, float]], ring: list[int], column: list[int]) -> LidarScan:
     count = len(points)
     return LidarScan(
-        np.reshape(points, (count, 3)), np.linspace(0.5, 1.0, count),
-        np.array(ring, np.int16), np.array(column, np.int32), np.zeros(count), 0.0, "lidar",
-    )  # fmt: skip
+        np.reshape(points, (count, 3)),
+        np.linspace(0.5, 1.0, count),
+        np.array(ring, np.int16),
+        np.array(column, np.int32),
+        np.zeros(count),
+        0.0,
+        "lidar",
+    )
 
 
 @pytest.mark.parametrize("name", ["lux", "vlp16", "hdl32e", "hdl64e"])

@@ -16,9 +16,12 @@ STAMP_S = 3.04
 def cameras(seed: int) -> Pose:
     rng = np.random.default_rng(seed)
     pose = Pose.from_euler(
-        *rng.uniform(-5, 5, 2), rng.uniform(0.5, 3.0), yaw=rng.uniform(-4, 4),
-        pitch=rng.uniform(-0.3, 0.3), roll=rng.uniform(-0.3, 0.3),
-    )  # fmt: skip
+        *rng.uniform(-5, 5, 2),
+        rng.uniform(0.5, 3.0),
+        yaw=rng.uniform(-4, 4),
+        pitch=rng.uniform(-0.3, 0.3),
+        roll=rng.uniform(-0.3, 0.3),
+    )
     return pose @ mounted(0.0, 0.0, 0.0)
 
 
@@ -28,9 +31,11 @@ def rays(scene: Scene, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     v = (np.arange(PINHOLE.height) + 0.5 - PINHOLE.centre_px[1]) / PINHOLE.focal_px[1]
     right, down, ahead = pose.rotation.T
     columns = Columns(
-        np.tile(pose.translation, (len(u), 1)), ahead + u[:, None] * right,
-        np.tile(-down, (len(u), 1)), np.full(len(u), STAMP_S),
-    )  # fmt: skip
+        np.tile(pose.translation, (len(u), 1)),
+        ahead + u[:, None] * right,
+        np.tile(-down, (len(u), 1)),
+        np.full(len(u), STAMP_S),
+    )
     hits = cast(scene, columns, np.sort(-v), max_range_m=1e5)
     ranges, owners = np.flipud(hits.ranges.T), np.flipud(hits.owners.T)
     return owners, ranges / np.linalg.norm(PINHOLE.rays(), axis=2)
@@ -61,9 +66,12 @@ def test_an_outline_is_what_the_actor_covers_alone(seed: int) -> None:
     raster = rasterise(scene, PINHOLE, pose, STAMP_S, outlines=True)
     for actor in range(len(scene.present)):
         alone = Scene(
-            Prisms.empty(), scene.moving, scene.knots_s, scene.poses,
+            Prisms.empty(),
+            scene.moving,
+            scene.knots_s,
+            scene.poses,
             scene.present & (np.arange(len(scene.present)) == actor),
-        )  # fmt: skip
+        )
         covered = owners_of(rasterise(alone, PINHOLE, pose, STAMP_S), alone) == actor
         assert raster.outline_pixels[actor] == covered.sum()
         if not covered.any():

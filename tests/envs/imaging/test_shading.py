@@ -6,10 +6,10 @@ import pytest
 from roadscope.core import Category, Pose
 from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.light import LIGHTS, Light, light_named
+from roadscope.envs.imaging.lighting import cast_shadows
 from roadscope.envs.imaging.pinhole import Pinhole, mounted
 from roadscope.envs.imaging.raster import lens_of, rasterise, solids_of
 from roadscope.envs.imaging.shading import Sight, shade
-from roadscope.envs.imaging.shadow_kernels import cast_shadows
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world import materials
 from roadscope.envs.world.bodies import body_prisms

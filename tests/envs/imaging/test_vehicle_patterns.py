@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.imaging.vehicle_kernels import axles, bodywork, glass
+from roadscope.envs.imaging.vehicle_patterns import axles, bodywork, glass
 
 PAINT = (0.1, 0.2, 0.6)
 LENGTH, WIDTH, HEIGHT = 4.6, 1.85, 1.5
@@ -12,8 +12,13 @@ CAR = np.array([0.0, 0.0, 1.0, 0.0, LENGTH / 2, WIDTH / 2, HEIGHT, Category.CAR]
 BUS = np.array([0.0, 0.0, 1.0, 0.0, 6.0, 1.27, 3.1, Category.BUS], float)
 
 
-def painted(frame: np.ndarray, place: tuple[float, float, float], way: tuple[float, float],
-            *, lamps: bool = False) -> np.ndarray:  # fmt: skip
+def painted(
+    frame: np.ndarray,
+    place: tuple[float, float, float],
+    way: tuple[float, float],
+    *,
+    lamps: bool = False,
+) -> np.ndarray:
     """Colour (3,), gloss and own light (3,) at a place along, across and up, facing a way."""
     out = np.array([*PAINT, 0.0, 0.0, 0.0, 0.0])
     along, across, z = place
@@ -51,9 +56,16 @@ def test_headlamps_are_white_at_both_sides_and_shine_when_lit(side: float) -> No
 
 @pytest.mark.parametrize(
     ("category", "height"),
-    [(Category.CAR, 1.5), (Category.VAN, 2.0), (Category.VAN, 2.52), (Category.VAN, 2.64),
-     (Category.BUS, 3.1), (Category.TRUCK, 3.6), (Category.TRUCK, 4.0)],
-)  # fmt: skip
+    [
+        (Category.CAR, 1.5),
+        (Category.VAN, 2.0),
+        (Category.VAN, 2.52),
+        (Category.VAN, 2.64),
+        (Category.BUS, 3.1),
+        (Category.TRUCK, 3.6),
+        (Category.TRUCK, 4.0),
+    ],
+)
 def test_headlamps_hang_at_the_height_of_a_cars(category, height: float) -> None:
     """Road law asks for 0.5 to 1.2 m of every vehicle."""
     frame = np.array([0.0, 0.0, 1.0, 0.0, 2.6, 1.0, height, category], float)
@@ -76,8 +88,10 @@ def test_wheels_are_dark_rings_around_rims_at_both_axles() -> None:
     ahead, behind, radius = axles(LENGTH / 2, HEIGHT)
     assert behind < 0 < ahead
     for axle in (ahead, behind):
-        at = [painted(CAR, (axle, WIDTH / 2, radius + share * radius), FLANK)[:3]
-              for share in (0.8, 0.63, 0.0)]  # fmt: skip
+        at = [
+            painted(CAR, (axle, WIDTH / 2, radius + share * radius), FLANK)[:3]
+            for share in (0.8, 0.63, 0.0)
+        ]
         tyre, rim, hub = (float(np.mean(colour)) for colour in at)
         assert tyre < 0.02
         assert rim > 10 * tyre

@@ -93,9 +93,12 @@ def random_prism(rng: np.random.Generator, owner: int, centre: np.ndarray) -> Pr
     footprint = centre + sizes * np.column_stack([np.cos(angles), np.sin(angles)])
     bottom = rng.choice([0.0, 0.3, 1.0, 2.5])
     return Prisms.of(
-        footprint, bottom, bottom + rng.uniform(0.1, 4), owner=owner,
+        footprint,
+        bottom,
+        bottom + rng.uniform(0.1, 4),
+        owner=owner,
         reflectivity=float(rng.uniform(0.05, 0.9)),
-    )  # fmt: skip
+    )
 
 
 def random_scene(rng: np.random.Generator, *, knots: int = 3) -> Scene:

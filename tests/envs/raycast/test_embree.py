@@ -12,7 +12,7 @@ from roadscope.benchmarks.speed.scene import parked_scene, ray_table, sensor_pos
 from roadscope.envs.raycast.cast import NOTHING, Hits, cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import lidar_columns
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS
 
 TILTS = [(0.0, 0.0), (0.035, 0.0175), (-0.3, 0.2)]
 EDGE_CASES = 2e-4

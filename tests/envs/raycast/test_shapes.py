@@ -7,7 +7,7 @@ from roadscope.envs.raycast.cast import cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.raycast.shapes import KEPT, forget, gather
 from roadscope.envs.sensors.lidar import lidar_columns
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS
 
 SPEC = SPECS["vlp16"]
 

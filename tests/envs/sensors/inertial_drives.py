@@ -24,10 +24,14 @@ def driven(pushes: np.ndarray, bends: np.ndarray, speed: float = 0.0) -> Timelin
         speeds[k + 1] = max(speeds[k] + STEP_S * pushes[k], 0.0)
     one = platoon(1)
     return replace(
-        one, stamps_s=STEP_S * np.arange(count), present=np.ones((count, 1), bool),
-        axles=axles[:, None] + [50.0, 2.0], yaws=yaws[:, None], speeds=speeds[:, None],
+        one,
+        stamps_s=STEP_S * np.arange(count),
+        present=np.ones((count, 1), bool),
+        axles=axles[:, None] + [50.0, 2.0],
+        yaws=yaws[:, None],
+        speeds=speeds[:, None],
         crashed=np.zeros((count, 1), bool),
-    )  # fmt: skip
+    )
 
 
 def stop_and_go(duration_s: float = 21.0) -> Timeline:

@@ -11,11 +11,16 @@ from scipy.stats import kstest
 
 from roadscope.core import WEATHER, LidarScan, Pose
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.sensors import backscatter
-from roadscope.envs.sensors.backscatter import echo_rate, echoes, overlap
-from roadscope.envs.sensors.lidar import SweepTruth, sweep
-from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar import (
+    APERTURE_M,
+    DIVERGENCE_RAD,
+    SweepTruth,
+    echo_rate,
+    echoes,
+    overlap,
+    sweep,
+)
+from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
 from roadscope.envs.sensors.weather import CLEAR, WEATHERS, Weather, fog, rain
 from roadscope.envs.world.prisms import Prisms
 
@@ -34,9 +39,14 @@ def measure(
     scene: Scene, lidar: LidarSpec, weather: Weather, seed: int = 0
 ) -> tuple[LidarScan, SweepTruth]:
     return sweep(
-        scene, lidar, [Pose.planar(0, 0, 0, 1.9)], 0.1,
-        rng=np.random.default_rng(0), weather=weather, weather_seed=seed,
-    )  # fmt: skip
+        scene,
+        lidar,
+        [Pose.planar(0, 0, 0, 1.9)],
+        0.1,
+        rng=np.random.default_rng(0),
+        weather=weather,
+        weather_seed=seed,
+    )
 
 
 def walls(ranges: np.ndarray, reflectivity: float = 0.5) -> Scene:
@@ -68,8 +78,9 @@ def echo_ranges(weather: Weather, sweeps: int, **changes: object) -> tuple[np.nd
 @pytest.mark.parametrize("weather", [rain(50.0), fog(300.0), fog(100.0)])
 def test_intensity_falls_by_beer_and_lambert(weather: Weather) -> None:
     scene = walls(np.linspace(8.0, 60.0, 40))
-    lidar = spec(detection_limit=1e-5, elevations=np.radians([0.2, 0.6, 1.0]),
-                 firing_offsets_s=np.zeros(3))  # fmt: skip
+    lidar = spec(
+        detection_limit=1e-5, elevations=np.radians([0.2, 0.6, 1.0]), firing_offsets_s=np.zeros(3)
+    )
     clear, _ = measure(scene, lidar, CLEAR)
     scan, truth = measure(scene, lidar, weather)
     image = np.full((lidar.beams, lidar.columns), np.nan)
@@ -123,18 +134,15 @@ def test_rain_is_the_drops_that_the_beam_meets() -> None:
     weather, rng, rays, far = rain(400.0), np.random.default_rng(1), 20_000, 14.0
     slope = 4.1 * 400.0**-0.21
     least_mm = 1.0
-    width = backscatter.APERTURE_M + backscatter.DIVERGENCE_RAD * far
+    width = APERTURE_M + DIVERGENCE_RAD * far
     volume = np.pi / 4 * width**2 * far
     number = rng.poisson(8000 / slope * np.exp(-slope * least_mm) * volume, rays)
     ray = np.repeat(np.arange(rays), number)
     sizes = (least_mm + rng.exponential(1 / slope, len(ray))) * 1e-3
     ranges = rng.uniform(0, far, len(ray))
-    inside = (
-        rng.random(len(ray))
-        < ((backscatter.APERTURE_M + backscatter.DIVERGENCE_RAD * ranges) / width) ** 2
-    )
+    inside = rng.random(len(ray)) < ((APERTURE_M + DIVERGENCE_RAD * ranges) / width) ** 2
     inside &= (ranges > 0.9) & (sizes < 8e-3)
-    area = np.pi / 4 * (backscatter.APERTURE_M + backscatter.DIVERGENCE_RAD * ranges) ** 2
+    area = np.pi / 4 * (APERTURE_M + DIVERGENCE_RAD * ranges) ** 2
     scattered = 2 * np.pi / 4 * sizes**2 / weather.lidar_ratio_sr
     power = np.pi * scattered / area * overlap(ranges) / ranges**2
     power *= np.exp(-2 * weather.extinction_per_m * ranges)

@@ -35,18 +35,29 @@ def flat(value: float, spec: CameraSpec = SPEC, iso: float = 1.0, **options: obj
     solids = solids_of(EMPTY, 0.0)
     raster = rasterise(EMPTY, pinhole, POSE, 0.0, solids=solids)
     return exposed(
-        light, raster, solids, spec, Light(iso=iso, sun_azimuth=np.pi), world_from_camera=POSE,
-        stamp_s=1.0, **options,
-    )  # fmt: skip
+        light,
+        raster,
+        solids,
+        spec,
+        Light(iso=iso, sun_azimuth=np.pi),
+        world_from_camera=POSE,
+        stamp_s=1.0,
+        **options,
+    )
 
 
 def images(stamp_s: float = 3.04, spec: CameraSpec = SPEC, **options: object) -> np.ndarray:
     scene = random_scene(np.random.default_rng(4))
     image, _ = expose(
-        scene, spec, POSE, stamp_s, ground=Ground(surface_of(straight()), "urban"),
+        scene,
+        spec,
+        POSE,
+        stamp_s,
+        ground=Ground(surface_of(straight()), "urban"),
         light=light_named("dusk", np.random.default_rng(1)),
-        categories=np.zeros(len(scene.present), np.int8), **options,
-    )  # fmt: skip
+        categories=np.zeros(len(scene.present), np.int8),
+        **options,
+    )
     return image.pixels
 
 
@@ -69,8 +80,10 @@ def test_a_shorter_exposure_is_as_bright_and_noisier() -> None:
     spec = replace(SPEC, vignetting=0.0)
     usual, short = (LINEAR[flat(0.2, replace(spec, exposure_s=s))] for s in (0.004, 0.001))
     assert short.mean() == pytest.approx(usual.mean(), rel=0.01)
-    electrons = [iso * 0.2 / spec.full_well + (iso * spec.read_noise / spec.full_well) ** 2
-                 for iso in (1.0, 4.0)]  # fmt: skip
+    electrons = [
+        iso * 0.2 / spec.full_well + (iso * spec.read_noise / spec.full_well) ** 2
+        for iso in (1.0, 4.0)
+    ]
     assert short.var() / usual.var() == pytest.approx(electrons[1] / electrons[0], rel=0.1)
 
 
@@ -107,9 +120,15 @@ def test_rain_draws_streaks_and_its_amount_counts() -> None:
         solids = solids_of(EMPTY, 0.0)
         raster = rasterise(EMPTY, pinhole, POSE, 0.0, solids=solids)
         pixels = exposed(
-            light, raster, solids, spec, Light(sun_azimuth=np.pi), world_from_camera=POSE,
-            stamp_s=1.0, rain_mm_h=rate,
-        )  # fmt: skip
+            light,
+            raster,
+            solids,
+            spec,
+            Light(sun_azimuth=np.pi),
+            world_from_camera=POSE,
+            stamp_s=1.0,
+            rain_mm_h=rate,
+        )
         counts.append((pixels[10:] > pixels[10:].min()).sum())
     assert counts[1] > 3 * counts[0] > 0
 
@@ -120,10 +139,14 @@ def test_a_plain_camera_has_neither_noise_nor_shadow() -> None:
     assert np.array_equal(plain, images(spec=spec, noise_seed=2, extinction_per_m=0.1))
     wall = Prisms.of(np.array([[5, -4], [6, -4], [6, 4], [5, 4.0]]), 0.0, 9.0, owner=-2)
     image, truth = expose(
-        Scene.still(wall, Prisms.empty(), np.empty((0, 3))), spec, POSE, 0.0,
-        ground=Ground(surface_of(straight()), "urban"), light=Light(),
+        Scene.still(wall, Prisms.empty(), np.empty((0, 3))),
+        spec,
+        POSE,
+        0.0,
+        ground=Ground(surface_of(straight()), "urban"),
+        light=Light(),
         categories=np.empty(0, np.int8),
-    )  # fmt: skip
+    )
     assert len(np.unique(image.pixels[truth.owners == -2], axis=0)) == 1
 
 

@@ -5,8 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from roadscope.envs.sensors.body_sway import STANDARD_GRAVITY_M_S2, BodySway
-from roadscope.envs.sensors.ego_motion import AHEAD, RAW_S, EgoMotion, settled_s
+from roadscope.envs.sensors.ego_motion import (
+    AHEAD,
+    RAW_S,
+    STANDARD_GRAVITY_M_S2,
+    BodySway,
+    EgoMotion,
+    settled_s,
+)
 from roadscope.envs.traffic.recorder import TrafficRecorder
 from roadscope.envs.traffic.scenarios import record
 from roadscope.envs.traffic.timeline import Timeline

@@ -8,12 +8,9 @@ from gymnasium.utils.env_checker import check_env
 
 import roadscope  # noqa: F401  (registers its ids)
 from roadscope.core import GROUND, ImuSamples, Pose, RecordError
-from roadscope.envs.sensors.body_sway import BodySway
-from roadscope.envs.sensors.ego_motion import EgoMotion
-from roadscope.envs.sensors.imu import GRAVITY_M_S2, measure
-from roadscope.envs.sensors.imu_noise import PAGE, ImuNoise
-from roadscope.envs.sensors.imu_specs import IMUS
-from roadscope.envs.sensors.inertial import samples_of
+from roadscope.envs.sensors.ego_motion import BodySway, EgoMotion
+from roadscope.envs.sensors.imu import GRAVITY_M_S2, PAGE, ImuNoise, measure, samples_of
+from roadscope.envs.sensors.imu_spec import IMUS
 from roadscope.envs.sensors.rig import ImuMount, Rig
 from roadscope.envs.sensors.rigs import rig, scaled_noise
 from roadscope.envs.sensors.sensing import Sensing, sense
@@ -166,9 +163,7 @@ def timeline() -> Timeline:
 def small(imu: str | None, *, sway: bool = False) -> Rig:
     unit = None if imu is None else mount(imu)
     wheels = None if imu is None else WheelSpec()
-    return replace(
-        rig("lux"), imu=unit, wheels=wheels, sway=BodySway() if sway else None
-    )  # fmt: skip
+    return replace(rig("lux"), imu=unit, wheels=wheels, sway=BodySway() if sway else None)
 
 
 def test_scans_are_the_same_bytes_with_and_without_an_inertial_unit(timeline: Timeline) -> None:

@@ -8,8 +8,7 @@ import pytest
 from roadscope.core import GROUND, LidarScan, Pose, RecordError
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import SweepTruth, lidar_columns, sweep
-from roadscope.envs.sensors.lidar_spec import LidarSpec
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS, LidarSpec
 from roadscope.envs.world.prisms import Prisms
 
 WALL = np.array([[0.0, -30], [1, -30], [1, 30], [0, 30]])
@@ -192,6 +191,4 @@ def test_occluded_fraction_and_returns() -> None:
 
 def test_poses_must_match_the_knots() -> None:
     with pytest.raises(RecordError, match="3 knots, 1 poses"):
-        sweep(
-            moving_scene(1.0), spec(), [Pose.identity()], 0.0, rng=np.random.default_rng(0)
-        )  # fmt: skip
+        sweep(moving_scene(1.0), spec(), [Pose.identity()], 0.0, rng=np.random.default_rng(0))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.envs.imaging.pinhole import Pinhole
-from roadscope.envs.sensors.blur import motion_during
+from roadscope.envs.sensors.camera import motion_during
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.sensors.sensing import Sensing

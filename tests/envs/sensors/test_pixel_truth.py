@@ -76,8 +76,9 @@ def test_depth_is_what_a_scan_of_the_same_moment_measures(timeline: Timeline) ->
     """
     carrier = rig("wide")
     assert carrier.camera is not None
-    quiet = replace(carrier.lidar.spec, range_noise_m=0.0, range_resolution_m=0.0, dropout=0.0,
-                    sweep_s=1e-6)  # fmt: skip
+    quiet = replace(
+        carrier.lidar.spec, range_noise_m=0.0, range_resolution_m=0.0, dropout=0.0, sweep_s=1e-6
+    )
     mount = replace(carrier.lidar, spec=quiet, first_stamp_s=AT_S)
     sensing = Sensing(replace(carrier, lidar=mount), SEED, pixel_truth=True)
     frame, told = sensing.sense(timeline, 0)

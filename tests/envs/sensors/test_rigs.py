@@ -5,7 +5,7 @@ import pytest
 
 from roadscope.core import RecordError
 from roadscope.envs.sensors.camera_spec import CAMERAS
-from roadscope.envs.sensors.lidar_specs import SPECS
+from roadscope.envs.sensors.lidar_spec import SPECS
 from roadscope.envs.sensors.rigs import RIGS, load_rig, rig, scaled_noise
 
 CAMERA = 'lidar = "lux"\n[camera]\nsensor = "wide"\n'

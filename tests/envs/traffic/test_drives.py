@@ -8,7 +8,7 @@ import pytest
 from roadscope.core import Category
 from roadscope.envs.traffic.course import SHARPEST_M, Course, winding
 from roadscope.envs.traffic.scenarios import SCENARIOS, accept, record
-from roadscope.envs.traffic.script_convoy import convoy_pull_away
+from roadscope.envs.traffic.scripts import convoy_pull_away
 
 SEEDS = range(20)
 MOVING_M = {

@@ -16,9 +16,17 @@ from roadscope.envs.traffic.recorder import (
 )
 
 FAMILIES = (
-    "exit", "highway", "intersection", "lane-keeping", "merge", "parking", "racetrack",
-    "roundabout", "two-way", "u-turn",
-)  # fmt: skip
+    "exit",
+    "highway",
+    "intersection",
+    "lane-keeping",
+    "merge",
+    "parking",
+    "racetrack",
+    "roundabout",
+    "two-way",
+    "u-turn",
+)
 IDS = sorted(i for i in gym.registry if i.startswith(FAMILIES) and "multi-agent" not in i)
 
 

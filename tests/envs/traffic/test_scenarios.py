@@ -34,14 +34,36 @@ def lateral(line):
 
 def test_the_named_scenarios_are_there():
     assert set(SCENARIOS) == {
-        "motorway", "dense-motorway", "merge", "roundabout", "intersection", "racetrack", "two-way",
-        "parking-lot", "waiting", "cut-ins", "long-occlusion", "lu2018-two-vehicles",
-        "lu2018-occlusion", "lu2018-three-vehicles", "street", "town-crossing",
-        "unseen-motorway", "unseen-street", "convoy-pull-away", "platoon", "cold-start",
-        "empty-motorway", "empty-street",
-        "standing-in-traffic", "standing-barriers", "barriers", "tunnel", "stop-and-go",
+        "motorway",
+        "dense-motorway",
+        "merge",
+        "roundabout",
+        "intersection",
+        "racetrack",
+        "two-way",
+        "parking-lot",
+        "waiting",
+        "cut-ins",
+        "long-occlusion",
+        "lu2018-two-vehicles",
+        "lu2018-occlusion",
+        "lu2018-three-vehicles",
+        "street",
+        "town-crossing",
+        "unseen-motorway",
+        "unseen-street",
+        "convoy-pull-away",
+        "platoon",
+        "cold-start",
+        "empty-motorway",
+        "empty-street",
+        "standing-in-traffic",
+        "standing-barriers",
+        "barriers",
+        "tunnel",
+        "stop-and-go",
         "racetrack-loop",
-    }  # fmt: skip
+    }
     for name, scenario in SCENARIOS.items():
         assert scenario.name == name
         assert scenario.description.endswith(".")
@@ -132,8 +154,11 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process():
     environment = {**os.environ, "PYTHONHASHSEED": "77", "PYTHONPATH": path}
     done = subprocess.run(
         [sys.executable, "-c", script],
-        env=environment, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout.split() == ours
 
 

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from roadscope.core import RecordError
 from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.traffic.script_motion import Motion
+from roadscope.envs.traffic.script import Change, Motion
 from roadscope.envs.traffic.timeline import Timeline
 
 ROAD = RoadMap.from_lanes([(np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([4.0, 4.0]))])
@@ -17,12 +17,19 @@ ROAD = RoadMap.from_lanes([(np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([4.0, 
 def timeline(stamps, axles, yaws, speeds, present=None, **changes):
     samples, actors = np.shape(yaws)
     return Timeline(
-        stamps_s=stamps, ids=np.arange(actors), categories=np.zeros(actors, np.int8),
-        sizes=np.ones((actors, 3)), centre_ahead_m=np.full(actors, 2.5),
+        stamps_s=stamps,
+        ids=np.arange(actors),
+        categories=np.zeros(actors, np.int8),
+        sizes=np.ones((actors, 3)),
+        centre_ahead_m=np.full(actors, 2.5),
         present=np.ones((samples, actors), bool) if present is None else present,
-        axles=axles, yaws=yaws, speeds=speeds, crashed=np.zeros((samples, actors), bool),
-        road=ROAD, **changes,
-    )  # fmt: skip
+        axles=axles,
+        yaws=yaws,
+        speeds=speeds,
+        crashed=np.zeros((samples, actors), bool),
+        road=ROAD,
+        **changes,
+    )
 
 
 def circle(times, radius, speed):
@@ -116,19 +123,19 @@ def test_a_circle_at_20_hz_is_met_within_a_millimetre(radius, speed):
 
 
 def test_a_lane_change_at_20_hz_is_met_within_a_millimetre():
-    motion = Motion(0.0, 0.0, 25.0, ((1.0, 3.0, -4.0),), ((0.5, 4.0, 4.0),))
+    motion = Motion(0.0, 0.0, 25.0, (Change(1.0, 3.0, -4.0),), (Change(0.5, 4.0, 4.0),))
     times, fine = np.arange(0, 6.001, 0.05), np.linspace(0, 6, 4001)
     velocities = motion.velocities(times)
     yaws = np.arctan2(velocities[:, 1], velocities[:, 0])
     line = timeline(
-        times, motion.places(times)[:, None], yaws[:, None], np.hypot(*velocities.T)[:, None]
+        times, motion.positions(times)[:, None], yaws[:, None], np.hypot(*velocities.T)[:, None]
     )
     states = line.at(fine)
-    assert np.abs(states.axles[:, 0] - motion.places(fine)).max() < 1e-3
+    assert np.abs(states.axles[:, 0] - motion.positions(fine)).max() < 1e-3
     # Linear interpolation of positions is what this must beat.
-    linear = np.interp(fine, times, motion.places(times)[:, 1])
-    error = np.abs(states.axles[:, 0, 1] - motion.places(fine)[:, 1]).max()
-    assert error < 0.2 * np.abs(linear - motion.places(fine)[:, 1]).max()
+    linear = np.interp(fine, times, motion.positions(times)[:, 1])
+    error = np.abs(states.axles[:, 0, 1] - motion.positions(fine)[:, 1]).max()
+    assert error < 0.2 * np.abs(linear - motion.positions(fine)[:, 1]).max()
 
 
 def test_the_pose_of_the_ego_is_that_of_actor_0():

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic.mix import MIXES
+from roadscope.envs.traffic.mix import MIXES, UNSEEN
 from roadscope.envs.traffic.scenarios import record
-from roadscope.envs.traffic.unseen import UNSEEN
-from roadscope.envs.world.bodies import body_prisms
-from roadscope.envs.world.unseen_bodies import BY_SIZE
+from roadscope.envs.world.bodies import BY_SIZE, body_prisms
 
 CASES = [(c, n, s) for c, models in UNSEEN.items() for n, s in models.items()]
 MODELS = pytest.mark.parametrize(("category", "name", "size"), CASES)

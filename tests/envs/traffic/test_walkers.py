@@ -20,8 +20,12 @@ def corners(timeline: Timeline, k: int, row: int, grow_m: float = 0.0) -> np.nda
     left = np.array([-ahead[1], ahead[0]])
     centre = timeline.axles[k, row] + timeline.centre_ahead_m[row] * ahead
     length, width = timeline.sizes[row, :2] / 2 + grow_m
-    return np.array([centre + a * length * ahead + b * width * left
-                     for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))])  # fmt: skip
+    return np.array(
+        [
+            centre + a * length * ahead + b * width * left
+            for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+        ]
+    )
 
 
 def apart(first: np.ndarray, second: np.ndarray) -> bool:

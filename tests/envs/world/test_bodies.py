@@ -58,8 +58,11 @@ def _outline(body: Prisms, axis: int, pixels: int = 60) -> np.ndarray:
     scale = pixels / body.tops.max()
     picture = np.zeros((pixels, 2 * pixels), bool)
     for outline, low, high in zip(body.footprints[..., axis], body.bottoms, body.tops, strict=True):
-        left, right = np.clip(pixels + np.array([outline.min(), outline.max()]) * scale,
-                              0, 2 * pixels).round().astype(int)  # fmt: skip
+        left, right = (
+            np.clip(pixels + np.array([outline.min(), outline.max()]) * scale, 0, 2 * pixels)
+            .round()
+            .astype(int)
+        )
         picture[round(low * scale) : round(high * scale), left:right] = True
     return picture
 

@@ -8,7 +8,7 @@ from roadscope.envs.world.borders import (
     distances_to,
     without_doubles,
 )
-from roadscope.envs.world.footprints import rectangle, rounded
+from roadscope.envs.world.prisms import rectangle, rounded
 from tests.envs.worlds import circle, crossing, straight
 
 

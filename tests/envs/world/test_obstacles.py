@@ -1,7 +1,7 @@
 import numpy as np
 
-from roadscope.envs.world.obstacles import obstacle_prisms
 from roadscope.envs.world.roadside import OBSTACLE_KIND, kinds_of
+from roadscope.envs.world.world import obstacle_prisms
 
 
 def test_an_obstacle_is_a_box_where_it_stands():

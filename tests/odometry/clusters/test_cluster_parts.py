@@ -4,10 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.detectors.clustering.polar_cells import quick_azimuth
-from roadscope.odometry.clusters.cluster_match import match_clusters
-from roadscope.odometry.clusters.parts import parts
-from roadscope.odometry.clusters.segments import Segments, centres_of
+from roadscope.detectors.clustering.range_angle import quick_azimuth
+from roadscope.odometry.clusters.features import match_clusters
+from roadscope.odometry.clusters.segments import Segments, centres_of, parts
 from roadscope.odometry.rigid import exp_se3, inverse
 
 

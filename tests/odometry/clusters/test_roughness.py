@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roadscope.odometry.clusters.roughness import LEAST, MOST, NOISE_M, limit_of, ring_roughness
-from roadscope.odometry.loam.feature_kernels import sweep_of
+from roadscope.odometry.clusters.features import LEAST, MOST, NOISE_M, limit_of, ring_roughness
+from roadscope.odometry.loam.features import sweep_of
 
 
 def ring_roughness_slowly(points, ring, column, labels, window_m):
@@ -35,7 +35,8 @@ def test_equals_eq_6_summed_slowly(seed, window_m):
     rng = np.random.default_rng(seed)
     ring, column = np.repeat([0, 1, 2], 40), np.tile(np.arange(40), 3)
     points = np.column_stack([rng.normal(5, 0.1, 120), 0.05 * column, ring]) + rng.normal(
-        0, 0.01, (120, 3))  # fmt: skip
+        0, 0.01, (120, 3)
+    )
     labels = (column > rng.integers(5, 35)).astype(np.int64)
     mixed = rng.permutation(120)
     points, ring, column, labels = points[mixed], ring[mixed], column[mixed], labels[mixed]

@@ -8,15 +8,19 @@ import toy_drive
 from scipy.optimize import least_squares
 from toy_drive import Drive, offset
 
-from roadscope.odometry.lego.keyframes import Keyframe
 from roadscope.odometry.lego.loop_closing import (
     DRIVEN_M,
+    Link,
     LoopClosing,
+    between,
+    misfits,
     nearest_candidate,
+    onto,
+    overlap,
     place_again,
+    settled,
 )
-from roadscope.odometry.lego.point_icp import between, onto, overlap
-from roadscope.odometry.lego.pose_graph import Link, misfits, settled
+from roadscope.odometry.lego.point_map import Keyframe
 from roadscope.odometry.lego_loam import LegoLoamOdometry
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3
 

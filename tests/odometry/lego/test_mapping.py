@@ -9,16 +9,26 @@ from roadscope.odometry.loam.features import Features
 def corner(place):
     """Smooth returns of two walls that meet, as seen from a place."""
     along, up = (each.ravel() for each in np.meshgrid(np.arange(-8, 8, 0.5), np.arange(-1, 2, 0.5)))
-    walls = np.concatenate([
-        np.column_stack([along, np.full(len(along), 9.0), up]),
-        np.column_stack([np.full(len(along), 9.0), along, up]),
-    ])  # fmt: skip
+    walls = np.concatenate(
+        [
+            np.column_stack([along, np.full(len(along), 9.0), up]),
+            np.column_stack([np.full(len(along), 9.0), along, up]),
+        ]
+    )
     count, none = len(walls), np.empty(0, np.int64)
     rows = np.arange(count)
     return Features(
-        np.empty((0, 3)), walls - place, none, np.zeros(count, np.int64), none, rows, none, rows,
-        0, count,
-    )  # fmt: skip
+        np.empty((0, 3)),
+        walls - place,
+        none,
+        np.zeros(count, np.int64),
+        none,
+        rows,
+        none,
+        rows,
+        0,
+        count,
+    )
 
 
 def at(place):

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.odometry.lego.point_map import PointMap
-from roadscope.odometry.lego.point_map_kernels import CUBE_M, NEAREST, nearest_points
+from roadscope.odometry.lego.point_map import CUBE_M, NEAREST, PointMap, nearest_points
 from roadscope.odometry.rigid import exp_se3
 
 HERE = np.eye(4)

@@ -8,15 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_drive import Drive, kept
 
-from roadscope.odometry.lego.range_image import (
+from roadscope.odometry.lego.segments import (
+    GROUND,
     LEVEL,
     NONE,
     OBJECT,
+    features_of,
     ground_of,
+    kept_of,
     objects_of,
     range_image,
 )
-from roadscope.odometry.lego.segments import GROUND, features_of, kept_of
 
 BOUNDS_M = (1.0, 120.0)
 

@@ -7,21 +7,19 @@ from toy_drive import Drive, kept
 
 from roadscope.odometry.cloud_kernels import deskewed
 from roadscope.odometry.loam.feature_match import (
+    DEVIATION,
     NOISE_M,
+    TUKEY,
+    Pairs,
     _weights,
+    distances,
     joined,
     match_features,
+    moved,
+    normal_equations,
     settle,
 )
 from roadscope.odometry.loam.features import extract
-from roadscope.odometry.loam.lm_kernels import (
-    DEVIATION,
-    TUKEY,
-    distances,
-    moved,
-    normal_equations,
-)
-from roadscope.odometry.loam.pair_kernels import Pairs
 from roadscope.odometry.rigid import exp_se3, log_se3
 
 
@@ -104,10 +102,12 @@ def test_labels_keep_features_apart():
     now, before = features(drive, 1), features(drive, 0)
     swapped = exp_se3(np.zeros(6))
     assert match_features(now, before, swapped).held > 100
-    other = type(before)(**{
-        name: getattr(before, name) + 5 if name.endswith("labels") else getattr(before, name)
-        for name in before.__dataclass_fields__
-    })  # fmt: skip
+    other = type(before)(
+        **{
+            name: getattr(before, name) + 5 if name.endswith("labels") else getattr(before, name)
+            for name in before.__dataclass_fields__
+        }
+    )
     assert match_features(now, other, swapped).held == 0
     assert match_features(now, other, swapped, same_label=False).held > 100
 
@@ -141,8 +141,11 @@ def test_settles_where_a_slow_reweighing_does():
         sigma = max(DEVIATION * np.median(away), NOISE_M)
         weights = np.maximum(1 - (away / (TUKEY * sigma)) ** 2, 0) ** 2
         placed = lambda x, pose=slow: moved(pose, x)  # noqa: E731
-        x = least_squares(lambda x, w=weights: np.sqrt(w) * distances_signed(pairs, placed(x)),  # noqa: B023
-                          np.zeros(6), xtol=1e-14).x  # fmt: skip
+        x = least_squares(
+            lambda x, w=weights: np.sqrt(w) * distances_signed(pairs, placed(x)),  # noqa: B023
+            np.zeros(6),
+            xtol=1e-14,
+        ).x
         slow = moved(slow, x)
     assert found == pytest.approx(slow, abs=2e-4)
 

@@ -5,8 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roadscope.odometry.loam.pair_kernels import RINGS_AWAY, SLIM, lines_of, planes_of
-from roadscope.odometry.loam.ring_table import NONE, nearest, ring_table
+from roadscope.odometry.loam.feature_match import (
+    NONE,
+    RINGS_AWAY,
+    SLIM,
+    lines_of,
+    nearest,
+    planes_of,
+    ring_table,
+)
 from roadscope.odometry.rigid import exp_se3
 
 NOWHERE = np.eye(4)
@@ -35,8 +42,13 @@ def nearest_slowly(table, place, label, rings, most):
 
 
 @settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 9999), count=st.integers(0, 120), label=st.integers(-1, 2),
-       least=st.integers(0, 1), reach_m=st.sampled_from([0.5, 3.0, 40.0]))  # fmt: skip
+@given(
+    seed=st.integers(0, 9999),
+    count=st.integers(0, 120),
+    label=st.integers(-1, 2),
+    least=st.integers(0, 1),
+    reach_m=st.sampled_from([0.5, 3.0, 40.0]),
+)
 def test_the_nearest_is_that_of_the_slow_way(seed, count, label, least, reach_m):
     rng = np.random.default_rng(seed)
     table = ring_table(*rings_of_points(rng, count))

@@ -6,18 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_drive import Drive
 
-from roadscope.odometry.loam.feature_kernels import (
+from roadscope.odometry.loam.features import (
     ADJACENT,
     GRAZING,
     JUMP,
     SAME_M,
+    Limits,
+    cluster_roughness,
+    extract,
     members,
     picked,
+    roughness,
     sectors_of,
     sweep_of,
     unreliable,
 )
-from roadscope.odometry.loam.features import Limits, cluster_roughness, extract, roughness
 
 COLUMNS = 720
 AZIMUTHS = np.radians(np.linspace(-90, 90, COLUMNS))
@@ -25,8 +28,9 @@ AZIMUTHS = np.radians(np.linspace(-90, 90, COLUMNS))
 
 def corner_room(rings=4, noise_m=0.0, seed=0):
     """Rings on walls at x = 10 and y = 6, which meet in a corner, seen from the origin."""
-    reach = np.minimum(10 / np.maximum(np.cos(AZIMUTHS), 1e-9),
-                       6 / np.maximum(np.abs(np.sin(AZIMUTHS)), 1e-9))  # fmt: skip
+    reach = np.minimum(
+        10 / np.maximum(np.cos(AZIMUTHS), 1e-9), 6 / np.maximum(np.abs(np.sin(AZIMUTHS)), 1e-9)
+    )
     reach = reach + noise_m * np.random.default_rng(seed).standard_normal((rings, COLUMNS))
     up = np.tan(np.radians(np.linspace(-4, 4, rings)))[:, None]
     points = np.stack([reach * np.cos(AZIMUTHS), reach * np.sin(AZIMUTHS), reach * up], axis=2)
@@ -167,8 +171,9 @@ def test_a_surface_along_the_beam_is_unreliable():
     columns = np.arange(40)
     for steep, expected in ((0.02, True), (2.0, False)):
         reach = 10 * np.exp(columns * 1e-3 / steep)
-        points = np.column_stack([reach * np.cos(columns * 1e-3), reach * np.sin(columns * 1e-3),
-                                  np.zeros(40)])  # fmt: skip
+        points = np.column_stack(
+            [reach * np.cos(columns * 1e-3), reach * np.sin(columns * 1e-3), np.zeros(40)]
+        )
         cosine = 1 / np.hypot(1, steep)
         assert (cosine > GRAZING) == expected
         bad = unreliable(sweep_of(points, np.zeros(40, int), columns), 0)

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from roadscope.odometry.loam.lm_kernels import descend, distances, moved, normal_equations
-from roadscope.odometry.loam.pair_kernels import Pairs
+from roadscope.odometry.loam.feature_match import Pairs, descend, distances, moved, normal_equations
 from roadscope.odometry.rigid import exp_se3, exp_so3, log_se3
 
 ALL = np.ones(6, bool)
@@ -85,8 +84,11 @@ def test_the_way_down_ends_where_scipys_does(kind):
         found = descend(pairs, weights, found, ALL)
     slow = least_squares(
         lambda x: (np.sqrt(weights)[:, None] * offsets(pairs, stepped(np.eye(4), x))).ravel(),
-        np.zeros(6), xtol=1e-14, ftol=1e-14, gtol=1e-14,
-    )  # fmt: skip
+        np.zeros(6),
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
+    )
     assert found == pytest.approx(stepped(np.eye(4), slow.x), abs=1e-6)
     assert np.abs(log_se3(np.linalg.inv(truth) @ found)).max() < 0.02
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from roadscope.odometry.loam.feature_match import FeatureMatch
-from roadscope.odometry.loam.imu_prediction import ImuPrediction
-from roadscope.odometry.loam.progress import PATIENCE, SURE, Progress
+from roadscope.odometry.loam.progress import PATIENCE, SURE, ImuPrediction, Progress
 from roadscope.odometry.rigid import exp_se3
 
 PERIOD_S, WAY_M = 0.1, 0.8

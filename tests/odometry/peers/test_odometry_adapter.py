@@ -49,7 +49,8 @@ def test_the_truth_passes_through():
         assert told.ok
         # Adapters' clocks begin at 0, this drive at 0.05 s.
         assert np.linalg.norm(told.start_from_lidar.translation) == pytest.approx(
-            np.linalg.norm(DRIVE.pose(scan.stamp_s)[:3, 3]), abs=1e-6), k  # fmt: skip
+            np.linalg.norm(DRIVE.pose(scan.stamp_s)[:3, 3]), abs=1e-6
+        ), k
 
 
 def test_poor_scans_and_late_ones_are_not_handed_on():

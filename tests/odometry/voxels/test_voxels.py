@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from roadscope.odometry.rigid import exp_se3, log_se3
-from roadscope.odometry.voxels.match_kernels import (
+from roadscope.odometry.voxels.matching import (
     GRAZING,
     TILT,
     TRACED_RAD,
+    Belief,
     contradicts,
+    match,
     normal_equations,
     surface_at,
 )
-from roadscope.odometry.voxels.matching import Belief, match
-from roadscope.odometry.voxels.surfaces import VoxelMap
-from roadscope.odometry.voxels.voxel_kernels import FLOOR_M, MOST
+from roadscope.odometry.voxels.surfaces import FLOOR_M, MOST, VoxelMap
 
 NOTHING_HELD, UP = np.zeros((6, 6)), np.array([0.0, 0.0, 1.0])
 

@@ -1,12 +1,21 @@
 """How well estimated poses follow true ones."""
 
-from roadscope.benchmarks.metrics.odometry.absolute import AbsoluteErrors, absolute_errors
-from roadscope.benchmarks.metrics.odometry.by_distance import by_distance
-from roadscope.benchmarks.metrics.odometry.drift import KITTI_M, SHORT_M, Drift, drift
+from roadscope.benchmarks.metrics.odometry.errors import (
+    KITTI_M,
+    SHORT_M,
+    AbsoluteErrors,
+    Drift,
+    RelativeErrors,
+    StandingScores,
+    absolute_errors,
+    by_distance,
+    drift,
+    relative_errors,
+    rests,
+    score_standing,
+)
 from roadscope.benchmarks.metrics.odometry.moving_returns import MovingScores, score_moving
-from roadscope.benchmarks.metrics.odometry.relative import RelativeErrors, relative_errors
 from roadscope.benchmarks.metrics.odometry.scores import OdometryScores, drift_curve, score_odometry
-from roadscope.benchmarks.metrics.odometry.standing import StandingScores, rests, score_standing
 from roadscope.benchmarks.metrics.odometry.trajectory import Trajectories
 
 __all__ = [

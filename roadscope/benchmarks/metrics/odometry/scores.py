@@ -8,10 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.odometry.absolute import AbsoluteErrors, absolute_errors
-from roadscope.benchmarks.metrics.odometry.alignment import Alignment
-from roadscope.benchmarks.metrics.odometry.drift import SHORT_M, drift
-from roadscope.benchmarks.metrics.odometry.relative import relative_errors
+from roadscope.benchmarks.metrics.odometry.errors import (
+    SHORT_M,
+    AbsoluteErrors,
+    Alignment,
+    absolute_errors,
+    drift,
+    relative_errors,
+)
 from roadscope.benchmarks.metrics.odometry.trajectory import Trajectories
 from roadscope.benchmarks.metrics.score import Score, ScoreFamily, mean, ratio, rms
 

@@ -13,8 +13,7 @@ from roadscope.benchmarks.metrics.odometry import (
     score_moving,
     score_standing,
 )
-from roadscope.benchmarks.metrics.odometry.by_distance import DISTANCE, MARKS_M
-from roadscope.benchmarks.metrics.odometry.standing import AT_REST_M_S, LEAST_S
+from roadscope.benchmarks.metrics.odometry.errors import AT_REST_M_S, DISTANCE, LEAST_S, MARKS_M
 from roadscope.odometry.rigid import exp_se3
 
 PERIOD_S = 0.1

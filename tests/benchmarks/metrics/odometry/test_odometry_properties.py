@@ -18,9 +18,13 @@ from roadscope.benchmarks.metrics.odometry import (
     score_odometry,
     score_standing,
 )
-from roadscope.benchmarks.metrics.odometry.alignment import truth_from_estimate
-from roadscope.benchmarks.metrics.odometry.by_distance import DISTANCE, MARKS_M
-from roadscope.benchmarks.metrics.odometry.standing import AT_REST_M_S, LEAST_S
+from roadscope.benchmarks.metrics.odometry.errors import (
+    AT_REST_M_S,
+    DISTANCE,
+    LEAST_S,
+    MARKS_M,
+    truth_from_estimate,
+)
 from roadscope.odometry.rigid import exp_se3
 
 seeds = st.integers(0, 9999)

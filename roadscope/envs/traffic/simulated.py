@@ -1,0 +1,490 @@
+"""Simulated scenarios: drivers on the roads of highway-env's environments.
+
+Each scenario's function draws a `Stage` from a generator; `play` lets its traffic run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from highway_env.envs.intersection_env import IntersectionEnv
+from highway_env.envs.merge_env import MergeGenericEnv
+from highway_env.envs.parking_env import ParkingEnv
+from highway_env.envs.racetrack_env import RacetrackEnv
+from highway_env.envs.roundabout_env import RoundaboutEnv
+from highway_env.envs.two_way_env import TwoWayEnv
+from highway_env.road.lane import LineType, StraightLane
+from highway_env.road.road import RoadNetwork
+
+from roadscope.envs.traffic.driving import HEAVY, Driver, Parked
+from roadscope.envs.traffic.flow import FlowRoad
+from roadscope.envs.traffic.inflow import Inflow, remove_arrived
+from roadscope.envs.traffic.junction import Crossing, GiveWay
+from roadscope.envs.traffic.mix import EGO, draw_body
+from roadscope.envs.traffic.recorder import TrafficRecorder
+from roadscope.envs.traffic.timeline import Timeline
+from roadscope.envs.traffic.walkers import Kerb, People
+
+STEP_S = 0.05
+"""Physics step: 20 Hz."""
+
+LaneIndex = tuple[str, str, int]
+"""A lane of highway-env: from node, to node, number from the left."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A road with traffic on it, ready to be recorded.
+
+    rules: called with the road before every step: inflow, clearing, right of way.
+    warm_up_s: time that passes before recording.
+    """
+
+    road: FlowRoad
+    ego: Any
+    warm_up_s: float = 0.0
+    rules: tuple[Callable[[FlowRoad], None], ...] = ()
+
+
+def play(stage: Stage, *, duration_s: float, style: str, seed: np.random.SeedSequence) -> Timeline:
+    """Let the traffic run at 20 Hz and record it."""
+    stage.road.refresh()
+    for _ in range(round(stage.warm_up_s / STEP_S)):
+        _advance(stage)
+    recorder = TrafficRecorder(seed=seed, style=style, raw=False)
+    recorder.follow(stage.road, stage.ego)
+    for _ in range(round(duration_s / STEP_S)):
+        _advance(stage)
+        recorder.tick(stage.road, STEP_S)
+    return recorder.timeline()
+
+
+def _advance(stage: Stage) -> None:
+    for rule in stage.rules:
+        rule(stage.road)
+    stage.road.act()
+    stage.road.step(STEP_S)
+
+
+def network_of(
+    env_class: Any, *, builder: str = "_make_road", config: Any = None, **arguments: Any
+) -> Any:
+    """Return the road that an environment class of highway-env builds, with no vehicle on it.
+
+    The environment is never constructed: that would run its own traffic and, for intersections,
+    change constants of highway-env's drivers for the whole process.
+    """
+    env = env_class.__new__(env_class)
+    env.config = {**env_class.default_config(), **(config or {})}
+    env._np_random = np.random.default_rng(0)
+    env._np_random_seed = 0
+    getattr(env, builder)(**arguments)
+    return env.road
+
+
+# Motorway -----------------------------------------------------------------------------------------
+
+MOTORWAY_M, MOTORWAY_EGO_M = 2400.0, 500.0
+"""Length of the motorway, and where the ego begins on it."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotorwayFlow:
+    """Traffic on a straight motorway; desired_speed: of the right lane, m/s."""
+
+    desired_speed: float
+    headway_s: float
+    reach_m: float
+    lanes: int = 4
+
+
+def motorway(rng: np.random.Generator) -> Stage:
+    """Four lanes at about 25 m/s."""
+    return _straight(rng, MotorwayFlow(31.0, headway_s=1.35, reach_m=300.0))
+
+
+def dense_motorway(rng: np.random.Generator) -> Stage:
+    """Four full lanes at about 12 m/s."""
+    return _straight(rng, MotorwayFlow(16.0, headway_s=1.05, reach_m=150.0))
+
+
+def _straight(rng: np.random.Generator, flow: MotorwayFlow) -> Stage:
+    network = RoadNetwork.straight_road_network(
+        flow.lanes, length=MOTORWAY_M, speed_limit=1.2 * flow.desired_speed
+    )
+    road = FlowRoad(network, rng)
+    ego_lane = int(rng.integers(1, flow.lanes - 1))
+    ego = None
+    for lane in range(flow.lanes):
+        speed = flow.desired_speed * (0.94 - 0.05 * lane)
+        spacing_m = flow.headway_s * speed + 8.0
+        for along_m in _motorway_positions(rng, ego_lane == lane, spacing_m, flow.reach_m):
+            is_ego = ego is None and lane == ego_lane and along_m == MOTORWAY_EGO_M
+            body = EGO if is_ego else draw_body("motorway", rng)
+            if body.category in HEAVY and lane < flow.lanes - 2:
+                body = draw_body("parked", rng)
+            desired_speed = speed * float(rng.uniform(0.9, 1.3))
+            driver = Driver(
+                road,
+                ("0", "1", lane),
+                along_m,
+                body=body,
+                lane_changes=True,
+                speed=speed,
+                wish=desired_speed,
+            ).vary(rng)
+            road.vehicles.append(driver)
+            ego = driver if is_ego else ego
+    assert ego is not None
+    return Stage(road, ego, warm_up_s=2.0)
+
+
+def _motorway_positions(
+    rng: np.random.Generator, with_ego: bool, spacing_m: float, reach_m: float
+) -> list[float]:
+    """Draw where vehicles begin along a lane, around the ego's position."""
+    first = (
+        MOTORWAY_EGO_M if with_ego else MOTORWAY_EGO_M + float(rng.uniform(-0.5, 0.5)) * spacing_m
+    )
+    positions = [first]
+    while positions[-1] < MOTORWAY_EGO_M + reach_m:
+        positions.append(positions[-1] + _centre_distance(rng, spacing_m))
+    while positions[0] > MOTORWAY_EGO_M - reach_m:
+        positions.insert(0, positions[0] - _centre_distance(rng, spacing_m))
+    return positions
+
+
+def _centre_distance(rng: np.random.Generator, mean_m: float) -> float:
+    """Draw a distance between centres; the longest vehicles are 16.5 m long."""
+    return max(19.0, mean_m * float(rng.uniform(0.75, 1.35)))
+
+
+# Merge --------------------------------------------------------------------------------------------
+
+MERGE_SECTIONS = {
+    "before_merge_length": 260,
+    "converge_merge_length": 80,
+    "parallel_merge_length": 160,
+    "after_merge_length": 700,
+}
+MERGE_EGO_M = 215.0
+
+
+def merge(rng: np.random.Generator) -> Stage:
+    """Two lanes at about 16 m/s, and a ramp whose vehicles must change lanes before its end."""
+    built = network_of(MergeGenericEnv, config=MERGE_SECTIONS)
+    road = FlowRoad(built.network, rng)
+    road.objects = built.objects
+    ego = None
+    for lane, wish in ((0, 18.0), (1, 16.0)):
+        start = MERGE_EGO_M if lane else MERGE_EGO_M + float(rng.uniform(-15.0, 15.0))
+        positions = [start]
+        while positions[-1] < 390.0:
+            positions.append(positions[-1] + float(rng.uniform(26.0, 42.0)))
+        while positions[0] > 90.0:
+            positions.insert(0, positions[0] - float(rng.uniform(26.0, 42.0)))
+        for along_m in positions:
+            is_ego = lane == 1 and along_m == MERGE_EGO_M
+            driver = _merging(road, rng, ("a", "b", lane), along_m, wish=wish, is_ego=is_ego)
+            ego = driver if is_ego else ego
+    for along_m in np.arange(100.0, 250.0, 35.0) + rng.uniform(-5.0, 5.0, 5):
+        _merging(road, rng, ("j", "k", 0), float(along_m), wish=15.0)
+    return Stage(road, ego, rules=(lambda road: remove_arrived(road, ego),))
+
+
+def _merging(
+    road: FlowRoad,
+    rng: np.random.Generator,
+    lane_index: LaneIndex,
+    along_m: float,
+    *,
+    wish: float,
+    is_ego: bool = False,
+) -> Driver:
+    driver = Driver(
+        road,
+        lane_index,
+        along_m,
+        body=EGO if is_ego else draw_body("urban", rng),
+        speed=0.9 * wish,
+        wish=wish * float(rng.uniform(0.95, 1.1)),
+        lane_changes=not is_ego,
+    ).vary(rng)
+    road.vehicles.append(driver)
+    return driver
+
+
+# Roundabout ---------------------------------------------------------------------------------------
+
+SIDES = "senw"
+RING_ENTRIES = [(f"{side}es", f"{side}e", 0) for side in SIDES]
+RING_SOURCES = [(f"{side}er", f"{side}es", 0) for side in SIDES]
+RING_NODES = ["se", "ex", "ee", "nx", "ne", "wx", "we", "sx"]
+OUTER_LANE = 1
+LINE_RADIUS_M = 28.0
+"""A waiting driver keeps the front this far from the middle; the outer lane ends at 26 m."""
+RING_SPEED, BEND_SPEED = 9.0, 5.8
+"""Desired speed, m/s; on the ring and on its entries and exits, whose ends do not quite meet it,
+drivers go slower."""
+EGO_RANK = 2
+"""How many drivers are before the ego on its road, at the roundabout and at the intersection."""
+
+
+def roundabout(rng: np.random.Generator) -> Stage:
+    """Let traffic flow in from all sides at up to 9 m/s; everybody uses the outer lane."""
+    road = FlowRoad(network_of(RoundaboutEnv).network, rng)
+    inflow = Inflow(rng, RING_SOURCES, _ring_exit, "tight", RING_SPEED, headway_s=3.5)
+    for lane in road.network.lanes_list():
+        if type(lane) is not StraightLane:
+            lane.speed_limit = BEND_SPEED
+    ego = inflow.line_up_all(road, (2.0, 10.0), EGO_RANK)
+    stop_lines = {entry: _stop_line_m(road, entry) for entry in RING_ENTRIES}
+    rule = GiveWay(stop_lines, {entry: _upstream(entry) for entry in RING_ENTRIES}, 3.2)
+    return Stage(road, ego, warm_up_s=1.0, rules=(inflow, rule))
+
+
+def _ring_exit(rng: np.random.Generator, source: Any, length_m: float) -> str:
+    """Draw an exit other than the one beside the entry."""
+    others = [side for side in SIDES if side != source[0][0]]
+    return f"{others[int(rng.integers(len(others)))]}xr"
+
+
+def _upstream(entry: Any) -> list[Any]:
+    """Return the ring's outer lanes that lead to an entry, nearest first."""
+    index = RING_NODES.index(entry[1])
+    nodes = [RING_NODES[(index - k) % 8] for k in range(8)]
+    return [(start, end, OUTER_LANE) for start, end in zip(nodes[1:], nodes[:-1], strict=True)]
+
+
+def _stop_line_m(road: FlowRoad, entry: Any) -> float:
+    """Return the metres before the end of an entry at which it comes within the line's radius."""
+    lane = road.network.get_lane(entry)
+    along = np.linspace(0.0, lane.length, 200)
+    radii = np.array([np.hypot(*lane.position(s, 0.0)) for s in along])
+    return float(lane.length - along[radii > LINE_RADIUS_M].max())
+
+
+# Intersection -------------------------------------------------------------------------------------
+
+ARMS = [(f"o{corner}", f"ir{corner}", 0) for corner in range(4)]
+ARM_SPEED = 8.0
+"""Desired speed at the intersection, m/s."""
+LINE_M = 3.0
+"""highway-env takes a vehicle to be past a lane 2.5 m before its end, and bumpers lead centres."""
+LONGEST_TURNING_M = 6.5
+"""Longer vehicles drive straight on: highway-env's turns have radii of 9 and 13 m."""
+ANY_TURN, NO_LEFT_TURN = (1, 2, 2, 3), (2, 2, 2, 3)
+"""Corners to the next arm counter-clockwise, as likely as often named: 1 is left, 2 straight on,
+3 right."""
+
+
+def intersection(rng: np.random.Generator) -> Stage:
+    """Let traffic flow in from all sides at up to 8 m/s."""
+    road = FlowRoad(network_of(IntersectionEnv).network, rng)
+    inflow = Inflow(rng, ARMS, _any_arm, "urban", ARM_SPEED, headway_s=3.5)
+    ego = inflow.line_up_all(road, (8.0, 18.0), EGO_RANK)
+    rule = Crossing(road, dict.fromkeys(ARMS, LINE_M))
+    return Stage(road, ego, warm_up_s=2.0, rules=(inflow, rule))
+
+
+def waiting(rng: np.random.Generator) -> Stage:
+    """Let the ego wait first in line, as those opposite do; traffic crosses before it both ways."""
+    road = FlowRoad(network_of(IntersectionEnv).network, rng)
+    inflow = Inflow(rng, ARMS, _arm_without_left_turn, "urban", ARM_SPEED, headway_s=2.6)
+    inflow.line_up_all(road, (8.0, 14.0), ego_rank=0)
+    return Stage(road, inflow.keep, warm_up_s=5.0, rules=(inflow, _hold_minor_road))
+
+
+def _hold_minor_road(road: FlowRoad) -> None:
+    """Let nobody over the stop lines of the minor road, which is the ego's."""
+    for driver in road.vehicles:
+        lane_index = driver.target_lane_index
+        if lane_index in (ARMS[0], ARMS[2]):
+            left_m = float(road.network.get_lane(lane_index).length) - road.along(
+                driver, lane_index
+            )
+            driver.hold_m = left_m - LINE_M - driver.LENGTH / 2
+
+
+def _any_arm(rng: np.random.Generator, source: Any, length_m: float) -> str:
+    """Draw where to go: straight on, left or right."""
+    return _arm(rng, source, length_m, ANY_TURN)
+
+
+def _arm_without_left_turn(rng: np.random.Generator, source: Any, length_m: float) -> str:
+    """Draw where to go: straight on or right, never across oncoming traffic."""
+    return _arm(rng, source, length_m, NO_LEFT_TURN)
+
+
+def _arm(rng: np.random.Generator, source: Any, length_m: float, turns: tuple[int, ...]) -> str:
+    corner = int(source[0][1])
+    turn = 2 if length_m > LONGEST_TURNING_M else int(rng.choice(turns))
+    return f"o{(corner + turn) % 4}"
+
+
+# Two-way roads and streets ------------------------------------------------------------------------
+
+SAME_WAY, OTHER_WAY = ("a", "b", 1), ("b", "a", 0)
+"""The two lanes of a two-way road."""
+ROAD_M, ROAD_EGO_M, ROAD_SPEED, ROAD_SPACING_M = 1200.0, 160.0, 13.5, (22.0, 34.0)
+STREET_M, STREET_EGO_M, STREET_SPEED, STREET_SPACING_M = 420.0, 110.0, 8.5, (22.0, 40.0)
+"""Length, where the ego begins, desired speed in m/s, distances between centres."""
+CROSSWALK_M = 12.0
+"""People cross an arm of the intersection this far before its end."""
+
+
+def two_way(rng: np.random.Generator) -> Stage:
+    """One lane each way at about 13 m/s; nobody overtakes."""
+    road = FlowRoad(network_of(TwoWayEnv, length=ROAD_M).network, rng)
+    lanes = (SAME_WAY, OTHER_WAY)
+    inflow = Inflow(rng, lanes, lambda *_: None, "urban", ROAD_SPEED, headway_s=2.6)
+    ego = inflow.keep = inflow.place(road, SAME_WAY, ROAD_EGO_M, EGO)
+    sections = ((SAME_WAY, ROAD_EGO_M, ROAD_EGO_M + 260.0), (OTHER_WAY, 10.0, ROAD_M - 20.0))
+    for lane_index, first, last in sections:
+        for along_m in _positions(rng, first, last, ROAD_SPACING_M):
+            inflow.place(road, lane_index, along_m, draw_body("urban", rng))
+    along_m = ROAD_EGO_M - float(rng.uniform(*ROAD_SPACING_M))
+    while along_m > 10.0:
+        inflow.place(road, SAME_WAY, along_m, draw_body("urban", rng))
+        along_m -= float(rng.uniform(*ROAD_SPACING_M))
+    return Stage(road, ego, rules=(inflow,))
+
+
+def street(rng: np.random.Generator) -> Stage:
+    """One lane each way; people walk, stand, ride and cross."""
+    road = FlowRoad(network_of(TwoWayEnv, length=STREET_M).network, rng)
+    lanes = (SAME_WAY, OTHER_WAY)
+    inflow = Inflow(rng, lanes, lambda *_: None, "urban", STREET_SPEED, headway_s=5.0)
+    ego = inflow.keep = inflow.place(road, SAME_WAY, STREET_EGO_M, EGO)
+    for lane_index, first, last in ((SAME_WAY, STREET_EGO_M, 380.0), (OTHER_WAY, 20.0, 400.0)):
+        for along_m in _positions(rng, first, last, STREET_SPACING_M):
+            inflow.place(road, lane_index, along_m, draw_body("urban", rng))
+    width_m = sum(float(road.network.get_lane(lane).width_at(0.0)) for lane in lanes)
+    for kerb in [Kerb(road, lane_index, width_m) for lane_index in lanes]:
+        _populate(kerb, rng)
+    return Stage(road, ego, warm_up_s=1.0, rules=(inflow, People(STEP_S)))
+
+
+def town_crossing(rng: np.random.Generator) -> Stage:
+    """Cross with people on all corners."""
+    road = FlowRoad(network_of(IntersectionEnv).network, rng)
+    inflow = Inflow(rng, ARMS, _any_arm, "urban", ARM_SPEED, headway_s=4.5)
+    ego = inflow.line_up_all(road, (8.0, 18.0), EGO_RANK)
+    rule = Crossing(road, dict.fromkeys(ARMS, LINE_M))
+    for source in ARMS:
+        kerb = Kerb(road, source, 2 * float(road.network.get_lane(source).width_at(0.0)))
+        edge_m = kerb.length_m - CROSSWALK_M
+        for along_m in rng.uniform(edge_m - 50.0, edge_m, 3):
+            kerb.walk(rng, float(along_m), ends=(5.0, kerb.length_m - 2.0))
+        kerb.cross(rng, edge_m, coming_m=float(rng.uniform(1.0, 14.0)))
+        kerb.ride(rng, float(rng.uniform(edge_m - 60.0, edge_m - 25.0)), end_m=edge_m)
+    return Stage(road, ego, warm_up_s=2.0, rules=(inflow, rule, People(STEP_S)))
+
+
+def _positions(
+    rng: np.random.Generator, first: float, last: float, spacing_m: tuple[float, float]
+) -> Iterator[float]:
+    """Draw positions along a lane after the first, each when it is asked for."""
+    along_m = first + float(rng.uniform(*spacing_m))
+    while along_m < last:
+        yield along_m
+        along_m += float(rng.uniform(*spacing_m))
+
+
+def _populate(kerb: Kerb, rng: np.random.Generator) -> None:
+    """Put people on one side of a street."""
+    ends = (5.0, kerb.length_m - 5.0)
+    along_m = 20.0
+    while along_m < kerb.length_m - 30.0:
+        kerb.walk(rng, along_m, ends=ends)
+        along_m += float(rng.uniform(10.0, 26.0))
+    for crossing_m in rng.uniform(60.0, kerb.length_m - 60.0, 5):
+        kerb.cross(rng, float(crossing_m), coming_m=float(rng.uniform(1.0, 12.0)))
+    for start_m in rng.uniform(20.0, kerb.length_m - 120.0, 3):
+        kerb.ride(rng, float(start_m), end_m=kerb.length_m - 5.0)
+
+
+# Racetrack ----------------------------------------------------------------------------------------
+
+
+def racetrack(rng: np.random.Generator) -> Stage:
+    """Two lanes in a loop of about 350 m, at 5 to 10 m/s; everybody keeps the lane."""
+    return _filled_track(rng, spacing_m=24.0, speeds=(8.0, 10.0))
+
+
+def racetrack_loop(rng: np.random.Generator) -> Stage:
+    """As racetrack, with more space: the ego is back where it began within 70 s."""
+    return _filled_track(rng, spacing_m=36.0, speeds=(9.0, 11.0))
+
+
+def _filled_track(
+    rng: np.random.Generator, *, spacing_m: float, speeds: tuple[float, float]
+) -> Stage:
+    road = FlowRoad(network_of(RacetrackEnv).network, rng)
+    for side in (0, 1):
+        along_m = float(rng.uniform(5.0, spacing_m))
+        for start, roads in road.network.graph.items():
+            for end, lanes in roads.items():
+                length = float(lanes[side].length)
+                while along_m < length - 1.0:
+                    wish = float(rng.uniform(*speeds))
+                    body = draw_body("tight", rng)
+                    driver = Driver(
+                        road, (start, end, side), along_m, body=body, speed=4.5, wish=wish
+                    )
+                    road.vehicles.append(driver.vary(rng))
+                    along_m += spacing_m * float(rng.uniform(0.85, 1.4))
+                along_m -= length
+    ego = road.vehicles[int(rng.integers(len(road.vehicles)))]
+    ego.carry(EGO)
+    return Stage(road, ego, warm_up_s=3.0)
+
+
+# Car park -----------------------------------------------------------------------------------------
+
+AISLE_END_M, AISLE_LEFT_M = 50.0, 3.0
+"""Half the length of the aisle, and how far each of its lanes lies from its middle."""
+OCCUPIED_SHARE = 0.75
+
+
+def parking_lot(rng: np.random.Generator) -> Stage:
+    """Drive past 28 spots, three quarters of them taken, with traffic both ways at 3 m/s."""
+    network = network_of(ParkingEnv, builder="_create_road").network
+    end_m, left_m = AISLE_END_M, AISLE_LEFT_M
+    no_lines = (LineType.NONE, LineType.NONE)
+    east, west = ("w", "e", 0), ("e2", "w2", 0)
+    network.add_lane("w", "e", StraightLane([-end_m, left_m], [end_m, left_m], line_types=no_lines))
+    network.add_lane(
+        "e2", "w2", StraightLane([end_m, -left_m], [-end_m, -left_m], line_types=no_lines)
+    )
+    road = FlowRoad(network, rng)
+    spots = [("a", "b", i) for i in range(14)] + [("b", "c", i) for i in range(14)]
+    for spot in spots:
+        if rng.random() < OCCUPIED_SHARE:
+            along_m = 4.0 + float(rng.uniform(-0.6, 0.6))
+            body, reverse = draw_body("parked", rng), bool(rng.random() < 0.3)
+            road.vehicles.append(Parked(road, spot, along_m, body=body, reverse=reverse))
+    ego = _driving_slowly(road, rng, east, 18.0, is_ego=True)
+    for lane_index, positions in ((east, (4.0, 36.0, 52.0)), (west, (8.0, 27.0, 46.0, 62.0))):
+        for along_m in positions:
+            if rng.random() < 0.8:
+                _driving_slowly(road, rng, lane_index, along_m + float(rng.uniform(-3.0, 3.0)))
+    return Stage(road, ego, rules=(lambda road: remove_arrived(road, ego),))
+
+
+def _driving_slowly(
+    road: FlowRoad,
+    rng: np.random.Generator,
+    lane_index: LaneIndex,
+    along_m: float,
+    *,
+    is_ego: bool = False,
+) -> Driver:
+    body = EGO if is_ego else draw_body("parked", rng)
+    wish = float(rng.uniform(2.4, 3.4))
+    driver = Driver(road, lane_index, along_m, body=body, speed=wish, wish=wish, route=[lane_index])
+    road.vehicles.append(driver.vary(rng))
+    return driver

@@ -1,0 +1,267 @@
+"""Features of clusters, and which clusters move (Zhang 2022, section 2.2, eq. 4 and 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+from roadscope.odometry.clusters.segments import Segments
+from roadscope.odometry.loam.features import (
+    SECTORS,
+    Features,
+    Limits,
+    Sweep,
+    cluster_roughness,
+    extract,
+    sectors_of,
+    sweep_of,
+)
+
+# --------------------------------------------------------------------------------------------------
+# Edges and planes of each cluster, by how rough it is (Zhang 2022, section 2.2, eq. 6).
+
+Reading = Literal["ring", "cluster"]
+WINDOW_M = 0.15
+"""Neighbours on the ring reach so far at least: close by, five of them lie within the noise."""
+LEAST, MOST = 5, 64
+"""Neighbours to each side; the fewest are LOAM's."""
+NOISE_M = 0.03
+"""Range noise that a VLP-16's data sheet admits."""
+SMOOTH = 5e-3
+"""Roughness between planes and edges, LOAM's."""
+BY_RING = Limits(edge_above=1.0, plane_below=1.0)
+BY_CLUSTER = Limits(edge_above=-np.inf, plane_below=np.inf)
+
+
+def cluster_features(
+    points: np.ndarray, segments: Segments, reading: Reading, *, sectors: bool
+) -> Features:
+    """Return the roughest and the smoothest returns of each cluster as edges and planes.
+
+    points: (N, 3) metres, of all segments, deskewed. sectors: whether clusters are divided by
+        LOAM's sectors of rings.
+
+    Readings taken. The paper says a few of each cluster, whatever its size: with LOAM's numbers,
+    2 and 4, a turn of clusters no wider than the search angle gives as many features as LOAM's
+    sectors do. Clusters of any width are divided, so that a wall gives more than a post. `ring`
+    sums eq. 6 over neighbours on the ring, also beyond the search angle, `cluster` over the whole
+    cluster as it is printed.
+    """
+    sweep = sweep_of(points, segments.ring, segments.column)
+    parts = SECTORS * (int(segments.ring.max(initial=0)) + 1) if sectors else 1
+    part = sectors_of(sweep, SECTORS) if sectors else 0
+    groups = np.where(segments.labels >= 0, segments.labels * parts + part, -1)
+    if reading == "cluster":
+        rough, limits = cluster_roughness(points, segments.labels), BY_CLUSTER
+    else:
+        rough = ring_roughness(sweep, segments.whole) / limit_of(points)
+        limits = BY_RING
+    found = extract(
+        points, segments.ring, segments.column, groups, rough=rough, limits=limits, by_cluster=True
+    )
+    return replace(
+        found, edge_labels=found.edge_labels // parts, plane_labels=found.plane_labels // parts
+    )
+
+
+def limit_of(points: np.ndarray) -> np.ndarray:
+    """Return the roughness, (N,), above which a return is of an edge, and below which of a plane.
+
+    LOAM's, but not less than two standard deviations of a range.
+    """
+    limits: np.ndarray = np.maximum(SMOOTH, 2 * NOISE_M / np.linalg.norm(points, axis=1))
+    return limits
+
+
+def ring_roughness(sweep: Sweep, labels: np.ndarray, window_m: float = WINDOW_M) -> np.ndarray:
+    """Return c, (N,), eq. 6 over neighbours of the cluster on the ring, as many to either side.
+
+    labels: (N,), the cluster. Neighbours are five, or as many as lie within the window of those
+    that have more. nan where the cluster does not go on for five.
+    """
+    return _roughness(sweep.points.astype(float), sweep.ring, sweep.order, labels, window_m)
+
+
+@compiled()
+def _roughness(
+    points: np.ndarray, ring: np.ndarray, order: np.ndarray, labels: np.ndarray, window_m: float
+) -> np.ndarray:
+    size, rough = len(order), np.full(len(points), np.nan)
+    sums = np.zeros((size + 1, 3))
+    for k in range(size):
+        sums[k + 1] = sums[k] + points[order[k]]
+    # Neighbours of one ring and one cluster have one number.
+    own = labels * (ring.max() + 1) + ring if size else labels
+    for k in range(size):
+        before = _reach(points, own, order, (k, -1), window_m)
+        after = _reach(points, own, order, (k, 1), window_m)
+        beside, n = min(before, after), order[k]
+        if beside < LEAST:
+            continue
+        square = 0.0
+        for i in range(3):
+            whole = sums[k + beside + 1, i] - sums[k - beside, i]
+            square += (whole - (2 * beside + 1) * points[n, i]) ** 2
+        x, y, z = points[n]
+        rough[n] = np.sqrt(square / (x * x + y * y + z * z)) / (2 * beside)
+    return rough
+
+
+@compiled()
+def _reach(
+    points: np.ndarray, own: np.ndarray, order: np.ndarray, start: tuple[int, int], window_m: float
+) -> int:
+    """Return how many neighbours of one number are to one side, in the window or the first."""
+    k, way = start
+    n = order[k]
+    for step in range(1, MOST + 1):
+        other = k + way * step
+        if not 0 <= other < len(order) or own[order[other]] != own[n]:
+            return step - 1
+        m, square = order[other], 0.0
+        for i in range(3):
+            square += (points[m, i] - points[n, i]) ** 2
+        if step > LEAST and square > window_m * window_m:
+            return step - 1
+    return MOST
+
+
+# --------------------------------------------------------------------------------------------------
+# Which clusters of two scans are the same, and which of them move (Zhang 2022, eq. 4).
+
+ALONE = -1
+"""In place of a partner."""
+REACH_M = 5.0
+"""Farther off nobody is looked for, as with features: no prediction is so wrong."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClusterMatch:
+    """The clusters of a scan beside those of the scan before.
+
+    partners: (K,) int64, cluster of the scan before; -1 where there is none.
+    moved_m: (K,) float64, how far the centre moved over the ground beside what the own motion
+        explains; inf without a partner.
+    dynamic: (K,) bool, moved farther than the threshold, or has no partner: walls that only one
+        of the scans shows are dropped too, as the paper says.
+    """
+
+    partners: np.ndarray
+    moved_m: np.ndarray
+    dynamic: np.ndarray
+
+
+def match_clusters(
+    now: np.ndarray,
+    before: np.ndarray,
+    before_from_now: np.ndarray,
+    thresholds_m: np.ndarray | float,
+) -> ClusterMatch:
+    """Move (K, 3) centres as the own motion says (eq. 4) and match each to the nearest of before.
+
+    before: (L, 3). thresholds_m: (K,) or one for all. One to one: of all pairs the nearest is taken
+    first, then the nearest of what is left, and so on: our reading of the paper's nearest
+    neighbour iteration. How far a centre moved is counted over the ground, x and y: its height
+    changes by half the gap between two beams as soon as one of them passes over the thing.
+    """
+    moved = now @ before_from_now[:3, :3].T + before_from_now[:3, 3]
+    partners = one_to_one(moved, before, REACH_M)
+    away = np.full(len(now), np.inf)
+    met = partners != ALONE
+    away[met] = np.linalg.norm((moved[met] - before[partners[met]])[:, :2], axis=1)
+    return ClusterMatch(partners, away, away > thresholds_m)
+
+
+@compiled()
+def one_to_one(now: np.ndarray, before: np.ndarray, reach_m: float) -> np.ndarray:
+    """Return for each of (K, 3) places the one of (L, 3) it is matched with, (K,) int64; or -1.
+
+    Two that are nearest to each other among all that is left are the nearest pair that either is
+    in: so the nearest pairs first, without sorting them; of equal ones the first.
+    """
+    partners, sought = np.full(len(now), ALONE), np.ones(len(now), np.bool_)
+    taken, found = np.zeros(len(before), np.bool_), True
+    theirs, ours = np.empty(len(now), np.int64), np.empty(len(before), np.int64)
+    while found:
+        theirs[:], ours[:], found = ALONE, ALONE, False
+        _nearest((now, before, reach_m * reach_m), (sought, taken), (theirs, ours))
+        for k in range(len(now)):
+            sought[k] = sought[k] and theirs[k] != ALONE
+            if sought[k] and ours[theirs[k]] == k:
+                partners[k], taken[theirs[k]], sought[k], found = theirs[k], True, False, True
+    return partners
+
+
+@compiled()
+def _nearest(
+    places: tuple[np.ndarray, np.ndarray, float],
+    left: tuple[np.ndarray, np.ndarray],
+    nearest: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """Write who is nearest to each of both, within the square root of the last of places."""
+    (now, before, most), (sought, taken), (theirs, ours) = places, left, nearest
+    least = np.full(len(before), most)
+    for k in range(len(now)):
+        if not sought[k]:
+            continue
+        shortest = most
+        for j in range(len(before)):
+            square = 0.0
+            for i in range(3):
+                square += (now[k, i] - before[j, i]) ** 2
+            if taken[j] or not square <= most:
+                continue
+            if square < shortest or theirs[k] == ALONE:
+                shortest, theirs[k] = square, j
+            if square < least[j] or ours[j] == ALONE:
+                least[j], ours[j] = square, k
+
+
+# --------------------------------------------------------------------------------------------------
+# Features of some clusters only, under the label of the same cluster in the scan before.
+
+
+def of_partners(
+    now: Features, before: Features, match: ClusterMatch, *, still_only: bool
+) -> tuple[Features, Features]:
+    """Return the features of clusters that both scans have, labelled as those of before.
+
+    still_only: without clusters that are dynamic.
+    """
+    common = ~match.dynamic if still_only else match.partners != ALONE
+    partners = np.where(common, match.partners, ALONE)
+    return relabelled(now, partners), relabelled(before, _known(partners, before))
+
+
+def relabelled(features: Features, labels: np.ndarray) -> Features:
+    """Return features with other labels, (K,) by their own; without those that get -1."""
+    edges, planes = labels[features.edge_labels], labels[features.plane_labels]
+    sharp, flat = edges != ALONE, planes != ALONE
+    return replace(
+        features,
+        edges=features.edges[sharp],
+        edge_labels=edges[sharp],
+        edge_rings=features.edge_rings[sharp],
+        edge_rows=features.edge_rows[sharp],
+        planes=features.planes[flat],
+        plane_labels=planes[flat],
+        plane_rings=features.plane_rings[flat],
+        plane_rows=features.plane_rows[flat],
+        sharp=int(sharp[: features.sharp].sum()),
+        flat=int(flat[: features.flat].sum()),
+    )
+
+
+def _known(partners: np.ndarray, before: Features) -> np.ndarray:
+    """Return for each label of before itself if it is somebody's partner, else -1."""
+    most = max(
+        before.edge_labels.max(initial=-1),
+        before.plane_labels.max(initial=-1),
+        partners.max(initial=-1),
+    )
+    known = np.full(most + 1, ALONE)
+    known[partners[partners != ALONE]] = partners[partners != ALONE]
+    return known
