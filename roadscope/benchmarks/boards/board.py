@@ -62,12 +62,11 @@ class Breakdown:
 
 
 def time_columns(decimals: int, per: str) -> tuple[Column, ...]:
-    """Return the columns of what calls cost; per: what a call is for."""
-    note = f"ms: processor time of a call, one {per}; wall: time that passed."
+    """Return the columns of what calls cost; per: what a call is for, `frame`."""
     return (
-        Column("call_p50_ms", "ms p50", decimals, note),
-        Column("call_p99_ms", "ms p99", decimals, note),
-        Column("wall_p50_ms", "wall ms", decimals, note),
+        Column("call_p50_ms", "ms p50", decimals, f"ms p50: median processor time for one {per}."),
+        Column("call_p99_ms", "ms p99", decimals, "ms p99: the 99th percentile."),
+        Column("wall_p50_ms", "wall ms", decimals, "wall: median time on the clock."),
     )
 
 

@@ -59,7 +59,7 @@ class OdometryBoard(Board):
     kind = ODOMETRY
     headline = "t_rel"
     columns = (
-        Column("t_rel", "t_rel %", 2),
+        Column("t_rel", "t_rel %", 2, "t_rel: drift of the position as KITTI defines it."),
         Column("t_rel_median", "t_rel median", 2, "t_rel median: over the episodes."),
         Column(
             "failed",
@@ -67,11 +67,16 @@ class OdometryBoard(Board):
             2,
             "failures: share of episodes that end more than 1 m and 5 % of the distance off.",
         ),
+        *time_columns(1, "scan")[:1],
         Column("r_rel", "r_rel deg", 2, "r_rel: degrees in 100 m."),
-        Column("ate", "ATE m", 2, "ATE, end: of positions, first pose on first pose."),
+        Column(
+            "ate",
+            "ATE m",
+            2,
+            "ATE: RMSE of positions, end: error of the last; first poses aligned.",
+        ),
         Column("end", "end m", 2),
         Column("false_motion", "false m", 2, "false: farthest estimated motion of a standing ego."),
-        *time_columns(1, "scan")[:1],
         Column("below_1", "t_rel < 1 %", 2, "t_rel < 1 %: share of episodes."),
         Column("rpe", "RPE m", 3, "RPE: from scan to scan."),
         Column("call_p90_ms", "ms p90", 1),

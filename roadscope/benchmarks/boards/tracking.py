@@ -52,7 +52,6 @@ NEES_NOTE = (
     "NEES: of positions, over its degrees of freedom; 1 when consistent, more when the tracks' "
     "covariances are too small."
 )
-COUNTS_NOTE = "Counts: per episode."
 ALPHA_NOTE = "A pair is a hit where its similarity reaches alpha; HOTA is the mean over alphas."
 CURVE_TITLES = {"det_a": "DetA", "ass_a": "AssA", "loc_a": "LocA"}
 
@@ -67,18 +66,23 @@ class TrackingBoard(Board):
         Column("hota", "HOTA", 2, "HOTA, MOTA, IDF1: centres from above, gate 2 m."),
         Column("mota", "MOTA", 2),
         Column("idf1", "IDF1", 2),
-        Column("id_switches", "ID sw.", 1, COUNTS_NOTE),
-        Column("wrong_associations", "wrong assoc", 1, COUNTS_NOTE),
+        *time_columns(2, "frame")[:1],
+        Column("id_switches", "ID sw.", 1, "ID sw.: identity switches per episode."),
+        Column(
+            "wrong_associations",
+            "wrong assoc",
+            1,
+            "wrong assoc: times in an episode that a track goes over to another object.",
+        ),
         Column(
             "kept_through_occlusion",
             "kept hidden",
             2,
             "kept hidden: share of objects with the same track after an occlusion.",
         ),
-        *time_columns(2, "frame")[:1],
         Column("velocity_rmse_m_s", "vel. m/s", 2, "vel.: RMSE of matched velocities."),
         Column("motp_m", "MOTP m", 2),
-        Column("fragmentations", "frag.", 1, COUNTS_NOTE),
+        Column("fragmentations", "frag.", 1, "frag.: fragmentations per episode."),
         *time_columns(2, "frame")[1:],
         Column("ass_a", "AssA", 2),
         Column("det_a", "DetA", 2),
