@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +46,15 @@ class Summary:
     tracks: tuple[Tracks, ...]
     detection: Mapping[str, Score]
     tracking: Mapping[str, Score]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the episode and its scores as a dictionary that JSON can hold."""
+        return {
+            "episode": asdict(self.episode),
+            "frames": len(self.tracks),
+            "detection": {name: score.to_json() for name, score in self.detection.items()},
+            "tracking": {name: score.to_json() for name, score in self.tracking.items()},
+        }
 
 
 def run_episode(
