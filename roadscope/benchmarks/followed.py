@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.formats.scan_folder import ScanFolder
-from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.table import FormatError, read_lines
 from roadscope.benchmarks.formats.trajectories import (
+    TUM_COLUMNS,
     Trajectory,
-    read_any_trajectory,
+    read_trajectory,
     trajectory_text,
 )
 from roadscope.benchmarks.isolation import Limits, PluginError, open_plugin
@@ -165,14 +166,16 @@ class Truth:
     @staticmethod
     def read(path: Path, stamps_s: Sequence[float]) -> Truth:
         """Read KITTI's poses, one a scan, or TUM's, brought to the stamps of the scans."""
-        found = read_any_trajectory(path)
-        if found.stamps_s is not None:
-            return Truth(_brought(found, stamps_s, path))
-        if len(found.poses) != len(stamps_s):
+        lines = (line.split() for line in read_lines(path))
+        first = next((words for words in lines if words and not words[0].startswith("#")), [])
+        if len(first) == len(TUM_COLUMNS):
+            return Truth(_brought(read_trajectory(path, "tum"), stamps_s, path))
+        poses = read_trajectory(path, "kitti").poses
+        if len(poses) != len(stamps_s):
             raise FormatError(
-                f"{path}: expected {len(stamps_s)} poses, one a scan, got {len(found.poses)}"
+                f"{path}: expected {len(stamps_s)} poses, one a scan, got {len(poses)}"
             )
-        return Truth(tuple(pose.matrix for pose in found.poses))
+        return Truth(tuple(pose.matrix for pose in poses))
 
 
 def _brought(
