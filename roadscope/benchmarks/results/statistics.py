@@ -82,11 +82,9 @@ def pooled_interval(
     if not used:
         return Interval(np.nan, np.nan, np.nan, 0)
     power = scores[used[0]].power
-    x = np.array([scores[i].value for i in used]) ** power
-    w = np.array([scores[i].weight for i in used])
-    pooled = float((w * x).sum() / w.sum())
+    pooled, moved = _ratio([scores[i] for i in used])
     labels = None if strata is None else [strata[i] for i in used]
-    spread = mean_interval(w * (x - pooled) / w.mean(), labels, level=level)
+    spread = mean_interval(moved, labels, level=level)
     ends = pooled + np.array([spread.low, spread.high]) - spread.mean
     if power > 1:
         ends, pooled = np.maximum(ends, 0.0) ** (1 / power), pooled ** (1 / power)
@@ -102,26 +100,41 @@ def paired_interval(
 ) -> Interval:
     """Return by how much one pooled score exceeds another on the same episodes, with an interval.
 
-    Both are linearised as in `pooled_interval` and subtracted episode by episode, so what makes
-    an episode hard for both cancels. Episodes in which either measured nothing are left out.
+    Both are linearised (`linearised`) and subtracted episode by episode, so what makes an episode
+    hard for both cancels. Episodes in which either measured nothing are left out.
     """
-    if any(s.power != 1 for s in (*ones, *others)):
-        raise ValueError("only scores that are averaged themselves can be compared")
     pairs = list(zip(ones, others, strict=True))
     used = [i for i, pair in enumerate(pairs) if all(_measured(s) for s in pair)]
     if not used:
         return Interval(np.nan, np.nan, np.nan, 0)
-    difference, spread = 0.0, np.zeros(len(used))
-    for sign, scores in ((1, ones), (-1, others)):
-        x = np.array([scores[i].value for i in used])
-        w = np.array([scores[i].weight for i in used])
-        pooled = float((w * x).sum() / w.sum())
-        difference += sign * pooled
-        spread += sign * w * (x - pooled) / w.mean()
+    one, moved = linearised([ones[i] for i in used])
+    other, moved_too = linearised([others[i] for i in used])
     labels = None if strata is None else [strata[i] for i in used]
-    found = mean_interval(spread, labels, level=level)
-    shift = difference - found.mean
-    return Interval(difference, found.low + shift, found.high + shift, len(used))
+    found = mean_interval(moved - moved_too, labels, level=level)
+    shift = one - other - found.mean
+    return Interval(one - other, found.low + shift, found.high + shift, len(used))
+
+
+def linearised(scores: Sequence[Score]) -> tuple[float, np.ndarray]:
+    """Return the pooled value of scores, all measured, and (N,) by how much each one moves it.
+
+    RMS errors are linearised at their pooled value (the delta method).
+    """
+    power = scores[0].power
+    pooled, moved = _ratio(scores)
+    if power == 1:
+        return pooled, moved
+    root = pooled ** (1 / power)
+    slope = power * root ** (power - 1)
+    return root, moved / slope if slope else moved
+
+
+def _ratio(scores: Sequence[Score]) -> tuple[float, np.ndarray]:
+    """Return the weighted mean of values to their power, and the spread of its linearisation."""
+    x = np.array([s.value for s in scores]) ** scores[0].power
+    w = np.array([s.weight for s in scores])
+    pooled = float((w * x).sum() / w.sum())
+    return pooled, w * (x - pooled) / w.mean()
 
 
 def merged(scores: Sequence[Score]) -> Score:
