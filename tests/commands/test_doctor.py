@@ -7,6 +7,7 @@ import pytest
 
 import roadscope
 from roadscope.benchmarks.doctor import doctor
+from roadscope.benchmarks.isolation import sandbox_available
 
 
 @pytest.fixture(autouse=True)
@@ -81,7 +82,9 @@ def test_kernels_go_where_numba_is_told_to_put_them(tmp_path: Path, monkeypatch)
 
 def test_a_missing_sandbox_is_named_and_breaks_nothing(monkeypatch) -> None:
     monkeypatch.setenv("PATH", os.devnull)
+    sandbox_available.cache_clear()
     diagnosis = doctor()
+    sandbox_available.cache_clear()
     assert not diagnosis.isolation.sandbox
-    assert "bwrap" in diagnosis.isolation.sandbox_reason
+    assert "bubblewrap" in diagnosis.isolation.sandbox_reason
     assert not diagnosis.broken
