@@ -257,16 +257,14 @@ def _folder(path: Path) -> Folder:
 
 
 def _kernels() -> Kernels:
-    """Look where Numba puts machine code: its own folder if named, else beside our sources."""
-    package = Path(__file__).resolve().parents[1]
-    folder, files = _folder(package), list(package.rglob("__pycache__/*.nbc"))
-    named = os.environ.get("NUMBA_CACHE_DIR")
-    if named or not folder.writable:
-        from platformdirs import user_cache_path
+    """Look where `core.jit` keeps machine code: a folder that is named, else beside our sources."""
+    from platformdirs import user_cache_path
 
-        place = Path(named) if named else user_cache_path("numba", appauthor=False)
-        folder = _folder(place)
-        files = [*([] if named else files), *place.rglob("*.nbc")]
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    folder = _folder(Path(named) if named else Path(__file__).resolve().parents[1])
+    if not named and not folder.writable:
+        folder = _folder(user_cache_path("roadscope", appauthor=False) / "kernels")
+    files = list(Path(folder.path).rglob("*.nbc"))
     return Kernels(folder, len(files), sum(file.stat().st_size for file in files))
 
 
