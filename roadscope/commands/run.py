@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Scenario = Annotated[
     str,
     typer.Argument(
-        help="Traffic, see: roadscope list scenarios.", autocompletion=completion.scenarios
+        help="Traffic scenario, see: roadscope list scenarios.", autocompletion=completion.scenarios
     ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Another seed is another episode.")]

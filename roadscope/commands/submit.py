@@ -25,10 +25,16 @@ Folder = Annotated[
 ]
 Exported = Annotated[
     Path | None,
-    typer.Option("--suite", help="Folder of roadscope export that they are of; DIR if left out."),
+    typer.Option(
+        "--suite", help="Folder that roadscope export wrote, of the same suite; DIR if left out."
+    ),
 ]
-Kitti = Annotated[Path | None, typer.Option(help="They are of this folder of KITTI tracking data.")]
-Mot = Annotated[Path | None, typer.Option(help="They are of this folder of MOTChallenge data.")]
+Kitti = Annotated[
+    Path | None, typer.Option(help="Folder of KITTI tracking data that the results are of.")
+]
+Mot = Annotated[
+    Path | None, typer.Option(help="Folder of MOTChallenge data that the results are of.")
+]
 Name = Annotated[str | None, typer.Option(help="Name of the entry; that of DIR if left out.")]
 Inputs = Annotated[
     str | None,
