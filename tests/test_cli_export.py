@@ -28,7 +28,7 @@ def test_export_submit_compare(tmp_path, answer) -> None:
     )
     status, out, _ = answer(*asked)
     assert status == 0
-    assert "MB" in out
+    assert "at most" in out
     assert (folder / "README.md").is_file()
     assert sorted(p.stem for p in (folder / "calib").iterdir()) == ["0000"]
     assert answer(*asked)[0] == 0
