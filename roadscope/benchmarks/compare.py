@@ -11,18 +11,17 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
-import numpy as np
+import msgspec
 
 from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.metrics.breakdown import split_name
 from roadscope.benchmarks.metrics.score import Better, Score
 from roadscope.benchmarks.results.job_scores import JobName, JobScores
 from roadscope.benchmarks.results.statistics import (
-    grouped,
     linearised,
-    mean_and_error,
     merged,
     paired_interval,
+    paired_p_value,
 )
 from roadscope.core.names import unknown
 
@@ -167,17 +166,10 @@ class Comparison:
 
     def to_json(self) -> str:
         """Return everything as JSON text."""
-        content = {
-            "a": self.a,
-            "b": self.b,
-            "level": self.level,
-            "times": self.times,
-            "regressed": self.regressed,
-            "differences": [_finite(asdict(d)) for d in self.differences],
-            "failures": [{**asdict(f), "name": f.name._asdict()} for f in self.failures],
-            "unpaired": [asdict(u) for u in self.unpaired],
-        }
-        return json.dumps(content, indent=1, allow_nan=False) + "\n"
+        content = {**asdict(self), "regressed": self.regressed}
+        content["failures"] = [{**asdict(f), "name": f.name._asdict()} for f in self.failures]
+        # NaN becomes null.
+        return msgspec.json.format(msgspec.json.encode(content), indent=1).decode() + "\n"
 
 
 def compare(
@@ -197,12 +189,9 @@ def compare(
         named as in `f1 by range: 0-20`.
     times: whether times (`call_*_ms`, `wall_*_ms`) count as regressions too.
 
-    The seeds of each scenario are the sample. An interval is that of `paired_interval`. The
-    p-value is that of Student's t, stratified by scenario, with the degrees of freedom of Welch
-    and Satterthwaite. Where some seeds differ by the same amount, as counts do, Student's t is
-    too sure of few of them, and the p-value is at least that of the exact test by flips of signs.
-    Three to five seeds in one scenario are too few for scores that are close to one of two values:
-    there three alike by chance look like a change.
+    The seeds of each scenario are the sample; intervals are those of `paired_interval`, p-values
+    of `paired_p_value`. Three to five seeds in one scenario are too few for scores that are close
+    to one of two values: there three alike by chance look like a change.
     A metric is better or worse where its p-value, adjusted by Benjamini and Hochberg (1995), is
     at most 1 - level and its interval excludes zero. Metrics that are equal in every block are
     not counted among those compared: they cannot become a false discovery.
@@ -445,7 +434,7 @@ def _difference(
         interval.mean,
         interval.low,
         interval.high,
-        p=_p_value(scores_a, scores_b, strata) if used else math.nan,
+        p=paired_p_value(scores_b, scores_a, strata) if used else math.nan,
         q=math.nan,
         n=len(used),
         unit=first.unit,
@@ -453,57 +442,6 @@ def _difference(
         timed=TIMES.fullmatch(metric) is not None,
         verdict="unknown",
     )
-
-
-EXACT = 13
-"""Number of blocks up to which all flips of signs are tried, 2 to that power."""
-
-
-def _p_value(ones: Sequence[Score], others: Sequence[Score], strata: Sequence[str]) -> float:
-    """Return the p-value of no difference; NaN where no block is repeated."""
-    from scipy.special import stdtr
-
-    one, moved = linearised(ones)
-    other, moved_too = linearised(others)
-    difference, shares = other - one, other - one + moved_too - moved
-    amounts = np.array([b.value - a.value for a, b in zip(ones, others, strict=True)])
-    if not amounts.any() and difference == 0:
-        return 1.0
-    error, freedom = _stratified_error(shares, strata)
-    if math.isnan(error):
-        return math.nan
-    student = 2 * float(stdtr(freedom, -abs(difference) / error)) if error > 0 else 0.0
-    sizes = np.abs(amounts[amounts != 0])
-    if len(np.unique(np.round(sizes / sizes.max(initial=0), 9))) == len(sizes):
-        return student
-    if len(shares) > EXACT:
-        return max(student, 2.0 ** (1 - len(sizes)))
-    return max(student, _p_of_sign_flips(shares))
-
-
-def _stratified_error(values: np.ndarray, strata: Sequence[str]) -> tuple[float, float]:
-    """Return the standard error of a mean over strata, and its degrees of freedom.
-
-    NaN where all strata have one value.
-    """
-    _, error, freedom = mean_and_error(grouped(values, strata))
-    if error <= 1e-12 * float(np.abs(values).max(initial=0.0)):
-        return 0.0, 1.0
-    return error, freedom
-
-
-def _p_of_sign_flips(values: np.ndarray) -> float:
-    """Return the exact p-value of a mean of zero where each sign is as probable as the other."""
-    from scipy.stats import permutation_test
-
-    found = permutation_test(
-        (values,),
-        lambda x, axis: x.mean(axis=axis),
-        permutation_type="samples",
-        vectorized=True,
-        n_resamples=2**EXACT,
-    )
-    return float(found.pvalue)
 
 
 def _judged(differences: Sequence[Difference], level: float, times: bool) -> list[Difference]:
@@ -543,9 +481,3 @@ def _verdict(difference: Difference, q: float, level: float) -> Verdict:
 
 def _label_of_entries(a: str, b: str) -> str:
     return b if a == b else f"{b} against {a}"
-
-
-def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
-    }
