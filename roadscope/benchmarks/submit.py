@@ -238,8 +238,9 @@ def _check_names(folder: Path, known: Sequence[str], ending: str = ".txt") -> No
     wrong = [name for name in there if name not in known]
     if not there or wrong:
         got = f"{wrong[0]}{ending}" if wrong else "none"
-        shown = ", ".join(known[:5]) + (", ..." if len(known) > 5 else "")
-        raise SubmitError(f"{folder}: expected NAME{ending} with NAME of {shown}; got {got}")
+        names = [f"{name}{ending}" for name in known]
+        shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+        raise SubmitError(f"{folder}: expected results {shown}; got {got}")
 
 
 def _recorded(about: Recording, scores: Mapping[str, Score] | None) -> JobScores:
