@@ -16,6 +16,8 @@ import numpy as np
 
 from roadscope import __version__
 from roadscope.benchmarks.boards.board import episodes as episodes_of
+from roadscope.benchmarks.boards.odometry import OdometryBoard, OdometrySettings
+from roadscope.benchmarks.boards.tracking import TrackingBoard, TrackingSettings
 from roadscope.benchmarks.cache import FolderError, usable_folder, write_atomically
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed, sensing_of, timeline_of
@@ -31,7 +33,8 @@ from roadscope.benchmarks.formats.trajectories import trajectory_text
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import detection_source, made_from_truth
-from roadscope.benchmarks.suite import SPLITS, Suite, check_names, load_suite
+from roadscope.benchmarks.suite import Suite, check_names
+from roadscope.benchmarks.suite_files import SPLITS, load_suite
 from roadscope.core import Calibration, Category, Detections, Family, Frame, Pose, Tracks, Truth
 from roadscope.core.names import unknown
 from roadscope.core.spec import FUSED
@@ -310,7 +313,7 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
     if detections is None:
         detections = [
             d
-            for d in suite.public_detectors
+            for d in suite.settings(TrackingBoard.name, TrackingSettings).detectors
             if detection_source(d).kind != FUSED
             and not (hidden and made_from_truth(detection_source(d)))
         ]
@@ -327,7 +330,7 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
         range_m=suite.eligibility.range_m,
         min_returns=suite.eligibility.min_returns,
         families=suite.eligibility.families,
-        odometry_lengths_m=suite.odometry_lengths_m,
+        odometry_lengths_m=suite.settings(OdometryBoard.name, OdometrySettings).lengths_m,
         detections=tuple(dict.fromkeys(detections)),
         sequences=sequences,
     )

@@ -7,13 +7,14 @@ from collections.abc import Callable, Mapping
 from operator import attrgetter
 from typing import Any, TypeVar
 
+from roadscope.benchmarks.boards import BOARDS
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
 from roadscope.benchmarks.recorded.mot import MOT
 from roadscope.benchmarks.recorded.suite import KITTI, recorded_table
 from roadscope.benchmarks.references import CLUSTER_BOXES
-from roadscope.benchmarks.suite import SUITES, load_suite
+from roadscope.benchmarks.suite_files import SUITES, load_suite
 from roadscope.core import Registry, SpecError
 from roadscope.core.names import unknown
 from roadscope.core.spec import FUSED, ORACLE
@@ -178,6 +179,13 @@ def _each(things: Mapping[str, T], describe: Callable[[T], str]) -> list[tuple[s
     return [(name, describe(thing)) for name, thing in things.items()]
 
 
+def _boards() -> list[tuple[str, str]]:
+    return [
+        (name, f"{board.summary} Broken down by {', '.join(each.by for each in board.breakdowns)}.")
+        for name, board in BOARDS.items()
+    ]
+
+
 KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "detectors": _detectors,
     "stages": _stages,
@@ -185,6 +193,7 @@ KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "fusions": _fusions,
     "trackers": _trackers,
     "odometries": _odometries,
+    "boards": _boards,
     "scenarios": _scenarios,
     "suites": _suites,
     "rigs": _rigs,

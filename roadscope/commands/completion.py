@@ -21,7 +21,7 @@ def scenarios(incomplete: str) -> Completion:
 
 def suites(incomplete: str) -> Completion:
     """Return suites of the package."""
-    from roadscope.benchmarks.suite import SUITES
+    from roadscope.benchmarks.suite_files import SUITES
 
     return _beginning(incomplete, ((name, "") for name in SUITES))
 
@@ -86,8 +86,9 @@ def entries(incomplete: str) -> Completion:
 
 def boards(incomplete: str) -> Completion:
     """Return boards."""
-    known = ("detection", "tracking", "camera", "fusion", "odometry")
-    return _beginning(incomplete, ((name, "") for name in known))
+    from roadscope.benchmarks.boards import BOARDS
+
+    return _beginning(incomplete, ((name, each.summary) for name, each in BOARDS.items()))
 
 
 def listed_kinds(incomplete: str) -> Completion:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
@@ -16,10 +16,8 @@ from roadscope.benchmarks.metrics.calibration import pooled_calibration
 from roadscope.benchmarks.metrics.cost import cost
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.records import CallTimes
+from roadscope.benchmarks.suite import BoardSettings, Suite
 from roadscope.core import Spec
-
-if TYPE_CHECKING:
-    from roadscope.benchmarks.suite import Suite
 
 Scores = Mapping[str, Score]
 Condition = Callable[[Any], str]
@@ -92,6 +90,8 @@ class Board(ABC):
     name: str
     kind: Kind
     """Kind of the plug-ins that it ranks."""
+    settings_type: type[BoardSettings] = BoardSettings
+    """Record of what a suite says of the board; all of its fields have defaults."""
     headline: str
     """The metric that it ranks by."""
     columns: Sequence[Column]
@@ -102,6 +102,8 @@ class Board(ABC):
     shown_parts: Sequence[Column]
     """Metrics that are shown broken down; the heading is part of a title."""
     conditions: Mapping[str, Condition] = CONDITIONS
+    detections_field: str = ""
+    """Field of its settings that names whose detections entries get; empty: they get none."""
     inputs_name: str = ""
     """What whose detections an entry gets are called; empty: it gets none."""
     share_found: str = ""
@@ -116,16 +118,21 @@ class Board(ABC):
     """What `false_alarms` are per, where they stand beside detection rates in breakdowns."""
     always_by: tuple[str, str] | None = None
     """A breakdown and the one metric of it that is shown without being asked for."""
+    uses_calibration: bool = False
+    """Whether its plug-ins believe the file that a run gives as calibration."""
+    compared_with: str = ""
+    """Of recorded data: the board of simulated traffic that its ranks are compared with."""
     default_suite: str = "quick"
     sample: str = "seeds"
     """What intervals are over."""
 
-    @abstractmethod
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
+    @property
+    def summary(self) -> str:
+        """What it ranks, in one line: that of its class."""
+        return (type(self).__doc__ or "").partition("\n")[0]
 
     @abstractmethod
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return the jobs of entries on all episodes of a suite, with those of the marks."""
 
     @abstractmethod
@@ -135,6 +142,10 @@ class Board(ABC):
     @abstractmethod
     def explanation(self, suite: Suite) -> str:
         """Return what is to be found in a suite, and by whom, for a reader."""
+
+    def suite_entries(self, suite: Suite) -> Sequence[str]:
+        """Return the entries that a suite compares on this board."""
+        return suite.settings(self.name, self.settings_type).entries
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return an entry's resolved spec; `SpecError` says why it cannot be one."""
@@ -166,10 +177,11 @@ class Board(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class BoardSetting:
+class JobOptions:
     """What a run asks of a board beside its entries.
 
-    marks: whether the marks are wanted. calibration: a file that fusions believe, or empty.
+    marks: whether the marks are wanted. calibration: a file that plug-ins believe in place of
+        the rig's, or empty.
     """
 
     marks: bool = True

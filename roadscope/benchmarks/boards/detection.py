@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
     Board,
-    BoardSetting,
     Breakdown,
     Column,
+    JobOptions,
     Scores,
     call_cost,
     episodes,
@@ -34,11 +33,9 @@ from roadscope.benchmarks.references import (
     detection_source,
     made_from_truth,
 )
+from roadscope.benchmarks.suite import Suite
 from roadscope.core import Spec
 from roadscope.core.spec import ORACLE
-
-if TYPE_CHECKING:
-    from roadscope.benchmarks.suite import Suite
 
 MARKS = {ORACLE: UPPER_MARK, ONE_CLUSTER: LOWER_MARK}
 _EVERY_BAND = "A false detection has none: in AP it counts in each band, and there is no precision."
@@ -113,13 +110,9 @@ class DetectionBoard(Board):
     )
     share_found = "detection_rate"
 
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-        return suite.detectors
-
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return the jobs of entries on all episodes of a suite, with those of the marks."""
-        sources = {name: detection_source(name) for name in (MARKS if setting.marks else ())}
+        sources = {name: detection_source(name) for name in (MARKS if options.marks else ())}
         sources |= {str(entry): entry for entry in entries}
         return [
             Job(

@@ -8,10 +8,10 @@ from typing import Any
 
 from roadscope.benchmarks.boards.board import (
     Board,
-    BoardSetting,
     Breakdown,
     Column,
     Condition,
+    JobOptions,
     Scores,
     call_cost,
     time_columns,
@@ -21,6 +21,7 @@ from roadscope.benchmarks.boards.tracking import (
     CURVE_TITLES,
     NEES_NOTE,
     OFFLINE,
+    TrackingBoard,
     missing_requirement,
     offline_score,
     with_each_ego,
@@ -33,8 +34,12 @@ from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, CURVES
 from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline, scores_tentative_tracks
 from roadscope.benchmarks.recorded.combined import COMBINED, NEES_BAND
-from roadscope.benchmarks.recorded.recording import KITTI_CLASSES, MOT_CLASSES, Recording
-from roadscope.benchmarks.recorded.suite import RecordedSuite
+from roadscope.benchmarks.recorded.recording import (
+    KITTI_CLASSES,
+    MOT_CLASSES,
+    RecordedSettings,
+    Recording,
+)
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Spec, SpecError
@@ -84,19 +89,17 @@ class RecordedBoard(Board):
     """Ranks trackers on one class of recorded objects by HOTA of image boxes."""
 
     kind = TRACKER
+    settings_type = RecordedSettings
     headline = "hota"
     conditions = SEQUENCES
     summed = ("id_switches", "wrong_associations", "fragmentations")
     share_found = "mota"
     sample = "sequences"
+    compared_with = TrackingBoard.name
 
     def __init__(self, name: str) -> None:
         """Take the board's name, `kitti car` or the like."""
         self.name = name
-
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-        return suite.trackers
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a tracker's resolved spec; recordings have no scans for an odometry."""
@@ -105,10 +108,10 @@ class RecordedBoard(Board):
             raise SpecError(f"'{spec}': recorded detections come without scans for an odometry")
         return resolved
 
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every tracker on every recording; the first detector goes without saying."""
-        assert isinstance(suite, RecordedSuite)
-        first = suite.public_detectors[0]
+        settings = suite.settings(self.name, RecordedSettings)
+        first = settings.detectors[0]
         return [
             Job(
                 self,
@@ -124,7 +127,7 @@ class RecordedBoard(Board):
                 ),
                 missing=missing_requirement(tracker),
             )
-            for recording in suite.recordings
+            for recording in settings.recordings
             if recording.board == self.name
             for tracker in with_each_ego(entries, (TRUE_POSES,))
         ]
@@ -148,13 +151,13 @@ class RecordedBoard(Board):
 
     def explanation(self, suite: Suite) -> str:
         """Return whose detections are tracked, and in which sequences."""
-        assert isinstance(suite, RecordedSuite)
-        sequences = len(dict.fromkeys(r.sequence for r in suite.recordings))
-        first, *others = suite.public_detectors
-        text = f"{sequences} of {suite.labelled} labelled sequences have detections. "
+        settings = suite.settings(self.name, RecordedSettings)
+        sequences = len(dict.fromkeys(r.sequence for r in settings.recordings))
+        first, *others = settings.detectors
+        text = f"{sequences} of {settings.labelled} labelled sequences have detections. "
         text += f"Trackers get those of {first}"
         text += f", and where it says so of {', '.join(others)}." if others else "."
-        return f"{text} {suite.remark}".rstrip()
+        return f"{text} {settings.remark}".rstrip()
 
 
 class KittiBoard(RecordedBoard):

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import Annotated
+
+from msgspec import Meta
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
     Board,
-    BoardSetting,
     Breakdown,
     Column,
+    JobOptions,
     Scores,
     SuiteCheck,
     call_cost,
@@ -39,11 +41,9 @@ from roadscope.benchmarks.references import (
     is_noise,
     pose_source,
 )
+from roadscope.benchmarks.suite import BoardSettings, Names, Suite
 from roadscope.core import Spec, SpecError
 from roadscope.core.spec import FUSED, NO_POSES, ORACLE, TRUE_POSES
-
-if TYPE_CHECKING:
-    from roadscope.benchmarks.suite import Suite
 
 OFFLINE = "offline"
 """Metric that is 1 for an offline tracker, which uses all frames of an episode."""
@@ -57,11 +57,33 @@ ALPHA_NOTE = "A pair is a hit where its similarity reaches alpha; HOTA is the me
 CURVE_TITLES = {"det_a": "DetA", "ass_a": "AssA", "loc_a": "LocA"}
 
 
+PoseSource = Annotated[str, Meta(min_length=1)]
+
+
+class TrackingSettings(BoardSettings, frozen=True, kw_only=True):
+    """The table `[tracking]`.
+
+    detectors: whose detections all trackers get; `oracle` stands for the true boxes of all
+        eligible objects.
+    ego: from where trackers get the poses of the ego, one text or several: `truth`, `none` or an
+        odometry. Every tracker is compared with each, unless it names its own (`gnn?ego=none`).
+    """
+
+    detectors: Names = ()
+    ego: PoseSource | Annotated[tuple[PoseSource, ...], Meta(min_length=1)] = TRUE_POSES
+
+    @property
+    def egos(self) -> Names:
+        """`ego` as several texts."""
+        return (self.ego,) if isinstance(self.ego, str) else self.ego
+
+
 class TrackingBoard(Board):
     """Ranks trackers by HOTA."""
 
     name = "tracking"
     kind = TRACKER
+    settings_type = TrackingSettings
     headline = "hota"
     columns = (
         Column("hota", "HOTA", 2, "HOTA, MOTA, IDF1: centres from above, gate 2 m."),
@@ -118,12 +140,9 @@ class TrackingBoard(Board):
         Column("hota", "HOTA"),
         *(Column(name, CURVE_TITLES[name]) for name in CURVES),
     )
+    detections_field = "detectors"
     inputs_name = DETECTOR_INPUTS
     share_found = "mota"
-
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-        return suite.trackers
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a tracker's resolved spec, with who tells it the ego's poses."""
@@ -134,23 +153,26 @@ class TrackingBoard(Board):
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
         """Return what is to be checked: trackers, poses, detectors, a camera if they fuse."""
+        settings = suite.settings(self.name, TrackingSettings)
         checks = super().suite_checks(suite)
-        checks += [SuiteCheck("tracking.ego", check_ego, ego) for ego in suite.egos]
+        checks += [SuiteCheck("tracking.ego", check_ego, ego) for ego in settings.egos]
 
         def check_detector(text: str) -> None:
             if check_detection_source(text).kind == FUSED:
                 check_camera(suite)
 
-        texts = suite.public_detectors
-        return checks + [SuiteCheck("tracking.detectors", check_detector, text) for text in texts]
+        return checks + [
+            SuiteCheck("tracking.detectors", check_detector, text) for text in settings.detectors
+        ]
 
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
         """Return every tracker on the detections of every detector; on the oracle as a mark."""
-        if entries and not suite.public_detectors:
+        settings = suite.settings(self.name, TrackingSettings)
+        if entries and not settings.detectors:
             raise SpecError(
                 f"suite {suite.title} names no tracking.detectors whose detections trackers get"
             )
-        alone = tuple(suite.public_detectors) == (ORACLE,)
+        alone = settings.detectors == (ORACLE,)
         missing = {str(spec): missing_requirement(spec) for spec in entries}
         return [
             Job(
@@ -164,8 +186,8 @@ class TrackingBoard(Board):
                 missing=missing.get(str(tracker), "") or missing_requirement(tracker),
             )
             for episode in episodes(suite)
-            for detector in suite.public_detectors
-            for tracker in with_each_ego(entries, suite.egos)
+            for detector in settings.detectors
+            for tracker in with_each_ego(entries, settings.egos)
         ]
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
@@ -181,12 +203,13 @@ class TrackingBoard(Board):
     def explanation(self, suite: Suite) -> str:
         """Return what is to be found in a suite, and whose detections trackers get."""
         text = rule_in_words(suite.eligibility)
-        if not suite.public_detectors:
+        detectors = suite.settings(self.name, TrackingSettings).detectors
+        if not detectors:
             return text
-        first, *others = [d for d in suite.public_detectors if d != ORACLE] or [ORACLE]
+        first, *others = [d for d in detectors if d != ORACLE] or [ORACLE]
         text += f" Trackers get the detections of {', of '.join([first, *others])}"
         text += "; figures are of all of these together" if others else ""
-        has_oracle = ORACLE in suite.public_detectors and first != ORACLE
+        has_oracle = ORACLE in detectors and first != ORACLE
         return text + (", 'on oracle' the true boxes." if has_oracle else ".")
 
 

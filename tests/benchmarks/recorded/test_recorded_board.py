@@ -14,7 +14,7 @@ from roadscope import TRACKERS as REGISTRY
 from roadscope import Spec, leaderboard, load_suite
 from roadscope.__main__ import app
 from roadscope.benchmarks.boards import board_named
-from roadscope.benchmarks.boards.board import BoardSetting
+from roadscope.benchmarks.boards.board import JobOptions
 from roadscope.benchmarks.boards.tracking import OFFLINE
 from roadscope.benchmarks.formats import FormatError, read_sequence
 from roadscope.benchmarks.graph import run_jobs
@@ -49,7 +49,7 @@ def simulated_jobs(entries):
     """The jobs of trackers on the tracking board of the quick suite."""
     board = board_named("tracking")
     specs = [REGISTRY.resolve(entry) for entry in entries]
-    return board.jobs(load_suite("quick"), specs, setting=BoardSetting(marks=False))
+    return board.jobs(load_suite("quick"), specs, JobOptions(marks=False))
 
 
 @pytest.fixture
@@ -202,9 +202,8 @@ def test_on_simulated_traffic_too_an_offline_tracker_is_marked():
         scenarios=("lu2018-occlusion",),
         seeds=(10_000,),
         duration_s=0.8,
-        public_detectors=("oracle",),
         rig="lux",
-    )
+    ).with_settings("tracking", detectors=("oracle",))
     found = leaderboard(suite, ["nearest", "existence-offline"], boards=["tracking"], only=True)
     assert found.row("tracking", "nearest", OFFLINE) is None
     assert found.row("tracking", "existence-offline", OFFLINE).value == 1
@@ -212,7 +211,7 @@ def test_on_simulated_traffic_too_an_offline_tracker_is_marked():
 
 def test_the_suite_has_the_offline_tracker_beside_the_online_one(folder):
     suite = kitti_suite(folder)
-    entries = suite.trackers
+    entries = suite.boards["kitti car"].entries
     assert set(own_trackers()) <= {Spec.parse(entry).name for entry in entries}
     made = plan_of(suite)
     names = [board.name for board in made.boards]
