@@ -277,7 +277,7 @@ def _outcomes(
     # Failures are tried again.
     done = {key: outcome for key, outcome in known.items() if outcome.reason is None}
 
-    def take(job: Job, outcome: Outcome) -> None:
+    def write(job: Job, outcome: Outcome) -> None:
         episode = job.episode
         row = StoredJob(
             job.key,
@@ -298,7 +298,7 @@ def _outcomes(
     wanted = {job.key: job for job in made.jobs if job.key not in done}
     if wanted:
         read_recordings(made)
-    run_jobs(list(wanted.values()), take, workers=workers, options=options, progress=progress)
+    run_jobs(list(wanted.values()), write, workers=workers, options=options, progress=progress)
     if unkept:
         # Somebody damaged the file while the run went on; the board is made from memory.
         warnings.warn(f"{len(unkept)} results are not kept: {unkept[0]}", stacklevel=3)

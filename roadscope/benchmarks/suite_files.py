@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from msgspec import Struct, defstruct
 
@@ -108,9 +108,10 @@ def _file_record() -> type[SuiteTable]:
         (_field(name), board.settings_type, board.settings_type()) for name, board in BOARDS.items()
     ]
     keys = {_field(name): name for name in BOARDS}
-    return defstruct(
+    record = defstruct(
         "SuiteFile", tables, bases=(SuiteTable,), frozen=True, kw_only=True, rename=keys
     )
+    return cast("type[SuiteTable]", record)
 
 
 def _field(board: str) -> str:

@@ -71,6 +71,7 @@ class RecordedNode(Node):
     stage = "reading"
     folder = "recorded"
     record = EpisodeDetections
+    recomputed_if_fresh = False
 
     def content(self) -> Mapping[str, Any]:
         """Return what the detections depend on."""
@@ -80,7 +81,9 @@ class RecordedNode(Node):
         """Read the recording."""
         return self.recording.replayed()
 
-    def read(self, options: RunOptions | None = None, *, anew: bool = False) -> EpisodeDetections:
+    def read(
+        self, options: RunOptions | None = None, *, recompute: bool = False
+    ) -> EpisodeDetections:
         """Read the recording; nothing is kept beside it."""
         return self.recording.replayed()
 
