@@ -85,7 +85,7 @@ def leaderboard(
     kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
     mot: likewise a folder of MOTChallenge's image sequences (`mot_suite`).
-    calibration: a file of `roadscope calibrate`, which the fusion board believes.
+    calibration: a file of `roadscope calibrate`, which plug-ins of some boards believe.
     deadline_s: seconds for a plug-in that is not ours on one episode, in a process of its own;
         None: as `limits` says, 300 s if it is left out.
     limits: what else such a plug-in may use.

@@ -90,7 +90,7 @@ class CameraBoard(Board):
         Column("detection_rate", "detected"),
         Column("precision", "precision"),
     )
-    share_found = "detection_rate"
+    object_metric = "detection_rate"
     alarms = "false alarms per image"
     always_by = ("family", "detection_rate")
     default_suite = "camera"
@@ -100,7 +100,7 @@ class CameraBoard(Board):
         return check_image_source(spec)
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every detector on all episodes, and with the marks the true boxes."""
+        """Return every detector on all episodes, and as a mark the true boxes."""
         check_camera(suite)
         every_s = suite.settings(self.name, CameraSettings).every_s
         sources = {str(entry): entry for entry in entries}
@@ -129,7 +129,7 @@ class CameraBoard(Board):
         return scores | call_cost(answers.times.select(has_image))
 
     def explanation(self, suite: Suite) -> str:
-        """Return what is to be found in a suite, for a reader."""
+        """Return which objects count."""
         return (
             "To be found in images: road users with at least 40 visible pixels, 8 pixels high, at "
             "most three quarters hidden and not lost in fog or rain; parked cars count neither way."

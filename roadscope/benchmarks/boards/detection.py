@@ -108,10 +108,10 @@ class DetectionBoard(Board):
         Column("heading_rmse_deg", "heading RMSE (degrees)"),
         Column("size_rmse_m", "size RMSE (m)"),
     )
-    share_found = "detection_rate"
+    object_metric = "detection_rate"
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return the jobs of entries on all episodes of a suite, with those of the marks."""
+        """Return every detector on all episodes, and as marks the oracle and one cluster."""
         sources = {name: detection_source(name) for name in (MARKS if options.marks else ())}
         sources |= {str(entry): entry for entry in entries}
         return [
@@ -137,12 +137,12 @@ class DetectionBoard(Board):
         }
 
     def explanation(self, suite: Suite) -> str:
-        """Return what is to be found in a suite, for a reader."""
+        """Return which objects count."""
         return rule_in_words(suite.eligibility)
 
 
 def rule_in_words(rule: Eligibility) -> str:
-    """Return what is to be found, for a reader."""
+    """Return which objects count, for a reader."""
     near, far = rule.range_m
     families = " and ".join(f"{family}s" for family in rule.families)
     place = f"within {far:g} m" if near == 0 else f"{near:g} to {far:g} m away"

@@ -111,13 +111,13 @@ class FusionBoard(Board):
     )
     inputs_name = INPUTS
     uses_calibration = True
-    share_found = "detection_rate"
+    object_metric = "detection_rate"
     alarms = "false alarms per scan"
     always_by = ("family", "detection_rate")
     default_suite = "fusion"
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return what is to be checked: fusions, and the detectors whose detections they get."""
+        """Return the checks of fusions, and of the detectors whose detections they get."""
         settings = suite.settings(self.name, FusionSettings)
         return [
             *super().suite_checks(suite),
@@ -126,7 +126,7 @@ class FusionBoard(Board):
         ]
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every fusion of all pairs of detectors, and with the marks one sensor alone."""
+        """Return every fusion of all pairs of detectors, and as marks one sensor alone."""
         check_camera(suite)
         if options.calibration:
             fitting_calibration(options.calibration, projection_of(rig(suite.rig)))
@@ -171,7 +171,7 @@ class FusionBoard(Board):
         return scores if job.mark else scores | call_cost(answers.times)
 
     def explanation(self, suite: Suite) -> str:
-        """Return what is to be found in a suite, and whose detections fusions get."""
+        """Return which objects count, and whose detections fusions get."""
         settings = suite.settings(self.name, FusionSettings)
         lidar, camera = " and ".join(settings.lidar), " and ".join(settings.camera)
         text = (

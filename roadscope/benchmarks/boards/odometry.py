@@ -128,7 +128,7 @@ class OdometryBoard(Board):
         return check_pose_source(spec)
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every odometry on all episodes, and with the marks each one without movers."""
+        """Return every odometry on all episodes, and as marks the same without moving objects."""
         ranked = [entry for entry in entries if _mark(entry) is None]
         oracles = [pose_source(f"{ORACLE}?odometry={entry}") for entry in ranked]
         sources = dict.fromkeys([*entries, *(oracles if options.marks else [])])

@@ -24,11 +24,11 @@ from roadscope.benchmarks.boards.detection import rule_in_words
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, Node
-from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec, traits_of
+from roadscope.benchmarks.kinds import TRACKER, traits_of
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking import score_tracks
-from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, CURVES, score_alphas
+from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, score_alphas
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline
@@ -47,14 +47,28 @@ from roadscope.core.spec import FUSED, NO_POSES, ORACLE, TRUE_POSES
 
 OFFLINE = "offline"
 """Metric that is 1 for an offline tracker, which uses all frames of an episode."""
-DETECTOR_INPUTS = "detector"
-NEES_NOTE = (
+BY_DETECTOR = "detector"
+"""The breakdown by whose detections a tracker gets."""
+NEES = Column(
+    "nees_position",
+    "NEES",
+    2,
     "NEES: of positions, over its degrees of freedom; 1 when consistent, more when the tracks' "
-    "covariances are too small."
+    "covariances are too small.",
+)
+HEADING = Column(
+    "heading_rmse_deg",
+    "head. deg",
+    1,
+    "head.: RMSE of matched headings, front and rear distinguished.",
 )
 COUNTS_NOTE = "Counts: per episode."
-ALPHA_NOTE = "A pair is a hit where its similarity reaches alpha; HOTA is the mean over alphas."
-CURVE_TITLES = {"det_a": "DetA", "ass_a": "AssA", "loc_a": "LocA"}
+ALPHA_BREAKDOWN = Breakdown(
+    BY_ALPHA,
+    note="A pair is a hit where its similarity reaches alpha; HOTA is the mean over alphas.",
+)
+ALPHA_METRICS = (Column("det_a", "DetA"), Column("ass_a", "AssA"), Column("loc_a", "LocA"))
+"""What is shown at each alpha."""
 
 
 PoseSource = Annotated[str, Meta(min_length=1)]
@@ -109,13 +123,8 @@ class TrackingBoard(Board):
         Column(
             "inside_state", "in 95 %", 2, "in 95 %: objects within their tracks' 95 % ellipses."
         ),
-        Column(
-            "heading_rmse_deg",
-            "head. deg",
-            1,
-            "head.: RMSE of matched headings, front and rear distinguished.",
-        ),
-        Column("nees_position", "NEES", 2, NEES_NOTE),
+        HEADING,
+        NEES,
         Column(
             "nees_in_band",
             "in band",
@@ -132,27 +141,24 @@ class TrackingBoard(Board):
     )
     breakdowns = (
         *(Breakdown(by) for by in CONDITIONS),
-        Breakdown(DETECTOR_INPUTS, note="In brackets: the rank on these detections."),
-        Breakdown(BY_ALPHA, note=ALPHA_NOTE),
+        Breakdown(BY_DETECTOR, note="In brackets: the rank on these detections."),
+        ALPHA_BREAKDOWN,
     )
     by_condition = ("hota", "mota", "idf1")
-    shown_parts = (
-        Column("hota", "HOTA"),
-        *(Column(name, CURVE_TITLES[name]) for name in CURVES),
-    )
+    shown_parts = (Column("hota", "HOTA"), *ALPHA_METRICS)
     detections_field = "detectors"
-    inputs_name = DETECTOR_INPUTS
-    share_found = "mota"
+    inputs_name = BY_DETECTOR
+    object_metric = "mota"
 
     def check_entry(self, spec: Spec) -> Spec:
-        """Return a tracker's resolved spec, with who tells it the ego's poses."""
-        resolved = check_plugin_spec(spec, TRACKER)
+        """Return a tracker's resolved spec, with the odometry that gives it the ego's poses."""
+        resolved = super().check_entry(spec)
         if spec.ego is not None:
             check_ego(spec.ego)
         return resolved
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return what is to be checked: trackers, poses, detectors, a camera if they fuse."""
+        """Return the checks of trackers, of odometries that give them poses, and of detectors."""
         settings = suite.settings(self.name, TrackingSettings)
         checks = super().suite_checks(suite)
         checks += [SuiteCheck("tracking.ego", check_ego, ego) for ego in settings.egos]
@@ -166,14 +172,18 @@ class TrackingBoard(Board):
         ]
 
     def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
-        """Return every tracker on the detections of every detector; on the oracle as a mark."""
+        """Return every tracker on the detections of every detector; those of the oracle are marks.
+
+        Where the oracle is the only detector, trackers are ranked on it.
+        """
         settings = suite.settings(self.name, TrackingSettings)
         if entries and not settings.detectors:
             raise SpecError(
                 f"suite {suite.title} names no tracking.detectors whose detections trackers get"
             )
         alone = settings.detectors == (ORACLE,)
-        missing = {str(spec): missing_requirement(spec) for spec in entries}
+        trackers = with_each_ego(entries, settings.egos)
+        missing = {tracker: missing_requirement(tracker) for tracker in trackers}
         return [
             Job(
                 self,
@@ -183,11 +193,11 @@ class TrackingBoard(Board):
                 mark=UPPER_MARK if detector == ORACLE and not alone else None,
                 inputs=detector,
                 settings=suite.eligibility,
-                missing=missing.get(str(tracker), "") or missing_requirement(tracker),
+                missing=missing[tracker],
             )
             for episode in episodes(suite)
             for detector in settings.detectors
-            for tracker in with_each_ego(entries, settings.egos)
+            for tracker in trackers
         ]
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
@@ -201,7 +211,7 @@ class TrackingBoard(Board):
         return scores
 
     def explanation(self, suite: Suite) -> str:
-        """Return what is to be found in a suite, and whose detections trackers get."""
+        """Return which objects count, and whose detections trackers get."""
         text = rule_in_words(suite.eligibility)
         detectors = suite.settings(self.name, TrackingSettings).detectors
         if not detectors:
@@ -214,10 +224,9 @@ class TrackingBoard(Board):
 
 
 def with_each_ego(trackers: Iterable[Spec], egos: Sequence[str]) -> list[Spec]:
-    """Return every tracker with the poses of each ego; one that names its own has those alone.
+    """Return every tracker with each source of the ego's poses, or with the one that it names.
 
-    The true poses are the default: the part `ego` is dropped then, so that `gnn` and
-    `gnn?ego=truth` are one entry.
+    `gnn` and `gnn?ego=truth` are one entry, `gnn`: the true poses are the default.
     """
     specs = (
         tracker.plain if ego == TRUE_POSES else tracker.with_ego(ego)
@@ -238,7 +247,7 @@ def track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility
 
 
 def missing_requirement(tracker: Spec) -> str:
-    """Return what is not installed that a tracker, or the odometry of its poses, needs."""
+    """Return what a tracker, or the odometry of its poses, needs and is not installed."""
     if missing := traits_of(tracker).requires:
         return missing
     if tracker.ego is None or str(tracker.ego) in (TRUE_POSES, NO_POSES):
