@@ -42,8 +42,8 @@ class Node(ABC):
 
     stage: ClassVar[str]
     """What progress shows while nodes of this class are computed."""
-    folder: ClassVar[str]
-    """Folder of its files in the cache folder."""
+    folder: ClassVar[str] = "answers"
+    """Folder of its files in the cache folder, a kind of `cached_files.FILE_KINDS`."""
     record: ClassVar[Any]
     """Class of its content, with `save` and `load`."""
     recomputed_if_fresh: ClassVar[bool] = True

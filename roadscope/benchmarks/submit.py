@@ -49,7 +49,7 @@ from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.benchmarks.recorded.mot import MOT, MotRecording, mot_suite
-from roadscope.benchmarks.recorded.recording import Recording
+from roadscope.benchmarks.recorded.recording import Recording, recordings_of
 from roadscope.benchmarks.recorded.suite import KITTI
 from roadscope.benchmarks.results import JobScores, Results, results_of
 from roadscope.core import Category, Detections, Pose, Tracks, Truth
@@ -196,7 +196,7 @@ def submit_mot(folder: Path | str, mot: Path | str, *, name: str | None = None) 
     """Score MOTChallenge results, `SEQ.txt`, against a folder of MOTChallenge data."""
     place = Path(folder)
     _check_folder(place)
-    recordings = [r for r in mot_suite(mot).recordings if isinstance(r, MotRecording)]
+    recordings = [r for r in recordings_of(mot_suite(mot)) if isinstance(r, MotRecording)]
     _check_names(place, [r.sequence for r in recordings])
     episodes = []
     for recording in recordings:

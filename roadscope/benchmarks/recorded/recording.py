@@ -14,7 +14,7 @@ from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
 from roadscope.benchmarks.records import EpisodeDetections
-from roadscope.benchmarks.suite import BoardSettings, Names
+from roadscope.benchmarks.suite import BoardSettings, Names, Suite
 from roadscope.core import Category, Tracks
 
 
@@ -91,6 +91,12 @@ class RecordedSettings(BoardSettings, frozen=True, kw_only=True):
     def detectors(self) -> Names:
         """Those whose detections there are."""
         return tuple(dict.fromkeys(recording.detector for recording in self.recordings))
+
+
+def recordings_of(suite: Suite) -> tuple[Recording, ...]:
+    """Return the recordings of all boards of a suite."""
+    boards = (each for each in suite.boards.values() if isinstance(each, RecordedSettings))
+    return tuple(dict.fromkeys(recording for each in boards for recording in each.recordings))
 
 
 KITTI_CLASSES = tuple(category.name.lower() for category in TYPE_OF)

@@ -82,7 +82,6 @@ class DriveNode(Node):
     step_s: float
 
     stage = "drives"
-    folder = "drives"
     record = EpisodeDrive
 
     def content(self) -> dict[str, Any]:

@@ -183,3 +183,4 @@ def test_the_command_line_knows_the_board(home: Path) -> None:
     whole = does(home, "leaderboard", "--suite", "mine.toml", "--entry", "drivers.py:Careful")
     assert whole.returncode == 0, whole.stderr
     assert "driving board" in whole.stdout
+    assert "answers" in does(home, "cache", "clear").stdout

@@ -20,6 +20,7 @@ from roadscope.benchmarks.formats import FormatError, read_sequence
 from roadscope.benchmarks.graph import run_jobs
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.recorded.recording import recordings_of
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.breakdowns import breakdown_tables, note
 from roadscope.benchmarks.report.tables import agreement_lines, board_table, explanation
@@ -270,8 +271,8 @@ def test_labels_are_found_however_they_are_spaced_and_spelt(folder, tmp_path):
     where = Path(shutil.copytree(folder, tmp_path / "tabs"))
     for path in (where / "label_02").glob("*.txt"):
         path.write_text(path.read_text().replace(" ", "\t").lower())
-    assert kitti_suite(where).recordings == tuple(
-        replace(r, folder=str(where)) for r in kitti_suite(folder).recordings
+    assert recordings_of(kitti_suite(where)) == tuple(
+        replace(r, folder=str(where)) for r in recordings_of(kitti_suite(folder))
     )
 
 
