@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from operator import attrgetter
 from typing import Any, TypeVar
 
-from roadscope.benchmarks.boards import BOARDS
 from roadscope.benchmarks.noisy import NOISES
 from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
@@ -180,6 +179,8 @@ def _each(things: Mapping[str, T], describe: Callable[[T], str]) -> list[tuple[s
 
 
 def _boards() -> list[tuple[str, str]]:
+    from roadscope.benchmarks.boards import BOARDS
+
     return [
         (name, f"{board.summary} Broken down by {', '.join(each.by for each in board.breakdowns)}.")
         for name, board in BOARDS.items()

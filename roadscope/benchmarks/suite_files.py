@@ -10,15 +10,17 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from msgspec import Struct, defstruct
 
-from roadscope.benchmarks.boards import BOARDS
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.suite import Names, Positive, SomeNames, Suite, SuiteError
 from roadscope.core.config import ConfigError, read_config
 from roadscope.core.names import unknown
+
+if TYPE_CHECKING:
+    from roadscope.benchmarks.boards import Board
 
 T = TypeVar("T")
 
@@ -96,18 +98,20 @@ def load_suite(name_or_path: str | Path) -> Suite:
 
 def parse_suite(content: str, label: str) -> Suite:
     """Read a suite from TOML text; errors begin with the label and list all problems."""
+    from roadscope.benchmarks.boards import BOARDS
+
     try:
-        return _suite(read_config(content, _file_record()))
+        return _suite(read_config(content, _file_record(BOARDS)), BOARDS)
     except ConfigError as error:
         raise SuiteError(f"{label}: {error}") from error
 
 
-def _file_record() -> type[SuiteTable]:
+def _file_record(boards: Mapping[str, Board]) -> type[SuiteTable]:
     """Return the record of a whole file: the common keys, and a table for each board."""
     tables: list[tuple[str, Any, Any]] = [
-        (_field(name), board.settings_type, board.settings_type()) for name, board in BOARDS.items()
+        (_field(name), board.settings_type, board.settings_type()) for name, board in boards.items()
     ]
-    keys = {_field(name): name for name in BOARDS}
+    keys = {_field(name): name for name in boards}
     record = defstruct(
         "SuiteFile", tables, bases=(SuiteTable,), frozen=True, kw_only=True, rename=keys
     )
@@ -119,7 +123,7 @@ def _field(board: str) -> str:
     return board.replace("-", "_")
 
 
-def _suite(table: SuiteTable) -> Suite:
+def _suite(table: SuiteTable, boards: Iterable[str]) -> Suite:
     """Return the suite of a table; problems between its keys are raised together."""
     problems: list[str] = []
 
@@ -145,7 +149,7 @@ def _suite(table: SuiteTable) -> Suite:
         weathers=checked("weathers", lambda: _weathers(table.weathers or ("clear",)), ()),
         lights=checked("lights", lambda: _lights(table.lights), ()),
         faults=checked("faults", lambda: _faults(table.faults or ("clear",)), ()),
-        boards={name: getattr(table, _field(name)) for name in BOARDS},
+        boards={name: getattr(table, _field(name)) for name in boards},
     )
     if problems:
         raise ConfigError(problems)
