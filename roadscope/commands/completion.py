@@ -76,12 +76,11 @@ def odometries(incomplete: str) -> Completion:
 
 
 def entries(incomplete: str) -> Completion:
-    """Return plug-ins of all kinds."""
-    from roadscope.fusion import FUSIONS
+    """Return the plug-ins that boards rank."""
+    from roadscope.benchmarks.boards import BOARDS
 
-    for complete in (detectors, camera_detectors, trackers, odometries):
-        yield from complete(incomplete)
-    yield from _beginning(incomplete, _registered(FUSIONS))
+    for board in BOARDS.values():
+        yield from _beginning(incomplete, _registered(board.kind.registry))
 
 
 def boards(incomplete: str) -> Completion:

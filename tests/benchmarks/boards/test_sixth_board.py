@@ -83,13 +83,14 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def does(home: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def does(home: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "roadscope", *arguments]
     environment = {
         **os.environ,
         "PYTHONPATH": str(home),
         "ROADSCOPE_CACHE": str(home / "cache"),
         "COLUMNS": "160",
+        **variables,
     }
     return subprocess.run(
         command, capture_output=True, text=True, cwd=home, env=environment, timeout=300
@@ -180,6 +181,9 @@ def test_its_table_of_a_suite_is_checked_with_all_others(home: Path) -> None:
 def test_the_command_line_knows_the_board(home: Path) -> None:
     listed = does(home, "list", "boards").stdout
     assert "Ranks drivers by their least distance to the car ahead." in listed
+    words = {"COMP_WORDS": "roadscope leaderboard --entry coa", "COMP_CWORD": "3"}
+    completed = does(home, _ROADSCOPE_COMPLETE="complete_bash", **words).stdout
+    assert completed.split() == ["coast"]
     whole = does(home, "leaderboard", "--suite", "mine.toml", "--entry", "drivers.py:Careful")
     assert whole.returncode == 0, whole.stderr
     assert "driving board" in whole.stdout

@@ -252,7 +252,7 @@ def test_a_suite_gives_every_tracker_every_pose() -> None:
     plain, both = parse_suite(SUITE, ""), parse_suite(SUITE + 'ego = ["truth", "voxel-map"]', "")
     assert plain.boards["tracking"].egos == ("truth",)
     assert parse_suite(SUITE + 'ego = "none"', "").boards["tracking"].egos == ("none",)
-    entries = [job.entry for job in jobs_of(both, *both.trackers)]
+    entries = [job.entry for job in jobs_of(both, *both.boards["tracking"].entries)]
     assert entries == ["gnn", "gnn?ego=voxel-map", "nearest?ego=none"]
     keys = [[job.key for job in jobs_of(both, text)] for text in ("gnn?ego=truth", "gnn")]
     assert keys[0][0] == keys[1][0]
