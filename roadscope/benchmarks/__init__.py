@@ -11,10 +11,11 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.recorded.result_files import score_kitti_results, score_mot_results
     from roadscope.benchmarks.results import Results
     from roadscope.benchmarks.single import run_episode, save_picture
-    from roadscope.benchmarks.suite import Suite
+    from roadscope.benchmarks.suite import BoardSettings, Suite
     from roadscope.benchmarks.suite_files import load_suite
 
 _PLACES = {
+    "BoardSettings": "roadscope.benchmarks.suite:BoardSettings",
     "Eligibility": "roadscope.benchmarks.eligibility:Eligibility",
     "Episode": "roadscope.benchmarks.episode:Episode",
     "Limits": "roadscope.benchmarks.isolation:Limits",
@@ -29,6 +30,7 @@ _PLACES = {
 """Public name -> `module:attribute`, loaded when first used."""
 
 __all__ = [
+    "BoardSettings",
     "Eligibility",
     "Episode",
     "Limits",

@@ -42,6 +42,7 @@ class RunError(ValueError):
 class RunPlan:
     """What a run computes: the jobs of its boards.
 
+    boards: those that the suite or the user has entries for.
     entries: what each board ranks, by the board's name.
     """
 
@@ -170,7 +171,8 @@ def plan(
     if not jobs:
         names = ", ".join(board.name for board in chosen)
         raise SpecError(f"suite {suite.title} has nothing to run on: {names}")
-    return RunPlan(suite, tuple(chosen), ranked, tuple(jobs))
+    used = [board for board in chosen if board.name in ranked or board.suite_entries(suite)]
+    return RunPlan(suite, tuple(used), ranked, tuple(jobs))
 
 
 def read_recordings(made: RunPlan) -> None:

@@ -299,6 +299,17 @@ def test_wrong_values_are_refused_before_anything_runs(spec, message) -> None:
         plan(wrong, [], boards=["detection"])
 
 
+def test_a_suite_without_entries_is_for_every_board() -> None:
+    empty = parse_suite(TINY.partition("[detection]")[0], "x")
+    assert [board.name for board in plan(empty, ["pag"]).boards] == ["detection"]
+    assert [board.name for board in plan(empty, ["voxel-map", "pag"]).boards] == [
+        "detection",
+        "odometry",
+    ]
+    with pytest.raises(SpecError, match="nothing to run on: detection, tracking, camera"):
+        plan(empty, [])
+
+
 def test_keys_follow_content(tmp_path) -> None:
     plugin = tmp_path / "mine.py"
     source = "class Mine:\n    def __init__(self, *, a=1): ...\n    def reset(self): ...\n"
