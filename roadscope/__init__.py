@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.results import Results
     from roadscope.benchmarks.run import leaderboard
     from roadscope.benchmarks.single import run_episode
-    from roadscope.benchmarks.suite import load_suite
+    from roadscope.benchmarks.suite_files import load_suite
     from roadscope.core.category import Category, Family
     from roadscope.core.checks import RecordError
     from roadscope.core.detections import Detections, ImageDetections
@@ -93,7 +93,7 @@ _PLACES = {
     "check": "roadscope.testing:check",
     "compare": "roadscope.benchmarks.compare:compare",
     "leaderboard": "roadscope.benchmarks.run:leaderboard",
-    "load_suite": "roadscope.benchmarks.suite:load_suite",
+    "load_suite": "roadscope.benchmarks.suite_files:load_suite",
     "run_episode": "roadscope.benchmarks.single:run_episode",
     "benchmarks": "roadscope.benchmarks",
     "detectors": "roadscope.detectors",

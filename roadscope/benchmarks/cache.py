@@ -137,15 +137,15 @@ def checked_by(ledger: Ledger) -> Iterator[Ledger]:
 
 
 def kept(
-    path: Path, load: Callable[[BinaryIO], V], make: Callable[[], V], *, anew: bool = False
+    path: Path, load: Callable[[BinaryIO], V], make: Callable[[], V], *, recompute: bool = False
 ) -> V:
     """Read what an earlier run has written, or make and write it.
 
     A damaged file is removed with a warning and made again; so is one that somebody else changed
-    since the run began (`checked_by`). anew: make it in any case.
+    since the run began (`checked_by`). recompute: make it in any case.
     """
     ledger = _ledger.get() or Ledger()
-    if not anew and ledger.usable(path):
+    if not recompute and ledger.usable(path):
         try:
             return _read(path, load, partial(ledger.expects, path))
         except FileNotFoundError:

@@ -15,6 +15,8 @@ import numpy as np
 
 from roadscope import __version__
 from roadscope.benchmarks.boards.board import episodes as episodes_of
+from roadscope.benchmarks.boards.odometry import OdometryBoard, OdometrySettings
+from roadscope.benchmarks.boards.tracking import TrackingBoard, TrackingSettings
 from roadscope.benchmarks.cache import (
     FolderError,
     usable_folder,
@@ -35,7 +37,8 @@ from roadscope.benchmarks.formats.trajectories import trajectory_text
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import detection_source, made_from_truth
-from roadscope.benchmarks.suite import SPLITS, Suite, check_names, load_suite
+from roadscope.benchmarks.suite import Suite, check_names
+from roadscope.benchmarks.suite_files import SPLITS, load_suite
 from roadscope.core import (
     Calibration,
     Category,
@@ -295,7 +298,8 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
         for number, episode in enumerate(episodes_of(suite))
     )
     hidden = not all(sequence.truth for sequence in sequences)
-    sources = {name: detection_source(name) for name in detections or suite.public_detectors}
+    public = suite.settings(TrackingBoard.name, TrackingSettings).detectors
+    sources = {name: detection_source(name) for name in detections or public}
     true = [name for name, source in sources.items() if hidden and made_from_truth(source)]
     if detections is None:
         kinds = {name: source.kind for name, source in sources.items()}
@@ -312,7 +316,7 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
         range_m=suite.eligibility.range_m,
         min_returns=suite.eligibility.min_returns,
         families=suite.eligibility.families,
-        odometry_lengths_m=suite.odometry_lengths_m,
+        odometry_lengths_m=suite.settings(OdometryBoard.name, OdometrySettings).lengths_m,
         detections=tuple(dict.fromkeys(detections)),
         sequences=sequences,
     )

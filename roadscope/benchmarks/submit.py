@@ -46,7 +46,7 @@ from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.combined import SUFFIXES
 from roadscope.benchmarks.recorded.mot import MOT, MotRecording, mot_suite
-from roadscope.benchmarks.recorded.recording import Recording
+from roadscope.benchmarks.recorded.recording import Recording, recordings_of
 from roadscope.benchmarks.recorded.result_files import kitti_result_scores, score_mot_results
 from roadscope.benchmarks.recorded.suite import KITTI
 from roadscope.benchmarks.records import CallTimes, EpisodeDetections
@@ -208,7 +208,7 @@ def submit_mot(folder: Path | str, mot: Path | str, *, name: str | None = None) 
     """Score MOTChallenge results, `SEQ.txt`, against a folder of MOTChallenge data."""
     place = Path(folder)
     _check_folder(place)
-    recordings = [r for r in mot_suite(mot).recordings if isinstance(r, MotRecording)]
+    recordings = [r for r in recordings_of(mot_suite(mot)) if isinstance(r, MotRecording)]
     _check_names(place, [r.sequence for r in recordings])
     episodes = []
     for recording in recordings:

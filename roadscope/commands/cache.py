@@ -50,7 +50,7 @@ def clear(
         list[str] | None,
         typer.Option(
             help="Remove this kind alone: timelines, detections, image-detections, fusions, poses, "
-            "tracks, sources, camera-training. Can be given several times.",
+            "tracks, answers, sources, camera-training. Can be given several times.",
             autocompletion=cache_kinds,
         ),
     ] = None,

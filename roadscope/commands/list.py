@@ -16,7 +16,7 @@ def list_names(
         str | None,
         typer.Argument(
             help="detectors, stages (of detectors), camera-detectors, fusions, trackers, "
-            "odometries, scenarios, suites, rigs, sensors, weathers, lights or faults; "
+            "odometries, boards, scenarios, suites, rigs, sensors, weathers, lights or faults; "
             "all if left out.",
             autocompletion=listed_kinds,
         ),

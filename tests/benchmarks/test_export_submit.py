@@ -32,7 +32,7 @@ from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.references import detection_source
 from roadscope.benchmarks.results.job_scores import JobScores
 from roadscope.benchmarks.submit import SubmitError, submit, submit_kitti, submit_mot
-from roadscope.benchmarks.suite import parse_suite
+from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.core import Category, Detections, Tracks, wrap_angle
 from roadscope.envs.sensors.rigs import rig
 from roadscope.trackers import TRACKERS

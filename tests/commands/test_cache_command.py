@@ -13,6 +13,7 @@ OURS = {
     "poses": f"poses/{DIGEST}.npz",
     "fusions": f"fusions/{DIGEST}.npz",
     "tracks": f"tracks/{DIGEST}.npz",
+    "answers": f"answers/{DIGEST}.npz",
     "sources": f"sources/{DIGEST}.json",
     "camera-training": f"camera-training/street-1-{DIGEST}.npy",
     "results": "results.sqlite",

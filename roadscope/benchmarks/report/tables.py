@@ -14,7 +14,6 @@ from rich.text import Text
 from roadscope.benchmarks.boards import Board, board_named
 from roadscope.benchmarks.boards.board import Column
 from roadscope.benchmarks.boards.tracking import OFFLINE
-from roadscope.benchmarks.recorded.suite import RecordedSuite
 from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.agreement import LEAST
 from roadscope.benchmarks.suite import Suite
@@ -62,10 +61,9 @@ def explanation(suite: Suite, boards: Sequence[str]) -> str:
     texts = dict.fromkeys(board.explanation(suite) for board in chosen)
     # The rule of eligibility is the same for the boards of LiDAR: said once.
     whole = [t for t in texts if not any(o != t and o.startswith(t) for o in texts)]
-    recorded = isinstance(suite, RecordedSuite)
-    if not recorded and len(suite.seeds) == 1:
+    if not suite.recorded and len(suite.seeds) == 1:
         return " ".join([*whole, "One seed gives no intervals."])
-    over = "sequences" if recorded else "seeds"
+    over = "sequences" if suite.recorded else "seeds"
     return " ".join([*whole, f"In brackets: 95 % intervals over {over}."])
 
 

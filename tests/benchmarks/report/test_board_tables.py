@@ -17,7 +17,7 @@ from roadscope.benchmarks.report.tables import (
 )
 from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.results import Failure
-from roadscope.benchmarks.suite import load_suite
+from roadscope.benchmarks.suite_files import load_suite
 
 EVERY_BOARD = [board.name for board in (*BOARDS.values(), *KITTI_BOARDS, *MOT_BOARDS)]
 WIDTHS = (40, 80, 200)
