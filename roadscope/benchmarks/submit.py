@@ -113,6 +113,8 @@ class Submission:
         """
         run, own = read_run(results), read_run(self)
         check_comparable(run, own)
+        if self.name in run.entries():
+            raise SubmitError(f"{run.label} has an entry {self.name} already; choose another name")
         jobs = [job for job in run.jobs if job.board in self.boards()]
         return results_of([*jobs, *self.episodes], run.manifest)
 
@@ -154,7 +156,7 @@ def submit(
         true = _true_sequence(manifest, sequence, exported) if given else None
         episode = manifest.episode(sequence, exported)
         for board, path in files.items():
-            there = true is not None and path.exists()
+            scores = board.score(path, true) if true is not None and path.exists() else None
             job = JobScores(
                 board.name,
                 "",
@@ -162,8 +164,8 @@ def submit(
                 sequence.seed,
                 episode.condition,
                 inputs if board.follows else "",
-                board.score(path, true) if true is not None and there else {},
-                None if there else f"no result file {path.relative_to(place)}",
+                scores or {},
+                None if scores is not None else f"no result file {path.relative_to(place)}",
                 conditions={by: of(episode) for by, of in CONDITIONS.items()},
             )
             episodes.append(job)

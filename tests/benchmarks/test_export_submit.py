@@ -359,6 +359,16 @@ def test_a_sequence_without_results_has_failed(exported, tmp_path) -> None:
     assert compare(found, found).failures
 
 
+def test_a_submission_is_one_more_row_of_a_board(exported, tmp_path) -> None:
+    out = perfect(exported, tmp_path / "mine", sequences=("0000",))
+    theirs = submit(out, suite=exported, name="theirs")
+    (tmp_path / "leaderboard.json").write_text(theirs.to_json())
+    results = submit(out, suite=exported).beside(tmp_path)
+    assert set(results.entries("tracking")) == {"theirs", "mine"}
+    with pytest.raises(SubmitError, match="theirs already"):
+        theirs.beside(tmp_path)
+
+
 def test_bad_results_are_refused(exported, tmp_path) -> None:
     out = perfect(exported, tmp_path / "mine", sequences=("0000",))
     path = out / "tracking" / "0000.txt"
