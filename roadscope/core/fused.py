@@ -145,11 +145,7 @@ class FusedDetections(Record):
         points, image = _both(lidar, camera)
         lidar_rows = _rows("lidar_rows", lidar_rows, len(points))
         camera_rows = _rows("camera_rows", camera_rows, len(image))
-        if len(lidar_rows) != len(camera_rows):
-            raise RecordError(
-                f"FusedDetections: expected as many lidar_rows as camera_rows, got "
-                f"{len(lidar_rows)} and {len(camera_rows)}"
-            )
+        _check_as_many(lidar_rows, camera_rows)
         by_lidar, by_camera = lidar_rows >= 0, camera_rows >= 0
         of_lidar = _taken(points.scores, lidar_rows, -1.0)
         of_camera = _taken(image.scores, camera_rows, -1.0)
@@ -254,6 +250,14 @@ def _rows(name: str, rows: np.ndarray, count: int) -> np.ndarray:
             f"{count - 1}, got {given.tolist()}"
         )
     return given.astype(np.int64)
+
+
+def _check_as_many(lidar_rows: np.ndarray, camera_rows: np.ndarray) -> None:
+    if len(lidar_rows) != len(camera_rows):
+        raise RecordError(
+            f"FusedDetections: expected as many lidar_rows as camera_rows, got "
+            f"{len(lidar_rows)} and {len(camera_rows)}"
+        )
 
 
 def _taken(values: np.ndarray, rows: np.ndarray, otherwise: float) -> np.ndarray:
