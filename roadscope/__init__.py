@@ -1,7 +1,7 @@
 """Evaluation of driving perception on synthetic LiDAR, camera and IMU data.
 
 This is the public face. Its names are loaded when they are first used: `_PLACES` says where each is
-defined. More is offered by `roadscope.metrics`, `roadscope.formats` and the rooms
+defined. More is offered by `roadscope.metrics`, `formats`, `testing` and the rooms
 `roadscope.envs`, `detectors`, `odometry`, `trackers`, `fusion` and `benchmarks`. Modules below
 those are private: they may change in any version.
 
@@ -15,13 +15,23 @@ from typing import TYPE_CHECKING
 from roadscope._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from roadscope import benchmarks, detectors, envs, formats, fusion, metrics, odometry, trackers
+    from roadscope import (
+        benchmarks,
+        detectors,
+        envs,
+        formats,
+        fusion,
+        metrics,
+        odometry,
+        testing,
+        trackers,
+    )
     from roadscope.benchmarks.compare import compare
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.results import Results
     from roadscope.benchmarks.run import leaderboard
     from roadscope.benchmarks.single import run_episode
-    from roadscope.benchmarks.suite import load_suite
+    from roadscope.benchmarks.suite_files import load_suite
     from roadscope.core.category import Category, Family
     from roadscope.core.checks import RecordError
     from roadscope.core.detections import Detections, ImageDetections
@@ -83,7 +93,7 @@ _PLACES = {
     "check": "roadscope.testing:check",
     "compare": "roadscope.benchmarks.compare:compare",
     "leaderboard": "roadscope.benchmarks.run:leaderboard",
-    "load_suite": "roadscope.benchmarks.suite:load_suite",
+    "load_suite": "roadscope.benchmarks.suite_files:load_suite",
     "run_episode": "roadscope.benchmarks.single:run_episode",
     "benchmarks": "roadscope.benchmarks",
     "detectors": "roadscope.detectors",
@@ -92,6 +102,7 @@ _PLACES = {
     "fusion": "roadscope.fusion",
     "metrics": "roadscope.metrics",
     "odometry": "roadscope.odometry",
+    "testing": "roadscope.testing",
     "trackers": "roadscope.trackers",
 }
 """Public name -> `module:attribute`, or a whole module."""
@@ -139,6 +150,7 @@ __all__ = [
     "metrics",
     "odometry",
     "run_episode",
+    "testing",
     "trackers",
 ]
 

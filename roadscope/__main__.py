@@ -33,7 +33,8 @@ USAGE, FAILED, INTERRUPTED = 2, 1, 130
 app = typer.Typer(
     name="roadscope",
     help="Compare detectors, trackers, odometries and fusions on simulated traffic with perfect "
-    "truth.",
+    "truth.\n\nExit status: 0 if all went well, 1 if the input was wrong or for what a command's "
+    "help says, 2 for unknown commands and options, 130 if interrupted.",
     epilog="Start with:  roadscope leaderboard",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

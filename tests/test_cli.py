@@ -6,7 +6,6 @@ import sqlite3
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +13,6 @@ import pytest
 from interrupts import heed_interrupts
 
 import roadscope
-from roadscope.__main__ import main
 from roadscope.benchmarks.tables import MEANINGS
 
 ROOT = Path(roadscope.__file__).parents[1]
@@ -62,18 +60,13 @@ def suite(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def refused(monkeypatch, capsys) -> Callable[..., str]:
+def refused(answer) -> Callable[..., str]:
     """End with a status and nothing but errors, which are returned; in this process."""
 
     def refuse(status: int, *arguments: object) -> str:
-        monkeypatch.setattr(sys, "argv", ["roadscope", *map(str, arguments)])
-        monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-        with pytest.raises(SystemExit) as ended:
-            main()
-        answer = capsys.readouterr()
-        assert ended.value.code == status
-        assert answer.out == ""
-        return answer.err
+        code, out, errors = answer(*arguments)
+        assert (code, out) == (status, "")
+        return errors
 
     return refuse
 
@@ -97,6 +90,28 @@ def test_list() -> None:
     detectors = roadscope_does("list", "detectors").stdout
     assert "roundabout" not in detectors
     assert "oracle" in detectors
+
+
+def test_json_of_names_and_of_one_episode(answer) -> None:
+    everything = json.loads(answer("list", "--json")[1])
+    assert "nearest" in everything["trackers"]
+    assert list(json.loads(answer("list", "rigs", "--json")[1])) == ["rigs"]
+    run = "run", "lu2018-occlusion", "--seconds", 1, "--detector", "oracle"
+    status, out, _ = answer(*run, "--json")
+    table = json.loads(out)
+    assert (status, table["episode"]["scenario"]) == (0, "lu2018-occlusion")
+    assert {"value", "unit", "n"} <= set(table["tracking"]["hota"])
+    assert answer(*run, "--quiet") == (0, "", "")
+
+
+@pytest.mark.parametrize(("entry", "status"), [("nearest", 0), (f"{PLUGINS}:Raises", 1)])
+def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
+    code, out, errors = answer("check", entry, "--json")
+    table = json.loads(out)
+    assert (code, errors, table["ok"]) == (status, "", status == 0)
+    assert all(item["good"] for item in table["items"]) == table["ok"]
+    code, out, errors = answer("check", entry, "--quiet")
+    assert (code, out, bool(errors)) == (status, "", status == 1)
 
 
 @pytest.mark.parametrize(

@@ -1,30 +1,12 @@
 import json
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from roadscope.__main__ import main
-
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from simulated_runs import job, run, run_of
-
-
-@pytest.fixture
-def answer(monkeypatch, capsys):
-    """Run the command line in this process; return its status, output and errors."""
-
-    def run_it(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["roadscope", *map(str, arguments)])
-        monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-        with pytest.raises(SystemExit) as ended:
-            main()
-        text = capsys.readouterr()
-        return int(ended.value.code or 0), text.out, text.err
-
-    return run_it
 
 
 @pytest.fixture
@@ -57,7 +39,7 @@ def test_equal_runs(results, answer) -> None:
 
 def test_a_regression_is_named_and_fails_if_asked(results, answer) -> None:
     both = results / "before", results / "worse" / "leaderboard.json"
-    status, out, _ = answer("compare", *both, "--json", results / "new" / "found.json")
+    status, out, _ = answer("compare", *both, "--out", results / "new" / "found.json")
     assert status == 0
     assert "m1" in out
     assert "m2" not in out
@@ -68,6 +50,14 @@ def test_a_regression_is_named_and_fails_if_asked(results, answer) -> None:
     assert "m0" not in errors
     assert answer("compare", *reversed(both), "--fail-on-regression")[0] == 0
     assert answer("compare", *both, "--metric", "m0", "--fail-on-regression")[0] == 0
+
+
+def test_json_is_all_that_is_printed(results, answer) -> None:
+    both = results / "before", results / "worse"
+    status, out, errors = answer("compare", *both, "--json", "--fail-on-regression")
+    assert (status, json.loads(out)["regressed"]) == (1, True)
+    assert "m1" in errors
+    assert answer("compare", *both, "--quiet") == (0, "", "")
 
 
 def test_failures_fail(results, answer) -> None:

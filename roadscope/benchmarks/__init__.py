@@ -11,15 +11,17 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.recorded.result_files import score_kitti_results, score_mot_results
     from roadscope.benchmarks.results import Results
     from roadscope.benchmarks.single import run_episode, save_picture
-    from roadscope.benchmarks.suite import Suite, load_suite
+    from roadscope.benchmarks.suite import BoardSettings, Suite
+    from roadscope.benchmarks.suite_files import load_suite
 
 _PLACES = {
+    "BoardSettings": "roadscope.benchmarks.suite:BoardSettings",
     "Eligibility": "roadscope.benchmarks.eligibility:Eligibility",
     "Episode": "roadscope.benchmarks.episode:Episode",
     "Limits": "roadscope.benchmarks.isolation:Limits",
     "Results": "roadscope.benchmarks.results:Results",
     "Suite": "roadscope.benchmarks.suite:Suite",
-    "load_suite": "roadscope.benchmarks.suite:load_suite",
+    "load_suite": "roadscope.benchmarks.suite_files:load_suite",
     "run_episode": "roadscope.benchmarks.single:run_episode",
     "save_picture": "roadscope.benchmarks.single:save_picture",
     "score_kitti_results": "roadscope.benchmarks.recorded.result_files:score_kitti_results",
@@ -28,6 +30,7 @@ _PLACES = {
 """Public name -> `module:attribute`, loaded when first used."""
 
 __all__ = [
+    "BoardSettings",
     "Eligibility",
     "Episode",
     "Limits",

@@ -66,7 +66,7 @@ def usable_file(path: Path | str, endings: Sequence[str], what: str) -> Path:
     return place
 
 
-def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file so that no reader ever sees half of it, whoever else writes it too."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=path.stem, suffix=".part", dir=path.parent)
@@ -80,6 +80,11 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         Path(name).replace(path)
     finally:
         Path(name).unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file so that no reader ever sees half of it."""
+    write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 class Saved(Protocol):
@@ -132,15 +137,15 @@ def checked_by(ledger: Ledger) -> Iterator[Ledger]:
 
 
 def kept(
-    path: Path, load: Callable[[BinaryIO], V], make: Callable[[], V], *, anew: bool = False
+    path: Path, load: Callable[[BinaryIO], V], make: Callable[[], V], *, recompute: bool = False
 ) -> V:
     """Read what an earlier run has written, or make and write it.
 
     A damaged file is removed with a warning and made again; so is one that somebody else changed
-    since the run began (`checked_by`). anew: make it in any case.
+    since the run began (`checked_by`). recompute: make it in any case.
     """
     ledger = _ledger.get() or Ledger()
-    if not anew and ledger.usable(path):
+    if not recompute and ledger.usable(path):
         try:
             return _read(path, load, partial(ledger.expects, path))
         except FileNotFoundError:

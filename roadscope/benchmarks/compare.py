@@ -5,22 +5,23 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
-import numpy as np
+import msgspec
 
 from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.metrics.breakdown import split_name
 from roadscope.benchmarks.metrics.score import Better, Score
 from roadscope.benchmarks.results.job_scores import JobName, JobScores
 from roadscope.benchmarks.results.statistics import (
-    grouped,
-    mean_and_error,
+    linearised,
     merged,
     paired_interval,
+    paired_p_value,
 )
 from roadscope.core.names import unknown
 
@@ -165,17 +166,10 @@ class Comparison:
 
     def to_json(self) -> str:
         """Return everything as JSON text."""
-        content = {
-            "a": self.a,
-            "b": self.b,
-            "level": self.level,
-            "times": self.times,
-            "regressed": self.regressed,
-            "differences": [_finite(asdict(d)) for d in self.differences],
-            "failures": [{**asdict(f), "name": f.name._asdict()} for f in self.failures],
-            "unpaired": [asdict(u) for u in self.unpaired],
-        }
-        return json.dumps(content, indent=1, allow_nan=False) + "\n"
+        content = {**asdict(self), "regressed": self.regressed}
+        content["failures"] = [{**asdict(f), "name": f.name._asdict()} for f in self.failures]
+        # NaN becomes null.
+        return msgspec.json.format(msgspec.json.encode(content), indent=1).decode() + "\n"
 
 
 def compare(
@@ -195,12 +189,9 @@ def compare(
         named as in `f1 by range: 0-20`.
     times: whether times (`call_*_ms`, `wall_*_ms`) count as regressions too.
 
-    The seeds of each scenario are the sample. An interval is that of `paired_interval`. The
-    p-value is that of Student's t, stratified by scenario, with the degrees of freedom of Welch
-    and Satterthwaite. Where some seeds differ by the same amount, as counts do, Student's t is
-    too sure of few of them, and the p-value is at least that of the exact test by flips of signs.
-    Three to five seeds in one scenario are too few for scores that are close to one of two values:
-    there three alike by chance look like a change.
+    The seeds of each scenario are the sample; intervals are those of `paired_interval`, p-values
+    of `paired_p_value`. Three to five seeds in one scenario are too few for scores that are close
+    to one of two values: there three alike by chance look like a change.
     A metric is better or worse where its p-value, adjusted by Benjamini and Hochberg (1995), is
     at most 1 - level and its interval excludes zero. Metrics that are equal in every block are
     not counted among those compared: they cannot become a false discovery.
@@ -209,27 +200,26 @@ def compare(
         raise CompareError(f"a level lies between 0.5 and 1, got {level:g}")
     run_a, run_b = _runs(a, b, entries)
     check_comparable(run_a, run_b)
-    pairs = _entry_pairs(run_a, run_b, entries)
     matched: list[_MatchedEntry] = []
     unpaired: list[Unpaired] = []
-    for entry_a, entry_b in pairs:
+    for entry_a, entry_b in _entry_pairs(run_a, run_b, entries):
         found, alone = _match(run_a, run_b, entry_a, entry_b)
         matched += found
         unpaired += alone
     if not matched:
         raise CompareError(f"{run_a.label} and {run_b.label} have no job in common")
-    if entries is None:
-        unpaired += _entries_alone(run_a, run_b)
     wanted = _wanted(matched, metrics)
     differences: list[Difference] = []
     for each in matched:
         found_of, missing = _differences(each, wanted, level)
         differences += found_of
         unpaired += missing
-    first, second = entries or ("", "")
+    label_a, label_b = run_a.label, run_b.label
+    if entries is not None:
+        label_a, label_b = f"{label_a}, {entries[0]}", f"{label_b}, {entries[1]}"
     return Comparison(
-        _named(run_a.label, first),
-        _named(run_b.label, second),
+        label_a,
+        label_b,
         level,
         times,
         tuple(_judged(differences, level, times)),
@@ -247,7 +237,7 @@ def read_run(source: Source) -> ScoredRun:
     if not isinstance(items, list):
         raise CompareError(
             f'{label} has no list "scores", by which single seeds are compared; files that '
-            "earlier versions wrote have means alone. ScoredRun the leaderboard again to write it"
+            "earlier versions wrote have means alone. run the leaderboard again to write it"
         )
     jobs = []
     for number, item in enumerate(items):
@@ -339,8 +329,7 @@ def _entry_pairs(
     a: ScoredRun, b: ScoredRun, entries: Sequence[str] | None
 ) -> list[tuple[str, str]]:
     if entries is None:
-        others = set(b.entries())
-        return [(entry, entry) for entry in a.entries() if entry in others]
+        return [(entry, entry) for entry in dict.fromkeys([*a.entries(), *b.entries()])]
     for run, entry in ((a, entries[0]), (b, entries[1])):
         if entry not in run.entries():
             raise CompareError(f"{run.label}: {unknown('entry', entry, run.entries())}")
@@ -353,36 +342,16 @@ def _match(
     """Pair the jobs of two entries, board by board, and count those of one side alone."""
     of_a = {job.name: job for job in a.jobs if job.entry == entry_a}
     of_b = {job.name: job for job in b.jobs if job.entry == entry_b}
-    matched, unpaired = [], []
-    for board in dict.fromkeys(name.board for name in (*of_a, *of_b)):
-        names_a = [name for name in of_a if name.board == board]
-        names_b = [name for name in of_b if name.board == board]
-        common = [name for name in names_a if name in of_b]
-        pairs = tuple(_Pair(of_a[name], of_b[name]) for name in common)
-        if pairs:
-            matched.append(_MatchedEntry(board, entry_a, entry_b, pairs))
-        if alone := len(names_a) - len(common):
-            unpaired.append(Unpaired("a", board, entry_a, "", alone))
-        if alone := len(names_b) - len(common):
-            unpaired.append(Unpaired("b", board, entry_b, "", alone))
+    pairs: dict[str, list[_Pair]] = {}
+    for name in of_a:
+        if name in of_b:
+            pairs.setdefault(name.board, []).append(_Pair(of_a[name], of_b[name]))
+    matched = [_MatchedEntry(board, entry_a, entry_b, tuple(own)) for board, own in pairs.items()]
+    only_a = Counter(name.board for name in of_a if name not in of_b)
+    only_b = Counter(name.board for name in of_b if name not in of_a)
+    unpaired = [Unpaired("a", board, entry_a, "", count) for board, count in only_a.items()]
+    unpaired += [Unpaired("b", board, entry_b, "", count) for board, count in only_b.items()]
     return matched, unpaired
-
-
-def _entries_alone(a: ScoredRun, b: ScoredRun) -> list[Unpaired]:
-    """Name the entries that one side has alone."""
-    alone: list[Unpaired] = []
-    for side, own, other in (("a", a, b), ("b", b, a)):
-        counts: dict[tuple[str, str], int] = {}
-        others = set(other.entries())
-        for job in own.jobs:
-            if job.entry not in others:
-                key = job.name.board, job.entry
-                counts[key] = counts.get(key, 0) + 1
-        alone += [
-            Unpaired("a" if side == "a" else "b", board, entry, "", count)
-            for (board, entry), count in counts.items()
-        ]
-    return alone
 
 
 def _wanted(matched: Sequence[_MatchedEntry], metrics: Iterable[str] | None) -> set[str]:
@@ -411,14 +380,13 @@ def _differences(
     names = dict.fromkeys(n for pair in sound for n in (*pair.a.scores, *pair.b.scores))
     differences, unpaired = [], []
     for name in (n for n in names if n in wanted):
-        both = [pair for pair in sound if name in pair.a.scores and name in pair.b.scores]
-        only_a = sum(name in pair.a.scores for pair in sound) - len(both)
-        only_b = sum(name in pair.b.scores for pair in sound) - len(both)
-        if only_a:
-            unpaired.append(Unpaired("a", each.board, each.entry_a, name, only_a))
-        if only_b:
-            unpaired.append(Unpaired("b", each.board, each.entry_b, name, only_b))
-        if both:
+        has = Counter((name in pair.a.scores, name in pair.b.scores) for pair in sound)
+        if has[True, False]:
+            unpaired.append(Unpaired("a", each.board, each.entry_a, name, has[True, False]))
+        if has[False, True]:
+            unpaired.append(Unpaired("b", each.board, each.entry_b, name, has[False, True]))
+        if has[True, True]:
+            both = [pair for pair in sound if name in pair.a.scores and name in pair.b.scores]
             ones = _blocks(each.board, [pair.a for pair in both], name)
             others = _blocks(each.board, [pair.b for pair in both], name)
             differences.append(_difference(each, name, ones, others, level))
@@ -452,109 +420,28 @@ def _difference(
     level: float,
 ) -> Difference:
     used = [block for block in ones if ones[block].weight > 0 and others[block].weight > 0]
-    scores_a, pooled_a = _linear([ones[block] for block in used])
-    scores_b, pooled_b = _linear([others[block] for block in used])
+    scores_a, scores_b = [ones[block] for block in used], [others[block] for block in used]
     strata = [scenario for scenario, _ in used]
     interval = paired_interval(scores_b, scores_a, strata, level=level)
-    p = _p_value(interval.mean, scores_a, scores_b, strata) if used else math.nan
     first = next(iter(ones.values()))
     return Difference(
         each.board,
         each.entry_a,
         each.entry_b,
         metric,
-        pooled_a,
-        pooled_b,
+        linearised(scores_a)[0] if used else math.nan,
+        linearised(scores_b)[0] if used else math.nan,
         interval.mean,
         interval.low,
         interval.high,
-        p,
-        math.nan,
-        len(used),
-        first.unit,
-        first.better,
-        TIMES.fullmatch(metric) is not None,
-        "unknown",
+        p=paired_p_value(scores_b, scores_a, strata) if used else math.nan,
+        q=math.nan,
+        n=len(used),
+        unit=first.unit,
+        better=first.better,
+        timed=TIMES.fullmatch(metric) is not None,
+        verdict="unknown",
     )
-
-
-def _linear(scores: Sequence[Score]) -> tuple[list[Score], float]:
-    """Return scores that are averaged themselves, with the same pooled value, and that value.
-
-    RMS errors are linearised at their pooled value r (the delta method): x becomes
-    r + (x^2 - r^2) / 2r.
-    """
-    if not scores:
-        return [], math.nan
-    power = scores[0].power
-    x = np.array([s.value for s in scores]) ** power
-    w = np.array([s.weight for s in scores])
-    mean = float((w * x).sum() / w.sum())
-    pooled = mean ** (1 / power) if power > 1 else mean
-    if power > 1:
-        slope = power * pooled ** (power - 1)
-        x = pooled + (x - mean) / slope if slope else x
-    linear = [replace(s, value=float(v), power=1) for s, v in zip(scores, x, strict=True)]
-    return linear, pooled
-
-
-EXACT = 13
-"""Number of blocks up to which all flips of signs are tried, 2 to that power."""
-
-
-def _p_value(
-    difference: float, ones: Sequence[Score], others: Sequence[Score], strata: Sequence[str]
-) -> float:
-    """Return the p-value of no difference; NaN where no block is repeated."""
-    from scipy.special import stdtr
-
-    amounts = np.array([b.value - a.value for a, b in zip(ones, others, strict=True)])
-    if not amounts.any() and difference == 0:
-        return 1.0
-    shares = difference + _spread(others) - _spread(ones)
-    error, freedom = _stratified_error(shares, strata)
-    if math.isnan(error):
-        return math.nan
-    student = 2 * float(stdtr(freedom, -abs(difference) / error)) if error > 0 else 0.0
-    sizes = np.abs(amounts[amounts != 0])
-    if len(np.unique(np.round(sizes / sizes.max(), 9))) == len(sizes):
-        return student
-    if len(shares) > EXACT:
-        return max(student, 2.0 ** (1 - len(sizes)))
-    return max(student, _p_of_sign_flips(shares))
-
-
-def _spread(scores: Sequence[Score]) -> np.ndarray:
-    """Return each block's part in how far the weighted mean may be off, (N,)."""
-    x = np.array([s.value for s in scores])
-    w = np.array([s.weight for s in scores])
-    spread: np.ndarray = w * (x - (w * x).sum() / w.sum()) / w.mean()
-    return spread
-
-
-def _stratified_error(values: np.ndarray, strata: Sequence[str]) -> tuple[float, float]:
-    """Return the standard error of a mean over strata, and its degrees of freedom.
-
-    NaN where all strata have one value.
-    """
-    _, error, freedom = mean_and_error(grouped(values, strata))
-    if error <= 1e-12 * float(np.abs(values).max(initial=0.0)):
-        return 0.0, 1.0
-    return error, freedom
-
-
-def _p_of_sign_flips(values: np.ndarray) -> float:
-    """Return the exact p-value of a mean of zero where each sign is as probable as the other."""
-    from scipy.stats import permutation_test
-
-    found = permutation_test(
-        (values,),
-        lambda x, axis: x.mean(axis=axis),
-        permutation_type="samples",
-        vectorized=True,
-        n_resamples=2**EXACT,
-    )
-    return float(found.pvalue)
 
 
 def _judged(differences: Sequence[Difference], level: float, times: bool) -> list[Difference]:
@@ -594,13 +481,3 @@ def _verdict(difference: Difference, q: float, level: float) -> Verdict:
 
 def _label_of_entries(a: str, b: str) -> str:
     return b if a == b else f"{b} against {a}"
-
-
-def _named(label: str, entry: str) -> str:
-    return f"{label}, {entry}" if entry else label
-
-
-def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
-    }

@@ -8,10 +8,12 @@ import shutil
 import sqlite3
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +26,6 @@ the database grows with every run. Chosen by hand."""
 LITTLE_MEMORY_BYTES = 4_000_000_000
 """Memory below which a warning is given: two workers with the camera network take 2 GB. Chosen by
 hand."""
-_SUBREAPER = 37
-"""PR_GET_CHILD_SUBREAPER of prctl(2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +49,12 @@ class Extra:
 class Machine:
     """Where this runs.
 
-    cores: that this process may use. memory_bytes: of the machine or of the container's limit, None
-    where it cannot be read.
+    cores: that this process may use. memory_bytes: of the machine or of the container.
     """
 
     platform: str
     cores: int
-    memory_bytes: int | None
+    memory_bytes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,49 +122,60 @@ class Diagnosis:
 
 def doctor() -> Diagnosis:
     """Look at this installation; nothing is changed but for test files that are removed again."""
-    versions, folder = _versions(), _folder(cache_folder())
-    kernels, isolation, machine = _kernels(), _isolation(), _machine()
-    broken = [
-        f"{name} {version or 'is not installed'}: {required} is needed: pip install '{required}'"
-        for name, version, required in _unmet()
-    ]
-    if not folder.writable:
-        broken.append(
-            f"the cache folder {folder.path} cannot be written: set ROADSCOPE_CACHE to a folder "
-            "that can"
-        )
-    if reason := _database_fault(cache_folder() / "results.sqlite"):
-        broken.append(reason)
-    warnings = []
-    if not _requirements():
-        warnings.append("roadscope is not installed as a distribution: extras are not known")
-    if not kernels.folder.writable:
-        warnings.append(
-            f"{kernels.folder.path} cannot be written: every process compiles its kernels, which "
-            "takes minutes: set NUMBA_CACHE_DIR to a folder that can"
-        )
-    elif not kernels.cached:
-        warnings.append("no kernels are cached: the first run compiles for a minute or two")
-    if folder.free_bytes is not None and folder.free_bytes < LITTLE_SPACE_BYTES:
-        warnings.append(f"only {size_text(folder.free_bytes)} are free in {folder.path}")
-    if machine.memory_bytes is not None and machine.memory_bytes < LITTLE_MEMORY_BYTES:
-        warnings.append(f"only {size_text(machine.memory_bytes)} of memory: use --jobs 1")
-    warnings += [
-        f"isolation of plug-ins is incomplete: no {name}"
-        for name, there in isolation.parts.items()
-        if not there
-    ]
+    folder, kernels, isolation, machine = (
+        _folder(cache_folder()),
+        _kernels(),
+        _isolation(),
+        _machine(),
+    )
     return Diagnosis(
-        versions=versions,
+        versions=_versions(),
         extras=_extras(),
         machine=machine,
         cache=folder,
         usages=cache_usage(),
         kernels=kernels,
         isolation=isolation,
-        broken=tuple(broken),
-        warnings=tuple(warnings),
+        broken=tuple(_broken(folder)),
+        warnings=tuple(_warnings(folder, kernels, isolation, machine)),
     )
+
+
+def _broken(folder: Folder) -> Iterator[str]:
+    """Yield what must be put right."""
+    for requirement in _requirements():
+        if _needed(requirement) and not _met(requirement):
+            found, wanted = _version(requirement.name) or "is not installed", _plain(requirement)
+            yield f"{requirement.name} {found}: {wanted} is needed: pip install '{wanted}'"
+    if not folder.writable:
+        yield (
+            f"the cache folder {folder.path} cannot be written: set ROADSCOPE_CACHE to a folder "
+            "that can"
+        )
+    if reason := _database_fault(cache_folder() / "results.sqlite"):
+        yield reason
+
+
+def _warnings(
+    folder: Folder, kernels: Kernels, isolation: Isolation, machine: Machine
+) -> Iterator[str]:
+    """Yield what works, but worse than it could."""
+    if not _requirements():
+        yield "roadscope is not installed as a distribution: extras are not known"
+    if not kernels.folder.writable:
+        yield (
+            f"{kernels.folder.path} cannot be written: every process compiles its kernels, which "
+            "takes minutes: set NUMBA_CACHE_DIR to a folder that can"
+        )
+    elif not kernels.cached:
+        yield "no kernels are cached: the first run compiles for a minute or two"
+    if folder.free_bytes is not None and folder.free_bytes < LITTLE_SPACE_BYTES:
+        yield f"only {size_text(folder.free_bytes)} are free in {folder.path}"
+    if machine.memory_bytes < LITTLE_MEMORY_BYTES:
+        yield f"only {size_text(machine.memory_bytes)} of memory: use --jobs 1"
+    for name, there in isolation.parts.items():
+        if not there:
+            yield f"isolation of plug-ins is incomplete: no {name}"
 
 
 @cache
@@ -210,122 +220,64 @@ def _versions() -> dict[str, str | None]:
     return {DISTRIBUTION: __version__, "python": platform.python_version(), **versions}
 
 
-def _unmet() -> list[tuple[str, str | None, str]]:
-    """Return name, installed version and requirement of what must be there and is not."""
-    needed = [r for r in _requirements() if _needed(r)]
-    return [(r.name, _version(r.name), _plain(r)) for r in needed if not _met(r)]
-
-
 def _extras() -> tuple[Extra, ...]:
     try:
         names = metadata.metadata(DISTRIBUTION).get_all("Provides-Extra") or []
     except metadata.PackageNotFoundError:
-        names = []
-    return tuple(_extra(name) for name in sorted(names))
-
-
-def _extra(name: str) -> Extra:
-    required = [r for r in _requirements() if not _needed(r) and _needed(r, name)]
-    missing = tuple(_plain(r) for r in required if not _met(r))
-    return Extra(name, missing, f'pip install "{DISTRIBUTION}[{name}]"')
+        return ()
+    extras = []
+    for name in sorted(names):
+        required = [r for r in _requirements() if not _needed(r) and _needed(r, name)]
+        missing = tuple(_plain(r) for r in required if not _met(r))
+        extras.append(Extra(name, missing, f'pip install "{DISTRIBUTION}[{name}]"'))
+    return tuple(extras)
 
 
 def _machine() -> Machine:
+    """Return where this runs; memory is the machine's or, if less, the container's limit."""
     from joblib import cpu_count
+    from psutil import virtual_memory
 
-    return Machine(platform.platform(), int(cpu_count()), _memory_bytes())
-
-
-def _memory_bytes() -> int | None:
-    """Return the machine's memory or, if that is less, the limit of the container."""
-    try:
-        size = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):
-        return None
-    limits = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
-    for path in map(Path, limits):
-        try:
-            size = min(size, int(path.read_text()))
-        except (OSError, ValueError):  # Not there, or `max`.
-            continue
-    return size
+    memory_bytes = int(virtual_memory().total)
+    for name in ("memory.max", "memory/memory.limit_in_bytes"):
+        with suppress(OSError, ValueError):  # Not there, or `max`.
+            memory_bytes = min(memory_bytes, int(Path("/sys/fs/cgroup", name).read_text()))
+    return Machine(platform.platform(), int(cpu_count()), memory_bytes)
 
 
 def _folder(path: Path) -> Folder:
     """Look at a folder, or at the place where it would be made."""
-    there = path
-    while not there.exists() and there != there.parent:
-        there = there.parent
-    try:
+    there = next(place for place in (path, *path.absolute().parents) if place.exists())
+    writable, free_bytes = False, None
+    with suppress(OSError):
+        free_bytes = shutil.disk_usage(there).free
         with tempfile.TemporaryFile(dir=there):
             writable = True
-    except OSError:
-        writable = False
-    try:
-        free_bytes = shutil.disk_usage(there).free
-    except OSError:
-        free_bytes = None
     return Folder(str(path), writable, free_bytes)
 
 
 def _kernels() -> Kernels:
-    """Look where Numba puts machine code: its own folder if named, else beside our sources."""
-    package = Path(__file__).resolve().parents[1]
-    folder, files = _folder(package), list(package.rglob("__pycache__/*.nbc"))
-    named = os.environ.get("NUMBA_CACHE_DIR")
-    if named or not folder.writable:
-        from platformdirs import user_cache_path
+    """Look where `core.jit` keeps machine code: a folder that is named, else beside our sources."""
+    from platformdirs import user_cache_path
 
-        place = Path(named) if named else user_cache_path("numba", appauthor=False)
-        folder = _folder(place)
-        files = [*([] if named else files), *place.rglob("*.nbc")]
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    folder = _folder(Path(named) if named else Path(__file__).resolve().parents[1])
+    if not named and not folder.writable:
+        folder = _folder(user_cache_path("roadscope", appauthor=False) / "kernels")
+    files = list(Path(folder.path).rglob("*.nbc"))
     return Kernels(folder, len(files), sum(file.stat().st_size for file in files))
 
 
 def _isolation() -> Isolation:
+    from roadscope.benchmarks.isolation import sandbox_available
+
     parts = {
         "process group of its own (os.setsid)": hasattr(os, "setsid"),
-        "adoption of orphaned children (subreaper of Linux)": _has_subreaper(),
-        "limit of resident memory (/proc)": Path("/proc/self/statm").exists(),
-        "limit of core dumps (resource)": _has_resource(),
+        "adoption of orphaned children (subreaper of Linux)": sys.platform == "linux",
+        "limit of core dumps (resource)": find_spec("resource") is not None,
     }
-    reason = _sandbox_fault()
+    reason = sandbox_available()
     return Isolation(parts, not reason, reason)
-
-
-def _has_subreaper() -> bool:
-    if sys.platform != "linux":
-        return False
-    import ctypes
-
-    answer = ctypes.c_int()
-    try:
-        prctl = ctypes.CDLL(None, use_errno=True).prctl
-    except (OSError, AttributeError):
-        return False
-    return bool(prctl(_SUBREAPER, ctypes.byref(answer), 0, 0, 0) == 0)
-
-
-def _has_resource() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("resource") is not None
-
-
-def _sandbox_fault() -> str:
-    """Return why bubblewrap cannot be used here; empty if it can."""
-    import subprocess
-
-    program = shutil.which("bwrap")
-    if program is None:
-        return "bubblewrap (bwrap) is not installed"
-    command = [program, "--ro-bind", "/", "/", "--unshare-net", "--dev", "/dev", "true"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return f"bubblewrap does not start: {error}"
-    words = " ".join(done.stderr.split()) or f"exit status {done.returncode}"
-    return "" if done.returncode == 0 else f"bubblewrap does not work here: {words}"
 
 
 def _database_fault(path: Path) -> str:
@@ -333,11 +285,8 @@ def _database_fault(path: Path) -> str:
     if not path.is_file():
         return ""
     try:
-        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
-        try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection:
             connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        finally:
-            connection.close()
     except sqlite3.Error as error:
         return f"the results database {path} cannot be read: {error}; move or remove it"
     return ""

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 
 from roadscope import __version__
 from roadscope.benchmarks.boards.board import episodes as episodes_of
-from roadscope.benchmarks.cache import FolderError, usable_folder, write_atomically
+from roadscope.benchmarks.boards.odometry import OdometryBoard, OdometrySettings
+from roadscope.benchmarks.boards.tracking import TrackingBoard, TrackingSettings
+from roadscope.benchmarks.cache import (
+    FolderError,
+    usable_folder,
+    write_atomically,
+    write_text,
+)
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed, sensing_of, timeline_of
 from roadscope.benchmarks.formats.kitti_export import (
@@ -31,8 +37,19 @@ from roadscope.benchmarks.formats.trajectories import trajectory_text
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.references import detection_source, made_from_truth
-from roadscope.benchmarks.suite import SPLITS, Suite, check_names, load_suite
-from roadscope.core import Calibration, Category, Detections, Family, Frame, Pose, Tracks, Truth
+from roadscope.benchmarks.suite import Suite, check_names
+from roadscope.benchmarks.suite_files import SPLITS, load_suite
+from roadscope.core import (
+    Calibration,
+    Category,
+    Detections,
+    Family,
+    Frame,
+    LidarScan,
+    Pose,
+    Tracks,
+    Truth,
+)
 from roadscope.core.names import unknown
 from roadscope.core.spec import FUSED
 from roadscope.envs.sensors.rig import Rig
@@ -41,8 +58,8 @@ MANIFEST = "manifest.json"
 RIG_FILE = "rig.toml"
 FORMAT = 1
 TRUTH_COLUMNS = (
-    "frame,stamp_s,id,category,x_m,y_m,z_m,length_m,width_m,height_m,yaw_rad,vx_m_s,vy_m_s,"
-    "lidar_returns,occluded_fraction"
+    "frame, stamp_s, id, category, x_m, y_m, z_m, length_m, width_m, height_m, yaw_rad, vx_m_s, "
+    "vy_m_s, lidar_returns, occluded_fraction"
 )
 VIEW_PX = (1242, 375)
 """Size of the image that a rig without a camera is given: KITTI's."""
@@ -199,19 +216,15 @@ def plan_export(
     with_truth: whether truth of test seeds is written too.
     detections: whose detections are written; those that trackers of the suite get if left out.
     """
-    chosen = load_suite(suite) if isinstance(suite, str | Path) else suite
-    chosen = _narrowed(chosen, seeds, scenarios)
-    check_names(chosen)
-    place = Path(folder)
-    manifest = _manifest(chosen, with_truth, detections)
-    before = _before(place, manifest)
-    return ExportPlan(
-        place,
-        chosen,
-        before or manifest,
-        *_amount(chosen, manifest),
-        sum(bool(s.digest) for s in before.sequences) if before else 0,
+    chosen = _narrowed(
+        load_suite(suite) if isinstance(suite, str | Path) else suite, seeds, scenarios
     )
+    check_names(chosen)
+    place, manifest = Path(folder), _manifest(chosen, with_truth, detections)
+    scans, size = _amount(chosen, manifest)
+    written = _before(place, manifest)
+    done = sum(bool(sequence.digest) for sequence in written.sequences) if written else 0
+    return ExportPlan(place, chosen, written or manifest, scans, size, done)
 
 
 def export_suite(plan: ExportPlan, *, progress: Progress = silent) -> Path:
@@ -221,21 +234,17 @@ def export_suite(plan: ExportPlan, *, progress: Progress = silent) -> Path:
     """
     folder, manifest = usable_folder(plan.folder), plan.manifest
     if manifest.rig == RIG_FILE:
-        text = Path(plan.suite.rig).read_text(encoding="utf-8")
-        _save_text(folder / RIG_FILE, text)
-    _save_text(folder / "README.md", _readme(manifest))
-    total = len(manifest.sequences)
-    for number, sequence in enumerate(manifest.sequences):
-        progress("sequences", number, total)
-        if sequence.digest:
-            continue
-        _save_text(folder / MANIFEST, _encoded(manifest))
-        written = _write_sequence(folder, manifest, sequence)
-        sequences = list(manifest.sequences)
-        sequences[number] = written
-        manifest = msgspec.structs.replace(manifest, sequences=tuple(sequences))
-        _save_text(folder / MANIFEST, _encoded(manifest))
-    progress("sequences", total, total)
+        write_text(folder / RIG_FILE, Path(plan.suite.rig).read_text(encoding="utf-8"))
+    write_text(folder / "README.md", _readme(manifest))
+    _save_manifest(folder, manifest)
+    sequences = list(manifest.sequences)
+    for number, sequence in enumerate(sequences):
+        progress("sequences", number, len(sequences))
+        if not sequence.digest:
+            sequences[number] = _write_sequence(folder, manifest, sequence)
+            manifest = msgspec.structs.replace(manifest, sequences=tuple(sequences))
+            _save_manifest(folder, manifest)
+    progress("sequences", len(sequences), len(sequences))
     return folder
 
 
@@ -264,37 +273,18 @@ def digest_of(truths: Sequence[Truth]) -> str:
     return digest.hexdigest()[:16]
 
 
-def boxes_of(truth: Truth) -> Tracks:
-    """Return all objects as if they were tracked, in the world."""
-    boxes = Detections(
-        truth.centres,
-        truth.sizes,
-        truth.yaws,
-        truth.categories,
-        np.ones(len(truth)),
-        "world",
-        truth.stamp_s,
-    )
-    return Tracks.of(boxes, truth.ids)
-
-
 def _narrowed(suite: Suite, seeds: int | None, scenarios: Sequence[str] | None) -> Suite:
     if seeds is not None and not 1 <= seeds <= len(suite.seeds):
         raise ExportError(f"suite {suite.title} has {len(suite.seeds)} seeds, not {seeds}")
     for name in scenarios or ():
         if name not in suite.scenarios:
             raise ExportError(unknown(f"scenario of {suite.title}", name, suite.scenarios))
-    return replace(
-        suite,
-        seeds=suite.seeds[:seeds],
-        scenarios=tuple(s for s in suite.scenarios if s in scenarios)
-        if scenarios
-        else suite.scenarios,
-    )
+    wanted = tuple(name for name in suite.scenarios if not scenarios or name in scenarios)
+    return replace(suite, seeds=suite.seeds[:seeds], scenarios=wanted)
 
 
 def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) -> Manifest:
-    hidden = [seed for seed in suite.seeds if seed in SPLITS["test"] and not with_truth]
+    tested = SPLITS["test"] if not with_truth else ()
     sequences = tuple(
         ExportedSequence(
             name=f"{number:04d}",
@@ -303,20 +293,19 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
             weather=episode.weather,
             light=episode.light,
             faults=episode.faults,
-            truth=episode.seed not in hidden,
+            truth=episode.seed not in tested,
         )
         for number, episode in enumerate(episodes_of(suite))
     )
+    hidden = not all(sequence.truth for sequence in sequences)
+    public = suite.settings(TrackingBoard.name, TrackingSettings).detectors
+    sources = {name: detection_source(name) for name in detections or public}
+    true = [name for name, source in sources.items() if hidden and made_from_truth(source)]
     if detections is None:
-        detections = [
-            d
-            for d in suite.public_detectors
-            if detection_source(d).kind != FUSED
-            and not (hidden and made_from_truth(detection_source(d)))
-        ]
-    for name in detections:
-        if hidden and made_from_truth(detection_source(name)):
-            raise ExportError(f"detections of {name} are truth: of test seeds with --with-truth")
+        kinds = {name: source.kind for name, source in sources.items()}
+        detections = [name for name in sources if kinds[name] != FUSED and name not in true]
+    elif detections and true:
+        raise ExportError(f"detections of {true[0]} are truth: of test seeds with --with-truth")
     return Manifest(
         format=FORMAT,
         roadscope=__version__,
@@ -327,7 +316,7 @@ def _manifest(suite: Suite, with_truth: bool, detections: Sequence[str] | None) 
         range_m=suite.eligibility.range_m,
         min_returns=suite.eligibility.min_returns,
         families=suite.eligibility.families,
-        odometry_lengths_m=suite.odometry_lengths_m,
+        odometry_lengths_m=suite.settings(OdometryBoard.name, OdometrySettings).lengths_m,
         detections=tuple(dict.fromkeys(detections)),
         sequences=sequences,
     )
@@ -384,139 +373,161 @@ def _write_sequence(
     truths: list[Truth] = []
     lost: list[int] = []
     for number, (frame, truth) in enumerate(sensed(episode)):
-        _write_scan(folder, sequence.name, number, frame)
+        _write_scan(folder, f"{sequence.name}/{number:06d}.bin", frame.lidar)
         if frame.lidar is None:
             lost.append(number)
         # Scans are large, and they are written.
         frames.append(replace(frame, lidar=None))
         truths.append(truth)
-    carrier = rig(episode.rig)
     if not frames:
         raise ExportError(f"{sequence.scenario}, seed {sequence.seed}: no scan in so little time")
-    known = sensing_of(episode).calibration
-    view = SequenceView.of(carrier, known)
-    pixels = _write_images(folder, sequence.name, episode, truths) if carrier.camera else []
-    _write_calibration(folder, sequence.name, carrier, known)
-    _write_inertial(folder, sequence.name, frames)
-    stamps = "".join(f"{truth.stamp_s:.9f}\n" for truth in truths)
-    for path in (f"times/{sequence.name}.txt", f"velodyne/{sequence.name}/times.txt"):
-        _save_text(folder / path, stamps)
-    _write_ego_poses(folder, sequence.name, view, truths)
+    carrier, known = rig(episode.rig), sensing_of(episode).calibration
+    files = _SequenceFiles(folder, sequence.name, SequenceView.of(carrier, known), truths)
+    files.write_calibration(known.pose(carrier.imu.name) if carrier.imu else Pose.identity())
+    files.write_inertial(frames)
+    files.write_stamps_and_poses()
+    pixels = files.write_images(episode) if carrier.camera else None
     if sequence.truth:
-        _write_truth(folder, sequence.name, view, truths, pixels)
-        _write_lidar_poses(folder, sequence.name, carrier, truths)
+        files.write_truth(pixels, carrier.lidar.ego_from_lidar)
     for detector in manifest.detections:
         node = DetectionNode(detection_source(detector), episode, manifest.eligibility)
-        found = node.read().detections
-        _write_detections(folder, sequence.name, detector, view, found, truths)
+        files.write_detections(detector, node.read().detections)
     return msgspec.structs.replace(
         sequence, frames=len(frames), lost=tuple(lost), digest=digest_of(truths)
     )
 
 
-def _write_scan(folder: Path, name: str, number: int, frame: Frame) -> None:
+def _write_scan(folder: Path, name: str, scan: LidarScan | None) -> None:
     """Write the points of a scan and their times; of a lost one empty files."""
-    scan = frame.lidar
-    points, times = np.empty((0, 4), "<f4"), np.empty(0, "<f4")
+    points, times = np.empty(0, "<f4"), np.empty(0, "<f4")
     if scan is not None:
         points = np.column_stack([scan.points, scan.intensity]).astype("<f4")
         times = scan.time_offset_s.astype("<f4")
-    for kind, array in (("velodyne", points), ("velodyne_times", times)):
-        _save(folder / kind / name / f"{number:06d}.bin", partial(_to_file, array))
+    write_atomically(folder / "velodyne" / name, points.tofile)
+    write_atomically(folder / "velodyne_times" / name, times.tofile)
 
 
-def _write_images(
-    folder: Path, name: str, episode: Episode, truths: Sequence[Truth]
-) -> list[np.ndarray]:
-    """Write an image at the stamp of each scan; return the pixels of each object in each."""
-    from matplotlib.image import imsave
+@dataclass(frozen=True, slots=True)
+class _SequenceFiles:
+    """The files of one sequence that are written once all of it was sensed."""
 
-    sensing, timeline, pixels = sensing_of(episode), timeline_of(episode), []
-    for number, truth in enumerate(truths):
-        frame, there = sensing.sense_image_at(timeline, truth.stamp_s)
-        pixels.append(there.visible_pixels)
-        if frame.camera is not None:
-            path = folder / "image_02" / name / f"{number:06d}.png"
-            _save(path, partial(imsave, arr=frame.camera.pixels, format="png"))
-    return pixels
+    folder: Path
+    name: str
+    view: SequenceView
+    truths: Sequence[Truth]
 
+    def write_calibration(self, ego_from_imu: Pose) -> None:
+        """Write where the sensors are; without inertial unit the vehicle stands for it."""
+        lidar_from_imu = self.view.ego_from_lidar.inverse() @ ego_from_imu
+        text = calibration_text(self.view.projection, self.view.camera_from_lidar, lidar_from_imu)
+        write_text(self._path("calib"), text)
 
-def _write_calibration(folder: Path, name: str, carrier: Rig, known: Calibration) -> None:
-    """Write where the sensors are; without inertial unit the vehicle stands for it."""
-    view = SequenceView.of(carrier, known)
-    ego_from_imu = known.pose(carrier.imu.name) if carrier.imu else Pose.identity()
-    lidar_from_imu = view.ego_from_lidar.inverse() @ ego_from_imu
-    text = calibration_text(view.projection, view.camera_from_lidar, lidar_from_imu)
-    _save_text(folder / "calib" / f"{name}.txt", text)
+    def write_inertial(self, frames: Sequence[Frame]) -> None:
+        """Write the samples of IMU and wheels, where there are any."""
+        imu = [
+            np.column_stack([i.stamps_s, i.angular_velocity, i.specific_force])
+            for i in (frame.imu for frame in frames)
+            if i is not None
+        ]
+        wheels = [
+            np.column_stack([w.stamps_s, w.speeds])
+            for w in (frame.wheels for frame in frames)
+            if w is not None
+        ]
+        if imu:
+            self._write_numbers("imu", np.concatenate(imu), "stamp,wx,wy,wz,ax,ay,az")
+        if wheels:
+            self._write_numbers("wheels", np.concatenate(wheels), "stamp,speed")
 
+    def write_stamps_and_poses(self) -> None:
+        """Write the stamps of scans, and the camera's poses in the world turned to its axes."""
+        stamps_s = [truth.stamp_s for truth in self.truths]
+        for path in (self._path("times"), self.folder / "velodyne" / self.name / "times.txt"):
+            write_text(path, "".join(f"{stamp_s:.9f}\n" for stamp_s in stamps_s))
+        poses = [
+            CAMERA_FROM_EGO @ t.world_from_ego @ self.view.ego_from_camera for t in self.truths
+        ]
+        write_text(self._path("ego_pose"), trajectory_text("kitti", poses, stamps_s))
 
-def _write_inertial(folder: Path, name: str, frames: Sequence[Frame]) -> None:
-    imu = [frame.imu for frame in frames if frame.imu is not None]
-    wheels = [frame.wheels for frame in frames if frame.wheels is not None]
-    if imu:
-        rows = np.concatenate(
-            [np.column_stack([i.stamps_s, i.angular_velocity, i.specific_force]) for i in imu]
+    def write_images(self, episode: Episode) -> list[np.ndarray]:
+        """Write an image at the stamp of each scan; return the pixels of each object in each."""
+        from matplotlib.image import imsave
+
+        sensing, timeline, pixels = sensing_of(episode), timeline_of(episode), []
+        for number, truth in enumerate(self.truths):
+            frame, there = sensing.sense_image_at(timeline, truth.stamp_s)
+            pixels.append(there.visible_pixels)
+            if frame.camera is not None:
+                path = self.folder / "image_02" / self.name / f"{number:06d}.png"
+                write_atomically(path, partial(imsave, arr=frame.camera.pixels, format="png"))
+        return pixels
+
+    def write_truth(self, pixels: Sequence[np.ndarray] | None, ego_from_lidar: Pose) -> None:
+        """Write labels of what is visible in image or scan, all truth, and the LiDAR's true poses.
+
+        pixels: of each object in each image; None without images.
+        """
+        labels = []
+        for number, truth in enumerate(self.truths):
+            visible = truth.lidar_returns > 0
+            if pixels is not None:
+                visible |= pixels[number] > 0
+            labels.append(self._label_rows(number, truth, visible))
+        write_atomically(self._path("label_02"), lambda path: save_labels(path, labels))
+        write_text(self._path("truth", "csv"), _truth_text(self.truths))
+        poses = [truth.world_from_ego @ ego_from_lidar for truth in self.truths]
+        text = trajectory_text("tum", poses, [truth.stamp_s for truth in self.truths])
+        write_text(self._path("lidar_pose"), text)
+
+    def write_detections(self, detector: str, found: Sequence[Detections]) -> None:
+        """Write a detector's boxes, each class in a file of its own."""
+        for family, kind in FILE_OF.items():
+            frames = []
+            for number, (boxes, truth) in enumerate(zip(found, self.truths, strict=True)):
+                own = boxes.select(
+                    np.array([Category(c).family is family for c in boxes.categories], bool)
+                )
+                tracks = Tracks.of(own, np.arange(len(own)))
+                rows = self.view.rows(tracks, number, truth.world_from_ego, all_around=True)
+                frames.append(replace(rows, types=np.full(len(rows), kind, np.int8)))
+            path = self._path(f"{detections_folder(detector)}/{TYPE_NAMES[kind]}")
+            write_atomically(path, partial(save_detections, frames=frames))
+
+    def _path(self, kind: str, ending: str = "txt") -> Path:
+        return self.folder / kind / f"{self.name}.{ending}"
+
+    def _write_numbers(self, kind: str, rows: np.ndarray, header: str) -> None:
+        save = partial(np.savetxt, X=rows, fmt="%.9f", delimiter=",", header=header, comments="")
+        write_atomically(self._path(kind, "csv"), save)
+
+    def _label_rows(self, number: int, truth: Truth, visible: np.ndarray) -> KittiObjects:
+        boxes = Detections(
+            truth.centres,
+            truth.sizes,
+            truth.yaws,
+            truth.categories,
+            np.ones(len(truth)),
+            "world",
+            truth.stamp_s,
         )
-        _save_rows(folder / "imu" / f"{name}.csv", "stamp,wx,wy,wz,ax,ay,az", rows)
-    if wheels:
-        rows = np.concatenate([np.column_stack([w.stamps_s, w.speeds]) for w in wheels])
-        _save_rows(folder / "wheels" / f"{name}.csv", "stamp,speed", rows)
-
-
-def _write_ego_poses(folder: Path, name: str, view: SequenceView, truths: Sequence[Truth]) -> None:
-    """Write poses of the camera, in the world turned to the camera's axes."""
-    poses = [CAMERA_FROM_EGO @ t.world_from_ego @ view.ego_from_camera for t in truths]
-    stamps = [t.stamp_s for t in truths]
-    _save_text(folder / "ego_pose" / f"{name}.txt", trajectory_text("kitti", poses, stamps))
-
-
-def _write_truth(
-    folder: Path,
-    name: str,
-    view: SequenceView,
-    truths: Sequence[Truth],
-    pixels: Sequence[np.ndarray],
-) -> None:
-    """Write labels of what is visible in the image or the scan, and all truth."""
-    labels = []
-    for number, truth in enumerate(truths):
-        visible = truth.lidar_returns > 0
-        if pixels:
-            visible |= pixels[number] > 0
-        boxes = boxes_of(truth).select(visible)
-        rows = view.rows(boxes, number, truth.world_from_ego)
+        tracks = Tracks.of(boxes.select(visible), truth.ids[visible])
+        rows = self.view.rows(tracks, number, truth.world_from_ego)
         shares = dict(zip(truth.ids.tolist(), truth.occluded_fraction.tolist(), strict=True))
         hidden = np.array([shares[i] for i in rows.ids.tolist()])
-        last = np.array([view.size[0] - 1, view.size[1] - 1])
+        last = np.array(self.view.size) - 1
         cut = np.any(rows.boxes[:, :2] <= 0, axis=1) | np.any(rows.boxes[:, 2:] >= last, axis=1)
-        labels.append(
-            replace(
-                rows, occluded=np.digitize(hidden, OCCLUDED), truncated=np.asarray(cut, np.int64)
-            )
+        return replace(
+            rows, occluded=np.digitize(hidden, OCCLUDED), truncated=np.asarray(cut, np.int64)
         )
-    _save(folder / "label_02" / f"{name}.txt", lambda path: save_labels(path, labels))
-    _save_text(folder / "truth" / f"{name}.csv", _truth_text(truths))
-
-
-def _write_lidar_poses(folder: Path, name: str, carrier: Rig, truths: Sequence[Truth]) -> None:
-    """Write where the LiDAR truly was, whatever the calibration says."""
-    poses = [t.world_from_ego @ carrier.lidar.ego_from_lidar for t in truths]
-    text = trajectory_text("tum", poses, [t.stamp_s for t in truths])
-    _save_text(folder / "lidar_pose" / f"{name}.txt", text)
 
 
 def _truth_text(truths: Sequence[Truth]) -> str:
-    lines = [TRUTH_COLUMNS]
+    lines = [TRUTH_COLUMNS.replace(" ", "")]
     for number, truth in enumerate(truths):
-        for k in range(len(truth)):
-            values = (
-                *truth.centres[k],
-                *truth.sizes[k],
-                truth.yaws[k],
-                *truth.velocities[k],
-            )
+        places = np.column_stack([truth.centres, truth.sizes, truth.yaws, truth.velocities])
+        for k, values in enumerate(places.tolist()):
             category = Category(truth.categories[k]).name.lower()
-            numbers = ",".join(f"{v:.6f}" for v in values)
+            numbers = ",".join(f"{value:.6f}" for value in values)
             lines.append(
                 f"{number},{truth.stamp_s:.9f},{truth.ids[k]},{category},{numbers},"
                 f"{truth.lidar_returns[k]},{truth.occluded_fraction[k]:.6f}"
@@ -524,75 +535,27 @@ def _truth_text(truths: Sequence[Truth]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _write_detections(
-    folder: Path,
-    name: str,
-    detector: str,
-    view: SequenceView,
-    found: Sequence[Detections],
-    truths: Sequence[Truth],
-) -> None:
-    """Write a detector's boxes, each class in a file of its own."""
-    frames = [
-        view.rows(
-            Tracks.of(boxes, np.arange(len(boxes))), number, truth.world_from_ego, all_around=True
-        )
-        for number, (boxes, truth) in enumerate(zip(found, truths, strict=True))
-    ]
-    families = [[Category(c).family for c in boxes.categories] for boxes in found]
-    for family, kind in FILE_OF.items():
-        rows = []
-        for each, own in zip(frames, families, strict=True):
-            of_family = each.select(np.array([f is family for f in own], bool))
-            rows.append(replace(of_family, types=np.full(len(of_family), kind, np.int8)))
-        path = folder / detections_folder(detector) / TYPE_NAMES[kind] / f"{name}.txt"
-        _save(path, partial(_detections_to, rows))
-
-
 def detections_folder(detector: str) -> str:
     """Return the name of the folder of a detector's boxes."""
     return f"det_{re.sub(r'[^A-Za-z0-9_.-]+', '-', detector)}"
 
 
-def _detections_to(rows: Sequence[KittiObjects], path: Path) -> None:
-    save_detections(path, rows)
-
-
-def _to_file(array: np.ndarray, path: Path) -> None:
-    array.tofile(path)
-
-
-def _save(path: Path, write: Callable[[Path], Any]) -> None:
-    write_atomically(path, write)
-
-
-def _save_text(path: Path, text: str) -> None:
-    _save(path, lambda part: part.write_text(text, encoding="utf-8"))
-
-
-def _save_rows(path: Path, header: str, rows: np.ndarray) -> None:
-    lines = (",".join(f"{v:.9f}" for v in row) for row in rows.tolist())
-    _save_text(path, "\n".join([header, *lines]) + "\n")
-
-
-def _encoded(manifest: Manifest) -> str:
-    return msgspec.json.format(msgspec.json.encode(manifest), indent=1).decode() + "\n"
-
-
-def _sequence_lines(manifest: Manifest) -> Iterator[str]:
-    for s in manifest.sequences:
-        condition = manifest.episode(s, Path()).condition
-        yield f"| {s.name} | {s.scenario} | {s.seed} | {condition} | {'yes' if s.truth else 'no'} |"
+def _save_manifest(folder: Path, manifest: Manifest) -> None:
+    text = msgspec.json.format(msgspec.json.encode(manifest), indent=1).decode()
+    write_text(folder / MANIFEST, f"{text}\n")
 
 
 def _readme(manifest: Manifest) -> str:
-    found = ", ".join(detections_folder(d) for d in manifest.detections) or "none"
+    rows = []
+    for s in manifest.sequences:
+        condition, truth = manifest.episode(s, Path()).condition, "yes" if s.truth else "no"
+        rows.append(f"| {s.name} | {s.scenario} | {s.seed} | {condition} | {truth} |")
     text = resources.files("roadscope.benchmarks").joinpath("exported_readme.md")
     return text.read_text(encoding="utf-8").format(
         title=f"{manifest.suite} v{manifest.suite_version}",
         version=manifest.roadscope,
         rig=manifest.rig,
-        detections=found,
-        columns=TRUTH_COLUMNS.replace(",", ", "),
-        sequences="\n".join(_sequence_lines(manifest)),
+        detections=", ".join(map(detections_folder, manifest.detections)) or "none",
+        columns=TRUTH_COLUMNS,
+        sequences="\n".join(rows),
     )

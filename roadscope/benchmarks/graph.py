@@ -1,8 +1,8 @@
 """The graph of a run: traffic -> detections -> answers -> scores, each computed once and kept.
 
-A `Node` is a kept file, named by a hash of everything that it depends on. A `Job` scores the
-answers of one entry on one episode of a board. `run_jobs` computes what is missing: the nodes that
-jobs need, level by level, then their scores.
+A `Node` is the content of one kept file, named by a hash of everything that the content depends
+on. A `Job` is the score of one entry on one episode of a board; its answers are a node.
+`run_jobs` computes the nodes that several jobs need, sources first, and then the scores.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, kept
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint
@@ -41,19 +41,22 @@ class Node(ABC):
     """
 
     stage: ClassVar[str]
-    """What is shown while nodes of this class are computed."""
-    folder: ClassVar[str]
-    """Where in the cache folder its files are."""
+    """What progress shows while nodes of this class are computed."""
+    folder: ClassVar[str] = "answers"
+    """Folder of its files in the cache folder, a kind of `cached_files.FILE_KINDS`."""
     record: ClassVar[Any]
-    """Class of what it holds, with `save` and `load`."""
+    """Class of its content, with `save` and `load`."""
+    recomputed_if_fresh: ClassVar[bool] = True
+    """Whether a run with `--fresh` computes it although it is kept; False for what is the same
+    each time and comes from no plug-in."""
 
     @abstractmethod
     def content(self) -> Mapping[str, Any]:
-        """Return everything that the node depends on, as JSON can hold it."""
+        """Return everything that its content depends on, as JSON can hold it."""
 
     @abstractmethod
     def compute(self, options: RunOptions) -> Saved:
-        """Compute what the node holds; what a plug-in does wrong raises `PluginError`."""
+        """Compute its content; what a plug-in does wrong raises `PluginError`."""
 
     def sources(self) -> tuple[Node, ...]:
         """Return the nodes that this one is computed from."""
@@ -61,22 +64,25 @@ class Node(ABC):
 
     @cached_property
     def key(self) -> str:
-        """The hash of its content."""
+        """The hash that names its file."""
         return fingerprint(self.content())
 
     @property
     def path(self) -> Path:
-        """The kept file."""
+        """Its file."""
         return cache_dir() / self.folder / f"{self.key}.npz"
 
-    def read(self, options: RunOptions | None = None, *, anew: bool = False) -> Any:
-        """Read what is kept, or compute and keep it; anew: compute it in any case."""
-        make = partial(self.compute, options or RunOptions())
-        return kept(self.path, self.record.load, make, anew=anew)
+    def read(self, options: RunOptions | None = None, *, recompute: bool = False) -> Any:
+        """Return its content from its file, or compute it and write the file.
+
+        recompute: compute it although there is a file. Its sources are read from theirs.
+        """
+        compute = partial(self.compute, options or RunOptions())
+        return kept(self.path, self.record.load, compute, recompute=recompute)
 
 
 class Scoring(Protocol):
-    """What the graph must know of a board."""
+    """What the graph needs of a board."""
 
     name: str
 
@@ -88,13 +94,14 @@ class Scoring(Protocol):
 class Job:
     """The score of one entry on one episode.
 
-    board: what scores the answers.
-    entry: how the board calls the entry.
-    mark: which mark of the board it is, or None when it is ranked.
+    board: scores the answers.
+    entry: its name on the board.
     answers: the node of its answers.
-    inputs: whose detections it gets, in words; empty where it makes its own.
+    mark: for an entry that is shown without a rank what it is, `upper mark` or the like; None for
+        one that is ranked.
+    inputs: name of the detector whose detections it gets; empty where it gets none.
     settings: what scores depend on beside the answers, as JSON can hold it.
-    missing: what is not installed that the entry needs.
+    missing: what the entry needs and is not installed; empty if nothing.
     """
 
     board: Scoring
@@ -127,9 +134,9 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class NodeFailure:
-    """Why a node could not be computed, and what the plug-in printed.
+    """Why a node could not be computed.
 
-    worker_died: nobody knows why; the reason does not name a plug-in.
+    reason: names the plug-in, unless the worker process died. log: what the plug-in printed.
     """
 
     reason: str
@@ -139,44 +146,47 @@ class NodeFailure:
 
 def run_jobs(
     jobs: Sequence[Job],
-    take: Callable[[Job, Outcome], None],
+    on_outcome: Callable[[Job, Outcome], None],
     *,
     workers: WorkerSettings | None = None,
     options: RunOptions | None = None,
     progress: Progress = silent,
 ) -> None:
-    """Compute the scores of jobs, and what they need; `take` is called with each outcome.
+    """Compute the scores of jobs; `on_outcome` is called with each as soon as it is known.
 
-    Whatever goes wrong becomes the reason of a job's outcome. A source that failed is not run again
-    for each job that needs it. Kept files that somebody else changes meanwhile are not used.
+    What goes wrong becomes the reason of a job's outcome. A node that several jobs need is computed
+    once, also if it fails. A kept file that another program changes during the run is not used.
 
     workers: which processes compute; None: this one.
     """
     if not jobs:
         return
-    possible = [job for job in jobs if not job.missing]
+    installed = [job for job in jobs if not job.missing]
     for job in jobs:
         if job.missing:
-            take(job, Outcome({}, f"{job.entry}: {job.missing}"))
+            on_outcome(job, Outcome({}, f"{job.entry}: {job.missing}"))
     settings = workers or WorkerSettings()
     # Machines of a cluster may have files of their own under the same names.
-    files = KeptFiles(possible if settings.address is None else ())
+    files = KeptFiles(installed if settings.address is None else ())
     with open_workers(settings) as opened:
         run = _Run(files, opened, options or RunOptions(), progress)
-        failures = run.compute(_levels(possible))
-        for job in possible:
-            if failure := _failed(job.answers, failures):
-                named = f"{job.entry}: " if failure.worker_died else ""
-                take(job, Outcome({}, named + failure.reason, failure.log))
-        scored = [job for job in possible if not _failed(job.answers, failures)]
+        failures = run.compute(_shared_nodes(installed))
+        scored = []
+        for job in installed:
+            failure = _failure_of(job.answers, failures)
+            if failure is None:
+                scored.append(job)
+                continue
+            reason = f"{job.entry}: {failure.reason}" if failure.worker_died else failure.reason
+            on_outcome(job, Outcome({}, reason, failure.log))
         for board in dict.fromkeys(job.board.name for job in scored):
-            own = [job for job in scored if job.board.name == board]
-            for job, outcome in run.each(score, own, f"{board} board", on_death=_job_death):
-                take(job, outcome)
+            of_board = [job for job in scored if job.board.name == board]
+            for job, outcome in run.each(_score, of_board, f"{board} board", on_death=_job_death):
+                on_outcome(job, outcome)
 
 
 class _Run:
-    """The nodes and jobs of a run, one stage after the other."""
+    """What the workers of a run do, one stage after the other."""
 
     def __init__(
         self, files: KeptFiles, workers: Workers, options: RunOptions, progress: Progress
@@ -186,10 +196,15 @@ class _Run:
         self._computed: set[str] = set()
 
     def compute(self, levels: Sequence[Sequence[Node]]) -> Mapping[str, NodeFailure]:
-        """Compute what is missing of the nodes; return by key why some could not be."""
+        """Compute the nodes that are not kept; return the failures by the key of the node."""
         failures: dict[str, NodeFailure] = {}
         for level in levels:
-            wanted = [n for n in level if self._missing(n) and not _failed(n, failures)]
+            wanted = [
+                node
+                for node in level
+                if (self._recomputes(node) or not self._files.has(node))
+                and _failure_of(node, failures) is None
+            ]
             for stage in dict.fromkeys(node.stage for node in wanted):
                 nodes = [node for node in wanted if node.stage == stage]
                 for node, failure in self.each(_compute, nodes, stage, on_death=_node_death):
@@ -206,72 +221,68 @@ class _Run:
         *,
         on_death: Callable[[Item], R],
     ) -> Iterator[tuple[Item, R]]:
-        """Apply a function to items, in any order, and report the progress."""
+        """Apply a function to nodes or jobs in the workers; yield results as they come.
+
+        on_death: returns the result of an item during which workers died repeatedly.
+        """
         if items:
             self._progress(stage, 0, len(items))
-        work = partial(_checked, function, self._options)
-        tasks = _Tasks(items, self._task)
+        work = partial(_with_ledger, function, self._options)
+        tasks = _Tasks(items, self._task_of)
         episodes = [getattr(item, "episode", None) for item in items]
         results = self._workers.each(
             work, tasks, groups=episodes, on_death=lambda task: (on_death(task.item), Ledger())
         )
         for done, (index, (result, ledger)) in enumerate(results, start=1):
-            self._files.take(ledger)
+            self._files.update(ledger)
             yield items[index], result
             self._progress(stage, done, len(items))
 
-    def _task(self, item: Item) -> _Task[Item]:
-        node = _node_of(item)
-        anew = self._anew(node) and node.key not in self._computed
-        return _Task(item, self._files.of(node), anew)
+    def _task_of(self, item: Item) -> _Task[Item]:
+        node: Node = item.answers if isinstance(item, Job) else cast("Node", item)
+        return _Task(item, self._files.digests_for(node), self._recomputes(node))
 
-    def _missing(self, node: Node) -> bool:
-        return self._anew(node) or not self._files.has(node)
-
-    def _anew(self, node: Node) -> bool:
-        """Return whether a kept node is computed again; traffic never is: it is deterministic."""
-        return self._options.fresh and bool(node.sources())
+    def _recomputes(self, node: Node) -> bool:
+        """Return whether a node is to be computed although it is kept: once in a fresh run."""
+        fresh = self._options.fresh and node.recomputed_if_fresh
+        return fresh and node.key not in self._computed
 
 
 @dataclass(frozen=True, slots=True)
 class _Task(Generic[Item]):
     """A node or job for a worker.
 
-    digests: of the files that it reads. anew: compute the node again although it is kept.
+    digests: of the files that it reads.
+    recompute: compute the node, or the answers of the job, although they are kept.
     """
 
     item: Item
     digests: Mapping[str, str | None]
-    anew: bool
+    recompute: bool
 
 
 class _Tasks(Sequence[Any]):
-    """Items as tasks, each made when it is asked for: digests are those of that moment."""
+    """The tasks of items, each made when a worker asks for it, with the digests of that moment."""
 
-    def __init__(self, items: Sequence[Item], make: Callable[[Item], _Task[Item]]) -> None:
-        self._items, self._make = items, make
+    def __init__(self, items: Sequence[Item], task_of: Callable[[Item], _Task[Item]]) -> None:
+        self._items, self._task_of = items, task_of
 
     def __len__(self) -> int:
         return len(self._items)
 
     def __getitem__(self, index: Any) -> Any:
-        return self._make(self._items[index])
-
-
-def _node_of(item: Any) -> Node:
-    node: Node = item.answers if isinstance(item, Job) else item
-    return node
+        return self._task_of(self._items[index])
 
 
 class KeptFiles:
-    """The kept files that jobs need, by the digests that they had when the run began.
+    """The digests of the kept files that jobs need, as the run found or wrote them.
 
-    Their digests stay in this process, which no plug-in writes to: a file that has another one
-    later was changed by somebody else.
+    They stay in this process, to which no plug-in writes: a file whose digest is another one later
+    was changed by another program.
     """
 
     def __init__(self, jobs: Sequence[Job]) -> None:
-        """Read the digests of all files that there are."""
+        """Read the digests of the files that exist."""
         self._digests: dict[str, str | None] = {}
         paths = {node.path for job in jobs for node in _with_sources(job.answers)}
         for path in sorted(paths):
@@ -280,16 +291,16 @@ class KeptFiles:
                 _warn(f"{path} is damaged: it has no digest; it is made again")
 
     def has(self, node: Node) -> bool:
-        """Return whether there is a file of a node that may be used."""
+        """Return whether the file of a node exists and may be used."""
         return self._digests.get(str(node.path), "") is not None and node.path.exists()
 
-    def of(self, node: Node) -> Mapping[str, str | None]:
-        """Return the digests of the files that a node is computed from, and its own."""
+    def digests_for(self, node: Node) -> Mapping[str, str | None]:
+        """Return the digests of the node's own file and of those that it is computed from."""
         paths = {str(each.path) for each in _with_sources(node)}
         return {path: self._digests[path] for path in paths if path in self._digests}
 
-    def take(self, ledger: Ledger) -> None:
-        """Take the digests of what a task wrote, and show its warnings."""
+    def update(self, ledger: Ledger) -> None:
+        """Store the digests of the files that a task wrote, and show its warnings."""
         known = {path: d for path, d in ledger.written.items() if path in self._digests}
         self._digests.update(known)
         for note in ledger.notes:
@@ -307,22 +318,22 @@ def _warn(text: str) -> None:
     warnings.warn(text, stacklevel=2)
 
 
-def score(options: RunOptions, task: _Task[Job]) -> Outcome:
+def _score(options: RunOptions, task: _Task[Job]) -> Outcome:
     """Compute the answers of a job, unless they are kept, and score them."""
     job = task.item
     try:
-        answers = job.answers.read(options, anew=task.anew)
+        answers = job.answers.read(options, recompute=task.recompute)
     except PluginError as error:
         return Outcome({}, str(error), error.log)
     except Exception as error:
-        return Outcome({}, f"not the entry's fault: {described(error)}")
+        return Outcome({}, f"not the entry's fault: {_in_words(error)}")
     try:
         return Outcome(job.board.score(job, answers, options))
     except Exception as error:
-        return Outcome({}, f"not the entry's fault: {described(error)}")
+        return Outcome({}, f"not the entry's fault: {_in_words(error)}")
 
 
-def described(error: BaseException) -> str:
+def _in_words(error: BaseException) -> str:
     """Return in one line what was raised and at which line."""
     import traceback
 
@@ -331,46 +342,50 @@ def described(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
 
 
-def _levels(jobs: Sequence[Job]) -> list[list[Node]]:
-    """Return the nodes that others are computed from, those without sources first.
+def _shared_nodes(jobs: Sequence[Job]) -> list[list[Node]]:
+    """Return the nodes that are computed before the jobs, in levels: sources before dependents.
 
-    The answers of a job that nobody else needs are computed with its score.
+    These are the sources of nodes, and the answers that several jobs score. The answers of a single
+    job are computed with its score.
     """
     shared: dict[str, Node] = {}
     depths: dict[str, int] = {}
 
-    def visit(node: Node) -> int:
+    def depth_of(node: Node) -> int:
         if node.key not in depths:
-            for source in node.sources():
-                shared.setdefault(source.key, source)
-            depths[node.key] = 1 + max((visit(s) for s in node.sources()), default=-1)
+            sources = node.sources()
+            shared.update((source.key, source) for source in sources)
+            depths[node.key] = 1 + max(map(depth_of, sources), default=-1)
         return depths[node.key]
 
+    scored: set[str] = set()
     for job in jobs:
-        visit(job.answers)
-    levels: list[list[Node]] = [[] for _ in range(1 + max(depths.values(), default=-1))]
+        depth_of(job.answers)
+        if job.answers.key in scored:
+            shared[job.answers.key] = job.answers
+        scored.add(job.answers.key)
+    levels: dict[int, list[Node]] = {}
     for key, node in shared.items():
-        levels[depths[key]].append(node)
-    return [level for level in levels if level]
+        levels.setdefault(depths[key], []).append(node)
+    return [levels[depth] for depth in sorted(levels)]
 
 
-def _failed(node: Node, failures: Mapping[str, NodeFailure]) -> NodeFailure | None:
-    """Return why a node or one of its sources could not be computed."""
+def _failure_of(node: Node, failures: Mapping[str, NodeFailure]) -> NodeFailure | None:
+    """Return why a node or one of its sources could not be computed; None if nothing failed."""
     if not failures:
         return None
-    if own := failures.get(node.key):
-        return own
-    return next((f for source in node.sources() if (f := _failed(source, failures))), None)
+    every = (failures.get(each.key) for each in _with_sources(node))
+    return next(filter(None, every), None)
 
 
 def _compute(options: RunOptions, task: _Task[Node]) -> NodeFailure | None:
     """Compute and keep a node."""
     try:
-        task.item.read(options, anew=task.anew)
+        task.item.read(options, recompute=task.recompute)
     except PluginError as error:
         return NodeFailure(str(error), error.log)
     except Exception as error:
-        return NodeFailure(f"not the entry's fault: {described(error)}")
+        return NodeFailure(f"not the entry's fault: {_in_words(error)}")
     return None
 
 
@@ -386,10 +401,10 @@ def _job_death(job: Job) -> Outcome:
     return Outcome({}, f"{job.entry}: {reason}")
 
 
-def _checked(
+def _with_ledger(
     function: Callable[[RunOptions, _Task[Item]], R], options: RunOptions, task: _Task[Item]
 ) -> tuple[R, Ledger]:
-    """Apply a function in a worker; return what it wrote and what was wrong with files too."""
+    """Apply a function in a worker; return its result, and what it wrote and warned of."""
     with checked_by(Ledger(task.digests)) as ledger, probed_in_sandbox(options.sandbox):
         result = function(options, task)
     return result, Ledger(written=ledger.written, notes=ledger.notes)

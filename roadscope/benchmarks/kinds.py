@@ -1,4 +1,4 @@
-"""The five kinds of plug-in: where their names are, what is called, and how an entry is told."""
+"""The kinds of plug-in: where their names are, what is called, and how an entry's kind is known."""
 
 from __future__ import annotations
 
@@ -52,19 +52,20 @@ _IMITATIONS = ((CAMERA_DETECTOR, CAMERA_NOISES), (ODOMETRY, ODOMETRY_NOISES))
 
 
 def entry_kind(spec: Spec, possible: Sequence[Kind] = tuple(KINDS.values())) -> Kind:
-    """Return the kind of an entry.
+    """Return the kind of an entry, one of `KINDS` or of those that are possible.
 
     A registered name has the kind of its registry, a noise model that of what it imitates. A
     class has the kind that it declares by an attribute `kind`, or else the only one among the
     possible kinds whose method it has.
 
-    possible: the kinds of the boards that are asked for.
+    possible: the kinds of the boards that are asked for; a board may bring one of its own.
     """
+    known = {kind.name: kind for kind in (*KINDS.values(), *possible)}
     if spec.is_class:
-        return _kind_of_class(spec, possible)
+        return _kind_of_class(spec, possible, known)
     if spec.name == ORACLE and "odometry" in spec.parts:
         return ODOMETRY
-    for kind in KINDS.values():
+    for kind in known.values():
         if spec.name in kind.registry:
             return kind
     for kind, noises in _IMITATIONS:
@@ -78,12 +79,12 @@ def entry_kind(spec: Spec, possible: Sequence[Kind] = tuple(KINDS.values())) -> 
     )
 
 
-def _kind_of_class(spec: Spec, possible: Sequence[Kind]) -> Kind:
+def _kind_of_class(spec: Spec, possible: Sequence[Kind], known: Mapping[str, Kind]) -> Kind:
     traits = traits_of(spec)
     if traits.kind:
-        if traits.kind not in KINDS:
-            raise SpecError(f"'{spec}': {unknown('kind', traits.kind, KINDS)}")
-        return KINDS[traits.kind]
+        if traits.kind not in known:
+            raise SpecError(f"'{spec}': {unknown('kind', traits.kind, known)}")
+        return known[traits.kind]
     fitting = [kind for kind in possible if kind.method in traits.methods]
     if len(fitting) == 1:
         return fitting[0]

@@ -13,7 +13,7 @@ from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
 from roadscope.benchmarks.recorded.mot import MOT
 from roadscope.benchmarks.recorded.suite import KITTI, recorded_table
 from roadscope.benchmarks.references import CLUSTER_BOXES
-from roadscope.benchmarks.suite import SUITES, load_suite
+from roadscope.benchmarks.suite_files import SUITES, load_suite
 from roadscope.core import Registry, SpecError
 from roadscope.core.names import unknown
 from roadscope.core.spec import FUSED, ORACLE
@@ -178,6 +178,15 @@ def _each(things: Mapping[str, T], describe: Callable[[T], str]) -> list[tuple[s
     return [(name, describe(thing)) for name, thing in things.items()]
 
 
+def _boards() -> list[tuple[str, str]]:
+    from roadscope.benchmarks.boards import BOARDS
+
+    return [
+        (name, f"{board.summary} Broken down by {', '.join(each.by for each in board.breakdowns)}.")
+        for name, board in BOARDS.items()
+    ]
+
+
 KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "detectors": _detectors,
     "stages": _stages,
@@ -185,6 +194,7 @@ KINDS: Mapping[str, Callable[[], list[tuple[str, str]]]] = {
     "fusions": _fusions,
     "trackers": _trackers,
     "odometries": _odometries,
+    "boards": _boards,
     "scenarios": _scenarios,
     "suites": _suites,
     "rigs": _rigs,

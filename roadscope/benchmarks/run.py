@@ -9,25 +9,25 @@ from pathlib import Path
 from typing import Any
 
 from roadscope.benchmarks.boards import Board, board_named, chosen_boards
-from roadscope.benchmarks.boards.board import BoardSetting
-from roadscope.benchmarks.boards.recorded import RecordedNode
+from roadscope.benchmarks.boards.board import JobOptions
 from roadscope.benchmarks.cache import cache_dir, usable_folder
 from roadscope.benchmarks.graph import Job, run_jobs
 from roadscope.benchmarks.isolation import Limits, probed_in_sandbox
 from roadscope.benchmarks.kinds import entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.manifest import manifest
-from roadscope.benchmarks.nodes.tracks import TrackNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.mot import mot_suite
-from roadscope.benchmarks.recorded.suite import RecordedSuite, kitti_suite
+from roadscope.benchmarks.recorded.recording import Recording
+from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.export import save_all
 from roadscope.benchmarks.report.kept import check_targets, label_of
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.results.agreement import BoardAgreement, agreement
 from roadscope.benchmarks.results.results import condition_of
 from roadscope.benchmarks.store import Outcome, Store, StoredJob, StoreError
-from roadscope.benchmarks.suite import SUITES, Suite, SuiteError, check_names, load_suite
+from roadscope.benchmarks.suite import Suite, SuiteError, check_names
+from roadscope.benchmarks.suite_files import SUITES, load_suite
 from roadscope.benchmarks.workers import WorkerSettings
 from roadscope.core import Spec, SpecError
 
@@ -40,10 +40,15 @@ class RunError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class RunPlan:
-    """What a run computes: the jobs of its boards."""
+    """What a run computes: the jobs of its boards.
+
+    boards: those that the suite or the user has entries for.
+    entries: what each board ranks, by the board's name.
+    """
 
     suite: Suite
     boards: tuple[Board, ...]
+    entries: Mapping[str, Sequence[Spec]]
     jobs: tuple[Job, ...]
 
 
@@ -71,10 +76,8 @@ def leaderboard(
     """Run a suite's entries and yours, and return the leaderboard.
 
     suite: a suite, its name or a path to its TOML file.
-    entries: specs of detectors, trackers, camera detectors, fusions and odometries to compare
-        with the suite's own; with `only`, they alone.
-    boards: some of `detection`, `tracking`, `camera`, `fusion`, `odometry`; None: all that the
-        suite has entries for.
+    entries: specs of plug-ins to compare with the suite's own; with `only`, they alone.
+    boards: names of boards (`roadscope list boards`); None: all that the suite has entries for.
     jobs: worker processes; with an address, 0 stands for one for each core of the cluster.
     out_dir: where results are kept (`results.sqlite`) and `leaderboard.json`, `.csv`, `.md`
         and `.tex` are written; None keeps results in the cache folder and writes no board. Boards
@@ -83,7 +86,7 @@ def leaderboard(
     kitti: a folder of KITTI tracking data, whose sequences take the place of the suite's traffic
         (`kitti_suite`); a malformed file in it raises `FormatError` before anything is run.
     mot: likewise a folder of MOTChallenge's image sequences (`mot_suite`).
-    calibration: a file of `roadscope calibrate`, which the fusion board believes.
+    calibration: a file of `roadscope calibrate`, which plug-ins of some boards believe.
     deadline_s: seconds for a plug-in that is not ours on one episode, in a process of its own;
         None: as `limits` says, 300 s if it is left out.
     limits: what else such a plug-in may use.
@@ -127,9 +130,7 @@ def leaderboard(
     with Store(folder / DATABASE) as store:
         outcomes = _outcomes(store, made, conditions, workers, options, progress or silent)
         results = gather(made.jobs, outcomes, conditions)
-        if isinstance(made.suite, RecordedSuite):
-            compared = agreements(results, made, store.outcomes)
-            results = replace(results, agreements=compared)
+        results = replace(results, agreements=agreements(results, made, store.outcomes))
     if out_dir is not None:
         save_all(results, folder)
     return results
@@ -150,32 +151,33 @@ def plan(
     if only and not entries:
         raise SpecError("--only needs at least one --entry")
     chosen = chosen_boards(suite, boards)
-    recorded = isinstance(suite, RecordedSuite)
-    if not recorded:
+    if not suite.recorded:
         _check(suite, "", check_names, suite)
-    by_board = _by_board([Spec.parse(text) for text in entries], chosen, recorded)
+    given = _by_board([Spec.parse(text) for text in entries], chosen)
+    ranked: dict[str, list[Spec]] = {}
     jobs: list[Job] = []
+    options = JobOptions(marks=not only, calibration=calibration)
     for board in chosen:
-        if not recorded:
+        if not suite.recorded:
             for key, check, argument in board.suite_checks(suite):
                 _check(suite, key, check, argument)
-        own = [board.check_entry(spec) for spec in by_board[board.name]]
+        own = [board.check_entry(spec) for spec in given[board.name]]
         suites = (
             [] if only else [board.check_entry(Spec.parse(t)) for t in board.suite_entries(suite)]
         )
         if specs := list(dict.fromkeys([*suites, *own])):
-            setting = BoardSetting(marks=not only, calibration=calibration)
-            jobs += board.jobs(suite, specs, setting=setting)
+            ranked[board.name] = specs
+            jobs += board.jobs(suite, specs, options)
     if not jobs:
         names = ", ".join(board.name for board in chosen)
         raise SpecError(f"suite {suite.title} has nothing to run on: {names}")
-    return RunPlan(suite, tuple(chosen), tuple(jobs))
+    used = [board for board in chosen if board.name in ranked or board.suite_entries(suite)]
+    return RunPlan(suite, tuple(used), ranked, tuple(jobs))
 
 
 def read_recordings(made: RunPlan) -> None:
     """Read all recordings of a plan; a malformed file raises `FormatError`."""
-    nodes = [job.answers.detections for job in made.jobs if isinstance(job.answers, TrackNode)]
-    recordings = (node.recording for node in nodes if isinstance(node, RecordedNode))
+    recordings = (job.episode for job in made.jobs if isinstance(job.episode, Recording))
     for recording in dict.fromkeys(recordings):
         recording.check()
 
@@ -185,47 +187,46 @@ def agreements(
     made: RunPlan,
     outcomes: Callable[[Iterable[str]], Mapping[str, Outcome]],
 ) -> tuple[BoardAgreement, ...]:
-    """Compare ranks on recorded data with those of every suite that was run on the same trackers.
+    """Compare ranks on recorded data with those of every suite that was run on the same entries.
 
     outcomes: looks up by key what earlier runs found. Only what they finished is compared, under
     the code as it is now; nothing is run for it.
     """
-    trackers = {
-        str(job.answers.tracker): job.answers.tracker
-        for job in made.jobs
-        if isinstance(job.answers, TrackNode)
-    }
+    comparable = [board for board in made.boards if board.compared_with]
+    specs = list(dict.fromkeys(spec for b in comparable for spec in made.entries.get(b.name, ())))
     compared = []
-    for name in SUITES:
-        suite = load_suite(name)
-        if not suite.public_detectors:
-            continue
-        simulated = _simulated_figures(suite, list(trackers.values()), outcomes)
-        for board in results.boards():
-            recorded = _headline_figures(results, board, list(trackers))
-            if match := agreement(simulated, recorded):
-                compared.append(BoardAgreement(board, suite.title, match.rho, match.entries))
+    for suite in map(load_suite, SUITES if comparable else ()):
+        for name in dict.fromkeys(board.compared_with for board in comparable):
+            figures = _figures_of_earlier_runs(board_named(name), suite, specs, outcomes)
+            for board in (board for board in comparable if board.compared_with == name):
+                recorded = _headline_figures(results, board, list(map(str, specs)))
+                if match := agreement(figures, recorded):
+                    compared.append(
+                        BoardAgreement(board.name, suite.title, match.rho, match.entries)
+                    )
     return tuple(compared)
 
 
-def _simulated_figures(
+def _figures_of_earlier_runs(
+    board: Board,
     suite: Suite,
-    trackers: Sequence[Spec],
+    specs: Sequence[Spec],
     outcomes: Callable[[Iterable[str]], Mapping[str, Outcome]],
 ) -> dict[str, float]:
-    """Return the headline metric on a suite of the trackers that finished all of it."""
-    names = [str(tracker) for tracker in trackers]
-    jobs = board_named("tracking").jobs(suite, trackers, setting=BoardSetting(marks=False))
+    """Return the headline metric on a suite of the entries that finished all of it."""
+    if not board.suite_entries(suite):
+        return {}
+    names = [str(spec) for spec in specs]
+    jobs = board.jobs(suite, specs, JobOptions(marks=False))
     jobs = [job for job in jobs if job.entry in names]
     known = outcomes([job.key for job in jobs])
     missing = {j.entry for j in jobs if j.key not in known or known[j.key].reason is not None}
     done = [job for job in jobs if job.entry not in missing]
-    return _headline_figures(gather(done, known, {}), "tracking", names)
+    return _headline_figures(gather(done, known, {}), board, names)
 
 
-def _headline_figures(results: Results, board: str, entries: Sequence[str]) -> dict[str, float]:
-    headline = board_named(board).headline
-    rows = {entry: results.row(board, entry, headline) for entry in entries}
+def _headline_figures(results: Results, board: Board, entries: Sequence[str]) -> dict[str, float]:
+    rows = {entry: results.row(board.name, entry, board.headline) for entry in entries}
     return {e: row.value for e, row in rows.items() if row is not None and row.value is not None}
 
 
@@ -246,9 +247,7 @@ def _suite(suite: Suite | str, kitti: Path | str | None, mot: Path | str | None)
     return load_suite(suite) if isinstance(suite, str) else suite
 
 
-def _by_board(
-    specs: Sequence[Spec], boards: Sequence[Board], recorded: bool
-) -> dict[str, list[Spec]]:
+def _by_board(specs: Sequence[Spec], boards: Sequence[Board]) -> dict[str, list[Spec]]:
     """Return the entries of each board; one that no board of the run ranks is refused."""
     by_board: dict[str, list[Spec]] = {board.name: [] for board in boards}
     possible = list(dict.fromkeys(board.kind.name for board in boards))
@@ -280,7 +279,7 @@ def _outcomes(
     # Failures are tried again.
     done = {key: outcome for key, outcome in known.items() if outcome.reason is None}
 
-    def take(job: Job, outcome: Outcome) -> None:
+    def write(job: Job, outcome: Outcome) -> None:
         episode = job.episode
         row = StoredJob(
             job.key,
@@ -301,7 +300,7 @@ def _outcomes(
     wanted = {job.key: job for job in made.jobs if job.key not in done}
     if wanted:
         read_recordings(made)
-    run_jobs(list(wanted.values()), take, workers=workers, options=options, progress=progress)
+    run_jobs(list(wanted.values()), write, workers=workers, options=options, progress=progress)
     if unkept:
         # Somebody damaged the file while the run went on; the board is made from memory.
         warnings.warn(f"{len(unkept)} results are not kept: {unkept[0]}", stacklevel=3)

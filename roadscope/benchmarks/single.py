@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,15 @@ class Summary:
     detection: Mapping[str, Score]
     tracking: Mapping[str, Score]
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the episode and its scores as a dictionary that JSON can hold."""
+        return {
+            "episode": asdict(self.episode),
+            "frames": len(self.tracks),
+            "detection": {name: score.to_json() for name, score in self.detection.items()},
+            "tracking": {name: score.to_json() for name, score in self.tracking.items()},
+        }
+
 
 def run_episode(
     episode: Episode,
@@ -62,9 +72,9 @@ def run_episode(
     options: how plug-ins that are not ours are run. What they do wrong raises `PluginError`.
     """
     source = check_detection_source(detector)
-    following = check_plugin_spec(Spec.parse(tracker), TRACKER)
-    if following.ego is not None:
-        check_ego(following.ego)
+    tracker_spec = check_plugin_spec(Spec.parse(tracker), TRACKER)
+    if tracker_spec.ego is not None:
+        check_ego(tracker_spec.ego)
     check_episode(episode)
     rule = Eligibility() if eligibility is None else eligibility
     options = options or RunOptions()
@@ -77,13 +87,15 @@ def run_episode(
     assert isinstance(detections, EpisodeDetections)
     report("detection", 1, 1)
     report("tracking", 0, 1)
-    node = track_node(following, detector, episode, rule)
+    node = track_node(tracker_spec, detector, episode, rule)
     poses = None
     if node.ego is not None:
         stamps_s = [truth.stamp_s for truth in detections.truths]
         poses = start_from_ego(node.ego.compute(options), episode, stamps_s)
     no_poses = [None] * len(detections.truths)
-    answers = track(following, detections, poses=poses if node.posed else no_poses, options=options)
+    answers = track(
+        tracker_spec, detections, poses=poses if node.posed else no_poses, options=options
+    )
     report("tracking", 1, 1)
     return Summary(
         episode,

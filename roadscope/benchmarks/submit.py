@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from roadscope.benchmarks.boards.board import CONDITIONS
+from roadscope.benchmarks.boards.detection import detection_parts, detection_scores
 from roadscope.benchmarks.compare import check_comparable, read_run
-from roadscope.benchmarks.episode import sensed, sensing_of
+from roadscope.benchmarks.episode import Episode, sensed, sensing_of
 from roadscope.benchmarks.export_suite import (
     ExportedSequence,
     Manifest,
@@ -27,12 +28,10 @@ from roadscope.benchmarks.formats.kitti_objects import (
     KittiObjects,
     KittiType,
     read_labels,
+    read_objects,
 )
-from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
-from roadscope.benchmarks.formats.mot_rules import THRESHOLD, distractors_of, mot_judged
-from roadscope.benchmarks.formats.motchallenge import by_frame, read_mot, read_mot_sequence
-from roadscope.benchmarks.formats.table import FormatError, read_lines
-from roadscope.benchmarks.formats.trajectories import TrajectoryFormat, read_trajectory
+from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.trajectories import read_any_trajectory
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.odometry import (
     Trajectories,
@@ -43,18 +42,17 @@ from roadscope.benchmarks.metrics.odometry import (
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.metrics.tracking.alphas import score_alphas
-from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.progress import Progress, silent
-from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
-from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
+from roadscope.benchmarks.recorded.combined import SUFFIXES
 from roadscope.benchmarks.recorded.mot import MOT, MotRecording, mot_suite
-from roadscope.benchmarks.recorded.recording import Recording
+from roadscope.benchmarks.recorded.recording import Recording, recordings_of
+from roadscope.benchmarks.recorded.result_files import kitti_result_scores, score_mot_results
 from roadscope.benchmarks.recorded.suite import KITTI
+from roadscope.benchmarks.records import CallTimes, EpisodeDetections
 from roadscope.benchmarks.results import JobScores, Results, results_of
 from roadscope.core import Category, Detections, Pose, Tracks, Truth
 
-TRACKING, ODOMETRY = "tracking", "odometry"
 OWN = "own detections"
 """What a submitted tracker is said to follow where nothing else is said."""
 STATELESS = (
@@ -76,10 +74,10 @@ CATEGORY_OF = {
     KittiType.PERSON: Category.PEDESTRIAN,
     KittiType.CYCLIST: Category.CYCLIST,
 }
-NEAR = 0.25
-"""A pose is of a scan whose stamp it is this near to, in periods. Chosen by hand."""
 AHEAD_M = 10.0
 """Nobody drives so far along an axis that points upwards and less along the others."""
+NEAR = 0.25
+"""A pose is of a scan whose stamp it is this near to, in periods. Chosen by hand."""
 
 
 class SubmitError(ValueError):
@@ -115,6 +113,8 @@ class Submission:
         """
         run, own = read_run(results), read_run(self)
         check_comparable(run, own)
+        if self.name in run.entries():
+            raise SubmitError(f"{run.label} has an entry {self.name} already; choose another name")
         jobs = [job for job in run.jobs if job.board in self.boards()]
         return results_of([*jobs, *self.episodes], run.manifest)
 
@@ -127,36 +127,51 @@ def submit(
     inputs: str = OWN,
     progress: Progress = silent,
 ) -> Submission:
-    """Score results on an exported suite: `tracking/SEQ.txt` and `odometry/SEQ.txt`.
+    """Score results on an exported suite: of detectors, trackers and odometries.
 
     folder: where the results lie. suite: the exported folder; the same if left out.
     name: of the entry; the folder's if left out.
     inputs: whose detections were tracked, as the suite calls it.
 
-    Tracks are KITTI results with 3-D boxes in the camera frame of `calib`. Poses are the LiDAR's, x
-    ahead, 12 numbers a line as KITTI has them, a line for each scan, or TUM's with stamps. The
-    truth is made again from the suite's seeds. A sequence without a file counts as failed; a
-    malformed file raises `FormatError`.
+    `detection/SEQ/FRAME.txt` are KITTI object results, a file for each scan, named like its
+    `velodyne` file. `tracking/SEQ.txt` are KITTI tracking results. Boxes are 3-D, in the camera
+    frame of `calib`. `odometry/SEQ.txt` are poses of the LiDAR, x ahead, 12 numbers a line as KITTI
+    has them, a line for each scan, or TUM's with stamps. The truth is made again from the suite's
+    seeds. A sequence without a file counts as failed; a malformed file raises `FormatError`.
     """
     place, exported = Path(folder), Path(folder if suite is None else suite)
     _check_folder(place)
     manifest = read_manifest(exported)
-    boards = [board for board in (TRACKING, ODOMETRY) if (place / board).is_dir()]
+    boards = [board for board in BOARDS.values() if (place / board.name).is_dir()]
     if not boards:
-        raise SubmitError(f"{place}: expected tracking/SEQ.txt or odometry/SEQ.txt, got neither")
+        wanted = " or ".join(f"{board.name}/SEQ{board.ending}" for board in BOARDS.values())
+        raise SubmitError(f"{place}: expected {wanted}, got none of them")
     for board in boards:
-        _check_names(place / board, [s.name for s in manifest.sequences])
+        _check_names(place / board.name, [s.name for s in manifest.sequences], board.ending)
     episodes = []
     for number, sequence in enumerate(manifest.sequences):
         progress("sequences", number, len(manifest.sequences))
-        episodes += _on_sequence(place, exported, manifest, sequence, boards, inputs)
+        files = {b: place / b.name / f"{sequence.name}{b.ending}" for b in boards}
+        given = any(path.exists() for path in files.values())
+        true = _true_sequence(manifest, sequence, exported) if given else None
+        episode = manifest.episode(sequence, exported)
+        for board, path in files.items():
+            scores = board.score(path, true) if true is not None and path.exists() else None
+            job = JobScores(
+                board.name,
+                "",
+                sequence.scenario,
+                sequence.seed,
+                episode.condition,
+                inputs if board.follows else "",
+                scores or {},
+                None if scores is not None else f"no result file {path.relative_to(place)}",
+                conditions={by: of(episode) for by, of in CONDITIONS.items()},
+            )
+            episodes.append(job)
     progress("sequences", len(manifest.sequences), len(manifest.sequences))
-    about = {
-        "suite": manifest.suite,
-        "suite_version": manifest.suite_version,
-        "metric_version": METRIC_VERSION,
-    }
-    return _submission(name or place.resolve().name, about, episodes)
+    about = {"suite": manifest.suite, "suite_version": manifest.suite_version}
+    return _submission(name, place, about, episodes)
 
 
 def submit_kitti(folder: Path | str, kitti: Path | str, *, name: str | None = None) -> Submission:
@@ -175,6 +190,7 @@ def submit_kitti(folder: Path | str, kitti: Path | str, *, name: str | None = No
         if (place / f"{sequence}.txt").is_file()
     }
     solid = all(bool(rows.solid.all()) for rows in results.values())
+    similarities = list(SUFFIXES) if solid else ["iou_2d"]
     kinds = [
         c for c, kind in TYPE_OF.items() if any((r.types == kind).any() for r in labels.values())
     ]
@@ -182,36 +198,35 @@ def submit_kitti(folder: Path | str, kitti: Path | str, *, name: str | None = No
     for category in kinds:
         for number, sequence in enumerate(sequences):
             about = Recording(str(files.root), sequence, category.name.lower(), "", number)
-            given = results.get(sequence)
-            scores = (
-                {} if given is None else _kitti_scores(labels[sequence], given, category, solid)
-            )
-            episodes.append(_recorded(about, scores, given is None))
-    return _submission(
-        name or place.resolve().name, {"suite": KITTI, "metric_version": METRIC_VERSION}, episodes
-    )
+            scores = None
+            if sequence in results:
+                told = results[sequence]
+                scores = kitti_result_scores(labels[sequence], told, category, similarities)
+            episodes.append(_recorded(about, scores))
+    return _submission(name, place, {"suite": KITTI}, episodes)
 
 
 def submit_mot(folder: Path | str, mot: Path | str, *, name: str | None = None) -> Submission:
     """Score MOTChallenge results, `SEQ.txt`, against a folder of MOTChallenge data."""
     place = Path(folder)
     _check_folder(place)
-    recordings = [r for r in mot_suite(mot).recordings if isinstance(r, MotRecording)]
+    recordings = [r for r in recordings_of(mot_suite(mot)) if isinstance(r, MotRecording)]
     _check_names(place, [r.sequence for r in recordings])
     episodes = []
     for recording in recordings:
-        path = place / f"{recording.sequence}.txt"
-        scores = _mot_scores(recording, path) if path.is_file() else {}
-        episodes.append(_recorded(recording, scores, not path.is_file()))
-    return _submission(
-        name or place.resolve().name, {"suite": MOT, "metric_version": METRIC_VERSION}, episodes
-    )
+        path, scores = place / f"{recording.sequence}.txt", None
+        if path.is_file():
+            scores = score_mot_results(Path(recording.folder) / recording.sequence, path)
+        episodes.append(_recorded(recording, scores))
+    return _submission(name, place, {"suite": MOT}, episodes)
 
 
 def _submission(
-    name: str, manifest: Mapping[str, Any], episodes: Sequence[JobScores]
+    name: str | None, folder: Path, suite: Mapping[str, Any], episodes: Sequence[JobScores]
 ) -> Submission:
-    return Submission(name, manifest, tuple(replace(each, entry=name) for each in episodes))
+    entry = name or folder.resolve().name
+    manifest = {**suite, "metric_version": METRIC_VERSION}
+    return Submission(entry, manifest, tuple(replace(each, entry=entry) for each in episodes))
 
 
 def _check_folder(folder: Path) -> None:
@@ -219,23 +234,18 @@ def _check_folder(folder: Path) -> None:
         raise SubmitError(f"no folder {folder}")
 
 
-def _check_names(folder: Path, known: Sequence[str]) -> None:
-    """Refuse a folder without any file of a sequence, and files of sequences that do not exist."""
-    there = sorted(path.stem for path in folder.glob("*.txt"))
+def _check_names(folder: Path, known: Sequence[str], ending: str = ".txt") -> None:
+    """Refuse a folder without any result of a sequence, and results of unknown sequences."""
+    there = sorted(path.name.removesuffix(ending) for path in folder.glob(f"[!.]*{ending}"))
     wrong = [name for name in there if name not in known]
     if not there or wrong:
-        got = f"{wrong[0]}.txt" if wrong else "none"
-        shown = ", ".join(known[:5]) + (", ..." if len(known) > 5 else "")
-        raise SubmitError(f"{folder}: expected SEQ.txt of sequences {shown}; got {got}")
+        got = f"{wrong[0]}{ending}" if wrong else "none"
+        names = [f"{name}{ending}" for name in known]
+        shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+        raise SubmitError(f"{folder}: expected results {shown}; got {got}")
 
 
-def _missing(path: str) -> str:
-    return f"no result file {path}"
-
-
-def _recorded(about: Recording, scores: Mapping[str, Score], missing: bool) -> JobScores:
-    reason = _missing(f"{about.sequence}.txt") if missing else None
-    conditions = {"sequence": about.sequence}
+def _recorded(about: Recording, scores: Mapping[str, Score] | None) -> JobScores:
     return JobScores(
         about.board,
         "",
@@ -243,145 +253,138 @@ def _recorded(about: Recording, scores: Mapping[str, Score], missing: bool) -> J
         about.seed,
         about.condition,
         "",
-        scores,
-        reason,
-        conditions=conditions,
+        scores or {},
+        f"no result file {about.sequence}.txt" if scores is None else None,
+        conditions={"sequence": about.sequence},
     )
 
 
-def _kitti_scores(
-    labels: KittiObjects, results: KittiObjects, category: Category, solid: bool
-) -> dict[str, Score]:
-    count = 1 + max(int(rows.frames.max(initial=-1)) for rows in (labels, results))
-    scores: dict[str, Score] = {}
-    for similarity, suffix in SUFFIXES.items() if solid else [("iou_2d", "")]:
-        counted = judged(
-            labels.by_frame(count), results.by_frame(count), TYPE_OF[category], similarity
-        )
-        found = sequence_scores(counted, SIMILARITIES[similarity].threshold)
-        scores |= {f"{metric}{suffix}": score for metric, score in found.items()}
-        scores |= alpha_parts(hota(counted), suffix)
-    return scores
+class TrueSequence(NamedTuple):
+    """What results on a sequence of an exported suite are scored by."""
+
+    manifest: Manifest
+    sequence: ExportedSequence
+    episode: Episode
+    truths: Sequence[Truth]
+    view: SequenceView
+    ego_from_lidar: Pose
 
 
-def _mot_scores(recording: MotRecording, path: Path) -> dict[str, Score]:
-    known = read_mot_sequence(Path(recording.folder) / recording.sequence)
-    assert known.truth is not None
-    count = len(known.truth)
-    rows = read_mot(path, end=(count, f"the last of the sequence {recording.sequence}"))
-    counted = mot_judged(known.truth, by_frame(rows, count), distractors_of(known.name))
-    return sequence_scores(counted, THRESHOLD) | alpha_parts(hota(counted))
-
-
-def _on_sequence(
-    folder: Path,
-    exported: Path,
-    manifest: Manifest,
-    sequence: ExportedSequence,
-    boards: Sequence[str],
-    inputs: str,
-) -> list[JobScores]:
-    """Score the results of one sequence on each board."""
+def _true_sequence(manifest: Manifest, sequence: ExportedSequence, exported: Path) -> TrueSequence:
+    """Make the truth of a sequence again; other truth than was exported is refused."""
     from roadscope.envs.sensors.rigs import rig
 
-    episode = manifest.episode(sequence, exported)
-    files = {board: folder / board / f"{sequence.name}.txt" for board in boards}
-    if any(path.is_file() for path in files.values()):
-        truths, carrier = _truth(manifest, sequence, exported), rig(episode.rig)
-        view = SequenceView.of(carrier, sensing_of(episode).calibration)
-        mount = carrier.lidar.ego_from_lidar
-    found = []
-    for board, path in files.items():
-        scores: Mapping[str, Score] = {}
-        if path.is_file() and board == TRACKING:
-            tracks = read_tracks(path, view, truths)
-            parked = parked_among(episode, truths)
-            pairings = manifest.eligibility.pairings(tracks, truths, parked)
-            every = score_tracks(tracks, truths, pairings).named()
-            scores = {k: v for k, v in every.items() if k not in STATELESS}
-            scores = {**scores, **score_alphas(tracks, truths, pairings)}
-        elif path.is_file():
-            scores = _odometry_scores(path, manifest, sequence, truths, mount)
-        found.append(
-            JobScores(
-                board,
-                "",
-                sequence.scenario,
-                sequence.seed,
-                episode.condition,
-                inputs if board == TRACKING else "",
-                scores,
-                None if path.is_file() else _missing(f"{board}/{path.name}"),
-                conditions={by: of(episode) for by, of in CONDITIONS.items()},
-            )
-        )
-    return found
-
-
-def _truth(manifest: Manifest, sequence: ExportedSequence, exported: Path) -> list[Truth]:
-    """Make the truth of a sequence again; other truth than was exported is refused."""
     if not sequence.digest:
         raise SubmitError(
             f"{exported}: sequence {sequence.name} is not written: export the suite to its end"
         )
-    truths = [truth for _, truth in sensed(manifest.episode(sequence, exported))]
+    episode = manifest.episode(sequence, exported)
+    truths = [truth for _, truth in sensed(episode)]
     if digest_of(truths) != sequence.digest:
         raise SubmitError(
             f"{exported}: sequence {sequence.name} has other traffic than this version of "
             f"roadscope makes; {manifest.roadscope} exported it: export the suite again"
         )
-    return truths
+    carrier = rig(episode.rig)
+    view = SequenceView.of(carrier, sensing_of(episode).calibration)
+    return TrueSequence(manifest, sequence, episode, truths, view, carrier.lidar.ego_from_lidar)
 
 
-def read_tracks(path: Path, view: SequenceView, truths: Sequence[Truth]) -> list[Tracks]:
-    """Read KITTI results as tracks, world frame, one record a frame.
-
-    Scores beyond 0 to 1 are mapped by the logistic function, all of them.
-    """
-    rows = read_labels(path, results=True)
-    rows = rows.select(rows.types != KittiType.DONT_CARE)
-    last = int(rows.frames.max(initial=-1))
-    if last >= len(truths):
-        raise FormatError(f"{path}: expected frames 0 to {len(truths) - 1}, got {last}")
-    if not rows.solid.all():
-        raise FormatError(f"{path}: expected 3-D boxes in the camera frame, got a row without")
-    if (rows.ids < 0).any():
-        raise FormatError(f"{path}: expected ids from 0 on, got {int(rows.ids.min())}")
-    shares = bool(((rows.scores >= 0) & (rows.scores <= 1)).all())
-    tracks = []
-    for each, truth in zip(rows.by_frame(len(truths)), truths, strict=True):
-        boxes = detections_of(each, Category.CAR, truth.stamp_s, shares)
-        boxes = _with_categories(boxes, each)
-        pose = view.turned(truth.world_from_ego)
-        tracks.append(Tracks.of(boxes.moved(pose, "world"), each.ids))
-    return tracks
-
-
-def _with_categories(boxes: Detections, rows: KittiObjects) -> Detections:
-    categories = [CATEGORY_OF[KittiType(kind)] for kind in rows.types]
-    return replace(boxes, categories=np.array(categories, np.int8))
-
-
-def _odometry_scores(
-    path: Path,
-    manifest: Manifest,
-    sequence: ExportedSequence,
-    truths: Sequence[Truth],
-    ego_from_lidar: Pose,
-) -> dict[str, Score]:
-    """Return the scores of poses."""
-    arrived = [k for k in range(len(truths)) if k not in sequence.lost]
-    stamps_s = np.array([truths[k].stamp_s for k in range(len(truths))])
-    poses = read_lidar_poses(path, stamps_s, arrived)
-    true = [truths[k].world_from_ego @ ego_from_lidar for k in arrived]
-    both = Trajectories(
-        np.array([pose.matrix for pose in poses]), np.array([pose.matrix for pose in true])
+def _detection_scores(folder: Path, true: TrueSequence) -> dict[str, Score]:
+    detections = read_object_results(folder, true)
+    count, parked = len(true.truths), parked_among(true.episode, true.truths)
+    answers = EpisodeDetections(
+        tuple(detections), tuple(true.truths), CallTimes.zero(count), parked, np.zeros(count)
     )
+    rule = true.manifest.eligibility
+    return {**detection_scores(answers, rule, timed=False), **detection_parts(answers, rule)}
+
+
+def _tracking_scores(path: Path, true: TrueSequence) -> dict[str, Score]:
+    tracks, parked = read_tracks(path, true), parked_among(true.episode, true.truths)
+    pairings = true.manifest.eligibility.pairings(tracks, true.truths, parked)
+    every = score_tracks(tracks, true.truths, pairings).named()
+    scores = {name: score for name, score in every.items() if name not in STATELESS}
+    return {**scores, **score_alphas(tracks, true.truths, pairings)}
+
+
+def _odometry_scores(path: Path, true: TrueSequence) -> dict[str, Score]:
+    arrived = [k for k in range(len(true.truths)) if k not in true.sequence.lost]
+    stamps_s = np.array([truth.stamp_s for truth in true.truths])
+    estimated = read_lidar_poses(path, stamps_s, arrived)
+    driven = [true.truths[k].world_from_ego @ true.ego_from_lidar for k in arrived]
+    both = Trajectories(*(np.array([p.matrix for p in poses]) for poses in (estimated, driven)))
     return {
-        **score_odometry(both, lengths_m=manifest.odometry_lengths_m).named(),
+        **score_odometry(both, lengths_m=true.manifest.odometry_lengths_m).named(),
         **score_standing(both, stamps_s[arrived]).named(),
         **by_distance(both),
     }
+
+
+class ResultKind(NamedTuple):
+    """Results that are scored on one board of an exported suite.
+
+    ending: what a sequence's results end in; empty: they are a folder.
+    follows: whether the entry got detections of somebody.
+    """
+
+    name: str
+    score: Callable[[Path, TrueSequence], Mapping[str, Score]]
+    ending: str = ".txt"
+    follows: bool = False
+
+
+BOARDS = {
+    kind.name: kind
+    for kind in (
+        ResultKind("detection", _detection_scores, ending=""),
+        ResultKind("tracking", _tracking_scores, follows=True),
+        ResultKind("odometry", _odometry_scores),
+    )
+}
+
+
+def read_object_results(folder: Path, true: TrueSequence) -> list[Detections]:
+    """Read KITTI object results, a file for each scan, as detections in the world."""
+    names = [f"{number:06d}" for number in range(len(true.truths))]
+    _check_names(folder, names)
+    paths = [folder / f"{name}.txt" for name in names]
+    rows = [read_objects(path, number) for number, path in enumerate(paths)]
+    cared = [each.select(each.types != KittiType.DONT_CARE) for each in rows]
+    return _boxes(paths, cared, true)
+
+
+def read_tracks(path: Path, true: TrueSequence) -> list[Tracks]:
+    """Read KITTI tracking results as tracks in the world, one record a frame."""
+    count, rows = len(true.truths), read_labels(path, results=True)
+    rows = rows.select(rows.types != KittiType.DONT_CARE)
+    last = int(rows.frames.max(initial=-1))
+    if last >= count:
+        raise FormatError(f"{path}: expected frames 0 to {count - 1}, got {last}")
+    if (rows.ids < 0).any():
+        raise FormatError(f"{path}: expected ids from 0 on, got {int(rows.ids.min())}")
+    frames = rows.by_frame(count)
+    boxes = _boxes([path] * count, frames, true)
+    return [Tracks.of(each, own.ids) for each, own in zip(boxes, frames, strict=True)]
+
+
+def _boxes(
+    paths: Sequence[Path], frames: Sequence[KittiObjects], true: TrueSequence
+) -> list[Detections]:
+    """Return the rows of each frame as detections in the world.
+
+    Scores beyond 0 to 1 are mapped by the logistic function, all of them.
+    """
+    shares = all(bool(((r.scores >= 0) & (r.scores <= 1)).all()) for r in frames)
+    detections = []
+    for path, rows, truth in zip(paths, frames, true.truths, strict=True):
+        if not rows.solid.all():
+            raise FormatError(f"{path}: expected 3-D boxes in the camera frame, got a row without")
+        boxes = detections_of(rows, Category.CAR, truth.stamp_s, shares)
+        categories = [CATEGORY_OF[KittiType(kind)] for kind in rows.types]
+        boxes = replace(boxes, categories=np.array(categories, np.int8))
+        detections.append(boxes.moved(true.view.turned(truth.world_from_ego), "world"))
+    return detections
 
 
 def read_lidar_poses(path: Path, stamps_s: np.ndarray, arrived: Sequence[int]) -> list[Pose]:
@@ -390,8 +393,7 @@ def read_lidar_poses(path: Path, stamps_s: np.ndarray, arrived: Sequence[int]) -
     stamps_s: (N,) of all scans. A file in KITTI's format has a line for each of these, or for each
     that arrived.
     """
-    form = _form_of(path)
-    found = read_trajectory(path, form)
+    found = read_any_trajectory(path)
     if found.stamps_s is not None:
         poses = _at(path, found.poses, np.array(found.stamps_s), stamps_s[list(arrived)])
     elif len(found.poses) == len(stamps_s):
@@ -411,29 +413,12 @@ def read_lidar_poses(path: Path, stamps_s: np.ndarray, arrived: Sequence[int]) -
     return poses
 
 
-def _form_of(path: Path) -> TrajectoryFormat:
-    """Tell the format of poses by the numbers in a line."""
-    for line in read_lines(path):
-        if line.strip() and not line.startswith("#"):
-            count = len(line.split())
-            if count in (8, 12):
-                return "tum" if count == 8 else "kitti"
-            raise FormatError(
-                f"{path}: expected 12 numbers a line (KITTI) or 8 (TUM: stamp tx ty tz qx qy qz "
-                f"qw), got {count}"
-            )
-    raise FormatError(f"{path}: expected poses, got an empty file")
-
-
 def _at(path: Path, poses: Sequence[Pose], given_s: np.ndarray, wanted_s: np.ndarray) -> list[Pose]:
-    """Return the pose of each wanted stamp."""
+    """Return the pose whose stamp is nearest to each wanted one."""
     period_s = float(np.median(np.diff(wanted_s))) if len(wanted_s) > 1 else 0.1
-    right = np.clip(np.searchsorted(given_s, wanted_s), 1, max(len(given_s) - 1, 1))
-    nearest = np.minimum(right, len(given_s) - 1)
-    left_nearer = np.abs(given_s[right - 1] - wanted_s) < np.abs(given_s[nearest] - wanted_s)
-    nearest = np.where(left_nearer, right - 1, nearest)
-    off = np.abs(given_s[nearest] - wanted_s)
-    if (off > NEAR * period_s).any():
-        missing = wanted_s[np.argmax(off > NEAR * period_s)]
-        raise FormatError(f"{path}: expected a pose at each scan, got none at {missing:.3f} s")
-    return [poses[k] for k in nearest.tolist()]
+    apart_s = np.abs(given_s[:, None] - wanted_s)
+    missing = apart_s.min(axis=0) > NEAR * period_s
+    if missing.any():
+        first_s = wanted_s[missing][0]
+        raise FormatError(f"{path}: expected a pose at each scan, got none at {first_s:.3f} s")
+    return [poses[k] for k in apart_s.argmin(axis=0).tolist()]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json as json_module
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from roadscope.commands.completion import cache_kinds
-from roadscope.commands.terminal import show
+from roadscope.commands.options import Json
+from roadscope.commands.terminal import print_json, show
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,7 +28,7 @@ def print_path() -> None:
 
 @cache.command("show", help="Show what the cache holds, by kind.")
 def show_usage(
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Show sizes by kind of file."""
     from dataclasses import asdict
@@ -38,7 +38,7 @@ def show_usage(
     usages = cache_usage()
     if json:
         table = {"folder": str(cache_folder()), "kinds": [asdict(usage) for usage in usages]}
-        typer.echo(json_module.dumps(table, indent=2))
+        print_json(table)
         return
     typer.echo(cache_folder())
     _show_sizes(usages)
@@ -50,7 +50,7 @@ def clear(
         list[str] | None,
         typer.Option(
             help="Remove this kind alone: timelines, detections, image-detections, fusions, poses, "
-            "tracks, sources, camera-training. Can be given several times.",
+            "tracks, answers, sources, camera-training. Can be given several times.",
             autocompletion=cache_kinds,
         ),
     ] = None,

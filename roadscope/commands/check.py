@@ -2,43 +2,56 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated
 
 import typer
 
 from roadscope.commands.completion import plugin_kinds
+from roadscope.commands.options import Json, Quiet
+from roadscope.commands.terminal import complain, print_json
+
+Spec = Annotated[
+    str,
+    typer.Argument(
+        help="A detector (of LiDAR or images), tracker, odometry or fusion: "
+        "module:Class or file.py:Class."
+    ),
+]
+Kind = Annotated[
+    str | None,
+    typer.Option(
+        help="What it is, if its class does not say so: detector, camera detector, tracker, "
+        "fusion or odometry.",
+        autocompletion=plugin_kinds,
+    ),
+]
+Deadline = Annotated[float, typer.Option(min=1, help="Seconds for each item.")]
+Trust = Annotated[bool, typer.Option("--trust", help="Run it in this process, for debugging.")]
 
 
 def check(
-    spec: Annotated[
-        str,
-        typer.Argument(
-            help="A detector (of LiDAR or images), tracker, odometry or fusion: "
-            "module:Class or file.py:Class."
-        ),
-    ],
-    kind: Annotated[
-        str | None,
-        typer.Option(
-            help="What it is, if its class does not say so: detector, camera detector, tracker, "
-            "fusion or odometry.",
-            autocompletion=plugin_kinds,
-        ),
-    ] = None,
-    deadline: Annotated[
-        float,
-        typer.Option(min=1, help="Seconds for each item; what takes longer hangs."),
-    ] = 120.0,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Run it in this process, for debugging.")
-    ] = False,
+    spec: Spec,
+    kind: Kind = None,
+    deadline: Deadline = 120.0,
+    trust: Trust = False,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
-    """Check a plug-in of your own: its contract, item by item, and two seconds of traffic."""
+    """Check a plug-in of your own: its contract, item by item, and two seconds of traffic.
+
+    Exit status: 0 if every item is right, else 1.
+    """
     from roadscope.testing import check as check_contract
 
-    done = check_contract(
-        spec, kind=kind, deadline_s=deadline, trust=trust, report=lambda item: typer.echo(str(item))
-    )
-    typer.echo(done.verdict)
+    report = None if json or quiet else typer.echo
+    done = check_contract(spec, kind=kind, deadline_s=deadline, trust=trust, report=report)
+    if json:
+        print_json({**asdict(done), "ok": done.ok})
+    elif quiet:
+        for item in done.broken:
+            complain(str(item))
+    else:
+        typer.echo(done.verdict)
     if not done.ok:
         raise typer.Exit(1)

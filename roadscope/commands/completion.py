@@ -21,7 +21,7 @@ def scenarios(incomplete: str) -> Completion:
 
 def suites(incomplete: str) -> Completion:
     """Return suites of the package."""
-    from roadscope.benchmarks.suite import SUITES
+    from roadscope.benchmarks.suite_files import SUITES
 
     return _beginning(incomplete, ((name, "") for name in SUITES))
 
@@ -76,18 +76,18 @@ def odometries(incomplete: str) -> Completion:
 
 
 def entries(incomplete: str) -> Completion:
-    """Return plug-ins of all kinds."""
-    from roadscope.fusion import FUSIONS
+    """Return the plug-ins that boards rank."""
+    from roadscope.benchmarks.boards import BOARDS
 
-    for complete in (detectors, camera_detectors, trackers, odometries):
-        yield from complete(incomplete)
-    yield from _beginning(incomplete, _registered(FUSIONS))
+    for board in BOARDS.values():
+        yield from _beginning(incomplete, _registered(board.kind.registry))
 
 
 def boards(incomplete: str) -> Completion:
     """Return boards."""
-    known = ("detection", "tracking", "camera", "fusion", "odometry")
-    return _beginning(incomplete, ((name, "") for name in known))
+    from roadscope.benchmarks.boards import BOARDS
+
+    return _beginning(incomplete, ((name, each.summary) for name, each in BOARDS.items()))
 
 
 def listed_kinds(incomplete: str) -> Completion:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json as json_module
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from roadscope.commands.terminal import headline
+from roadscope.commands.options import Json
+from roadscope.commands.terminal import headline, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -15,18 +15,16 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.doctor import Diagnosis
 
 
-def doctor(
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-) -> None:
+def doctor(json: Json = False) -> None:
     """Show whether this installation works: versions, extras, cache, kernels, isolation.
 
-    The exit status is 1 if something is broken.
+    Exit status: 1 if something is broken.
     """
     from roadscope.benchmarks.doctor import doctor as examine
 
     diagnosis = examine()
     if json:
-        typer.echo(json_module.dumps(diagnosis.to_json(), indent=2))
+        print_json(diagnosis.to_json())
     else:
         _show(diagnosis)
     if diagnosis.broken:
@@ -40,12 +38,17 @@ def _show(diagnosis: Diagnosis) -> None:
     _section(
         "extras",
         (
-            (each.name, "installed" if each.installed else _missing(each.missing, each.command))
+            (
+                each.name,
+                "installed"
+                if each.installed
+                else f"missing {', '.join(each.missing)}: {each.command}",
+            )
             for each in diagnosis.extras
         ),
     )
     machine, cache, kernels = diagnosis.machine, diagnosis.cache, diagnosis.kernels
-    memory = "unknown" if machine.memory_bytes is None else size_text(machine.memory_bytes)
+    memory = size_text(machine.memory_bytes)
     rows = [("platform", machine.platform), ("cores", str(machine.cores)), ("memory", memory)]
     _section("machine", rows)
     free = "" if cache.free_bytes is None else f", {size_text(cache.free_bytes)} free"
@@ -79,10 +82,6 @@ def _section(title: str, rows: Iterable[tuple[str, str]]) -> None:
     width = max((len(name) for name, _ in listed), default=0)
     for name, text in listed:
         typer.echo(f"  {name:{width}}  {text}")
-
-
-def _missing(missing: tuple[str, ...], command: str) -> str:
-    return f"missing {', '.join(missing)}: {command}"
 
 
 def _writable(writable: bool) -> str:

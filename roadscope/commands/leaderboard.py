@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,32 +15,31 @@ from roadscope.commands.terminal import complain, console, progress_bars
 
 if TYPE_CHECKING:
     from roadscope.benchmarks import Results, Suite
+    from roadscope.benchmarks.boards import Board
     from roadscope.benchmarks.loop import RunOptions
 
 DEFAULT_SUITE = "quick"
 
-
-Board = Annotated[
+BoardName = Annotated[
     str | None,
     typer.Argument(
-        help="detection, tracking, camera, fusion or odometry; all that the suite has if left out.",
+        help="A board (roadscope list boards); all that the suite has entries for if left out.",
         autocompletion=completion.boards,
     ),
 ]
 SuiteName = Annotated[
     str | None,
     typer.Option(
-        help="Conditions: a name (roadscope list suites) or a .toml file; quick if left out, for "
-        "the boards camera, fusion and odometry the suite of that name.",
+        help="Conditions: a name (roadscope list suites) or a .toml file; if left out the usual "
+        "suite of the board, or quick.",
         autocompletion=completion.suites,
     ),
 ]
 Entry = Annotated[
     list[str] | None,
     typer.Option(
-        help="Your detector, tracker, fusion or odometry, beside the suite's own: a name, "
-        "module:Class or file.py:Class, with ?argument=value. Can be given several times. Your "
-        "code runs in a process of its own.",
+        help="Your plug-in, beside the suite's own: a name, module:Class or file.py:Class, with "
+        "?argument=value. Can be given several times. Your code runs in a process of its own.",
         autocompletion=completion.entries,
     ),
 ]
@@ -48,10 +47,8 @@ Only = Annotated[bool, typer.Option("--only", help="Run the given entries alone.
 By = Annotated[
     list[str] | None,
     typer.Option(
-        help="Show it by this too: range, category, occlusion, points or score (detection), "
-        "detector or alpha (tracking), family, size, range, category or score (camera), family, "
-        "range, crowd, score or inputs (fusion), distance (odometry), condition, weather or "
-        "scenario (all), alpha or sequence (--kitti, --mot). Can be given several times."
+        help="Show it by this too, such as weather or scenario; roadscope list boards says what "
+        "each board is broken down by. Can be given several times."
     ),
 ]
 Seeds = Annotated[
@@ -101,7 +98,7 @@ Detections = Annotated[
 ]
 Calibration = Annotated[
     Path | None,
-    typer.Option(help="What fusions believe of the sensors: a file of roadscope calibrate."),
+    typer.Option(help="What plug-ins believe of the sensors: a file of roadscope calibrate."),
 ]
 Deadline = Annotated[
     float, typer.Option(min=1, help="Seconds for a plug-in that is not ours on one episode.")
@@ -144,7 +141,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print leaderboard.json inste
 
 
 def leaderboard(
-    board: Board = None,
+    board: BoardName = None,
     *,
     suite: SuiteName = None,
     entry: Entry = None,
@@ -168,7 +165,7 @@ def leaderboard(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Rank detectors, trackers, camera detectors, fusions, odometries on a suite of traffic.
+    """Rank plug-ins on a suite of traffic, a board for each kind.
 
     What an earlier run has finished is not done again; a stopped run goes on where it was.
 
@@ -181,11 +178,11 @@ def leaderboard(
     from roadscope.benchmarks.run import leaderboard as run
 
     loaded = _suite(suite or _usual_suite(board), kitti, mot)
-    loaded = _with_detections(loaded, detections) if detections else loaded
     loaded = loaded if seeds is None else _with_fewer_seeds(loaded, seeds)
     boards = chosen_boards(loaded, None if board is None else [board])
+    loaded = _with_detections(loaded, boards, detections) if detections else loaded
     _check_tracks(tracks, kitti or mot)
-    _refuse_unused([each.name for each in boards], calibration, detections)
+    _check_calibration(boards, calibration)
     for each in by or ():
         check_breakdown(each, boards)
     with progress_bars(quiet=quiet) as progress:
@@ -336,7 +333,7 @@ def _name_kept_boards(out: Path | None) -> None:
 
 def _name_full_suite(board: str | None, entries: Sequence[str], *, only: bool) -> None:
     """Name the suite of a board that was shown on the quick one, with the user's entries."""
-    from roadscope.benchmarks.suite import SUITES
+    from roadscope.benchmarks.suite_files import SUITES
 
     if board in SUITES and _usual_suite(board) != board:
         given = "".join(f" --entry '{entry}'" for entry in entries) + " --only" * only
@@ -350,24 +347,20 @@ def _usual_suite(board: str | None) -> str:
     return known.default_suite if known else DEFAULT_SUITE
 
 
-def _with_detections(suite: Suite, detections: list[str]) -> Suite:
-    """Return the suite with other detections for its trackers."""
-    from dataclasses import replace
-
-    from roadscope.benchmarks.recorded.suite import RecordedSuite
-
-    if isinstance(suite, RecordedSuite):
+def _with_detections(suite: Suite, boards: Sequence[Board], detections: list[str]) -> Suite:
+    """Return the suite with other detections for the boards whose entries get some."""
+    if suite.recorded:
         raise ValueError("--detections is for simulated traffic; recorded data have their own")
-    return replace(suite, public_detectors=tuple(dict.fromkeys(detections)))
+    for board in _boards_for("--detections", boards, lambda each: bool(each.detections_field)):
+        suite = suite.with_settings(board.name, **{board.detections_field: tuple(detections)})
+    return suite
 
 
 def _with_fewer_seeds(suite: Suite, seeds: int) -> Suite:
     """Return the suite with its first seeds; what is done of them need not be done again."""
     from dataclasses import replace
 
-    from roadscope.benchmarks.recorded.suite import RecordedSuite
-
-    if isinstance(suite, RecordedSuite):
+    if suite.recorded:
         raise ValueError("--seeds is for simulated traffic; recorded sequences have none")
     if seeds > len(suite.seeds):
         raise ValueError(
@@ -381,7 +374,7 @@ def _suite(suite: str, kitti: Path | None, mot: Path | None) -> Suite:
     """Return the suite that is meant; a folder of recorded data is a suite."""
     from roadscope.benchmarks.recorded.mot import MOT, mot_suite
     from roadscope.benchmarks.recorded.suite import KITTI, kitti_suite
-    from roadscope.benchmarks.suite import load_suite
+    from roadscope.benchmarks.suite_files import load_suite
 
     if kitti is not None and mot is not None:
         raise ValueError("--kitti and --mot are suites of their own; give one of them")
@@ -396,14 +389,22 @@ def _suite(suite: str, kitti: Path | None, mot: Path | None) -> Suite:
     return load_suite(suite)
 
 
-def _refuse_unused(
-    boards: Sequence[str], calibration: Path | None, detections: list[str] | None
-) -> None:
-    """Refuse options that no board of the run uses."""
-    if calibration is not None and "fusion" not in boards:
-        raise ValueError(f"--calibration is for the board fusion, not {' and '.join(boards)}")
-    if detections and "tracking" not in boards:
-        raise ValueError(f"--detections is for the board tracking, not {' and '.join(boards)}")
+def _check_calibration(boards: Sequence[Board], calibration: Path | None) -> None:
+    """Refuse a calibration that no board of the run uses."""
+    if calibration is not None:
+        _boards_for("--calibration", boards, lambda each: each.uses_calibration)
+
+
+def _boards_for(option: str, boards: Sequence[Board], uses: Callable[[Board], bool]) -> list[Board]:
+    """Return the boards of the run that use an option; refuse it if none does."""
+    from roadscope.benchmarks.boards import BOARDS
+
+    using = [board for board in boards if uses(board)]
+    if not using:
+        known = " and ".join(board.name for board in BOARDS.values() if uses(board))
+        names = " and ".join(board.name for board in boards)
+        raise ValueError(f"{option} is for the board {known}, not {names}")
+    return using
 
 
 def _check_tracks(tracks: Path | None, recorded: Path | None) -> None:

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from roadscope.commands.completion import listed_kinds
-from roadscope.commands.terminal import show
+from roadscope.commands.options import Json
+from roadscope.commands.terminal import print_json, show
 
 
 def list_names(
@@ -15,15 +16,20 @@ def list_names(
         str | None,
         typer.Argument(
             help="detectors, stages (of detectors), camera-detectors, fusions, trackers, "
-            "odometries, scenarios, suites, rigs, sensors, weathers, lights or faults; "
+            "odometries, boards, scenarios, suites, rigs, sensors, weathers, lights or faults; "
             "all if left out.",
             autocompletion=listed_kinds,
         ),
     ] = None,
+    json: Json = False,
 ) -> None:
-    """Show what can be named."""
+    """Show the names that other commands take, with a line on each."""
     from roadscope.benchmarks.listing import KINDS, names_of
     from roadscope.benchmarks.tables import name_table
 
-    for each in [kind] if kind else KINDS:
-        show(name_table(each, names_of(each)))
+    listed = {each: names_of(each) for each in ([kind] if kind else KINDS)}
+    if json:
+        print_json({each: dict(names) for each, names in listed.items()})
+        return
+    for each, names in listed.items():
+        show(name_table(each, names))

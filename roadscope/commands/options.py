@@ -1,12 +1,22 @@
-"""Options that several commands have."""
+"""Options that several commands have; they mean the same everywhere."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from roadscope.commands import completion
+
 Jobs = Annotated[int, typer.Option(min=0, help="Worker processes; 0: one for each core.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+JsonFile = Annotated[Path | None, typer.Option("--out", help="Write the JSON to this file, too.")]
+Every = Annotated[bool, typer.Option("--all", help="Show all metrics.")]
+Rig = Annotated[
+    str, typer.Option(help="Sensors: a name or a .toml file.", autocompletion=completion.rigs)
+]
 
 
 def workers(jobs: int) -> int:

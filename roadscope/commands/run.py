@@ -8,101 +8,129 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.terminal import headline, progress_bars, show
+from roadscope.commands.options import Json, Quiet, Rig
+from roadscope.commands.terminal import headline, print_json, progress_bars, show
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.single import Summary
 
 
+Scenario = Annotated[
+    str,
+    typer.Argument(
+        help="Traffic scenario, see: roadscope list scenarios.", autocompletion=completion.scenarios
+    ),
+]
+Seed = Annotated[int, typer.Option(min=0, help="Another seed is another episode.")]
+Weather = Annotated[
+    str,
+    typer.Option(
+        help="Such as rain-2, see: roadscope list weathers.", autocompletion=completion.weathers
+    ),
+]
+Light = Annotated[
+    str,
+    typer.Option(
+        help="For a rig with a camera, see: roadscope list lights.",
+        autocompletion=completion.lights,
+    ),
+]
+Faults = Annotated[
+    str, typer.Option(help="Such as 'fog:3 + dropped-scans:2', see: roadscope list faults.")
+]
+Detector = Annotated[
+    str,
+    typer.Option(
+        help="A name, module:Class or file.py:Class, with ?argument=value.",
+        autocompletion=completion.detectors,
+    ),
+]
+Tracker = Annotated[
+    str,
+    typer.Option(
+        help="A name, module:Class or file.py:Class, with ?argument=value.",
+        autocompletion=completion.trackers,
+    ),
+]
+Picture = Annotated[
+    Path | None, typer.Option(help="Write a bird's-eye view of the middle frame here.")
+]
+Image = Annotated[
+    Path | None,
+    typer.Option(help="Write the camera's middle image here, with the boxes detected in it."),
+]
+CameraDetector = Annotated[
+    str,
+    typer.Option(
+        help="Whose boxes, see: roadscope list camera-detectors; or oracle.",
+        autocompletion=completion.camera_detectors,
+    ),
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option(help="Length of the episode, 3600 at most; the scenario's own if left out."),
+]
+Every = Annotated[
+    bool, typer.Option("--all", help="Show all metrics, not the ten main ones of each.")
+]
+
+
 def run_scenario(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            help="Traffic, see: roadscope list scenarios.", autocompletion=completion.scenarios
-        ),
-    ],
+    scenario: Scenario,
     *,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed is another episode.")] = 0,
-    rig: Annotated[
-        str,
-        typer.Option(help="Sensors: a name or a .toml file.", autocompletion=completion.rigs),
-    ] = "lux",
-    weather: Annotated[
-        str,
-        typer.Option(
-            help="Such as rain-2, see: roadscope list weathers.",
-            autocompletion=completion.weathers,
-        ),
-    ] = "clear",
-    light: Annotated[
-        str,
-        typer.Option(
-            help="For a rig with a camera, see: roadscope list lights.",
-            autocompletion=completion.lights,
-        ),
-    ] = "day",
-    faults: Annotated[
-        str, typer.Option(help="Such as 'fog:3 + dropped-scans:2', see: roadscope list faults.")
-    ] = "clear",
-    detector: Annotated[
-        str,
-        typer.Option(
-            help="A name, module:Class or file.py:Class, with ?argument=value.",
-            autocompletion=completion.detectors,
-        ),
-    ] = "distance-l-shape",
-    tracker: Annotated[
-        str, typer.Option(help="Likewise.", autocompletion=completion.trackers)
-    ] = "existence",
-    picture: Annotated[
-        Path | None, typer.Option(help="Write a bird's-eye view of the middle frame here.")
-    ] = None,
-    image: Annotated[
-        Path | None,
-        typer.Option(help="Write the camera's middle image here, with boxes found in it."),
-    ] = None,
-    camera_detector: Annotated[
-        str,
-        typer.Option(
-            help="Whose boxes, see: roadscope list camera-detectors; or oracle.",
-            autocompletion=completion.camera_detectors,
-        ),
-    ] = "network",
-    seconds: Annotated[
-        float | None,
-        typer.Option(help="Length of the episode, 3600 at most; the scenario's own if left out."),
-    ] = None,
-    everything: Annotated[
-        bool, typer.Option("--all", help="Show all figures, not the ten main ones of each.")
-    ] = False,
+    seed: Seed = 0,
+    rig: Rig = "lux",
+    weather: Weather = "clear",
+    light: Light = "day",
+    faults: Faults = "clear",
+    detector: Detector = "distance-l-shape",
+    tracker: Tracker = "existence",
+    picture: Picture = None,
+    image: Image = None,
+    camera_detector: CameraDetector = "network",
+    seconds: Seconds = None,
+    every: Every = False,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
-    """Run one episode through one detector and one tracker."""
-    from roadscope.benchmarks.camera_view import LEAST_SCORE, check_view, save_view
+    """Run one episode through one detector and one tracker.
+
+    Exit status: 1 if a name is unknown or a plug-in fails.
+    """
+    from roadscope.benchmarks.camera_view import check_view, save_view
     from roadscope.benchmarks.episode import Episode
     from roadscope.benchmarks.single import picture_path, run_episode, save_picture
     from roadscope.envs.sensors.faults import faults_of
 
-    told = tuple(map(str, faults_of(faults)))
-    episode = Episode(scenario, seed, rig, seconds, weather, light, told)
+    parsed = tuple(map(str, faults_of(faults)))
+    episode = Episode(scenario, seed, rig, seconds, weather, light, parsed)
     if picture is not None:
         picture_path(picture)
     if image is not None:
         check_view(episode, camera_detector, image)
-    with progress_bars() as progress:
+    with progress_bars(quiet=quiet) as progress:
         summary = run_episode(episode, detector=detector, tracker=tracker, progress=progress)
         if picture is not None:
             progress("picture", 0, 1)
             save_picture(summary, picture)
-    _show(summary, detector, tracker, everything=everything)
-    if picture is not None:
-        typer.echo(f"picture: {picture}")
-    if image is not None:
-        count = save_view(episode, camera_detector, image)
-        sure = f"boxes of {camera_detector} with a score of {LEAST_SCORE:g} or more"
-        typer.echo(f"image: {image}, {count} {sure}")
+        boxes = 0 if image is None else save_view(episode, camera_detector, image)
+    if json:
+        print_json({**summary.to_json(), "detector": detector, "tracker": tracker})
+    elif not quiet:
+        _show(summary, detector, tracker, every=every)
+        if picture is not None:
+            typer.echo(f"picture: {picture}")
+        if image is not None:
+            typer.echo(f"image: {image}, {_boxes_in_words(boxes, camera_detector)}")
 
 
-def _show(summary: Summary, detector: str, tracker: str, *, everything: bool) -> None:
+def _boxes_in_words(count: int, detector: str) -> str:
+    from roadscope.benchmarks.camera_view import LEAST_SCORE
+
+    return f"{count} boxes of {detector} with a score of {LEAST_SCORE:g} or more"
+
+
+def _show(summary: Summary, detector: str, tracker: str, *, every: bool) -> None:
     from roadscope.benchmarks.nodes.tracks import is_offline
     from roadscope.benchmarks.references import detection_source
     from roadscope.benchmarks.tables import explained_table, score_table
@@ -124,9 +152,9 @@ def _show(summary: Summary, detector: str, tracker: str, *, everything: bool) ->
         typer.echo(f"without effect on LiDAR detectors: {idle}")
     headline(f"detector {detector}")
     detection, tracking = summary.detection, summary.tracking
-    show(score_table(detection) if everything else explained_table("detector", detection))
+    show(score_table(detection) if every else explained_table("detector", detection))
     late = " (offline)" if is_offline(TRACKERS.resolve(tracker)) else ""
     headline(f"tracker {tracker}{late}")
-    show(score_table(tracking) if everything else explained_table("tracker", tracking))
-    if not everything:
+    show(score_table(tracking) if every else explained_table("tracker", tracking))
+    if not every:
         show("--all shows all figures, with their numbers of samples.", dim=True)

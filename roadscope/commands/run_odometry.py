@@ -21,45 +21,63 @@ NONE = "none"
 USUAL = "lidar-inertial"
 MANY = 0.2
 """Share of degraded scans from which on the poses are not to be trusted as they are."""
-ODOMETRY_HELP = "Name or file.py:Class; roadscope list odometries."
-IMU_HELP = (
-    "Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR or beside it if "
-    "not given; none: no IMU."
-)
-WHEELS_HELP = (
-    "Lines of stamp and speed, s, m/s, for odometries that take them, lidar-inertial?wheels=true; "
-    "wheels.csv or wheels.txt in DIR or beside it if not given; none: no wheels."
-)
+
+Folder = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Scans in order of name: .bin, .pcd or .npy.")
+]
+OdometrySpec = Annotated[
+    str,
+    typer.Option(
+        metavar="SPEC",
+        help="Name or file.py:Class; roadscope list odometries.",
+        autocompletion=completion.odometries,
+    ),
+]
+Out = Annotated[Path, typer.Option(help="File for the poses.")]
+Format = Annotated[str, typer.Option(help="kitti: 3 x 4 matrices; tum: with stamps.")]
+Rate = Annotated[float, typer.Option(help="Scans a second, where DIR has no times.txt.")]
+Imu = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Lines of stamp wx wy wz ax ay az, s, rad/s, m/s^2; imu.csv or imu.txt in DIR or "
+        "beside it if not given; none: no IMU.",
+    ),
+]
+Mounting = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z,ROLL,PITCH,YAW",
+        help="Where the IMU sits in the LiDAR's frame, metres and degrees.",
+    ),
+]
+WheelsFile = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Lines of stamp and speed, s, m/s, for odometries that take them, "
+        "lidar-inertial?wheels=true; wheels.csv or wheels.txt in DIR or beside it if not given; "
+        "none: no wheels.",
+    ),
+]
+TruthFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="True poses of the LiDAR, as KITTI or TUM, to compare."),
+]
 
 
 def run_odometry(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Scans in order of name: .bin, .pcd or .npy.")
-    ],
-    odometry: Annotated[
-        str,
-        typer.Option(metavar="SPEC", help=ODOMETRY_HELP, autocompletion=completion.odometries),
-    ] = USUAL,
-    out: Annotated[Path, typer.Option(help="File for the poses.")] = Path("poses.txt"),
-    format: Annotated[str, typer.Option(help="kitti: 3 x 4 matrices; tum: with stamps.")] = "kitti",
-    rate_hz: Annotated[
-        float, typer.Option(help="Scans a second, where DIR has no times.txt.")
-    ] = 10.0,
-    imu: Annotated[str | None, typer.Option(metavar="FILE", help=IMU_HELP)] = None,
-    mounting: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z,ROLL,PITCH,YAW",
-            help="Where the IMU sits in the LiDAR's frame, metres and degrees.",
-        ),
-    ] = None,
-    wheels: Annotated[str | None, typer.Option(metavar="FILE", help=WHEELS_HELP)] = None,
-    truth: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="True poses of the LiDAR, as KITTI or TUM, to compare."),
-    ] = None,
+    folder: Folder,
+    odometry: OdometrySpec = USUAL,
+    out: Out = Path("poses.txt"),
+    format: Format = "kitti",
+    rate_hz: Rate = 10.0,
+    imu: Imu = None,
+    mounting: Mounting = None,
+    wheels: WheelsFile = None,
+    truth: TruthFile = None,
 ) -> None:
-    """Tell from a folder of scans how the LiDAR moved.
+    """Estimate from a folder of scans how the LiDAR moved.
 
     Scans are stamped with the middle of their sweep, by times.txt in DIR or beside it, one number
     a line, seconds or milli-, micro- or nanoseconds. Poses are the LiDAR's in its first frame, x

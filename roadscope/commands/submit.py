@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from roadscope.commands.options import Json, JsonFile, Quiet
 from roadscope.commands.terminal import complain, console, progress_bars
 
 if TYPE_CHECKING:
@@ -14,73 +15,91 @@ if TYPE_CHECKING:
     from roadscope.benchmarks.submit import Submission
 
 
+Folder = Annotated[
+    Path,
+    typer.Argument(
+        help="Results: tracking/SEQ.txt, odometry/SEQ.txt, detection/SEQ/FRAME.txt; with --kitti "
+        "or --mot SEQ.txt.",
+        metavar="DIR",
+    ),
+]
+Exported = Annotated[
+    Path | None,
+    typer.Option(
+        "--suite", help="Folder that roadscope export wrote, of the same suite; DIR if left out."
+    ),
+]
+Kitti = Annotated[
+    Path | None, typer.Option(help="Folder of KITTI tracking data that the results are of.")
+]
+Mot = Annotated[
+    Path | None, typer.Option(help="Folder of MOTChallenge data that the results are of.")
+]
+Name = Annotated[str | None, typer.Option(help="Name of the entry; that of DIR if left out.")]
+Inputs = Annotated[
+    str | None,
+    typer.Option(
+        help="Whose detections were tracked, as the suite calls it, to compare the tracker "
+        "with those that got the same."
+    ),
+]
+Beside = Annotated[
+    Path | None,
+    typer.Option(
+        help="Show it as a row of this board: leaderboard.json of the suite, or its folder."
+    ),
+]
+Every = Annotated[bool, typer.Option("--all", help="Show all metrics.")]
+
+
 def submit(
-    folder: Annotated[
-        Path,
-        typer.Argument(
-            help="Results: tracking/SEQ.txt, odometry/SEQ.txt; with --kitti or --mot SEQ.txt.",
-            metavar="DIR",
-        ),
-    ],
+    folder: Folder,
     *,
-    suite: Annotated[
-        Path | None,
-        typer.Option(help="Folder of roadscope export that they are of; DIR if left out."),
-    ] = None,
-    kitti: Annotated[
-        Path | None, typer.Option(help="They are of this folder of KITTI tracking data.")
-    ] = None,
-    mot: Annotated[
-        Path | None, typer.Option(help="They are of this folder of MOTChallenge data.")
-    ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="What the entry is called; as DIR if left out.")
-    ] = None,
-    inputs: Annotated[
-        str | None,
-        typer.Option(
-            help="Whose detections were tracked, as the suite calls it, to compare the tracker "
-            "with those that got the same."
-        ),
-    ] = None,
-    beside: Annotated[
-        Path | None,
-        typer.Option(
-            help="Show it as a row of this board: leaderboard.json of the suite, or its folder."
-        ),
-    ] = None,
-    every: Annotated[bool, typer.Option("--all", help="Show all metrics.")] = False,
-    json: Annotated[
-        Path | None, typer.Option(help="Write the scores to this file, for roadscope compare.")
-    ] = None,
+    suite: Exported = None,
+    kitti: Kitti = None,
+    mot: Mot = None,
+    name: Name = None,
+    inputs: Inputs = None,
+    beside: Beside = None,
+    every: Every = False,
+    out: JsonFile = None,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Score results that were made elsewhere under the rules of a suite's board.
 
-    Tracks are KITTI tracking results with 3-D boxes (MOTChallenge's with --mot), poses of the LiDAR
-    are KITTI's 12 numbers a line or TUM's. Ends with status 1 if a sequence has no results.
+    Tracks are KITTI tracking results with 3-D boxes (MOTChallenge's with --mot), detections are
+    KITTI object results, a file for each scan, poses of the LiDAR are KITTI's 12 numbers a line or
+    TUM's. JSON holds the scores as roadscope compare reads them.
+
+    Exit status: 1 if a file is malformed or a sequence has no results.
     """
+    from roadscope.benchmarks.cache import write_text
     from roadscope.benchmarks.submit import OWN, SubmitError, submit_kitti, submit_mot
-    from roadscope.benchmarks.submit import submit as submit_results
+    from roadscope.benchmarks.submit import submit as submit_suite
 
     if sum(each is not None for each in (suite, kitti, mot)) > 1:
         raise SubmitError("--suite, --kitti and --mot exclude one another; give one of them")
     if inputs is not None and (kitti or mot):
         raise SubmitError("--inputs is for an exported suite")
-    if kitti is not None:
-        found = submit_kitti(folder, kitti, name=name)
-    elif mot is not None:
-        found = submit_mot(folder, mot, name=name)
-    else:
-        with progress_bars() as progress:
-            found = submit_results(
-                folder, name=name, suite=suite, inputs=inputs or OWN, progress=progress
+    with progress_bars(quiet=quiet) as progress:
+        if kitti is not None:
+            found = submit_kitti(folder, kitti, name=name)
+        elif mot is not None:
+            found = submit_mot(folder, mot, name=name)
+        else:
+            found = submit_suite(
+                folder, suite=suite, name=name, inputs=inputs or OWN, progress=progress
             )
-    if beside is None:
-        _show(found, every)
-    else:
-        _show_board(found.beside(beside))
-    if json is not None:
-        _write(found, json)
+    results = None if beside is None else found.beside(beside)
+    if out is not None:
+        write_text(out, found.to_json())
+    if json:
+        typer.echo(found.to_json(), nl=False)
+    elif not quiet:
+        _show(found, every) if results is None else _show_board(results)
+        if out is not None:
+            typer.echo(f"written: {out}")
     missing = [e for e in found.episodes if e.reason is not None]
     for e in missing:
         complain(f"failed: {found.name} on {e.board}, {e.scenario}, seed {e.seed}: {e.reason}")
@@ -89,6 +108,7 @@ def submit(
 
 
 FIRST = {
+    "detection": ("f1", "detection_rate", "precision", "ap", "position_rmse_m"),
     "tracking": ("hota", "mota", "idf1", "id_switches", "recall", "precision", "position_rmse_m"),
     "odometry": ("t_rel", "r_rel", "end", "false_motion"),
 }
@@ -127,13 +147,3 @@ def _show_board(results: Results) -> None:
         if text := comparison(results, name):
             screen.print(text, markup=False)
         screen.print(footnote(results, name, screen.width), style="dim", markup=False)
-
-
-def _write(found: Submission, path: Path) -> None:
-    from roadscope.benchmarks.cache import write_atomically
-
-    def write(part: Path) -> None:
-        part.write_text(found.to_json(), encoding="utf-8")
-
-    write_atomically(path, write)
-    typer.echo(f"written: {path}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -38,6 +39,11 @@ def headline(text: str) -> None:
     from rich.text import Text
 
     console().print(Text(text, style="bold"), soft_wrap=True)
+
+
+def print_json(content: Any) -> None:
+    """Print what JSON can hold, and nothing else."""
+    typer.echo(json.dumps(content, indent=1, allow_nan=False))
 
 
 def complain(text: str) -> None:

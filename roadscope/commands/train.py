@@ -16,11 +16,13 @@ def train(
     recipe: Annotated[
         str, typer.Option(help="full (half an hour on two cores), small or trial.")
     ] = "full",
-    seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
     jobs: Jobs = 0,
     work: Annotated[
         Path | None,
-        typer.Option(help="Folder for pictures (up to 5 GB) and checkpoints; in the cache."),
+        typer.Option(
+            help="Folder for pictures (up to 5 GB) and checkpoints; the cache if left out."
+        ),
     ] = None,
     out: Annotated[
         Path, typer.Option(help="File for the weights; a .toml comes beside it.")

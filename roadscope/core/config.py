@@ -56,7 +56,9 @@ def _problems(table: Mapping[str, Any], kind: type[msgspec.Struct], prefix: str)
             continue
         value = table[name]
         if _is_table(field.type) and isinstance(value, Mapping):
-            yield from _problems(value, field.type, f"{prefix}{name}.")
+            inside = list(_problems(value, field.type, f"{prefix}{name}."))
+            # A record may check its fields together, once each of them is right.
+            yield from inside or _wrong(value, field.type, prefix + name)
         else:
             yield from _wrong(value, field.type, prefix + name)
 

@@ -142,23 +142,10 @@ class FusedDetections(Record):
         lidar_boxes: (L, 4) all LiDAR detections projected into the image, zeros where outside; the
             image boxes of targets that the camera does not have.
         """
-        if lidar is None and camera is None:
-            raise RecordError("FusedDetections: expected detections of one sensor at least")
-        if lidar is not None and lidar.frame != "ego":
-            raise RecordError(
-                f"FusedDetections: expected detections in frame ego, got those in "
-                f"frame {lidar.frame}"
-            )
-        stamp_s = lidar.stamp_s if lidar is not None else camera.stamp_s if camera else 0.0
-        points = Detections.empty(stamp_s) if lidar is None else lidar
-        image = ImageDetections.empty(stamp_s) if camera is None else camera
+        points, image = _both(lidar, camera)
         lidar_rows = _rows("lidar_rows", lidar_rows, len(points))
         camera_rows = _rows("camera_rows", camera_rows, len(image))
-        if len(lidar_rows) != len(camera_rows):
-            raise RecordError(
-                f"FusedDetections: expected as many lidar_rows as camera_rows, got "
-                f"{len(lidar_rows)} and {len(camera_rows)}"
-            )
+        _check_as_many(lidar_rows, camera_rows)
         by_lidar, by_camera = lidar_rows >= 0, camera_rows >= 0
         of_lidar = _taken(points.scores, lidar_rows, -1.0)
         of_camera = _taken(image.scores, camera_rows, -1.0)
@@ -171,12 +158,12 @@ class FusedDetections(Record):
         if scores is None:
             scores = np.maximum(of_lidar, of_camera)
         boxes = _taken(image.boxes, camera_rows, 0.0)
-        projected = np.zeros(len(boxes), np.bool_)
+        candidates = np.zeros_like(boxes)
         if lidar_boxes is not None:
             candidates = _taken(np.asarray(lidar_boxes, np.float64), lidar_rows, 0.0)
-            inside = (candidates[:, 2:] > candidates[:, :2]).all(axis=1)
-            projected = by_lidar & ~by_camera & inside
-            boxes[projected] = candidates[projected]
+        inside = (candidates[:, 2:] > candidates[:, :2]).all(axis=1)
+        projected = by_lidar & ~by_camera & inside
+        boxes[projected] = candidates[projected]
         centres = _taken(points.centres, lidar_rows, 0.0)
         return FusedDetections(
             categories=categories,
@@ -192,7 +179,7 @@ class FusedDetections(Record):
             has_image_box=by_camera | projected,
             image_boxes=boxes,
             masses=_simple_masses(categories, scores) if masses is None else masses,
-            stamp_s=stamp_s,
+            stamp_s=points.stamp_s,
         )
 
     def select(self, index: np.ndarray) -> FusedDetections:
@@ -206,6 +193,21 @@ class FusedDetections(Record):
         return Detections(
             kept.centres, kept.sizes, kept.yaws, kept.categories, kept.scores, "ego", kept.stamp_s
         )
+
+
+def _both(
+    lidar: Detections | None, camera: ImageDetections | None
+) -> tuple[Detections, ImageDetections]:
+    """Return the detections of both sensors, none where one is missing; refuse other frames."""
+    if lidar is not None and lidar.frame != "ego":
+        raise RecordError(
+            f"FusedDetections: expected detections in frame ego, got those in frame {lidar.frame}"
+        )
+    if lidar is not None:
+        return lidar, ImageDetections.empty(lidar.stamp_s) if camera is None else camera
+    if camera is not None:
+        return Detections.empty(camera.stamp_s), camera
+    raise RecordError("FusedDetections: expected detections of one sensor at least")
 
 
 def _count(detections: Detections | ImageDetections | None) -> int:
@@ -248,6 +250,14 @@ def _rows(name: str, rows: np.ndarray, count: int) -> np.ndarray:
             f"{count - 1}, got {given.tolist()}"
         )
     return given.astype(np.int64)
+
+
+def _check_as_many(lidar_rows: np.ndarray, camera_rows: np.ndarray) -> None:
+    if len(lidar_rows) != len(camera_rows):
+        raise RecordError(
+            f"FusedDetections: expected as many lidar_rows as camera_rows, got "
+            f"{len(lidar_rows)} and {len(camera_rows)}"
+        )
 
 
 def _taken(values: np.ndarray, rows: np.ndarray, otherwise: float) -> np.ndarray:

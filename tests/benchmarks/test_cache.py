@@ -53,7 +53,7 @@ def test_what_is_kept_is_made_once_and_again_on_request(tmp_path: Path) -> None:
     first = cache.digest_of(path)
     assert cache.kept(path, Text.load, lambda: next(made)) == "one"
     assert cache.digest_of(path) == first
-    assert cache.kept(path, Text.load, lambda: next(made), anew=True) == "two"
+    assert cache.kept(path, Text.load, lambda: next(made), recompute=True) == "two"
     assert cache.digest_of(path) != first
     assert cache.read_kept(path, Text.load) == "two"
 

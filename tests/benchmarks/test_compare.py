@@ -113,6 +113,21 @@ def test_counts_that_move_alike_in_few_seeds_are_no_proof() -> None:
     assert d.verdict == "worse"
 
 
+def test_equal_values_of_other_weights_differ() -> None:
+    def weighted(*weights):
+        values = (0.2, 0.5, 0.9)
+        return run(
+            [
+                job("mine", seed, {"recall": score(value, weight=weight)})
+                for seed, (value, weight) in enumerate(zip(values, weights, strict=True))
+            ]
+        )
+
+    (d,) = compare(weighted(10, 10, 10), weighted(30, 10, 10)).differences
+    assert d.difference == pytest.approx(2.0 / 5 - 1.6 / 3)
+    assert d.low <= d.difference <= d.high
+
+
 @pytest.mark.parametrize("name", ["call_p50_ms", "wall_p99_ms"])
 def test_times_fail_only_if_asked(name) -> None:
     times = [3.0, 3.1, 3.3, 3.2]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
+from roadscope.benchmarks.boards.detection import detection_parts, detection_scores
 from roadscope.benchmarks.cache import FolderError
 from roadscope.benchmarks.compare import compare
 from roadscope.benchmarks.episode import Episode, sensed
@@ -23,12 +24,15 @@ from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_result
 from roadscope.benchmarks.formats.scan_folder import ScanFolder
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import Trajectories, score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks
+from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.parked import parked_among
+from roadscope.benchmarks.references import detection_source
 from roadscope.benchmarks.results.job_scores import JobScores
 from roadscope.benchmarks.submit import SubmitError, submit, submit_kitti, submit_mot
-from roadscope.benchmarks.suite import parse_suite
+from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.core import Category, Detections, Tracks, wrap_angle
 from roadscope.envs.sensors.rigs import rig
 from roadscope.trackers import TRACKERS
@@ -260,6 +264,38 @@ def test_perfect_results_are_perfect(exported, tmp_path) -> None:
             assert e.scores["end"].value == pytest.approx(0, abs=1e-6)
 
 
+def test_the_oracle_gets_its_own_scores_back(exported, tmp_path, episode) -> None:
+    rule = read_manifest(exported).eligibility
+    node = DetectionNode(detection_source("oracle"), episode, rule)
+    oracle = node.compute(RunOptions())
+    lidar = rig("vlp16-imu").lidar.ego_from_lidar
+    folder = tmp_path / "mine" / "detection" / "0000"
+    for number, (boxes, truth) in enumerate(zip(oracle.detections, oracle.truths, strict=True)):
+        tracks, pose = Tracks.of(boxes, np.arange(len(boxes))), truth.world_from_ego @ lidar
+        rows = kitti_objects(tracks, number, pose, P2, (1242, 375), all_around=True)
+        path = folder / f"{number:06d}.txt"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_results(path, [rows])
+        lines = [line.split(" ", 2)[2] for line in path.read_text().splitlines()]
+        path.write_text("".join(f"{line}\n" for line in lines))
+    found = submit(tmp_path / "mine", suite=exported)
+    assert found.boards() == ["detection"]
+    (own, missing) = found.episodes
+    assert missing.reason == "no result file detection/0001"
+    wanted = {**detection_scores(oracle, rule, timed=False), **detection_parts(oracle, rule)}
+    assert set(own.scores) == set(wanted)
+    for metric, score in wanted.items():
+        close = pytest.approx(score.value, abs=1e-4, nan_ok=True)
+        assert (own.scores[metric].value, own.scores[metric].n) == (close, score.n), metric
+    assert own.scores["f1"].value == 1
+    (folder / "000003.txt").unlink()
+    with pytest.raises(FormatError, match=r"000003\.txt"):
+        submit(tmp_path / "mine", suite=exported)
+    (folder / "000003.txt").write_text("Car 0 0 0 0 0 9 9 -1 -1 -1 1 2 3 0 0.5\n")
+    with pytest.raises(FormatError, match=r"000003\.txt.*3-D"):
+        submit(tmp_path / "mine", suite=exported)
+
+
 def test_scores_are_those_of_the_metrics(exported, tmp_path, episode) -> None:
     out = perfect(exported, tmp_path / "mine", off_m=0.5)
     found = submit(out, suite=exported, name="off", inputs=DETECTOR)
@@ -321,6 +357,16 @@ def test_a_sequence_without_results_has_failed(exported, tmp_path) -> None:
     found = submit(out, suite=exported)
     assert [e.reason is None for e in found.episodes] == [True, True, False, False]
     assert compare(found, found).failures
+
+
+def test_a_submission_is_one_more_row_of_a_board(exported, tmp_path) -> None:
+    out = perfect(exported, tmp_path / "mine", sequences=("0000",))
+    theirs = submit(out, suite=exported, name="theirs")
+    (tmp_path / "leaderboard.json").write_text(theirs.to_json())
+    results = submit(out, suite=exported).beside(tmp_path)
+    assert set(results.entries("tracking")) == {"theirs", "mine"}
+    with pytest.raises(SubmitError, match="theirs already"):
+        theirs.beside(tmp_path)
 
 
 def test_bad_results_are_refused(exported, tmp_path) -> None:

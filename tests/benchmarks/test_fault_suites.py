@@ -14,7 +14,8 @@ from roadscope.benchmarks.listing import names_of
 from roadscope.benchmarks.manifest import manifest
 from roadscope.benchmarks.run import plan
 from roadscope.benchmarks.single import picture
-from roadscope.benchmarks.suite import SuiteError, parse_suite
+from roadscope.benchmarks.suite import SuiteError
+from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.envs.sensors.faults import FAULTS
 
 TINY = """

@@ -7,7 +7,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -68,6 +68,13 @@ class Step(Node):
         return Text("+".join([self.name, *read]))
 
 
+@dataclass(frozen=True)
+class Deep(Step):
+    """A step that is the same each time."""
+
+    recomputed_if_fresh = False
+
+
 class Lengths:
     """A board that scores the length of a text."""
 
@@ -114,7 +121,7 @@ def begun(log: Path) -> Counter[str]:
 
 def diamond(log: Path, **fields: Any) -> list[Step]:
     """Return three answers that share two steps; the one step is computed from the other."""
-    deep = Step("deep", log)
+    deep = Deep("deep", log)
     shared = Step("shared", log, (deep,), **fields)
     return [Step(name, log, (shared, deep)) for name in ("a", "b", "c")]
 
@@ -141,11 +148,35 @@ def test_nodes_are_kept_by_what_they_depend_on(log: Path) -> None:
     assert one.path.is_relative_to(Path(os.environ["ROADSCOPE_CACHE"]))
 
 
-def test_fresh_does_again_what_is_made_from_traffic_and_not_the_traffic(log: Path) -> None:
-    jobs = [job(step) for step in diamond(log)]
+def test_fresh_computes_again_all_but_what_is_the_same_each_time(log: Path) -> None:
+    jobs = [job(step) for step in (*diamond(log), Step("source", log))]
     outcomes(jobs)
     outcomes(jobs, fresh=True)
-    assert begun(log) == {"deep": 1, "shared": 2, "a": 2, "b": 2, "c": 2}
+    assert begun(log) == {"deep": 1, "shared": 2, "a": 2, "b": 2, "c": 2, "source": 2}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("fresh", [False, True])
+def test_answers_of_several_jobs_are_computed_once_in_a_run(
+    log: Path, workers: int, fresh: bool
+) -> None:
+    answers = Step("answers", log, wait_s=0.1)
+    jobs = [replace(job(answers, settings=name), entry=name) for name in "abcd"]
+    for runs in (1, 2):
+        found = outcomes(jobs, workers, fresh=fresh)
+        assert {name: o.scores["length"].value for name, o in found.items()} == dict.fromkeys(
+            "abcd", len("answers")
+        )
+        assert begun(log) == {"answers": runs if fresh else 1}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_answers_of_several_jobs_that_fail_are_tried_once(log: Path, workers: int) -> None:
+    answers = Step("answers", log, fault="plug-in")
+    found = outcomes([replace(job(answers), entry=name) for name in "ab"], workers)
+    assert begun(log) == {"answers": 1}
+    assert {outcome.reason for outcome in found.values()} == {"answers: it broke"}
+    assert {outcome.log for outcome in found.values()} == {"its last words"}
 
 
 @pytest.mark.parametrize("workers", [1, 2])

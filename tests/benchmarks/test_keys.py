@@ -8,8 +8,8 @@ from edited_keys import Copy, assert_changed, copied
 
 HEAD = """
 from roadscope.benchmarks.boards import BOARDS
-from roadscope.benchmarks.boards.board import BoardSetting
-from roadscope.benchmarks.suite import parse_suite
+from roadscope.benchmarks.boards.board import JobOptions
+from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.core import Spec
 """
 KEYS = """
@@ -31,7 +31,7 @@ for name, entry in {entries}:
     jobs = board.jobs(
         parse_suite(SUITE, ""),
         [board.check_entry(Spec.parse(entry))],
-        setting=BoardSetting(marks=False),
+        JobOptions(marks=False),
     )
     print(*(job.key for job in jobs))
 """

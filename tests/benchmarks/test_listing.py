@@ -8,7 +8,7 @@ from rich.console import Console
 from roadscope.benchmarks.listing import KINDS, names_of
 from roadscope.benchmarks.recorded.mot import MOT
 from roadscope.benchmarks.recorded.suite import KITTI
-from roadscope.benchmarks.suite import SUITES
+from roadscope.benchmarks.suite_files import SUITES
 from roadscope.benchmarks.tables import name_table
 from roadscope.core import Registry, registry
 from roadscope.detectors import DETECTORS

@@ -110,8 +110,7 @@ def test_an_imitation_has_its_scores_and_no_cost():
         scenarios=(EPISODE.scenario,),
         seeds=(EPISODE.seed,),
         duration_s=EPISODE.duration_s,
-        odometry_lengths_m=(10.0,),
-    )
+    ).with_settings("odometry", lengths_m=(10.0,))
     results = leaderboard(suite, [spec], boards=["odometry"], only=True)
     assert not results.failures
     assert results.row("odometry", spec, "t_rel").value == pytest.approx(10, rel=0.3)

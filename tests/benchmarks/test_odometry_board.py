@@ -18,7 +18,8 @@ from roadscope.benchmarks.episode import sensing_of, timeline_of
 from roadscope.benchmarks.report.breakdowns import breakdown_tables
 from roadscope.benchmarks.report.tables import board_table
 from roadscope.benchmarks.run import plan
-from roadscope.benchmarks.suite import SuiteError, parse_suite
+from roadscope.benchmarks.suite import SuiteError
+from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.core import SpecError
 
 PLUGINS = Path(__file__).parent / "sensor_plugins.py"
@@ -194,7 +195,7 @@ def test_the_suite_of_the_package_has_the_hard_scenarios_and_what_is_registered(
     assert len(loaded.seeds) >= 5
     assert (
         {"lidar-inertial", "zhang2022", "kiss-icp", "still"}
-        <= {Spec.parse(spec).name for spec in loaded.odometries}
+        <= {Spec.parse(spec).name for spec in loaded.boards["odometry"].entries}
         <= set(ODOMETRIES.names())
     )
     assert len(episodes(loaded)) == len(loaded.scenarios) * len(loaded.seeds)

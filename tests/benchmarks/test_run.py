@@ -14,7 +14,8 @@ from roadscope.benchmarks.cache import FolderError
 from roadscope.benchmarks.episode import Episode, sensed, timeline_path
 from roadscope.benchmarks.nodes.tracks import ego_motions
 from roadscope.benchmarks.run import RunError, plan
-from roadscope.benchmarks.suite import Suite, SuiteError, parse_suite
+from roadscope.benchmarks.suite import Suite, SuiteError
+from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.core import SpecError
 
 PLUGINS = Path(__file__).parent / "plugins.py"

@@ -21,7 +21,7 @@ from roadscope.benchmarks.references import image_source
 from roadscope.benchmarks.report.breakdowns import breakdown_tables
 from roadscope.benchmarks.report.tables import board_table
 from roadscope.benchmarks.run import plan
-from roadscope.benchmarks.suite import SUITES, parse_suite
+from roadscope.benchmarks.suite_files import SUITES, parse_suite
 from roadscope.core import SpecError
 from roadscope.detectors.camera.network import ARCHITECTURE
 from roadscope.detectors.camera.weight_file import SHIPPED
@@ -95,7 +95,8 @@ def test_tables_fit_a_terminal(results) -> None:
 
 
 def test_a_strangers_fusion_costs_only_its_own_row(suite, out, capfd) -> None:
-    small = replace(suite, seeds=suite.seeds[1:], fused_lidar=("cluster-boxes",))
+    small = replace(suite, seeds=suite.seeds[1:])
+    small = small.with_settings("fusion", lidar=("cluster-boxes",))
     good, bad = f"{SENSORS}:MyUnion", f"{SENSORS}:NeedsBoth"
     found = leaderboard(small, [good, bad, "union"], boards=["fusion"], only=True, out_dir=out)
     assert found.row("fusion", good, "ap").value == found.row("fusion", "union", "ap").value
@@ -123,7 +124,7 @@ def test_a_second_run_does_nothing_again(suite, out, results) -> None:
 
 
 def test_a_camera_detector_that_raises_or_hangs_costs_its_own_row(suite) -> None:
-    small = replace(suite, seeds=suite.seeds[:1], faults=((),), camera_detectors=())
+    small = replace(suite, seeds=suite.seeds[:1], faults=((),))
     given = {"boards": ["camera"], "only": True}
     good, raising, hanging = (
         f"{SENSORS}:{name}" for name in ("OneBox", "RaisingCamera", "HangingCamera")
@@ -151,7 +152,7 @@ def test_detections_are_kept_as_they_were(suite, tmp_path) -> None:
 def test_fused_detections_are_a_detector_for_trackers(suite, out) -> None:
     found = leaderboard(suite, boards=["tracking"], out_dir=out)
     assert found.row("tracking", "nearest", "hota").value > 0
-    spec, episode = suite.public_detectors[0], episodes(suite)[0]
+    spec, episode = suite.boards["tracking"].detectors[0], episodes(suite)[0]
     detections = fused_detections_of(spec, episode, suite.eligibility)
     fusions = fusions_of(spec, episode, suite.eligibility)
     assert len(detections.detections) == len(fusions.fused) == len(detections.truths)
@@ -194,7 +195,7 @@ def test_another_calibration_gives_other_results_under_another_key(suite, tmp_pa
 )
 def test_what_cannot_be_fused_is_named_before_anything_runs(suite, spec, words) -> None:
     with pytest.raises(ValueError, match=words):
-        plan(replace(suite, public_detectors=(spec,)), (), boards=["tracking"])
+        plan(suite.with_settings("tracking", detectors=(spec,)), (), boards=["tracking"])
 
 
 def test_weights_that_do_not_fit_are_named_before_anything_runs(suite, tmp_path) -> None:
@@ -234,7 +235,7 @@ def test_kinds_belong_on_their_boards(suite) -> None:
 
 
 def test_a_class_with_detect_says_its_kind_or_the_board_does(suite) -> None:
-    with_both = replace(suite, detectors=("distance",))
+    with_both = suite.with_settings("detection", entries=("distance",))
     unsaid, spatial, imaging = (
         f"{SENSORS}:{name}" for name in ("OneBox", "SpatialBox", "RaisingCamera")
     )

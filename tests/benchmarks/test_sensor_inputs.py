@@ -13,7 +13,7 @@ from roadscope.benchmarks.boards.board import episodes
 from roadscope.benchmarks.episode import sensing_of
 from roadscope.benchmarks.images import image_rows, image_rows_of_scans, pictures
 from roadscope.benchmarks.references import LIDAR_ALONE
-from roadscope.benchmarks.suite import parse_suite
+from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.fusion.pairing import LIMIT_S
 
 

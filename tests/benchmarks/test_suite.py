@@ -5,17 +5,15 @@ import pytest
 
 from roadscope import Spec
 from roadscope.benchmarks.boards import boards_of
+from roadscope.benchmarks.boards.camera import CameraSettings
+from roadscope.benchmarks.boards.fusion import FusionSettings
+from roadscope.benchmarks.boards.odometry import OdometrySettings
+from roadscope.benchmarks.boards.tracking import TrackingSettings
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.kinds import entry_kind
 from roadscope.benchmarks.run import plan
-from roadscope.benchmarks.suite import (
-    SPLITS,
-    SUITES,
-    SuiteError,
-    check_names,
-    load_suite,
-    parse_suite,
-)
+from roadscope.benchmarks.suite import BoardSettings, SuiteError, check_names
+from roadscope.benchmarks.suite_files import SPLITS, SUITES, load_suite, parse_suite
 from roadscope.core import SpecError
 
 PLUGINS = Path(__file__).parent / "plugins.py"
@@ -45,14 +43,15 @@ def test_shipped_suites_name_what_exists(name) -> None:
     assert set(jobs) == {board.name for board in boards_of(suite) if board.suite_entries(suite)}
     seen = len(suite.weathers) + len(suite.lights) + len(suite.faults) - 2
     episodes = len(suite.scenarios) * len(suite.seeds) * seen
-    ranked = len(suite.detectors)
-    assert jobs["detection"] == episodes * (2 + ranked if ranked else 0)
-    tracked = len(suite.trackers) * len(suite.public_detectors) * len(suite.egos)
+    ranked, tracking, camera, fusion = (
+        suite.boards[name] for name in ("detection", "tracking", "camera", "fusion")
+    )
+    assert jobs["detection"] == episodes * (2 + len(ranked.entries) if ranked.entries else 0)
+    tracked = len(tracking.entries) * len(tracking.detectors) * len(tracking.egos)
     assert jobs["tracking"] == episodes * tracked
-    looking = len(suite.camera_detectors)
-    assert jobs["camera"] == episodes * (looking + 1 if looking else 0)
-    pairs, joining = len(suite.fused_lidar) * len(suite.fused_camera), len(suite.fusions)
-    assert jobs["fusion"] == episodes * pairs * (joining + 2 if joining else 0)
+    assert jobs["camera"] == episodes * (len(camera.entries) + 1 if camera.entries else 0)
+    pairs = len(fusion.lidar) * len(fusion.camera)
+    assert jobs["fusion"] == episodes * pairs * (len(fusion.entries) + 2 if fusion.entries else 0)
 
 
 def test_splits_share_no_seed() -> None:
@@ -95,6 +94,8 @@ def test_a_suite_of_ones_own(tmp_path) -> None:
         ("[detection]", "[odometry]\nlengths_m = []\n[detection]", ["odometry.lengths_m"]),
         ("[detection]", "detection = 3", ["detection", "3"]),
         ('["lu2018-three-vehicles"]', "[]", ["scenarios"]),
+        ("[tracking]", '[tracking]\nego = ["none", ""]', ["tracking.ego[1]", "''"]),
+        ("[tracking]", "[trackign]\n[tracking]", ["'trackign'", "'tracking'"]),
         ("[tracking]", "[tracking]\nentrys = 1", ["'tracking.entrys'", "'tracking.entries'"]),
         ("name =", "name ==", ["TOML"]),
     ],
@@ -117,8 +118,17 @@ def test_errors_say_what_is_wrong(old: str, new: str, words: list[str]) -> None:
     ("text", "words"),
     [
         (
-            "seed = 3\nname = 4\n[camera]\nevry_s = 1",
-            ["'seed'", "name", "'camera.evry_s'", "'rig'", "'version'", "'scenarios'", "'seeds'"],
+            "seed = 3\nname = 4\n[camera]\nevry_s = 1\n[odometry]\nlengths_m = [-1]",
+            [
+                "'seed'",
+                "name",
+                "'camera.evry_s'",
+                "odometry.lengths_m[0]",
+                "'rig'",
+                "'version'",
+                "'scenarios'",
+                "'seeds'",
+            ],
         ),
         (
             TINY.replace("seeds = 2", 'seeds = [1]\nlights = ["nihgt"]\nfaults = ["fog:9"]'),
@@ -149,19 +159,16 @@ min_returns = 3
 families = ["cyclist"]
 """
     suite = parse_suite(TINY + tables, "x")
-    assert (suite.detectors, suite.trackers, suite.public_detectors) == (
-        ("pag",),
-        ("nearest",),
-        ("pag",),
-    )
-    assert (suite.camera_detectors, suite.image_every_s) == (("colour-blobs",), 1.0)
-    assert (suite.fusions, suite.fused_lidar, suite.fused_camera) == (
-        ("union",),
-        ("pag",),
-        ("network",),
-    )
-    assert suite.fused_every_s == 0.4
-    assert suite.odometry_lengths_m == (10.0, 20.0)
+    assert suite.boards == {
+        "detection": BoardSettings(entries=("pag",)),
+        "tracking": TrackingSettings(entries=("nearest",), detectors=("pag",), ego="truth"),
+        "camera": CameraSettings(entries=("colour-blobs",), every_s=1.0),
+        "fusion": FusionSettings(
+            entries=("union",), lidar=("pag",), camera=("network",), every_s=0.4
+        ),
+        "odometry": OdometrySettings(lengths_m=(10.0, 20.0)),
+    }
+    assert suite.settings("tracking", TrackingSettings).egos == ("truth",)
     assert suite.eligibility == Eligibility((1.0, 30.0), 3, ("cyclist",))
 
 
@@ -290,6 +297,17 @@ def test_wrong_values_are_refused_before_anything_runs(spec, message) -> None:
     wrong = parse_suite(TINY.replace('entries = ["pag"]', f'entries = ["{spec}"]'), "x")
     with pytest.raises(SuiteError, match=r"suite tiny v3, detection\.entries: "):
         plan(wrong, [], boards=["detection"])
+
+
+def test_a_suite_without_entries_is_for_every_board() -> None:
+    empty = parse_suite(TINY.partition("[detection]")[0], "x")
+    assert [board.name for board in plan(empty, ["pag"]).boards] == ["detection"]
+    assert [board.name for board in plan(empty, ["voxel-map", "pag"]).boards] == [
+        "detection",
+        "odometry",
+    ]
+    with pytest.raises(SpecError, match="nothing to run on: detection, tracking, camera"):
+        plan(empty, [])
 
 
 def test_keys_follow_content(tmp_path) -> None:

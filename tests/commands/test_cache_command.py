@@ -1,10 +1,8 @@
 import json
-import sys
 from pathlib import Path
 
 import pytest
 
-from roadscope.__main__ import main
 from roadscope.benchmarks.cached_files import cache_folder, cache_usage, clear_cache, size_text
 
 DIGEST = "0123456789abcdef"
@@ -15,6 +13,7 @@ OURS = {
     "poses": f"poses/{DIGEST}.npz",
     "fusions": f"fusions/{DIGEST}.npz",
     "tracks": f"tracks/{DIGEST}.npz",
+    "answers": f"answers/{DIGEST}.npz",
     "sources": f"sources/{DIGEST}.json",
     "camera-training": f"camera-training/street-1-{DIGEST}.npy",
     "results": "results.sqlite",
@@ -38,13 +37,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (place / name).write_bytes(b"x" * (k + 1))
     monkeypatch.setenv("ROADSCOPE_CACHE", str(place))
     return place
-
-
-def does(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["roadscope", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
 
 
 def names(folder: Path) -> set[str]:
@@ -95,22 +87,22 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
     assert precious.exists()
 
 
-def test_the_command(folder: Path, monkeypatch, capsys) -> None:
-    assert does(monkeypatch, "cache", "path") == 0
-    assert capsys.readouterr().out == f"{folder}\n"
-    assert does(monkeypatch, "cache", "show", "--json") == 0
-    table = json.loads(capsys.readouterr().out)
+def test_the_command(folder: Path, answer) -> None:
+    assert answer("cache", "path") == (0, f"{folder}\n", "")
+    table = json.loads(answer("cache", "show", "--json")[1])
     assert {kind["kind"]: kind["files"] for kind in table["kinds"]} == dict.fromkeys(OURS, 1)
-    assert does(monkeypatch, "cache", "clear", "--kind", "poses", "--kind", "timelines") == 0
-    said = capsys.readouterr().out
+    status, said, _ = answer("cache", "clear", "--kind", "poses", "--kind", "timelines")
+    assert status == 0
     assert "poses" in said
     assert "timelines" in said
     assert "image-detections" not in said
-    assert does(monkeypatch, "cache", "clear", "--results") == 0
-    assert "results" in capsys.readouterr().out
+    status, said, _ = answer("cache", "clear", "--results")
+    assert status == 0
+    assert "results" in said
     assert names(folder) == set(FOREIGN)
-    assert does(monkeypatch, "cache", "clear", "--kind", "nothing") == 1
-    assert "no kind of cached files" in capsys.readouterr().err
+    status, _, errors = answer("cache", "clear", "--kind", "nothing")
+    assert status == 1
+    assert "no kind of cached files" in errors
 
 
 def test_a_folder_that_is_not_there_holds_nothing(tmp_path: Path, monkeypatch) -> None:

@@ -1,21 +1,13 @@
 import json
 import os
-import sys
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 
 import roadscope
-from roadscope.__main__ import main
 from roadscope.benchmarks.doctor import doctor
-
-
-def does(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["roadscope", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
+from roadscope.benchmarks.isolation import sandbox_available
 
 
 @pytest.fixture(autouse=True)
@@ -45,26 +37,28 @@ def test_extras_are_those_of_the_metadata() -> None:
     assert not any(text.startswith("pytest>") for text in extras["test"].missing)
 
 
-def test_json(monkeypatch, capsys) -> None:
-    assert does(monkeypatch, "doctor", "--json") == 0
-    table = json.loads(capsys.readouterr().out)
+def test_json(answer) -> None:
+    status, out, _ = answer("doctor", "--json")
+    assert status == 0
+    table = json.loads(out)
     assert table["broken"] == []
     assert table["kernels"]["folder"]["path"]
     assert isinstance(table["isolation"]["complete"], bool)
     assert table["isolation"]["complete"] == all(table["isolation"]["parts"].values())
 
 
-def test_text(monkeypatch, capsys) -> None:
-    assert does(monkeypatch, "doctor") == 0
-    said = capsys.readouterr().out
+def test_text(answer) -> None:
+    status, said, _ = answer("doctor")
+    assert status == 0
     for words in ("numpy", "cores", "kernels", "bubblewrap"):
         assert words in said
 
 
-def test_a_cache_that_cannot_be_written_is_broken(monkeypatch, capsys) -> None:
+def test_a_cache_that_cannot_be_written_is_broken(monkeypatch, answer) -> None:
     monkeypatch.setenv("ROADSCOPE_CACHE", "/proc/no/such/folder")
-    assert does(monkeypatch, "doctor") == 1
-    assert "/proc/no/such/folder" in capsys.readouterr().out
+    status, out, _ = answer("doctor")
+    assert status == 1
+    assert "/proc/no/such/folder" in out
     assert not doctor().cache.writable
 
 
@@ -88,7 +82,9 @@ def test_kernels_go_where_numba_is_told_to_put_them(tmp_path: Path, monkeypatch)
 
 def test_a_missing_sandbox_is_named_and_breaks_nothing(monkeypatch) -> None:
     monkeypatch.setenv("PATH", os.devnull)
+    sandbox_available.cache_clear()
     diagnosis = doctor()
+    sandbox_available.cache_clear()
     assert not diagnosis.isolation.sandbox
-    assert "bwrap" in diagnosis.isolation.sandbox_reason
+    assert "bubblewrap" in diagnosis.isolation.sandbox_reason
     assert not diagnosis.broken

@@ -8,7 +8,8 @@ import pytest
 
 import roadscope
 from roadscope.benchmarks.cache import FolderError
-from roadscope.benchmarks.suite import check_names, load_suite
+from roadscope.benchmarks.suite import check_names
+from roadscope.benchmarks.suite_files import load_suite
 from roadscope.benchmarks.templates import TEMPLATES, template_text, write_template
 from roadscope.core import SpecError
 
@@ -64,8 +65,8 @@ def test_the_suite_can_be_read_and_run(tmp_path: Path) -> None:
     written = write_template("suite", tmp_path)
     suite = load_suite(written.path)
     check_names(suite)
-    assert suite.detectors
-    assert suite.trackers
+    assert suite.boards["detection"].entries
+    assert suite.boards["tracking"].entries
     assert written.next_steps == (f"roadscope leaderboard --suite {written.path} --out results",)
 
 

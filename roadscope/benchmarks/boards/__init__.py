@@ -11,7 +11,6 @@ from roadscope.benchmarks.boards.fusion import FusionBoard
 from roadscope.benchmarks.boards.odometry import OdometryBoard
 from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
 from roadscope.benchmarks.boards.tracking import TrackingBoard
-from roadscope.benchmarks.recorded.suite import RecordedSuite
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import SpecError
 from roadscope.core.names import unknown
@@ -26,44 +25,42 @@ BOARDS: Mapping[str, Board] = {
         OdometryBoard(),
     )
 }
-"""Boards of simulated traffic, by name."""
-_EVERY: Mapping[str, Board] = {
-    board.name: board for board in (*BOARDS.values(), *KITTI_BOARDS, *MOT_BOARDS)
-}
+"""Boards of simulated traffic, by name: a new one needs its line here, and nothing else."""
+RECORDED_BOARDS: Mapping[str, Board] = {board.name: board for board in (*KITTI_BOARDS, *MOT_BOARDS)}
 
-__all__ = ["BOARDS", "Board", "board_named", "boards_of", "chosen_boards"]
+__all__ = ["BOARDS", "RECORDED_BOARDS", "Board", "board_named", "boards_of", "chosen_boards"]
 
 
 def board_named(name: str) -> Board:
     """Return a board, also of recorded data; `SpecError` says which there are."""
-    if name not in _EVERY:
-        raise SpecError(unknown("board", name, _EVERY))
-    return _EVERY[name]
+    every = {**BOARDS, **RECORDED_BOARDS}
+    if name not in every:
+        raise SpecError(unknown("board", name, every))
+    return every[name]
 
 
 def boards_of(suite: Suite) -> list[Board]:
-    """Return the boards that a suite has entries for."""
-    if isinstance(suite, RecordedSuite):
-        names = dict.fromkeys(recording.board for recording in suite.recordings)
-        return [board_named(name) for name in names]
-    return [board for board in BOARDS.values() if board.suite_entries(suite)] or [
-        BOARDS["detection"],
-        BOARDS["tracking"],
-    ]
+    """Return the boards that a suite has entries for; all if it has none at all."""
+    boards = list((RECORDED_BOARDS if suite.recorded else BOARDS).values())
+    return [board for board in boards if board.suite_entries(suite)] or boards
 
 
 def chosen_boards(suite: Suite, names: Sequence[str] | None) -> list[Board]:
     """Return the boards that are asked for; None: those that the suite has entries for.
 
-    On recorded data `tracking` stands for the boards of all classes.
+    On recorded data a name stands for all boards that rank plug-ins of the same kind.
     """
     if names is None:
         return boards_of(suite)
     for name in names:
         if name not in BOARDS:
             raise SpecError(unknown("board", name, BOARDS))
-    if isinstance(suite, RecordedSuite):
-        if list(names) != ["tracking"]:
-            raise SpecError(f"suite {suite.title} has recorded detections: it is for trackers only")
-        return boards_of(suite)
-    return [BOARDS[name] for name in names]
+    chosen = [BOARDS[name] for name in names]
+    if not suite.recorded:
+        return chosen
+    kinds = {board.kind for board in chosen}
+    possible = boards_of(suite)
+    if not kinds <= {board.kind for board in possible}:
+        ranked = " and ".join(dict.fromkeys(f"{board.kind.name}s" for board in possible))
+        raise SpecError(f"suite {suite.title} has recorded detections: it is for {ranked} only")
+    return [board for board in possible if board.kind in kinds]

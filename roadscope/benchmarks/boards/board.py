@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job
@@ -16,10 +16,8 @@ from roadscope.benchmarks.metrics.calibration import pooled_calibration
 from roadscope.benchmarks.metrics.cost import cost
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.records import CallTimes
+from roadscope.benchmarks.suite import BoardSettings, Suite
 from roadscope.core import Spec
-
-if TYPE_CHECKING:
-    from roadscope.benchmarks.suite import Suite
 
 Scores = Mapping[str, Score]
 Condition = Callable[[Any], str]
@@ -62,12 +60,11 @@ class Breakdown:
 
 
 def time_columns(decimals: int, per: str) -> tuple[Column, ...]:
-    """Return the columns of what calls cost; per: what a call is for."""
-    note = f"ms: processor time of a call, one {per}; wall: time that passed."
+    """Return the columns of what calls cost; per: what a call is for, `frame`."""
     return (
-        Column("call_p50_ms", "ms p50", decimals, note),
-        Column("call_p99_ms", "ms p99", decimals, note),
-        Column("wall_p50_ms", "wall ms", decimals, note),
+        Column("call_p50_ms", "ms p50", decimals, f"ms p50: median processor time for one {per}."),
+        Column("call_p99_ms", "ms p99", decimals, "ms p99: the 99th percentile."),
+        Column("wall_p50_ms", "wall ms", decimals, "wall: median time on the clock."),
     )
 
 
@@ -87,11 +84,17 @@ class Board(ABC):
     """One board.
 
     Adding a board is a subclass in a file of its own, and its line in `boards.BOARDS`.
+
+    A board ranks its entries. Beside them it may show marks, which have no rank: what an entry
+    could reach at best (upper mark) or reaches with the least effort (lower mark), imitations made
+    from truth, or one sensor alone.
     """
 
     name: str
     kind: Kind
     """Kind of the plug-ins that it ranks."""
+    settings_type: type[BoardSettings] = BoardSettings
+    """Record of what a suite says of the board; all of its fields have defaults."""
     headline: str
     """The metric that it ranks by."""
     columns: Sequence[Column]
@@ -102,46 +105,58 @@ class Board(ABC):
     shown_parts: Sequence[Column]
     """Metrics that are shown broken down; the heading is part of a title."""
     conditions: Mapping[str, Condition] = CONDITIONS
+    detections_field: str = ""
+    """Field of its settings that names whose detections entries get; empty: they get none."""
     inputs_name: str = ""
-    """What whose detections an entry gets are called; empty: it gets none."""
-    share_found: str = ""
-    """Metric without a value where nothing in an episode was to be found."""
+    """The breakdown by whose detections an entry gets; empty: it gets none."""
+    object_metric: str = ""
+    """A metric that has a value wherever an object counts: without one no object counted."""
     summed: Sequence[str] = ()
     """Counts that are shown as sums over episodes, as papers have them."""
     medians: Sequence[str] = ()
     """Metrics whose median over episodes is a figure too, `NAME_median`."""
     three_digits: bool = False
-    """Whether figures reach from millimetres to kilometres, so that three digits are shown."""
+    """Whether figures are shown with three digits: for those from millimetres to kilometres."""
     alarms: str = ""
-    """What `false_alarms` are per, where they stand beside detection rates in breakdowns."""
+    """Heading of `false_alarms` beside detection rates in breakdowns; empty: they are not shown."""
     always_by: tuple[str, str] | None = None
-    """A breakdown and the one metric of it that is shown without being asked for."""
+    """A breakdown, and its one metric, that is shown although nobody asks for it."""
+    uses_calibration: bool = False
+    """Whether its plug-ins believe the file that a run gives as calibration."""
+    compared_with: str = ""
+    """Of recorded data: the board of simulated traffic that its ranks are compared with."""
     default_suite: str = "quick"
+    """The suite of a run that names none."""
     sample: str = "seeds"
-    """What intervals are over."""
+    """What intervals are computed over."""
+
+    @property
+    def summary(self) -> str:
+        """What it ranks, in one line: that of its class."""
+        return (type(self).__doc__ or "").partition("\n")[0]
 
     @abstractmethod
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-
-    @abstractmethod
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
-        """Return the jobs of entries on all episodes of a suite, with those of the marks."""
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return the jobs of entries and marks on all episodes of a suite."""
 
     @abstractmethod
     def score(self, job: Job, answers: Any, options: RunOptions) -> Scores:
-        """Return the scores of a job's answers; options: for inputs that are read again."""
+        """Return the scores of a job's answers; options: to read the inputs of the entry."""
 
     @abstractmethod
     def explanation(self, suite: Suite) -> str:
-        """Return what is to be found in a suite, and by whom, for a reader."""
+        """Return what counts on the board and what entries get, for a reader."""
+
+    def suite_entries(self, suite: Suite) -> Sequence[str]:
+        """Return the entries that a suite compares on this board."""
+        return suite.settings(self.name, self.settings_type).entries
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return an entry's resolved spec; `SpecError` says why it cannot be one."""
         return check_plugin_spec(spec, self.kind)
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return what is to be checked of a suite before its entries of this board run."""
+        """Return the checks of what a suite says of the board, done before anything runs."""
         key = f"{self.name}.entries"
 
         def check(text: str) -> None:
@@ -150,26 +165,27 @@ class Board(ABC):
         return [SuiteCheck(key, check, text) for text in self.suite_entries(suite)]
 
     def pooled(self, metric: str, scores: Sequence[Scores]) -> list[Score]:
-        """Return the scores of a metric that are pooled over episodes, one an episode."""
+        """Return the scores of a metric as they are pooled over episodes, one for each episode."""
         bins = [part_name(EXCESS, "score", band) for band in BANDS["score"].labels]
         if metric == CALIBRATION_ERROR and all(b in each for b in bins for each in scores):
             return pooled_calibration([[each[b] for b in bins] for each in scores])
         return [each[metric] for each in scores]
 
     def is_silent(self, metric: str, scores: Sequence[Scores]) -> bool:
-        """Return whether an entry never says what a metric measures, so that it has none."""
+        """Return whether a metric has no figure, since the entry never reports what it measures."""
         return False
 
     def remark(self, calibration: str) -> str:
-        """Return what else a reader must know of a run; empty if nothing."""
+        """Return what a reader must know of a run with a calibration, a file; empty if nothing."""
         return ""
 
 
 @dataclass(frozen=True, slots=True)
-class BoardSetting:
-    """What a run asks of a board beside its entries.
+class JobOptions:
+    """Options of a run that change the jobs of a board.
 
-    marks: whether the marks are wanted. calibration: a file that fusions believe, or empty.
+    marks: whether marks are shown beside the entries.
+    calibration: a file that plug-ins believe in place of the rig's; empty: they believe the rig's.
     """
 
     marks: bool = True

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
     Board,
-    BoardSetting,
     Breakdown,
     Column,
+    JobOptions,
     Scores,
     call_cost,
     check_camera,
@@ -33,11 +32,9 @@ from roadscope.benchmarks.references import (
     is_noise,
     made_from_truth,
 )
+from roadscope.benchmarks.suite import BoardSettings, Positive, Suite
 from roadscope.core import Spec
 from roadscope.core.spec import ORACLE
-
-if TYPE_CHECKING:
-    from roadscope.benchmarks.suite import Suite
 
 _NOTES = {
     "size": "small: below 32 x 32 pixels, large: above 96 x 96.",
@@ -46,11 +43,18 @@ _NOTES = {
 }
 
 
+class CameraSettings(BoardSettings, frozen=True, kw_only=True):
+    """The table `[camera]`; every_s: time from one image to the next."""
+
+    every_s: Positive = 0.5
+
+
 class CameraBoard(Board):
     """Ranks camera detectors by AP50."""
 
     name = "camera"
     kind = CAMERA_DETECTOR
+    settings_type = CameraSettings
     headline = "ap50"
     columns = (
         Column(
@@ -62,10 +66,10 @@ class CameraBoard(Board):
         ),
         Column("ap", "AP", 2, "AP: IoU 0.5 to 0.95."),
         Column("detection_rate", "detected", 2, "detected, false: from a score of 0.5."),
+        *time_columns(1, "image")[:1],
         Column("false_alarms", "false per image", 2),
         Column("category_accuracy", "category", 2, "category: share of right ones."),
         Column("calibration_error", "cal. error", 2, "cal. error: of the scores (ECE)."),
-        *time_columns(1, "image")[:1],
         *time_columns(1, "image")[1:],
         Column("ap50_16px", "AP50 16 px", 2, "16 px: of objects at least that high."),
     )
@@ -86,31 +90,28 @@ class CameraBoard(Board):
         Column("detection_rate", "detected"),
         Column("precision", "precision"),
     )
-    share_found = "detection_rate"
+    object_metric = "detection_rate"
     alarms = "false alarms per image"
     always_by = ("family", "detection_rate")
     default_suite = "camera"
-
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-        return suite.camera_detectors
 
     def check_entry(self, spec: Spec) -> Spec:
         """Return a camera detector's resolved spec; noise models are entries too."""
         return check_image_source(spec)
 
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
-        """Return every detector on all episodes, and with the marks the true boxes."""
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return every detector on all episodes, and as a mark the true boxes."""
         check_camera(suite)
+        every_s = suite.settings(self.name, CameraSettings).every_s
         sources = {str(entry): entry for entry in entries}
-        if setting.marks:
+        if options.marks:
             sources[ORACLE] = image_source(ORACLE)
         return [
             Job(
                 self,
                 name,
                 episode,
-                ImageNode(source, episode, suite.image_every_s),
+                ImageNode(source, episode, every_s),
                 mark=_mark(source),
             )
             for episode in episodes(suite)
@@ -128,7 +129,7 @@ class CameraBoard(Board):
         return scores | call_cost(answers.times.select(has_image))
 
     def explanation(self, suite: Suite) -> str:
-        """Return what is to be found in a suite, for a reader."""
+        """Return which objects count."""
         return (
             "To be found in images: road users with at least 40 visible pixels, 8 pixels high, at "
             "most three quarters hidden and not lost in fog or rain; parked cars count neither way."

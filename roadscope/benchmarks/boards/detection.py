@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
     Board,
-    BoardSetting,
     Breakdown,
     Column,
+    JobOptions,
     Scores,
     call_cost,
     episodes,
@@ -34,11 +33,9 @@ from roadscope.benchmarks.references import (
     detection_source,
     made_from_truth,
 )
+from roadscope.benchmarks.suite import Suite
 from roadscope.core import Spec
 from roadscope.core.spec import ORACLE
-
-if TYPE_CHECKING:
-    from roadscope.benchmarks.suite import Suite
 
 MARKS = {ORACLE: UPPER_MARK, ONE_CLUSTER: LOWER_MARK}
 _EVERY_BAND = "A false detection has none: in AP it counts in each band, and there is no precision."
@@ -70,10 +67,10 @@ class DetectionBoard(Board):
         ),
         Column("detection_rate", "detected", 2),
         Column("precision", "precision", 2),
+        *time_columns(2, "frame")[:1],
         Column("false_alarms_per_frame", "false per frame", 2),
         Column("ap", "AP", 2, "AP: mean over gates of 0.5, 1, 2, 4 m."),
         Column("position_rmse_m", "pos. m", 2, "pos.: RMSE of matched centres."),
-        *time_columns(2, "frame")[:1],
         Column("heading_rmse_deg", "head. deg", 1, "head.: RMSE of matched headings."),
         Column("ap_iou_50", "AP IoU.5", 2, "IoU: of boxes from above."),
         *time_columns(2, "frame")[1:],
@@ -111,15 +108,11 @@ class DetectionBoard(Board):
         Column("heading_rmse_deg", "heading RMSE (degrees)"),
         Column("size_rmse_m", "size RMSE (m)"),
     )
-    share_found = "detection_rate"
+    object_metric = "detection_rate"
 
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-        return suite.detectors
-
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
-        """Return the jobs of entries on all episodes of a suite, with those of the marks."""
-        sources = {name: detection_source(name) for name in (MARKS if setting.marks else ())}
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return every detector on all episodes, and as marks the oracle and one cluster."""
+        sources = {name: detection_source(name) for name in (MARKS if options.marks else ())}
         sources |= {str(entry): entry for entry in entries}
         return [
             Job(
@@ -144,12 +137,12 @@ class DetectionBoard(Board):
         }
 
     def explanation(self, suite: Suite) -> str:
-        """Return what is to be found in a suite, for a reader."""
+        """Return which objects count."""
         return rule_in_words(suite.eligibility)
 
 
 def rule_in_words(rule: Eligibility) -> str:
-    """Return what is to be found, for a reader."""
+    """Return which objects count, for a reader."""
     near, far = rule.range_m
     families = " and ".join(f"{family}s" for family in rule.families)
     place = f"within {far:g} m" if near == 0 else f"{near:g} to {far:g} m away"

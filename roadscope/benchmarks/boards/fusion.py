@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
     Board,
-    BoardSetting,
     Breakdown,
     Column,
+    JobOptions,
     Scores,
     SuiteCheck,
     call_cost,
@@ -37,15 +36,26 @@ from roadscope.benchmarks.references import (
     detection_source,
     image_source,
 )
+from roadscope.benchmarks.suite import BoardSettings, Names, Positive, Suite
 from roadscope.core import Spec, SpecError
 from roadscope.envs.sensors.rigs import rig
-
-if TYPE_CHECKING:
-    from roadscope.benchmarks.suite import Suite
 
 INPUTS = "inputs"
 PASSED_ON = "union"
 """The fusion that passes on what one sensor detected, where the other brings nothing."""
+
+
+class FusionSettings(BoardSettings, frozen=True, kw_only=True):
+    """The table `[fusion]`.
+
+    lidar, camera: all fusions get the detections of each LiDAR detector with those of each camera
+        detector.
+    every_s: time from one pair of detections to the next.
+    """
+
+    lidar: Names = ()
+    camera: Names = ()
+    every_s: Positive = 0.4
 
 
 class FusionBoard(Board):
@@ -53,6 +63,7 @@ class FusionBoard(Board):
 
     name = "fusion"
     kind = FUSION
+    settings_type = FusionSettings
     headline = "ap"
     columns = (
         Column(
@@ -64,12 +75,12 @@ class FusionBoard(Board):
         ),
         Column("f1", "F1", 2, "F1, detected, false, precision: from a score of 0.5."),
         Column("detection_rate", "detected", 2),
+        *time_columns(2, "scan")[:1],
         Column("false_alarms", "false per scan", 2),
         Column(
             "distance_right", "dist. right", 2, "dist. right: of detected ones, within 10 % or 1 m."
         ),
         Column("family_right", "class right", 2, "class right: vehicle, cyclist or pedestrian."),
-        *time_columns(2, "scan")[:1],
         Column("calibration_error", "cal. error", 2, "cal. error: of the scores (ECE)."),
         Column(
             "hidden_distance_right", "dist. hidden", 2, "dist. hidden: of more than a third hidden."
@@ -99,48 +110,47 @@ class FusionBoard(Board):
         Column("precision", "precision"),
     )
     inputs_name = INPUTS
-    share_found = "detection_rate"
+    uses_calibration = True
+    object_metric = "detection_rate"
     alarms = "false alarms per scan"
     always_by = ("family", "detection_rate")
     default_suite = "fusion"
 
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-        return suite.fusions
-
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return what is to be checked: fusions, and the detectors whose detections they get."""
+        """Return the checks of fusions, and of the detectors whose detections they get."""
+        settings = suite.settings(self.name, FusionSettings)
         return [
             *super().suite_checks(suite),
-            *(SuiteCheck("fusion.lidar", check_detection_source, s) for s in suite.fused_lidar),
-            *(SuiteCheck("fusion.camera", check_image_source, s) for s in suite.fused_camera),
+            *(SuiteCheck("fusion.lidar", check_detection_source, s) for s in settings.lidar),
+            *(SuiteCheck("fusion.camera", check_image_source, s) for s in settings.camera),
         ]
 
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
-        """Return every fusion of all pairs of detectors, and with the marks one sensor alone."""
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return every fusion of all pairs of detectors, and as marks one sensor alone."""
         check_camera(suite)
-        if setting.calibration:
-            fitting_calibration(setting.calibration, projection_of(rig(suite.rig)))
-        if not (suite.fused_lidar and suite.fused_camera):
+        if options.calibration:
+            fitting_calibration(options.calibration, projection_of(rig(suite.rig)))
+        settings = suite.settings(self.name, FusionSettings)
+        if not (settings.lidar and settings.camera):
             raise SpecError(f"suite {suite.title} names no fusion.lidar or no fusion.camera")
         passed_on = FUSION.registry.resolve(PASSED_ON)
         rows = [(str(entry), entry, "") for entry in dict.fromkeys(entries)]
-        if setting.marks:
+        if options.marks:
             rows += [(alone, passed_on, alone) for alone in (LIDAR_ALONE, CAMERA_ALONE)]
         pairs = [
             (detection_source(lidar), image_source(camera))
-            for lidar in suite.fused_lidar
-            for camera in suite.fused_camera
+            for lidar in settings.lidar
+            for camera in settings.camera
         ]
         jobs = []
         for episode in episodes(suite):
             for lidar, camera in pairs:
                 node = FusionNode(
                     DetectionNode(lidar, episode, suite.eligibility),
-                    ImageNode(camera, episode, suite.fused_every_s, of_scans=True),
+                    ImageNode(camera, episode, settings.every_s, of_scans=True),
                     passed_on,
-                    setting.calibration,
-                    suite.fused_every_s,
+                    options.calibration,
+                    settings.every_s,
                 )
                 jobs += [
                     Job(
@@ -161,14 +171,15 @@ class FusionBoard(Board):
         return scores if job.mark else scores | call_cost(answers.times)
 
     def explanation(self, suite: Suite) -> str:
-        """Return what is to be found in a suite, and whose detections fusions get."""
-        lidar, camera = " and ".join(suite.fused_lidar), " and ".join(suite.fused_camera)
+        """Return which objects count, and whose detections fusions get."""
+        settings = suite.settings(self.name, FusionSettings)
+        lidar, camera = " and ".join(settings.lidar), " and ".join(settings.camera)
         text = (
             "To be found by fusions: road users in the image, 3 to 60 m away, with 5 returns or 60 "
             "pixels, 12 high, less than nine tenths hidden. They get the detections of "
             f"{lidar} with those of {camera}."
         )
-        if any(name.startswith("noisy-camera") for name in suite.fused_camera):
+        if any(name.startswith("noisy-camera") for name in settings.camera):
             text += " noisy-camera is an imitation made from truth."
         return text
 

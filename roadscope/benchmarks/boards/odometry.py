@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
     Board,
-    BoardSetting,
     Breakdown,
     Column,
+    JobOptions,
     Scores,
     call_cost,
     episodes,
@@ -42,14 +43,18 @@ from roadscope.benchmarks.references import (
     is_noise,
     pose_source,
 )
+from roadscope.benchmarks.suite import BoardSettings, Positive, Suite
 from roadscope.core import Spec
 from roadscope.core.spec import ORACLE
 
-if TYPE_CHECKING:
-    from roadscope.benchmarks.suite import Suite
-
 DYNAMIC_NOTE = "dyn.: returns that the odometry holds to be of moving objects."
 ERROR_NOTE = "mean, std, min, max: of the positions' errors, mean of the episodes."
+
+
+class OdometrySettings(BoardSettings, frozen=True, kw_only=True):
+    """The table `[odometry]`; lengths_m: drift is measured over stretches of these lengths."""
+
+    lengths_m: Annotated[tuple[Positive, ...], Meta(min_length=1)] = SHORT_M
 
 
 class OdometryBoard(Board):
@@ -57,9 +62,10 @@ class OdometryBoard(Board):
 
     name = "odometry"
     kind = ODOMETRY
+    settings_type = OdometrySettings
     headline = "t_rel"
     columns = (
-        Column("t_rel", "t_rel %", 2),
+        Column("t_rel", "t_rel %", 2, "t_rel: drift of the position as KITTI defines it."),
         Column("t_rel_median", "t_rel median", 2, "t_rel median: over the episodes."),
         Column(
             "failed",
@@ -67,11 +73,16 @@ class OdometryBoard(Board):
             2,
             "failures: share of episodes that end more than 1 m and 5 % of the distance off.",
         ),
+        *time_columns(1, "scan")[:1],
         Column("r_rel", "r_rel deg", 2, "r_rel: degrees in 100 m."),
-        Column("ate", "ATE m", 2, "ATE, end: of positions, first pose on first pose."),
+        Column(
+            "ate",
+            "ATE m",
+            2,
+            "ATE: RMSE of positions, end: error of the last; first poses aligned.",
+        ),
         Column("end", "end m", 2),
         Column("false_motion", "false m", 2, "false: farthest estimated motion of a standing ego."),
-        *time_columns(1, "scan")[:1],
         Column("below_1", "t_rel < 1 %", 2, "t_rel < 1 %: share of episodes."),
         Column("rpe", "RPE m", 3, "RPE: from scan to scan."),
         Column("call_p90_ms", "ms p90", 1),
@@ -117,19 +128,15 @@ class OdometryBoard(Board):
     three_digits = True
     default_suite = "odometry"
 
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-        return suite.odometries
-
     def check_entry(self, spec: Spec) -> Spec:
         """Return an odometry's resolved spec; oracles and noise models are entries too."""
         return check_pose_source(spec)
 
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
-        """Return every odometry on all episodes, and with the marks each one without movers."""
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return every odometry on all episodes, and as marks the same without moving objects."""
         ranked = [entry for entry in entries if _mark(entry) is None]
         oracles = [pose_source(f"{ORACLE}?odometry={entry}") for entry in ranked]
-        sources = dict.fromkeys([*entries, *(oracles if setting.marks else [])])
+        sources = dict.fromkeys([*entries, *(oracles if options.marks else [])])
         return [
             Job(
                 self,
@@ -137,7 +144,7 @@ class OdometryBoard(Board):
                 episode,
                 PoseNode(source, episode),
                 mark=_mark(source),
-                settings=tuple(suite.odometry_lengths_m),
+                settings=suite.settings(self.name, OdometrySettings).lengths_m,
                 missing=_missing(source),
             )
             for episode in episodes(suite)
@@ -160,7 +167,8 @@ class OdometryBoard(Board):
 
     def explanation(self, suite: Suite) -> str:
         """Return what drift is measured over."""
-        *lengths, last = (f"{length_m:g}" for length_m in suite.odometry_lengths_m)
+        lengths_m = suite.settings(self.name, OdometrySettings).lengths_m
+        *lengths, last = (f"{length_m:g}" for length_m in lengths_m)
         over = f"{', '.join(lengths)} and {last}" if lengths else last
         return (
             f"Drifts t_rel and r_rel are over stretches of {over} m, as KITTI defines them. 'on "

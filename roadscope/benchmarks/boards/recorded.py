@@ -8,33 +8,38 @@ from typing import Any
 
 from roadscope.benchmarks.boards.board import (
     Board,
-    BoardSetting,
     Breakdown,
     Column,
     Condition,
+    JobOptions,
     Scores,
     call_cost,
     time_columns,
 )
 from roadscope.benchmarks.boards.tracking import (
-    ALPHA_NOTE,
-    CURVE_TITLES,
-    NEES_NOTE,
+    ALPHA_BREAKDOWN,
+    ALPHA_METRICS,
+    HEADING,
+    NEES,
     OFFLINE,
+    TrackingBoard,
     missing_requirement,
     offline_score,
     with_each_ego,
 )
 from roadscope.benchmarks.fingerprint import code_hash
 from roadscope.benchmarks.graph import Job, Node
-from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec
+from roadscope.benchmarks.kinds import TRACKER
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, CURVES
 from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline, scores_tentative_tracks
 from roadscope.benchmarks.recorded.combined import COMBINED, NEES_BAND
-from roadscope.benchmarks.recorded.recording import KITTI_CLASSES, MOT_CLASSES, Recording
-from roadscope.benchmarks.recorded.suite import RecordedSuite
+from roadscope.benchmarks.recorded.recording import (
+    KITTI_CLASSES,
+    MOT_CLASSES,
+    RecordedSettings,
+    Recording,
+)
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeTracks
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Spec, SpecError
@@ -43,7 +48,6 @@ from roadscope.core.spec import NO_POSES, TRUE_POSES
 SEQUENCES: Mapping[str, Condition] = {"sequence": lambda recording: recording.sequence}
 """What recordings are broken down by."""
 SUMS_NOTE = "Counts: sums over the sequences."
-PASS_NOTE = "pass: online, or offline with all frames at hand."
 SAMOTA_NOTE = (
     "sAMOTA: mean of sequences; with tentative tracks of trackers that weigh them (weighed = True)."
 )
@@ -66,6 +70,7 @@ class RecordedNode(Node):
     stage = "reading"
     folder = "recorded"
     record = EpisodeDetections
+    recomputed_if_fresh = False
 
     def content(self) -> Mapping[str, Any]:
         """Return what the detections depend on."""
@@ -75,40 +80,52 @@ class RecordedNode(Node):
         """Read the recording."""
         return self.recording.replayed()
 
-    def read(self, options: RunOptions | None = None, *, anew: bool = False) -> EpisodeDetections:
+    def read(
+        self, options: RunOptions | None = None, *, recompute: bool = False
+    ) -> EpisodeDetections:
         """Read the recording; nothing is kept beside it."""
         return self.recording.replayed()
+
+
+def _image_columns(data: str) -> tuple[Column, ...]:
+    """Return the first columns of a board, of scores by image boxes; data: whose rules hold."""
+    note = f"HOTA, MOTA, IDF1: image boxes, all sequences as one ({data})."
+    return (
+        Column("hota", "HOTA", 3, note),
+        Column(OFFLINE, "pass", 0, "pass: online, or offline with all frames at hand."),
+        Column("mota", "MOTA", 3),
+        Column("idf1", "IDF1", 3),
+        *time_columns(2, "frame")[:1],
+    )
 
 
 class RecordedBoard(Board):
     """Ranks trackers on one class of recorded objects by HOTA of image boxes."""
 
     kind = TRACKER
+    settings_type = RecordedSettings
     headline = "hota"
     conditions = SEQUENCES
     summed = ("id_switches", "wrong_associations", "fragmentations")
-    share_found = "mota"
+    object_metric = "mota"
     sample = "sequences"
+    compared_with = TrackingBoard.name
 
     def __init__(self, name: str) -> None:
         """Take the board's name, `kitti car` or the like."""
         self.name = name
 
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-        return suite.trackers
-
     def check_entry(self, spec: Spec) -> Spec:
         """Return a tracker's resolved spec; recordings have no scans for an odometry."""
-        resolved = check_plugin_spec(spec, TRACKER)
+        resolved = super().check_entry(spec)
         if spec.ego is not None and str(spec.ego) not in (TRUE_POSES, NO_POSES):
             raise SpecError(f"'{spec}': recorded detections come without scans for an odometry")
         return resolved
 
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
-        """Return every tracker on every recording; the first detector goes without saying."""
-        assert isinstance(suite, RecordedSuite)
-        first = suite.public_detectors[0]
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return every tracker on every recording; entries name no detector but further ones."""
+        settings = suite.settings(self.name, RecordedSettings)
+        first = settings.detectors[0]
         return [
             Job(
                 self,
@@ -124,7 +141,7 @@ class RecordedBoard(Board):
                 ),
                 missing=missing_requirement(tracker),
             )
-            for recording in suite.recordings
+            for recording in settings.recordings
             if recording.board == self.name
             for tracker in with_each_ego(entries, (TRUE_POSES,))
         ]
@@ -148,30 +165,26 @@ class RecordedBoard(Board):
 
     def explanation(self, suite: Suite) -> str:
         """Return whose detections are tracked, and in which sequences."""
-        assert isinstance(suite, RecordedSuite)
-        sequences = len(dict.fromkeys(r.sequence for r in suite.recordings))
-        first, *others = suite.public_detectors
-        text = f"{sequences} of {suite.labelled} labelled sequences have detections. "
+        settings = suite.settings(self.name, RecordedSettings)
+        sequences = len(dict.fromkeys(r.sequence for r in settings.recordings))
+        first, *others = settings.detectors
+        text = f"{sequences} of {settings.labelled} labelled sequences have detections. "
         text += f"Trackers get those of {first}"
         text += f", and where it says so of {', '.join(others)}." if others else "."
-        return f"{text} {suite.remark}".rstrip()
+        return f"{text} {settings.remark}".rstrip()
 
 
 class KittiBoard(RecordedBoard):
     """Ranks trackers on one class of KITTI's objects."""
 
     columns = (
-        Column("hota", "HOTA", 3, "HOTA, MOTA, IDF1: image boxes, all sequences as one (KITTI)."),
-        Column(OFFLINE, "pass", 0, PASS_NOTE),
-        Column("mota", "MOTA", 3),
-        Column("idf1", "IDF1", 3),
+        *_image_columns("KITTI"),
         Column("id_switches", "ID sw.", 0, SUMS_NOTE),
         Column("hota_3d", "HOTA 3-D", 3, "3-D: IoU in space, from 0.25."),
-        *time_columns(2, "frame")[:1],
         Column("ass_a", "AssA", 3),
         Column("det_a", "DetA", 3),
         Column("samota_3d", "sAMOTA 3-D", 3, SAMOTA_NOTE),
-        Column("nees_position", "NEES", 2, NEES_NOTE),
+        NEES,
         Column(
             "nees_in_band",
             "in band",
@@ -183,16 +196,11 @@ class KittiBoard(RecordedBoard):
         Column("fragmentations", "frag.", 0, SUMS_NOTE),
         Column("mota_3d", "MOTA 3-D", 3),
         *time_columns(2, "frame")[1:],
-        Column(
-            "heading_rmse_deg",
-            "head. deg",
-            1,
-            "head.: RMSE of matched headings, front and rear distinguished.",
-        ),
+        HEADING,
         Column("wrong_associations", "wrong assoc", 0, SUMS_NOTE),
     )
     breakdowns = (
-        Breakdown(BY_ALPHA, note=ALPHA_NOTE),
+        ALPHA_BREAKDOWN,
         Breakdown("sequence", note=f"{SEQUENCES_NOTE} {NEES_BAND_NOTE}"),
     )
     by_condition = ("hota", "mota", "idf1", "hota_3d", "false_alarms", "nees_position", *NEES_BAND)
@@ -203,7 +211,7 @@ class KittiBoard(RecordedBoard):
         Column("idf1", "IDF1"),
         Column("false_alarms", "false alarms"),
         Column("nees_position", "NEES (its 95 % band)"),
-        *(Column(name, CURVE_TITLES[name]) for name in CURVES),
+        *ALPHA_METRICS,
     )
 
 
@@ -211,20 +219,16 @@ class MotBoard(RecordedBoard):
     """Ranks trackers on MOTChallenge's people."""
 
     columns = (
-        Column("hota", "HOTA", 3, "HOTA, MOTA, IDF1: image boxes, all sequences as one (MOT)."),
-        Column(OFFLINE, "pass", 0, PASS_NOTE),
-        Column("mota", "MOTA", 3),
-        Column("idf1", "IDF1", 3),
+        *_image_columns("MOT"),
         Column("id_switches", "ID sw.", 0, SUMS_NOTE),
         Column("samota", "sAMOTA", 3, SAMOTA_NOTE),
-        *time_columns(2, "frame")[:1],
         Column("ass_a", "AssA", 3),
         Column("det_a", "DetA", 3),
         Column("fragmentations", "frag.", 0, SUMS_NOTE),
         *time_columns(2, "frame")[1:],
     )
     breakdowns = (
-        Breakdown(BY_ALPHA, note=ALPHA_NOTE),
+        ALPHA_BREAKDOWN,
         Breakdown("sequence", note=SEQUENCES_NOTE),
     )
     by_condition = ("hota", "mota", "idf1", "false_alarms")
@@ -233,7 +237,7 @@ class MotBoard(RecordedBoard):
         Column("mota", "MOTA"),
         Column("idf1", "IDF1"),
         Column("false_alarms", "false alarms"),
-        *(Column(name, CURVE_TITLES[name]) for name in CURVES),
+        *ALPHA_METRICS,
     )
 
 

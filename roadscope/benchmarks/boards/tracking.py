@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import Annotated
+
+from msgspec import Meta
 
 from roadscope.benchmarks.boards.board import (
     CONDITIONS,
     Board,
-    BoardSetting,
     Breakdown,
     Column,
+    JobOptions,
     Scores,
     SuiteCheck,
     call_cost,
@@ -22,11 +24,11 @@ from roadscope.benchmarks.boards.detection import rule_in_words
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.graph import Job, Node
-from roadscope.benchmarks.kinds import TRACKER, check_plugin_spec, traits_of
+from roadscope.benchmarks.kinds import TRACKER, traits_of
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking import score_tracks
-from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, CURVES, score_alphas
+from roadscope.benchmarks.metrics.tracking.alphas import BY_ALPHA, score_alphas
 from roadscope.benchmarks.nodes.fusions import detection_node
 from roadscope.benchmarks.nodes.poses import PoseNode
 from roadscope.benchmarks.nodes.tracks import TrackNode, is_offline
@@ -39,22 +41,54 @@ from roadscope.benchmarks.references import (
     is_noise,
     pose_source,
 )
+from roadscope.benchmarks.suite import BoardSettings, Names, Suite
 from roadscope.core import Spec, SpecError
 from roadscope.core.spec import FUSED, NO_POSES, ORACLE, TRUE_POSES
 
-if TYPE_CHECKING:
-    from roadscope.benchmarks.suite import Suite
-
 OFFLINE = "offline"
 """Metric that is 1 for an offline tracker, which uses all frames of an episode."""
-DETECTOR_INPUTS = "detector"
-NEES_NOTE = (
+BY_DETECTOR = "detector"
+"""The breakdown by whose detections a tracker gets."""
+NEES = Column(
+    "nees_position",
+    "NEES",
+    2,
     "NEES: of positions, over its degrees of freedom; 1 when consistent, more when the tracks' "
-    "covariances are too small."
+    "covariances are too small.",
 )
-COUNTS_NOTE = "Counts: per episode."
-ALPHA_NOTE = "A pair is a hit where its similarity reaches alpha; HOTA is the mean over alphas."
-CURVE_TITLES = {"det_a": "DetA", "ass_a": "AssA", "loc_a": "LocA"}
+HEADING = Column(
+    "heading_rmse_deg",
+    "head. deg",
+    1,
+    "head.: RMSE of matched headings, front and rear distinguished.",
+)
+ALPHA_BREAKDOWN = Breakdown(
+    BY_ALPHA,
+    note="A pair is a hit where its similarity reaches alpha; HOTA is the mean over alphas.",
+)
+ALPHA_METRICS = (Column("det_a", "DetA"), Column("ass_a", "AssA"), Column("loc_a", "LocA"))
+"""What is shown at each alpha."""
+
+
+PoseSource = Annotated[str, Meta(min_length=1)]
+
+
+class TrackingSettings(BoardSettings, frozen=True, kw_only=True):
+    """The table `[tracking]`.
+
+    detectors: whose detections all trackers get; `oracle` stands for the true boxes of all
+        eligible objects.
+    ego: from where trackers get the poses of the ego, one text or several: `truth`, `none` or an
+        odometry. Every tracker is compared with each, unless it names its own (`gnn?ego=none`).
+    """
+
+    detectors: Names = ()
+    ego: PoseSource | Annotated[tuple[PoseSource, ...], Meta(min_length=1)] = TRUE_POSES
+
+    @property
+    def egos(self) -> Names:
+        """`ego` as several texts."""
+        return (self.ego,) if isinstance(self.ego, str) else self.ego
 
 
 class TrackingBoard(Board):
@@ -62,23 +96,29 @@ class TrackingBoard(Board):
 
     name = "tracking"
     kind = TRACKER
+    settings_type = TrackingSettings
     headline = "hota"
     columns = (
         Column("hota", "HOTA", 2, "HOTA, MOTA, IDF1: centres from above, gate 2 m."),
         Column("mota", "MOTA", 2),
         Column("idf1", "IDF1", 2),
-        Column("id_switches", "ID sw.", 1, COUNTS_NOTE),
-        Column("wrong_associations", "wrong assoc", 1, COUNTS_NOTE),
+        *time_columns(2, "frame")[:1],
+        Column("id_switches", "ID sw.", 1, "ID sw.: identity switches per episode."),
+        Column(
+            "wrong_associations",
+            "wrong assoc",
+            1,
+            "wrong assoc: times in an episode that a track goes over to another object.",
+        ),
         Column(
             "kept_through_occlusion",
             "kept hidden",
             2,
             "kept hidden: share of objects with the same track after an occlusion.",
         ),
-        *time_columns(2, "frame")[:1],
         Column("velocity_rmse_m_s", "vel. m/s", 2, "vel.: RMSE of matched velocities."),
         Column("motp_m", "MOTP m", 2),
-        Column("fragmentations", "frag.", 1, COUNTS_NOTE),
+        Column("fragmentations", "frag.", 1, "frag.: fragmentations per episode."),
         *time_columns(2, "frame")[1:],
         Column("ass_a", "AssA", 2),
         Column("det_a", "DetA", 2),
@@ -87,13 +127,8 @@ class TrackingBoard(Board):
         Column(
             "inside_state", "in 95 %", 2, "in 95 %: objects within their tracks' 95 % ellipses."
         ),
-        Column(
-            "heading_rmse_deg",
-            "head. deg",
-            1,
-            "head.: RMSE of matched headings, front and rear distinguished.",
-        ),
-        Column("nees_position", "NEES", 2, NEES_NOTE),
+        HEADING,
+        NEES,
         Column(
             "nees_in_band",
             "in band",
@@ -110,48 +145,49 @@ class TrackingBoard(Board):
     )
     breakdowns = (
         *(Breakdown(by) for by in CONDITIONS),
-        Breakdown(DETECTOR_INPUTS, note="In brackets: the rank on these detections."),
-        Breakdown(BY_ALPHA, note=ALPHA_NOTE),
+        Breakdown(BY_DETECTOR, note="In brackets: the rank on these detections."),
+        ALPHA_BREAKDOWN,
     )
     by_condition = ("hota", "mota", "idf1")
-    shown_parts = (
-        Column("hota", "HOTA"),
-        *(Column(name, CURVE_TITLES[name]) for name in CURVES),
-    )
-    inputs_name = DETECTOR_INPUTS
-    share_found = "mota"
-
-    def suite_entries(self, suite: Suite) -> Sequence[str]:
-        """Return the entries that a suite compares on this board."""
-        return suite.trackers
+    shown_parts = (Column("hota", "HOTA"), *ALPHA_METRICS)
+    detections_field = "detectors"
+    inputs_name = BY_DETECTOR
+    object_metric = "mota"
 
     def check_entry(self, spec: Spec) -> Spec:
-        """Return a tracker's resolved spec, with who tells it the ego's poses."""
-        resolved = check_plugin_spec(spec, TRACKER)
+        """Return a tracker's resolved spec, with the odometry that gives it the ego's poses."""
+        resolved = super().check_entry(spec)
         if spec.ego is not None:
             check_ego(spec.ego)
         return resolved
 
     def suite_checks(self, suite: Suite) -> list[SuiteCheck]:
-        """Return what is to be checked: trackers, poses, detectors, a camera if they fuse."""
+        """Return the checks of trackers, of odometries that give them poses, and of detectors."""
+        settings = suite.settings(self.name, TrackingSettings)
         checks = super().suite_checks(suite)
-        checks += [SuiteCheck("tracking.ego", check_ego, ego) for ego in suite.egos]
+        checks += [SuiteCheck("tracking.ego", check_ego, ego) for ego in settings.egos]
 
         def check_detector(text: str) -> None:
             if check_detection_source(text).kind == FUSED:
                 check_camera(suite)
 
-        texts = suite.public_detectors
-        return checks + [SuiteCheck("tracking.detectors", check_detector, text) for text in texts]
+        return checks + [
+            SuiteCheck("tracking.detectors", check_detector, text) for text in settings.detectors
+        ]
 
-    def jobs(self, suite: Suite, entries: Sequence[Spec], *, setting: BoardSetting) -> list[Job]:
-        """Return every tracker on the detections of every detector; on the oracle as a mark."""
-        if entries and not suite.public_detectors:
+    def jobs(self, suite: Suite, entries: Sequence[Spec], options: JobOptions) -> list[Job]:
+        """Return every tracker on the detections of every detector; those of the oracle are marks.
+
+        Where the oracle is the only detector, trackers are ranked on it.
+        """
+        settings = suite.settings(self.name, TrackingSettings)
+        if entries and not settings.detectors:
             raise SpecError(
                 f"suite {suite.title} names no tracking.detectors whose detections trackers get"
             )
-        alone = tuple(suite.public_detectors) == (ORACLE,)
-        missing = {str(spec): missing_requirement(spec) for spec in entries}
+        alone = settings.detectors == (ORACLE,)
+        trackers = with_each_ego(entries, settings.egos)
+        missing = {tracker: missing_requirement(tracker) for tracker in trackers}
         return [
             Job(
                 self,
@@ -161,11 +197,11 @@ class TrackingBoard(Board):
                 mark=UPPER_MARK if detector == ORACLE and not alone else None,
                 inputs=detector,
                 settings=suite.eligibility,
-                missing=missing.get(str(tracker), "") or missing_requirement(tracker),
+                missing=missing[tracker],
             )
             for episode in episodes(suite)
-            for detector in suite.public_detectors
-            for tracker in with_each_ego(entries, suite.egos)
+            for detector in settings.detectors
+            for tracker in trackers
         ]
 
     def score(self, job: Job, answers: EpisodeTracks, options: RunOptions) -> Scores:
@@ -179,22 +215,22 @@ class TrackingBoard(Board):
         return scores
 
     def explanation(self, suite: Suite) -> str:
-        """Return what is to be found in a suite, and whose detections trackers get."""
+        """Return which objects count, and whose detections trackers get."""
         text = rule_in_words(suite.eligibility)
-        if not suite.public_detectors:
+        detectors = suite.settings(self.name, TrackingSettings).detectors
+        if not detectors:
             return text
-        first, *others = [d for d in suite.public_detectors if d != ORACLE] or [ORACLE]
+        first, *others = [d for d in detectors if d != ORACLE] or [ORACLE]
         text += f" Trackers get the detections of {', of '.join([first, *others])}"
         text += "; figures are of all of these together" if others else ""
-        has_oracle = ORACLE in suite.public_detectors and first != ORACLE
+        has_oracle = ORACLE in detectors and first != ORACLE
         return text + (", 'on oracle' the true boxes." if has_oracle else ".")
 
 
 def with_each_ego(trackers: Iterable[Spec], egos: Sequence[str]) -> list[Spec]:
-    """Return every tracker with the poses of each ego; one that names its own has those alone.
+    """Return every tracker with each source of the ego's poses, or with the one that it names.
 
-    The true poses are the default: the part `ego` is dropped then, so that `gnn` and
-    `gnn?ego=truth` are one entry.
+    `gnn` and `gnn?ego=truth` are one entry, `gnn`: the true poses are the default.
     """
     specs = (
         tracker.plain if ego == TRUE_POSES else tracker.with_ego(ego)
@@ -215,7 +251,7 @@ def track_node(tracker: Spec, detector: str, episode: Episode, rule: Eligibility
 
 
 def missing_requirement(tracker: Spec) -> str:
-    """Return what is not installed that a tracker, or the odometry of its poses, needs."""
+    """Return what a tracker, or the odometry of its poses, needs and is not installed."""
     if missing := traits_of(tracker).requires:
         return missing
     if tracker.ego is None or str(tracker.ego) in (TRUE_POSES, NO_POSES):

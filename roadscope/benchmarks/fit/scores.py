@@ -22,7 +22,7 @@ from roadscope.benchmarks.metrics.calibration import calibration_error, excess
 from roadscope.benchmarks.metrics.detection import GATE_M
 from roadscope.benchmarks.metrics.matching import match
 from roadscope.benchmarks.parked import parked_among
-from roadscope.benchmarks.suite import SPLITS
+from roadscope.benchmarks.suite_files import SPLITS
 from roadscope.core import Detections, Pose, Truth
 from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -139,9 +139,22 @@ def read_labels(path: Path | str, *, results: bool = False) -> KittiObjects:
 
     Results may come in any order of frames, and without 3-D boxes.
     """
-    path = Path(path)
     last = len(LABEL_COLUMNS)
-    table = read_table(path, LABEL_COLUMNS[: last if results else last - 1], least=17)
+    columns = LABEL_COLUMNS[: last if results else last - 1]
+    return _labels(read_table(Path(path), columns, least=17), results=results)
+
+
+def read_objects(path: Path | str, frame: int) -> KittiObjects:
+    """Read a detector's results on one frame: KITTI's object format, 15 columns or 16 with a score.
+
+    These are the columns of labels without frame and id.
+    """
+    table = read_table(Path(path), LABEL_COLUMNS[2:], least=15)
+    rows = [[str(frame), "-1", *row] for row in table.rows]
+    return _labels(replace(table, rows=rows, columns=LABEL_COLUMNS), results=True)
+
+
+def _labels(table: Table, *, results: bool) -> KittiObjects:
     frames, ids = table.integers(0, 0, MAX_FRAMES - 1), table.integers(1, -1)
     types = _types(table)
     refuse_twins(table, frames, ids)
@@ -152,7 +165,7 @@ def read_labels(path: Path | str, *, results: bool = False) -> KittiObjects:
     flat = np.asarray(np.all(sizes < 0, axis=1))[:, None] & results
     _refuse_boxes(table, sizes, nothing | flat, 10)
     boxes = _image_boxes(table, 6)
-    scored = bool(table.rows) and len(table.rows[0]) == last
+    scored = bool(table.rows) and len(table.rows[0]) == len(LABEL_COLUMNS)
     return KittiObjects(
         frames, ids, types, _truncated(table, results), table.integers(4, -1, MOST_OCCLUDED),
         _angles(table, 5), boxes, sizes, table.within(13, 16, FARTHEST_M, "m"), _angles(table, 16),

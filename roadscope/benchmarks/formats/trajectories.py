@@ -11,7 +11,7 @@ import numpy as np
 
 from roadscope.benchmarks.formats.kitti_calibration import rigid
 from roadscope.benchmarks.formats.kitti_poses import POSE_COLUMNS
-from roadscope.benchmarks.formats.table import FormatError, read_table
+from roadscope.benchmarks.formats.table import FormatError, read_lines, read_table
 from roadscope.core import Pose
 from roadscope.core.names import unknown
 
@@ -40,6 +40,18 @@ def read_trajectory(path: Path | str, form: TrajectoryFormat) -> Trajectory:
     if form not in FORMATS:
         raise FormatError(unknown("format of trajectories", form, FORMATS))
     return _read_kitti(path) if form == "kitti" else _read_tum(path)
+
+
+def read_any_trajectory(path: Path) -> Trajectory:
+    """Read poses in either format, told apart by how many numbers a line has."""
+    lines = (line.split() for line in read_lines(path))
+    first = next((words for words in lines if words and not words[0].startswith("#")), [])
+    if len(first) not in (len(POSE_COLUMNS), len(TUM_COLUMNS)):
+        raise FormatError(
+            f"{path}: expected 12 numbers a line (KITTI) or 8 (TUM: stamp tx ty tz qx qy qz qw), "
+            f"got {len(first) or 'an empty file'}"
+        )
+    return read_trajectory(path, "tum" if len(first) == len(TUM_COLUMNS) else "kitti")
 
 
 def trajectory_text(form: str, poses: Sequence[Pose], stamps_s: Sequence[float]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Mapping
+from inspect import getattr_static
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +23,12 @@ PACKAGE = Path(__file__).resolve().parents[2]
 SLOW_LIBRARIES = frozenset({"filterpy", "numba", "scipy", "sklearn", "torch"})
 """What takes long to import and may be imported before a process is forked: no threads start."""
 OUR_ROOMS = frozenset({"core", "detectors", "fusion", "odometry", "trackers"})
-METHODS = ("detect", "update", "fuse", "reset", "rescored", "add_wheels")
 
 
 def traits_of(kind: type[Any], arguments: Mapping[str, Any], plugin: object = None) -> Traits:
     """Return what a class says of itself, and, where it was made, its instance."""
     told = kind if plugin is None else plugin
-    methods = frozenset(name for name in METHODS if callable(getattr(told, name, None)))
+    methods = _public_methods(told)
     declared, need = getattr(kind, "kind", ""), getattr(kind, "requires", None)
     requirement = need if isinstance(need, Requirement) else None
     module = str(getattr(kind, "__module__", ""))
@@ -48,6 +48,16 @@ def traits_of(kind: type[Any], arguments: Mapping[str, Any], plugin: object = No
         parameters=parameters_of(kind),
         positional=positional_parameters_of(kind),
         problem=binding_problem(kind, arguments),
+    )
+
+
+def _public_methods(plugin: object) -> frozenset[str]:
+    """Return the names of methods of an object or a class; no property is computed for it."""
+    named = {
+        name: getattr_static(plugin, name, None) for name in dir(plugin) if not name.startswith("_")
+    }
+    return frozenset(
+        name for name, each in named.items() if callable(each) or isinstance(each, classmethod)
     )
 
 

@@ -25,7 +25,7 @@ from roadscope.benchmarks.isolation.channel import (
     framed,
     open_buffer,
 )
-from roadscope.benchmarks.isolation.describing import METHODS, describe, may_preload, traits_of
+from roadscope.benchmarks.isolation.describing import describe, may_preload, traits_of
 from roadscope.benchmarks.isolation.limits import (
     MOST_LOG_CHARACTERS,
     Limits,
@@ -531,5 +531,5 @@ def _traits(told: Any) -> Traits:
     fields["parameters"] = {one_line(key): one_line(text) for key, text in parameters.items()}
     fields["positional"] = tuple(one_line(name) for name in fields["positional"])
     fields["file"] = None if file is None else Path(file)
-    fields["methods"] = frozenset(methods) & frozenset(METHODS)
+    fields["methods"] = frozenset(name for name in methods if type(name) is str)
     return Traits(**fields)

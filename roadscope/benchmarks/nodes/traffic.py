@@ -22,6 +22,7 @@ class TrafficNode(Node):
     stage = "traffic"
     folder = "timelines"
     record = Timeline
+    recomputed_if_fresh = False
 
     @staticmethod
     def of(episode: Episode) -> TrafficNode:

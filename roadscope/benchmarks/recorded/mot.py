@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.fingerprint import code_hash
 from roadscope.benchmarks.formats.mot_rules import THRESHOLD, distractors_of, mot_judged
 from roadscope.benchmarks.formats.motchallenge import (
@@ -26,8 +25,9 @@ from roadscope.benchmarks.recorded.combined import alpha_parts
 from roadscope.benchmarks.recorded.image_plane import ImagePlane
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.benchmarks.recorded.recording import Recording
-from roadscope.benchmarks.recorded.suite import RecordedSuite, recorded_table
+from roadscope.benchmarks.recorded.suite import recorded_suite
 from roadscope.benchmarks.records import EpisodeDetections
+from roadscope.benchmarks.suite import Suite
 from roadscope.core import Pose, Tracks, Truth
 
 MOT = "mot"
@@ -92,7 +92,7 @@ def image_sequence(recording: MotRecording) -> tuple[MotSequence, ImagePlane]:
     return sequence, ImagePlane.of(sequence.detections, sequence.image_size)
 
 
-def mot_suite(folder: Path | str) -> RecordedSuite:
+def mot_suite(folder: Path | str) -> Suite:
     """Return the suite of a folder of sequences, its `train`, or of one sequence alone.
 
     A missing folder or a wrong layout raises `FormatError`.
@@ -110,34 +110,13 @@ def mot_suite(folder: Path | str) -> RecordedSuite:
             if (root / name / FOUND).is_file()
         )
         if recordings:
-            return _suite(recordings, len(labelled))
+            return recorded_suite(MOT, recordings, len(labelled))
     seen = ", ".join(sorted(p.name for p in given.iterdir())[:8]) or "nothing"
     raise FormatError(f"{given}: expected {wanted}, here or in train/; got {seen}")
 
 
 def _sequences(root: Path) -> list[str]:
     return sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []
-
-
-def _suite(recordings: tuple[MotRecording, ...], labelled: int) -> RecordedSuite:
-    table = recorded_table(MOT)
-    return RecordedSuite(
-        name=table.name,
-        version=table.version,
-        summary=table.summary,
-        scenarios=(MOT,),
-        seeds=tuple(r.seed for r in recordings),
-        rig=MOT,
-        duration_s=None,
-        eligibility=Eligibility(),
-        detectors=(),
-        trackers=table.tracking.entries,
-        public_detectors=("det",),
-        weathers=(Recording.weather,),
-        recordings=recordings,
-        labelled=labelled,
-        remark=table.remark,
-    )
 
 
 def _nobody(stamp_s: float) -> Truth:

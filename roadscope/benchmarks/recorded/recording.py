@@ -14,6 +14,7 @@ from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
 from roadscope.benchmarks.records import EpisodeDetections
+from roadscope.benchmarks.suite import BoardSettings, Names, Suite
 from roadscope.core import Category, Tracks
 
 
@@ -72,6 +73,30 @@ class Recording:
     def scores(self, tracks: Sequence[Tracks]) -> dict[str, Score]:
         """Return the scores of tracks, world frame; tentative ones may be among them."""
         return kitti_scores(tracks, sequence_of(self))
+
+
+class RecordedSettings(BoardSettings, frozen=True, kw_only=True):
+    """What the suite of a folder says of its boards.
+
+    recordings: of every detector and class, those sequences that have detections of it.
+    labelled: number of sequences that have labels.
+    remark: what a reader must know of entries, and of detections that are left out.
+    """
+
+    recordings: tuple[Recording, ...] = ()
+    labelled: int = 0
+    remark: str = ""
+
+    @property
+    def detectors(self) -> Names:
+        """Those whose detections there are."""
+        return tuple(dict.fromkeys(recording.detector for recording in self.recordings))
+
+
+def recordings_of(suite: Suite) -> tuple[Recording, ...]:
+    """Return the recordings of all boards of a suite."""
+    boards = (each for each in suite.boards.values() if isinstance(each, RecordedSettings))
+    return tuple(dict.fromkeys(recording for each in boards for recording in each.recordings))
 
 
 KITTI_CLASSES = tuple(category.name.lower() for category in TYPE_OF)

@@ -6,20 +6,23 @@ in space, of which MOTChallenge's detections have none.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from roadscope.benchmarks.formats.kitti_objects import TYPE_OF, read_labels
+from roadscope.benchmarks.formats.kitti_objects import TYPE_OF, KittiObjects, read_labels
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
 from roadscope.benchmarks.formats.mot_rules import THRESHOLD, distractors_of, mot_judged
 from roadscope.benchmarks.formats.motchallenge import by_frame, read_mot, read_mot_sequence
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.metrics.tracking.hota import hota
+from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.core import Category
 
 
 def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Score]:
-    """Return HOTA, MOTA, IDF1 and the like of one sequence by image boxes.
+    """Return HOTA, MOTA, IDF1 and the like of one sequence by image boxes, HOTA by alpha too.
 
     sequence: its folder with `gt/gt.txt`, `det/det.txt` and `seqinfo.ini`.
     results: what a tracker told of it, 7 or 10 columns.
@@ -39,7 +42,7 @@ def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Sc
         raise FormatError(f"{Path(sequence) / 'gt' / 'gt.txt'}: missing; nothing to score by")
     told = read_mot(Path(results), end=(len(true), f"the last of the sequence {sequence}"))
     counted = mot_judged(true, by_frame(told, len(true)), distractors_of(known.name))
-    return sequence_scores(counted, THRESHOLD)
+    return sequence_scores(counted, THRESHOLD) | alpha_parts(hota(counted))
 
 
 def score_kitti_results(
@@ -56,6 +59,18 @@ def score_kitti_results(
     1.0
     """
     true, told = read_labels(Path(labels)), read_labels(Path(results), results=True)
+    return kitti_result_scores(true, told, category, ["iou_2d"])
+
+
+def kitti_result_scores(
+    true: KittiObjects, told: KittiObjects, category: Category, similarities: Sequence[str]
+) -> dict[str, Score]:
+    """Return the scores of a sequence by each similarity, with suffixes as boards have them."""
     count = 1 + max(int(rows.frames.max(initial=-1)) for rows in (true, told))
-    counted = judged(true.by_frame(count), told.by_frame(count), TYPE_OF[category])
-    return sequence_scores(counted, SIMILARITIES["iou_2d"].threshold)
+    scores: dict[str, Score] = {}
+    for name in similarities:
+        counted = judged(true.by_frame(count), told.by_frame(count), TYPE_OF[category], name)
+        own = sequence_scores(counted, SIMILARITIES[name].threshold)
+        scores |= {f"{metric}{SUFFIXES[name]}": score for metric, score in own.items()}
+        scores |= alpha_parts(hota(counted), SUFFIXES[name])
+    return scores

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
 from msgspec import Struct
 
-from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_classes import said_of_others
 from roadscope.benchmarks.formats.kitti_folder import DETECTIONS, KittiFolder
 from roadscope.benchmarks.formats.kitti_objects import TYPE_NAMES, TYPE_OF, read_labels
 from roadscope.benchmarks.formats.table import FormatError
-from roadscope.benchmarks.recorded.recording import Recording
+from roadscope.benchmarks.recorded.recording import RecordedSettings, Recording
 from roadscope.benchmarks.suite import Suite
 from roadscope.core import Category
 from roadscope.core.config import read_config
@@ -22,26 +20,7 @@ from roadscope.core.config import read_config
 KITTI = "kitti"
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedSuite(Suite):
-    """A suite whose episodes are sequences of a folder.
-
-    recordings: of every detector and class, those sequences that have detections of it.
-    labelled: number of sequences that have labels.
-    remark: what a reader must know of entries, and of detections that are left out.
-    """
-
-    recordings: tuple[Recording, ...] = ()
-    labelled: int = 0
-    remark: str = ""
-
-    @property
-    def summary_with_seeds(self) -> str:
-        """The summary: sequences take the place of seeds."""
-        return self.summary
-
-
-def kitti_suite(folder: Path | str) -> RecordedSuite:
+def kitti_suite(folder: Path | str) -> Suite:
     """Return the suite of a folder; a missing folder or a wrong layout raises `FormatError`."""
     files = KittiFolder.find(folder)
     files.the_detector(files.detectors()[0] if files.detectors() else None)
@@ -64,23 +43,34 @@ def kitti_suite(folder: Path | str) -> RecordedSuite:
             f"{files.root}: expected {DETECTIONS}NAME/Car/SEQ.txt for a sequence of label_02 "
             f"({known}), got {files.found()}"
         )
-    table = recorded_table(KITTI)
-    return RecordedSuite(
+    return recorded_suite(KITTI, recordings, len(files.sequences()), _left_out(files, recordings))
+
+
+def recorded_suite(
+    name: str, recordings: Sequence[Recording], labelled: int, remarks: Sequence[str] = ()
+) -> Suite:
+    """Return the suite of recordings; its file `NAME.toml` says which trackers are compared.
+
+    labelled: number of sequences that have labels.
+    remarks: what a reader must know of the detections, before what the file says.
+    """
+    table = recorded_table(name)
+    settings = RecordedSettings(
+        entries=table.tracking.entries,
+        recordings=tuple(recordings),
+        labelled=labelled,
+        remark=" ".join([*remarks, table.remark]),
+    )
+    return Suite(
         name=table.name,
         version=table.version,
         summary=table.summary,
-        scenarios=(KITTI,),
+        scenarios=(name,),
         seeds=tuple(dict.fromkeys(r.seed for r in recordings)),
-        rig=KITTI,
-        duration_s=None,
-        eligibility=Eligibility(),
-        detectors=(),
-        trackers=table.tracking.entries,
-        public_detectors=tuple(dict.fromkeys(r.detector for r in recordings)),
+        rig=name,
         weathers=(Recording.weather,),
-        recordings=recordings,
-        labelled=len(files.sequences()),
-        remark=" ".join([*_left_out(files, recordings), table.remark]),
+        boards=dict.fromkeys((r.board for r in recordings), settings),
+        recorded=True,
     )
 
 

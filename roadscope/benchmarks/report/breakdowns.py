@@ -12,7 +12,7 @@ from roadscope.benchmarks.boards import Board, board_named
 from roadscope.benchmarks.boards.board import Breakdown
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.recorded.combined import NEES_BAND
-from roadscope.benchmarks.report.tables import figure
+from roadscope.benchmarks.report.tables import figure, wrapped_name
 from roadscope.benchmarks.results import Results, Row
 from roadscope.benchmarks.tables import plain_table
 from roadscope.core.text import one_line
@@ -51,6 +51,13 @@ class Part:
         remark = self.remarks.get((entry, band))
         return text if remark is None else f"{text} ({remark})"
 
+    def width(self, band: str) -> int:
+        """Return the width of a band's column, at which no figure and no usual word is broken."""
+        words = [word[:LONGEST_WORD] for word in band.split()]
+        cells = {*self.cells, *self.remarks}
+        texts = [self.text(entry, own) for entry, own in cells if own == band]
+        return max(map(len, [*words, *texts, "100"]))
+
 
 def breakdown_tables(
     results: Results, name: str, by: str, width: int, *, metrics: Sequence[str] = ()
@@ -64,8 +71,9 @@ def breakdown_tables(
     for part in parts_of(results, name, by):
         if metrics and part.metric not in metrics:
             continue
-        name_width = _name_width(results, name, part, width)
-        for number, bands in enumerate(_pages(results, name, part, width - name_width)):
+        widths = {band: part.width(band) for band in part.bands}
+        name_width = min(NAME_WIDTH, width - max(widths.values()) - 2)
+        for number, bands in enumerate(_pages(widths, width - name_width)):
             table = _table(results, name, part, bands, name_width=name_width)
             table.title = part.title + (", continued" if number else "")
             if part.metric == DETECTION_RATE:
@@ -175,7 +183,7 @@ def _table(
     table = plain_table(title_justify="left", title_style="bold")
     table.add_column(board_named(name).kind.name, style="bold", width=name_width, overflow="fold")
     for band in bands:
-        width = _band_width(results, name, part, band)
+        width = part.width(band)
         table.add_column(one_line(band), justify="right", width=width, overflow="fold")
     marked = False
     for entry in results.entries(name):
@@ -183,36 +191,24 @@ def _table(
         if is_mark and not marked:
             table.add_section()
         marked = is_mark
-        text = Text(one_line(entry), style="not bold" if is_mark else "")
+        shown = wrapped_name(one_line(entry), name_width)
+        text = Text(shown, style="not bold" if is_mark else "")
         cells = [part.text(entry, band) for band in bands]
         table.add_row(text, *cells, style="dim" if is_mark else None)
     return table
 
 
-def _name_width(results: Results, name: str, part: Part, width: int) -> int:
-    """Return the width of the entry's column beside which the widest band fits."""
-    widest = max(_band_width(results, name, part, band) for band in part.bands)
-    return min(NAME_WIDTH, width - widest - 2)
-
-
-def _pages(results: Results, name: str, part: Part, width: int) -> list[list[str]]:
+def _pages(widths: Mapping[str, int], width: int) -> list[list[str]]:
     """Divide the bands into those that fit side by side in a width, at least one."""
     pages: list[list[str]] = []
     left = 0
-    for band in part.bands:
-        needed = 1 + _band_width(results, name, part, band)
-        if not pages or left < needed:
+    for band, needed in widths.items():
+        if not pages or left < 1 + needed:
             pages.append([])
             left = width - 1
         pages[-1].append(band)
-        left -= needed
+        left -= 1 + needed
     return pages
-
-
-def _band_width(results: Results, name: str, part: Part, band: str) -> int:
-    cells = [part.text(entry, band) for entry in results.entries(name)]
-    words = [word[:LONGEST_WORD] for word in band.split()]
-    return max(map(len, [*words, *cells, "100"]))
 
 
 def _add_counts(table: Table, rows: Sequence[Row], bands: Sequence[str]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,7 +14,6 @@ from rich.text import Text
 from roadscope.benchmarks.boards import Board, board_named
 from roadscope.benchmarks.boards.board import Column
 from roadscope.benchmarks.boards.tracking import OFFLINE
-from roadscope.benchmarks.recorded.suite import RecordedSuite
 from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.agreement import LEAST
 from roadscope.benchmarks.suite import Suite
@@ -20,8 +21,10 @@ from roadscope.benchmarks.tables import plain_table
 from roadscope.core.spec import ORACLE
 from roadscope.core.text import one_line
 
-NAME_WIDTH, LONGEST_NAME = 12, 48
-"""Least and greatest width of the entry's column, characters."""
+LEAST_NAME_WIDTH, MOST_NAME_WIDTH = 12, 48
+"""Limits of the width that names of entries get before columns share the rest, characters."""
+RANK_WIDTH = 5
+"""Space that the column of ranks takes, with the blanks beside it, characters."""
 NO_COMPARISON = (
     "How these ranks agree with those on simulated traffic is shown once that was run too: "
     "roadscope leaderboard tracking --suite tracking, with the same --out if any."
@@ -29,14 +32,26 @@ NO_COMPARISON = (
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
-    """The columns of a board that fit in a width.
+class ShownColumn:
+    """A column as it is printed.
 
-    columns: in the order of importance. intervals: metrics that are shown with their interval.
+    cells: one for each entry of the board, in rank order.
     """
 
-    columns: tuple[Column, ...]
-    intervals: frozenset[str]
+    column: Column
+    cells: tuple[str, ...]
+
+    @property
+    def width(self) -> int:
+        """The least width at which no cell and no word of the heading is broken."""
+        return max(map(len, [*self.column.heading.split(), *self.cells]), default=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What of a board fits in a width."""
+
+    columns: tuple[ShownColumn, ...]
     name_width: int
 
 
@@ -46,106 +61,88 @@ def explanation(suite: Suite, boards: Sequence[str]) -> str:
     texts = dict.fromkeys(board.explanation(suite) for board in chosen)
     # The rule of eligibility is the same for the boards of LiDAR: said once.
     whole = [t for t in texts if not any(o != t and o.startswith(t) for o in texts)]
-    recorded = isinstance(suite, RecordedSuite)
-    if not recorded and len(suite.seeds) == 1:
+    if not suite.recorded and len(suite.seeds) == 1:
         return " ".join([*whole, "One seed gives no intervals."])
-    over = "sequences" if recorded else "seeds"
+    over = "sequences" if suite.recorded else "seeds"
     return " ".join([*whole, f"In brackets: 95 % intervals over {over}."])
 
 
 def board_table(results: Results, name: str, width: int) -> Table:
     """Return a board in rank order, then entries that failed everywhere, then marks."""
-    board = board_named(name)
-    layout = layout_of(results, board, width)
+    layout = layout_of(results, name, width)
     table = plain_table()
     table.add_column("", justify="right", style="dim")
-    table.add_column(board.kind.name, style="bold", width=layout.name_width, overflow="fold")
-    for column in layout.columns:
-        cells = [_cell(results, board, entry, column, layout) for entry in results.entries(name)]
-        needed = _needed_width(column, cells)
-        table.add_column(column.heading, justify="right", width=needed)
-    marked = False
-    for entry in results.entries(name):
-        place = results.standing(name, entry)
-        if place.mark is not None and not marked:
+    kind = board_named(name).kind.name
+    table.add_column(kind, style="bold", width=layout.name_width, overflow="fold")
+    for shown in layout.columns:
+        table.add_column(shown.column.heading, justify="right", width=shown.width)
+    places = [results.standing(name, entry) for entry in results.entries(name)]
+    for number, place in enumerate(places):
+        if place.mark and number and not places[number - 1].mark:
             table.add_section()
-        marked = place.mark is not None
-        cells = [_cell(results, board, entry, column, layout) for column in layout.columns]
-        style = "dim" if marked else None
-        table.add_row(str(place.rank or ""), _name(results, place), *cells, style=style)
+        table.add_row(
+            str(place.rank or ""),
+            _name(results, place, layout.name_width),
+            *(shown.cells[number] for shown in layout.columns),
+            style="dim" if place.mark else None,
+        )
     return table
 
 
-def layout_of(results: Results, board: Board, width: int) -> Layout:
-    """Return as many columns as fit, the most important first, then as many intervals."""
-    entries = results.entries(board.name)
-    longest = max(
-        (len(_name(results, results.standing(board.name, e))) for e in entries), default=0
-    )
-    name_width = max(min(longest, LONGEST_NAME, max(NAME_WIDTH, width // 3)), NAME_WIDTH)
-    left = width - name_width - 5
-    columns: list[Column] = []
-    intervals = {board.headline}
-    for column in board.columns:
-        if not any(_known(results, board, entry, column) for entry in entries):
-            continue
-        layout = Layout((), frozenset(intervals), 0)
-        needed = 1 + _width_of(results, board, column, layout)
-        if needed > left and columns:
-            return Layout(tuple(columns), frozenset(intervals), name_width)
-        columns.append(column)
-        left -= needed
-    for column in columns[1:]:
-        narrow = _width_of(results, board, column, Layout((), frozenset(), 0))
-        wide = _width_of(results, board, column, Layout((), frozenset({column.metric}), 0))
-        if wide - narrow > left:
+def layout_of(results: Results, name: str, width: int) -> Layout:
+    """Divide a width among the names of the entries and the columns of a board.
+
+    Names get what the longest needs, a third of the width at most. Columns follow, the most
+    important first, as long as they fit: the first with its interval, the others without. Then
+    columns get their intervals in the same order, and names what is left.
+    """
+    board, entries = board_named(name), results.entries(name)
+    longest = max(len(_name(results, results.standing(name, entry))) for entry in entries)
+    name_width = min(longest, MOST_NAME_WIDTH, width // 3)
+    name_width = max(name_width, LEAST_NAME_WIDTH)
+    space = width - RANK_WIDTH - name_width
+    columns: list[ShownColumn] = []
+    for column in _measured_columns(results, board):
+        shown = _shown(results, board, column, interval=column.metric == board.headline)
+        if columns and 1 + shown.width > space:
             break
-        intervals.add(column.metric)
-        left -= wide - narrow
-    return Layout(
-        tuple(columns), frozenset(intervals), name_width + max(0, min(left, longest - name_width))
-    )
+        columns.append(shown)
+        space -= 1 + shown.width
+    for number, shown in enumerate(columns[1:], start=1):
+        wider = _shown(results, board, shown.column, interval=True)
+        if wider.width - shown.width > space:
+            break
+        columns[number] = wider
+        space -= wider.width - shown.width
+    return Layout(tuple(columns), name_width + max(0, min(space, longest - name_width)))
 
 
 def footnote(results: Results, name: str, width: int) -> str:
     """Return what the shown columns mean, and where the others are."""
-    board = board_named(name)
-    shown = layout_of(results, board, width).columns
+    shown = [each.column for each in layout_of(results, name, width).columns]
     texts = list(dict.fromkeys(column.note for column in shown if column.note))
     jobs = results.manifest.get("jobs", 1)
     if jobs > 1 and any("ms" in column.heading.split() for column in shown):
         texts.append(f"Times taken with {jobs} workers at once; use --jobs 1 for timing.")
-    known = [
-        c
-        for c in board.columns
-        if any(_known(results, board, entry, c) for entry in results.entries(name))
-    ]
-    if len(shown) < len(known):
+    if len(shown) < len(_measured_columns(results, board_named(name))):
         texts.append("More columns on a wider terminal (--width); all in leaderboard.json (--out).")
     return " ".join(texts)
 
 
 def failure_lines(results: Results, board: str) -> list[str]:
     """Return why entries failed: a line for each entry and reason."""
+    counts = Counter(
+        (failure.entry, reason_alone(failure.entry, failure.reason))
+        for failure in results.failures
+        if failure.board == board
+    )
     lines = []
-    entries = dict.fromkeys(f.entry for f in results.failures if f.board == board)
-    for entry in entries:
-        own = [f for f in results.failures if (f.board, f.entry) == (board, entry)]
-        counts: dict[str, int] = {}
-        for failure in own:
-            reason = reason_alone(entry, failure.reason)
-            counts[reason] = counts.get(reason, 0) + 1
+    for (entry, reason), count in sorted(counts.items(), key=lambda item: item[0][0]):
         row = results.row(board, entry, "failed_episodes")
-        episodes = row.n if row is not None else len(own)
-        for reason, count in counts.items():
-            if results.not_installed(entry):
-                lines.append(f"{one_line(entry)} is left out: {reason}")
-            elif count == episodes:
-                lines.append(f"{one_line(entry)} failed in every episode: {reason}")
-            else:
-                lines.append(
-                    f"{one_line(entry)} failed in {count} of {episodes} episodes: {reason}"
-                )
+        episodes = count if row is None else row.n
+        share = "every episode" if count == episodes else f"{count} of {episodes} episodes"
+        what = "is left out" if results.not_installed(entry) else f"failed in {share}"
+        lines.append(f"{one_line(entry)} {what}: {reason}")
     return lines
 
 
@@ -197,47 +194,54 @@ def figure(row: Row | None, decimals: int, *, interval: bool) -> str:
     text = f"{row.value:.{decimals}f}"
     if not interval or row.low is None or row.high is None or row.low == row.high:
         return text
-    return f"{text} [{_short(row.low, decimals)}, {_short(row.high, decimals)}]"
+    return f"{text} [{_interval_end(row.low, decimals)}, {_interval_end(row.high, decimals)}]"
 
 
-def _name(results: Results, standing: Standing) -> Text:
-    name = Text(one_line(standing.entry), style="not bold" if standing.mark else "")
-    named_so = standing.entry.endswith(f" on {ORACLE}")
-    if standing.mark and not named_so and standing.mark.split()[0] not in standing.entry:
-        name.append(f" ({standing.mark})")
-    offline = results.row(standing.board, standing.entry, OFFLINE)
-    called_so = standing.entry.split()[0].partition("?")[0].endswith(OFFLINE)
+def wrapped_name(name: str, width: int) -> str:
+    """Return the name of an entry in lines that end where its parts do, if it is too long."""
+    lines = [""]
+    for part in re.findall(r"[?&]?[^?&/: ]*[/: ]?", name):
+        if lines[-1] and len(lines[-1]) + len(part.rstrip()) > width:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(lines)
+
+
+def _name(results: Results, standing: Standing, width: int | None = None) -> Text:
+    """Return an entry with what must be known of it in brackets; width: wrapped to that."""
+    board, entry, mark = standing.board, standing.entry, standing.mark or ""
+    shown = one_line(entry)
+    name = Text(
+        shown if width is None else wrapped_name(shown, width), style="not bold" if mark else ""
+    )
+    # Some names say already which mark they are, or that they need all frames at once.
+    if mark and not entry.endswith(f" on {ORACLE}") and mark.split()[0] not in entry:
+        name.append(f" ({mark})")
+    offline = results.row(board, entry, OFFLINE)
+    called_so = entry.split()[0].partition("?")[0].endswith(OFFLINE)
     if offline is not None and offline.value and not called_so:
         name.append(f" ({OFFLINE})")
-    failed = results.row(standing.board, standing.entry, "failed_episodes")
-    if results.not_installed(standing.entry):
+    failed = results.row(board, entry, "failed_episodes")
+    if results.not_installed(entry):
         name.append(" (not installed)", style="red")
     elif failed is not None and failed.value:
         name.append(f" ({failed.value:.0f} of {failed.n} failed)", style="red")
     return name
 
 
-def _known(results: Results, board: Board, entry: str, column: Column) -> bool:
-    row = results.row(board.name, entry, column.metric)
-    return row is not None and row.value is not None
+def _measured_columns(results: Results, board: Board) -> list[Column]:
+    """Return the columns of which any entry has a value."""
+    known = {r.metric for r in results.rows if r.board == board.name and r.value is not None}
+    return [column for column in board.columns if column.metric in known]
 
 
-def _cell(results: Results, board: Board, entry: str, column: Column, layout: Layout) -> str:
-    row = results.row(board.name, entry, column.metric)
-    return figure(row, column.decimals, interval=column.metric in layout.intervals)
+def _shown(results: Results, board: Board, column: Column, *, interval: bool) -> ShownColumn:
+    rows = (results.row(board.name, entry, column.metric) for entry in results.entries(board.name))
+    cells = tuple(figure(row, column.decimals, interval=interval) for row in rows)
+    return ShownColumn(column, cells)
 
 
-def _width_of(results: Results, board: Board, column: Column, layout: Layout) -> int:
-    entries = results.entries(board.name)
-    return _needed_width(column, [_cell(results, board, e, column, layout) for e in entries])
-
-
-def _needed_width(column: Column, cells: Sequence[str]) -> int:
-    """Return the width at which no word of a heading and no cell is broken."""
-    return max(map(len, [*column.heading.split(), *cells]), default=1)
-
-
-def _short(value: float, decimals: int) -> str:
-    """Drop the zero before the point, so that intervals are narrow."""
+def _interval_end(value: float, decimals: int) -> str:
+    """Return an end of an interval without the zero before its point, so that it is narrow."""
     text = f"{value:.{decimals}f}"
     return text.replace("0.", ".", 1) if text.startswith(("0.", "-0.")) else text

@@ -90,8 +90,8 @@ class Results:
 
     def nothing_eligible(self, board: str) -> bool:
         """Return whether a board had nothing that was to be found."""
-        share = board_named(board).share_found
-        values = [row.value for row in self.rows if (row.board, row.metric) == (board, share)]
+        metric = board_named(board).object_metric
+        values = [row.value for row in self.rows if (row.board, row.metric) == (board, metric)]
         return bool(values) and all(value is None for value in values)
 
     def not_installed(self, entry: str) -> bool:

@@ -16,6 +16,10 @@ ALIKE = 0.01
 borne."""
 
 
+EXACT = 13
+"""Number of episodes up to which all flips of signs are tried, 2 to that power."""
+
+
 @dataclass(frozen=True, slots=True)
 class Interval:
     """A mean with its confidence interval; low and high are NaN where it has none.
@@ -50,11 +54,11 @@ def mean_interval(
     degrees of freedom. BCa and percentile intervals cover too little under 30 values. NaN
     values are left out.
     """
-    groups = grouped(np.asarray(values, np.float64), strata)
+    groups = _grouped(np.asarray(values, np.float64), strata)
     n = sum(map(len, groups))
     if n == 0:
         return Interval(np.nan, np.nan, np.nan, 0)
-    mean, error, freedom = mean_and_error(groups)
+    mean, error, freedom = _mean_and_error(groups)
     if not np.isfinite(error):
         return Interval(mean, np.nan, np.nan, n)
     if error <= 1e-12 * max(abs(mean), 1e-3):
@@ -82,11 +86,9 @@ def pooled_interval(
     if not used:
         return Interval(np.nan, np.nan, np.nan, 0)
     power = scores[used[0]].power
-    x = np.array([scores[i].value for i in used]) ** power
-    w = np.array([scores[i].weight for i in used])
-    pooled = float((w * x).sum() / w.sum())
+    pooled, moved = _ratio([scores[i] for i in used])
     labels = None if strata is None else [strata[i] for i in used]
-    spread = mean_interval(w * (x - pooled) / w.mean(), labels, level=level)
+    spread = mean_interval(moved, labels, level=level)
     ends = pooled + np.array([spread.low, spread.high]) - spread.mean
     if power > 1:
         ends, pooled = np.maximum(ends, 0.0) ** (1 / power), pooled ** (1 / power)
@@ -102,26 +104,88 @@ def paired_interval(
 ) -> Interval:
     """Return by how much one pooled score exceeds another on the same episodes, with an interval.
 
-    Both are linearised as in `pooled_interval` and subtracted episode by episode, so what makes
-    an episode hard for both cancels. Episodes in which either measured nothing are left out.
+    Both are linearised (`linearised`) and subtracted episode by episode, so what makes an episode
+    hard for both cancels. Episodes in which either measured nothing are left out.
     """
-    if any(s.power != 1 for s in (*ones, *others)):
-        raise ValueError("only scores that are averaged themselves can be compared")
     pairs = list(zip(ones, others, strict=True))
     used = [i for i, pair in enumerate(pairs) if all(_measured(s) for s in pair)]
     if not used:
         return Interval(np.nan, np.nan, np.nan, 0)
-    difference, spread = 0.0, np.zeros(len(used))
-    for sign, scores in ((1, ones), (-1, others)):
-        x = np.array([scores[i].value for i in used])
-        w = np.array([scores[i].weight for i in used])
-        pooled = float((w * x).sum() / w.sum())
-        difference += sign * pooled
-        spread += sign * w * (x - pooled) / w.mean()
+    one, moved = linearised([ones[i] for i in used])
+    other, moved_too = linearised([others[i] for i in used])
     labels = None if strata is None else [strata[i] for i in used]
-    found = mean_interval(spread, labels, level=level)
-    shift = difference - found.mean
-    return Interval(difference, found.low + shift, found.high + shift, len(used))
+    found = mean_interval(moved - moved_too, labels, level=level)
+    shift = one - other - found.mean
+    return Interval(one - other, found.low + shift, found.high + shift, len(used))
+
+
+def paired_p_value(
+    ones: Sequence[Score], others: Sequence[Score], strata: Sequence[object]
+) -> float:
+    """Return the p-value of no difference of two pooled scores on the same episodes.
+
+    It is that of Student's t, stratified, with the degrees of freedom of Welch and Satterthwaite.
+    Where some episodes differ by the same amount, as counts do, Student's t is too sure of few of
+    them, and the p-value is at least that of the exact test by flips of signs. NaN where no stratum
+    has two episodes. All scores have measured something.
+    """
+    from scipy.special import stdtr
+
+    one, moved = linearised(ones)
+    other, moved_too = linearised(others)
+    difference = one - other
+    amounts = np.array([a.value - b.value for a, b in zip(ones, others, strict=True)])
+    if not amounts.any() and difference == 0:
+        return 1.0
+    shares = difference + moved - moved_too
+    _, error, freedom = _mean_and_error(_grouped(shares, strata))
+    if np.isnan(error):
+        return float("nan")
+    student = 0.0
+    if error > 1e-12 * float(np.abs(shares).max(initial=0.0)):
+        student = 2 * float(stdtr(freedom, -abs(difference) / error))
+    sizes = np.abs(amounts[amounts != 0])
+    if len(np.unique(np.round(sizes / sizes.max(initial=0), 9))) == len(sizes):
+        return student
+    if len(shares) > EXACT:
+        return max(student, 2.0 ** (1 - len(sizes)))
+    return max(student, _p_of_sign_flips(shares))
+
+
+def _p_of_sign_flips(values: np.ndarray) -> float:
+    """Return the exact p-value of a mean of zero where each sign is as probable as the other."""
+    from scipy.stats import permutation_test
+
+    found = permutation_test(
+        (values,),
+        lambda x, axis: x.mean(axis=axis),
+        permutation_type="samples",
+        vectorized=True,
+        n_resamples=2**EXACT,
+    )
+    return float(found.pvalue)
+
+
+def linearised(scores: Sequence[Score]) -> tuple[float, np.ndarray]:
+    """Return the pooled value of scores, all measured, and (N,) by how much each one moves it.
+
+    RMS errors are linearised at their pooled value (the delta method).
+    """
+    power = scores[0].power
+    pooled, moved = _ratio(scores)
+    if power == 1:
+        return pooled, moved
+    root = pooled ** (1 / power)
+    slope = power * root ** (power - 1)
+    return root, moved / slope if slope else moved
+
+
+def _ratio(scores: Sequence[Score]) -> tuple[float, np.ndarray]:
+    """Return the weighted mean of values to their power, and the spread of its linearisation."""
+    x = np.array([s.value for s in scores]) ** scores[0].power
+    w = np.array([s.weight for s in scores])
+    pooled = float((w * x).sum() / w.sum())
+    return pooled, w * (x - pooled) / w.mean()
 
 
 def merged(scores: Sequence[Score]) -> Score:
@@ -140,7 +204,7 @@ def _measured(score: Score) -> bool:
     return bool(np.isfinite(score.value)) and score.weight > 0
 
 
-def grouped(values: np.ndarray, strata: Sequence[object] | None) -> list[np.ndarray]:
+def _grouped(values: np.ndarray, strata: Sequence[object] | None) -> list[np.ndarray]:
     """Return the values of each stratum that are not NaN."""
     labels = [str(s) for s in strata] if strata is not None else [""] * len(values)
     kept = [(s, v) for s, v in zip(labels, values, strict=True) if np.isfinite(v)]
@@ -148,7 +212,7 @@ def grouped(values: np.ndarray, strata: Sequence[object] | None) -> list[np.ndar
     return [np.array([v for s, v in kept if s == name]) for name in names]
 
 
-def mean_and_error(groups: list[np.ndarray]) -> tuple[float, float, float]:
+def _mean_and_error(groups: list[np.ndarray]) -> tuple[float, float, float]:
     """Return the mean over strata, its standard error and the degrees of freedom.
 
     A stratum of one value borrows the variance of the others; NaN where all have one.

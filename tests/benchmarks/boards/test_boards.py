@@ -4,7 +4,7 @@ import pytest
 
 from roadscope import load_suite
 from roadscope.benchmarks.boards import BOARDS, Board, board_named, boards_of, chosen_boards
-from roadscope.benchmarks.boards.board import BoardSetting, call_cost, episodes
+from roadscope.benchmarks.boards.board import JobOptions, call_cost, episodes
 from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
 from roadscope.benchmarks.records import CallTimes
 from roadscope.core import Spec, SpecError
@@ -45,8 +45,8 @@ def test_every_column_of_a_board_is_explained_or_plain(board: Board) -> None:
 def test_jobs_are_every_entry_on_every_episode_and_marks_where_they_are_wanted(name) -> None:
     board, suite = BOARDS[name], load_suite(BOARDS[name].default_suite)
     spec = board.check_entry(Spec.parse(ENTRY[name]))
-    alone = board.jobs(suite, [spec], setting=BoardSetting(marks=False))
-    marked = board.jobs(suite, [spec], setting=BoardSetting(marks=True))
+    alone = board.jobs(suite, [spec], JobOptions(marks=False))
+    marked = board.jobs(suite, [spec], JobOptions(marks=True))
     ranked = {job.entry for job in alone if job.mark is None}
     assert ranked == {ENTRY[name]}
     assert {job.episode for job in alone} == set(episodes(suite))

@@ -15,7 +15,8 @@ from roadscope.benchmarks.report.tables import board_table, explanation, failure
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.run import plan
 from roadscope.benchmarks.store import Outcome
-from roadscope.benchmarks.suite import Suite, SuiteError, parse_suite
+from roadscope.benchmarks.suite import Suite, SuiteError
+from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.core.spec import ORACLE
 from roadscope.envs.traffic.scenarios import SCENARIOS
 
@@ -68,8 +69,8 @@ def printed(tables, width: int = 80) -> str:
 def test_a_tracker_is_one_entry_and_on_the_oracle_another(suite) -> None:
     jobs = jobs_of(suite)
     assert {(job.entry, job.inputs) for job in jobs} == {
-        *((tracker, maker) for tracker in suite.trackers for maker in MAKERS),
-        *((f"{tracker} on oracle", "oracle") for tracker in suite.trackers),
+        *((tracker, maker) for tracker in suite.boards["tracking"].entries for maker in MAKERS),
+        *((f"{tracker} on oracle", "oracle") for tracker in suite.boards["tracking"].entries),
     }
     assert len({job.key for job in jobs}) == len(jobs)
     detections = {source.key for job in jobs for source in job.answers.sources()}
@@ -104,7 +105,7 @@ def test_ranks_are_shown_on_each_makers_detections(results) -> None:
 
 
 def test_the_five_of_the_suite_are_shown_whole_in_80_columns() -> None:
-    suite = replace(load_suite("tracking"), trackers=("gnn", "nearest"))
+    suite = load_suite("tracking").with_settings("tracking", entries=("gnn", "nearest"))
     jobs = jobs_of(suite)
     found = gather(jobs, {job.key: scored(job) for job in jobs}, {"jobs": 1})
     text = printed(
@@ -112,13 +113,16 @@ def test_the_five_of_the_suite_are_shown_whole_in_80_columns() -> None:
     )
     assert max(map(len, text.splitlines())) <= 80
     assert "…" not in text
-    assert {name for name in suite.public_detectors if "?" not in name} <= set(text.split())
+    assert {name for name in suite.boards["tracking"].detectors if "?" not in name} <= set(
+        text.split()
+    )
 
 
 def test_all_makers_are_named(suite) -> None:
     text = explanation(suite, ["tracking"])
     assert all(maker in text for maker in (*MAKERS, "oracle"))
-    assert "oracle" not in explanation(replace(suite, public_detectors=("pag",)), ["tracking"])
+    other = suite.with_settings("tracking", detectors=("pag",))
+    assert "oracle" not in explanation(other, ["tracking"])
 
 
 @pytest.mark.parametrize(
@@ -141,8 +145,8 @@ def test_the_suite_has_lu_2018_and_eight_scenes_more() -> None:
     lu = [name for name in suite.scenarios if name.startswith("lu2018-")]
     assert set(lu) == {name for name in SCENARIOS if name.startswith("lu2018-")}
     assert len(suite.scenarios) - len(lu) >= 8
-    assert len(suite.public_detectors) >= 5
-    assert ORACLE not in suite.public_detectors
+    assert len(suite.boards["tracking"].detectors) >= 5
+    assert ORACLE not in suite.boards["tracking"].detectors
 
 
 def test_a_tracker_that_is_not_installed_has_a_row_that_says_so(suite) -> None:

@@ -10,7 +10,7 @@ from toy_boxes import detections, truth
 
 from roadscope import TRACKERS, Episode, Pose, Spec, Tracks
 from roadscope.benchmarks.boards import BOARDS
-from roadscope.benchmarks.boards.board import BoardSetting
+from roadscope.benchmarks.boards.board import JobOptions
 from roadscope.benchmarks.boards.tracking import track_node, with_each_ego
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import sensed
@@ -21,7 +21,8 @@ from roadscope.benchmarks.nodes.poses import PoseNode, start_from_ego
 from roadscope.benchmarks.nodes.tracks import track
 from roadscope.benchmarks.records import CallTimes, EpisodeDetections, EpisodePoses
 from roadscope.benchmarks.references import pose_source
-from roadscope.benchmarks.suite import SuiteError, load_suite, parse_suite
+from roadscope.benchmarks.suite import SuiteError
+from roadscope.benchmarks.suite_files import load_suite, parse_suite
 from roadscope.core import SpecError
 
 NAMES = ("gnn", "ab3dmot", "existence", "imm")
@@ -211,7 +212,7 @@ class Mine:
 def jobs_of(suite, *trackers: str) -> list[Job]:
     board = BOARDS["tracking"]
     entries = [board.check_entry(Spec.parse(text)) for text in trackers]
-    return board.jobs(suite, entries, setting=BoardSetting())
+    return board.jobs(suite, entries, JobOptions())
 
 
 @pytest.mark.parametrize("fault", ["", "raise RuntimeError('lost')"])
@@ -249,9 +250,9 @@ def test_the_key_of_tracks_knows_who_says_the_poses() -> None:
 
 def test_a_suite_gives_every_tracker_every_pose() -> None:
     plain, both = parse_suite(SUITE, ""), parse_suite(SUITE + 'ego = ["truth", "voxel-map"]', "")
-    assert plain.egos == ("truth",)
-    assert parse_suite(SUITE + 'ego = "none"', "").egos == ("none",)
-    entries = [job.entry for job in jobs_of(both, *both.trackers)]
+    assert plain.boards["tracking"].egos == ("truth",)
+    assert parse_suite(SUITE + 'ego = "none"', "").boards["tracking"].egos == ("none",)
+    entries = [job.entry for job in jobs_of(both, *both.boards["tracking"].entries)]
     assert entries == ["gnn", "gnn?ego=voxel-map", "nearest?ego=none"]
     keys = [[job.key for job in jobs_of(both, text)] for text in ("gnn?ego=truth", "gnn")]
     assert keys[0][0] == keys[1][0]
@@ -278,7 +279,7 @@ def test_who_says_the_poses_must_be_an_odometry() -> None:
 
 
 def test_suites_of_the_package_give_the_true_poses() -> None:
-    assert load_suite("tracking").egos == ("truth",)
+    assert load_suite("tracking").boards["tracking"].egos == ("truth",)
 
 
 @pytest.mark.parametrize("ego", ["noisy-odometry?scale=0.03", "oracle?odometry=voxel-map", "none"])

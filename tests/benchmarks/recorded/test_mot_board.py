@@ -15,6 +15,7 @@ from roadscope.benchmarks.formats.motchallenge import read_mot
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.recorded.image_plane import ImagePlane
 from roadscope.benchmarks.recorded.mot import mot_suite
+from roadscope.benchmarks.recorded.recording import recordings_of
 from roadscope.benchmarks.recorded.result_files import score_mot_results
 from roadscope.benchmarks.run import plan
 
@@ -136,7 +137,7 @@ def test_what_is_no_folder_of_sequences_is_refused(tmp_path):
 def test_a_sequence_alone_and_a_train_folder_are_taken_too(tmp_path):
     write_mot(tmp_path / "train")
     for folder in (tmp_path, tmp_path / "train", tmp_path / "train" / "MOT17-02"):
-        (recording,) = mot_suite(folder).recordings
+        (recording,) = recordings_of(mot_suite(folder))
         assert recording.sequence == "MOT17-02"
     assert (tmp_path / "train").is_dir()
 

@@ -14,12 +14,13 @@ from roadscope import TRACKERS as REGISTRY
 from roadscope import Spec, leaderboard, load_suite
 from roadscope.__main__ import app
 from roadscope.benchmarks.boards import board_named
-from roadscope.benchmarks.boards.board import BoardSetting
+from roadscope.benchmarks.boards.board import JobOptions
 from roadscope.benchmarks.boards.tracking import OFFLINE
 from roadscope.benchmarks.formats import FormatError, read_sequence
 from roadscope.benchmarks.graph import run_jobs
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
+from roadscope.benchmarks.recorded.recording import recordings_of
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.breakdowns import breakdown_tables, note
 from roadscope.benchmarks.report.tables import agreement_lines, board_table, explanation
@@ -49,7 +50,7 @@ def simulated_jobs(entries):
     """The jobs of trackers on the tracking board of the quick suite."""
     board = board_named("tracking")
     specs = [REGISTRY.resolve(entry) for entry in entries]
-    return board.jobs(load_suite("quick"), specs, setting=BoardSetting(marks=False))
+    return board.jobs(load_suite("quick"), specs, JobOptions(marks=False))
 
 
 @pytest.fixture
@@ -202,9 +203,8 @@ def test_on_simulated_traffic_too_an_offline_tracker_is_marked():
         scenarios=("lu2018-occlusion",),
         seeds=(10_000,),
         duration_s=0.8,
-        public_detectors=("oracle",),
         rig="lux",
-    )
+    ).with_settings("tracking", detectors=("oracle",))
     found = leaderboard(suite, ["nearest", "existence-offline"], boards=["tracking"], only=True)
     assert found.row("tracking", "nearest", OFFLINE) is None
     assert found.row("tracking", "existence-offline", OFFLINE).value == 1
@@ -212,7 +212,7 @@ def test_on_simulated_traffic_too_an_offline_tracker_is_marked():
 
 def test_the_suite_has_the_offline_tracker_beside_the_online_one(folder):
     suite = kitti_suite(folder)
-    entries = suite.trackers
+    entries = suite.boards["kitti car"].entries
     assert set(own_trackers()) <= {Spec.parse(entry).name for entry in entries}
     made = plan_of(suite)
     names = [board.name for board in made.boards]
@@ -271,8 +271,8 @@ def test_labels_are_found_however_they_are_spaced_and_spelt(folder, tmp_path):
     where = Path(shutil.copytree(folder, tmp_path / "tabs"))
     for path in (where / "label_02").glob("*.txt"):
         path.write_text(path.read_text().replace(" ", "\t").lower())
-    assert kitti_suite(where).recordings == tuple(
-        replace(r, folder=str(where)) for r in kitti_suite(folder).recordings
+    assert recordings_of(kitti_suite(where)) == tuple(
+        replace(r, folder=str(where)) for r in recordings_of(kitti_suite(folder))
     )
 
 

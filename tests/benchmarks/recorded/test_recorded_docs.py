@@ -16,6 +16,7 @@ from roadscope.benchmarks.formats.kitti_objects import (
 )
 from roadscope.benchmarks.formats.motchallenge import CLASS_COLUMNS, COLUMNS, WORLD_COLUMNS
 from roadscope.benchmarks.recorded.mot import mot_suite
+from roadscope.benchmarks.recorded.recording import recordings_of
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.commands import leaderboard
 
@@ -53,7 +54,7 @@ def test_help_names_the_same_columns() -> None:
 
 
 def test_example_of_kitti_is_read_as_the_page_says(folder: Path) -> None:
-    assert [r.category for r in kitti_suite(folder).recordings] == ["car"]
+    assert [r.category for r in recordings_of(kitti_suite(folder))] == ["car"]
     sequence = read_sequence(folder, "0000")
     seen, boxed = sequence.detections[0], sequence.detected[0]
     assert boxed.boxes[0].tolist() == [296.7, 161.8, 455.2, 292.4]
@@ -69,5 +70,5 @@ def test_example_of_kitti_is_read_as_the_page_says(folder: Path) -> None:
 
 def test_example_of_motchallenge_is_read(folder: Path) -> None:
     suite = mot_suite(folder)
-    assert [r.sequence for r in suite.recordings] == ["MOT-toy"]
-    suite.recordings[0].check()
+    assert [r.sequence for r in recordings_of(suite)] == ["MOT-toy"]
+    recordings_of(suite)[0].check()

@@ -17,7 +17,7 @@ from roadscope.benchmarks.report.tables import (
 )
 from roadscope.benchmarks.results import Results, Row, Standing
 from roadscope.benchmarks.results.results import Failure
-from roadscope.benchmarks.suite import load_suite
+from roadscope.benchmarks.suite_files import load_suite
 
 EVERY_BOARD = [board.name for board in (*BOARDS.values(), *KITTI_BOARDS, *MOT_BOARDS)]
 WIDTHS = (40, 80, 200)
@@ -73,6 +73,13 @@ def test_no_line_is_too_long_and_no_word_or_figure_is_cut(name, entry, width) ->
 
 
 @pytest.mark.parametrize("name", EVERY_BOARD)
+def test_80_columns_show_what_a_call_costs(name) -> None:
+    results = board(0.512, 0.4, 0.613, name, LONG)
+    assert {"ms", "p50"} <= set(headings_of(printed(board_table(results, name, 80))))
+    assert "median processor time" in footnote(results, name, 80)
+
+
+@pytest.mark.parametrize("name", EVERY_BOARD)
 def test_headings_have_no_hyphens_made_by_hand(name) -> None:
     for column in board_named(name).columns:
         assert "-\n" not in column.heading
@@ -86,6 +93,13 @@ def test_the_name_of_an_entry_is_shown_whole(width) -> None:
     body = text.partition("──")[2].splitlines()[1:]
     first = body[0].split()[0]
     assert "".join([first, *(line.strip() for line in body[1:])]) == LONG
+
+
+def test_a_long_name_is_broken_between_its_parts() -> None:
+    entry = "existence?ego=noisy-odometry?scale=0.03&turn_deg=1"
+    text = printed(board_table(board(0.5, 0.4, 0.6, entry=entry), "tracking", 80))
+    lines = [line.split()[0] for line in text.partition("──")[2].splitlines()[1:]]
+    assert lines == ["existence", "?ego=noisy-odometry", "?scale=0.03&turn_deg=1"]
 
 
 def test_boards_of_80_columns_have_an_interval_of_the_first_figure() -> None:

@@ -7,7 +7,7 @@ from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.metrics.breakdown import BANDS
 from roadscope.benchmarks.report.breakdowns import breakdown_tables, note
 from roadscope.benchmarks.results import Results, Row, Standing
-from roadscope.benchmarks.suite import load_suite
+from roadscope.benchmarks.suite_files import load_suite
 from roadscope.envs.traffic.scenarios import SCENARIOS
 
 WIDTHS = (40, 80, 200)

@@ -130,9 +130,11 @@ def test_differences_are_those_of_pooled_ratios() -> None:
     assert paired_interval([ratio(1, 0)], [ratio(1, 2)]).n == 0
 
 
-def test_rms_errors_are_not_subtracted() -> None:
-    with pytest.raises(ValueError, match="averaged"):
-        paired_interval([rms(1.0, 1, "m")], [rms(2.0, 1, "m")])
+def test_rms_errors_are_subtracted_as_they_are_pooled() -> None:
+    ones, others = [rms(16.0, 1, "m"), rms(27.0, 3, "m")], [rms(9.0, 1, "m"), rms(12.0, 3, "m")]
+    found = paired_interval(ones, others)
+    assert found.mean == pytest.approx(np.sqrt(43 / 4) - np.sqrt(21 / 4))
+    assert found.low < found.mean < found.high
 
 
 def test_paired_intervals_cover_the_difference_and_are_narrower() -> None:

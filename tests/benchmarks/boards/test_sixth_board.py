@@ -1,0 +1,190 @@
+"""Adding a board is one file and one line, and its import: shown in a copy of the package."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import roadscope
+
+SUITE = """
+name = "mine"
+version = 1
+rig = "lux"
+scenarios = ["motorway", "two-way"]
+split = "validation"
+seeds = 2
+duration_s = 4.0
+[driving]
+entries = ["coast"]
+step_s = 0.5
+"""
+STEPS, EPISODES = 8, 4
+DRIVERS = """
+import os
+
+def note(text):
+    with open({log!r}, "a") as file:
+        file.write(text + "\\n")
+
+class Careful:
+    def reset(self):
+        note("begins")
+
+    def drive(self, gap_m, speed_m_s):
+        note(str(os.getpid()))
+        return -8.0 if gap_m < 2 * speed_m_s else 0.0
+
+class Breaks:
+    calls = 0
+
+    def reset(self):
+        self.calls = 0
+
+    def drive(self, gap_m, speed_m_s):
+        self.calls += 1
+        if self.calls > 3:
+            raise RuntimeError("the wheel came off")
+        return 0.0
+
+class Wild:
+    kind = "driver"
+
+    def reset(self): ...
+
+    def drive(self, gap_m, speed_m_s):
+        return 1e3
+"""
+IMPORT = "from roadscope.benchmarks.boards.driving import DrivingBoard\n"
+LINE = "        DrivingBoard(),\n"
+LAST = "        OdometryBoard(),\n"
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a copy of the package that has the board, a suite and drivers."""
+    root = tmp_path_factory.mktemp("sixth")
+    package = root / "roadscope"
+    skipped = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(roadscope.__file__).parent, package, ignore=skipped)
+    boards = package / "benchmarks/boards"
+    shutil.copy(Path(__file__).parent / "driving_board.py", boards / "driving.py")
+    registry = boards / "__init__.py"
+    text = registry.read_text()
+    assert text.count(LAST) == 1
+    before, line, after = text.partition("from roadscope.benchmarks.boards.fusion")
+    registry.write_text((before + IMPORT + line + after).replace(LAST, LAST + LINE))
+    (root / "mine.toml").write_text(SUITE)
+    (root / "drivers.py").write_text(DRIVERS.format(log=str(root / "log")))
+    return root
+
+
+def does(home: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "roadscope", *arguments]
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(home),
+        "ROADSCOPE_CACHE": str(home / "cache"),
+        "COLUMNS": "160",
+        **variables,
+    }
+    return subprocess.run(
+        command, capture_output=True, text=True, cwd=home, env=environment, timeout=300
+    )
+
+
+def ranks(home: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    given = ("driving", "--suite", "mine.toml", "--jobs", "1", "--out", "out", *arguments)
+    return does(home, "leaderboard", *given)
+
+
+def calls(home: Path) -> list[str]:
+    """Return what the careful driver noted since this was last asked."""
+    log = home / "log"
+    lines = log.read_text().splitlines() if log.exists() else []
+    log.unlink(missing_ok=True)
+    return lines
+
+
+def written(home: Path) -> dict[tuple[str, str], float]:
+    rows = json.loads((home / "out/leaderboard.json").read_text())["rows"]
+    return {(row["entry"], row["metric"]): row["value"] for row in rows}
+
+
+@pytest.fixture(scope="module")
+def first(home: Path) -> subprocess.CompletedProcess[str]:
+    """The first run: a driver of the suite, and three of a stranger of which two fail."""
+    given = [f"--entry=drivers.py:{name}" for name in ("Careful", "Breaks", "Wild")]
+    return ranks(home, *given, "--by", "scenario")
+
+
+def test_drivers_are_ranked_by_what_they_do_to_the_world(home: Path, first) -> None:
+    assert first.returncode == 1, first.stderr
+    figures = written(home)
+    assert figures["drivers.py:Careful", "least_gap"] > figures["coast", "least_gap"]
+    standings = json.loads((home / "out/leaderboard.json").read_text())["standings"]
+    ranked = {each["entry"]: each["rank"] for each in standings}
+    assert (ranked["drivers.py:Careful"], ranked["coast"]) == (1, 2)
+    assert ranked["drivers.py:Breaks"] is ranked["drivers.py:Wild"] is None
+    assert figures["drivers.py:Careful", "call_p50_ms"] >= 0
+
+
+def test_the_printed_board_has_its_columns_breakdown_and_reasons(first) -> None:
+    text = first.stdout
+    assert "Drivers follow a car that brakes." in text
+    assert "driving board" in text
+    for word in ("driver", "least gap m", "mean gap m", "ms p50", "by scenario", "two-way"):
+        assert word in text, word
+    assert "drivers.py:Breaks failed in every episode" in text
+    assert "the wheel came off" in text
+    assert "expected an acceleration up to 8 m/s2, got 1000.0" in text
+
+
+def test_drivers_run_isolated_once_a_step_and_only_when_they_must(home: Path, first) -> None:
+    entry = "--entry=drivers.py:Careful"
+    noted = calls(home)
+    assert noted.count("begins") == EPISODES
+    assert len(noted) == EPISODES * (1 + STEPS)
+    assert str(os.getpid()) not in noted
+    before = written(home)
+    again = ranks(home, entry)
+    assert again.returncode == 0, again.stderr
+    assert calls(home) == []
+    assert "drives" not in again.stderr
+    (home / "out/results.sqlite").unlink()
+    assert ranks(home, entry).returncode == 0
+    assert calls(home) == [], "drives are kept"
+    assert ranks(home, entry, "--fresh").returncode == 0
+    assert calls(home).count("begins") == EPISODES
+    after = written(home)
+    assert {key for key in after if key[1] == "least_gap"} <= before.keys()
+    assert {after[key] - before[key] for key in after if key[1] == "least_gap"} == {0.0}
+
+
+def test_its_table_of_a_suite_is_checked_with_all_others(home: Path) -> None:
+    wrong = SUITE.replace("step_s = 0.5", "step_s = -1\nstepp_s = 1\n[drivign]\n[tracking]\nego=''")
+    (home / "wrong.toml").write_text(wrong)
+    refused = does(home, "leaderboard", "driving", "--suite", "wrong.toml")
+    assert refused.returncode != 0
+    for words in ("driving.step_s: ", "driving.stepp_s", "'drivign'", "tracking.ego: "):
+        assert words in refused.stderr, words
+    unknown = does(home, "leaderboard", "driving", "--suite", "mine.toml", "--entry", "coats")
+    assert "no driver 'coats' (did you mean 'coast'" in unknown.stderr
+    other = does(home, "leaderboard", "driving", "--suite", "mine.toml", "--entry", "nearest")
+    assert "'nearest' is a tracker; the boards of this run are for a driver" in other.stderr
+
+
+def test_the_command_line_knows_the_board(home: Path) -> None:
+    listed = does(home, "list", "boards").stdout
+    assert "Ranks drivers by their least distance to the car ahead." in listed
+    words = {"COMP_WORDS": "roadscope leaderboard --entry coa", "COMP_CWORD": "3"}
+    completed = does(home, _ROADSCOPE_COMPLETE="complete_bash", **words).stdout
+    assert completed.split() == ["coast"]
+    whole = does(home, "leaderboard", "--suite", "mine.toml", "--entry", "drivers.py:Careful")
+    assert whole.returncode == 0, whole.stderr
+    assert "driving board" in whole.stdout
+    assert "answers" in does(home, "cache", "clear").stdout
