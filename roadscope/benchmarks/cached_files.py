@@ -29,7 +29,7 @@ class FileKind:
 
 
 _DIGEST = r"[0-9a-f]{16,}"
-_ARRAYS = re.compile(rf"(.+-)?{_DIGEST}(\.npz|\.cache|\w*\.part)")
+_ARRAYS = re.compile(rf"(.+-)?{_DIGEST}(\.cache|\w*\.part)")
 
 FILE_KINDS: Mapping[str, FileKind] = {
     "timelines": FileKind("recorded traffic", "timelines", _ARRAYS),

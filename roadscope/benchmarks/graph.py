@@ -67,7 +67,7 @@ class Node(ABC):
     @property
     def path(self) -> Path:
         """The kept file."""
-        return cache_dir() / self.folder / f"{self.key}.npz"
+        return cache_dir() / self.folder / f"{self.key}.cache"
 
     def read(self, options: RunOptions | None = None, *, anew: bool = False) -> Any:
         """Read what is kept, or compute and keep it; anew: compute it in any case."""

@@ -27,7 +27,6 @@ from roadscope.benchmarks.noisy_camera import LIT, NoisyCamera
 from roadscope.benchmarks.records import (
     CallTimes,
     EpisodeImageDetections,
-    no_image_detections,
     without_sources,
 )
 from roadscope.benchmarks.references import is_noise, made_from_truth
@@ -175,7 +174,7 @@ def image_detections_from_truth(source: Spec, episode: Episode) -> PictureDetect
         detections = camera.of(picture.truth, pinhole)
         image = picture.frame.camera
         if image is not None and image.blank:
-            return no_image_detections(picture.frame.stamp_s)
+            return ImageDetections.empty(picture.frame.stamp_s)
         return replace(detections, stamp_s=picture.frame.stamp_s)
 
     return detect
