@@ -10,7 +10,7 @@ import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.fingerprint import fingerprint
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.kinds import DETECTOR
@@ -19,7 +19,7 @@ from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.noisy import NoisyDetections
 from roadscope.benchmarks.parked import parked_centres, parked_owners
 from roadscope.benchmarks.records import CallTimes, EpisodeDetections, without_sources
-from roadscope.benchmarks.references import is_noise, made_from_truth
+from roadscope.benchmarks.references import made_from_truth
 from roadscope.core import Detections, Spec, Truth
 from roadscope.core.answers import check_detections, check_masses, same_stamp
 from roadscope.core.spec import ORACLE
@@ -42,12 +42,8 @@ class DetectionNode(Node):
 
     def content(self) -> Mapping[str, Any]:
         """Return what the detections depend on."""
-        return {
-            "source": str(self.source),
-            "by": self._maker(),
-            "episode": self.episode.spec(),
-            "code": code_hash(__name__),
-        }
+        rule = fingerprint(self.rule) if made_from_truth(self.source) else None
+        return {**super().content(), "rule": rule}
 
     def sources(self) -> tuple[Node, ...]:
         """Return the traffic."""
@@ -58,12 +54,6 @@ class DetectionNode(Node):
         if made_from_truth(self.source):
             return _from_truth(self.source, self.episode, self.rule)
         return _detected(self.source, self.episode, options)
-
-    def _maker(self) -> str:
-        if not made_from_truth(self.source):
-            return plugin_hash(self.source)
-        noise = [self.source.make()] if is_noise(self.source) else []
-        return fingerprint([fingerprint(self.rule), *noise])
 
 
 def oracle_detections(truth: Truth, rule: Eligibility) -> Detections:

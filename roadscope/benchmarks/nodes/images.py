@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint, package_version, plugin_hash
+from roadscope.benchmarks.fingerprint import package_version
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.images import (
     camera_of,
@@ -29,7 +29,7 @@ from roadscope.benchmarks.records import (
     EpisodeImageDetections,
     without_sources,
 )
-from roadscope.benchmarks.references import is_noise, made_from_truth
+from roadscope.benchmarks.references import made_from_truth
 from roadscope.core import ImageDetections, Spec, Truth
 from roadscope.core.answers import check_image_detections, check_masses
 from roadscope.core.spec import ORACLE
@@ -61,13 +61,7 @@ class ImageNode(Node):
 
     def content(self) -> Mapping[str, Any]:
         """Return what the detections depend on, the library that runs networks too."""
-        return {
-            "source": str(self.source),
-            "by": self._maker(),
-            "episode": self.episode.spec(),
-            "every_s": [self.every_s, self.of_scans],
-            "code": code_hash(__name__),
-        }
+        return {**super().content(), "torch": package_version("torch")}
 
     def sources(self) -> tuple[Node, ...]:
         """Return the traffic."""
@@ -93,13 +87,6 @@ class ImageNode(Node):
             replies.times,
             np.array(rows, np.int64),
         )
-
-    def _maker(self) -> str:
-        if self.source.kind == ORACLE:
-            return ORACLE
-        if is_noise(self.source):
-            return fingerprint(self.source.make())
-        return fingerprint([plugin_hash(self.source), package_version("torch")])
 
 
 def detect_in_picture(source: Spec, episode: Episode, picture: Picture) -> ImageDetections:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from roadscope.benchmarks.drive import Step, drive, imu_mounting
 from roadscope.benchmarks.episode import Episode, sensing_of
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
@@ -34,19 +32,6 @@ class PoseNode(Node):
     stage = "poses"
     folder = "poses"
     record = EpisodePoses
-
-    def content(self) -> Mapping[str, Any]:
-        """Return what the poses depend on."""
-        if is_noise(self.source):
-            maker = fingerprint(self.source.make())
-        else:
-            maker = plugin_hash(self.plugin)
-        return {
-            "source": str(self.source),
-            "by": maker,
-            "episode": self.episode.spec(),
-            "code": code_hash(__name__),
-        }
 
     @property
     def plugin(self) -> Spec:

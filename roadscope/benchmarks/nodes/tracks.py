@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.fingerprint import code_hash, plugin_hash
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.isolation import PluginError, PluginHandle, Timed
 from roadscope.benchmarks.kinds import TRACKER, traits_of
@@ -44,20 +43,6 @@ class TrackNode(Node):
     stage = "tracks"
     folder = "tracks"
     record = EpisodeTracks
-
-    def content(self) -> Mapping[str, Any]:
-        """Return what the tracks depend on."""
-        return {
-            "tracker": plugin_hash(self.tracker),
-            "detections": self.detections.content(),
-            "ego": self.ego.content() if self.ego is not None else self.posed,
-            "tentative": self.tentative,
-            "code": code_hash(__name__),
-        }
-
-    def sources(self) -> tuple[Node, ...]:
-        """Return the detections, and the poses where an odometry makes them."""
-        return (self.detections, *([self.ego] if self.ego is not None else []))
 
     def compute(self, options: RunOptions) -> EpisodeTracks:
         """Run the tracker over the detections of an episode."""
