@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from roadscope.benchmarks.odometry_runner import folder_estimates
 from toy_kitti import write_kitti
 
 from roadscope.benchmarks.cache import FolderError
@@ -16,7 +17,6 @@ from roadscope.benchmarks.export_suite import (
     plan_export,
     read_manifest,
 )
-from roadscope.benchmarks.followed import followed
 from roadscope.benchmarks.formats import read_sequence
 from roadscope.benchmarks.formats.imu_file import read_imu
 from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
@@ -126,7 +126,7 @@ def test_our_tracker_runs_on_the_exported_detections(exported) -> None:
 
 def test_an_odometry_runs_on_the_exported_scans(exported) -> None:
     scans = ScanFolder.find(exported / "velodyne" / "0000")
-    estimates = list(followed(scans, "lidar-inertial"))
+    estimates = list(folder_estimates(scans, "lidar-inertial"))
     assert len(estimates) == len(scans)
 
 
