@@ -24,7 +24,7 @@ from roadscope.benchmarks.recorded.suite import RecordedSuite, kitti_suite
 from roadscope.benchmarks.report.export import save_all
 from roadscope.benchmarks.report.kept import check_targets, label_of
 from roadscope.benchmarks.results import Results, gather
-from roadscope.benchmarks.results.agreement import BoardAgreement, agreement
+from roadscope.benchmarks.results.agreement import BoardAgreement
 from roadscope.benchmarks.results.results import condition_of
 from roadscope.benchmarks.store import Outcome, Store, StoredJob, StoreError
 from roadscope.benchmarks.suite import SUITES, Suite, SuiteError, check_names, load_suite
@@ -203,8 +203,8 @@ def agreements(
         simulated = _simulated_figures(suite, list(trackers.values()), outcomes)
         for board in results.boards():
             recorded = _headline_figures(results, board, list(trackers))
-            if match := agreement(simulated, recorded):
-                compared.append(BoardAgreement(board, suite.title, match.rho, match.entries))
+            if match := BoardAgreement.of(board, suite.title, recorded, simulated):
+                compared.append(match)
     return tuple(compared)
 
 
