@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from roadscope.benchmarks.cache import ENVIRONMENT_VARIABLE
+from roadscope.benchmarks.cache import cache_folder
 from roadscope.core.names import unknown
 
 RESULTS = "results"
@@ -59,16 +58,6 @@ class KindUsage:
     description: str
     files: int
     size_bytes: int
-
-
-def cache_folder() -> Path:
-    """Return the folder that computed files go to; it is not made, nor tried."""
-    named = os.environ.get(ENVIRONMENT_VARIABLE)
-    if named:
-        return Path(named)
-    from platformdirs import user_cache_path
-
-    return user_cache_path("roadscope", appauthor=False)
 
 
 def cache_usage(folder: Path | str | None = None) -> tuple[KindUsage, ...]:

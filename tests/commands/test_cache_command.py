@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from roadscope.__main__ import main
-from roadscope.benchmarks.cached_files import cache_folder, cache_usage, clear_cache, size_text
+from roadscope.benchmarks.cache import cache_folder
+from roadscope.benchmarks.cached_files import cache_usage, clear_cache, size_text
 
 DIGEST = "0123456789abcdef"
 OURS = {
