@@ -22,10 +22,10 @@ from roadscope.core.answers import AnswerError, check_rescored, check_tracks
 class TrackNode(Node):
     """The tracks of a tracker in frame `world`.
 
-    Detections are the same whoever tells the poses: they reach the tracker in frame `ego`. The
+    Detections are the same wherever the poses come from: they reach the tracker in frame `ego`. The
     tracker lives in the world of the poses that it gets: that of an odometry begins in the first
     ego frame and drifts; without poses it lives in the ego frame. Its tracks go into the ego
-    frame by the pose it was given, and from there into the true world by the true pose. So slow
+    frame by the pose that it got, and from there into the true world by the true pose. So slow
     drift costs little, and a jump of the poses costs tracks.
 
     tracker: its resolved spec. detections: the node whose detections it gets.
