@@ -72,7 +72,7 @@ def usable_file(path: Path | str, endings: Sequence[str], what: str) -> Path:
     return place
 
 
-def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file so that no reader ever sees half of it, whoever else writes it too."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=path.stem, suffix=".part", dir=path.parent)

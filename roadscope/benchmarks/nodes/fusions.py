@@ -100,13 +100,13 @@ class FusionNode(Node):
         rows = scan_rows(self.episode, len(lidar.truths), self.every_s)
         columns: set[int] = set()
 
-        def check(answer: Any, tick: CallInput[float]) -> FusedDetections:
-            targets = check_fused(answer, stamp_s=_expected_stamp_s(tick))
+        def check(answer: Any, call_input: CallInput[float]) -> FusedDetections:
+            targets = check_fused(answer, stamp_s=_expected_stamp_s(call_input))
             check_masses(targets.masses, columns)
             return targets
 
-        ticks = self._ticks(lidar, camera, rows)
-        replies = run_plugin(self.fusion, FUSION, ticks, check, options=options)
+        inputs = self._inputs(lidar, camera, rows)
+        replies = run_plugin(self.fusion, FUSION, inputs, check, options=options)
         fused = tuple(
             FusedDetections.of(Detections.empty(stamp_s), None)
             if answer is None
@@ -116,7 +116,7 @@ class FusionNode(Node):
         targets = _targets(self.episode, lidar, camera, rows)
         return EpisodeFusions(rows, fused, targets, replies.times)
 
-    def _ticks(
+    def _inputs(
         self, lidar: EpisodeDetections, camera: EpisodeImageDetections, rows: np.ndarray
     ) -> Iterator[CallInput[float]]:
         """Yield the pairs of scans and images, in the frames in which the user believes."""
@@ -211,9 +211,9 @@ def fitting_calibration(path: str, rig_projection: Projection) -> Projection:
     return calibration
 
 
-def _expected_stamp_s(tick: CallInput[float]) -> float:
+def _expected_stamp_s(call_input: CallInput[float]) -> float:
     """Return the stamp that an answer has: the scan's, or the image's without a scan."""
-    points, boxes, _ = tick.arguments
+    points, boxes, _ = call_input.arguments
     first: Detections | ImageDetections = boxes if points is None else points
     return first.stamp_s
 

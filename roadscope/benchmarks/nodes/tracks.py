@@ -104,14 +104,14 @@ def track(
     ]
     history: list[Tracks] = []
 
-    def ticks() -> Iterator[CallInput[_Placed]]:
+    def calls() -> Iterator[CallInput[_Placed]]:
         for detections, truth, pose, place in zip(
             inputs.detections, truths, ego_poses, placed, strict=True
         ):
             yield CallInput((_in_ego(detections, truth), pose), place)
 
-    def check(answer: Any, tick: CallInput[_Placed]) -> Tracks:
-        place = tick.context
+    def check(answer: Any, call_input: CallInput[_Placed]) -> Tracks:
+        place = call_input.context
         tracks = check_tracks(answer, stamp_s=place.believed.stamp_s, posed=place.posed)
         history.append(tracks)
         return tracks
@@ -128,7 +128,7 @@ def track(
         return replace(timed, answer=answer)
 
     finish = rescore if is_offline(tracker) else None
-    replies = run_plugin(tracker, TRACKER, ticks(), check, finish=finish, options=options)
+    replies = run_plugin(tracker, TRACKER, calls(), check, finish=finish, options=options)
     answers = replies.last if finish is not None else replies.answers
     in_believed = [
         _in_world(tracks if tentative else tracks.sure, place)
