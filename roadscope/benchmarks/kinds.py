@@ -1,4 +1,4 @@
-"""The five kinds of plug-in: where their names are, what is called, and which kind an entry is."""
+"""The five kinds of plug-in: where their names are, what is called, and how an entry is told."""
 
 from __future__ import annotations
 

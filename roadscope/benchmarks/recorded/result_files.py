@@ -37,8 +37,8 @@ def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Sc
     true = known.truth
     if true is None:
         raise FormatError(f"{Path(sequence) / 'gt' / 'gt.txt'}: missing; nothing to score by")
-    tracks = read_mot(Path(results), end=(len(true), f"the last of the sequence {sequence}"))
-    counted = mot_judged(true, by_frame(tracks, len(true)), distractors_of(known.name))
+    told = read_mot(Path(results), end=(len(true), f"the last of the sequence {sequence}"))
+    counted = mot_judged(true, by_frame(told, len(true)), distractors_of(known.name))
     return sequence_scores(counted, THRESHOLD)
 
 
@@ -55,7 +55,7 @@ def score_kitti_results(
     >>> scores["hota"].value
     1.0
     """
-    true, tracks = read_labels(Path(labels)), read_labels(Path(results), results=True)
-    count = 1 + max(int(rows.frames.max(initial=-1)) for rows in (true, tracks))
-    counted = judged(true.by_frame(count), tracks.by_frame(count), TYPE_OF[category])
+    true, told = read_labels(Path(labels)), read_labels(Path(results), results=True)
+    count = 1 + max(int(rows.frames.max(initial=-1)) for rows in (true, told))
+    counted = judged(true.by_frame(count), told.by_frame(count), TYPE_OF[category])
     return sequence_scores(counted, SIMILARITIES["iou_2d"].threshold)

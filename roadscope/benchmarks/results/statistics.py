@@ -119,9 +119,9 @@ def paired_interval(
         difference += sign * pooled
         spread += sign * w * (x - pooled) / w.mean()
     labels = None if strata is None else [strata[i] for i in used]
-    interval = mean_interval(spread, labels, level=level)
-    shift = difference - interval.mean
-    return Interval(difference, interval.low + shift, interval.high + shift, len(used))
+    found = mean_interval(spread, labels, level=level)
+    shift = difference - found.mean
+    return Interval(difference, found.low + shift, found.high + shift, len(used))
 
 
 def merged(scores: Sequence[Score]) -> Score:
