@@ -64,6 +64,7 @@ class Package:
         self.root = root.resolve()
         self.name = self.root.name
         self._sources: dict[str, Source] = {}
+        self._files: dict[str, Path | None] = {}
         # Syntax trees differ between versions of Python.
         key = f"{FORMAT} {sys.version_info[:2]} {self.root}"
         self._index = cache_dir() / "sources" / f"{sha256(key.encode()).hexdigest()[:16]}.json"
@@ -72,12 +73,13 @@ class Package:
 
     def file_of(self, module: str) -> Path | None:
         """Return the file of a dotted name, or None if the package has no such module."""
-        first, *rest = module.split(".")
-        if first != self.name:
-            return None
-        place = self.root.joinpath(*rest)
-        candidates = [place / "__init__.py"] + ([place.with_name(f"{place.name}.py")] * bool(rest))
-        return next((path for path in candidates if path.is_file()), None)
+        if module not in self._files:
+            first, *rest = module.split(".")
+            place = self.root.joinpath(*rest)
+            files = [place / "__init__.py", *([place.with_name(f"{place.name}.py")] * bool(rest))]
+            known = (path for path in files if first == self.name and path.is_file())
+            self._files[module] = next(known, None)
+        return self._files[module]
 
     def modules(self) -> list[str]:
         """Return the dotted names of all modules."""

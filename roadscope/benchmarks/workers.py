@@ -18,7 +18,7 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
@@ -294,8 +294,11 @@ class _LokyPool:
         return int(isinstance(error, BrokenProcessPool))
 
     def close(self, *, kill: bool) -> None:
-        for executor in [*self._idle, *self._busy.values()]:
-            executor.shutdown(wait=True, kill_workers=kill)
+        executors = [*self._idle, *self._busy.values()]
+        # At once: a worker with all modules loaded takes a while to end.
+        with ThreadPoolExecutor(max(len(executors), 1)) as threads:
+            for executor in executors:
+                threads.submit(executor.shutdown, wait=True, kill_workers=kill)
         self._idle, self._busy = [], {}
 
     def _collect(self) -> None:
