@@ -168,10 +168,12 @@ def ego_motions(stamps_s: Sequence[float], poses: Sequence[Pose]) -> np.ndarray:
 
 
 def _egos(stamps_s: Sequence[float], poses: Sequence[Pose | None]) -> list[_Ego]:
-    places = [Pose.identity() if pose is None else pose for pose in poses]
-    motions = ego_motions(stamps_s, places)
+    """Return the ego at each frame; None: the tracker gets no pose then."""
+    believed = [
+        Pose.identity() if pose is None else pose for _, pose in zip(stamps_s, poses, strict=True)
+    ]
     posed = [pose is not None for pose in poses]
-    return list(map(_Ego, stamps_s, places, posed, motions))
+    return list(map(_Ego, stamps_s, believed, posed, ego_motions(stamps_s, believed)))
 
 
 def _in_ego(detections: Detections, world_from_ego: Pose) -> Detections:
