@@ -29,23 +29,29 @@ class FolderError(ValueError):
     """A folder or file cannot be written to."""
 
 
+def cache_folder() -> Path:
+    """Return the folder that computed files go to; it is not made, nor tried."""
+    if named := os.environ.get(ENVIRONMENT_VARIABLE):
+        return Path(named)
+    from platformdirs import user_cache_path
+
+    return user_cache_path("roadscope", appauthor=False)
+
+
 def cache_dir() -> Path:
     """Return the folder for computed files, made if need be.
 
     `ROADSCOPE_CACHE` names it, otherwise it is the user's cache folder. Where neither can be
     written a temporary folder is used, with a warning.
     """
-    named = os.environ.get(ENVIRONMENT_VARIABLE)
-    return _usable(Path(named) if named else _user_cache_dir())
+    return _usable(cache_folder())
 
 
 def usable_folder(path: Path | str) -> Path:
     """Make a folder for results and make sure that it can be written."""
     folder = Path(path)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
+        return _tried(folder)
     except FileExistsError as error:
         raise FolderError(f"cannot write to folder {folder}: a file is in the way") from error
     except OSError as error:
@@ -225,18 +231,10 @@ def digest_of(path: Path) -> str | None:
     return header[len(MAGIC) :].hex()
 
 
-def _user_cache_dir() -> Path:
-    from platformdirs import user_cache_path
-
-    return user_cache_path("roadscope", appauthor=False)
-
-
 @cache
 def _usable(folder: Path) -> Path:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
+        return _tried(folder)
     except OSError as error:
         spare = Path(tempfile.mkdtemp(prefix="roadscope-"))
         # Worker processes inherit the variable and so share the one spare folder.
@@ -247,3 +245,10 @@ def _usable(folder: Path) -> Path:
             stacklevel=3,
         )
         return spare
+
+
+def _tried(folder: Path) -> Path:
+    """Make a folder and write a file in it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        return folder

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from roadscope.benchmarks.cache import ENVIRONMENT_VARIABLE
+from roadscope.benchmarks.cache import cache_folder
 from roadscope.core.names import unknown
 
 RESULTS = "results"
@@ -29,7 +28,7 @@ class FileKind:
 
 
 _DIGEST = r"[0-9a-f]{16,}"
-_ARRAYS = re.compile(rf"(.+-)?{_DIGEST}(\.npz|\.cache|\w*\.part)")
+_ARRAYS = re.compile(rf"(.+-)?{_DIGEST}(\.cache|\w*\.part)")
 
 FILE_KINDS: Mapping[str, FileKind] = {
     "timelines": FileKind("recorded traffic", "timelines", _ARRAYS),
@@ -60,16 +59,6 @@ class KindUsage:
     description: str
     files: int
     size_bytes: int
-
-
-def cache_folder() -> Path:
-    """Return the folder that computed files go to; it is not made, nor tried."""
-    named = os.environ.get(ENVIRONMENT_VARIABLE)
-    if named:
-        return Path(named)
-    from platformdirs import user_cache_path
-
-    return user_cache_path("roadscope", appauthor=False)
 
 
 def cache_usage(folder: Path | str | None = None) -> tuple[KindUsage, ...]:

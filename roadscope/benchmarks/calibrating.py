@@ -34,7 +34,7 @@ LEAST_POSES = 4
 STEPS = (4, 6, 8, 10, 12, 16, 20, 30, 40, 60, 80, 100)
 """Numbers of poses that are compared, up to those that there are."""
 DRAWS = 9
-"""Choices of so many poses among all, whose median is told."""
+"""Choices of so many poses among all, whose median is shown."""
 ENDINGS = (".json", ".toml")
 
 
@@ -95,14 +95,14 @@ def calibrate_rig(
         raise CalibrationError(f"scans: expected at least 1, got {scans}")
     if not 0 <= outliers <= 0.5:
         raise CalibrationError(f"outliers: expected a share from 0 to 0.5, got {outliers}")
-    carrier, tell = find_rig(name), progress or silent
+    carrier, report = find_rig(name), progress or silent
     camera_of(carrier)
-    tell("poses", 0, poses)
+    report("poses", 0, poses)
     views = board_views(
         carrier,
         poses,
         np.random.default_rng([seed, poses]),
-        told=lambda done: tell("poses", done, poses),
+        told=lambda done: report("poses", done, poses),
         scans=scans,
         tilted=not upright,
     )
@@ -117,20 +117,20 @@ def calibrate_rig(
     trial = _Trial(carrier, seed, known_intrinsics, corners_only)
     rows = []
     for number, count in enumerate(counts):
-        tell("solving", number, len(counts))
+        report("solving", number, len(counts))
         rows.append(_row(trial, views, count))
-    tell("solving", len(counts), len(counts))
+    report("solving", len(counts), len(counts))
     _, result = trial.solved(views)
     return RigCalibration(result, tuple(rows), len(views), poses)
 
 
-def save_rig_calibration(found: RigCalibration, path: Path | str, origin: str) -> None:
+def save_rig_calibration(calibration: RigCalibration, path: Path | str, origin: str) -> None:
     """Write what fusions read; nobody ever sees half of the file."""
     place = calibration_path(path)
 
     def write(part: Path) -> None:
         whole = part.with_name(part.name + place.suffix)
-        write_calibration(whole, found.result, origin)
+        write_calibration(whole, calibration.result, origin)
         whole.replace(part)
 
     write_atomically(place, write)
@@ -171,17 +171,17 @@ class _Trial:
 def _row(trial: _Trial, views: Views, count: int) -> PoseRow:
     rng = np.random.default_rng([trial.seed, count])
     draws = 1 if count == len(views) else DRAWS
-    found = []
+    errors = []
     for _ in range(draws):
         chosen = np.sort(rng.choice(len(views), count, replace=False)).tolist()
         try:
             start, result = trial.solved(views.select(chosen))
             before = held_out_px(trial.rig, start.projection)
-            found.append((result.reprojection_px, *_errors(trial.rig, result), before))
+            errors.append((result.reprojection_px, *_errors(trial.rig, result), before))
         except CalibrationError:
-            found.append((np.inf,) * 5)
-    middle = np.median(found, axis=0).tolist()
-    most = float(np.max([row[1] for row in found]))
+            errors.append((np.inf,) * 5)
+    middle = np.median(errors, axis=0).tolist()
+    most = float(np.max([row[1] for row in errors]))
     return PoseRow(count, middle[0], middle[1], most, *middle[2:])
 
 

@@ -39,9 +39,9 @@ def camera_view(episode: Episode, detector: str) -> tuple[np.ndarray, ImageDetec
     """
     picture = _middle(episode)
     assert picture.frame.camera is not None
-    found = detect_in_picture(check_image_source(detector), episode, picture)
-    found = found.select(found.scores >= LEAST_SCORE)
-    return drawn(picture.frame.camera.pixels, found), found
+    detections = detect_in_picture(check_image_source(detector), episode, picture)
+    detections = detections.select(detections.scores >= LEAST_SCORE)
+    return drawn(picture.frame.camera.pixels, detections), detections
 
 
 def save_view(episode: Episode, detector: str, path: Path | str) -> int:
@@ -49,19 +49,21 @@ def save_view(episode: Episode, detector: str, path: Path | str) -> int:
     from matplotlib.image import imsave
 
     check_view(episode, detector, path)
-    pixels, found = camera_view(episode, detector)
+    pixels, detections = camera_view(episode, detector)
     place = Path(path)
     write_atomically(place, lambda part: imsave(part, pixels, format=place.suffix[1:].lower()))
-    return len(found)
+    return len(detections)
 
 
-def drawn(pixels: np.ndarray, found: ImageDetections) -> np.ndarray:
+def drawn(pixels: np.ndarray, detections: ImageDetections) -> np.ndarray:
     """Return (H, W, 3) uint8 pixels with boxes in their family's colour, category and score."""
     from PIL import Image, ImageDraw
 
     image = Image.fromarray(pixels)
     pen = ImageDraw.Draw(image)
-    for box, number, score in zip(found.boxes, found.categories, found.scores, strict=True):
+    for box, number, score in zip(
+        detections.boxes, detections.categories, detections.scores, strict=True
+    ):
         category = Category(int(number))
         colour = COLOURS[category.family.value]
         pen.rectangle(box.tolist(), outline=colour, width=LINE_PX)

@@ -17,7 +17,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from roadscope.benchmarks.cached_files import KindUsage, cache_folder, cache_usage, size_text
+from roadscope.benchmarks.cache import cache_folder
+from roadscope.benchmarks.cached_files import KindUsage, cache_usage, size_text
 
 DISTRIBUTION = "roadscope"
 LITTLE_SPACE_BYTES = 1_000_000_000

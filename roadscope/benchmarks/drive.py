@@ -1,23 +1,20 @@
-"""What an odometry is given of an episode, and what was true meanwhile."""
+"""The scans of an episode as an odometry gets them, and what was true meanwhile."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
 
-from roadscope.benchmarks.episode import SCAN_ARRAYS, Episode, sensing_of, timeline_of
-from roadscope.benchmarks.fingerprint import fingerprint
+from roadscope.benchmarks.episode import Episode, sensed, sensing_of
 from roadscope.core import ImuSamples, LidarScan, Pose, Truth, WheelSamples
 from roadscope.core.record import Record
 
+SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 MOVING_M_S = 0.1
 """Slower road users stand, at that time: from scan to scan they move less than ranges err."""
-KEPT_BYTES = 600_000_000
-BYTES_PER_RAY = 40
 
 Samples = TypeVar("Samples", ImuSamples, WheelSamples)
 
@@ -37,15 +34,6 @@ class Step(Record):
     world_from_lidar: Pose
     moving: np.ndarray
 
-    def copied(self) -> Step:
-        """Return a step whose measurements a plug-in may write to."""
-        return replace(
-            self,
-            scan=select(self.scan, slice(None)),
-            imu=_joined([self.imu]),
-            wheels=_joined([self.wheels]),
-        )
-
     def without_moving(self) -> Step:
         """Return the step as it is in a world in which nothing moves but the sensor."""
         return replace(self, scan=select(self.scan, ~self.moving), moving=self.moving[~self.moving])
@@ -64,45 +52,21 @@ def imu_mounting(episode: Episode) -> Pose | None:
 def drive(episode: Episode) -> Iterator[Step]:
     """Yield the scans of an episode that arrive; every time the same bytes, in arrays of one's own.
 
-    The last episode is kept: the next job of a worker is often another entry on the same.
+    A scan that arrives has the samples of those that were lost before it too.
     """
     from roadscope.envs.sensors.rigs import rig
 
-    timeline, spec = timeline_of(episode), rig(episode.rig).lidar.spec
-    scans = (timeline.end_s - timeline.start_s) / spec.period_s
-    if scans * spec.beams * spec.columns * BYTES_PER_RAY > KEPT_BYTES:
-        yield from _sensed(episode)
-        return
-    for step in _kept(episode, fingerprint(episode.spec())):
-        yield step.copied()
-
-
-@lru_cache(maxsize=1)
-def _kept(episode: Episode, key: str) -> tuple[Step, ...]:
-    """Keep the last one; key: changes when the rig file that the episode names does."""
-    return tuple(_sensed(episode))
-
-
-def _sensed(episode: Episode) -> Iterator[Step]:
-    from roadscope.envs.sensors.rigs import rig
-
-    carrier = replace(rig(episode.rig), camera=None)
-    mount = carrier.lidar.ego_from_lidar
-    felt: list[ImuSamples | None] = []
-    rolled: list[WheelSamples | None] = []
-    for frame, truth in sensing_of(episode, carrier).whole(timeline_of(episode)):
-        felt.append(frame.imu)
-        rolled.append(frame.wheels)
+    mount = rig(episode.rig).lidar.ego_from_lidar
+    imu: list[ImuSamples | None] = []
+    wheels: list[WheelSamples | None] = []
+    for frame, truth in sensed(episode):
+        imu.append(frame.imu)
+        wheels.append(frame.wheels)
         if frame.lidar is None:
             continue
-        yield Step(
-            frame.lidar,
-            _joined(felt),
-            _joined(rolled),
-            truth.world_from_ego @ mount,
-            moving_in(truth),
-        )
-        felt, rolled = [], []
+        pose = truth.world_from_ego @ mount
+        yield Step(frame.lidar, _joined(imu), _joined(wheels), pose, moving_in(truth))
+        imu, wheels = [], []
 
 
 def moving_in(truth: Truth) -> np.ndarray:
@@ -118,10 +82,10 @@ def select(scan: LidarScan, rows: np.ndarray | slice) -> LidarScan:
 
 
 def _joined(blocks: Sequence[Samples | None]) -> Samples | None:
-    """Return the samples of scans that were lost with those of the one that came."""
-    there = [block for block in blocks if block is not None]
-    if not there:
+    """Return the samples of several scans as one block; None where there are none."""
+    known = [block for block in blocks if block is not None]
+    if not known:
         return None
-    kind = type(there[0])
+    kind = type(known[0])
     names = [each.name for each in fields(kind)]
-    return kind(*(np.concatenate([getattr(block, name) for block in there]) for name in names))
+    return kind(*(np.concatenate([getattr(block, name) for block in known]) for name in names))

@@ -20,7 +20,7 @@ class Eligibility(Record):
     range_m: nearest and farthest distance of the box centre from the ego's rear axle, seen
         from above, metres.
     min_returns: least number of LiDAR returns in the scan; objects with fewer are invisible.
-    families: which road users are to be found; others are neither misses nor false alarms.
+    families: which road users are to be detected; others are neither misses nor false alarms.
     """
 
     range_m: tuple[float, float] = (0.0, 60.0)
@@ -56,7 +56,7 @@ class Eligibility(Record):
         return inside
 
     def pairing(
-        self, found: Detections | Tracks, truth: Truth, parked: np.ndarray | None = None
+        self, boxes: Detections | Tracks, truth: Truth, parked: np.ndarray | None = None
     ) -> Pairing:
         """Set detections or tracks, world frame, against the objects of a frame.
 
@@ -67,19 +67,19 @@ class Eligibility(Record):
         return Pairing(
             distances=np.hstack(
                 [
-                    centre_distances(found.centres, truth.centres),
-                    centre_distances(found.centres, parked),
+                    centre_distances(boxes.centres, truth.centres),
+                    centre_distances(boxes.centres, parked),
                 ]
             ),
             eligible=np.concatenate([self.of(truth), np.zeros(len(parked), bool)]),
-            counted=self.within(found.centres, truth),
+            counted=self.within(boxes.centres, truth),
         )
 
     def pairings(
         self,
-        found: Sequence[Detections | Tracks],
+        boxes: Sequence[Detections | Tracks],
         truths: Sequence[Truth],
         parked: np.ndarray | None = None,
     ) -> list[Pairing]:
         """Do so for every frame of an episode."""
-        return [self.pairing(f, t, parked) for f, t in zip(found, truths, strict=True)]
+        return [self.pairing(b, t, parked) for b, t in zip(boxes, truths, strict=True)]

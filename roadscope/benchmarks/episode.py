@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from roadscope.benchmarks.cache import cache_dir, kept
 from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash, timeline_hash
@@ -20,9 +21,10 @@ if TYPE_CHECKING:
 
 LONGEST_S = 3600.0
 """Longest episode; its traffic alone takes about twelve minutes to record. Chosen by hand."""
-KEPT_BYTES = 128_000_000
 BYTES_PER_RETURN = 40
-SCAN_ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
+"""Memory of a return in a scan and in its truth."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,44 +118,44 @@ def sensing_of(episode: Episode, carrier: Rig | None = None) -> Sensing:
     )
 
 
+class LastEpisode(Generic[T]):
+    """What was sensed of the last episode: the next job of a worker is often on the same one."""
+
+    def __init__(self, most_bytes: int) -> None:
+        """Take the size of the largest episode that is remembered."""
+        self._most_bytes = most_bytes
+        self._key: object = None
+        self._items: tuple[T, ...] = ()
+
+    def get(self, key: object, size_bytes: float, sense: Callable[[], Iterable[T]]) -> Iterable[T]:
+        """Return what `sense` returns, remembered where the last key was the same."""
+        if size_bytes > self._most_bytes:
+            return sense()
+        if key != self._key:
+            self._key, self._items = None, ()
+            self._items = tuple(sense())
+            self._key = key
+        return self._items
+
+
+_last_scans = LastEpisode[tuple[Frame, Truth]](most_bytes=600_000_000)
+
+
 def sensed(episode: Episode) -> Iterator[tuple[Frame, Truth]]:
-    """Sense an episode's scans from its traffic: every time the same bytes, in arrays of one's own.
+    """Sense an episode's scans from its traffic; a camera of the rig is not used.
 
-    A camera of the rig stays shut.
+    Every time they are the same bytes, in arrays that a plug-in may write to.
     """
     from roadscope.envs.sensors.rigs import rig
 
     timeline, sensors = timeline_of(episode), replace(rig(episode.rig), camera=None)
-    spec = sensors.lidar.spec
-    scans = (timeline.end_s - timeline.start_s) / spec.period_s
-    if scans * spec.beams * spec.columns * BYTES_PER_RETURN > KEPT_BYTES:
-        yield from sensing_of(episode, sensors).whole(timeline)
-        return
-    for frame, truth in _kept(episode, fingerprint(episode.spec())):
-        yield _copied(frame), truth
-
-
-@lru_cache(maxsize=1)
-def _kept(episode: Episode, key: str) -> tuple[tuple[Frame, Truth], ...]:
-    """Keep the last episode: the next job of a worker is often another entry on the same.
-
-    key: changes when the rig file that the episode names does.
-    """
-    from roadscope.envs.sensors.rigs import rig
-
-    timeline, sensors = timeline_of(episode), replace(rig(episode.rig), camera=None)
-    return tuple(sensing_of(episode, sensors).whole(timeline))
-
-
-def _copied(frame: Frame) -> Frame:
-    """Give a plug-in arrays that it may write to without anybody else noticing."""
-    scan = frame.lidar
-    if scan is None:
-        return frame
-    arrays = {name: getattr(scan, name).copy() for name in SCAN_ARRAYS}
-    motion = frame.previous_from_ego
-    own = None if motion is None else replace(motion, matrix=motion.matrix.copy())
-    return replace(frame, lidar=replace(scan, **arrays), previous_from_ego=own)
+    lidar = sensors.lidar.spec
+    scans = (timeline.end_s - timeline.start_s) / lidar.period_s
+    size_bytes = scans * lidar.beams * lidar.columns * BYTES_PER_RETURN
+    # The spec changes with the rig file that an episode names.
+    key, sense = fingerprint(episode.spec()), partial(sensing_of(episode, sensors).whole, timeline)
+    for frame, truth in _last_scans.get(key, size_bytes, sense):
+        yield deepcopy(frame), truth
 
 
 def check_episode(episode: Episode) -> None:

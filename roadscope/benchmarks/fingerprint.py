@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from roadscope.benchmarks.sources import DATA_KINDS, package
-from roadscope.core.spec import Spec, source_hash
+from roadscope.core.spec import ORACLE, Spec, source_hash
 
 PACKAGE = Path(__file__).resolve().parents[1]
 LIBRARIES = ("highway-env", "numpy", "scipy", "numba", "filterpy")
@@ -80,8 +80,11 @@ def plugin_hash(spec: Spec) -> str:
     """Hash a resolved plug-in's source, arguments and the files that its arguments name.
 
     A plug-in of ours counts by what its module imports, a stranger's by its file, the files
-    beside it and the version of its distribution; a stranger's is not imported for it.
+    beside it and the version of its distribution; a stranger's is not imported for it. An oracle
+    counts by its parts.
     """
+    if spec.kind == ORACLE:
+        return fingerprint([plugin_hash(part) for part in spec.parts.values()])
     place, _, name = spec.target.rpartition(":")
     if spec.ours:
         required = spec.requirement

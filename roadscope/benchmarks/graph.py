@@ -11,13 +11,13 @@ import json
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, kept
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint
+from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.isolation import PluginError, probed_in_sandbox
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics import METRIC_VERSION
@@ -25,6 +25,7 @@ from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.store import Outcome
 from roadscope.benchmarks.workers import Workers, WorkerSettings, open_workers
+from roadscope.core import Spec
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.episode import Episode
@@ -34,10 +35,11 @@ Item = TypeVar("Item")
 R = TypeVar("R")
 
 
+@dataclass(frozen=True)
 class Node(ABC):
     """Something that is computed once and kept as a file.
 
-    Nodes are frozen dataclasses of names and numbers: they are sent to worker processes.
+    The fields of nodes are names, numbers and other nodes: they are sent to worker processes.
     """
 
     stage: ClassVar[str]
@@ -51,16 +53,18 @@ class Node(ABC):
     each time and comes from no plug-in."""
 
     @abstractmethod
-    def content(self) -> Mapping[str, Any]:
-        """Return everything that its content depends on, as JSON can hold it."""
-
-    @abstractmethod
     def compute(self, options: RunOptions) -> Saved:
         """Compute its content; what a plug-in does wrong raises `PluginError`."""
 
+    def content(self) -> Mapping[str, Any]:
+        """Return everything that its content depends on, as JSON can hold it: code and fields."""
+        own = {each.name: _content(getattr(self, each.name)) for each in fields(self)}
+        return {"code": code_hash(type(self).__module__), **own}
+
     def sources(self) -> tuple[Node, ...]:
         """Return the nodes that this one is computed from."""
-        return ()
+        values = (getattr(self, each.name) for each in fields(self))
+        return tuple(value for value in values if isinstance(value, Node))
 
     @cached_property
     def key(self) -> str:
@@ -70,7 +74,7 @@ class Node(ABC):
     @property
     def path(self) -> Path:
         """Its file."""
-        return cache_dir() / self.folder / f"{self.key}.npz"
+        return cache_dir() / self.folder / f"{self.key}.cache"
 
     def read(self, options: RunOptions | None = None, *, recompute: bool = False) -> Any:
         """Return its content from its file, or compute it and write the file.
@@ -79,6 +83,15 @@ class Node(ABC):
         """
         compute = partial(self.compute, options or RunOptions())
         return kept(self.path, self.record.load, compute, recompute=recompute)
+
+
+def _content(value: Any) -> Any:
+    """Return what a field of a node says, and what that depends on."""
+    if isinstance(value, Node):
+        return value.content()
+    if isinstance(value, Spec):
+        return [str(value), plugin_hash(value)]
+    return value.spec() if hasattr(value, "spec") else fingerprint(value)
 
 
 class Scoring(Protocol):

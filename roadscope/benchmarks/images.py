@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import partial
 
 import numpy as np
 
-from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
+from roadscope.benchmarks.episode import Episode, LastEpisode, sensing_of, timeline_of
 from roadscope.benchmarks.fingerprint import fingerprint
 from roadscope.benchmarks.metrics.image_labels import ParkedBoxes
-from roadscope.benchmarks.parked_boxes import parked_boxes
-from roadscope.core import CameraImage, Frame, Truth
+from roadscope.benchmarks.parked import parked_boxes
+from roadscope.core import CameraImage, Frame, Pose, Truth
 from roadscope.core.projection import Projection
 from roadscope.envs.imaging.raster import rasterise, solids_of
 from roadscope.envs.sensors.camera import image_truth
@@ -21,9 +22,6 @@ from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.sensors.sensing import IMAGE_RANGE_M, Sensing, truth_of_image, world_of
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.fusion.pairing import LIMIT_S
-
-KEPT_BYTES = 400_000_000
-"""Images of one episode that are kept for the next entry on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +38,7 @@ class Picture:
 
 
 class WithoutPixels(Sensing):
-    """One grey pixel, which is not blank, stands for every image; truth is found as ever."""
+    """One grey pixel, which is not blank, stands for every image; truth is as with one."""
 
     def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
         """Return the truth of one image and a frame with a pixel, where it would arrive."""
@@ -55,12 +53,12 @@ class WithoutPixels(Sensing):
             outlines=True,
             solids=solids,
         )
-        seen = image_truth(raster, solids, len(scene.present))
+        shown = image_truth(raster, solids, len(scene.present))
         grey = np.full((1, 1, 3), 128, np.uint8)
         image = CameraImage(grey, mount.spec.pinhole.intrinsics, stamp_s, mount.name)
         believed_s = stamp_s + self.image_late_s
         frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
-        return frame, truth_of_image(timeline, stamp_s, seen)
+        return frame, truth_of_image(timeline, stamp_s, shown)
 
 
 def camera_of(carrier: Rig) -> CameraMount:
@@ -70,11 +68,11 @@ def camera_of(carrier: Rig) -> CameraMount:
     return carrier.camera
 
 
-def projection_of(carrier: Rig) -> Projection:
-    """Return the true projection from the ego frame into the rig's images."""
+def projection_of(carrier: Rig, ego_from_camera: Pose | None = None) -> Projection:
+    """Return the projection from the ego frame into the rig's images; None: the true mounting."""
     camera = camera_of(carrier)
-    pinhole = camera.spec.pinhole
-    return Projection.of(pinhole.intrinsics, camera.ego_from_camera, pinhole.width, pinhole.height)
+    pinhole, mounting = camera.spec.pinhole, ego_from_camera or camera.ego_from_camera
+    return Projection.of(pinhole.intrinsics, mounting, pinhole.width, pinhole.height)
 
 
 def sensing_without_pixels(episode: Episode) -> Sensing:
@@ -115,29 +113,16 @@ def image_rows_of_scans(episode: Episode, every_s: float) -> list[int]:
     return wanted
 
 
+_last_images = LastEpisode[Picture](most_bytes=400_000_000)
+
+
 def pictures(episode: Episode, rows: tuple[int, ...], *, pixels: bool = True) -> Iterator[Picture]:
-    """Take images by number, every time the same bytes, in arrays of one's own."""
-    spec = camera_of(rig(episode.rig)).spec
-    size = len(rows) * spec.pinhole.width * spec.pinhole.height * 3
-    if pixels and size > KEPT_BYTES:
-        yield from _taken(episode, rows, pixels)
-        return
-    for picture in _kept(episode, rows, pixels, fingerprint(episode.spec())):
-        image = picture.frame.camera
-        if image is None:
-            yield picture
-        else:
-            own = replace(picture.frame, camera=replace(image, pixels=image.pixels.copy()))
-            yield replace(picture, frame=own)
-
-
-@lru_cache(maxsize=1)
-def _kept(episode: Episode, rows: tuple[int, ...], pixels: bool, key: str) -> tuple[Picture, ...]:
-    """Keep the last episode: the next job of a worker is often another entry on the same.
-
-    key: changes when the rig file that the episode names does.
-    """
-    return tuple(_taken(episode, rows, pixels))
+    """Take images by number, every time the same bytes, in arrays that a plug-in may write to."""
+    pinhole = camera_of(rig(episode.rig)).spec.pinhole
+    size_bytes = len(rows) * pinhole.width * pinhole.height * 3 if pixels else 0
+    key = fingerprint(episode.spec()), rows, pixels
+    for picture in _last_images.get(key, size_bytes, partial(_taken, episode, rows, pixels)):
+        yield replace(picture, frame=deepcopy(picture.frame))
 
 
 def _taken(episode: Episode, rows: tuple[int, ...], pixels: bool) -> Iterator[Picture]:

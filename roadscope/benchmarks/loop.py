@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -20,6 +21,7 @@ from roadscope.core.answers import AnswerError
 A = TypeVar("A")
 C = TypeVar("C")
 
+NO_CALL = Timed(None, 0.0, 0.0)
 _warm: set[Spec] = set()
 """Specs of ours that were called in this process."""
 
@@ -44,10 +46,11 @@ class RunOptions:
 
 @dataclass(frozen=True, slots=True)
 class CallInput(Generic[C]):
-    """One moment of an episode, as a plug-in gets it.
+    """What a plug-in is called with at one moment of an episode.
 
     arguments: of the call.
-    context: what the harness needs to check and place the answer; the plug-in never gets it.
+    context: what the harness needs to check the answer and what it does with it; the plug-in
+        never gets it.
     call: False where there is nothing to be answered, so that the plug-in is not called.
     wheels: wheel speeds that an odometry gets before the scan, if it takes them.
     """
@@ -76,7 +79,7 @@ class Replies(Generic[C, A]):
 def run_plugin(
     spec: Spec,
     kind: Kind,
-    ticks: Iterable[CallInput[C]],
+    inputs: Iterable[CallInput[C]],
     check: Callable[[Any, CallInput[C]], A],
     *,
     reset: Sequence[Any] = (),
@@ -92,7 +95,7 @@ def run_plugin(
     options = options or RunOptions()
     isolated = spec.isolated and not options.trust
     if not isolated and spec.ours:
-        ticks = _warmed_up(spec, kind, iter(ticks), reset)
+        inputs = _warmed_up(spec, kind, iter(inputs), reset)
     contexts: list[C] = []
     answers: list[A | None] = []
     processor_ms: list[float] = []
@@ -105,13 +108,16 @@ def run_plugin(
         hidden=options.hidden,
     ) as plugin:
         plugin.call("reset", *reset)
-        for tick in ticks:
-            reply = _ask(spec, kind, plugin, tick, check) if tick.call else Timed(None, 0.0, 0.0)
-            contexts.append(tick.context)
-            answers.append(reply.answer)
+        for call_input in inputs:
+            reply = _call(plugin, kind, call_input)
+            try:
+                answers.append(check(reply.answer, call_input) if call_input.call else None)
+            except AnswerError as error:
+                raise PluginError(str(spec.plain), str(error), plugin.log) from error
+            contexts.append(call_input.context)
             processor_ms.append(reply.processor_ms)
             wall_ms.append(reply.wall_ms)
-        last = finish(plugin) if finish is not None else Timed(None, 0.0, 0.0)
+        last = finish(plugin) if finish is not None else NO_CALL
     times = CallTimes(np.array(processor_ms), np.array(wall_ms))
     share = max(len(contexts), 1)
     return Replies(
@@ -122,30 +128,23 @@ def run_plugin(
     )
 
 
-def _ask(
-    spec: Spec,
-    kind: Kind,
-    plugin: PluginHandle,
-    tick: CallInput[C],
-    check: Callable[[Any, CallInput[C]], A],
-) -> Timed:
-    """Call a plug-in and check its answer."""
-    before = Timed(None, 0.0, 0.0)
+def _call(plugin: PluginHandle, kind: Kind, call_input: CallInput[Any]) -> Timed:
+    """Call a plug-in, not at all where there is nothing to be answered."""
+    if not call_input.call:
+        return NO_CALL
+    wheels = NO_CALL
     with warnings.catch_warnings():
         # What a plug-in warns of, such as a black image, is not the reader's concern.
         warnings.simplefilter("ignore")
-        if tick.wheels is not None and plugin.traits.takes_wheels:
-            before = plugin.call("add_wheels", tick.wheels)
-        reply = plugin.call(kind.method, *tick.arguments)
-    try:
-        answer = check(reply.answer, tick)
-    except AnswerError as error:
-        raise PluginError(str(spec.plain), str(error), plugin.log) from error
-    return Timed(answer, before.processor_ms + reply.processor_ms, before.wall_ms + reply.wall_ms)
+        if call_input.wheels is not None and plugin.traits.takes_wheels:
+            wheels = plugin.call("add_wheels", call_input.wheels)
+        reply = plugin.call(kind.method, *call_input.arguments)
+    processor_ms, wall_ms = reply.processor_ms, reply.wall_ms
+    return Timed(reply.answer, wheels.processor_ms + processor_ms, wheels.wall_ms + wall_ms)
 
 
 def _warmed_up(
-    spec: Spec, kind: Kind, ticks: Iterator[CallInput[C]], reset: Sequence[Any]
+    spec: Spec, kind: Kind, inputs: Iterator[CallInput[C]], reset: Sequence[Any]
 ) -> Iterator[CallInput[C]]:
     """Call a throw-away instance of ours with the first inputs, then yield all inputs.
 
@@ -154,23 +153,15 @@ def _warmed_up(
     ours get no warm-up; their first call is left out of their times.
     """
     if spec in _warm or not kind.warm_calls:
-        return ticks
-    first = list(islice(ticks, kind.warm_calls))
+        return inputs
+    first = list(islice(inputs, kind.warm_calls))
     answered = False
-    with open_plugin(spec.plain, isolated=False) as plugin, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with open_plugin(spec.plain, isolated=False) as plugin:
         plugin.call("reset", *reset)
-        for tick in (tick for tick in first if tick.call):
-            if tick.wheels is not None and plugin.traits.takes_wheels:
-                plugin.call("add_wheels", tick.wheels)
-            answer = plugin.call(kind.method, *_copied(tick.arguments)).answer
-            answered |= not hasattr(answer, "__len__") or len(answer) > 0
+        for each in first:
+            # The plug-in that is timed gets these inputs too, as they are.
+            answer = _call(plugin, kind, replace(each, arguments=deepcopy(each.arguments))).answer
+            answered |= each.call and (not hasattr(answer, "__len__") or len(answer) > 0)
     if answered:
         _warm.add(spec)
-    return chain(first, ticks)
-
-
-def _copied(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    from copy import deepcopy
-
-    return deepcopy(arguments)
+    return chain(first, inputs)

@@ -29,7 +29,7 @@ def manifest(
 ) -> dict[str, Any]:
     """Return versions, code, machine, suite and boards of a run, as JSON can hold them.
 
-    calibration: file that fusions believe in place of the rig; its name is told, if it is given.
+    calibration: file that fusions believe in place of the rig; its name is kept; empty: none.
     """
     believed = {"calibration": Path(calibration).name} if calibration else {}
     return believed | {

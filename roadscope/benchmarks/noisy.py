@@ -1,4 +1,4 @@
-"""Detections made from truth with errors of known size: sliders for what trackers are given.
+"""Detections made from truth with errors of known size: sliders of what trackers get.
 
 Like the oracle it is no plug-in and belongs to the benchmark alone. It is named by a string, as
 plug-ins are: `noisy?miss=0.2&clutter=2&position_m=0.3`.
@@ -119,22 +119,22 @@ class NoisyDetections:
         """Return what is detected of the next frame, world frame."""
         missed = self._fails(truth) | self._is_hidden(truth)
         boxes = self._errant(truth)
-        seen = np.flatnonzero(self._eligibility.of(truth) & ~missed)
+        detected = np.flatnonzero(self._eligibility.of(truth) & ~missed)
         centres, sizes, yaws, categories, scores = (
-            np.concatenate([part[seen], false])
+            np.concatenate([part[detected], false])
             for part, false in zip(boxes, self._false(truth), strict=True)
         )
         return Detections(centres, sizes, yaws, categories, scores, "world", truth.stamp_s)
 
     def _fails(self, truth: Truth) -> np.ndarray:
         """(N,) bool, misses of the Markov chain, which begins in its stationary state."""
-        model, found = self._model, []
+        model, missed = self._model, []
         for identity, draw in zip(truth.ids.tolist(), self._misses.random(len(truth)), strict=True):
             before = self._missed.get(identity)
             chance = model.miss if before is None else model.stays if before else model.begins
             self._missed[identity] = bool(draw < chance)
-            found.append(self._missed[identity])
-        return np.array(found, np.bool_)
+            missed.append(self._missed[identity])
+        return np.array(missed, np.bool_)
 
     def _is_hidden(self, truth: Truth) -> np.ndarray:
         """(N,) bool, who is missed because too much of it is hidden."""

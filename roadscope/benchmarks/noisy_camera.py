@@ -71,7 +71,7 @@ class NoisyCamera:
     """Detections of one episode, image after image.
 
     Light is lost in fog by Koschmieder's law; at night what is not a vehicle (with lamps) needs
-    to be nearer to be seen.
+    to be nearer to be detected.
     """
 
     def __init__(
@@ -102,35 +102,35 @@ class NoisyCamera:
         chance = self._lit * (1 - self._model.miss) / (1 + np.exp(-odds))
         draws = rng.random((len(truth), 3))
         noise = rng.standard_normal((len(truth), 5))
-        found = (draws[:, 0] < chance) & (sides.min(axis=1, initial=LEAST_PX) >= LEAST_PX)
+        detected = (draws[:, 0] < chance) & (sides.min(axis=1, initial=LEAST_PX) >= LEAST_PX)
         errors = np.maximum(self._model.box * np.tile(sides, 2), 1.0) * noise[:, :4]
         moved = _inside(boxes + errors, width, height)
         large = np.clip(sides[:, 1] / 80.0, 0.0, 1.0)
         swaps = draws[:, 1] < self._model.confused * (1 - 0.9 * large)
-        said = np.where(swaps, _another(family, draws[:, 2]), family)
+        families = np.where(swaps, _another(family, draws[:, 2]), family)
         scores = _probability(np.minimum(odds, 4.0) + self._model.gap * noise[:, 4])
-        found &= ((moved[:, 2:] - moved[:, :2]) > 1.0).all(axis=1)
+        detected &= ((moved[:, 2:] - moved[:, :2]) > 1.0).all(axis=1)
         false, false_families, false_scores = self._false(pinhole)
         return ImageDetections(
-            np.concatenate([moved[found], false]),
-            STANDS_FOR[np.concatenate([said[found], false_families])],
-            np.concatenate([scores[found], false_scores]),
+            np.concatenate([moved[detected], false]),
+            STANDS_FOR[np.concatenate([families[detected], false_families])],
+            np.concatenate([scores[detected], false_scores]),
             truth.stamp_s,
             size_px=(width, height),
         )
 
     def _odds(self, truth: Truth, sides: np.ndarray, family: np.ndarray) -> np.ndarray:
         model = self._model
-        apart = truth.centres - truth.world_from_ego.translation
-        distances = np.linalg.norm(apart, axis=1)
+        offsets = truth.centres - truth.world_from_ego.translation
+        distances = np.linalg.norm(offsets, axis=1)
         contrast = np.exp(-self._fog * distances)
         if self._night:
             contrast = contrast * np.where(family == 0, 0.8, np.exp(-distances / 25.0))
         size = model.steepness * np.log(np.maximum(sides[:, 1], 1.0) / model.half_px)
-        seen = 10.0 * (model.hidden - truth.occluded_fraction)
+        visibility = 10.0 * (model.hidden - truth.occluded_fraction)
         # A contrast of 5 % to the background is where half are found.
         light = 2.0 * np.log(np.maximum(contrast, 1e-9) / 0.05)
-        odds = np.minimum(np.minimum(size, seen), light)
+        odds = np.minimum(np.minimum(size, visibility), light)
         return np.asarray(np.where(truth.visible_pixels > 0, odds, -30.0))
 
     def _false(self, pinhole: Pinhole) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 An imitation, named by a string as plug-ins are: `noisy-odometry?scale=0.02&turn_deg=1`. It belongs
 to the benchmark; figures that rest on it say so. On the odometry board it shows what the metrics
-make of known errors, and to trackers it tells the ego's poses with as much drift as asked for.
+make of known errors, and trackers get the ego's poses from it with a known drift.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from roadscope.odometry.rigid import exp_se3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EgoNoise:
-    """How told motions differ from true ones; all else is as it was.
+    """How estimated motions differ from true ones.
 
-    scale: share by which the way is told too long, all along; negative: too short.
-    turn_deg: yaw told too much in 100 m, degrees, all along.
+    scale: share by which distances are too long, at any time; negative: too short.
+    turn_deg: error of the yaw after 100 m, degrees, at any time.
     shift_m, shake_deg: standard deviations of each motion from scan to scan, along each axis and
         about it: they add up as a random walk.
     jump: share of scans at which the pose jumps, for good. jump_m: standard deviation of that in
@@ -55,22 +55,22 @@ ODOMETRY_NOISES: Registry[EgoNoise] = Registry(
 
 
 def noisy_poses(noise: EgoNoise, truth: Sequence[Pose], seed: int) -> list[Pose]:
-    """Return `start_from_lidar` as told, one for each true `world_from_lidar`; the first is none.
+    """Return `start_from_lidar` for each true `world_from_lidar`; the first is the identity.
 
     The same noise, poses and seed give the same bytes.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    told = [Pose.identity()] if truth else []
+    poses = [Pose.identity()] if truth else []
     for before, now in pairwise(truth):
         motion = before.inverse() @ now
-        told.append(told[-1] @ _told(noise, motion, rng))
-    return told
+        poses.append(poses[-1] @ _noisy_motion(noise, motion, rng))
+    return poses
 
 
-def _told(noise: EgoNoise, motion: Pose, rng: np.random.Generator) -> Pose:
+def _noisy_motion(noise: EgoNoise, motion: Pose, rng: np.random.Generator) -> Pose:
     """Return a motion from scan to scan with its errors."""
     matrix = motion.matrix.copy()
-    way_m = float(np.linalg.norm(matrix[:3, 3]))
+    distance_m = float(np.linalg.norm(matrix[:3, 3]))
     matrix[:3, 3] *= 1 + noise.scale
     error = np.concatenate(
         [
@@ -78,7 +78,7 @@ def _told(noise: EgoNoise, motion: Pose, rng: np.random.Generator) -> Pose:
             np.deg2rad(noise.shake_deg) * rng.standard_normal(3),
         ]
     )
-    error[5] += np.deg2rad(noise.turn_deg) * way_m / 100
+    error[5] += np.deg2rad(noise.turn_deg) * distance_m / 100
     jumps, jump_m = rng.random() < noise.jump, noise.jump_m * rng.standard_normal(2)
     error[:2] += jumps * jump_m
     return Pose(matrix @ exp_se3(error))

@@ -1,21 +1,29 @@
-"""Cars parked beside the road are scenery: finding one is neither right nor wrong."""
+"""Cars parked beside the road are scenery: to detect one is neither right nor wrong."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode, timeline_of
-from roadscope.core import Truth
+from roadscope.benchmarks.metrics.image_labels import ParkedBoxes
+from roadscope.core import Pose, Truth
+from roadscope.core.projection import Projection
+
+if TYPE_CHECKING:
+    from roadscope.envs.world.world import World
+
+PARKED_RANGE_M = 150.0
+LEAST_SIDE_PX = 2.0
+BEHIND_M = 0.3
 
 
 def parked_owners(truth: Truth) -> set[int]:
     """Return the owners of the parked cars that gave returns to a scan."""
-    from roadscope.envs.world.roadside import KINDS, kinds_of
-
     owners = np.unique(truth.sources)
-    return set(owners[kinds_of(owners) == list(KINDS).index("parked_cars")].tolist())
+    return set(owners[_are_parked_cars(owners)].tolist())
 
 
 def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
@@ -36,3 +44,48 @@ def parked_centres(episode: Episode, owners: Iterable[int]) -> np.ndarray:
 def parked_among(episode: Episode, truths: Iterable[Truth]) -> np.ndarray:
     """Return (N, 2) centres, world frame, of the parked cars that any of the truths shows."""
     return parked_centres(episode, set().union(*map(parked_owners, truths)))
+
+
+def parked_boxes(world: World, world_from_ego: Pose, projection: Projection) -> ParkedBoxes:
+    """Return the boxes of parked cars in the image, hidden ones too."""
+    here = world_from_ego.translation[:2]
+    things = world.scenery.around(here, PARKED_RANGE_M)
+    cars = np.flatnonzero(_are_parked_cars(things.owners))
+    if not len(cars):
+        return ParkedBoxes(np.empty((0, 4)), np.empty(0))
+    footprints, owners = things.footprints[cars], things.owners[cars]
+    heights = np.stack([things.bottoms[cars], things.tops[cars]], axis=1)
+    levels = np.broadcast_to(heights[:, :, None, None], (*heights.shape, footprints.shape[1], 1))
+    flat = np.broadcast_to(footprints[:, None], (*levels.shape[:3], 2))
+    points = world_from_ego.inverse().apply(np.concatenate([flat, levels], -1).reshape(-1, 3))
+    ranges = np.hypot(*(footprints.mean(axis=1) - here).T)
+    return _bounds(points.reshape(len(cars), -1, 3), owners, ranges, projection)
+
+
+def _bounds(
+    points: np.ndarray, owners: np.ndarray, ranges: np.ndarray, projection: Projection
+) -> ParkedBoxes:
+    """Bound (M, Q, 3) points, ego frame, of each owner in the image."""
+    # Corners beside or behind the camera lie far outside the image, on their side of it.
+    homogeneous = points @ projection.matrix[:, :3].T + projection.matrix[:, 3]
+    depths = homogeneous[..., 2:]
+    pixels = homogeneous[..., :2] / np.maximum(depths, BEHIND_M)
+    limits = np.array([projection.width, projection.height], float)
+    boxes, away = [], []
+    for owner in np.unique(owners):
+        mine = owners == owner
+        if depths[mine].max() <= BEHIND_M:
+            continue
+        low = np.clip(pixels[mine].min(axis=(0, 1)), 0, limits)
+        high = np.clip(pixels[mine].max(axis=(0, 1)), 0, limits)
+        if ((high - low) >= LEAST_SIDE_PX).all():
+            boxes.append(np.concatenate([low, high]))
+            away.append(ranges[mine].mean())
+    return ParkedBoxes(np.array(boxes).reshape(-1, 4), np.array(away))
+
+
+def _are_parked_cars(owners: np.ndarray) -> np.ndarray:
+    from roadscope.envs.world.roadside import KINDS, kinds_of
+
+    parked: np.ndarray = kinds_of(owners) == list(KINDS).index("parked_cars")
+    return parked

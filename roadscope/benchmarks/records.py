@@ -2,50 +2,20 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, BinaryIO, Self
 
+import msgspec
 import numpy as np
 
 from roadscope.benchmarks.metrics.fusion import Targets
 from roadscope.benchmarks.metrics.image_labels import Labels, ParkedBoxes, labels_of
 from roadscope.benchmarks.metrics.odometry import Trajectories
-from roadscope.core import Detections, ImageDetections, Pose, Tracks, Truth
+from roadscope.core import Detections, ImageDetections, Tracks, Truth
 from roadscope.core.fused import FusedDetections
 from roadscope.core.record import Record
-
-DETECTION_FIELDS = ("centres", "sizes", "yaws", "categories", "scores")
-BOX_FIELDS = ("boxes", "categories", "scores")
-TRACK_FIELDS = (
-    "ids",
-    "centres",
-    "sizes",
-    "yaws",
-    "velocities",
-    "covariances",
-    "categories",
-    "scores",
-    "states",
-)
-TRUTH_FIELDS = (
-    "ids",
-    "categories",
-    "centres",
-    "sizes",
-    "yaws",
-    "velocities",
-    "lidar_returns",
-    "visible_pixels",
-    "occluded_fraction",
-)
-FUSED_FIELDS = tuple(f.name for f in fields(FusedDetections) if f.name != "stamp_s")
-TARGET_FIELDS = tuple(f.name for f in fields(Targets))
-NO_SIZE_PX = (0, 0)
-"""Stands in a file for an image size that a detector does not say."""
-
-Arrays = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,29 +46,20 @@ class CallTimes(Record):
         return CallTimes(self.processor_ms[calls], self.wall_ms[calls])
 
 
-class EpisodeRecord(Record, ABC):
-    """Base of the records of an episode, which are kept as `.npz` files."""
+class EpisodeRecord(Record):
+    """Base of the records of an episode, which are kept as files: compressed MessagePack."""
 
     __slots__ = ()
 
-    @abstractmethod
-    def arrays(self) -> Arrays:
-        """Return everything as named arrays."""
-
-    @classmethod
-    @abstractmethod
-    def from_arrays(cls, data: Arrays) -> Self:
-        """Undo `arrays`."""
-
     def save(self, file: BinaryIO) -> None:
-        """Write a compressed `.npz` archive."""
-        np.savez_compressed(file, allow_pickle=False, **self.arrays())
+        """Write all fields; equal records give the same bytes."""
+        file.write(zlib.compress(msgspec.msgpack.encode(self, enc_hook=_array_as_message)))
 
     @classmethod
     def load(cls, file: BinaryIO) -> Self:
-        """Undo `save`; a damaged archive raises an error of any kind."""
-        with np.load(file, allow_pickle=False) as data:
-            return cls.from_arrays(dict(data))
+        """Undo `save`; what is damaged raises an error of any kind."""
+        message = zlib.decompress(file.read())
+        return msgspec.msgpack.decode(message, type=cls, dec_hook=_array_of_message)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,33 +97,6 @@ class EpisodeDetections(EpisodeRecord):
         """Number of frames that were answered."""
         return int(np.isfinite(self.delays_s).sum())
 
-    def arrays(self) -> Arrays:
-        """Return everything as named arrays."""
-        return {
-            "parked": self.parked,
-            "delays_s": self.delays_s,
-            **_times_arrays(self.times),
-            **_truth_arrays(self.truths),
-            **joined("d", self.detections, DETECTION_FIELDS),
-            **_masses_arrays(self.detections),
-        }
-
-    @classmethod
-    def from_arrays(cls, data: Arrays) -> Self:
-        """Undo `arrays`."""
-        truths = _truths(data)
-        names = (*DETECTION_FIELDS, "masses") if "d_masses" in data else DETECTION_FIELDS
-        return cls(
-            tuple(
-                Detections(**columns, frame="world", stamp_s=truth.stamp_s)
-                for columns, truth in zip(split("d", data, names), truths, strict=True)
-            ),
-            truths,
-            _times(data),
-            data["parked"],
-            data["delays_s"],
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeImageDetections(EpisodeRecord):
@@ -185,50 +119,12 @@ class EpisodeImageDetections(EpisodeRecord):
     def filled(self) -> tuple[ImageDetections, ...]:
         """The detections, empty ones where there was no image."""
         pairs = zip(self.detections, self.truths, strict=True)
-        return tuple(no_image_detections(t.stamp_s) if d is None else d for d, t in pairs)
+        return tuple(ImageDetections.empty(t.stamp_s) if d is None else d for d, t in pairs)
 
     def labels(self, extinction_per_m: float = 0.0) -> list[Labels]:
         """Return what the images show, without what is lost in rain or fog."""
         pairs = zip(self.truths, self.parked, strict=True)
         return [labels_of(t, p).in_air(extinction_per_m) for t, p in pairs]
-
-    def arrays(self) -> Arrays:
-        """Return everything as named arrays."""
-        return {
-            "rows": self.rows,
-            "there": np.array([d is not None for d in self.detections], bool),
-            "detections_s": np.array([d.stamp_s for d in self.filled]),
-            "sizes_px": np.array([d.size_px or NO_SIZE_PX for d in self.filled]).reshape(-1, 2),
-            **_times_arrays(self.times),
-            **_truth_arrays(self.truths, image=True),
-            **joined("d", self.filled, BOX_FIELDS),
-            **joined("p", self.parked, ("boxes", "ranges_m")),
-            **_masses_arrays(self.filled),
-        }
-
-    @classmethod
-    def from_arrays(cls, data: Arrays) -> Self:
-        """Undo `arrays`."""
-        names = (*BOX_FIELDS, "masses") if "d_masses" in data else BOX_FIELDS
-        rows = zip(
-            split("d", data, names),
-            data["detections_s"].tolist(),
-            data["there"].tolist(),
-            data["sizes_px"].tolist(),
-            strict=True,
-        )
-        return cls(
-            tuple(
-                ImageDetections(**columns, stamp_s=stamp_s, size_px=_size_px(size))
-                if has_image
-                else None
-                for columns, stamp_s, has_image, size in rows
-            ),
-            _truths(data, image=True),
-            tuple(ParkedBoxes(**columns) for columns in split("p", data, ("boxes", "ranges_m"))),
-            _times(data),
-            data["rows"],
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,30 +140,6 @@ class EpisodeFusions(EpisodeRecord):
     targets: tuple[Targets, ...]
     times: CallTimes
 
-    def arrays(self) -> Arrays:
-        """Return everything as named arrays."""
-        masses = max((f.masses.shape[1] for f in self.fused if len(f)), default=1)
-        none = np.empty((0, masses))
-        named = [f if len(f) else _with_masses(f, none) for f in self.fused]
-        return {
-            "rows": self.rows,
-            "fused_s": np.array([f.stamp_s for f in self.fused]),
-            **joined("f", named, FUSED_FIELDS),
-            **joined("g", self.targets, TARGET_FIELDS),
-            **_times_arrays(self.times),
-        }
-
-    @classmethod
-    def from_arrays(cls, data: Arrays) -> Self:
-        """Undo `arrays`."""
-        pairs = zip(split("f", data, FUSED_FIELDS), data["fused_s"].tolist(), strict=True)
-        return cls(
-            data["rows"],
-            tuple(FusedDetections(**columns, stamp_s=stamp_s) for columns, stamp_s in pairs),
-            tuple(Targets(**columns) for columns in split("g", data, TARGET_FIELDS)),
-            _times(data),
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeTracks(EpisodeRecord):
@@ -279,21 +151,6 @@ class EpisodeTracks(EpisodeRecord):
 
     tracks: tuple[Tracks, ...]
     times: CallTimes
-
-    def arrays(self) -> Arrays:
-        """Return everything as named arrays."""
-        return {
-            "stamps_s": np.array([t.stamp_s for t in self.tracks]),
-            **joined("k", self.tracks, TRACK_FIELDS),
-            **_times_arrays(self.times),
-        }
-
-    @classmethod
-    def from_arrays(cls, data: Arrays) -> Self:
-        """Undo `arrays`."""
-        pairs = zip(split("k", data, TRACK_FIELDS), data["stamps_s"].tolist(), strict=True)
-        tracks = (Tracks(**columns, frame="world", stamp_s=stamp_s) for columns, stamp_s in pairs)
-        return cls(tuple(tracks), _times(data))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -322,116 +179,26 @@ class EpisodePoses(EpisodeRecord):
         """Both trajectories, ready to be compared."""
         return Trajectories(self.estimate, self.truth)
 
-    def arrays(self) -> Arrays:
-        """Return everything as named arrays; masks as bits."""
-        returns = np.array([len(mask) for mask in self.dynamic], np.int64)
-        return {
-            "estimate": self.estimate,
-            "truth": self.truth,
-            "stamps_s": self.stamps_s,
-            "degraded": self.degraded,
-            "returns": returns,
-            "dynamic": np.packbits(np.concatenate(self.dynamic)),
-            "moving": np.packbits(np.concatenate(self.moving)),
-            **_times_arrays(self.times),
-        }
-
-    @classmethod
-    def from_arrays(cls, data: Arrays) -> Self:
-        """Undo `arrays`."""
-        total, cuts = int(data["returns"].sum()), np.cumsum(data["returns"])[:-1]
-        dynamic, moving = (
-            tuple(np.split(np.unpackbits(data[name], count=total).astype(bool), cuts))
-            for name in ("dynamic", "moving")
-        )
-        return cls(
-            data["estimate"],
-            data["truth"],
-            data["stamps_s"],
-            data["degraded"],
-            dynamic,
-            moving,
-            _times(data),
-        )
-
 
 def without_sources(truth: Truth, *, image: bool = False) -> Truth:
-    """Drop the source of every return, which only the scan can be read with.
+    """Return truth without the source of every return, which only the scan can be read with.
 
     image: keep the boxes in the image.
     """
-    columns: dict[str, Any] = {name: getattr(truth, name) for name in TRUTH_FIELDS}
-    return Truth(
-        **columns,
-        world_from_ego=truth.world_from_ego,
-        stamp_s=truth.stamp_s,
-        sources=np.empty(0, np.int64),
-        image_boxes=truth.image_boxes if image else None,
-    )
+    boxes = truth.image_boxes if image else None
+    return replace(truth, sources=np.empty(0, np.int64), image_boxes=boxes, pixels=None)
 
 
-def no_image_detections(stamp_s: float) -> ImageDetections:
-    """Return image detections of nothing."""
-    return ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), stamp_s)
+def _array_as_message(value: Any) -> Any:
+    """Return what stands for a value that MessagePack has no type for."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    raise NotImplementedError(f"{type(value).__name__} cannot be kept")
 
 
-def joined(prefix: str, records: Sequence[Any], names: Sequence[str]) -> Arrays:
-    """Return one array for each field of many records, and the length of each record."""
-    arrays = {f"{prefix}_count": np.array([len(r) for r in records], np.int64)}
-    for name in names:
-        arrays[f"{prefix}_{name}"] = np.concatenate([getattr(r, name) for r in records])
-    return arrays
-
-
-def split(prefix: str, data: Mapping[str, np.ndarray], names: Sequence[str]) -> list[Arrays]:
-    """Undo `joined`."""
-    cuts = np.cumsum(data[f"{prefix}_count"])[:-1]
-    columns = [np.split(data[f"{prefix}_{name}"], cuts) for name in names]
-    return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
-
-
-def _with_masses(fused: FusedDetections, masses: np.ndarray) -> FusedDetections:
-    columns: dict[str, Any] = {name: getattr(fused, name) for name in FUSED_FIELDS}
-    return FusedDetections(**{**columns, "masses": masses}, stamp_s=fused.stamp_s)
-
-
-def _masses_arrays(detections: Sequence[Detections | ImageDetections]) -> Arrays:
-    """Return the masses of detections, where all of them have some."""
-    masses = [each.masses for each in detections if len(each)]
-    known = [each for each in masses if each is not None]
-    if not known or len(known) < len(masses):
-        return {}
-    return {"d_masses": np.concatenate(known)}
-
-
-def _times_arrays(times: CallTimes) -> Arrays:
-    return {"processor_ms": times.processor_ms, "wall_ms": times.wall_ms}
-
-
-def _times(data: Arrays) -> CallTimes:
-    return CallTimes(data["processor_ms"], data["wall_ms"])
-
-
-def _truth_arrays(truths: Sequence[Truth], *, image: bool = False) -> Arrays:
-    names = (*TRUTH_FIELDS, "image_boxes") if image else TRUTH_FIELDS
-    return {
-        "stamps_s": np.array([t.stamp_s for t in truths]),
-        "world_from_ego": np.array([t.world_from_ego.matrix for t in truths]),
-        **joined("t", truths, names),
-    }
-
-
-def _truths(data: Arrays, *, image: bool = False) -> tuple[Truth, ...]:
-    names = (*TRUTH_FIELDS, "image_boxes") if image else TRUTH_FIELDS
-    columns: list[dict[str, Any]] = list(split("t", data, names))
-    rows = zip(columns, data["stamps_s"].tolist(), data["world_from_ego"], strict=True)
-    none = np.empty(0, np.int64)
-    return tuple(
-        Truth(**fields_, world_from_ego=Pose(pose), stamp_s=stamp_s, sources=none)
-        for fields_, stamp_s, pose in rows
-    )
-
-
-def _size_px(size: Sequence[int]) -> tuple[int, int] | None:
-    width, height = size
-    return None if (width, height) == NO_SIZE_PX else (width, height)
+def _array_of_message(kind: type, message: Any) -> Any:
+    """Undo `_array_as_message` of an array, which may be written to again."""
+    dtype, shape, content = message
+    return np.frombuffer(content, dtype).reshape(shape).copy()

@@ -23,7 +23,7 @@ from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.export import save_all
 from roadscope.benchmarks.report.kept import check_targets, label_of
 from roadscope.benchmarks.results import Results, gather
-from roadscope.benchmarks.results.agreement import BoardAgreement, agreement
+from roadscope.benchmarks.results.agreement import BoardAgreement
 from roadscope.benchmarks.results.results import condition_of
 from roadscope.benchmarks.store import Outcome, Store, StoredJob, StoreError
 from roadscope.benchmarks.suite import Suite, SuiteError, check_names
@@ -200,10 +200,8 @@ def agreements(
             figures = _figures_of_earlier_runs(board_named(name), suite, specs, outcomes)
             for board in (board for board in comparable if board.compared_with == name):
                 recorded = _headline_figures(results, board, list(map(str, specs)))
-                if match := agreement(figures, recorded):
-                    compared.append(
-                        BoardAgreement(board.name, suite.title, match.rho, match.entries)
-                    )
+                if match := BoardAgreement.of(board.name, suite.title, recorded, figures):
+                    compared.append(match)
     return tuple(compared)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
+from importlib.util import resolve_name
 from pathlib import Path
 
 import msgspec
@@ -19,7 +20,7 @@ from roadscope.benchmarks.cache import cache_dir, write_atomically
 
 DATA_KINDS = (".toml", ".json", ".npz", ".safetensors")
 """Endings of files beside the sources that decide results."""
-FORMAT = 1
+FORMAT = 2
 """Raised when `Source` or what its digest covers changes."""
 
 
@@ -36,6 +37,7 @@ class Import(msgspec.Struct, frozen=True, array_like=True):
 class Source(msgspec.Struct, frozen=True, array_like=True):
     """What counts of one source file.
 
+    mtime_ns, size: of the file when it was parsed.
     digest: of the syntax tree without comments, docstrings, positions and what only type
         checkers read.
     imports: from the same package, inside functions too.
@@ -45,19 +47,13 @@ class Source(msgspec.Struct, frozen=True, array_like=True):
     texts: string constants without white space, which may name data files.
     """
 
+    mtime_ns: int
+    size: int
     digest: str
     imports: tuple[Import, ...]
     bound: tuple[str, ...]
     offered: tuple[Import, ...]
     texts: tuple[str, ...]
-
-
-class _Parsed(msgspec.Struct, frozen=True, array_like=True):
-    """A source as it was when the file had this time stamp and this size."""
-
-    mtime_ns: int
-    size: int
-    source: Source
 
 
 class Package:
@@ -68,17 +64,22 @@ class Package:
         self.root = root.resolve()
         self.name = self.root.name
         self._sources: dict[str, Source] = {}
-        self._parsed = _load(_index_path(self.root))
+        self._files: dict[str, Path | None] = {}
+        # Syntax trees differ between versions of Python.
+        key = f"{FORMAT} {sys.version_info[:2]} {self.root}"
+        self._index = cache_dir() / "sources" / f"{sha256(key.encode()).hexdigest()[:16]}.json"
+        self._parsed = self._read_index()
         self._new = False
 
     def file_of(self, module: str) -> Path | None:
         """Return the file of a dotted name, or None if the package has no such module."""
-        first, *rest = module.split(".")
-        if first != self.name:
-            return None
-        place = self.root.joinpath(*rest)
-        candidates = [place / "__init__.py"] + ([place.with_name(f"{place.name}.py")] * bool(rest))
-        return next((path for path in candidates if path.is_file()), None)
+        if module not in self._files:
+            first, *rest = module.split(".")
+            place = self.root.joinpath(*rest)
+            files = [place / "__init__.py", *([place.with_name(f"{place.name}.py")] * bool(rest))]
+            known = (path for path in files if first == self.name and path.is_file())
+            self._files[module] = next(known, None)
+        return self._files[module]
 
     def modules(self) -> list[str]:
         """Return the dotted names of all modules."""
@@ -87,12 +88,16 @@ class Package:
         return sorted(".".join(n[:-1] if n[-1] == "__init__" else n) for n in names)
 
     def source(self, module: str) -> Source:
-        """Parse a module, once."""
+        """Parse a module, unless this or an earlier process has parsed the file as it is."""
         if module not in self._sources:
             path = self.file_of(module)
             if path is None:
                 raise ModuleNotFoundError(f"no module '{module}' in {self.root}")
-            self._sources[module] = self._read(module, path)
+            state, known = path.stat(), self._parsed.get(str(path))
+            if known is None or (known.mtime_ns, known.size) != (state.st_mtime_ns, state.st_size):
+                known = self._parsed[str(path)] = _parse(path, module)
+                self._new = True
+            self._sources[module] = known
         return self._sources[module]
 
     def closure(self, modules: Iterable[str]) -> set[str]:
@@ -140,28 +145,19 @@ class Package:
         targets = [target for each in offered for target in self._targets(each)]
         return [module, *targets, *([below] if is_module else [])]
 
-    def _read(self, module: str, path: Path) -> Source:
-        state, key = path.stat(), str(path)
-        parsed = self._parsed.get(key)
-        if parsed is None or (parsed.mtime_ns, parsed.size) != (state.st_mtime_ns, state.st_size):
-            is_package = path.name == "__init__.py"
-            source = parse(path.read_bytes(), module, is_package=is_package)
-            parsed = _Parsed(state.st_mtime_ns, state.st_size, source)
-            self._parsed[key], self._new = parsed, True
-        return parsed.source
+    def _read_index(self) -> dict[str, Source]:
+        """Read what an earlier process kept; nothing if the file is damaged."""
+        try:
+            return msgspec.json.decode(self._index.read_bytes(), type=dict[str, Source])
+        except (OSError, msgspec.DecodeError):
+            return {}
 
     def _save(self) -> None:
-        if not self._new:
-            return
-        self._new = False
-        index = _index_path(self.root)
-        content = msgspec.json.encode({**_load(index), **self._parsed})
-
-        def write(path: Path) -> None:
-            path.write_bytes(content)
-
-        with suppress(OSError):
-            write_atomically(index, write)
+        if self._new:
+            self._new = False
+            content = msgspec.json.encode({**self._read_index(), **self._parsed})
+            with suppress(OSError):
+                write_atomically(self._index, lambda part: part.write_bytes(content))
 
 
 @cache
@@ -170,32 +166,28 @@ def package(root: Path) -> Package:
     return Package(root)
 
 
-def parse(content: bytes, module: str, *, is_package: bool = False) -> Source:
-    """Return what counts of a source file. module: its dotted name, for relative imports."""
-    tree = ast.parse(content)
+def _parse(path: Path, module: str) -> Source:
+    """Return what counts of a source file. module: its dotted name."""
+    state, tree = path.stat(), ast.parse(path.read_bytes())
+    # Relative imports begin at the package of the module, which may be the module itself.
+    place = module if path.name == "__init__.py" else module.rpartition(".")[0]
     bound = {name for node in tree.body for name in _bound_by(node)}
     for_checkers = [node for node in tree.body if _is_for_checkers(node)]
     offered = [
-        each
-        for block in for_checkers
-        for node in ast.walk(block)
-        for each in _imports_of(node, module, is_package=is_package)
+        i for block in for_checkers for node in ast.walk(block) for i in _imports(node, place)
     ]
     _Bare().visit(tree)
-    imports: list[Import] = []
-    texts: list[str] = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant):
-            if isinstance(node.value, str) and node.value and not set(node.value) & set(" \n"):
-                texts.append(node.value)
-        else:
-            imports += _imports_of(node, module, is_package=is_package)
+    nodes = list(ast.walk(tree))
+    constants = [node.value for node in nodes if isinstance(node, ast.Constant)]
+    texts = [text for text in constants if isinstance(text, str) and text]
     return Source(
+        state.st_mtime_ns,
+        state.st_size,
         digest=sha256(ast.dump(tree).encode()).hexdigest(),
-        imports=tuple(dict.fromkeys(imports)),
+        imports=tuple(dict.fromkeys(each for node in nodes for each in _imports(node, place))),
         bound=tuple(sorted(bound)),
         offered=tuple(dict.fromkeys(offered)) if "__getattr__" in bound else (),
-        texts=tuple(dict.fromkeys(texts)),
+        texts=tuple(dict.fromkeys(text for text in texts if not set(text) & set(" \n"))),
     )
 
 
@@ -219,26 +211,17 @@ def _is_for_checkers(node: ast.AST) -> bool:
     return bool(name == "TYPE_CHECKING")
 
 
-def _imports_of(node: ast.AST, module: str, *, is_package: bool) -> Iterator[Import]:
-    """Return what a statement imports from the same package."""
-    package_name = module.partition(".")[0]
+def _imports(node: ast.AST, place: str) -> list[Import]:
+    """Return what a statement of a module in the package `place` imports from its own package."""
     if isinstance(node, ast.Import):
-        found = [Import(alias.name) for alias in node.names]
+        imported = [Import(alias.name) for alias in node.names]
     elif isinstance(node, ast.ImportFrom):
-        found = [Import(_absolute(node, module, is_package), alias.name) for alias in node.names]
+        source = resolve_name("." * node.level + (node.module or ""), place)
+        imported = [Import(source, alias.name) for alias in node.names]
     else:
-        return
-    yield from (each for each in found if each.module.partition(".")[0] == package_name)
-
-
-def _absolute(node: ast.ImportFrom, module: str, is_package: bool) -> str:
-    """Return the dotted name of the module that `from ... import` names."""
-    if not node.level:
-        return node.module or ""
-    parts = module.split(".")
-    up = node.level - is_package
-    base = parts[: len(parts) - up]
-    return ".".join([*base, node.module] if node.module else base)
+        return []
+    package_name = place.partition(".")[0]
+    return [each for each in imported if each.module.partition(".")[0] == package_name]
 
 
 def _bound_by(node: ast.AST) -> Iterator[str]:
@@ -258,22 +241,8 @@ def _bound_by(node: ast.AST) -> Iterator[str]:
 @cache
 def _data_in(folder: Path) -> tuple[Path, ...]:
     """Return data files of a folder and of its subfolders without sources."""
-    found = [path for path in folder.iterdir() if path.suffix in DATA_KINDS]
+    paths = [path for path in folder.iterdir() if path.suffix in DATA_KINDS]
     for below in folder.iterdir():
         if below.is_dir() and not any(below.rglob("*.py")):
-            found += [path for path in below.rglob("*") if path.suffix in DATA_KINDS]
-    return tuple(found)
-
-
-def _index_path(root: Path) -> Path:
-    """Return where digests are kept; syntax trees differ between versions of Python."""
-    key = f"{FORMAT} {sys.version_info[:2]} {root}"
-    return cache_dir() / "sources" / f"{sha256(key.encode()).hexdigest()[:16]}.json"
-
-
-def _load(index: Path) -> dict[str, _Parsed]:
-    """Read the digests that an earlier process kept; none if the file is damaged."""
-    try:
-        return msgspec.json.decode(index.read_bytes(), type=dict[str, _Parsed])
-    except (OSError, msgspec.DecodeError):
-        return {}
+            paths += [path for path in below.rglob("*") if path.suffix in DATA_KINDS]
+    return tuple(paths)

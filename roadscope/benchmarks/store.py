@@ -23,7 +23,7 @@ BATCH = 500
 LOG_LENGTH = 10_000
 """Longest log in a row, characters; chosen by hand."""
 
-SCHEMA = """
+TABLES = """
 CREATE TABLE IF NOT EXISTS manifests (id INTEGER PRIMARY KEY, content TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS results (
     key TEXT PRIMARY KEY, board TEXT NOT NULL, entry TEXT NOT NULL, scenario TEXT NOT NULL,
@@ -33,8 +33,6 @@ CREATE TABLE IF NOT EXISTS results (
     log TEXT NOT NULL DEFAULT '', digest TEXT NOT NULL DEFAULT ''
 );
 """
-ADDED = ("inputs", "condition", "log", "digest")
-"""Columns that version 1 did not have."""
 COLUMNS = (
     *("key", "board", "entry", "scenario", "seed", "spec", "scores", "reason", "manifest"),
     *("finished", "inputs", "condition", "log"),
@@ -94,13 +92,7 @@ class Store:
         self._db.text_factory = partial(str, encoding="utf-8", errors="replace")
         try:
             self._prepare()
-        except sqlite3.Error as error:
-            self._db.close()
-            raise StoreError(
-                f"results file {self.path} is not usable: {error}; move it away or name another "
-                "folder with --out"
-            ) from error
-        except StoreError:
+        except BaseException:
             self._db.close()
             raise
 
@@ -162,54 +154,35 @@ class Store:
                     outcomes[row["key"]] = outcome
         return outcomes
 
-    def _execute(self, query: str, values: Sequence[Any]) -> sqlite3.Cursor:
+    def _execute(self, query: str, values: Sequence[Any] = ()) -> sqlite3.Cursor:
         try:
             return self._db.execute(query, values)
         except sqlite3.Error as error:
-            raise StoreError(
-                f"results file {self.path} is not usable: {error}; move it away or name another "
-                "folder with --out"
-            ) from error
+            raise self._unusable(str(error)) from error
+
+    def _unusable(self, reason: str) -> StoreError:
+        return StoreError(
+            f"results file {self.path} is not usable: {reason}; move it away or name another "
+            "folder with --out"
+        )
 
     def _prepare(self) -> None:
-        (tables,) = self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        (application,) = self._db.execute("PRAGMA application_id").fetchone()
-        (schema,) = self._db.execute("PRAGMA user_version").fetchone()
+        (tables,) = self._execute("SELECT count(*) FROM sqlite_master").fetchone()
+        (application,) = self._execute("PRAGMA application_id").fetchone()
+        (schema,) = self._execute("PRAGMA user_version").fetchone()
         if tables and application != APPLICATION_ID:
             raise StoreError(f"{self.path} is a database of another program; it was left alone")
-        if tables and schema not in (1, SCHEMA_VERSION):
-            raise StoreError(
-                f"{self.path} has results format {schema}, this version reads {SCHEMA_VERSION}"
-            )
-        (health,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
+        if tables and schema != SCHEMA_VERSION:
+            raise self._unusable(f"it has format {schema}, this version reads {SCHEMA_VERSION}")
+        (health,) = self._execute("PRAGMA quick_check(1)").fetchone()
         if health != "ok":
-            raise sqlite3.DatabaseError(health)
-        self._db.execute("PRAGMA journal_mode = WAL")
-        self._db.execute("PRAGMA synchronous = NORMAL")
-        self._db.execute("PRAGMA busy_timeout = 10000")
-        if tables and schema == 1:
-            self._migrate()
-        self._db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        self._db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-        self._db.executescript(SCHEMA)
-
-    def _migrate(self) -> None:
-        """Add what version 1 did not have, in one transaction."""
-        self._db.execute("BEGIN IMMEDIATE")
-        try:
-            # Another process may have done so since the version was read.
-            known = {row[1] for row in self._db.execute("PRAGMA table_info(results)")}
-            for name in set(ADDED) - known:
-                self._db.execute(f"ALTER TABLE results ADD COLUMN {name} TEXT NOT NULL DEFAULT ''")
-            if "digest" not in known:
-                query = f"SELECT {', '.join(COLUMNS)} FROM results"
-                digests = [(_digest(row), row[0]) for row in self._db.execute(query).fetchall()]
-                self._db.executemany("UPDATE results SET digest = ? WHERE key = ?", digests)
-            self._db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-            self._db.execute("COMMIT")
-        except sqlite3.Error:
-            self._db.execute("ROLLBACK")
-            raise
+            raise self._unusable(health)
+        for setting in ("journal_mode = WAL", "synchronous = NORMAL", "busy_timeout = 10000"):
+            self._execute(f"PRAGMA {setting}")
+        self._execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        self._execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        for table in filter(str.strip, TABLES.split(";")):
+            self._execute(table)
 
 
 def _digest(values: Sequence[Any]) -> str:

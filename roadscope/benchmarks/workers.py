@@ -18,7 +18,7 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
@@ -192,7 +192,6 @@ class _Waiting:
 
     def __init__(self, items: Sequence[Any], groups: Sequence[Hashable]) -> None:
         self._groups = groups or [None] * len(items)
-        self._several = len(set(self._groups)) > 1
         self._indices = dict.fromkeys(range(len(items)))
 
     def __len__(self) -> int:
@@ -207,9 +206,9 @@ class _Waiting:
 
         Of the same group if there is one; else of a group that no other worker computes.
         """
-        own = self._groups[after] if after is not None else None
-        others = {self._groups[index] for index in running} if self._several else set()
-        same = (i for i in self._indices if after is not None and self._groups[i] == own)
+        own = () if after is None else (self._groups[after],)
+        others = {self._groups[index] for index in running}
+        same = (i for i in self._indices if self._groups[i] in own)
         free = (i for i in self._indices if self._groups[i] not in others)
         index = next(chain(same, free, self._indices))
         del self._indices[index]
@@ -244,7 +243,10 @@ def _share(
         finished, _ = wait(running, return_when=FIRST_COMPLETED)
         for future in finished:
             index = running.pop(future)
-            error = _error_of(future)
+            try:
+                error = future.exception()
+            except CancelledError as cancelled:
+                raise WorkerError("the connection to the cluster was lost") from cancelled
             if error is None:
                 send(after=index)
                 yield index, future.result()
@@ -253,26 +255,16 @@ def _share(
             if not died:
                 raise error
             deaths[index] += died
-            if deaths[index] > MOST_SHARED_DEATHS:
-                if on_death is None:
-                    raise WorkerError(
-                        "a worker process died (out of memory?); try fewer --jobs"
-                    ) from error
-                send()
-                yield index, on_death(items[index])
-                continue
             if deaths[index] < MOST_SHARED_DEATHS:
                 waiting.put(index)
-            else:
+            elif deaths[index] == MOST_SHARED_DEATHS:
                 alone.append(index)
+            elif on_death is None:
+                text = "a worker process died (out of memory?); try fewer --jobs"
+                raise WorkerError(text) from error
             send()
-
-
-def _error_of(future: Future[Any]) -> BaseException | None:
-    try:
-        return future.exception()
-    except CancelledError as error:
-        raise WorkerError("the connection to the cluster was lost") from error
+            if deaths[index] > MOST_SHARED_DEATHS and on_death is not None:
+                yield index, on_death(items[index])
 
 
 class _LokyPool:
@@ -302,8 +294,11 @@ class _LokyPool:
         return int(isinstance(error, BrokenProcessPool))
 
     def close(self, *, kill: bool) -> None:
-        for executor in [*self._idle, *self._busy.values()]:
-            executor.shutdown(wait=True, kill_workers=kill)
+        executors = [*self._idle, *self._busy.values()]
+        # At once: a worker with all modules loaded takes a while to end.
+        with ThreadPoolExecutor(max(len(executors), 1)) as threads:
+            for executor in executors:
+                threads.submit(executor.shutdown, wait=True, kill_workers=kill)
         self._idle, self._busy = [], {}
 
     def _collect(self) -> None:

@@ -21,7 +21,7 @@ cache = typer.Typer(no_args_is_help=True, add_completion=False)
 @cache.command("path", help="Print the folder that computed files go to.")
 def print_path() -> None:
     """Print the folder; nothing else, for use in scripts."""
-    from roadscope.benchmarks.cached_files import cache_folder
+    from roadscope.benchmarks.cache import cache_folder
 
     typer.echo(cache_folder())
 
@@ -33,7 +33,8 @@ def show_usage(
     """Show sizes by kind of file."""
     from dataclasses import asdict
 
-    from roadscope.benchmarks.cached_files import cache_folder, cache_usage
+    from roadscope.benchmarks.cache import cache_folder
+    from roadscope.benchmarks.cached_files import cache_usage
 
     usages = cache_usage()
     if json:
@@ -59,7 +60,8 @@ def clear(
     ] = False,
 ) -> None:
     """Remove files of ours and say which and how much."""
-    from roadscope.benchmarks.cached_files import cache_folder, clear_cache
+    from roadscope.benchmarks.cache import cache_folder
+    from roadscope.benchmarks.cached_files import clear_cache
 
     removed = [usage for usage in clear_cache(kind, results=results) if usage.files]
     if not removed:

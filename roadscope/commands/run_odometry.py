@@ -13,8 +13,8 @@ from roadscope.commands import completion
 from roadscope.commands.terminal import complain, headline, progress_bars, show
 
 if TYPE_CHECKING:
-    from roadscope.benchmarks.followed import Inertial, Truth, Wheels
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
+    from roadscope.benchmarks.odometry_runner import RecordedImu, RecordedWheels, TruePoses
     from roadscope.core import Pose
 
 NONE = "none"
@@ -83,12 +83,12 @@ def run_odometry(
     a line, seconds or milli-, micro- or nanoseconds. Poses are the LiDAR's in its first frame, x
     ahead, y left, z up. After Ctrl-C, or a scan that cannot be read, those that are known are kept.
     """
-    from roadscope.benchmarks.followed import Truth, write_followed
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
+    from roadscope.benchmarks.odometry_runner import TruePoses, write_estimates
 
     scans = ScanFolder.find(folder, rate_hz=rate_hz)
     inertial = _inertial(folder, scans, imu, mounting)
-    true = Truth.read(truth, scans.stamps_s) if truth else None
+    true = TruePoses.read(truth, scans.stamps_s) if truth else None
     rolled = _wheels(folder, scans, wheels)
     found = [each.path for each in (inertial, rolled) if each is not None]
     _spare(out, truth, scans.times, *scans.files, *found)
@@ -104,12 +104,11 @@ def run_odometry(
     poses: list[Pose] = []
     try:
         with progress_bars() as progress:
-            estimates = write_followed(
-                scans, odometry, out, format, inertial=inertial, wheels=rolled
-            )
-            for told in estimates:
-                poses.append(told.start_from_lidar)
-                reasons.update([told.reason] if told.reason else [])
+            for estimate in write_estimates(
+                scans, odometry, out, format, imu=inertial, wheels=rolled
+            ):
+                poses.append(estimate.start_from_lidar)
+                reasons.update([estimate.reason] if estimate.reason else [])
                 progress("scans", len(poses), len(scans))
     except BaseException:
         if poses:
@@ -167,27 +166,25 @@ def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
             )
 
 
-def _compare(poses: Sequence[Pose], true: Truth, path: Path | None) -> None:
+def _compare(poses: Sequence[Pose], true: TruePoses, path: Path | None) -> None:
     """Say how far off the poses are, and what is odd about the true ones."""
-    from roadscope.benchmarks.followed import compared, of_camera
-
-    if of_camera(true):
+    if true.look_like_a_cameras():
         complain(
             f"{path}: its z axis points ahead: expected poses of the LiDAR, x ahead, not of a "
             "camera, as KITTI's own are"
         )
-    typer.echo(f"beside {path}: {compared(poses, true)}")
+    typer.echo(f"beside {path}: {true.errors_in_words(poses)}")
 
 
 def _inertial(
     folder: Path, scans: ScanFolder, given: str | None, mounting: str | None
-) -> Inertial | None:
+) -> RecordedImu | None:
     """Read the samples that are named or lie beside the scans."""
     import numpy as np
 
-    from roadscope.benchmarks.followed import Inertial, check_times
     from roadscope.benchmarks.formats.imu_file import NAMES, find_imu, parse_mounting, read_imu
     from roadscope.benchmarks.formats.table import FormatError
+    from roadscope.benchmarks.odometry_runner import RecordedImu
     from roadscope.odometry.imu_buffer import GAP_S
 
     mounted = parse_mounting(mounting) if mounting else None
@@ -200,8 +197,8 @@ def _inertial(
             )
         return None
     samples, left_out = read_imu(path)
-    inertial = Inertial(samples, mounted, path, left_out)
-    check_times(inertial, scans.stamps_s)
+    inertial = RecordedImu(samples, path, left_out, mounted)
+    inertial.check_times(scans.stamps_s)
     step_s = float(np.median(np.diff(samples.stamps_s)))
     if step_s > GAP_S:
         complain(
@@ -211,24 +208,24 @@ def _inertial(
     return inertial
 
 
-def _wheels(folder: Path, scans: ScanFolder, given: str | None) -> Wheels | None:
+def _wheels(folder: Path, scans: ScanFolder, given: str | None) -> RecordedWheels | None:
     """Read the wheel speeds that are named or lie beside the scans."""
-    from roadscope.benchmarks.followed import Wheels, check_times
     from roadscope.benchmarks.formats.wheel_file import find_wheels, read_wheels
+    from roadscope.benchmarks.odometry_runner import RecordedWheels
 
     path = find_wheels(folder) if given is None else Path(given)
     if path is None or given == NONE:
         return None
     samples, left_out = read_wheels(path)
-    wheels = Wheels(samples, path, left_out)
-    check_times(wheels, scans.stamps_s)
+    wheels = RecordedWheels(samples, path, left_out)
+    wheels.check_times(scans.stamps_s)
     return wheels
 
 
 def _check_use(
     odometry: str,
-    inertial: Inertial | None,
-    wheels: Wheels | None,
+    inertial: RecordedImu | None,
+    wheels: RecordedWheels | None,
     *,
     imu_named: bool,
     wheels_named: bool,

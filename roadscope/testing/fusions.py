@@ -16,7 +16,6 @@ from roadscope.benchmarks.metrics.fusion_parts import fusion_scores
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.fusions import FusionNode
 from roadscope.benchmarks.nodes.images import ImageNode
-from roadscope.benchmarks.records import no_image_detections
 from roadscope.benchmarks.references import (
     CAMERA_ALONE,
     LIDAR_ALONE,
@@ -83,7 +82,7 @@ def both() -> FusionInput:
 def moments() -> tuple[FusionInput, ...]:
     """Return what may come: both sensors, one of them, and either or both without detections."""
     lidar, camera = both().lidar, both().camera
-    no_lidar, no_camera = Detections.empty(SCAN_S), no_image_detections(IMAGE_S)
+    no_lidar, no_camera = Detections.empty(SCAN_S), ImageDetections.empty(IMAGE_S)
     return (
         both(),
         FusionInput(lidar, None),

@@ -17,7 +17,6 @@ from roadscope.benchmarks.export_suite import (
     plan_export,
     read_manifest,
 )
-from roadscope.benchmarks.followed import followed
 from roadscope.benchmarks.formats import read_sequence
 from roadscope.benchmarks.formats.imu_file import read_imu
 from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
@@ -28,6 +27,7 @@ from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import Trajectories, score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks
 from roadscope.benchmarks.nodes.detections import DetectionNode
+from roadscope.benchmarks.odometry_runner import folder_estimates
 from roadscope.benchmarks.parked import parked_among
 from roadscope.benchmarks.references import detection_source
 from roadscope.benchmarks.results.job_scores import JobScores
@@ -130,7 +130,7 @@ def test_our_tracker_runs_on_the_exported_detections(exported) -> None:
 
 def test_an_odometry_runs_on_the_exported_scans(exported) -> None:
     scans = ScanFolder.find(exported / "velodyne" / "0000")
-    estimates = list(followed(scans, "lidar-inertial"))
+    estimates = list(folder_estimates(scans, "lidar-inertial"))
     assert len(estimates) == len(scans)
 
 

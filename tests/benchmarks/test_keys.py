@@ -111,7 +111,6 @@ def test_what_decides_a_result_with_a_camera_is_in_its_key(tmp_path: Path) -> No
         ("benchmarks/images.py", [True, True, True]),
         ("benchmarks/nodes/images.py", [True, True, True]),
         ("fusion/overlap.py", [True, True, True]),
-        ("benchmarks/targets.py", [False, True, True]),
         ("benchmarks/boards/fusion.py", [False, True, False]),
         ("trackers/nearest.py", [False, False, True]),
         ("benchmarks/report/tables.py", [False, False, False]),

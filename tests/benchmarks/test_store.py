@@ -177,32 +177,6 @@ def test_inputs_conditions_and_the_end_of_the_log_are_kept(tmp_path: Path) -> No
     assert kept == [("oracle", "fog:3 + night:2")]
 
 
-VERSION_1 = """
-CREATE TABLE manifests (id INTEGER PRIMARY KEY, content TEXT NOT NULL);
-CREATE TABLE results (
-    key TEXT PRIMARY KEY, board TEXT NOT NULL, entry TEXT NOT NULL, scenario TEXT NOT NULL,
-    seed INTEGER NOT NULL, spec TEXT NOT NULL, scores TEXT NOT NULL, reason TEXT,
-    manifest INTEGER NOT NULL REFERENCES manifests (id), finished TEXT NOT NULL
-);
-INSERT INTO manifests VALUES (1, '{}');
-INSERT INTO results VALUES ('k', 'detection', 'mine', 'motorway', 1, '{}', '{}', 'it broke', 1, '');
-PRAGMA application_id = 0x52534350;
-PRAGMA user_version = 1;
-"""
-
-
-def test_a_database_of_version_1_is_read_and_written_on(tmp_path: Path) -> None:
-    path = tmp_path / "results.sqlite"
-    db = sqlite3.connect(path)
-    db.executescript(VERSION_1)
-    db.close()
-    for _ in range(2):
-        with Store(path) as store:
-            assert store.outcomes(["k"]) == {"k": Outcome({}, "it broke")}
-            store.put(job("more"), Outcome(SCORES), store.begin({}))
-            assert set(store.outcomes(["k", "more"])) == {"k", "more"}
-
-
 def test_a_path_that_cannot_be_opened(tmp_path) -> None:
     with pytest.raises(StoreError, match="cannot open"):
         Store(tmp_path)

@@ -1,5 +1,6 @@
 """Two workers are nearly twice as fast as one."""
 
+import statistics
 import subprocess
 import sys
 import time
@@ -7,7 +8,14 @@ from collections.abc import Callable
 
 import pytest
 
+from roadscope.benchmarks.boards import BOARDS
+from roadscope.benchmarks.boards.tracking import track_node
+from roadscope.benchmarks.eligibility import Eligibility
+from roadscope.benchmarks.episode import Episode
+from roadscope.benchmarks.graph import Job
+from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.workers import WorkerSettings, open_workers
+from roadscope.trackers import TRACKERS
 
 ITEMS = 40
 ITEM_S = 0.2
@@ -61,3 +69,29 @@ def test_two_workers_are_nearly_twice_as_fast() -> None:
             if one_s / two_s >= expected:
                 return
     pytest.fail(f"gains of two workers, and what was expected: {measured}")
+
+
+def processor_s(job: Job) -> float:
+    """Return the processor time of a tracker on kept detections, and of its scores."""
+    before = time.process_time()
+    job.board.score(job, job.answers.compute(RunOptions()), RunOptions())
+    return time.process_time() - before
+
+
+@pytest.mark.slow
+def test_a_small_job_costs_no_more_in_a_worker() -> None:
+    """Processor time, so that it holds on busy cores too; the start of workers is left out."""
+    rule, episode = Eligibility(), Episode("two-way", 3, "lux", 4.0)
+    tracker = TRACKERS.resolve("nearest")
+    job = Job(
+        BOARDS["tracking"],
+        "nearest",
+        episode,
+        track_node(tracker, "noisy", episode, rule),
+        settings=rule,
+    )
+    here = [processor_s(job) for _ in range(ITEMS)]
+    with open_workers(WorkerSettings(2)) as workers:
+        there = [cost for _, cost in workers.each(processor_s, [job] * ITEMS)]
+    half = ITEMS // 2
+    assert statistics.median(there[half:]) < 1.5 * statistics.median(here[half:])

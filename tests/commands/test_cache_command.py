@@ -3,17 +3,18 @@ from pathlib import Path
 
 import pytest
 
-from roadscope.benchmarks.cached_files import cache_folder, cache_usage, clear_cache, size_text
+from roadscope.benchmarks.cache import cache_folder
+from roadscope.benchmarks.cached_files import cache_usage, clear_cache, size_text
 
 DIGEST = "0123456789abcdef"
 OURS = {
     "timelines": f"timelines/motorway-3-{DIGEST}.cache",
-    "detections": f"detections/{DIGEST}.npz",
-    "image-detections": f"image-detections/{DIGEST}.npz",
-    "poses": f"poses/{DIGEST}.npz",
-    "fusions": f"fusions/{DIGEST}.npz",
-    "tracks": f"tracks/{DIGEST}.npz",
-    "answers": f"answers/{DIGEST}.npz",
+    "detections": f"detections/{DIGEST}.cache",
+    "image-detections": f"image-detections/{DIGEST}.cache",
+    "poses": f"poses/{DIGEST}.cache",
+    "fusions": f"fusions/{DIGEST}.cache",
+    "tracks": f"tracks/{DIGEST}.cache",
+    "answers": f"answers/{DIGEST}.cache",
     "sources": f"sources/{DIGEST}.json",
     "camera-training": f"camera-training/street-1-{DIGEST}.npy",
     "results": "results.sqlite",
@@ -78,11 +79,11 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
     elsewhere, cache = tmp_path / "elsewhere", tmp_path / "linked"
     (elsewhere / "poses").mkdir(parents=True)
     cache.mkdir()
-    precious = elsewhere / "poses" / f"{DIGEST}.npz"
+    precious = elsewhere / "poses" / f"{DIGEST}.cache"
     precious.write_bytes(b"x")
     (cache / "poses").symlink_to(elsewhere / "poses")
     (cache / "detections").mkdir()
-    (cache / "detections" / f"{DIGEST}.npz").symlink_to(precious)
+    (cache / "detections" / f"{DIGEST}.cache").symlink_to(precious)
     assert not any(usage.files for usage in clear_cache(results=True, folder=cache))
     assert precious.exists()
 

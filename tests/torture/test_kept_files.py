@@ -66,7 +66,7 @@ def test_a_file_that_was_damaged_between_runs_is_made_again(
 ) -> None:
     place = new_workshop()
     place.run([], jobs=1, boards=BOARDS)
-    damaged = [*place.cache.glob("detections/*.npz"), *place.cache.glob("tracks/*.npz")]
+    damaged = [*place.cache.glob("detections/*.cache"), *place.cache.glob("tracks/*.cache")]
     damaged += place.cache.glob("timelines/*")
     assert len(damaged) >= 6
     for path in damaged:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
+from roadscope.benchmarks.fingerprint import fingerprint
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.kinds import DETECTOR
@@ -19,7 +20,7 @@ from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.noisy import NoisyDetections
 from roadscope.benchmarks.parked import parked_centres, parked_owners
 from roadscope.benchmarks.records import CallTimes, EpisodeDetections, without_sources
-from roadscope.benchmarks.references import is_noise, made_from_truth
+from roadscope.benchmarks.references import made_from_truth
 from roadscope.core import Detections, Spec, Truth
 from roadscope.core.answers import check_detections, check_masses, same_stamp
 from roadscope.core.spec import ORACLE
@@ -42,12 +43,8 @@ class DetectionNode(Node):
 
     def content(self) -> Mapping[str, Any]:
         """Return what the detections depend on."""
-        return {
-            "source": str(self.source),
-            "by": self._maker(),
-            "episode": self.episode.spec(),
-            "code": code_hash(__name__),
-        }
+        rule = fingerprint(self.rule) if made_from_truth(self.source) else None
+        return {**super().content(), "rule": rule}
 
     def sources(self) -> tuple[Node, ...]:
         """Return the traffic."""
@@ -55,15 +52,27 @@ class DetectionNode(Node):
 
     def compute(self, options: RunOptions) -> EpisodeDetections:
         """Run the detector over the scans of the episode."""
+        parked: set[int] = set()
+        inputs = _inputs(self.episode, parked)
         if made_from_truth(self.source):
-            return _from_truth(self.source, self.episode, self.rule)
-        return _detected(self.source, self.episode, options)
+            truths = tuple(each.context for each in inputs)
+            detections = tuple(map(self._from_truth(), truths))
+            times, delays_s = CallTimes.zero(len(truths)), np.zeros(len(truths))
+        else:
+            replies = run_plugin(self.source, DETECTOR, inputs, _check_of(), options=options)
+            truths, times = replies.contexts, replies.times
+            answers = [answer for answer in replies.answers if answer is not None]
+            detections, delays_s = _filed(self.source, answers, truths)
+        if not truths:
+            raise ValueError("the episode is shorter than one sweep of the LiDAR")
+        centres = parked_centres(self.episode, parked)
+        return EpisodeDetections(detections, truths, times, centres, delays_s)
 
-    def _maker(self) -> str:
-        if not made_from_truth(self.source):
-            return plugin_hash(self.source)
-        noise = [self.source.make()] if is_noise(self.source) else []
-        return fingerprint([fingerprint(self.rule), *noise])
+    def _from_truth(self) -> Callable[[Truth], Detections]:
+        """Return what makes the detections of one frame after the other from its truth."""
+        if self.source.kind == ORACLE:
+            return partial(oracle_detections, rule=self.rule)
+        return NoisyDetections(self.source.make(), self.episode, self.rule).of
 
 
 def oracle_detections(truth: Truth, rule: Eligibility) -> Detections:
@@ -80,61 +89,38 @@ def oracle_detections(truth: Truth, rule: Eligibility) -> Detections:
     )
 
 
-def _from_truth(source: Spec, episode: Episode, rule: Eligibility) -> EpisodeDetections:
-    """Make detections from the truth of every frame."""
-    make: Callable[[Truth], Detections]
-    if source.kind == ORACLE:
-        make = lambda truth: oracle_detections(truth, rule)  # noqa: E731
-    else:
-        make = NoisyDetections(source.make(), episode, rule).of
-    detections: list[Detections] = []
-    truths: list[Truth] = []
-    parked: set[int] = set()
-    for _, truth in sensed(episode):
-        truths.append(without_sources(truth))
+def _inputs(episode: Episode, parked: set[int]) -> Iterator[CallInput[Truth]]:
+    """Yield the scans of an episode with their truth, and note the owners of parked cars."""
+    for frame, truth in sensed(episode):
         parked |= parked_owners(truth)
-        detections.append(make(truth))
-    _refuse_empty(truths)
-    return EpisodeDetections(
-        tuple(detections),
-        tuple(truths),
-        CallTimes.zero(len(truths)),
-        parked_centres(episode, parked),
-        np.zeros(len(truths)),
-    )
+        yield CallInput((frame,), without_sources(truth))
 
 
-def _detected(source: Spec, episode: Episode, options: RunOptions) -> EpisodeDetections:
-    """Run a detector; every answer is filed under the frame whose stamp it has."""
-    parked: set[int] = set()
+def _check_of() -> Callable[[Any, CallInput[Truth]], Detections]:
+    """Return a check of one answer after the other: it may be to any frame so far."""
     stamps_s: list[float] = []
     columns: set[int] = set()
 
-    def ticks() -> Any:
-        for frame, truth in sensed(episode):
-            parked.update(parked_owners(truth))
-            yield CallInput((frame,), without_sources(truth))
-
-    def check(answer: Any, tick: CallInput[Truth]) -> Detections:
-        stamps_s.append(tick.context.stamp_s)
+    def check(answer: Any, call_input: CallInput[Truth]) -> Detections:
+        stamps_s.append(call_input.context.stamp_s)
         detections = check_detections(answer, stamps_s=stamps_s)
         check_masses(detections.masses, columns)
         return detections
 
-    replies = run_plugin(source, DETECTOR, ticks(), check, options=options)
-    truths = replies.contexts
-    _refuse_empty(truths)
-    answers = [answer for answer in replies.answers if answer is not None]
-    rows = _frames_answered(source, answers, truths)
+    return check
+
+
+def _filed(
+    source: Spec, answers: Sequence[Detections], truths: Sequence[Truth]
+) -> tuple[tuple[Detections, ...], np.ndarray]:
+    """Return answers, frame `world`, by the frames whose stamps they have, and their delays."""
     detections = [Detections.empty(truth.stamp_s, "world") for truth in truths]
     delays_s = np.full(len(truths), np.nan)
-    for now, row in enumerate(rows):
+    for now, row in enumerate(_frames_answered(source, answers, truths)):
         if row is not None:
             detections[row] = _in_world(answers[now], truths[row])
             delays_s[row] = truths[now].stamp_s - truths[row].stamp_s
-    return EpisodeDetections(
-        tuple(detections), truths, replies.times, parked_centres(episode, parked), delays_s
-    )
+    return tuple(detections), delays_s
 
 
 def _frames_answered(
@@ -167,8 +153,3 @@ def _in_world(detections: Detections, truth: Truth) -> Detections:
     if detections.frame == "world":
         return detections
     return detections.moved(truth.world_from_ego, "world")
-
-
-def _refuse_empty(truths: Sequence[Truth]) -> None:
-    if not truths:
-        raise ValueError("the episode is shorter than one sweep of the LiDAR")

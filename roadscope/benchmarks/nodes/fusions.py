@@ -10,25 +10,29 @@ import numpy as np
 
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensing_of
-from roadscope.benchmarks.fingerprint import code_hash, plugin_hash
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.images import camera_of, projection_of
 from roadscope.benchmarks.kinds import FUSION
 from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
-from roadscope.benchmarks.metrics.fusion import Targets
+from roadscope.benchmarks.metrics.fusion import FARTHEST_M, Targets
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.images import ImageNode
+from roadscope.benchmarks.noisy_camera import FAMILY
 from roadscope.benchmarks.records import EpisodeDetections, EpisodeFusions, EpisodeImageDetections
 from roadscope.benchmarks.references import CALIBRATION, CAMERA_ALONE, LIDAR_ALONE
-from roadscope.benchmarks.targets import targets_of
-from roadscope.core import Detections, ImageDetections, Pose, Spec
+from roadscope.core import Detections, ImageDetections, Pose, Spec, Truth
 from roadscope.core.answers import check_fused, check_masses
 from roadscope.core.fused import FusedDetections
 from roadscope.core.projection import Projection
 from roadscope.core.spec import FUSED
 from roadscope.envs.sensors.rigs import rig
 from roadscope.fusion.calibration import read_calibration
+from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import ALONE, ClocksApartError, moved_projection, nearest_images
+
+NEAREST_M = 3.0
+LEAST_RETURNS, LEAST_PIXELS, LEAST_HEIGHT_PX = 5, 60, 12.0
+MOST_HIDDEN = 0.9
 
 
 @dataclass(frozen=True)
@@ -82,20 +86,9 @@ class FusionNode(Node):
         return f"{self.lidar.source} + {self.camera.source}"
 
     def content(self) -> Mapping[str, Any]:
-        """Return what the fused detections depend on."""
+        """Return what the fused detections depend on: of a calibration its matrix, not its file."""
         believed = read_calibration(self.calibration).matrix.tolist() if self.calibration else None
-        return {
-            "lidar": self.lidar.content(),
-            "camera": self.camera.content(),
-            "fusion": self.alone or plugin_hash(self.fusion),
-            "calibration": believed,
-            "every_s": self.every_s,
-            "code": code_hash(__name__),
-        }
-
-    def sources(self) -> tuple[Node, ...]:
-        """Return the detections of both sensors."""
-        return (self.lidar, self.camera)
+        return {**super().content(), "calibration": believed}
 
     def compute(self, options: RunOptions) -> EpisodeFusions:
         """Fuse each scan with the image nearest in time, moved by the ego's motion in between.
@@ -107,21 +100,23 @@ class FusionNode(Node):
         rows = scan_rows(self.episode, len(lidar.truths), self.every_s)
         columns: set[int] = set()
 
-        def check(answer: Any, tick: CallInput[float]) -> FusedDetections:
-            targets = check_fused(answer, stamp_s=_expected_stamp_s(tick))
+        def check(answer: Any, call_input: CallInput[float]) -> FusedDetections:
+            targets = check_fused(answer, stamp_s=_expected_stamp_s(call_input))
             check_masses(targets.masses, columns)
             return targets
 
-        ticks = self._ticks(lidar, camera, rows)
-        replies = run_plugin(self.fusion, FUSION, ticks, check, options=options)
+        inputs = self._inputs(lidar, camera, rows)
+        replies = run_plugin(self.fusion, FUSION, inputs, check, options=options)
         fused = tuple(
-            nothing_fused(stamp_s) if answer is None else replace(answer, stamp_s=stamp_s)
+            FusedDetections.of(Detections.empty(stamp_s), None)
+            if answer is None
+            else replace(answer, stamp_s=stamp_s)
             for answer, stamp_s in zip(replies.answers, replies.contexts, strict=True)
         )
         targets = _targets(self.episode, lidar, camera, rows)
         return EpisodeFusions(rows, fused, targets, replies.times)
 
-    def _ticks(
+    def _inputs(
         self, lidar: EpisodeDetections, camera: EpisodeImageDetections, rows: np.ndarray
     ) -> Iterator[CallInput[float]]:
         """Yield the pairs of scans and images, in the frames in which the user believes."""
@@ -146,18 +141,12 @@ class FusionNode(Node):
             yield CallInput(arguments, truth.stamp_s, call=not (no_scan and boxes is None))
 
     def _believed_projection(self) -> Projection:
+        """Return the projection in which the user believes, at the stamp of an image."""
         sensing = sensing_of(self.episode)
-        camera = camera_of(sensing.rig)
-        pinhole = camera.spec.pinhole
-        believed = Projection.of(
-            pinhole.intrinsics,
-            sensing.calibration.pose(camera.name),
-            pinhole.width,
-            pinhole.height,
-        )
-        if not self.calibration:
-            return believed
-        return fitting_calibration(self.calibration, believed)
+        if self.calibration:
+            return fitting_calibration(self.calibration, projection_of(sensing.rig))
+        mounting = sensing.calibration.pose(camera_of(sensing.rig).name)
+        return projection_of(sensing.rig, mounting)
 
 
 @dataclass(frozen=True)
@@ -177,14 +166,6 @@ class FusedDetectionNode(Node):
     def episode(self) -> Episode:
         """The episode."""
         return self.fusion.episode
-
-    def content(self) -> Mapping[str, Any]:
-        """Return what the detections depend on."""
-        return {"fusion": self.fusion.content(), "code": code_hash(__name__)}
-
-    def sources(self) -> tuple[Node, ...]:
-        """Return the fusion."""
-        return (self.fusion,)
 
     def compute(self, options: RunOptions) -> EpisodeDetections:
         """Take the targets that have a box in space."""
@@ -230,30 +211,9 @@ def fitting_calibration(path: str, rig_projection: Projection) -> Projection:
     return calibration
 
 
-def nothing_fused(stamp_s: float) -> FusedDetections:
-    """Return no targets: neither sensor brought anything."""
-    none, number, yes = np.empty(0), np.empty(0, np.int64), np.empty(0, bool)
-    return FusedDetections(
-        categories=np.empty(0, np.int8),
-        scores=none,
-        by_lidar=yes,
-        by_camera=yes,
-        has_box=yes,
-        centres=np.empty((0, 3)),
-        sizes=np.empty((0, 3)),
-        yaws=none,
-        distances_m=none,
-        numbers=number,
-        has_image_box=yes,
-        image_boxes=np.empty((0, 4)),
-        masses=np.empty((0, 4)),
-        stamp_s=stamp_s,
-    )
-
-
-def _expected_stamp_s(tick: CallInput[float]) -> float:
+def _expected_stamp_s(call_input: CallInput[float]) -> float:
     """Return the stamp that an answer has: the scan's, or the image's without a scan."""
-    points, boxes, _ = tick.arguments
+    points, boxes, _ = call_input.arguments
     first: Detections | ImageDetections = boxes if points is None else points
     return first.stamp_s
 
@@ -292,3 +252,47 @@ def _targets(
         moved = _moved(true_projection, lidar, row, image.stamp_s - truth.stamp_s)
         targets.append(targets_of(truth, image, lidar.parked, moved))
     return tuple(targets)
+
+
+def targets_of(truth: Truth, image: Truth, parked: np.ndarray, projection: Projection) -> Targets:
+    """Join the truth of a scan and of its image; (P, 2) parked cars come last, not eligible.
+
+    To be found is who is in the image, 3 to 60 m away, and gave 5 returns or shows 60 pixels, 12
+    high, and less than nine tenths hidden.
+    """
+    assert image.image_boxes is not None
+    rows = {int(k): i for i, k in enumerate(image.ids)}
+    both = np.array([k for k, i in enumerate(truth.ids.tolist()) if i in rows], np.int64)
+    other = np.array([rows[int(truth.ids[k])] for k in both], np.int64)
+    centres = truth.world_from_ego.inverse().apply(truth.centres[both])
+    boxes = image.image_boxes[other]
+    sides = boxes[:, 2:] - boxes[:, :2]
+    in_image = (sides > 3.0).all(axis=1)
+    in_image &= image.occluded_fraction[other] < MOST_HIDDEN
+    shows = (image.visible_pixels[other] >= LEAST_PIXELS) & (sides[:, 1] >= LEAST_HEIGHT_PX)
+    returns = truth.lidar_returns[both] >= LEAST_RETURNS
+    far = np.hypot(centres[:, 0], centres[:, 1])
+    eligible = in_image & (shows | returns) & (far >= NEAREST_M) & (far <= FARTHEST_M)
+    cars = truth.world_from_ego.inverse().apply(
+        np.column_stack([parked, np.full(len(parked), 0.75)])
+    )
+    n = len(cars)
+    car_boxes, _ = projected_boxes(
+        Detections(
+            cars,
+            np.tile((4.4, 1.8, 1.5), (n, 1)),
+            np.zeros(n),
+            np.zeros(n, np.int8),
+            np.ones(n),
+            "ego",
+            truth.stamp_s,
+        ),
+        projection,
+    )
+    return Targets(
+        np.concatenate([FAMILY[truth.categories[both]], np.zeros(n, np.int64)]),
+        np.concatenate([centres, cars]),
+        np.concatenate([boxes, car_boxes]),
+        np.concatenate([eligible, np.zeros(n, bool)]),
+        np.concatenate([image.occluded_fraction[other], np.zeros(n)]),
+    )

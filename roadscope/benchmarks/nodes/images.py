@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint, package_version, plugin_hash
+from roadscope.benchmarks.fingerprint import package_version
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.images import (
     camera_of,
@@ -27,10 +27,9 @@ from roadscope.benchmarks.noisy_camera import LIT, NoisyCamera
 from roadscope.benchmarks.records import (
     CallTimes,
     EpisodeImageDetections,
-    no_image_detections,
     without_sources,
 )
-from roadscope.benchmarks.references import is_noise, made_from_truth
+from roadscope.benchmarks.references import made_from_truth
 from roadscope.core import ImageDetections, Spec, Truth
 from roadscope.core.answers import check_image_detections, check_masses
 from roadscope.core.spec import ORACLE
@@ -62,13 +61,7 @@ class ImageNode(Node):
 
     def content(self) -> Mapping[str, Any]:
         """Return what the detections depend on, the library that runs networks too."""
-        return {
-            "source": str(self.source),
-            "by": self._maker(),
-            "episode": self.episode.spec(),
-            "every_s": [self.every_s, self.of_scans],
-            "code": code_hash(__name__),
-        }
+        return {**super().content(), "torch": package_version("torch")}
 
     def sources(self) -> tuple[Node, ...]:
         """Return the traffic."""
@@ -78,44 +71,39 @@ class ImageNode(Node):
         """Run the detector over the images; a missing image has no detections."""
         choose = image_rows_of_scans if self.of_scans else image_rows
         rows = tuple(choose(self.episode, self.every_s))
+        contexts: Sequence[_ImageTruth]
+        detections: tuple[ImageDetections | None, ...]
         if made_from_truth(self.source):
-            return _from_truth(self.source, self.episode, rows)
-        replies = run_plugin(
-            self.source,
-            CAMERA_DETECTOR,
-            _ticks(pictures(self.episode, rows)),
-            partial(_check, set()),
-            options=options,
-        )
-        return EpisodeImageDetections(
-            replies.answers,
-            tuple(context.truth for context in replies.contexts),
-            tuple(context.parked for context in replies.contexts),
-            replies.times,
-            np.array(rows, np.int64),
-        )
-
-    def _maker(self) -> str:
-        if self.source.kind == ORACLE:
-            return ORACLE
-        if is_noise(self.source):
-            return fingerprint(self.source.make())
-        return fingerprint([plugin_hash(self.source), package_version("torch")])
+            detect = image_detections_from_truth(self.source, self.episode)
+            without_pixels = list(pictures(self.episode, rows, pixels=False))
+            contexts = [_ImageTruth.of(picture) for picture in without_pixels]
+            detections = tuple(
+                None if p.frame.camera is None else detect(p) for p in without_pixels
+            )
+            times = CallTimes.zero(len(rows))
+        else:
+            inputs = _inputs(pictures(self.episode, rows))
+            check = partial(_check, set())
+            replies = run_plugin(self.source, CAMERA_DETECTOR, inputs, check, options=options)
+            contexts, detections, times = replies.contexts, replies.answers, replies.times
+        truths = tuple(context.truth for context in contexts)
+        parked = tuple(context.parked for context in contexts)
+        return EpisodeImageDetections(detections, truths, parked, times, np.array(rows, np.int64))
 
 
 def detect_in_picture(source: Spec, episode: Episode, picture: Picture) -> ImageDetections:
     """Return what a camera detector, the oracle or a noise model detects in one image."""
     if made_from_truth(source):
         return image_detections_from_truth(source, episode)(picture)
-    replies = run_plugin(source, CAMERA_DETECTOR, _ticks(iter([picture])), partial(_check, set()))
+    replies = run_plugin(source, CAMERA_DETECTOR, _inputs([picture]), partial(_check, set()))
     (detections,) = replies.answers
     assert detections is not None
     return detections
 
 
-def _check(columns: set[int], answer: Any, tick: CallInput[_ImageTruth]) -> ImageDetections:
+def _check(columns: set[int], answer: Any, call_input: CallInput[_ImageTruth]) -> ImageDetections:
     """Return a checked answer; columns: those of the masses so far."""
-    detections = check_image_detections(answer, stamp_s=tick.context.stamp_s)
+    detections = check_image_detections(answer, stamp_s=call_input.context.stamp_s)
     check_masses(detections.masses, columns)
     return detections
 
@@ -128,33 +116,16 @@ class _ImageTruth:
     parked: ParkedBoxes
     stamp_s: float
 
+    @staticmethod
+    def of(picture: Picture) -> _ImageTruth:
+        truth = without_sources(picture.truth, image=True)
+        return _ImageTruth(truth, picture.parked, picture.frame.stamp_s)
 
-def _ticks(shown: Iterator[Picture]) -> Iterator[CallInput[_ImageTruth]]:
+
+def _inputs(shown: Iterable[Picture]) -> Iterator[CallInput[_ImageTruth]]:
     for picture in shown:
-        context = _ImageTruth(
-            without_sources(picture.truth, image=True), picture.parked, picture.frame.stamp_s
-        )
-        yield CallInput((picture.frame,), context, call=picture.frame.camera is not None)
-
-
-def _from_truth(source: Spec, episode: Episode, rows: tuple[int, ...]) -> EpisodeImageDetections:
-    """Make detections from the truth of every image."""
-    detect = image_detections_from_truth(source, episode)
-    detections: list[ImageDetections | None] = []
-    truths: list[Truth] = []
-    parked: list[ParkedBoxes] = []
-    for picture in pictures(episode, rows, pixels=False):
         has_image = picture.frame.camera is not None
-        detections.append(detect(picture) if has_image else None)
-        truths.append(without_sources(picture.truth, image=True))
-        parked.append(picture.parked)
-    return EpisodeImageDetections(
-        tuple(detections),
-        tuple(truths),
-        tuple(parked),
-        CallTimes.zero(len(rows)),
-        np.array(rows, np.int64),
-    )
+        yield CallInput((picture.frame,), _ImageTruth.of(picture), call=has_image)
 
 
 def image_detections_from_truth(source: Spec, episode: Episode) -> PictureDetector:
@@ -175,7 +146,7 @@ def image_detections_from_truth(source: Spec, episode: Episode) -> PictureDetect
         detections = camera.of(picture.truth, pinhole)
         image = picture.frame.camera
         if image is not None and image.blank:
-            return no_image_detections(picture.frame.stamp_s)
+            return ImageDetections.empty(picture.frame.stamp_s)
         return replace(detections, stamp_s=picture.frame.stamp_s)
 
     return detect

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from roadscope.benchmarks.drive import Step, drive, imu_mounting
 from roadscope.benchmarks.episode import Episode, sensing_of
-from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.kinds import ODOMETRY
 from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
@@ -18,7 +17,7 @@ from roadscope.benchmarks.nodes.traffic import TrafficNode
 from roadscope.benchmarks.noisy_odometry import noisy_poses
 from roadscope.benchmarks.records import CallTimes, EpisodePoses
 from roadscope.benchmarks.references import is_noise
-from roadscope.core import Pose, Spec
+from roadscope.core import OdometryEstimate, Pose, Spec
 from roadscope.core.answers import STAMP_TOLERANCE_S, check_estimate
 from roadscope.core.spec import ORACLE
 from roadscope.odometry.rigid import orthonormal
@@ -34,19 +33,6 @@ class PoseNode(Node):
     stage = "poses"
     folder = "poses"
     record = EpisodePoses
-
-    def content(self) -> Mapping[str, Any]:
-        """Return what the poses depend on."""
-        if is_noise(self.source):
-            maker = fingerprint(self.source.make())
-        else:
-            maker = plugin_hash(self.plugin)
-        return {
-            "source": str(self.source),
-            "by": maker,
-            "episode": self.episode.spec(),
-            "code": code_hash(__name__),
-        }
 
     @property
     def plugin(self) -> Spec:
@@ -67,10 +53,8 @@ class PoseNode(Node):
         replies = run_plugin(
             self.plugin,
             ODOMETRY,
-            _ticks(steps),
-            lambda answer, tick: check_estimate(
-                answer, stamp_s=tick.context.stamp_s, returns=len(tick.context.moving)
-            ),
+            _inputs(steps),
+            _check,
             reset=(imu_mounting(self.episode),),
             options=options,
         )
@@ -103,7 +87,7 @@ def start_from_ego(poses: EpisodePoses, episode: Episode, stamps_s: Sequence[flo
 
 
 @dataclass(frozen=True, slots=True)
-class _Moment:
+class _ScanTruth:
     """What is true of a scan: its stamp, the LiDAR's pose (4, 4), and the moving returns (N,)."""
 
     stamp_s: float
@@ -111,10 +95,15 @@ class _Moment:
     moving: np.ndarray
 
 
-def _ticks(steps: Iterable[Step]) -> Iterator[CallInput[_Moment]]:
+def _inputs(steps: Iterable[Step]) -> Iterator[CallInput[_ScanTruth]]:
     for step in steps:
-        moment = _Moment(step.scan.stamp_s, step.world_from_lidar.matrix, step.moving)
-        yield CallInput((step.scan, step.imu), moment, wheels=step.wheels)
+        truth = _ScanTruth(step.scan.stamp_s, step.world_from_lidar.matrix, step.moving)
+        yield CallInput((step.scan, step.imu), truth, wheels=step.wheels)
+
+
+def _check(answer: Any, call_input: CallInput[_ScanTruth]) -> OdometryEstimate:
+    truth = call_input.context
+    return check_estimate(answer, stamp_s=truth.stamp_s, returns=len(truth.moving))
 
 
 def _from_truth(source: Spec, episode: Episode) -> EpisodePoses:

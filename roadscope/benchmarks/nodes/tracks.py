@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.fingerprint import code_hash, plugin_hash
 from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.isolation import PluginError, PluginHandle, Timed
 from roadscope.benchmarks.kinds import TRACKER, traits_of
@@ -23,10 +22,10 @@ from roadscope.core.answers import AnswerError, check_rescored, check_tracks
 class TrackNode(Node):
     """The tracks of a tracker in frame `world`.
 
-    Detections are the same whoever tells the poses: they reach the tracker in frame `ego`. The
+    Detections are the same wherever the poses come from: they reach the tracker in frame `ego`. The
     tracker lives in the world of the poses that it gets: that of an odometry begins in the first
     ego frame and drifts; without poses it lives in the ego frame. Its tracks go into the ego
-    frame by the pose it was given, and from there into the true world by the true pose. So slow
+    frame by the pose that it got, and from there into the true world by the true pose. So slow
     drift costs little, and a jump of the poses costs tracks.
 
     tracker: its resolved spec. detections: the node whose detections it gets.
@@ -44,20 +43,6 @@ class TrackNode(Node):
     stage = "tracks"
     folder = "tracks"
     record = EpisodeTracks
-
-    def content(self) -> Mapping[str, Any]:
-        """Return what the tracks depend on."""
-        return {
-            "tracker": plugin_hash(self.tracker),
-            "detections": self.detections.content(),
-            "ego": self.ego.content() if self.ego is not None else self.posed,
-            "tentative": self.tentative,
-            "code": code_hash(__name__),
-        }
-
-    def sources(self) -> tuple[Node, ...]:
-        """Return the detections, and the poses where an odometry makes them."""
-        return (self.detections, *([self.ego] if self.ego is not None else []))
 
     def compute(self, options: RunOptions) -> EpisodeTracks:
         """Run the tracker over the detections of an episode."""
@@ -81,16 +66,27 @@ class TrackNode(Node):
 
 
 @dataclass(frozen=True, slots=True)
-class _Placed:
-    """A frame with the ego where the tracker believes it.
+class _Ego:
+    """The ego at one frame, in the world in which the tracker lives.
 
-    posed: whether the tracker gets the pose. motion: (3,) velocity in x and y, m/s, and yaw rate,
-    rad/s, of the ego in the believed world.
+    world_from_ego: where the tracker believes it; the identity where it gets no pose.
+    posed: whether the tracker gets the pose.
+    motion: (3,) velocity in x and y, m/s, and yaw rate, rad/s.
     """
 
-    believed: Truth
+    stamp_s: float
+    world_from_ego: Pose
     posed: bool
     motion: np.ndarray
+
+    def in_world(self, tracks: Tracks) -> Tracks:
+        """Express tracks in that world; those in frame `ego` are relative to the ego's motion."""
+        if tracks.frame == "world":
+            return tracks
+        moved = tracks.moved(self.world_from_ego, "world")
+        lever = moved.centres[:, :2] - self.world_from_ego.translation[:2]
+        turning = self.motion[2] * np.column_stack([-lever[:, 1], lever[:, 0]])
+        return replace(moved, velocities=moved.velocities + self.motion[:2] + turning)
 
 
 def track(
@@ -109,47 +105,44 @@ def track(
     poses: what the tracker gets in place of the true poses, None where it gets none.
     tentative: keep tentative tracks too.
     """
-    truths = inputs.truths
-    ego_poses = [t.world_from_ego for t in truths] if poses is None else list(poses)
-    believed = truths if poses is None else _elsewhere(truths, ego_poses)
-    motions = ego_motions(believed)
-    placed = [
-        _Placed(place, pose is not None, motion)
-        for place, pose, motion in zip(believed, ego_poses, motions, strict=True)
-    ]
+    true_poses = [truth.world_from_ego for truth in inputs.truths]
+    stamps_s = [truth.stamp_s for truth in inputs.truths]
+    ego_poses = true_poses if poses is None else list(poses)
+    egos = _egos(stamps_s, ego_poses)
     history: list[Tracks] = []
 
-    def ticks() -> Iterator[CallInput[_Placed]]:
-        for detections, truth, pose, place in zip(
-            inputs.detections, truths, ego_poses, placed, strict=True
-        ):
-            yield CallInput((_in_ego(detections, truth), pose), place)
+    def calls() -> Iterator[CallInput[_Ego]]:
+        frames = zip(inputs.detections, true_poses, ego_poses, egos, strict=True)
+        for detections, true_pose, pose, ego in frames:
+            yield CallInput((_in_ego(detections, true_pose), pose), ego)
 
-    def check(answer: Any, tick: CallInput[_Placed]) -> Tracks:
-        place = tick.context
-        tracks = check_tracks(answer, stamp_s=place.believed.stamp_s, posed=place.posed)
-        history.append(tracks)
-        return tracks
+    def check(answer: Any, call_input: CallInput[_Ego]) -> Tracks:
+        ego = call_input.context
+        history.append(check_tracks(answer, stamp_s=ego.stamp_s, posed=ego.posed))
+        return history[-1]
 
     def rescore(plugin: PluginHandle) -> Timed:
         timed = plugin.call("rescored", tuple(history))
-        stamps_s = [place.believed.stamp_s for place in placed]
+        posed = [ego.posed for ego in egos]
         try:
-            answer = check_rescored(
-                timed.answer, stamps_s=stamps_s, posed=[place.posed for place in placed]
-            )
+            answer = check_rescored(timed.answer, stamps_s=stamps_s, posed=posed)
         except AnswerError as error:
             raise PluginError(str(tracker.plain), str(error)) from error
         return replace(timed, answer=answer)
 
     finish = rescore if is_offline(tracker) else None
-    replies = run_plugin(tracker, TRACKER, ticks(), check, finish=finish, options=options)
+    replies = run_plugin(tracker, TRACKER, calls(), check, finish=finish, options=options)
     answers = replies.last if finish is not None else replies.answers
-    in_believed = [
-        _in_world(tracks if tentative else tracks.sure, place)
-        for tracks, place in zip(answers, placed, strict=True)
+    tracks = [
+        ego.in_world(answer if tentative else answer.sure)
+        for answer, ego in zip(answers, egos, strict=True)
     ]
-    return EpisodeTracks(tuple(_in_true_world(in_believed, truths, believed)), replies.times)
+    if poses is not None:
+        tracks = [
+            each.moved(true_pose @ ego.world_from_ego.inverse(), "world")
+            for each, true_pose, ego in zip(tracks, true_poses, egos, strict=True)
+        ]
+    return EpisodeTracks(tuple(tracks), replies.times)
 
 
 def is_offline(tracker: Spec) -> bool:
@@ -163,52 +156,28 @@ def scores_tentative_tracks(tracker: Spec) -> bool:
     return traits_of(tracker).weighed
 
 
-def ego_motions(truths: Sequence[Truth]) -> np.ndarray:
+def ego_motions(stamps_s: Sequence[float], poses: Sequence[Pose]) -> np.ndarray:
     """Return (T, 3) velocity in x and y, m/s, frame `world`, and yaw rate, rad/s, of the ego."""
-    if len(truths) < 2:
-        return np.zeros((len(truths), 3))
-    stamps = np.array([t.stamp_s for t in truths])
-    poses = [t.world_from_ego for t in truths]
+    if len(poses) < 2:
+        return np.zeros((len(poses), 3))
     states = np.column_stack(
         [[p.translation[:2] for p in poses], np.unwrap([p.yaw for p in poses])]
     )
-    rates: np.ndarray = np.gradient(states, stamps, axis=0)
+    rates: np.ndarray = np.gradient(states, np.array(stamps_s), axis=0)
     return rates
 
 
-def _elsewhere(truths: Sequence[Truth], poses: Sequence[Pose | None]) -> tuple[Truth, ...]:
-    """Put the ego where a tracker believes it; without a pose at the origin."""
-    return tuple(
-        replace(truth, world_from_ego=Pose.identity() if pose is None else pose)
-        for truth, pose in zip(truths, poses, strict=True)
-    )
+def _egos(stamps_s: Sequence[float], poses: Sequence[Pose | None]) -> list[_Ego]:
+    """Return the ego at each frame; None: the tracker gets no pose then."""
+    believed = [
+        Pose.identity() if pose is None else pose for _, pose in zip(stamps_s, poses, strict=True)
+    ]
+    posed = [pose is not None for pose in poses]
+    return list(map(_Ego, stamps_s, believed, posed, ego_motions(stamps_s, believed)))
 
 
-def _in_ego(detections: Detections, truth: Truth) -> Detections:
+def _in_ego(detections: Detections, world_from_ego: Pose) -> Detections:
     """Express detections in frame `ego`; recorded ones are in it already."""
     if detections.frame == "ego":
         return detections
-    return detections.moved(truth.world_from_ego.inverse(), "ego")
-
-
-def _in_world(tracks: Tracks, place: _Placed) -> Tracks:
-    """Express tracks in the believed world; those in frame `ego` are relative to its motion."""
-    if tracks.frame == "world":
-        return tracks
-    pose = place.believed.world_from_ego
-    moved = tracks.moved(pose, "world")
-    lever = moved.centres[:, :2] - pose.translation[:2]
-    turning = place.motion[2] * np.column_stack([-lever[:, 1], lever[:, 0]])
-    return replace(moved, velocities=moved.velocities + place.motion[:2] + turning)
-
-
-def _in_true_world(
-    tracks: list[Tracks], truths: Sequence[Truth], believed: Sequence[Truth]
-) -> list[Tracks]:
-    """Bring tracks from the believed world into the true one, each frame by its own poses."""
-    if believed is truths:
-        return tracks
-    return [
-        each.moved(truth.world_from_ego @ other.world_from_ego.inverse(), "world")
-        for each, truth, other in zip(tracks, truths, believed, strict=True)
-    ]
+    return detections.moved(world_from_ego.inverse(), "ego")

@@ -9,10 +9,10 @@ import numpy as np
 from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
 from roadscope.benchmarks.images import sensing_without_pixels
 from roadscope.benchmarks.metrics.fusion import Targets
+from roadscope.benchmarks.nodes.fusions import targets_of
 from roadscope.benchmarks.nodes.images import is_dark, lit_share
 from roadscope.benchmarks.noisy_camera import CameraNoise, NoisyCamera
 from roadscope.benchmarks.parked import parked_among
-from roadscope.benchmarks.targets import targets_of
 from roadscope.core import Frame, ImageDetections, Truth
 from roadscope.core.projection import Projection
 from roadscope.detectors import Detector

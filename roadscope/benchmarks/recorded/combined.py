@@ -33,10 +33,9 @@ def alpha_parts(curves: Hota, suffix: str = "") -> dict[str, Score]:
     for name, weights in wholes.items():
         values = getattr(curves, name)
         for band, value, weight in zip(ALPHA_BANDS, values, weights, strict=True):
-            parts[part_name(name + suffix, BY_ALPHA, band)] = Score(
-                float(value) if weight else np.nan, "1", "higher", int(weight), 0.0, 1.0,
-                weight=float(weight),
-            )  # fmt: skip
+            measured, n = float(value) if weight else np.nan, int(weight)
+            score = Score(measured, "1", "higher", n, 0.0, 1.0, weight=float(weight))
+            parts[part_name(name + suffix, BY_ALPHA, band)] = score
     return parts
 
 
@@ -143,8 +142,8 @@ def _figure(pooled: Sequence[np.ndarray]) -> tuple[float, list[np.ndarray]]:
     """Return the mean over alphas, of the geometric mean where there are two, and its slopes."""
     if len(pooled) == 1:
         return float(pooled[0].mean()), [np.ones(len(pooled[0]))]
-    found, accurate = pooled
-    curve = np.sqrt(found * accurate)
+    det_a, ass_a = pooled
+    curve = np.sqrt(det_a * ass_a)
     halves = [
         np.divide(0.5 * curve, level, out=np.zeros_like(level), where=level > 0) for level in pooled
     ]

@@ -43,20 +43,21 @@ class ImagePlane:
         width_px, height_px = image_size or (2 * first[:, [0, 2]].mean(), first[:, 3].max())
         return ImagePlane(PERSON_M / height, float(height_px), float(width_px) / 2)
 
-    def laid_flat(self, found: ImageDetections) -> Detections:
+    def laid_flat(self, detections: ImageDetections) -> Detections:
         """Return people in an image as boxes on the plane, frame `ego`."""
-        people = np.flatnonzero(np.isin(found.categories, PEOPLE))
-        boxes, n = found.boxes[people], len(people)
+        people = np.flatnonzero(np.isin(detections.categories, PEOPLE))
+        boxes, n = detections.boxes[people], len(people)
         ahead = NEAREST_M + self.scale_m * (self.foot - (boxes[:, 1] + boxes[:, 3]) / 2)
         aside = self.scale_m * (self.middle - (boxes[:, 0] + boxes[:, 2]) / 2)
         sizes = self.scale_m * np.column_stack(
             [boxes[:, 3] - boxes[:, 1], boxes[:, 2] - boxes[:, 0]]
         )
+        centres = np.column_stack([ahead, aside, np.full(n, PERSON_M / 2)])
+        sizes = np.column_stack([sizes, np.full(n, PERSON_M)])
+        categories, scores = detections.categories[people], detections.scores[people]
         return Detections(
-            np.column_stack([ahead, aside, np.full(n, PERSON_M / 2)]),
-            np.column_stack([sizes, np.full(n, PERSON_M)]), np.zeros(n),
-            found.categories[people], found.scores[people], "ego", found.stamp_s,
-        )  # fmt: skip
+            centres, sizes, np.zeros(n), categories, scores, "ego", detections.stamp_s
+        )
 
     def boxes(self, tracks: Tracks) -> np.ndarray:
         """Return (N, 4) left top right bottom, pixels, of tracks on the plane."""

@@ -24,9 +24,9 @@ from roadscope.benchmarks.recorded.combined import NEES_BAND, SUFFIXES, alpha_pa
 from roadscope.core import Tracks, Truth
 
 STATES = (
-    "position_rmse_m", "heading_rmse_deg", "heading_reversed", "nees_position", "nees_in_band",
-    "inside_position",
-)  # fmt: skip
+    *("position_rmse_m", "heading_rmse_deg", "heading_reversed"),
+    *("nees_position", "nees_in_band", "inside_position"),
+)
 """Scores of states; labels say nothing of velocities, whose differences are as rough as they."""
 
 
@@ -47,8 +47,8 @@ def kitti_scores(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[str,
         counted = judged(sequence.labelled, rows, kind, name)
         swept = judged(sequence.labelled, every, kind, name)
         threshold = SIMILARITIES[name].threshold
-        found = sequence_scores(counted, threshold, swept)
-        scores |= {f"{metric}{suffix}": score for metric, score in found.items()}
+        named = sequence_scores(counted, threshold, swept)
+        scores |= {f"{metric}{suffix}": score for metric, score in named.items()}
         scores |= alpha_parts(hota(counted), suffix)
         if name == "centre":
             scores |= label_errors(tracks, sequence.truths, counted, threshold)
@@ -74,8 +74,8 @@ def label_errors(
     followers, objects = counted.track_ids[following.columns], counted.truth_ids[following.rows]
     ends = np.searchsorted(following.frames, np.arange(len(counted) + 1))
     pairs = [
-        (_rows_of(followers[a:b], told.ids), _rows_of(objects[a:b], truth.ids))
-        for told, truth, a, b in zip(tracks, truths, ends[:-1], ends[1:], strict=True)
+        (_rows_of(followers[a:b], frame.ids), _rows_of(objects[a:b], truth.ids))
+        for frame, truth, a, b in zip(tracks, truths, ends[:-1], ends[1:], strict=True)
     ]
     errors = state_errors(tracks, truths, pairs)
     followed = len(np.unique(objects))

@@ -62,13 +62,13 @@ class MotRecording(Recording):
     def replayed(self) -> EpisodeDetections:
         """Return people found as if a detector had found them on a plane; truth has the stamps."""
         sequence, plane = image_sequence(self)
-        found = tuple(plane.laid_flat(frame) for frame in sequence.detections)
-        return EpisodeDetections.recorded(found, [_nobody(frame.stamp_s) for frame in found])
+        flat = tuple(plane.laid_flat(frame) for frame in sequence.detections)
+        return EpisodeDetections.recorded(flat, [_nobody(frame.stamp_s) for frame in flat])
 
     def rows(self, tracks: Sequence[Tracks]) -> list[MotRows]:
         """Return the boxes of tracks in the image."""
         _, plane = image_sequence(self)
-        return [mot_rows(told, t, plane.boxes(told)) for t, told in enumerate(tracks, start=1)]
+        return [mot_rows(each, t, plane.boxes(each)) for t, each in enumerate(tracks, start=1)]
 
     def scores(self, tracks: Sequence[Tracks]) -> dict[str, Score]:
         """Return scores by image boxes under MOTChallenge's rules.
@@ -80,7 +80,7 @@ class MotRecording(Recording):
         spared = distractors_of(sequence.name)
         counted, swept = (
             mot_judged(sequence.truth, self.rows(some), spared)
-            for some in ([told.sure for told in tracks], tracks)
+            for some in ([each.sure for each in tracks], tracks)
         )
         return sequence_scores(counted, THRESHOLD, swept) | alpha_parts(hota(counted))
 
@@ -122,7 +122,6 @@ def _sequences(root: Path) -> list[str]:
 def _nobody(stamp_s: float) -> Truth:
     """Return a moment in which the camera stands and nobody is known to be in space."""
     n, none, three = np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
-    return Truth(
-        n, np.empty(0, np.int8), three, three, none, np.empty((0, 2)), n, n, none,
-        Pose.identity(), stamp_s, n,
-    )  # fmt: skip
+    visibility, pose = (n, n, none), Pose.identity()
+    categories, velocities = np.empty(0, np.int8), np.empty((0, 2))
+    return Truth(n, categories, three, three, none, velocities, *visibility, pose, stamp_s, n)

@@ -109,8 +109,3 @@ def sequence_of(recording: Recording) -> KittiSequence:
     """Read a recording; the next job of a worker is often another tracker on the same."""
     kind = Category[recording.category.upper()]
     return read_sequence(recording.folder, recording.sequence, kind, detector=recording.detector)
-
-
-def check_recording(recording: Recording) -> None:
-    """Read a recording's files; what is malformed raises `FormatError`."""
-    recording.check()

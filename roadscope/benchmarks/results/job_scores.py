@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Self
 
 from roadscope.benchmarks.metrics.score import Score
@@ -52,19 +52,10 @@ class JobScores:
         return JobName(self.board, self.scenario, self.seed, self.condition, self.inputs)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the job as JSON holds it."""
-        return {
-            "board": self.board,
-            "entry": self.entry,
-            "scenario": self.scenario,
-            "seed": self.seed,
-            "condition": self.condition,
-            "inputs": self.inputs,
-            "scores": {name: score.to_json() for name, score in self.scores.items()},
-            "reason": self.reason,
-            "mark": self.mark,
-            "conditions": dict(self.conditions),
-        }
+        """Return the job as JSON holds it; logs stay in the results file."""
+        named = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "log"}
+        scores = {name: score.to_json() for name, score in self.scores.items()}
+        return {**named, "scores": scores, "conditions": dict(self.conditions)}
 
     @classmethod
     def from_json(cls, item: Mapping[str, Any]) -> Self:

@@ -71,10 +71,8 @@ class Results:
 
     def row(self, board: str, entry: str, metric: str) -> Row | None:
         """Return one figure, or None where it was not measured."""
-        for row in self.rows:
-            if (row.board, row.entry, row.metric) == (board, entry, metric):
-                return row
-        return None
+        named = (r for r in self.rows if (r.board, r.entry, r.metric) == (board, entry, metric))
+        return next(named, None)
 
     def breakdown(self, by: str, board: str = "detection") -> list[Row]:
         """Return the rows of a board by one of its breakdowns; else `BreakdownError`."""
@@ -83,10 +81,8 @@ class Results:
 
     def standing(self, board: str, entry: str) -> Standing:
         """Return the place of an entry; an unknown one has none."""
-        for standing in self.standings:
-            if (standing.board, standing.entry) == (board, entry):
-                return standing
-        return Standing(board, entry, None)
+        places = (s for s in self.standings if (s.board, s.entry) == (board, entry))
+        return next(places, Standing(board, entry, None))
 
     def nothing_eligible(self, board: str) -> bool:
         """Return whether a board had nothing that was to be found."""
@@ -145,11 +141,14 @@ def results_of(scores: Sequence[JobScores], manifest: Mapping[str, Any]) -> Resu
         places = standings(list(entries.values()))
         order += places
         results += [entries[place.entry] for place in places]
-    failed = [job for job in scores if job.reason is not None]
     return Results(
         manifest,
         rows=tuple(row for result in results for row in whole_rows(result)),
-        failures=tuple(_failure(job) for job in failed),
+        failures=tuple(
+            Failure(j.board, j.entry, j.scenario, j.seed, j.condition, j.reason, j.log)
+            for j in scores
+            if j.reason is not None
+        ),
         parts=tuple(row for result in results for row in part_rows(result)),
         standings=tuple(order),
         jobs=tuple(scores),
@@ -159,18 +158,6 @@ def results_of(scores: Sequence[JobScores], manifest: Mapping[str, Any]) -> Resu
 def condition_of(job: Job) -> str:
     """Return weather, light and faults of a job's episode in words."""
     return CONDITIONS["condition"](job.episode)
-
-
-def _failure(job: JobScores) -> Failure:
-    return Failure(
-        job.board,
-        job.entry,
-        job.scenario,
-        job.seed,
-        job.condition,
-        job.reason or "",
-        job.log,
-    )
 
 
 def _job_scores(job: Job, outcome: Outcome) -> JobScores:
@@ -192,14 +179,6 @@ def _job_scores(job: Job, outcome: Outcome) -> JobScores:
 
 
 def _entry_result(jobs: Sequence[JobScores]) -> EntryResult:
-    first = jobs[0]
+    board, entry, mark = board_named(jobs[0].board), jobs[0].entry, jobs[0].mark
     sound = tuple(job for job in jobs if job.reason is None)
-    reasons = [job.reason for job in jobs if job.reason is not None]
-    return EntryResult(
-        board_named(first.board),
-        first.entry,
-        first.mark,
-        sound,
-        len(jobs),
-        None if sound else reasons[0],
-    )
+    return EntryResult(board, entry, mark, sound, len(jobs), None if sound else jobs[0].reason)

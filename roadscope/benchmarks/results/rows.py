@@ -71,33 +71,25 @@ def whole_rows(result: EntryResult) -> list[Row]:
     names = [name for name in _names(result) if _is_whole(name) and not _silent(result, name)]
     rows = [_row(result, name, samples_of(result, name)) for name in names]
     rows += [_median_row(result, name) for name in result.board.medians if name in names]
-    failed = Row(
-        result.board.name,
-        result.entry,
-        "failed_episodes",
-        result.failed,
-        None,
-        None,
-        result.episodes,
-        "1",
-        "lower",
-    )
-    return [*rows, failed]
+    board, entry, failed = result.board.name, result.entry, result.failed
+    count = Row(board, entry, "failed_episodes", failed, None, None, result.episodes, "1", "lower")
+    return [*rows, count]
 
 
 def part_rows(result: EntryResult) -> list[Row]:
     """Return an entry's figures broken down; bands without anything to be found are left out."""
     names = _names(result)
     rows = [_row(result, n, samples_of(result, n)) for n in names if not _is_whole(n)]
+    metrics = [name for name in result.board.by_condition if not _silent(result, name)]
     for by, values in conditions_of(result).items():
         for band in dict.fromkeys(values):
             in_band = [s for s, v in zip(result.sound, values, strict=True) if v == band]
             part = replace(result, sound=tuple(in_band))
-            for metric in result.board.by_condition:
-                if _silent(result, metric):
-                    continue
-                if samples := samples_of(part, metric):
-                    rows.append(_row(result, part_name(metric, by, band), samples))
+            rows += [
+                _row(result, part_name(metric, by, band), samples)
+                for metric in metrics
+                if (samples := samples_of(part, metric))
+            ]
     return [row for row in rows if row.samples]
 
 
@@ -153,40 +145,18 @@ def _row(result: EntryResult, name: str, samples: Samples) -> Row:
     measured = [score for _, score in samples if math.isfinite(score.value)]
     # A count of a whole board is the sum over its episodes, as papers print it.
     times = len(measured) if metric in result.board.summed and not by else 1
-    value, low, high = (
-        times * v if math.isfinite(v) else None
-        for v in (interval.mean, interval.low, interval.high)
-    )
-    return Row(
-        result.board.name,
-        result.entry,
-        metric,
-        value,
-        low,
-        high,
-        len(measured),
-        first.unit,
-        first.better,
-        by,
-        band,
-        sum(score.n for score in measured),
-    )
+    ends = (interval.mean, interval.low, interval.high)
+    value, low, high = (times * end if math.isfinite(end) else None for end in ends)
+    board, count, n = result.board.name, len(measured), sum(score.n for score in measured)
+    unit, better = first.unit, first.better
+    return Row(board, result.entry, metric, value, low, high, count, unit, better, by, band, n)
 
 
 def _median_row(result: EntryResult, name: str) -> Row:
     """Return the median over episodes, which one hard scenario does not carry away."""
-    samples = samples_of(result, name)
-    values = [score.value for _, score in samples if math.isfinite(score.value)]
+    scores = [score for _, score in samples_of(result, name)]
+    values = [score.value for score in scores if math.isfinite(score.value)]
     median = statistics.median(values) if values else None
-    first = samples[0][1]
-    return Row(
-        result.board.name,
-        result.entry,
-        f"{name}_median",
-        median,
-        None,
-        None,
-        len(values),
-        first.unit,
-        first.better,
-    )
+    board, metric, count = result.board.name, f"{name}_median", len(values)
+    unit, better = scores[0].unit, scores[0].better
+    return Row(board, result.entry, metric, median, None, None, count, unit, better)

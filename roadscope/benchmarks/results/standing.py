@@ -61,23 +61,12 @@ def standings(results: Sequence[EntryResult]) -> list[Standing]:
     sound = [i for i, result in enumerate(ranked) if not result.failed and scores[i]]
     places = []
     for i, result in enumerate(ranked):
-        place = _place(i, scores, sound) if i in sound else (None, None)
+        best, worst = _place(i, scores, sound) if i in sound else (None, None)
         behind = _compared(scores[sound[0]], scores[i], LEVEL) if sound and scores[i] else None
-        gap, low, high = (None, None, None) if behind is None else _known(behind)
-        rank = i + 1 if result.sound else None
-        places.append(
-            Standing(
-                result.board.name,
-                result.entry,
-                None,
-                rank,
-                *place,
-                gap,
-                low,
-                high,
-                result.reason,
-            )
-        )
+        gap = (None, None, None) if behind is None else _known(behind)
+        board, rank = result.board.name, i + 1 if result.sound else None
+        place = Standing(board, result.entry, None, rank, best, worst, *gap, result.reason)
+        places.append(place)
     return places + [Standing(r.board.name, r.entry, r.mark, reason=r.reason) for r in marks]
 
 

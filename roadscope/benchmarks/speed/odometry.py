@@ -7,6 +7,7 @@ All odometries take turns on every scan of one drive, since shared machines chan
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from time import process_time
@@ -92,7 +93,7 @@ def timed_updates(
         odometry.reset(mounting)
     for number, step in enumerate(steps):
         for name, odometry in odometries.items():
-            given = step.copied()
+            given = deepcopy(step)
             start = process_time()
             odometry.update(given.scan, given.imu)
             if number >= LEAD:

@@ -14,7 +14,7 @@ import numpy as np
 from roadscope.benchmarks.cache import write_atomically
 from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash
 from roadscope.benchmarks.metrics.image_labels import Labels, labels_of
-from roadscope.benchmarks.parked_boxes import parked_boxes
+from roadscope.benchmarks.parked import parked_boxes
 from roadscope.benchmarks.train.recipe import DARK, FAULTS, WORST, Recipe
 from roadscope.envs.sensors.faults import condition_name, faults_of
 from roadscope.envs.sensors.rig import CameraMount, Rig

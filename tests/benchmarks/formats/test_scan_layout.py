@@ -5,9 +5,9 @@ import pytest
 
 from roadscope.benchmarks.drive import drive, imu_mounting
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.followed import Inertial, followed
 from roadscope.benchmarks.formats.scan_folder import ScanFolder
 from roadscope.benchmarks.formats.scan_layout import BEAM, rings_and_columns
+from roadscope.benchmarks.odometry_runner import RecordedImu, folder_estimates
 from roadscope.core import ImuSamples
 from roadscope.odometry import ODOMETRIES
 
@@ -55,14 +55,14 @@ def recorded(tmp_path_factory):
     names = "stamps_s", "angular_velocity", "specific_force"
     joined = (np.concatenate([getattr(block, name) for block in blocks]) for name in names)
     samples = ImuSamples(*joined)
-    return folder, Inertial(samples, imu_mounting(DRIVE)), steps
+    return folder, RecordedImu(samples, folder, lidar_from_imu=imu_mounting(DRIVE)), steps
 
 
 @pytest.mark.parametrize("name", ["lidar-inertial", "voxel-map", "zhang2022", "loam", "lego-loam"])
 def test_a_folder_without_beams_is_followed_as_the_drive_is(recorded, name):
     """Azimuth steps are others, so that features are, and what scans tell least of, height."""
     folder, inertial, steps = recorded
-    *_, last = followed(ScanFolder.find(folder), name, inertial=inertial)
+    *_, last = folder_estimates(ScanFolder.find(folder), name, imu=inertial)
     odometry = ODOMETRIES.make(name)
     odometry.reset(imu_mounting(DRIVE))
     *_, told = (odometry.update(step.scan, step.imu) for step in steps)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
-from roadscope.benchmarks.results.agreement import agreement, spearman
+from roadscope.benchmarks.results.agreement import BoardAgreement, spearman
 
 VALUES = st.lists(st.integers(-5, 5), min_size=3, max_size=12)
 
@@ -24,18 +24,19 @@ def test_it_is_scipys(ones, seed):
 def test_ranks_and_not_values_count():
     assert spearman([1, 2, 3, 4], [1, 10, 100, 1000]) == pytest.approx(1)
     assert spearman([1, 2, 3], [3, 2, -8]) == pytest.approx(-1)
-    with pytest.raises(ValueError, match="as many values"):
-        spearman([1, 2], [1])
+    with pytest.raises(ValueError, match="size 3"):
+        spearman([1, 2], [1, 2, 3])
 
 
 def test_entries_on_both_boards_are_compared():
     ours = {"a": 0.5, "b": 0.6, "c": 0.7, "only here": 1.0, "failed": math.nan}
     real = {"c": 70.0, "b": 60.0, "a": 65.0, "failed": 1.0, "only there": 2.0}
-    found = agreement(ours, real)
+    found = BoardAgreement.of("kitti car", "quick v1", real, ours)
     assert found.entries == ("a", "b", "c")
     assert found.rho == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("figures", [{"a": 1.0, "b": 2.0}, {"a": 1.0, "b": 1.0, "c": 1.0}])
 def test_too_little_to_compare_is_no_agreement(figures):
-    assert agreement(figures, {"a": 1.0, "b": 2.0, "c": 3.0}) is None
+    others = {"a": 1.0, "b": 2.0, "c": 3.0}
+    assert BoardAgreement.of("kitti car", "quick v1", others, figures) is None

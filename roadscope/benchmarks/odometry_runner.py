@@ -1,0 +1,221 @@
+"""An odometry on a folder of scans, beside the true poses where there are any."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from roadscope.benchmarks.formats.scan_folder import ScanFolder
+from roadscope.benchmarks.formats.table import FormatError, read_lines
+from roadscope.benchmarks.formats.trajectories import (
+    TUM_COLUMNS,
+    Trajectory,
+    read_trajectory,
+    trajectory_text,
+)
+from roadscope.benchmarks.isolation import Limits, PluginError, open_plugin
+from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
+from roadscope.core.answers import AnswerError, check_estimate
+from roadscope.odometry import ODOMETRIES
+
+LEAST_AHEAD_M = 10.0
+"""Nobody drives so far along an axis that points upwards and less along the others."""
+
+Samples = TypeVar("Samples", ImuSamples, WheelSamples)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedSamples(Generic[Samples]):
+    """All samples of one sensor in a recording.
+
+    path: where they come from. left_out: lines of it without usable numbers.
+    """
+
+    samples: Samples
+    path: Path
+    left_out: int = 0
+
+    what = "samples"
+
+    def __str__(self) -> str:
+        text = f"{len(self.samples.stamps_s)} {self.what} of {self.path}"
+        if not self.left_out:
+            return text
+        return f"{text} ({self.left_out} left out: no numbers, or stamps that do not rise)"
+
+    def check_times(self, stamps_s: Sequence[float]) -> None:
+        """Refuse samples of another time than the scans'."""
+        first_s, last_s = self.samples.stamps_s.min(), self.samples.stamps_s.max()
+        if last_s < stamps_s[0] or first_s > stamps_s[-1]:
+            raise FormatError(
+                f"{self.path}: expected samples from {stamps_s[0]:.3f} to {stamps_s[-1]:.3f} s, "
+                f"when scans were taken, got {first_s:.3f} to {last_s:.3f} s"
+            )
+
+    def between(self, start_s: float, end_s: float) -> Samples:
+        """Return those after a time and up to another, seconds."""
+        begin, end = np.searchsorted(self.samples.stamps_s, [start_s, end_s], side="right")
+        kind = type(self.samples)
+        arrays = (getattr(self.samples, each.name) for each in fields(kind))
+        return kind(*(array[begin:end].copy() for array in arrays))
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedImu(RecordedSamples[ImuSamples]):
+    """The inertial samples, and how the IMU is mounted; None: its frame is the LiDAR's."""
+
+    lidar_from_imu: Pose | None = None
+
+    what = "inertial samples"
+
+
+class RecordedWheels(RecordedSamples[WheelSamples]):
+    """The wheel speeds, along the LiDAR's x axis."""
+
+    what = "wheel speeds"
+
+
+def folder_estimates(
+    folder: ScanFolder,
+    odometry: str,
+    *,
+    imu: RecordedImu | None = None,
+    wheels: RecordedWheels | None = None,
+) -> Iterator[OdometryEstimate]:
+    """Yield an odometry's estimate of one scan after the other.
+
+    A spec that names none is refused before anything is read; what a plug-in does wrong raises
+    `PluginError`. One that is not ours runs in a process of its own, without a limit of time for
+    the whole recording.
+    """
+    spec = ODOMETRIES.resolve(odometry)
+    limits = Limits(episode_s=float("inf"))
+
+    def estimates() -> Iterator[OdometryEstimate]:
+        with open_plugin(spec, limits=limits) as plugin:
+            plugin.call("reset", imu.lidar_from_imu if imu else None)
+            for scan, inertial, speeds in _with_samples(folder, imu, wheels):
+                if speeds is not None and plugin.traits.takes_wheels:
+                    plugin.call("add_wheels", speeds)
+                answer = plugin.call("update", scan, inertial).answer
+                try:
+                    yield check_estimate(answer, stamp_s=scan.stamp_s, returns=len(scan))
+                except AnswerError as error:
+                    raise PluginError(odometry, str(error)) from error
+
+    return estimates()
+
+
+def _with_samples(
+    folder: ScanFolder, imu: RecordedImu | None, wheels: RecordedWheels | None
+) -> Iterator[tuple[LidarScan, ImuSamples | None, WheelSamples | None]]:
+    """Yield scans with the samples up to the ends of their sweeps."""
+    start_s = -np.inf
+    for scan in folder:
+        end_s = max(start_s, scan.stamp_s + float(scan.time_offset_s.max(initial=0)))
+        yield (
+            scan,
+            imu.between(start_s, end_s) if imu else None,
+            wheels.between(start_s, end_s) if wheels else None,
+        )
+        start_s = end_s
+
+
+def write_estimates(
+    folder: ScanFolder,
+    odometry: str,
+    out: Path,
+    form: str = "kitti",
+    *,
+    imu: RecordedImu | None = None,
+    wheels: RecordedWheels | None = None,
+) -> Iterator[OdometryEstimate]:
+    """Yield likewise, and write each pose as soon as it is known: what is done stays.
+
+    Before the first pose nothing is written, so that what was in the file stays. Poses are the
+    LiDAR's in its first frame, x ahead, y left, z up, whatever the format.
+    """
+    estimates = folder_estimates(folder, odometry, imu=imu, wheels=wheels)
+    trajectory_text(form, (), ())
+    for number, estimate in enumerate(estimates):
+        with out.open("a" if number else "w", encoding="utf-8") as file:
+            file.write(trajectory_text(form, (estimate.start_from_lidar,), (estimate.stamp_s,)))
+        yield estimate
+
+
+@dataclass(frozen=True, slots=True)
+class TruePoses:
+    """True poses of scans, (4, 4) in a frame of their own; None where the file has none."""
+
+    poses: tuple[np.ndarray | None, ...]
+
+    @staticmethod
+    def read(path: Path, stamps_s: Sequence[float]) -> TruePoses:
+        """Read KITTI's poses, one a scan, or TUM's, interpolated at the stamps of the scans."""
+        lines = (line.split() for line in read_lines(path))
+        first = next((words for words in lines if words and not words[0].startswith("#")), [])
+        if len(first) == len(TUM_COLUMNS):
+            return TruePoses(_interpolated(read_trajectory(path, "tum"), stamps_s, path))
+        poses = read_trajectory(path, "kitti").poses
+        if len(poses) != len(stamps_s):
+            raise FormatError(
+                f"{path}: expected {len(stamps_s)} poses, one a scan, got {len(poses)}"
+            )
+        return TruePoses(tuple(pose.matrix for pose in poses))
+
+    def look_like_a_cameras(self) -> bool:
+        """Return whether they seem to be a camera's, whose z axis points ahead, as KITTI's own."""
+        known = [matrix for matrix in self.poses if matrix is not None]
+        x, y, z = np.abs(np.linalg.inv(known[0]) @ known[-1])[:3, 3]
+        return bool(z > max(x, y, LEAST_AHEAD_M))
+
+    def errors_in_words(self, poses: Sequence[Pose]) -> str:
+        """Say in a line how far off estimated poses are; there may be fewer of them."""
+        from roadscope.benchmarks.metrics.odometry import (
+            KITTI_M,
+            SHORT_M,
+            Trajectories,
+            absolute_errors,
+            drift,
+        )
+
+        pairs = [(p.matrix, t) for p, t in zip(poses, self.poses, strict=False) if t is not None]
+        both = Trajectories(np.array([p for p, _ in pairs]), np.array([t for _, t in pairs]))
+        distance_m = float(both.distances[-1])
+        lengths = KITTI_M if distance_m > KITTI_M[-1] else SHORT_M
+        errors = drift(both, lengths, every=10 if lengths is KITTI_M else 1)
+        drifts = (
+            f"t_rel {errors.t_rel:.2f} %, r_rel {errors.r_rel:.2f} deg/100m over "
+            f"{lengths[0]:g} to {lengths[-1]:g} m"
+            if len(errors)
+            else f"too short for t_rel over {lengths[0]:g} m"
+        )
+        ate_m, end_m = absolute_errors(both, "se3").rmse_m, absolute_errors(both, "origin").end_m
+        return f"{distance_m:.1f} m: ATE {ate_m:.3f} m, at the end {end_m:.3f} m off, {drifts}"
+
+
+def _interpolated(
+    trajectory: Trajectory, stamps_s: Sequence[float], path: Path
+) -> tuple[np.ndarray | None, ...]:
+    """Return poses at those stamps that lie between two of a trajectory."""
+    known = np.array(trajectory.stamps_s)
+    poses: list[np.ndarray | None] = []
+    for stamp_s in stamps_s:
+        k = int(np.searchsorted(known, stamp_s, side="right")) - 1
+        if k < 0 or k >= len(known) or (k == len(known) - 1 and known[k] < stamp_s):
+            poses.append(None)
+        elif known[k] == stamp_s:
+            poses.append(trajectory.poses[k].matrix)
+        else:
+            share = float((stamp_s - known[k]) / (known[k + 1] - known[k]))
+            poses.append(trajectory.poses[k].interpolate(trajectory.poses[k + 1], share).matrix)
+    if sum(pose is not None for pose in poses) < 2:
+        raise FormatError(
+            f"{path}: expected poses from {stamps_s[0]:.3f} to {stamps_s[-1]:.3f} s, when scans "
+            f"were taken, got {f'{known[0]:.3f} to {known[-1]:.3f} s' if len(known) else 'none'}"
+        )
+    return tuple(poses)
