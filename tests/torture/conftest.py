@@ -5,7 +5,20 @@ from pathlib import Path
 
 import pytest
 
+pytest.register_assert_rewrite("tests.torture.entries")
+
+from tests.torture.acts import pairs
 from tests.torture.boards import Run, Workshop, workshop
+from tests.torture.entries import Tortured, tortured
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run a test that names acts for each of them and each board that it is for."""
+    acts = getattr(metafunc.function, "acts", None)
+    if acts is not None:
+        cases = pairs(acts, quick=metafunc.cls.quick)
+        ids = [f"{board}-{act.name}" for board, act in cases]
+        metafunc.parametrize(("board", "act"), cases, ids=ids)
 
 
 @pytest.fixture(scope="session")
@@ -13,6 +26,18 @@ def honest_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workshop, Run]
     """Run the suite without strangers."""
     made = workshop(tmp_path_factory.mktemp("honest") / "run")
     return made, made.run([], jobs=1)
+
+
+@pytest.fixture(scope="class")
+def torture(
+    request: pytest.FixtureRequest,
+    tmp_path_factory: pytest.TempPathFactory,
+    honest_run: tuple[Workshop, Run],
+) -> Tortured:
+    """Run the hostile acts of a class of tests."""
+    folder = tmp_path_factory.mktemp("torture") / "run"
+    tests = request.cls
+    return tortured(folder, honest_run[0].cache, jobs=tests.jobs, quick=tests.quick)
 
 
 @pytest.fixture
