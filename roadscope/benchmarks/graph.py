@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, kept
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint
-from roadscope.benchmarks.isolation import PluginError, probed_in_sandbox
+from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.score import Score
@@ -390,6 +390,6 @@ def _checked(
     function: Callable[[RunOptions, _Task[Item]], R], options: RunOptions, task: _Task[Item]
 ) -> tuple[R, Ledger]:
     """Apply a function in a worker; return what it wrote and what was wrong with files too."""
-    with checked_by(Ledger(task.digests)) as ledger, probed_in_sandbox(options.sandbox):
+    with checked_by(Ledger(task.digests)) as ledger, options.probing():
         result = function(options, task)
     return result, Ledger(written=ledger.written, notes=ledger.notes)

@@ -13,7 +13,7 @@ from roadscope.benchmarks.boards.board import BoardSetting
 from roadscope.benchmarks.boards.recorded import RecordedNode
 from roadscope.benchmarks.cache import cache_dir, usable_folder
 from roadscope.benchmarks.graph import Job, run_jobs
-from roadscope.benchmarks.isolation import Limits, probed_in_sandbox
+from roadscope.benchmarks.isolation import Limits
 from roadscope.benchmarks.kinds import entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.manifest import manifest
@@ -107,7 +107,12 @@ def leaderboard(
     workers = WorkerSettings(jobs, backend, address)
     workers.check()
     believed = "" if calibration is None else str(calibration)
-    with probed_in_sandbox(sandbox and not trust):
+    limits = limits or Limits()
+    if deadline_s is not None:
+        limits = replace(limits, episode_s=deadline_s)
+    folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
+    options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
+    with options.probing():
         made = plan(
             _suite(suite, kitti, mot), entries, boards=boards, only=only, calibration=believed
         )
@@ -116,14 +121,9 @@ def leaderboard(
             f"{j.entry} is left out: {j.missing}" for j in made.jobs if j.missing
         ):
             notice(text)
-    folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
     conditions = manifest(made.suite, jobs, [b.name for b in made.boards], believed)
     if out_dir is not None:
         check_targets(folder, label_of(conditions))
-    limits = limits or Limits()
-    if deadline_s is not None:
-        limits = replace(limits, episode_s=deadline_s)
-    options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
     with Store(folder / DATABASE) as store:
         outcomes = _outcomes(store, made, conditions, workers, options, progress or silent)
         results = gather(made.jobs, outcomes, conditions)

@@ -16,6 +16,7 @@ from roadscope.commands.terminal import complain, console, progress_bars
 if TYPE_CHECKING:
     from roadscope.benchmarks import Results, Suite
     from roadscope.benchmarks.loop import RunOptions
+    from roadscope.benchmarks.workers import WorkerSettings
 
 DEFAULT_SUITE = "quick"
 
@@ -179,6 +180,7 @@ def leaderboard(
     from roadscope.benchmarks.loop import RunOptions
     from roadscope.benchmarks.results.results import check_breakdown
     from roadscope.benchmarks.run import leaderboard as run
+    from roadscope.benchmarks.workers import WorkerSettings
 
     loaded = _suite(suite or _usual_suite(board), kitti, mot)
     loaded = _with_detections(loaded, detections) if detections else loaded
@@ -213,7 +215,7 @@ def leaderboard(
                 entry or (),
                 tracks,
                 only=only,
-                jobs=workers(jobs),
+                settings=WorkerSettings(jobs if address else workers(jobs), backend, address),
                 options=RunOptions(
                     Limits(episode_s=deadline),
                     trust,
@@ -306,18 +308,17 @@ def _save_tracks(
     folder: Path,
     *,
     only: bool,
-    jobs: int,
+    settings: WorkerSettings,
     options: RunOptions,
     progress: Any,
 ) -> list[str]:
     """Write the tracks that the run has kept; return the entries that are left out."""
-    from roadscope.benchmarks.isolation import probed_in_sandbox
     from roadscope.benchmarks.report.track_files import save_tracks
     from roadscope.benchmarks.run import plan
 
-    with probed_in_sandbox(options.sandbox):
+    with options.probing():
         made = plan(suite, entries, only=only)
-    return save_tracks(made.jobs, folder, workers=jobs, options=options, progress=progress)
+    return save_tracks(made.jobs, folder, workers=settings, options=options, progress=progress)
 
 
 def _name_written(*paths: Path | None) -> None:

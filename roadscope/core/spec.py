@@ -177,8 +177,8 @@ def source_hash(target: str) -> str:
     and the version of its distribution. Files are read, nothing is imported.
     """
     place, _, name = target.rpartition(":")
-    file = Path(place) if place.endswith(".py") else _file_of_module(place)
-    if file is None or not file.is_file():
+    file = file_of(place)
+    if file is None:
         raise SpecError(f"no file or module {place}")
     digest = sha256(f"{_distribution_version(place)} {name}".encode())
     package = _package_of(file.resolve())
@@ -216,16 +216,18 @@ def _source_files(file: Path) -> list[Path]:
     return sorted(files)
 
 
-def _file_of_module(module: str) -> Path | None:
-    """Return the file of a module; its package is not imported."""
-    first, *rest = module.split(".")
+def file_of(place: str) -> Path | None:
+    """Return the file of a module or the file itself, None if there is none; imports nothing."""
+    if place.endswith(".py"):
+        return Path(place) if Path(place).is_file() else None
+    first, *rest = place.split(".")
     if str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))
     top = importlib.util.find_spec(first)
     if top is None:
         return None
     if not rest:
-        return Path(top.origin) if top.origin else None
+        return Path(top.origin) if top.origin and Path(top.origin).is_file() else None
     for folder in top.submodule_search_locations or ():
         place = Path(folder).joinpath(*rest)
         for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):

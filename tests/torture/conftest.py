@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.register_assert_rewrite("tests.torture.entries")
-
 from tests.torture.acts import pairs
 from tests.torture.boards import Run, Workshop, workshop
 from tests.torture.entries import Tortured, tortured

@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from typing import Any, NoReturn, Protocol
@@ -31,7 +32,13 @@ from roadscope.benchmarks.isolation.channel import (
     framed,
     open_buffer,
 )
-from roadscope.benchmarks.isolation.describing import describe, may_preload, traits_of
+from roadscope.benchmarks.isolation.describing import (
+    MISTAKE,
+    describe,
+    may_preload,
+    traits_of,
+    traits_of_source,
+)
 from roadscope.benchmarks.isolation.limits import (
     MOST_LOG_CHARACTERS,
     Limits,
@@ -46,7 +53,7 @@ from roadscope.benchmarks.isolation.sandbox import (
     sandbox_available,
     sandbox_command,
 )
-from roadscope.core.loading import SpecError, load_class
+from roadscope.core.loading import LoadingError, SpecError, load_class
 from roadscope.core.text import lines, one_line
 from roadscope.core.wire import WireError, decode, encode
 
@@ -149,43 +156,69 @@ def open_plugin(
         plugin.close()
 
 
-def probe(spec: PluginSpec, *, limits: Limits | None = None) -> Traits:
+def probe(spec: PluginSpec) -> Traits:
     """Return what the class of a plug-in says of itself; a stranger's is loaded in a child.
 
-    `SpecError` when it cannot be loaded. Remembered until its file changes. The child is in a
-    sandbox within `probed_in_sandbox`.
+    `SpecError` if the user named what is not there or cannot be imported. If the class fails in
+    another way when it is loaded, its source is read, and `failure` says how it fails. Remembered
+    until its file changes. `probing` sets the limits of the child.
     """
-    if not spec.isolated or not hasattr(os, "fork"):
+    if not spec.isolated:
         return traits_of(load_class(spec.target), spec.arguments)
-    key = spec.text, spec.target, Path.cwd()
+    options = _probing.get()
+    key = spec.text, spec.target, Path.cwd(), options
     if key in _PROBED:
         traits, changed = _PROBED[key]
         if changed == _changed(traits.file):
             return traits
-    plugin = _Isolated(spec, limits or Limits(), make=False, sandbox=_sandboxed_probes.get())
     try:
-        traits = plugin.load()
+        if options.trust or not hasattr(os, "fork"):
+            traits = traits_of(load_class(spec.target), spec.arguments)
+        else:
+            traits = _loaded_in_child(spec, options)
+    except LoadingError as error:
+        traits = traits_of_source(spec.target, f"{spec.text}: {error}")
     except PluginError as error:
-        raise SpecError(str(error)) from error
-    finally:
-        plugin.close()
+        if error.mistake:
+            raise SpecError(str(error)) from error
+        traits = traits_of_source(spec.target, str(error))
     _PROBED[key] = traits, _changed(traits.file)
     return traits
 
 
+def _loaded_in_child(spec: PluginSpec, options: _Probing) -> Traits:
+    plugin = _Isolated(spec, options.limits, make=False, sandbox=options.sandbox)
+    try:
+        return plugin.load()
+    finally:
+        plugin.close()
+
+
+@dataclass(frozen=True, slots=True)
+class _Probing:
+    """How classes of strangers are loaded to see what they say of themselves."""
+
+    limits: Limits = Limits()  # noqa: RUF009
+    sandbox: bool = False
+    trust: bool = False
+
+
 @contextmanager
-def probed_in_sandbox(sandbox: bool) -> Iterator[None]:
-    """Load classes of strangers, to see what they say of themselves, in a sandbox too."""
-    token = _sandboxed_probes.set(sandbox)
+def probing(limits: Limits, *, sandbox: bool = False, trust: bool = False) -> Iterator[None]:
+    """Load the classes that are probed meanwhile as the plug-ins of a run: see `open_plugin`.
+
+    trust: load them in this process.
+    """
+    token = _probing.set(_Probing(limits, sandbox and not trust, trust))
     try:
         yield
     finally:
-        _sandboxed_probes.reset(token)
+        _probing.reset(token)
 
 
-_sandboxed_probes: ContextVar[bool] = ContextVar("sandboxed_probes", default=False)
+_probing: ContextVar[_Probing] = ContextVar("probing", default=_Probing())  # noqa: B039
 
-_PROBED: dict[tuple[str, str, Path], tuple[Traits, int]] = {}
+_PROBED: dict[tuple[str, str, Path, _Probing], tuple[Traits, int]] = {}
 
 
 def _changed(file: Path | None) -> int:
@@ -282,6 +315,8 @@ class _Isolated:
     def load(self) -> Traits:
         """Wait until the plug-in is loaded and made."""
         loaded = self._answer(None, 0, limit_s=self._limits.first_call_s, doing="loading it")
+        if type(loaded.answer) is dict and type(loaded.answer.get(MISTAKE)) is str:
+            raise PluginError(self._text, loaded.answer[MISTAKE], mistake=True)
         try:
             self.traits = _checked_traits(loaded.answer)
             self._supervisor.remember(loaded.answer["loaded"])
