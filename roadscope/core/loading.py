@@ -94,6 +94,26 @@ def load_class(target: str) -> type[Any]:
     return found
 
 
+def file_of(place: str) -> Path | None:
+    """Return the file of a module or the file itself, None if there is none; imports nothing."""
+    if place.endswith(".py"):
+        return Path(place) if Path(place).is_file() else None
+    first, *rest = place.split(".")
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+    top = importlib.util.find_spec(first)
+    if top is None:
+        return None
+    if not rest:
+        return Path(top.origin) if top.origin and Path(top.origin).is_file() else None
+    for folder in top.submodule_search_locations or ():
+        place = Path(folder).joinpath(*rest)
+        for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):
+            if path.is_file():
+                return path
+    return None
+
+
 def parameters_of(kind: type[Any]) -> dict[str, str]:
     """Return the names of a constructor's parameters with their defaults as text.
 

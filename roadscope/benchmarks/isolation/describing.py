@@ -13,10 +13,10 @@ from roadscope.benchmarks.isolation.limits import Traits
 from roadscope.core.loading import (
     Requirement,
     binding_problem,
+    file_of,
     parameters_of,
     positional_parameters_of,
 )
-from roadscope.core.spec import file_of
 from roadscope.core.text import error_text, one_line
 
 HARNESS = Path(__file__).resolve().parent
