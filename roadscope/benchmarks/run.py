@@ -21,7 +21,7 @@ from roadscope.benchmarks.nodes.tracks import TrackNode
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.suite import RecordedSuite, kitti_suite
-from roadscope.benchmarks.report.export import save_all
+from roadscope.benchmarks.report.export import save_all, save_logs
 from roadscope.benchmarks.report.kept import check_targets, label_of
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.results.agreement import BoardAgreement, agreement
@@ -130,6 +130,7 @@ def leaderboard(
         if isinstance(made.suite, RecordedSuite):
             compared = agreements(results, made, store.outcomes)
             results = replace(results, agreements=compared)
+    results = save_logs(results, folder)
     if out_dir is not None:
         save_all(results, folder)
     return results

@@ -236,6 +236,8 @@ def leaderboard(
         if left_out:
             typer.echo(f"no tracks were written of {', '.join(left_out)}")
         _name_written(out and out / "leaderboard.json", tracks)
+        for line in _log_lines(results):
+            typer.echo(line)
         _name_kept_boards(out)
     if results.failed_entries:
         raise typer.Exit(1)
@@ -425,3 +427,13 @@ def _complain_of_failures(results: Results) -> None:
     for board in results.boards():
         for line in failure_lines(results, board):
             complain(line)
+    for line in _log_lines(results):
+        complain(line)
+
+
+def _log_lines(results: Results) -> list[str]:
+    """Return in which files the output of failed entries is."""
+    from roadscope.core.text import one_line
+
+    files = {(f.entry, f.log_file): None for f in results.failures if f.log_file}
+    return [one_line(f"output of {entry}: {path}") for entry, path in files]

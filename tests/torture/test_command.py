@@ -35,6 +35,10 @@ def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made, jobs: str) -
     saved = json.loads((place.out / "leaderboard.json").read_text())
     failed = {f["entry"].removesuffix(" on oracle") for f in saved["failures"]}
     assert failed == {e for e in entries if "honest" not in e}
+    raised = [f for f in saved["failures"] if "base_exception" in f["entry"]]
+    for failure in raised:
+        assert failure["log_file"] in done.stdout
+        assert failure["log"] in Path(failure["log_file"]).read_text()
     assert left_running(place.plugins) == []
 
 
