@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.torture.acts import pairs
-from tests.torture.boards import Run, Workshop, workshop
+from tests.torture.boards import SUITE, Run, Workshop, workshop
 from tests.torture.entries import Tortured, tortured
 
 
@@ -39,6 +39,6 @@ def torture(
 
 
 @pytest.fixture
-def new_workshop(tmp_path: Path, honest_run: tuple[Workshop, Run]) -> Callable[[str], Workshop]:
+def new_workshop(tmp_path: Path, honest_run: tuple[Workshop, Run]) -> Callable[..., Workshop]:
     """Return a function that makes the folders of a run, with its traffic."""
-    return lambda name="run": workshop(tmp_path / name, honest_run[0].cache)
+    return lambda suite=SUITE: workshop(tmp_path / "run", honest_run[0].cache, suite)
