@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, NoReturn
 
 import psutil
@@ -45,6 +46,8 @@ CLOSING_S = 1.0
 ENDING_S = 5.0
 """How long processes are given to vanish once they were killed."""
 LOG_BYTES = 16_000
+LISTED = Path(f"/proc/self/task/{os.getpid()}/children").exists()
+"""Whether the system lists the children of a process."""
 MOST_PROCESSES = 1000
 """Chosen by hand: more than any library's pool, fewer than a machine has room for."""
 
@@ -158,7 +161,7 @@ def _end_descendants() -> None:
     deadline = time.monotonic() + ENDING_S
     while time.monotonic() < deadline:
         _reap()
-        left = _below(psutil.Process())
+        left = _listed_below(os.getpid()) or _below(psutil.Process())
         if not left:
             return
         for process in left:
@@ -172,6 +175,21 @@ def _below(process: psutil.Process) -> list[psutil.Process]:
         return list(process.children(recursive=True))
     except psutil.NoSuchProcess:
         return []
+
+
+def _listed_below(number: int) -> list[psutil.Process]:
+    """Return the processes below one as Linux lists them.
+
+    That costs a tenth of looking through all processes, but may miss some while others end.
+    """
+    found = []
+    for file in Path(f"/proc/{number}/task").glob("*/children"):
+        with suppress(OSError):
+            for child in map(int, file.read_text().split()):
+                with suppress(psutil.Error):
+                    found.append(psutil.Process(child))
+                found += _listed_below(child)
+    return found
 
 
 def _guard(request: Mapping[str, Any], data: int, buffer: int, watch: int) -> NoReturn:
@@ -254,7 +272,7 @@ class Guard:
             return f"wrote more than {self._output_bytes / 1e6:g} MB of output"
         now = time.monotonic()
         if now >= self._next_measure:
-            tree = _below(psutil.Process())
+            tree = _listed_below(os.getpid()) if LISTED else _below(psutil.Process())
             used = _used_bytes(tree, self._memory_bytes)
             if used > self._memory_bytes:
                 most = self._memory_bytes / 1e9
