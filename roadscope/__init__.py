@@ -160,9 +160,11 @@ if not TYPE_CHECKING:
 
 
 def _is_command_line() -> bool:
-    """Say whether this process was started as `roadscope` or as `python -m roadscope`."""
-    started = [*sys.orig_argv[1:3], "", ""]
-    return started[:2] == ["-m", "roadscope"] or Path(started[0]).stem == "roadscope"
+    """Return whether this process was started as `roadscope` or as `python -m roadscope`."""
+    if sys.argv[:1] == ["-m"]:
+        # `runpy` still looks for the module, whose name comes before the arguments.
+        return sys.orig_argv[-len(sys.argv)].removeprefix("-m") == "roadscope"
+    return bool(sys.argv) and Path(sys.argv[0]).stem == "roadscope"
 
 
 # The command line answers `--help` without Gymnasium: `roadscope.__main__` registers the ids once

@@ -83,6 +83,12 @@ def test_help_loads_neither_gymnasium_nor_numpy(start: list[str], arguments: lis
     assert loaded.isdisjoint(BY_COMMANDS_ONLY)
 
 
+def test_options_of_python_before_the_module_change_nothing() -> None:
+    for options in (["-W", "error", "-m", "roadscope"], ["-X", "utf8", "-mroadscope"]):
+        assert loaded_by(*options, "--help").isdisjoint(BY_COMMANDS_ONLY)
+    assert "gymnasium" in loaded_by("-m", "roadscope._lazy")
+
+
 def test_help_costs_little_more_than_typer(start: list[str]) -> None:
     # Measured on a quiet machine: 1.3, where typer takes 0.05 s; help that rich draws takes 2.7.
     assert dearer([*start, "--help"], ["-c", "import typer"]) < 2.0

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from roadscope.benchmarks.plugin_sources import source_hash
 from roadscope.benchmarks.sources import DATA_KINDS, package
-from roadscope.core.spec import ORACLE, Spec, source_hash
+from roadscope.core.spec import ORACLE, Spec
 
 PACKAGE = Path(__file__).resolve().parents[1]
 LIBRARIES = ("highway-env", "numpy", "scipy", "numba", "filterpy")

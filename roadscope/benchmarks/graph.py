@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, cas
 
 from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, kept
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
-from roadscope.benchmarks.isolation import PluginError, probed_in_sandbox
+from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics import METRIC_VERSION
 from roadscope.benchmarks.metrics.score import Score
@@ -418,6 +418,6 @@ def _with_ledger(
     function: Callable[[RunOptions, _Task[Item]], R], options: RunOptions, task: _Task[Item]
 ) -> tuple[R, Ledger]:
     """Apply a function in a worker; return its result, and what it wrote and warned of."""
-    with checked_by(Ledger(task.digests)) as ledger, probed_in_sandbox(options.sandbox):
+    with checked_by(Ledger(task.digests)) as ledger, options.probing():
         result = function(options, task)
     return result, Ledger(written=ledger.written, notes=ledger.notes)

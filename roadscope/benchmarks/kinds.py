@@ -86,8 +86,15 @@ def _kind_of_class(spec: Spec, possible: Sequence[Kind], known: Mapping[str, Kin
             raise SpecError(f"'{spec}': {unknown('kind', traits.kind, known)}")
         return known[traits.kind]
     fitting = [kind for kind in possible if kind.method in traits.methods]
+    if traits.failure and not fitting:
+        fitting = list(possible)
     if len(fitting) == 1:
         return fitting[0]
+    if fitting and traits.failure:
+        raise SpecError(
+            f"{traits.failure}; so it cannot say its kind: name the board, or begin the class with "
+            f'kind = "{fitting[0].name}"'
+        )
     if fitting:
         names = " or ".join(map(str, fitting))
         raise SpecError(
@@ -112,6 +119,9 @@ def check_plugin_spec(spec: Spec, kind: Kind) -> Spec:
     """
     resolved = kind.registry.resolve(spec)
     traits = traits_of(resolved)
+    if traits.failure:
+        # Its own row says so, as for one that fails when it is made.
+        return resolved
     if kind.method not in traits.methods:
         others = [k for k in KINDS.values() if k.method in traits.methods]
         wrong = f"is {others[0]}" if others else f"has no {kind.method}()"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
@@ -12,7 +13,14 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from roadscope.benchmarks.isolation import Limits, PluginError, PluginHandle, Timed, open_plugin
+from roadscope.benchmarks.isolation import (
+    Limits,
+    PluginError,
+    PluginHandle,
+    Timed,
+    open_plugin,
+    probing,
+)
 from roadscope.benchmarks.kinds import Kind
 from roadscope.benchmarks.records import CallTimes
 from roadscope.core import Spec
@@ -42,6 +50,10 @@ class RunOptions:
     sandbox: bool = False
     fresh: bool = False
     hidden: tuple[Path, ...] = ()
+
+    def probing(self) -> AbstractContextManager[None]:
+        """Treat classes so, too, that are loaded to see what they say of themselves."""
+        return probing(self.limits, sandbox=self.sandbox, trust=self.trust)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from roadscope.benchmarks.boards import Board, board_named, chosen_boards
 from roadscope.benchmarks.boards.board import JobOptions
 from roadscope.benchmarks.cache import cache_dir, usable_folder
 from roadscope.benchmarks.graph import Job, run_jobs
-from roadscope.benchmarks.isolation import Limits, probed_in_sandbox
+from roadscope.benchmarks.isolation import Limits
 from roadscope.benchmarks.kinds import entry_kind
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.manifest import manifest
@@ -20,7 +20,7 @@ from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.recording import Recording
 from roadscope.benchmarks.recorded.suite import kitti_suite
-from roadscope.benchmarks.report.export import save_all
+from roadscope.benchmarks.report.export import save_all, save_logs
 from roadscope.benchmarks.report.kept import check_targets, label_of
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.results.agreement import BoardAgreement
@@ -110,7 +110,12 @@ def leaderboard(
     workers = WorkerSettings(jobs, backend, address)
     workers.check()
     believed = "" if calibration is None else str(calibration)
-    with probed_in_sandbox(sandbox and not trust):
+    limits = limits or Limits()
+    if deadline_s is not None:
+        limits = replace(limits, episode_s=deadline_s)
+    folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
+    options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
+    with options.probing():
         made = plan(
             _suite(suite, kitti, mot), entries, boards=boards, only=only, calibration=believed
         )
@@ -119,18 +124,14 @@ def leaderboard(
             f"{j.entry} is left out: {j.missing}" for j in made.jobs if j.missing
         ):
             notice(text)
-    folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
     conditions = manifest(made.suite, jobs, [b.name for b in made.boards], believed)
     if out_dir is not None:
         check_targets(folder, label_of(conditions))
-    limits = limits or Limits()
-    if deadline_s is not None:
-        limits = replace(limits, episode_s=deadline_s)
-    options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
     with Store(folder / DATABASE) as store:
         outcomes = _outcomes(store, made, conditions, workers, options, progress or silent)
         results = gather(made.jobs, outcomes, conditions)
         results = replace(results, agreements=agreements(results, made, store.outcomes))
+    results = save_logs(results, folder)
     if out_dir is not None:
         save_all(results, folder)
     return results

@@ -183,12 +183,23 @@ def _parse(path: Path, module: str) -> Source:
     return Source(
         state.st_mtime_ns,
         state.st_size,
-        digest=sha256(ast.dump(tree).encode()).hexdigest(),
+        digest=_digest(tree),
         imports=tuple(dict.fromkeys(each for node in nodes for each in _imports(node, place))),
         bound=tuple(sorted(bound)),
         offered=tuple(dict.fromkeys(offered)) if "__getattr__" in bound else (),
         texts=tuple(dict.fromkeys(text for text in texts if not set(text) & set(" \n"))),
     )
+
+
+def source_digest(content: bytes) -> str:
+    """Return the digest of a source's syntax tree, without comments and docstrings."""
+    tree = ast.parse(content)
+    _Bare().visit(tree)
+    return _digest(tree)
+
+
+def _digest(tree: ast.AST) -> str:
+    return sha256(ast.dump(tree).encode()).hexdigest()
 
 
 class _Bare(ast.NodeTransformer):

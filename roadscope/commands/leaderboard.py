@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from roadscope.benchmarks import Results, Suite
     from roadscope.benchmarks.boards import Board
     from roadscope.benchmarks.loop import RunOptions
+    from roadscope.benchmarks.workers import WorkerSettings
 
 DEFAULT_SUITE = "quick"
 
@@ -176,6 +177,7 @@ def leaderboard(
     from roadscope.benchmarks.loop import RunOptions
     from roadscope.benchmarks.results.results import check_breakdown
     from roadscope.benchmarks.run import leaderboard as run
+    from roadscope.benchmarks.workers import WorkerSettings
 
     loaded = _suite(suite or _usual_suite(board), kitti, mot)
     loaded = loaded if seeds is None else _with_fewer_seeds(loaded, seeds)
@@ -210,7 +212,7 @@ def leaderboard(
                 entry or (),
                 tracks,
                 only=only,
-                jobs=workers(jobs),
+                settings=WorkerSettings(jobs if address else workers(jobs), backend, address),
                 options=RunOptions(
                     Limits(episode_s=deadline),
                     trust,
@@ -231,6 +233,8 @@ def leaderboard(
         if left_out:
             typer.echo(f"no tracks were written of {', '.join(left_out)}")
         _name_written(out and out / "leaderboard.json", tracks)
+        for line in _log_lines(results):
+            typer.echo(line)
         _name_kept_boards(out)
     if results.failed_entries:
         raise typer.Exit(1)
@@ -303,18 +307,17 @@ def _save_tracks(
     folder: Path,
     *,
     only: bool,
-    jobs: int,
+    settings: WorkerSettings,
     options: RunOptions,
     progress: Any,
 ) -> list[str]:
     """Write the tracks that the run has kept; return the entries that are left out."""
-    from roadscope.benchmarks.isolation import probed_in_sandbox
     from roadscope.benchmarks.report.track_files import save_tracks
     from roadscope.benchmarks.run import plan
 
-    with probed_in_sandbox(options.sandbox):
+    with options.probing():
         made = plan(suite, entries, only=only)
-    return save_tracks(made.jobs, folder, workers=jobs, options=options, progress=progress)
+    return save_tracks(made.jobs, folder, workers=settings, options=options, progress=progress)
 
 
 def _name_written(*paths: Path | None) -> None:
@@ -425,3 +428,13 @@ def _complain_of_failures(results: Results) -> None:
     for board in results.boards():
         for line in failure_lines(results, board):
             complain(line)
+    for line in _log_lines(results):
+        complain(line)
+
+
+def _log_lines(results: Results) -> list[str]:
+    """Return in which files the output of failed entries is."""
+    from roadscope.core.text import one_line
+
+    files = {(f.entry, f.log_file): None for f in results.failures if f.log_file}
+    return [one_line(f"output of {entry}: {path}") for entry, path in files]

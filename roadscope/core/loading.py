@@ -31,6 +31,10 @@ class SpecError(ValueError):
     """A plug-in could not be named, loaded or made."""
 
 
+class LoadingError(SpecError):
+    """The code of a plug-in's module raised an exception when it was loaded."""
+
+
 class NotInstalledError(SpecError):
     """A plug-in needs a distribution that is not installed."""
 
@@ -65,7 +69,8 @@ class Requirement:
 def load_class(target: str) -> type[Any]:
     """Return the class that `module:Class` or `path/file.py:Class` names.
 
-    `SpecError` says what is wrong with the name, or what the module raised and in which line.
+    `SpecError` says what is wrong with the name, the syntax or the imports of the module;
+    `LoadingError` says what else the module raised and in which line.
     """
     place, _, attribute = target.rpartition(":")
     if not place:
@@ -87,6 +92,26 @@ def load_class(target: str) -> type[Any]:
     if not inspect.isclass(found):
         raise SpecError(f"'{target}' is not a class")
     return found
+
+
+def file_of(place: str) -> Path | None:
+    """Return the file of a module or the file itself, None if there is none; imports nothing."""
+    if place.endswith(".py"):
+        return Path(place) if Path(place).is_file() else None
+    first, *rest = place.split(".")
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+    top = importlib.util.find_spec(first)
+    if top is None:
+        return None
+    if not rest:
+        return Path(top.origin) if top.origin and Path(top.origin).is_file() else None
+    for folder in top.submodule_search_locations or ():
+        place = Path(folder).joinpath(*rest)
+        for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):
+            if path.is_file():
+                return path
+    return None
 
 
 def parameters_of(kind: type[Any]) -> dict[str, str]:
@@ -139,7 +164,7 @@ def _import_module(name: str) -> Any:
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise SpecError(_fails(name, error)) from error
+        raise _loading_error(name, error) from error
 
 
 def _import_file(path: Path) -> Any:
@@ -161,12 +186,13 @@ def _import_file(path: Path) -> Any:
         sys.modules.pop(name, None)
         if isinstance(error, KeyboardInterrupt):
             raise
-        raise SpecError(_fails(path, error)) from error
+        raise _loading_error(path, error) from error
     return module
 
 
-def _fails(place: object, error: BaseException) -> str:
-    return f"{place} fails when loaded: {error_text(error)}{_where(error)}"
+def _loading_error(place: object, error: BaseException) -> SpecError:
+    kind = SpecError if isinstance(error, ImportError | SyntaxError) else LoadingError
+    return kind(f"{place} fails when loaded: {error_text(error)}{_where(error)}")
 
 
 def _where(error: BaseException) -> str:

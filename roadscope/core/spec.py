@@ -15,15 +15,9 @@ Some specs are composed of others, their parts:
 from __future__ import annotations
 
 import ast
-import importlib.util
 import re
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
-from hashlib import sha256
-from importlib.metadata import packages_distributions, version
-from pathlib import Path
 from typing import Any
 
 from roadscope.core.loading import (
@@ -168,81 +162,6 @@ class Spec:
         if isinstance(required, Requirement) and required.missing:
             raise NotInstalledError(required.missing)
         return factory(**self.arguments)
-
-
-def source_hash(target: str) -> str:
-    """Hash what `module:Class` or `path/file.py:Class` is made from: 16 hexadecimal digits.
-
-    That is its file and the files beside it that it imports; in a package all files of the package
-    and the version of its distribution. Files are read, nothing is imported.
-    """
-    place, _, name = target.rpartition(":")
-    file = Path(place) if place.endswith(".py") else _file_of_module(place)
-    if file is None or not file.is_file():
-        raise SpecError(f"no file or module {place}")
-    digest = sha256(f"{_distribution_version(place)} {name}".encode())
-    package = _package_of(file.resolve())
-    for each in sorted(package.rglob("*.py")) if package else _source_files(file):
-        digest.update(each.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
-
-
-def _package_of(file: Path) -> Path | None:
-    """Return the folder of the topmost package that a file is in; None: it is in no package."""
-    folders = [folder for folder in file.parents if (folder / "__init__.py").is_file()]
-    inside = [f for k, f in enumerate(folders) if f == file.parents[k]]
-    return inside[-1] if inside else None
-
-
-def _source_files(file: Path) -> list[Path]:
-    """Return a plug-in's file and the files and packages beside it that it imports, sorted."""
-    files: set[Path] = set()
-    ahead = [file.resolve()]
-    while ahead:
-        here = ahead.pop()
-        if here in files:
-            continue
-        files.add(here)
-        for node in ast.walk(ast.parse(here.read_bytes())):
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                names = [node.module] if node.module else [alias.name for alias in node.names]
-            else:
-                continue
-            for top in {name.partition(".")[0] for name in names}:
-                beside = here.parent / f"{top}.py"
-                ahead += [beside] if beside.is_file() else (here.parent / top).rglob("*.py")
-    return sorted(files)
-
-
-def _file_of_module(module: str) -> Path | None:
-    """Return the file of a module; its package is not imported."""
-    first, *rest = module.split(".")
-    if str(Path.cwd()) not in sys.path:
-        sys.path.append(str(Path.cwd()))
-    top = importlib.util.find_spec(first)
-    if top is None:
-        return None
-    if not rest:
-        return Path(top.origin) if top.origin else None
-    for folder in top.submodule_search_locations or ():
-        place = Path(folder).joinpath(*rest)
-        for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):
-            if path.is_file():
-                return path
-    return None
-
-
-def _distribution_version(module: str) -> str:
-    names = _distributions().get(module.partition(".")[0], [])
-    return ",".join(f"{name}={version(name)}" for name in sorted(set(names)))
-
-
-@cache
-def _distributions() -> Mapping[str, list[str]]:
-    """Read once which distribution each package is of: it takes a third of a second."""
-    return packages_distributions()
 
 
 def _literal(text: str) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 
-from roadscope.benchmarks.isolation import PluginError
+from roadscope.benchmarks.isolation import Limits, PluginError, probing
 from roadscope.benchmarks.kinds import (
     CAMERA_DETECTOR,
     DETECTOR,
@@ -32,7 +32,7 @@ from roadscope.testing.subject import DEADLINE_S, Promise, PromiseError, Subject
 
 LOADED = "can be loaded"
 QUIET = "prints nothing"
-SAME = "the same"
+SAME = "for the same reason as above"
 """Stands for a reason that an earlier item has already given."""
 MODULES: Mapping[str, str] = {
     DETECTOR.name: "detectors",
@@ -115,7 +115,8 @@ class ContractItem:
     def verify(self) -> str:
         """Return a remark; `PromiseError` says what is wrong."""
         subject = Subject(self.spec, self.kind, deadline_s=self.deadline_s, trust=self.trust)
-        return _verify(self.promise, subject)
+        with subject.options.probing():
+            return _verify(self.promise, subject)
 
 
 def contract_items(
@@ -125,11 +126,10 @@ def contract_items(
 
     Arguments are those of `check`.
     """
-    plugin, known = _resolved(spec, kind)
-    return [
-        ContractItem(plugin, known, promise, deadline_s, trust)
-        for promise in _promises(plugin, known)
-    ]
+    with probing(Limits(first_call_s=deadline_s), trust=trust):
+        plugin, known = _resolved(spec, kind)
+        promises = _promises(plugin, known)
+    return [ContractItem(plugin, known, promise, deadline_s, trust) for promise in promises]
 
 
 def check(
@@ -150,6 +150,20 @@ def check(
     trust: run a class that is not ours in this process, where nothing ends what hangs.
     report: is called with each item as it is known.
     """
+    if kind is not None:
+        _kind_named(kind)
+    with probing(Limits(first_call_s=deadline_s), trust=trust):
+        return _checked(spec, kind, deadline_s=deadline_s, trust=trust, report=report)
+
+
+def _checked(
+    spec: str,
+    kind: str | None,
+    *,
+    deadline_s: float,
+    trust: bool,
+    report: Callable[[Item], object] | None,
+) -> Report:
     items: list[Item] = []
     logs: list[str] = []
 
@@ -158,8 +172,6 @@ def check(
         if report is not None:
             report(item)
 
-    if kind is not None:
-        _kind_named(kind)
     try:
         plugin, known = _resolved(spec, kind)
         promises = _promises(plugin, known)
@@ -215,7 +227,8 @@ def _resolved(text: str, kind: str | None) -> tuple[Spec, Kind]:
     else:
         known = DETECTOR if spec.name in NAMED_BY_SUITES else entry_kind(spec)
     plugin = resolved(spec, known)
-    traits_of(plugin)
+    if failure := traits_of(plugin).failure:
+        raise SpecError(failure)
     return plugin, known
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from roadscope import Spec
 from roadscope.benchmarks.fingerprint import plugin_hash
+from roadscope.benchmarks.plugin_sources import source_hash
 from roadscope.core import NotInstalledError, Registry, Requirement, SpecError
-from roadscope.core.spec import source_hash
 from roadscope.trackers import TRACKERS
 
 
@@ -62,7 +62,7 @@ def test_a_file_of_ones_own_is_a_plug_in(tmp_path: Path) -> None:
     path.write_text("class Mine:\n    def __init__(self, *, k=1):\n        self.k = k\n")
     assert REGISTRY.make(f"{path}:Mine?k=3").k == 3  # type: ignore[attr-defined]
     before = source_hash(f"{path}:Mine")
-    path.write_text(path.read_text() + "# changed\n")
+    path.write_text(path.read_text().replace("k=1", "k=2"))
     assert source_hash(f"{path}:Mine") != before
     with pytest.raises(SpecError, match=r"no class 'Other' in .*mine.py; it has: Mine"):
         REGISTRY.make(f"{path}:Other")
@@ -123,6 +123,21 @@ def test_a_helper_beside_the_plug_in_counts_as_its_source(
     assert source_hash(f"{path}:Mine") == before
     (tmp_path / "helper_of_mine.py").write_text("K = 2\n")
     assert source_hash(f"{path}:Mine") != before
+
+
+def test_comments_and_docstrings_of_a_plug_in_do_not_count(tmp_path: Path) -> None:
+    helper, path = tmp_path / "helper_of_mine.py", tmp_path / "mine.py"
+    helper.write_text("K = 1\n")
+    path.write_text("import helper_of_mine\n\n\nclass Mine:\n    pass\n")
+    before = source_hash(f"{path}:Mine")
+    helper.write_text("# One.\nK = 1\n")
+    path.write_text('"""Mine."""\n' + path.read_text() + "# The end.\n")
+    assert source_hash(f"{path}:Mine") == before
+    helper.write_text("K = 1 # and what is no Python: {\n}\n")
+    broken = source_hash(f"{path}:Mine")
+    assert broken != before
+    helper.write_text("K = 2 # and what is no Python: {\n}\n")
+    assert source_hash(f"{path}:Mine") != broken
 
 
 class Needy(Plain):

@@ -44,3 +44,7 @@ only, also while its class is loaded. What can be computed from public code it c
 On clusters (`--backend ray|dask` with an address) digests are not compared: machines may have files
 of their own under the same names.
 """
+
+import pytest
+
+pytest.register_assert_rewrite("tests.torture.entries")

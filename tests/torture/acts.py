@@ -45,10 +45,11 @@ ENDS = (
     Act("children_and_death", "status 4", quick=("tracking",)),
 )
 HANGS = (
-    Act("hang_when_made", "4 s", quick=("detection",)),
-    Act("hang_in_reset", "4 s", quick=("odometry",)),
-    Act("hang_in_call", "4 s", quick=("fusion",)),
-    Act("stop_itself", "4 s"),
+    Act("hang_when_made", "1.5 s", quick=("detection",)),
+    Act("hang_in_reset", "1.5 s", quick=("odometry",)),
+    Act("hang_in_call", "1.5 s", quick=("fusion",)),
+    Act("stop_itself", "1.5 s"),
+    Act("stop_both", "1.5 s"),
 )
 RESOURCES = (
     Act("flood", "output", quick=("tracking",)),
@@ -95,7 +96,6 @@ WRONG = (
 WATCHERS = (
     Act("kill_guard", "watches over it", quick=("tracking",)),
     Act("kill_both", "watches over it", quick=("detection",)),
-    Act("stop_both", "watches over it"),
 )
 HARMLESS = (
     Act("honest", "", quick=ALL),

@@ -5,7 +5,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.torture.boards import Run, Workshop, workshop
+from tests.torture.acts import pairs
+from tests.torture.boards import SUITE, Run, Workshop, workshop
+from tests.torture.entries import Tortured, tortured
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run a test that names acts for each of them and each board that it is for."""
+    acts = getattr(metafunc.function, "acts", None)
+    if acts is not None:
+        cases = pairs(acts, quick=metafunc.cls.quick)
+        ids = [f"{board}-{act.name}" for board, act in cases]
+        metafunc.parametrize(("board", "act"), cases, ids=ids)
 
 
 @pytest.fixture(scope="session")
@@ -15,7 +26,19 @@ def honest_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workshop, Run]
     return made, made.run([], jobs=1)
 
 
+@pytest.fixture(scope="class")
+def torture(
+    request: pytest.FixtureRequest,
+    tmp_path_factory: pytest.TempPathFactory,
+    honest_run: tuple[Workshop, Run],
+) -> Tortured:
+    """Run the hostile acts of a class of tests."""
+    folder = tmp_path_factory.mktemp("torture") / "run"
+    tests = request.cls
+    return tortured(folder, honest_run[0].cache, jobs=tests.jobs, quick=tests.quick)
+
+
 @pytest.fixture
-def new_workshop(tmp_path: Path, honest_run: tuple[Workshop, Run]) -> Callable[[str], Workshop]:
+def new_workshop(tmp_path: Path, honest_run: tuple[Workshop, Run]) -> Callable[..., Workshop]:
     """Return a function that makes the folders of a run, with its traffic."""
-    return lambda name="run": workshop(tmp_path / name, honest_run[0].cache)
+    return lambda suite=SUITE: workshop(tmp_path / "run", honest_run[0].cache, suite)

@@ -9,18 +9,18 @@ from pathlib import Path
 import pytest
 
 from tests.torture.acts import ALL
-from tests.torture.boards import Workshop, left_running
+from tests.torture.boards import ONE_EPISODE, Workshop, left_running
 
 Made = Callable[..., Workshop]
-ACTS = ("exit_0", "base_exception")
+ACTS = {**dict.fromkeys(ALL, ("exit_0",)), "tracking": ("exit_0", "base_exception", "honest")}
 NASTY = "=cmd|<script>alert(1)\x1b[31m\n\u202e&%_.py"
 """The name of a file that is a formula, a tag, a new line and a colour."""
 
 
 @pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.slow)])
 def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made, jobs: str) -> None:
-    place = new_workshop()
-    entries = {place.spec(board, act): board for board in ALL for act in (*ACTS, "honest")}
+    place = new_workshop(suite=ONE_EPISODE)
+    entries = [place.spec(board, act) for board in ALL for act in ACTS[board]]
     words = [word for entry in entries for word in ("--entry", entry)]
     done = place.command("--jobs", jobs, "--out", str(place.out), *words)
     assert done.returncode == 1
@@ -35,11 +35,15 @@ def test_the_board_is_shown_and_the_status_is_1(new_workshop: Made, jobs: str) -
     saved = json.loads((place.out / "leaderboard.json").read_text())
     failed = {f["entry"].removesuffix(" on oracle") for f in saved["failures"]}
     assert failed == {e for e in entries if "honest" not in e}
+    raised = [f for f in saved["failures"] if "base_exception" in f["entry"]]
+    for failure in raised:
+        assert failure["log_file"] in done.stdout
+        assert failure["log"] in Path(failure["log_file"]).read_text()
     assert left_running(place.plugins) == []
 
 
 def test_without_failures_the_status_is_0(new_workshop: Made) -> None:
-    place = new_workshop()
+    place = new_workshop(suite=ONE_EPISODE)
     entry = place.spec("tracking", "honest")
     done = place.command("tracking", "--jobs", "1", "--json", "--entry", entry)
     assert done.returncode == 0
@@ -49,7 +53,7 @@ def test_without_failures_the_status_is_0(new_workshop: Made) -> None:
 def test_names_are_harmless_wherever_they_are_shown(
     new_workshop: Made, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = new_workshop()
+    place = new_workshop(suite=ONE_EPISODE)
     (place.folder / NASTY).write_bytes(place.plugins.read_bytes())
     monkeypatch.chdir(place.folder)
     entries = [f"{NASTY}:Tracker?act={act}" for act in ("honest", "base_exception")]

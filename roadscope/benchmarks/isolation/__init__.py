@@ -25,7 +25,7 @@ the times of its calls to its own favour, as far as they are no longer than the 
 measured ten times a second, and what is not resident (files in /dev/shm) is not counted. With
 `sandbox=True` bubblewrap takes network, files and processes from its sight; scenarios are public
 code, and what can be computed from that it can still compute. A class is loaded once before a run,
-to see what it says of itself; `probed_in_sandbox` has that done in a sandbox too.
+to see what it says of itself; `probing` has that done with the limits and the sandbox of the run.
 
 Where the system is not Linux, processes that left the plug-in's session outlive it. Where it
 cannot fork (Windows) there is no isolation, and `open_plugin` says so.
@@ -35,7 +35,7 @@ from roadscope.benchmarks.isolation.host import (
     PluginHandle,
     open_plugin,
     probe,
-    probed_in_sandbox,
+    probing,
 )
 from roadscope.benchmarks.isolation.limits import (
     Limits,
@@ -57,6 +57,6 @@ __all__ = [
     "Traits",
     "open_plugin",
     "probe",
-    "probed_in_sandbox",
+    "probing",
     "sandbox_available",
 ]

@@ -19,6 +19,8 @@ IN_BUFFER = 1 << 63
 SHORT_BYTES = 1 << 16
 """What fits a socket in one piece on every system."""
 PIECE_BYTES = 1 << 20
+END, CLOSED, LOG = b"E", b"C", b"L"
+"""Commands to a guard: end the plug-in; end it, for its socket is closed; send the log."""
 
 
 class ClosedError(EOFError):

@@ -1,6 +1,6 @@
 """The process of one plug-in: loads its class, makes it and answers calls.
 
-Nothing here is trusted by the worker that asks: it checks whatever arrives.
+The worker trusts nothing here: it checks every answer.
 """
 
 from __future__ import annotations
@@ -23,8 +23,13 @@ from typing import Any, NamedTuple, NoReturn
 
 from roadscope.benchmarks.isolation.arguments import ChangedArgumentError, call_watched
 from roadscope.benchmarks.isolation.channel import receive_all, send_all
-from roadscope.benchmarks.isolation.describing import describe, may_preload, traits_of
-from roadscope.core.loading import NotInstalledError, SpecError, load_class
+from roadscope.benchmarks.isolation.describing import (
+    MISTAKE,
+    describe,
+    may_preload,
+    traits_of,
+)
+from roadscope.core.loading import LoadingError, NotInstalledError, SpecError, load_class
 from roadscope.core.text import one_line
 from roadscope.core.wire import WireError, decode, encode
 
@@ -117,14 +122,22 @@ def _limit() -> None:
 
 
 def _serve(request: Mapping[str, Any], worker: socket.socket) -> None:
-    """Load the plug-in and answer calls until the worker is gone."""
+    """Load the plug-in and answer calls until the worker is gone.
+
+    The answer to loading is what the class says of itself, or the user's mistake in naming it.
+    """
     clocks = Clocks(perf_counter, process_time)
     most = request["answer_bytes"]
     plugin = None
 
     def load() -> dict[str, Any]:
         nonlocal plugin
-        kind = load_class(request["target"])
+        try:
+            kind = load_class(request["target"])
+        except LoadingError:
+            raise
+        except SpecError as error:
+            return {MISTAKE: str(error)}
         arguments = ast.literal_eval(request["arguments"])
         traits = traits_of(kind, arguments)
         if request["make"]:
@@ -169,7 +182,7 @@ def _answer(
     most: int,
     clocks: Clocks,
 ) -> bool:
-    """Call a function and send its answer, or what it raised; say whether it answered."""
+    """Call a function, send its answer or what it raised, and return whether it answered."""
     error, answer = "", None
     wall_s, processor_s = clocks.wall(), clocks.processor()
     try:
@@ -182,14 +195,14 @@ def _answer(
             sys.stderr.write("".join(piece[:MOST_PIECE_CHARACTERS] for piece in pieces))
     else:
         processor_s, wall_s = clocks.processor() - processor_s, clocks.wall() - wall_s
-    told = {"number": number, "wall_ms": wall_s * 1e3, "processor_ms": processor_s * 1e3}
+    header = {"number": number, "wall_ms": wall_s * 1e3, "processor_ms": processor_s * 1e3}
     if not error:
         try:
-            message = encode(told | {"error": "", "answer": answer}, most_bytes=most)
+            message = encode(header | {"error": "", "answer": answer}, most_bytes=most)
         except BaseException as raised:
             error = f"its answer: {_text(raised, plain=isinstance(raised, WireError))}"
     if error:
-        message = encode(told | {"error": error, "answer": None})
+        message = encode(header | {"error": error, "answer": None})
     for stream in (sys.stdout, sys.stderr):
         with suppress(BaseException):
             stream.flush()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 import traceback
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from roadscope.benchmarks.isolation.limits import Traits
 from roadscope.core.loading import (
     Requirement,
     binding_problem,
+    file_of,
     parameters_of,
     positional_parameters_of,
 )
@@ -23,12 +25,14 @@ PACKAGE = Path(__file__).resolve().parents[2]
 SLOW_LIBRARIES = frozenset({"filterpy", "numba", "scipy", "sklearn", "torch"})
 """What takes long to import and may be imported before a process is forked: no threads start."""
 OUR_ROOMS = frozenset({"core", "detectors", "fusion", "odometry", "trackers"})
+MISTAKE = "mistake"
+"""Key of a message: what the user named is not there, or cannot be imported."""
 
 
 def traits_of(kind: type[Any], arguments: Mapping[str, Any], plugin: object = None) -> Traits:
-    """Return what a class says of itself, and, where it was made, its instance."""
-    told = kind if plugin is None else plugin
-    methods = _public_methods(told)
+    """Return what a class says of itself, or its instance if there is one."""
+    described = kind if plugin is None else plugin
+    methods = _public_methods(described)
     declared, need = getattr(kind, "kind", ""), getattr(kind, "requires", None)
     requirement = need if isinstance(need, Requirement) else None
     module = str(getattr(kind, "__module__", ""))
@@ -41,8 +45,8 @@ def traits_of(kind: type[Any], arguments: Mapping[str, Any], plugin: object = No
         kind=one_line(declared, 80) if isinstance(declared, str) else "",
         offline=bool(getattr(kind, "offline", False)),
         weighed=bool(getattr(kind, "weighed", False)),
-        takes_imu=getattr(told, "takes_imu", True) is not False,
-        takes_wheels="add_wheels" in methods and getattr(told, "wheels", True) is not False,
+        takes_imu=getattr(described, "takes_imu", True) is not False,
+        takes_wheels="add_wheels" in methods and getattr(described, "wheels", True) is not False,
         requires=(requirement.missing or "") if requirement else "",
         requirement=f"{requirement.distribution}=={requirement.version}" if requirement else "",
         parameters=parameters_of(kind),
@@ -61,8 +65,35 @@ def _public_methods(plugin: object) -> frozenset[str]:
     )
 
 
+def traits_of_source(target: str, failure: str) -> Traits:
+    """Return what the source of a class says of it, where the class cannot be loaded.
+
+    Only what stands in the body of the class is found: its methods and a text `kind`.
+    """
+    place, _, name = target.rpartition(":")
+    file = file_of(place)
+    nodes = ast.walk(ast.parse(file.read_bytes())) if file is not None else ()
+    bodies = [node.body for node in nodes if isinstance(node, ast.ClassDef) and node.name == name]
+    body = bodies[0] if bodies else []
+    kinds = [
+        node.value.value
+        for node in body
+        if isinstance(node, ast.Assign)
+        and isinstance(node.value, ast.Constant)
+        and ast.unparse(node.targets[0]) == "kind"
+    ]
+    return Traits(
+        file=file,
+        module=place,
+        class_name=name,
+        methods=frozenset(n.name for n in body if isinstance(n, ast.FunctionDef)),
+        kind=one_line(str(kinds[-1]), 80) if kinds else "",
+        failure=failure,
+    )
+
+
 def may_preload(module: str) -> bool:
-    """Say whether a supervisor may import a module for all plug-ins to come."""
+    """Return whether a supervisor may import a module for all plug-ins to come."""
     package, _, rest = module.partition(".")
     if package == PACKAGE.name:
         return rest.partition(".")[0] in OUR_ROOMS
@@ -70,7 +101,7 @@ def may_preload(module: str) -> bool:
 
 
 def describe(error: BaseException) -> str:
-    """Say in one line what was raised, and at which line of the plug-in's own file.
+    """Return in one line what was raised, and at which line of the plug-in's own file.
 
     The plug-in's file is the first one on the stack that is not of this package.
     """

@@ -1,4 +1,4 @@
-"""The worker's side: opens plug-ins, asks them and checks what arrives."""
+"""The worker's side: opens plug-ins, calls them and checks their answers."""
 
 from __future__ import annotations
 
@@ -14,18 +14,31 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any, NoReturn, Protocol
 
+import msgspec
+
 from roadscope.benchmarks.isolation.arguments import ChangedArgumentError, call_watched
 from roadscope.benchmarks.isolation.channel import (
+    CLOSED,
+    END,
+    LOG,
     Channel,
     ClosedError,
     TooLongError,
     framed,
     open_buffer,
 )
-from roadscope.benchmarks.isolation.describing import describe, may_preload, traits_of
+from roadscope.benchmarks.isolation.describing import (
+    MISTAKE,
+    describe,
+    may_preload,
+    traits_of,
+    traits_of_source,
+)
 from roadscope.benchmarks.isolation.limits import (
     MOST_LOG_CHARACTERS,
     Limits,
@@ -40,7 +53,7 @@ from roadscope.benchmarks.isolation.sandbox import (
     sandbox_available,
     sandbox_command,
 )
-from roadscope.core.loading import SpecError, load_class
+from roadscope.core.loading import LoadingError, SpecError, load_class
 from roadscope.core.text import lines, one_line
 from roadscope.core.wire import WireError, decode, encode
 
@@ -143,43 +156,69 @@ def open_plugin(
         plugin.close()
 
 
-def probe(spec: PluginSpec, *, limits: Limits | None = None) -> Traits:
+def probe(spec: PluginSpec) -> Traits:
     """Return what the class of a plug-in says of itself; a stranger's is loaded in a child.
 
-    `SpecError` when it cannot be loaded. Remembered until its file changes. The child is in a
-    sandbox within `probed_in_sandbox`.
+    `SpecError` if the user named what is not there or cannot be imported. If the class fails in
+    another way when it is loaded, its source is read, and `failure` says how it fails. Remembered
+    until its file changes. `probing` sets the limits of the child.
     """
-    if not spec.isolated or not hasattr(os, "fork"):
+    if not spec.isolated:
         return traits_of(load_class(spec.target), spec.arguments)
-    key = spec.text, spec.target, Path.cwd()
+    options = _probing.get()
+    key = spec.text, spec.target, Path.cwd(), options
     if key in _PROBED:
         traits, changed = _PROBED[key]
         if changed == _changed(traits.file):
             return traits
-    plugin = _Isolated(spec, limits or Limits(), make=False, sandbox=_sandboxed_probes.get())
     try:
-        traits = plugin.load()
+        if options.trust or not hasattr(os, "fork"):
+            traits = traits_of(load_class(spec.target), spec.arguments)
+        else:
+            traits = _loaded_in_child(spec, options)
+    except LoadingError as error:
+        traits = traits_of_source(spec.target, f"{spec.text}: {error}")
     except PluginError as error:
-        raise SpecError(str(error)) from error
-    finally:
-        plugin.close()
+        if error.mistake:
+            raise SpecError(str(error)) from error
+        traits = traits_of_source(spec.target, str(error))
     _PROBED[key] = traits, _changed(traits.file)
     return traits
 
 
+def _loaded_in_child(spec: PluginSpec, options: _Probing) -> Traits:
+    plugin = _Isolated(spec, options.limits, make=False, sandbox=options.sandbox)
+    try:
+        return plugin.load()
+    finally:
+        plugin.close()
+
+
+@dataclass(frozen=True, slots=True)
+class _Probing:
+    """How classes of strangers are loaded to see what they say of themselves."""
+
+    limits: Limits = Limits()  # noqa: RUF009
+    sandbox: bool = False
+    trust: bool = False
+
+
 @contextmanager
-def probed_in_sandbox(sandbox: bool) -> Iterator[None]:
-    """Load classes of strangers, to see what they say of themselves, in a sandbox too."""
-    token = _sandboxed_probes.set(sandbox)
+def probing(limits: Limits, *, sandbox: bool = False, trust: bool = False) -> Iterator[None]:
+    """Load the classes that are probed meanwhile as the plug-ins of a run: see `open_plugin`.
+
+    trust: load them in this process.
+    """
+    token = _probing.set(_Probing(limits, sandbox and not trust, trust))
     try:
         yield
     finally:
-        _sandboxed_probes.reset(token)
+        _probing.reset(token)
 
 
-_sandboxed_probes: ContextVar[bool] = ContextVar("sandboxed_probes", default=False)
+_probing: ContextVar[_Probing] = ContextVar("probing", default=_Probing())  # noqa: B039
 
-_PROBED: dict[tuple[str, str, Path], tuple[Traits, int]] = {}
+_PROBED: dict[tuple[str, str, Path, _Probing], tuple[Traits, int]] = {}
 
 
 def _changed(file: Path | None) -> int:
@@ -249,20 +288,17 @@ class _Isolated:
             )
         self._own = _Supervisor(_sandboxed(spec, hidden)) if sandbox else None
         self._supervisor = self._own or _Supervisor.of_this_process()
-        request = encode(
-            {
-                "target": spec.target,
-                "arguments": repr(dict(spec.arguments)),
-                "make": make,
-                "watch_arguments": watch_arguments,
-                "path": _import_path(),
-                "folder": str(Path.cwd()),
-                "preload": list(self._supervisor.preload),
-                "answer_bytes": round(limits.answer_mb * 1e6),
-                "memory_bytes": round(limits.memory_gb * 1e9),
-                "output_bytes": round(limits.output_mb * 1e6),
-            }
-        )
+        request = {
+            "target": spec.target,
+            "arguments": repr(dict(spec.arguments)),
+            "make": make,
+            "watch_arguments": watch_arguments,
+            "path": _import_path(),
+            "folder": str(Path.cwd()),
+            "answer_bytes": round(limits.answer_mb * 1e6),
+            "memory_bytes": round(limits.memory_gb * 1e9),
+            "output_bytes": round(limits.output_mb * 1e6),
+        }
         self._data, data = socket.socketpair()
         self._watch, watch = socket.socketpair()
         self._buffer = open_buffer()
@@ -270,7 +306,8 @@ class _Isolated:
         self._reports = Channel(self._watch)
         self._opened = time.monotonic()
         with data, watch:
-            self._supervisor.open(request, [data.fileno(), self._buffer, watch.fileno()])
+            files = [data.fileno(), self._buffer, watch.fileno()]
+            self._guard = self._supervisor.open(request, files)
 
     def has(self, method: str) -> bool:
         return method in self.traits.methods
@@ -278,8 +315,10 @@ class _Isolated:
     def load(self) -> Traits:
         """Wait until the plug-in is loaded and made."""
         loaded = self._answer(None, 0, limit_s=self._limits.first_call_s, doing="loading it")
+        if type(loaded.answer) is dict and type(loaded.answer.get(MISTAKE)) is str:
+            raise PluginError(self._text, loaded.answer[MISTAKE], mistake=True)
         try:
-            self.traits = _traits(loaded.answer)
+            self.traits = _checked_traits(loaded.answer)
             self._supervisor.remember(loaded.answer["loaded"])
         except (KeyError, TypeError, ValueError):
             self._fail("what it says of itself is malformed")
@@ -301,7 +340,7 @@ class _Isolated:
 
     def close(self) -> None:
         """End the process with all that it started."""
-        self._end(b"E")
+        self._end(END)
         if self._own is not None:
             self._own.close()
 
@@ -318,6 +357,7 @@ class _Isolated:
                 self._channel.send(message, deadline)
             received = self._channel.receive(most, deadline)
         except TimeoutError:
+            self._supervisor.resume()
             whole = limit_s >= self._left_s
             self._fail(
                 f"{doing}: all calls of the episode took more than {self._limits.episode_s:g} s"
@@ -330,58 +370,56 @@ class _Isolated:
                 f"{self._limits.answer_mb:g} MB that it may have"
             )
         except ClosedError:
-            self._fail(doing, asked=b"D")
+            self._fail(doing, CLOSED)
         waited_s = time.monotonic() - start
         self._left_s -= waited_s
         if self._channel.surplus():
             self._fail(f"{doing}: more than one answer")
         try:
-            told = decode(received)
+            content = decode(received)
         except WireError as error:
             self._fail(f"{doing}: {error}")
-        if not _is_answer(told, number, waited_s + CLOCK_ERROR_S):
+        if not _is_answer(content, number, waited_s + CLOCK_ERROR_S):
             self._fail(f"{doing}: a forged or malformed answer")
-        if told["error"]:
-            self._refuse(told["error"])
-        return Timed(told["answer"], told["processor_ms"], told["wall_ms"])
+        if content["error"]:
+            # It raised an exception, and may be called again.
+            report = self._report(LOG)
+            log = "" if report is None else report["log"]
+            raise PluginError(self._text, content["error"], log)
+        return Timed(content["answer"], content["processor_ms"], content["wall_ms"])
 
-    def _refuse(self, error: str) -> NoReturn:
-        """Raise what the plug-in raised; it goes on."""
-        report = self._report(b"L")
-        raise PluginError(self._text, error, "" if report is None else report["log"])
-
-    def _fail(self, reason: str, *, asked: bytes = b"E") -> NoReturn:
-        """End the plug-in and raise what it did; how it ended says more than that it ended."""
-        report = self._end(asked)
+    def _fail(self, reason: str, command: bytes = END) -> NoReturn:
+        """End the plug-in and raise the reason, followed by how its process ended."""
+        report = self._end(command)
         if report is None:
-            reason = f"{reason}: the process that watches over it was ended"
+            reason = f"{reason}: the process that watches over it does not answer"
         elif report["how"]:
             reason = f"{reason}: {report['how']}"
         self._failed = PluginError(self._text, reason, self.log)
         raise self._failed
 
-    def _end(self, asked: bytes) -> Mapping[str, str] | None:
+    def _end(self, command: bytes) -> Mapping[str, str] | None:
         """Have the process ended and return the last report, None if there is none."""
         if self._watch.fileno() < 0:
             return None
-        report = self._report(asked)
+        report = self._report(command)
         self.log = "" if report is None else lines(report["log"], MOST_LOG_CHARACTERS)
         self._data.close()
         self._watch.close()
         os.close(self._buffer)
         if report is None:
-            # The guard was ended or stopped: its supervisor ends whatever is left.
-            self._supervisor.close()
+            self._supervisor.end(self._guard)
         return report
 
-    def _report(self, asked: bytes) -> Mapping[str, str] | None:
+    def _report(self, command: bytes) -> Mapping[str, str] | None:
+        """Send a command to the guard and return its report, None if it does not answer."""
         try:
             with suppress(OSError):
-                self._watch.send(asked)
+                self._watch.send(command)
             deadline = time.monotonic() + REPORT_S
             while True:
                 report = decode(self._reports.receive(MOST_REPORT_BYTES, deadline))
-                if report["ended"] or asked == b"L":
+                if report["ended"] or command == LOG:
                     return dict(report)
         except (ClosedError, TimeoutError, TooLongError, WireError):
             return None
@@ -408,8 +446,10 @@ class _Supervisor:
                 env=known | {MARK: self._mark},
                 start_new_session=True,
             )
+        self._control.settimeout(REPORT_S)
         self._sending = threading.Lock()
-        self.preload: dict[str, None] = {}
+        self._numbers = count(1)
+        self._preload: dict[str, None] = {}
 
     @classmethod
     def of_this_process(cls) -> _Supervisor:
@@ -430,20 +470,43 @@ class _Supervisor:
         if running is not None:
             running.close()
 
-    def open(self, request: bytes, files: Sequence[int]) -> None:
-        """Ask for a plug-in's process that has the other ends of two sockets, and a buffer.
+    def open(self, request: Mapping[str, Any], files: Sequence[int]) -> int:
+        """Ask for a plug-in's process and its guard, and return the number of the guard.
 
-        What goes wrong shows when those are read.
+        files: the other ends of two sockets, and a buffer. If the supervisor is gone, reading
+        from the sockets raises `ClosedError`.
         """
-        message = framed(request)
+        number = next(self._numbers)
+        more = {"end": False, "number": number, "preload": list(self._preload)}
+        message = framed(encode({**request, **more}))
         with self._sending, suppress(OSError):
             sent = socket.send_fds(self._control, [message], list(files))
             self._control.sendall(message[sent:])
+        return number
+
+    def end(self, number: int) -> None:
+        """End a guard that does not answer, with its plug-in; all plug-ins if this cannot."""
+        self.resume()
+        with self._sending, suppress(OSError):
+            self._control.sendall(framed(encode({"end": True, "number": number})))
+            if self._control.recv(1):
+                return
+        self.close()
+
+    def resume(self) -> None:
+        """Resume all processes below: a plug-in may have stopped those that watch over it."""
+        import psutil
+
+        with suppress(psutil.Error):
+            supervisor = psutil.Process(self._process.pid)
+            for process in [supervisor, *supervisor.children(recursive=True)]:
+                with suppress(psutil.Error):
+                    process.resume()
 
     def remember(self, modules: Sequence[str]) -> None:
-        """Take slow libraries that a plug-in loaded: the next ones have them from the start."""
+        """Have slow libraries that a plug-in loaded imported before the next one is opened."""
         names = [name for name in modules if type(name) is str and may_preload(name)]
-        self.preload |= dict.fromkeys(names[:MOST_PRELOADED])
+        self._preload |= dict.fromkeys(names[:MOST_PRELOADED])
 
     def close(self) -> None:
         """End it with all plug-ins."""
@@ -498,38 +561,26 @@ def _sandboxed(spec: PluginSpec, hidden: Sequence[Path]) -> list[str]:
     return sandbox_command(readable=readable, hidden=folders)
 
 
-def _is_answer(told: Any, number: int, most_s: float) -> bool:
+def _is_answer(content: Any, number: int, most_s: float) -> bool:
+    """Return whether a message is the answer to a call, and its times are possible."""
     names = {"number", "error", "answer", "wall_ms", "processor_ms"}
-    if type(told) is not dict or told.keys() != names or told["number"] != number:
+    if type(content) is not dict or content.keys() != names or content["number"] != number:
         return False
-    times = told["wall_ms"], told["processor_ms"]
+    times = content["wall_ms"], content["processor_ms"]
     if not all(type(ms) is float and math.isfinite(ms) and ms >= 0 for ms in times):
         return False
-    return type(told["error"]) is str and told["wall_ms"] <= most_s * 1e3
+    return type(content["error"]) is str and content["wall_ms"] <= most_s * 1e3
 
 
-def _traits(told: Any) -> Traits:
-    """Make traits of what a child said, all of it checked."""
-    if type(told) is not dict:
-        raise ValueError
-    fields = {name: value for name, value in told.items() if name != "loaded"}
-    file, methods, parameters = fields["file"], fields["methods"], fields["parameters"]
-    texts = ("module", "class_name", "kind", "requires", "requirement", "problem")
-    marks = ("offline", "weighed", "takes_imu", "takes_wheels")
-    proper = (
-        all(type(fields[name]) is str for name in texts)
-        and all(type(fields[name]) is bool for name in marks)
-        and (file is None or type(file) is str)
-        and type(parameters) is dict
-        and all(type(text) is str for text in parameters.values())
-        and type(fields["positional"]) is tuple
-        and all(type(name) is str for name in fields["positional"])
-    )
-    if not proper:
-        raise ValueError
-    fields |= {name: one_line(fields[name]) for name in texts}
-    fields["parameters"] = {one_line(key): one_line(text) for key, text in parameters.items()}
-    fields["positional"] = tuple(one_line(name) for name in fields["positional"])
-    fields["file"] = None if file is None else Path(file)
-    fields["methods"] = frozenset(name for name in methods if type(name) is str)
-    return Traits(**fields)
+def _checked_traits(content: Any) -> Traits:
+    """Return traits from the message of a child; `ValueError` or `TypeError` if malformed."""
+    return msgspec.convert(_shown(content), Traits, dec_hook=lambda kind, value: kind(value))
+
+
+def _shown(value: Any) -> Any:
+    """Return a value with all its texts fit to be shown."""
+    if isinstance(value, str):
+        return one_line(value)
+    if isinstance(value, dict):
+        return {_shown(key): _shown(each) for key, each in value.items()}
+    return [_shown(each) for each in value] if isinstance(value, list | tuple) else value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -37,13 +37,14 @@ class Limits:
 class PluginError(RuntimeError):
     """A plug-in failed; the text is one line that begins with its spec.
 
-    log: the end of what it printed, at most 4,000 characters.
+    log: the end of what it printed, at most 4,000 characters. mistake: whether the user named
+        something that is not there, or that cannot be imported.
     """
 
-    def __init__(self, spec: str, reason: str, log: str = "") -> None:
+    def __init__(self, spec: str, reason: str, log: str = "", *, mistake: bool = False) -> None:
         """Take the plug-in's spec, the reason, and what it printed."""
         super().__init__(one_line(f"{spec}: {reason}"))
-        self.log = lines(log, MOST_LOG_CHARACTERS)
+        self.log, self.mistake = lines(log, MOST_LOG_CHARACTERS), mistake
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle it: it goes from workers to the process that started them."""
@@ -102,6 +103,7 @@ class Traits:
     parameters: of the constructor, by name the default as text, "" without one.
     positional: those of them that can be given by position.
     problem: why the constructor does not take the arguments, or "".
+    failure: why the class cannot be loaded, or ""; what it says is read from its source then.
     """
 
     file: Path | None
@@ -109,18 +111,19 @@ class Traits:
     class_name: str
     methods: frozenset[str]
     kind: str
-    offline: bool
-    weighed: bool
-    takes_imu: bool
-    takes_wheels: bool
-    requires: str
-    requirement: str
-    parameters: Mapping[str, str]
-    positional: tuple[str, ...]
-    problem: str
+    offline: bool = False
+    weighed: bool = False
+    takes_imu: bool = True
+    takes_wheels: bool = False
+    requires: str = ""
+    requirement: str = ""
+    parameters: Mapping[str, str] = field(default_factory=dict)
+    positional: tuple[str, ...] = ()
+    problem: str = ""
+    failure: str = ""
 
 
 def _plugin_error(text: str, log: str) -> PluginError:
     error = PluginError.__new__(PluginError, text)
-    error.log = log
+    error.log, error.mistake = log, False
     return error

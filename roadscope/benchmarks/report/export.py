@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import html
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from io import StringIO
 from pathlib import Path
@@ -17,11 +17,17 @@ from roadscope.benchmarks.report.breakdowns import parts_of
 from roadscope.benchmarks.report.curves import draw_curves, has_curves
 from roadscope.benchmarks.report.kept import CURVES, NAME, label_of, set_aside
 from roadscope.benchmarks.report.tables import failure_lines, figure
+from roadscope.benchmarks.report.track_files import folder_names
 from roadscope.benchmarks.results import Results, Row
 from roadscope.core.text import one_line
 
 FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r")
 """A spreadsheet takes a text that begins so for a formula (OWASP, CSV injection)."""
+LOGS = "logs"
+"""Folder of what failed entries printed."""
+MOST_NAME = 50
+"""Characters of an entry in the name of a file, its last: no file system takes more than 255 bytes.
+"""
 LATEX_ESCAPES = {
     "\\": r"\textbackslash{}",
     "&": r"\&",
@@ -66,6 +72,24 @@ def save_all(results: Results, folder: Path) -> list[Path]:
         paths.append(folder / CURVES)
         draw_curves(results, paths[-1])
     return paths
+
+
+def save_logs(results: Results, folder: Path) -> Results:
+    """Write what failed entries printed to `logs/BOARD-ENTRY.txt`, and name the files in failures.
+
+    A file has the output of every episode of an entry, under the reason.
+    """
+    titles = {f: f"{f.board}-{f.entry[-MOST_NAME:]}" for f in results.failures if f.log}
+    names = folder_names(list(titles.values()))
+    files = {failure: folder / LOGS / f"{names[title]}.txt" for failure, title in titles.items()}
+    texts: dict[Path, str] = {}
+    for failure, path in files.items():
+        place = f"{failure.scenario}, seed {failure.seed}, {failure.condition}"
+        texts[path] = texts.get(path, "") + f"{place}: {failure.reason}\n{failure.log}\n\n"
+    for path, text in texts.items():
+        write_atomically(path, partial(_write, text))
+    named = (replace(f, log_file=str(files.get(f, ""))) for f in results.failures)
+    return replace(results, failures=tuple(named))
 
 
 def to_csv(results: Results) -> str:

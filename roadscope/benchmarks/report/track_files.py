@@ -15,13 +15,13 @@ from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_result
 from roadscope.benchmarks.formats.kitti_objects import KittiObjects
 from roadscope.benchmarks.formats.motchallenge import MotRows, mot_rows, save_mot
 from roadscope.benchmarks.graph import Job
-from roadscope.benchmarks.isolation import PluginError, probed_in_sandbox
+from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.mot import MotRecording
 from roadscope.benchmarks.recorded.recording import Recording, sequence_of
 from roadscope.benchmarks.records import EpisodeTracks
-from roadscope.benchmarks.workers import in_parallel
+from roadscope.benchmarks.workers import WorkerSettings, open_workers
 from roadscope.core import Tracks
 
 KITTI_FOLDER, MOT_FOLDER = "kitti", "motchallenge"
@@ -40,7 +40,7 @@ def save_tracks(
     jobs: Sequence[Job],
     folder: Path | str,
     *,
-    workers: int = 1,
+    workers: WorkerSettings | None = None,
     options: RunOptions | None = None,
     progress: Progress | None = None,
 ) -> list[str]:
@@ -52,6 +52,8 @@ def save_tracks(
         image are those around the projected boxes; tracks outside of the image are left out. Of
         image sequences there is the latter alone. A folder that cannot be written to raises
         `FolderError`.
+
+    workers: which processes compute what is not kept; None: this one, which writes all files.
 
     A tracker that fails on a sequence has no files of it. Tentative tracks are left out.
     """
@@ -66,11 +68,14 @@ def save_tracks(
     ]
     failed = []
     report = progress or silent
-    work = partial(_save, options or RunOptions())
-    for done, (index, proper) in enumerate(in_parallel(work, tasks, workers), start=1):
-        report("tracks", done, len(tasks))
-        if not proper:
-            failed.append(tasks[index].jobs[0].entry)
+    work = partial(_answers, options or RunOptions())
+    with open_workers(workers or WorkerSettings()) as opened:
+        for done, (index, answers) in enumerate(opened.each(work, tasks), start=1):
+            report("tracks", done, len(tasks))
+            if answers is None:
+                failed.append(tasks[index].jobs[0].entry)
+            else:
+                _save(tasks[index], answers)
     return list(dict.fromkeys(failed))
 
 
@@ -85,21 +90,25 @@ def folder_names(entries: Sequence[str]) -> Mapping[str, str]:
     return names
 
 
-def _save(options: RunOptions, task: _SequenceTask) -> bool:
-    """Write the files of one sequence; return False where the tracker failed."""
+def _answers(options: RunOptions, task: _SequenceTask) -> list[EpisodeTracks] | None:
+    """Return the tracks of each job of one sequence, None where the tracker failed."""
+    if any(job.missing for job in task.jobs):
+        return None
+    try:
+        with options.probing():
+            return [job.answers.read(options) for job in task.jobs]
+    except PluginError:
+        return None
+
+
+def _save(task: _SequenceTask, answers: Sequence[EpisodeTracks]) -> None:
+    """Write the files of one sequence."""
     kitti: list[list[KittiObjects]] = []
     sequence, next_id = "", 0
-    for job in task.jobs:
+    for job, answer in zip(task.jobs, answers, strict=True):
         recording = job.episode
         assert isinstance(recording, Recording)
-        if job.missing:
-            return False
-        try:
-            with probed_in_sandbox(options.sandbox):
-                answers: EpisodeTracks = job.answers.read(options)
-        except PluginError:
-            return False
-        tracks = [each.sure for each in answers.tracks]
+        tracks = [each.sure for each in answer.tracks]
         if isinstance(recording, MotRecording):
             _write_mot(task, recording, recording.rows(tracks))
             continue
@@ -110,11 +119,10 @@ def _save(options: RunOptions, task: _SequenceTask) -> bool:
         next_id += 1 + max((int(row.ids.max(initial=-1)) for row in rows), default=-1)
         sequence = recording.sequence
     if not kitti:
-        return True
+        return
     path = task.folder / KITTI_FOLDER / task.name / f"{sequence}.txt"
     merged = [row for frame in zip(*kitti, strict=True) for row in frame]
     write_atomically(path, lambda part: save_results(part, merged))
-    return True
 
 
 def _rows(

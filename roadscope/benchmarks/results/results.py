@@ -30,6 +30,7 @@ class Failure:
     """An entry that failed in an episode, and why.
 
     condition: weather, light and faults in words. log: the end of what the plug-in printed.
+    log_file: where that was written, with what it printed in other episodes; empty if nowhere.
     """
 
     board: str
@@ -39,6 +40,7 @@ class Failure:
     condition: str
     reason: str
     log: str = ""
+    log_file: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,6 +73,14 @@ class StopsParents(Good):
         time.sleep(60)
 
 
+class StopsGuard(Good):
+    """Stops its guard and answers its own process number."""
+
+    def update(self, detections, ego_pose):
+        os.kill(os.getppid(), signal.SIGSTOP)
+        return os.getpid()
+
+
 class KillsGrandparent(Good):
     """Ends its guard and the supervisor."""
 

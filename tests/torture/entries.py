@@ -1,0 +1,130 @@
+"""Tests of one run with many hostile entries, to be derived from."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.torture.acts import FAILING, HANGS, HARMLESS, TOLERATED, Act, pairs
+from tests.torture.boards import (
+    HANG_LIMITS,
+    MOST_MESSAGE,
+    ONE_EPISODE,
+    SUITE,
+    Run,
+    Workshop,
+    left_running,
+    workshop,
+)
+
+MOST_S = 900.0
+"""What a run may take on a loaded machine."""
+OWN_ENTRIES = 10
+"""Entries and marks of the suite's own, over all boards."""
+
+
+@dataclass(frozen=True)
+class Tortured:
+    """A run with many hostile entries at once, and one with those that hang."""
+
+    place: Workshop
+    runs: tuple[Run, Run]
+    took_s: float
+    episodes: int
+
+    def spec(self, board: str, act: Act) -> str:
+        return self.place.spec(board, act.name)
+
+    def run_of(self, act: Act) -> Run:
+        return self.runs[act in HANGS]
+
+
+def tortured(folder: Path, timelines: Path, *, jobs: int, quick: bool) -> Tortured:
+    """Run the suite with all hostile entries: those that hang with short deadlines."""
+    place = workshop(folder, timelines, SUITE if quick else ONE_EPISODE)
+    start = time.monotonic()
+    others = [act for act in (*FAILING, *HARMLESS, *TOLERATED) if act not in HANGS]
+    entries, hanging = (
+        [place.spec(board, act.name) for board, act in pairs(acts, quick=quick)]
+        for acts in (others, HANGS)
+    )
+    runs = (
+        place.run(entries, jobs=jobs),
+        place.run(hanging, jobs=jobs, limits=HANG_LIMITS, fresh=True),
+    )
+    return Tortured(place, runs, time.monotonic() - start, 2 if quick else 1)
+
+
+def done_by(acts: Sequence[Act]) -> Callable[[Any], Any]:
+    """Run a test for each of the acts on each of its boards."""
+
+    def decorate(test: Any) -> Any:
+        test.acts = acts
+        return test
+
+    return decorate
+
+
+class EntryTests:
+    """What hostile entries do costs them their own row.
+
+    jobs: workers. quick: the quick set of acts on two episodes, or all acts on one.
+    """
+
+    jobs, quick = 1, True
+
+    @done_by(FAILING)
+    def test_a_failure_is_one_row_that_says_what_happened(
+        self, torture: Tortured, board: str, act: Act
+    ) -> None:
+        entry, run = torture.spec(board, act), torture.run_of(act)
+        reasons = run.reasons(entry)
+        assert len(reasons) == torture.episodes
+        for reason in reasons:
+            assert reason is not None
+            assert reason.startswith(entry)
+            assert act.says in reason.removeprefix(entry).lower()
+            assert len(reason) <= MOST_MESSAGE
+            assert reason.isprintable()
+        standings = [s for s in run.results.standings if (s.board, s.entry) == (board, entry)]
+        assert [(s.rank, s.reason) for s in standings] == [(None, reasons[0])]
+        row = run.results.row(board, entry, "failed_episodes")
+        assert row is not None
+        assert row.value == torture.episodes
+        assert entry in run.results.failed_entries
+
+    @done_by(HARMLESS)
+    def test_what_must_not_help_changes_nothing(
+        self, torture: Tortured, board: str, act: Act
+    ) -> None:
+        honest = torture.spec(board, HARMLESS[0])
+        values = torture.runs[0].values(hostile=True)
+        for place, scores in values.items():
+            if place.startswith(f"{board} {torture.spec(board, act)} "):
+                assert scores["reason"] is None
+                assert scores == values[place.replace(torture.spec(board, act), honest)]
+
+    @done_by(TOLERATED)
+    def test_odd_answers_are_scored(self, torture: Tortured, board: str, act: Act) -> None:
+        reasons = torture.run_of(act).reasons(torture.spec(board, act))
+        assert reasons == [None] * torture.episodes
+
+    @pytest.mark.parametrize("number", [0, 1])
+    def test_all_others_are_equal_to_the_bit(
+        self, torture: Tortured, honest_run: tuple[Workshop, Run], number: int
+    ) -> None:
+        values, expected = torture.runs[number].values(), honest_run[1].values()
+        assert values == {place: expected[place] for place in values}
+        assert len(values) == OWN_ENTRIES * torture.episodes
+
+    def test_no_process_is_left(self, torture: Tortured) -> None:
+        assert left_running(torture.place.plugins) == []
+
+    def test_the_time_is_bounded(self, torture: Tortured) -> None:
+        assert torture.took_s < MOST_S
+
+    def test_nothing_is_warned_of(self, torture: Tortured) -> None:
+        assert [run.warned for run in torture.runs] == [[], []]
