@@ -53,7 +53,7 @@ class Nearest:
 """
 ROUNDS = 5
 MOST = 1.2
-"""Of processor time, which others on the machine hardly change. Measured on two busy cores: 1.12."""
+"""Of processor time, which others hardly change. Measured on two busy cores: 1.12."""
 
 
 class Cost(NamedTuple):
