@@ -389,9 +389,7 @@ def finished(out: Path) -> int:
 
 def stopped(process: subprocess.Popen[str], out: Path, sent: signal.Signals) -> None:
     """Send the signal to the process group as soon as a first job is finished."""
-    for _ in range(6000):
-        if finished(out) or process.poll() is not None:
-            break
+    while not finished(out) and process.poll() is None:
         time.sleep(0.01)
     assert process.poll() is None
     os.killpg(process.pid, sent)

@@ -107,8 +107,8 @@ def file_of(place: str) -> Path | None:
     if not rest:
         return Path(top.origin) if top.origin and Path(top.origin).is_file() else None
     for folder in top.submodule_search_locations or ():
-        place = Path(folder).joinpath(*rest)
-        for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):
+        stem = Path(folder).joinpath(*rest)
+        for path in (stem / "__init__.py", stem.with_name(f"{stem.name}.py")):
             if path.is_file():
                 return path
     return None

@@ -1,4 +1,4 @@
-"""All promises of a plug-in, for a report or as items of a test suite."""
+"""The promises of a plug-in, checked for a report or one by one in a test suite."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ MOST_SHOWN = 60
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """What came of one promise.
+    """The result of checking one promise.
 
-    remark: what is wrong, or a remark on what is good; may be empty.
+    remark: what is wrong, or a figure of what is good; may be empty.
     """
 
     promise: str
@@ -66,9 +66,9 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What came of all promises of a plug-in.
+    """The results of checking all promises of a plug-in.
 
-    spec: the plug-in. kind: what it is, empty if it could not be loaded.
+    kind: the plug-in's kind, empty if it could not be loaded.
     """
 
     spec: str
@@ -87,7 +87,7 @@ class Report:
 
     @property
     def verdict(self) -> str:
-        """One line on the whole."""
+        """How many promises are broken, in one line."""
         count = len(self.broken)
         wrong = f"{count} {'item' if count == 1 else 'items'} wrong"
         return f"{self.spec}: {wrong if count else 'all right'}"
@@ -98,9 +98,9 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class ContractItem:
-    """One promise of one plug-in, as a test suite goes through them.
+    """One promise of one plug-in, for a test suite.
 
-    spec: the plug-in, resolved.
+    spec: of the plug-in, resolved.
     """
 
     spec: Spec
@@ -113,7 +113,7 @@ class ContractItem:
         return f"{self.spec} {self.promise.words}"
 
     def verify(self) -> str:
-        """Return a remark; `PromiseError` says what is wrong."""
+        """Check the promise and return a remark; `PromiseError` says what is wrong."""
         subject = Subject(self.spec, self.kind, deadline_s=self.deadline_s, trust=self.trust)
         with subject.options.probing():
             return _verify(self.promise, subject)
@@ -140,15 +140,15 @@ def check(
     trust: bool = False,
     report: Callable[[Item], object] | None = None,
 ) -> Report:
-    """Go through everything that a plug-in promises, and return what came of it.
+    """Check everything that a plug-in promises and return the results.
 
     spec: a registered name, `module:Class` or `path/to/file.py:Class`, with arguments if you like.
-    kind: detector, camera detector, tracker, fusion or odometry; without it the class says it by
-        an attribute `kind`, or it has the only method of that name.
-    deadline_s: of each promise, for loading the class and all calls of it, our own work not
-        counted. What has none left hangs, and no more promises are tried.
-    trust: run a class that is not ours in this process, where nothing ends what hangs.
-    report: is called with each item as it is known.
+    kind: detector, camera detector, tracker, fusion or odometry; None: as the class says by an
+        attribute `kind`, or the only kind whose method it has.
+    deadline_s: seconds that loading the class and all its calls may take together for one
+        promise. A plug-in that takes longer hangs, and no more promises are checked.
+    trust: run a class that is not ours in this process, where nothing ends it if it hangs.
+    report: is called with each item as soon as it is checked.
     """
     if kind is not None:
         _kind_named(kind)
@@ -187,7 +187,7 @@ def _checked(
         again = not item.good and item.remark in reasons
         reasons.add(item.remark)
         add(Item(item.promise, False, SAME) if again else item)
-        # A plug-in that cannot be made, called or waited for need not be asked for more.
+        # All other promises of a plug-in that cannot be made or called, or that hangs, fail too.
         if not item.good and (number < 2 or subject.hangs):
             break
     add(_quiet("".join(logs)))
@@ -202,7 +202,7 @@ def _item(promise: Promise, subject: Subject) -> Item:
 
 
 def _verify(promise: Promise, subject: Subject) -> str:
-    """Return a remark; whatever the plug-in does wrong is a `PromiseError`."""
+    """Check a promise and return a remark; whatever is wrong raises `PromiseError`."""
     try:
         return promise.verify(subject)
     except (AnswerError, SpecError) as error:
@@ -258,7 +258,7 @@ def _kind_in_words(spec: Spec, kind: Kind) -> str:
 
 
 def _quiet(printed: str) -> Item:
-    """Return whether a plug-in printed nothing but warnings of Python."""
+    """Check that a plug-in printed nothing but warnings of Python."""
     text = WARNING.sub("", printed).strip()
     if not text:
         return Item(QUIET, True)

@@ -271,10 +271,10 @@ for name, outcome in outcomes(many(Path(sys.argv[2])), int(sys.argv[3])).items()
 
 
 def many(log: Path) -> list[Job]:
-    """Return twelve jobs of a twentieth of a second on four sources."""
-    sources = [Step(f"source-{k}", log, wait_s=0.05) for k in range(4)]
+    """Return twelve jobs of a tenth of a second on four sources."""
+    sources = [Step(f"source-{k}", log, wait_s=0.1) for k in range(4)]
     return [
-        job(Step(f"answer-{k}", log, (sources[k % 4], sources[(k + 1) % 4]), wait_s=0.05))
+        job(Step(f"answer-{k}", log, (sources[k % 4], sources[(k + 1) % 4]), wait_s=0.1))
         for k in range(12)
     ]
 

@@ -405,7 +405,7 @@ from roadscope.odometry.still import StillOdometry
 
 class Slow(StillOdometry):
     def update(self, scan, imu=None):
-        time.sleep(2 if scan.stamp_s > 0.2 else 0)
+        time.sleep(20 if scan.stamp_s > 0.2 else 0)
         return super().update(scan, imu)
 """
 
@@ -418,12 +418,9 @@ def test_ctrl_c_keeps_poses(recording):
     )
     out = recording / "poses.txt"
     try:
-        for _ in range(600):
-            if out.exists() and len(out.read_text().splitlines()) == 2:
-                break
-            running.poll()
-            assert running.returncode is None
-            time.sleep(0.1)
+        while not out.exists() or len(out.read_text().splitlines()) < 2:
+            assert running.poll() is None
+            time.sleep(0.05)
         running.send_signal(signal.SIGINT)
         _, told = running.communicate(timeout=60)
     finally:

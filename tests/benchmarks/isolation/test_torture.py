@@ -102,25 +102,27 @@ def test_hanging_has_an_end(name: str) -> None:
 
 
 def test_later_calls_have_a_shorter_deadline() -> None:
-    limits = Limits(first_call_s=60, call_s=0.5)
+    limits = Limits(first_call_s=60, call_s=2)
     with open_plugin(bad("HangsLater"), limits=limits) as plugin:
         for _ in range(2):
             plugin.call("update", detections(), None)
         start = time.monotonic()
-        with pytest.raises(PluginError, match=r"0\.5 s"):
+        with pytest.raises(PluginError, match=r" 2 s"):
             plugin.call("update", detections(), None)
         assert time.monotonic() - start < MOST_S
-        with pytest.raises(PluginError, match=r"0\.5 s"):
+        with pytest.raises(PluginError, match=r" 2 s"):
             plugin.call("update", detections(), None)
 
 
 def test_an_episode_has_a_deadline() -> None:
     limits = Limits(first_call_s=60, call_s=60, episode_s=1.5)
-    with open_plugin(bad("Slow"), limits=limits) as plugin:
-        start = time.monotonic()
-        with pytest.raises(PluginError, match=r"1\.5 s"):
-            updates(plugin, 100)
-        assert time.monotonic() - start < MOST_S
+    start = time.monotonic()
+    with (
+        pytest.raises(PluginError, match=r"1\.5 s"),
+        open_plugin(bad("Slow"), limits=limits) as plugin,
+    ):
+        updates(plugin, 100)
+    assert time.monotonic() - start < MOST_S
 
 
 def test_output_is_limited() -> None:
@@ -195,21 +197,23 @@ def test_who_ends_those_that_watch_it_fails(name: str) -> None:
 def test_who_stops_those_that_watch_it_is_ended() -> None:
     one_call(bad("Good"))
     before = psutil.Process().children()
-    with open_plugin(bad("StopsParents"), limits=SHORT) as plugin:
-        with pytest.raises(PluginError, match="StopsParents"):
-            plugin.call("update", detections(), None)
-        deadline = time.monotonic() + MOST_S
-        # A guard ends shortly after it reported.
-        while set(psutil.Process().children(recursive=True)) - set(before):
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+    with (
+        pytest.raises(PluginError, match="StopsParents"),
+        open_plugin(bad("StopsParents"), limits=SHORT) as plugin,
+    ):
+        plugin.call("update", detections(), None)
+    deadline = time.monotonic() + MOST_S
+    # A guard ends shortly after it reported.
+    while set(psutil.Process().children(recursive=True)) - set(before):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
     one_call(bad("Good"))
 
 
 @pytest.mark.parametrize("name", ["KillsParent", "StopsParents"])
 def test_who_harms_its_guard_costs_no_other_plugin(name: str) -> None:
     with open_plugin(bad("Good")) as other:
-        with open_plugin(bad(name), limits=SHORT) as plugin, pytest.raises(PluginError):
+        with pytest.raises(PluginError), open_plugin(bad(name), limits=SHORT) as plugin:
             plugin.call("update", detections(), None)
         assert isinstance(other.call("update", detections(), None).answer, Tracks)
         assert isinstance(one_call(bad("Good")), Tracks)
@@ -224,11 +228,14 @@ def test_a_guard_that_does_not_report_is_ended_alone(monkeypatch: pytest.MonkeyP
         assert isinstance(other.call("update", detections(), None).answer, Tracks)
 
 
-@pytest.mark.parametrize("how", ["returns", "dies", "hangs", "kills"])
+@pytest.mark.parametrize("how", ["returns", "dies", "hangs later", "kills"])
 def test_no_process_is_left(how: str, tmp_path: Path) -> None:
     spec = bad("LeavesChildren", file=str(tmp_path / "numbers"), how=how)
-    with suppress(PluginError):
-        one_call(spec, Limits(first_call_s=4))
+    with (
+        suppress(PluginError),
+        open_plugin(spec, limits=Limits(first_call_s=60, call_s=1)) as plugin,
+    ):
+        updates(plugin, 2 if how == "hangs later" else 1)
     numbers = [int(number) for number in (tmp_path / "numbers").read_text().split()]
     assert len(numbers) == 4
     assert not any(map(_running, numbers))
@@ -250,7 +257,7 @@ one_call(bad("LeavesChildren", file={spec.arguments["file"]!r}, how="hangs"), Li
 """
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     worker = subprocess.Popen([sys.executable, "-c", code], env=environment)
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while not (tmp_path / "numbers").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(0.2)
@@ -260,7 +267,7 @@ one_call(bad("LeavesChildren", file={spec.arguments["file"]!r}, how="hangs"), Li
     worker.wait()
     numbers = [int(number) for number in (tmp_path / "numbers").read_text().split()]
     numbers += [process.pid for process in below]
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + MOST_S
     while any(map(_running, numbers)) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not any(map(_running, numbers))
@@ -283,7 +290,8 @@ one_call(bad("LeavesChildren", file={spec.arguments["file"]!r}, how="hangs"), Li
     ],
 )
 def test_files_that_cannot_be_loaded(code: str, said: str, tmp_path: Path) -> None:
-    assert said in str(failure(written(tmp_path, code), SHORT))
+    limits = SHORT if "sleep" in code else LIMITS
+    assert said in str(failure(written(tmp_path, code), limits))
 
 
 def test_changes_of_our_modules_reach_nobody(tmp_path: Path) -> None:
