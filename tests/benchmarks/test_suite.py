@@ -325,7 +325,9 @@ def test_keys_follow_content(tmp_path) -> None:
     other = keys(f"{plugin}:Mine?a=2")
     assert other[0] == first[0]
     assert other[1] != first[1]
-    plugin.write_text(source + "# changed\n")
+    plugin.write_text(source + "# a comment costs nothing\n")
+    assert keys(f"{plugin}:Mine") == first
+    plugin.write_text(source + "CHANGED = True\n")
     assert keys(f"{plugin}:Mine")[1] != first[1]
     far = "[eligibility]\nrange_m = [0, 90]\n[detection]"
     assert not set(keys(f"{plugin}:Mine", TINY.replace("[detection]", far))) & set(first)

@@ -24,12 +24,11 @@ from roadscope.benchmarks.boards.board import (
     time_columns,
 )
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fingerprint import code_hash, plugin_hash
 from roadscope.benchmarks.graph import Job, Node
 from roadscope.benchmarks.kinds import Kind
 from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.records import Arrays, CallTimes, EpisodeRecord
+from roadscope.benchmarks.records import CallTimes, EpisodeRecord
 from roadscope.benchmarks.suite import BoardSettings, Positive, Suite
 from roadscope.core import Registry, Spec
 from roadscope.core.answers import AnswerError
@@ -59,19 +58,6 @@ class EpisodeDrive(EpisodeRecord):
     gaps_m: np.ndarray
     times: CallTimes
 
-    def arrays(self) -> Arrays:
-        """Return everything as named arrays."""
-        return {
-            "gaps_m": self.gaps_m,
-            "processor_ms": self.times.processor_ms,
-            "wall_ms": self.times.wall_ms,
-        }
-
-    @classmethod
-    def from_arrays(cls, data: Arrays) -> EpisodeDrive:
-        """Undo `arrays`."""
-        return cls(data["gaps_m"], CallTimes(data["processor_ms"], data["wall_ms"]))
-
 
 @dataclass(frozen=True)
 class DriveNode(Node):
@@ -83,15 +69,6 @@ class DriveNode(Node):
 
     stage = "drives"
     record = EpisodeDrive
-
-    def content(self) -> dict[str, Any]:
-        """Return everything that the drive depends on."""
-        return {
-            "driver": plugin_hash(self.driver),
-            "episode": self.episode.spec(),
-            "step_s": self.step_s,
-            "code": code_hash(__name__),
-        }
 
     def compute(self, options: RunOptions) -> EpisodeDrive:
         """Drive behind a car that brakes; how hard, the seed says."""
