@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic.course import SHARPEST_M, Course, winding
+from roadscope.envs.traffic.course import SHARPEST_M, Bend, Course, winding
 from roadscope.envs.traffic.scenarios import SCENARIOS, accept, record
 from roadscope.envs.traffic.scripts import convoy_pull_away
 
@@ -192,7 +192,7 @@ def test_courses_bend_smoothly_and_not_too_sharply(seed):
 
 
 def test_ways_beside_a_course_keep_their_distance_and_direction():
-    course = Course(((10.0, 80.0, 0.9), (120.0, 60.0, -0.5)))
+    course = Course((Bend(10.0, 80.0, 0.9), Bend(120.0, 60.0, -0.5)))
     along = np.linspace(-30.0, 250.0, 4001)
     on, beside = course.places(along, np.zeros_like(along)), course.places(along, 3.5)
     np.testing.assert_allclose(np.linalg.norm(beside - on, axis=1), 3.5, atol=1e-9)

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic.driving import between
+from roadscope.envs.traffic.driving import clamp
 from roadscope.envs.traffic.scenarios import record
 from roadscope.envs.traffic.timeline import Timeline
-from roadscope.envs.traffic.walkers import _read, rounded_path
+from roadscope.envs.traffic.walkers import _interpolate, rounded_path
 
 PEOPLE = (Category.PEDESTRIAN, Category.CYCLIST)
 
@@ -84,6 +84,6 @@ def test_one_number_is_read_as_numpy_reads_many() -> None:
     rng = np.random.default_rng(0)
     places, values = np.sort(rng.uniform(0, 9, 12)).tolist(), rng.normal(size=12).tolist()
     for at in [-1.0, 10.0, *places, *rng.uniform(0, 9, 200).tolist()]:
-        assert _read(at, places, values) == np.interp(at, places, values)
-        assert between(at, 2.0, 5.0) == np.clip(at, 2.0, 5.0)
-    assert _read(3.0, [1.0], [4.0]) == 4.0
+        assert _interpolate(at, places, values) == np.interp(at, places, values)
+        assert clamp(at, 2.0, 5.0) == np.clip(at, 2.0, 5.0)
+    assert _interpolate(3.0, [1.0], [4.0]) == 4.0
