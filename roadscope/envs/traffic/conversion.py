@@ -15,7 +15,7 @@ LANE_STEP_M = 2.0
 
 
 DRIVER_CONSTANTS = {"DISTANCE_WANTED": 10.0, "COMFORT_ACC_MAX": 3.0, "COMFORT_ACC_MIN": -5.0}
-"""Constants of highway-env 1.12's `IDMVehicle`, which `IntersectionEnv` overwrites in each reset."""
+"""`IDMVehicle` of highway-env 1.12 has these; `IntersectionEnv` overwrites them in each reset."""
 
 
 class ForeignEnvError(ValueError):
@@ -101,7 +101,7 @@ def original_constants(constants: Constants) -> Iterator[None]:
 
 @contextmanager
 def own_constants(constants: Constants) -> Iterator[None]:
-    """Run a block with the constants that an environment's reset has set, then restore the old ones.
+    """Run a block with the constants that an environment's reset has set; restore the old ones.
 
     So an environment drives the same whatever other environments of the process do.
     """

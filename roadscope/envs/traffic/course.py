@@ -52,7 +52,7 @@ class Course:
         return bent
 
     def places(self, along: np.ndarray, left: np.ndarray | float) -> np.ndarray:
-        """Return (..., 2) points at arc lengths along the course and offsets to its left, metres."""
+        """Return (..., 2) points at arc lengths along the course, offset to its left, metres."""
         low, high = min(float(along.min()), 0.0), max(float(along.max()), 0.0)
         knots = GRID_M * np.arange(np.floor(low / GRID_M), np.ceil(high / GRID_M) + 2)
         nodes = self._nodes(knots)

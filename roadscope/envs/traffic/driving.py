@@ -11,7 +11,7 @@ from highway_env.vehicle.kinematics import Vehicle
 
 from roadscope.core import Category
 from roadscope.envs.traffic.lanes import greatest_curvature
-from roadscope.envs.traffic.mix import Body
+from roadscope.envs.traffic.mix import RoadUserBody
 
 LATERAL_LIMIT_M_S2 = 2.7
 """Largest lateral acceleration that the steering controller asks for; chosen by hand."""
@@ -65,7 +65,7 @@ class Driver(IDMVehicle):  # type: ignore[misc]
         lane_index: Any,
         along_m: float,
         *,
-        body: Body,
+        body: RoadUserBody,
         speed: float,
         desired_speed: float,
         lane_changes: bool = False,
@@ -89,7 +89,7 @@ class Driver(IDMVehicle):  # type: ignore[misc]
         self.hold_m: float | None = None
         self.slot = -1
 
-    def carry(self, body: Body) -> None:
+    def carry(self, body: RoadUserBody) -> None:
         """Set the body; drivers of heavy vehicles accelerate less."""
         self.body = body
         self.LENGTH, self.WIDTH, _ = body.size
@@ -270,7 +270,13 @@ class Parked(Vehicle):  # type: ignore[misc]
     """A vehicle that stands still on a lane, or facing against it."""
 
     def __init__(
-        self, road: Any, lane_index: Any, along_m: float, *, body: Body, reverse: bool = False
+        self,
+        road: Any,
+        lane_index: Any,
+        along_m: float,
+        *,
+        body: RoadUserBody,
+        reverse: bool = False,
     ) -> None:
         lane = road.network.get_lane(lane_index)
         heading = lane.heading_at(along_m) + np.pi * reverse

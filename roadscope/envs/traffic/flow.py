@@ -158,7 +158,7 @@ class FlowRoad(Road):  # type: ignore[misc]
         return facing
 
     def _in_path(self, lane_index: Any, vehicle: Any) -> np.ndarray:
-        """Return (3, B) whether a body blocks a vehicle on that lane, or is changing to that lane."""
+        """Return (3, B) whether a body blocks a vehicle on that lane, or changes to that lane."""
         _, across = self.lane_coordinates(lane_index)
         inside: np.ndarray = np.abs(across) < (self.widths + vehicle.WIDTH) / 2 + MARGIN_M
         for slot in self._changing.get(lane_index, ()):

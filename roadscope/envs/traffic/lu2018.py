@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from roadscope.core import Category
-from roadscope.envs.traffic.mix import CARS, EGO, VANS, Body
+from roadscope.envs.traffic.mix import CARS, EGO, VANS, RoadUserBody
 from roadscope.envs.traffic.script import (
     STEP_S,
     Actor,
@@ -158,7 +158,10 @@ def _occlusion(rng: np.random.Generator) -> Sequence[Actor]:
         5.0 + float(rng.uniform(33.0, 37.0)), float(rng.uniform(0.6, 0.8)), ego.speed
     )
     faster = float(rng.uniform(7.3, 7.8))
-    bodies = [Body(Category.CAR, CARS[int(rng.integers(4))]), Body(Category.VAN, VANS[1])]
+    bodies = [
+        RoadUserBody(Category.CAR, CARS[int(rng.integers(4))]),
+        RoadUserBody(Category.VAN, VANS[1]),
+    ]
     left_m, across_m = float(rng.uniform(3.4, 3.6)), -float(rng.uniform(4.95, 5.15))
 
     def cutting_in(start_s: float, duration_s: float) -> ScriptedMotion:
@@ -189,7 +192,7 @@ _ACTORS: Mapping[str, Callable[[np.random.Generator], Sequence[Actor]]] = {
 
 
 def _entering(
-    motion: ScriptedMotion, body: Body, ego: ScriptedMotion, frame: float
+    motion: ScriptedMotion, body: RoadUserBody, ego: ScriptedMotion, frame: float
 ) -> ScriptedMotion:
     """Shift a motion along x until its body touches the left end of the view at a frame."""
     time = np.array([frame * FRAME_S])
@@ -214,7 +217,7 @@ def _root(
 
 
 def _corners(
-    motion: ScriptedMotion, body: Body, ego: ScriptedMotion, times: np.ndarray
+    motion: ScriptedMotion, body: RoadUserBody, ego: ScriptedMotion, times: np.ndarray
 ) -> np.ndarray:
     """Return the (T, 4, 2) corners of a body relative to the LiDAR; the ego drives along x."""
     length, width, _ = body.size
@@ -230,7 +233,7 @@ def _corners(
 
 
 def _depth_in_view(
-    motion: ScriptedMotion, body: Body, ego: ScriptedMotion, times: np.ndarray
+    motion: ScriptedMotion, body: RoadUserBody, ego: ScriptedMotion, times: np.ndarray
 ) -> np.ndarray:
     """Return (T,) metres by which a body on the left reaches into the field of view."""
     points = _corners(motion, body, ego, times)
@@ -240,7 +243,7 @@ def _depth_in_view(
 
 
 def _azimuths(
-    motion: ScriptedMotion, body: Body, ego: ScriptedMotion, times: np.ndarray
+    motion: ScriptedMotion, body: RoadUserBody, ego: ScriptedMotion, times: np.ndarray
 ) -> np.ndarray:
     """Return the (T, 2) least and greatest azimuth of a body ahead of the LiDAR, radians."""
     points = _corners(motion, body, ego, times)

@@ -22,7 +22,7 @@ class Size(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class RoadUserBody:
     """Category and outer dimensions of a road user."""
 
     category: Category
@@ -67,7 +67,7 @@ MOTORCYCLES: tuple[Size, ...] = (
     Size(2.207, 0.952, 1.800),  # BMW R 1250 GS
 )
 
-EGO = Body(Category.CAR, Size(5.0, 1.9, 1.5))
+EGO = RoadUserBody(Category.CAR, Size(5.0, 1.9, 1.5))
 """A saloon as long as highway-env's vehicles (a BMW 5 Series, G60, is 5.060 x 1.900 x 1.515)."""
 
 
@@ -120,11 +120,11 @@ MIXES: Mapping[str, tuple[MixPart, ...]] = MappingProxyType(
 """Categories, shares and sizes by kind of place; the shares are chosen by hand."""
 
 
-def draw_body(mix: str, rng: np.random.Generator) -> Body:
+def draw_body(mix: str, rng: np.random.Generator) -> RoadUserBody:
     """Draw a road user from a mix named in `MIXES`."""
     parts = MIXES[mix]
     part = parts[int(rng.choice(len(parts), p=[each.share for each in parts]))]
-    return Body(part.category, part.sizes[int(rng.integers(len(part.sizes)))])
+    return RoadUserBody(part.category, part.sizes[int(rng.integers(len(part.sizes)))])
 
 
 # --------------------------------------------------------------------------------------------------

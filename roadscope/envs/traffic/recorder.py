@@ -18,7 +18,7 @@ from roadscope.envs.traffic.conversion import (
     road_map,
     to_world,
 )
-from roadscope.envs.traffic.mix import EGO, Body, draw_body
+from roadscope.envs.traffic.mix import EGO, RoadUserBody, draw_body
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 
@@ -60,7 +60,7 @@ class _Actor:
         heading and whose slip does not follow from the steering.
     """
 
-    body: Body
+    body: RoadUserBody
     ahead_m: float
     slides: bool
 
@@ -185,8 +185,8 @@ class TrafficRecorder:
         self._actors.append(_Actor(self._body(vehicle, actor), float(vehicle.LENGTH) / 2, slides))
         return actor
 
-    def _body(self, vehicle: Any, actor: int) -> Body:
-        own: Body | None = getattr(vehicle, "body", None)
+    def _body(self, vehicle: Any, actor: int) -> RoadUserBody:
+        own: RoadUserBody | None = getattr(vehicle, "body", None)
         if own is not None or actor == 0:
             return own or EGO
         key = (*self._seed.spawn_key, actor)

@@ -11,7 +11,7 @@ import numpy as np
 from roadscope.core import Category
 from roadscope.core.bounds import Bounds
 from roadscope.envs.traffic.course import Course
-from roadscope.envs.traffic.mix import CARS, VANS, Body, draw_body
+from roadscope.envs.traffic.mix import CARS, VANS, RoadUserBody, draw_body
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 
@@ -27,6 +27,10 @@ REACH_M = 220.0
 """A lane is filled this far behind and ahead of the ego, at every instant."""
 SPEED_VARIATION_M_S = 0.8
 """By how much the speed of a stream of vehicles varies at most; chosen by hand."""
+
+
+NO_DELAY_S, USUAL_DELAYS_S, USUAL_GAPS_M = Bounds(0.0, 0.0), Bounds(0.8, 1.5), Bounds(4.0, 16.0)
+"""Reaction times of followers and gaps between bumpers at standstill; chosen by hand."""
 
 
 class Change(NamedTuple):
@@ -106,7 +110,7 @@ class Actor:
     """
 
     motion: ScriptedMotion
-    body: Body
+    body: RoadUserBody
     direction: int = 1
 
 
@@ -135,7 +139,7 @@ class Lane:
     left_m: float
     mix: str
     gaps_m: Bounds
-    delays_s: Bounds = Bounds(0.0, 0.0)
+    delays_s: Bounds = NO_DELAY_S
     lateral_spread_m: float = 0.25
     direction: int = 1
 
@@ -155,7 +159,7 @@ class Lane:
         rng: np.random.Generator,
         motion: ScriptedMotion,
         reach_m: Reach,
-        body: Body | None = None,
+        body: RoadUserBody | None = None,
     ) -> list[Actor]:
         """Return all vehicles of the lane; the first of them has the motion and the body."""
         body = draw_body(self.mix, rng) if body is None else body
@@ -194,8 +198,8 @@ class Carriageways:
     ego_lane: int
     mix: str
     oncoming: int = 0
-    gaps_m: Bounds = Bounds(4.0, 16.0)
-    delays_s: Bounds = Bounds(0.8, 1.5)
+    gaps_m: Bounds = USUAL_GAPS_M
+    delays_s: Bounds = USUAL_DELAYS_S
     width_m: float = 3.5
     median_m: float = 1.0
 
@@ -345,14 +349,14 @@ def times_until(end_s: float) -> np.ndarray:
     return np.arange(-2, round(end_s / STEP_S) + 3) * STEP_S
 
 
-def any_car(rng: np.random.Generator) -> Body:
+def any_car(rng: np.random.Generator) -> RoadUserBody:
     """Draw a car."""
-    return Body(Category.CAR, CARS[int(rng.integers(len(CARS)))])
+    return RoadUserBody(Category.CAR, CARS[int(rng.integers(len(CARS)))])
 
 
-def any_van(rng: np.random.Generator) -> Body:
+def any_van(rng: np.random.Generator) -> RoadUserBody:
     """Draw a van."""
-    return Body(Category.VAN, VANS[int(rng.integers(len(VANS)))])
+    return RoadUserBody(Category.VAN, VANS[int(rng.integers(len(VANS)))])
 
 
 def _smoothstep(u: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from roadscope.core import Category
 from roadscope.core.bounds import Bounds
 from roadscope.envs.traffic.course import PEAK, winding
-from roadscope.envs.traffic.mix import EGO, HEAVY_TRUCKS, MOTORCYCLES, Body
+from roadscope.envs.traffic.mix import EGO, HEAVY_TRUCKS, MOTORCYCLES, RoadUserBody
 from roadscope.envs.traffic.script import (
     REACH_M,
     Actor,
@@ -76,7 +76,7 @@ def cut_ins(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
         Actor(to_right, any_car(rng)),
         Actor(to_left, any_car(rng)),
         Actor(_cutting_in(ego, rng), any_van(rng)),
-        Actor(_pulling_out(ego, rng), Body(Category.MOTORCYCLE, MOTORCYCLES[2])),
+        Actor(_pulling_out(ego, rng), RoadUserBody(Category.MOTORCYCLE, MOTORCYCLES[2])),
         Actor(_overtaking(ego, rng), any_car(rng)),
         Actor(_beside(ego, rng, float(rng.uniform(-40.0, -34.0)), 0.0), any_car(rng)),
         Actor(_beside(ego, rng, float(rng.uniform(-32.0, -26.0)), -lanes), any_van(rng)),
@@ -143,7 +143,7 @@ def long_occlusion(_name: str, seed: int, duration_s: float | None = None) -> Ti
         OCCLUSION_LANE_M + _lateral_offset(rng),
         ego.speed + float(rng.uniform(-0.3, 0.3)),
     )
-    lorry = Body(Category.TRUCK, HEAVY_TRUCKS[0])
+    lorry = RoadUserBody(Category.TRUCK, HEAVY_TRUCKS[0])
     follower = ScriptedMotion(beside.x_m - float(rng.uniform(12.0, 16.0)), beside.y_m, beside.speed)
     leader = ScriptedMotion(float(rng.uniform(20.0, 28.0)), _lateral_offset(rng), ego.speed)
     actors = [Actor(ego, EGO), Actor(beside, lorry), Actor(follower, any_car(rng))]
@@ -210,7 +210,7 @@ def convoy_pull_away(_name: str, seed: int, duration_s: float | None = None) -> 
         later, faster = float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.95, 1.05))
         start = PullAway(start_s + later, speed * faster, peak_m_s2)
         beside = _pulling_away(rng, start, float(rng.uniform(-9.0, 1.0)), times[-1])
-        lorry = Body(Category.TRUCK, HEAVY_TRUCKS[int(rng.integers(2))])
+        lorry = RoadUserBody(Category.TRUCK, HEAVY_TRUCKS[int(rng.integers(2))])
         actors += lane.filled(rng, beside, reach, lorry)
     radius_m = speed**2 / float(rng.uniform(0.5, 1.2))
     course = winding(rng, Bounds(-CONVOY_BEHIND_M, speed * times[-1]), radius_m)
@@ -230,7 +230,8 @@ def platoon(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
     """Drive 18 to 27 m/s in an inner lane of three or four, with gaps of 10 to 18 m.
 
     All speeds vary together by up to 1 m/s; each vehicle's speed also varies alone by up to
-    0.12 m/s, depending on the seed. More than half are vans, lorries and buses. 540 to 810 m in 30 s.
+    0.12 m/s, depending on the seed. More than half are vans, lorries and buses. The ego drives 540
+    to 810 m in 30 s.
     """
     rng = _generator(seed)
     times = _times(duration_s, 30.0)
@@ -448,7 +449,10 @@ def empty_motorway(_name: str, seed: int, duration_s: float | None = None) -> Ti
 
 
 def empty_street(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
-    """Drive alone at 8 to 14 m/s past houses, trees and parked cars; starts as in `empty_motorway`."""
+    """Drive alone at 8 to 14 m/s past houses, trees and parked cars.
+
+    It starts as in `empty_motorway`.
+    """
     return _alone(seed, Bounds(8.0, 14.0), "urban", duration_s)
 
 

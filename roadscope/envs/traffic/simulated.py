@@ -180,7 +180,7 @@ MERGE_EGO_M = 215.0
 
 
 def merge(rng: np.random.Generator) -> Stage:
-    """Build two lanes at about 16 m/s, and a ramp whose vehicles must change lanes before its end."""
+    """Build two lanes at about 16 m/s and a ramp whose vehicles must merge before its end."""
     built = network_of(MergeGenericEnv, config=MERGE_SECTIONS)
     road = FlowRoad(built.network, rng)
     road.objects = built.objects
@@ -235,8 +235,8 @@ OUTER_LANE = 1
 LINE_RADIUS_M = 28.0
 """A waiting driver keeps the front this far from the middle; the outer lane ends at 26 m."""
 RING_SPEED, BEND_SPEED = 9.0, 5.8
-"""Desired speed of drivers and speed limit of bends, m/s; the ends of entries and exits do not quite
-meet the ring, so drivers take them more slowly."""
+"""Desired speed of drivers and speed limit of bends, m/s. The ends of entries and exits do not
+quite meet the ring, so drivers take them more slowly."""
 EGO_RANK = 2
 """Number of drivers ahead of the ego on its road, at the roundabout and at the intersection."""
 

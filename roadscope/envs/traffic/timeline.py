@@ -179,7 +179,7 @@ class Timeline(Record):
     def _hermite(
         self, before: np.ndarray, after: np.ndarray, times: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return axles, yaws and velocities at (T, A) times on the cubics between (T, A) samples."""
+        """Return axles, yaws and velocities at (T, A) times, from the cubics between samples."""
         actors = np.arange(len(self.ids))
         step = np.where(after > before, self.stamps_s[after] - self.stamps_s[before], 1.0)
         u = (times - self.stamps_s[before]) / step

@@ -13,7 +13,7 @@ from roadscope.core import Category
 from roadscope.core.bounds import Bounds
 from roadscope.envs.traffic.driving import Driver, clamp
 from roadscope.envs.traffic.flow import FlowRoad
-from roadscope.envs.traffic.mix import Body, Size
+from roadscope.envs.traffic.mix import RoadUserBody, Size
 
 ACCELERATION_M_S2 = 1.2
 COMFORTABLE_BRAKING_M_S2 = 2.0
@@ -49,7 +49,7 @@ class Walker:
     def __init__(
         self,
         path: np.ndarray,
-        body: Body,
+        body: RoadUserBody,
         pace: float,
         *,
         start_m: float = 0.0,
@@ -224,18 +224,18 @@ def rounded_path(points: np.ndarray) -> np.ndarray:
     return walkable
 
 
-def pedestrian(rng: np.random.Generator) -> Body:
+def pedestrian(rng: np.random.Generator) -> RoadUserBody:
     """Draw the body of an adult or a child; heights by DIN 33402-2, rounded."""
     height = float(rng.normal(1.70, 0.09)) if rng.random() < 0.88 else float(rng.uniform(1.1, 1.5))
     height = float(np.clip(height, 1.05, 2.0))
     length, width = round(0.34 * height, 3), round(0.29 * height, 3)
-    return Body(Category.PEDESTRIAN, Size(length, width, height))
+    return RoadUserBody(Category.PEDESTRIAN, Size(length, width, height))
 
 
-def cyclist(rng: np.random.Generator) -> Body:
+def cyclist(rng: np.random.Generator) -> RoadUserBody:
     """Draw the body of a cyclist on a city bicycle with handlebars 0.6 m wide."""
     height = float(np.clip(rng.normal(1.75, 0.06), 1.5, 1.95))
-    return Body(Category.CYCLIST, Size(1.80, 0.60, height))
+    return RoadUserBody(Category.CYCLIST, Size(1.80, 0.60, height))
 
 
 # --------------------------------------------------------------------------------------------------
@@ -284,7 +284,7 @@ class Kerb:
             self._add(points, pedestrian(rng), pace, start_m=max(start, 0.0))
 
     def cross(self, rng: np.random.Generator, at_m: float, *, coming_m: float) -> None:
-        """Add a group that walks `coming_m` along the pavement and then crosses the road at `at_m`."""
+        """Add a group that walks `coming_m` along the pavement and crosses the road at `at_m`."""
         pace = float(rng.uniform(*WALKING_SPEEDS_M_S))
         patience = float(rng.uniform(0.3, 1.5))
         for along, aside in _offsets(_group(rng), rng):

@@ -21,7 +21,7 @@ from roadscope.envs.gym.render import (
     FAMILIES,
     GROUND_RETURN,
     WEATHER_RETURN,
-    View,
+    BirdsEyeView,
     birds_eye,
     box_corners,
 )
@@ -227,7 +227,7 @@ def test_drawing_loads_no_plotting_library():
 
 
 def test_the_view_turns_with_the_ego():
-    view = View(Pose.planar(10.0, 5.0, np.pi / 2), SIZE, SCALE)
+    view = BirdsEyeView(Pose.planar(10.0, 5.0, np.pi / 2), SIZE, SCALE)
     assert np.allclose(view.pixels(np.array([10.0, 15.0])), (HOME[1], HOME[0] - 50))
     assert np.allclose(view.pixels(np.array([0.0, 5.0])), (HOME[1] - 50, HOME[0]))
 

@@ -5,8 +5,8 @@ from roadscope.core import Pose, Tracks, TrackState
 from roadscope.envs.gym.canvas import Canvas
 from roadscope.envs.gym.render import (
     LABEL,
-    Labels,
-    View,
+    BirdsEyeView,
+    LabelPlacer,
     draw_legend,
     track_colour,
     write_distances,
@@ -14,12 +14,12 @@ from roadscope.envs.gym.render import (
 )
 
 SIZE = 400
-VIEW = View(Pose.planar(0.0, 0.0, 0.0), SIZE, 0.2)
+VIEW = BirdsEyeView(Pose.planar(0.0, 0.0, 0.0), SIZE, 0.2)
 WHITE = (255, 255, 255)
 
 
-def _labels(value: int = 0) -> Labels:
-    return Labels(Canvas(np.full((SIZE, SIZE, 3), value, np.uint8)))
+def _labels(value: int = 0) -> LabelPlacer:
+    return LabelPlacer(Canvas(np.full((SIZE, SIZE, 3), value, np.uint8)))
 
 
 def _tracks(centres, states=None) -> Tracks:
