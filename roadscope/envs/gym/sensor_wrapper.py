@@ -13,7 +13,7 @@ from roadscope.core import Pose
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
 from roadscope.envs.gym.spaces import Observation, checked_action, goal_state, observation_space
 from roadscope.envs.imaging.light import Light
-from roadscope.envs.sensors.ego_motion import AHEAD, RAW_S
+from roadscope.envs.sensors.ego_motion import RAW_S, STATES_AHEAD
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
@@ -44,7 +44,7 @@ STYLES_OF = {
 }
 """Roadside of each family of environments, by class name."""
 
-STATES_AROUND = 3 * AHEAD
+STATES_AROUND = 3 * STATES_AHEAD
 """Most recorded states that a smooth motion needs: its delay and the supports of its splines."""
 
 

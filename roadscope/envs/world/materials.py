@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 Colour = tuple[float, float, float]
+"""Linear red, green and blue; 1 is white."""
 
 
 class Pattern(IntEnum):

@@ -97,8 +97,8 @@ STYLES: Mapping[str, Style] = MappingProxyType(
         "tunnel": Style(tunnel_wall=1.0, ceiling=1.0, tunnel_lamps=0.95, niches=0.01),
     }
 )
-"""In `town` no cars park on the pavements, where people walk. `barriers` and `tunnel` have
-almost no features that distinguish places along the road. Chosen by hand from how such roads look, not from
+"""In `town` no cars park on the pavements, where people walk. `barriers` and `tunnel` have few
+features that distinguish places along the road. Chosen by hand from how such roads look, not from
 results of detectors."""
 
 

@@ -9,7 +9,7 @@ from roadscope.envs.imaging.light import LIGHTS, Light, light_named
 from roadscope.envs.imaging.lighting import cast_shadows
 from roadscope.envs.imaging.pinhole import Pinhole, mounted
 from roadscope.envs.imaging.raster import lens_of, rasterise, solids_of
-from roadscope.envs.imaging.shading import Sight, shade
+from roadscope.envs.imaging.shading import CameraView, shade
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world import materials
 from roadscope.envs.world.bodies import body_prisms
@@ -36,8 +36,8 @@ def shaded(scene: Scene, pose: Pose = AHEAD, light: Light = LEVEL, **air: float)
     solids = solids_of(scene, 0.0)
     raster = rasterise(scene, PINHOLE, pose, 0.0, solids=solids)
     categories = np.zeros(len(scene.present), np.int8)
-    sight = Sight(raster, scene, solids, PINHOLE, pose, 0.0, categories)
-    return shade(sight, bare(), light, **air).copy()
+    view = CameraView(raster, scene, solids, PINHOLE, pose, 0.0, categories)
+    return shade(view, bare(), light, **air).copy()
 
 
 @pytest.mark.parametrize("visibility_m", [50.0, 120.0, 500.0])
