@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from roadscope.odometry.api import WheeledOdometry
     from roadscope.odometry.cloud_kernels import placed, thinned
     from roadscope.odometry.estimates import estimate
-    from roadscope.odometry.voxels.matching import Belief, Match, best_match
+    from roadscope.odometry.voxels.matching import PosePrior, ScanMatch, best_match
     from roadscope.odometry.voxels.surfaces import VoxelMap
 
 ODOMETRIES: Registry[Odometry] = Registry(
@@ -57,8 +57,8 @@ ODOMETRIES: Registry[Odometry] = Registry(
 
 _PLACES = {
     "WheeledOdometry": "roadscope.odometry.api:WheeledOdometry",
-    "Belief": "roadscope.odometry.voxels.matching:Belief",
-    "Match": "roadscope.odometry.voxels.matching:Match",
+    "PosePrior": "roadscope.odometry.voxels.matching:PosePrior",
+    "ScanMatch": "roadscope.odometry.voxels.matching:ScanMatch",
     "VoxelMap": "roadscope.odometry.voxels.surfaces:VoxelMap",
     "best_match": "roadscope.odometry.voxels.matching:best_match",
     "estimate": "roadscope.odometry.estimates:estimate",
@@ -69,9 +69,9 @@ _PLACES = {
 
 __all__ = [
     "ODOMETRIES",
-    "Belief",
-    "Match",
     "Odometry",
+    "PosePrior",
+    "ScanMatch",
     "VoxelMap",
     "WheeledOdometry",
     "best_match",

@@ -20,7 +20,7 @@ RESTART = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Tick:
+class ScanTick:
     """One scan's place in time.
 
     elapsed_s: since the last scan in order; 0 for the first, and for one that is out of order.
@@ -45,13 +45,13 @@ class Clock:
         self._periods_s: deque[float] = deque(maxlen=REMEMBERED)
         self._late = 0
 
-    def tick(self, stamp_s: float) -> Tick:
+    def tick(self, stamp_s: float) -> ScanTick:
         """Take the next stamp, seconds."""
         if not math.isfinite(stamp_s):
-            return Tick(0.0, f"a stamp of {stamp_s}", in_order=False)
+            return ScanTick(0.0, f"a stamp of {stamp_s}", in_order=False)
         if math.isnan(self.last_s):
             self.last_s = stamp_s
-            return Tick(0.0)
+            return ScanTick(0.0)
         elapsed_s = stamp_s - self.last_s
         if elapsed_s <= 0:
             self._late += 1
@@ -59,15 +59,15 @@ class Clock:
                 self._left_s, self.last_s, self._late = self.last_s, stamp_s, 0
                 self._anew = 0
             said = "repeats the last" if elapsed_s == 0 else f"is {-elapsed_s:.3g} s before it"
-            return Tick(0.0, f"the stamp {said}", in_order=False)
+            return ScanTick(0.0, f"the stamp {said}", in_order=False)
         self.last_s, self._late = stamp_s, 0
         usual_s = median(self._periods_s) if self._periods_s else math.inf
         self._anew += 1
         is_gap, since_s = elapsed_s > GAP_PERIODS * usual_s, stamp_s - self._left_s
         if is_gap and self._anew <= REMEMBERED and 0 < since_s <= (RESTART + GAP_PERIODS) * usual_s:
             self._left_s = math.inf
-            return Tick(since_s, "the clock is again where it was before")
+            return ScanTick(since_s, "the clock is again where it was before")
         self._periods_s.append(elapsed_s)
         # What passed on the other clock has passed.
         self._left_s += elapsed_s
-        return Tick(elapsed_s, f"no scan for {elapsed_s:.3g} s" if is_gap else "")
+        return ScanTick(elapsed_s, f"no scan for {elapsed_s:.3g} s" if is_gap else "")

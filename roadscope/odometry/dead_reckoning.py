@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
-from roadscope.odometry.clock import Clock, Tick
+from roadscope.odometry.clock import Clock, ScanTick
 from roadscope.odometry.estimates import estimate, grown
 from roadscope.odometry.imu_buffer import NO_SAMPLES, ImuBuffer
 from roadscope.odometry.rigid import exp_so3, inverse, orthonormal
@@ -51,7 +51,7 @@ class DeadReckoningOdometry:
         reason = self._advance(scan.stamp_s, tick)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
 
-    def _advance(self, stamp_s: float, tick: Tick) -> str:
+    def _advance(self, stamp_s: float, tick: ScanTick) -> str:
         if not tick.elapsed_s:
             return ""
         before = self._pose.copy()

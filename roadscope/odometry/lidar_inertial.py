@@ -9,7 +9,7 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.core.names import unknown
 from roadscope.envs.sensors.imu_spec import IMUS
-from roadscope.odometry.clock import Clock, Tick
+from roadscope.odometry.clock import Clock, ScanTick
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial.filter import (
@@ -21,14 +21,19 @@ from roadscope.odometry.inertial.filter import (
 )
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
 from roadscope.odometry.inertial.speed_search import ROUGHLY_M_S, Speed
-from roadscope.odometry.inertial.standstill import WINDOW_S, FeltSpeed, Rest, felt_still
+from roadscope.odometry.inertial.standstill import (
+    WINDOW_S,
+    IntegratedSpeed,
+    RestHistory,
+    measured_rest,
+)
 from roadscope.odometry.inertial.start import InertialStart
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
 from roadscope.odometry.rigid import inverse
 from roadscope.odometry.scatter import scattered
-from roadscope.odometry.voxels.matching import Match
-from roadscope.odometry.voxels.sweep import Sweep
+from roadscope.odometry.voxels.matching import ScanMatch
+from roadscope.odometry.voxels.sweep import ThinnedScan
 
 USUAL_UNIT = "adis16448"
 LEAST_POINTS = 60
@@ -98,7 +103,7 @@ class LidarInertialOdometry:
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
         self._known: InertialState | None = None
         self._level = True
-        self._felt, self._fast_s = FeltSpeed(self.noise), -np.inf
+        self._felt, self._fast_s = IntegratedSpeed(self.noise), -np.inf
         self._begin(np.eye(4))
 
     def _begin(self, start_from_map: np.ndarray) -> None:
@@ -106,7 +111,7 @@ class LidarInertialOdometry:
         self._track: InertialTrack | None = None
         self._start = InertialStart(self.noise, anew=self._known is not None)
         self._check, self._misfits = SpeedCheck(), 0
-        self._speed_known, self._rest = False, Rest(self.noise)
+        self._speed_known, self._rest = False, RestHistory(self.noise)
         self._slipped = 0
 
     def add_wheels(self, wheels: WheelSamples) -> None:
@@ -122,7 +127,7 @@ class LidarInertialOdometry:
             return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
         stretch = self._stretch(scan, tick)
         self._felt.predict(stretch)
-        sweep = Sweep.of(scan, self.insert_m, self.match_m)
+        sweep = ThinnedScan.of(scan, self.insert_m, self.match_m)
         moving = np.zeros(len(sweep.rows), bool)
         poor = poverty(len(sweep.few), LEAST_POINTS, scan.ring)
         if self._track is None:
@@ -140,7 +145,7 @@ class LidarInertialOdometry:
             dynamic=sweep.spread(moving),
         )
 
-    def _stretch(self, scan: LidarScan, tick: Tick) -> Stretch:
+    def _stretch(self, scan: LidarScan, tick: ScanTick) -> Stretch:
         """Return what was felt since the last scan."""
         stamp_s, start_s = scan.stamp_s, scan.stamp_s - tick.elapsed_s
         half_s = float(np.abs(scan.time_offset_s).max(initial=0.0))
@@ -150,7 +155,7 @@ class LidarInertialOdometry:
         none = np.empty((0, 3))
         return Stretch(tick.elapsed_s, np.empty(0), none, none, rate)
 
-    def _wait(self, sweep: Sweep, stretch: Stretch, poor: str) -> str:
+    def _wait(self, sweep: ThinnedScan, stretch: Stretch, poor: str) -> str:
         """Gather first scans until they tell the speed; return what is still unknown."""
         if poor:
             return poor
@@ -174,7 +179,7 @@ class LidarInertialOdometry:
         )
 
     def _follow(
-        self, track: InertialTrack, sweep: Sweep, stretch: Stretch, poor: str
+        self, track: InertialTrack, sweep: ThinnedScan, stretch: Stretch, poor: str
     ) -> tuple[np.ndarray, str]:
         """Predict and correct; return which returns have moved in, and what is wrong."""
         track.predict(stretch)
@@ -182,10 +187,10 @@ class LidarInertialOdometry:
         if not track.slow:
             self._fast_s = scan.stamp_s
         rolled = self._rolled(track, scan.stamp_s)
-        points = track.seen(sweep)
+        points = track.points_at_stamp(sweep)
         moving = track.moving(points, scan.stamp_s)
         if poor:
-            self._rest = Rest(self.noise)
+            self._rest = RestHistory(self.noise)
             return moving, poor
         found = track.matched(sweep, points, moving)
         poor = _misfit(found)
@@ -195,7 +200,7 @@ class LidarInertialOdometry:
             poor, fits = "more speed was felt than is seen", False
         self._misfits = 0 if fits else self._misfits + 1
         if fits:
-            track.settle(found)
+            track.update_by_match(found)
             self._stand_or_leave(track, stretch, scan.stamp_s)
             track.remember(sweep, points, moving)
             # No traffic drives along in a room.
@@ -203,7 +208,7 @@ class LidarInertialOdometry:
             if not rolled:
                 poor = self._held_against_what_stands(track, scan) or poor
         else:
-            self._rest = Rest(self.noise)
+            self._rest = RestHistory(self.noise)
         if self._misfits >= LOST:
             self._known = track.state
             self._begin(self._start_from_map @ track.pose)
@@ -219,7 +224,7 @@ class LidarInertialOdometry:
         if told is None:
             return False
         doubted = self._slipped < SLIP or self._check.confirmed(now_s)
-        rolled = track.roll(*told, doubted=doubted)
+        rolled = track.correct_by_wheels(*told, doubted=doubted)
         self._slipped = 0 if rolled else self._slipped + 1
         return rolled
 
@@ -229,12 +234,12 @@ class LidarInertialOdometry:
         Even braking is felt as evenly as standing, but who brakes was faster within the window.
         """
         slow = now_s >= self._fast_s + WINDOW_S
-        felt = felt_still(self._imu, now_s, self.noise) if slow else None
+        felt = measured_rest(self._imu, now_s, self.noise) if slow else None
         if felt is not None and self._rest.may_be(stretch, now_s):
             rate, force = felt
             if self._rest.begins:
-                track.weigh(force)
-            track.stand(rate)
+                track.correct_gravity(force)
+            track.correct_at_rest(rate)
             self._rest.held(track, stretch)
             self._felt.stood(track.state)
         elif self._rest.left(track, stretch, now_s):
@@ -253,11 +258,13 @@ class LidarInertialOdometry:
         if abs(off_m_s) > FAR_M_S:
             self._misfits = LOST
             return "what stands beside the road moves otherwise"
-        if self._check.contradicts(off_m_s, track.looked_off_m_s(max(spread_m_s, ROUGHLY_M_S))):
+        if self._check.contradicts(
+            off_m_s, track.speed_deviation_m_s(max(spread_m_s, ROUGHLY_M_S))
+        ):
             # What pulled the speed away has passed for a slope.
             self._misfits, self._level = LOST, False
             return "what stands beside the road moves otherwise again and again"
-        track.speed_up(off_m_s, spread_m_s)
+        track.correct_speed(off_m_s, spread_m_s)
         self._speed_known = True
         return ""
 
@@ -277,7 +284,7 @@ class LidarInertialOdometry:
         self._covariance = grown(self._covariance, inverse(before) @ self._pose, spread)
 
 
-def _misfit(found: Match) -> str:
+def _misfit(found: ScanMatch) -> str:
     """Say why a match is not to be trusted; empty if it is."""
     if found.held < LEAST_POINTS:
         return f"{found.held} points on surfaces that are known"
@@ -292,7 +299,7 @@ def _vague(track: InertialTrack) -> str:
     return f"the speed may be {off_m_s:.2g} m/s off" if off_m_s > VAGUE_M_S else ""
 
 
-def _unmet(track: InertialTrack, found: Match) -> str:
+def _unmet(track: InertialTrack, found: ScanMatch) -> str:
     """Say so where all that would tell how far the sensor came is elsewhere; else empty."""
     ahead = track.state.pose[:3, 0]
     told = float(ahead @ found.information[:3, :3] @ ahead)

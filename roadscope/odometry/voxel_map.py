@@ -8,13 +8,13 @@ from typing import Literal
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
-from roadscope.odometry.clock import Clock, Tick
+from roadscope.odometry.clock import Clock, ScanTick
 from roadscope.odometry.cloud_kernels import deskewed, placed, thinned
 from roadscope.odometry.estimates import estimate, grown, poverty
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3
 from roadscope.odometry.scatter import scattered
-from roadscope.odometry.voxels.matching import Belief, Match, best_match, match
+from roadscope.odometry.voxels.matching import PosePrior, ScanMatch, best_match, match
 from roadscope.odometry.voxels.surfaces import VoxelMap
 
 BOUNDS_M = (1.5, 120.0)
@@ -38,7 +38,7 @@ alike, by the same misfit surface, and traffic errs together."""
 
 
 @dataclass(slots=True)
-class Cloud:
+class TimedPoints:
     """What is used of a scan: (N, 3) points where they were measured, (N,) times after the stamp.
 
     few: rows that are matched; all are put into the map.
@@ -83,7 +83,7 @@ class VoxelMapOdometry:
         self._clock, self._imu = Clock(), ImuBuffer(lidar_from_imu)
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
         self._twist, self._bias = np.zeros(6), np.zeros(3)
-        self._first: Cloud | None = None
+        self._first: TimedPoints | None = None
         self._begun, self._misfits = False, 0
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
@@ -105,12 +105,14 @@ class VoxelMapOdometry:
         reason = tick.reason or poor or lack or scattered(scan)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
 
-    def _cloud(self, scan: LidarScan) -> Cloud:
-        rows = thinned(scan.points, self.insert_m, BOUNDS_M)
+    def _cloud(self, scan: LidarScan) -> TimedPoints:
+        rows = thinned(scan.points, self.insert_m, *BOUNDS_M)
         points = scan.points[rows]
-        return Cloud(points, scan.time_offset_s[rows], thinned(points, self.match_m, BOUNDS_M))
+        return TimedPoints(
+            points, scan.time_offset_s[rows], thinned(points, self.match_m, *BOUNDS_M)
+        )
 
-    def _expected(self, stamp_s: float, tick: Tick) -> np.ndarray:
+    def _expected(self, stamp_s: float, tick: ScanTick) -> np.ndarray:
         """Return the twist since the last scan: the last one, turned as the gyro says."""
         twist = self._twist.copy()
         rate = self._imu.mean_rate(stamp_s - tick.elapsed_s, stamp_s) if tick.elapsed_s else None
@@ -119,14 +121,14 @@ class VoxelMapOdometry:
             twist[3:] = rate - self._bias
         return twist
 
-    def _begin(self, cloud: Cloud, twist: np.ndarray, tick: Tick) -> None:
+    def _begin(self, cloud: TimedPoints, twist: np.ndarray, tick: ScanTick) -> None:
         """Start a map with a scan; the next one tells how fast it was taken."""
         self._carry_on(twist, tick)
         self._map.clear()
         self._first, self._begun, self._misfits = cloud, True, 0
         self._remember(cloud, self._twist)
 
-    def _follow(self, cloud: Cloud, twist: np.ndarray, tick: Tick) -> str:
+    def _follow(self, cloud: TimedPoints, twist: np.ndarray, tick: ScanTick) -> str:
         """Match a scan; return what is wrong with it, or nothing."""
         found, twist = self._matched(cloud, twist, tick)
         self._first = None
@@ -146,7 +148,9 @@ class VoxelMapOdometry:
         self._remember(cloud, self._twist)
         return ""
 
-    def _matched(self, cloud: Cloud, twist: np.ndarray, tick: Tick) -> tuple[Match, np.ndarray]:
+    def _matched(
+        self, cloud: TimedPoints, twist: np.ndarray, tick: ScanTick
+    ) -> tuple[ScanMatch, np.ndarray]:
         """Return the best match, deskewed again with what was found, and the expected twist."""
         if self._first is not None and not self._twist.any():
             twist = self._first_twist(self._first, cloud, twist, tick.elapsed_s)
@@ -155,11 +159,11 @@ class VoxelMapOdometry:
         found = best_match(self._map, points, starts)
         seen = log_se3(inverse(self._pose) @ found.map_from_sensor) / tick.elapsed_s
         points = cloud.at_stamp(seen, cloud.few)
-        start = Belief(found.map_from_sensor, self._belief(twist, tick).information)
+        start = PosePrior(found.map_from_sensor, self._belief(twist, tick).information)
         return match(self._map.voxels, points, start, scales=(3.0,), steps=3), twist
 
     def _first_twist(
-        self, first: Cloud, cloud: Cloud, twist: np.ndarray, elapsed_s: float
+        self, first: TimedPoints, cloud: TimedPoints, twist: np.ndarray, elapsed_s: float
     ) -> np.ndarray:
         """Try speeds: the first scan, freed of each, is the map on which the second must fit."""
         tried = []
@@ -167,7 +171,7 @@ class VoxelMapOdometry:
             guess = np.array([speed, 0.0, 0.0, *twist[3:]])
             self._map.clear()
             self._remember(first, guess)
-            start = self._belief(guess, Tick(elapsed_s))
+            start = self._belief(guess, ScanTick(elapsed_s))
             found = match(self._map.voxels, cloud.at_stamp(guess, cloud.few), start)
             tried.append((found.fits, log_se3(inverse(self._pose) @ found.map_from_sensor)))
         moved = max(tried, key=lambda each: each[0])[1] / elapsed_s
@@ -175,23 +179,23 @@ class VoxelMapOdometry:
         self._remember(first, moved)
         return moved
 
-    def _belief(self, twist: np.ndarray, tick: Tick) -> Belief:
+    def _belief(self, twist: np.ndarray, tick: ScanTick) -> PosePrior:
         """Say where a twist leads, and how sure that is at the limits of driving."""
         shift_m = ACCELERATION_M_S2 * tick.elapsed_s**2
         turn = TURNING_RAD_S2 * tick.elapsed_s**2
         if self._turned is not None:
             turn = min(turn, GYRO_RAD_S * tick.elapsed_s)
         spread = np.array([shift_m] * 3 + [turn] * 3)
-        return Belief(self._pose @ exp_se3(twist * tick.elapsed_s), np.diag(SIMILAR / spread**2))
+        return PosePrior(self._pose @ exp_se3(twist * tick.elapsed_s), np.diag(SIMILAR / spread**2))
 
-    def _uncertainty(self, found: Match) -> np.ndarray:
+    def _uncertainty(self, found: ScanMatch) -> np.ndarray:
         """Return the (6, 6) covariance of a match in the sensor's frame."""
         axes = np.kron(np.eye(2), found.map_from_sensor[:3, :3])
         information = axes.T @ found.information @ axes / SIMILAR
         covariance: np.ndarray = np.linalg.inv(information + 1e-6 * np.eye(6))
         return covariance
 
-    def _carry_on(self, twist: np.ndarray, tick: Tick) -> None:
+    def _carry_on(self, twist: np.ndarray, tick: ScanTick) -> None:
         """Go on as before without a look at the scan."""
         if not tick.elapsed_s:
             return
@@ -200,14 +204,14 @@ class VoxelMapOdometry:
         self._covariance = grown(self._covariance, motion, np.diag(spread**2))
         self._pose = self._pose @ motion
 
-    def _remember(self, cloud: Cloud, twist: np.ndarray) -> None:
+    def _remember(self, cloud: TimedPoints, twist: np.ndarray) -> None:
         if self.memory == "scan":
             self._map.clear()
         points = placed(cloud.at_stamp(twist, slice(None)), self._pose)
         self._map.add(points, self._pose[:3, 3])
 
 
-def _around(twist: np.ndarray, tick: Tick) -> list[np.ndarray]:
+def _around(twist: np.ndarray, tick: ScanTick) -> list[np.ndarray]:
     """Return twists to start from: after a gap the speed may have changed."""
     if not tick.reason:
         return [twist]
@@ -215,7 +219,7 @@ def _around(twist: np.ndarray, tick: Tick) -> list[np.ndarray]:
     return [twist + np.array([c, 0, 0, 0, 0, 0]) for c in sorted(changes, key=abs)]
 
 
-def _misfit(found: Match, uncertain: np.ndarray) -> str:
+def _misfit(found: ScanMatch, uncertain: np.ndarray) -> str:
     """Say why a match is not to be trusted; empty if it is."""
     if found.held < LEAST_POINTS:
         return f"{found.held} points on surfaces that are known"

@@ -15,7 +15,7 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.clusters.features import (
-    ALONE,
+    NO_PARTNER,
     ClusterMatch,
     Reading,
     cluster_features,
@@ -40,7 +40,7 @@ true motion of a platoon leaves .7, rest .04. No share tells it there, and the m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
+class PreviousScan:
     """What the next scan is matched with.
 
     segments: clusters, as measured. features: of all clusters, as seen at the stamp.
@@ -108,7 +108,7 @@ class ZhangOdometry:
         self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
         self._progress = Progress(self._imu)
         self._mapping = LegoMapping(every=self.map_every, reach_m=REACH_M, loop=self.loop)
-        self._before: Moment | None = None
+        self._before: PreviousScan | None = None
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
         """Match the scan with the one before and say where that puts the sensor."""
@@ -137,7 +137,7 @@ class ZhangOdometry:
         placed = features.at(segments.at_stamp(motion, since_s))
         self._before = self._moment(whole, placed)
         if not reason:
-            stays = np.where(dropped, ALONE, np.arange(len(dropped)))
+            stays = np.where(dropped, NO_PARTNER, np.arange(len(dropped)))
             self._mapping.take(relabelled(placed, stays), self._progress.pose)
         return self._told(scan, tick.reason or reason or lack, returns_of(scan, segments, dropped))
 
@@ -146,11 +146,11 @@ class ZhangOdometry:
         angle_deg = self.clustering.angle_deg
         return parts(whole, angle_deg, before_from_now) if self.windows else whole
 
-    def _moment(self, whole: Segments, features: Features) -> Moment:
+    def _moment(self, whole: Segments, features: Features) -> PreviousScan:
         """Return what the next scan is matched with: features are of clusters seen from here."""
         own = self.cut(whole, np.eye(4))
         edges, planes = own.labels[features.edge_rows], own.labels[features.plane_rows]
-        return Moment(own, replace(features, edge_labels=edges, plane_labels=planes))
+        return PreviousScan(own, replace(features, edge_labels=edges, plane_labels=planes))
 
     def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
         """Undo the sweep's own motion and take the roughest and smoothest of each cluster."""
@@ -202,7 +202,7 @@ class ZhangOdometry:
         seen = self._features(now, predicted, since_s)
         found = match_features(seen, self._before.features, predicted, same_label=False)
         motion, first = found.before_from_now, self._before.segments
-        self._before = Moment(first, self._features(first, motion, since_s))
+        self._before = PreviousScan(first, self._features(first, motion, since_s))
         return motion
 
     def _told(

@@ -8,7 +8,7 @@ from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.inertial import speed_check
 from roadscope.odometry.inertial.filter import InertialNoise, started
 from roadscope.odometry.inertial.speed_search import Speed
-from roadscope.odometry.inertial.standstill import LEAST_M_S, FeltSpeed
+from roadscope.odometry.inertial.standstill import LEAST_M_S, IntegratedSpeed
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 
 GRAVITY = np.array([0, 0, 9.81])
@@ -31,16 +31,16 @@ def rested(rng):
     """A state after two seconds of rest, in which biases were learned."""
     state = started(GRAVITY + BIAS, np.zeros(3), (0.1, 0.1, 0.1), NOISE)
     track = InertialTrack(state, np.zeros(3), NOISE, reach_m=50.0)
-    track.weigh(GRAVITY + BIAS)
+    track.correct_gravity(GRAVITY + BIAS)
     for _ in range(20):
         track.predict(stretch(0.0, rng))
-        track.stand(np.full(3, 0.002))
+        track.correct_at_rest(np.full(3, 0.002))
     return track.state
 
 
 @pytest.fixture
 def felt(rng):
-    told = FeltSpeed(NOISE)
+    told = IntegratedSpeed(NOISE)
     told.stood(rested(rng))
     return told
 
@@ -53,7 +53,7 @@ def test_the_speed_gained_is_felt_whatever_the_biases(felt, rng):
 
 
 def test_before_a_rest_and_after_a_gap_nothing_is_known(felt, rng):
-    assert FeltSpeed(NOISE).least_m_s == -np.inf
+    assert IntegratedSpeed(NOISE).least_m_s == -np.inf
     felt.predict(stretch(1.0, rng))
     assert np.isfinite(felt.least_m_s)
     felt.predict(stretch(1.0, rng, samples=0))
@@ -63,7 +63,7 @@ def test_before_a_rest_and_after_a_gap_nothing_is_known(felt, rng):
 def test_the_state_it_begins_from_is_left_alone(rng):
     state = rested(rng)
     before = state.velocity.copy()
-    felt = FeltSpeed(NOISE)
+    felt = IntegratedSpeed(NOISE)
     felt.stood(state)
     felt.predict(stretch(3.0, rng))
     assert np.array_equal(state.velocity, before)

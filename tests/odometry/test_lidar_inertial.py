@@ -15,8 +15,8 @@ from roadscope.odometry.inertial.filter import (
     FORCE,
     GRAVITY,
     GYRO,
-    PLACE,
     POSE,
+    POSITION,
     SIZE,
     SPEED,
     TURN,
@@ -24,19 +24,19 @@ from roadscope.odometry.inertial.filter import (
     InertialNoise,
     diffusion,
     integrated,
-    observe,
     propagate,
-    settle,
     started,
     transition,
+    update_linear,
+    update_pose,
 )
 from roadscope.odometry.inertial.speed_search import Ends, speed_of
-from roadscope.odometry.inertial.standstill import Rest, felt_still
+from roadscope.odometry.inertial.standstill import RestHistory, measured_rest
 from roadscope.odometry.inertial.track import InertialTrack
 from roadscope.odometry.lidar_inertial import LidarInertialOdometry
 from roadscope.odometry.rigid import exp_se3, exp_so3, log_so3
 from roadscope.odometry.voxels.free_space import CERTAIN, FreeSpace
-from roadscope.odometry.voxels.sweep import Sweep
+from roadscope.odometry.voxels.sweep import ThinnedScan
 
 NOISE = InertialNoise()
 
@@ -54,7 +54,7 @@ def felt(rng, count=40):
 def state_off_by(error):
     state = started(np.array([0.3, 0.1, 9.8]), np.array([5.0, 1.0, 0.2]), (1, 1, 1), NOISE)
     state.pose = exp_se3(np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]))
-    state.pose[:3, 3] += error[PLACE]
+    state.pose[:3, 3] += error[POSITION]
     state.pose[:3, :3] = exp_so3(error[TURN]) @ state.pose[:3, :3]
     state.velocity = state.velocity + error[SPEED]
     state.rate_bias, state.force_bias = error[GYRO], error[FORCE]
@@ -137,8 +137,8 @@ def test_settling_on_a_pose_is_the_linear_update(rng):
     pose = one.pose.copy()
     pose[:3, 3] += best[:3]
     pose[:3, :3] = exp_so3(best[3:]) @ pose[:3, :3]
-    settle(one, pose, information)
-    observe(other, np.eye(6, SIZE), seen, 1 / np.diag(information))
+    update_pose(one, pose, information)
+    update_linear(other, np.eye(6, SIZE), seen, 1 / np.diag(information))
     assert difference(one, other) == pytest.approx(np.zeros(SIZE), abs=1e-6)
     assert np.abs(one.covariance - other.covariance).max() < 1e-6
 
@@ -151,7 +151,7 @@ def test_gravity_is_found_though_the_start_accelerates():
         propagate(state, lengths, still, np.tile([1.0, 0.0, 9.81], (40, 1)), NOISE)
         truth = np.eye(4)
         truth[0, 3] = 0.5 * (0.1 * k) ** 2
-        settle(state, truth, np.diag([1e4] * 3 + [1e6] * 3))
+        update_pose(state, truth, np.diag([1e4] * 3 + [1e6] * 3))
     level = state.gravity - state.pose[:3, :3] @ state.force_bias
     assert level == pytest.approx([0.0, 0.0, -9.81], abs=0.05)
     assert state.velocity == pytest.approx([3.0, 0.0, 0.0], abs=0.03)
@@ -246,10 +246,10 @@ def test_what_drives_ahead_has_moved_and_what_it_hid_has_not():
 @pytest.mark.parametrize("drop_dynamic", [True, False])
 def test_what_is_dynamic_is_neither_matched_nor_remembered_unless_asked(drop_dynamic):
     drive = Drive()
-    sweep = Sweep.of(drive.scan(0), 0.3, 0.8)
+    sweep = ThinnedScan.of(drive.scan(0), 0.3, 0.8)
     state = started(np.array([0, 0, 9.81]), np.zeros(3), (0.1, 0.1, 0.1), NOISE)
     track = InertialTrack(state, np.zeros(3), NOISE, reach_m=80.0, drop_dynamic=drop_dynamic)
-    points = track.seen(sweep)
+    points = track.points_at_stamp(sweep)
     none = np.zeros(len(points), bool)
     track.remember(sweep, points, none)
     assert track.matched(sweep, points, none).held > 200
@@ -270,18 +270,18 @@ def samples(rng, shake, noise=NOISE):
 
 
 def test_standing_is_told_from_driving(rng):
-    rate, force = felt_still(samples(rng, 0.0), 1.15, NOISE)
+    rate, force = measured_rest(samples(rng, 0.0), 1.15, NOISE)
     assert rate == pytest.approx([0.01] * 3, abs=1e-3)
     assert force == pytest.approx([0, 0, 9.81], abs=0.01)
-    assert felt_still(samples(rng, 0.3), 1.15, NOISE) is None
-    assert felt_still(samples(rng, 0.0), 1.5, NOISE) is None
+    assert measured_rest(samples(rng, 0.3), 1.15, NOISE) is None
+    assert measured_rest(samples(rng, 0.0), 1.5, NOISE) is None
 
 
 def test_a_worse_unit_stands_too_if_it_is_known_to_be_worse(rng):
     worse = InertialNoise.of(IMUS["zed2"])
-    assert felt_still(samples(rng, 0.0, worse), 1.15, worse) is not None
-    assert felt_still(samples(rng, 0.0, worse), 1.15, NOISE) is None
-    assert felt_still(samples(rng, 1.0, worse), 1.15, worse) is None
+    assert measured_rest(samples(rng, 0.0, worse), 1.15, worse) is not None
+    assert measured_rest(samples(rng, 0.0, worse), 1.15, NOISE) is None
+    assert measured_rest(samples(rng, 1.0, worse), 1.15, worse) is None
 
 
 def test_who_was_faster_a_moment_ago_does_not_stand_yet():
@@ -290,7 +290,7 @@ def test_who_was_faster_a_moment_ago_does_not_stand_yet():
     for k in range(14):
         odometry.update(drive.scan(k), drive.imu(k))
     assert not odometry._rest.begins
-    odometry._rest, odometry._fast_s = Rest(NOISE), drive.scan(13).stamp_s
+    odometry._rest, odometry._fast_s = RestHistory(NOISE), drive.scan(13).stamp_s
     held = []
     for k in range(14, 26):
         odometry.update(drive.scan(k), drive.imu(k))

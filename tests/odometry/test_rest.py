@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from roadscope.odometry.inertial.filter import InertialNoise, started
-from roadscope.odometry.inertial.standstill import DOUBT_M, NEAR_M, Rest
-from roadscope.odometry.inertial.track import InertialTrack, Stretch, settled_on
+from roadscope.odometry.inertial.standstill import DOUBT_M, NEAR_M, RestHistory
+from roadscope.odometry.inertial.track import InertialTrack, Stretch, matched_with_prediction
 from roadscope.odometry.voxels.surfaces import VoxelMap
 
 GRAVITY = np.array([0, 0, 9.81])
@@ -30,14 +30,14 @@ def left_rest(seed, *, noticing):
     rng = np.random.default_rng(seed)
     bias = 0.1 * rng.standard_normal(3)
     state = started(GRAVITY + bias, np.zeros(3), (0.1, 0.1, 0.1), NOISE)
-    track, rest = InertialTrack(state, np.zeros(3), NOISE, reach_m=50.0), Rest(NOISE)
-    track.weigh(GRAVITY + bias)
+    track, rest = InertialTrack(state, np.zeros(3), NOISE, reach_m=50.0), RestHistory(NOISE)
+    track.correct_gravity(GRAVITY + bias)
     for k in range(60):
         each = stretch(rng, 0.1 * k, bias)
         track.predict(each)
         if not rest.may_be(each, 0.1 * (k + 1)):
             break
-        track.stand(np.zeros(3))
+        track.correct_at_rest(np.zeros(3))
         rest.held(track, each)
     assert LEAVES_S < 0.1 * (k + 1) < LEAVES_S + 1.5
     if noticing:
@@ -88,7 +88,8 @@ def test_doubt_adds_to_the_error_of_a_match_across_the_ground():
     room.add(points + 0.01 * rng.standard_normal(points.shape), np.zeros(3))
     here, prior = points[::20], 0.01 * np.eye(6)
     sure, doubted = (
-        settled_on(room.voxels, here, np.eye(4), prior, doubt_m=each) for each in (0.0, 0.3)
+        matched_with_prediction(room.voxels, here, np.eye(4), prior, doubt_m=each)
+        for each in (0.0, 0.3)
     )
     error = np.linalg.inv(doubted.information) - np.linalg.inv(sure.information)
     assert error[:2, :2] == pytest.approx(0.09 * np.eye(2), abs=1e-3)

@@ -60,7 +60,7 @@ def test_points_are_carried_along_the_motion_of_the_sweep(rng):
 def test_one_point_a_cube_remains(rng):
     points = rng.uniform(-5, 5, (500, 3)).astype(np.float32)
     points[7] = np.nan
-    rows = thinned(points, 2.0, (1.0, 6.0))
+    rows = thinned(points, 2.0, 1.0, 6.0)
     cells, slow = set(), []
     for n, point in enumerate(points.astype(float)):
         cell = tuple(np.floor(point / 2.0)) if np.isfinite(point).all() else None

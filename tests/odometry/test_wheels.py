@@ -54,7 +54,7 @@ def test_a_known_speed_tells_how_large_the_wheels_are():
     track = track_at(20.0)
     before = track.state.covariance[WHEELS, WHEELS]
     for _ in range(5):
-        assert track.roll(20.3, 0.02**2, doubted=True)
+        assert track.correct_by_wheels(20.3, 0.02**2, doubted=True)
     assert track.state.wheel_scale == pytest.approx(0.015, rel=0.05)
     assert track.state.covariance[WHEELS, WHEELS] < before / 100
     assert np.linalg.norm(track.state.velocity - [20, 0, 0]) < 0.02
@@ -62,9 +62,9 @@ def test_a_known_speed_tells_how_large_the_wheels_are():
 
 def test_wheels_that_slip_are_not_believed_but_where_nothing_else_tells_the_speed():
     track = track_at(20.0)
-    assert not track.roll(0.0, 0.02**2, doubted=True)
+    assert not track.correct_by_wheels(0.0, 0.02**2, doubted=True)
     assert track.state.velocity[0] == 20.0
-    assert track.roll(0.0, 0.02**2, doubted=False)
+    assert track.correct_by_wheels(0.0, 0.02**2, doubted=False)
     vague = track_at(20.0)
     vague.state.covariance[SPEED, SPEED] = 25.0 * np.eye(3)
     assert vague.roll(12.0, 0.02**2, doubted=True)

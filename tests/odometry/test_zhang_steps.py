@@ -7,10 +7,15 @@ from hypothesis import strategies as st
 from toy_drive import driven
 
 from roadscope.odometry.above_ground import sensor_height
-from roadscope.odometry.clusters.features import ALONE, REACH_M, ClusterMatch, match_clusters
+from roadscope.odometry.clusters.features import NO_PARTNER, REACH_M, ClusterMatch, match_clusters
 from roadscope.odometry.clusters.segments import Clustering, Segments, centres_of, segments_of
 from roadscope.odometry.loam.feature_match import FeatureMatch
-from roadscope.odometry.loam.progress import ImuPrediction, deskewed_between, misfit_of, settled
+from roadscope.odometry.loam.progress import (
+    ImuPrediction,
+    deskewed_between,
+    misfit_of,
+    with_prediction,
+)
 from roadscope.odometry.rigid import exp_se3
 from roadscope.odometry.zhang import MANY_MOVE, ZhangOdometry
 
@@ -28,7 +33,7 @@ def test_a_cluster_that_moved_and_one_without_partner_are_dynamic():
     before = np.array([[5.0, 0, 0], [0, 5, 0]])
     now = np.array([[4.0, 0, 0], [-1, 5.4, 0], [20, 0, 0]])
     found = match_clusters(now, before, AHEAD, 0.3)
-    assert found.partners.tolist() == [0, 1, ALONE]
+    assert found.partners.tolist() == [0, 1, NO_PARTNER]
     assert found.moved_m[:2] == pytest.approx([0.0, 0.4])
     assert found.dynamic.tolist() == [False, True, True]
 
@@ -36,7 +41,7 @@ def test_a_cluster_that_moved_and_one_without_partner_are_dynamic():
 def test_partners_are_one_to_one_and_the_nearest_pair_comes_first():
     before = np.array([[0.0, 0, 0]])
     found = match_clusters(np.array([[0.5, 0, 0], [0.1, 0, 0]]), before, np.eye(4), 1.0)
-    assert found.partners.tolist() == [ALONE, 0]
+    assert found.partners.tolist() == [NO_PARTNER, 0]
     assert match_clusters(np.empty((0, 3)), before, np.eye(4), 1.0).dynamic.shape == (0,)
 
 
@@ -49,7 +54,7 @@ def test_partners_are_those_of_the_slow_way(seed):
     moved = now @ AHEAD[:3, :3].T + AHEAD[:3, 3]
     apart = np.linalg.norm(moved[:, None] - before, axis=2)
     apart[np.isnan(apart)] = np.inf
-    partners = np.full(7, ALONE)
+    partners = np.full(7, NO_PARTNER)
     while np.isfinite(apart).any() and apart.min() <= REACH_M:
         row, column = np.unravel_index(np.argmin(apart), apart.shape)
         partners[row] = column
@@ -118,7 +123,7 @@ def match_of(deviations_m, way):
 
 def test_what_features_leave_open_stays_as_predicted():
     found = match_of((0.01, 0.02, 1.0), (1.0, 0.2, 3.0))
-    assert settled(AHEAD, found)[:3, 3] == pytest.approx([1.0, 0.2, 0.0])
+    assert with_prediction(AHEAD, found)[:3, 3] == pytest.approx([1.0, 0.2, 0.0])
     assert misfit_of(found) == ""
     assert "open in one direction" in misfit_of(match_of((1.0, 0.02, 0.02), (1.0, 0, 0)))
 

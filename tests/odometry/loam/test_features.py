@@ -11,7 +11,8 @@ from roadscope.odometry.loam.features import (
     GRAZING,
     JUMP,
     SAME_M,
-    Limits,
+    FeatureLimits,
+    PickRule,
     cluster_roughness,
     extract,
     members,
@@ -110,7 +111,7 @@ def test_features_say_where_they_come_from(rng):
 
 def test_limits_hold_for_each_sector_and_for_each_cluster(rng):
     points, ring, column = corner_room(noise_m=0.02)
-    limits = Limits(sharp=1, edges=3, flat=2, planes=5, thin_m=0.0)
+    limits = FeatureLimits(sharp=1, edges=3, flat=2, planes=5, thin_m=0.0)
     sweep = sweep_of(points, ring, column)
     found = extract(points, ring, column, np.zeros(len(points), int), limits=limits)
     group = sectors_of(sweep, 6)
@@ -214,7 +215,7 @@ def test_picks_are_those_of_the_slow_way(seed, sign):
     ring, column = np.repeat([0, 1, 2], 20), np.tile(rng.permutation(20), 3)
     sweep, rough, usable = sweep_of(points, ring, column), rng.random(60), rng.random(60) > 0.2
     group = rng.integers(0, 3, 60)
-    rule = (3, 0.5, sign, 2)
+    rule = PickRule(3, 0.5, sign, 2)
     slow, left = picked_slowly(sweep, rough, usable, group, rule)
     rows, ranks = picked(sweep, rough, usable, members(group, sweep.order), rule)
     assert list(zip(rows.tolist(), ranks.tolist(), strict=True)) == slow

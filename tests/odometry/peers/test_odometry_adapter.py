@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_drive import driven, emptied, kept
 
-from roadscope.odometry.peers.adapter import LOST, Adapter
+from roadscope.odometry.peers.adapter import LOST, OdometryAdapter
 from roadscope.odometry.peers.interface import Placed
 
 DRIVE, INPUTS = driven(12)
@@ -35,7 +35,7 @@ def counted():
 
 
 def adapter(spoil=lambda pose, _: pose):
-    return Adapter(lambda _: Knowing(spoil), takes_imu=False)
+    return OdometryAdapter(lambda _: Knowing(spoil), takes_imu=False)
 
 
 def far(told, k):
@@ -120,18 +120,18 @@ def test_samples_are_handed_on_once_on_the_adapters_clock():
 
 def test_who_uses_samples_says_when_they_lack():
     for takes_imu, said in ((True, "no inertial samples"), (False, "")):
-        runs = Adapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=takes_imu)
+        runs = OdometryAdapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=takes_imu)
         told = [runs.update(s, None if k in (4, 5) else i) for k, (s, i) in enumerate(INPUTS)]
         # The sweep before the first scan with samples again reached beyond its stamp.
         assert [each.reason for each in told[3:8]] == ["", said, said, said, ""]
-    runs = Adapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=True)
+    runs = OdometryAdapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=True)
     assert all(runs.update(scan, None).ok for scan, _ in INPUTS)
 
 
 def test_the_ground_is_left_out_where_it_is_asked():
     def shown(ground):
         library = Knowing(lambda pose, _: pose)
-        runs = Adapter(lambda _: library, takes_imu=False, ground=ground)
+        runs = OdometryAdapter(lambda _: library, takes_imu=False, ground=ground)
         runs.update(*INPUTS[0])
         return library.given[0].points
 

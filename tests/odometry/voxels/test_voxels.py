@@ -8,7 +8,7 @@ from roadscope.odometry.voxels.matching import (
     GRAZING,
     TILT,
     TRACED_RAD,
-    Belief,
+    PosePrior,
     contradicts,
     match,
     normal_equations,
@@ -48,7 +48,7 @@ def test_a_scan_is_moved_onto_the_map(rng, known):
     truth = exp_se3(np.array([0.3, -0.2, 0.1, 0.02, -0.01, 0.04]))
     inverse = np.linalg.inv(truth)
     points = room(np.random.default_rng(1), 2000) @ inverse[:3, :3].T + inverse[:3, 3]
-    found = match(known.voxels, points, Belief(np.eye(4), NOTHING_HELD))
+    found = match(known.voxels, points, PosePrior(np.eye(4), NOTHING_HELD))
     assert np.abs(log_se3(np.linalg.inv(truth) @ found.map_from_sensor)).max() < 3e-3
     assert found.agreement > 0.7
     assert 1000 < found.held <= found.points == 2000
