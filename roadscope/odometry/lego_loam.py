@@ -1,8 +1,8 @@
 """Lightweight and ground-optimised LiDAR odometry and mapping (Shan and Englot 2018).
 
 T. Shan and B. Englot, "LeGO-LOAM: lightweight and ground-optimized lidar odometry and mapping on
-variable terrain", IROS 2018. Written from the paper. An IMU, where there is one, predicts each
-motion as in `zhang2022`, so that the two differ in what they do with scans alone.
+variable terrain", IROS 2018. Written from the paper. If there is an IMU, it predicts
+each motion as in `zhang2022`, so that the two differ only in their use of scans.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from roadscope.odometry.lego.mapping import REACH_M, LegoMapping, match_two_step
 from roadscope.odometry.lego.segments import LEAST, features_of, ground_and_objects
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.progress import ImuPrediction, Progress, ScanReturns, poverty
-from roadscope.odometry.scatter import scattered
+from roadscope.odometry.scatter import excessive_noise
 
 
 class LegoLoamOdometry:
-    """Ground planes tell height, roll and pitch from scan to scan, edges the rest; a map refines.
+    """Ground planes give height, roll and pitch from scan to scan, edges the rest; a map refines.
 
-    min_points: smaller objects are dropped. map_every: so many scans to a look at the map; five
-        is the paper's 2 Hz. reach_m: how far the map goes. loop: places that are seen again move
-        the whole way behind (the pose told then leaps; earlier ones were told already).
+    min_points: smaller objects are dropped. map_every: scans between two matches with the map; five
+        is the paper's 2 Hz. reach_m: radius of the map. loop: whether loops are closed, which
+        corrects all earlier keyframes; the estimated pose then leaps.
     """
 
     def __init__(
@@ -45,19 +45,21 @@ class LegoLoamOdometry:
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget pose, speed, the last scan and the map."""
+        """Clear pose, speed, the last scan and the map."""
         self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
         self._progress = Progress(self._imu)
         self._mapping = LegoMapping(every=self.map_every, reach_m=self.reach_m, loop=self.loop)
         self._before: tuple[ScanReturns, Features] | None = None
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Match the scan with the one before, and at times with the map."""
+        """Match the scan with the previous one, and every `map_every` scans with the map."""
         self._imu.add(imu)
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
             return self._estimate(scan, tick.reason)
-        lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s) or scattered(scan)
+        lack = self._imu.samples.missing_samples(scan.stamp_s, tick.elapsed_s) or excessive_noise(
+            scan
+        )
         returns = ground_and_objects(scan, least=self.min_points)
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)
@@ -72,13 +74,13 @@ class LegoLoamOdometry:
         feature_match = match_two_steps(features, self._before[1], predicted)
         motion, reason = self._progress.step(predicted, feature_match, scan.stamp_s)
         self._before = returns, features.at(returns.at_stamp(motion, since_s))
-        # What is not believed of a scan would stay in the map.
+        # The features of a rejected scan must not enter the map.
         if not reason:
             self._mapping.take(self._before[1], self._progress.pose)
         return self._estimate(scan, tick.reason or reason or lack)
 
     def _begin(self, returns: ScanReturns, since_s: float, predicted: np.ndarray) -> np.ndarray:
-        """Return the first motion, (4, 4), which also takes the first sweep's own motion out."""
+        """Return the first motion, (4, 4), and deskew the first scan by it."""
         assert self._before is not None
         first, before = self._before
         now = features_of(returns, returns.at_stamp(predicted, since_s))

@@ -78,7 +78,9 @@ def after_a_rest():
     """Return a drive and an odometry that has followed it, and that felt it gain its speed."""
     drive, odometry = Drive(), ODOMETRIES.make("lidar-inertial")
     driven(odometry, drive, range(12))
-    odometry._felt.stood(started(GRAVITY, np.array([8.0, 0, 0]), (0.1, 0.1, 0.1), NOISE))
+    odometry._integrated_speed.stood(
+        started(GRAVITY, np.array([8.0, 0, 0]), (0.1, 0.1, 0.1), NOISE)
+    )
     return drive, odometry
 
 
@@ -101,7 +103,7 @@ def test_who_is_held_slower_than_he_felt_begins_anew(after_a_rest, monkeypatch):
         "roadscope.odometry.inertial.start.speed_of", lambda *_: Speed(0.0, 2.0, by_fixtures=True)
     )
     told = driven(odometry, drive, range(12, 14))
-    assert told[-1].reason == "more speed was felt than is seen"
+    assert told[-1].reason == "the speed is below the integrated acceleration"
     monkeypatch.setattr(speed_check, "standing_speed_of", lambda *_: Speed(0.0, 0.0))
     told = driven(odometry, drive, range(14, 30))
     assert odometry._track is not wrong

@@ -9,7 +9,7 @@ from roadscope.benchmarks.drive import drive
 from roadscope.benchmarks.episode import Episode
 from roadscope.core import WheelSamples
 from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.api import Odometry, WheeledOdometry, asked
+from roadscope.odometry.api import Odometry, WheeledOdometry, update_with_wheels
 from roadscope.odometry.inertial.filter import SPEED, WHEELS, InertialNoise, started
 from roadscope.odometry.inertial.track import InertialTrack
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
@@ -67,7 +67,7 @@ def test_wheels_that_slip_are_not_believed_but_where_nothing_else_tells_the_spee
     assert track.correct_by_wheels(0.0, 0.02**2, doubted=False)
     vague = track_at(20.0)
     vague.state.covariance[SPEED, SPEED] = 25.0 * np.eye(3)
-    assert vague.roll(12.0, 0.02**2, doubted=True)
+    assert vague.correct_by_wheels(12.0, 0.02**2, doubted=True)
     assert vague.state.velocity[0] == pytest.approx(12.0, abs=0.1)
 
 
@@ -78,14 +78,14 @@ def test_only_those_that_take_wheels_are_told_of_them():
         odometry = ODOMETRIES.make(name)
         assert isinstance(odometry, Odometry)
         assert isinstance(odometry, WheeledOdometry) == (name == "lidar-inertial")
-        assert asked(odometry, *inputs[0], wheels).stamp_s == inputs[0][0].stamp_s
+        assert update_with_wheels(odometry, *inputs[0], wheels).stamp_s == inputs[0][0].stamp_s
 
 
 def rolled(inputs, speed_of, spec="lidar-inertial?wheels=true"):
     odometry, told = ODOMETRIES.make(spec), []
     for scan, imu in inputs:
         wheels = block(scan.stamp_s - 0.05, scan.stamp_s + 0.05, speed_of)
-        told.append(asked(odometry, scan, imu, wheels))
+        told.append(update_with_wheels(odometry, scan, imu, wheels))
     return told
 
 
@@ -116,7 +116,7 @@ def test_bad_wheels_leave_finite_poses_and_pass(spoilt):
     for scan, imu in inputs:
         silent = spoilt == "silent" and 1.5 < scan.stamp_s < 2.2
         wheels = None if silent else block(scan.stamp_s - 0.05, scan.stamp_s + 0.05, speed_of)
-        told.append(asked(odometry, scan, imu, wheels))
+        told.append(update_with_wheels(odometry, scan, imu, wheels))
     assert all(np.isfinite(each.start_from_lidar.matrix).all() for each in told)
     assert told[-1].ok
     assert offset(told[-1], drive_.pose(inputs[-1][0].stamp_s))[0] < 0.5

@@ -17,7 +17,7 @@ from roadscope.odometry.loam.progress import (
     with_prediction,
 )
 from roadscope.odometry.rigid import exp_se3
-from roadscope.odometry.zhang import MANY_MOVE, ZhangOdometry
+from roadscope.odometry.zhang import LARGEST_DYNAMIC_SHARE, ZhangOdometry
 
 AHEAD = exp_se3(np.array([1.0, 0, 0, 0, 0, 0]))
 
@@ -194,7 +194,10 @@ def test_where_many_would_move_nothing_is_dropped(under_way, away_share):
     odometry, _, _ = under_way
     before = odometry._before
     count = len(before.segments.sizes)
-    sizes, dynamic = np.ones(count, np.int64), np.arange(count) < away_share * MANY_MOVE * count
+    sizes, dynamic = (
+        np.ones(count, np.int64),
+        np.arange(count) < away_share * LARGEST_DYNAMIC_SHARE * count,
+    )
     clusters = ClusterMatch(np.arange(count), np.zeros(count), dynamic)
     _, dropped = odometry._matched(before.features, clusters, sizes, np.eye(4))
     assert dropped.tolist() == (dynamic if away_share < 1 else np.zeros(count, bool)).tolist()

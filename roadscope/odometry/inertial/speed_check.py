@@ -38,7 +38,7 @@ class SpeedCheck:
         unfelt_m_s2: float,
         least_m_s: float = -np.inf,
     ) -> tuple[float, float] | None:
-        """Add a scan with its estimated motion; return the error of the speed and its deviation, m/s.
+        """Add a scan with its motion; return the error of the speed and its deviation, m/s.
 
         None if there is no clear measurement. unfelt_m_s2: largest acceleration that samples do not
         show. least_m_s: lower bound of the speed; slower measurements belong to traffic.
@@ -63,7 +63,7 @@ class SpeedCheck:
         return off_m_s, measured.spread_m_s
 
     def _believed(self, off_m_s: float, now_s: float, unfelt_m_s2: float) -> bool:
-        """Return whether a measurement is accepted; a confirmed speed needs two that are possible."""
+        """Return whether a measurement is accepted; against a confirmed speed it takes two."""
         before_m_s, self._far_m_s = self._far_m_s, off_m_s
         if abs(off_m_s) < FAR_M_S or not np.isfinite(self._confirmed_s):
             return True
@@ -72,7 +72,7 @@ class SpeedCheck:
         return abs(off_m_s - before_m_s) < FAR_M_S and -off_m_s < possible_m_s
 
     def contradicts(self, off_m_s: float, deviation_m_s: float) -> bool:
-        """Return whether two unlikely differences in a row have the same sign: the filter is too sure.
+        """Return whether two unlikely differences in a row have the same sign.
 
         off_m_s, deviation_m_s: difference of the speed and its standard deviation.
         """

@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.core import ImuSamples, Pose
 from roadscope.core.jit import compiled
-from roadscope.odometry.estimates import grown
+from roadscope.odometry.estimates import propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.loam.feature_match import FeatureMatch
 from roadscope.odometry.loam.features import Features
@@ -248,7 +248,7 @@ class Progress:
 
     def _arrive(self, motion: np.ndarray, uncertain: np.ndarray) -> None:
         self.pose = self._pose @ motion
-        self.covariance = grown(self._covariance, motion, uncertain)
+        self.covariance = propagated_covariance(self._covariance, motion, uncertain)
 
     def _count(self, stamp_s: float) -> None:
         self._pose, self._covariance, self.stamp_s = self.pose, self.covariance, stamp_s

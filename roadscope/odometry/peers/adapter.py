@@ -9,11 +9,11 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.above_ground import standing
 from roadscope.odometry.clock import Clock
-from roadscope.odometry.estimates import estimate, grown, poverty
+from roadscope.odometry.estimates import estimate, poverty, propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.peers.interface import LibraryScan, OdometryLibrary, Placed
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
-from roadscope.odometry.scatter import scattered
+from roadscope.odometry.scatter import excessive_noise
 
 LEAST_POINTS = 60
 FASTEST_M_S = 100.0
@@ -91,9 +91,11 @@ class OdometryAdapter:
             library_scan
         )
         spread = CARRIED * tick.elapsed_s**4 if poor else STEP * bool(tick.elapsed_s)
-        self._covariance = grown(self._covariance, inverse(before) @ self._pose, spread)
-        lack = self._imu.lack(scan.stamp_s, tick.elapsed_s) if self._takes_imu else ""
-        reason = tick.reason or poor or lack or scattered(scan)
+        self._covariance = propagated_covariance(
+            self._covariance, inverse(before) @ self._pose, spread
+        )
+        lack = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s) if self._takes_imu else ""
+        reason = tick.reason or poor or lack or excessive_noise(scan)
         return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), reason)
 
     def _library_scan(self, scan: LidarScan, sound: np.ndarray) -> LibraryScan:
@@ -128,7 +130,7 @@ class OdometryAdapter:
         if before is None:
             self._first_pose = self._pose
             anew, self._placed_any = self._placed_any, True
-            return "the library begins anew" if anew else ""
+            return "the library was restarted" if anew else ""
         return self._moved(before, taken_s, placed, scan.stamp_s)
 
     def _moved(self, before: Placed, taken_s: float, placed: Placed, stamp_s: float) -> str:
@@ -139,7 +141,7 @@ class OdometryAdapter:
         speed_m_s = float(np.linalg.norm(twist[:3]))
         if not speed_m_s <= FASTEST_M_S:
             self._begin()
-            return f"{speed_m_s:.0f} m/s is no speed of a vehicle"
+            return f"{speed_m_s:.0f} m/s is not the speed of a vehicle"
         if self._start_from_world is None:
             first = _pose_at(before, twist, taken_s)
             self._start_from_world = self._first_pose @ inverse(first)
