@@ -162,7 +162,7 @@ class LidarInertialOdometry:
             return poor
         self._start.add(sweep, stretch, self._imu)
         wheel_speed = self._wheels.at(sweep.scan.stamp_s)
-        speed = self._start.speed() if wheel_speed is None else Speed.told(wheel_speed[0])
+        speed = self._start.speed() if wheel_speed is None else Speed.measured(wheel_speed[0])
         if speed is None:
             return "" if len(self._start) == 1 else "the speed is not known yet"
         if wheel_speed is None and speed.ahead_m_s < self._integrated_speed.least_m_s:
@@ -256,7 +256,7 @@ class LidarInertialOdometry:
             scan,
             float(ahead_m_s),
             float(rate_rad_s),
-            track.unfelt_m_s2,
+            track.hidden_acceleration_m_s2,
             self._integrated_speed.least_m_s,
         )
         if measured is None:

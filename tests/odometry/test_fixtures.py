@@ -8,7 +8,7 @@ from roadscope.core import LidarScan
 from roadscope.odometry.inertial.speed_search import (
     BeamTable,
     Ends,
-    count_apart,
+    count_separate,
     gathered,
     joined,
     slim,
@@ -156,20 +156,20 @@ def test_what_is_as_wide_as_a_cab_is_no_post():
     assert not any(each.slim.any() for each in street(9.0, ROAD, wide_m=0.9))
 
 
-def test_a_few_slim_things_decide_nothing():
+def test_a_few_slim_objects_decide_nothing():
     """Beside the sensor a piece of a lorry may be seen by itself."""
     assert not standing_speed_of(street(9.0, ROAD[:2]), 0.0).known
 
 
-def test_slim_things_are_counted_once():
+def test_slim_objects_are_counted_once():
     """Wherever they lie on a grid; a metre apart is one."""
     rng = np.random.default_rng(0)
     post = np.array([4.0, 6.0]) + 0.03 * rng.standard_normal((40, 2))
-    assert count_apart(post, 2.0) == 1
+    assert count_separate(post, 2.0) == 1
     near, other, third = (post + np.array(way) for way in ((1.0, 0.0), (2.5, 0.0), (0.0, -9.0)))
-    assert count_apart(np.vstack([post, near]), 2.0) == 1
-    assert count_apart(np.vstack([post, other, third]), 2.0) == 3
-    assert count_apart(np.empty((0, 2)), 2.0) == 0
+    assert count_separate(np.vstack([post, near]), 2.0) == 1
+    assert count_separate(np.vstack([post, other, third]), 2.0) == 3
+    assert count_separate(np.empty((0, 2)), 2.0) == 0
 
 
 def some(kind, count):
@@ -189,7 +189,7 @@ def both(tall, slim):
     ("tall", "slim", "chosen"),
     [(7, 3, None), (8, 3, 8), (7, 4, 4), (8, 4, 12), (8, 9, 17), (40, 10, 10), (0, 10, 10)],
 )
-def test_slim_things_decide_alone_where_there_are_many(tall, slim, chosen):
+def test_slim_objects_decide_alone_where_there_are_many(tall, slim, chosen):
     found = fixed_of([both(tall, slim)] * 3)
     assert (found and [int(each.sum()) for each in found]) == (chosen and [chosen] * 3)
 
@@ -237,7 +237,7 @@ def test_a_post_is_a_fixture_at_any_step(columns):
     above = np.tan(np.deg2rad([1.0, 3.0, 5.0, 7.0]))
     beams = np.unique(angle[post])
     top = np.array([[9 * np.cos(a), 9 * np.sin(a), 9 * u] for a in beams for u in above])
-    assert Ends.of(read(np.vstack([points, top]))).slim_things == 1
+    assert Ends.of(read(np.vstack([points, top]))).slim_objects == 1
 
 
 def test_the_edge_of_a_narrow_field_is_no_end():

@@ -18,7 +18,7 @@ HELD_M_S = 11.0
 def answers(monkeypatch):
     """Return a function: what a check answers to looks in a row, m/s."""
 
-    def of(*looks, unfelt_m_s2=100.0, least_m_s=-np.inf):
+    def of(*looks, hidden_acceleration_m_s2=100.0, least_m_s=-np.inf):
         told = iter(looks)
         monkeypatch.setattr(
             speed_check, "standing_speed_of", lambda *_: Speed(next(told), 2.0, by_fixtures=True)
@@ -26,7 +26,7 @@ def answers(monkeypatch):
         monkeypatch.setattr(speed_check, "SCANS", 1)
         check = SpeedCheck()
         seen = [
-            check.off(Drive().scan(10 * k), HELD_M_S, 0.0, unfelt_m_s2, least_m_s)
+            check.off(Drive().scan(10 * k), HELD_M_S, 0.0, hidden_acceleration_m_s2, least_m_s)
             for k in range(len(looks))
         ]
         return [each and each[0] for each in seen]
@@ -47,13 +47,15 @@ def test_two_that_say_the_same_are(answers):
 
 def test_what_would_have_been_felt_is_not_believed_however_often_it_is_seen(answers):
     """A wall that fades away along the road seems to move along."""
-    assert answers(11.1, 7.0, 7.0, unfelt_m_s2=0.6) == pytest.approx([0.1, None, None])
-    assert answers(11.1, 7.0, 7.0, unfelt_m_s2=4.0) == pytest.approx([0.1, None, -4.0])
+    assert answers(11.1, 7.0, 7.0, hidden_acceleration_m_s2=0.6) == pytest.approx([0.1, None, None])
+    assert answers(11.1, 7.0, 7.0, hidden_acceleration_m_s2=4.0) == pytest.approx([0.1, None, -4.0])
 
 
 def test_a_speed_that_a_wall_confirmed_is_given_up_for_a_faster_one(answers):
     """What moves along says too little; two that say more are right, whatever was felt."""
-    assert answers(11.1, 22.0, 22.0, unfelt_m_s2=0.6) == pytest.approx([0.1, None, 11.0])
+    assert answers(11.1, 22.0, 22.0, hidden_acceleration_m_s2=0.6) == pytest.approx(
+        [0.1, None, 11.0]
+    )
 
 
 def test_what_looks_slower_than_was_felt_is_no_look(answers):

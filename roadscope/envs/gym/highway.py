@@ -58,12 +58,12 @@ TASKS: Mapping[str, Task] = MappingProxyType(
 
 
 class ScenarioEnv(gym.Env[Observation, Any]):
-    """A scenario seen through the sensors of a rig.
+    """A scenario observed through the sensors of a rig.
 
     scenario: a name of `scenarios.SCENARIOS`.
     ego: `agent`: the action drives the ego, with the action space, the reward and the ends of
         highway-env's own environment; `idm`: a recorded scenario is played whose ego drives
-        itself, and the one action is to go on. None: `agent` where there is one to drive.
+        itself, and the only action is to continue. None: `agent` if the scenario has a task.
     rig, style, weather, light, faults, records, pixel_truth: as in `SensorWrapper`.
     config: settings of highway-env that an agent's environment should have.
     duration_s: the episode is truncated there at the latest.

@@ -60,7 +60,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
     faults: such as `fog:3` or a list of them (`roadscope list faults`), also weather.
     records: whether `info` contains every frame and its truth; training is faster without them.
     pixel_truth: whether `info["pixel_truth"]` contains depth, instance and category of every pixel
-        of the observed image (`PixelTruth`), and each truth of an image those of its own.
+        of the observed image (`PixelTruth`), and each truth of an image those of that image.
 
     The observation is a dictionary of the latest complete scan and the own state: see
     `spaces.observation_space`. `info["frames"]` holds each `Frame` completed since the last call

@@ -157,11 +157,11 @@ def _sky_run(
             (line[j + 1, 1] - line[j, 1]) * share,
         )
         blue_step = (line[j + 1, 2] - line[j, 2]) * share
-        way = np.float32(first + 0.5 - j * BLOCK)
+        offset = np.float32(first + 0.5 - j * BLOCK)
         red, green, blue = (
-            line[j, 0] + way * red_step,
-            line[j, 1] + way * green_step,
-            line[j, 2] + way * blue_step,
+            line[j, 0] + offset * red_step,
+            line[j, 1] + offset * green_step,
+            line[j, 2] + offset * blue_step,
         )
         for c in range(first, last):
             light[c, 0], light[c, 1], light[c, 2] = red, green, blue

@@ -58,7 +58,7 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType(
             "%",
             ("lidar",),
         ),
-        # Likewise, from 0.1 s at a time (one missed exchange) to 2 s (a camera that restarts).
+        # From 0.1 s at a time (one lost message) to 2 s (a restart of the camera).
         "blackout": FaultKind(
             "Images are missing or black for a while.",
             (2.0, 5.0, 10.0, 20.0, 40.0),
@@ -72,7 +72,7 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType(
             "ms",
             ("camera",),
         ),
-        # From what is left after a careful calibration to a knock: at 50 m, 0.2 m to 3.5 m.
+        # From the error of a careful calibration to a bent mount: at 50 m, 0.2 m to 3.5 m.
         "extrinsic-error": FaultKind(
             "The calibration is off: so far turned, and 4 cm/deg shifted.",
             (0.25, 0.5, 1.0, 2.0, 4.0),

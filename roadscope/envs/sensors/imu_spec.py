@@ -32,7 +32,7 @@ class ImuSpec(Record):
     gyro_noise: rad/s/sqrt(Hz), density of the white noise.
     gyro_walk: rad/s^2/sqrt(Hz), density of the noise whose integral is the bias.
     gyro_turn_on: rad/s, standard deviation of the bias at the start of an episode.
-    accelerometer_noise, accelerometer_walk, accelerometer_turn_on: likewise in m/s^2/sqrt(Hz),
+    accelerometer_noise, accelerometer_walk, accelerometer_turn_on: the same in m/s^2/sqrt(Hz),
         m/s^3/sqrt(Hz) and m/s^2.
     bandwidth_hz: cut-off (-3 dB) of a first-order low-pass filter of motion and noise.
     gyro_range, accelerometer_range: rad/s and m/s^2; larger values are clipped.

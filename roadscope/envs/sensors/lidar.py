@@ -113,14 +113,14 @@ def interpolate_columns(
     for c in range(len(knots)):
         k, f = knots[c], fractions[c]
         after = min(k + 1, len(matrices) - 1)
-        sine, rest = np.sin(f * angles[k]), 1.0 - np.cos(f * angles[k])
+        sine, versine = np.sin(f * angles[k]), 1.0 - np.cos(f * angles[k])
         for i in range(3):
             for j in range(3):
                 square = 0.0
                 for m in range(3):
                     square += turns[k, i, m] * turns[k, m, j]
                 # Rodrigues' formula; a turn about z leaves the z axis as it is, to the bit.
-                step[i, j] = (1.0 if i == j else 0.0) + sine * turns[k, i, j] + rest * square
+                step[i, j] = (1.0 if i == j else 0.0) + sine * turns[k, i, j] + versine * square
         for i in range(3):
             for j in range(3):
                 lidar[i, j] = 0.0

@@ -188,8 +188,8 @@ class Sensing:
     def reset(self, seed: int) -> None:
         """Start again at the first sweep, with the world of a seed."""
         self._world_seed, self._noise_seed, self._motion_seed, self._weather_seed = _seeds(seed)
-        self._image_seed, look = image_seeds(seed)
-        rng = np.random.default_rng(look)
+        self._image_seed, light_seed = image_seeds(seed)
+        rng = np.random.default_rng(light_seed)
         self._light = daylight(rng) if self.light is None else light_named(self.light, rng)
         self._disturbance = Disturbance.of(self.faults, seed)
         self._first_heading_rad: float | None = None

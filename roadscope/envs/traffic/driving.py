@@ -39,7 +39,7 @@ def clamp(value: float, low: float, high: float) -> float:
 
 
 class Driver(IDMVehicle):  # type: ignore[misc]
-    """An IDM and MOBIL vehicle of highway-env with a body of its own.
+    """An IDM and MOBIL vehicle of highway-env with its own body.
 
     Gaps are bumper to bumper, braking ends at standstill, curves are taken slowly enough, and
     steering obeys limits of rate, lateral jerk and lateral acceleration, so that the recorded

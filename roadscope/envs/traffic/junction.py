@@ -13,7 +13,7 @@ from roadscope.envs.traffic.flow import FlowRoad
 REQUEST_M = 26.0
 """Drivers request their path this far before the line; chosen by hand."""
 SHARP_M_S2 = 3.5
-"""A driver that would have to brake harder to stop at the line goes on; chosen by hand."""
+"""Drivers that would have to brake harder to stop at the line continue; chosen by hand."""
 PATIENCE_S = 4.0
 """After this wait no later request is granted before a driver's own; chosen by hand."""
 CLEARANCE_M = 3.2
@@ -124,7 +124,7 @@ class GiveWay:
     """Lets drivers into a roundabout when no driver on it would have to brake for them.
 
     lines: for each entry lane, how far before its end the line is.
-    ring: for each entry lane, the ring's lanes that lead to where it joins, nearest first.
+    ring: for each entry lane, the ring's lanes before the point where it joins, nearest first.
     gap_s: least time until the next driver on the ring arrives.
     """
 
@@ -159,7 +159,7 @@ class GiveWay:
         return True
 
     def _distance_to_entry(self, road: FlowRoad, other: Driver, entry: Any) -> float | None:
-        """Metres from somebody's front to where an entry joins; None if not on the way there."""
+        """Return the metres from a driver's front to an entry; None if it goes elsewhere."""
         if not any(leg[0] == entry[1] for leg in other.route or ()):
             return None
         distance_m = 0.0
@@ -179,7 +179,7 @@ def _distance_to_line(road: FlowRoad, driver: Driver, line: float) -> float:
 
 
 def _conflicts(road: FlowRoad, paths: list[Any]) -> dict[tuple[Any, Any], float]:
-    """Return, for ways from different roads that come too close, how far along the first."""
+    """Return for each pair of conflicting paths how far along the first it blocks the second."""
     count, points = 40, {}
     for path in paths:
         lane = road.network.get_lane(path)

@@ -138,7 +138,7 @@ class TrafficRecorder:
         return self._snapshots[-1].stamp_s
 
     def timeline(self, last_s: float | None = None) -> Timeline:
-        """Return what was recorded, all of it or the last seconds (at least one sample more)."""
+        """Return the recording, or its last seconds (with at least one more sample before them)."""
         first = 0
         if last_s is not None:
             since_s = self.stamp_s - last_s

@@ -48,7 +48,7 @@ class ScriptedMotion:
     x_m, y_m: position at time 0 without any change, world frame. On a winding road x is the
         arc length along the course and y the distance to its left.
     speed: speed along x at the beginning, m/s.
-    speed_changes, lane_changes: what is added to the speed along x and to y.
+    speed_changes, lane_changes: changes of the speed along x, and of y.
 
     Position is three times continuously differentiable, so yaw and yaw rate never jump.
     """

@@ -220,7 +220,7 @@ def convoy_pull_away(_name: str, seed: int, duration_s: float | None = None) -> 
 def _pulling_away(
     rng: np.random.Generator, start: PullAway, x_m: float, until_s: float
 ) -> ScriptedMotion:
-    """Return a motion from standstill up to a speed, which is then roughly kept."""
+    """Return a motion from standstill up to a speed, which then stays almost constant."""
     duration = PEAK * start.speed / start.peak_m_s2
     motion = ScriptedMotion(x_m, 0.0, 0.0, (Change(start.start_s, duration, start.speed),))
     return motion.with_varying_speed(rng, Bounds(start.start_s + duration, until_s), 0.4)
@@ -261,8 +261,8 @@ def platoon(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
 def cold_start(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
     """Drive 15 to 35 m/s, by seed, from the first scan on: 375 to 875 m in 25 s.
 
-    Two or three lanes each way, vehicles about 1.3 s behind one another, those to the left faster
-    and those to the right slower; up to 22 m/s in town, above on a motorway.
+    Two or three lanes in each direction, vehicles about 1.3 s behind one another, those to the left
+    faster and those to the right slower; up to 22 m/s in town, above on a motorway.
     """
     rng = _generator(seed)
     times = _times(duration_s, 25.0)
@@ -280,7 +280,7 @@ def barriers(_name: str, seed: int, duration_s: float | None = None) -> Timeline
     """Drive 15 to 28 m/s on a motorway between noise walls: 450 to 840 m in 30 s.
 
     Two or three lanes, by seed with three oncoming ones beside; the walls, 3.5 m high and 4.5 m
-    off, are straight or bend gently, and only a sign now and then tells positions from each other.
+    off, are straight or bend gently, and only a few signs distinguish positions.
     """
     rng = _generator(seed)
     count, oncoming = int(rng.integers(2, 4)), 3 * int(rng.integers(2))
@@ -367,7 +367,7 @@ def standing_barriers(_name: str, seed: int, duration_s: float | None = None) ->
     """Stand on the right of a motorway between noise walls while others pass at 10 to 28 m/s.
 
     Two or three lanes of the ego's direction to its left, by seed also three oncoming ones; up to
-    three stand before and behind the ego. Only a sign now and then tells positions from each other.
+    three stand before and behind the ego. Only a few signs distinguish positions.
     """
     rng = _generator(seed)
     ego_lane, oncoming = int(rng.integers(2, 4)), 3 * int(rng.integers(2))
@@ -440,7 +440,7 @@ def _waves(rng: np.random.Generator, x_m: float, until_s: float) -> ScriptedMoti
 
 
 def empty_motorway(_name: str, seed: int, duration_s: float | None = None) -> Timeline:
-    """Drive alone at 18 to 28 m/s on two or three lanes each way, between rails and trees.
+    """Drive alone at 18 to 28 m/s on two or three lanes in each direction, between rails and trees.
 
     Odd seeds stand for 2 to 4 s and pull away, and reach that after 20 to 30 s; even ones are at
     speed from the first scan on.

@@ -281,7 +281,8 @@ ARMS = [(f"o{corner}", f"ir{corner}", 0) for corner in range(4)]
 ARM_SPEED = 8.0
 """Desired speed at the intersection, m/s."""
 LINE_M = 3.0
-"""highway-env takes a vehicle to be past a lane 2.5 m before its end, and bumpers lead centres."""
+"""Distance of the stop line from the end of a lane: highway-env moves a vehicle to the next lane
+2.5 m before the end of its lane."""
 LONGEST_TURNING_M = 6.5
 """Longer vehicles drive straight on: highway-env's turns have radii of 9 and 13 m."""
 ANY_TURN, NO_LEFT_TURN = (1, 2, 2, 3), (2, 2, 2, 3)

@@ -123,7 +123,7 @@ class Timeline(Record):
 
         The rear axle does not slip, so its velocity is the speed along the yaw and the curve is
         smooth; between two samples yaw turns at a constant rate. Outside the samples of an actor
-        it goes on at constant velocity; there it is absent, unless the recording itself ends.
+        its velocity is constant; there it is absent, unless the recording itself ends.
         """
         times = np.atleast_1d(np.asarray(stamps_s, np.float64))
         first, last = self._presence()
@@ -166,7 +166,7 @@ class Timeline(Record):
             return _unpack(np.load(file, allow_pickle=False))
         except OSError:
             raise
-        # A damaged archive fails in as many ways as zipfile, zlib, NumPy and our records know.
+        # A damaged archive may raise any error of zipfile, zlib, NumPy and our records.
         except Exception as error:
             name = getattr(file, "name", "content")
             raise RecordError(f"{name}: not a timeline file: {error}") from error

@@ -119,7 +119,7 @@ class Walker:
         for step in steps:
             along, across = _along_and_across(step.tolist(), place, ahead)
             if -half - 0.4 < along < front and abs(across) < side + 0.4:
-                # A person already in front of a driver goes on: the driver has to stop.
+                # A person already in front of a driver continues: the driver has to stop.
                 along, across = _along_and_across(self.position.tolist(), place, ahead)
                 return bool(abs(across) > side + 0.3 or along < half)
         return False

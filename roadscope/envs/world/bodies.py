@@ -108,7 +108,7 @@ def _pickup(size: Size, rng: np.random.Generator) -> list[Prisms]:
 
 
 def _dropside(size: Size, rng: np.random.Generator) -> list[Prisms]:
-    """Put a van's cab before a low open bed."""
+    """Build a van's cab with a low open bed behind it."""
     colour = _colour(rng)
     return [
         slab(size, Section(0.60, 1, 0.10, 0.55), radius=0.2, **colour),
@@ -153,7 +153,7 @@ def _lorry_wheels(size: Size, begin: float) -> list[Prisms]:
 
 
 def _flatbed(size: Size, rng: np.random.Generator) -> list[Prisms]:
-    """Put an empty platform behind the cab, with a wall before it."""
+    """Build a cab with an empty platform behind it, and a wall between them."""
     cab, begin = _cab(size, _colour(rng))
     high = 1.1 / size[2]
     wall = (begin - 0.3 / size[0], begin - 0.15 / size[0])

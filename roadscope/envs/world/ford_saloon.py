@@ -2,7 +2,7 @@
 
 Length, width and height are the maker's (second generation, from 2013). Heights and set-backs of
 the slabs were estimated from side views against the 0.67 m wheels, so they are good to a few
-centimetres. Seen from above the body narrows ahead of the front axle and behind the rear axle.
+centimetres. From above, the body narrows ahead of the front axle and behind the rear axle.
 """
 
 from __future__ import annotations

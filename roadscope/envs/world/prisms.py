@@ -11,7 +11,7 @@ from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 
 # --------------------------------------------------------------------------------------------------
-# Convex outlines seen from above.
+# Convex outlines from above.
 
 
 def rectangle(length_m: float, width_m: float, centre_x_m: float = 0.0) -> np.ndarray:

@@ -84,7 +84,7 @@ def ring_roughness(
     """Return c, (N,), eq. 6 over neighbours of the cluster on the ring, as many to either side.
 
     labels: (N,), the cluster. Neighbours are five, or as many as lie within the window of those
-    that have more. nan where the cluster does not go on for five.
+    that have more. nan where the cluster has fewer than five on a side.
     """
     return _roughness(sweep.points.astype(float), sweep.ring, sweep.order, labels, window_m)
 

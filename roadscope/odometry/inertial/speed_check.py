@@ -35,7 +35,7 @@ class SpeedCheck:
         scan: LidarScan,
         ahead_m_s: float,
         rate_rad_s: float,
-        unfelt_m_s2: float,
+        hidden_acceleration_m_s2: float,
         least_m_s: float = -np.inf,
     ) -> tuple[float, float] | None:
         """Add a scan with its motion; return the error of the speed and its deviation, m/s.
@@ -50,24 +50,24 @@ class SpeedCheck:
         if len(self._ends) < SCANS:
             return None
         measured = standing_speed_of(self._ends, rate_rad_s)
-        held_m_s = float(np.mean(self._speeds))
+        estimated_m_s = float(np.mean(self._speeds))
         self._ends, self._speeds = [], []
         if not measured.known or measured.ahead_m_s < least_m_s:
             return None
-        off_m_s = measured.ahead_m_s - held_m_s
-        if not self._believed(off_m_s, scan.stamp_s, unfelt_m_s2):
+        off_m_s = measured.ahead_m_s - estimated_m_s
+        if not self._believed(off_m_s, scan.stamp_s, hidden_acceleration_m_s2):
             return None
         if abs(off_m_s) < NEAR_M_S:
             self._confirmed_s = scan.stamp_s
         self._done_s = scan.stamp_s
         return off_m_s, measured.spread_m_s
 
-    def _believed(self, off_m_s: float, now_s: float, unfelt_m_s2: float) -> bool:
+    def _believed(self, off_m_s: float, now_s: float, hidden_acceleration_m_s2: float) -> bool:
         """Return whether a measurement is accepted; against a confirmed speed it takes two."""
         before_m_s, self._far_m_s = self._far_m_s, off_m_s
         if abs(off_m_s) < FAR_M_S or not np.isfinite(self._confirmed_s):
             return True
-        possible_m_s = NEAR_M_S + unfelt_m_s2 * (now_s - self._confirmed_s)
+        possible_m_s = NEAR_M_S + hidden_acceleration_m_s2 * (now_s - self._confirmed_s)
         # Traffic that moves along gives too low a speed; fixtures never give too high a one.
         return abs(off_m_s - before_m_s) < FAR_M_S and -off_m_s < possible_m_s
 

@@ -290,7 +290,7 @@ def joined(
     """Return the speed near another at which points of different scans meet best, and its weight.
 
     As `gathered`, without cells: least squares over all pairs, weighed by Welsch's function of
-    how far they are apart. The weight, s^2, is what the pairs that meet say of the speed together;
+    how far they are apart. The weight, s^2, is the information of all pairs about the speed;
     0 where none do. near_m: the standard deviation of that function. points: in order of the
     second axis, as they are moved by the speed.
     """
@@ -316,7 +316,7 @@ def joined(
 
 
 @compiled()
-def count_apart(points: np.ndarray, apart_m: float) -> int:
+def count_separate(points: np.ndarray, apart_m: float) -> int:
     """Return the size of a greedy selection of (N, 2) points that are that far apart."""
     taken = np.empty((len(points), 2))
     count = 0
@@ -366,7 +366,7 @@ class Ends:
     """Ends of objects in a scan, and slim objects.
 
     points: (K, 2) metres as measured. times_s: (K,). upright, tall, slim: (K,) bool, whether it is
-    an upright end, one of a tall thing, or the middle of a slim thing.
+    an upright end, one of a tall object, or the middle of a slim object.
     """
 
     points: np.ndarray
@@ -401,9 +401,9 @@ class Ends:
         )
 
     @property
-    def slim_things(self) -> int:
+    def slim_objects(self) -> int:
         """Number of slim objects."""
-        return int(count_apart(self.points[self.slim], APART_M))
+        return int(count_separate(self.points[self.slim], APART_M))
 
 
 @dataclass(frozen=True, slots=True)
@@ -422,7 +422,7 @@ class Speed:
     CLEAR: ClassVar = 1.25
 
     @staticmethod
-    def told(ahead_m_s: float) -> Speed:
+    def measured(ahead_m_s: float) -> Speed:
         """Return a speed that was measured directly, for example by wheels."""
         return Speed(ahead_m_s, np.inf, by_fixtures=True)
 
@@ -445,7 +445,7 @@ def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
     fixed = _fixed(scans)
     if fixed is not None:
         return _by_fixtures(scans, rate_rad_s, fixed)
-    if _slim_things(scans) >= FEW_SLIM:
+    if _slim_objects(scans) >= FEW_SLIM:
         guess = _by_fixtures(scans, rate_rad_s, [each.slim for each in scans])
         if guess.known:
             return replace(guess, by_fixtures=False)
@@ -466,18 +466,18 @@ def _by_fixtures(scans: list[Ends], rate: float, fixed: list[np.ndarray]) -> Spe
 
 def _fixed(scans: list[Ends]) -> list[np.ndarray] | None:
     """Return the marks of fixtures in each scan; None if there are too few."""
-    things = _slim_things(scans)
+    objects = _slim_objects(scans)
     enough_tall = sum(int(each.tall.sum()) for each in scans) >= LEAST_TALL * len(scans)
-    slim_counts = things >= LEAST_SLIM
-    tall_counts = enough_tall and things < MANY_SLIM
+    slim_counts = objects >= LEAST_SLIM
+    tall_counts = enough_tall and objects < MANY_SLIM
     if not (tall_counts or slim_counts):
         return None
     return [each.tall & tall_counts | each.slim & slim_counts for each in scans]
 
 
-def _slim_things(scans: list[Ends]) -> float:
+def _slim_objects(scans: list[Ends]) -> float:
     """Return the mean number of slim objects in a scan."""
-    return sum(each.slim_things for each in scans) / max(len(scans), 1)
+    return sum(each.slim_objects for each in scans) / max(len(scans), 1)
 
 
 @dataclass(frozen=True, slots=True)

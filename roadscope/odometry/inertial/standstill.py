@@ -62,7 +62,7 @@ class RestHistory:
     def __init__(self, noise: InertialNoise) -> None:
         self.noise = noise
         self._states: list[tuple[InertialState, Stretch]] = []
-        self._felt: deque[tuple[float, np.ndarray]] = deque()
+        self._samples: deque[tuple[float, np.ndarray]] = deque()
         self._left_s, self._place = -np.inf, np.full(3, np.inf)
 
     @property
@@ -77,11 +77,11 @@ class RestHistory:
         """
         if not len(stretch.lengths_s) or now_s < self._left_s + DOUBTED_S:
             return False
-        self._felt.append((stretch.elapsed_s, stretch.lengths_s @ stretch.forces))
-        while sum(length for length, _ in self._felt) > COMPARED_S:
-            self._felt.popleft()
-        lengths = np.array([length for length, _ in self._felt])
-        gained = np.array([each for _, each in self._felt])
+        self._samples.append((stretch.elapsed_s, stretch.lengths_s @ stretch.forces))
+        while sum(length for length, _ in self._samples) > COMPARED_S:
+            self._samples.popleft()
+        lengths = np.array([length for length, _ in self._samples])
+        gained = np.array([each for _, each in self._samples])
         late = np.cumsum(lengths[::-1])[::-1] <= RECENT_S + 1e-3
         late_s, early_s = float(lengths[late].sum()), float(lengths[~late].sum())
         if min(late_s, early_s) < RECENT_S / 2:
@@ -93,8 +93,8 @@ class RestHistory:
 
     def doubt_m(self, track: InertialTrack) -> float:
         """Return the standard deviation of a common motion of everything in the map, metres."""
-        way_m = float(np.linalg.norm(track.state.pose[:3, 3] - self._place))
-        return DOUBT_M if way_m < NEAR_M and not self._states else 0.0
+        distance_m = float(np.linalg.norm(track.state.pose[:3, 3] - self._place))
+        return DOUBT_M if distance_m < NEAR_M and not self._states else 0.0
 
     def held(self, track: InertialTrack, stretch: Stretch) -> None:
         """Store the state of a sensor at rest at the end of an interval."""
@@ -108,7 +108,7 @@ class RestHistory:
 
         Returns whether the sensor was at rest until now.
         """
-        self._felt.clear()
+        self._samples.clear()
         if not self._states:
             return False
         track.state = self._states[0][0]

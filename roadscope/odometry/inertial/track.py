@@ -165,7 +165,7 @@ class InertialTrack:
     ) -> None:
         self.state, self.lever, self.noise = state, lever, noise
         self.drop_dynamic = drop_dynamic
-        self.rate, self.felt, self.elapsed_s = np.zeros(3), True, 0.0
+        self.rate, self.has_samples, self.elapsed_s = np.zeros(3), True, 0.0
         self.doubt_m = 0.0
         self.map = VoxelMap(reach_m=reach_m)
         self.space = FreeSpace()
@@ -183,7 +183,7 @@ class InertialTrack:
             self.rate = stretch.sweep_rate - self.state.rate_bias
         if still or not stretch.elapsed_s:
             return
-        self.felt, self.elapsed_s = bool(len(stretch.lengths_s)), stretch.elapsed_s
+        self.has_samples, self.elapsed_s = bool(len(stretch.lengths_s)), stretch.elapsed_s
         if len(stretch.lengths_s):
             propagate(self.state, stretch.lengths_s, stretch.rates, stretch.forces, self.noise)
         else:
@@ -217,7 +217,7 @@ class InertialTrack:
         """Return the match of a sweep's (K, 3) points with the map and the prediction."""
         few = sweep.few[~moving[sweep.few]] if self.drop_dynamic else sweep.few
         covariance = self.state.covariance[POSE, POSE]
-        doubt_m = self.doubt_m if self.felt else 0.0
+        doubt_m = self.doubt_m if self.has_samples else 0.0
         return matched_with_prediction(
             self.map.voxels,
             points[few],
@@ -233,7 +233,7 @@ class InertialTrack:
         update_pose(self.state, scan_match.map_from_sensor, scan_match.information)
         if not self.slow:
             self._add_map_drift(scan_match)
-        if not self.felt:
+        if not self.has_samples:
             turned = log_so3(before[:3, :3].T @ self.state.pose[:3, :3])
             self.rate = self.rate + turned / self.elapsed_s
 
@@ -248,9 +248,9 @@ class InertialTrack:
         return float(np.linalg.norm(self.state.velocity[:2])) <= SLOW_M_S
 
     @property
-    def unfelt_m_s2(self) -> float:
+    def hidden_acceleration_m_s2(self) -> float:
         """Largest acceleration that samples do not show: three deviations of a bias."""
-        return 3 * self.noise.force_bias if self.felt else COASTING_M_S2
+        return 3 * self.noise.force_bias if self.has_samples else COASTING_M_S2
 
     def correct_at_rest(self, rate: np.ndarray) -> None:
         """Update the state with a sensor at rest whose gyro measures a (3,) rate."""
@@ -289,15 +289,15 @@ class InertialTrack:
         doubted: whether outliers are rejected.
         """
         ahead, velocity = self.state.pose[:3, 0], self.state.velocity
-        held_m_s = float(ahead @ velocity)
+        estimated_m_s = float(ahead @ velocity)
         scale = 1 + self.state.wheel_scale
         J = np.zeros((1, SIZE))
         J[0, SPEED], J[0, TURN], J[0, WHEELS] = (
             scale * ahead,
             scale * np.cross(ahead, velocity),
-            held_m_s,
+            estimated_m_s,
         )
-        off_m_s = speed_m_s - scale * held_m_s
+        off_m_s = speed_m_s - scale * estimated_m_s
         expected = float((J @ self.state.covariance @ J.T)[0, 0]) + variance
         if doubted and off_m_s**2 > SLIPPING**2 * expected:
             return False

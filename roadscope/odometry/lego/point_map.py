@@ -222,7 +222,7 @@ class PointMap:
         return lines_among(self.grid, points, pose)
 
     def planes(self, points: np.ndarray, pose: np.ndarray) -> Pairs:
-        """Pair points with planes of the map, likewise."""
+        """Pair (N, 3) points, sensor frame, with planes of the map; pose: `map_from_sensor`."""
         return planes_among(self.grid, points, pose)
 
 

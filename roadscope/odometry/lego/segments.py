@@ -81,7 +81,7 @@ def objects_of(image: RangeImage, ground: np.ndarray, least: int) -> np.ndarray:
     """Return the object, (N,) int64 from 0 on, of each point; -1 for ground and small objects.
 
     Objects spread from return to return beside or above one another where the line between both
-    stands steep on the beam; those of fewer than so many returns are dropped.
+    is steep to the beam; those with fewer than `least` returns are dropped.
     """
     points, rows = image
     rings, columns = rows.shape
@@ -134,7 +134,7 @@ def _one_object(a: np.ndarray, b: np.ndarray) -> bool:
     bx, by, bz = np.float64(b[0]), np.float64(b[1]), np.float64(b[2])
     aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
     ab = ax * bx + ay * by + az * bz
-    # Both times the farther range: across its beam, and what is left along it.
+    # Both times the farther range: the offset across its beam, and along it.
     across = math.sqrt(max(aa * bb - ab * ab, 0.0))
     return math.atan2(across, max(aa, bb) - ab) > OBJECT_ANGLE_RAD
 
@@ -172,7 +172,7 @@ def ground_and_objects(scan: LidarScan, *, least: int = LEAST) -> ScanReturns:
 def features_of(returns: ScanReturns, points: np.ndarray) -> Features:
     """Return edges of objects, and planes; the matched planes belong to the ground.
 
-    points: (N, 3) metres, as seen at the scan's stamp.
+    points: (N, 3) metres, deskewed to the scan's stamp.
     """
     ground = returns.labels == GROUND
     return extract(

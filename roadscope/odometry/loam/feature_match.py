@@ -311,7 +311,7 @@ def normal_equations(
     """Return J'WJ (6, 6), J'Wd (6,) and the sum of weighted squares.
 
     The unknowns are a shift, metres, and a turn about the sensor, radians, along the axes of
-    the frame that the (4, 4) motion leads to.
+    the target frame of the (4, 4) motion.
     """
     H, b, cost = np.zeros((6, 6)), np.zeros(6), 0.0
     off, j, q = np.empty(2), np.empty(6), np.empty(3)
@@ -368,7 +368,7 @@ def descend(pairs: Pairs, weights: np.ndarray, start: np.ndarray, free: np.ndarr
 
 @compiled()
 def moved(matrix: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return a (4, 4) motion shifted and turned by a (6,) step along the axes it leads to."""
+    """Return a (4, 4) motion shifted and turned by a (6,) step along its target axes."""
     angle = np.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
     once = np.sin(angle) / angle if angle > 1e-8 else 1.0
     twice = (1 - np.cos(angle)) / (angle * angle) if angle > 1e-8 else 0.5

@@ -17,7 +17,8 @@ from roadscope.odometry.cloud_kernels import thinned
 JUMP = 0.1
 """A return farther than its neighbour by this share of the nearer range is behind an edge."""
 ADJACENT = 10
-"""Columns between two returns up to which the nearer one may hide what is beside the farther."""
+"""Greatest number of columns between two returns of which the nearer may hide a part of the farther
+surface."""
 GRAZING = 0.97
 """Cosine of the angle to the beam, 14 deg, below which a surface is nearly parallel to it."""
 SAME_M = 0.25
@@ -258,7 +259,7 @@ class FeatureLimits:
     """Most features of a group, which is a sector of a ring or a cluster.
 
     sharp, edges: the roughest, rougher than `edge_above`; the first `sharp` are matched.
-    flat, planes: the smoothest, smoother than `plane_below`; likewise.
+    flat, planes: the smoothest, smoother than `plane_below`; the first `flat` are matched.
     thin_m: of the planes of the other scan one in each cube of this size is used; 0: all.
     """
 
@@ -288,7 +289,7 @@ def roughness(
 def cluster_roughness(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return c of (N, 3) points, (N,), by Zhang 2022, eq. 6, literally: over whole clusters.
 
-    The sum over a cluster is its size times the way from its centre: c is the distance from
+    The sum over a cluster is its size times the offset from its centre: c is the distance from
     the centre by the range, no curvature. nan for points of negative label.
     """
     rough = np.full(len(points), np.nan)
@@ -317,10 +318,10 @@ def extract(
 ) -> Features:
     """Return the features of (N, 3) points with (N,) ring, column and label.
 
-    labels: negative for returns that give no features. rough: (N,); None: among neighbours on
-        the ring. by_cluster: the limits hold for each cluster rather than each sector of a ring.
-    leave_out: without what is beside occlusions or along the beam. edge_rows, flat_rows: (N,)
-        bool, which may be edges, and planes that are matched; None: all.
+    labels: negative for returns that give no features. rough: (N,); None: among neighbours on the
+        ring. by_cluster: the limits hold for each cluster rather than each sector of a ring.
+        leave_out: without returns beside occlusions or on surfaces along the beam. edge_rows,
+        flat_rows: (N,) bool, which may be edges, and planes that are matched; None: all.
     """
     sweep = sweep_of(points, ring, column)
     rough = roughness_along(sweep, NEIGHBOURS) if rough is None else rough

@@ -25,9 +25,9 @@ GRAVITY_GAIN = 0.01
 class ImuPrediction:
     """Integrates turn rates once and specific forces twice over the time between two scans.
 
-    Reading taken: the paper takes the way from the IMU and names no initial speed; it is that of
-    the last step of the odometry. Gravity, the accelerometer's bias with it, and the gyro's bias
-    are learned from steps. Without samples the motion continues at constant velocity.
+    Reading taken: the paper takes the displacement from the IMU and names no initial speed; it is
+    that of the last step of the odometry. Gravity, the accelerometer's bias with it, and the gyro's
+    bias are learned from steps. Without samples the motion continues at constant velocity.
 
     velocity: (3,) m/s, turning: (3,) rad/s, now, lidar frame.
     """
@@ -138,10 +138,11 @@ def deskewed_between(
     """Return (N, 3) points in the sensor's frame at the stamp.
 
     points: (N, 3) metres, at (N,) seconds after the stamp. before_from_now: (4, 4), motion over
-    the time elapsed up to the stamp, which goes on evenly.
+    the time elapsed up to the stamp, at constant velocity.
 
     Reading taken: eq. 5 scales the whole matrix by the share of time, which leaves no rotation;
-    here the turn's angle and the way are scaled. Points go to the scan's stamp, not its start.
+    here the turn's angle and the displacement are scaled. Points go to the scan's stamp, not its
+    start.
     """
     share = times_s / elapsed_s
     turn = log_so3(before_from_now[:3, :3])
@@ -153,7 +154,7 @@ def deskewed_between(
 def _interpolated(
     points: np.ndarray, share: np.ndarray, turn: np.ndarray, shift: np.ndarray
 ) -> np.ndarray:
-    """Return (N, 3) points turned and shifted by their share of a turn, (3,), and a way, (3,)."""
+    """Return (N, 3) points turned and shifted by their share of a turn, (3,), and a shift, (3,)."""
     angle = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
     axis = turn / angle if angle > 0.0 else np.zeros(3)
     moved = np.empty((len(points), 3))
@@ -193,7 +194,7 @@ class Progress:
     """The pose at the last scan that was matched, and at the latest one.
 
     pose, covariance: (4, 4) `start_from_lidar` and (6, 6), at the latest scan. stamp_s: of the
-    last scan that counts. begun: whether a step has told the speed.
+    last scan that counts. begun: whether a step has determined the speed.
     """
 
     def __init__(self, imu: ImuPrediction) -> None:

@@ -45,7 +45,7 @@ class Placed:
 
 
 class OdometryLibrary(Protocol):
-    """One odometry of a library, started afresh."""
+    """A newly started odometry of a library."""
 
     def place(self, scan: LibraryScan) -> Placed:
         """Return the pose of a scan; an exception becomes the reason why there is none."""

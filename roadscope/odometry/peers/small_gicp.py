@@ -14,7 +14,8 @@ from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
 
 SMALL_GICP = Requirement("small_gicp", "pip install roadscope[peers]")
 LRU = {"horizon": 100, "clear_cycle": 10}
-"""Voxels unseen for so many scans are dropped, looked for as often, as in its KITTI example."""
+"""Scans after which unused voxels are dropped, and scans between two checks, as in its KITTI
+example."""
 
 
 class SmallGicpOdometry:

@@ -220,7 +220,7 @@ class VoxelMap:
         return int(self.voxels.used[0])
 
     def add(self, points: np.ndarray, centre: np.ndarray) -> None:
-        """Add (N, 3) points, metres, seen from a place, (3,) metres, of the map's frame."""
+        """Add (N, 3) points, metres, measured from a place, (3,) metres, map frame."""
         levels = 3
         slots = len(self.voxels.keys)
         if len(self) + levels * len(points) > FULL * slots:

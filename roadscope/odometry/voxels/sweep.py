@@ -21,10 +21,10 @@ CROWDED = 30
 class ThinnedScan:
     """A scan thinned to one return in each cube.
 
-    scan: the whole. rows: (K,) of the selected returns. members: (N,) which of the K each return of
-    the scan belongs to, or -1. few: rows of the K that are matched; all are put into the map.
-    close: whether walls are so near all around that cubes of the usual size leave few returns of
-        many: a room, or a corridor.
+    scan: the whole. rows: (K,) of the selected returns. members: (N,) number of the selected one
+    in the cube of each return, or -1. few: rows of the K that are matched; all are added to the
+    map. close: whether walls are near all around, so that few cubes contain many returns: a room
+    or a corridor.
     """
 
     scan: LidarScan
