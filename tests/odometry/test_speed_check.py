@@ -122,7 +122,7 @@ def test_who_is_as_fast_as_what_stands_is_not_lost(monkeypatch):
     for k in range(12):
         odometry.update(drive.scan(k), drive.imu(k))
     track = odometry._track
-    monkeypatch.setattr(lidar_inertial, "_misfit", lambda _: "nothing agrees")
+    monkeypatch.setattr(lidar_inertial, "_reason_to_reject", lambda _: "nothing agrees")
     for k in range(12, 25):
         told = odometry.update(drive.scan(k), drive.imu(k))
     assert odometry._track is track

@@ -40,8 +40,9 @@ class SpeedCheck:
     ) -> tuple[float, float] | None:
         """Add a scan with its motion; return the error of the speed and its deviation, m/s.
 
-        None if there is no clear measurement. unfelt_m_s2: largest acceleration that samples do not
-        show. least_m_s: lower bound of the speed; slower measurements belong to traffic.
+        None if there is no clear measurement. hidden_acceleration_m_s2: largest acceleration that
+        samples do not show. least_m_s: lower bound of the speed; slower measurements belong to
+        traffic.
         """
         if scan.stamp_s < self._done_s + EVERY_S:
             return None

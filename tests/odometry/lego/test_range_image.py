@@ -12,7 +12,7 @@ from roadscope.odometry.lego.segments import (
     GROUND,
     LEVEL,
     NONE,
-    OBJECT,
+    OBJECT_ANGLE_RAD,
     features_of,
     ground_and_objects,
     ground_of,
@@ -56,7 +56,7 @@ def objects_slowly(image, ground, least):
                     angle = np.arccos(
                         (far - near) @ far / np.linalg.norm(far - near) / np.linalg.norm(far)
                     )
-                    if angle > OBJECT:
+                    if angle > OBJECT_ANGLE_RAD:
                         old, new = group[n], group[m]
                         group = {k: new if g == old else g for k, g in group.items()}
                         changed = True

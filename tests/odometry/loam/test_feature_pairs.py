@@ -29,8 +29,7 @@ def rings_of_points(rng, count, rings=5):
     return points, ring, rng.integers(0, 3, count)
 
 
-def nearest_slowly(table, place, label, rings, most):
-    home, farthest, least = rings
+def nearest_slowly(table, place, label, home, farthest, least, most):
     ring = np.repeat(np.arange(len(table.lows)), np.diff(table.starts))
     squared = ((table.points - place) ** 2).sum(axis=1)
     able = (np.abs(ring - home) <= farthest) & (np.abs(ring - home) >= least) & (squared < most)
@@ -89,7 +88,7 @@ def test_the_pose_says_where_features_are_looked_for(rng):
     motion = exp_se3(np.array([1.0, 0.5, 0, 0, 0, 0.3]))
     there = (points - motion[:3, 3]) @ motion[:3, :3]
     for kernel in (lines_of, planes_of):
-        found = kernel(there, np.full(200, -1), ring, table, (motion, 5.0))
+        found = kernel(there, np.full(200, -1), ring, table, motion, 5.0)
         assert len(found.points) > 150
         placed = found.points @ motion[:3, :3].T + motion[:3, 3]
         assert placed == pytest.approx(found.anchors, abs=1e-9)
