@@ -36,8 +36,8 @@ ODOMETRIES: Registry[Odometry] = Registry(
     },
     group="roadscope.odometry",
     summaries={
-        "still": "Never moves: the lowest baseline.",
-        "dead-reckoning": "The IMU alone, from a start at rest: the lower baseline.",
+        "still": "Never moves: the lowest mark.",
+        "dead-reckoning": "The IMU alone, from a start at rest: the lower mark.",
         "scan-to-scan": "Surfaces of the last scan only.",
         "voxel-map": "Surfaces in voxels of three sizes, from all scans: ours.",
         "zhang2022": "Edges and planes of static clusters (Zhang 2022).",

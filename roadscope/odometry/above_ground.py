@@ -12,6 +12,7 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.polar import polar_above_ground
 
 BOUNDS_M = (0.5, 120.0)
+"""Least and greatest range of the returns that are used."""
 ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 NEAR_M = 20.0

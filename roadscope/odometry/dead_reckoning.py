@@ -21,7 +21,7 @@ RATE_BIAS_RAD_S, FORCE_BIAS_M_S2 = 1e-3, 0.03
 
 
 class DeadReckoningOdometry:
-    """Integrates turn rate and specific force from a start at rest: the lower baseline.
+    """Integrates turn rate and specific force from a start at rest: a lower mark.
 
     While samples are constant after the start they are averaged: their mean rate is the gyro's
     bias, their mean force is gravity plus the accelerometer's bias. An IMU does not measure speed,

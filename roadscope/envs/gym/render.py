@@ -96,6 +96,8 @@ TRACKS: tuple[Rgb, ...] = (
 )
 TRACK_LINE_PX = 2.0
 COASTING_LINE_PX = 0.8
+"""Colours of the ego, detections, families of true boxes and ids of tracks, and widths of outlines;
+chosen by hand."""
 
 
 def track_colour(number: int) -> Rgb:
@@ -112,6 +114,8 @@ MARKING: Rgb = (104, 112, 124)
 RING: Rgb = (48, 55, 66)
 RING_M = 20.0
 PIECE_M = 25.0
+"""Colours of the ground, distance of the rings, and greatest length of drawn pieces of lanes;
+chosen by hand."""
 
 
 @lru_cache(maxsize=8)
@@ -192,6 +196,8 @@ LABEL: Rgb = (190, 198, 208)
 MARGIN_PX = 2.0
 ROW_PX = 16
 SWATCH_PX = np.array([22.0, 8.0])
+"""Colour of labels, margin around them, and height of rows and size of symbols in the legend;
+chosen by hand."""
 
 
 class LabelPlacer:

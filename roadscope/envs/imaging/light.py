@@ -14,6 +14,7 @@ from roadscope.core.record import Record
 from roadscope.envs.world.materials import Colour
 
 GREY = (0.55, 0.57, 0.60)
+"""Colour of a closed cloud cover; chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from roadscope.core import Pose
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
+from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2
 from roadscope.envs.traffic.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 # Rotation of a body: from ISO 8855 angles and their derivatives to the motion of its points.
 
 UP = np.array([0.0, 0.0, 1.0])
+"""The z axis of the world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +78,6 @@ def rotation_matrices(angles: np.ndarray) -> np.ndarray:
 
 # --------------------------------------------------------------------------------------------------
 # Pitch and roll of a sprung body when its vehicle brakes and turns.
-
-STANDARD_GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,6 +150,7 @@ STATES_AHEAD = 4
 RAW_S = 0.3
 """The motion of foreign environments is averaged over this time before and after an instant."""
 RAW_STEPS = 6
+"""Number of samples of that mean on each side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.core import Frame, ImuSamples
 from roadscope.envs.sensors.ego_motion import EgoMotion
-from roadscope.envs.sensors.imu_spec import ImuSpec
+from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2, ImuSpec
 from roadscope.envs.sensors.rig import ImuMount, LidarMount, Rig
 
 # --------------------------------------------------------------------------------------------------
@@ -73,9 +73,6 @@ class ImuNoise:
 # --------------------------------------------------------------------------------------------------
 # InertialSampler samples of a vehicle's motion.
 
-GRAVITY_M_S2 = 9.80665
-"""Magnitude of gravity; it points down in the world frame."""
-
 
 def measure(
     motion: EgoMotion, mount: ImuMount, noise: ImuNoise, first: int, last: int
@@ -104,7 +101,7 @@ def true_samples(motion: EgoMotion, mount: ImuMount, stamps_s: np.ndarray) -> np
     """Return (T, 6) true angular velocity and specific force, imu frame, at (T,) stamps."""
     here = motion.at(stamps_s, mount.ego_from_imu.translation)
     ego_from_imu = mount.ego_from_imu.rotation
-    gravity = np.array([0.0, 0.0, -GRAVITY_M_S2])
+    gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
     force = np.einsum("tji,tj->ti", here.rotations @ ego_from_imu, here.accelerations - gravity)
     turn = np.einsum("ji,tj->ti", ego_from_imu, here.angular_velocities)
     return np.concatenate([turn, force], axis=1)

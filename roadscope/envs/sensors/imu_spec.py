@@ -76,6 +76,7 @@ class ImuSpec(Record):
 # Inertial measurement units, from their makers' documents.
 
 STANDARD_GRAVITY_M_S2 = 9.80665
+"""Standard gravity (CGPM 1901); in the world frame gravity points down."""
 
 IMUS: Mapping[str, ImuSpec] = MappingProxyType(
     {

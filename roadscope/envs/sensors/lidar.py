@@ -265,6 +265,7 @@ LARGEST_MM = 8.0
 LEAST_POWER = 1e-9
 LEAST_TAIL = 1e-8
 POWERS, RANGES, QUANTILES = 256, 600, 257
+"""Least power and least expected number of echoes in the tables, and sizes of the tables."""
 
 
 class Echoes(NamedTuple):

@@ -78,6 +78,7 @@ CAMERA_SPEC_KEYS = ("exposure_s", "full_well", "read_noise", "vignetting")
 CAMERA_SWITCHES = ("motion_blur", "plain")
 CAMERA_KEYS = ("sensor", *MOUNT_KEYS, *SIZE_KEYS, "rate_hz", *CAMERA_SPEC_KEYS, *CAMERA_SWITCHES)
 LARGEST_PX = 8192
+"""Largest width and height of an image."""
 
 
 def camera_mount(table: object) -> CameraMount:

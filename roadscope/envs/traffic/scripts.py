@@ -38,6 +38,7 @@ TOWN_LIMIT_M_S = 22.0
 """A cold start below this speed is in town, above it on a motorway; chosen by hand."""
 
 CUT_IN_LANE_M = 3.5
+"""Width of the lanes in `cut_ins`."""
 CUT_IN_ROAD = StraightRoad((CUT_IN_LANE_M, 0.0, -CUT_IN_LANE_M), CUT_IN_LANE_M, "motorway")
 
 OCCLUSION_LANE_M = 3.6
@@ -45,6 +46,7 @@ OCCLUSION_LANES_M = (0.0, OCCLUSION_LANE_M, 2 * OCCLUSION_LANE_M, 3 * OCCLUSION_
 """The lanes of the ego, of the lorry, of the overtakers and, behind a gap, of oncoming traffic."""
 OCCLUSION_ROAD = StraightRoad(OCCLUSION_LANES_M, OCCLUSION_LANE_M, "motorway")
 OVERTAKERS, ONCOMING = 4, 4
+"""Numbers of overtaking and of oncoming cars."""
 
 CONVOY_LANE_M, CONVOY_BEHIND_M = 3.4, 110.0
 PLATOON_LANE_M, PLATOON_REACH_M = 3.6, Reach(130.0, 130.0)

@@ -177,6 +177,7 @@ MERGE_SECTIONS = {
     "after_merge_length": 700,
 }
 MERGE_EGO_M = 215.0
+"""Lengths of the sections of the road in metres, and where the ego begins; chosen by hand."""
 
 
 def merge(rng: np.random.Generator) -> Stage:

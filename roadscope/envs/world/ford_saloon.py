@@ -23,7 +23,9 @@ AXLES_M = (-1.36, 1.49)
 NARROWING = (0.97, 0.95)
 """Width at the tail and at the nose as a share of the width between the axles."""
 SILVER, GLASS = 0.45, 0.08
+"""Reflectivities at 905 nm."""
 ARC_POINTS = 4
+"""Points on the arc of a rounded corner."""
 
 
 class SaloonSlab(NamedTuple):

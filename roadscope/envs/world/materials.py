@@ -140,6 +140,7 @@ MATERIALS: tuple[Material, ...] = (
 """All materials; a prism has the row of its material."""
 
 GREY, GLASS, RUBBER, STEEL, CONCRETE, BARK = range(6)
+"""Rows of the first materials."""
 ROWS = {material.name: row for row, material in enumerate(MATERIALS)}
 
 

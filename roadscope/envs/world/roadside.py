@@ -118,6 +118,7 @@ MODELS = 32
 WIDEST_M = 1.88
 """Greatest width of a parked car."""
 PARKED_SALT = 0x43617273
+"""Keeps the random numbers of parked cars apart from others."""
 
 
 def buildings(sites: Sites, style: Style, rng: np.random.Generator) -> ThingPrisms:
@@ -198,6 +199,7 @@ HEDGE_LAD = Bounds(5.0, 8.0)
 """Leaf area densities, m^2 of leaves in each m^3; chosen by hand."""
 LEAF = 0.45
 BARK = 0.3
+"""Reflectivities at 905 nm; chosen by hand."""
 
 
 def trees(sites: Sites, style: Style, rng: np.random.Generator) -> ThingPrisms:

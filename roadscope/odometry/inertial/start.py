@@ -30,6 +30,8 @@ REST_DEVIATIONS_M_S = SpeedDeviations(0.05, 0.05, 0.05)
 """Standard deviations of the speed of a sensor at rest."""
 SLOW_M_S = 2 * DEVIATIONS_M_S.ahead
 FORCE_S = 0.1
+"""Largest speed of a sensor that may be at rest, and time over which its first force is
+averaged."""
 
 
 class InertialStart:

@@ -176,6 +176,7 @@ def _scatter(
 # A map of points, from which lines and planes are fitted to the nearest of them.
 
 SLOTS, POINTS = 1 << 13, 1 << 13
+"""Initial capacity of a map."""
 
 
 class PointMap:

@@ -225,6 +225,7 @@ def _block(sweep: RingOrderedScan, usable: np.ndarray, top: int, neighbours: int
 
 NEIGHBOURS = 5
 SECTORS = 6
+"""Neighbours on each side of a return, and sectors of a ring; LOAM's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

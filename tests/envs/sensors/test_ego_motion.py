@@ -7,12 +7,12 @@ import pytest
 
 from roadscope.envs.sensors.ego_motion import (
     RAW_S,
-    STANDARD_GRAVITY_M_S2,
     STATES_AHEAD,
     BodySway,
     EgoMotion,
     settled_s,
 )
+from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2
 from roadscope.envs.traffic.recorder import TrafficRecorder
 from roadscope.envs.traffic.scenarios import record
 from roadscope.envs.traffic.timeline import Timeline
