@@ -45,14 +45,14 @@ def felt(rng):
     return told
 
 
-def test_the_speed_gained_is_felt_whatever_the_biases(felt, rng):
+def test_the_gained_speed_is_right_with_any_biases(felt, rng):
     for k in range(200):
         felt.predict(stretch(1.0 if k < 100 else 0.0, rng))
     assert felt.gained_m_s == pytest.approx(10.0, abs=1.0)
     assert 10.0 - 4.0 < felt.least_m_s < 10.0 - LEAST_M_S / 2
 
 
-def test_before_a_rest_and_after_a_gap_nothing_is_known(felt, rng):
+def test_before_a_rest_and_after_a_gap_the_speed_is_unknown(felt, rng):
     assert IntegratedSpeed(NOISE).least_m_s == -np.inf
     felt.predict(stretch(1.0, rng))
     assert np.isfinite(felt.least_m_s)
@@ -60,7 +60,7 @@ def test_before_a_rest_and_after_a_gap_nothing_is_known(felt, rng):
     assert felt.least_m_s == felt.gained_m_s == -np.inf
 
 
-def test_the_state_it_begins_from_is_left_alone(rng):
+def test_the_initial_state_is_not_changed(rng):
     state = rested(rng)
     before = state.velocity.copy()
     felt = IntegratedSpeed(NOISE)
@@ -84,7 +84,7 @@ def after_a_rest():
     return drive, odometry
 
 
-def test_things_that_move_along_mislead_nobody_who_felt_that_he_left(after_a_rest, monkeypatch):
+def test_traffic_that_moves_along_does_not_mislead_after_a_rest(after_a_rest, monkeypatch):
     drive, odometry = after_a_rest
     track = odometry._track
     monkeypatch.setattr(
@@ -95,7 +95,7 @@ def test_things_that_move_along_mislead_nobody_who_felt_that_he_left(after_a_res
     assert track.twist()[0] == pytest.approx(8.0, abs=0.2)
 
 
-def test_who_is_held_slower_than_he_felt_begins_anew(after_a_rest, monkeypatch):
+def test_a_speed_below_the_integrated_one_causes_a_restart(after_a_rest, monkeypatch):
     drive, odometry = after_a_rest
     wrong = odometry._track
     wrong.state.velocity = np.zeros(3)

@@ -77,7 +77,7 @@ def difference(one, other):
     )
 
 
-def test_errors_are_carried_on_as_differences_are(rng):
+def test_errors_propagate_like_differences(rng):
     samples, step = felt(rng), 1e-5
     still = np.zeros(SIZE)
     base = state_off_by(still)
@@ -91,7 +91,7 @@ def test_errors_are_carried_on_as_differences_are(rng):
         assert difference(other, base) / step == pytest.approx(told[:, k], abs=3e-3)
 
 
-def test_integration_is_that_of_the_slow_way(rng):
+def test_integration_equals_that_of_the_slow_twin(rng):
     lengths, rates, forces = felt(rng)
     rotation, speed, gravity = (
         exp_so3(np.array([0.2, -0.1, 1.0])),
@@ -110,7 +110,7 @@ def test_integration_is_that_of_the_slow_way(rng):
     assert np.abs(turned - rotation).max() < 1e-9
 
 
-def test_noise_that_is_added_is_that_of_random_samples(rng):
+def test_process_noise_equals_that_of_random_samples(rng):
     samples = felt(rng, 80)
     ends = []
     for _ in range(400):
@@ -126,7 +126,7 @@ def test_noise_that_is_added_is_that_of_random_samples(rng):
     assert off == pytest.approx(told, rel=0.2)
 
 
-def test_settling_on_a_pose_is_the_linear_update(rng):
+def test_an_update_by_a_pose_equals_the_linear_update(rng):
     one, other = state_off_by(np.zeros(SIZE)), state_off_by(np.zeros(SIZE))
     for state in (one, other):
         propagate(state, *felt(np.random.default_rng(1)), NOISE)
@@ -179,7 +179,7 @@ def low(scan):
     return kept(scan, scan.points[:, 2] < 0.0)
 
 
-def test_a_speed_that_nothing_fixed_tells_is_a_guess_until_something_does():
+def test_a_speed_without_fixtures_is_degraded_until_there_are_some():
     """Low things may all be vehicles that drive along."""
     inputs = driven(26)[1]
     odometry = ODOMETRIES.make("lidar-inertial")
@@ -203,14 +203,14 @@ def way_m(*, shake=0.0, seen=low):
     return told.start_from_lidar.translation[0]
 
 
-def test_what_feels_nothing_stands_unless_something_tall_says_otherwise():
+def test_constant_samples_mean_rest_unless_fixtures_contradict():
     """Low things may all be traffic that passes."""
     assert abs(way_m()) < 0.1
     assert way_m(shake=0.3) == pytest.approx(14.4, abs=0.5)
     assert way_m(seen=lambda scan: scan) == pytest.approx(14.4, abs=0.5)
 
 
-def test_what_moves_in_is_dynamic_and_what_stands_is_not():
+def test_objects_that_moved_in_are_dynamic_and_static_ones_are_not():
     space, drive = FreeSpace(), Drive(0.0, 0.0)
     scan = drive.scan(0)
     space.add(0.0, scan.points, scan.ring, np.eye(4))
@@ -235,7 +235,7 @@ def looked_behind(driven_m, seen):
     return space.entered(0.9, seen + np.array([driven_m, 0.0, 0.0]), seen) >= CERTAIN
 
 
-def test_what_drives_ahead_has_moved_and_what_it_hid_has_not():
+def test_a_vehicle_ahead_is_dynamic_and_what_it_hid_is_not():
     """Nobody looked through where the back of a lorry now is: the lorry itself was before it."""
     inside = np.abs(back(10.0)[:, 1]) < 1.2
     assert looked_behind(3.0, back(10.0))[inside].mean() > 0.9
@@ -244,7 +244,7 @@ def test_what_drives_ahead_has_moved_and_what_it_hid_has_not():
 
 
 @pytest.mark.parametrize("drop_dynamic", [True, False])
-def test_what_is_dynamic_is_neither_matched_nor_remembered_unless_asked(drop_dynamic):
+def test_dynamic_returns_are_neither_matched_nor_mapped(drop_dynamic):
     drive = Drive()
     sweep = ThinnedScan.of(drive.scan(0), 0.3, 0.8)
     state = started(np.array([0, 0, 9.81]), np.zeros(3), (0.1, 0.1, 0.1), NOISE)
@@ -269,7 +269,7 @@ def samples(rng, shake, noise=NOISE):
     return buffer
 
 
-def test_standing_is_told_from_driving(rng):
+def test_rest_is_distinguished_from_driving(rng):
     rate, force = measured_rest(samples(rng, 0.0), 1.15, NOISE)
     assert rate == pytest.approx([0.01] * 3, abs=1e-3)
     assert force == pytest.approx([0, 0, 9.81], abs=0.01)
@@ -277,14 +277,14 @@ def test_standing_is_told_from_driving(rng):
     assert measured_rest(samples(rng, 0.0), 1.5, NOISE) is None
 
 
-def test_a_worse_unit_stands_too_if_it_is_known_to_be_worse(rng):
+def test_rest_is_found_with_a_noisier_unit_of_known_noise(rng):
     worse = InertialNoise.of(IMUS["zed2"])
     assert measured_rest(samples(rng, 0.0, worse), 1.15, worse) is not None
     assert measured_rest(samples(rng, 0.0, worse), 1.15, NOISE) is None
     assert measured_rest(samples(rng, 1.0, worse), 1.15, worse) is None
 
 
-def test_who_was_faster_a_moment_ago_does_not_stand_yet():
+def test_a_sensor_that_was_just_faster_is_not_at_rest():
     """Even braking is felt as evenly as standing is."""
     drive, odometry = Drive(0.0, 0.0), LidarInertialOdometry()
     for k in range(14):
@@ -320,7 +320,7 @@ def test_a_lever_between_the_sensors_changes_nothing():
     assert offset(told, drive.pose(inputs[-1][0].stamp_s))[0] < 0.02
 
 
-def test_sizes_are_above_nought():
+def test_sizes_are_positive():
     with pytest.raises(ValueError, match="insert_m must be above 0"):
         ODOMETRIES.make("lidar-inertial?insert_m=0")
 

@@ -29,7 +29,7 @@ def in_order(scan, rows):
 
 
 @pytest.mark.parametrize("sigma_m", [0.05, 0.2, 0.4])
-def test_noise_is_found_whatever_the_order(sigma_m):
+def test_noise_is_found_in_any_order(sigma_m):
     scan = louder(Drive(8.0, columns=1800).scan(0), sigma_m)
     assert range_noise_m(scan) == pytest.approx(sigma_m, rel=0.1)
     by_ring = np.lexsort((scan.column, scan.ring))
@@ -37,7 +37,7 @@ def test_noise_is_found_whatever_the_order(sigma_m):
     assert bool(excessive_noise(scan)) == (sigma_m > LARGEST_NOISE_M)
 
 
-def test_what_has_no_numbers_or_too_few_tells_nothing():
+def test_few_or_invalid_returns_give_no_noise():
     scan = louder(Drive(8.0, columns=1800).scan(0), 0.3)
     few = copy.deepcopy(scan)
     few.points[LEAST_TRIPLES:] = np.nan

@@ -206,7 +206,7 @@ def test_the_legend_lies_at_the_lower_left_and_names_what_was_drawn():
     assert all(len(_close(truth, colour, 1)) > 10 for colour in FAMILIES.values())
 
 
-def test_a_small_picture_goes_without_a_legend():
+def test_a_small_picture_has_no_legend():
     small = {"size_px": 200, "metres_per_px": 0.4}
     assert np.array_equal(_draw(legend=True, **small), _draw(**small))
 

@@ -129,6 +129,6 @@ def test_without_lanes_there_is_no_offset() -> None:
     assert lanes.offset_and_heading(np.zeros(2), 1.0) == (0.0, 0.0)
 
 
-def test_a_goal_is_seen_from_the_ego() -> None:
+def test_a_goal_is_in_the_ego_frame() -> None:
     state = goal_state(Pose.planar(1.0, 1.0, np.pi / 2), Pose.planar(1.0, 4.0, np.pi))
     np.testing.assert_allclose(state, [3.0, 0.0, 0.0, 1.0], atol=1e-6)

@@ -57,7 +57,7 @@ def test_clearance_is_measured_from_the_edge_of_the_lane(centre, clearance):
     assert lanes.clearances(outline[None], 3.0)[0] == pytest.approx(clearance, abs=0.07)
 
 
-def test_far_things_have_the_clearance_asked_for():
+def test_the_clearance_of_far_things_is_the_limit():
     lanes = LaneDistances(straight())
     far = rectangle(4.0, 2.0) - np.array([0.0, 40.0])
     assert lanes.clearances(far[None], 3.0)[0] == 3.0

@@ -5,7 +5,7 @@ from roadscope.envs.world.road_memo import CACHED_ROADS, cached_per_road
 from tests.envs.worlds import straight
 
 
-def test_a_road_of_the_same_content_is_worked_out_once():
+def test_equal_roads_are_computed_once():
     seen = []
 
     @cached_per_road
@@ -22,7 +22,7 @@ def test_a_road_of_the_same_content_is_worked_out_once():
     assert len(seen) == 3
 
 
-def test_only_so_many_roads_are_kept():
+def test_the_cache_of_roads_is_bounded():
     seen = []
 
     @cached_per_road

@@ -41,7 +41,7 @@ def ring_of_links(rng, count, noise):
     return truth, np.array(told), links
 
 
-def test_poses_settle_where_scipys_do():
+def test_optimised_poses_equal_scipys():
     _, told, links = ring_of_links(np.random.default_rng(0), 6, 3.0)
     found = optimised_poses(told, links)
 
@@ -150,7 +150,7 @@ def test_a_loop_closes(ring):
     assert closed.mean() < away.mean() / 2
 
 
-def test_only_what_was_left_behind_is_a_candidate(ring):
+def test_only_earlier_visits_are_candidates(ring):
     frames, _ = ring
     assert nearest_candidate(frames[:1]) is None
     assert nearest_candidate(frames[: STEPS // 2]) is None
@@ -159,7 +159,7 @@ def test_only_what_was_left_behind_is_a_candidate(ring):
     assert back in range(8)
 
 
-def test_another_place_is_no_loop(ring):
+def test_another_place_closes_no_loop(ring):
     frames, _ = ring
     rng = np.random.default_rng(5)
     edges, planes = poles(rng)
@@ -172,7 +172,7 @@ def test_another_place_is_no_loop(ring):
     assert relocalised([*frames[:-1], nothing], nearest_candidate(frames)) is None
 
 
-def test_a_loop_farther_off_than_anybody_drifts_is_none(ring):
+def test_a_loop_with_too_large_a_drift_is_rejected(ring):
     frames, truth = ring
     back = nearest_candidate(frames)
     # All that was seen again is there, but the way was far too short to have drifted so far.

@@ -68,7 +68,7 @@ def objects_slowly(image, ground, least):
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 9999), least=st.integers(1, 6))
-def test_objects_are_those_of_the_slow_way(seed, least):
+def test_objects_equal_those_of_the_slow_twin(seed, least):
     image = random_image(seed)
     ground = np.random.default_rng(seed).random(len(image.points)) < 0.2
     labels = objects_of(image, ground, least)
@@ -79,7 +79,7 @@ def test_objects_are_those_of_the_slow_way(seed, least):
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 9999))
-def test_ground_is_that_of_the_slow_way(seed):
+def test_ground_equals_that_of_the_slow_twin(seed):
     image = random_image(seed)
     slow = set()
     for c in range(image.rows.shape[1]):
@@ -93,7 +93,7 @@ def test_ground_is_that_of_the_slow_way(seed):
     assert set(np.flatnonzero(ground_of(image)).tolist()) == slow
 
 
-def test_the_image_holds_what_is_in_bounds():
+def test_the_image_contains_returns_within_bounds():
     points = np.array([[5.0, 0, 0], [0.1, 0, 0], [500, 0, 0], [np.nan, 0, 0], [6, 1, 0]])
     image = range_image(points, np.array([0, 1, 2, 0, 1]), np.array([0, 1, 2, 3, 2]), *BOUNDS_M)
     assert image.rows.shape == (3, 4)

@@ -48,7 +48,7 @@ def nearest_slowly(table, place, label, home, farthest, least, most):
     least=st.integers(0, 1),
     reach_m=st.sampled_from([0.5, 3.0, 40.0]),
 )
-def test_the_nearest_is_that_of_the_slow_way(seed, count, label, least, reach_m):
+def test_the_nearest_point_equals_that_of_the_slow_twin(seed, count, label, least, reach_m):
     rng = np.random.default_rng(seed)
     table = ring_table(*rings_of_points(rng, count))
     near_the_seam = np.array([-8.0, rng.uniform(-0.2, 0.2), 0.3])
@@ -82,7 +82,7 @@ def test_edges_are_paired_with_the_line_through_two_rings():
         assert len(near.points) == count
 
 
-def test_the_pose_says_where_features_are_looked_for(rng):
+def test_neighbours_are_searched_at_the_pose(rng):
     points, ring, labels = rings_of_points(rng, 200)
     table = ring_table(points, ring, labels)
     motion = exp_se3(np.array([1.0, 0.5, 0, 0, 0, 0.3]))
@@ -114,7 +114,7 @@ def test_a_plane_goes_through_three_points_of_two_rings(rng):
     assert not found.axes[0, 1].any()
 
 
-def test_what_has_no_line_or_plane_is_left_out():
+def test_features_without_a_line_or_plane_are_left_out():
     here = np.array([[4.0, 0, 0]])
     search = here, np.zeros(1, int), np.zeros(1, int)
     slim = np.array([[4.0, 0, 0], [4.0, 1, 0], [4.0, 0.5, SLIM / 3]])

@@ -26,7 +26,7 @@ def test_on_a_road_one_return_of_each_cube_is_matched(scan):
     assert len(np.unique(cubes, axis=0)) == len(sweep.few)
 
 
-def test_in_a_room_more_are_matched_but_none_that_are_not_kept(scan):
+def test_in_a_room_more_of_the_selected_returns_are_matched(scan):
     room = shrunk(scan, 0.1)
     sweep = ThinnedScan.of(room, 0.3, 0.8)
     coarse = len(np.unique(np.floor(room.points[sweep.rows] / 0.8), axis=0))
@@ -35,7 +35,7 @@ def test_in_a_room_more_are_matched_but_none_that_are_not_kept(scan):
     assert len(np.unique(sweep.few)) == len(sweep.few)
 
 
-def test_who_sends_out_few_beams_is_in_no_room(scan):
+def test_a_sensor_with_few_beams_is_not_in_a_room(scan):
     sweep = ThinnedScan.of(kept(scan, np.arange(len(scan)) % 16 == 0), 0.3, 0.8)
     assert len(sweep.few) < ENOUGH
     assert not sweep.close
