@@ -43,7 +43,7 @@ class WithoutPixels(Sensing):
     def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
         """Return the truth of one image and a frame with a pixel, where it would arrive."""
         mount = camera_of(self.rig)
-        scene, poses = self._place(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
+        scene, poses = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         solids = solids_of(scene, stamp_s)
         raster = rasterise(
             scene,
@@ -57,7 +57,7 @@ class WithoutPixels(Sensing):
         grey = np.full((1, 1, 3), 128, np.uint8)
         image = CameraImage(grey, mount.spec.pinhole.intrinsics, stamp_s, mount.name)
         believed_s = stamp_s + self.image_late_s
-        frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
+        frame = Frame(believed_s, self.calibration, camera=self._delivered(image, believed_s))
         return frame, truth_of_image(timeline, stamp_s, shown)
 
 

@@ -116,9 +116,9 @@ def _suites() -> list[tuple[str, str]]:
 
 
 def _rigs() -> list[tuple[str, str]]:
-    from roadscope.envs.sensors.rigs import RIGS, Place
+    from roadscope.envs.sensors.rigs import RIGS, PresetPlace
 
-    def described(place: Place) -> str:
+    def described(place: PresetPlace) -> str:
         camera = f" Camera {place.camera}." if place.camera else ""
         ahead = f"{place.x_m:g} m ahead of the rear axle, {place.z_m:g} m above ground."
         imu = f" IMU {place.imu}, wheel speed, swaying body." if place.imu else ""

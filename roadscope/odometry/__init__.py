@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from roadscope.odometry.api import WheeledOdometry
     from roadscope.odometry.cloud_kernels import placed, thinned
     from roadscope.odometry.estimates import estimate
-    from roadscope.odometry.voxels.matching import Belief, Match, best_match
+    from roadscope.odometry.voxels.matching import PosePrior, ScanMatch, best_match
     from roadscope.odometry.voxels.surfaces import VoxelMap
 
 ODOMETRIES: Registry[Odometry] = Registry(
@@ -40,25 +40,25 @@ ODOMETRIES: Registry[Odometry] = Registry(
         "dead-reckoning": "The IMU alone, from a start at rest: the lower mark.",
         "scan-to-scan": "Surfaces of the last scan only.",
         "voxel-map": "Surfaces in voxels of three sizes, from all scans: ours.",
-        "zhang2022": "Edges and planes of clusters that stand still (Zhang 2022).",
-        "zhang2022-map": "The same, then LeGO-LOAM's map of what stands still.",
+        "zhang2022": "Edges and planes of static clusters (Zhang 2022).",
+        "zhang2022-map": "The same, then LeGO-LOAM's map of static clusters.",
         "zhang2022-loop": "The same, with loops closed.",
         "loam": "Edges and planes from scan to scan: Zhang 2022's chain, no clusters.",
-        "lidar-inertial": "A Kalman filter on the IMU and a map of what stands still: ours.",
+        "lidar-inertial": "A Kalman filter on the IMU and a map of static surfaces: ours.",
         "lego-loam": "Ground planes, then edges, then a map: Shan and Englot 2018.",
         "lego-loam-loop": "The same, with loops closed.",
         "kiss-icp": "KISS-ICP: points against a map of points.",
-        "small-gicp-scan": "small_gicp, each scan onto the one before.",
+        "small-gicp-scan": "small_gicp, each scan onto the previous one.",
         "small-gicp": "small_gicp, each scan onto a map of voxels.",
-        "genz-icp": "GenZ-ICP: planes and points, weighed by the place.",
+        "genz-icp": "GenZ-ICP: planes and points, weighted by planarity.",
         "rko-lio": "RKO-LIO: a map of points, and the IMU.",
     },
 )
 
 _PLACES = {
     "WheeledOdometry": "roadscope.odometry.api:WheeledOdometry",
-    "Belief": "roadscope.odometry.voxels.matching:Belief",
-    "Match": "roadscope.odometry.voxels.matching:Match",
+    "PosePrior": "roadscope.odometry.voxels.matching:PosePrior",
+    "ScanMatch": "roadscope.odometry.voxels.matching:ScanMatch",
     "VoxelMap": "roadscope.odometry.voxels.surfaces:VoxelMap",
     "best_match": "roadscope.odometry.voxels.matching:best_match",
     "estimate": "roadscope.odometry.estimates:estimate",
@@ -69,9 +69,9 @@ _PLACES = {
 
 __all__ = [
     "ODOMETRIES",
-    "Belief",
-    "Match",
     "Odometry",
+    "PosePrior",
+    "ScanMatch",
     "VoxelMap",
     "WheeledOdometry",
     "best_match",

@@ -1,4 +1,4 @@
-"""What of a scan stands above the ground, and how high above that the LiDAR is."""
+"""Returns above the ground, and the height of the LiDAR above it."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from roadscope.detectors.cloud import Cloud
 from roadscope.detectors.ground.polar import polar_above_ground
 
 BOUNDS_M = (0.5, 120.0)
+"""Least and greatest range of the returns that are used."""
 ARRAYS = ("points", "intensity", "ring", "column", "time_offset_s")
 
 NEAR_M = 20.0
 BIN_M = 0.05
 DEEPEST_M = 5.0
 LEAST = 0.02
-"""Share of the returns that lie low and near which the ground has at least in one bin and the
-next."""
+"""Least share of the low and near returns that the ground has in two adjacent bins."""
 
 
 @compiled()
 def sensor_height(points: np.ndarray) -> float:
-    """Return the height in metres; nan where no ground is seen.
+    """Return the height in metres; nan without visible ground.
 
-    points: (N, 3) metres, lidar frame, z up to within a few degrees. Where a level layer has more
-    returns than any other, or half as many and lies lower, is the ground: the lowest such layer.
+    points: (N, 3) metres, lidar frame, z up to within a few degrees. The ground is the lowest
+    horizontal layer with at least half as many returns as the fullest one.
     """
     bins = int(DEEPEST_M / BIN_M)
     counts, sums, low = np.zeros(bins + 1, np.int64), np.zeros(bins + 1), 0
@@ -47,7 +47,7 @@ def sensor_height(points: np.ndarray) -> float:
     for back in range(bins):
         b = bins - 1 - back
         if 2 * (counts[b] + counts[b + 1]) >= most:
-            # The fuller of this pair and the next above: the ground is thicker than a bin.
+            # The fuller of this pair and the next one above: the ground is thicker than a bin.
             if b > 0 and counts[b - 1] > counts[b + 1]:
                 b -= 1
             mean: float = -(sums[b] + sums[b + 1]) / (counts[b] + counts[b + 1])
@@ -56,10 +56,10 @@ def sensor_height(points: np.ndarray) -> float:
 
 
 def standing(scan: LidarScan) -> Cloud:
-    """Return what stands above the ground, lidar frame; all of it where no ground is seen.
+    """Return the returns above the ground, lidar frame; all returns without visible ground.
 
     Ground by lines in polar segments (Himmelsbach 2010). Returns nearer or farther than the
-    bounds, and those that are no numbers, are left out; what hangs high is kept.
+    bounds, and those that are not finite, are left out; high objects are kept.
     """
     ranges = np.einsum("ni,ni->n", scan.points, scan.points)
     with np.errstate(invalid="ignore"):

@@ -1,8 +1,8 @@
-"""What an odometry is.
+"""Protocol of odometries.
 
-Frames: the pose it tells is the LiDAR's, at the stamp of the scan, in the LiDAR's frame of the
-first scan after the reset. How the IMU is mounted is told with the reset, for a scan does not
-say it.
+Frames: an estimated pose is that of the LiDAR at the stamp of the scan, in the LiDAR's frame at the
+first scan after the reset. The pose of the IMU is an argument of the reset, since scans do not
+contain it.
 """
 
 from __future__ import annotations
@@ -14,52 +14,52 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelS
 
 @runtime_checkable
 class Odometry(Protocol):
-    """Tells from scans, and from inertial samples where there are any, how the sensor moved.
+    """Estimates the motion of a LiDAR from scans, and from inertial samples if there are any.
 
-    Constructor arguments are keyword-only and all have defaults. Whatever comes in, poses stay
-    finite; what cannot be trusted is called degraded, with the reason.
+    Constructor arguments are keyword-only and all have defaults. Poses are finite for any input;
+    an unreliable pose has the status degraded and a reason.
     """
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget everything; the next scan is the new start.
+        """Clear all state; the next scan is the new start.
 
-        lidar_from_imu: how the IMU is mounted; None: its frame is the LiDAR's.
+        lidar_from_imu: pose of the IMU; None: its frame is that of the LiDAR.
         """
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Take a scan and return where it was taken.
+        """Process a scan and return its pose.
 
-        imu: the samples since the last call, in order of time, up to the end of the sweep at
-            best; None without an IMU. Who has no use for them may say so by a class attribute
-            `takes_imu = False`, so that users are told.
+        imu: the samples since the last call, in order of time, if possible up to the end of the
+            sweep; None without an IMU. An odometry that does not use them may have a class
+            attribute `takes_imu = False`, so that users are informed.
         """
 
 
 @runtime_checkable
 class WheeledOdometry(Odometry, Protocol):
-    """An odometry that takes wheel speeds too, where a vehicle tells them."""
+    """An odometry that also uses wheel speeds, if there are any."""
 
     def add_wheels(self, wheels: WheelSamples) -> None:
-        """Take the samples since the last scan, in order of time; `update` follows.
+        """Add the samples since the last scan, in order of time; `update` follows.
 
-        Not called without wheels. The vehicle's length is the LiDAR's x axis.
+        Not called without wheel speeds. The LiDAR's x axis points ahead.
         """
 
 
 def takes_wheels(odometry: Odometry) -> bool:
-    """Say whether an odometry lets wheel speeds in; one that has `wheels` False does not."""
+    """Return whether an odometry uses wheel speeds; one with `wheels` False does not."""
     return isinstance(odometry, WheeledOdometry) and getattr(odometry, "wheels", True) is not False
 
 
 def takes_imu(odometry: Odometry) -> bool:
-    """Say whether an odometry has use for inertial samples: unless it says that it has none."""
+    """Return whether an odometry uses inertial samples; one with `takes_imu` False does not."""
     return getattr(odometry, "takes_imu", True) is not False
 
 
-def asked(
+def update_with_wheels(
     odometry: Odometry, scan: LidarScan, imu: ImuSamples | None, wheels: WheelSamples | None
 ) -> OdometryEstimate:
-    """Tell an odometry of a scan, and of wheels if it takes their speed."""
+    """Return the estimate for a scan; wheel speeds are added first if the odometry uses them."""
     if wheels is not None and isinstance(odometry, WheeledOdometry):
         odometry.add_wheels(wheels)
     return odometry.update(scan, imu)

@@ -1,4 +1,4 @@
-"""The stamps of scans, and what is wrong with them."""
+"""Checks of the stamps of scans."""
 
 from __future__ import annotations
 
@@ -8,23 +8,24 @@ from dataclasses import dataclass
 from statistics import median
 
 GAP_PERIODS = 2.5
-"""So many periods between two scans are a gap: one lost scan is none, vehicles hardly change
-their speed in 0.2 s."""
+"""Least number of periods between two scans that counts as a gap: one lost scan is none, since
+speeds hardly change in 0.2 s."""
 
-REMEMBERED = 9
-"""The usual period is the median of so many: neither a gap nor a stray stamp between two scans
-changes it."""
+PERIODS = 9
+"""The usual period is the median of this many, so that a gap or a wrong stamp does not change
+it."""
 
 RESTART = 3
-"""So many stamps in a row that are not later than the last good one: the clock began anew."""
+"""After this many stamps in a row that are not later than the last good one, the clock was
+reset."""
 
 
 @dataclass(frozen=True, slots=True)
-class Tick:
-    """One scan's place in time.
+class ScanTick:
+    """The time of one scan.
 
     elapsed_s: since the last scan in order; 0 for the first, and for one that is out of order.
-    reason: what is wrong, or empty.
+    reason: what is wrong with the stamp, or empty.
     in_order: whether the stamp is later than all before.
     """
 
@@ -34,40 +35,44 @@ class Tick:
 
 
 class Clock:
-    """Tells from the stamps of scans how much time passed, and finds gaps and steps back.
+    """Computes elapsed times from the stamps of scans, and finds gaps and steps back.
 
-    Where a clock that began anew soon goes on as before, it was a few stamps that were wrong.
+    If a clock that was reset soon continues as before, only a few stamps were wrong.
     """
 
     def __init__(self) -> None:
         self.last_s = math.nan
-        self._left_s, self._anew = math.inf, 0
-        self._periods_s: deque[float] = deque(maxlen=REMEMBERED)
+        self._old_clock_s, self._since_restart = math.inf, 0
+        self._periods_s: deque[float] = deque(maxlen=PERIODS)
         self._late = 0
 
-    def tick(self, stamp_s: float) -> Tick:
-        """Take the next stamp, seconds."""
+    def tick(self, stamp_s: float) -> ScanTick:
+        """Return the time of the scan with the next stamp, seconds."""
         if not math.isfinite(stamp_s):
-            return Tick(0.0, f"a stamp of {stamp_s}", in_order=False)
+            return ScanTick(0.0, f"a stamp of {stamp_s}", in_order=False)
         if math.isnan(self.last_s):
             self.last_s = stamp_s
-            return Tick(0.0)
+            return ScanTick(0.0)
         elapsed_s = stamp_s - self.last_s
         if elapsed_s <= 0:
             self._late += 1
             if self._late >= RESTART:
-                self._left_s, self.last_s, self._late = self.last_s, stamp_s, 0
-                self._anew = 0
-            said = "repeats the last" if elapsed_s == 0 else f"is {-elapsed_s:.3g} s before it"
-            return Tick(0.0, f"the stamp {said}", in_order=False)
+                self._old_clock_s, self.last_s, self._late = self.last_s, stamp_s, 0
+                self._since_restart = 0
+            problem = "repeats the last" if elapsed_s == 0 else f"is {-elapsed_s:.3g} s before it"
+            return ScanTick(0.0, f"the stamp {problem}", in_order=False)
         self.last_s, self._late = stamp_s, 0
         usual_s = median(self._periods_s) if self._periods_s else math.inf
-        self._anew += 1
-        is_gap, since_s = elapsed_s > GAP_PERIODS * usual_s, stamp_s - self._left_s
-        if is_gap and self._anew <= REMEMBERED and 0 < since_s <= (RESTART + GAP_PERIODS) * usual_s:
-            self._left_s = math.inf
-            return Tick(since_s, "the clock is again where it was before")
+        self._since_restart += 1
+        is_gap, since_s = elapsed_s > GAP_PERIODS * usual_s, stamp_s - self._old_clock_s
+        if (
+            is_gap
+            and self._since_restart <= PERIODS
+            and 0 < since_s <= (RESTART + GAP_PERIODS) * usual_s
+        ):
+            self._old_clock_s = math.inf
+            return ScanTick(since_s, "the clock is again where it was before")
         self._periods_s.append(elapsed_s)
-        # What passed on the other clock has passed.
-        self._left_s += elapsed_s
-        return Tick(elapsed_s, f"no scan for {elapsed_s:.3g} s" if is_gap else "")
+        # The old clock would have advanced by the same time.
+        self._old_clock_s += elapsed_s
+        return ScanTick(elapsed_s, f"no scan for {elapsed_s:.3g} s" if is_gap else "")

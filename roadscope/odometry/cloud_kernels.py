@@ -1,4 +1,4 @@
-"""Points of a scan: fewer of them, and where they were at the stamp."""
+"""Kernels on points of a scan: thinning, deskewing, rigid motion."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from roadscope.odometry.cubes import EMPTY, cube_of, slot_of
 
 
 @compiled()
-def thinned(points: np.ndarray, size_m: float, bounds_m: tuple[float, float]) -> np.ndarray:
+def thinned(points: np.ndarray, size_m: float, least_m: float, most_m: float) -> np.ndarray:
     """Return the rows, (K,) int64, of the first point in each cube of a size.
 
-    points: (N, 3). Points nearer or farther than the bounds, and such as are no numbers, are
-    left out.
+    points: (N, 3). Points nearer than `least_m` or farther than `most_m` from the origin are left
+    out, as are points that are not finite.
     """
-    rows, _ = cubed(points, size_m, bounds_m)
+    rows, _ = cubed(points, size_m, least_m, most_m)
     return rows
 
 
 @compiled()
 def cubed(
-    points: np.ndarray, size_m: float, bounds_m: tuple[float, float]
+    points: np.ndarray, size_m: float, least_m: float, most_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `thinned` does, and (N,) int64, to which of its rows each point belongs or -1."""
+    """Return the rows of `thinned`, and (N,) int64 the number of each point's cube or -1."""
     slots = 1024
     while slots < 2 * len(points):
         slots *= 2
@@ -31,7 +31,7 @@ def cubed(
     holders = np.empty(slots, np.int64)
     members = np.full(len(points), -1, np.int64)
     rows, count = np.empty(len(points), np.int64), 0
-    least, most = bounds_m[0] ** 2, bounds_m[1] ** 2
+    least, most = least_m**2, most_m**2
     for n in range(len(points)):
         x, y, z = np.float64(points[n, 0]), np.float64(points[n, 1]), np.float64(points[n, 2])
         if not least <= x * x + y * y + z * z <= most:
@@ -50,7 +50,7 @@ def cubed(
 
 @compiled()
 def deskewed(points: np.ndarray, times_s: np.ndarray, twist: np.ndarray) -> np.ndarray:
-    """Return (N, 3) points, float64, as seen from the sensor at the stamp.
+    """Return (N, 3) points, float64, in the sensor's frame at the stamp.
 
     points: (N, 3), the sensor's frame at each point's own time. times_s: (N,) after the stamp.
     twist: (6,) m/s and rad/s, constant through the sweep, the sensor's frame.
@@ -66,7 +66,7 @@ def deskewed(points: np.ndarray, times_s: np.ndarray, twist: np.ndarray) -> np.n
         once = t * (1.0 - a2 / 6.0 * (1.0 - a2 / 20.0))
         twice = t * t * (0.5 - a2 / 24.0 * (1.0 - a2 / 30.0))
         thrice = t * t * t * (1.0 / 6.0 - a2 / 120.0)
-        # Turned points and the way, both by I + a [w] + b [w]^2 with factors of their own.
+        # Rotated points and the displacement, both by I + a [w] + b [w]^2 with different factors.
         cx, cy, cz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
         dx, dy, dz = wy * cz - wz * cy, wz * cx - wx * cz, wx * cy - wy * cx
         ex, ey, ez = wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx

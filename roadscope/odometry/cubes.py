@@ -1,4 +1,4 @@
-"""Cubes of space by number, and a hash table of them by open addressing: compiled."""
+"""Kernels for cubes of space with integer keys, and a hash table by open addressing."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ import numpy as np
 from roadscope.core.jit import compiled
 
 EMPTY = -1
-"""Key of a slot that is free, and of a place too far off to have a cube."""
+"""Key of a free slot, and of a place that is too far away for a cube."""
 BITS, HALF = 20, 1 << 19
-"""A cube's place along each axis takes so many bits, counted from so many cubes before the origin.
-"""
+"""Bits of a cube's index along each axis, and the index of the cube at the origin."""
 Index = int | np.signedinteger
 
 
 @compiled(borrowing=True)
 def cube_of(x: float, y: float, z: float, size_m: float) -> Index:
-    """Return the key of the cube that holds a place, metres; `EMPTY` if it is too far off."""
+    """Return the key of the cube that holds a place, metres; `EMPTY` if it is too far away."""
     i = np.int64(np.floor(x / size_m)) + HALF
     j = np.int64(np.floor(y / size_m)) + HALF
     k = np.int64(np.floor(z / size_m)) + HALF

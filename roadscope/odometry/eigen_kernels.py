@@ -1,4 +1,4 @@
-"""Eigenvalues of small symmetric matrices: LAPACK's call alone takes longer."""
+"""Eigenvalues of 3 x 3 symmetric matrices; faster than the call of LAPACK."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from roadscope.core.jit import compiled
 
 SWEEPS = 8
 NEGLIGIBLE = 1e-24
-"""Squares of what is off the diagonal, beside those on it."""
+"""Ratio of squares off the diagonal to those on it at which the iteration ends."""
 
 
 @compiled(borrowing=True)
 def eigen3(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> None:
-    """Fill the eigenvalues, ascending, and unit eigenvectors, as rows, of a symmetric matrix.
+    """Write the eigenvalues, ascending, and unit eigenvectors, as rows, of a symmetric matrix.
 
     matrix: (3, 3), overwritten. values: (3,). vectors: (3, 3). By Jacobi's rotations.
     """
@@ -37,7 +37,7 @@ def eigen3(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> None:
 
 @compiled(borrowing=True)
 def _rotate(a: np.ndarray, vectors: np.ndarray, p: int, q: int) -> None:
-    """Turn in the plane of two axes so that the element off the diagonal is 0."""
+    """Rotate in the plane of two axes so that their off-diagonal element becomes 0."""
     if a[p, q] == 0.0:
         return
     theta = (a[q, q] - a[p, p]) / (2.0 * a[p, q])

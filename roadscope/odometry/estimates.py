@@ -1,4 +1,4 @@
-"""How an odometry's estimates come about from a pose and what is known of its motion."""
+"""Estimates of odometries: records, covariances, and scans that are too poor."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def estimate(
     *,
     dynamic: np.ndarray | None = None,
 ) -> OdometryEstimate:
-    """Make the record of a (4, 4) pose; degraded if there is a reason.
+    """Return the record of a (4, 4) pose; degraded if there is a reason.
 
-    dynamic: (N,) bool, returns held to be of things that move; None: not one of them.
+    dynamic: (N,) bool, returns of moving objects; None: none of them.
     """
     status = OdometryStatus.DEGRADED if reason else OdometryStatus.OK
     symmetric = (covariance + covariance.T) / 2
@@ -27,20 +27,22 @@ def estimate(
     return OdometryEstimate(Pose(orthonormal(pose)), symmetric, moving, stamp_s, status, reason)
 
 
-def grown(covariance: np.ndarray, motion: np.ndarray, of_motion: np.ndarray) -> np.ndarray:
-    """Return the (6, 6) covariance of a pose after a motion with a covariance of its own.
+def propagated_covariance(
+    covariance: np.ndarray, motion: np.ndarray, of_motion: np.ndarray
+) -> np.ndarray:
+    """Return the (6, 6) covariance of a pose after an uncertain motion.
 
     motion: (4, 4) `previous_from_now`; of_motion: (6, 6), in the frame now.
     """
-    carried = adjoint(inverse(motion))
-    larger: np.ndarray = carried @ covariance @ carried.T + of_motion
-    return larger
+    transform = adjoint(inverse(motion))
+    result: np.ndarray = transform @ covariance @ transform.T + of_motion
+    return result
 
 
 def poverty(points: int, least: int, rings: np.ndarray) -> str:
-    """Say why a scan cannot tell where it was taken; empty if it may.
+    """Return why a scan is too poor to be matched; empty if it is not.
 
-    points: how many can be matched, of the least that are needed. rings: (N,) of all returns.
+    points: number that can be matched. least: number that is needed. rings: (N,) of all returns.
     """
     if points < least:
         return f"{points} points that can be matched"

@@ -1,4 +1,4 @@
-"""The latest inertial samples, in order, and what they tell of a stretch of time."""
+"""A buffer of the latest inertial samples."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import numpy as np
 
 from roadscope.core import ImuSamples, Pose
 
-KEPT_S = 3.0
+BUFFER_S = 3.0
 GAP_S = 0.03
-"""Longer without a sample is a gap: a dozen samples at 400 Hz, three at 100 Hz."""
+"""Longest time without a sample that is no gap: a dozen samples at 400 Hz, three at 100 Hz."""
 NO_SAMPLES = "no inertial samples"
 
 
 class ImuBuffer:
-    """Keeps samples of the last seconds in the LiDAR's axes; what is not a number is dropped.
+    """Stores samples of the last seconds along the LiDAR's axes; others than finite are dropped.
 
-    stamps_s: (K,) increasing. rates: (K, 3) rad/s. forces: (K, 3) m/s^2, where the IMU is.
+    stamps_s: (K,) increasing. rates: (K, 3) rad/s. forces: (K, 3) m/s^2, at the IMU.
     """
 
     def __init__(self, lidar_from_imu: Pose | None) -> None:
@@ -23,32 +23,32 @@ class ImuBuffer:
         self.stamps_s = np.empty(0)
         self.rates = np.empty((0, 3))
         self.forces = np.empty((0, 3))
-        self._begun = False
+        self._has_samples = False
 
     def add(self, imu: ImuSamples | None) -> None:
-        """Take further samples; those not later than all before are left out."""
+        """Add samples; those that are not later than all earlier ones are left out."""
         if imu is None or not len(imu.stamps_s):
             return
         block = np.column_stack([imu.stamps_s, imu.angular_velocity, imu.specific_force])
         block = block[np.isfinite(block).all(axis=1)]
         last = self.stamps_s[-1] if len(self.stamps_s) else -np.inf
-        if len(block) and block[0, 0] < last - KEPT_S:
-            self.forget()
+        if len(block) and block[0, 0] < last - BUFFER_S:
+            self.clear()
             last = -np.inf
         ahead = np.maximum.accumulate(np.concatenate([[last], block[:, 0]]))[:-1]
         block = block[block[:, 0] > ahead]
-        self._begun |= len(block) > 0
+        self._has_samples |= len(block) > 0
         self.stamps_s = np.concatenate([self.stamps_s, block[:, 0]])
         self.rates = np.concatenate([self.rates, block[:, 1:4] @ self._axes.T])
         self.forces = np.concatenate([self.forces, block[:, 4:] @ self._axes.T])
         self._drop_old()
 
-    def forget(self) -> None:
-        """Drop all samples: the clock began anew."""
+    def clear(self) -> None:
+        """Drop all samples, after a reset of the clock."""
         self.stamps_s, self.rates, self.forces = self.stamps_s[:0], self.rates[:0], self.forces[:0]
 
     def covers(self, start_s: float, end_s: float) -> bool:
-        """Say whether samples lie in the whole stretch without a gap."""
+        """Return whether there are samples in the whole interval without a gap."""
         inside = self._between(start_s - GAP_S, end_s + GAP_S)
         stamps = self.stamps_s[inside]
         if not len(stamps):
@@ -56,19 +56,19 @@ class ImuBuffer:
         marks = np.concatenate([[start_s], np.clip(stamps, start_s, end_s), [end_s]])
         return bool(np.diff(marks).max() <= GAP_S)
 
-    def lack(self, stamp_s: float, elapsed_s: float) -> str:
-        """Say what is wrong where samples lack of the time before a stamp.
+    def missing_samples(self, stamp_s: float, elapsed_s: float) -> str:
+        """Return a reason if samples are missing before a stamp, else nothing.
 
-        Nothing is where none ever came: then there is no inertial unit.
+        If there never were samples, there is no inertial unit and none are missing.
         """
         covered = not elapsed_s or self.covers(stamp_s - elapsed_s, stamp_s)
-        return "" if covered or not self._begun else NO_SAMPLES
+        return "" if covered or not self._has_samples else NO_SAMPLES
 
     def within(self, start_s: float, end_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return lengths of time, (K,) s, and rates and forces, (K, 3), that fill a stretch.
+        """Return time steps, (K,) s, and rates and forces, (K, 3), of an interval.
 
-        Each sample holds until the next one; the first one from the start. For stretches that
-        are covered.
+        Each sample is valid until the next one; the first one from the start. Only for intervals
+        that are covered.
         """
         first = max(int(np.searchsorted(self.stamps_s, start_s, side="right")) - 1, 0)
         last = int(np.searchsorted(self.stamps_s, end_s, side="left"))
@@ -77,7 +77,7 @@ class ImuBuffer:
         return np.diff(marks), self.rates[rows], self.forces[rows]
 
     def mean_rate(self, start_s: float, end_s: float) -> np.ndarray | None:
-        """Return the mean turn rate, (3,) rad/s, of a stretch; None if it is not covered."""
+        """Return the mean turn rate, (3,) rad/s, of an interval; None if it is not covered."""
         if not self.covers(start_s, end_s):
             return None
         lengths, rates, _ = self.within(start_s, end_s)
@@ -89,7 +89,7 @@ class ImuBuffer:
         return slice(low, int(np.searchsorted(self.stamps_s, end_s, side="right")))
 
     def _drop_old(self) -> None:
-        if len(self.stamps_s) and self.stamps_s[0] < self.stamps_s[-1] - 2 * KEPT_S:
-            rows = self._between(self.stamps_s[-1] - KEPT_S, np.inf)
+        if len(self.stamps_s) and self.stamps_s[0] < self.stamps_s[-1] - 2 * BUFFER_S:
+            rows = self._between(self.stamps_s[-1] - BUFFER_S, np.inf)
             self.stamps_s, self.rates = self.stamps_s[rows], self.rates[rows]
             self.forces = self.forces[rows]

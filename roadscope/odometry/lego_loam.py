@@ -1,8 +1,8 @@
 """Lightweight and ground-optimised LiDAR odometry and mapping (Shan and Englot 2018).
 
 T. Shan and B. Englot, "LeGO-LOAM: lightweight and ground-optimized lidar odometry and mapping on
-variable terrain", IROS 2018. Written from the paper. An IMU, where there is one, predicts each
-motion as in `zhang2022`, so that the two differ in what they do with scans alone.
+variable terrain", IROS 2018. Written from the paper. If there is an IMU, it predicts
+each motion as in `zhang2022`, so that the two differ only in their use of scans.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.estimates import estimate
 from roadscope.odometry.lego.mapping import REACH_M, LegoMapping, match_two_steps
-from roadscope.odometry.lego.segments import LEAST, features_of, kept_of
+from roadscope.odometry.lego.segments import LEAST, features_of, ground_and_objects
 from roadscope.odometry.loam.features import Features
-from roadscope.odometry.loam.progress import ImuPrediction, Progress, Returns, poverty
-from roadscope.odometry.scatter import scattered
+from roadscope.odometry.loam.progress import ImuPrediction, Progress, ScanReturns, poverty
+from roadscope.odometry.scatter import excessive_noise
 
 
 class LegoLoamOdometry:
-    """Ground planes tell height, roll and pitch from scan to scan, edges the rest; a map refines.
+    """Ground planes give height, roll and pitch from scan to scan, edges the rest; a map refines.
 
-    min_points: smaller objects are dropped. map_every: so many scans to a look at the map; five
-        is the paper's 2 Hz. reach_m: how far the map goes. loop: places that are seen again move
-        the whole way behind (the pose told then leaps; earlier ones were told already).
+    min_points: smaller objects are dropped. map_every: scans between two matches with the map; five
+        is the paper's 2 Hz. reach_m: radius of the map. loop: whether loops are closed, which
+        corrects all earlier keyframes; the estimated pose then leaps.
     """
 
     def __init__(
@@ -45,47 +45,49 @@ class LegoLoamOdometry:
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget pose, speed, the last scan and the map."""
+        """Clear pose, speed, the last scan and the map."""
         self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
         self._progress = Progress(self._imu)
         self._mapping = LegoMapping(every=self.map_every, reach_m=self.reach_m, loop=self.loop)
-        self._before: tuple[Returns, Features] | None = None
+        self._before: tuple[ScanReturns, Features] | None = None
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Match the scan with the one before, and at times with the map."""
+        """Match the scan with the previous one, and every `map_every` scans with the map."""
         self._imu.add(imu)
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
-            return self._told(scan, tick.reason)
-        lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s) or scattered(scan)
-        kept = kept_of(scan, least=self.min_points)
+            return self._estimate(scan, tick.reason)
+        lack = self._imu.samples.missing_samples(scan.stamp_s, tick.elapsed_s) or excessive_noise(
+            scan
+        )
+        returns = ground_and_objects(scan, least=self.min_points)
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)
         if self._before is not None and not self._progress.begun:
-            predicted = self._begin(kept, since_s, predicted)
-        features = features_of(kept, kept.at_stamp(predicted, since_s))
-        poor = poverty(kept, features)
+            predicted = self._begin(returns, since_s, predicted)
+        features = features_of(returns, returns.at_stamp(predicted, since_s))
+        poor = poverty(returns, features)
         if poor or self._before is None:
             self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
-            self._before = self._before if poor else (kept, features)
-            return self._told(scan, tick.reason or poor or lack)
-        found = match_two_steps(features, self._before[1], predicted)
-        motion, reason = self._progress.step(predicted, found, scan.stamp_s)
-        self._before = kept, features.at(kept.at_stamp(motion, since_s))
-        # What is not believed of a scan would stay in the map.
+            self._before = self._before if poor else (returns, features)
+            return self._estimate(scan, tick.reason or poor or lack)
+        feature_match = match_two_steps(features, self._before[1], predicted)
+        motion, reason = self._progress.step(predicted, feature_match, scan.stamp_s)
+        self._before = returns, features.at(returns.at_stamp(motion, since_s))
+        # The features of a rejected scan must not enter the map.
         if not reason:
             self._mapping.take(self._before[1], self._progress.pose)
-        return self._told(scan, tick.reason or reason or lack)
+        return self._estimate(scan, tick.reason or reason or lack)
 
-    def _begin(self, kept: Returns, since_s: float, predicted: np.ndarray) -> np.ndarray:
-        """Return the first motion, (4, 4), which also takes the first sweep's own motion out."""
+    def _begin(self, returns: ScanReturns, since_s: float, predicted: np.ndarray) -> np.ndarray:
+        """Return the first motion, (4, 4), and deskew the first scan by it."""
         assert self._before is not None
         first, before = self._before
-        now = features_of(kept, kept.at_stamp(predicted, since_s))
+        now = features_of(returns, returns.at_stamp(predicted, since_s))
         motion = match_two_steps(now, before, predicted).before_from_now
         self._before = first, features_of(first, first.at_stamp(motion, since_s))
         return motion
 
-    def _told(self, scan: LidarScan, reason: str) -> OdometryEstimate:
+    def _estimate(self, scan: LidarScan, reason: str) -> OdometryEstimate:
         pose = self._mapping.map_from_start @ self._progress.pose
         return estimate(pose, self._progress.covariance, scan.stamp_s, len(scan), reason)

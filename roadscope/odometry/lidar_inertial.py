@@ -1,4 +1,4 @@
-"""LiDAR and inertial unit as one, on a map of what stands still."""
+"""Tightly coupled LiDAR-inertial odometry on a map of static surfaces."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, WheelSamples
 from roadscope.core.names import unknown
 from roadscope.envs.sensors.imu_spec import IMUS
-from roadscope.odometry.clock import Clock, Tick
-from roadscope.odometry.estimates import estimate, grown, poverty
+from roadscope.odometry.clock import Clock, ScanTick
+from roadscope.odometry.estimates import estimate, poverty, propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial.filter import (
     POSE,
@@ -21,44 +21,50 @@ from roadscope.odometry.inertial.filter import (
 )
 from roadscope.odometry.inertial.speed_check import FAR_M_S, SpeedCheck
 from roadscope.odometry.inertial.speed_search import ROUGHLY_M_S, Speed
-from roadscope.odometry.inertial.standstill import WINDOW_S, FeltSpeed, Rest, felt_still
+from roadscope.odometry.inertial.standstill import (
+    WINDOW_S,
+    IntegratedSpeed,
+    RestHistory,
+    measured_rest,
+)
 from roadscope.odometry.inertial.start import InertialStart
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
 from roadscope.odometry.rigid import inverse
-from roadscope.odometry.scatter import scattered
-from roadscope.odometry.voxels.matching import Match
-from roadscope.odometry.voxels.sweep import Sweep
+from roadscope.odometry.scatter import excessive_noise
+from roadscope.odometry.voxels.matching import ScanMatch
+from roadscope.odometry.voxels.sweep import ThinnedScan
 
 USUAL_UNIT = "adis16448"
 LEAST_POINTS = 60
 LEAST_AGREEMENT = 0.3
 HOLDS, HALF = 1.0, 0.5
-"""A point on a surface tells the way ahead by so much, 1/m^2, on average, or hardly at all: by 2
-and more on streets, by less in platoons, tunnels and between barriers. Even there fewer than half
-of the points agree in 4 of 1500 scans of validation seeds; where all moves along, in every one."""
+"""Mean information of a point about the forward motion, 1/m^2, that is sufficient: 2 and more on
+streets, less in platoons, tunnels and between barriers. With less information, at least half of
+the points must agree: they do in all but 4 of 1500 scans of validation seeds, and in none where
+everything moves along."""
 VAGUE_M_S = 0.5
-"""A speed known no better than this is called degraded."""
+"""Largest standard deviation of a speed that is not degraded."""
 GUESS_M_S, GUESS_RAD_S = 10.0, 0.1
-"""How far off the motion may be while its speed is not known."""
-UNSURE = "nothing that is fixed tells the speed clearly"
+"""Standard deviations of the motion while its speed is unknown."""
+SPEED_UNKNOWN = "too few fixtures determine the speed"
 REMEMBERED = 10.0
-"""A scan is matched to about so many others: its error is theirs in good part."""
+"""Number of scans that a scan is matched with: it shares most of their errors."""
 LOST = 5
-"""So many scans in a row that do not fit: everything begins anew."""
+"""After this many rejected scans in a row everything is started again."""
 SLIP = 10
-"""For so many scans in a row, tyres may slip."""
+"""Most scans in a row during which tyres may slip."""
 
 
 class LidarInertialOdometry:
     """Error-state Kalman filter on inertial samples, corrected by each scan on a map of surfaces.
 
-    The first scans tell the speed: that at which what stands in them comes together. From then on
-    the inertial prediction is so tight that traffic which moves along cannot pull the pose with
-    it. Returns where beams looked through before have moved in, or along if beams ended before
-    them as far away as now: they are called dynamic and left out. Follows Xu 2022 (FAST-LIO2) in
-    the filter; map, speed search and the decision what is dynamic are ours. Without an IMU the
-    state goes on at constant velocity.
+    The first scans determine the speed: static objects in them coincide at it. From then on the
+    inertial prediction is so precise that traffic which moves along cannot pull the pose with it.
+    Returns at places that earlier beams passed have moved there, or along with the sensor if beams
+    ended before them at the same range: they are dynamic and left out. Follows Xu 2022 (FAST-LIO2)
+    in the filter; map, speed search and the detection of dynamic returns are ours. Without an IMU
+    the prediction has constant velocity.
     """
 
     def __init__(
@@ -71,14 +77,14 @@ class LidarInertialOdometry:
         imu: str = USUAL_UNIT,
         wheels: bool = False,
     ) -> None:
-        """Set it up.
+        """Store the settings.
 
-        match_m, insert_m: edges of cubes of which one return is matched, or put into the map;
-            indoors, where few cubes are met, finer ones are matched.
-        reach_m: how far the map goes. drop_dynamic: leave out what is held to be dynamic, and
-            put nothing into the map that is off a surface known there.
-        imu: the unit whose noise is expected, a name of `envs.sensors.imu_specs.IMUS`.
-        wheels: let their speed in, where there are any.
+        match_m, insert_m: edges of the cubes from which one return is matched, or added to the
+            map; indoors, where there are few cubes, smaller ones are matched.
+        reach_m: radius of the map. drop_dynamic: leave out dynamic returns, and those that
+            contradict a surface of the map.
+        imu: the unit whose noise is expected, a name of `envs.sensors.imu_spec.IMUS`.
+        wheels: whether wheel speeds are used, if there are any.
         """
         for name, size_m in (("match_m", match_m), ("insert_m", insert_m), ("reach_m", reach_m)):
             if not size_m > 0:
@@ -91,57 +97,57 @@ class LidarInertialOdometry:
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget map, pose, speed, biases."""
+        """Clear map, pose, speed and biases."""
         self._clock, self._imu = Clock(), ImuBuffer(lidar_from_imu)
         self._wheels = WheelBuffer()
         self._lever = np.zeros(3) if lidar_from_imu is None else lidar_from_imu.translation.copy()
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))
-        self._known: InertialState | None = None
+        self._earlier_state: InertialState | None = None
         self._level = True
-        self._felt, self._fast_s = FeltSpeed(self.noise), -np.inf
+        self._integrated_speed, self._fast_s = IntegratedSpeed(self.noise), -np.inf
         self._begin(np.eye(4))
 
     def _begin(self, start_from_map: np.ndarray) -> None:
         self._start_from_map = start_from_map
         self._track: InertialTrack | None = None
-        self._start = InertialStart(self.noise, anew=self._known is not None)
+        self._start = InertialStart(self.noise, anew=self._earlier_state is not None)
         self._check, self._misfits = SpeedCheck(), 0
-        self._speed_known, self._rest = False, Rest(self.noise)
+        self._speed_known, self._rest = False, RestHistory(self.noise)
         self._slipped = 0
 
     def add_wheels(self, wheels: WheelSamples) -> None:
-        """Take speeds along the LiDAR's x axis, which is the vehicle's."""
+        """Add speeds along the LiDAR's x axis, which is that of the vehicle."""
         if self.wheels:
             self._wheels.add(wheels)
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Predict by the samples, correct by the scan."""
+        """Predict by the samples, correct by the scan, and return the pose."""
         self._imu.add(imu)
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
             return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
         stretch = self._stretch(scan, tick)
-        self._felt.predict(stretch)
-        sweep = Sweep.of(scan, self.insert_m, self.match_m)
+        self._integrated_speed.predict(stretch)
+        sweep = ThinnedScan.of(scan, self.insert_m, self.match_m)
         moving = np.zeros(len(sweep.rows), bool)
         poor = poverty(len(sweep.few), LEAST_POINTS, scan.ring)
         if self._track is None:
-            poor = self._wait(sweep, stretch, poor)
+            poor = self._collect_first_scans(sweep, stretch, poor)
         else:
             moving, poor = self._follow(self._track, sweep, stretch, poor)
-        self._tell(stretch)
-        lack = self._imu.lack(scan.stamp_s, tick.elapsed_s)
+        self._update_pose_and_covariance(stretch)
+        lack = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s)
         return estimate(
             self._pose,
             self._covariance,
             scan.stamp_s,
             len(scan),
-            tick.reason or poor or lack or scattered(scan),
+            tick.reason or poor or lack or excessive_noise(scan),
             dynamic=sweep.spread(moving),
         )
 
-    def _stretch(self, scan: LidarScan, tick: Tick) -> Stretch:
-        """Return what was felt since the last scan."""
+    def _stretch(self, scan: LidarScan, tick: ScanTick) -> Stretch:
+        """Return the inertial samples since the last scan."""
         stamp_s, start_s = scan.stamp_s, scan.stamp_s - tick.elapsed_s
         half_s = float(np.abs(scan.time_offset_s).max(initial=0.0))
         rate = self._imu.mean_rate(stamp_s - half_s, stamp_s + half_s) if half_s else None
@@ -150,119 +156,127 @@ class LidarInertialOdometry:
         none = np.empty((0, 3))
         return Stretch(tick.elapsed_s, np.empty(0), none, none, rate)
 
-    def _wait(self, sweep: Sweep, stretch: Stretch, poor: str) -> str:
-        """Gather first scans until they tell the speed; return what is still unknown."""
+    def _collect_first_scans(self, sweep: ThinnedScan, stretch: Stretch, poor: str) -> str:
+        """Collect first scans until they determine the speed; return a reason until then."""
         if poor:
             return poor
         self._start.add(sweep, stretch, self._imu)
-        told = self._wheels.at(sweep.scan.stamp_s)
-        speed = self._start.speed() if told is None else Speed.told(told[0])
+        wheel_speed = self._wheels.at(sweep.scan.stamp_s)
+        speed = self._start.speed() if wheel_speed is None else Speed.measured(wheel_speed[0])
         if speed is None:
             return "" if len(self._start) == 1 else "the speed is not known yet"
-        if told is None and speed.ahead_m_s < self._felt.least_m_s:
-            speed = replace(speed, ahead_m_s=self._felt.gained_m_s, by_fixtures=False)
-        self._track = self._start.track(speed, self._imu, self._lever, self._made)
+        if wheel_speed is None and speed.ahead_m_s < self._integrated_speed.least_m_s:
+            speed = replace(speed, ahead_m_s=self._integrated_speed.gained_m_s, by_fixtures=False)
+        self._track = self._start.track(speed, self._imu, self._lever, self._new_track)
         self._speed_known = speed.known or sweep.close
-        return "" if self._speed_known else UNSURE
+        return "" if self._speed_known else SPEED_UNKNOWN
 
-    def _made(self, state: InertialState) -> InertialTrack:
-        if self._known is not None:
-            resume(state, self._known, level=self._level)
+    def _new_track(self, state: InertialState) -> InertialTrack:
+        if self._earlier_state is not None:
+            resume(state, self._earlier_state, level=self._level)
             self._level = True
         return InertialTrack(
             state, self._lever, self.noise, reach_m=self.reach_m, drop_dynamic=self.drop_dynamic
         )
 
     def _follow(
-        self, track: InertialTrack, sweep: Sweep, stretch: Stretch, poor: str
+        self, track: InertialTrack, sweep: ThinnedScan, stretch: Stretch, poor: str
     ) -> tuple[np.ndarray, str]:
-        """Predict and correct; return which returns have moved in, and what is wrong."""
+        """Predict and correct; return (K,) dynamic returns, and the reason of a degraded pose."""
         track.predict(stretch)
         scan = sweep.scan
         if not track.slow:
             self._fast_s = scan.stamp_s
-        rolled = self._rolled(track, scan.stamp_s)
-        points = track.seen(sweep)
+        rolled = self._use_wheels(track, scan.stamp_s)
+        points = track.points_at_stamp(sweep)
         moving = track.moving(points, scan.stamp_s)
         if poor:
-            self._rest = Rest(self.noise)
+            self._rest = RestHistory(self.noise)
             return moving, poor
-        found = track.matched(sweep, points, moving)
-        poor = _misfit(found)
-        # While what stands confirms the speed, it is the traffic that does not agree.
+        scan_match = track.matched(sweep, points, moving)
+        poor = _reason_to_reject(scan_match)
+        # While fixtures confirm the speed, it is the traffic that does not agree.
         fits = not poor or rolled or self._check.confirmed(scan.stamp_s)
-        if not rolled and track.twist()[0] < self._felt.least_m_s:
-            poor, fits = "more speed was felt than is seen", False
+        if not rolled and track.twist()[0] < self._integrated_speed.least_m_s:
+            poor, fits = "the speed is below the integrated acceleration", False
         self._misfits = 0 if fits else self._misfits + 1
         if fits:
-            track.settle(found)
-            self._stand_or_leave(track, stretch, scan.stamp_s)
+            track.update_by_match(scan_match)
+            self._update_rest(track, stretch, scan.stamp_s)
             track.remember(sweep, points, moving)
-            # No traffic drives along in a room.
+            # There is no traffic in a room.
             self._speed_known |= sweep.close
             if not rolled:
-                poor = self._held_against_what_stands(track, scan) or poor
+                poor = self._check_by_fixtures(track, scan) or poor
         else:
-            self._rest = Rest(self.noise)
+            self._rest = RestHistory(self.noise)
         if self._misfits >= LOST:
-            self._known = track.state
+            self._earlier_state = track.state
             self._begin(self._start_from_map @ track.pose)
-        poor = poor or ("" if self._speed_known else UNSURE)
-        return moving, poor or _vague(track) or _unmet(track, found)
+        poor = poor or ("" if self._speed_known else SPEED_UNKNOWN)
+        return moving, poor or _reason_of_vague_speed(track) or _reason_of_missing_information(
+            track, scan_match
+        )
 
-    def _rolled(self, track: InertialTrack, now_s: float) -> bool:
-        """Let in what wheels tell; say whether they told the speed.
+    def _use_wheels(self, track: InertialTrack, now_s: float) -> bool:
+        """Use the speed of wheels; return whether it was accepted.
 
-        Tyres slip for a moment; what they keep telling is taken unless what stands says otherwise.
+        Tyres slip only for a moment: a lasting speed is accepted unless fixtures contradict it.
         """
-        told = self._wheels.at(now_s)
-        if told is None:
+        wheel_speed = self._wheels.at(now_s)
+        if wheel_speed is None:
             return False
         doubted = self._slipped < SLIP or self._check.confirmed(now_s)
-        rolled = track.roll(*told, doubted=doubted)
+        rolled = track.correct_by_wheels(*wheel_speed, doubted=doubted)
         self._slipped = 0 if rolled else self._slipped + 1
         return rolled
 
-    def _stand_or_leave(self, track: InertialTrack, stretch: Stretch, now_s: float) -> None:
-        """Hold the sensor where it stands; once it leaves, take back what was held too long.
+    def _update_rest(self, track: InertialTrack, stretch: Stretch, now_s: float) -> None:
+        """Correct a sensor at rest; at the end of a rest, return to a state that surely was one.
 
-        Even braking is felt as evenly as standing, but who brakes was faster within the window.
+        Steady braking has samples as constant as rest, but then the sensor was recently faster.
         """
         slow = now_s >= self._fast_s + WINDOW_S
-        felt = felt_still(self._imu, now_s, self.noise) if slow else None
-        if felt is not None and self._rest.may_be(stretch, now_s):
-            rate, force = felt
+        means = measured_rest(self._imu, now_s, self.noise) if slow else None
+        if means is not None and self._rest.may_be(stretch, now_s):
+            rate, force = means
             if self._rest.begins:
-                track.weigh(force)
-            track.stand(rate)
+                track.correct_gravity(force)
+            track.correct_at_rest(rate)
             self._rest.held(track, stretch)
-            self._felt.stood(track.state)
+            self._integrated_speed.stood(track.state)
         elif self._rest.left(track, stretch, now_s):
-            self._felt.stood(track.state)
+            self._integrated_speed.stood(track.state)
         track.doubt_m = self._rest.doubt_m(track)
 
-    def _held_against_what_stands(self, track: InertialTrack, scan: LidarScan) -> str:
-        """Correct the speed by fixtures; where it is another, say so."""
+    def _check_by_fixtures(self, track: InertialTrack, scan: LidarScan) -> str:
+        """Correct the speed by fixtures; return a reason if they contradict it."""
         ahead_m_s, rate_rad_s = track.twist()[[0, 5]]
-        looked = self._check.off(
-            scan, float(ahead_m_s), float(rate_rad_s), track.unfelt_m_s2, self._felt.least_m_s
+        measured = self._check.off(
+            scan,
+            float(ahead_m_s),
+            float(rate_rad_s),
+            track.hidden_acceleration_m_s2,
+            self._integrated_speed.least_m_s,
         )
-        if looked is None:
+        if measured is None:
             return ""
-        off_m_s, spread_m_s = looked
+        off_m_s, spread_m_s = measured
         if abs(off_m_s) > FAR_M_S:
             self._misfits = LOST
-            return "what stands beside the road moves otherwise"
-        if self._check.contradicts(off_m_s, track.looked_off_m_s(max(spread_m_s, ROUGHLY_M_S))):
-            # What pulled the speed away has passed for a slope.
+            return "fixtures beside the road show another speed"
+        if self._check.contradicts(
+            off_m_s, track.speed_deviation_m_s(max(spread_m_s, ROUGHLY_M_S))
+        ):
+            # The error of the speed was learned as a slope of the road.
             self._misfits, self._level = LOST, False
-            return "what stands beside the road moves otherwise again and again"
-        track.speed_up(off_m_s, spread_m_s)
+            return "fixtures beside the road repeatedly show another speed"
+        track.correct_speed(off_m_s, spread_m_s)
         self._speed_known = True
         return ""
 
-    def _tell(self, stretch: Stretch) -> None:
-        """Take over pose and covariance of whatever is followed."""
+    def _update_pose_and_covariance(self, stretch: Stretch) -> None:
+        """Set pose and covariance from the track, or from the first scans."""
         before = self._pose
         track = self._track
         here = self._start.guess() if track is None else track.pose
@@ -274,28 +288,31 @@ class LidarInertialOdometry:
         else:
             axes = np.kron(np.eye(2), track.state.pose[:3, :3])
             spread = axes.T @ track.state.covariance[POSE, POSE] @ axes / REMEMBERED
-        self._covariance = grown(self._covariance, inverse(before) @ self._pose, spread)
+        self._covariance = propagated_covariance(
+            self._covariance, inverse(before) @ self._pose, spread
+        )
 
 
-def _misfit(found: Match) -> str:
-    """Say why a match is not to be trusted; empty if it is."""
-    if found.held < LEAST_POINTS:
-        return f"{found.held} points on surfaces that are known"
-    if found.agreement < LEAST_AGREEMENT:
-        return f"{found.agreement:.0%} of the points agree"
+def _reason_to_reject(scan_match: ScanMatch) -> str:
+    """Return why a match is rejected; empty if it is accepted."""
+    if scan_match.held < LEAST_POINTS:
+        return f"{scan_match.held} points on surfaces that are known"
+    if scan_match.agreement < LEAST_AGREEMENT:
+        return f"{scan_match.agreement:.0%} of the points agree"
     return ""
 
 
-def _vague(track: InertialTrack) -> str:
-    """Say so where the speed is hardly known; empty where it is."""
+def _reason_of_vague_speed(track: InertialTrack) -> str:
+    """Return a reason if the speed is too uncertain, else nothing."""
     off_m_s = float(np.sqrt(np.linalg.eigvalsh(track.state.covariance[SPEED, SPEED])[-1]))
     return f"the speed may be {off_m_s:.2g} m/s off" if off_m_s > VAGUE_M_S else ""
 
 
-def _unmet(track: InertialTrack, found: Match) -> str:
-    """Say so where all that would tell how far the sensor came is elsewhere; else empty."""
+def _reason_of_missing_information(track: InertialTrack, scan_match: ScanMatch) -> str:
+    """Return a reason if the points do not determine the forward motion, else nothing."""
     ahead = track.state.pose[:3, 0]
-    told = float(ahead @ found.information[:3, :3] @ ahead)
-    if told >= HOLDS * found.held or found.agreement >= HALF:
+    information = float(ahead @ scan_match.information[:3, :3] @ ahead)
+    if information >= HOLDS * scan_match.held or scan_match.agreement >= HALF:
         return ""
-    return f"what would tell the way ahead does not agree, {1 - found.agreement:.0%} of the points"
+    outliers = 1 - scan_match.agreement
+    return f"the points that show forward motion do not agree, {outliers:.0%} of all"

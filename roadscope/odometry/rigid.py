@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 SMALL = 1e-8
-"""Below, a turn's square is lost in rounding beside 1."""
+"""Angle below which its square is lost in rounding beside 1."""
 
 
 def hat(vector: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def adjoint(matrix: np.ndarray) -> np.ndarray:
 
 
 def _left(turn: np.ndarray) -> np.ndarray:
-    """Return the left Jacobian of SO(3), (3, 3): how a turn on the way bends the way."""
+    """Return the left Jacobian of SO(3), (3, 3)."""
     angle = math.sqrt(float(turn @ turn))
     across = hat(turn)
     if angle < 1e-4:

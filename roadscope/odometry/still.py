@@ -1,4 +1,4 @@
-"""The odometry that does not believe in motion."""
+"""An odometry without motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from roadscope.odometry.estimates import estimate
 
 
 class StillOdometry:
-    """Stays where it is: the lowest mark, and what a jammed odometry looks like."""
+    """Always returns the start pose: the lowest mark of a leaderboard."""
 
     takes_imu: ClassVar = False
 
@@ -20,10 +20,10 @@ class StillOdometry:
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget the last stamp; the mounting does not matter."""
+        """Clear the last stamp; the pose of the IMU is not used."""
         self._clock = Clock()
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Return the start, whatever the scan shows."""
+        """Return the start pose for any scan."""
         tick = self._clock.tick(scan.stamp_s)
         return estimate(np.eye(4), np.zeros((6, 6)), scan.stamp_s, len(scan), tick.reason)

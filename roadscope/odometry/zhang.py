@@ -15,7 +15,7 @@ import numpy as np
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose
 from roadscope.odometry.clock import Clock
 from roadscope.odometry.clusters.features import (
-    ALONE,
+    NO_PARTNER,
     ClusterMatch,
     Reading,
     cluster_features,
@@ -29,21 +29,22 @@ from roadscope.odometry.lego.mapping import REACH_M, LegoMapping
 from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.loam.progress import ImuPrediction, Progress, poverty
-from roadscope.odometry.scatter import scattered
+from roadscope.odometry.scatter import excessive_noise
 
-MANY_MOVE = 0.33
-"""Where a greater share of what is in clusters would move, it is the prediction that is wrong.
+LARGEST_DYNAMIC_SHARE = 0.33
+"""Largest share of clustered returns that may be dynamic; with more, the prediction is wrong.
 
-On validation drives in streets and on the loop, the true motion leaves .3 (95 % of scans), and to
-believe in rest .3 to .4 (5 %). Where all that is near goes along it is the other way about: the
-true motion of a platoon leaves .7, rest .04. No share tells it there, and the method is lost."""
+On validation drives in streets and on the loop, the share is at most 0.3 with the true motion (95 %
+of scans), and at least 0.3 to 0.4 if rest is assumed (95 %). In a platoon, where everything near
+moves along, it is the opposite: 0.7 with the true motion, 0.04 with rest. No threshold works there,
+and the method fails."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
-    """What the next scan is matched with.
+class PreviousScan:
+    """The previous scan, which the next one is matched with.
 
-    segments: clusters, as measured. features: of all clusters, as seen at the stamp.
+    segments: clusters, as measured. features: of all clusters, at the stamp.
     """
 
     segments: Segments
@@ -54,19 +55,19 @@ class ZhangOdometry:
     """Matches edges and planes from scan to scan, cluster by cluster, without what moves.
 
     eps_m, angle_deg, min_points: of the clustering (table 1). windows: whether the angle bounds
-        clusters, see `parts`, or links alone. A wall that is one cluster wherever it goes has
-        another centre as soon as something hides a part of it, and moves as a whole; the paper
-        drops the parts of walls that only one of the scans shows. With columns as wide as a
-        degree such clusters give too few features, and the way is lost.
-    still_m, still_m_s, view, sampled: a cluster is dynamic whose centre moved farther than the
-        first, plus the second times the time between the scans, plus the third times the own way,
-        and farther than the fourth times its range: beams spread, so that far away the same thing
-        is told by other returns in every scan. The paper prints no threshold. view: None: 0, or 1
-        where links alone are bounded: what is seen of a whole wall goes along with the sensor;
-        then nobody is dynamic who is slower.
+        clusters, see `parts`, or only links. A whole wall as one cluster has another centre as soon
+        as something hides a part of it, and then seems to move; the paper drops the parts of walls
+        that are visible in only one of the scans. With columns of a degree such clusters have too
+        few features, and the method fails.
+    still_m, still_m_s, view, sampled: a cluster is dynamic if its centre moved farther than the
+        first, plus the second times the time between the scans, plus the third times the ego
+        motion, and farther than the fourth times its range: beams diverge, so that a far object has
+        other returns in every scan. The paper states no threshold. view: None: 0, or 1 where only
+        links are bounded: the visible part of a whole wall moves with the sensor; then slower
+        objects are not dynamic.
     roughness: eq. 6 among neighbours on the ring or, as printed, in the whole cluster.
-    drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be left out.
-    map_every, loop: so many scans to a look at LeGO-LOAM's map, 0 for none, and whether its loops
+    drop_dynamic, same_cluster: the paper's two additions to LOAM, which can be switched off.
+    map_every, loop: scans between two matches with LeGO-LOAM's map, 0 for none, and whether loops
         are closed. Section 2 goes from scan to scan; section 3 speaks of SLAM, and of the loops
         that LeGO-LOAM closes as a reason why both systems end near the truth: the chain may have
         stood before LeGO-LOAM's map.
@@ -104,19 +105,21 @@ class ZhangOdometry:
         self.reset()
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget pose, speed, the last scan and the map."""
+        """Clear pose, speed, the last scan and the map."""
         self._clock, self._imu = Clock(), ImuPrediction(lidar_from_imu)
         self._progress = Progress(self._imu)
         self._mapping = LegoMapping(every=self.map_every, reach_m=REACH_M, loop=self.loop)
-        self._before: Moment | None = None
+        self._before: PreviousScan | None = None
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Match the scan with the one before and say where that puts the sensor."""
+        """Match the scan with the previous one and return the pose of the sensor."""
         self._imu.add(imu)
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
-            return self._told(scan, tick.reason)
-        lack = self._imu.samples.lack(scan.stamp_s, tick.elapsed_s) or scattered(scan)
+            return self._estimate(scan, tick.reason)
+        lack = self._imu.samples.missing_samples(scan.stamp_s, tick.elapsed_s) or excessive_noise(
+            scan
+        )
         whole = segments_of(scan, self.clustering)  # section 2.1
         since_s = self._progress.since(scan.stamp_s)
         predicted = self._progress.predicted(scan.stamp_s)  # eq. 3
@@ -127,85 +130,87 @@ class ZhangOdometry:
         poor = poverty(segments, features)
         if poor or self._before is None:
             self._progress.carry_on(predicted, scan.stamp_s, counts=not poor)
-            self._before = self._before if poor else self._moment(whole, features)
-            return self._told(scan, tick.reason or poor or lack)
+            self._before = self._before if poor else self._previous_scan(whole, features)
+            return self._estimate(scan, tick.reason or poor or lack)
         clusters = self.compared(segments, self._before.segments, predicted, since_s)  # eq. 4
-        found, dropped = self._matched(features, clusters, segments.sizes, predicted)  # eq. 7-10
-        motion, reason = self._progress.step(predicted, found, scan.stamp_s)
-        # As LOAM does: the next scan meets these features where their own sweep's motion, now
-        # known, puts them.
+        feature_match, dropped = self._matched(
+            features, clusters, segments.sizes, predicted
+        )  # eq. 7-10
+        motion, reason = self._progress.step(predicted, feature_match, scan.stamp_s)
+        # As in LOAM, the features are deskewed again with the motion that is now known.
         placed = features.at(segments.at_stamp(motion, since_s))
-        self._before = self._moment(whole, placed)
+        self._before = self._previous_scan(whole, placed)
         if not reason:
-            stays = np.where(dropped, ALONE, np.arange(len(dropped)))
+            stays = np.where(dropped, NO_PARTNER, np.arange(len(dropped)))
             self._mapping.take(relabelled(placed, stays), self._progress.pose)
-        return self._told(scan, tick.reason or reason or lack, returns_of(scan, segments, dropped))
+        return self._estimate(
+            scan, tick.reason or reason or lack, returns_of(scan, segments, dropped)
+        )
 
     def cut(self, whole: Segments, before_from_now: np.ndarray) -> Segments:
-        """Return clusters cut by the angle as seen from the scan before, if it bounds them."""
+        """Return the clusters cut from the previous scan's position, if the angle bounds them."""
         angle_deg = self.clustering.angle_deg
         return parts(whole, angle_deg, before_from_now) if self.windows else whole
 
-    def _moment(self, whole: Segments, features: Features) -> Moment:
-        """Return what the next scan is matched with: features are of clusters seen from here."""
+    def _previous_scan(self, whole: Segments, features: Features) -> PreviousScan:
+        """Return a scan to match the next one with; its clusters are cut from its own position."""
         own = self.cut(whole, np.eye(4))
         edges, planes = own.labels[features.edge_rows], own.labels[features.plane_rows]
-        return Moment(own, replace(features, edge_labels=edges, plane_labels=planes))
+        return PreviousScan(own, replace(features, edge_labels=edges, plane_labels=planes))
 
     def _features(self, segments: Segments, motion: np.ndarray, since_s: float) -> Features:
-        """Undo the sweep's own motion and take the roughest and smoothest of each cluster."""
+        """Return the roughest and smoothest returns of each cluster, deskewed."""
         points = segments.at_stamp(motion, since_s)
         return cluster_features(points, segments, self.roughness, sectors=not self.windows)
 
     def compared(
         self, now: Segments, before: Segments, predicted: np.ndarray, since_s: float
     ) -> ClusterMatch:
-        """Match the clusters of two scans and say which are dynamic.
+        """Match the clusters of two scans and find the dynamic ones.
 
         predicted: (4, 4) `before_from_now`. since_s: time between the scans, seconds.
         """
-        way_m = float(np.linalg.norm(predicted[:3, 3]))
-        least_m = self.still_m + self.still_m_s * since_s + self.view * way_m
+        distance_m = float(np.linalg.norm(predicted[:3, 3]))
+        least_m = self.still_m + self.still_m_s * since_s + self.view * distance_m
         thresholds_m = np.maximum(least_m, self.sampled * np.linalg.norm(now.centres, axis=1))
         return match_clusters(now.centres, before.centres, predicted, thresholds_m)
 
     def _matched(
         self, features: Features, clusters: ClusterMatch, sizes: np.ndarray, start: np.ndarray
     ) -> tuple[FeatureMatch, np.ndarray]:
-        """Match without dynamic clusters and say which, (K,) bool, those are.
+        """Return the match without dynamic clusters, and (K,) whether a cluster is dropped.
 
-        sizes: (K,) returns in each. Where too much of what is seen would move, an error of the
-        prediction is taken for motion of everything, and would be for ever: then all features are
-        matched, of whatever cluster.
+        sizes: (K,) returns in each. If too many returns would be dynamic, the prediction is wrong:
+        then all features are matched, of any cluster.
         """
         assert self._before is not None
         none = np.zeros_like(clusters.dynamic)
-        if not _believed(clusters, sizes) or not (self.drop_dynamic or self.same_cluster):
+        if not _is_plausible(clusters, sizes) or not (self.drop_dynamic or self.same_cluster):
             return match_features(features, self._before.features, start, same_label=False), none
         now, before = of_partners(
             features, self._before.features, clusters, still_only=self.drop_dynamic
         )
-        found = match_features(now, before, start, same_label=self.same_cluster)
-        return found, clusters.dynamic if self.drop_dynamic else none
+        feature_match = match_features(now, before, start, same_label=self.same_cluster)
+        return feature_match, clusters.dynamic if self.drop_dynamic else none
 
     def _begin(self, whole: Segments, since_s: float, predicted: np.ndarray) -> np.ndarray:
         """Return the first motion, (4, 4): as predicted from rest, or from all features.
 
-        Before a step has told the speed, an IMU does not: a start at speed would be taken for
-        clusters that all move. Features of the first scan are then taken anew.
+        Before the first step the speed is unknown, also with an IMU: at a start at speed, all
+        clusters would seem to move. The features of the first scan are then computed again.
         """
         assert self._before is not None
         now = self.cut(whole, predicted)
         clusters = self.compared(now, self._before.segments, predicted, since_s)
-        if _believed(clusters, now.sizes):
+        if _is_plausible(clusters, now.sizes):
             return predicted
-        seen = self._features(now, predicted, since_s)
-        found = match_features(seen, self._before.features, predicted, same_label=False)
-        motion, first = found.before_from_now, self._before.segments
-        self._before = Moment(first, self._features(first, motion, since_s))
+        features = self._features(now, predicted, since_s)
+        feature_match = match_features(features, self._before.features, predicted, same_label=False)
+        motion, first = feature_match.before_from_now, self._before.segments
+        self._before = PreviousScan(first, self._features(first, motion, since_s))
         return motion
 
-    def _told(
+    def _estimate(
         self, scan: LidarScan, reason: str, moving: np.ndarray | None = None
     ) -> OdometryEstimate:
         pose = self._mapping.map_from_start @ self._progress.pose
@@ -213,15 +218,15 @@ class ZhangOdometry:
         return estimate(pose, covariance, scan.stamp_s, len(scan), reason, dynamic=moving)
 
 
-def _believed(clusters: ClusterMatch, sizes: np.ndarray) -> bool:
-    """Return whether a prediction has most returns, (K,) to a cluster, stand still."""
-    return bool(sizes[clusters.dynamic].sum() <= MANY_MOVE * sizes.sum())
+def _is_plausible(clusters: ClusterMatch, sizes: np.ndarray) -> bool:
+    """Return whether a prediction leaves most returns static; sizes: (K,) of clusters."""
+    return bool(sizes[clusters.dynamic].sum() <= LARGEST_DYNAMIC_SHARE * sizes.sum())
 
 
 def dynamic_returns(
     rule: ZhangOdometry, before: LidarScan, now: LidarScan, predicted: np.ndarray
 ) -> np.ndarray:
-    """Return which returns of a scan, (N,) bool, are dynamic beside another (section 2.1 alone).
+    """Return (N,) whether returns of a scan are dynamic, from another scan (section 2.1 alone).
 
     predicted: (4, 4) `before_from_now`.
     """
@@ -232,7 +237,7 @@ def dynamic_returns(
 
 
 def returns_of(scan: LidarScan, segments: Segments, dropped: np.ndarray) -> np.ndarray:
-    """Return which returns of the scan, (N,) bool, are of clusters, (K,) bool, that are dropped."""
+    """Return (N,) whether returns of the scan belong to dropped clusters, (K,) bool."""
     moving, inside = np.zeros(len(scan), bool), segments.labels >= 0
     moving[segments.rows[inside]] = dropped[segments.labels[inside]]
     return moving

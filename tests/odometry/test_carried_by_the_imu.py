@@ -54,7 +54,7 @@ def test_follows_a_drive_from_rest_wherever_the_imu_sits(lever):
     assert np.linalg.norm(place) > 8
 
 
-def test_a_bias_that_is_there_at_rest_is_taken_off():
+def test_a_bias_at_rest_is_removed():
     ends = []
     for bias in (0.0, 0.01):
         odometry = DeadReckoningOdometry()
@@ -67,7 +67,7 @@ def test_a_bias_that_is_there_at_rest_is_taken_off():
     assert ends[0] == pytest.approx(ends[1], abs=0.02)
 
 
-def test_without_samples_the_speed_is_held_and_that_is_told():
+def test_without_samples_the_speed_is_kept_and_the_pose_degraded():
     odometry = DeadReckoningOdometry()
     odometry.update(empty_scan(0))
     for k in range(1, 31):

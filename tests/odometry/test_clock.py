@@ -10,7 +10,7 @@ def ticks(*stamps):
     return [clock.tick(stamp) for stamp in stamps]
 
 
-def test_steady_stamps_are_nothing_to_speak_of():
+def test_steady_stamps_have_no_reason():
     told = ticks(0.05, 0.15, 0.25, 0.45)
     assert [round(t.elapsed_s, 9) for t in told] == [0.0, 0.1, 0.1, 0.2]
     assert not any(t.reason for t in told)
@@ -20,7 +20,7 @@ def test_a_dropped_second_is_a_gap():
     assert "no scan for 1.1 s" in ticks(0.0, 0.1, 0.2, 1.3)[-1].reason
 
 
-def test_a_stray_stamp_between_two_scans_makes_no_gaps_of_all_others():
+def test_one_wrong_stamp_causes_no_further_gaps():
     told = ticks(0.0, 0.1, 0.2, 0.2001, 0.3, 0.4, 0.5)
     assert not any(t.reason for t in told)
 
@@ -38,7 +38,7 @@ def test_repeated_and_backward_stamps_take_no_time():
 
 
 @pytest.mark.parametrize("wrong", [RESTART, RESTART + 1, RESTART + 4])
-def test_a_few_stamps_that_were_wrong_cost_no_time(wrong):
+def test_a_few_wrong_stamps_lose_no_time(wrong):
     """Those before the clock is believed to begin anew take no time, and are made up for."""
     right = [0.1 * k for k in range(20 + wrong + 3)]
     stamps = [s - 2.0 if 20 <= k < 20 + wrong else s for k, s in enumerate(right)]
@@ -49,7 +49,7 @@ def test_a_few_stamps_that_were_wrong_cost_no_time(wrong):
 
 
 @pytest.mark.parametrize("back_s", [1.0, 4.0])
-def test_a_gap_after_a_clock_began_anew_is_a_gap(back_s):
+def test_a_gap_after_a_reset_of_the_clock_is_a_gap(back_s):
     right = [0.1 * k for k in range(60)]
     stamps = [s if k < 20 else s - back_s for k, s in enumerate(right)]
     told = ticks(*stamps, stamps[-1] + 3.0, stamps[-1] + 5.0)
@@ -57,12 +57,12 @@ def test_a_gap_after_a_clock_began_anew_is_a_gap(back_s):
     assert "no scan for 3 s" in told[-2].reason
 
 
-def test_a_clock_that_began_anew_is_followed():
+def test_a_reset_clock_is_followed():
     told = ticks(100.0, 100.1, *(0.1 * k for k in range(RESTART + 2)))
     assert not any(t.in_order for t in told[2 : 2 + RESTART])
     assert all(t.in_order for t in told[2 + RESTART :])
 
 
-def test_a_stamp_that_is_no_number_is_out_of_order():
+def test_a_stamp_that_is_not_finite_is_out_of_order():
     told = ticks(0.0, float("nan"), 0.1)
     assert [t.in_order for t in told] == [True, False, True]

@@ -8,7 +8,7 @@ from roadscope.odometry import ODOMETRIES
 from roadscope.odometry.inertial import speed_check
 from roadscope.odometry.inertial.filter import InertialNoise, started
 from roadscope.odometry.inertial.speed_search import Speed
-from roadscope.odometry.inertial.standstill import LEAST_M_S, FeltSpeed
+from roadscope.odometry.inertial.standstill import LEAST_M_S, IntegratedSpeed
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 
 GRAVITY = np.array([0, 0, 9.81])
@@ -31,39 +31,39 @@ def rested(rng):
     """A state after two seconds of rest, in which biases were learned."""
     state = started(GRAVITY + BIAS, np.zeros(3), (0.1, 0.1, 0.1), NOISE)
     track = InertialTrack(state, np.zeros(3), NOISE, reach_m=50.0)
-    track.weigh(GRAVITY + BIAS)
+    track.correct_gravity(GRAVITY + BIAS)
     for _ in range(20):
         track.predict(stretch(0.0, rng))
-        track.stand(np.full(3, 0.002))
+        track.correct_at_rest(np.full(3, 0.002))
     return track.state
 
 
 @pytest.fixture
 def felt(rng):
-    told = FeltSpeed(NOISE)
+    told = IntegratedSpeed(NOISE)
     told.stood(rested(rng))
     return told
 
 
-def test_the_speed_gained_is_felt_whatever_the_biases(felt, rng):
+def test_the_gained_speed_is_right_with_any_biases(felt, rng):
     for k in range(200):
         felt.predict(stretch(1.0 if k < 100 else 0.0, rng))
     assert felt.gained_m_s == pytest.approx(10.0, abs=1.0)
     assert 10.0 - 4.0 < felt.least_m_s < 10.0 - LEAST_M_S / 2
 
 
-def test_before_a_rest_and_after_a_gap_nothing_is_known(felt, rng):
-    assert FeltSpeed(NOISE).least_m_s == -np.inf
+def test_before_a_rest_and_after_a_gap_the_speed_is_unknown(felt, rng):
+    assert IntegratedSpeed(NOISE).least_m_s == -np.inf
     felt.predict(stretch(1.0, rng))
     assert np.isfinite(felt.least_m_s)
     felt.predict(stretch(1.0, rng, samples=0))
     assert felt.least_m_s == felt.gained_m_s == -np.inf
 
 
-def test_the_state_it_begins_from_is_left_alone(rng):
+def test_the_initial_state_is_not_changed(rng):
     state = rested(rng)
     before = state.velocity.copy()
-    felt = FeltSpeed(NOISE)
+    felt = IntegratedSpeed(NOISE)
     felt.stood(state)
     felt.predict(stretch(3.0, rng))
     assert np.array_equal(state.velocity, before)
@@ -78,11 +78,13 @@ def after_a_rest():
     """Return a drive and an odometry that has followed it, and that felt it gain its speed."""
     drive, odometry = Drive(), ODOMETRIES.make("lidar-inertial")
     driven(odometry, drive, range(12))
-    odometry._felt.stood(started(GRAVITY, np.array([8.0, 0, 0]), (0.1, 0.1, 0.1), NOISE))
+    odometry._integrated_speed.stood(
+        started(GRAVITY, np.array([8.0, 0, 0]), (0.1, 0.1, 0.1), NOISE)
+    )
     return drive, odometry
 
 
-def test_things_that_move_along_mislead_nobody_who_felt_that_he_left(after_a_rest, monkeypatch):
+def test_traffic_that_moves_along_does_not_mislead_after_a_rest(after_a_rest, monkeypatch):
     drive, odometry = after_a_rest
     track = odometry._track
     monkeypatch.setattr(
@@ -93,7 +95,7 @@ def test_things_that_move_along_mislead_nobody_who_felt_that_he_left(after_a_res
     assert track.twist()[0] == pytest.approx(8.0, abs=0.2)
 
 
-def test_who_is_held_slower_than_he_felt_begins_anew(after_a_rest, monkeypatch):
+def test_a_speed_below_the_integrated_one_causes_a_restart(after_a_rest, monkeypatch):
     drive, odometry = after_a_rest
     wrong = odometry._track
     wrong.state.velocity = np.zeros(3)
@@ -101,7 +103,7 @@ def test_who_is_held_slower_than_he_felt_begins_anew(after_a_rest, monkeypatch):
         "roadscope.odometry.inertial.start.speed_of", lambda *_: Speed(0.0, 2.0, by_fixtures=True)
     )
     told = driven(odometry, drive, range(12, 14))
-    assert told[-1].reason == "more speed was felt than is seen"
+    assert told[-1].reason == "the speed is below the integrated acceleration"
     monkeypatch.setattr(speed_check, "standing_speed_of", lambda *_: Speed(0.0, 0.0))
     told = driven(odometry, drive, range(14, 30))
     assert odometry._track is not wrong

@@ -8,7 +8,7 @@ from roadscope.core import LidarScan
 from roadscope.odometry.inertial.speed_search import (
     BeamTable,
     Ends,
-    count_apart,
+    count_separate,
     gathered,
     joined,
     slim,
@@ -46,13 +46,13 @@ def test_width_decides(width_m, expected, behind_m):
     assert np.flatnonzero(is_slim(row)).tolist() == ([middle] if expected else [])
 
 
-def test_what_is_half_hidden_is_not_slim():
+def test_a_half_hidden_object_is_not_slim():
     row = wall()
     row[100:160], row[160:166] = 6.0, 12.0
     assert not is_slim(row).any()
 
 
-def test_a_beam_without_an_answer_does_not_part_a_lorry():
+def test_a_missing_return_does_not_split_a_lorry():
     row = wall()
     row[100:160] = 12.0
     row[[104, 110]] = 0.0
@@ -60,7 +60,7 @@ def test_a_beam_without_an_answer_does_not_part_a_lorry():
 
 
 @pytest.mark.parametrize("count", [0, 1, 40, 700])
-def test_meetings_in_cells_are_counted_as_in_the_slow_way(count):
+def test_pairs_in_cells_equal_those_of_the_slow_twin(count):
     rng = np.random.default_rng(count)
     points, scans = np.round(rng.normal(0, 9, (count, 2)), 1), rng.integers(0, 6, count)
     ahead, speeds = rng.uniform(-0.1, 0.6, (count, 2)), np.array([-8.0, 0.0, 0.25, 30.0])
@@ -111,7 +111,7 @@ ROAD = [(x, y, 4.0) for x in (5, 17, 26, 41) for y in (-6, 7.3)]
 
 
 @pytest.mark.parametrize("speed_m_s", [0.0, 9.0, 28.0])
-def test_posts_lower_than_lorries_tell_the_speed(speed_m_s):
+def test_posts_lower_than_lorries_determine_the_speed(speed_m_s):
     seen = street(speed_m_s, ROAD)
     assert not any(each.tall.any() for each in seen)
     found = standing_speed_of(seen, 0.0)
@@ -120,7 +120,7 @@ def test_posts_lower_than_lorries_tell_the_speed(speed_m_s):
     assert found.spread_m_s < 0.2
 
 
-def test_points_are_joined_where_all_of_their_pairs_say():
+def test_the_fine_speed_is_the_least_squares_solution_of_all_pairs():
     """Beside the minimum of the sum over pairs on a fine grid of speeds."""
     rng = np.random.default_rng(0)
     scans = np.repeat(np.arange(5), 12)
@@ -145,31 +145,31 @@ def test_points_are_joined_where_all_of_their_pairs_say():
     assert joined(apart, ahead[order], scans[order], 14.2, 0.1)[1] == 0
 
 
-def test_people_are_no_posts():
+def test_people_are_not_fixtures():
     seen = street(9.0, [(x, y, 1.8) for x, y, _ in ROAD], walking_m_s=7.0)
     assert not any(each.slim.any() for each in seen)
     assert not standing_speed_of(seen, 0.0).known
     assert not speed_of(seen, 0.0).known
 
 
-def test_what_is_as_wide_as_a_cab_is_no_post():
+def test_an_object_as_wide_as_a_cab_is_not_a_fixture():
     assert not any(each.slim.any() for each in street(9.0, ROAD, wide_m=0.9))
 
 
-def test_a_few_slim_things_decide_nothing():
+def test_a_few_slim_objects_decide_nothing():
     """Beside the sensor a piece of a lorry may be seen by itself."""
     assert not standing_speed_of(street(9.0, ROAD[:2]), 0.0).known
 
 
-def test_slim_things_are_counted_once():
+def test_slim_objects_are_counted_once():
     """Wherever they lie on a grid; a metre apart is one."""
     rng = np.random.default_rng(0)
     post = np.array([4.0, 6.0]) + 0.03 * rng.standard_normal((40, 2))
-    assert count_apart(post, 2.0) == 1
+    assert count_separate(post, 2.0) == 1
     near, other, third = (post + np.array(way) for way in ((1.0, 0.0), (2.5, 0.0), (0.0, -9.0)))
-    assert count_apart(np.vstack([post, near]), 2.0) == 1
-    assert count_apart(np.vstack([post, other, third]), 2.0) == 3
-    assert count_apart(np.empty((0, 2)), 2.0) == 0
+    assert count_separate(np.vstack([post, near]), 2.0) == 1
+    assert count_separate(np.vstack([post, other, third]), 2.0) == 3
+    assert count_separate(np.empty((0, 2)), 2.0) == 0
 
 
 def some(kind, count):
@@ -189,7 +189,7 @@ def both(tall, slim):
     ("tall", "slim", "chosen"),
     [(7, 3, None), (8, 3, 8), (7, 4, 4), (8, 4, 12), (8, 9, 17), (40, 10, 10), (0, 10, 10)],
 )
-def test_slim_things_decide_alone_where_there_are_many(tall, slim, chosen):
+def test_slim_objects_decide_alone_where_there_are_many(tall, slim, chosen):
     found = fixed_of([both(tall, slim)] * 3)
     assert (found and [int(each.sum()) for each in found]) == (chosen and [chosen] * 3)
 
@@ -237,7 +237,7 @@ def test_a_post_is_a_fixture_at_any_step(columns):
     above = np.tan(np.deg2rad([1.0, 3.0, 5.0, 7.0]))
     beams = np.unique(angle[post])
     top = np.array([[9 * np.cos(a), 9 * np.sin(a), 9 * u] for a in beams for u in above])
-    assert Ends.of(read(np.vstack([points, top]))).slim_things == 1
+    assert Ends.of(read(np.vstack([points, top]))).slim_objects == 1
 
 
 def test_the_edge_of_a_narrow_field_is_no_end():
@@ -267,7 +267,7 @@ def test_of_two_returns_in_one_cell_the_nearer_counts():
     assert table.reach[0, 0] == pytest.approx(np.hypot(12, 1))
 
 
-def test_where_no_ground_is_seen_nothing_is_known_to_be_tall():
+def test_without_visible_ground_nothing_counts_as_tall():
     """A sensor near the ground, whose beams meet it far off, among cars."""
     points = lorry(1800)
     high = points[points[:, 2] > -1.0] * [6.0, 6.0, 1.0]

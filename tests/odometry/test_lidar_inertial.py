@@ -15,8 +15,8 @@ from roadscope.odometry.inertial.filter import (
     FORCE,
     GRAVITY,
     GYRO,
-    PLACE,
     POSE,
+    POSITION,
     SIZE,
     SPEED,
     TURN,
@@ -24,19 +24,19 @@ from roadscope.odometry.inertial.filter import (
     InertialNoise,
     diffusion,
     integrated,
-    observe,
     propagate,
-    settle,
     started,
     transition,
+    update_linear,
+    update_pose,
 )
 from roadscope.odometry.inertial.speed_search import Ends, speed_of
-from roadscope.odometry.inertial.standstill import Rest, felt_still
+from roadscope.odometry.inertial.standstill import RestHistory, measured_rest
 from roadscope.odometry.inertial.track import InertialTrack
 from roadscope.odometry.lidar_inertial import LidarInertialOdometry
 from roadscope.odometry.rigid import exp_se3, exp_so3, log_so3
 from roadscope.odometry.voxels.free_space import CERTAIN, FreeSpace
-from roadscope.odometry.voxels.sweep import Sweep
+from roadscope.odometry.voxels.sweep import ThinnedScan
 
 NOISE = InertialNoise()
 
@@ -54,7 +54,7 @@ def felt(rng, count=40):
 def state_off_by(error):
     state = started(np.array([0.3, 0.1, 9.8]), np.array([5.0, 1.0, 0.2]), (1, 1, 1), NOISE)
     state.pose = exp_se3(np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]))
-    state.pose[:3, 3] += error[PLACE]
+    state.pose[:3, 3] += error[POSITION]
     state.pose[:3, :3] = exp_so3(error[TURN]) @ state.pose[:3, :3]
     state.velocity = state.velocity + error[SPEED]
     state.rate_bias, state.force_bias = error[GYRO], error[FORCE]
@@ -77,7 +77,7 @@ def difference(one, other):
     )
 
 
-def test_errors_are_carried_on_as_differences_are(rng):
+def test_errors_propagate_like_differences(rng):
     samples, step = felt(rng), 1e-5
     still = np.zeros(SIZE)
     base = state_off_by(still)
@@ -91,7 +91,7 @@ def test_errors_are_carried_on_as_differences_are(rng):
         assert difference(other, base) / step == pytest.approx(told[:, k], abs=3e-3)
 
 
-def test_integration_is_that_of_the_slow_way(rng):
+def test_integration_equals_that_of_the_slow_twin(rng):
     lengths, rates, forces = felt(rng)
     rotation, speed, gravity = (
         exp_so3(np.array([0.2, -0.1, 1.0])),
@@ -110,7 +110,7 @@ def test_integration_is_that_of_the_slow_way(rng):
     assert np.abs(turned - rotation).max() < 1e-9
 
 
-def test_noise_that_is_added_is_that_of_random_samples(rng):
+def test_process_noise_equals_that_of_random_samples(rng):
     samples = felt(rng, 80)
     ends = []
     for _ in range(400):
@@ -126,7 +126,7 @@ def test_noise_that_is_added_is_that_of_random_samples(rng):
     assert off == pytest.approx(told, rel=0.2)
 
 
-def test_settling_on_a_pose_is_the_linear_update(rng):
+def test_an_update_by_a_pose_equals_the_linear_update(rng):
     one, other = state_off_by(np.zeros(SIZE)), state_off_by(np.zeros(SIZE))
     for state in (one, other):
         propagate(state, *felt(np.random.default_rng(1)), NOISE)
@@ -137,8 +137,8 @@ def test_settling_on_a_pose_is_the_linear_update(rng):
     pose = one.pose.copy()
     pose[:3, 3] += best[:3]
     pose[:3, :3] = exp_so3(best[3:]) @ pose[:3, :3]
-    settle(one, pose, information)
-    observe(other, np.eye(6, SIZE), seen, 1 / np.diag(information))
+    update_pose(one, pose, information)
+    update_linear(other, np.eye(6, SIZE), seen, 1 / np.diag(information))
     assert difference(one, other) == pytest.approx(np.zeros(SIZE), abs=1e-6)
     assert np.abs(one.covariance - other.covariance).max() < 1e-6
 
@@ -151,7 +151,7 @@ def test_gravity_is_found_though_the_start_accelerates():
         propagate(state, lengths, still, np.tile([1.0, 0.0, 9.81], (40, 1)), NOISE)
         truth = np.eye(4)
         truth[0, 3] = 0.5 * (0.1 * k) ** 2
-        settle(state, truth, np.diag([1e4] * 3 + [1e6] * 3))
+        update_pose(state, truth, np.diag([1e4] * 3 + [1e6] * 3))
     level = state.gravity - state.pose[:3, :3] @ state.force_bias
     assert level == pytest.approx([0.0, 0.0, -9.81], abs=0.05)
     assert state.velocity == pytest.approx([3.0, 0.0, 0.0], abs=0.03)
@@ -179,13 +179,13 @@ def low(scan):
     return kept(scan, scan.points[:, 2] < 0.0)
 
 
-def test_a_speed_that_nothing_fixed_tells_is_a_guess_until_something_does():
+def test_a_speed_without_fixtures_is_degraded_until_there_are_some():
     """Low things may all be vehicles that drive along."""
     inputs = driven(26)[1]
     odometry = ODOMETRIES.make("lidar-inertial")
     told = [odometry.update(low(s) if k < 12 else s, i) for k, (s, i) in enumerate(inputs)]
     assert not any(each.ok for each in told[1:12])
-    assert {"nothing that is fixed tells the speed clearly"} == {each.reason for each in told[6:12]}
+    assert {"too few fixtures determine the speed"} == {each.reason for each in told[6:12]}
     assert all(each.ok for each in told[20:])
     guessed, known = (
         told[b].covariance[0, 0] - told[a].covariance[0, 0] for a, b in ((5, 11), (19, 25))
@@ -203,14 +203,14 @@ def way_m(*, shake=0.0, seen=low):
     return told.start_from_lidar.translation[0]
 
 
-def test_what_feels_nothing_stands_unless_something_tall_says_otherwise():
+def test_constant_samples_mean_rest_unless_fixtures_contradict():
     """Low things may all be traffic that passes."""
     assert abs(way_m()) < 0.1
     assert way_m(shake=0.3) == pytest.approx(14.4, abs=0.5)
     assert way_m(seen=lambda scan: scan) == pytest.approx(14.4, abs=0.5)
 
 
-def test_what_moves_in_is_dynamic_and_what_stands_is_not():
+def test_objects_that_moved_in_are_dynamic_and_static_ones_are_not():
     space, drive = FreeSpace(), Drive(0.0, 0.0)
     scan = drive.scan(0)
     space.add(0.0, scan.points, scan.ring, np.eye(4))
@@ -235,7 +235,7 @@ def looked_behind(driven_m, seen):
     return space.entered(0.9, seen + np.array([driven_m, 0.0, 0.0]), seen) >= CERTAIN
 
 
-def test_what_drives_ahead_has_moved_and_what_it_hid_has_not():
+def test_a_vehicle_ahead_is_dynamic_and_what_it_hid_is_not():
     """Nobody looked through where the back of a lorry now is: the lorry itself was before it."""
     inside = np.abs(back(10.0)[:, 1]) < 1.2
     assert looked_behind(3.0, back(10.0))[inside].mean() > 0.9
@@ -244,12 +244,12 @@ def test_what_drives_ahead_has_moved_and_what_it_hid_has_not():
 
 
 @pytest.mark.parametrize("drop_dynamic", [True, False])
-def test_what_is_dynamic_is_neither_matched_nor_remembered_unless_asked(drop_dynamic):
+def test_dynamic_returns_are_neither_matched_nor_mapped(drop_dynamic):
     drive = Drive()
-    sweep = Sweep.of(drive.scan(0), 0.3, 0.8)
+    sweep = ThinnedScan.of(drive.scan(0), 0.3, 0.8)
     state = started(np.array([0, 0, 9.81]), np.zeros(3), (0.1, 0.1, 0.1), NOISE)
     track = InertialTrack(state, np.zeros(3), NOISE, reach_m=80.0, drop_dynamic=drop_dynamic)
-    points = track.seen(sweep)
+    points = track.points_at_stamp(sweep)
     none = np.zeros(len(points), bool)
     track.remember(sweep, points, none)
     assert track.matched(sweep, points, none).held > 200
@@ -269,28 +269,28 @@ def samples(rng, shake, noise=NOISE):
     return buffer
 
 
-def test_standing_is_told_from_driving(rng):
-    rate, force = felt_still(samples(rng, 0.0), 1.15, NOISE)
+def test_rest_is_distinguished_from_driving(rng):
+    rate, force = measured_rest(samples(rng, 0.0), 1.15, NOISE)
     assert rate == pytest.approx([0.01] * 3, abs=1e-3)
     assert force == pytest.approx([0, 0, 9.81], abs=0.01)
-    assert felt_still(samples(rng, 0.3), 1.15, NOISE) is None
-    assert felt_still(samples(rng, 0.0), 1.5, NOISE) is None
+    assert measured_rest(samples(rng, 0.3), 1.15, NOISE) is None
+    assert measured_rest(samples(rng, 0.0), 1.5, NOISE) is None
 
 
-def test_a_worse_unit_stands_too_if_it_is_known_to_be_worse(rng):
+def test_rest_is_found_with_a_noisier_unit_of_known_noise(rng):
     worse = InertialNoise.of(IMUS["zed2"])
-    assert felt_still(samples(rng, 0.0, worse), 1.15, worse) is not None
-    assert felt_still(samples(rng, 0.0, worse), 1.15, NOISE) is None
-    assert felt_still(samples(rng, 1.0, worse), 1.15, worse) is None
+    assert measured_rest(samples(rng, 0.0, worse), 1.15, worse) is not None
+    assert measured_rest(samples(rng, 0.0, worse), 1.15, NOISE) is None
+    assert measured_rest(samples(rng, 1.0, worse), 1.15, worse) is None
 
 
-def test_who_was_faster_a_moment_ago_does_not_stand_yet():
+def test_a_sensor_that_was_just_faster_is_not_at_rest():
     """Even braking is felt as evenly as standing is."""
     drive, odometry = Drive(0.0, 0.0), LidarInertialOdometry()
     for k in range(14):
         odometry.update(drive.scan(k), drive.imu(k))
     assert not odometry._rest.begins
-    odometry._rest, odometry._fast_s = Rest(NOISE), drive.scan(13).stamp_s
+    odometry._rest, odometry._fast_s = RestHistory(NOISE), drive.scan(13).stamp_s
     held = []
     for k in range(14, 26):
         odometry.update(drive.scan(k), drive.imu(k))
@@ -320,7 +320,7 @@ def test_a_lever_between_the_sensors_changes_nothing():
     assert offset(told, drive.pose(inputs[-1][0].stamp_s))[0] < 0.02
 
 
-def test_sizes_are_above_nought():
+def test_sizes_are_positive():
     with pytest.raises(ValueError, match="insert_m must be above 0"):
         ODOMETRIES.make("lidar-inertial?insert_m=0")
 

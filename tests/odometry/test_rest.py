@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from roadscope.odometry.inertial.filter import InertialNoise, started
-from roadscope.odometry.inertial.standstill import DOUBT_M, NEAR_M, Rest
-from roadscope.odometry.inertial.track import InertialTrack, Stretch, settled_on
+from roadscope.odometry.inertial.standstill import DOUBT_M, NEAR_M, RestHistory
+from roadscope.odometry.inertial.track import InertialTrack, Stretch, matched_with_prediction
 from roadscope.odometry.voxels.surfaces import VoxelMap
 
 GRAVITY = np.array([0, 0, 9.81])
@@ -30,14 +30,14 @@ def left_rest(seed, *, noticing):
     rng = np.random.default_rng(seed)
     bias = 0.1 * rng.standard_normal(3)
     state = started(GRAVITY + bias, np.zeros(3), (0.1, 0.1, 0.1), NOISE)
-    track, rest = InertialTrack(state, np.zeros(3), NOISE, reach_m=50.0), Rest(NOISE)
-    track.weigh(GRAVITY + bias)
+    track, rest = InertialTrack(state, np.zeros(3), NOISE, reach_m=50.0), RestHistory(NOISE)
+    track.correct_gravity(GRAVITY + bias)
     for k in range(60):
         each = stretch(rng, 0.1 * k, bias)
         track.predict(each)
         if not rest.may_be(each, 0.1 * (k + 1)):
             break
-        track.stand(np.zeros(3))
+        track.correct_at_rest(np.zeros(3))
         rest.held(track, each)
     assert LEAVES_S < 0.1 * (k + 1) < LEAVES_S + 1.5
     if noticing:
@@ -46,7 +46,7 @@ def left_rest(seed, *, noticing):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_was_held_too_long_is_taken_back(seed):
+def test_a_rest_that_lasted_too_long_is_undone(seed):
     track, rest, speed_m_s = left_rest(seed, noticing=True)
     spread = np.sqrt(track.state.covariance[6, 6])
     assert spread < 0.02
@@ -54,7 +54,7 @@ def test_what_was_held_too_long_is_taken_back(seed):
     assert rest.begins
 
 
-def test_held_too_long_an_acceleration_passes_for_a_bias():
+def test_an_acceleration_during_a_rest_is_learned_as_a_bias():
     """The reason for it: the error is well outside of what the filter holds likely."""
     off = []
     for seed in range(5):
@@ -63,14 +63,14 @@ def test_held_too_long_an_acceleration_passes_for_a_bias():
     assert np.mean(off) < -1.5
 
 
-def test_who_has_just_left_does_not_stand_again_at_once():
+def test_a_sensor_that_has_just_left_is_not_at_rest_again():
     rng = np.random.default_rng(0)
     _, rest, _ = left_rest(0, noticing=True)
     assert not rest.may_be(stretch(rng, 0.0, np.zeros(3)), 4.5)
     assert rest.may_be(stretch(rng, 0.0, np.zeros(3)), 9.0)
 
 
-def test_what_stood_too_is_doubted_until_it_is_seen_from_elsewhere():
+def test_the_map_is_uncertain_until_it_is_measured_from_elsewhere():
     track, rest, _ = left_rest(0, noticing=False)
     assert rest.doubt_m(track) == 0.0
     rest.left(track, stretch(np.random.default_rng(0), 0.0, np.zeros(3)), 4.5)
@@ -79,7 +79,7 @@ def test_what_stood_too_is_doubted_until_it_is_seen_from_elsewhere():
     assert rest.doubt_m(track) == 0.0
 
 
-def test_doubt_adds_to_the_error_of_a_match_across_the_ground():
+def test_a_common_motion_adds_to_the_horizontal_error_of_a_match():
     rng = np.random.default_rng(0)
     points = rng.uniform(-8, 8, (6000, 3)) * (1, 1, 0.2)
     wall = rng.integers(0, 3, 6000)
@@ -88,7 +88,8 @@ def test_doubt_adds_to_the_error_of_a_match_across_the_ground():
     room.add(points + 0.01 * rng.standard_normal(points.shape), np.zeros(3))
     here, prior = points[::20], 0.01 * np.eye(6)
     sure, doubted = (
-        settled_on(room.voxels, here, np.eye(4), prior, doubt_m=each) for each in (0.0, 0.3)
+        matched_with_prediction(room.voxels, here, np.eye(4), prior, doubt_m=each)
+        for each in (0.0, 0.3)
     )
     error = np.linalg.inv(doubted.information) - np.linalg.inv(sure.information)
     assert error[:2, :2] == pytest.approx(0.09 * np.eye(2), abs=1e-3)

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from toy_drive import Drive
 
-from roadscope.odometry.scatter import LEAST_TRIPLES, MOST_M, scatter_m, scattered
+from roadscope.odometry.scatter import (
+    LARGEST_NOISE_M,
+    LEAST_TRIPLES,
+    excessive_noise,
+    range_noise_m,
+)
 
 
 def louder(scan, sigma_m):
@@ -24,21 +29,21 @@ def in_order(scan, rows):
 
 
 @pytest.mark.parametrize("sigma_m", [0.05, 0.2, 0.4])
-def test_noise_is_found_whatever_the_order(sigma_m):
+def test_noise_is_found_in_any_order(sigma_m):
     scan = louder(Drive(8.0, columns=1800).scan(0), sigma_m)
-    assert scatter_m(scan) == pytest.approx(sigma_m, rel=0.1)
+    assert range_noise_m(scan) == pytest.approx(sigma_m, rel=0.1)
     by_ring = np.lexsort((scan.column, scan.ring))
-    assert scatter_m(in_order(scan, by_ring)) == pytest.approx(scatter_m(scan))
-    assert bool(scattered(scan)) == (sigma_m > MOST_M)
+    assert range_noise_m(in_order(scan, by_ring)) == pytest.approx(range_noise_m(scan))
+    assert bool(excessive_noise(scan)) == (sigma_m > LARGEST_NOISE_M)
 
 
-def test_what_has_no_numbers_or_too_few_tells_nothing():
+def test_few_or_invalid_returns_give_no_noise():
     scan = louder(Drive(8.0, columns=1800).scan(0), 0.3)
     few = copy.deepcopy(scan)
     few.points[LEAST_TRIPLES:] = np.nan
-    assert scatter_m(few) == 0.0
-    assert scattered(few) == ""
+    assert range_noise_m(few) == 0.0
+    assert excessive_noise(few) == ""
     half = copy.deepcopy(scan)
     half.points[::2] = np.nan
     half.points[: len(half) // 2] = scan.points[: len(half) // 2]
-    assert scatter_m(half) == pytest.approx(0.3, rel=0.1)
+    assert range_noise_m(half) == pytest.approx(0.3, rel=0.1)

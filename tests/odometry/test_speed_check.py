@@ -18,7 +18,7 @@ HELD_M_S = 11.0
 def answers(monkeypatch):
     """Return a function: what a check answers to looks in a row, m/s."""
 
-    def of(*looks, unfelt_m_s2=100.0, least_m_s=-np.inf):
+    def of(*looks, hidden_acceleration_m_s2=100.0, least_m_s=-np.inf):
         told = iter(looks)
         monkeypatch.setattr(
             speed_check, "standing_speed_of", lambda *_: Speed(next(told), 2.0, by_fixtures=True)
@@ -26,7 +26,7 @@ def answers(monkeypatch):
         monkeypatch.setattr(speed_check, "SCANS", 1)
         check = SpeedCheck()
         seen = [
-            check.off(Drive().scan(10 * k), HELD_M_S, 0.0, unfelt_m_s2, least_m_s)
+            check.off(Drive().scan(10 * k), HELD_M_S, 0.0, hidden_acceleration_m_s2, least_m_s)
             for k in range(len(looks))
         ]
         return [each and each[0] for each in seen]
@@ -34,39 +34,41 @@ def answers(monkeypatch):
     return of
 
 
-def test_one_look_against_a_speed_once_confirmed_is_not_believed(answers):
+def test_one_measurement_against_a_confirmed_speed_is_rejected(answers):
     assert answers(11.1, 0.5, 11.2) == pytest.approx([0.1, None, 0.2])
     assert answers(11.1, 0.5, 20.0, 11.0) == pytest.approx([0.1, None, None, 0.0])
 
 
-def test_two_that_say_the_same_are(answers):
+def test_two_equal_measurements_are_accepted(answers):
     told = answers(11.1, 0.5, 0.6)
     assert told == pytest.approx([0.1, None, -10.4])
     assert abs(told[-1]) > FAR_M_S
 
 
-def test_what_would_have_been_felt_is_not_believed_however_often_it_is_seen(answers):
+def test_a_change_of_speed_that_samples_exclude_is_rejected(answers):
     """A wall that fades away along the road seems to move along."""
-    assert answers(11.1, 7.0, 7.0, unfelt_m_s2=0.6) == pytest.approx([0.1, None, None])
-    assert answers(11.1, 7.0, 7.0, unfelt_m_s2=4.0) == pytest.approx([0.1, None, -4.0])
+    assert answers(11.1, 7.0, 7.0, hidden_acceleration_m_s2=0.6) == pytest.approx([0.1, None, None])
+    assert answers(11.1, 7.0, 7.0, hidden_acceleration_m_s2=4.0) == pytest.approx([0.1, None, -4.0])
 
 
-def test_a_speed_that_a_wall_confirmed_is_given_up_for_a_faster_one(answers):
+def test_a_speed_confirmed_by_a_wall_is_corrected_upwards(answers):
     """What moves along says too little; two that say more are right, whatever was felt."""
-    assert answers(11.1, 22.0, 22.0, unfelt_m_s2=0.6) == pytest.approx([0.1, None, 11.0])
+    assert answers(11.1, 22.0, 22.0, hidden_acceleration_m_s2=0.6) == pytest.approx(
+        [0.1, None, 11.0]
+    )
 
 
-def test_what_looks_slower_than_was_felt_is_no_look(answers):
+def test_a_measurement_below_the_gained_speed_is_ignored(answers):
     """Neither once nor often, nor where no look came before it."""
     told = answers(0.5, 0.5, 0.5, 9.5, 11.0, least_m_s=9.0)
     assert told == pytest.approx([None, None, None, -1.5, 0.0])
 
 
-def test_a_speed_that_nothing_confirmed_is_given_up_at_once(answers):
+def test_an_unconfirmed_speed_is_corrected_at_once(answers):
     assert answers(0.5) == pytest.approx([-10.5])
 
 
-def test_two_unlikely_looks_to_one_side_contradict():
+def test_two_unlikely_differences_of_one_sign_contradict():
     """One may err, and two to either side say nothing together."""
     check = SpeedCheck()
     told = [check.contradicts(off_m_s, 0.3) for off_m_s in (1.2, -1.2, 0.1, -1.2, -1.0, -0.8)]
@@ -81,7 +83,7 @@ def levels(monkeypatch):
     return told
 
 
-def test_who_holds_a_wrong_speed_too_firmly_begins_anew(monkeypatch, levels):
+def test_a_wrong_speed_with_too_small_a_covariance_causes_a_restart(monkeypatch, levels):
     """By less than makes another world: what is down is not held true either."""
     odometry, drive = ODOMETRIES.make("lidar-inertial"), Drive()
     for k in range(12):
@@ -103,7 +105,7 @@ def test_who_holds_a_wrong_speed_too_firmly_begins_anew(monkeypatch, levels):
 
 
 @pytest.mark.parametrize("level", [True, False])
-def test_a_new_start_takes_over_what_is_down_or_only_the_gyro(level):
+def test_a_restart_keeps_gravity_or_only_the_gyro_bias(level):
     tilted, upright = (
         started(np.array(force), np.zeros(3), (0.1, 0.1, 0.1), InertialNoise())
         for force in ([1.0, 0, 9.76], [0, 0, 9.81])
@@ -114,13 +116,13 @@ def test_a_new_start_takes_over_what_is_down_or_only_the_gyro(level):
     assert upright.rate_bias[0] == 0.01
 
 
-def test_who_is_as_fast_as_what_stands_is_not_lost(monkeypatch):
+def test_a_speed_confirmed_by_fixtures_prevents_a_restart(monkeypatch):
     """What does not agree then is traffic; after a while without a look nobody knows."""
     odometry, drive = ODOMETRIES.make("lidar-inertial"), Drive()
     for k in range(12):
         odometry.update(drive.scan(k), drive.imu(k))
     track = odometry._track
-    monkeypatch.setattr(lidar_inertial, "_misfit", lambda _: "nothing agrees")
+    monkeypatch.setattr(lidar_inertial, "_reason_to_reject", lambda _: "nothing agrees")
     for k in range(12, 25):
         told = odometry.update(drive.scan(k), drive.imu(k))
     assert odometry._track is track
@@ -131,7 +133,7 @@ def test_who_is_as_fast_as_what_stands_is_not_lost(monkeypatch):
     assert odometry._track is not track
 
 
-def test_who_goes_up_but_not_ahead_may_stand():
+def test_vertical_speed_alone_does_not_exclude_rest():
     """An accelerometer's bias looks like it where nothing seen tells the height."""
     up, ahead = (
         InertialTrack(

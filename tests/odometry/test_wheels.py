@@ -9,7 +9,7 @@ from roadscope.benchmarks.drive import drive
 from roadscope.benchmarks.episode import Episode
 from roadscope.core import WheelSamples
 from roadscope.odometry import ODOMETRIES
-from roadscope.odometry.api import Odometry, WheeledOdometry, asked
+from roadscope.odometry.api import Odometry, WheeledOdometry, update_with_wheels
 from roadscope.odometry.inertial.filter import SPEED, WHEELS, InertialNoise, started
 from roadscope.odometry.inertial.track import InertialTrack
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
@@ -22,7 +22,7 @@ def block(start_s, end_s, speed_of):
     return WheelSamples(stamps_s, np.array([float(speed_of(t)) for t in stamps_s]))
 
 
-def test_the_speed_of_a_moment_whatever_the_acceleration():
+def test_the_speed_of_an_instant_with_any_acceleration():
     buffer = WheelBuffer()
     buffer.add(block(0.0, 1.0, lambda t: 3 + 2 * t))
     for stamp_s in (0.5, 0.99, 1.0):
@@ -33,7 +33,7 @@ def test_the_speed_of_a_moment_whatever_the_acceleration():
     assert WheelBuffer().at(0.0) is None
 
 
-def test_what_is_out_of_order_is_left_out():
+def test_samples_out_of_order_are_left_out():
     buffer = WheelBuffer()
     buffer.add(WheelSamples(np.array([0.0, 0.02]), np.array([5.0, 5.0])))
     buffer.add(WheelSamples(np.array([0.01, 0.02, 0.03]), np.array([90.0, 90.0, 5.0])))
@@ -50,46 +50,46 @@ def track_at(speed_m_s):
     return InertialTrack(state, np.zeros(3), noise, reach_m=50.0)
 
 
-def test_a_known_speed_tells_how_large_the_wheels_are():
+def test_a_known_speed_determines_the_wheel_scale():
     track = track_at(20.0)
     before = track.state.covariance[WHEELS, WHEELS]
     for _ in range(5):
-        assert track.roll(20.3, 0.02**2, doubted=True)
+        assert track.correct_by_wheels(20.3, 0.02**2, doubted=True)
     assert track.state.wheel_scale == pytest.approx(0.015, rel=0.05)
     assert track.state.covariance[WHEELS, WHEELS] < before / 100
     assert np.linalg.norm(track.state.velocity - [20, 0, 0]) < 0.02
 
 
-def test_wheels_that_slip_are_not_believed_but_where_nothing_else_tells_the_speed():
+def test_slipping_wheels_are_rejected_unless_the_speed_is_unknown():
     track = track_at(20.0)
-    assert not track.roll(0.0, 0.02**2, doubted=True)
+    assert not track.correct_by_wheels(0.0, 0.02**2, doubted=True)
     assert track.state.velocity[0] == 20.0
-    assert track.roll(0.0, 0.02**2, doubted=False)
+    assert track.correct_by_wheels(0.0, 0.02**2, doubted=False)
     vague = track_at(20.0)
     vague.state.covariance[SPEED, SPEED] = 25.0 * np.eye(3)
-    assert vague.roll(12.0, 0.02**2, doubted=True)
+    assert vague.correct_by_wheels(12.0, 0.02**2, doubted=True)
     assert vague.state.velocity[0] == pytest.approx(12.0, abs=0.1)
 
 
-def test_only_those_that_take_wheels_are_told_of_them():
+def test_only_odometries_with_wheels_get_wheel_speeds():
     _, inputs = driven(3)
     wheels = block(0.0, 0.1, lambda t: 8.0)
     for name in ("still", "lidar-inertial"):
         odometry = ODOMETRIES.make(name)
         assert isinstance(odometry, Odometry)
         assert isinstance(odometry, WheeledOdometry) == (name == "lidar-inertial")
-        assert asked(odometry, *inputs[0], wheels).stamp_s == inputs[0][0].stamp_s
+        assert update_with_wheels(odometry, *inputs[0], wheels).stamp_s == inputs[0][0].stamp_s
 
 
 def rolled(inputs, speed_of, spec="lidar-inertial?wheels=true"):
     odometry, told = ODOMETRIES.make(spec), []
     for scan, imu in inputs:
         wheels = block(scan.stamp_s - 0.05, scan.stamp_s + 0.05, speed_of)
-        told.append(asked(odometry, scan, imu, wheels))
+        told.append(update_with_wheels(odometry, scan, imu, wheels))
     return told
 
 
-def test_unasked_it_lets_no_wheels_in():
+def test_wheels_are_off_by_default():
     _, inputs = driven(8)
     told = rolled(inputs, lambda t: 30.0, "lidar-inertial")
     assert told == [ODOMETRIES.make("lidar-inertial").update(*inputs[0]), *told[1:]]
@@ -116,13 +116,13 @@ def test_bad_wheels_leave_finite_poses_and_pass(spoilt):
     for scan, imu in inputs:
         silent = spoilt == "silent" and 1.5 < scan.stamp_s < 2.2
         wheels = None if silent else block(scan.stamp_s - 0.05, scan.stamp_s + 0.05, speed_of)
-        told.append(asked(odometry, scan, imu, wheels))
+        told.append(update_with_wheels(odometry, scan, imu, wheels))
     assert all(np.isfinite(each.start_from_lidar.matrix).all() for each in told)
     assert told[-1].ok
     assert offset(told[-1], drive_.pose(inputs[-1][0].stamp_s))[0] < 0.5
 
 
-def test_wheels_go_on_where_scans_are_empty():
+def test_wheels_are_used_without_scans():
     drive_, inputs = driven(20)
     blind = [(emptied(scan) if 8 <= k < 13 else scan, imu) for k, (scan, imu) in enumerate(inputs)]
     told = rolled(blind, lambda t: 8.0)
@@ -142,7 +142,7 @@ def test_every_sample_comes_with_a_scan_once():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "seen"), [("barriers", False), ("tunnel", True)])
-def test_between_bare_walls_wheels_alone_tell_the_speed_and_in_a_tunnel_lamps_do(scenario, seen):
+def test_wheels_give_the_speed_between_bare_walls_and_lamps_in_a_tunnel(scenario, seen):
     episode = Episode(scenario, 10_003, "vlp16-imu", 15.0)
     errors = {}
     for spec in ("lidar-inertial", "lidar-inertial?wheels=true"):

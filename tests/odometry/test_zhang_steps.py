@@ -7,12 +7,17 @@ from hypothesis import strategies as st
 from toy_drive import driven
 
 from roadscope.odometry.above_ground import sensor_height
-from roadscope.odometry.clusters.features import ALONE, REACH_M, ClusterMatch, match_clusters
+from roadscope.odometry.clusters.features import NO_PARTNER, REACH_M, ClusterMatch, match_clusters
 from roadscope.odometry.clusters.segments import Clustering, Segments, centres_of, segments_of
 from roadscope.odometry.loam.feature_match import FeatureMatch
-from roadscope.odometry.loam.progress import ImuPrediction, deskewed_between, misfit_of, settled
+from roadscope.odometry.loam.progress import (
+    ImuPrediction,
+    deskewed_between,
+    misfit_of,
+    with_prediction,
+)
 from roadscope.odometry.rigid import exp_se3
-from roadscope.odometry.zhang import MANY_MOVE, ZhangOdometry
+from roadscope.odometry.zhang import LARGEST_DYNAMIC_SHARE, ZhangOdometry
 
 AHEAD = exp_se3(np.array([1.0, 0, 0, 0, 0, 0]))
 
@@ -28,7 +33,7 @@ def test_a_cluster_that_moved_and_one_without_partner_are_dynamic():
     before = np.array([[5.0, 0, 0], [0, 5, 0]])
     now = np.array([[4.0, 0, 0], [-1, 5.4, 0], [20, 0, 0]])
     found = match_clusters(now, before, AHEAD, 0.3)
-    assert found.partners.tolist() == [0, 1, ALONE]
+    assert found.partners.tolist() == [0, 1, NO_PARTNER]
     assert found.moved_m[:2] == pytest.approx([0.0, 0.4])
     assert found.dynamic.tolist() == [False, True, True]
 
@@ -36,12 +41,12 @@ def test_a_cluster_that_moved_and_one_without_partner_are_dynamic():
 def test_partners_are_one_to_one_and_the_nearest_pair_comes_first():
     before = np.array([[0.0, 0, 0]])
     found = match_clusters(np.array([[0.5, 0, 0], [0.1, 0, 0]]), before, np.eye(4), 1.0)
-    assert found.partners.tolist() == [ALONE, 0]
+    assert found.partners.tolist() == [NO_PARTNER, 0]
     assert match_clusters(np.empty((0, 3)), before, np.eye(4), 1.0).dynamic.shape == (0,)
 
 
 @given(st.integers(0, 1000))
-def test_partners_are_those_of_the_slow_way(seed):
+def test_partners_equal_those_of_the_slow_twin(seed):
     """The nearest of all pairs, then the nearest of what is left, until none is within reach."""
     rng = np.random.default_rng(seed)
     before, now = (rng.integers(-6, 6, (n, 3)).astype(float) for n in (9, 7))
@@ -49,7 +54,7 @@ def test_partners_are_those_of_the_slow_way(seed):
     moved = now @ AHEAD[:3, :3].T + AHEAD[:3, 3]
     apart = np.linalg.norm(moved[:, None] - before, axis=2)
     apart[np.isnan(apart)] = np.inf
-    partners = np.full(7, ALONE)
+    partners = np.full(7, NO_PARTNER)
     while np.isfinite(apart).any() and apart.min() <= REACH_M:
         row, column = np.unravel_index(np.argmin(apart), apart.shape)
         partners[row] = column
@@ -73,7 +78,7 @@ def test_matching_does_not_depend_on_the_frame(seed):
 
 
 @given(st.integers(0, 1000))
-def test_deskew_takes_the_share_of_turn_and_way(seed):
+def test_deskewing_applies_the_share_of_turn_and_displacement(seed):
     rng = np.random.default_rng(seed)
     points, motion = rng.uniform(-9, 9, (4, 3)), exp_se3(rng.uniform(-0.5, 0.5, 6))
     still = deskewed_between(points, np.zeros(4), motion, 0.1)
@@ -96,7 +101,7 @@ def test_imu_predicts_a_bend_at_known_speed():
     assert found[:3, 3] == pytest.approx(exp_se3(drive.twist * 0.1)[:3, 3], abs=0.005)
 
 
-def test_without_samples_the_motion_goes_on():
+def test_without_samples_the_velocity_is_constant():
     imu = ImuPrediction(None)
     imu.velocity = np.array([3.0, 0, 0])
     assert imu.motion(0.0, 0.1)[:3, 3] == pytest.approx([0.3, 0, 0])
@@ -116,9 +121,9 @@ def match_of(deviations_m, way):
     return FeatureMatch(motion, information, 0.01, 100)
 
 
-def test_what_features_leave_open_stays_as_predicted():
+def test_unobservable_directions_stay_as_predicted():
     found = match_of((0.01, 0.02, 1.0), (1.0, 0.2, 3.0))
-    assert settled(AHEAD, found)[:3, 3] == pytest.approx([1.0, 0.2, 0.0])
+    assert with_prediction(AHEAD, found)[:3, 3] == pytest.approx([1.0, 0.2, 0.0])
     assert misfit_of(found) == ""
     assert "open in one direction" in misfit_of(match_of((1.0, 0.02, 0.02), (1.0, 0, 0)))
 
@@ -162,7 +167,7 @@ def away(told, drive, scan):
     return np.abs(off[:2, 3]).max()
 
 
-def test_a_start_at_speed_is_not_taken_for_motion_of_everything():
+def test_a_start_at_speed_does_not_make_everything_dynamic():
     """At 8 m/s all that stands has moved 0.8 m by the second scan."""
     drive, inputs = driven(6, columns=1800)
     odometry = ZhangOdometry()
@@ -170,7 +175,7 @@ def test_a_start_at_speed_is_not_taken_for_motion_of_everything():
     assert max(away(t, drive, s) for t, (s, _) in zip(told, inputs, strict=True)) < 0.1
 
 
-def test_what_stands_beside_a_drive_is_not_dynamic(under_way):
+def test_static_clusters_are_not_dynamic(under_way):
     """It is, where clusters are cut as each scan sees them, or features keep old numbers."""
     odometry, drive, inputs = under_way
     told = [odometry.update(*each) for each in inputs[6:]]
@@ -184,12 +189,15 @@ def test_what_stands_beside_a_drive_is_not_dynamic(under_way):
 
 
 @pytest.mark.parametrize("away_share", [0.9, 1.1])
-def test_where_many_would_move_nothing_is_dropped(under_way, away_share):
+def test_nothing_is_dropped_if_too_many_clusters_are_dynamic(under_way, away_share):
     """The prediction is then wrong rather than the street."""
     odometry, _, _ = under_way
     before = odometry._before
     count = len(before.segments.sizes)
-    sizes, dynamic = np.ones(count, np.int64), np.arange(count) < away_share * MANY_MOVE * count
+    sizes, dynamic = (
+        np.ones(count, np.int64),
+        np.arange(count) < away_share * LARGEST_DYNAMIC_SHARE * count,
+    )
     clusters = ClusterMatch(np.arange(count), np.zeros(count), dynamic)
     _, dropped = odometry._matched(before.features, clusters, sizes, np.eye(4))
     assert dropped.tolist() == (dynamic if away_share < 1 else np.zeros(count, bool)).tolist()
@@ -204,14 +212,14 @@ def test_a_wrong_speed_is_found_again(under_way):
     assert odometry._imu.velocity[1] == pytest.approx(0.0, abs=0.3)
 
 
-def test_columns_a_degree_apart_are_told_to_be_too_few():
+def test_columns_of_a_degree_have_too_few_features():
     odometry = ZhangOdometry()
     told = [odometry.update(*each) for each in driven(10)[1]]
     assert sum(not each.ok for each in told) >= 5
 
 
 @pytest.mark.parametrize(("sampled", "dynamic"), [(0.01, False), (0.0, True)])
-def test_far_things_may_seem_to_move_farther(sampled, dynamic):
+def test_the_threshold_of_dynamic_clusters_grows_with_range(sampled, dynamic):
     """By 0.3 m at 40 m, where beams of a VLP-16 are 0.14 m apart, or 1.4 m."""
 
     def seen(shift_m):
@@ -224,7 +232,7 @@ def test_far_things_may_seem_to_move_farther(sampled, dynamic):
     assert found.dynamic.tolist() == [dynamic]
 
 
-def test_a_map_takes_every_so_many_scans_and_none_leaves_poses_alone():
+def test_a_map_uses_every_nth_scan_and_zero_uses_none():
     plain, mapped = ZhangOdometry(), ZhangOdometry(map_every=2)
     for each in driven(8, columns=1800)[1]:
         one, other = plain.update(*each), mapped.update(*each)

@@ -19,7 +19,7 @@ from roadscope.benchmarks.speed.scene import (
 )
 from roadscope.envs.raycast.cast import NOTHING, Columns, Hits, cast
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.raycast.shapes import forget
+from roadscope.envs.raycast.shapes import clear_shapes
 from roadscope.envs.sensors.lidar import lidar_columns, sweep
 from roadscope.envs.sensors.lidar_spec import SPECS
 
@@ -156,7 +156,7 @@ def _caster(
 ) -> Callable[[], Hits]:
     def run() -> Hits:
         if anew:
-            forget()
+            clear_shapes()
         return cast(scene, columns, slopes, max_range_m=max_range_m)
 
     return run

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-Colour = tuple[int, int, int]
+Rgb = tuple[int, int, int]
+"""Red, green and blue, 0 to 255."""
 
 # Rows of three bits, top to bottom.
 _GLYPHS = {
@@ -54,7 +55,7 @@ _GLYPHS = {
 
 
 class Canvas:
-    """An image in the making; points are (x, y) in pixels, x to the right, y down.
+    """An image to draw on; points are (x, y) in pixels, x to the right, y down.
 
     pixels: (H, W, 3) float32, 0 to 255.
     """
@@ -65,7 +66,7 @@ class Canvas:
         self.height, self.width = pixels.shape[:2]
 
     def polygon(
-        self, corners: np.ndarray, colour: Colour, *, fill: float = 1.0, line_px: float = 0.0
+        self, corners: np.ndarray, colour: Rgb, *, fill: float = 1.0, line_px: float = 0.0
     ) -> None:
         """Draw a convex (K, 2) polygon: its inside with opacity `fill`, its outline opaque."""
         window = self._window(corners, line_px / 2 + 1)
@@ -78,7 +79,7 @@ class Canvas:
             cover = np.maximum(cover, np.clip(line_px / 2 + 0.5 - np.abs(depth), 0, 1))
         self._mix((rows, columns), cover, colour)
 
-    def line(self, start: np.ndarray, end: np.ndarray, colour: Colour, width_px: float) -> None:
+    def line(self, start: np.ndarray, end: np.ndarray, colour: Rgb, width_px: float) -> None:
         """Draw a straight stroke."""
         along = np.asarray(end, float) - start
         length = float(np.hypot(*along))
@@ -86,7 +87,7 @@ class Canvas:
             side = np.array([-along[1], along[0]]) / length * width_px / 2
             self.polygon(np.stack([start - side, end - side, end + side, start + side]), colour)
 
-    def cover(self, opacity: np.ndarray, colour: Colour) -> None:
+    def cover(self, opacity: np.ndarray, colour: Rgb) -> None:
         """Lay a colour over the whole image with (H, W) opacity."""
         touched = np.nonzero(opacity > 0)
         self._mix(touched, opacity[touched], colour)
@@ -97,28 +98,28 @@ class Canvas:
         levels: (N,) uint8 from 1 on, rows of the (L, 3) palette.
         """
         x, y = np.floor(points.T).astype(np.int32)
-        seen = (x >= 0) & (x < self.width - 1) & (y >= 0) & (y < self.height - 1)
-        places, levels = (y * self.width + x)[seen], levels[seen]
+        inside = (x >= 0) & (x < self.width - 1) & (y >= 0) & (y < self.height - 1)
+        cells, levels = (y * self.width + x)[inside], levels[inside]
         order = np.argsort(levels, kind="stable")
         top = np.zeros((self.height, self.width), np.uint8)
-        top.reshape(-1)[places[order]] = levels[order]
+        top.reshape(-1)[cells[order]] = levels[order]
         top[:, 1:] = np.maximum(top[:, 1:], top[:, :-1])
         top[1:] = np.maximum(top[1:], top[:-1])
         drawn = top > 0
         self.pixels[drawn] = palette[top[drawn]]
 
-    def text(self, text: str, place: np.ndarray, colour: Colour, scale: int = 2) -> None:
+    def text(self, text: str, corner: np.ndarray, colour: Rgb, scale: int = 2) -> None:
         """Write with the upper left corner at (x, y); unknown characters become blanks.
 
-        Letters are capitals, but for the m of metres.
+        All letters become capitals, except the m of metres.
         """
-        x, y = (round(float(v)) for v in place)
+        x, y = (round(float(v)) for v in corner)
         for character in text:
             rows = np.array(_GLYPHS.get(character) or _GLYPHS.get(character.upper(), _GLYPHS[" "]))
             glyph = (rows[:, None] >> np.array([2, 1, 0])) & 1
             dots = np.argwhere(np.kron(glyph, np.ones((scale, scale), int))) + np.array([y, x])
-            seen = ((dots >= 0) & (dots < (self.height, self.width))).all(axis=1)
-            self.pixels[tuple(dots[seen].T)] = colour
+            inside = ((dots >= 0) & (dots < (self.height, self.width))).all(axis=1)
+            self.pixels[tuple(dots[inside].T)] = colour
             x += 4 * scale
 
     def image(self) -> np.ndarray:
@@ -134,19 +135,19 @@ class Canvas:
             return None
         return slice(low[0], high[0]), slice(low[1], high[1])
 
-    def _mix(self, place: Any, opacity: np.ndarray, colour: Colour) -> None:
+    def _mix(self, place: Any, opacity: np.ndarray, colour: Rgb) -> None:
         region = self.pixels[place]
         share = opacity.astype(np.float32)[..., None]
         self.pixels[place] = region + share * (np.array(colour, np.float32) - region)
 
 
 def text_px(text: str, scale: int) -> np.ndarray:
-    """(2,) width and height of a line of text."""
+    """Return the (2,) width and height of a line of text in pixels."""
     return np.array([4 * len(text) - 1, 5]) * scale
 
 
 def polygon_depth(corners: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
-    """(len(ys), len(xs)) depth of pixels inside a convex polygon; negative outside."""
+    """Return (len(ys), len(xs)) depths of pixels inside a convex polygon; negative outside."""
     corners = np.asarray(corners, np.float64)
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.hypot(sides[:, 0], sides[:, 1])

@@ -1,4 +1,4 @@
-"""The environments behind our own Gymnasium ids."""
+"""The environments of our own Gymnasium ids."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from roadscope.envs.traffic.conversion import original_constants
 from roadscope.envs.traffic.scenarios import find
 
 EGOS = ("agent", "idm")
-"""Who can drive: the action, or the ego itself."""
+"""Possible drivers: the agent's action, or the ego's own driver model."""
 
 ACTION_INFO = ("action", "rewards")
-"""What highway-env tells after a reset of an action that it drew without a seed."""
+"""Entries that highway-env reports after a reset for an action that it drew without a seed."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """Where an agent drives.
+    """An environment in which an agent drives.
 
     env: `module:Class` below `highway_env.envs`.
-    config: what differs from the environment's defaults.
-    limit_s: the episode is truncated there at the latest.
+    config: settings that differ from the environment's defaults.
+    limit_s: time after which the episode is truncated.
     """
 
     env: str
@@ -58,12 +58,12 @@ TASKS: Mapping[str, Task] = MappingProxyType(
 
 
 class ScenarioEnv(gym.Env[Observation, Any]):
-    """A scenario seen through the sensors of a rig.
+    """A scenario observed through the sensors of a rig.
 
     scenario: a name of `scenarios.SCENARIOS`.
     ego: `agent`: the action drives the ego, with the action space, the reward and the ends of
         highway-env's own environment; `idm`: a recorded scenario is played whose ego drives
-        itself, and the one action is to go on. None: `agent` where there is one to drive.
+        itself, and the only action is to continue. None: `agent` if the scenario has a task.
     rig, style, weather, light, faults, records, pixel_truth: as in `SensorWrapper`.
     config: settings of highway-env that an agent's environment should have.
     duration_s: the episode is truncated there at the latest.
@@ -148,12 +148,12 @@ class ScenarioEnv(gym.Env[Observation, Any]):
         return image
 
     def close(self) -> None:
-        """Let go of the traffic; closing again is fine."""
+        """Release the traffic; closing again is fine."""
         self._inner.close()
 
 
 def _driver(scenario: str, ego: str | None) -> str:
-    """Settle who drives; unknown names and agents without a task are refused."""
+    """Return who drives; raise `ValueError` for unknown names and agents without a task."""
     find(scenario)
     if ego is None:
         return "agent" if scenario in TASKS else "idm"
@@ -164,9 +164,9 @@ def _driver(scenario: str, ego: str | None) -> str:
     return ego
 
 
-def _check_render_mode(mode: str | None, known: Sequence[str]) -> None:
-    if mode is not None and mode not in known:
-        listed = ", ".join(f"'{name}'" for name in known)
+def _check_render_mode(mode: str | None, modes: Sequence[str]) -> None:
+    if mode is not None and mode not in modes:
+        listed = ", ".join(f"'{name}'" for name in modes)
         raise ValueError(
             f"no render mode {mode!r}; known: {listed}, or None. "
             "gym.make makes 'human' and 'rgb_array_list' of 'rgb_array'"

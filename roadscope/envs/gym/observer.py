@@ -1,4 +1,4 @@
-"""From a growing timeline to what `reset` and `step` return."""
+"""Observations and infos of `reset` and `step`, made from a growing timeline."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from roadscope.core import Frame, Truth
-from roadscope.envs.gym.spaces import Lanes, ego_state, imu_block, imu_samples, range_image
+from roadscope.envs.gym.spaces import LaneLocator, ego_state, imu_block, imu_samples, range_image
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
@@ -16,42 +16,42 @@ from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.envs.sensors.sensing import Sensing, check_light
 from roadscope.envs.sensors.weather import CLEAR, Weather
 from roadscope.envs.traffic.timeline import Timeline
-from roadscope.envs.world.style import style_named
+from roadscope.envs.world.style import find_style
 
-LOOK = 1_000_000
-"""Number of the sweep before an episode: its noise is that of no sweep which the episode has."""
+FIRST_SWEEP = 1_000_000
+"""Number of the sweep before an episode; no sweep of the episode has the same noise."""
 
 Report = tuple[dict[str, Any], dict[str, Any]]
 
 
-def rig_of(given: object) -> Rig:
-    """Return the rig that a caller named or gave; anything else is a `TypeError`."""
-    if isinstance(given, Rig):
-        return given
-    if isinstance(given, str):
-        return find_rig(given)
+def rig_of(rig: object) -> Rig:
+    """Return a rig by name, or the rig itself; raise `TypeError` for anything else."""
+    if isinstance(rig, Rig):
+        return rig
+    if isinstance(rig, str):
+        return find_rig(rig)
     raise TypeError(
         "rig: expected the name of a preset, the path of a TOML file or a Rig, "
-        f"got {type(given).__name__} {given!r}"
+        f"got {type(rig).__name__} {rig!r}"
     )
 
 
-def checked_seed(given: object) -> int | None:
-    """Return a seed that every generator takes; refuse others before an episode depends on it."""
-    if given is None:
+def checked_seed(seed: object) -> int | None:
+    """Return a seed that every generator accepts; raise an error for any other."""
+    if seed is None:
         return None
-    if isinstance(given, bool) or not isinstance(given, (int, np.integer)):
-        raise TypeError(f"seed: expected a whole number or None, got {given!r}")
-    if given < 0:
-        raise ValueError(f"seed: expected a whole number from 0 up, got {given}")
-    return int(given)
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)):
+        raise TypeError(f"seed: expected a whole number or None, got {seed!r}")
+    if seed < 0:
+        raise ValueError(f"seed: expected a whole number from 0 up, got {seed}")
+    return int(seed)
 
 
 class Observer:
-    """Senses one episode after the other and lays the latest scan out for an agent.
+    """Senses one episode after the other and makes observations for an agent.
 
-    Its randomness is its own: an episode with a seed is sensed with that seed, so it equals the
-    recorded one, and an episode without takes the next of a sequence that the last seed began.
+    It has its own random numbers: an episode with a seed is sensed with that seed, so it equals
+    the recorded one; an episode without a seed takes the next of a sequence from the last seed.
     """
 
     def __init__(
@@ -69,10 +69,10 @@ class Observer:
         self.rig = rig
         self.latest: tuple[Frame, Truth] | None = None
         self._pixels: np.ndarray | None = None
-        self._shown: Truth | None = None
-        self._felt = np.zeros((imu_samples(rig), 6), np.float32)
+        self._image_truth: Truth | None = None
+        self._imu_block = np.zeros((imu_samples(rig), 6), np.float32)
         if style is not None:
-            style_named(style)
+            find_style(style)
         self._records = records
         self._seeds = np.random.SeedSequence(seed)
         self._sensing = Sensing(
@@ -81,7 +81,7 @@ class Observer:
         check_light(light, rig)
 
     def next_seed(self, seed: int | None) -> int:
-        """Return the seed of the next episode, the given one if there is one."""
+        """Return the seed of the next episode: the argument, or the next of the sequence."""
         if seed is not None:
             self._seeds = np.random.SeedSequence(seed)
             return seed
@@ -90,35 +90,35 @@ class Observer:
     def reset(self, timeline: Timeline, now_s: float, seed: int) -> Report:
         """Begin an episode; return observation and info.
 
-        The first observation is a look around: the sweep that ends now, of a world that came
-        here at constant velocity. It belongs to no frame of the episode.
+        The first observation is the sweep that ends now, with constant velocities before the
+        episode. It belongs to no frame of the episode.
         """
         self._sensing.reset(seed)
         self._start_s = now_s
-        self._lanes = Lanes(timeline.road)
-        self.latest, self._pixels = self._look(timeline, now_s), None
-        # Before the first sweep is complete, nothing has been felt.
-        self._felt = np.zeros_like(self._felt)
+        self._lanes = LaneLocator(timeline.road)
+        self.latest, self._pixels = self._sense_first_sweep(timeline, now_s), None
+        # Before the first sweep is complete, there are no inertial samples.
+        self._imu_block = np.zeros_like(self._imu_block)
         mount = self.rig.camera
         if mount is not None:
             stamp_s = now_s - mount.spec.exposure_s / 2
-            frame, self._shown = self._sensing.sense_image_at(timeline, stamp_s)
+            frame, self._image_truth = self._sensing.sense_image_at(timeline, stamp_s)
             image = frame.camera
-            # Before the first image that arrives, a dark one is observed.
+            # Before the first image, a dark one is observed.
             dark = (mount.spec.pinhole.height, mount.spec.pinhole.width, 3)
             self._pixels = np.zeros(dark, np.uint8) if image is None else image.pixels
         return self._report([], timeline, now_s)
 
     def advance(self, timeline: Timeline, until_s: float) -> Report:
-        """Sense on to an instant; return observation and info of what was completed by then."""
+        """Sense up to an instant; return observation and info of all frames completed by then."""
         pairs = self._sensing.advance(timeline, until_s)
         for frame, truth in pairs:
             if frame.lidar is not None:
                 self.latest = frame, truth
             if frame.camera is not None:
-                self._pixels, self._shown = frame.camera.pixels, truth
+                self._pixels, self._image_truth = frame.camera.pixels, truth
             if frame.imu is not None:
-                self._felt = imu_block(self._felt, frame.imu)
+                self._imu_block = imu_block(self._imu_block, frame.imu)
         return self._report(pairs, timeline, until_s)
 
     def render(self, timeline: Timeline) -> np.ndarray:
@@ -129,15 +129,15 @@ class Observer:
         frame, truth = self.latest
         return birds_eye(frame, truth, timeline)
 
-    def _look(self, timeline: Timeline, now_s: float) -> tuple[Frame, Truth]:
-        """Sense the sweep that ends now; the world that it makes serves the whole episode."""
+    def _sense_first_sweep(self, timeline: Timeline, now_s: float) -> tuple[Frame, Truth]:
+        """Return the sweep that ends now; its world is used in the whole episode."""
         mount = self.rig.lidar
-        first_stamp_s = now_s - mount.spec.sweep_s / 2 - LOOK * mount.spec.period_s
+        first_stamp_s = now_s - mount.spec.sweep_s / 2 - FIRST_SWEEP * mount.spec.period_s
         self._sensing.rig = replace(
             self.rig, lidar=replace(mount, first_stamp_s=first_stamp_s), imu=None, wheels=None
         )
         try:
-            return self._sensing.sense(timeline, LOOK)
+            return self._sensing.sense(timeline, FIRST_SWEEP)
         finally:
             self._sensing.rig = self.rig
 
@@ -148,11 +148,11 @@ class Observer:
         if self._pixels is not None:
             observation["image"] = self._pixels.copy()
         if self.rig.imu is not None:
-            observation["imu"] = self._felt.copy()
+            observation["imu"] = self._imu_block.copy()
         observation["ego"] = ego_state(timeline, now_s, self._lanes)
         info: dict[str, Any] = {"time_s": now_s - self._start_s, "truth": truth}
-        if self._sensing.pixel_truth and self._shown is not None:
-            info["pixel_truth"] = self._shown.pixels
+        if self._sensing.pixel_truth and self._image_truth is not None:
+            info["pixel_truth"] = self._image_truth.pixels
         if self._records:
             info["frames"] = tuple(frame for frame, _ in pairs)
             info["truths"] = tuple(truth for _, truth in pairs)

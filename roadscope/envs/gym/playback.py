@@ -1,4 +1,4 @@
-"""A recorded scenario as an environment, its ego driving itself."""
+"""A recorded scenario as an environment; the ego drives itself."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from roadscope.envs.traffic.timeline import Timeline
 
 
 class PlaybackEnv(gym.Env[Observation, np.int64]):
-    """Plays a scenario and senses it; the ego drives itself, so the one action is to go on.
+    """Plays a scenario and senses it; the ego drives itself, so the only action is to continue.
 
     scenario, duration_s: as in `scenarios.record`. `reset(seed=s)` plays the recording of seed
         s, byte for byte what `sensing.sense` makes of it; a reset without seed draws the next.
@@ -48,7 +48,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         pixel_truth: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        chosen = _on_frames(rig_of(rig), scenario)
+        chosen = _with_frame_stamps(rig_of(rig), scenario)
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(1)
         self._observer = Observer(
@@ -77,7 +77,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         super().reset(seed=seed, options=options)
         episode = self._observer.next_seed(seed)
         self._timeline = _recorded(self._scenario, episode, self._duration_s)
-        # Scripts begin a little before 0, so that the first sweep finds everything in motion.
+        # Scripts begin a little before 0, so that all actors move in the first sweep.
         self._start_s = max(self._timeline.start_s, 0.0)
         self._steps = 0
         return self._observer.reset(self._timeline, self._start_s, episode)
@@ -91,7 +91,7 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         end_s = self._timeline.end_s
         now_s = min(self._start_s + self._steps * self._step_s, end_s)
         observation, info = self._observer.advance(self._timeline, now_s)
-        # Recordings end a rounding error beside their nominal length.
+        # The end of a recording differs from its nominal length by a rounding error.
         return observation, 0.0, False, now_s >= end_s - 1e-9, info
 
     def render(self) -> Any:
@@ -101,8 +101,8 @@ class PlaybackEnv(gym.Env[Observation, np.int64]):
         return self._observer.render(self._timeline)
 
 
-def _on_frames(rig: Rig, scenario: str) -> Rig:
-    """Let the sweeps of a scripted scenario be its numbered frames, from frame 1 on."""
+def _with_frame_stamps(rig: Rig, scenario: str) -> Rig:
+    """Return the rig with sweeps at the numbered frames of a scripted scenario, from 1 on."""
     if not find(scenario).scripted or rig.lidar.first_stamp_s is not None:
         return rig
     return replace(rig, lidar=replace(rig.lidar, first_stamp_s=rig.lidar.spec.period_s))
@@ -110,5 +110,5 @@ def _on_frames(rig: Rig, scenario: str) -> Rig:
 
 @lru_cache(maxsize=8)
 def _recorded(scenario: str, seed: int, duration_s: float | None) -> Timeline:
-    """Keep the last few recordings: an episode that is played again is not driven again."""
+    """Return a recording; the last few are cached, so that a replay costs nothing."""
     return record(scenario, seed, duration_s)

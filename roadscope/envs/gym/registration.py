@@ -66,5 +66,5 @@ def make(name: str, **settings: Any) -> gym.Env[Any, Any]:
     of_scenario = {arguments["scenario"]: key for key, arguments in IDS.items()}
     if scenario in of_scenario:
         return gym.make(f"{NAMESPACE}/{of_scenario[scenario]}", **settings)
-    # Every id takes another scenario; what has no id of its own goes by the first one.
+    # Every id accepts another scenario; scenarios without an id use the first one.
     return gym.make(env_ids()[0], scenario=scenario, **settings)

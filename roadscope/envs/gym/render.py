@@ -1,10 +1,11 @@
-"""A bird's-eye picture of one tick: road, returns, boxes, tracks; the ego drives up the page."""
+"""A bird's-eye picture of one tick: road, returns, boxes, tracks; the ego drives upwards."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,20 +20,21 @@ from roadscope.core import (
     TrackState,
     Truth,
 )
-from roadscope.envs.gym.canvas import Canvas, Colour, text_px
+from roadscope.envs.gym.canvas import Canvas, Rgb, text_px
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.envs.world.prisms import Prisms
-from roadscope.envs.world.road_memo import once_a_road
+from roadscope.envs.world.road_memo import cached_per_road
 
 # --------------------------------------------------------------------------------------------------
-# Where things lie in the bird's-eye picture.
+# Coordinates of the bird's-eye picture.
 
 EGO_FROM_BOTTOM = 0.4
+"""Distance of the ego from the lower edge, a share of the height."""
 
 
 @dataclass(frozen=True)
-class View:
+class BirdsEyeView:
     """Maps world coordinates to pixels of a square picture."""
 
     world_from_ego: Pose
@@ -54,7 +56,7 @@ class View:
 
     @property
     def radius_m(self) -> float:
-        """How far from the ego the picture reaches at most."""
+        """Greatest distance from the ego of anything in the picture."""
         return self.size_px * self.metres_per_px * 0.8
 
 
@@ -73,16 +75,16 @@ def box_corners(centre: np.ndarray, size: np.ndarray, yaw: float) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# Colours of what the bird's-eye picture and its legend show.
+# Colours of the bird's-eye picture and its legend.
 
-EGO: Colour = (245, 245, 245)
-DETECTION: Colour = (255, 150, 50)
-FAMILIES: dict[Family, Colour] = {
+EGO: Rgb = (245, 245, 245)
+DETECTION: Rgb = (255, 150, 50)
+FAMILIES: dict[Family, Rgb] = {
     Family.VEHICLE: (76, 190, 255),
     Family.CYCLIST: (255, 110, 220),
     Family.PEDESTRIAN: (255, 225, 80),
 }
-TRACKS: tuple[Colour, ...] = (
+TRACKS: tuple[Rgb, ...] = (
     (255, 99, 99),
     (255, 186, 73),
     (240, 240, 90),
@@ -94,9 +96,11 @@ TRACKS: tuple[Colour, ...] = (
 )
 TRACK_LINE_PX = 2.0
 COASTING_LINE_PX = 0.8
+"""Colours of the ego, detections, families of true boxes and ids of tracks, and widths of outlines;
+chosen by hand."""
 
 
-def track_colour(number: int) -> Colour:
+def track_colour(number: int) -> Rgb:
     """Return the colour of a track by its id; ids that are a few apart differ."""
     return TRACKS[number % len(TRACKS)]
 
@@ -104,12 +108,14 @@ def track_colour(number: int) -> Colour:
 # --------------------------------------------------------------------------------------------------
 # The ground of the bird's-eye picture: rings of distance, asphalt and lane borders.
 
-BACKGROUND: Colour = (16, 19, 24)
-ASPHALT: Colour = (44, 49, 57)
-MARKING: Colour = (104, 112, 124)
-RING: Colour = (48, 55, 66)
+BACKGROUND: Rgb = (16, 19, 24)
+ASPHALT: Rgb = (44, 49, 57)
+MARKING: Rgb = (104, 112, 124)
+RING: Rgb = (48, 55, 66)
 RING_M = 20.0
 PIECE_M = 25.0
+"""Colours of the ground, distance of the rings, and greatest length of drawn pieces of lanes;
+chosen by hand."""
 
 
 @lru_cache(maxsize=8)
@@ -118,15 +124,15 @@ def blank(size_px: int, metres_per_px: float) -> np.ndarray:
     canvas = Canvas(np.full((size_px, size_px, 3), BACKGROUND, np.uint8))
     home = home_px(size_px)
     y, x = np.ogrid[:size_px, :size_px]
-    way = np.hypot(x - home[0], y - home[1])
+    distance = np.hypot(x - home[0], y - home[1])
     step = RING_M / metres_per_px
-    from_ring = np.abs((way + step / 2) % step - step / 2)
-    canvas.cover(np.where(way > step / 2, np.clip(1.2 - from_ring, 0, 1), 0.0), RING)
+    from_ring = np.abs((distance + step / 2) % step - step / 2)
+    canvas.cover(np.where(distance > step / 2, np.clip(1.2 - from_ring, 0, 1), 0.0), RING)
     return canvas.image()
 
 
-def draw_road(canvas: Canvas, view: View, road: RoadMap) -> None:
-    """Lay asphalt on all lane strips and a line where no strip goes deeper."""
+def draw_road(canvas: Canvas, view: BirdsEyeView, road: RoadMap) -> None:
+    """Draw asphalt on all lane strips, and lines at the borders of their union."""
     depth = np.full((view.size_px, view.size_px), -2.0, np.float32)
     ends, half_widths = _pieces(road)
     centre = view.world_from_ego.translation[:2]
@@ -137,15 +143,15 @@ def draw_road(canvas: Canvas, view: View, road: RoadMap) -> None:
     canvas.cover(np.clip(1.1 - np.abs(depth - 0.3), 0, 1) * 0.8, MARKING)
 
 
-@once_a_road
+@cached_per_road
 def _pieces(road: RoadMap) -> tuple[np.ndarray, np.ndarray]:
-    """Cut lanes into straight pieces: (N, 2, 2) start and end in metres, (N,) half widths."""
+    """Return straight pieces of lanes: (N, 2, 2) start and end in metres, (N,) half widths."""
     ends, half_widths = [np.empty((0, 2, 2))], [np.empty(0)]
     for points, widths in road.lanes():
         if len(points) < 2:
             continue
-        kept = _knees(points)
-        for a, b in pairwise(kept):
+        knees = _knees(points)
+        for a, b in pairwise(knees):
             count = max(1, int(np.ceil(np.linalg.norm(points[b] - points[a]) / PIECE_M)))
             cuts = points[a] + np.linspace(0, 1, count + 1)[:, None] * (points[b] - points[a])
             ends.append(np.stack([cuts[:-1], cuts[1:]], axis=1))
@@ -154,7 +160,7 @@ def _pieces(road: RoadMap) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _knees(points: np.ndarray) -> np.ndarray:
-    """Pick the points to keep of a polyline: one for every 0.1 rad it has turned."""
+    """Return the rows of a polyline to keep: one for each 0.1 rad of turn."""
     steps = np.diff(points, axis=0)
     headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(headings)))])
@@ -163,7 +169,7 @@ def _knees(points: np.ndarray) -> np.ndarray:
 
 
 def _deepen(depth: np.ndarray, start: np.ndarray, end: np.ndarray, half_px: float) -> None:
-    """Raise the map of depths, in pixels, to that of one straight strip, its ends drawn over."""
+    """Raise the depths inside the road, in pixels, in place, by one straight strip."""
     length = float(np.hypot(*(end - start)))
     if length < 1e-6:
         return
@@ -184,25 +190,27 @@ def _deepen(depth: np.ndarray, start: np.ndarray, end: np.ndarray, half_px: floa
 
 
 # --------------------------------------------------------------------------------------------------
-# Words on the bird's-eye picture: distances of the rings, ids of tracks, a legend.
+# Text on the bird's-eye picture: distances of the rings, ids of tracks, a legend.
 
-LABEL: Colour = (190, 198, 208)
+LABEL: Rgb = (190, 198, 208)
 MARGIN_PX = 2.0
 ROW_PX = 16
 SWATCH_PX = np.array([22.0, 8.0])
+"""Colour of labels, margin around them, and height of rows and size of symbols in the legend;
+chosen by hand."""
 
 
-class Labels:
-    """Words on a canvas, none over another.
+class LabelPlacer:
+    """Writes labels on a canvas without overlap.
 
-    taken: (4,) low x, low y, high x, high y in pixels of each word so far.
+    taken: (4,) low x, low y, high x, high y in pixels of each label so far.
     """
 
     def __init__(self, canvas: Canvas) -> None:
         self.canvas = canvas
         self.taken: list[np.ndarray] = []
 
-    def write(self, text: str, places: np.ndarray, colour: Colour, scale: int = 2) -> bool:
+    def write(self, text: str, places: np.ndarray, colour: Rgb, scale: int = 2) -> bool:
         """Write at the first of (K, 2) upper left corners that is free; False if none is."""
         for place in places:
             box = np.concatenate([place - MARGIN_PX, place + text_px(text, scale) + MARGIN_PX])
@@ -214,7 +222,7 @@ class Labels:
         return False
 
     def reserve(self, box: np.ndarray) -> None:
-        """Keep words that are still to come out of a (4,) box."""
+        """Keep further labels out of a (4,) box."""
         self.taken.append(box)
 
     def _inside(self, box: np.ndarray) -> bool:
@@ -223,8 +231,8 @@ class Labels:
         )
 
 
-def write_distances(labels: Labels, view: View) -> None:
-    """Write the radius on each ring, behind the ego to its right, where least happens."""
+def write_distances(labels: LabelPlacer, view: BirdsEyeView) -> None:
+    """Write the radius on each ring, behind the ego to its right, where there is least traffic."""
     step = RING_M / view.metres_per_px
     diagonal = np.sqrt([0.5, 0.5])
     for ring in range(1, int(view.size_px / step) + 1):
@@ -233,21 +241,30 @@ def write_distances(labels: Labels, view: View) -> None:
         labels.write(text, place[None], LABEL)
 
 
-def write_ids(labels: Labels, view: View, tracks: Tracks) -> None:
-    """Write ids beside their boxes, the nearest first, as far as there is room for them.
+def write_ids(labels: LabelPlacer, view: BirdsEyeView, tracks: Tracks) -> None:
+    """Write ids beside their boxes where there is space, the nearest tracks first.
 
-    tracks: world frame. Coasting tracks come after all others.
+    tracks: world frame. Coasting tracks come last.
     """
     away = np.linalg.norm(tracks.centres[:, :2] - view.world_from_ego.translation[:2], axis=1)
     for row in np.lexsort((away, tracks.states == TrackState.COASTING)):
         corners = view.pixels(box_corners(tracks.centres[row], tracks.sizes[row], tracks.yaws[row]))
         text = str(tracks.ids[row])
-        places = _beside(corners.min(axis=0), corners.max(axis=0), text_px(text, 2))
+        places = _places_beside(corners.min(axis=0), corners.max(axis=0), text_px(text, 2))
         labels.write(text, places, track_colour(int(tracks.ids[row])))
 
 
-def draw_legend(labels: Labels, *, detections: bool, tracks: bool) -> None:
-    """Say at the lower left what the colours mean; too small a picture goes without."""
+class _LegendRow(NamedTuple):
+    """A row of the legend: its text, and how the box beside it is drawn."""
+
+    text: str
+    colour: Rgb
+    fill: float
+    line_px: float
+
+
+def draw_legend(labels: LabelPlacer, *, detections: bool, tracks: bool) -> None:
+    """Draw the legend of the colours at the lower left, if the picture is large enough."""
     picture, opacity = _legend(detections, tracks)
     height, width = opacity.shape
     canvas = labels.canvas
@@ -260,38 +277,42 @@ def draw_legend(labels: Labels, *, detections: bool, tracks: bool) -> None:
 
 @lru_cache(maxsize=4)
 def _legend(detections: bool, tracks: bool) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, 3) picture of the legend and its (H, W) opacity."""
-    rows = [("ego", EGO, 0.35, 1.5)]
-    rows += [(f"true {family.name.lower()}", c, 0.12, 1.5) for family, c in FAMILIES.items()]
+    """Return the (H, W, 3) picture of the legend and its (H, W) opacity."""
+    rows = [_LegendRow("ego", EGO, 0.35, 1.5)]
+    rows += [
+        _LegendRow(f"true {family.name.lower()}", colour, 0.12, 1.5)
+        for family, colour in FAMILIES.items()
+    ]
     if detections:
-        rows.append(("detection", DETECTION, 0.0, 1.5))
+        rows.append(_LegendRow("detection", DETECTION, 0.0, 1.5))
     if tracks:
-        rows.append(("track, 1 s ahead", TRACKS[3], 0.15, TRACK_LINE_PX))
-        rows.append(("coasting track", TRACKS[6], 0.15, COASTING_LINE_PX))
-    width = max(text_px(text, 2)[0] for text, *_ in rows) + SWATCH_PX[0] + 24
+        rows.append(_LegendRow("track, 1 s ahead", TRACKS[3], 0.15, TRACK_LINE_PX))
+        rows.append(_LegendRow("coasting track", TRACKS[6], 0.15, COASTING_LINE_PX))
+    width = max(text_px(row.text, 2)[0] for row in rows) + SWATCH_PX[0] + 24
     canvas = Canvas(np.full((len(rows) * ROW_PX + 8, int(width), 3), BACKGROUND, np.uint8))
     for number, row in enumerate(rows):
         middle = np.array([8 + SWATCH_PX[0] / 2, 4 + (number + 0.5) * ROW_PX])
         _draw_swatch(canvas, middle, row)
-        canvas.text(row[0], np.array([16 + SWATCH_PX[0], middle[1] - 5]), LABEL)
+        canvas.text(row.text, np.array([16 + SWATCH_PX[0], middle[1] - 5]), LABEL)
     picture = canvas.image()
     drawn = (picture != BACKGROUND).any(axis=2)
     return picture, np.where(drawn, 1.0, 0.7).astype(np.float32)
 
 
-def _draw_swatch(canvas: Canvas, middle: np.ndarray, row: tuple[str, Colour, float, float]) -> None:
-    """Draw what a row explains: a box, shorter and with the line of its way for a track."""
-    text, colour, fill, line_px = row
+def _draw_swatch(canvas: Canvas, middle: np.ndarray, row: _LegendRow) -> None:
+    """Draw the symbol of a row: a box; for a track a shorter one with a line ahead."""
     low, high = middle - SWATCH_PX / 2, middle + SWATCH_PX / 2
-    if "track" in text:
+    if "track" in row.text:
         end = np.array([high[0], middle[1]])
         high = high - [SWATCH_PX[0] * 0.35, 0]
-        canvas.line((low + high) / 2, end, colour, 1.5)
-    canvas.polygon(_corners(np.concatenate([low, high])), colour, fill=fill, line_px=line_px)
+        canvas.line((low + high) / 2, end, row.colour, 1.5)
+    canvas.polygon(
+        _corners(np.concatenate([low, high])), row.colour, fill=row.fill, line_px=row.line_px
+    )
 
 
-def _beside(low: np.ndarray, high: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """(4, 2) corners for a word beside a box: right below, right above, left above and below."""
+def _places_beside(low: np.ndarray, high: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return (4, 2) corners for a label: right below, right above, left above, left below."""
     right, left = high[0] + 3, low[0] - 3 - size[0]
     below, above = high[1] - 5, low[1] - 5
     return np.array([[right, below], [right, above], [left, above], [left, below]])
@@ -308,12 +329,12 @@ def _corners(box: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# A bird's-eye picture of one tick: road, returns, boxes, tracks; the ego drives up the page.
+# The bird's-eye picture of one tick.
 
-GROUND_RETURN: Colour = (66, 78, 104)
-WEATHER_RETURN: Colour = (112, 92, 116)
-SOLID: Colour = (92, 84, 76)
-FOLIAGE: Colour = (40, 84, 52)
+GROUND_RETURN: Rgb = (66, 78, 104)
+WEATHER_RETURN: Rgb = (112, 92, 116)
+SOLID: Rgb = (92, 84, 76)
+FOLIAGE: Rgb = (40, 84, 52)
 HEIGHTS_M = np.array([0.2, 0.8, 1.6, 3.0, 6.0])
 HEIGHT_COLOURS = np.array(
     [(70, 120, 220), (60, 200, 200), (130, 225, 90), (250, 215, 70), (250, 130, 60)], np.float32
@@ -341,17 +362,17 @@ def birds_eye(
     size_px: int = 600,
     metres_per_px: float = 0.2,
 ) -> np.ndarray:
-    """(size_px, size_px, 3) uint8: what one tick measured over what was there.
+    """Return a (size_px, size_px, 3) uint8 picture of one tick: measurements over the truth.
 
     Lanes are grey; returns go from blue (low) to orange (high), those of the ground are dim,
-    those of rain and fog a dull violet; true boxes are coloured by family, their point shows
-    ahead; detections are orange; tracks carry colour and number of their id and a line as long
-    as one second's way, and have a thin outline while they coast. A number that would cover
-    another word is left out.
+    those of rain and fog a dull violet; true boxes are coloured by family, a wedge shows
+    their front; detections are orange; tracks have colour and number of their id, a line as long
+    as the motion of one second, and a thin outline while they coast. A number that would cover
+    other text is left out.
     legend: whether the colours are explained, in pictures that are large enough.
     scenery: outlines to draw below the returns, world frame.
     """
-    view = View(truth.world_from_ego, size_px, metres_per_px)
+    view = BirdsEyeView(truth.world_from_ego, size_px, metres_per_px)
     canvas = Canvas(blank(size_px, metres_per_px))
     draw_road(canvas, view, timeline.road)
     if scenery is not None:
@@ -366,7 +387,7 @@ def birds_eye(
     if tracks is not None:
         tracks = tracks.moved(view.world_from_ego, "world") if tracks.frame == "ego" else tracks
         _draw_tracks(canvas, view, tracks)
-    labels = Labels(canvas)
+    labels = LabelPlacer(canvas)
     if legend:
         draw_legend(labels, detections=detections is not None, tracks=tracks is not None)
     write_distances(labels, view)
@@ -375,7 +396,7 @@ def birds_eye(
     return canvas.image()
 
 
-def _draw_scenery(canvas: Canvas, view: View, scenery: Prisms) -> None:
+def _draw_scenery(canvas: Canvas, view: BirdsEyeView, scenery: Prisms) -> None:
     centre = view.world_from_ego.translation[:2]
     near = np.linalg.norm(scenery.footprints[:, 0] - centre, axis=1) < view.radius_m
     outlines = view.pixels(scenery.footprints[near])
@@ -385,9 +406,9 @@ def _draw_scenery(canvas: Canvas, view: View, scenery: Prisms) -> None:
 
 
 def _draw_returns(
-    canvas: Canvas, view: View, frame: Frame, truth: Truth, timeline: Timeline
+    canvas: Canvas, view: BirdsEyeView, frame: Frame, truth: Truth, timeline: Timeline
 ) -> None:
-    """Draw returns where they were at the stamp: own motion and true motion are taken out."""
+    """Draw returns, compensated for ego motion and true object motion up to the stamp."""
     scan = frame.lidar
     if scan is None or len(scan) == 0:
         return
@@ -406,7 +427,7 @@ def _draw_returns(
     )
     cos, sin = np.cos(yaw), np.sin(yaw)
     world = np.stack([x + cos * ahead - sin * left, y + sin * ahead + cos * left], axis=1)
-    _halt(world, offsets, truth)
+    _compensate_motion(world, offsets, truth)
     shares = np.clip((height - HEIGHTS_M[0]) / (HEIGHTS_M[-1] - HEIGHTS_M[0]), -0.004, 1)
     levels = (shares * 200 + 3).astype(np.uint8)
     if len(truth.sources) == len(levels):
@@ -414,21 +435,21 @@ def _draw_returns(
     canvas.dots(view.pixels(world), levels, PALETTE)
 
 
-def _halt(world: np.ndarray, offsets_s: np.ndarray, truth: Truth) -> None:
-    """Take the motion of what it came from out of each (P, 2) return, in place."""
+def _compensate_motion(world: np.ndarray, offsets_s: np.ndarray, truth: Truth) -> None:
+    """Compensate each (P, 2) return for the motion of its object up to the stamp, in place."""
     rows = np.flatnonzero(truth.sources >= 0)
     if len(rows) == 0 or len(truth) == 0:
         return
     order = np.argsort(truth.ids)
     sources = truth.sources[rows]
-    found = order[np.clip(np.searchsorted(truth.ids[order], sources), 0, len(order) - 1)]
-    moving = truth.ids[found] == sources
-    rows, found = rows[moving], found[moving]
-    world[rows] -= truth.velocities[found] * offsets_s[rows, None]
+    actors = order[np.clip(np.searchsorted(truth.ids[order], sources), 0, len(order) - 1)]
+    moving = truth.ids[actors] == sources
+    rows, actors = rows[moving], actors[moving]
+    world[rows] -= truth.velocities[actors] * offsets_s[rows, None]
 
 
 def _draw_box(
-    canvas: Canvas, corners: np.ndarray, colour: Colour, *, fill: float, line_px: float = 1.5
+    canvas: Canvas, corners: np.ndarray, colour: Rgb, *, fill: float, line_px: float = 1.5
 ) -> None:
     """Draw a box of pixel corners with a wedge that points ahead."""
     canvas.polygon(corners, colour, fill=fill, line_px=line_px)
@@ -437,14 +458,14 @@ def _draw_box(
     canvas.polygon(np.stack([front, base[1], base[0]]), colour, fill=0.9)
 
 
-def _draw_ego(canvas: Canvas, view: View, timeline: Timeline) -> None:
+def _draw_ego(canvas: Canvas, view: BirdsEyeView, timeline: Timeline) -> None:
     pose, size = view.world_from_ego, timeline.sizes[0]
     ahead = pose.rotation[:2, 0] * timeline.centre_ahead_m[0]
     corners = box_corners(pose.translation[:2] + ahead, size, pose.yaw)
     _draw_box(canvas, view.pixels(corners), EGO, fill=0.35)
 
 
-def _draw_detections(canvas: Canvas, view: View, detections: Detections) -> None:
+def _draw_detections(canvas: Canvas, view: BirdsEyeView, detections: Detections) -> None:
     if detections.frame == "ego":
         detections = detections.moved(view.world_from_ego, "world")
     for centre, size, yaw in zip(
@@ -455,7 +476,7 @@ def _draw_detections(canvas: Canvas, view: View, detections: Detections) -> None
         )
 
 
-def _draw_tracks(canvas: Canvas, view: View, tracks: Tracks) -> None:
+def _draw_tracks(canvas: Canvas, view: BirdsEyeView, tracks: Tracks) -> None:
     for row, number in enumerate(tracks.ids):
         colour = track_colour(int(number))
         centre = tracks.centres[row]

@@ -13,7 +13,7 @@ from roadscope.core import Pose
 from roadscope.envs.gym.observer import Observer, checked_seed, rig_of
 from roadscope.envs.gym.spaces import Observation, checked_action, goal_state, observation_space
 from roadscope.envs.imaging.light import Light
-from roadscope.envs.sensors.ego_motion import AHEAD, RAW_S
+from roadscope.envs.sensors.ego_motion import RAW_S, STATES_AHEAD
 from roadscope.envs.sensors.faults import Faults
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import Weather
@@ -44,29 +44,29 @@ STYLES_OF = {
 }
 """Roadside of each family of environments, by class name."""
 
-STATES_AROUND = 3 * AHEAD
-"""Recorded states that a smooth motion needs at most: a wait, and the supports of its splines."""
+STATES_AROUND = 3 * STATES_AHEAD
+"""Most recorded states that a smooth motion needs: its delay and the supports of its splines."""
 
 
 class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorArgs):
-    """Lets a highway-env environment be seen through the sensors of a rig.
+    """Adds the sensors of a rig to a highway-env environment.
 
     rig: name of a preset (`roadscope list rigs`), path of a TOML file, or a `Rig`.
-    seed: of the sensors when the first `reset` brings none; a seed given to `reset` counts.
-    style: roadside, a name of `roadside.STYLES`; None for what suits the environment.
+    seed: of the sensors if the first `reset` has none; a seed of `reset` takes precedence.
+    style: roadside, a name of `roadside.STYLES`; None for the usual one of the environment.
     weather: name of a preset (`roadscope list weathers`) or a `Weather`.
-    light: name of a preset (`roadscope list lights`) or a `Light`, for the camera; None: some day.
-        Without a camera only None and `day` are taken.
-    faults: such as `fog:3` or a list of them (`roadscope list faults`); they hold weather too.
-    records: whether `info` carries every frame and its truth; training without them is lighter.
-    pixel_truth: whether `info["pixel_truth"]` carries depth, instance and category of every pixel
-        of the observed image (`PixelTruth`), and each truth of an image those of its own.
+    light: name of a preset (`roadscope list lights`) or a `Light`, for the camera; None draws a
+        daylight. Without a camera only None and `day` are accepted.
+    faults: such as `fog:3` or a list of them (`roadscope list faults`), also weather.
+    records: whether `info` contains every frame and its truth; training is faster without them.
+    pixel_truth: whether `info["pixel_truth"]` contains depth, instance and category of every pixel
+        of the observed image (`PixelTruth`), and each truth of an image those of that image.
 
     The observation is a dictionary of the latest complete scan and the own state: see
     `spaces.observation_space`. `info["frames"]` holds each `Frame` completed since the last call
     and `info["truths"]` its `Truth`; `info["truth"]` is that of the observation. The traffic is
-    the same, to the bit, as without the wrapper. Anything but a single-agent highway-env
-    environment without sensors is refused by name.
+    the same, to the bit, as without the wrapper. Only single-agent highway-env
+    environments without sensors are accepted.
     """
 
     def __init__(
@@ -150,7 +150,7 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
     def render(self) -> Any:
         """Return a bird's-eye view of the latest scan, (H, W, 3) uint8.
 
-        Only for `render_mode="rgb_array"`; other modes show what the environment shows.
+        Only for `render_mode="rgb_array"`; other modes render the environment itself.
         """
         if self.render_mode != "rgb_array":
             return self.env.render()
@@ -176,13 +176,13 @@ class SensorWrapper(gym.Wrapper[Observation, Any, Any, Any], RecordConstructorAr
 
 
 def suited_style(env: Any) -> str:
-    """Return the roadside that suits an environment of highway-env."""
+    """Return the usual roadside of an environment of highway-env."""
     kinds = (kind.__name__ for kind in type(env).__mro__)
     return next((STYLES_OF[kind] for kind in kinds if kind in STYLES_OF), "bare")
 
 
 def _refuse_sensors(env: gym.Env[Any, Any]) -> None:
-    """Raise `ForeignEnvError` if any layer of an environment is seen through sensors already."""
+    """Raise `ForeignEnvError` if any layer of an environment already has sensors."""
     layer = env
     while not _senses(layer) and isinstance(layer, gym.Wrapper):
         layer = layer.env
@@ -200,7 +200,7 @@ def _senses(env: gym.Env[Any, Any]) -> bool:
 
 
 def _goal(env: Any) -> Pose | None:
-    """World pose of the place where the ego should come to rest, where a task has one."""
+    """Return the world pose where the ego should stop, or None if the task has no goal."""
     goal = getattr(env.vehicle, "goal", None)
     if goal is None:
         return None

@@ -1,4 +1,4 @@
-"""What an agent observes and does: flat dictionaries of boxes of fixed shape, and actions."""
+"""Observations and actions of an agent: flat dictionaries of boxes of fixed shape."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 
 # --------------------------------------------------------------------------------------------------
-# Actions as given, before an environment acts on them.
+# Checks of actions.
 
 
 def checked_action(space: spaces.Space[Any], action: Any) -> Any:
     """Return an action of the space, arrays as a copy; raise `ValueError` for any other.
 
-    Floats of any precision will do and keep theirs. A copy, since environments hand the action
-    on in `info`, and callers may use their array again.
+    Floats of any precision are accepted and kept. It is a copy because environments pass the
+    action on in `info`, and callers may reuse their array.
     """
     if isinstance(space, spaces.Box):
-        given = np.array(action)
-        # A box would warn about what is no array before it says no.
-        if given.dtype.kind in "iuf" and space.contains(given.astype(space.dtype)):
-            return given
+        array = np.array(action)
+        # `Box.contains` would warn about objects that are not arrays.
+        if array.dtype.kind in "iuf" and space.contains(array.astype(space.dtype)):
+            return array
     elif space.contains(action):
         return action
     raise ValueError(f"action {action!r} lies outside the action space {space}")
 
 
 # --------------------------------------------------------------------------------------------------
-# What an agent observes: a flat dictionary of boxes of fixed shape.
+# Observations.
 
 Observation = dict[str, np.ndarray]
 
@@ -42,7 +42,7 @@ EGO_FIELDS = ("speed_m_s", "yaw_rate_rad_s", "lane_offset_m", "lane_heading_rad"
 """Entries of the observation `ego`: own motion, and place on the nearest lane (left positive)."""
 
 EGO_BOUNDS = np.array([100.0, 20.0, 20.0, np.pi], np.float32)
-"""Largest magnitude of each entry; what goes beyond is clipped."""
+"""Largest magnitude of each entry; larger values are clipped."""
 
 GOAL_FIELDS = ("ahead_m", "left_m", "cos", "sin")
 """Entries of the observation `goal`, where a task has one: its pose in the ego frame."""
@@ -74,7 +74,7 @@ def observation_space(rig: Rig, *, goal: bool = False) -> spaces.Space[Observati
 
 
 def range_image(scan: LidarScan | None, spec: LidarSpec) -> Observation:
-    """Lay a scan out by beam and column.
+    """Return a scan as images by beam and column.
 
     Returns lidar_range: (B, C) float32, metres, 0 for no return, row 0 the lowest beam;
     lidar_intensity: (B, C) float32 in 0 to 1. Both are fresh arrays.
@@ -89,28 +89,28 @@ def range_image(scan: LidarScan | None, spec: LidarSpec) -> Observation:
 
 
 def imu_samples(rig: Rig) -> int:
-    """Return how many of the latest inertial samples are observed: those of a turn of the LiDAR."""
+    """Return the number of observed inertial samples: those of one period of the LiDAR."""
     if rig.imu is None:
         return 0
     return max(1, round(rig.imu.spec.rate_hz * rig.lidar.spec.period_s))
 
 
 def imu_block(before: np.ndarray, samples: ImuSamples) -> np.ndarray:
-    """(K, 6) float32 of angular velocity and specific force, the latest last; a fresh array.
+    """Return (K, 6) float32 of angular velocity and specific force, the latest last; a new array.
 
-    before: (K, 6) block of which the newest remain.
+    before: (K, 6) previous block, whose newest rows remain.
     """
     new = np.column_stack([samples.angular_velocity, samples.specific_force])
     return np.concatenate([before, new.astype(np.float32)])[-len(before) :]
 
 
-def ego_state(timeline: Timeline, stamp_s: float, lanes: Lanes) -> np.ndarray:
-    """(4,) float32 of `EGO_FIELDS` at an instant; the yaw rate is the mean of the last 50 ms."""
+def ego_state(timeline: Timeline, stamp_s: float, lanes: LaneLocator) -> np.ndarray:
+    """Return (4,) float32 of `EGO_FIELDS`; the yaw rate is the mean of the last 50 ms."""
     before = max(stamp_s - 0.05, timeline.start_s)
     states = timeline.at(np.array([before, stamp_s]))
     yaw = float(states.yaws[1, 0])
     turned = yaw - float(states.yaws[0, 0])
-    offset, heading = lanes.place(states.axles[1, 0], yaw)
+    offset, heading = lanes.offset_and_heading(states.axles[1, 0], yaw)
     values = [
         float(states.velocities[1, 0] @ (np.cos(yaw), np.sin(yaw))),
         turned / (stamp_s - before) if stamp_s > before else 0.0,
@@ -121,14 +121,14 @@ def ego_state(timeline: Timeline, stamp_s: float, lanes: Lanes) -> np.ndarray:
 
 
 def goal_state(world_from_ego: Pose, world_from_goal: Pose) -> np.ndarray:
-    """(4,) float32 of `GOAL_FIELDS`: the pose of the goal in the ego frame."""
+    """Return (4,) float32 of `GOAL_FIELDS`: the pose of the goal in the ego frame."""
     ego_from_goal = world_from_ego.inverse() @ world_from_goal
     x, y, _ = ego_from_goal.translation
     return _bounded([x, y, np.cos(ego_from_goal.yaw), np.sin(ego_from_goal.yaw)], GOAL_BOUNDS)
 
 
-class Lanes:
-    """The lanes of a place, made ready for the question on which one something drives."""
+class LaneLocator:
+    """Finds the lane on which a vehicle drives."""
 
     def __init__(self, road: RoadMap) -> None:
         self._road = road
@@ -138,11 +138,11 @@ class Lanes:
         last = road.starts[1:] - 1
         self._headings[last] = self._headings[np.maximum(last - 1, road.starts[:-1])]
 
-    def place(self, position: np.ndarray, yaw: float) -> tuple[float, float]:
+    def offset_and_heading(self, position: np.ndarray, yaw: float) -> tuple[float, float]:
         """Return the offset to the left of the nearest centre line and the heading along it.
 
-        Metres and radians; zeros where there is no lane. Of several lanes at one place the one
-        that leads in the own direction counts: a radian off costs as much as a lane's width.
+        Metres and radians; zeros where there is no lane. Among several lanes the direction counts
+        too: an error of one radian costs as much as a lane's width.
         """
         if not len(self._headings):
             return 0.0, 0.0

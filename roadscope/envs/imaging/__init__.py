@@ -1,1 +1,1 @@
-"""Where the world becomes an image."""
+"""Images of the world: rasterisation, lighting, shading."""

@@ -1,4 +1,4 @@
-"""The ground of an image: where which surface is, and its colours."""
+"""The ground of an image: its surfaces and their colours."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.envs.imaging.lighting import Air, Stage, own_beam, pools_at, share_passed
+from roadscope.envs.imaging.lighting import Air, ShadingTables, own_beam, pools_at, transmitted
 from roadscope.envs.imaging.noise import NOISE_SIDE, blend_of, cell_of, grain, noise_tile
-from roadscope.envs.imaging.raster import Lens
+from roadscope.envs.imaging.raster import Lens, Point
 from roadscope.envs.world.ground import PAVED, SHOULDERS_M, Surface
 
 # --------------------------------------------------------------------------------------------------
-# The ground as a picture seen from above, in three degrees of detail around the camera.
+# The ground as a picture from above, in three levels of detail around the camera.
 
 SIDE = 1024
 """Cells along a side of a square."""
 PADDING = 16
-"""Cells after each row, so that a column of cells does not fall on one set of the cache."""
+"""Unused cells after each row, so that a column of cells does not share one cache set."""
 TILE = 128
-"""Cells along a side of what is painted at once."""
+"""Cells along a side of a tile; tiles are painted one by one."""
 TILES = SIDE // TILE
 CELLS_M = (0.0625, 0.25, 1.0)
-"""Edge of a cell by degree of detail."""
+"""Edge of a cell by level of detail."""
 LINE_M, DASH_M, GAP_M = 0.14, 4.0, 6.0
 """Width of lines, length of dashes and of the gaps between them."""
 KERB_M = 0.16
@@ -33,7 +33,7 @@ _FAR = -1e9
 
 
 class Paving(NamedTuple):
-    """How the ground looks, linear RGB (3,) each; `shoulder_m` wide strips beside the lanes."""
+    """Colours of the ground, linear RGB (3,) each; `shoulder_m`: width of its edges."""
 
     asphalt: np.ndarray
     shoulder: np.ndarray
@@ -51,14 +51,15 @@ def paint_tile(
     paving: Paving,
     noise: np.ndarray,
     cell_m: float,
-    tile: tuple[int, int],
+    tile_column: int,
+    tile_row: int,
     cells: np.ndarray,
 ) -> None:
     """Paint one tile of cells (SIDE, SIDE + PADDING) uint32 in place.
 
     A cell holds red, green and blue from its lowest byte up: square roots of colours times 255.
     """
-    x0, y0 = tile[0] * TILE * cell_m, tile[1] * TILE * cell_m
+    x0, y0 = tile_column * TILE * cell_m, tile_row * TILE * cell_m
     reach = TILE * cell_m
     depth = np.full((TILE, TILE), _FAR)
     cover = np.zeros((TILE, TILE))
@@ -69,8 +70,8 @@ def paint_tile(
         _draw_line(lines[n], x0, y0, reach, cell_m, cover)
     for i in range(TILE):
         for j in range(TILE):
-            row = (tile[1] * TILE + i) % SIDE
-            column = (tile[0] * TILE + j) % SIDE
+            row = (tile_row * TILE + i) % SIDE
+            column = (tile_column * TILE + j) % SIDE
             x, y = x0 + (j + 0.5) * cell_m, y0 + (i + 0.5) * cell_m
             cells[row, column] = _cell(paving, noise, cell_m, x, y, depth[i, j], cover[i, j])
 
@@ -85,7 +86,7 @@ def _deepen(
     cell_m: float,
     depth: np.ndarray,
 ) -> None:
-    """Raise the map of depths, metres inside the road, to that of one strip with round ends."""
+    """Raise the depths inside the road, metres, by one strip with round ends, in place."""
     dx, dy = strip[2] - strip[0], strip[3] - strip[1]
     length = np.sqrt(dx * dx + dy * dy)
     if length == 0.0:
@@ -111,7 +112,7 @@ def _deepen(
 def _draw_line(
     line: np.ndarray, x0: float, y0: float, reach: float, cell_m: float, cover: np.ndarray
 ) -> None:
-    """Add the share of every cell that one piece of a line covers."""
+    """Add the share of every cell that one piece of a line covers, in place."""
     dx, dy = line[2] - line[0], line[3] - line[1]
     length = np.sqrt(dx * dx + dy * dy)
     if length == 0.0:
@@ -132,8 +133,8 @@ def _draw_line(
             share = min(min(1.0, LINE_M / cell_m), max(0.0, share))
             if line[5] > 0.0:
                 # The share of the cell along the line that lies on a dash, from its middle.
-                way = (line[4] + along + 0.5 * GAP_M) % (DASH_M + GAP_M)
-                inside = 0.5 * DASH_M - abs(way - 0.5 * (DASH_M + GAP_M))
+                along_pattern = (line[4] + along + 0.5 * GAP_M) % (DASH_M + GAP_M)
+                inside = 0.5 * DASH_M - abs(along_pattern - 0.5 * (DASH_M + GAP_M))
                 share *= min(1.0, max(0.0, 0.5 + inside / cell_m))
             cover[i, j] = max(cover[i, j], share)
 
@@ -148,7 +149,7 @@ def _cell(
     depth: float,
     line: float,
 ) -> np.uint32:
-    """Mix what lies in one cell; what is finer than the cell counts with its mean."""
+    """Return the packed colour of one cell; details finer than the cell count with their mean."""
     on_road = min(1.0, max(0.0, 0.5 + depth / cell_m))
     beside = min(1.0, max(0.0, 0.5 + (depth + paving.shoulder_m) / cell_m)) - on_road
     wild = 1.0 - on_road - beside
@@ -160,14 +161,14 @@ def _cell(
     fine, clumps, slab, worn, tracks = 1.0, 1.0, 0.94, 0.9, 1.0
     if cell_m < 0.5:
         clumps = 0.6 + 0.8 * cell_of(noise, x * 23.0, y * 23.0)
-    # What does not show, as most of a road on most cells, is not looked up.
+    # Only the parts that this cell shows are computed.
     if cell_m < 0.1 and wild < 1.0:
         fine = 0.86 + 0.28 * grain(x * 16.0, y * 16.0)
         slab = _slab(x, y) if beside > 0.0 else slab
     if cell_m < 0.1 and line > 0.0:
         worn = 0.72 + 0.36 * cell_of(noise, x * 31.0, y * 31.0)
     if on_road > 0.0:
-        # Tyres darken the middle of the lane's halves: a slow wave of the depth into the road.
+        # Tyres darken the middle of both halves of a lane: a slow wave over the depth.
         tracks = 0.94 + 0.06 * np.cos(3.6 * depth)
     packed = np.int64(0)
     for k in range(3):
@@ -185,7 +186,7 @@ def _cell(
 
 @compiled(forceinline=True, borrowing=True)
 def _slab(x: float, y: float) -> float:
-    """Brightness of the slabs of a pavement, each its own, every other row half a slab along."""
+    """Return the brightness of a pavement slab; every other row is shifted by half a slab."""
     row = np.floor(y / SLAB_M)
     along = x / SLAB_M + 0.5 * (row % 2.0)
     tone = 0.88 + 0.16 * grain(along + 17.0, row)
@@ -195,31 +196,29 @@ def _slab(x: float, y: float) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Light that comes from the ground, some dozens of pixels of a row at once.
+# Light from the ground, some dozens of pixels of a row at once.
 
 CHUNK = 64
-"""Pixels of ground along a row that share a degree of detail."""
+"""Pixels of ground along a row that share a level of detail."""
 SPECKS = 170.0
-"""Cells of noise to a metre of ground seen close by."""
+"""Cells of noise for each metre of ground near the camera."""
 DETAIL_M = 14.0
-"""Nearer than this the grain of the ground is seen."""
+"""Nearer than this the grain of the ground is visible."""
 LAMP_STEP = 8
-"""Pixels along a row between which the light of lamps changes evenly."""
+"""Pixels along a row between which the light of lamps is interpolated."""
 OUTER, MIDDLE, ALL = 0xFF00FF, 0x00FF00, 0xFF00FF00FF
 """Red and blue, green of a packed colour, and all three a byte apart."""
 
 
 @compiled(forceinline=True, borrowing=True)
-def _level(
-    lens: Lens, stage: Stage, base: tuple[float, float], x: float, y: float, depth: float
-) -> int:
-    """Degree of detail that fits a pixel's footprint on the ground; 3 beyond all squares."""
+def _level(lens: Lens, tables: ShadingTables, base: Point, x: float, y: float, depth: float) -> int:
+    """Return the level of detail for a pixel's footprint on the ground; 3 outside all squares."""
     footprint = depth / lens.focal[0] * np.sqrt(max(1.0, 0.5 * depth / max(0.3, lens.origin[2])))
     level = 0
     while level < len(CELLS_M):
         half = (SIDE // 2 - 2) * CELLS_M[level]
-        away_x = abs(base[0] + x - stage.middles[level, 0])
-        inside = away_x < half and abs(base[1] + y - stage.middles[level, 1]) < half
+        away_x = abs(base.x + x - tables.middles[level, 0])
+        inside = away_x < half and abs(base.y + y - tables.middles[level, 1]) < half
         if inside and (footprint < 1.6 * CELLS_M[level] or level == len(CELLS_M) - 1):
             break
         level += 1
@@ -233,47 +232,47 @@ def ground_run(
     row: int,
     start: int,
     end: int,
-    stage: Stage,
+    tables: ShadingTables,
     air: Air,
-    bench: np.ndarray,
+    workspace: np.ndarray,
     light: np.ndarray,
 ) -> None:
-    """Shade up to `CHUNK` pixels of ground; bench (11, CHUNK) float32 is room to work in.
+    """Shade up to `CHUNK` pixels of ground; workspace (11, CHUNK) float32.
 
     Its rows hold x, y, depth, red, green, blue, the three colours of the ground itself, and the
     light of street lamps and of headlights.
     """
     dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
-    base = _ground_places(lens, q, dv, start, end, bench)
+    base = _ground_points(lens, q, dv, start, end, workspace)
     level = max(
-        _level(lens, stage, base, bench[0, 0], bench[1, 0], bench[2, 0]),
+        _level(lens, tables, base, workspace[0, 0], workspace[1, 0], workspace[2, 0]),
         _level(
             lens,
-            stage,
+            tables,
             base,
-            bench[0, end - start - 1],
-            bench[1, end - start - 1],
-            bench[2, end - start - 1],
+            workspace[0, end - start - 1],
+            workspace[1, end - start - 1],
+            workspace[2, end - start - 1],
         ),
     )
-    _ground_cells(stage, level, base, bench, end - start)
-    _ground_light(stage, air, row, start, end - start, bench)
+    _ground_cells(tables, level, base, workspace, end - start)
+    _ground_light(tables, air, row, start, end - start, workspace)
     if air.lamps:
-        _ground_lamps(lens, stage, base, row, start, end - start, bench)
+        _ground_lamps(lens, tables, base, row, start, end - start, workspace)
     if air.wet > 0.0:
-        _ground_water(lens, stage, air, base, end - start, bench)
-    if air.extinction * max(bench[2, 0], bench[2, end - start - 1]) > 0.004:
-        _ground_air(lens, stage, air, dv, start, end, bench)
+        _ground_water(lens, tables, air, base, end - start, workspace)
+    if air.extinction * max(workspace[2, 0], workspace[2, end - start - 1]) > 0.004:
+        _ground_air(lens, tables, air, dv, start, end, workspace)
     for c in range(start, end):
         n = c - start
-        light[c, 0], light[c, 1], light[c, 2] = bench[3, n], bench[4, n], bench[5, n]
+        light[c, 0], light[c, 1], light[c, 2] = workspace[3, n], workspace[4, n], workspace[5, n]
 
 
 @compiled(forceinline=True, borrowing=True)
-def _ground_places(
-    lens: Lens, q: np.ndarray, dv: float, start: int, end: int, bench: np.ndarray
-) -> tuple[float, float]:
-    """Write x, y, relative to the whole metres before the camera's place, and depth."""
+def _ground_points(
+    lens: Lens, q: np.ndarray, dv: float, start: int, end: int, workspace: np.ndarray
+) -> Point:
+    """Write x and y, relative to the returned whole metres before the camera, and depth."""
     r = lens.rotation
     x0, y0 = r[1, 0] * dv + r[2, 0], r[1, 1] * dv + r[2, 1]
     ax, ay = r[0, 0] / lens.focal[0], r[0, 1] / lens.focal[0]
@@ -282,30 +281,30 @@ def _ground_places(
     u0 = start + 0.5 - lens.centre[0]
     for n in range(end - start):
         depth = 1.0 / q[start + n]
-        bench[0, n] = ox + depth * (x0 + ax * (u0 + n))
-        bench[1, n] = oy + depth * (y0 + ay * (u0 + n))
-        bench[2, n] = depth
-    return base_x, base_y
+        workspace[0, n] = ox + depth * (x0 + ax * (u0 + n))
+        workspace[1, n] = oy + depth * (y0 + ay * (u0 + n))
+        workspace[2, n] = depth
+    return Point(base_x, base_y)
 
 
 @compiled(forceinline=True, borrowing=True)
 def _ground_cells(
-    stage: Stage, level: int, base: tuple[float, float], bench: np.ndarray, count: int
+    tables: ShadingTables, level: int, base: Point, workspace: np.ndarray, count: int
 ) -> None:
-    """Write the colours of the ground, linear between cells; near ones with their grain."""
+    """Write the colours of the ground, interpolated between cells; near pixels with grain."""
     if level >= len(CELLS_M):
         for n in range(count):
-            bench[3, n], bench[4, n], bench[5, n] = 0.048, 0.064, 0.025
+            workspace[3, n], workspace[4, n], workspace[5, n] = 0.048, 0.064, 0.025
         return
     scale = np.float32(1.0 / CELLS_M[level])
-    cells = stage.cells[level]
-    # Whole cells and what is left of them apart, so that 32 bits are enough.
-    whole_x, whole_y = np.floor(base[0] / CELLS_M[level]), np.floor(base[1] / CELLS_M[level])
-    bx = np.float32(base[0] / CELLS_M[level] - whole_x - 0.5)
-    by = np.float32(base[1] / CELLS_M[level] - whole_y - 0.5)
+    cells = tables.cells[level]
+    # Whole cells and fractions are kept apart, so that 32 bits are enough.
+    whole_x, whole_y = np.floor(base.x / CELLS_M[level]), np.floor(base.y / CELLS_M[level])
+    bx = np.float32(base.x / CELLS_M[level] - whole_x - 0.5)
+    by = np.float32(base.y / CELLS_M[level] - whole_y - 0.5)
     first_row, first_column = np.int64(whole_y), np.int64(whole_x)
     for n in range(count):
-        fx, fy = bx + scale * bench[0, n], by + scale * bench[1, n]
+        fx, fy = bx + scale * workspace[0, n], by + scale * workspace[1, n]
         i, j = np.floor(fy), np.floor(fx)
         u, v = np.int64(np.float32(256.0) * (fx - j)), np.int64(np.float32(256.0) * (fy - i))
         row = (np.int64(i) + first_row) & (SIDE - 1)
@@ -321,69 +320,71 @@ def _ground_cells(
         high = ((a * (256 - u) + b * u) >> 8) & ALL
         low = ((c * (256 - u) + d * u) >> 8) & ALL
         mixed = (high * (256 - v) + low * v) >> 8
-        bench[3, n], bench[4, n] = mixed & 255, (mixed >> 32) & 255
-        bench[5, n] = (mixed >> 16) & 255
-    if bench[2, 0] < DETAIL_M:
-        # A tile of noise is as wide as 256 specks; places far out lose no digits.
-        fine_x = np.float32(SPECKS * (base[0] % 256.0) % NOISE_SIDE)
-        fine_y = np.float32(SPECKS * (base[1] % 256.0) % NOISE_SIDE)
+        workspace[3, n], workspace[4, n] = mixed & 255, (mixed >> 32) & 255
+        workspace[5, n] = (mixed >> 16) & 255
+    if workspace[2, 0] < DETAIL_M:
+        # A tile of noise is 256 specks wide; so far from the origin no digits are lost.
+        fine_x = np.float32(SPECKS * (base.x % 256.0) % NOISE_SIDE)
+        fine_y = np.float32(SPECKS * (base.y % 256.0) % NOISE_SIDE)
         specks = np.float32(SPECKS)
         for n in range(count):
             speck = cell_of(
-                stage.noise, fine_x + specks * bench[0, n], fine_y + specks * bench[1, n]
+                tables.noise, fine_x + specks * workspace[0, n], fine_y + specks * workspace[1, n]
             )
-            near = np.float32(max(0.0, 1.0 - bench[2, n] / DETAIL_M))
+            near = np.float32(max(0.0, 1.0 - workspace[2, n] / DETAIL_M))
             grain = (
                 np.float32(1.0) + np.float32(0.45) * (np.float32(speck) - np.float32(0.5)) * near
             )
-            bench[3, n], bench[4, n] = bench[3, n] * grain, bench[4, n] * grain
-            bench[5, n] *= grain
+            workspace[3, n], workspace[4, n] = workspace[3, n] * grain, workspace[4, n] * grain
+            workspace[5, n] *= grain
 
 
 @compiled(forceinline=True, borrowing=True)
 def _ground_light(
-    stage: Stage, air: Air, row: int, start: int, count: int, bench: np.ndarray
+    tables: ShadingTables, air: Air, row: int, start: int, count: int, workspace: np.ndarray
 ) -> None:
     """Square the roots and multiply them with the light of sun and sky."""
     for k in range(3):
-        # Bytes of roots are squared, so 255 comes in twice, and once more with the shares.
+        # Bytes of roots are squared, so 255 appears twice, and once more with the shares.
         sun = np.float32(air.towards[2] * air.sun[k] / 255.0**3)
         sky = np.float32(air.sky[k] / 255.0**3)
         for n in range(count):
-            shine = sun * np.float32(stage.lit[row, start + n])
-            shine += sky * np.float32(stage.open_sky[row, start + n])
-            bench[6 + k, n] = bench[3 + k, n] * bench[3 + k, n]
-            bench[3 + k, n] = bench[6 + k, n] * shine
+            shine = sun * np.float32(tables.lit[row, start + n])
+            shine += sky * np.float32(tables.open_sky[row, start + n])
+            workspace[6 + k, n] = workspace[3 + k, n] * workspace[3 + k, n]
+            workspace[3 + k, n] = workspace[6 + k, n] * shine
 
 
 @compiled(borrowing=True)
 def _ground_lamps(
     lens: Lens,
-    stage: Stage,
-    base: tuple[float, float],
+    tables: ShadingTables,
+    base: Point,
     row: int,
     start: int,
     count: int,
-    bench: np.ndarray,
+    workspace: np.ndarray,
 ) -> None:
     """Add the light of lamps: exact every `LAMP_STEP` pixels, linear between them."""
-    ahead = _lamps_at(lens, stage, base, bench, 0)
+    ahead = _lamps_at(lens, tables, base, workspace, 0)
     for first in range(0, count, LAMP_STEP):
         last = min(count - 1, first + LAMP_STEP)
-        here, ahead = ahead, _lamps_at(lens, stage, base, bench, last)
-        _evenly(bench[9], first, last, here[0], ahead[0])
-        _evenly(bench[10], first, last, here[1], ahead[1])
+        here, ahead = ahead, _lamps_at(lens, tables, base, workspace, last)
+        _evenly(workspace[9], first, last, here[0], ahead[0])
+        _evenly(workspace[10], first, last, here[1], ahead[1])
     for n in range(count):
-        warm = bench[9, n] * np.float32(stage.open_sky[row, start + n]) * np.float32(1.0 / 255.0)
-        white = bench[10, n]
-        bench[3, n] += bench[6, n] * (warm + white)
-        bench[4, n] += bench[7, n] * (np.float32(0.72) * warm + np.float32(0.95) * white)
-        bench[5, n] += bench[8, n] * (np.float32(0.42) * warm + np.float32(0.85) * white)
+        warm = (
+            workspace[9, n] * np.float32(tables.open_sky[row, start + n]) * np.float32(1.0 / 255.0)
+        )
+        white = workspace[10, n]
+        workspace[3, n] += workspace[6, n] * (warm + white)
+        workspace[4, n] += workspace[7, n] * (np.float32(0.72) * warm + np.float32(0.95) * white)
+        workspace[5, n] += workspace[8, n] * (np.float32(0.42) * warm + np.float32(0.85) * white)
 
 
 @compiled(forceinline=True, borrowing=True)
 def _evenly(line: np.ndarray, first: int, last: int, here: np.float32, there: np.float32) -> None:
-    """Write values from one pixel to another, both ends included."""
+    """Write linear values from one pixel to another, both ends included."""
     step = np.float32(1.0 / max(1, last - first)) * (there - here)
     for n in range(first, last + 1):
         line[n] = here + np.float32(n - first) * step
@@ -391,48 +392,48 @@ def _evenly(line: np.ndarray, first: int, last: int, here: np.float32, there: np
 
 @compiled(forceinline=True, borrowing=True)
 def _lamps_at(
-    lens: Lens, stage: Stage, base: tuple[float, float], bench: np.ndarray, n: int
+    lens: Lens, tables: ShadingTables, base: Point, workspace: np.ndarray, n: int
 ) -> tuple[np.float32, np.float32]:
-    """Light of street lamps and of headlights on one pixel of ground, over 255 squared."""
-    x, y = base[0] + bench[0, n], base[1] + bench[1, n]
-    warm, white = pools_at(stage.pools, stage.corner, x, y)
+    """Return the light of street lamps and of headlights on one pixel of ground, over 255^2."""
+    x, y = base.x + workspace[0, n], base.y + workspace[1, n]
+    warm, white = pools_at(tables.pools, tables.origin, x, y)
     white += own_beam(lens, x, y, 0.0, False)
     return np.float32(warm / 255.0**2), np.float32(white / 255.0**2)
 
 
 @compiled(borrowing=True)
 def _ground_water(
-    lens: Lens, stage: Stage, air: Air, base: tuple[float, float], count: int, bench: np.ndarray
+    lens: Lens, tables: ShadingTables, air: Air, base: Point, count: int, workspace: np.ndarray
 ) -> None:
-    """Let wet ground be darker, and mirror the sky."""
+    """Darken wet ground, and let it mirror the sky."""
     for n in range(count):
         share = _mirrored(
-            lens, stage, air, base[0] + bench[0, n], base[1] + bench[1, n], bench[2, n]
+            lens, tables, air, base.x + workspace[0, n], base.y + workspace[1, n], workspace[2, n]
         )
         # Water does not stand on grass.
-        share *= 0.15 if bench[7, n] > 1.15 * bench[6, n] else 1.0
+        share *= 0.15 if workspace[7, n] > 1.15 * workspace[6, n] else 1.0
         dark = 1.0 - 0.4 * air.wet - share
         for k in range(3):
-            bench[3 + k, n] = dark * bench[3 + k, n] + share * air.horizon[k]
+            workspace[3 + k, n] = dark * workspace[3 + k, n] + share * air.horizon[k]
 
 
 @compiled(forceinline=True, borrowing=True)
 def _ground_air(
     lens: Lens,
-    stage: Stage,
+    tables: ShadingTables,
     air: Air,
     dv: float,
     start: int,
     end: int,
-    bench: np.ndarray,
+    workspace: np.ndarray,
 ) -> None:
-    """Let the air take light and give its own: exact at both ends, linear between them."""
+    """Apply extinction and airlight: exact at both ends, linear between them."""
     ends = (start, end - 1)
     shares = (1.0, 1.0)
     for i in range(2):
         du = (ends[i] + 0.5 - lens.centre[0]) / lens.focal[0]
-        reach = bench[2, ends[i] - start] * np.sqrt(1.0 + du * du + dv * dv)
-        share = share_passed(stage.fades, air.extinction * reach)
+        reach = workspace[2, ends[i] - start] * np.sqrt(1.0 + du * du + dv * dv)
+        share = transmitted(tables.transmittances, air.extinction * reach)
         shares = (share, share) if i == 0 else (shares[0], share)
     step = np.float32((shares[1] - shares[0]) / max(1, end - 1 - start))
     first = np.float32(shares[0])
@@ -440,16 +441,18 @@ def _ground_air(
         veil = np.float32(air.veil[k])
         for n in range(end - start):
             passed = first + np.float32(n) * step
-            bench[3 + k, n] = veil + passed * (bench[3 + k, n] - veil)
+            workspace[3 + k, n] = veil + passed * (workspace[3 + k, n] - veil)
 
 
 @compiled(forceinline=True, borrowing=True)
-def _mirrored(lens: Lens, stage: Stage, air: Air, x: float, y: float, depth: float) -> float:
-    """Share of light that wet ground mirrors: Schlick's law, more where water stands."""
+def _mirrored(
+    lens: Lens, tables: ShadingTables, air: Air, x: float, y: float, depth: float
+) -> float:
+    """Return the share of light that wet ground mirrors: Schlick's law, more in puddles."""
     down = lens.origin[2] / np.sqrt(depth * depth + lens.origin[2] * lens.origin[2])
     graze = 1.0 - min(1.0, down)
     square = graze * graze
-    puddle = min(1.0, max(0.0, 3.5 * (blend_of(stage.noise, 6.0 * x, 6.0 * y) - 0.42)))
+    puddle = min(1.0, max(0.0, 3.5 * (blend_of(tables.noise, 6.0 * x, 6.0 * y) - 0.42)))
     share: float = air.wet * (0.5 + 0.5 * puddle) * (0.02 + 0.6 * square * square * graze)
     return share
 
@@ -464,7 +467,7 @@ def plain_ground(
     ay: float,
     start: int,
     end: int,
-    stage: Stage,
+    tables: ShadingTables,
     pixels: np.ndarray,
 ) -> None:
     """Copy the bytes of the nearest cells into pixels (W, 3) uint8."""
@@ -472,7 +475,7 @@ def plain_ground(
     for c in (start, end - 1):
         du, depth = c + 0.5 - lens.centre[0], 1.0 / q[c]
         x, y = lens.origin[0] + depth * (x0 + ax * du), lens.origin[1] + depth * (y0 + ay * du)
-        level = max(level, _level(lens, stage, (0.0, 0.0), x, y, depth))
+        level = max(level, _level(lens, tables, Point(0.0, 0.0), x, y, depth))
     if level >= len(CELLS_M):
         for c in range(start, end):
             pixels[c, 0], pixels[c, 1], pixels[c, 2] = 57, 65, 44
@@ -482,13 +485,13 @@ def plain_ground(
         du, depth = c + 0.5 - lens.centre[0], scale / q[c]
         column = np.int64(np.floor(lens.origin[0] * scale + depth * (x0 + ax * du)))
         row = np.int64(np.floor(lens.origin[1] * scale + depth * (y0 + ay * du)))
-        cell = np.int64(stage.cells[level, row & (SIDE - 1), column & (SIDE - 1)])
+        cell = np.int64(tables.cells[level, row & (SIDE - 1), column & (SIDE - 1)])
         pixels[c, 0], pixels[c, 1] = cell & 255, (cell >> 8) & 255
         pixels[c, 2] = cell >> 16
 
 
 # --------------------------------------------------------------------------------------------------
-# The painted ground around a camera, kept from frame to frame.
+# The painted ground around a camera; tiles are kept from frame to frame.
 
 ASPHALT = (0.078, 0.079, 0.082)
 CONCRETE = (0.24, 0.23, 0.215)
@@ -496,14 +499,14 @@ GRASS = (0.060, 0.082, 0.028)
 PAINT = (0.62, 0.62, 0.60)
 KERB = (0.36, 0.35, 0.33)
 AHEAD = 0.3
-"""The squares of cells lie this share of a side ahead of the camera, where it looks."""
+"""The middles of the squares lie this share of a side ahead of the camera."""
 
 
 class Ground:
     """Three squares of cells, from fine near the camera to coarse far away."""
 
     def __init__(self, surface: Surface, style: str) -> None:
-        """Take what lies on the ground and the roadside style."""
+        """Prepare the colours of a roadside style; no tile is painted yet."""
         paved = style in PAVED
         self.paving = Paving(
             np.array(ASPHALT),
@@ -531,19 +534,21 @@ class Ground:
             self.middles[level] = middle * TILE * cell_m
             for dx in range(-TILES // 2, TILES // 2):
                 for dy in range(-TILES // 2, TILES // 2):
-                    self._paint(level, (int(middle[0]) + dx, int(middle[1]) + dy))
+                    self._paint(level, int(middle[0]) + dx, int(middle[1]) + dy)
         return self.cells
 
-    def _paint(self, level: int, tile: tuple[int, int]) -> None:
-        slot = (tile[0] % TILES, tile[1] % TILES)
-        if self._painted[level].get(slot) != tile:
+    def _paint(self, level: int, column: int, row: int) -> None:
+        """Paint a tile of cells unless it is there already."""
+        slot = (column % TILES, row % TILES)
+        if self._painted[level].get(slot) != (column, row):
             paint_tile(
                 self.surface.strips,
                 self.surface.lines,
                 self.paving,
                 noise_tile(),
                 CELLS_M[level],
-                tile,
+                column,
+                row,
                 self.cells[level],
             )
-            self._painted[level][slot] = tile
+            self._painted[level][slot] = (column, row)

@@ -1,4 +1,4 @@
-"""Where the light comes from: day, dusk, night, overcast."""
+"""Light of sun and sky: day, dusk, night, overcast."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import numpy as np
 from roadscope.core.checks import require
 from roadscope.core.names import unknown
 from roadscope.core.record import Record
+from roadscope.envs.world.materials import Colour
 
-Colour = tuple[float, float, float]
 GREY = (0.55, 0.57, 0.60)
+"""Colour of a closed cloud cover; chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,12 +23,12 @@ class Light(Record):
 
     sun_azimuth, sun_elevation: radians, world frame, where the sun (at night the moon) stands.
     sun, zenith, horizon, ground: colours of the sun's light, of the sky overhead and at the
-        horizon, and of what the ground throws back.
+        horizon, and of the light that the ground reflects.
     clouds: share of the sky that is covered, 0 to 1.
     lamps: whether street lamps, headlights and windows are lit.
-    flare: how much light goes astray before the lens, as a multiple of what a clean one throws.
-    gain: of the camera's exposure. iso: how much of that is gain of the sensor, which makes
-        noise: light that is white fills 1 / iso of a pixel's well.
+    flare: stray light of the lens, as a multiple of that of a clean one.
+    gain: of the camera's exposure. iso: the sensor's part of it, which adds noise: white light
+        fills 1 / iso of a pixel's well.
     """
 
     sun_azimuth: float = 0.9
@@ -78,7 +79,7 @@ def daylight(rng: np.random.Generator) -> Light:
     grey = np.array(GREY)
     zenith = (1 - dull) * np.array([0.16, 0.28, 0.52]) + dull * grey
     horizon = (1 - dull) * np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low]) + dull * grey
-    # The camera exposes for what falls on level ground.
+    # The camera exposes for the light that falls on level ground.
     fallen = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
     exposure = min(1.7, 1.1 / fallen)
     return Light(
@@ -93,7 +94,7 @@ def daylight(rng: np.random.Generator) -> Light:
 
 
 def overcast(rng: np.random.Generator) -> Light:
-    """Draw a closed grey sky; hardly a shadow."""
+    """Draw a closed grey sky with almost no shadows."""
     return Light(
         float(rng.uniform(-np.pi, np.pi)),
         float(rng.uniform(0.3, 1.0)),
@@ -106,7 +107,7 @@ def overcast(rng: np.random.Generator) -> Light:
 
 
 def dusk(rng: np.random.Generator) -> Light:
-    """Draw the light of a low sun or of the minutes after it has set; lamps are lit."""
+    """Draw the light of a low sun or of the minutes after sunset; lamps are lit."""
     late = float(rng.random())
     warm = np.array([0.55, 0.26, 0.10]) * (1 - late)
     zenith = np.array([0.07, 0.10, 0.22]) * (1 - 0.5 * late)
@@ -148,7 +149,7 @@ LIGHTS: Mapping[str, Callable[[np.random.Generator], Light]] = MappingProxyType(
 
 
 def light_named(name: str | Light, rng: np.random.Generator) -> Light:
-    """Draw a light of a kind by name, or return the light given; anything else is refused."""
+    """Draw a light of a named kind, or return the light itself; raise `ValueError` otherwise."""
     if isinstance(name, Light):
         return name
     if name not in LIGHTS:

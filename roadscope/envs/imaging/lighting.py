@@ -1,4 +1,4 @@
-"""Lamps, shadows, sky, and what the air lets through."""
+"""Lamps, shadows, sky, and transmittance of the air."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ import numpy as np
 from roadscope.core import Category
 from roadscope.core.jit import compiled
 from roadscope.envs.imaging.noise import blend_of
-from roadscope.envs.imaging.raster import GROUND_FACE, NEAR_M, Lens, Solids, into_camera
+from roadscope.envs.imaging.raster import GROUND_FACE, NEAR_M, Lens, Point, Solids, into_camera
 from roadscope.envs.world.prisms import MAX_EDGES
 
 # --------------------------------------------------------------------------------------------------
-# Light of lamps at night: a map of the ground around, and the own headlights.
+# Light of lamps at night: a map of the ground around, and the ego's headlights.
 
 POOL_SIDE, POOL_M = 256, 0.75
 """Cells along a side of the map and their edge."""
 LANTERN_LIGHT, HEADLIGHT = 0.85, 1.3
-"""Light below a lantern 6 m up, and 6 m ahead of headlights."""
+"""Light below a lantern at a height of 6 m, and 6 m ahead of headlights; chosen by hand."""
 HEADLIGHT_HEIGHT_M = 0.65
 LONGEST_M = 45.0
+"""Range of headlights."""
 _PEDESTRIAN, _CYCLIST = int(Category.PEDESTRIAN), int(Category.CYCLIST)
 
 
@@ -29,32 +30,30 @@ def light_pools(
     solids: Solids,
     lanterns: np.ndarray,
     frames: np.ndarray,
-    corner: tuple[float, float],
+    origin: Point,
     pools: np.ndarray,
 ) -> None:
     """Fill pools (side, side, 2) float32 with the light of street lamps and of headlights.
 
-    lanterns: (P,) bool. frames: (P, 8), see `pattern_kernels.Looks`. corner: x y of the first
-    cell's corner. A vehicle's first prism bears its headlights.
+    lanterns: (P,) bool. frames: (P, 8), see `patterns.Appearance`. origin: corner of the
+    first cell. A vehicle's first prism has its headlights.
     """
     pools[:] = 0.0
     before = -1
     for m in range(len(lanterns)):
         if lanterns[m]:
-            _lantern(frames[m], solids.bottoms[m], corner, pools)
+            _lantern(frames[m], solids.bottoms[m], origin, pools)
         owner = solids.owners[m]
         kind = frames[m, 7]
         first = owner >= 0 and owner != before and solids.corners[m] > 0
         if first and kind not in (_PEDESTRIAN, _CYCLIST):
-            _headlights(frames[m], corner, pools)
+            _headlights(frames[m], origin, pools)
         before = owner
 
 
 @compiled(borrowing=True)
-def _lantern(
-    frame: np.ndarray, height: float, corner: tuple[float, float], pools: np.ndarray
-) -> None:
-    x, y = (frame[0] - corner[0]) / POOL_M, (frame[1] - corner[1]) / POOL_M
+def _lantern(frame: np.ndarray, height: float, origin: Point, pools: np.ndarray) -> None:
+    x, y = (frame[0] - origin.x) / POOL_M, (frame[1] - origin.y) / POOL_M
     reach = 22.0 / POOL_M
     for i in range(max(0, int(y - reach)), min(POOL_SIDE, int(y + reach))):
         for j in range(max(0, int(x - reach)), min(POOL_SIDE, int(x + reach))):
@@ -66,10 +65,10 @@ def _lantern(
 
 
 @compiled(borrowing=True)
-def _headlights(frame: np.ndarray, corner: tuple[float, float], pools: np.ndarray) -> None:
+def _headlights(frame: np.ndarray, origin: Point, pools: np.ndarray) -> None:
     cosine, sine = frame[2], frame[3]
     x, y = frame[0] + frame[4] * cosine, frame[1] + frame[4] * sine
-    column, row = (x - corner[0]) / POOL_M, (y - corner[1]) / POOL_M
+    column, row = (x - origin.x) / POOL_M, (y - origin.y) / POOL_M
     reach = LONGEST_M / POOL_M
     for i in range(max(0, int(row - reach)), min(POOL_SIDE, int(row + reach))):
         for j in range(max(0, int(column - reach)), min(POOL_SIDE, int(column + reach))):
@@ -81,7 +80,7 @@ def _headlights(frame: np.ndarray, corner: tuple[float, float], pools: np.ndarra
 
 @compiled(forceinline=True, borrowing=True)
 def beam(along: float, across: float) -> float:
-    """Light of headlights on the ground ahead of them: a dipped beam."""
+    """Return the light of dipped headlights on the ground ahead of them."""
     wide = 0.30 * along + 1.0
     side = across / wide
     value: float = (
@@ -93,11 +92,9 @@ def beam(along: float, across: float) -> float:
 
 
 @compiled(forceinline=True, borrowing=True)
-def pools_at(
-    pools: np.ndarray, corner: tuple[float, float], x: float, y: float
-) -> tuple[float, float]:
-    """Light of street lamps and of headlights at a place, linear between the cells of the map."""
-    u, v = (x - corner[0]) / POOL_M - 0.5, (y - corner[1]) / POOL_M - 0.5
+def pools_at(pools: np.ndarray, origin: Point, x: float, y: float) -> tuple[float, float]:
+    """Return the light of street lamps and of headlights at a point, interpolated in the map."""
+    u, v = (x - origin.x) / POOL_M - 0.5, (y - origin.y) / POOL_M - 0.5
     if not (0.0 <= u < POOL_SIDE - 1.0 and 0.0 <= v < POOL_SIDE - 1.0):
         return 0.0, 0.0
     j, i = int(u), int(v)
@@ -115,7 +112,7 @@ def _between(pools: np.ndarray, i: int, j: int, kind: int, u: float, v: float) -
 
 @compiled(borrowing=True)
 def own_beam(lens: Lens, x: float, y: float, z: float, upright: bool) -> float:
-    """Light of the headlights of the vehicle that bears the camera, 1 m ahead of it."""
+    """Return the light of the ego's headlights, which are 1 m ahead of the camera."""
     ax, ay = lens.rotation[2, 0], lens.rotation[2, 1]
     size = np.sqrt(ax * ax + ay * ay)
     if size < 1e-6:
@@ -127,7 +124,7 @@ def own_beam(lens: Lens, x: float, y: float, z: float, upright: bool) -> float:
         return 0.0
     light = beam(along, across)
     if upright:
-        # A wall faces the lamps, the ground hardly; above the beam's edge little light is left.
+        # A wall faces the lamps, the ground hardly does; above the beam's edge it is almost dark.
         light *= min(2.5, along / (4.0 * HEADLIGHT_HEIGHT_M))
         above = (z - HEADLIGHT_HEIGHT_M) / along
         light *= min(1.0, max(0.10, 1.0 - 25.0 * (above - 0.005)))
@@ -135,10 +132,10 @@ def own_beam(lens: Lens, x: float, y: float, z: float, upright: bool) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Shadows: what the sun does not reach.
+# Shadows.
 
 LOW_M, UNDERNEATH = 0.5, 200
-"""What ends lower above the ground takes this much, of 255, of the sky from the ground below."""
+"""Things that end below this height hide this much, of 255, of the sky from the ground below."""
 REACH_M = 150.0
 """Shadows that begin farther from the camera are not drawn."""
 
@@ -154,8 +151,8 @@ def cast_shadows(
 ) -> None:
     """Darken, in place, the ground pixels of lit and open_sky (H, W) uint8.
 
-    lit is 255 in full sun. open_sky is 255 where the sky is seen, and less right under things
-    that end close above the ground.
+    lit is 255 in full sun. open_sky is 255 where the sky is visible, and less directly under
+    things that end close above the ground.
     """
     points, hull = np.empty((2 * MAX_EDGES, 2)), np.empty((4 * MAX_EDGES + 2, 2))
     world, polygon = np.empty((4 * MAX_EDGES + 2, 3)), np.empty((8 * MAX_EDGES, 2))
@@ -194,7 +191,7 @@ def cast_shadows(
 
 @compiled()
 def _hull(points: np.ndarray, hull: np.ndarray) -> int:
-    """Corners of the convex hull, counter-clockwise; insertion sort, then two chains."""
+    """Write the convex hull counter-clockwise; return its corners. Two chains of sorted points."""
     for i in range(1, len(points)):
         x, y, j = points[i, 0], points[i, 1], i - 1
         while j >= 0 and (points[j, 0] > x or (points[j, 0] == x and points[j, 1] > y)):
@@ -224,7 +221,7 @@ def _left(hull: np.ndarray, size: int, x: float, y: float) -> float:
 
 @compiled()
 def _project_flat(lens: Lens, world: np.ndarray, corners: int, polygon: np.ndarray) -> int:
-    """Cut a polygon at the near plane and write it in pixels; return its corners."""
+    """Clip a polygon at the near plane and write it in pixels; return its corners."""
     count = 0
     last = corners - 1
     x0, y0, z0 = into_camera(lens, world[last, 0], world[last, 1], world[last, 2])
@@ -275,7 +272,7 @@ def _darken(
 
 @compiled()
 def sunlit(solids: Solids, sun: np.ndarray, lens: Lens, shares: np.ndarray) -> None:
-    """Fill shares (P,), how much sun reaches the middle of the upper half of each prism."""
+    """Fill shares (P,) of the sun that reach the middle of the upper half of each prism."""
     for m in range(len(shares)):
         shares[m] = 1.0
         if solids.corners[m] == 0:
@@ -300,7 +297,7 @@ def sunlit(solids: Solids, sun: np.ndarray, lens: Lens, shares: np.ndarray) -> N
 
 @compiled()
 def _path(solids: Solids, n: int, x: float, y: float, z: float, sun: np.ndarray) -> float:
-    """Length of the way from a point towards the sun inside a prism."""
+    """Return the length inside a prism of the ray from a point towards the sun."""
     enter = max(0.0, (solids.bottoms[n] - z) / sun[2])
     leave = (solids.tops[n] - z) / sun[2]
     count = solids.corners[n]
@@ -310,12 +307,12 @@ def _path(solids: Solids, n: int, x: float, y: float, z: float, sun: np.ndarray)
         after = k + 1 if k + 1 < count else 0
         px, py = solids.footprints[n, k, 0], solids.footprints[n, k, 1]
         nx, ny = solids.footprints[n, after, 1] - py, px - solids.footprints[n, after, 0]
-        room, pace = nx * (px - x) + ny * (py - y), nx * sun[0] + ny * sun[1]
-        if pace > 0.0:
-            leave = min(leave, room / pace)
-        elif pace < 0.0:
-            enter = max(enter, room / pace)
-        elif room < 0.0:
+        distance, approach = nx * (px - x) + ny * (py - y), nx * sun[0] + ny * sun[1]
+        if approach > 0.0:
+            leave = min(leave, distance / approach)
+        elif approach < 0.0:
+            enter = max(enter, distance / approach)
+        elif distance < 0.0:
             return 0.0
     length: float = max(0.0, leave - enter)
     return length
@@ -390,7 +387,7 @@ def _sky(air: Air, noise: np.ndarray, x: float, y: float, z: float, light: np.nd
 
 @compiled(borrowing=True)
 def _cloud(air: Air, noise: np.ndarray, x: float, y: float, up: float) -> tuple[float, float]:
-    """How much cloud hides the sky, and how bright its underside is."""
+    """Return the share of the sky that a cloud hides, and the brightness of its underside."""
     scale = 18.0 / (up + 0.10)
     u, v = x * scale, y * scale
     field = 0.62 * blend_of(noise, u, v) + 0.26 * blend_of(noise, 2.7 * u + 40.0, 2.7 * v)
@@ -402,7 +399,7 @@ def _cloud(air: Air, noise: np.ndarray, x: float, y: float, up: float) -> tuple[
 
 @compiled(borrowing=True)
 def skyline(lens: Lens, noise: np.ndarray, heights: np.ndarray) -> None:
-    """Fill heights (W,) with the sine of the elevation up to which far trees stand, by column."""
+    """Fill heights (W,) with the sine of the elevation of far trees in each column."""
     r = lens.rotation
     for c in range(len(heights)):
         du = (c + 0.5 - lens.centre[0]) / lens.focal[0]
@@ -414,22 +411,22 @@ def skyline(lens: Lens, noise: np.ndarray, heights: np.ndarray) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# What is lit, and the air that light passes.
+# Tables for the shading of all pixels.
 
-FADES = 1024
-"""Steps of the table of what the air lets through, up to an optical depth of `THICKEST`."""
-THICKEST = 12.0
+TRANSMITTANCE_STEPS = 1024
+"""Steps of the table of transmittances, up to an optical depth of `GREATEST_DEPTH`."""
+GREATEST_DEPTH = 12.0
 
 
-class Stage(NamedTuple):
-    """What is lit, beside lens and air.
+class ShadingTables(NamedTuple):
+    """All that shading needs beside lens, air and appearance.
 
     footprints: (P, 12, 2), corners: (P,) of the prisms. normals, glow: (P, 14, 3) of the faces:
     outward unit vector, and light that falls on it. lit, open_sky: (H, W) uint8, see
     `cast_shadows`. cells: (3, SIDE, SIDE + PADDING) uint32, middles: (3, 2) of the ground.
-    noise: see `noise_tile`. pools: (256, 256, 2), corner: x y, see `light_pools`. blocks: see
+    noise: see `noise_tile`. pools: (256, 256, 2), origin: see `light_pools`. blocks: see
     `sky_blocks`.
-    heights: (W,), see `skyline`. fades: (1025,) share of light that passes, by optical depth.
+    heights: (W,), see `skyline`. fades: (1025,) share of transmitted light, by optical depth.
     """
 
     footprints: np.ndarray
@@ -442,17 +439,17 @@ class Stage(NamedTuple):
     middles: np.ndarray
     noise: np.ndarray
     pools: np.ndarray
-    corner: tuple[float, float]
+    origin: Point
     blocks: np.ndarray
     heights: np.ndarray
-    fades: np.ndarray
+    transmittances: np.ndarray
 
 
 @compiled(forceinline=True, borrowing=True)
-def share_passed(fades: np.ndarray, thickness: float) -> float:
-    """Share of light that passes an optical depth, exp(-thickness), from the table."""
-    at = min(thickness, 0.999 * THICKEST) * (FADES / THICKEST)
+def transmitted(transmittances: np.ndarray, thickness: float) -> float:
+    """Return the transmittance of an optical depth, exp(-thickness), from the table."""
+    at = min(thickness, 0.999 * GREATEST_DEPTH) * (TRANSMITTANCE_STEPS / GREATEST_DEPTH)
     step = int(at)
-    low: float = fades[step]
-    share: float = low + (at - step) * (fades[step + 1] - low)
+    low: float = transmittances[step]
+    share: float = low + (at - step) * (transmittances[step + 1] - low)
     return share

@@ -1,4 +1,4 @@
-"""Cheap noise that belongs to positions: draws by hash, and a tile of smooth noise."""
+"""Noise as a function of position: hashes of cells, and a tile of smooth noise."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NOISE_SIDE = 256
 
 @cache
 def noise_tile() -> np.ndarray:
-    """(256, 256) float32 noise of mean 0.5 in 0 to 1 that goes on across its edges.
+    """Return (256, 256) float32 noise of mean 0.5 in 0 to 1 that is periodic.
 
     Four octaves, the coarsest of 16 cells, each half as strong as the one before.
     """
@@ -29,7 +29,7 @@ def noise_tile() -> np.ndarray:
 
 
 def _widened(rows: np.ndarray, step: int) -> np.ndarray:
-    """Put smooth steps between rows, round the edge too."""
+    """Return rows with smooth steps between them, also from the last to the first."""
     share = ((np.arange(step) + 0.5) / step)[:, None]
     share = share * share * (3 - 2 * share)
     after = np.roll(rows, -1, axis=0)
@@ -40,7 +40,7 @@ def _widened(rows: np.ndarray, step: int) -> np.ndarray:
 
 @compiled(forceinline=True, borrowing=True)
 def grain(x: float, y: float) -> float:
-    """Draw a number in 0 to 1 that belongs to a unit cell of the plane."""
+    """Return a pseudo-random number in 0 to 1 for a unit cell of the plane."""
     state = np.uint64(np.int64(np.floor(x))) * np.uint64(0x9E3779B97F4A7C15)
     state ^= np.uint64(np.int64(np.floor(y))) * np.uint64(0xC2B2AE3D27D4EB4F)
     state ^= state >> np.uint64(29)

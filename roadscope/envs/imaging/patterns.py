@@ -1,4 +1,4 @@
-"""What is drawn on the surfaces of things: facades, signs, clothes, leaves."""
+"""Patterns on surfaces: facades, signs, clothes, leaves."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ import numpy as np
 from roadscope.core import Category
 from roadscope.core.jit import compiled
 from roadscope.envs.imaging.noise import blend_of, cell_of, grain
-from roadscope.envs.imaging.raster import Solids
+from roadscope.envs.imaging.raster import Solids, Vector
 from roadscope.envs.imaging.vehicle_patterns import bodywork, glass
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world.materials import MATERIALS, Pattern
 
 # --------------------------------------------------------------------------------------------------
-# What is drawn on buildings, on boxes of trucks, and on signs.
+# Patterns of buildings, boxes of trucks, and signs.
 
-STOREY_M, BAY_M = 3.0, 2.6
+FLOOR_M, BAY_M = 3.0, 2.6
 CORNICE_M = 0.45
+"""Height of a floor, width of a bay, height of the cornice; chosen by hand."""
 
 
 @compiled(forceinline=True, borrowing=True)
 def facade(
     noise: np.ndarray,
-    way: float,
+    along_wall: float,
     length: float,
     z: float,
     span: np.ndarray,
@@ -33,36 +34,36 @@ def facade(
     lamps: bool,
     out: np.ndarray,
 ) -> None:
-    """Storeys of windows, as many as are whole; shops below in some houses; a cornice.
+    """Draw whole floors of windows, shops on the ground floor of some houses, and a cornice.
 
-    way: along the wall from where it begins, length of the wall, metres.
+    along_wall: distance along the wall from its start, metres; length: of the wall.
     """
     if up > 0.5:
         out[0], out[1], out[2] = 0.15, 0.135, 0.125
         return
-    stain = 0.86 + 0.2 * cell_of(noise, (way + 60.0 * seed) * 9.0, z * 6.0)
+    stain = 0.86 + 0.2 * cell_of(noise, (along_wall + 60.0 * seed) * 9.0, z * 6.0)
     out[0], out[1], out[2] = out[0] * stain, out[1] * stain, out[2] * stain
     bays = np.floor(length / BAY_M)
     high = span[1] - span[0] - CORNICE_M
-    storeys = np.floor(high / STOREY_M + 0.4)
-    if bays < 1.0 or storeys < 1.0 or z > span[1] - CORNICE_M:
+    floors = np.floor(high / FLOOR_M + 0.4)
+    if bays < 1.0 or floors < 1.0 or z > span[1] - CORNICE_M:
         _scale(out, 1.08 if z > span[1] - 0.25 else 0.97)
         return
-    bay, storey = way * (bays / length), (z - span[0]) * (storeys / high)
-    u, v = bay - np.floor(bay), storey - np.floor(storey)
+    bay, floor_number = along_wall * (bays / length), (z - span[0]) * (floors / high)
+    u, v = bay - np.floor(bay), floor_number - np.floor(floor_number)
     if span[0] > 1.0:
-        storey += np.floor(span[0] / STOREY_M)
-    if storey < 1.0 and seed > 0.55:
+        floor_number += np.floor(span[0] / FLOOR_M)
+    if floor_number < 1.0 and seed > 0.55:
         _shop(bay, u, v, seed, lamps, out)
         return
-    if storey < 1.0 and np.floor(bay) == np.floor(bays * (0.3 + 0.5 * seed)):
+    if floor_number < 1.0 and np.floor(bay) == np.floor(bays * (0.3 + 0.5 * seed)):
         _door(u, v, seed, out)
         return
     half = 0.20 + 0.14 * seed
     low = 0.30 if seed < 0.5 else 0.20
     off = abs(u - 0.5)
     if off < half and low < v < 0.82:
-        _window(bay, storey, u, v, half, low, seed, lamps, out)
+        _window(bay, floor_number, u, v, half, low, seed, lamps, out)
     elif off < half + 0.02 and low - 0.04 < v <= low:
         _scale(out, 1.15)
     elif v < 0.03 and seed < 0.7:
@@ -77,7 +78,7 @@ def _scale(out: np.ndarray, factor: float) -> None:
 @compiled(borrowing=True)
 def _window(
     bay: float,
-    storey: float,
+    floor_number: float,
     u: float,
     v: float,
     half: float,
@@ -91,7 +92,7 @@ def _window(
         shade = 0.5 if seed < 0.7 else 0.10
         out[0], out[1], out[2], out[3] = shade, shade, 0.97 * shade, 0.02
         return
-    chance = grain(np.floor(bay) + 911.0 * seed, np.floor(storey))
+    chance = grain(np.floor(bay) + 911.0 * seed, np.floor(floor_number))
     # Curtains at the sides of some windows, blinds half down in others.
     curtain = chance < 0.35 and off > half * 0.55
     blind = 0.35 <= chance < 0.5 and v > 0.55
@@ -100,7 +101,7 @@ def _window(
     else:
         out[0], out[1], out[2], out[3] = 0.022, 0.026, 0.030, 0.15
     if lamps and chance > 0.55:
-        dim = 0.35 + 0.65 * grain(np.floor(bay) + 91.0 * seed, np.floor(storey) + 7.0)
+        dim = 0.35 + 0.65 * grain(np.floor(bay) + 91.0 * seed, np.floor(floor_number) + 7.0)
         dim *= 0.75 + 0.5 * (v - low)
         out[4], out[5], out[6] = 0.75 * dim, 0.52 * dim, 0.26 * dim
 
@@ -146,7 +147,7 @@ def cladding(
     lamps: bool,
     out: np.ndarray,
 ) -> None:
-    """Ribs and a stripe on the sides of a truck's box, doors and lamps at its rear."""
+    """Draw ribs and a stripe on the sides of a truck's box, doors and lamps at its rear."""
     _scale(out, 0.90 + 0.10 * min(1.0, 0.4 * z))
     if abs(aside) > 0.5:
         if (along / 0.6) % 1.0 < 0.05:
@@ -172,11 +173,11 @@ def cladding(
 
 @compiled(borrowing=True)
 def sign(
-    way: float, length: float, span: np.ndarray, z: float, ahead: float, out: np.ndarray
+    along_plate: float, length: float, span: np.ndarray, z: float, ahead: float, out: np.ndarray
 ) -> None:
-    """Draw some kinds of plates in front, grey metal behind; way along the plate, metres."""
+    """Draw a sign on the front of a plate, grey metal on its back; along_plate in metres."""
     side = 0.5 * (span[1] - span[0])
-    across = way - 0.5 * length
+    across = along_plate - 0.5 * length
     level = abs(z - span[0] - side) / side
     edge = max(abs(across) / side, level)
     if length < 0.2 or ahead > -0.5:
@@ -196,7 +197,7 @@ def sign(
 
 
 # --------------------------------------------------------------------------------------------------
-# What is drawn on the surfaces of things: wheels, lamps, plates, windows, clothes, leaves.
+# Patterns of all surfaces.
 
 BODYWORK, COACH = int(Pattern.BODYWORK), int(Pattern.COACH)
 FACADE, CLADDING = int(Pattern.FACADE), int(Pattern.CLADDING)
@@ -206,11 +207,19 @@ SKIN, LANTERN, PLAIN = int(Pattern.SKIN), int(Pattern.LANTERN), int(Pattern.PLAI
 PEDESTRIAN = int(Category.PEDESTRIAN)
 
 
-class Looks(NamedTuple):
-    """How P prisms look.
+class Edge(NamedTuple):
+    """Start of the lower edge of an upright face, world frame, and its length, metres."""
+
+    x: float
+    y: float
+    length: float
+
+
+class Appearance(NamedTuple):
+    """Appearance of P prisms.
 
     colours: (P, 3) linear RGB. patterns: (P,). gloss: (P,).
-    frames: (P, 8) of the thing a prism belongs to: middle x y, cosine and sine of its heading,
+    frames: (P, 8) of the thing that a prism belongs to: middle x y, cosine and sine of its heading,
         half length and width, height, metres, and its category, -1 for scenery.
     lit: (P,) share of the sun that reaches it. seeds: (P,) a number in 0 to 1 per thing.
     paints: (P, 3) colour of the thing's lowest prism. spans: (P, 2) bottom and top, metres.
@@ -228,53 +237,64 @@ class Looks(NamedTuple):
 
 @compiled(forceinline=True, borrowing=True)
 def paint(
-    looks: Looks,
+    appearance: Appearance,
     noise: np.ndarray,
     m: int,
-    edge: tuple[float, float, float],
-    normal: tuple[float, float, float],
-    place: tuple[float, float, float],
+    edge: Edge,
+    normal: Vector,
+    point: Vector,
     lamps: bool,
     out: np.ndarray,
 ) -> None:
-    """Write colour (3), gloss and own light (3) of a point on a prism into out (7,).
-
-    edge: x, y where an upright face begins, and its length.
-    """
-    pattern, frame = looks.patterns[m], looks.frames[m]
-    x, y, z = place
+    """Write colour (3), gloss and emitted light (3) of a point on a prism into out (7,)."""
+    pattern, frame = appearance.patterns[m], appearance.frames[m]
+    x, y, z = point
     dx, dy = x - frame[0], y - frame[1]
     along, across = dx * frame[2] + dy * frame[3], dy * frame[2] - dx * frame[3]
-    ahead = normal[0] * frame[2] + normal[1] * frame[3]
-    aside = normal[1] * frame[2] - normal[0] * frame[3]
-    out[0], out[1], out[2] = looks.colours[m, 0], looks.colours[m, 1], looks.colours[m, 2]
-    out[3], out[4], out[5], out[6] = looks.gloss[m], 0.0, 0.0, 0.0
+    ahead = normal.x * frame[2] + normal.y * frame[3]
+    aside = normal.y * frame[2] - normal.x * frame[3]
+    out[0], out[1], out[2] = (
+        appearance.colours[m, 0],
+        appearance.colours[m, 1],
+        appearance.colours[m, 2],
+    )
+    out[3], out[4], out[5], out[6] = appearance.gloss[m], 0.0, 0.0, 0.0
     if pattern == FACADE:
-        way = (x - edge[0]) * -normal[1] + (y - edge[1]) * normal[0]
-        facade(noise, way, edge[2], z, looks.spans[m], normal[2], looks.seeds[m], lamps, out)
+        along_face = (x - edge.x) * -normal.y + (y - edge.y) * normal.x
+        facade(
+            noise,
+            along_face,
+            edge.length,
+            z,
+            appearance.spans[m],
+            normal.z,
+            appearance.seeds[m],
+            lamps,
+            out,
+        )
     elif pattern == LEAVES:
         _leaves(noise, frame, x, y, z, out)
     elif pattern in (BODYWORK, COACH):
-        bodywork(frame, looks.seeds[m], along, across, z, ahead, aside, lamps, out)
+        bodywork(frame, appearance.seeds[m], along, across, z, ahead, aside, lamps, out)
     elif pattern == GLASS:
-        way = (x - edge[0]) * -normal[1] + (y - edge[1]) * normal[0]
-        glass(looks.paints[m], frame, way, edge[2], along, z, ahead, aside, out)
+        along_face = (x - edge.x) * -normal.y + (y - edge.y) * normal.x
+        glass(appearance.paints[m], frame, along_face, edge.length, along, z, ahead, aside, out)
     elif pattern == CLOTH:
-        _cloth(noise, frame, looks.spans[m], along, across, z, out)
+        _cloth(noise, frame, appearance.spans[m], along, across, z, out)
     elif pattern == SKIN:
-        _head(frame, looks.spans[m], looks.seeds[m], along, z, normal[2], out)
+        _head(frame, appearance.spans[m], appearance.seeds[m], along, z, normal.z, out)
     elif pattern == CLADDING:
         cladding(along, across, z, ahead, aside, frame, lamps, out)
     elif pattern == SIGN:
-        way = (x - edge[0]) * -normal[1] + (y - edge[1]) * normal[0]
-        sign(way, edge[2], looks.spans[m], z, ahead, out)
+        along_face = (x - edge.x) * -normal.y + (y - edge.y) * normal.x
+        sign(along_face, edge.length, appearance.spans[m], z, ahead, out)
     elif pattern == PLASTER:
         _scale(out, 0.82 + 0.3 * blend_of(noise, (x + y) * 14.0, z * 14.0))
-        if normal[2] == 0.0 and looks.spans[m, 1] > 3.0 and (x + 1.7 * y) % 4.0 < 0.05:
+        if normal.z == 0.0 and appearance.spans[m, 1] > 3.0 and (x + 1.7 * y) % 4.0 < 0.05:
             _scale(out, 0.7)
     elif pattern == METAL:
         _scale(out, 0.88 + 0.24 * blend_of(noise, (x + y) * 11.0, z * 40.0))
-    elif pattern == LANTERN and lamps and normal[2] <= 0.0:
+    elif pattern == LANTERN and lamps and normal.z <= 0.0:
         out[4], out[5], out[6] = 5.0, 3.6, 1.9
 
 
@@ -282,7 +302,7 @@ def paint(
 def _leaves(
     noise: np.ndarray, frame: np.ndarray, x: float, y: float, z: float, out: np.ndarray
 ) -> None:
-    """Bright twigs outside and on top, dark ones inside and below."""
+    """Draw leaves: bright outside and on top, dark inside and below."""
     dx, dy = x - frame[0], y - frame[1]
     wide = max(0.3, max(frame[4], frame[5]))
     outside = min(1.0, (dx * dx + dy * dy) / (wide * wide))
@@ -304,7 +324,7 @@ def _cloth(
     z: float,
     out: np.ndarray,
 ) -> None:
-    """Folds; on people sleeves and hands on the trunk, a gap between the legs, and shoes."""
+    """Draw folds; on people also sleeves, hands, a gap between the legs, and shoes."""
     _scale(out, 0.75 + 0.4 * cell_of(noise, (along + across) * 60.0, z * 30.0))
     if frame[7] != PEDESTRIAN:
         return
@@ -336,7 +356,7 @@ def _head(
     up: float,
     out: np.ndarray,
 ) -> None:
-    """Hair or a cap above and behind, and a face ahead."""
+    """Draw hair or a cap above and behind, and a face ahead."""
     level = (z - span[0]) / (span[1] - span[0])
     line = 0.62 if along > 0.02 else 0.22
     if up > 0.5 or level > line:
@@ -353,17 +373,19 @@ def _head(
 
 
 # --------------------------------------------------------------------------------------------------
-# What the prisms of a scene look like.
+# Appearance of the prisms of a scene.
 
 _COLOURS = np.array([m.colour for m in MATERIALS])
 _PATTERNS = np.array([int(m.pattern) for m in MATERIALS])
 _GLOSS = np.array([m.gloss for m in MATERIALS])
 LANTERN_M = 5.0
-"""Metal that begins this high is the lantern of a lamp post."""
+"""Metal that begins at this height is the lantern of a lamp post."""
 
 
-def looks_of(scene: Scene, solids: Solids, stamp_s: float, categories: np.ndarray) -> Looks:
-    """Find colour, pattern and frame of every prism."""
+def appearance_of(
+    scene: Scene, solids: Solids, stamp_s: float, categories: np.ndarray
+) -> Appearance:
+    """Return colour, pattern and frame of every prism."""
     static, moving = scene.static, scene.moving
     rows = np.concatenate([static.materials, moving.materials]).astype(np.int64)
     yaws = scene.poses_at(np.array([stamp_s]))[0][moving.owners, 2]
@@ -374,7 +396,7 @@ def looks_of(scene: Scene, solids: Solids, stamp_s: float, categories: np.ndarra
     seeds = (owners.astype(np.int64) * 2654435761 % 2**32 / 2**32)[things]
     colours, patterns = _COLOURS[rows], _PATTERNS[rows]
     patterns[(patterns == METAL) & (solids.bottoms > LANTERN_M)] = LANTERN
-    return Looks(
+    return Appearance(
         colours,
         patterns,
         _GLOSS[rows],
@@ -389,7 +411,7 @@ def looks_of(scene: Scene, solids: Solids, stamp_s: float, categories: np.ndarra
 def _frames(
     solids: Solids, headings: np.ndarray, kinds: np.ndarray, things: np.ndarray, count: int
 ) -> np.ndarray:
-    """(P, 8) frames of the things that prisms belong to."""
+    """Return the (P, 8) frames of the things that prisms belong to."""
     cosine, sine = np.cos(headings)[:, None], np.sin(headings)[:, None]
     x, y = solids.footprints[..., 0], solids.footprints[..., 1]
     along, across = x * cosine + y * sine, y * cosine - x * sine

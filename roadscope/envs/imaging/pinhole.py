@@ -40,7 +40,7 @@ class Pinhole(Record):
 
     @staticmethod
     def centred(width: int, height: int, focal_px: float) -> Pinhole:
-        """Return a camera with square pixels that looks through the middle of its image."""
+        """Return a camera with square pixels and its principal point in the middle of the image."""
         return Pinhole(width, height, (focal_px, focal_px), (width / 2, height / 2))
 
     @property
@@ -65,6 +65,6 @@ class Pinhole(Record):
 def mounted(
     x_m: float, y_m: float, z_m: float, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0
 ) -> Pose:
-    """Return `ego_from_camera` of a camera that looks ahead, turned by ISO 8855 angles."""
+    """Return `ego_from_camera` of a camera that points ahead, turned by ISO 8855 angles."""
     body = Pose.from_euler(x_m, y_m, z_m, yaw=yaw, pitch=pitch, roll=roll)
     return Pose.from_parts(body.rotation @ OPTICAL_FROM_BODY.T, body.translation)

@@ -1,4 +1,4 @@
-"""Solid bodies drawn to depth, face and prism of every pixel."""
+"""Rasterisation of prisms: depth, face and prism of every pixel."""
 
 from __future__ import annotations
 
@@ -22,13 +22,28 @@ FACES = 16
 TOP, BOTTOM = 12, 13
 GROUND_FACE, SKY_FACE = -1, -2
 NEAR_M = 0.05
-"""Nothing nearer to the image plane is drawn."""
+"""Nothing nearer to the image plane than this is drawn."""
 CORNERS = 2 * MAX_EDGES
 """Most corners of a face that is cut at the image plane."""
 
 
+class Point(NamedTuple):
+    """A place on the ground, world frame, metres."""
+
+    x: float
+    y: float
+
+
+class Vector(NamedTuple):
+    """A place or a direction in space, world frame."""
+
+    x: float
+    y: float
+    z: float
+
+
 class Lens(NamedTuple):
-    """The camera in the world.
+    """Pose and intrinsics of the camera.
 
     rotation: (3, 3) rows are the camera's x, y and z axis in the world frame. origin: (3,).
     focal, centre: (2,) pixels.
@@ -51,11 +66,11 @@ class Solids(NamedTuple):
     extinctions: np.ndarray
 
 
-class Canvas(NamedTuple):
-    """The image in the making, (H, W) each.
+class RasterBuffers(NamedTuple):
+    """The buffers of an image, (H, W) each.
 
     q: float32, 1/m, 0 in the sky. faces: int32. marks: int32, the last actor whose outline covers
-    the pixel, or (0, 0) when outlines are not asked for.
+    the pixel, or (0, 0) without outlines.
     """
 
     q: np.ndarray
@@ -65,20 +80,23 @@ class Canvas(NamedTuple):
 
 @compiled(borrowing=True)
 def plane_of(
-    lens: Lens, nx: float, ny: float, nz: float, room: float
+    lens: Lens, nx: float, ny: float, nz: float, distance: float
 ) -> tuple[float, float, float]:
-    """Coefficients of q over columns and rows; room is the way to the plane along its normal."""
+    """Return a, b, c of q = a * column + b * row + c on a plane.
+
+    distance: from the camera to the plane along its normal (nx, ny, nz).
+    """
     r = lens.rotation
-    x = (r[0, 0] * nx + r[0, 1] * ny + r[0, 2] * nz) / room
-    y = (r[1, 0] * nx + r[1, 1] * ny + r[1, 2] * nz) / room
-    z = (r[2, 0] * nx + r[2, 1] * ny + r[2, 2] * nz) / room
+    x = (r[0, 0] * nx + r[0, 1] * ny + r[0, 2] * nz) / distance
+    y = (r[1, 0] * nx + r[1, 1] * ny + r[1, 2] * nz) / distance
+    z = (r[2, 0] * nx + r[2, 1] * ny + r[2, 2] * nz) / distance
     a, b = x / lens.focal[0], y / lens.focal[1]
     return a, b, z - a * lens.centre[0] - b * lens.centre[1]
 
 
 @compiled(borrowing=True)
 def into_camera(lens: Lens, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Move a point of the world into the camera's frame."""
+    """Return a point of the world in the camera's frame."""
     r, o = lens.rotation, lens.origin
     x, y, z = x - o[0], y - o[1], z - o[2]
     return (
@@ -89,8 +107,8 @@ def into_camera(lens: Lens, x: float, y: float, z: float) -> tuple[float, float,
 
 
 @compiled(borrowing=True)
-def out_of_view(lens: Lens, solids: Solids, m: int, canvas: Canvas) -> bool:
-    """Whether a cylinder around the prism lies behind or beside the camera's view."""
+def out_of_view(lens: Lens, solids: Solids, m: int, buffers: RasterBuffers) -> bool:
+    """Return whether a ball around the prism lies outside the camera's view."""
     x_low = x_high = solids.footprints[m, 0, 0]
     y_low = y_high = solids.footprints[m, 0, 1]
     for k in range(1, solids.corners[m]):
@@ -103,25 +121,25 @@ def out_of_view(lens: Lens, solids: Solids, m: int, canvas: Canvas) -> bool:
     x, y, z = into_camera(lens, x_low + half_x, y_low + half_y, solids.bottoms[m] + half_z)
     if z + radius < NEAR_M:
         return True
-    height, width = canvas.q.shape
+    height, width = buffers.q.shape
     return (
-        _beside(x, z, radius, lens.centre[0] / lens.focal[0], -1.0)
-        or _beside(x, z, radius, (width - lens.centre[0]) / lens.focal[0], 1.0)
-        or _beside(y, z, radius, lens.centre[1] / lens.focal[1], -1.0)
-        or _beside(y, z, radius, (height - lens.centre[1]) / lens.focal[1], 1.0)
+        _outside_plane(x, z, radius, lens.centre[0] / lens.focal[0], -1.0)
+        or _outside_plane(x, z, radius, (width - lens.centre[0]) / lens.focal[0], 1.0)
+        or _outside_plane(y, z, radius, lens.centre[1] / lens.focal[1], -1.0)
+        or _outside_plane(y, z, radius, (height - lens.centre[1]) / lens.focal[1], 1.0)
     )
 
 
 @compiled(borrowing=True)
-def _beside(across: float, ahead: float, radius: float, slope: float, side: float) -> bool:
-    """Whether a ball lies wholly beyond the plane across = side * slope * ahead."""
+def _outside_plane(across: float, ahead: float, radius: float, slope: float, side: float) -> bool:
+    """Return whether a ball lies wholly beyond the plane across = side * slope * ahead."""
     outside: bool = side * across - slope * ahead > radius * np.sqrt(1.0 + slope * slope)
     return outside
 
 
 @compiled(borrowing=True)
-def way_to(lens: Lens, solids: Solids, m: int) -> float:
-    """From the camera to a prism's first corner."""
+def distance_to(lens: Lens, solids: Solids, m: int) -> float:
+    """Return the distance from the camera to a prism's first corner."""
     x, y, z = into_camera(
         lens, solids.footprints[m, 0, 0], solids.footprints[m, 0, 1], solids.bottoms[m]
     )
@@ -133,36 +151,39 @@ def way_to(lens: Lens, solids: Solids, m: int) -> float:
 def face_of(
     lens: Lens, solids: Solids, m: int, side: int, world: np.ndarray
 ) -> tuple[int, float, float, float]:
-    """Corners of a face that is turned to the camera, and its plane; none if it is turned away."""
+    """Return the number of corners of a face and its plane; 0 if it is turned away.
+
+    The corners are written into world (K, 3); the plane is a, b, c of `plane_of`.
+    """
     count, origin = solids.corners[m], lens.origin
     if side >= TOP:
         z = solids.tops[m] if side == TOP else solids.bottoms[m]
         normal = 1.0 if side == TOP else -1.0
-        room = (z - origin[2]) * normal
-        if room >= 0.0:
+        distance = (z - origin[2]) * normal
+        if distance >= 0.0:
             return 0, 0.0, 0.0, 0.0
         for k in range(count):
             world[k, 0], world[k, 1] = solids.footprints[m, k, 0], solids.footprints[m, k, 1]
             world[k, 2] = z
-        a, b, c = plane_of(lens, 0.0, 0.0, normal, room)
+        a, b, c = plane_of(lens, 0.0, 0.0, normal, distance)
         return count, a, b, c
     if side >= count:
         return 0, 0.0, 0.0, 0.0
-    nx, ny, room = side_plane(lens, solids, m, side)
-    if room >= 0.0:
+    nx, ny, distance = side_plane(lens, solids, m, side)
+    if distance >= 0.0:
         return 0, 0.0, 0.0, 0.0
     after = side + 1 if side + 1 < count else 0
     for k in range(4):
         corner = side if k == 0 or k == 3 else after
         world[k, 0], world[k, 1] = solids.footprints[m, corner, 0], solids.footprints[m, corner, 1]
         world[k, 2] = solids.bottoms[m] if k < 2 else solids.tops[m]
-    a, b, c = plane_of(lens, nx, ny, 0.0, room)
+    a, b, c = plane_of(lens, nx, ny, 0.0, distance)
     return 4, a, b, c
 
 
 @compiled(borrowing=True)
 def side_plane(lens: Lens, solids: Solids, m: int, side: int) -> tuple[float, float, float]:
-    """Outward normal (not of unit length) of an upright side, and the way to its plane."""
+    """Return the outward normal (not of unit length) of an upright side, and its distance."""
     after = side + 1 if side + 1 < solids.corners[m] else 0
     x, y = solids.footprints[m, side, 0], solids.footprints[m, side, 1]
     nx, ny = solids.footprints[m, after, 1] - y, x - solids.footprints[m, after, 0]
@@ -173,7 +194,7 @@ def side_plane(lens: Lens, solids: Solids, m: int, side: int) -> tuple[float, fl
 def project_face(
     lens: Lens, world: np.ndarray, corners: int, near: np.ndarray, polygon: np.ndarray
 ) -> int:
-    """Cut a face at the near plane and write its corners in pixels; return how many."""
+    """Clip a face at the near plane; write its corners in pixels and return their number."""
     count = 0
     x0, y0, z0 = into_camera(
         lens, world[corners - 1, 0], world[corners - 1, 1], world[corners - 1, 2]
@@ -196,34 +217,34 @@ def project_face(
 
 
 @compiled(borrowing=True)
-def rows_of(polygon: np.ndarray, count: int, canvas: Canvas) -> tuple[int, int]:
-    """First row and the one after the last whose middle may lie in the polygon."""
+def rows_of(polygon: np.ndarray, count: int, buffers: RasterBuffers) -> tuple[int, int]:
+    """Return the first row, and the one after the last, whose middle may lie in the polygon."""
     top = bottom = polygon[0, 1]
     for k in range(1, count):
         top, bottom = min(top, polygon[k, 1]), max(bottom, polygon[k, 1])
-    height = canvas.q.shape[0]
+    height = buffers.q.shape[0]
     first = max(0.0, np.ceil(min(top, 1.0 * height) - 0.5))
     last = max(0.0, min(1.0 * height, np.ceil(bottom - 0.5)))
     return int(first), int(last)
 
 
 @compiled(borrowing=True)
-def span_of(polygon: np.ndarray, count: int, row: int, canvas: Canvas) -> tuple[int, int]:
-    """First column and the one after the last whose middle lies in the polygon."""
+def span_of(polygon: np.ndarray, count: int, row: int, buffers: RasterBuffers) -> tuple[int, int]:
+    """Return the first column, and the one after the last, whose middle lies in the polygon."""
     y = row + 0.5
     left, right = np.inf, -np.inf
     x0, y0 = polygon[count - 1, 0], polygon[count - 1, 1]
     for k in range(count):
         x1, y1 = polygon[k, 0], polygon[k, 1]
         if (y0 <= y) != (y1 <= y):
-            # From the upper end always, so that neighbours that share the edge agree on it.
+            # Always from the upper end, so that two faces with this edge compute the same value.
             if y0 <= y1:
                 x = x0 + (y - y0) * ((x1 - x0) / (y1 - y0))
             else:
                 x = x1 + (y - y1) * ((x0 - x1) / (y0 - y1))
             left, right = min(left, x), max(right, x)
         x0, y0 = x1, y1
-    width = 1.0 * canvas.q.shape[1]
+    width = 1.0 * buffers.q.shape[1]
     if left > right:
         return 0, 0
     first = min(width, max(0.0, np.ceil(left - 0.5)))
@@ -232,12 +253,12 @@ def span_of(polygon: np.ndarray, count: int, row: int, canvas: Canvas) -> tuple[
 
 
 # --------------------------------------------------------------------------------------------------
-# Foliage in images: cells of leaves that stay where they are, and gaps between them.
+# Foliage: fixed cells of leaves, and gaps between them.
 
 LEAF_M, LEAF_PX = 0.12, 2.0
-"""Edge of the cells of which foliage is made; far away they double until they cover pixels."""
+"""Edge of the cells of foliage; far away it is doubled until a cell covers some pixels."""
 STRIDE = 16
-"""Pixels along a row for which one face is tried as the one that rays leave through."""
+"""Pixels along a row whose rays are first assumed to leave through the same face."""
 
 
 @compiled(borrowing=True)
@@ -249,14 +270,14 @@ def draw_porous(
     near: np.ndarray,
     polygon: np.ndarray,
     exits: np.ndarray,
-    canvas: Canvas,
+    buffers: RasterBuffers,
 ) -> None:
-    """Draw foliage: cells of leaves that stay where they are, and gaps between them."""
+    """Draw a prism of foliage: fixed cells of leaves, and gaps between them."""
     leaf = _leaf_size(lens, solids, m)
     chance = np.uint64((1.0 - np.exp(-solids.extinctions[m] * leaf)) * 2.0**53)
     leaving = 0
     for side in range(BOTTOM + 1):
-        turned, a, b, c = _away(lens, solids, m, side)
+        turned, a, b, c = _exit_plane(lens, solids, m, side)
         if turned:
             exits[leaving, 0], exits[leaving, 1], exits[leaving, 2] = a, b, c
             leaving += 1
@@ -268,9 +289,9 @@ def draw_porous(
         if count == 0:
             continue
         face = np.int32(m * FACES + side)
-        first, last = rows_of(polygon, count, canvas)
+        first, last = rows_of(polygon, count, buffers)
         for r in range(first, last):
-            left, right = span_of(polygon, count, r, canvas)
+            left, right = span_of(polygon, count, r, buffers)
             for start in range(left, right, STRIDE):
                 end = min(right, start + STRIDE)
                 low = _last_exit(exits, leaving, start + 0.5, r + 0.5)
@@ -279,18 +300,18 @@ def draw_porous(
                     e = low if same else _last_exit(exits, leaving, k + 0.5, r + 0.5)
                     enter = a * (k + 0.5) + b * (r + 0.5) + c
                     leave = exits[e, 0] * (k + 0.5) + exits[e, 1] * (r + 0.5) + exits[e, 2]
-                    leave = max(leave if e >= 0 else 0.0, max(0.0, 1.0 * canvas.q[r, k]))
+                    leave = max(leave if e >= 0 else 0.0, max(0.0, 1.0 * buffers.q[r, k]))
                     if enter > leave:
-                        met = _leaf(lens, k + 0.5, r + 0.5, enter, leave, leaf, chance)
-                        if met > 0.0:
-                            canvas.q[r, k] = np.float32(met)
-                            canvas.faces[r, k] = face
+                        hit = _leaf(lens, k + 0.5, r + 0.5, enter, leave, leaf, chance)
+                        if hit > 0.0:
+                            buffers.q[r, k] = np.float32(hit)
+                            buffers.faces[r, k] = face
 
 
 @compiled(borrowing=True)
 def _leaf_size(lens: Lens, solids: Solids, m: int) -> float:
-    """Edge of the cells of leaves: doubled until a cell covers some pixels."""
-    away, leaf = way_to(lens, solids, m), LEAF_M
+    """Return the edge of the cells of leaves: doubled until a cell covers some pixels."""
+    away, leaf = distance_to(lens, solids, m), LEAF_M
     while lens.focal[0] * leaf < LEAF_PX * away and leaf < 1.0:
         leaf *= 2.0
     return leaf
@@ -298,7 +319,7 @@ def _leaf_size(lens: Lens, solids: Solids, m: int) -> float:
 
 @compiled(borrowing=True)
 def _last_exit(exits: np.ndarray, leaving: int, column: float, row: float) -> int:
-    """Which of the faces a ray leaves through: the one of greatest q, hence nearest."""
+    """Return the face through which a ray leaves: the one of greatest q, hence the nearest."""
     best, last = -np.inf, -1
     for e in range(leaving):
         line = exits[e, 0] * column + exits[e, 1] * row + exits[e, 2]
@@ -308,20 +329,20 @@ def _last_exit(exits: np.ndarray, leaving: int, column: float, row: float) -> in
 
 
 @compiled(borrowing=True)
-def _away(lens: Lens, solids: Solids, m: int, side: int) -> tuple[bool, float, float, float]:
-    """Whether the face is turned away from the camera, and its plane."""
+def _exit_plane(lens: Lens, solids: Solids, m: int, side: int) -> tuple[bool, float, float, float]:
+    """Return whether the face is turned away from the camera, and its plane."""
     if side >= TOP:
         z = solids.tops[m] if side == TOP else solids.bottoms[m]
         normal = 1.0 if side == TOP else -1.0
-        nx, ny, nz, room = 0.0, 0.0, normal, (z - lens.origin[2]) * normal
+        nx, ny, nz, distance = 0.0, 0.0, normal, (z - lens.origin[2]) * normal
     elif side < solids.corners[m]:
-        nx, ny, room = side_plane(lens, solids, m, side)
+        nx, ny, distance = side_plane(lens, solids, m, side)
         nz = 0.0
     else:
         return False, 0.0, 0.0, 0.0
-    if room <= 0.0:
+    if distance <= 0.0:
         return False, 0.0, 0.0, 0.0
-    a, b, c = plane_of(lens, nx, ny, nz, room)
+    a, b, c = plane_of(lens, nx, ny, nz, distance)
     return True, a, b, c
 
 
@@ -335,7 +356,7 @@ def _leaf(
     leaf: float,
     chance: np.uint64,
 ) -> float:
-    """Walk through the cells on the way; return q at the first with leaves, 0 if there is none."""
+    """Return q at the first cell with leaves along the ray, 0 if there is none."""
     dx = (column - lens.centre[0]) / lens.focal[0]
     dy = (row - lens.centre[1]) / lens.focal[1]
     r, o = lens.rotation, lens.origin
@@ -351,16 +372,16 @@ def _leaf(
         i = np.int64(np.floor(x0 + depth * x))
         j = np.int64(np.floor(y0 + depth * y))
         k = np.int64(np.floor(z0 + depth * z))
-        if _draw(i, j, k) < chance:
-            met: float = 1.0 / depth
-            return met
+        if _cell_bits(i, j, k) < chance:
+            hit: float = 1.0 / depth
+            return hit
         depth += step
     return 0.0
 
 
 @compiled(forceinline=True, borrowing=True)
-def _draw(i: np.int64, j: np.int64, k: np.int64) -> np.uint64:
-    """Draw a number of 53 bits that belongs to a cell of space."""
+def _cell_bits(i: np.int64, j: np.int64, k: np.int64) -> np.uint64:
+    """Return a pseudo-random number of 53 bits for a cell of space."""
     state = np.uint64(i) * np.uint64(0x9E3779B97F4A7C15)
     state ^= np.uint64(j) * np.uint64(0xC2B2AE3D27D4EB4F)
     state ^= np.uint64(k) * np.uint64(0x165667B19E3779F9)
@@ -371,42 +392,42 @@ def _draw(i: np.int64, j: np.int64, k: np.int64) -> np.uint64:
 
 
 # --------------------------------------------------------------------------------------------------
-# Faces of prisms drawn into a depth buffer, exact at the middle of every pixel.
+# Faces of prisms in a depth buffer, exact at the middle of every pixel.
 
 
 @compiled()
-def draw_all(lens: Lens, solids: Solids, canvas: Canvas, extents: np.ndarray) -> None:
+def draw_all(lens: Lens, solids: Solids, buffers: RasterBuffers, extents: np.ndarray) -> None:
     """Draw ground and prisms; fill extents (A, 5): left, top, right, bottom, pixels of outlines."""
-    _draw_ground(lens, canvas)
+    _draw_ground(lens, buffers)
     world, near = np.empty((CORNERS, 3)), np.empty((CORNERS, 3))
     polygon, exits = np.empty((CORNERS, 2)), np.empty((MAX_EDGES + 2, 3))
-    ways = np.full(len(solids.corners), np.inf)
+    distances = np.full(len(solids.corners), np.inf)
     porous = 0
     for m in range(len(solids.corners)):
-        if solids.corners[m] == 0 or out_of_view(lens, solids, m, canvas):
+        if solids.corners[m] == 0 or out_of_view(lens, solids, m, buffers):
             continue
         if solids.extinctions[m] > 0.0:
-            ways[m] = way_to(lens, solids, m)
+            distances[m] = distance_to(lens, solids, m)
             porous += 1
         else:
-            _draw_solid(lens, solids, m, world, near, polygon, canvas, extents)
-    # Foliage last and from near to far, so that no ray walks through leaves that it cannot see.
-    for m in np.argsort(ways)[:porous]:
-        draw_porous(lens, solids, m, world, near, polygon, exits, canvas)
+            _draw_solid(lens, solids, m, world, near, polygon, buffers, extents)
+    # Foliage last and from near to far: no ray then samples hidden leaves.
+    for m in np.argsort(distances)[:porous]:
+        draw_porous(lens, solids, m, world, near, polygon, exits, buffers)
 
 
 @compiled(borrowing=True)
-def _draw_ground(lens: Lens, canvas: Canvas) -> None:
-    height, width = canvas.q.shape
+def _draw_ground(lens: Lens, buffers: RasterBuffers) -> None:
+    height, width = buffers.q.shape
     a, b, c = plane_of(lens, 0.0, 0.0, 1.0, -lens.origin[2])
     for r in range(height):
         row = b * (r + 0.5) + c
         for k in range(width):
             q = np.float32(a * (k + 0.5) + row)
-            met = q > np.float32(0.0)
-            canvas.q[r, k] = q if met else np.float32(0.0)
-            canvas.faces[r, k] = GROUND_FACE if met else SKY_FACE
-    canvas.marks[:] = -1
+            hit = q > np.float32(0.0)
+            buffers.q[r, k] = q if hit else np.float32(0.0)
+            buffers.faces[r, k] = GROUND_FACE if hit else SKY_FACE
+    buffers.marks[:] = -1
 
 
 @compiled(borrowing=True)
@@ -417,11 +438,11 @@ def _draw_solid(
     world: np.ndarray,
     near: np.ndarray,
     polygon: np.ndarray,
-    canvas: Canvas,
+    buffers: RasterBuffers,
     extents: np.ndarray,
 ) -> None:
     actor = solids.owners[m]
-    counted = actor >= 0 and len(canvas.marks) > 0
+    counted = actor >= 0 and len(buffers.marks) > 0
     for side in range(BOTTOM + 1):
         corners, a, b, c = face_of(lens, solids, m, side, world)
         if corners == 0:
@@ -430,20 +451,22 @@ def _draw_solid(
         if count == 0:
             continue
         if actor >= 0:
-            _widen(polygon, count, canvas, extents[actor])
+            _extend_box(polygon, count, buffers, extents[actor])
         face = np.int32(m * FACES + side)
-        first, last = rows_of(polygon, count, canvas)
+        first, last = rows_of(polygon, count, buffers)
         for r in range(first, last):
-            left, right = span_of(polygon, count, r, canvas)
-            _fill(canvas.q[r], canvas.faces[r], left, right, a, b * (r + 0.5) + c, face)
+            left, right = span_of(polygon, count, r, buffers)
+            _fill(buffers.q[r], buffers.faces[r], left, right, a, b * (r + 0.5) + c, face)
             if counted:
-                extents[actor, 4] += _mark(canvas.marks[r], left, right, actor)
+                extents[actor, 4] += _mark(buffers.marks[r], left, right, actor)
 
 
 @compiled(borrowing=True)
-def _widen(polygon: np.ndarray, count: int, canvas: Canvas, extent: np.ndarray) -> None:
-    """Let the actor's box in the image hold the polygon, as far as the image goes."""
-    height, width = canvas.q.shape
+def _extend_box(
+    polygon: np.ndarray, count: int, buffers: RasterBuffers, extent: np.ndarray
+) -> None:
+    """Extend the actor's box in the image by the polygon, clipped to the image."""
+    height, width = buffers.q.shape
     left = top = np.inf
     right = bottom = -np.inf
     for k in range(count):
@@ -469,7 +492,7 @@ def _fill(
 
 @compiled(borrowing=True)
 def _mark(marks: np.ndarray, left: int, right: int, actor: int) -> int:
-    """Count the pixels that the actor did not cover yet."""
+    """Mark pixels as covered by the actor; return how many were not marked before."""
     fresh = 0
     for k in range(left, right):
         fresh += marks[k] != actor
@@ -478,7 +501,7 @@ def _mark(marks: np.ndarray, left: int, right: int, actor: int) -> int:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a camera sees first in every pixel: the ray caster's answer, found face by face.
+# The nearest surface of every pixel.
 
 __all__ = ["FACES", "Lens", "Raster", "Solids", "lens_of", "rasterise", "solids_of"]
 
@@ -490,10 +513,10 @@ class Raster(Record):
     q: (H, W) float32, 1/m, reciprocal of the depth along the optical axis, 0 in the sky.
     faces: (H, W) int32, prism * 16 + side, prisms counted over scenery and bodies joined; -1 is
         the ground, -2 the sky. Sides 0 to 11 are upright, 12 is the top, 13 the bottom.
-    boxes: (A, 4) float64, left top right bottom in pixels, of the whole actor, seen or hidden, as
-        far as it is inside the image; without extent where it is not.
-    outline_pixels: (A,) int64, pixels that the actor would cover if nothing else were there;
-        zeros unless asked for.
+    boxes: (A, 4) float64, left top right bottom in pixels, of the whole actor, visible or hidden,
+        clipped to the image; without extent where it is outside.
+    outline_pixels: (A,) int64, pixels that the actor would cover without any other object;
+        zeros unless `outlines` was set.
     """
 
     q: np.ndarray
@@ -511,23 +534,23 @@ def rasterise(
     outlines: bool = False,
     solids: Solids | None = None,
 ) -> Raster:
-    """Find the nearest surface behind the middle of every pixel at one instant.
+    """Return the nearest surface behind the middle of every pixel at one instant.
 
-    Solid bodies and the ground are where `raycast.cast` finds them. Foliage is made of cells of
-    leaves in the world, so that it looks alike from frame to frame.
+    Solid bodies and the ground are exactly where `raycast.cast` has them. Foliage consists of
+    cells of leaves with fixed places, so that it looks the same from frame to frame.
     """
     shape = (pinhole.height, pinhole.width)
     marks = np.empty(shape if outlines else (0, 0), np.int32)
-    canvas = Canvas(np.empty(shape, np.float32), np.empty(shape, np.int32), marks)
+    buffers = RasterBuffers(np.empty(shape, np.float32), np.empty(shape, np.int32), marks)
     extents = np.tile([np.inf, np.inf, -np.inf, -np.inf, 0.0], (len(scene.present), 1))
-    given = solids_of(scene, stamp_s) if solids is None else solids
-    draw_all(lens_of(pinhole, world_from_camera), given, canvas, extents)
+    placed = solids_of(scene, stamp_s) if solids is None else solids
+    draw_all(lens_of(pinhole, world_from_camera), placed, buffers, extents)
     extents[~np.isfinite(extents[:, 0]), :4] = 0.0
-    return Raster(canvas.q, canvas.faces, extents[:, :4], extents[:, 4].astype(np.int64))
+    return Raster(buffers.q, buffers.faces, extents[:, :4], extents[:, 4].astype(np.int64))
 
 
 def lens_of(pinhole: Pinhole, world_from_camera: Pose) -> Lens:
-    """Put a camera into the world."""
+    """Return the camera at a pose."""
     return Lens(
         np.ascontiguousarray(world_from_camera.rotation.T),
         np.ascontiguousarray(world_from_camera.translation),
@@ -537,7 +560,7 @@ def lens_of(pinhole: Pinhole, world_from_camera: Pose) -> Lens:
 
 
 def solids_of(scene: Scene, stamp_s: float) -> Solids:
-    """Put all prisms at one instant into the world frame; absent actors' lose their corners."""
+    """Return all prisms at one instant, world frame; those of absent actors have no corners."""
     static, moving = scene.static, scene.moving
     x, y, yaw = scene.poses_at(np.array([stamp_s]))[0][moving.owners].T[:, :, None]
     along, across = moving.footprints[..., 0], moving.footprints[..., 1]

@@ -15,20 +15,20 @@ from roadscope.envs.imaging.ground import CHUNK, LAMP_STEP, Ground, ground_run, 
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.imaging.lighting import (
     BLOCK,
-    FADES,
+    GREATEST_DEPTH,
     POOL_M,
     POOL_SIDE,
-    THICKEST,
+    TRANSMITTANCE_STEPS,
     Air,
-    Stage,
+    ShadingTables,
     cast_shadows,
     light_pools,
     own_beam,
     pools_at,
-    share_passed,
     sky_blocks,
     skyline,
     sunlit,
+    transmitted,
 )
 from roadscope.envs.imaging.noise import noise_tile
 from roadscope.envs.imaging.patterns import (
@@ -37,8 +37,9 @@ from roadscope.envs.imaging.patterns import (
     METAL,
     PLAIN,
     SIGN,
-    Looks,
-    looks_of,
+    Appearance,
+    Edge,
+    appearance_of,
     paint,
 )
 from roadscope.envs.imaging.pinhole import Pinhole
@@ -49,17 +50,17 @@ from roadscope.envs.imaging.raster import (
     SKY_FACE,
     TOP,
     Lens,
+    Point,
     Raster,
     Solids,
+    Vector,
     lens_of,
 )
 from roadscope.envs.imaging.vehicle_patterns import slanted
 from roadscope.envs.raycast.scene import Scene
 
 # --------------------------------------------------------------------------------------------------
-# From what every pixel shows to the light that comes from there, run by run of one face.
-
-Vector = tuple[float, float, float]
+# The light of every pixel, computed for runs of pixels with the same face.
 
 
 @compiled()
@@ -67,16 +68,18 @@ def shade_all(
     lens: Lens,
     q: np.ndarray,
     faces: np.ndarray,
-    looks: Looks,
-    stage: Stage,
+    appearance: Appearance,
+    tables: ShadingTables,
     air: Air,
     light: np.ndarray,
 ) -> None:
     """Fill light (H, W, 3) float32, linear; 1 is white."""
-    out, bench = np.empty(7), np.empty((11, CHUNK), np.float32)
-    line = np.empty((stage.blocks.shape[1], 3), np.float32)
+    out, workspace = np.empty(7), np.empty((11, CHUNK), np.float32)
+    line = np.empty((tables.blocks.shape[1], 3), np.float32)
     for row in range(len(q)):
-        shade_row(lens, q[row], faces[row], row, looks, stage, air, (out, line, bench), light[row])
+        shade_row(
+            lens, q[row], faces[row], row, appearance, tables, air, out, line, workspace, light[row]
+        )
 
 
 @compiled(forceinline=True, borrowing=True)
@@ -85,14 +88,18 @@ def shade_row(
     q: np.ndarray,
     faces: np.ndarray,
     row: int,
-    looks: Looks,
-    stage: Stage,
+    appearance: Appearance,
+    tables: ShadingTables,
     air: Air,
-    places: tuple[np.ndarray, np.ndarray, np.ndarray],
+    out: np.ndarray,
+    line: np.ndarray,
+    workspace: np.ndarray,
     light: np.ndarray,
 ) -> None:
-    """Shade one row of pixels; places (7,), (W / 8 + 2, 3) and (11, CHUNK) to work in."""
-    out, line, bench = places
+    """Shade one row of pixels.
+
+    out (7,), line (W / 8 + 2, 3) and workspace (11, CHUNK) are scratch arrays.
+    """
     width, start, ready = len(faces), 0, False
     while start < width:
         face, end = faces[start], start + 1
@@ -100,15 +107,15 @@ def shade_row(
             end += 1
         if face == SKY_FACE:
             if not ready:
-                _sky_line(stage.blocks, row, line)
+                _sky_line(tables.blocks, row, line)
                 ready = True
-            _sky_run(lens, row, start, end, line, stage.heights, air, light)
+            _sky_run(lens, row, start, end, line, tables.heights, air, light)
         elif face == GROUND_FACE:
             for first in range(start, end, CHUNK):
                 last = min(end, first + CHUNK)
-                ground_run(lens, q, row, first, last, stage, air, bench, light)
+                ground_run(lens, q, row, first, last, tables, air, workspace, light)
         else:
-            _solid_run(lens, q, row, start, end, face, looks, stage, air, out, light)
+            _solid_run(lens, q, row, start, end, face, appearance, tables, air, out, light)
         start = end
 
 
@@ -132,7 +139,7 @@ def _sky_run(
     air: Air,
     light: np.ndarray,
 ) -> None:
-    """Sky, and near the horizon the trees of the skyline in the haze."""
+    """Draw the sky, and near the horizon the trees of the skyline in the haze."""
     r = lens.rotation
     dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
     high = r[1, 2] * dv + r[2, 2]
@@ -150,11 +157,11 @@ def _sky_run(
             (line[j + 1, 1] - line[j, 1]) * share,
         )
         blue_step = (line[j + 1, 2] - line[j, 2]) * share
-        way = np.float32(first + 0.5 - j * BLOCK)
+        offset = np.float32(first + 0.5 - j * BLOCK)
         red, green, blue = (
-            line[j, 0] + way * red_step,
-            line[j, 1] + way * green_step,
-            line[j, 2] + way * blue_step,
+            line[j, 0] + offset * red_step,
+            line[j, 1] + offset * green_step,
+            line[j, 2] + offset * blue_step,
         )
         for c in range(first, last):
             light[c, 0], light[c, 1], light[c, 2] = red, green, blue
@@ -177,125 +184,133 @@ def _solid_run(
     start: int,
     end: int,
     face: int,
-    looks: Looks,
-    stage: Stage,
+    appearance: Appearance,
+    tables: ShadingTables,
     air: Air,
     out: np.ndarray,
     light: np.ndarray,
 ) -> None:
     r = lens.rotation
     m, side = face // FACES, face % FACES
-    normal = (stage.normals[m, side, 0], stage.normals[m, side, 1], stage.normals[m, side, 2])
-    edge = _edge(stage, m, side)
+    normals = tables.normals
+    normal = Vector(normals[m, side, 0], normals[m, side, 1], normals[m, side, 2])
+    edge = _edge(tables, m, side)
     dv = (row + 0.5 - lens.centre[1]) / lens.focal[1]
     x0, y0 = r[1, 0] * dv + r[2, 0], r[1, 1] * dv + r[2, 1]
     z0 = r[1, 2] * dv + r[2, 2]
     here = ahead = step = (0.0, 0.0)
     slope = 1.0 / lens.focal[0]
     if air.lamps:
-        ahead = _lamps_on(lens, looks, stage, m, normal, _place_of(lens, q, start, (x0, y0, z0)))
+        there = _point_at(lens, q, start, Vector(x0, y0, z0))
+        ahead = _lamps_on(lens, appearance, tables, m, normal, there)
     for c in range(start, end):
         du, depth = (c + 0.5 - lens.centre[0]) * slope, 1.0 / q[c]
         vx, vy, vz = x0 + r[0, 0] * du, y0 + r[0, 1] * du, z0 + r[0, 2] * du
-        place = (
+        point = Vector(
             lens.origin[0] + depth * vx,
             lens.origin[1] + depth * vy,
             lens.origin[2] + depth * vz,
         )
-        if looks.patterns[m] == PLAIN:
-            _plain(looks, m, out)
+        if appearance.patterns[m] == PLAIN:
+            _plain(appearance, m, out)
         else:
-            paint(looks, stage.noise, m, edge, normal, place, air.lamps, out)
+            paint(appearance, tables.noise, m, edge, normal, point, air.lamps, out)
         size = np.sqrt(1.0 + du * du + dv * dv)
         if out[3] > 0.0:
-            turned = _leaning(looks, m, normal, place, out[3])
+            turned = _shading_normal(appearance, m, normal, point, out[3])
             short = 1.0 / size
-            _glossy(stage, air, m, side, turned, (vx * short, vy * short, vz * short), out)
+            _glossy(tables, air, m, side, turned, Vector(vx * short, vy * short, vz * short), out)
         else:
-            _matt(stage, m, side, out)
+            _matt(tables, m, side, out)
         if air.lamps:
             along = (c - start) % LAMP_STEP
             if along == 0:
                 last = min(end - 1, c + LAMP_STEP)
-                there = _place_of(lens, q, last, (x0, y0, z0))
-                here, ahead = ahead, _lamps_on(lens, looks, stage, m, normal, there)
+                there = _point_at(lens, q, last, Vector(x0, y0, z0))
+                here, ahead = ahead, _lamps_on(lens, appearance, tables, m, normal, there)
                 share = 1.0 / max(1, last - c)
                 step = (share * (ahead[0] - here[0]), share * (ahead[1] - here[1]))
             _lamplit(here[0] + along * step[0], here[1] + along * step[1], out)
         if air.extinction * depth > 0.004:
-            _haze(stage, air, air.extinction * depth * size, out)
+            _haze(tables, air, air.extinction * depth * size, out)
         light[c, 0], light[c, 1], light[c, 2] = out[4], out[5], out[6]
 
 
 @compiled(forceinline=True, borrowing=True)
-def _plain(looks: Looks, m: int, out: np.ndarray) -> None:
-    out[0], out[1], out[2] = looks.colours[m, 0], looks.colours[m, 1], looks.colours[m, 2]
-    out[3], out[4], out[5], out[6] = looks.gloss[m], 0.0, 0.0, 0.0
+def _plain(appearance: Appearance, m: int, out: np.ndarray) -> None:
+    out[0], out[1], out[2] = (
+        appearance.colours[m, 0],
+        appearance.colours[m, 1],
+        appearance.colours[m, 2],
+    )
+    out[3], out[4], out[5], out[6] = appearance.gloss[m], 0.0, 0.0, 0.0
 
 
 @compiled(forceinline=True, borrowing=True)
-def _leaning(looks: Looks, m: int, normal: Vector, place: Vector, gloss: float) -> Vector:
-    """Return the normal of a surface; panes lean."""
-    if looks.patterns[m] == GLASS and gloss > 0.05:
-        return slanted(looks.frames[m], normal, place[0], place[1])
+def _shading_normal(
+    appearance: Appearance, m: int, normal: Vector, point: Vector, gloss: float
+) -> Vector:
+    """Return the normal of a surface; window panes are slanted."""
+    if appearance.patterns[m] == GLASS and gloss > 0.05:
+        return slanted(appearance.frames[m], normal, point.x, point.y)
     return normal
 
 
 @compiled(forceinline=True, borrowing=True)
-def _matt(stage: Stage, m: int, side: int, out: np.ndarray) -> None:
-    """Add to the own light in out[4:] what a surface without gloss throws back."""
-    out[4] += out[0] * stage.glow[m, side, 0]
-    out[5] += out[1] * stage.glow[m, side, 1]
-    out[6] += out[2] * stage.glow[m, side, 2]
+def _matt(tables: ShadingTables, m: int, side: int, out: np.ndarray) -> None:
+    """Add the light that a surface without gloss reflects to the emitted light in out[4:]."""
+    out[4] += out[0] * tables.glow[m, side, 0]
+    out[5] += out[1] * tables.glow[m, side, 1]
+    out[6] += out[2] * tables.glow[m, side, 2]
 
 
 @compiled(forceinline=True, borrowing=True)
 def _lamplit(warm: float, white: float, out: np.ndarray) -> None:
-    """Add what a surface throws back of street lamps and of headlights."""
+    """Add the reflected light of street lamps and of headlights."""
     out[4] += out[0] * (warm + white)
     out[5] += out[1] * (0.72 * warm + 0.95 * white)
     out[6] += out[2] * (0.42 * warm + 0.85 * white)
 
 
 @compiled(forceinline=True, borrowing=True)
-def _haze(stage: Stage, air: Air, thickness: float, out: np.ndarray) -> None:
-    """Let the air take light and give its own; thickness: optical depth."""
-    clear = share_passed(stage.fades, thickness)
+def _haze(tables: ShadingTables, air: Air, thickness: float, out: np.ndarray) -> None:
+    """Apply extinction and airlight; thickness: optical depth."""
+    clear = transmitted(tables.transmittances, thickness)
     for k in range(3):
         out[4 + k] = air.veil[k] + clear * (out[4 + k] - air.veil[k])
 
 
 @compiled(forceinline=True, borrowing=True)
-def _edge(stage: Stage, m: int, side: int) -> Vector:
-    """Where an upright face begins, and its length."""
+def _edge(tables: ShadingTables, m: int, side: int) -> Edge:
+    """Return the lower edge of an upright face; a stand-in for top and bottom."""
     if side >= TOP:
-        return 0.0, 0.0, 1.0
-    after = side + 1 if side + 1 < stage.corners[m] else 0
-    x, y = stage.footprints[m, side, 0], stage.footprints[m, side, 1]
-    dx, dy = stage.footprints[m, after, 0] - x, stage.footprints[m, after, 1] - y
-    return x, y, np.sqrt(dx * dx + dy * dy)
+        return Edge(0.0, 0.0, 1.0)
+    after = side + 1 if side + 1 < tables.corners[m] else 0
+    x, y = tables.footprints[m, side, 0], tables.footprints[m, side, 1]
+    dx, dy = tables.footprints[m, after, 0] - x, tables.footprints[m, after, 1] - y
+    return Edge(x, y, np.sqrt(dx * dx + dy * dy))
 
 
 @compiled(forceinline=True, borrowing=True)
 def _glossy(
-    stage: Stage,
+    tables: ShadingTables,
     air: Air,
     m: int,
     side: int,
     normal: Vector,
-    view: Vector,
+    ray: Vector,
     out: np.ndarray,
 ) -> None:
-    """Add to the own light in out[4:] what a surface throws back and what it mirrors."""
-    into = -(view[0] * normal[0] + view[1] * normal[1] + view[2] * normal[2])
+    """Add the light that a surface reflects and mirrors to the emitted light in out[4:]."""
+    into = -(ray.x * normal.x + ray.y * normal.y + ray.z * normal.z)
     into = min(1.0, max(0.0, into))
     miss = 1.0 - into
     square = miss * miss
     mirrored = out[3] + (1.0 - out[3]) * square * square * miss
-    rz = view[2] + 2.0 * into * normal[2]
+    rz = ray.z + 2.0 * into * normal.z
     share = min(1.0, max(0.0, 0.5 + 4.0 * rz))
     for k in range(3):
-        value = out[k] * stage.glow[m, side, k]
+        value = out[k] * tables.glow[m, side, k]
         sky = air.horizon[k] + max(0.0, rz) * (air.zenith[k] - air.horizon[k])
         world = air.ground[k] + share * (sky - air.ground[k])
         out[4 + k] += value + mirrored * (world - value)
@@ -304,42 +319,42 @@ def _glossy(
 @compiled(borrowing=True)
 def _lamps_on(
     lens: Lens,
-    looks: Looks,
-    stage: Stage,
+    appearance: Appearance,
+    tables: ShadingTables,
     m: int,
     normal: Vector,
-    place: Vector,
+    point: Vector,
 ) -> tuple[float, float]:
-    """Light of street lamps and of headlights on a surface.
+    """Return the light of street lamps and of headlights on a surface.
 
-    Sheeting of signs throws headlights back to them.
+    Signs are retroreflective: they return headlights to their source.
     """
-    upright = normal[2] == 0.0
-    white = own_beam(lens, place[0], place[1], place[2], True)
+    upright = normal.z == 0.0
+    white = own_beam(lens, point.x, point.y, point.z, True)
     if upright:
-        dx, dy = place[0] - lens.origin[0], place[1] - lens.origin[1]
+        dx, dy = point.x - lens.origin[0], point.y - lens.origin[1]
         away = np.sqrt(dx * dx + dy * dy) + 1e-9
-        white *= max(0.0, -(normal[0] * dx + normal[1] * dy) / away)
+        white *= max(0.0, -(normal.x * dx + normal.y * dy) / away)
     else:
         white *= 0.2
-    if looks.patterns[m] == SIGN:
+    if appearance.patterns[m] == SIGN:
         white *= 6.0
-    lanterns, headlights = pools_at(stage.pools, stage.corner, place[0], place[1])
-    white += 0.4 * headlights * max(0.0, 1.0 - 0.6 * place[2])
+    lanterns, headlights = pools_at(tables.pools, tables.origin, point.x, point.y)
+    white += 0.4 * headlights * max(0.0, 1.0 - 0.6 * point.z)
     warm = 0.55 * lanterns
-    warm *= max(0.1, 1.0 - place[2] / 8.0) if looks.patterns[m] != METAL else 0.5
+    warm *= max(0.1, 1.0 - point.z / 8.0) if appearance.patterns[m] != METAL else 0.5
     return warm, white
 
 
 @compiled(forceinline=True, borrowing=True)
-def _place_of(lens: Lens, q: np.ndarray, c: int, ray: Vector) -> Vector:
-    """Place of the surface behind a pixel of a row; ray: of the row, at the optical centre."""
+def _point_at(lens: Lens, q: np.ndarray, c: int, ray: Vector) -> Vector:
+    """Return the surface point behind a pixel of a row; ray: of the row, at the optical centre."""
     r = lens.rotation
     du, depth = (c + 0.5 - lens.centre[0]) / lens.focal[0], 1.0 / q[c]
-    return (
-        lens.origin[0] + depth * (ray[0] + r[0, 0] * du),
-        lens.origin[1] + depth * (ray[1] + r[0, 1] * du),
-        lens.origin[2] + depth * (ray[2] + r[0, 2] * du),
+    return Vector(
+        lens.origin[0] + depth * (ray.x + r[0, 0] * du),
+        lens.origin[1] + depth * (ray.y + r[0, 1] * du),
+        lens.origin[2] + depth * (ray.z + r[0, 2] * du),
     )
 
 
@@ -384,7 +399,7 @@ def shade_plainly(
     q: np.ndarray,
     faces: np.ndarray,
     flat: np.ndarray,
-    stage: Stage,
+    tables: ShadingTables,
     sky: np.ndarray,
     pixels: np.ndarray,
 ) -> None:
@@ -406,7 +421,7 @@ def shade_plainly(
             if face == GROUND_FACE:
                 for first in range(start, end, CHUNK):
                     last = min(end, first + CHUNK)
-                    plain_ground(lens, q[row], x0, y0, ax, ay, first, last, stage, pixels[row])
+                    plain_ground(lens, q[row], x0, y0, ax, ay, first, last, tables, pixels[row])
             else:
                 colour = sky if face == SKY_FACE else flat[face]
                 red, green, blue = colour[0], colour[1], colour[2]
@@ -416,23 +431,24 @@ def shade_plainly(
 
 
 # --------------------------------------------------------------------------------------------------
-# From the nearest surfaces to light.
+# The light of a whole image.
 
 CLEAR_PER_M = 1.2e-4
 """Extinction of clear air: a visibility of 33 km."""
 BALANCE = 0.5
+"""Share of the sky's colour that the camera's white balance removes."""
 BRIGHTEST_FOG = 0.75
-"""The exposure keeps fog below white."""
-CURVE = 4096
+"""Greatest brightness of fog; the exposure keeps it below white."""
+SRGB_STEPS = 4096
 """Steps of the table from linear light to bytes."""
-_ROOM = threading.local()
+_BUFFERS = threading.local()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight(Record):
-    """What a camera looks at, and from where, at one instant.
+class CameraView(Record):
+    """The view of a camera at one instant.
 
-    raster: of the solids, seen from world_from_camera through the pinhole. solids: of the scene
+    raster: of the solids, from world_from_camera through the pinhole. solids: of the scene
     at the stamp. categories: (A,) of the actors.
     """
 
@@ -446,53 +462,64 @@ class Sight(Record):
 
     @property
     def lens(self) -> Lens:
-        """The camera in the world."""
+        """Pose and intrinsics of the camera."""
         return lens_of(self.pinhole, self.world_from_camera)
 
     @property
-    def looks(self) -> Looks:
-        """How the solids look."""
-        return looks_of(self.scene, self.solids, self.stamp_s, self.categories)
+    def appearance(self) -> Appearance:
+        """Appearance of the solids."""
+        return appearance_of(self.scene, self.solids, self.stamp_s, self.categories)
 
 
 def shade(
-    sight: Sight, ground: Ground, light: Light, *, extinction_per_m: float = 0.0, wet: float = 0.0
+    view: CameraView,
+    ground: Ground,
+    light: Light,
+    *,
+    extinction_per_m: float = 0.0,
+    wet: float = 0.0,
 ) -> np.ndarray:
-    """Return (H, W, 3) float32 linear light of what is in sight; 1 is white.
+    """Return (H, W, 3) float32 linear light of the view; 1 is white.
 
     The next call of the same thread with the same size writes into the same array.
     wet: 0 to 1, how wet the ground is.
     """
-    lens, air = sight.lens, air_of(light, extinction_per_m, wet)
-    raster, solids, looks = sight.raster, sight.solids, sight.looks
-    lit, open_sky = room("shadows", (2, *raster.faces.shape), np.uint8)
+    lens, air = view.lens, air_of(light, extinction_per_m, wet)
+    raster, solids, appearance = view.raster, view.solids, view.appearance
+    lit, open_sky = thread_buffer("shadows", (2, *raster.faces.shape), np.uint8)
     cast_shadows(lens, solids, raster.faces, air.towards, lit, open_sky)
-    sunlit(solids, air.towards, lens, looks.lit)
-    stage = _stage(lens, solids, looks, air, ground, (lit, open_sky))
-    shone = room("light", (*raster.faces.shape, 3), np.float32)
-    shade_all(lens, raster.q, raster.faces, looks, stage, air, shone)
-    return shone
+    sunlit(solids, air.towards, lens, appearance.lit)
+    tables = _tables(lens, solids, appearance, air, ground, lit, open_sky)
+    linear = thread_buffer("light", (*raster.faces.shape, 3), np.float32)
+    shade_all(lens, raster.q, raster.faces, appearance, tables, air, linear)
+    return linear
 
 
-def shade_plain(sight: Sight, ground: Ground, light: Light) -> np.ndarray:
+def shade_plain(view: CameraView, ground: Ground, light: Light) -> np.ndarray:
     """Return (H, W, 3) uint8 pixels: one colour a face, no shadows, textures or weather."""
-    lens, air = sight.lens, air_of(light, 0.0, 0.0)
-    raster, solids, looks = sight.raster, sight.solids, sight.looks
+    lens, air = view.lens, air_of(light, 0.0, 0.0)
+    raster, solids, appearance = view.raster, view.solids, view.appearance
     none = np.empty((0, 0), np.uint8)
-    stage = _stage(lens, solids, looks, air, ground, (none, none))
+    tables = _tables(lens, solids, appearance, air, ground, none, none)
     faces = np.zeros((len(solids.corners), FACES, 3), np.float32)
-    faces[:, : stage.glow.shape[1]] = stage.glow * looks.colours[:, None]
-    steps = (np.clip(faces, 0.0, 1.0) * (CURVE - 1)).astype(np.int64)
-    sky = (np.clip(air.horizon, 0.0, 1.0) * (CURVE - 1)).astype(np.int64)
+    faces[:, : tables.glow.shape[1]] = tables.glow * appearance.colours[:, None]
+    steps = (np.clip(faces, 0.0, 1.0) * (SRGB_STEPS - 1)).astype(np.int64)
+    sky = (np.clip(air.horizon, 0.0, 1.0) * (SRGB_STEPS - 1)).astype(np.int64)
     pixels = np.empty((*raster.faces.shape, 3), np.uint8)
     shade_plainly(
-        lens, raster.q, raster.faces, curve()[steps].reshape(-1, 3), stage, curve()[sky], pixels
+        lens,
+        raster.q,
+        raster.faces,
+        srgb_table()[steps].reshape(-1, 3),
+        tables,
+        srgb_table()[sky],
+        pixels,
     )
     return pixels
 
 
 def air_of(light: Light, extinction_per_m: float, wet: float) -> Air:
-    """Join light and air; fog is as bright as the horizon."""
+    """Return light and air; fog is as bright as the horizon."""
     sun, zenith, horizon, ground = (
         light.gain * np.array(c) for c in (light.sun, light.zenith, light.horizon, light.ground)
     )
@@ -500,7 +527,7 @@ def air_of(light: Light, extinction_per_m: float, wet: float) -> Air:
     hidden = float(np.exp(-150.0 * extinction_per_m))
     zenith = zenith + 0.5 * (1.0 - hidden) * (horizon - zenith)
     open_sky = 0.45 * zenith + 0.55 * horizon
-    # The camera's white balance takes out part of the blue of the sky.
+    # The camera's white balance removes part of the blue of the sky.
     balanced = open_sky + BALANCE * (open_sky.mean() - open_sky)
     veil = horizon * min(1.0, BRIGHTEST_FOG / horizon.max())
     return Air(
@@ -518,76 +545,78 @@ def air_of(light: Light, extinction_per_m: float, wet: float) -> Air:
     )
 
 
-def _stage(
+def _tables(
     lens: Lens,
     solids: Solids,
-    looks: Looks,
+    appearance: Appearance,
     air: Air,
     ground: Ground,
-    shadows: tuple[np.ndarray, np.ndarray],
-) -> Stage:
-    """Light the faces and make the tables that the kernels read."""
+    lit: np.ndarray,
+    open_sky: np.ndarray,
+) -> ShadingTables:
+    """Return the tables that the kernels read, with the light on all faces."""
     shape = (len(solids.corners), 14, 3)
     normals, glow = np.zeros(shape), np.zeros(shape, np.float32)
-    light_faces(solids.footprints, solids.corners, looks.lit, air, normals, glow)
+    light_faces(solids.footprints, solids.corners, appearance.lit, air, normals, glow)
     ahead = lens.rotation[2, :2]
     cells = ground.around(lens.origin[:2], ahead)
-    height, width = shadows[0].shape
-    blocks = room("sky", (height // BLOCK + 2, width // BLOCK + 2, 3), np.float32)
+    height, width = lit.shape
+    blocks = thread_buffer("sky", (height // BLOCK + 2, width // BLOCK + 2, 3), np.float32)
     heights = np.empty(width)
     if width:
         sky_blocks(lens, air, noise_tile(), blocks)
         skyline(lens, noise_tile(), heights)
-    pools, corner = _pools(lens, solids, looks, air)
-    return Stage(
+    pools, origin = _pools(lens, solids, appearance, air)
+    return ShadingTables(
         solids.footprints,
         solids.corners,
         normals,
         glow,
-        *shadows,
+        lit,
+        open_sky,
         cells,
         ground.middles,
         noise_tile(),
         pools,
-        corner,
+        origin,
         blocks,
         heights,
-        _fades(),
+        _transmittances(),
     )
 
 
 def _pools(
-    lens: Lens, solids: Solids, looks: Looks, air: Air
-) -> tuple[np.ndarray, tuple[float, float]]:
-    """Map the light of lamps around a place ahead of the camera; nothing by day."""
+    lens: Lens, solids: Solids, appearance: Appearance, air: Air
+) -> tuple[np.ndarray, Point]:
+    """Return the map of the light of lamps ahead of the camera and its corner; empty by day."""
     if not air.lamps:
-        return np.empty((0, 0, 2), np.float32), (0.0, 0.0)
+        return np.empty((0, 0, 2), np.float32), Point(0.0, 0.0)
     ahead = lens.rotation[2, :2] / max(float(np.linalg.norm(lens.rotation[2, :2])), 1e-9)
     x, y = lens.origin[:2] + 0.35 * POOL_SIDE * POOL_M * ahead - 0.5 * POOL_SIDE * POOL_M
-    pools = room("pools", (POOL_SIDE, POOL_SIDE, 2), np.float32)
-    corner = (float(x), float(y))
-    light_pools(solids, looks.patterns == LANTERN, looks.frames, corner, pools)
-    return pools, corner
+    pools = thread_buffer("pools", (POOL_SIDE, POOL_SIDE, 2), np.float32)
+    origin = Point(float(x), float(y))
+    light_pools(solids, appearance.patterns == LANTERN, appearance.frames, origin, pools)
+    return pools, origin
 
 
-def room(name: str, shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    """Return this thread's array of that name and shape, with whatever it held before."""
-    held: dict[tuple[object, ...], np.ndarray] = _ROOM.__dict__.setdefault("held", {})
+def thread_buffer(name: str, shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """Return this thread's array of that name and shape, with its previous contents."""
+    buffers: dict[tuple[object, ...], np.ndarray] = _BUFFERS.__dict__.setdefault("buffers", {})
     key = (name, shape, dtype)
-    if key not in held:
-        held[key] = np.zeros(shape, dtype)
-    return held[key]
+    if key not in buffers:
+        buffers[key] = np.zeros(shape, dtype)
+    return buffers[key]
 
 
 @cache
-def curve() -> np.ndarray:
+def srgb_table() -> np.ndarray:
     """(4096,) uint8, sRGB bytes of linear light in 0 to 1 (IEC 61966-2-1)."""
-    linear = np.linspace(0.0, 1.0, CURVE)
+    linear = np.linspace(0.0, 1.0, SRGB_STEPS)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     table: np.ndarray = np.rint(255 * encoded).astype(np.uint8)
     return table
 
 
 @cache
-def _fades() -> np.ndarray:
-    return np.exp(-np.linspace(0.0, THICKEST, FADES + 1))
+def _transmittances() -> np.ndarray:
+    return np.exp(-np.linspace(0.0, GREATEST_DEPTH, TRANSMITTANCE_STEPS + 1))

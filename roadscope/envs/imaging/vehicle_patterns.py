@@ -1,4 +1,4 @@
-"""What is drawn on vehicles: bodywork, wheels, lamps, plates, windows."""
+"""Patterns on vehicles: bodywork, wheels, lamps, plates, windows."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from roadscope.core import Category
 from roadscope.core.jit import compiled
+from roadscope.envs.imaging.raster import Vector
 
 TRUCK, CAR, BUS, VAN = (
     int(Category.TRUCK),
@@ -14,7 +15,7 @@ TRUCK, CAR, BUS, VAN = (
     int(Category.VAN),
 )
 SLANT = 0.8
-"""Rise over run of the normal of car windows, which prisms can only show as steps."""
+"""Slope of the normal of car windows; prisms can only approximate these by steps."""
 
 
 @compiled(forceinline=True, borrowing=True)
@@ -28,7 +29,7 @@ def _set(out: np.ndarray, red: float, green: float, blue: float, gloss: float) -
 
 
 @compiled(forceinline=True, borrowing=True)
-def _shine(out: np.ndarray, red: float, green: float, blue: float) -> None:
+def _emit(out: np.ndarray, red: float, green: float, blue: float) -> None:
     out[4], out[5], out[6] = red, green, blue
 
 
@@ -38,28 +39,26 @@ def _pane(out: np.ndarray) -> None:
 
 
 @compiled(borrowing=True)
-def slanted(
-    frame: np.ndarray, normal: tuple[float, float, float], x: float, y: float
-) -> tuple[float, float, float]:
+def slanted(frame: np.ndarray, normal: Vector, x: float, y: float) -> Vector:
     """Return the normal of a sloping window where a stack of prisms has a step."""
     scale = 1.0 / np.sqrt(1.0 + SLANT * SLANT)
-    if normal[2] == 0.0:
-        return normal[0] * scale, normal[1] * scale, SLANT * scale
+    if normal.z == 0.0:
+        return Vector(normal.x * scale, normal.y * scale, SLANT * scale)
     dx, dy = x - frame[0], y - frame[1]
     along = (dx * frame[2] + dy * frame[3]) / max(frame[4], 0.1)
     across = (dy * frame[2] - dx * frame[3]) / max(frame[5], 0.1)
     if abs(along) * 2.2 > abs(across):
         sign = scale if along > 0.0 else -scale
-        return sign * frame[2], sign * frame[3], SLANT * scale
+        return Vector(sign * frame[2], sign * frame[3], SLANT * scale)
     sign = scale if across > 0.0 else -scale
-    return -sign * frame[3], sign * frame[2], SLANT * scale
+    return Vector(-sign * frame[3], sign * frame[2], SLANT * scale)
 
 
 @compiled(borrowing=True)
 def glass(
     paint: np.ndarray,
     frame: np.ndarray,
-    way: float,
+    along_pane: float,
     length: float,
     along: float,
     z: float,
@@ -67,13 +66,13 @@ def glass(
     aside: float,
     out: np.ndarray,
 ) -> None:
-    """Windows; on flanks the pillars between them, in the colour of the body."""
+    """Draw windows; on flanks also the pillars between them, in the colour of the body."""
     if abs(aside) < 0.85:
         return
-    end = min(way, length - way)
+    end = min(along_pane, length - along_pane)
     pillar = False
     if frame[7] == BUS:
-        gap = (way / 1.55) % 1.0
+        gap = (along_pane / 1.55) % 1.0
         pillar = gap < 0.06 or end < 0.10
         if frame[6] > 0.0 and abs(z / frame[6] - 0.70) < 0.006:
             pillar = True
@@ -109,14 +108,14 @@ def bodywork(
     elif ahead < -0.5:
         _rear(wide, height, big, across, z, seed, lamps, out)
     elif z < 0.9 * height and (abs(across) > 0.93 * wide or abs(along) > 0.95 * half):
-        # Ledges between the steps of a body are rounded edges: they mirror no horizon.
+        # Ledges between the steps of a body stand for rounded edges: they mirror no horizon.
         _scale(out, 0.75)
         out[3] = 0.0
 
 
 @compiled(forceinline=True, borrowing=True)
 def axles(half: float, height: float) -> tuple[float, float, float]:
-    """Places of the front and rear axle along a body, and the radius of its wheels."""
+    """Return the positions of the front and rear axle along a body, and the wheels' radius."""
     radius = 0.48 if height > 2.8 else 0.33
     front, rear = half - (0.85 if half < 3.2 else 1.5), -half + (0.9 if half < 3.2 else 2.2)
     return front, rear, radius
@@ -193,12 +192,12 @@ def _front(
             lit = (across / 0.09) % 1.0 < 0.6 and side < 0.55
             _set(out, 0.02, 0.02, 0.02, 0.05)
             if lit:
-                _shine(out, 0.75, 0.42, 0.05)
+                _emit(out, 0.75, 0.42, 0.05)
         return
     if 0.56 < side < 0.93 and 0.395 < level < 0.485:
         _set(out, 0.55, 0.57, 0.60, 0.25)
         if lamps:
-            _shine(out, 9.0, 8.4, 7.0)
+            _emit(out, 9.0, 8.4, 7.0)
     elif side < 0.50 and 0.33 < level < 0.43:
         bar = 0.012 if (z / 0.03) % 1.0 < 0.6 else 0.04
         _set(out, bar, bar, bar, 0.05)
@@ -230,7 +229,7 @@ def _rear(
         if side < 0.74 + 0.06 * seed and level < low + 0.04:
             _set(out, 0.5, 0.48, 0.45, 0.12)
         elif lamps:
-            _shine(out, 2.2, 0.10, 0.08)
+            _emit(out, 2.2, 0.10, 0.08)
     elif abs(across) < 0.26 and abs(z - 0.36 * min(height, 1.8)) < 0.056:
         _plate(across, z, out)
     elif level < 0.24:

@@ -1,1 +1,1 @@
-"""Where rays meet the world."""
+"""The ray caster: exact hits of rays on the world."""

@@ -1,9 +1,9 @@
-"""Sixteen doubles handled at once inside compiled kernels.
+"""Arithmetic on sixteen doubles at once inside compiled kernels.
 
 Loops over the columns of a block are too short for the compiler to turn them into vector
-instructions reliably, so the block is one value here: `Batch`, with + - * / and comparisons,
-which give `Mask`. LLVM maps it to whatever vector registers the processor has. Every slot is
-computed as ordinary IEEE arithmetic would, in the order written.
+instructions reliably, so the block is one value here, a batch, with + - * / and comparisons,
+which give masks. LLVM maps it to whatever vector registers the processor has. Every slot is
+computed by ordinary IEEE arithmetic, in the order of the source.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 _INLINE = {"forceinline": True}
 
 
-class Batch(types.Type):
+class BatchType(types.Type):
     """Sixteen doubles."""
 
     def __init__(self) -> None:
         super().__init__(name="Batch")
 
 
-class Mask(types.Type):
+class MaskType(types.Type):
     """Sixteen truth values."""
 
     def __init__(self) -> None:
         super().__init__(name="Mask")
 
 
-BATCH, MASK = Batch(), Mask()
+BATCH, MASK = BatchType(), MaskType()
 
 
-@register_model(Batch)
+@register_model(BatchType)
 class _BatchModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _VECTOR)
 
 
-@register_model(Mask)
+@register_model(MaskType)
 class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _BITS)
@@ -55,7 +55,7 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
 
 @intrinsic  # type: ignore[untyped-decorator]
 def spread(typing: Any, number: Any) -> Any:
-    """Put one number into all slots."""
+    """Return a batch with one number in all slots."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         wide = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), args[0], _index(0))
@@ -66,7 +66,7 @@ def spread(typing: Any, number: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def load(typing: Any, rows: Any, row: Any) -> Any:
-    """Read one row of a (R, 16) array of doubles."""
+    """Return one row of a (R, 16) array of doubles."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_place(context, builder, signature, args), align=8)
@@ -87,7 +87,7 @@ def put(typing: Any, rows: Any, row: Any, batch: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def put_narrow(typing: Any, rows: Any, row: Any, place: Any, batch: Any) -> Any:
-    """Write sixteen places of a row of a (R, C) array of float32 or int32."""
+    """Write sixteen neighbouring entries of a row of a (R, C) array of float32 or int32."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         whole = isinstance(signature.args[0].dtype, types.Integer)
@@ -105,7 +105,7 @@ def put_narrow(typing: Any, rows: Any, row: Any, place: Any, batch: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def flip(typing: Any, batch: Any) -> Any:
-    """Reverse the order of the slots."""
+    """Return the batch in reverse order."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.shuffle_vector(args[0], args[0], _order(list(range(WIDTH))[::-1]))
@@ -115,7 +115,7 @@ def flip(typing: Any, batch: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def pick(typing: Any, mask: Any, yes: Any, no: Any) -> Any:
-    """Take `yes` where the mask holds and `no` elsewhere."""
+    """Return `yes` where the mask is true and `no` elsewhere."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.select(*args)
@@ -125,7 +125,7 @@ def pick(typing: Any, mask: Any, yes: Any, no: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def root(typing: Any, batch: Any) -> Any:
-    """Take square roots."""
+    """Return square roots."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         kind = ir.FunctionType(_VECTOR, [_VECTOR])
@@ -137,7 +137,7 @@ def root(typing: Any, batch: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def count(typing: Any, mask: Any) -> Any:
-    """Count the slots where the mask holds."""
+    """Return the number of slots where the mask is true."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         word = builder.bitcast(args[0], ir.IntType(WIDTH))
@@ -148,7 +148,7 @@ def count(typing: Any, mask: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def least(typing: Any, batch: Any) -> Any:
-    """Find the least of a batch of slots that are all numbers."""
+    """Return the least number of a batch without NaN."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         value, half = args[0], WIDTH // 2
@@ -178,7 +178,7 @@ def _order(batch: list[int]) -> Any:
 
 
 def _define(symbol: Callable[..., Any], kind: Any, result: Any, emit: Callable[..., Any]) -> None:
-    """Give an operator a meaning for two values of the kind, or one and a number."""
+    """Define an operator for two values of the kind, or for one and a number."""
 
     @intrinsic  # type: ignore[untyped-decorator]
     def both(typing: Any, a: Any, b: Any) -> Any:

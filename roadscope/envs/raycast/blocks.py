@@ -1,4 +1,4 @@
-"""Columns sorted by azimuth into blocks, and which units each block may see, nearest first."""
+"""Blocks of columns with neighbouring azimuths, and the units that each block may hit."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from roadscope.envs.raycast.batch import WIDTH
 from roadscope.envs.raycast.shapes import STILL, Shapes
 
 # --------------------------------------------------------------------------------------------------
-# Columns sorted by azimuth into blocks, and which units each block may see, nearest first.
+# Columns sorted by azimuth into blocks.
 
 SLACK = 1e-9
 """Relative widening of every conservative bound, far above rounding."""
 
 LEVEL_ERROR = 1e-6
-"""How far the length of `ahead` may be from 1 in columns that count as level."""
+"""Greatest error of the length of `ahead` in columns that count as level."""
 
 
-class Rays(NamedTuple):
+class RayColumns(NamedTuple):
     """C columns of B rays.
 
     origins, ahead, up: (C, 3), world frame. stamps_s: (C,). slopes: (B,), increasing.
@@ -68,7 +68,7 @@ class Blocks(NamedTuple):
 
 @compiled(borrowing=True)
 def is_level(ahead: np.ndarray, up: np.ndarray) -> bool:
-    """Whether all `ahead` are horizontal unit vectors and all `up` are the z axis."""
+    """Return whether all `ahead` are horizontal unit vectors and all `up` are the z axis."""
     for c in range(len(ahead)):
         x, y = ahead[c, 0], ahead[c, 1]
         # |x^2 + y^2 - 1| is about twice the error of the length.
@@ -80,8 +80,8 @@ def is_level(ahead: np.ndarray, up: np.ndarray) -> bool:
 
 
 @compiled()
-def arrange(rays: Rays) -> Blocks:
-    """Sort the columns and bound each block."""
+def sort_into_blocks(rays: RayColumns) -> Blocks:
+    """Return the columns in sorted blocks, with bounds of each block."""
     x = y = 0.0
     for c in range(len(rays.ahead)):
         x += rays.ahead[c, 0]
@@ -118,7 +118,7 @@ def arrange(rays: Rays) -> Blocks:
 
 @compiled()
 def _order(angles: np.ndarray) -> np.ndarray:
-    """Sort columns; a sensor that turns one way hands them over sorted but for one place."""
+    """Return the order of columns; those of a rotating sensor are sorted except at one place."""
     size = len(angles)
     rises = falls = start = 0
     for c in range(size):
@@ -142,7 +142,7 @@ def _length(x: float, y: float) -> float:
 
 @compiled(forceinline=True)
 def pseudo_angle(x: float, y: float) -> float:
-    """Grow with the azimuth from -2 to 2 without trigonometry."""
+    """Return a number from -2 to 2 that grows with the azimuth, without trigonometry."""
     size = abs(x) + abs(y)
     if size == 0.0:
         return 0.0
@@ -162,7 +162,7 @@ def _pseudo_angles(flat: np.ndarray, seam: np.ndarray) -> np.ndarray:
 
 
 @compiled()
-def _bound_blocks(rays: Rays, blocks: Blocks) -> None:
+def _bound_blocks(rays: RayColumns, blocks: Blocks) -> None:
     for n in range(len(blocks.lows)):
         start, end = n * WIDTH, min((n + 1) * WIDTH, len(blocks.order))
         x = y = z = mx = my = 0.0
@@ -193,7 +193,7 @@ def _bound_blocks(rays: Rays, blocks: Blocks) -> None:
 
 
 @compiled(borrowing=True)
-def _bound_wedge(rays: Rays, blocks: Blocks, n: int, mx: float, my: float) -> None:
+def _bound_wedge(rays: RayColumns, blocks: Blocks, n: int, mx: float, my: float) -> None:
     wedges, size = blocks.wedges, _length(mx, my)
     wedges[n, 0], wedges[n, 1], wedges[n, 2], wedges[n, 3] = 1.0, 0.0, -1.0, 0.0
     if size == 0.0:
@@ -213,7 +213,7 @@ def _bound_wedge(rays: Rays, blocks: Blocks, n: int, mx: float, my: float) -> No
 
 
 @compiled()
-def _bound_climbs(rays: Rays, blocks: Blocks) -> None:
+def _bound_climbs(rays: RayColumns, blocks: Blocks) -> None:
     beams = len(rays.slopes)
     for n in range(len(blocks.climbs)):
         least, most, run = blocks.climbs[n, 0], blocks.climbs[n, 1], blocks.climbs[n, 2]
@@ -239,10 +239,10 @@ def _bound_climbs(rays: Rays, blocks: Blocks) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Which units each block of columns may see, nearest first.
+# The units that each block of columns may hit, nearest first.
 
 
-class Motion(NamedTuple):
+class ActorMotion(NamedTuple):
     """Poses of A actors at K knots.
 
     poses: (K, A, 3) x, y, yaw. speeds: (A, 2) greatest speed in m/s and yaw rate in rad/s.
@@ -254,8 +254,8 @@ class Motion(NamedTuple):
     extents: np.ndarray
 
 
-class Members(NamedTuple):
-    """Units per block.
+class BlockUnits(NamedTuple):
+    """Units of each block.
 
     starts: (N + 1,) int64, block n owns rows starts[n] to starts[n + 1] of units.
     units: (S,) int64.
@@ -265,9 +265,18 @@ class Members(NamedTuple):
     units: np.ndarray
 
 
+class SensorRegion(NamedTuple):
+    """Circle around all origins of rays, and the greatest range; metres."""
+
+    x: float
+    y: float
+    radius: float
+    max_range: float
+
+
 @compiled()
-def follow(poses: np.ndarray, knots_s: np.ndarray) -> Motion:
-    """Bound the motion of all actors."""
+def bound_motion(poses: np.ndarray, knots_s: np.ndarray) -> ActorMotion:
+    """Return bounds of the motion of all actors."""
     count, actors = poses.shape[0], poses.shape[1]
     speeds, extents = np.zeros((actors, 2)), np.empty((actors, 3))
     for a in range(actors):
@@ -282,38 +291,38 @@ def follow(poses: np.ndarray, knots_s: np.ndarray) -> Motion:
             y_low, y_high = min(y_low, poses[k, a, 1]), max(y_high, poses[k, a, 1])
         extents[a, 0], extents[a, 1] = 0.5 * (x_low + x_high), 0.5 * (y_low + y_high)
         extents[a, 2] = np.sqrt((x_high - x_low) ** 2 + (y_high - y_low) ** 2)
-    return Motion(poses, speeds, extents)
+    return ActorMotion(poses, speeds, extents)
 
 
 @compiled()
-def assign(
-    rays: Rays, blocks: Blocks, shapes: Shapes, motion: Motion, max_range_m: float
-) -> Members:
-    """Give each block a superset of the units that its rays can meet within the range."""
+def units_by_block(
+    rays: RayColumns, blocks: Blocks, shapes: Shapes, motion: ActorMotion, max_range_m: float
+) -> BlockUnits:
+    """Return for each block a superset of the units that its rays can hit within the range."""
     x_low = y_low = np.inf
     x_high = y_high = -np.inf
     for c in range(len(rays.origins)):
         x_low, x_high = min(x_low, rays.origins[c, 0]), max(x_high, rays.origins[c, 0])
         y_low, y_high = min(y_low, rays.origins[c, 1]), max(y_high, rays.origins[c, 1])
     reach = np.sqrt((x_high - x_low) ** 2 + (y_high - y_low) ** 2)
-    sensor = (0.5 * (x_low + x_high), 0.5 * (y_low + y_high), reach, max_range_m)
+    sensor = SensorRegion(0.5 * (x_low + x_high), 0.5 * (y_low + y_high), reach, max_range_m)
     steepest = max(abs(rays.slopes[0]), abs(rays.slopes[-1]))
     spans = np.empty((len(shapes.unit_poses), 4), np.int64)
     nearest = np.empty(len(shapes.unit_poses))
-    _find_spans(blocks, shapes, motion, sensor, _sway(blocks, steepest), spans, nearest)
+    _find_spans(blocks, shapes, motion, sensor, _ray_spread(blocks, steepest), spans, nearest)
     return _fill(len(blocks.lows), np.argsort(nearest, kind="mergesort"), spans)
 
 
 @compiled(borrowing=True)
-def _sway(blocks: Blocks, steepest: float) -> float:
-    """Tangent of the largest angle between a ray and its column's `ahead`, seen from above."""
+def _ray_spread(blocks: Blocks, steepest: float) -> float:
+    """Return the tangent of the largest horizontal angle between a ray and its column's `ahead`."""
     most = 0.0
     for n in range(len(blocks.sways)):
         lateral = steepest * blocks.sways[n, 1]
-        room = blocks.sways[n, 0] - lateral
-        if room <= 0.0:
+        shortest = blocks.sways[n, 0] - lateral
+        if shortest <= 0.0:
             return np.inf
-        most = max(most, lateral / room)
+        most = max(most, lateral / shortest)
     return most
 
 
@@ -321,13 +330,13 @@ def _sway(blocks: Blocks, steepest: float) -> float:
 def _find_spans(
     blocks: Blocks,
     shapes: Shapes,
-    motion: Motion,
-    sensor: tuple[float, float, float, float],
+    motion: ActorMotion,
+    sensor: SensorRegion,
     sway: float,
     spans: np.ndarray,
     nearest: np.ndarray,
 ) -> None:
-    """Two half-open ranges of blocks per unit, the second for what lies across the seam."""
+    """Write two half-open ranges of blocks for each unit; the second if it lies across the seam."""
     count = len(blocks.lows)
     for u in range(len(shapes.unit_poses)):
         actor = shapes.unit_poses[u]
@@ -336,12 +345,12 @@ def _find_spans(
         if actor != STILL:
             reach += np.sqrt(x * x + y * y) + motion.extents[actor, 2]
             x, y = motion.extents[actor, 0], motion.extents[actor, 1]
-        reach = (reach + sensor[2]) * (1.0 + SLACK)
-        dx, dy = x - sensor[0], y - sensor[1]
+        reach = (reach + sensor.radius) * (1.0 + SLACK)
+        dx, dy = x - sensor.x, y - sensor.y
         distance = np.sqrt(dx * dx + dy * dy)
         nearest[u] = distance - reach
         spans[u, 0] = spans[u, 1] = spans[u, 2] = spans[u, 3] = 0
-        if nearest[u] > sensor[3]:
+        if nearest[u] > sensor.max_range:
             continue
         spans[u, 1] = count
         wide = reach + (distance + reach) * sway
@@ -362,7 +371,7 @@ def _find_spans(
 
 @compiled(borrowing=True)
 def _first_from(rising: np.ndarray, value: float) -> int:
-    """Return the first place whose number is not below the value."""
+    """Return the index of the first number that is not below the value."""
     low, high = 0, len(rising)
     while low < high:
         middle = (low + high) >> 1
@@ -374,7 +383,7 @@ def _first_from(rising: np.ndarray, value: float) -> int:
 
 
 @compiled()
-def _fill(count: int, order: np.ndarray, spans: np.ndarray) -> Members:
+def _fill(count: int, order: np.ndarray, spans: np.ndarray) -> BlockUnits:
     starts = np.zeros(count + 2, np.int64)
     for u in range(len(spans)):
         for n in range(spans[u, 0], spans[u, 1]):
@@ -390,4 +399,4 @@ def _fill(count: int, order: np.ndarray, spans: np.ndarray) -> Members:
         for n in range(spans[u, 2], spans[u, 3]):
             units[starts[n + 1]] = u
             starts[n + 1] += 1
-    return Members(starts[:-1], units)
+    return BlockUnits(starts[:-1], units)

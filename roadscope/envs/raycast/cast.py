@@ -1,4 +1,4 @@
-"""Exact ray casting against prisms and the ground, for LiDAR and cameras alike."""
+"""Exact ray casting against prisms and the ground, for LiDAR and cameras."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from roadscope.core import GROUND
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
-from roadscope.envs.raycast.blocks import Rays, is_level
+from roadscope.envs.raycast.blocks import RayColumns, is_level
 from roadscope.envs.raycast.depth import NOTHING, Surfaces
-from roadscope.envs.raycast.kernels import World, cast_all
+from roadscope.envs.raycast.kernels import CastWorld, cast_all
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.raycast.shapes import gather
+from roadscope.envs.raycast.shapes import shapes_of
 
 __all__ = ["GROUND", "NOTHING", "Columns", "Hits", "cast"]
 
@@ -50,14 +50,14 @@ class Columns(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits(Record):
-    """What each of C x B rays meets first.
+    """The nearest hit of each of C x B rays.
 
-    ranges: (C, B) float32, metres, 0 where nothing is met.
+    ranges: (C, B) float32, metres, 0 without a hit.
     owners: (C, B) int32, actor row, `GROUND`, -2 and below for scenery, or `NOTHING`.
     cosines: (C, B) float32, cosine of the angle of incidence.
     reflectivity: (C, B) float32, of the surface at normal incidence.
-    outline_rays: (A,) int64, rays that would meet the actor if nothing else were there, or None.
-    outline_hits: (A,) int64, how many rays meet it, or None.
+    outline_rays: (A,) int64, rays that would hit the actor without any other object, or None.
+    outline_hits: (A,) int64, rays that hit it, or None.
     """
 
     ranges: np.ndarray
@@ -76,10 +76,10 @@ def cast(
     max_range_m: float,
     outlines: bool = False,
 ) -> Hits:
-    """Find the nearest surface on every ray, in double precision and without approximation.
+    """Return the nearest surface on every ray, in double precision and without approximation.
 
-    A body's place is its pose at the stamp of the column. A ray does not see a prism that
-    contains its origin. With `outlines`, also count per actor the rays that reach its outline.
+    Bodies have their poses at the stamp of the column. A ray does not hit a prism that contains
+    its origin. With `outlines`, the rays that reach each actor's outline are counted too.
     """
     rays = _rays(scene, columns, slopes)
     require(0 < max_range_m < np.inf, columns, "max_range_m", "a finite range above 0", max_range_m)
@@ -91,9 +91,9 @@ def cast(
         np.empty(shape, np.float32),
     )
     outline = np.zeros(len(scene.present) if outlines else 0, np.int64)
-    # Other number types would make numba compile everything once more.
-    world = World(
-        gather(scene),
+    # With other number types Numba would compile everything again.
+    world = CastWorld(
+        shapes_of(scene),
         scene.poses,
         scene.knots_s,
         int(scene.seed),
@@ -104,15 +104,17 @@ def cast(
     ranges, owners, cosines, reflectivity = (surface.T for surface in surfaces)
     if not outlines:
         return Hits(ranges, owners, cosines, reflectivity)
-    met = np.bincount(owners[owners >= 0], minlength=len(outline))
-    return Hits(ranges, owners, cosines, reflectivity, outline, met)
+    hits = np.bincount(owners[owners >= 0], minlength=len(outline))
+    return Hits(ranges, owners, cosines, reflectivity, outline, hits)
 
 
-def _rays(scene: Scene, columns: Columns, slopes: np.ndarray) -> Rays:
-    given = np.ascontiguousarray(slopes, np.float64)
-    rising = given.ndim == 1 and len(given) > 0 and bool((np.diff(given) > 0).all())
+def _rays(scene: Scene, columns: Columns, slopes: np.ndarray) -> RayColumns:
+    tangents = np.ascontiguousarray(slopes, np.float64)
+    rising = tangents.ndim == 1 and len(tangents) > 0 and bool((np.diff(tangents) > 0).all())
     require(rising and len(columns) > 0, columns, "slopes", "columns and increasing slopes", slopes)
     knots, fractions = scene.segments(columns.stamps_s)
     ahead, up = columns.ahead, columns.up
     level = is_level(ahead, up)
-    return Rays(columns.origins, ahead, up, columns.stamps_s, given, knots, fractions, level)
+    return RayColumns(
+        columns.origins, ahead, up, columns.stamps_s, tangents, knots, fractions, level
+    )

@@ -1,4 +1,4 @@
-"""What a block of rays has met so far: begun with the ground, handed over as surfaces."""
+"""Depth buffer of a block of rays: starts with the ground, ends as surfaces."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from roadscope.envs.raycast.batch import (
     root,
     spread,
 )
-from roadscope.envs.raycast.blocks import Blocks, Rays
+from roadscope.envs.raycast.blocks import Blocks, RayColumns
 
 NOTHING = SKY
-"""Owner of a ray that meets nothing."""
+"""Owner of a ray without any hit."""
 
 
 class Depth(NamedTuple):
-    """What has been met so far in a block, beam by beam, `WIDTH` columns each.
+    """Nearest hits so far in a block, beam by beam, `WIDTH` columns each.
 
     q: (B, WIDTH) reciprocal of the ray parameter. far: (B, WIDTH) q at the greatest range.
-    faces: (B, WIDTH) distance of the origin from the plane met.
-    owners, reflectivity: (B, WIDTH) of what is met. floors: (B,) least q of each beam.
+    faces: (B, WIDTH) distance of the origin from the plane of the hit.
+    owners, reflectivity: (B, WIDTH) of the surface. floors: (B,) least q of each beam.
     """
 
     q: np.ndarray
@@ -43,7 +43,7 @@ class Depth(NamedTuple):
 
 
 class Surfaces(NamedTuple):
-    """What the rays met, (B, C) each, otherwise as in `raycast.Hits`."""
+    """Nearest surfaces of all rays, (B, C) each, otherwise as in `raycast.Hits`."""
 
     ranges: np.ndarray
     owners: np.ndarray
@@ -52,8 +52,8 @@ class Surfaces(NamedTuple):
 
 
 @compiled(borrowing=True)
-def load_columns(rays: Rays, blocks: Blocks, n: int, world: np.ndarray) -> None:
-    """Copy the block's columns; the last one fills an unfinished block."""
+def load_columns(rays: RayColumns, blocks: Blocks, n: int, world: np.ndarray) -> None:
+    """Copy the block's columns; the last one is repeated in an unfinished block."""
     for i in range(WIDTH):
         c = blocks.order[min(n * WIDTH + i, len(blocks.order) - 1)]
         world[0, i], world[1, i] = rays.origins[c, 0], rays.origins[c, 1]
@@ -65,7 +65,7 @@ def load_columns(rays: Rays, blocks: Blocks, n: int, world: np.ndarray) -> None:
 
 @compiled(borrowing=True)
 def clear(slopes: np.ndarray, ground_reflectivity: float, world: np.ndarray, depth: Depth) -> None:
-    """Begin with the ground, or with nothing at the greatest range."""
+    """Reset the buffer to the ground, or to no hit at the greatest range."""
     scale = 1.0 / depth.max_range_m
     height = load(world, 6)
     above, down = height > 0.0, -1.0 / height
@@ -76,31 +76,31 @@ def clear(slopes: np.ndarray, ground_reflectivity: float, world: np.ndarray, dep
         z = load(world, 7) + s * load(world, 8)
         far = root(x * x + y * y + z * z) * scale
         ground = z * down
-        met = (ground >= far) & above
-        q = pick(met, ground, far)
+        hit = (ground >= far) & above
+        q = pick(hit, ground, far)
         put(depth.far, j, far)
         put(depth.q, j, q)
         put(depth.faces, j, height)
-        put(depth.owners, j, pick(met, spread(1.0 * GROUND), spread(1.0 * NOTHING)))
-        put(depth.reflectivity, j, pick(met, spread(ground_reflectivity), spread(0.0)))
+        put(depth.owners, j, pick(hit, spread(1.0 * GROUND), spread(1.0 * NOTHING)))
+        put(depth.reflectivity, j, pick(hit, spread(ground_reflectivity), spread(0.0)))
         depth.floors[j] = least(q)
 
 
 @compiled(borrowing=True)
 def store(blocks: Blocks, n: int, depth: Depth, surfaces: Surfaces) -> None:
-    """Turn the depth buffer into ranges, owners, cosines and reflectivities."""
+    """Write the depth buffer as ranges, owners, cosines and reflectivities."""
     for j in range(len(depth.q)):
         reach = load(depth.far, j) * depth.max_range_m / load(depth.q, j)
-        met = load(depth.owners, j) > 1.0 * NOTHING
-        put(depth.q, j, pick(met, reach, spread(0.0)))
-        put(depth.faces, j, pick(met, load(depth.faces, j) / reach, spread(0.0)))
+        hit = load(depth.owners, j) > 1.0 * NOTHING
+        put(depth.q, j, pick(hit, reach, spread(0.0)))
+        put(depth.faces, j, pick(hit, load(depth.faces, j) / reach, spread(0.0)))
     order, start = blocks.order, n * WIDTH
     if start + WIDTH <= len(order):
         first, last = order[start], order[start + WIDTH - 1]
-        if _adjoining(order, start, 1):
-            return _store_run(first, False, depth, surfaces)
-        if _adjoining(order, start, -1):
-            return _store_run(last, True, depth, surfaces)
+        if _are_adjacent(order, start, 1):
+            return _store_adjacent(first, False, depth, surfaces)
+        if _are_adjacent(order, start, -1):
+            return _store_adjacent(last, True, depth, surfaces)
     for i in range(min(WIDTH, len(order) - start)):
         c = order[start + i]
         for j in range(len(depth.q)):
@@ -112,24 +112,24 @@ def store(blocks: Blocks, n: int, depth: Depth, surfaces: Surfaces) -> None:
 
 
 @compiled(borrowing=True)
-def _adjoining(order: np.ndarray, start: int, step: int) -> bool:
-    """Whether the block's columns follow one another in that direction."""
-    apart = 0
+def _are_adjacent(order: np.ndarray, start: int, step: int) -> bool:
+    """Return whether the block's columns are adjacent in that direction."""
+    gaps = 0
     for i in range(start + 1, start + WIDTH):
-        apart += order[i] - order[i - 1] != step
-    return apart == 0
+        gaps += order[i] - order[i - 1] != step
+    return gaps == 0
 
 
 @compiled(borrowing=True)
-def _store_run(place: int, turned: bool, depth: Depth, surfaces: Surfaces) -> None:
-    """Write the block to columns `place` onwards, in turned order if need be."""
+def _store_adjacent(first: int, reverse: bool, depth: Depth, surfaces: Surfaces) -> None:
+    """Write the block to the columns from `first` on, in reverse order if `reverse`."""
     for j in range(len(depth.q)):
         ranges, cosines = load(depth.q, j), load(depth.faces, j)
         owners, reflectivity = load(depth.owners, j), load(depth.reflectivity, j)
-        if turned:
+        if reverse:
             ranges, cosines = flip(ranges), flip(cosines)
             owners, reflectivity = flip(owners), flip(reflectivity)
-        put_narrow(surfaces.ranges, j, place, ranges)
-        put_narrow(surfaces.cosines, j, place, cosines)
-        put_narrow(surfaces.owners, j, place, owners)
-        put_narrow(surfaces.reflectivity, j, place, reflectivity)
+        put_narrow(surfaces.ranges, j, first, ranges)
+        put_narrow(surfaces.cosines, j, first, cosines)
+        put_narrow(surfaces.owners, j, first, owners)
+        put_narrow(surfaces.reflectivity, j, first, reflectivity)

@@ -1,4 +1,4 @@
-"""The ray caster's inner loops: each block of columns against the units it may see."""
+"""The ray caster's inner loops: each block of columns against the units that it may hit."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from roadscope.core.jit import compiled
 from roadscope.envs.raycast.batch import WIDTH, count, least, load, pick, put, spread
 from roadscope.envs.raycast.blocks import (
     SLACK,
+    ActorMotion,
     Blocks,
-    Members,
-    Motion,
-    Rays,
-    arrange,
-    assign,
-    follow,
+    BlockUnits,
+    RayColumns,
+    bound_motion,
+    sort_into_blocks,
+    units_by_block,
 )
 from roadscope.envs.raycast.depth import Depth, Surfaces, clear, load_columns, store
 from roadscope.envs.raycast.shapes import STILL, Shapes, fill_planes
 from roadscope.envs.world.prisms import MAX_EDGES
 
 # --------------------------------------------------------------------------------------------------
-# The ray caster's inner loops: one block of columns against the units it may see.
+# One block of columns against one prism.
 
 LINES = MAX_EDGES + 2
 LEAF_COSINE = 0.5
-"""Mean cosine of incidence on leaves that face every way alike."""
+"""Mean cosine of incidence on leaves with uniformly distributed directions."""
 
 _TINY = 1e-300
 
@@ -39,8 +39,8 @@ class Scratch(NamedTuple):
     local: (6, WIDTH) x y of origin, ahead, up in the unit's frame.
     turns: (4, WIDTH) x, y, cosine and sine of yaw of the unit.
     upper, lower: (14 * 3, WIDTH) lines of a prism: constants, slopes, distance of the origin
-    from the face; where a face is turned the other way, a line that never binds.
-    met: (3, WIDTH) where rays enter and leave, and the distance of the face they enter by.
+    from the face; where a face is turned away, a line that is never active.
+    crossings: (3, WIDTH) where rays enter and leave, and the distance of the face they enter by.
     touched: (B, WIDTH) 1 for rays that reach the outline of a body.
     """
 
@@ -49,7 +49,7 @@ class Scratch(NamedTuple):
     turns: np.ndarray
     upper: np.ndarray
     lower: np.ndarray
-    met: np.ndarray
+    crossings: np.ndarray
     touched: np.ndarray
 
 
@@ -57,21 +57,21 @@ class Scratch(NamedTuple):
 def draw_level(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
     """Write the lines of a prism whose sides are upright to level columns.
 
-    The lines of all sides are flat then, so the binding ones are known before any beam is.
+    The lines of all sides are then horizontal, so the active ones do not depend on the beam.
     """
     local, planes = scratch.local, shapes.planes
     x, y, ahead_x, ahead_y = load(local, 0), load(local, 1), load(local, 2), load(local, 3)
     enter, leave, face = spread(np.inf), spread(0.0), spread(0.0)
     for k in range(shapes.corners[m]):
         nx, ny = planes[m, k, 0], planes[m, k, 1]
-        room = planes[m, k, 2] - nx * x - ny * y
-        room = pick(room == 0.0, spread(_TINY), room)
-        line = (nx * ahead_x + ny * ahead_y) / room
-        turned = room < 0.0
+        distance = planes[m, k, 2] - nx * x - ny * y
+        distance = pick(distance == 0.0, spread(_TINY), distance)
+        line = (nx * ahead_x + ny * ahead_y) / distance
+        turned = distance < 0.0
         nearer = turned & (line < enter)
         enter = pick(nearer, line, enter)
-        face = pick(nearer, 0.0 - room, face)
-        leave = pick((room > 0.0) & (line > leave), line, leave)
+        face = pick(nearer, 0.0 - distance, face)
+        leave = pick((distance > 0.0) & (line > leave), line, leave)
     if count(leave <= enter) == 0:
         return 0, 0
     put(scratch.upper, 0, enter)
@@ -84,16 +84,16 @@ def draw_level(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
 
 @compiled(borrowing=True)
 def draw(shapes: Shapes, m: int, scratch: Scratch) -> tuple[int, int]:
-    """Write the prism's lines; return how many upper and lower ones there are."""
+    """Write the prism's lines; return the numbers of upper and lower ones."""
     local, planes = scratch.local, shapes.planes
     x, y, ahead_x, ahead_y = load(local, 0), load(local, 1), load(local, 2), load(local, 3)
     up_x, up_y = load(local, 4), load(local, 5)
     upper = lower = 0
     for k in range(shapes.corners[m]):
         nx, ny = planes[m, k, 0], planes[m, k, 1]
-        room = planes[m, k, 2] - nx * x - ny * y
+        distance = planes[m, k, 2] - nx * x - ny * y
         upper, lower = _draw_line(
-            room, nx * ahead_x + ny * ahead_y, nx * up_x + ny * up_y, upper, lower, scratch
+            distance, nx * ahead_x + ny * ahead_y, nx * up_x + ny * up_y, upper, lower, scratch
         )
     return _draw_lids(shapes.heights, m, upper, lower, scratch)
 
@@ -110,17 +110,17 @@ def _draw_lids(
 
 @compiled(forceinline=True, borrowing=True)
 def _draw_line(
-    room: float, a: float, b: float, upper: int, lower: int, scratch: Scratch
+    distance: float, a: float, b: float, upper: int, lower: int, scratch: Scratch
 ) -> tuple[int, int]:
-    """Write the line (a + b s) / room among those it may bind with; all three are batches."""
-    room = pick(room == 0.0, spread(_TINY), room)
-    turned = room < 0.0
-    inverse = 1.0 / room
+    """Write the line (a + b s) / distance as upper or lower one; all three are batches."""
+    distance = pick(distance == 0.0, spread(_TINY), distance)
+    turned = distance < 0.0
+    inverse = 1.0 / distance
     behind = count(turned)
     if behind > 0:
         put(scratch.upper, 3 * upper, pick(turned, a * inverse, spread(np.inf)))
         put(scratch.upper, 3 * upper + 1, pick(turned, b * inverse, spread(0.0)))
-        put(scratch.upper, 3 * upper + 2, 0.0 - room)
+        put(scratch.upper, 3 * upper + 2, 0.0 - distance)
         upper += 1
     if behind < WIDTH:
         put(scratch.lower, 3 * lower, pick(turned, spread(-np.inf), a * inverse))
@@ -131,7 +131,7 @@ def _draw_line(
 
 @compiled(forceinline=True, borrowing=True)
 def clip(s: float, upper: int, lower: int, scratch: Scratch) -> None:
-    """Find where the rays of slope s enter and leave; entering is inf where they are inside."""
+    """Write where the rays of slope s enter and leave; entering is inf where they are inside."""
     uppers, lowers = scratch.upper, scratch.lower
     enter = load(uppers, 0) + s * load(uppers, 1)
     face = load(uppers, 2)
@@ -144,61 +144,61 @@ def clip(s: float, upper: int, lower: int, scratch: Scratch) -> None:
     for k in range(lower):
         line = load(lowers, 3 * k) + s * load(lowers, 3 * k + 1)
         leave = pick(line > leave, line, leave)
-    put(scratch.met, 0, enter)
-    put(scratch.met, 1, leave)
-    put(scratch.met, 2, face)
+    put(scratch.crossings, 0, enter)
+    put(scratch.crossings, 1, leave)
+    put(scratch.crossings, 2, face)
 
 
 @compiled(forceinline=True, borrowing=True)
-def meet(j: int, shapes: Shapes, m: int, met: np.ndarray, depth: Depth) -> None:
+def enter_solid(j: int, shapes: Shapes, m: int, crossings: np.ndarray, depth: Depth) -> None:
     """Enter a solid prism into the depth buffer."""
-    enter, q = load(met, 0), load(depth.q, j)
-    nearer = (load(met, 1) <= enter) & (q < enter) & (enter < np.inf)
+    enter, q = load(crossings, 0), load(depth.q, j)
+    nearer = (load(crossings, 1) <= enter) & (q < enter) & (enter < np.inf)
     put(depth.q, j, pick(nearer, enter, q))
-    put(depth.faces, j, pick(nearer, load(met, 2), load(depth.faces, j)))
+    put(depth.faces, j, pick(nearer, load(crossings, 2), load(depth.faces, j)))
     owner, reflectivity = 1.0 * shapes.owners[m], 1.0 * shapes.reflectivities[m]
     put(depth.owners, j, pick(nearer, spread(owner), load(depth.owners, j)))
     put(depth.reflectivity, j, pick(nearer, spread(reflectivity), load(depth.reflectivity, j)))
 
 
 @compiled(forceinline=True, borrowing=True)
-def touch(j: int, scratch: Scratch, depth: Depth) -> None:
-    """Mark the rays that meet the prism within the greatest range, whatever is in front."""
-    enter, leave = load(scratch.met, 0), load(scratch.met, 1)
-    met = (leave <= enter) & (load(depth.far, j) < enter) & (enter < np.inf)
-    put(scratch.touched, j, pick(met, spread(1.0), load(scratch.touched, j)))
+def mark_touched(j: int, scratch: Scratch, depth: Depth) -> None:
+    """Mark the rays that hit the prism within the greatest range, occluded or not."""
+    enter, leave = load(scratch.crossings, 0), load(scratch.crossings, 1)
+    hit = (leave <= enter) & (load(depth.far, j) < enter) & (enter < np.inf)
+    put(scratch.touched, j, pick(hit, spread(1.0), load(scratch.touched, j)))
 
 
 @compiled(borrowing=True)
 def enter_porous(
-    rays: Rays,
+    rays: RayColumns,
     blocks: Blocks,
     n: int,
     shapes: Shapes,
     m: int,
     j: int,
-    entered: np.ndarray,
+    crossings: np.ndarray,
     seed: int,
     depth: Depth,
 ) -> None:
-    """Enter a porous prism: each ray meets it after a path of its own, or passes through."""
+    """Enter a porous prism: each ray hits it after a random path, or passes through."""
     for i in range(min(WIDTH, len(blocks.order) - n * WIDTH)):
-        enter, leave = entered[0, i], entered[1, i]
+        enter, leave = crossings[0, i], crossings[1, i]
         if leave <= enter < np.inf and enter > depth.q[j, i]:
             c = blocks.order[n * WIDTH + i]
             path = free_path(seed, shapes.sources[m], c, j, rays.stamps_s[c])
             reach = depth.far[j, i] * depth.max_range_m
-            met = reach / (reach / enter + path / shapes.extinctions[m])
-            if met >= leave and met > depth.q[j, i]:
-                depth.q[j, i] = met
-                depth.faces[j, i] = LEAF_COSINE * reach / met
+            q_hit = reach / (reach / enter + path / shapes.extinctions[m])
+            if q_hit >= leave and q_hit > depth.q[j, i]:
+                depth.q[j, i] = q_hit
+                depth.faces[j, i] = LEAF_COSINE * reach / q_hit
                 depth.owners[j, i] = shapes.owners[m]
                 depth.reflectivity[j, i] = shapes.reflectivities[m]
 
 
 @compiled(borrowing=True)
 def free_path(seed: int, source: int, column: int, beam: int, stamp_s: float) -> float:
-    """Draw an exponentially distributed path with rate 1 that depends on the arguments alone."""
+    """Return a pseudo-random exponential path with rate 1; it depends on the arguments only."""
     state = np.uint64(seed)
     for part in (source, column, beam, np.int64(np.rint(stamp_s * 1e9))):
         state = mix(state + np.uint64(part) + np.uint64(0x9E3779B97F4A7C15))
@@ -216,15 +216,15 @@ def mix(state: np.uint64) -> np.uint64:
 
 
 # --------------------------------------------------------------------------------------------------
-# The ray caster's inner loops: each block of columns against the units it may see.
+# All blocks of columns against their units.
 
 _SMALL_TURN = 0.05
 
 
-class World(NamedTuple):
-    """What rays meet, or that they meet nothing up to the greatest range.
+class CastWorld(NamedTuple):
+    """All surfaces that rays may hit up to the greatest range.
 
-    poses: (K, A, 3) x, y, yaw of the actors at knots_s (K,). seed: of the paths in what is porous.
+    poses: (K, A, 3) x, y, yaw of the actors at knots_s (K,). seed: of the paths in foliage.
     """
 
     shapes: Shapes
@@ -235,12 +235,23 @@ class World(NamedTuple):
     max_range_m: float
 
 
+class UnitPose(NamedTuple):
+    """Pose of a unit (metres, cosine and sine of yaw), and its drift and turn within a block."""
+
+    x: float
+    y: float
+    cosine: float
+    sine: float
+    drift: float
+    turn: float
+
+
 @compiled()
-def cast_all(rays: Rays, world: World, surfaces: Surfaces, outline: np.ndarray) -> None:
-    """Fill the surfaces; count rays per actor in outline (A,) unless it is empty."""
+def cast_all(rays: RayColumns, world: CastWorld, surfaces: Surfaces, outline: np.ndarray) -> None:
+    """Fill the surfaces; count the rays of each actor in outline (A,) unless it is empty."""
     shapes, max_range_m = world.shapes, world.max_range_m
-    blocks, motion = arrange(rays), follow(world.poses, world.knots_s)
-    members = assign(rays, blocks, shapes, motion, max_range_m)
+    blocks, motion = sort_into_blocks(rays), bound_motion(world.poses, world.knots_s)
+    units = units_by_block(rays, blocks, shapes, motion, max_range_m)
     beams = len(rays.slopes)
     depth = Depth(
         np.empty((beams, WIDTH)),
@@ -263,7 +274,7 @@ def cast_all(rays: Rays, world: World, surfaces: Surfaces, outline: np.ndarray) 
     _cast_blocks(
         rays,
         blocks,
-        members,
+        units,
         shapes,
         motion,
         world.seed,
@@ -277,11 +288,11 @@ def cast_all(rays: Rays, world: World, surfaces: Surfaces, outline: np.ndarray) 
 
 @compiled(borrowing=True)
 def _cast_blocks(
-    rays: Rays,
+    rays: RayColumns,
     blocks: Blocks,
-    members: Members,
+    units: BlockUnits,
     shapes: Shapes,
-    motion: Motion,
+    motion: ActorMotion,
     seed: int,
     ground_reflectivity: float,
     scratch: Scratch,
@@ -292,14 +303,14 @@ def _cast_blocks(
     for n in range(len(blocks.lows)):
         load_columns(rays, blocks, n, scratch.world)
         clear(rays.slopes, ground_reflectivity, scratch.world, depth)
-        for i in range(members.starts[n], members.starts[n + 1]):
+        for i in range(units.starts[n], units.starts[n + 1]):
             _cast_unit(
                 rays,
                 blocks,
                 n,
                 shapes,
                 motion,
-                members.units[i],
+                units.units[i],
                 seed,
                 scratch,
                 depth,
@@ -310,11 +321,11 @@ def _cast_blocks(
 
 @compiled(borrowing=True)
 def _cast_unit(
-    rays: Rays,
+    rays: RayColumns,
     blocks: Blocks,
     n: int,
     shapes: Shapes,
-    motion: Motion,
+    motion: ActorMotion,
     unit: int,
     seed: int,
     scratch: Scratch,
@@ -324,18 +335,18 @@ def _cast_unit(
     actor = shapes.unit_poses[unit]
     first, last = shapes.unit_starts[unit], shapes.unit_starts[unit + 1]
     counted = len(outline) > 0 and actor != STILL
-    place = _place(rays, blocks, n, motion, actor)
+    pose = _unit_pose(rays, blocks, n, motion, actor)
     floors = depth.floors
-    low, high = _aim(
-        rays, blocks, n, place, shapes.unit_circles, shapes.unit_heights, unit, floors, counted
+    low, high = _beams_to_test(
+        rays, blocks, n, pose, shapes.unit_circles, shapes.unit_heights, unit, floors, counted
     )
     if low >= high:
         return
     _localise(rays, blocks, n, motion, actor, scratch)
     for m in range(first, last):
         if last - first > 1:
-            low, high = _aim(
-                rays, blocks, n, place, shapes.circles, shapes.heights, m, floors, counted
+            low, high = _beams_to_test(
+                rays, blocks, n, pose, shapes.circles, shapes.heights, m, floors, counted
             )
         if low >= high:
             continue
@@ -350,34 +361,33 @@ def _cast_unit(
         for j in range(low, high):
             clip(rays.slopes[j], upper, lower, scratch)
             if counted:
-                touch(j, scratch, depth)
+                mark_touched(j, scratch, depth)
             if shapes.extinctions[m] > 0.0:
-                enter_porous(rays, blocks, n, shapes, m, j, scratch.met, seed, depth)
+                enter_porous(rays, blocks, n, shapes, m, j, scratch.crossings, seed, depth)
             else:
-                meet(j, shapes, m, scratch.met, depth)
+                enter_solid(j, shapes, m, scratch.crossings, depth)
             floors[j] = least(load(depth.q, j))
     if counted:
         outline[actor] += _count_touched(scratch.touched, len(blocks.order) - n * WIDTH)
 
 
 @compiled(borrowing=True)
-def _place(
-    rays: Rays, blocks: Blocks, n: int, motion: Motion, actor: int
-) -> tuple[float, float, float, float, float, float]:
-    """Where the unit is at the block's first column, and how much that changes in the block.
-
-    x, y (metres), cosine and sine of yaw; drift (metres) and turn (radians).
-    """
+def _unit_pose(
+    rays: RayColumns, blocks: Blocks, n: int, motion: ActorMotion, actor: int
+) -> UnitPose:
+    """Return the pose of a unit at the block's first column, and its change within the block."""
     if actor == STILL:
-        return 0.0, 0.0, 1.0, 0.0, blocks.spreads[n], 0.0
-    x, y, yaw = _interpolate(rays, motion, actor, blocks.order[n * WIDTH])
+        return UnitPose(0.0, 0.0, 1.0, 0.0, blocks.spreads[n], 0.0)
+    x, y, yaw = _actor_pose(rays, motion, actor, blocks.order[n * WIDTH])
     duration = 2.0 * blocks.times[n, 1]
     drift = blocks.spreads[n] + motion.speeds[actor, 0] * duration
-    return x, y, np.cos(yaw), np.sin(yaw), drift, motion.speeds[actor, 1] * duration
+    return UnitPose(x, y, np.cos(yaw), np.sin(yaw), drift, motion.speeds[actor, 1] * duration)
 
 
 @compiled(forceinline=True, borrowing=True)
-def _interpolate(rays: Rays, motion: Motion, actor: int, c: int) -> tuple[float, float, float]:
+def _actor_pose(
+    rays: RayColumns, motion: ActorMotion, actor: int, c: int
+) -> tuple[float, float, float]:
     poses, k, f = motion.poses, rays.knots[c], rays.fractions[c]
     after = min(k + 1, len(poses) - 1)
     x, y, yaw = poses[k, actor, 0], poses[k, actor, 1], poses[k, actor, 2]
@@ -390,15 +400,15 @@ def _interpolate(rays: Rays, motion: Motion, actor: int, c: int) -> tuple[float,
 
 @compiled(borrowing=True)
 def _localise(
-    rays: Rays, blocks: Blocks, n: int, motion: Motion, actor: int, scratch: Scratch
+    rays: RayColumns, blocks: Blocks, n: int, motion: ActorMotion, actor: int, scratch: Scratch
 ) -> None:
-    """Express the block's columns in the unit's frame at each column's time."""
+    """Write the block's columns in the unit's frame at each column's time."""
     world, local, turns = scratch.world, scratch.local, scratch.turns
     if actor == STILL:
         for k in range(6):
             put(local, k, load(world, k))
         return
-    _follow(rays, blocks, n, motion, actor, turns)
+    _write_turns(rays, blocks, n, motion, actor, turns)
     cosine, sine = load(turns, 2), load(turns, 3)
     dx, dy = load(world, 0) - load(turns, 0), load(world, 1) - load(turns, 1)
     put(local, 0, cosine * dx + sine * dy)
@@ -410,17 +420,17 @@ def _localise(
 
 
 @compiled(borrowing=True)
-def _follow(
-    rays: Rays, blocks: Blocks, n: int, motion: Motion, actor: int, turns: np.ndarray
+def _write_turns(
+    rays: RayColumns, blocks: Blocks, n: int, motion: ActorMotion, actor: int, turns: np.ndarray
 ) -> None:
     """Write x, y, cosine and sine of yaw of the actor at each column's time."""
     first = last = cosine = sine = cosine0 = sine0 = np.inf
     for i in range(WIDTH):
         c = blocks.order[min(n * WIDTH + i, len(blocks.order) - 1)]
-        x, y, yaw = _interpolate(rays, motion, actor, c)
+        x, y, yaw = _actor_pose(rays, motion, actor, c)
         if yaw != last:
             if abs(yaw - first) < _SMALL_TURN:
-                cosine, sine = _turn_a_little(cosine0, sine0, yaw - first)
+                cosine, sine = _turned_slightly(cosine0, sine0, yaw - first)
             else:
                 cosine0, sine0 = np.cos(yaw), np.sin(yaw)
                 first, cosine, sine = yaw, cosine0, sine0
@@ -429,8 +439,8 @@ def _follow(
 
 
 @compiled(forceinline=True, borrowing=True)
-def _turn_a_little(cosine: float, sine: float, turn: float) -> tuple[float, float]:
-    """Add a small angle in radians by its Taylor series, exact to the last bits."""
+def _turned_slightly(cosine: float, sine: float, turn: float) -> tuple[float, float]:
+    """Return cosine and sine after a small turn in radians, by Taylor series to the last bits."""
     square = turn * turn
     c = 1.0 - square / 2.0 * (1.0 - square / 12.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0)))
     s = turn * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0)))
@@ -438,19 +448,19 @@ def _turn_a_little(cosine: float, sine: float, turn: float) -> tuple[float, floa
 
 
 @compiled(forceinline=True, borrowing=True)
-def _aim(
-    rays: Rays,
+def _beams_to_test(
+    rays: RayColumns,
     blocks: Blocks,
     n: int,
-    place: tuple[float, float, float, float, float, float],
+    pose: UnitPose,
     circles: np.ndarray,
     heights: np.ndarray,
     row: int,
     floors: np.ndarray,
     counted: bool,
 ) -> tuple[int, int]:
-    """Beams low to high that may meet the cylinder of that row before anything met so far."""
-    x, y, cosine, sine, drift, turn = place
+    """Return the range of beams that may hit the cylinder of that row before their nearest hit."""
+    x, y, cosine, sine, drift, turn = pose
     cx, cy = circles[row, 0], circles[row, 1]
     dx = x + cosine * cx - sine * cy - blocks.centres[n, 0]
     dy = y + sine * cx + cosine * cy - blocks.centres[n, 1]
@@ -468,7 +478,7 @@ def _aim(
     r = 0 if rays.level else n
     low = _first_above(climbs, r, 1, least - SLACK * abs(least))
     high = _first_above(climbs, r, 0, most + SLACK * abs(most))
-    if low >= high or _beside(rays, blocks, n, dx, dy, distance, reach, low, high):
+    if low >= high or _outside_wedge(rays, blocks, n, dx, dy, distance, reach, low, high):
         return 0, 0
     if not counted:
         while low < high and floors[low] * near >= climbs[r, 2, low]:
@@ -492,8 +502,8 @@ def _first_above(climbs: np.ndarray, row: int, bound: int, value: float) -> int:
 
 
 @compiled(forceinline=True, borrowing=True)
-def _beside(
-    rays: Rays,
+def _outside_wedge(
+    rays: RayColumns,
     blocks: Blocks,
     n: int,
     dx: float,
@@ -503,13 +513,13 @@ def _beside(
     low: int,
     high: int,
 ) -> bool:
-    """Whether the circle lies outside the block's wedge for beams low to high."""
+    """Return whether the circle lies outside the block's wedge for beams low to high."""
     wedges = blocks.wedges
     steep = max(abs(rays.slopes[low]), abs(rays.slopes[high - 1])) * blocks.sways[n, 1]
-    room = blocks.sways[n, 0] - steep
-    if wedges[n, 2] <= 0.0 or room <= 0.0:
+    shortest = blocks.sways[n, 0] - steep
+    if wedges[n, 2] <= 0.0 or shortest <= 0.0:
         return False
-    wide = (reach + (distance + reach) * steep / room) * (1.0 + SLACK)
+    wide = (reach + (distance + reach) * steep / shortest) * (1.0 + SLACK)
     if wide >= distance:
         return False
     along = np.sqrt(distance * distance - wide * wide)
@@ -520,7 +530,7 @@ def _beside(
 
 @compiled(borrowing=True)
 def _count_touched(touched: np.ndarray, columns: int) -> int:
-    """Count the marks of real columns and wipe them."""
+    """Return the number of marks of real columns, and clear all marks."""
     total = 0.0
     for j in range(len(touched)):
         for i in range(min(WIDTH, columns)):

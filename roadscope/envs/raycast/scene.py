@@ -1,4 +1,4 @@
-"""What a sensor can see during one sweep."""
+"""Everything that a sensor can measure during one sweep."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Scene(Record):
     poses: (K, A, 3) float64, x, y (metres) and yaw (radians, unwrapped) of each actor's box
         centre at the knots. Between two knots x, y and yaw are linear in time; outside they
         stay as at the nearest knot.
-    present: (A,) bool; bodies of absent actors cannot be seen.
-    seed: picks the paths of rays through porous prisms.
+    present: (A,) bool; bodies of absent actors are invisible.
+    seed: of the random paths of rays through porous prisms.
     ground_reflectivity: of the road at normal incidence; dry asphalt at 905 nm.
     """
 
@@ -64,7 +64,7 @@ class Scene(Record):
         return moved
 
     def segments(self, stamps_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the knot before each (T,) stamp and the fraction of the way to the next."""
+        """Return the knot before each (T,) stamp and the fraction of the interval to the next."""
         last = len(self.knots_s) - 1
         if last == 0:
             return np.zeros(len(stamps_s), np.int64), np.zeros(len(stamps_s))

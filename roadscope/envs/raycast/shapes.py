@@ -10,8 +10,8 @@ from roadscope.core.jit import compiled
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world.prisms import MAX_EDGES, Prisms
 
-KEPT = 4
-"""Preparations kept; a vehicle that appears makes a new one."""
+CACHED_SHAPES = 4
+"""Number of cached results; a new one is needed when a vehicle appears."""
 STILL = -1
 """Pose row of shapes in the world frame."""
 
@@ -21,7 +21,7 @@ class Shapes(NamedTuple):
 
     planes: (M, 12, 3) x and y of the unit outward normal n and offset c of the edges' half-planes
         n.p <= c, in the frame of the unit.
-    ready: (M,) bool, whether the planes are filled in: that waits until a ray comes near.
+    ready: (M,) bool, whether the planes are filled in: they are computed when a ray comes near.
     corners: (M,) int32, valid rows of planes.
     heights: (M, 2) bottom and top, metres.
     circles: (M, 3) x, y, radius of a circle around the footprint, metres.
@@ -51,26 +51,26 @@ class Shapes(NamedTuple):
     unit_heights: np.ndarray
 
 
-_kept: dict[tuple[int, int, bytes], tuple[Prisms, Prisms, Shapes]] = {}
+_cache: dict[tuple[int, int, bytes], tuple[Prisms, Prisms, Shapes]] = {}
 
 
-def gather(scene: Scene) -> Shapes:
-    """Prepare everything that may be seen, once for all scenes made of the same prisms.
+def shapes_of(scene: Scene) -> Shapes:
+    """Return the shapes of a scene, cached for all scenes with the same prisms.
 
-    Poses play no part, so frame after frame of an episode shares it. The prisms are kept with
-    what was made of them: their identity stands for their content.
+    They do not depend on poses, so all frames of an episode share them. The cache also keeps the
+    prisms themselves, so that their identity stands for their content.
     """
     key = (id(scene.static), id(scene.moving), scene.present.tobytes())
-    if key not in _kept:
-        while len(_kept) >= KEPT:
-            del _kept[next(iter(_kept))]
-        _kept[key] = (scene.static, scene.moving, _prepared(scene))
-    return _kept[key][2]
+    if key not in _cache:
+        while len(_cache) >= CACHED_SHAPES:
+            del _cache[next(iter(_cache))]
+        _cache[key] = (scene.static, scene.moving, _prepared(scene))
+    return _cache[key][2]
 
 
-def forget() -> None:
-    """Drop all preparations, as if every scene were new."""
-    _kept.clear()
+def clear_shapes() -> None:
+    """Clear the cache of shapes."""
+    _cache.clear()
 
 
 def _prepared(scene: Scene) -> Shapes:
@@ -139,7 +139,7 @@ def _encircle(
 
 @compiled(borrowing=True)
 def fill_planes(shapes: Shapes, m: int) -> None:
-    """Find the half-planes of a prism's sides."""
+    """Compute the half-planes of a prism's sides."""
     source = shapes.sources[m]
     if source < len(shapes.static):
         _fill_from(shapes.static, source, shapes.corners[m], shapes.planes, m)

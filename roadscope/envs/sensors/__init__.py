@@ -1,1 +1,1 @@
-"""What a rig measures, and the truth beside it."""
+"""Measurements of a rig, with their truth."""

@@ -13,16 +13,16 @@ from roadscope.core.record import Record
 from roadscope.envs.imaging.ground import Ground
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.imaging.raster import FACES, Raster, Solids, rasterise, solids_of
-from roadscope.envs.imaging.shading import Sight, shade, shade_plain
+from roadscope.envs.imaging.shading import CameraView, shade, shade_plain
 from roadscope.envs.raycast.cast import GROUND, NOTHING
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.exposure import Motion, count_visible, describe, exposed
+from roadscope.envs.sensors.exposure import CameraMotion, count_visible, describe, exposed
 from roadscope.envs.sensors.rig import CameraMount
 from roadscope.envs.traffic.timeline import Timeline
 
 # --------------------------------------------------------------------------------------------------
-# How camera and actors move while a shutter is open.
+# Motion of camera and actors while the shutter is open.
 
 
 def motion_during(
@@ -30,22 +30,24 @@ def motion_during(
     mount: CameraMount,
     stamp_s: float,
     world_from_ego: Callable[[float], Pose] | None = None,
-) -> Motion:
+) -> CameraMotion:
     """Return the mean motion over the exposure whose middle is the stamp.
 
-    world_from_ego: where the ego is at a stamp, if not where the timeline has it.
+    world_from_ego: pose of the ego at a stamp; None for that of the timeline.
     """
-    placed = timeline.world_from_ego if world_from_ego is None else world_from_ego
+    pose_at = timeline.world_from_ego if world_from_ego is None else world_from_ego
     exposure_s = mount.spec.exposure_s
     opens_s, closes_s = stamp_s - exposure_s / 2, stamp_s + exposure_s / 2
     around = timeline.at(np.array([opens_s, closes_s]))
     ahead = np.stack([np.cos(around.yaws), np.sin(around.yaws)], axis=-1)
     centres = around.axles + timeline.centre_ahead_m[:, None] * ahead
-    first, last = (placed(t) for t in (opens_s, closes_s))
+    first, last = (pose_at(t) for t in (opens_s, closes_s))
     turned = np.arctan2(np.sin(last.yaw - first.yaw), np.cos(last.yaw - first.yaw))
-    way = (last @ mount.ego_from_camera).translation - (first @ mount.ego_from_camera).translation
-    return Motion(
-        way / exposure_s,
+    displacement = (last @ mount.ego_from_camera).translation - (
+        first @ mount.ego_from_camera
+    ).translation
+    return CameraMotion(
+        displacement / exposure_s,
         np.array([0.0, 0.0, turned / exposure_s]),
         (centres[1] - centres[0]) / exposure_s,
     )
@@ -57,12 +59,12 @@ def motion_during(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageTruth(Record):
-    """What is in an image.
+    """Truth of an image.
 
     depth: (H, W) float32, metres along the optical axis, 0 in the sky.
     owners: (H, W) int32, the actor's row, `GROUND`, -2 and below for scenery, `NOTHING` for sky.
     visible_pixels: (A,) int64. boxes: (A, 4) float64, left top right bottom, of the whole actor,
-        seen or hidden, as far as it is inside the image.
+        visible or hidden, clipped to the image.
     occluded_fraction: (A,) float64, share of the actor's outline in the image that something
         else hides; 1 when it has none.
     """
@@ -87,24 +89,24 @@ def expose(
     noise_seed: int = 0,
     extinction_per_m: float = 0.0,
     rain_mm_h: float = 0.0,
-    motion: Motion | None = None,
+    motion: CameraMotion | None = None,
 ) -> tuple[CameraImage, ImageTruth]:
     """Take one image at the stamp, the middle of the exposure.
 
     categories: (A,) of the actors. Noise depends on seed and stamp alone. A plain camera
-    (`CameraSpec.plain`) heeds neither weather nor motion.
+    (`CameraSpec.plain`) ignores weather and motion.
     """
     solids = solids_of(scene, stamp_s)
     raster = rasterise(
         scene, spec.pinhole, world_from_camera, stamp_s, outlines=True, solids=solids
     )
     truth = image_truth(raster, solids, len(scene.present))
-    sight = Sight(raster, scene, solids, spec.pinhole, world_from_camera, stamp_s, categories)
+    view = CameraView(raster, scene, solids, spec.pinhole, world_from_camera, stamp_s, categories)
     if spec.plain:
-        pixels = shade_plain(sight, ground, light)
+        pixels = shade_plain(view, ground, light)
     else:
         shone = shade(
-            sight, ground, light, extinction_per_m=extinction_per_m, wet=min(1.0, rain_mm_h / 5.0)
+            view, ground, light, extinction_per_m=extinction_per_m, wet=min(1.0, rain_mm_h / 5.0)
         )
         pixels = exposed(
             shone,
@@ -123,7 +125,7 @@ def expose(
 
 
 def image_truth(raster: Raster, solids: Solids, actors: int) -> ImageTruth:
-    """Say what every pixel shows."""
+    """Return the truth of every pixel and actor."""
     # Faces -2 and -1 index the two entries at the end.
     table = np.concatenate([np.repeat(solids.owners, FACES), [NOTHING, GROUND]]).astype(np.int32)
     depth, owners = np.empty_like(raster.q), np.empty_like(raster.faces)

@@ -1,4 +1,4 @@
-"""What a camera is: optics, timing, noise."""
+"""Specifications of cameras: optics, timing, noise."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class CameraSpec(Record):
     """A colour camera with a global shutter.
 
     pinhole: size of the image, focal lengths and principal point.
-    period_s: time from image to image. exposure_s: time for which the shutter is open: what moves
-        smears and drops streak the farther the longer it is. Gain makes images as bright whatever
-        it is, so that less time means fewer electrons and more noise.
+    period_s: time from image to image. exposure_s: time for which the shutter is open: a longer
+        one blurs motion more and makes longer streaks of rain. Gain keeps the brightness of
+        images the same, so a shorter one means fewer electrons and more noise.
     full_well: electrons that make a pixel white; the root of the count is its shot noise.
     read_noise: standard deviation in electrons of a dark pixel.
     vignetting: share of the light that is lost in the corners.
-    motion_blur: whether what moves while the shutter is open is smeared; it costs a tenth more.
+    motion_blur: whether motion during the exposure blurs the image; it costs a tenth more time.
     plain: whether images show one colour a face, without shadows, textures, weather or noise.
     """
 

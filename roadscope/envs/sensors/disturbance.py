@@ -1,4 +1,4 @@
-"""What the faults of an episode do to a rig's measurements."""
+"""Effects of the faults of an episode on a rig's measurements."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.weather import CLEAR, WEATHERS, Weather
 
 # --------------------------------------------------------------------------------------------------
-# Which measurements of a sensor are lost, in bursts, whatever order they are asked for in.
+# Measurements that are lost in bursts; they do not depend on the order of requests.
 
 PAGE = 1024
-"""Draws that are made at once."""
+"""Number of draws that are made at once."""
 BEFORE = 1 << 12
-"""Bursts may have begun before the first measurement; longer ones there are none."""
+"""Bursts may begin up to this many measurements before the first; longer ones do not exist."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gaps:
-    """Bursts that begin by chance at any measurement; more severe ones hold the milder ones.
+    """Random bursts of lost measurements; those of a higher severity include the milder ones.
 
-    start: chance that a burst begins. length: measurements that it takes.
-    seed: of the draws, which do not depend on the two.
+    start: probability that a burst begins at a measurement. length: measurements in a burst.
+    seed: of the draws, which do not depend on start and length.
     """
 
     start: float
@@ -37,16 +37,16 @@ class Gaps:
 
     @staticmethod
     def of(shares: Sequence[float], lengths: Sequence[int], seed: int) -> Gaps:
-        """Make the last of a ladder of shares that are lost in bursts of some length.
+        """Return the gaps of the last of several severities: shares lost in bursts of some length.
 
-        A burst covers a measurement with chance 1 - (1 - start)^length. That no step of the
-        ladder undoes what an earlier one took, chances and lengths never fall along it.
+        A burst covers a measurement with probability 1 - (1 - start)^length. Probabilities and
+        lengths never fall with severity, so that each severity includes the earlier ones.
         """
         starts = [1 - (1 - p) ** (1 / n) for p, n in zip(shares, lengths, strict=True)]
         return Gaps(max(starts), max(lengths), seed)
 
-    def hit(self, index: int) -> int | None:
-        """Return where the burst that covers a measurement began, the first if several do."""
+    def burst_start(self, index: int) -> int | None:
+        """Return the start of the burst that covers a measurement (the first one), or None."""
         for begin in range(index - self.length + 1, index + 1):
             page, place = divmod(begin + BEFORE, PAGE)
             if page >= 0 and _draws(self.seed, page)[place] < self.start:
@@ -60,29 +60,29 @@ def _draws(seed: int, page: int) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# The light of faults: the dark, and a sun that stands low ahead.
+# The light of faults: darkness, and a low sun ahead.
 
 HEADLIGHT_LX = 40.0
-"""Of dipped beams on the road where the pictures show a light of 1, some 10 m ahead."""
-BESIDE_RAD = 0.1
-"""The sun stands within so much of straight ahead."""
+"""Illuminance by dipped headlights some 10 m ahead, where images show a light of 1."""
+SUN_OFFSET_RAD = 0.1
+"""The sun is at most this far from straight ahead."""
 FLARES = (1.5, 2.0, 3.0, 4.5, 7.0)
-"""How much more stray light than a clean lens a windscreen brings, by severity of the glare."""
+"""Stray light of a windscreen as a multiple of a clean lens, by severity of the glare."""
 
 
 def darkness(fault: Fault, rng: np.random.Generator) -> Light:
-    """Draw a night as dark as the fault says; the pictures are exposed for what headlights show.
+    """Draw a night with the fault's illuminance; images are exposed for the light of headlights.
 
-    Of one seed all severities are the same night but for the light of the sky and the gain.
+    With one seed, all severities are the same night except the light of the sky and the gain.
     """
     drawn = night(rng)
     share = fault.figure / HEADLIGHT_LX / float(np.mean(drawn.horizon))
     zenith, horizon, ground = (
-        _times(c, share) for c in (drawn.zenith, drawn.horizon, drawn.ground)
+        _scaled(c, share) for c in (drawn.zenith, drawn.horizon, drawn.ground)
     )
     return replace(
         drawn,
-        sun=_times(drawn.sun, min(1.0, share)),
+        sun=_scaled(drawn.sun, min(1.0, share)),
         zenith=zenith,
         horizon=horizon,
         ground=ground,
@@ -92,11 +92,11 @@ def darkness(fault: Fault, rng: np.random.Generator) -> Light:
 
 
 def dazzling(fault: Fault, light: Light, ahead_rad: float, rng: np.random.Generator) -> Light:
-    """Return a light that dazzles: where lamps are lit, by their halos, otherwise by a low sun.
+    """Return a light with glare: halos of lamps where these are lit, otherwise a low sun.
 
-    ahead_rad: heading of the camera, world frame, that the sun stands close to.
+    ahead_rad: heading of the camera, world frame; the sun is close to it.
     """
-    beside = float(rng.uniform(-BESIDE_RAD, BESIDE_RAD))
+    beside = float(rng.uniform(-SUN_OFFSET_RAD, SUN_OFFSET_RAD))
     flare = FLARES[fault.severity - 1]
     if light.lamps:
         return replace(light, flare=flare)
@@ -105,40 +105,40 @@ def dazzling(fault: Fault, light: Light, ahead_rad: float, rng: np.random.Genera
     sun = np.array([0.85, 0.80 - 0.18 * low, 0.70 - 0.38 * low])
     horizon = np.array([0.58, 0.66 - 0.06 * low, 0.74 - 0.18 * low])
     zenith = np.array([0.16, 0.28, 0.52])
-    # The camera exposes for what falls on level ground, as it does by any day.
+    # The camera exposes for the light that falls on level ground, as in `daylight`.
     fallen = float(np.mean(sun)) * np.sin(elevation) + float(np.mean(zenith + horizon)) / 2
     return Light(
         ahead_rad + beside,
         elevation,
-        _times(sun, 1.0),
-        _times(zenith, 1.0),
-        _times(horizon, 1.0),
+        _scaled(sun, 1.0),
+        _scaled(zenith, 1.0),
+        _scaled(horizon, 1.0),
         clouds=0.0,
         gain=min(1.7, 1.1 / fallen),
         flare=flare,
     )
 
 
-def _times(colour: object, share: float) -> tuple[float, float, float]:
+def _scaled(colour: object, share: float) -> tuple[float, float, float]:
     red, green, blue = (float(v) for v in np.asarray(colour, np.float64) * share)
     return red, green, blue
 
 
 # --------------------------------------------------------------------------------------------------
-# What the faults of an episode do to a rig's measurements.
+# All faults of an episode.
 
 SCANS_PER_BURST = (1, 1, 2, 3, 5)
 SECONDS_PER_BLACKOUT = (0.1, 0.25, 0.5, 1.0, 2.0)
 METRES_PER_DEGREE = 0.04
-"""A mount that gave way by an angle has shifted by about the lever of a hand's breadth or two."""
+"""Shift of a bent mount for each degree; chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """Faults of one seed; without any, nothing differs.
+    """The faults of an episode with a seed; without faults, nothing changes.
 
-    Every fault draws from a seed of its own, so that one more leaves the others as they are.
-    Severities of a kind share their draws: the same direction, the same bursts and more.
+    Every fault has its own random numbers, so that another fault does not change them.
+    Severities of a kind share their draws: the same direction; the same bursts and more.
     """
 
     faults: Mapping[str, Fault]
@@ -146,24 +146,24 @@ class Disturbance:
 
     @staticmethod
     def of(faults: tuple[Fault, ...], seed: int) -> Disturbance:
-        """Take faults as `faults_of` gives them."""
+        """Return the disturbance by the faults of `faults_of`."""
         return Disturbance({fault.kind: fault for fault in faults}, seed)
 
-    def weather(self, otherwise: Weather) -> Weather:
-        """Return what is in the air; weather beside a fault of the air is refused."""
-        given = [self.faults[kind] for kind in ("fog", "rain") if kind in self.faults]
-        if not given:
-            return otherwise
-        if otherwise != CLEAR:
+    def weather(self, chosen: Weather) -> Weather:
+        """Return the weather; raise `ValueError` for chosen weather together with fog or rain."""
+        air_faults = [self.faults[kind] for kind in ("fog", "rain") if kind in self.faults]
+        if not air_faults:
+            return chosen
+        if chosen != CLEAR:
             raise ValueError(
-                f"weather '{otherwise.name}' and fault '{given[0]}' both say what is in the air: "
+                f"weather '{chosen.name}' and fault '{air_faults[0]}' both say what is in the air: "
                 "leave one out"
             )
-        return WEATHERS[f"{given[0].kind}-{given[0].severity}"]
+        return WEATHERS[f"{air_faults[0].kind}-{air_faults[0].severity}"]
 
-    def light(self, otherwise: Light, ahead_rad: float) -> Light:
-        """Return the light of an image; ahead_rad: heading of the camera as the ego sets out."""
-        light = otherwise
+    def light(self, chosen: Light, ahead_rad: float) -> Light:
+        """Return the light of an image; ahead_rad: heading of the camera at its first image."""
+        light = chosen
         if "night" in self.faults:
             light = darkness(self.faults["night"], self._rng("night"))
         if "glare" in self.faults:
@@ -171,44 +171,44 @@ class Disturbance:
         return light
 
     def scan_lost(self, index: int) -> bool:
-        """Say whether the index-th scan never arrives."""
+        """Return whether the index-th scan is lost."""
         fault = self.faults.get("dropped-scans")
         if fault is None:
             return False
-        return self._gaps(fault, SCANS_PER_BURST).hit(index) is not None
+        return self._gaps(fault, SCANS_PER_BURST).burst_start(index) is not None
 
     def image_lost(self, slot: int, period_s: float) -> str | None:
-        """Say whether the image of a period is `missing`, `black`, or neither."""
+        """Return `missing` or `black` if a blackout affects the image of a period, else None."""
         fault = self.faults.get("blackout")
         if fault is None:
             return None
         lengths = tuple(max(1, round(s / period_s)) for s in SECONDS_PER_BLACKOUT)
-        begin = self._gaps(fault, lengths).hit(slot)
+        begin = self._gaps(fault, lengths).burst_start(slot)
         if begin is None:
             return None
         return "black" if begin % 2 else "missing"
 
     @property
     def image_late_s(self) -> float:
-        """By how much the stamps of images are too late."""
+        """Delay of the stamps of images, seconds."""
         fault = self.faults.get("clock-offset")
         return 0.0 if fault is None else 1e-3 * fault.figure
 
     def calibration(self, rig: Rig) -> Calibration:
-        """Return where the user believes the sensors to be."""
+        """Return the calibration that the user gets, wrong by the extrinsic error."""
         true, fault = rig.calibration(), self.faults.get("extrinsic-error")
         if fault is None:
             return true
         roots = _sequence("extrinsic-error", self.seed).spawn(len(true.ego_from_sensor))
         return Calibration(
             tuple(
-                (name, pose @ _slip(fault.figure, np.random.default_rng(root)))
+                (name, pose @ _mounting_error(fault.figure, np.random.default_rng(root)))
                 for (name, pose), root in zip(true.ego_from_sensor, roots, strict=True)
             )
         )
 
     def idle_on(self, rig: Rig) -> tuple[Fault, ...]:
-        """Return the faults that a rig does not feel, for want of the sensor that they are of."""
+        """Return the faults that do not affect a rig, since it lacks their sensor."""
         there = {"lidar", *(("camera",) if rig.camera is not None else ())}
         return tuple(f for f in self.faults.values() if not there & set(FAULTS[f.kind].sensors))
 
@@ -222,12 +222,12 @@ class Disturbance:
 
 
 def _sequence(kind: str, seed: int) -> np.random.SeedSequence:
-    """Return the fault's child of an episode's seed."""
+    """Return the random sequence of a fault in an episode."""
     return np.random.SeedSequence(seed, spawn_key=(list(FAULTS).index(kind),))
 
 
-def _slip(angle_deg: float, rng: np.random.Generator) -> Pose:
-    """Turn by an angle about a random axis, and shift in a random direction (Rodrigues)."""
+def _mounting_error(angle_deg: float, rng: np.random.Generator) -> Pose:
+    """Return a turn by an angle about a random axis, with a shift in a random direction."""
     axis, along = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
     angle = np.radians(angle_deg)
     cross = np.cross(np.eye(3), axis)

@@ -1,4 +1,4 @@
-"""The ego's motion at its sensors: smooth, and leaning if the body sways on its springs."""
+"""The smooth motion of the ego at its sensors, with pitch and roll if the body sways."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from roadscope.core import Pose
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
+from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2
 from roadscope.envs.traffic.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -17,9 +18,10 @@ if TYPE_CHECKING:
 
 
 # --------------------------------------------------------------------------------------------------
-# A body that turns: from ISO 8855 angles and their derivatives to what its points do.
+# Rotation of a body: from ISO 8855 angles and their derivatives to the motion of its points.
 
 UP = np.array([0.0, 0.0, 1.0])
+"""The z axis of the world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,7 @@ class Turning:
 
     @staticmethod
     def of(angles: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> Turning:
-        """Take (T, 3) yaw, pitch and roll in radians with their first two derivatives."""
+        """Return the rotation of (T, 3) yaw, pitch and roll, radians, with two derivatives."""
         rotations = rotation_matrices(angles)
         yaw, pitch = angles[:, 0], angles[:, 1]
         left = np.column_stack([-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)])
@@ -54,17 +56,17 @@ class Turning:
         return Turning(rotations, level + rolling * ahead, alpha)
 
     def velocity(self, arms: np.ndarray) -> np.ndarray:
-        """(T, 3) velocity of the ends of (T, 3) arms that turn along, world frame."""
+        """Return (T, 3) velocities of the ends of (T, 3) rotating lever arms, world frame."""
         return np.cross(self.omega, arms)
 
     def acceleration(self, arms: np.ndarray) -> np.ndarray:
-        """(T, 3) acceleration of the ends of (T, 3) arms that turn along, world frame."""
+        """Return (T, 3) accelerations of the ends of (T, 3) rotating lever arms, world frame."""
         turned: np.ndarray = np.cross(self.alpha, arms) + np.cross(self.omega, self.velocity(arms))
         return turned
 
 
 def rotation_matrices(angles: np.ndarray) -> np.ndarray:
-    """(T, 3, 3) of (T, 3) yaw, pitch and roll, as `Pose.from_euler` turns."""
+    """Return (T, 3, 3) rotations of (T, 3) yaw, pitch and roll, as in `Pose.from_euler`."""
     (cy, cp, cr), (sy, sp, sr) = np.cos(angles).T, np.sin(angles).T
     rows = [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -75,24 +77,22 @@ def rotation_matrices(angles: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# How a body on springs leans when its vehicle brakes and turns.
-
-STANDARD_GRAVITY_M_S2 = 9.80665
+# Pitch and roll of a sprung body when its vehicle brakes and turns.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodySway(Record):
-    """Pitch and roll of a sprung body as answers of second order to acceleration.
+    """Pitch and roll of a sprung body as second-order responses to acceleration.
 
     The figures are assumptions for a calm passenger car: text books on vehicle dynamics give roll
     gradients of 2 to 7 deg/g, less for pitch, body modes of 1 to 2 Hz and a fifth to a half of
     critical damping. Uneven roads are not part of it.
 
     pitch_deg_per_g, roll_deg_per_g: angle in steady acceleration; the nose rises when the vehicle
-        speeds up, the body leans out of a curve.
-    frequency_hz, damping: of both modes, undamped, and as a share of critical damping.
-    limit_m_s2: acceleration that bump stops let through at most, approached smoothly.
-    memory_s: how long a jolt is felt.
+        accelerates, the body leans out of a curve.
+    frequency_hz, damping: undamped frequency and damping ratio of both modes.
+    limit_m_s2: largest effective acceleration, because of bump stops; approached smoothly.
+    memory_s: length of the impulse response.
     pivot_m: point of the ego frame about which the body turns.
     """
 
@@ -114,42 +114,43 @@ class BodySway(Record):
         require(0 < self.damping < 1, self, "damping", "a share between 0 and 1", self.damping)
 
     def respond(self, stamps_s: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-        """(N, 2) pitch and roll in radians at (N,) stamps.
+        """Return (N, 2) pitch and roll in radians at (N,) stamps.
 
         accelerations: (N, 2) m/s^2, ahead and to the left, at the stamps; 0 before the first. Sums
         run over equal lags, so that the same history gives the same bits.
         """
-        pushed = self.limit_m_s2 * np.tanh(accelerations / self.limit_m_s2)
-        answer, weight = np.zeros_like(pushed), np.zeros((len(pushed), 1))
+        limited = self.limit_m_s2 * np.tanh(accelerations / self.limit_m_s2)
+        response, weight = np.zeros_like(limited), np.zeros((len(limited), 1))
         for lag in range(1, 1 + int(np.ceil(self.memory_s / np.diff(stamps_s).min()))):
             if lag >= len(stamps_s):
                 break
-            felt = self._felt(stamps_s[lag:] - stamps_s[:-lag])[:, None]
-            answer[lag:] += felt * pushed[:-lag]
-            weight[lag:] += felt
+            weights = self._impulse_response(stamps_s[lag:] - stamps_s[:-lag])[:, None]
+            response[lag:] += weights * limited[:-lag]
+            weight[lag:] += weights
         steady = np.radians([-self.pitch_deg_per_g, self.roll_deg_per_g]) / STANDARD_GRAVITY_M_S2
-        swayed: np.ndarray = steady * answer / np.maximum(weight, 1e-9)
+        swayed: np.ndarray = steady * response / np.maximum(weight, 1e-9)
         return swayed
 
-    def _felt(self, since_s: np.ndarray) -> np.ndarray:
-        """Impulse response of a damped oscillator, faded out at the end of the memory."""
+    def _impulse_response(self, since_s: np.ndarray) -> np.ndarray:
+        """Return the impulse response of a damped oscillator, faded out after the memory."""
         omega = 2 * np.pi * self.frequency_hz
         swing = np.sin(omega * np.sqrt(1 - self.damping**2) * since_s)
         fading = np.cos(np.pi / 2 * np.minimum(since_s / self.memory_s, 1.0)) ** 2
-        felt: np.ndarray = np.exp(-self.damping * omega * since_s) * swing * fading
-        return felt
+        response: np.ndarray = np.exp(-self.damping * omega * since_s) * swing * fading
+        return response
 
 
 # --------------------------------------------------------------------------------------------------
-# The ego's motion as its sensors feel it: smooth, and leaning if the body sways.
+# The ego's motion.
 
 BEFORE_S = 1.0
-"""The motion is known so long before the timeline begins; there the ego comes at its speed."""
-AHEAD = 4
-"""So many recorded states after an instant still say what the ego does then."""
+"""The motion is extended by this before the timeline begins, at constant velocity."""
+STATES_AHEAD = 4
+"""Number of recorded states after an instant that its motion depends on."""
 RAW_S = 0.3
-"""The motion of foreign environments is a mean of so much time before and after an instant too."""
+"""The motion of foreign environments is averaged over this time before and after an instant."""
 RAW_STEPS = 6
+"""Number of samples of that mean on each side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,30 +181,32 @@ class Kinematics(Record):
 
 
 class EgoMotion:
-    """A motion with continuous acceleration along the recorded states of the ego.
+    """A motion with continuous acceleration, fitted to the recorded states of the ego.
 
     Rear axle and yaw are cubic B-splines whose control points are the recorded states: weighted
     means of four of them, so steps of the physics leave no spikes. At equal steps dt the path runs
     inside the recorded one by dt^2 / 6 times the acceleration (1.3 mm at 3 m/s^2 and 20 Hz).
     Raw timelines, in which speeds jump and collisions move vehicles aside in one step, are limited
     to the band of a vehicle's motion: their control points are means over `RAW_S` either way with
-    triangular weights, 10 mm inside the recorded path for each m/s^2. An instant depends on the
-    states around it alone, on those until `settled_s` and as many earlier ones as a sway
-    remembers, so a live timeline gives the same bits as the recorded one.
+    triangular weights, 10 mm inside the recorded path for each m/s^2. An instant depends
+    only on the states around it, on those until `settled_s` and on earlier ones within the
+    memory of the sway, so a live timeline gives the same bits as the recorded one.
     """
 
     def __init__(self, timeline: Timeline, sway: BodySway | None = None) -> None:
-        """Follow actor 0; without sway the vehicle stays level."""
+        """Fit the motion of actor 0; without sway the vehicle stays level."""
         from scipy.interpolate import BSpline
 
         self.timeline, self.sway = timeline, sway
         knots = _knots(timeline.stamps_s, BEFORE_S + (0.0 if sway is None else sway.memory_s))
-        # A control point acts in the middle of the knots that it spans.
-        controls = _controls(_alone(timeline), (knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3)
+        # The abscissa of a control point is the mean of the knots that it spans.
+        controls = _control_points(
+            _ego_only(timeline), (knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3
+        )
         self._level = BSpline(knots, controls, 3)
         self._lean: BSpline | None = None
         if sway is not None:
-            angles = sway.respond(knots[3:-3], self._pushes(knots[3:-3]))
+            angles = sway.respond(knots[3:-3], self._accelerations(knots[3:-3]))
             self._lean = BSpline(knots[1:-1], angles, 3)
 
     def at(self, stamps_s: np.ndarray, point: np.ndarray | None = None) -> Kinematics:
@@ -219,12 +222,14 @@ class EgoMotion:
         pivot = np.zeros(3) if self.sway is None else np.array(self.sway.pivot_m)
         foot = wheels.rotations @ pivot
         arm = body.rotations @ ((np.zeros(3) if point is None else point) - pivot)
-        place, speed, pull = (np.column_stack([level[:, :2], none[:, 0]]) for level in levels)
+        position, velocity, acceleration = (
+            np.column_stack([level[:, :2], none[:, 0]]) for level in levels
+        )
         return Kinematics(
             body.rotations,
-            place + foot + arm,
-            speed + wheels.velocity(foot) + body.velocity(arm),
-            pull + wheels.acceleration(foot) + body.acceleration(arm),
+            position + foot + arm,
+            velocity + wheels.velocity(foot) + body.velocity(arm),
+            acceleration + wheels.acceleration(foot) + body.acceleration(arm),
             np.einsum("tji,tj->ti", body.rotations, body.omega),
         )
 
@@ -239,21 +244,21 @@ class EgoMotion:
         return motion.rotations @ ego_from_sensor.rotation, motion.positions
 
     def speeds(self, stamps_s: np.ndarray) -> np.ndarray:
-        """(T,) m/s of the rear axle along the vehicle."""
+        """Return (T,) speeds of the rear axle along the vehicle, m/s."""
         yaws = self._level(stamps_s)[:, 2]
         x, y = self._level(stamps_s, nu=1)[:, :2].T
         speeds: np.ndarray = np.cos(yaws) * x + np.sin(yaws) * y
         return speeds
 
-    def _pushes(self, stamps_s: np.ndarray) -> np.ndarray:
-        """(T, 2) acceleration of the rear axle, ahead and to the left."""
+    def _accelerations(self, stamps_s: np.ndarray) -> np.ndarray:
+        """Return (T, 2) accelerations of the rear axle, ahead and to the left, m/s^2."""
         yaws = self._level(stamps_s)[:, 2]
         x, y = self._level(stamps_s, nu=2)[:, :2].T
         cos, sin = np.cos(yaws), np.sin(yaws)
         return np.column_stack([cos * x + sin * y, cos * y - sin * x])
 
     def _leaning(self, times: np.ndarray, order: int) -> np.ndarray:
-        """(T, 2) pitch and roll, or a derivative of theirs."""
+        """Return (T, 2) pitch and roll, or a derivative of them."""
         if self._lean is None:
             return np.zeros((len(times), 2))
         angles: np.ndarray = self._lean(times, nu=order)
@@ -261,13 +266,13 @@ class EgoMotion:
 
 
 def settled_s(timeline: Timeline) -> float:
-    """Until when states that are yet to come change nothing of the ego's motion."""
+    """Return the instant up to which future states do not change the ego's motion."""
     stamps, later_s = timeline.stamps_s, RAW_S if timeline.raw else 0.0
-    return float(stamps[-1 - AHEAD]) - later_s if len(stamps) > AHEAD else -np.inf
+    return float(stamps[-1 - STATES_AHEAD]) - later_s if len(stamps) > STATES_AHEAD else -np.inf
 
 
-def _alone(timeline: Timeline) -> Timeline:
-    """Leave everybody out but the ego."""
+def _ego_only(timeline: Timeline) -> Timeline:
+    """Return the timeline with the ego only."""
     per_actor = ("ids", "categories", "sizes", "centre_ahead_m")
     per_state = ("present", "axles", "yaws", "speeds", "crashed")
     return timeline._trusted(
@@ -276,8 +281,8 @@ def _alone(timeline: Timeline) -> Timeline:
     )
 
 
-def _controls(ego: Timeline, stamps_s: np.ndarray) -> np.ndarray:
-    """(T, 3) x, y and yaw of the rear axle at (T,) stamps, of raw timelines their means."""
+def _control_points(ego: Timeline, stamps_s: np.ndarray) -> np.ndarray:
+    """Return (T, 3) x, y and yaw of the rear axle at (T,) stamps; averaged for raw timelines."""
     offsets = np.arange(-RAW_STEPS, RAW_STEPS + 1) if ego.raw else np.zeros(1, np.int64)
     weights = (1.0 + RAW_STEPS - np.abs(offsets)).astype(np.float64)
     total = np.zeros((len(stamps_s), 3))
@@ -288,9 +293,9 @@ def _controls(ego: Timeline, stamps_s: np.ndarray) -> np.ndarray:
 
 
 def _knots(stamps_s: np.ndarray, before_s: float) -> np.ndarray:
-    """Go on at the first and last step beyond both ends of the stamps."""
+    """Return the stamps, extended at both ends with the first and the last step."""
     steps = np.diff(stamps_s)
     first, last = (steps[0], steps[-1]) if len(steps) else (0.05, 0.05)
-    earlier = stamps_s[0] - first * np.arange(int(np.ceil(before_s / first)) + AHEAD, 0, -1)
-    later = stamps_s[-1] + last * np.arange(1, 2 * AHEAD + 1)
+    earlier = stamps_s[0] - first * np.arange(int(np.ceil(before_s / first)) + STATES_AHEAD, 0, -1)
+    later = stamps_s[-1] + last * np.arange(1, 2 * STATES_AHEAD + 1)
     return np.concatenate([earlier, stamps_s, later])

@@ -1,4 +1,4 @@
-"""From light to an image: glare, rain, motion blur, vignetting and noise."""
+"""From linear light to an image: glare, rain, motion blur, vignetting and noise."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from roadscope.core.record import Record
 from roadscope.envs.imaging.light import Light
 from roadscope.envs.imaging.lighting import BLOCK
 from roadscope.envs.imaging.raster import SKY_FACE, Raster, Solids
-from roadscope.envs.imaging.shading import room
+from roadscope.envs.imaging.shading import thread_buffer
 from roadscope.envs.sensors.camera_spec import METERED_S, CameraSpec
 
 # --------------------------------------------------------------------------------------------------
-# What lens and sensor make of the light: soft edges, motion blur, glare, vignetting, noise.
+# Effects of lens and sensor: soft edges, motion blur, glare, vignetting, noise.
 
 MOST_TAPS = 9
-"""Most samples along the way of a pixel during the exposure."""
+"""Most samples along the displacement of a pixel during the exposure."""
 FOCAL_BLUR = 0.2
-"""Share of the light of an edge that the lens throws on each neighbour, against the pixel's 1."""
+"""Weight of each neighbour of a pixel at an edge, relative to the pixel's own weight of 1."""
 LEAST_PX = 0.8
-"""Shorter ways than this are not blurred."""
+"""Shorter displacements than this are not blurred."""
 STRETCH = 32
-"""Most pixels along a row that share one way."""
+"""Most pixels along a row that share one displacement."""
 CODE = (
     np.float32(-0.0422323),
     np.float32(1.5752777),
@@ -39,19 +39,20 @@ CODE = (
 )
 """sRGB's curve as a polynomial in the root of the light, 0.04 of a byte from it."""
 DRAWS = 1 << 18
-"""Normal draws that the noise is read from, row by row at random places."""
+"""Number of normal draws; the noise of each row is a random section of them."""
 
 
 class Shutter(NamedTuple):
-    """How the view moves while the shutter is open.
+    """Motion of the view while the shutter is open.
 
-    active: whether it does. ways: (A + 1, 3), metres, camera frame: way of each actor, and at the
-    end of all that stands still, relative to the camera. turn: (3,) radians, camera frame.
-    focal, centre: (2,) pixels. rows: (P,) row of `ways` of each prism.
+    active: whether it moves. displacements: (A + 1, 3), metres, camera frame, relative to the
+    camera: of each actor, and at the end of everything that stands still. turn: (3,) radians,
+    camera frame.
+    focal, centre: (2,) pixels. rows: (P,) row of `displacements` of each prism.
     """
 
     active: bool
-    ways: np.ndarray
+    displacements: np.ndarray
     turn: np.ndarray
     focal: np.ndarray
     centre: np.ndarray
@@ -59,7 +60,7 @@ class Shutter(NamedTuple):
 
 
 class Sensor(NamedTuple):
-    """How light becomes bytes.
+    """Properties of the image sensor.
 
     shot: variance of the noise per light. read: variance of the noise in the dark. vignetting:
     share lost in the corners. centre: (2,) pixels. key: of the noise. draws: float32, normal.
@@ -105,8 +106,8 @@ def develop(
         if shutter.active:
             _smear_row(light, q[r], faces[r], r, shutter, line)
         if len(glare) > 0:
-            _dazzle(glare, r, line)
-        start = _place(sensor.key, r, len(sensor.draws) - 3 * width)
+            _add_glare(glare, r, line)
+        start = _noise_start(sensor.key, r, len(sensor.draws) - 3 * width)
         _noise(
             line.reshape(-1),
             passed.reshape(-1),
@@ -118,8 +119,8 @@ def develop(
 
 
 @compiled(borrowing=True)
-def _place(key: np.uint64, row: int, places: int) -> int:
-    """Draw where the noise of a row begins."""
+def _noise_start(key: np.uint64, row: int, places: int) -> int:
+    """Return where the noise of a row begins in the draws."""
     state = key + np.uint64(row + 1) * np.uint64(0x9E3779B97F4A7C15)
     state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -161,7 +162,7 @@ def _noise(
 
 @compiled(borrowing=True)
 def _soften_edges(light: np.ndarray, faces: np.ndarray, r: int, line: np.ndarray) -> None:
-    """Let each pixel at the edge of a face take light from its four neighbours."""
+    """Average each pixel at the edge of a face with its four neighbours."""
     height, width = faces.shape
     above, below = max(0, r - 1), min(height - 1, r + 1)
     scale = np.float32(1.0 / (1.0 + 4.0 * FOCAL_BLUR))
@@ -179,9 +180,13 @@ def _soften_edges(light: np.ndarray, faces: np.ndarray, r: int, line: np.ndarray
 
 @compiled(forceinline=True, borrowing=True)
 def flow_at(shutter: Shutter, q: float, row: int, u: float, v: float) -> tuple[float, float]:
-    """Way of a pixel over the image while the shutter is open; u, v: its ray, z = 1."""
+    """Return the displacement of a pixel during the exposure; u, v: its ray, z = 1."""
     wx, wy, wz = shutter.turn[0], shutter.turn[1], shutter.turn[2]
-    x, y, z = shutter.ways[row, 0] * q, shutter.ways[row, 1] * q, shutter.ways[row, 2] * q
+    x, y, z = (
+        shutter.displacements[row, 0] * q,
+        shutter.displacements[row, 1] * q,
+        shutter.displacements[row, 2] * q,
+    )
     x, y, z = x - (wy - wz * v), y - (wz * u - wx), z - (wx * v - wy * u)
     return shutter.focal[0] * (x - u * z), shutter.focal[1] * (y - v * z)
 
@@ -195,7 +200,7 @@ def _smear_row(
     shutter: Shutter,
     line: np.ndarray,
 ) -> None:
-    """Blur one row, by stretches of one face that share one way over the image."""
+    """Blur one row, in stretches of one face that share one displacement."""
     width, start = len(q), 0
     v = (r + 0.5 - shutter.centre[1]) / shutter.focal[1]
     while start < width:
@@ -204,11 +209,11 @@ def _smear_row(
             end += 1
         middle = (start + end) // 2
         u = (middle + 0.5 - shutter.centre[0]) / shutter.focal[0]
-        row = shutter.rows[face >> 4] if face >= 0 else len(shutter.ways) - 1
+        row = shutter.rows[face >> 4] if face >= 0 else len(shutter.displacements) - 1
         dx, dy = flow_at(shutter, q[middle], row, u, v)
         most = max(abs(dx), abs(dy))
         if most >= LEAST_PX:
-            _smear(light, r, start, end, (dx, dy), min(MOST_TAPS, int(most) + 2), line)
+            _smear(light, r, start, end, dx, dy, min(MOST_TAPS, int(most) + 2), line)
         start = end
 
 
@@ -218,19 +223,20 @@ def _smear(
     r: int,
     start: int,
     end: int,
-    way: tuple[float, float],
+    dx: float,
+    dy: float,
     taps: int,
     line: np.ndarray,
 ) -> None:
-    """Average the light of a stretch of pixels along their way."""
+    """Average the light of a stretch of pixels along their displacement (dx, dy)."""
     height, width = light.shape[:2]
     weight = np.float32(1.0 / taps)
     for c in range(start, end):
         line[c, 0] = line[c, 1] = line[c, 2] = np.float32(0.0)
     for n in range(taps):
         share = (n + 0.5) / taps - 0.5
-        i = min(height - 1, max(0, int(np.floor(r + 0.5 + share * way[1]))))
-        shift = int(np.floor(0.5 + share * way[0]))
+        i = min(height - 1, max(0, int(np.floor(r + 0.5 + share * dy))))
+        shift = int(np.floor(0.5 + share * dx))
         shift = min(width - end, max(-start, shift))
         for c in range(start, end):
             line[c, 0] += weight * light[i, c + shift, 0]
@@ -239,7 +245,7 @@ def _smear(
 
 
 @compiled(borrowing=True)
-def _dazzle(glare: np.ndarray, r: int, line: np.ndarray) -> None:
+def _add_glare(glare: np.ndarray, r: int, line: np.ndarray) -> None:
     """Add the glare to one row, linear between the corners of blocks."""
     i = r // BLOCK
     v = np.float32((r + 0.5 - i * BLOCK) / BLOCK)
@@ -293,21 +299,22 @@ def count_visible(owners: np.ndarray, visible: np.ndarray) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Light that goes astray in lens and air: halos of lamps, the sun's veil, streaks of rain.
+# Stray light in lens and air: halos of lamps, the veil of the sun, streaks of rain.
 
 HALO = 0.10
-"""Share of the light above white that a halo throws around."""
+"""Share of the light above white that becomes a halo; chosen by hand."""
 REACH = 9
-"""Blocks that a halo reaches in each direction."""
+"""Radius of a halo in blocks."""
 DROPS = 60.0
 """Drops in the view within reach of a streak, for 1 mm/h."""
 FALL_M_S = 6.5
 DROP_M = 0.0016
+"""Speed and diameter of the drops."""
 
 
 @compiled()
 def halo_weights() -> np.ndarray:
-    """Return (19, 19) float64: what share of a block's light above white each one around takes."""
+    """Return (19, 19) float64: share of a block's light above white by neighbour."""
     weights = np.empty((2 * REACH + 1, 2 * REACH + 1))
     for di in range(-REACH, REACH + 1):
         for dj in range(-REACH, REACH + 1):
@@ -319,7 +326,7 @@ def halo_weights() -> np.ndarray:
 
 @compiled(borrowing=True)
 def bloom(light: np.ndarray, weights: np.ndarray, bright: np.ndarray, glare: np.ndarray) -> None:
-    """Add to glare the light above white, gathered by blocks and smeared over their neighbours.
+    """Add the light above white to glare: summed by blocks and spread over their neighbours.
 
     weights: of `halo_weights`.
     """
@@ -351,15 +358,15 @@ def spread_sun(
     centre: np.ndarray,
     glare: np.ndarray,
 ) -> None:
-    """Add the veil that the sun throws over the image: falls with the square of the angle.
+    """Add the veil of the sun over the image, which falls with the square of the angle.
 
     sun: (3,) direction in the camera's frame. Draws the disc of the sun into light, and dims the
-    veil by the share of the disc that something hides; beyond the image it counts as seen.
+    veil by the share of the disc that something hides; outside the image it counts as visible.
     """
     height, width = faces.shape
     u, v = focal[0] * sun[0] / sun[2] + centre[0], focal[1] * sun[1] / sun[2] + centre[1]
     radius = 0.0075 * focal[0]
-    seen, total = 0, 0
+    visible, total = 0, 0
     for r in range(int(max(0.0, v - radius)), int(min(1.0 * height, v + radius + 1.0))):
         for c in range(int(max(0.0, u - radius)), int(min(1.0 * width, u + radius + 1.0))):
             away = np.sqrt((r + 0.5 - v) ** 2 + (c + 0.5 - u) ** 2)
@@ -367,11 +374,11 @@ def spread_sun(
                 continue
             total += 1
             if faces[r, c] == SKY_FACE:
-                seen += 1
+                visible += 1
                 edge = min(1.0, 0.5 * (radius - away))
                 for k in range(3):
                     light[r, c, k] += 12.0 * edge * strength[k]
-    share = 1.0 if total == 0 else seen / total
+    share = 1.0 if total == 0 else visible / total
     for i in range(glare.shape[0]):
         for j in range(glare.shape[1]):
             x = (j * BLOCK - centre[0]) / focal[0]
@@ -393,7 +400,7 @@ def rain_streaks(
     rate_mm_h: float,
     key: np.uint64,
 ) -> None:
-    """Draw drops as streaks: as long as they fall while the shutter is open, as bright as the sky.
+    """Draw drops as streaks, as long as they fall during the exposure and as bright as the sky.
 
     They lie between camera and scene, 0.6 to 12 m away; the number grows as rate ** 0.63, as the
     extinction does. above: (3,) light of the sky.
@@ -434,12 +441,12 @@ def _share(state: np.uint64) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# From light to an image: glare, rain, motion blur, vignetting and noise.
+# The whole exposure.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion(Record):
-    """How camera and actors move while the shutter is open, world frame.
+class CameraMotion(Record):
+    """Motion of camera and actors during the exposure, world frame.
 
     camera: (3,) m/s. turning: (3,) rad/s. actors: (A, 2) m/s.
     """
@@ -461,9 +468,9 @@ def exposed(
     noise_seed: int = 0,
     rain_mm_h: float = 0.0,
     extinction_per_m: float = 0.0,
-    motion: Motion | None = None,
+    motion: CameraMotion | None = None,
 ) -> np.ndarray:
-    """Return (H, W, 3) uint8 sRGB pixels of light (H, W, 3), which rain is drawn into."""
+    """Return (H, W, 3) uint8 sRGB pixels of light (H, W, 3); rain is drawn into the light."""
     nanoseconds = int(np.rint(stamp_s * 1e9)) % 2**64
     key, drops = np.random.SeedSequence([noise_seed, nanoseconds]).generate_state(2, np.uint64)
     centre = np.array(spec.pinhole.centre_px, np.float64)
@@ -492,14 +499,14 @@ def exposed(
 
 
 def noise_of(spec: CameraSpec, iso: float) -> tuple[float, float]:
-    """Variance of the noise: per light, by the count of electrons, and of reading in the dark."""
+    """Return the variances of shot noise, per unit of light, and of read noise."""
     return iso / spec.full_well, (iso * spec.read_noise / spec.full_well) ** 2
 
 
 def shutter_of(
-    spec: CameraSpec, world_from_camera: Pose, motion: Motion | None, solids: Solids
+    spec: CameraSpec, world_from_camera: Pose, motion: CameraMotion | None, solids: Solids
 ) -> Shutter:
-    """Say how the view moves during an exposure."""
+    """Return the motion of the view during an exposure."""
     focal, centre = np.array(spec.pinhole.focal_px), np.array(spec.pinhole.centre_px)
     if motion is None:
         none = np.zeros((1, 3))
@@ -508,10 +515,10 @@ def shutter_of(
     speeds = np.zeros((actors + 1, 3))
     speeds[:-1, :2] = motion.actors
     rotation = world_from_camera.rotation
-    ways = (speeds - motion.camera) @ rotation * spec.exposure_s
+    displacements = (speeds - motion.camera) @ rotation * spec.exposure_s
     turn = motion.turning @ rotation * spec.exposure_s
     rows = np.where(solids.owners >= 0, solids.owners, actors).astype(np.int64)
-    return Shutter(True, ways, turn, focal, centre, rows)
+    return Shutter(True, displacements, turn, focal, centre, rows)
 
 
 def _glare(
@@ -522,7 +529,7 @@ def _glare(
     world_from_camera: Pose,
     extinction_per_m: float,
 ) -> np.ndarray:
-    """Light that bright spots and the sun spread over the image, at the corners of blocks."""
+    """Return the stray light of bright spots and of the sun, at the corners of blocks."""
     height, width = raster.q.shape
     sun = world_from_camera.rotation.T @ lighting.towards_sun
     strength = lighting.gain * np.array(lighting.sun) * np.exp(-2000.0 * extinction_per_m)
@@ -530,10 +537,10 @@ def _glare(
     dazzling = sun[2] > 0.3 and strength.max() > 0.02
     if not (lighting.lamps or dazzling):
         return np.empty((0, 0, 3), np.float32)
-    glare = room("glare", (height // BLOCK + 2, width // BLOCK + 2, 3), np.float32)
+    glare = thread_buffer("glare", (height // BLOCK + 2, width // BLOCK + 2, 3), np.float32)
     glare[:] = 0.0
     if lighting.lamps:
-        bloom(light, _halo(), room("bloom", glare.shape, np.float32), glare)
+        bloom(light, _halo(), thread_buffer("bloom", glare.shape, np.float32), glare)
     if dazzling:
         focal, centre = np.array(spec.pinhole.focal_px), np.array(spec.pinhole.centre_px)
         spread_sun(light, raster.faces, sun, strength, focal, centre, glare)
@@ -554,6 +561,6 @@ def _halo() -> np.ndarray:
 
 @cache
 def _draws() -> np.ndarray:
-    """(DRAWS,) float32 normal draws of mean 0 and variance 1."""
+    """Return (DRAWS,) float32 normal draws of mean 0 and variance 1."""
     draws: np.ndarray = np.random.default_rng(11).standard_normal(DRAWS, np.float32)
     return draws

@@ -1,4 +1,4 @@
-"""What can go wrong with sensing, by name and severity: `fog:3`, `clock-offset:1`."""
+"""Faults of sensing by name and severity: `fog:3`, `clock-offset:1`."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from roadscope.envs.sensors.weather import RAIN_MM_H, VISIBILITY_M
 
 SEVERITIES = range(1, 6)
 NO_FAULT = "clear"
-"""How a condition without any fault is written."""
+"""Name of the condition without any fault."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
     """A fault in its five severities.
 
-    figures: what each severity means, in `unit`; why these, the comment beside them says.
-    sensors: whose measurements it changes; a rig with none of them does not feel it.
+    figures: value of each severity, in `unit`; comments beside the table explain them.
+    sensors: whose measurements it changes; a rig without them is not affected.
     """
 
     summary: str
@@ -31,7 +31,7 @@ class FaultKind:
 
 FAULTS: Mapping[str, FaultKind] = MappingProxyType(
     {
-        # As far as one sees by day, and as the weather of the same name.
+        # Visibility by day, as in the weather of the same name.
         "fog": FaultKind("Fog for LiDAR and camera alike.", VISIBILITY_M, "m", ("lidar", "camera")),
         "rain": FaultKind(
             "Rain for LiDAR and camera alike.", RAIN_MM_H, "mm/h", ("lidar", "camera")
@@ -58,7 +58,7 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType(
             "%",
             ("lidar",),
         ),
-        # Likewise, from 0.1 s at a time (one missed exchange) to 2 s (a camera that restarts).
+        # From 0.1 s at a time (one lost message) to 2 s (a restart of the camera).
         "blackout": FaultKind(
             "Images are missing or black for a while.",
             (2.0, 5.0, 10.0, 20.0, 40.0),
@@ -72,7 +72,7 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType(
             "ms",
             ("camera",),
         ),
-        # From what is left after a careful calibration to a knock: at 50 m, 0.2 m to 3.5 m.
+        # From the error of a careful calibration to a bent mount: at 50 m, 0.2 m to 3.5 m.
         "extrinsic-error": FaultKind(
             "The calibration is off: so far turned, and 4 cm/deg shifted.",
             (0.25, 0.5, 1.0, 2.0, 4.0),
@@ -81,15 +81,15 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType(
         ),
     }
 )
-"""All faults; new ones come last, since the place decides the seed."""
+"""All faults; new ones come last, since the position decides the seed."""
 
-APART = (("fog", "rain"),)
-"""What is never there at once: the air of an episode holds one kind of drops."""
+EXCLUSIVE = (("fog", "rain"),)
+"""Faults that exclude each other: the air of an episode contains one kind of drops."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A kind of `FAULTS` in one severity, 1 (slight) to 5 (as bad as it gets)."""
+    """A kind of `FAULTS` in one severity, 1 (slight) to 5 (worst)."""
 
     kind: str
     severity: int
@@ -102,7 +102,7 @@ class Fault:
 
     @staticmethod
     def parse(text: str) -> Fault:
-        """Read `fog:3`; anything else is refused with what there is."""
+        """Return the fault of a text such as `fog:3`; errors list the known names."""
         if not isinstance(text, str):
             raise TypeError(f"fault: expected text such as fog:3, got {text!r}")
         kind, _, severity = text.strip().partition(":")
@@ -116,52 +116,52 @@ class Fault:
         return Fault(kind, int(severity))
 
     def __str__(self) -> str:
-        """Return what `parse` reads."""
+        """Return the text that `parse` reads."""
         return f"{self.kind}:{self.severity}"
 
     @property
     def figure(self) -> float:
-        """What the severity means, in the kind's unit."""
+        """Value of the severity, in the kind's unit."""
         return FAULTS[self.kind].figures[self.severity - 1]
 
 
 EXAMPLES = "'fog:3', 'night:2 + glare:1', 'clear' or a list of them"
 
 Faults = str | Iterable[str | Fault]
-"""One condition: `fog:3`, `night:2 + glare:1`, `clear`, or a list of faults."""
+"""A condition: `fog:3`, `night:2 + glare:1`, `clear`, or a list of faults."""
 
 
-def faults_of(given: Faults) -> tuple[Fault, ...]:
-    """Return the faults of one condition in the order of `FAULTS`; contradictions are refused."""
-    if not isinstance(given, Iterable):
-        raise TypeError(f"faults: expected {EXAMPLES}, got {given!r}")
-    parts = given.split("+") if isinstance(given, str) else list(given)
+def faults_of(faults: Faults) -> tuple[Fault, ...]:
+    """Return the faults of one condition in the order of `FAULTS`; raise for contradictions."""
+    if not isinstance(faults, Iterable):
+        raise TypeError(f"faults: expected {EXAMPLES}, got {faults!r}")
+    parts = faults.split("+") if isinstance(faults, str) else list(faults)
     texts = [part.strip() if isinstance(part, str) else part for part in parts]
-    wanted = [text for text in texts if text != NO_FAULT] if len(texts) == 1 else texts
-    found = [each if isinstance(each, Fault) else Fault.parse(each) for each in wanted]
-    kinds = [fault.kind for fault in found]
+    named = [text for text in texts if text != NO_FAULT] if len(texts) == 1 else texts
+    parsed = [each if isinstance(each, Fault) else Fault.parse(each) for each in named]
+    kinds = [fault.kind for fault in parsed]
     for kind in kinds:
         if kinds.count(kind) > 1:
             raise ValueError(f"fault '{kind}' is given {kinds.count(kind)} times: choose one")
-    for pair in APART:
+    for pair in EXCLUSIVE:
         if set(pair) <= set(kinds):
             raise ValueError(f"faults {' and '.join(pair)} are never there at once: choose one")
     order = list(FAULTS)
-    return tuple(sorted(found, key=lambda fault: order.index(fault.kind)))
+    return tuple(sorted(parsed, key=lambda fault: order.index(fault.kind)))
 
 
 def condition_name(faults: Iterable[Fault]) -> str:
-    """Write faults as one condition, which `faults_of` reads."""
+    """Return faults as the text of one condition, which `faults_of` reads."""
     return " + ".join(map(str, faults)) or NO_FAULT
 
 
 def of_camera_alone(faults: Faults) -> tuple[str, ...]:
-    """Return the faults that scans do not feel."""
+    """Return the faults that do not affect scans."""
     return tuple(str(f) for f in faults_of(faults) if "lidar" not in FAULTS[f.kind].sensors)
 
 
 def summary_of(kind: str) -> str:
-    """One line with the figures."""
+    """Return one line with the values of all severities."""
     fault = FAULTS[kind]
     figures = ", ".join(f"{figure:g}" for figure in fault.figures)
     return f"{fault.summary} {kind}:1 to {kind}:5 are {figures} {fault.unit}."

@@ -1,4 +1,4 @@
-"""Inertial and wheel-speed samples of a vehicle's motion."""
+"""InertialSampler and wheel-speed samples of a vehicle's motion."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 
 from roadscope.core import Frame, ImuSamples
 from roadscope.envs.sensors.ego_motion import EgoMotion
-from roadscope.envs.sensors.imu_spec import ImuSpec
+from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2, ImuSpec
 from roadscope.envs.sensors.rig import ImuMount, LidarMount, Rig
 
 # --------------------------------------------------------------------------------------------------
-# Noise and biases of inertial samples, the same in whatever pieces they are asked for.
+# Noise and biases of inertial samples; they do not depend on the order of requests.
 
 PAGE = 1024
-"""Samples that are drawn at once."""
+"""Number of samples that are drawn at once."""
 
 
 class ImuNoise:
     """White noise and wandering biases of the six axes, gyroscopes first.
 
-    All depends on the seed and the numbers of the samples alone; drawing goes on where it ended.
+    Everything depends only on the seed and the numbers of the samples.
     """
 
     def __init__(self, spec: ImuSpec, seed: int) -> None:
-        """Draw the biases at turning on."""
+        """Draw the turn-on biases."""
         self._seed = seed
         rate = spec.rate_hz
         gyro, force = np.ones(3), np.ones(3)
@@ -38,11 +38,11 @@ class ImuNoise:
         self._pages: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def white(self, first: int, last: int) -> np.ndarray:
-        """(N, 6) noise of samples first to last, in rad/s and m/s^2; none has a number below 0."""
+        """Return (N, 6) noise of samples first to last, rad/s and m/s^2; numbers start at 0."""
         return self._collect(0, first, last)
 
     def biases(self, first: int, last: int) -> np.ndarray:
-        """(N, 6) biases of samples first to last, in rad/s and m/s^2."""
+        """Return (N, 6) biases of samples first to last, rad/s and m/s^2."""
         return self._collect(1, first, last)
 
     def _collect(self, kind: int, first: int, last: int) -> np.ndarray:
@@ -51,16 +51,16 @@ class ImuNoise:
         return np.concatenate(pages)[first - begin * PAGE : last + 1 - begin * PAGE]
 
     def _page(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """White noise and biases of a page, (PAGE, 6) each."""
+        """Return white noise and biases of a page, (PAGE, 6) each."""
         for missing in range(len(self._starts) - 1, number):
-            self._draw(missing)
+            self._draw_page(missing)
         if number not in self._pages:
-            self._draw(number)
+            self._draw_page(number)
         return self._pages[number]
 
-    def _draw(self, number: int) -> None:
-        """Draw a page whose start is known, and with it the start of the next."""
-        # Of seed and 0 come the same numbers as of the seed alone.
+    def _draw_page(self, number: int) -> None:
+        """Draw a page whose start bias is known, and store the start bias of the next."""
+        # A seed with 0 appended gives the same numbers as the seed alone, hence number + 1.
         draws = np.random.default_rng([self._seed, number + 1]).standard_normal((2, PAGE, 6))
         ends = self._starts[number] + np.cumsum(self._step * draws[1], axis=0)
         if number + 1 == len(self._starts):
@@ -71,10 +71,7 @@ class ImuNoise:
 
 
 # --------------------------------------------------------------------------------------------------
-# Inertial samples of a vehicle's motion.
-
-GRAVITY_M_S2 = 9.80665
-"""Magnitude of gravity; it points down in the world frame."""
+# InertialSampler samples of a vehicle's motion.
 
 
 def measure(
@@ -82,49 +79,49 @@ def measure(
 ) -> ImuSamples:
     """Return samples number first to last; sample n is taken n periods after 0.
 
-    With bandwidth the unit answers a little late, as its low-pass does.
+    A finite bandwidth delays the samples slightly, by the unit's low-pass filter.
     """
     spec = mount.spec
     weights = spec.response()
     numbers = np.arange(first - len(weights) + 1, last + 1)
-    values = felt(motion, mount, numbers / spec.rate_hz)
+    values = true_samples(motion, mount, numbers / spec.rate_hz)
     drawn = np.maximum(numbers, 0)
     values = values + noise.white(int(drawn[0]), int(drawn[-1]))[drawn - drawn[0]]
-    passed = np.zeros((last - first + 1, 6))
-    for back, weight in enumerate(weights):
-        end = len(values) - back
-        passed += weight * values[end - len(passed) : end]
-    passed += noise.biases(first, last)
-    gyro = np.clip(passed[:, :3], -spec.gyro_range, spec.gyro_range)
-    force = np.clip(passed[:, 3:], -spec.accelerometer_range, spec.accelerometer_range)
+    filtered = np.zeros((last - first + 1, 6))
+    for lag, weight in enumerate(weights):
+        end = len(values) - lag
+        filtered += weight * values[end - len(filtered) : end]
+    filtered += noise.biases(first, last)
+    gyro = np.clip(filtered[:, :3], -spec.gyro_range, spec.gyro_range)
+    force = np.clip(filtered[:, 3:], -spec.accelerometer_range, spec.accelerometer_range)
     return ImuSamples(np.arange(first, last + 1) / spec.rate_hz, gyro, force)
 
 
-def felt(motion: EgoMotion, mount: ImuMount, stamps_s: np.ndarray) -> np.ndarray:
-    """(T, 6) true angular velocity and specific force in the imu frame at (T,) stamps."""
+def true_samples(motion: EgoMotion, mount: ImuMount, stamps_s: np.ndarray) -> np.ndarray:
+    """Return (T, 6) true angular velocity and specific force, imu frame, at (T,) stamps."""
     here = motion.at(stamps_s, mount.ego_from_imu.translation)
     ego_from_imu = mount.ego_from_imu.rotation
-    gravity = np.array([0.0, 0.0, -GRAVITY_M_S2])
+    gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
     force = np.einsum("tji,tj->ti", here.rotations @ ego_from_imu, here.accelerations - gravity)
     turn = np.einsum("ji,tj->ti", ego_from_imu, here.angular_velocities)
     return np.concatenate([turn, force], axis=1)
 
 
 # --------------------------------------------------------------------------------------------------
-# What inertial unit and wheels bring with each sweep, every sample exactly once.
+# Inertial and wheel samples of each sweep, every sample exactly once.
 
 
-class Inertial:
-    """Adds to the frame of a sweep the samples since the end of the sweep before."""
+class InertialSampler:
+    """Adds the samples since the end of the previous sweep to the frame of a sweep."""
 
     def __init__(self, rig: Rig, seed: int) -> None:
-        """Draw biases; what the LiDAR draws stays as it is without an inertial unit."""
+        """Draw the biases; the random numbers of the LiDAR do not depend on these."""
         *_, imu, wheels = np.random.SeedSequence(seed).generate_state(8)
         self._wheel_seed = int(wheels)
         self._noise = None if rig.imu is None else ImuNoise(rig.imu.spec, int(imu))
 
     def beside(self, frame: Frame, rig: Rig, motion: EgoMotion, index: int) -> Frame:
-        """Return the frame of the index-th sweep with what a rig has of its samples."""
+        """Return the frame of the index-th sweep with its inertial and wheel samples."""
         if rig.imu is not None and self._noise is not None:
             span = samples_of(rig.lidar, index, rig.imu.spec.rate_hz)
             frame = replace(frame, imu=measure(motion, rig.imu, self._noise, *span))
@@ -135,10 +132,10 @@ class Inertial:
 
 
 def samples_of(mount: LidarMount, index: int, rate_hz: float) -> tuple[int, int]:
-    """Return numbers of the first and the last sample that come with a sweep.
+    """Return the numbers of the first and the last sample of a sweep.
 
-    Those after the end of the sweep before, up to the end of this one; with the first sweep also
-    one at its very beginning. None is taken before 0.
+    They lie after the end of the previous sweep, up to the end of this one; the first sweep also
+    has a sample at its beginning. There are no samples before 0.
     """
     end_s = mount.stamp_s(index) + mount.spec.sweep_s / 2
     before_s = end_s - mount.spec.period_s
@@ -149,5 +146,5 @@ def samples_of(mount: LidarMount, index: int, rate_hz: float) -> tuple[int, int]
 
 
 def _number(stamp_s: float, rate_hz: float) -> int:
-    """Return the last sample up to a stamp; rounding of stamps is forgiven."""
+    """Return the number of the last sample up to a stamp, with a tolerance for rounding."""
     return int(np.floor(stamp_s * rate_hz + 1e-6))

@@ -1,4 +1,4 @@
-"""What an inertial measurement unit is: rate, noise, biases, limits; and some on the market."""
+"""Specifications of inertial measurement units: rate, noise, biases, limits; presets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from roadscope.core.checks import require
 from roadscope.core.record import Record
 
 # --------------------------------------------------------------------------------------------------
-# What an inertial measurement unit is: rate, noise, biases, limits.
+# Specification.
 
 NOISE = (
     "gyro_noise",
@@ -26,16 +26,16 @@ NOISE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSpec(Record):
-    """Three gyroscopes and three accelerometers; all axes are alike and independent.
+    """Three gyroscopes and three accelerometers; all axes are equal and independent.
 
     rate_hz: samples per second.
     gyro_noise: rad/s/sqrt(Hz), density of the white noise.
-    gyro_walk: rad/s^2/sqrt(Hz), density of the noise that the bias sums up.
+    gyro_walk: rad/s^2/sqrt(Hz), density of the noise whose integral is the bias.
     gyro_turn_on: rad/s, standard deviation of the bias at the start of an episode.
-    accelerometer_noise, accelerometer_walk, accelerometer_turn_on: likewise in m/s^2/sqrt(Hz),
+    accelerometer_noise, accelerometer_walk, accelerometer_turn_on: the same in m/s^2/sqrt(Hz),
         m/s^3/sqrt(Hz) and m/s^2.
-    bandwidth_hz: where a low-pass of first order has taken half the power of motion and noise.
-    gyro_range, accelerometer_range: rad/s and m/s^2; what goes beyond reads as the limit.
+    bandwidth_hz: cut-off (-3 dB) of a first-order low-pass filter of motion and noise.
+    gyro_range, accelerometer_range: rad/s and m/s^2; larger values are clipped.
     """
 
     name: str
@@ -60,22 +60,23 @@ class ImuSpec(Record):
         require(self.bandwidth_hz > 0, self, "bandwidth_hz", "above 0", self.bandwidth_hz)
 
     def scaled(self, factor: float) -> ImuSpec:
-        """Return the same with every noise and bias times a factor."""
+        """Return the spec with every noise and bias times a factor."""
         return replace(self, **{name: getattr(self, name) * factor for name in NOISE})
 
     def response(self) -> np.ndarray:
-        """(J,) weights of this and earlier samples, newest first, that the low-pass gives."""
-        kept = float(np.exp(-2 * np.pi * self.bandwidth_hz / self.rate_hz))
-        count = 1 if kept < 1e-6 else min(int(np.ceil(np.log(1e-6) / np.log(kept))), 400)
-        weights = kept ** np.arange(count)
-        answer: np.ndarray = weights / weights.sum()
-        return answer
+        """Return the (J,) weights of the low-pass filter, newest sample first."""
+        decay = float(np.exp(-2 * np.pi * self.bandwidth_hz / self.rate_hz))
+        count = 1 if decay < 1e-6 else min(int(np.ceil(np.log(1e-6) / np.log(decay))), 400)
+        weights = decay ** np.arange(count)
+        normalised: np.ndarray = weights / weights.sum()
+        return normalised
 
 
 # --------------------------------------------------------------------------------------------------
 # Inertial measurement units, from their makers' documents.
 
-G = 9.80665
+STANDARD_GRAVITY_M_S2 = 9.80665
+"""Standard gravity (CGPM 1901); in the world frame gravity points down."""
 
 IMUS: Mapping[str, ImuSpec] = MappingProxyType(
     {
@@ -90,10 +91,10 @@ IMUS: Mapping[str, ImuSpec] = MappingProxyType(
             gyro_turn_on=float(np.radians(0.5)),
             accelerometer_noise=2.26e-3,
             accelerometer_walk=3.0e-3,
-            accelerometer_turn_on=0.02 * G,
+            accelerometer_turn_on=0.02 * STANDARD_GRAVITY_M_S2,
             bandwidth_hz=330.0,
             gyro_range=float(np.radians(1000.0)),
-            accelerometer_range=18 * G,
+            accelerometer_range=18 * STANDARD_GRAVITY_M_S2,
         ),
         # Stereolabs' SDK reports 0.007 deg/s/sqrt(Hz), 1.6e-3 m/s^2/sqrt(Hz), walks of 3.4e-5 and
         # 2.5e-4 for a unit at rest and corrected. That the noise is four times as large in a car,
@@ -106,10 +107,10 @@ IMUS: Mapping[str, ImuSpec] = MappingProxyType(
             gyro_turn_on=float(np.radians(1.0)),
             accelerometer_noise=6.4e-3,
             accelerometer_walk=3.0e-3,
-            accelerometer_turn_on=0.03 * G,
+            accelerometer_turn_on=0.03 * STANDARD_GRAVITY_M_S2,
             bandwidth_hz=120.0,
             gyro_range=float(np.radians(1000.0)),
-            accelerometer_range=8 * G,
+            accelerometer_range=8 * STANDARD_GRAVITY_M_S2,
         ),
         "ideal": ImuSpec(
             "ideal",
@@ -126,4 +127,4 @@ IMUS: Mapping[str, ImuSpec] = MappingProxyType(
         ),
     }
 )
-"""Units by name; `ideal` errs in nothing."""
+"""Units by name; `ideal` has no errors."""

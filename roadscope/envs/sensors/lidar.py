@@ -21,13 +21,13 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.sensors.weather import CLEAR, Weather
 
 # --------------------------------------------------------------------------------------------------
-# From what the rays meet to what the receiver reports.
+# From surfaces to returns.
 
 
 class Firings(NamedTuple):
-    """Where C columns of B beams look: azimuths (C, 2), elevations (B, 2), cosines and sines.
+    """Directions of C columns of B beams: azimuths (C, 2), elevations (B, 2), cosines and sines.
 
-    order: (B,) beams as they fire.
+    order: (B,) beams in firing order.
     """
 
     azimuths: np.ndarray
@@ -35,11 +35,11 @@ class Firings(NamedTuple):
     order: np.ndarray
 
 
-class Way(NamedTuple):
-    """How a sensor moves between K knots.
+class SensorPath(NamedTuple):
+    """Motion of a sensor between K knots.
 
     matrices: (K, 4, 4), world_from_lidar. turns: (K, 3, 3), cross-product matrix of the unit axis
-    about which it turns after the knot; angles: (K,), by how many radians until the next.
+    of its turn after the knot; angles: (K,), radians of the turn until the next.
     """
 
     matrices: np.ndarray
@@ -57,8 +57,8 @@ def collect(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return points, intensity, ring, column and owner of each return, in firing order.
 
-    A surface sends back energy in proportion to reflectivity and cosine over range squared;
-    below the limit it is lost. The receiver makes up for the range squared only in the far
+    A surface returns energy in proportion to reflectivity and cosine over range squared; below
+    the limit the return is lost. The receiver compensates for the range squared only in the far
     field, so intensity is reflectivity * cosine / (1 + (4 range / range_max)^2).
 
     noise: (B, C) normal, chances: (B, C) uniform.
@@ -96,27 +96,31 @@ def collect(
 
 @compiled()
 def interpolate_columns(
-    way: Way, knots: np.ndarray, fractions: np.ndarray, azimuths: np.ndarray, columns: np.ndarray
+    path: SensorPath,
+    knots: np.ndarray,
+    fractions: np.ndarray,
+    azimuths: np.ndarray,
+    columns: np.ndarray,
 ) -> None:
     """Fill origin, direction and z axis of each column, (3, C, 3), from poses at the knots.
 
-    knots, fractions: (C,) which knot is before a column, and the share of the way to the next.
+    knots, fractions: (C,) knot before each column, and the share of the interval to the next.
     azimuths: (C, 2) cosines and sines.
     """
-    matrices, turns, angles = way
+    matrices, turns, angles = path
     origins, ahead, up = columns[0], columns[1], columns[2]
     step, lidar = np.empty((3, 3)), np.empty((3, 3))
     for c in range(len(knots)):
         k, f = knots[c], fractions[c]
         after = min(k + 1, len(matrices) - 1)
-        sine, rest = np.sin(f * angles[k]), 1.0 - np.cos(f * angles[k])
+        sine, versine = np.sin(f * angles[k]), 1.0 - np.cos(f * angles[k])
         for i in range(3):
             for j in range(3):
                 square = 0.0
                 for m in range(3):
                     square += turns[k, i, m] * turns[k, m, j]
                 # Rodrigues' formula; a turn about z leaves the z axis as it is, to the bit.
-                step[i, j] = (1.0 if i == j else 0.0) + sine * turns[k, i, j] + rest * square
+                step[i, j] = (1.0 if i == j else 0.0) + sine * turns[k, i, j] + versine * square
         for i in range(3):
             for j in range(3):
                 lidar[i, j] = 0.0
@@ -132,38 +136,43 @@ def interpolate_columns(
 # Rays through rain and fog.
 
 STEP = np.uint64(0x9E3779B97F4A7C15)
-"""From one random number to the next (Steele, Lea and Flood's SplitMix, 2014)."""
+"""Increment of the random state (Steele, Lea and Flood's SplitMix, 2014)."""
 
 
 @compiled(borrowing=True)
-def cloud_over(
-    surfaces: Surfaces, echoes: Echoes, air: tuple[float, float], key: np.uint64
+def add_weather(
+    surfaces: Surfaces,
+    echoes: Echoes,
+    extinction_per_m: float,
+    least_power: float,
+    key: np.uint64,
 ) -> None:
-    """Put weather between sensor and surfaces, in place: the strongest return of a ray wins.
+    """Add weather between sensor and surfaces, in place; the strongest return of a ray is kept.
 
-    Surfaces lose reflectivity; where an echo wins it takes the ray, with the reflectivity of a
-    wall as bright.
-    air: extinction per metre, and least power that the receiver reports.
-    key: of the sweep; an echo depends on it, beam and column alone.
+    Surfaces lose reflectivity. Where an echo of a drop is stronger it replaces the surface, with
+    the reflectivity of a wall of the same brightness.
+    extinction_per_m: of the air. least_power: least power that the receiver reports.
+    key: of the sweep; an echo depends only on it, the beam and the column.
     """
     ranges, owners, cosines, reflectivity = surfaces
-    extinction, least = air
-    expected = echoes.tails[-1] if len(echoes.tails) else 0.0
+    total_echoes = echoes.tails[-1] if len(echoes.tails) else 0.0
     loudest = np.exp(echoes.log_powers[0]) if len(echoes.tails) else 0.0
     for j in range(ranges.shape[0]):
         for c in range(ranges.shape[1]):
-            reach, rivals = np.inf, expected
+            range_m, expected = np.inf, total_echoes
             if owners[j, c] != NOTHING:
-                reach = np.float64(ranges[j, c])
-                reflectivity[j, c] *= np.exp(-2.0 * extinction * reach)
+                range_m = np.float64(ranges[j, c])
+                reflectivity[j, c] *= np.exp(-2.0 * extinction_per_m * range_m)
                 signal = np.float64(reflectivity[j, c]) * np.float64(cosines[j, c])
-                power = signal * _gain(reach) if signal >= least * reach * reach else 0.0
-                if power > least:
-                    rivals = _tail(echoes, np.log(power)) if power < loudest else 0.0
-            if rivals <= 0.0:
+                power = (
+                    signal * _gain(range_m) if signal >= least_power * range_m * range_m else 0.0
+                )
+                if power > least_power:
+                    expected = _tail(echoes, np.log(power)) if power < loudest else 0.0
+            if expected <= 0.0:
                 continue
             state = mix(key + np.uint64(j * ranges.shape[1] + c) * STEP)
-            measured, power = _strongest(echoes, reach, rivals, state)
+            measured, power = _strongest(echoes, range_m, expected, state)
             if measured > 0.0:
                 owners[j, c], ranges[j, c], cosines[j, c] = WEATHER, measured, 1.0
                 reflectivity[j, c] = power / _gain(measured)
@@ -171,22 +180,22 @@ def cloud_over(
 
 @compiled(borrowing=True)
 def _strongest(
-    echoes: Echoes, reach: float, rivals: float, state: np.uint64
+    echoes: Echoes, reach: float, expected: float, state: np.uint64
 ) -> tuple[float, float]:
     """Return range and power of the strongest echo before the surface, zeros if there is none.
 
-    rivals: expected number of echoes that are strong enough. The echoes of a Poisson process,
+    expected: expected number of echoes that are strong enough. The echoes of a Poisson process,
     strongest first, are where its tail passes the sums of exponential paths.
     state: of the ray's own random numbers.
     """
     powers, tails, quantiles = echoes
-    passed = 0.0
+    expected_so_far = 0.0
     while True:
-        passed -= np.log(_uniform(mix(state + STEP)))
-        if passed >= rivals:
+        expected_so_far -= np.log(_uniform(mix(state + STEP)))
+        if expected_so_far >= expected:
             break
-        k = _place(tails, passed)
-        share = max(passed - tails[k], 0.0) / (tails[k + 1] - tails[k])
+        k = _last_entry_below(tails, expected_so_far)
+        share = max(expected_so_far - tails[k], 0.0) / (tails[k + 1] - tails[k])
         power = np.exp(powers[k] + share * (powers[k + 1] - powers[k]))
         state += STEP + STEP
         place = _uniform(mix(state)) * (quantiles.shape[1] - 1)
@@ -204,12 +213,12 @@ def _uniform(bits: np.uint64) -> float:
 
 
 @compiled(borrowing=True)
-def _place(tails: np.ndarray, passed: float) -> int:
-    """Return the last entry, short of the end, at which no more echoes are expected than passed."""
+def _last_entry_below(tails: np.ndarray, value: float) -> int:
+    """Return the last entry, except the end, whose tail is at most the value."""
     low, high = 0, len(tails) - 1
     while high - low > 1:
         middle = (low + high) // 2
-        if tails[middle] <= passed:
+        if tails[middle] <= value:
             low = middle
         else:
             high = middle
@@ -230,24 +239,24 @@ def _tail(echoes: Echoes, log_power: float) -> float:
 
 @compiled(borrowing=True)
 def _gain(reach: float) -> float:
-    """Power over signal: how much the receiver sees of the beam, over range squared."""
+    """Return power over signal: the receiver's share of the beam, over range squared."""
     square = reach * reach
     gain: float = square / (square + OVERLAP_M * OVERLAP_M) ** 2
     return gain
 
 
 # --------------------------------------------------------------------------------------------------
-# What droplets in the air send back to a LiDAR.
+# Echoes of droplets in the air.
 
 PULSE_M = 0.75
-"""Half the way of light in a pulse of 5 ns; assumed for all sensors, as are the next three."""
+"""Half the length of a light pulse of 5 ns; assumed for all sensors, as are the next three."""
 APERTURE_M, DIVERGENCE_RAD = 0.01, 0.003
-"""Width of the beam as it leaves, and by how much it grows per metre."""
+"""Width of the beam at the sensor, and its growth per metre."""
 OVERLAP_M = 5.0
-"""Range at which the receiver sees a quarter of the beam: lenses 3 cm apart, fields of 3 mrad."""
+"""Range at which a quarter of the beam is in the receiver's view: lenses 3 cm apart, 3 mrad."""
 SAMPLES = 16.0
-"""Shape of the gamma distribution of a fog sample: it varies by a quarter, as a signal does that
-just reaches a limit of four standard deviations of noise."""
+"""Shape of the gamma distribution of a fog sample: its deviation is a quarter of its mean, as for a
+signal at a detection limit of four standard deviations of noise."""
 
 DROPS_PER_M3_MM = 8000.0
 LARGEST_MM = 8.0
@@ -256,6 +265,7 @@ LARGEST_MM = 8.0
 LEAST_POWER = 1e-9
 LEAST_TAIL = 1e-8
 POWERS, RANGES, QUANTILES = 256, 600, 257
+"""Least power and least expected number of echoes in the tables, and sizes of the tables."""
 
 
 class Echoes(NamedTuple):
@@ -273,14 +283,14 @@ class Echoes(NamedTuple):
 
 
 def overlap(ranges: np.ndarray) -> np.ndarray:
-    """Return which share of the beam the receiver sees, 0 to 1, at ranges in metres."""
+    """Return the share of the beam in the receiver's view, 0 to 1, at ranges in metres."""
     square = ranges**2
     share: np.ndarray = (square / (square + OVERLAP_M**2)) ** 2
     return share
 
 
 def echo_rate(weather: Weather, powers: np.ndarray, ranges: np.ndarray) -> np.ndarray:
-    """Return echoes per metre of way that are stronger than a power, at a range in metres."""
+    """Return the rate of echoes stronger than a power, per metre, at a range in metres."""
     gain = overlap(ranges) / ranges**2 * np.exp(-2 * weather.extinction_per_m * ranges)
     if weather.kind == "rain":
         return _drop_rate(weather, powers / gain, ranges)
@@ -295,9 +305,9 @@ def echo_rate(weather: Weather, powers: np.ndarray, ranges: np.ndarray) -> np.nd
 
 
 def _drop_rate(weather: Weather, signal: np.ndarray, ranges: np.ndarray) -> np.ndarray:
-    """Return drops per metre of beam that are brighter than a wall of a reflectivity."""
+    """Return the rate of drops brighter than a wall of a reflectivity, per metre of beam."""
     area = np.pi / 4 * (APERTURE_M + DIVERGENCE_RAD * ranges) ** 2
-    # A drop takes out twice its outline; over the beam's area that is extinction times length.
+    # A drop extinguishes twice its outline; over the beam's area that is extinction times length.
     square = signal * area * weather.lidar_ratio_sr / np.pi / (np.pi / 2)
     least_mm = np.minimum(1e3 * np.sqrt(square), LARGEST_MM)
     slope = 4.1 * weather.rain_rate_mm_h**-0.21
@@ -308,7 +318,7 @@ def _drop_rate(weather: Weather, signal: np.ndarray, ranges: np.ndarray) -> np.n
 
 @lru_cache(maxsize=32)
 def echoes(weather: Weather, near_m: float, far_m: float, least_power: float) -> Echoes:
-    """Make the tables for echoes from near to far that are stronger than the receiver's limit."""
+    """Return the tables of echoes from near to far that are stronger than the receiver's limit."""
     edges = np.geomspace(max(near_m, 0.1), far_m, RANGES + 1)
     widths, middles = np.diff(edges), np.sqrt(edges[1:] * edges[:-1])
     least = max(least_power, LEAST_POWER)
@@ -317,14 +327,14 @@ def echoes(weather: Weather, near_m: float, far_m: float, least_power: float) ->
         return echo_rate(weather, powers[:, None], middles) * widths
 
     coarse = np.geomspace(max(1.0, 2 * least), least, POWERS)
-    heard = np.flatnonzero(rates(coarse).sum(axis=1) > LEAST_TAIL)
-    if len(heard) == 0:
+    detectable = np.flatnonzero(rates(coarse).sum(axis=1) > LEAST_TAIL)
+    if len(detectable) == 0:
         return Echoes(np.empty(0), np.empty(0), np.empty((0, QUANTILES)))
-    powers = np.geomspace(coarse[max(heard[0] - 1, 0)], least, POWERS)
+    powers = np.geomspace(coarse[max(detectable[0] - 1, 0)], least, POWERS)
     rate = rates(powers)
     between = np.cumsum(np.maximum(np.diff(rate, axis=0), 0) + 1e-300, axis=1)
     shares = np.column_stack([np.zeros(POWERS - 1), between / between[:, -1:]])
-    # A ten-thousandth of the echoes, the nearest and farthest, come from a little inside.
+    # The nearest and farthest ten-thousandth of the echoes are moved slightly inwards.
     chances = np.linspace(0, 1, QUANTILES).clip(5e-5, 1 - 5e-5)
     quantiles = np.stack([np.interp(chances, share, edges) for share in shares])
     return Echoes(np.log(powers), rate.sum(axis=1), quantiles)
@@ -333,20 +343,20 @@ def echoes(weather: Weather, near_m: float, far_m: float, least_power: float) ->
 # --------------------------------------------------------------------------------------------------
 # One sweep of a scanning LiDAR through a moving scene.
 
-Path = Sequence[Pose] | Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+LidarPath = Sequence[Pose] | Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """`world_from_lidar` at the scene's knots, or a function from (T,) stamps to (T, 3, 3) rotations
 and (T, 3) positions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SweepTruth(Record):
-    """Where the returns of a scan came from.
+    """The true sources of the returns of a scan.
 
     owners: (N,) int32, per return the actor's row, `GROUND`, `WEATHER`, or otherwise -2 and
         below for scenery.
     returns: (A,) int64, returns per actor.
-    occluded_fraction: (A,) float64, share of the rays that would meet the actor alone which meet
-        something else first; 1 when there are none.
+    occluded_fraction: (A,) float64, share of the rays on the actor's outline that hit something
+        else first; 1 without such rays.
     """
 
     owners: np.ndarray
@@ -365,7 +375,7 @@ class SweepTruth(Record):
 def sweep(
     scene: Scene,
     spec: LidarSpec,
-    world_from_lidar: Path,
+    world_from_lidar: LidarPath,
     stamp_s: float,
     *,
     sensor: str = "lidar",
@@ -377,10 +387,10 @@ def sweep(
 
     All beams of a column are cast at the column's start and azimuth: within a column of tens of
     microseconds nothing on a road moves by more than 2 mm. A real Velodyne also turns by about
-    0.13 deg while the beams of a column fire one after the other, 0.1 m across at 50 m; here the
-    points are where the column looks, so scans agree with the geometry that they are given in.
-    Noise depends on `rng` alone, and each ray's noise does not depend on the scene; what rain
-    and fog add to a ray depends on weather, its seed and the stamp.
+    0.13 deg while the beams of a column fire one after the other, 0.1 m across at 50 m; here
+    points have the azimuth of their column, so scans agree with their stated geometry. Noise
+    depends only on `rng`, and each ray's noise does not depend on the scene; echoes of rain and
+    fog depend on the weather, its seed and the stamp.
     """
     columns = lidar_columns(scene, spec, world_from_lidar, stamp_s)
     hits = cast(
@@ -389,11 +399,13 @@ def sweep(
     if weather.kind != "clear":
         nanoseconds = int(np.rint(stamp_s * 1e9)) % 2**64
         key = np.random.SeedSequence([weather_seed, nanoseconds]).generate_state(1, np.uint64)[0]
-        _cloud_over(spec, hits, weather, key)
+        _add_weather(spec, hits, weather, key)
     return _measure(spec, hits, stamp_s, sensor, rng)
 
 
-def lidar_columns(scene: Scene, spec: LidarSpec, world_from_lidar: Path, stamp_s: float) -> Columns:
+def lidar_columns(
+    scene: Scene, spec: LidarSpec, world_from_lidar: LidarPath, stamp_s: float
+) -> Columns:
     """Return the columns of a sweep, in firing order, world frame.
 
     Between the scene's knots the sensor moves and turns at constant rates.
@@ -413,31 +425,32 @@ def lidar_columns(scene: Scene, spec: LidarSpec, world_from_lidar: Path, stamp_s
     turns, angles = _turns(np.swapaxes(starts, 1, 2) @ np.concatenate([starts[1:], starts[-1:]]))
     columns = np.empty((3, len(stamps_s), 3))
     knots, fractions = scene.segments(stamps_s)
-    interpolate_columns(Way(matrices, turns, angles), knots, fractions, azimuths, columns)
+    interpolate_columns(SensorPath(matrices, turns, angles), knots, fractions, azimuths, columns)
     return Columns(columns[0], columns[1], columns[2], stamps_s)
 
 
 def _turns(rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cross-product matrices of the unit axes, and angles in radians below half a turn."""
+    """Return cross-product matrices of the unit axes, and angles in radians below half a turn."""
     skew = 0.5 * (rotations - np.swapaxes(rotations, 1, 2))
     sines = np.sqrt(0.5 * (skew**2).sum(axis=(1, 2)))
     cosines = 0.5 * (np.trace(rotations, axis1=1, axis2=2) - 1)
     return skew / np.where(sines > 0, sines, 1)[:, None, None], np.arctan2(sines, cosines)
 
 
-def _cloud_over(spec: LidarSpec, hits: Hits, weather: Weather, key: np.uint64) -> None:
-    """Let the weather take what it takes of the hits, in place, and put its echoes there."""
+def _add_weather(spec: LidarSpec, hits: Hits, weather: Weather, key: np.uint64) -> None:
+    """Apply the extinction of the weather to the hits, in place, and add its echoes."""
     least = max(spec.detection_limit / spec.range_max_m**2, LEAST_POWER)
-    cloud_over(
+    add_weather(
         _surfaces(hits),
         echoes(weather, spec.range_min_m, spec.range_max_m, least),
-        (weather.extinction_per_m, least),
+        weather.extinction_per_m,
+        least,
         key,
     )
 
 
 def _surfaces(hits: Hits) -> Surfaces:
-    """Turn the hits beam by beam, as they are stored; what is written there is theirs."""
+    """Return views of the hits by beam, as they are stored; writes change the hits."""
     return Surfaces(hits.ranges.T, hits.owners.T, hits.cosines.T, hits.reflectivity.T)
 
 
@@ -472,5 +485,5 @@ def _measure(
 
 
 def _directions(angles: np.ndarray) -> np.ndarray:
-    """Cosines and sines, (N, 2)."""
+    """Return cosines and sines, (N, 2)."""
     return np.column_stack([np.cos(angles), np.sin(angles)])

@@ -1,4 +1,4 @@
-"""What a LiDAR is: beams, timing, noise; and some on the market."""
+"""Specifications of LiDARs: beams, timing, noise; presets of products."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from types import MappingProxyType
 
 import numpy as np
 
+from roadscope.core.bounds import Bounds
 from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 
 # --------------------------------------------------------------------------------------------------
-# What a LiDAR is: beams, timing, noise.
+# Specification.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarSpec(Record):
     """A scanning LiDAR whose beams share one azimuth per column.
 
-    name: what it is called.
-    elevations: (B,) float64, radians, increasing.
+        elevations: (B,) float64, radians, increasing.
     firing_offsets_s: (B,) float64, seconds from the column's start at which each beam fires.
     azimuth_start, azimuth_span: radians; the first column's azimuth, counter-clockwise from x
         ahead, and the signed angle covered by all columns (negative: clockwise).
-    columns: azimuth steps a sweep.
+    columns: azimuth steps of a sweep.
     period_s: time from sweep to sweep.
     sweep_s: time from first to last column, at most the period.
     range_min_m, range_max_m: returns outside are lost.
     range_noise_m: standard deviation of the measured range.
     range_resolution_m: ranges are rounded to multiples of it.
-    dropout: probability that a return is lost for no reason.
-    detection_limit: least reflectivity that is still seen at `range_max_m`, at normal
+    dropout: probability that a return is lost at random.
+    detection_limit: least reflectivity that is still detected at `range_max_m`, at normal
         incidence in clear air; the limit falls with the square of the range.
     """
 
@@ -86,7 +86,7 @@ class LidarSpec(Record):
 # LiDARs on the market, from their makers' documents.
 
 DROPOUT = 0.002
-"""No maker states how many returns get lost; the same small share is assumed for all."""
+"""No maker states the share of lost returns; the same small share is assumed for all."""
 
 
 def _spinning(
@@ -95,12 +95,12 @@ def _spinning(
     firing_offsets_s: np.ndarray,
     *,
     columns: int,
-    range_m: tuple[float, float],
+    range_m: Bounds,
     range_noise_m: float,
     range_resolution_m: float,
     detection_limit: float,
 ) -> LidarSpec:
-    """Ten turns a second, clockwise from above, beginning at the rear."""
+    """Return a LiDAR with ten turns a second, clockwise from above, beginning at the rear."""
     order = np.argsort(elevations_deg)
     return LidarSpec(
         name=name,
@@ -111,8 +111,8 @@ def _spinning(
         columns=columns,
         period_s=0.1,
         sweep_s=0.1,
-        range_min_m=range_m[0],
-        range_max_m=range_m[1],
+        range_min_m=range_m.low,
+        range_max_m=range_m.high,
         range_noise_m=range_noise_m,
         range_resolution_m=range_resolution_m,
         dropout=DROPOUT,
@@ -121,7 +121,7 @@ def _spinning(
 
 
 def _lux() -> LidarSpec:
-    """LUX by ibeo, four layers of 0.8 degrees.
+    """Return the LUX by ibeo, four layers of 0.8 degrees.
 
     110 degrees in steps of 0.25, 12.5 Hz, 200 m: Lu 2018, table 1. Layers, accuracy of 10 cm,
     steps of 4 cm and 10 % remission at 50 m on average are ascribed to the ibeo LUX 2010 data
@@ -151,7 +151,7 @@ def _lux() -> LidarSpec:
 
 
 def _vlp16() -> LidarSpec:
-    """Velodyne VLP-16: user manual 63-9243 Rev. D, section 9.3 and 9.4.
+    """Return the Velodyne VLP-16: user manual 63-9243 Rev. D, section 9.3 and 9.4.
 
     One beam every 2.304 us in turn from below and above, a round every 55.296 us; 100 m, 3 cm,
     steps of 2 mm. The manual names no reflectivity: 10 % at half its range is assumed.
@@ -163,7 +163,7 @@ def _vlp16() -> LidarSpec:
         elevations,
         fired * 2.304e-6,
         columns=1808,
-        range_m=(0.9, 100.0),
+        range_m=Bounds(0.9, 100.0),
         range_noise_m=0.03,
         range_resolution_m=0.002,
         detection_limit=0.1 * (100 / 50) ** 2,
@@ -171,7 +171,9 @@ def _vlp16() -> LidarSpec:
 
 
 def _hdl32e() -> LidarSpec:
-    """Velodyne HDL-32E: user's manual and programming guide, "Laser Firing Sequence" and App. E.
+    """Return the Velodyne HDL-32E.
+
+    User's manual and programming guide, "Laser Firing Sequence" and App. E.
 
     Lasers of the lower and the upper half in turn, from the lowest, 1.152 us apart, a round every
     46.08 us; angles as printed, to 0.01 degrees; 100 m, 2 cm at one standard deviation, steps
@@ -187,7 +189,7 @@ def _hdl32e() -> LidarSpec:
         elevations,
         np.arange(32) * 1.152e-6,
         columns=2170,
-        range_m=(0.9, 100.0),
+        range_m=Bounds(0.9, 100.0),
         range_noise_m=0.02,
         range_resolution_m=0.002,
         detection_limit=0.1 * (100 / 50) ** 2,
@@ -195,7 +197,7 @@ def _hdl32e() -> LidarSpec:
 
 
 def _hdl64e() -> LidarSpec:
-    """Velodyne HDL-64E S2: user's manual Rev. B, specifications and App. G.
+    """Return the Velodyne HDL-64E S2: user's manual Rev. B, specifications and App. G.
 
     32 beams from +2 degrees in steps of 1/3, 32 below from -8.83 in steps of 1/2; a laser of each
     block fires every 0.728 us (table of transmit times); 1.333 million points a second are
@@ -208,7 +210,7 @@ def _hdl64e() -> LidarSpec:
         np.concatenate([2.0 - fired / 3, -8.83 - fired / 2]),
         np.tile(fired * 0.728e-6, 2),
         columns=2083,
-        range_m=(0.9, 120.0),
+        range_m=Bounds(0.9, 120.0),
         range_noise_m=0.02,
         range_resolution_m=0.002,
         detection_limit=0.1 * (120 / 50) ** 2,

@@ -1,4 +1,4 @@
-"""Which sensors a vehicle carries, and where."""
+"""The sensors of a vehicle and their mounting poses."""
 
 from __future__ import annotations
 
@@ -80,10 +80,10 @@ class ImuMount(Record):
 class Rig(Record):
     """The sensors of a vehicle; all but the LiDAR are optional.
 
-    sway: how the body that carries the sensors leans; None: it stays level, and the sensors are
-        where the recorded traffic has the ego, to the bit; with inertial unit or wheels in
-        foreign environments, whose motion jumps, where `EgoMotion` has it.
-    wheels: what tells the speed.
+    sway: pitch and roll of the body with the sensors. None: it stays level, and the sensors have
+        exactly the recorded poses of the ego; only with inertial unit or wheels in foreign
+        environments, whose motion jumps, they follow `EgoMotion`.
+    wheels: sensor of the speed.
     """
 
     name: str
@@ -100,12 +100,12 @@ class Rig(Record):
 
     @property
     def inertial(self) -> bool:
-        """Whether it matters how the ego moves between recorded states."""
+        """Whether the motion of the ego between recorded states matters."""
         return not (self.imu is None and self.wheels is None and self.sway is None)
 
     @property
     def memory_s(self) -> float:
-        """How long before a sensor's first instant motion still tells on it."""
+        """Time before a sample whose motion still affects it, seconds."""
         swaying = 0.0 if self.sway is None else self.sway.memory_s
         if self.imu is None:
             return swaying

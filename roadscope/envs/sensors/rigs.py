@@ -22,14 +22,14 @@ from roadscope.envs.sensors.rig import CameraMount, ImuMount, LidarMount, Rig
 from roadscope.envs.sensors.wheels import WheelSpec
 
 # --------------------------------------------------------------------------------------------------
-# Keys and values of a rig's file, each refused with what was expected.
+# Checks of the keys and values of a rig's file.
 
 ANGLES = ("yaw", "pitch", "roll")
 MOUNT_KEYS = ("x_m", "y_m", "z_m", *(f"{angle}_deg" for angle in ANGLES))
 
 
 def known_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
-    """Refuse a table with any other key."""
+    """Raise `RecordError` if a table has any other key."""
     for key in table:
         if key not in keys:
             close = difflib.get_close_matches(key, keys, n=1)
@@ -51,12 +51,12 @@ def number(key: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise RecordError(f"{key}: expected a number, got {value!r}")
     try:
-        found = float(value)
+        finite = float(value)
     except OverflowError:
-        found = math.inf
-    if not math.isfinite(found):
-        raise RecordError(f"{key}: expected a finite number, got {found}")
-    return found
+        finite = math.inf
+    if not math.isfinite(finite):
+        raise RecordError(f"{key}: expected a finite number, got {finite}")
+    return finite
 
 
 def switch(key: str, value: object) -> bool:
@@ -70,17 +70,19 @@ def switch(key: str, value: object) -> bool:
 # The table `[camera]` of a rig's file.
 
 CAMERA_X_M, CAMERA_Z_M = 2.0, 1.4
-"""Behind the windscreen."""
+"""Usual place of a camera: behind the windscreen."""
 FIRST_STAMP_S = 0.02
+"""Stamp of the first image, unless the exposure is too long for it."""
 SIZE_KEYS = ("width_px", "height_px", "focal_px")
 CAMERA_SPEC_KEYS = ("exposure_s", "full_well", "read_noise", "vignetting")
 CAMERA_SWITCHES = ("motion_blur", "plain")
 CAMERA_KEYS = ("sensor", *MOUNT_KEYS, *SIZE_KEYS, "rate_hz", *CAMERA_SPEC_KEYS, *CAMERA_SWITCHES)
 LARGEST_PX = 8192
+"""Largest width and height of an image."""
 
 
 def camera_mount(table: object) -> CameraMount:
-    """Return the camera that a table describes; `RecordError` says what is wrong in it."""
+    """Return the camera of a table; `RecordError` explains what is wrong in it."""
     if not isinstance(table, Mapping):
         raise RecordError(f"camera: expected a table [camera], got {table!r}")
     try:
@@ -90,7 +92,7 @@ def camera_mount(table: object) -> CameraMount:
 
 
 def preset(sensor: str) -> CameraMount:
-    """Return a camera of `CAMERAS` where the presets have theirs."""
+    """Return a camera of `CAMERAS` at the usual place."""
     return _mount({"sensor": sensor})
 
 
@@ -112,21 +114,21 @@ def _spec(spec: CameraSpec, table: Mapping[str, Any]) -> CameraSpec:
     if "rate_hz" in table:
         changes["period_s"] = 1 / _positive("rate_hz", table["rate_hz"])
     if any(key in table for key in SIZE_KEYS):
-        eye = spec.pinhole
+        camera = spec.pinhole
         width, height = (
             _pixels(key, table.get(key, usual))
-            for key, usual in (("width_px", eye.width), ("height_px", eye.height))
+            for key, usual in (("width_px", camera.width), ("height_px", camera.height))
         )
-        focal = _positive("focal_px", table.get("focal_px", eye.focal_px[0]))
+        focal = _positive("focal_px", table.get("focal_px", camera.focal_px[0]))
         changes["pinhole"] = Pinhole.centred(width, height, focal)
     return replace(spec, **changes)
 
 
 def _positive(key: str, value: object) -> float:
-    found = number(key, value)
-    if found <= 0:
+    positive = number(key, value)
+    if positive <= 0:
         raise RecordError(f"{key}: expected a number above 0, got {value!r}")
-    return found
+    return positive
 
 
 def _pixels(key: str, value: object) -> int:
@@ -149,14 +151,14 @@ SPEC_KEYS = (
 SWITCHES = ("wheels", "sway")
 KEYS = ("name", "lidar", "imu", "camera", *SWITCHES, *MOUNT_KEYS, *SPEC_KEYS)
 IMU_X_M, IMU_Z_M = 1.3, 0.6
-"""Inertial units sit level between the front seats."""
+"""Place of inertial units: level, between the front seats."""
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where the sensors of a preset sit, metres, ego frame (rear axle on the ground).
+class PresetPlace:
+    """Place of the LiDAR of a preset, metres, ego frame (rear axle on the ground).
 
-    imu: its inertial unit; with one the wheels tell their speed too, and the body sways.
+    imu: its inertial unit; a rig with one also has wheel speeds and sway.
     """
 
     sensor: str
@@ -166,24 +168,24 @@ class Place:
     imu: str | None = None
 
 
-RIGS: Mapping[str, Place] = MappingProxyType(
+RIGS: Mapping[str, PresetPlace] = MappingProxyType(
     {
-        "lux": Place("lux", 5.0, 0.55),
-        "vlp16": Place("vlp16", 2.5, 1.9),
-        "hdl32e": Place("hdl32e", 2.5, 1.9),
-        "hdl64e": Place("hdl64e", 2.5, 1.73),
-        "li2021": Place("lux", 5.0, 0.55, "bumblebee-xb3"),
-        "wide": Place("hdl32e", 2.5, 1.9, "wide"),
-        "vlp16-imu": Place("vlp16", 2.5, 1.9, imu="adis16448"),
-        "hdl32e-imu": Place("hdl32e", 2.5, 1.9, imu="adis16448"),
-        "hdl64e-imu": Place("hdl64e", 2.5, 1.73, imu="adis16448"),
+        "lux": PresetPlace("lux", 5.0, 0.55),
+        "vlp16": PresetPlace("vlp16", 2.5, 1.9),
+        "hdl32e": PresetPlace("hdl32e", 2.5, 1.9),
+        "hdl64e": PresetPlace("hdl64e", 2.5, 1.73),
+        "li2021": PresetPlace("lux", 5.0, 0.55, "bumblebee-xb3"),
+        "wide": PresetPlace("hdl32e", 2.5, 1.9, "wide"),
+        "vlp16-imu": PresetPlace("vlp16", 2.5, 1.9, imu="adis16448"),
+        "hdl32e-imu": PresetPlace("hdl32e", 2.5, 1.9, imu="adis16448"),
+        "hdl64e-imu": PresetPlace("hdl64e", 2.5, 1.73, imu="adis16448"),
     }
 )
 """LUX on the front bumper as in Lu 2018, HDL-64E as high as KITTI's, the others on the roof."""
 
 
 def rig(name_or_path: str | Path) -> Rig:
-    """Return a preset or read a `.toml` file; anything else is refused with what there is."""
+    """Return a preset, or the rig of a `.toml` file; errors list the known names."""
     text = str(name_or_path)
     if text in RIGS:
         place = RIGS[text]
@@ -196,7 +198,7 @@ def rig(name_or_path: str | Path) -> Rig:
 
 
 def load_rig(path: Path | str) -> Rig:
-    """Read a rig from a TOML file; what the file leaves out comes from the sensor's preset."""
+    """Return the rig of a TOML file; missing keys have the values of the sensor's preset."""
     path = Path(path)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -211,7 +213,7 @@ def load_rig(path: Path | str) -> Rig:
 
 
 def scaled_noise(rig: Rig, factor: float) -> Rig:
-    """Return the rig with every error and dropout times a factor: half, double, none."""
+    """Return the rig with every error and dropout times a factor."""
     if not (math.isfinite(factor) and factor >= 0):
         raise RecordError(f"a noise factor is a finite number from 0 up, got {factor}")
     spec = rig.lidar.spec
@@ -241,13 +243,13 @@ def _from_table(table: Mapping[str, Any], stem: str) -> Rig:
 
 
 def _with_extras(rig: Rig, table: Mapping[str, Any]) -> Rig:
-    """Add inertial unit, camera, wheels and sway as far as a table asks for them."""
-    unit, eye = table.get("imu"), table.get("camera")
+    """Return the rig with the inertial unit, camera, wheels and sway of a table."""
+    unit, camera = table.get("imu"), table.get("camera")
     wheels, sway = (switch(key, table.get(key, False)) for key in SWITCHES)
     return replace(
         rig,
         imu=None if unit is None else _imu(name_of("imu", unit, "inertial unit", IMUS)),
-        camera=None if eye is None else camera_mount(eye),
+        camera=None if camera is None else camera_mount(camera),
         wheels=WheelSpec() if wheels else None,
         sway=BodySway() if sway else None,
     )

@@ -1,4 +1,4 @@
-"""From a timeline to what a rig measures, sweep by sweep, with the truth beside it."""
+"""Sensing of a timeline by a rig, frame by frame, with the truth of each frame."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from roadscope.envs.sensors.camera import ImageTruth, expose, motion_during
 from roadscope.envs.sensors.disturbance import Disturbance
 from roadscope.envs.sensors.ego_motion import EgoMotion, settled_s
 from roadscope.envs.sensors.faults import Fault, Faults, faults_of
-from roadscope.envs.sensors.imu import Inertial
-from roadscope.envs.sensors.lidar import Path, SweepTruth, sweep
+from roadscope.envs.sensors.imu import InertialSampler
+from roadscope.envs.sensors.lidar import LidarPath, SweepTruth, sweep
 from roadscope.envs.sensors.rig import CameraMount, Rig
 from roadscope.envs.sensors.rigs import RIGS
 from roadscope.envs.sensors.weather import CLEAR, Weather
@@ -39,39 +39,39 @@ from roadscope.envs.world.ground import surface_of
 from roadscope.envs.world.world import World, build_world
 
 # --------------------------------------------------------------------------------------------------
-# What was really there when a sweep or an image was taken, as records.
+# Truth of sweeps and images.
 
 
-def truth_at(timeline: Timeline, stamp_s: float, seen: SweepTruth) -> Truth:
-    """Join what is known of the road users at the stamp with what the sweep saw of them."""
-    sources = seen.owners.astype(np.int64)
+def truth_at(timeline: Timeline, stamp_s: float, sweep_truth: SweepTruth) -> Truth:
+    """Return the states of the road users at the stamp, with the sources of the sweep's returns."""
+    sources = sweep_truth.owners.astype(np.int64)
     sources[sources >= 0] = timeline.ids[sources[sources >= 0]]
-    rows, known = _known(timeline, stamp_s)
+    rows, states = _present_users(timeline, stamp_s)
     return Truth(
-        **known,
-        lidar_returns=seen.returns[rows],
+        **states,
+        lidar_returns=sweep_truth.returns[rows],
         visible_pixels=np.zeros(len(rows), np.int64),
-        occluded_fraction=seen.occluded_fraction[rows],
+        occluded_fraction=sweep_truth.occluded_fraction[rows],
         sources=sources,
     )
 
 
-def truth_of_image(timeline: Timeline, stamp_s: float, seen: ImageTruth) -> Truth:
-    """Join what is known of the road users at the stamp with what the image shows of them."""
-    rows, known = _known(timeline, stamp_s)
+def truth_of_image(timeline: Timeline, stamp_s: float, image_truth: ImageTruth) -> Truth:
+    """Return the states of the road users at the stamp, with their visibility in the image."""
+    rows, states = _present_users(timeline, stamp_s)
     return Truth(
-        **known,
+        **states,
         lidar_returns=np.zeros(len(rows), np.int64),
-        visible_pixels=seen.visible_pixels[rows],
-        occluded_fraction=seen.occluded_fraction[rows],
+        visible_pixels=image_truth.visible_pixels[rows],
+        occluded_fraction=image_truth.occluded_fraction[rows],
         sources=np.empty(0, np.int64),
-        image_boxes=seen.boxes[rows],
+        image_boxes=image_truth.boxes[rows],
     )
 
 
-def pixel_truth_of(timeline: Timeline, stamp_s: float, seen: ImageTruth) -> PixelTruth:
-    """Name actors in an image by their ids and say what they are."""
-    owners = seen.owners
+def pixel_truth_of(timeline: Timeline, stamp_s: float, image_truth: ImageTruth) -> PixelTruth:
+    """Return depth, actor id and category of every pixel."""
+    owners = image_truth.owners
     actors = owners >= 0
     instances = owners.astype(np.int64)
     instances[actors] = timeline.ids[owners[actors]]
@@ -79,11 +79,11 @@ def pixel_truth_of(timeline: Timeline, stamp_s: float, seen: ImageTruth) -> Pixe
     categories[owners == GROUND] = GROUND_CLASS
     categories[owners == SKY] = SKY_CLASS
     categories[actors] = timeline.categories[owners[actors]]
-    return PixelTruth(seen.depth, instances, categories, stamp_s)
+    return PixelTruth(image_truth.depth, instances, categories, stamp_s)
 
 
-def _known(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict[str, Any]]:
-    """Rows of the road users that are there but for the ego, and their states."""
+def _present_users(timeline: Timeline, stamp_s: float) -> tuple[np.ndarray, dict[str, Any]]:
+    """Return the rows of all present road users except the ego, and their states."""
     around = timeline.at(np.array([stamp_s - 1e-3, stamp_s, stamp_s + 1e-3]))
     centres = around.axles + timeline.centre_ahead_m[:, None] * directions(around.yaws)
     rows = np.flatnonzero(around.present[1])
@@ -107,25 +107,25 @@ def directions(yaws: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# From a timeline to what a rig measures, sweep by sweep, with the truth beside it.
+# Sensing.
 
 IMAGE_RANGE_M = 250.0
-"""Scenery farther from the camera is not drawn."""
+"""Scenery farther from the camera than this is not drawn."""
 KNOT_S = 0.02
 """Within a sweep poses are linear between knots this close; at 5 m/s^2 that errs by 0.25 mm."""
 
 
 class Sensing:
-    """Measures a timeline that may still be growing; every sweep comes out exactly once.
+    """Measures a timeline that may still be growing; every sweep is returned exactly once.
 
-    Noise of a sweep depends on seed and sweep number alone, so that a live environment and a
-    recorded timeline give the same bytes. Faults change what is measured and what the user is told
-    of it, stamps and calibration; the truth beside a frame is of what was really there and when.
+    The noise of a sweep depends only on the seed and the number of the sweep, so that a live
+    environment and a recorded timeline give the same bytes. Faults change measurements, stamps
+    and the calibration; the truth of a frame is not affected by them.
 
-    Samples of inertial unit and wheels come with the sweep at whose end they are complete; a rig
-    that has them, or sways, gets its frames a few recorded states late, of foreign environments
-    0.3 s more, when it is settled how the ego moved meanwhile. Where it sways, and of foreign
-    environments with such a rig, the smooth motion of the body counts as its true one.
+    Inertial and wheel samples come with the sweep at whose end they are complete. A rig with
+    these sensors or with sway gets its frames a few recorded states late (0.3 s more in foreign
+    environments), when the ego's smooth motion is settled. With sway, and in foreign
+    environments with such a rig, the smooth motion of the body is the true one.
     """
 
     def __init__(
@@ -139,14 +139,15 @@ class Sensing:
         faults: Faults = (),
         pixel_truth: bool = False,
     ) -> None:
-        """Take rig, seed of world and noise, roadside style (None: the timeline's), weather.
+        """Prepare the sensing of episodes with a rig.
 
-        light: a name of `imaging.light.LIGHTS` or a light, for the camera; None: some daylight.
-        faults: such as `fog:3` or `("night:2", "dropped-scans:1")`, see `faults.FAULTS`; what
-            contradicts weather or light is refused. `idle_faults` are those that the rig lacks
-            the sensor for: they change nothing.
-        pixel_truth: whether the truth of an image holds depth, instance and category of every
-            pixel (`Truth.pixels`); a rig without a camera is refused.
+        seed: of world and noise. style: roadside style; None for that of the timeline.
+        light: a name of `imaging.light.LIGHTS` or a light, for the camera; None draws a daylight.
+        faults: such as `fog:3` or `("night:2", "dropped-scans:1")`, see `faults.FAULTS`; they
+            must not contradict weather or light. `idle_faults` are those without a sensor in the
+            rig: they change nothing.
+        pixel_truth: whether the truth of an image contains depth, instance and category of
+            every pixel (`Truth.pixels`); needs a camera.
         """
         self.rig = rig
         self.pixel_truth = pixel_truth
@@ -163,57 +164,57 @@ class Sensing:
 
     @property
     def idle_faults(self) -> tuple[Fault, ...]:
-        """The faults that the rig does not feel."""
+        """The faults without an effect on the rig."""
         return self._disturbance.idle_on(self.rig)
 
     @property
     def calibration(self) -> Calibration:
-        """Where the user believes the sensors to be, as every frame says."""
+        """The calibration that every frame contains; an extrinsic error makes it wrong."""
         return self._disturbance.calibration(self.rig)
 
     @property
     def image_late_s(self) -> float:
-        """By how much the stamps of images are later than the images."""
+        """Delay of the stamps of images, seconds."""
         return self._disturbance.image_late_s
 
     def scan_lost(self, index: int) -> bool:
-        """Say whether a fault takes the index-th scan."""
+        """Return whether a fault drops the index-th scan."""
         return self._disturbance.scan_lost(index)
 
     def image_lost(self, index: int) -> str | None:
-        """Say whether a fault leaves the index-th image `missing` or `black`; None: neither."""
+        """Return `missing` or `black` if a fault affects the index-th image, else None."""
         return self._disturbance.image_lost(index, self._camera().spec.period_s)
 
     def reset(self, seed: int) -> None:
-        """Begin again at the first sweep, with another world."""
+        """Start again at the first sweep, with the world of a seed."""
         self._world_seed, self._noise_seed, self._motion_seed, self._weather_seed = _seeds(seed)
-        self._image_seed, look = image_seeds(seed)
-        rng = np.random.default_rng(look)
+        self._image_seed, light_seed = image_seeds(seed)
+        rng = np.random.default_rng(light_seed)
         self._light = daylight(rng) if self.light is None else light_named(self.light, rng)
         self._disturbance = Disturbance.of(self.faults, seed)
-        self._ahead_rad: float | None = None
+        self._first_heading_rad: float | None = None
         self._world: World | None = None
         self._ground: Ground | None = None
-        self._inertial = Inertial(self.rig, seed)
-        self._followed: EgoMotion | None = None
+        self._inertial = InertialSampler(self.rig, seed)
+        self._motion_cache: EgoMotion | None = None
         self._next = 0
         self._next_image = 0
 
     def advance(self, timeline: Timeline, until_s: float) -> list[tuple[Frame, Truth]]:
-        """Return all sweeps and images that end by the given time and have not come out yet.
+        """Return all sweeps and images that end by a time and were not returned before.
 
-        One that ends after the timeline waits for the timeline to grow.
+        A sweep that ends after the timeline waits until the timeline has grown.
         """
         return list(self._sweeps(timeline, until_s))
 
     def whole(self, timeline: Timeline) -> Iterator[tuple[Frame, Truth]]:
-        """Yield the sweeps and images up to the timeline's end that have not come out yet."""
+        """Yield the sweeps and images up to the timeline's end that were not returned before."""
         yield from self._sweeps(timeline, timeline.end_s)
 
     def _sweeps(self, timeline: Timeline, until_s: float) -> Iterator[tuple[Frame, Truth]]:
-        # A step in time that is off by rounding must not hold back a sweep.
-        known_s = settled_s(timeline) if self.rig.inertial else timeline.end_s
-        end_s = min(until_s, known_s) + 1e-9
+        # Rounding errors of stamps must not delay a sweep.
+        settled_until_s = settled_s(timeline) if self.rig.inertial else timeline.end_s
+        end_s = min(until_s, settled_until_s) + 1e-9
         while True:
             sweep_s, image_s = self._sweep_end_s(), self._image_end_s()
             if min(sweep_s, image_s) > end_s:
@@ -241,7 +242,7 @@ class Sensing:
         stamp_s = mount.stamp_s(index)
         rng = np.random.default_rng([self._noise_seed, index])
         scene, ego_poses = self._scene(timeline, stamp_s)
-        scan, seen = sweep(
+        scan, sweep_truth = sweep(
             scene,
             mount.spec,
             self._lidar_path(timeline, ego_poses),
@@ -251,12 +252,12 @@ class Sensing:
             weather=self.weather,
             weather_seed=self._weather_seed,
         )
-        truth = truth_at(timeline, stamp_s, seen)
+        truth = truth_at(timeline, stamp_s, sweep_truth)
         motion = self._motion(timeline, index, truth.world_from_ego)
         frame = Frame(stamp_s, self.calibration, lidar=scan, previous_from_ego=motion)
         if self.rig.inertial:
             frame = self._inertial.beside(frame, self.rig, self._ego_motion(timeline), index)
-            truth = self._swayed(truth, timeline)
+            truth = self._with_smooth_pose(truth, timeline)
         if self.scan_lost(index):
             return replace(frame, lidar=None), replace(truth, sources=np.empty(0, np.int64))
         return frame, truth
@@ -268,14 +269,14 @@ class Sensing:
     def sense_image_at(self, timeline: Timeline, stamp_s: float) -> tuple[Frame, Truth]:
         """Return the frame and the truth of an image whose exposure has its middle at the stamp."""
         mount = self._camera()
-        scene, ego_poses = self._place(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
+        scene, ego_poses = self._place_bodies(timeline, np.array([stamp_s]), IMAGE_RANGE_M)
         ego_at = self._ego_at(timeline)
-        world_from_ego = ego_at(stamp_s) if self._smooth(timeline) else ego_poses[0]
+        world_from_ego = ego_at(stamp_s) if self._has_smooth_motion(timeline) else ego_poses[0]
         if self._ground is None:
             style = timeline.style if self.style is None else self.style
             self._ground = Ground(surface_of(timeline.road), style)
         blurred = mount.spec.motion_blur and not mount.spec.plain
-        image, seen = expose(
+        image, image_truth = expose(
             scene,
             mount.spec,
             world_from_ego @ mount.ego_from_camera,
@@ -290,62 +291,66 @@ class Sensing:
             motion=motion_during(timeline, mount, stamp_s, ego_at) if blurred else None,
         )
         believed_s = stamp_s + self.image_late_s
-        frame = Frame(believed_s, self.calibration, camera=self._passed_on(image, believed_s))
-        truth = self._swayed(truth_of_image(timeline, stamp_s, seen), timeline)
+        frame = Frame(believed_s, self.calibration, camera=self._delivered(image, believed_s))
+        truth = self._with_smooth_pose(truth_of_image(timeline, stamp_s, image_truth), timeline)
         if self.pixel_truth:
-            truth = replace(truth, pixels=pixel_truth_of(timeline, stamp_s, seen))
+            truth = replace(truth, pixels=pixel_truth_of(timeline, stamp_s, image_truth))
         return frame, truth
 
     def _ego_motion(self, timeline: Timeline) -> EgoMotion:
-        """Return the smooth motion, worked out once for as long as the timeline is the same."""
-        if self._followed is None or self._followed.timeline is not timeline:
-            self._followed = EgoMotion(timeline, self.rig.sway)
-        return self._followed
+        """Return the smooth motion of the ego, cached while the timeline is the same."""
+        if self._motion_cache is None or self._motion_cache.timeline is not timeline:
+            self._motion_cache = EgoMotion(timeline, self.rig.sway)
+        return self._motion_cache
 
-    def _smooth(self, timeline: Timeline) -> bool:
-        """Whether what carries the sensors moves otherwise than the recorded states.
+    def _has_smooth_motion(self, timeline: Timeline) -> bool:
+        """Return whether the sensors follow a smooth motion instead of the recorded states.
 
-        A body that sways does, and where motion is felt one whose recorded motion jumps.
+        They do on a body with sway, and on an inertial rig if the recorded motion may jump.
         """
         return self.rig.sway is not None or (timeline.raw and self.rig.inertial)
 
     def _ego_at(self, timeline: Timeline) -> Callable[[float], Pose]:
-        """Return what says where the body that carries the sensors is."""
-        if not self._smooth(timeline):
+        """Return the function from a stamp to the pose of the body with the sensors."""
+        if not self._has_smooth_motion(timeline):
             return timeline.world_from_ego
         return self._ego_motion(timeline).world_from_ego
 
-    def _swayed(self, truth: Truth, timeline: Timeline) -> Truth:
-        """Let the true pose be that of the body."""
-        if not self._smooth(timeline):
+    def _with_smooth_pose(self, truth: Truth, timeline: Timeline) -> Truth:
+        """Return the truth with the pose of the body with the sensors."""
+        if not self._has_smooth_motion(timeline):
             return truth
         return replace(truth, world_from_ego=self._ego_at(timeline)(truth.stamp_s))
 
-    def _lidar_path(self, timeline: Timeline, ego_poses: list[Pose]) -> Path:
+    def _lidar_path(self, timeline: Timeline, ego_poses: list[Pose]) -> LidarPath:
         ego_from_lidar = self.rig.lidar.ego_from_lidar
-        if not self._smooth(timeline):
+        if not self._has_smooth_motion(timeline):
             return [world_from_ego @ ego_from_lidar for world_from_ego in ego_poses]
         return partial(self._ego_motion(timeline).mounted, ego_from_lidar)
 
     def _light_of(self, timeline: Timeline, stamp_s: float) -> Light:
-        """Return the light, which may depend on where the camera looks when the ego sets out.
+        """Return the light, which may depend on the camera's heading at its first image.
 
-        A live timeline forgets its beginning.
+        That heading is stored, since a live timeline drops its beginning.
         """
         first_s = self._camera().stamp_s(0)
         covered = timeline.start_s <= first_s <= timeline.end_s
-        if self._ahead_rad is None and covered:
-            self._ahead_rad = self._looks(timeline, first_s)
-        ahead = self._looks(timeline, stamp_s) if self._ahead_rad is None else self._ahead_rad
+        if self._first_heading_rad is None and covered:
+            self._first_heading_rad = self._camera_heading(timeline, first_s)
+        ahead = (
+            self._camera_heading(timeline, stamp_s)
+            if self._first_heading_rad is None
+            else self._first_heading_rad
+        )
         return self._disturbance.light(self._light, ahead)
 
-    def _looks(self, timeline: Timeline, stamp_s: float) -> float:
-        """Heading of the camera, world frame."""
+    def _camera_heading(self, timeline: Timeline, stamp_s: float) -> float:
+        """Return the heading of the camera, world frame, radians."""
         pose = timeline.world_from_ego(stamp_s) @ self._camera().ego_from_camera
         return float(np.arctan2(pose.matrix[1, 2], pose.matrix[0, 2]))
 
-    def _passed_on(self, image: CameraImage, stamp_s: float) -> CameraImage | None:
-        """Return what of an image reaches the user, None if nothing does."""
+    def _delivered(self, image: CameraImage, stamp_s: float) -> CameraImage | None:
+        """Return the image as it reaches the user, None if it is missing."""
         mount = self._camera()
         slot = int(np.floor((image.stamp_s - mount.first_stamp_s) / mount.spec.period_s + 0.5))
         lost = self.image_lost(slot)
@@ -360,7 +365,7 @@ class Sensing:
         return self.rig.camera
 
     def _motion(self, timeline: Timeline, index: int, world_from_ego: Pose) -> Pose | None:
-        """Estimate the own motion since the sweep before; the first has none."""
+        """Return the estimated ego motion since the previous sweep; None for the first one."""
         if index == 0:
             return None
         mount = self.rig.lidar
@@ -375,15 +380,17 @@ class Sensing:
         )
 
     def _scene(self, timeline: Timeline, stamp_s: float) -> tuple[Scene, list[Pose]]:
-        """Place every body and the ego at the knots of the sweep; the ego does not see itself."""
+        """Return the scene of a sweep without the ego's body, and the ego's poses at its knots."""
         half = self.rig.lidar.spec.sweep_s / 2
         knots = np.linspace(stamp_s - half, stamp_s + half, int(np.ceil(2 * half / KNOT_S)) + 1)
-        return self._place(timeline, np.append(knots, stamp_s), self.rig.lidar.spec.range_max_m)
+        return self._place_bodies(
+            timeline, np.append(knots, stamp_s), self.rig.lidar.spec.range_max_m
+        )
 
-    def _place(
+    def _place_bodies(
         self, timeline: Timeline, stamps_s: np.ndarray, radius_m: float
     ) -> tuple[Scene, list[Pose]]:
-        """Place all at the knots, which are the stamps but for the last, the middle of them."""
+        """Return scene and ego poses at knots; the last stamp is their middle, not a knot."""
         knots = stamps_s[:-1] if len(stamps_s) > 1 else stamps_s
         states = timeline.at(stamps_s)
         present = states.present[-1].copy()
@@ -411,23 +418,23 @@ def sense(
     weather: str | Weather = CLEAR,
     faults: Faults = (),
 ) -> Iterator[tuple[Frame, Truth]]:
-    """Measure a whole timeline: one frame and its truth a sweep, in order."""
+    """Yield the frame and the truth of every sweep of a timeline, in order."""
     yield from Sensing(rig, seed, weather=weather, faults=faults).whole(timeline)
 
 
 def check_light(light: str | Light | None, rig: Rig) -> None:
-    """Raise `RecordError` where a light other than day is chosen and nothing would change by it."""
+    """Raise `RecordError` for a light other than day if the rig has no camera."""
     if light is None or light == "day" or rig.camera is not None:
         return
     name = light if isinstance(light, str) else "of your own"
     raise RecordError(
-        f"light '{name}' changes images alone, and rig '{rig.name}' has no camera; rigs with one: "
+        f"light '{name}' changes only images, and rig '{rig.name}' has no camera; rigs with one: "
         f"{', '.join(name for name, place in RIGS.items() if place.camera)}"
     )
 
 
 def _refuse_night(light: str | Light, faults: tuple[Fault, ...]) -> None:
-    """Refuse a light beside the fault that says what the light is."""
+    """Raise `ValueError` for a light together with a fault that sets the light."""
     for fault in faults:
         if fault.kind == "night":
             name = light if isinstance(light, str) else "of your own"
@@ -442,12 +449,12 @@ def world_of(timeline: Timeline, seed: int) -> World:
 
 
 def _seeds(seed: int) -> tuple[int, int, int, int]:
-    """Seeds of world, noise of the LiDAR, estimate of the own motion, and weather."""
+    """Return the seeds of world, LiDAR noise, ego-motion estimate, and weather."""
     world, noise, motion, weather = np.random.SeedSequence(seed).generate_state(4)
     return int(world), int(noise), int(motion), int(weather)
 
 
 def image_seeds(seed: int) -> tuple[int, int]:
-    """Seeds of the camera's noise and of the light; the LiDAR's stay as they were without it."""
+    """Return the seeds of the camera's noise and of the light; no other seed depends on them."""
     *_, noise, light = np.random.SeedSequence(seed).generate_state(6)
     return int(noise), int(light)

@@ -1,4 +1,4 @@
-"""Rain and fog by name: what is in the air, and how much light it takes out of a beam."""
+"""Rain and fog by name, and their extinction of light."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from roadscope.core.checks import require
 from roadscope.core.names import unknown
 
 KINDS = ("clear", "rain", "fog")
-MIDDLE = 3
-"""Severity of a kind that is named without one."""
+DEFAULT_SEVERITY = 3
+"""Severity of `rain` and `fog` without a number."""
 FOG_LIDAR_RATIO_SR = 18.8
 RAIN_LIDAR_RATIO_SR = 50.0
+"""See `fog` and `rain`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """What the air holds, the same everywhere.
+    """The state of the air, the same everywhere.
 
     kind: one of `KINDS`.
-    severity: 1 to 5, 0 for clear air and for weather of your own.
-    extinction_per_m: share of the light that scatters out of a beam per metre of way; the way
-        to a surface and back takes exp(-2 * extinction * range) of the signal (Beer-Lambert).
-    lidar_ratio_sr: extinction over backscatter, steradian; what comes back is extinction over it.
-    rain_rate_mm_h: sets size and number of the drops; 0 without rain.
+    severity: 1 to 5, 0 for clear air and for your own weather.
+    extinction_per_m: share of the light that scatters out of a beam per metre; a return from a
+        surface keeps exp(-2 * extinction * range) of its signal (Beer-Lambert).
+    lidar_ratio_sr: extinction over backscatter, steradian; backscatter is extinction over it.
+    rain_rate_mm_h: determines size and number of the drops; 0 without rain.
     """
 
     kind: str = "clear"
@@ -49,7 +50,7 @@ class Weather:
 
     @property
     def name(self) -> str:
-        """The kind, and the severity if it has one."""
+        """The kind, with the severity if it has one."""
         return f"{self.kind}-{self.severity}" if self.severity else self.kind
 
     @property
@@ -63,34 +64,37 @@ class Weather:
             if self.kind == "rain"
             else f"visibility {KOSCHMIEDER / alpha:.0f} m"
         )
-        kept = 100 * np.exp(-2 * alpha * 50)
-        return f"{self.kind.capitalize()}, {amount}: {kept:.2g} % of the signal left from 50 m."
+        remaining = 100 * np.exp(-2 * alpha * 50)
+        return (
+            f"{self.kind.capitalize()}, {amount}: {remaining:.2g} % of the signal left from 50 m."
+        )
 
 
 KOSCHMIEDER = 3.912
-"""Extinction times visibility: a black object keeps a contrast of 2 % to the sky."""
+"""Extinction times visibility: a black object then has a contrast of 2 % to the sky."""
 
 
 def rain(rate_mm_h: float, severity: int = 0) -> Weather:
     """Return rain of Marshall and Palmer's drops, N(D) = 8000 exp(-4.1 R^-0.21 D) per m3 and mm.
 
-    Drops are far larger than the wavelength, so each takes out twice its outline; summed over
+    Drops are far larger than the wavelength, so each extinguishes twice its outline; summed over
     the distribution that is 0.365e-3 R^0.63 per metre, the law of ITU-R P.1814 for Japan (1.58
     R^0.63 dB/km, from memory). The lidar ratio is Mie theory's for spheres of 0.5 to 2 mm at
-    905 nm, 36 to 90 sr by our own computation when seen 4 to 8 mrad off the beam's axis, as
-    through lenses a few centimetres apart; on the axis it would be 3 to 6.
+    905 nm, 36 to 90 sr by our own computation at 4 to 8 mrad from the beam's axis, as with
+    lenses a few centimetres apart; on the axis it would be 3 to 6.
     """
     extinction = 1.58e-3 * np.log(10) / 10 * rate_mm_h**0.63
     return Weather("rain", severity, float(extinction), RAIN_LIDAR_RATIO_SR, rate_mm_h)
 
 
 def fog(visibility_m: float, severity: int = 0) -> Weather:
-    """Return fog through which black objects are seen so far by day, at 2 % contrast.
+    """Return fog with a visibility: black objects by day have 2 % contrast at that distance.
 
     Koschmieder's law gives the extinction of visible light. Droplets of 10 micrometres and more
-    take as much of the near infrared; Kim (2001, from memory) has no correction for wavelength
-    below 500 m. The lidar ratio is O'Connor's (2004, from memory) for droplets of 10 to 50
-    micrometres at 905 nm; Mie theory gives 18 to 22 sr by our own computation.
+    have the same extinction in the near infrared; Kim (2001, from memory) has no
+    correction for wavelength below 500 m. The lidar ratio is O'Connor's (2004, from memory) for
+    droplets of 10 to 50 micrometres at 905 nm; Mie theory gives 18 to 22 sr by our own
+    computation.
     """
     return Weather("fog", severity, KOSCHMIEDER / visibility_m)
 
@@ -98,7 +102,7 @@ def fog(visibility_m: float, severity: int = 0) -> Weather:
 CLEAR = Weather()
 
 RAIN_MM_H = (2.0, 10.0, 25.0, 50.0, 100.0)
-"""Light, moderate, heavy, violent, and a cloudburst's."""
+"""Light, moderate, heavy and violent rain, and a cloudburst."""
 VISIBILITY_M = (500.0, 200.0, 120.0, 80.0, 50.0)
 """Fog begins below 1000 m, thick fog below 200 m; at 50 m rear fog lamps are lit."""
 
@@ -116,12 +120,12 @@ WEATHERS: Mapping[str, Weather] = MappingProxyType(
 
 
 def weather(name: str | Weather) -> Weather:
-    """Return a preset by name, or the weather given; anything else is refused."""
+    """Return a preset by name, or the weather itself; errors list the known names."""
     if isinstance(name, Weather):
         return name
     if not isinstance(name, str):
         raise TypeError(f"weather: expected a name or a Weather, got {name!r}")
-    known = WEATHERS.get(f"{name}-{MIDDLE}" if name in ("rain", "fog") else name)
-    if known is None:
+    preset = WEATHERS.get(f"{name}-{DEFAULT_SEVERITY}" if name in ("rain", "fog") else name)
+    if preset is None:
         raise ValueError(unknown("weather", name, [*WEATHERS, "rain", "fog"]))
-    return known
+    return preset

@@ -1,4 +1,4 @@
-"""What wheels and a yaw gyro measure of the ego's own motion."""
+"""Measurements of the ego's motion by wheels and a yaw gyro."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from roadscope.core.record import Record
 from roadscope.envs.sensors.ego_motion import EgoMotion
 
 # --------------------------------------------------------------------------------------------------
-# Speed as wheels tell it.
+# Speed from wheels.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,10 +20,10 @@ class WheelSpec(Record):
     """Speed of the rear axle from its wheels, as an anti-lock braking system reports it.
 
     The figures are assumptions for a production car: tyre radius changes by about a per cent with
-    load, pressure and wear, and a hundred messages a second round to a few cm/s.
+    load, pressure and wear, and messages at 100 Hz are rounded to a few cm/s.
 
     rate_hz: samples per second.
-    scale: standard deviation of the relative error, the same through an episode.
+    scale: standard deviation of the relative error, constant in an episode.
     noise_m_s: standard deviation of each sample. resolution_m_s: samples are multiples of it.
     """
 
@@ -39,7 +39,7 @@ class WheelSpec(Record):
             require(0 <= value < np.inf, self, name, "a finite value from 0 up", value)
 
     def scaled(self, factor: float) -> WheelSpec:
-        """Return the same with every error times a factor."""
+        """Return the spec with every error times a factor."""
         return replace(
             self,
             scale=self.scale * factor,
@@ -50,7 +50,7 @@ class WheelSpec(Record):
     def measure(self, motion: EgoMotion, seed: int, first: int, last: int) -> WheelSamples:
         """Return samples number first to last; sample n is taken n periods after 0.
 
-        A wheel that stands still says so: at rest there is no noise.
+        At rest there is no noise.
         """
         numbers = np.arange(first, last + 1)
         true = motion.speeds(numbers / self.rate_hz)
@@ -63,7 +63,7 @@ class WheelSpec(Record):
 
 
 # --------------------------------------------------------------------------------------------------
-# Own motion from tick to tick, as wheels and a yaw gyro tell it.
+# Ego motion from tick to tick, from wheels and a yaw gyro.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +74,8 @@ class DeadReckoning(Record):
     tyre radius changes by about a per cent with load, pressure and wear, and a consumer gyro whose
     rest is subtracted while the car stands keeps a few hundredths of a degree per second.
 
-    distance_scale: relative error of the distance, the same through an episode.
-    gyro_bias_rad_s: error of the yaw rate, the same through an episode.
+    distance_scale: relative error of the distance, constant in an episode.
+    gyro_bias_rad_s: error of the yaw rate, constant in an episode.
     gyro_noise_rad_sqrt_s: noise of the yaw rate, radians of heading per square root of a second.
     step_noise_m: error of each tick's displacement along either axis.
     """
@@ -91,14 +91,14 @@ class DeadReckoning(Record):
             require(0 <= value < np.inf, self, name, "a finite value from 0 up", value)
 
     def scaled(self, factor: float) -> DeadReckoning:
-        """Return the same with every error times a factor."""
+        """Return the spec with every error times a factor."""
         return replace(self, **{f.name: getattr(self, f.name) * factor for f in fields(self)})
 
     def estimate(self, previous_from_ego: Pose, elapsed_s: float, *, seed: int, index: int) -> Pose:
-        """Return what the car believes of its true motion during a tick, a planar pose.
+        """Return the estimated motion during a tick as a planar pose.
 
-        What stays the same through an episode depends on the seed alone, the rest on seed and
-        number of the tick.
+        Errors that are constant in an episode depend on the seed only, the others on the seed
+        and the number of the tick.
         """
         scale, bias = np.random.default_rng(seed).standard_normal(2)
         along, across, turn = np.random.default_rng([seed, index]).standard_normal(3)

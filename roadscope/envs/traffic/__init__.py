@@ -1,1 +1,1 @@
-"""Who drives where: highway-env recorded, and scenarios of our own."""
+"""Traffic: recordings of highway-env, and our own scenarios."""

@@ -1,4 +1,4 @@
-"""highway-env's roads in our frame, and what must be known about its environments."""
+"""Conversion of highway-env's roads into our frame, and checks of its environments."""
 
 from __future__ import annotations
 
@@ -10,15 +10,12 @@ import numpy as np
 
 from roadscope.envs.traffic.road_map import RoadMap
 
-# --------------------------------------------------------------------------------------------------
-# highway-env's roads in our frame, and what must be known about its environments.
-
 LANE_STEP_M = 2.0
 """Lanes are sampled at least this densely."""
 
 
-# highway-env 1.12, IDMVehicle; `IntersectionEnv` writes others into the class on every reset.
 DRIVER_CONSTANTS = {"DISTANCE_WANTED": 10.0, "COMFORT_ACC_MAX": 3.0, "COMFORT_ACC_MIN": -5.0}
+"""`IDMVehicle` of highway-env 1.12 has these; `IntersectionEnv` overwrites them in each reset."""
 
 
 class ForeignEnvError(ValueError):
@@ -28,7 +25,7 @@ class ForeignEnvError(ValueError):
 def to_world(
     positions: np.ndarray, headings: np.ndarray, velocities: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Turn highway-env's frame, y to the right, into ours, y to the left; nothing else does.
+    """Convert from highway-env's frame (y to the right) to ours (y to the left).
 
     positions: (..., 2); headings: radians; velocities: (..., 2) or None. Both frames share x.
     """
@@ -54,9 +51,9 @@ def _sample(lane: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def restore_driver_constants() -> None:
-    """Undo what building an intersection did to highway-env's driver classes.
+    """Restore the constants of highway-env's driver classes that an intersection overwrote.
 
-    To be called before a foreign environment is reset: after that, its own settings count.
+    To be called before a foreign environment is reset; the reset may set its own values.
     """
     from highway_env.vehicle import behavior
 
@@ -77,58 +74,61 @@ def refuse_multi_agent(env: Any) -> None:
     agents = type(getattr(inner, "action_type", None)).__name__ == "MultiAgentAction"
     if agents or len(inner.controlled_vehicles) > 1:
         raise ForeignEnvError(
-            f"'{name}' has several agents; sensors ride on one vehicle: use a single-agent "
+            f"'{name}' has several agents, but sensors belong to one vehicle: use a single-agent "
             "environment such as 'intersection-v2'"
         )
 
 
 # --------------------------------------------------------------------------------------------------
-# Driver constants that some environments overwrite for the whole process, kept apart.
+# Driver constants that some environments overwrite for the whole process.
 
 Constants = dict[type, dict[str, float]]
 
 
 @contextmanager
-def original_constants(kept: Constants) -> Iterator[None]:
-    """Run with highway-env's own constants, keep what became of them, put back what was there."""
-    before = _read()
+def original_constants(constants: Constants) -> Iterator[None]:
+    """Run a block with highway-env's own constants; store their values at its end in `constants`.
+
+    The values from before the block are restored.
+    """
+    before = _read_constants()
     restore_driver_constants()
-    with _putting_back(before):
+    with _restoring(before):
         yield
-        kept.clear()
-        kept.update(_read())
+        constants.clear()
+        constants.update(_read_constants())
 
 
 @contextmanager
-def own_constants(kept: Constants) -> Iterator[None]:
-    """Run with the constants that an environment's reset has left, put back what was there.
+def own_constants(constants: Constants) -> Iterator[None]:
+    """Run a block with the constants that an environment's reset has set; restore the old ones.
 
     So an environment drives the same whatever other environments of the process do.
     """
-    before = _read()
-    _write(kept)
-    with _putting_back(before):
+    before = _read_constants()
+    _write_constants(constants)
+    with _restoring(before):
         yield
 
 
 @contextmanager
-def _putting_back(before: Constants) -> Iterator[None]:
+def _restoring(before: Constants) -> Iterator[None]:
     try:
         yield
     finally:
-        _write(before)
+        _write_constants(before)
 
 
-def _read() -> Constants:
+def _read_constants() -> Constants:
     from highway_env.vehicle.behavior import IDMVehicle
 
     return {
         kind: {name: vars(kind)[name] for name in DRIVER_CONSTANTS if name in vars(kind)}
-        for kind in _heirs(IDMVehicle)
+        for kind in _with_subclasses(IDMVehicle)
     }
 
 
-def _write(constants: Constants) -> None:
+def _write_constants(constants: Constants) -> None:
     for kind, values in constants.items():
         for name in DRIVER_CONSTANTS:
             if name in values:
@@ -137,8 +137,8 @@ def _write(constants: Constants) -> None:
                 delattr(kind, name)
 
 
-def _heirs(kind: type[object]) -> Iterator[type]:
+def _with_subclasses(kind: type[object]) -> Iterator[type]:
     yield kind
     heirs: list[type[object]] = kind.__subclasses__()
     for heir in heirs:
-        yield from _heirs(heir)
+        yield from _with_subclasses(heir)

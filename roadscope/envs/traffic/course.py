@@ -1,34 +1,42 @@
-"""The line that a scripted road follows: straights and bends whose curvature never jumps."""
+"""The reference line of a scripted road: straights and bends with continuous curvature."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.bounds import Bounds
+
 GRID_M = 1.0
+"""Spacing of the knots between which the course is a cubic."""
 PEAK = 1.875
-"""Largest slope of the quintic smoothstep: a bend's sharpest curvature over its mean one."""
-
+"""Largest slope of the quintic smoothstep: the greatest curvature of a bend over its mean one."""
 SHARPEST_M = 500.0
-"""Bends no sharper than this leave articulated lorries, stiff here, 0.3 m off their lane."""
+"""Least radius of bends; articulated lorries, rigid here, then leave their lane by 0.3 m."""
 
-Bend = tuple[float, float, float]
-"""Where a bend begins and how long it is, metres along the course, and its turn in radians."""
+
+class Bend(NamedTuple):
+    """A bend of a course: where it begins, its length, and its turn; positive is to the left."""
+
+    start_m: float
+    length_m: float
+    turn_rad: float
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A plane curve through the origin, there along x, by arc length.
+    """A plane curve by arc length; at the origin it points along x.
 
-    bends: where and how much it turns, each as a quintic smoothstep of the heading, so that
-        curvature and its slope are continuous; positive turns are to the left.
+    bends: the heading turns by a quintic smoothstep in each of them, so that the curvature and
+        its slope are continuous.
     """
 
     bends: tuple[Bend, ...] = ()
 
     def headings(self, along: np.ndarray) -> np.ndarray:
-        """Return headings in radians, continuous, at ways along of any shape, metres."""
+        """Return headings in radians, continuous, at arc lengths of any shape, metres."""
         turned = np.zeros_like(along, np.float64)
         for start, length, turn in self.bends:
             u = np.clip((along - start) / length, 0.0, 1.0)
@@ -36,7 +44,7 @@ class Course:
         return turned
 
     def curvatures(self, along: np.ndarray) -> np.ndarray:
-        """Return curvatures in 1/m, to the left positive."""
+        """Return curvatures in 1/m, positive to the left."""
         bent = np.zeros_like(along, np.float64)
         for start, length, turn in self.bends:
             u = np.clip((along - start) / length, 0.0, 1.0)
@@ -44,29 +52,31 @@ class Course:
         return bent
 
     def places(self, along: np.ndarray, left: np.ndarray | float) -> np.ndarray:
-        """Return (..., 2) places in metres that far along and to the left of the course."""
+        """Return (..., 2) points at arc lengths along the course, offset to its left, metres."""
         low, high = min(float(along.min()), 0.0), max(float(along.max()), 0.0)
         knots = GRID_M * np.arange(np.floor(low / GRID_M), np.ceil(high / GRID_M) + 2)
         nodes = self._nodes(knots)
         cell = np.floor(along / GRID_M).astype(np.int64) - round(knots[0] / GRID_M)
         heading = self.headings(along)
-        on = _hermite(along - knots[cell], nodes[cell], nodes[cell + 1], self._steps(knots, cell))
+        on = _hermite(
+            along - knots[cell], nodes[cell], nodes[cell + 1], *self._tangents(knots, cell)
+        )
         normal = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
         placed: np.ndarray = on + np.asarray(left)[..., None] * normal
         return placed
 
     def _nodes(self, knots: np.ndarray) -> np.ndarray:
-        """(K, 2) places of the course itself at knots a metre apart, by Simpson's rule."""
+        """Return the (K, 2) points of the course at knots a metre apart, by Simpson's rule."""
         ends, middles = self.headings(knots), self.headings(knots[:-1] + GRID_M / 2)
         steps = [
-            GRID_M / 6 * (way(ends[:-1]) + 4 * way(middles) + way(ends[1:]))
-            for way in (np.cos, np.sin)
+            GRID_M / 6 * (slope(ends[:-1]) + 4 * slope(middles) + slope(ends[1:]))
+            for slope in (np.cos, np.sin)
         ]
         sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.stack(steps, axis=-1), axis=0)])
         nodes: np.ndarray = sums - sums[round(-knots[0] / GRID_M)]
         return nodes
 
-    def _steps(self, knots: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _tangents(self, knots: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unit tangents at both ends of cells."""
         ends = self.headings(knots)
         tangents = np.stack([np.cos(ends), np.sin(ends)], axis=-1)
@@ -74,34 +84,40 @@ class Course:
 
 
 def winding(
-    rng: np.random.Generator, span_m: tuple[float, float], radius_m: float, *, turn_rad: float = 0.5
+    rng: np.random.Generator, span_m: Bounds, radius_m: float, *, turn_rad: float = 0.5
 ) -> Course:
-    """Draw bends to both sides between two ways along, never sharper than radius or 500 m.
+    """Draw a course with bends to both sides.
 
-    turn_rad: the most that one bend turns; the heading stays within twice that.
+    span_m: arc lengths between which the bends begin.
+    radius_m: least radius; at least `SHARPEST_M` is used.
+    turn_rad: largest turn of one bend; the heading stays within twice that.
     """
     radius_m = max(radius_m, SHARPEST_M)
     bends, heading = [], 0.0
-    at = span_m[0] + float(rng.uniform(0.0, 1.0)) * radius_m / 4
-    while at < span_m[1]:
+    at = span_m.low + float(rng.uniform(0.0, 1.0)) * radius_m / 4
+    while at < span_m.high:
         turn = turn_rad * float(rng.uniform(0.3, 1.0)) * float(rng.choice([-1.0, 1.0]))
         turn = -turn if abs(heading + turn) > 2 * turn_rad else turn
         length = PEAK * abs(turn) * radius_m * float(rng.uniform(1.0, 1.5))
-        bends.append((at, length, turn))
+        bends.append(Bend(at, length, turn))
         heading += turn
         at += length + float(rng.uniform(0.05, 0.4)) * radius_m
     return Course(tuple(bends))
 
 
 def _hermite(
-    way: np.ndarray, start: np.ndarray, end: np.ndarray, tangents: tuple[np.ndarray, np.ndarray]
+    offset_m: np.ndarray,
+    start: np.ndarray,
+    end: np.ndarray,
+    start_tangent: np.ndarray,
+    end_tangent: np.ndarray,
 ) -> np.ndarray:
-    """Return (..., 2) places on the cubics of cells, a way in metres after their start."""
-    u = (way / GRID_M)[..., None]
+    """Return (..., 2) points on the cubics of cells, metres after the start of each cell."""
+    u = (offset_m / GRID_M)[..., None]
     placed: np.ndarray = (
         (2 * u**3 - 3 * u**2 + 1) * start
-        + (u**3 - 2 * u**2 + u) * GRID_M * tangents[0]
+        + (u**3 - 2 * u**2 + u) * GRID_M * start_tangent
         + (3 * u**2 - 2 * u**3) * end
-        + (u**3 - u**2) * GRID_M * tangents[1]
+        + (u**3 - u**2) * GRID_M * end_tangent
     )
     return placed

@@ -10,31 +10,36 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from roadscope.core import Category
-from roadscope.envs.traffic.lanes import sharpest
-from roadscope.envs.traffic.mix import Body
+from roadscope.envs.traffic.lanes import greatest_curvature
+from roadscope.envs.traffic.mix import RoadUserBody
 
 LATERAL_LIMIT_M_S2 = 2.7
-"""Lateral acceleration that steering asks for at most."""
+"""Largest lateral acceleration that the steering controller asks for; chosen by hand."""
 CURVE_LATERAL_M_S2 = 1.9
-"""Lateral acceleration at which drivers take curves."""
+"""Lateral acceleration at which drivers take curves; chosen by hand."""
 LATERAL_JERK_M_S3 = 5.0
+"""Largest lateral jerk of a vehicle; chosen by hand."""
 STEERING_RATE_RAD_S = 0.7
+"""Largest turning rate of the wheels, radians per second; chosen by hand."""
 CURVE_BRAKING_M_S2 = 1.2
+"""Deceleration with which drivers slow down for a curve; chosen by hand."""
 CALM_BRAKING_M_S2 = 3.0
-"""Drivers brake harder than this only if they would otherwise hit somebody."""
+"""Drivers brake harder than this only to avoid a collision; chosen by hand."""
 RAMP_GAP_S, RAMP_BRAKING_M_S2 = 0.3, 2.0
+"""Time gap and braking that drivers at the end of a ramp accept; chosen by hand."""
 LOOK_AHEAD_M = 120.0
+"""Drivers look for leaders and curves this far ahead; chosen by hand."""
 
 HEAVY = (Category.TRUCK, Category.BUS)
 
 
-def between(value: float, low: float, high: float) -> float:
-    """Limit one number; `np.clip` takes ten times as long for it."""
+def clamp(value: float, low: float, high: float) -> float:
+    """Return a number limited to an interval; `np.clip` takes ten times as long for one number."""
     return float(min(max(value, low), high))
 
 
 class Driver(IDMVehicle):  # type: ignore[misc]
-    """An IDM and MOBIL vehicle of highway-env with a body of its own.
+    """An IDM and MOBIL vehicle of highway-env with its own body.
 
     Gaps are bumper to bumper, braking ends at standstill, curves are taken slowly enough, and
     steering obeys limits of rate, lateral jerk and lateral acceleration, so that the recorded
@@ -60,13 +65,13 @@ class Driver(IDMVehicle):  # type: ignore[misc]
         lane_index: Any,
         along_m: float,
         *,
-        body: Body,
+        body: RoadUserBody,
         speed: float,
-        wish: float,
+        desired_speed: float,
         lane_changes: bool = False,
         route: Any = None,
     ) -> None:
-        """Stand on a lane; `wish` is the speed in m/s wanted on a free road."""
+        """Place the driver on a lane; `desired_speed` is the speed on a free road, m/s."""
         lane = road.network.get_lane(lane_index)
         super().__init__(
             road,
@@ -74,24 +79,25 @@ class Driver(IDMVehicle):  # type: ignore[misc]
             lane.heading_at(along_m),
             speed,
             target_lane_index=lane_index,
-            target_speed=wish,
+            target_speed=desired_speed,
             route=route,
             enable_lane_change=lane_changes,
         )
         self.carry(body)
         self.lane_index, self.lane = lane_index, lane
+        # How far the front may still go until a line to wait at, metres; None where there is none.
         self.hold_m: float | None = None
         self.slot = -1
 
-    def carry(self, body: Body) -> None:
-        """Take a body; heavy ones accelerate less."""
+    def carry(self, body: RoadUserBody) -> None:
+        """Set the body; drivers of heavy vehicles accelerate less."""
         self.body = body
         self.LENGTH, self.WIDTH, _ = body.size
         self.diagonal = float(np.hypot(self.LENGTH, self.WIDTH))
         self.COMFORT_ACC_MAX = 0.9 if body.category in HEAVY else type(self).COMFORT_ACC_MAX
 
     def vary(self, rng: np.random.Generator) -> Driver:
-        """Draw a temperament: time gap, standstill gap and eagerness."""
+        """Draw the time gap, the gap at standstill and the acceleration of this driver."""
         self.TIME_WANTED = float(rng.uniform(0.9, 1.5))
         self.DISTANCE_WANTED = float(rng.uniform(2.0, 3.0))
         self.COMFORT_ACC_MAX *= float(rng.uniform(0.85, 1.15))
@@ -106,73 +112,85 @@ class Driver(IDMVehicle):  # type: ignore[misc]
         if self.enable_lane_change:
             self.change_lane_policy()
         steering = self.steering_control(self.target_lane_index)
-        Vehicle.act(self, {"steering": steering, "acceleration": self._pace()})
+        Vehicle.act(self, {"steering": steering, "acceleration": self._allowed_acceleration()})
 
     def step(self, dt: float) -> None:
-        """Move, turning the wheel no faster than allowed, never backwards."""
+        """Move for `dt` seconds within the limits of steering; never drive backwards."""
         rate = min(STEERING_RATE_RAD_S, LATERAL_JERK_M_S3 * self.LENGTH / max(self.speed, 1.0) ** 2)
         last = getattr(self, "wheel", 0.0)
-        self.wheel = last + between(self.action["steering"] - last, -rate * dt, rate * dt)
+        self.wheel = last + clamp(self.action["steering"] - last, -rate * dt, rate * dt)
         self.action["steering"] = self.wheel
         if not self.crashed:
             self.action["acceleration"] = max(self.action["acceleration"], -self.speed / dt)
         super().step(dt)
 
     def on_state_update(self) -> None:
-        """Leave the lane as it is: the road finds all lanes at once."""
+        """Keep the lane: `FlowRoad.step` updates the lanes of all vehicles together."""
 
     def acceleration(
         self, ego_vehicle: Any, front_vehicle: Any = None, rear_vehicle: Any = None
     ) -> float:
-        """Return the acceleration of a vehicle behind another, m/s^2, as MOBIL asks for it."""
+        """Return the acceleration of a vehicle behind another, m/s^2; MOBIL calls this."""
         if ego_vehicle is None or not isinstance(ego_vehicle, Vehicle):
             return 0.0
-        wish = float(getattr(ego_vehicle, "target_speed", ego_vehicle.speed))
+        desired_speed = float(getattr(ego_vehicle, "target_speed", ego_vehicle.speed))
         if front_vehicle is None:
-            return self.free(ego_vehicle.speed, wish)
-        gap = ego_vehicle.lane_distance_to(front_vehicle) - _reach(ego_vehicle, front_vehicle)
-        return self.follow(ego_vehicle.speed, wish, gap, front_vehicle.speed)
+            return self.free_acceleration(ego_vehicle.speed, desired_speed)
+        gap = ego_vehicle.lane_distance_to(front_vehicle) - _half_lengths(
+            ego_vehicle, front_vehicle
+        )
+        return self.following_acceleration(
+            ego_vehicle.speed, desired_speed, gap, front_vehicle.speed
+        )
 
     def mobil(self, lane_index: Any) -> bool:
-        """Whether to change to a lane: if safe and worth it, or if safe and the own lane ends."""
+        """Return whether to change to a lane: it is safe, and it pays or the own lane ends."""
         if not self.lane.forbidden:
             return bool(super().mobil(lane_index))
         ahead, behind = self.road.neighbour_vehicles(self, lane_index)
-        return self._fits(self, ahead) and self._fits(behind, self)
+        return self._gap_is_safe(self, ahead) and self._gap_is_safe(behind, self)
 
-    def _fits(self, rear: Any, front: Any) -> bool:
-        """Whether the gap between two vehicles is one that drivers at the end of a ramp take."""
+    def _gap_is_safe(self, rear: Any, front: Any) -> bool:
+        """Return whether drivers at the end of a ramp accept the gap between two vehicles."""
         if rear is None or front is None:
             return True
-        gap = rear.lane_distance_to(front) - _reach(rear, front)
+        gap = rear.lane_distance_to(front) - _half_lengths(rear, front)
         closing = max(rear.speed - front.speed, 0.0)
         return bool(gap > max(2.0, RAMP_GAP_S * rear.speed) + closing**2 / (2 * RAMP_BRAKING_M_S2))
 
     def desired_gap(
         self, ego_vehicle: Any, front_vehicle: Any = None, projected: bool = True
     ) -> float:
-        """Return the wanted distance from centre to centre in metres, true lengths included."""
+        """Return the desired distance between both centres in metres, from the true lengths."""
         closing = ego_vehicle.speed - front_vehicle.speed
-        return self._clearance(ego_vehicle.speed, closing) + _reach(ego_vehicle, front_vehicle)
+        return self._desired_clearance(ego_vehicle.speed, closing) + _half_lengths(
+            ego_vehicle, front_vehicle
+        )
 
-    def free(self, speed: float, wish: float) -> float:
+    def free_acceleration(self, speed: float, desired_speed: float) -> float:
         """Return the acceleration on a free road, m/s^2 (improved IDM of Treiber and Kesting)."""
         up, down = self.COMFORT_ACC_MAX, -self.COMFORT_ACC_MIN
-        wish = max(wish, 0.1)
-        if speed <= wish:
-            return float(up * (1.0 - (speed / wish) ** self.DELTA))
-        return float(-down * (1.0 - (wish / speed) ** (up * self.DELTA / down)))
+        desired_speed = max(desired_speed, 0.1)
+        if speed <= desired_speed:
+            return float(up * (1.0 - (speed / desired_speed) ** self.DELTA))
+        return float(-down * (1.0 - (desired_speed / speed) ** (up * self.DELTA / down)))
 
-    def follow(self, speed: float, wish: float, gap_m: float, front_speed: float) -> float:
+    def following_acceleration(
+        self, speed: float, desired_speed: float, gap_m: float, front_speed: float
+    ) -> float:
         """Return the acceleration behind a leader at a bumper-to-bumper gap, m/s^2."""
-        ratio = self._clearance(speed, speed - front_speed) / max(gap_m, 0.1)
-        wanted = self.free(speed, wish) - self.COMFORT_ACC_MAX * ratio**2
-        # Where a gap opens up too short, as when somebody cuts in, IDM brakes as if about to hit.
-        needed = max(speed**2 - front_speed**2, 0.0) / (2 * max(gap_m - 0.5, 0.3))
-        return float(max(wanted, -max(CALM_BRAKING_M_S2, 1.5 * needed), -self.ACC_MAX))
+        ratio = self._desired_clearance(speed, speed - front_speed) / max(gap_m, 0.1)
+        acceleration = (
+            self.free_acceleration(speed, desired_speed) - self.COMFORT_ACC_MAX * ratio**2
+        )
+        # If another vehicle cuts in and the gap is too short, plain IDM brakes far too hard.
+        needed_braking = max(speed**2 - front_speed**2, 0.0) / (2 * max(gap_m - 0.5, 0.3))
+        return float(
+            max(acceleration, -max(CALM_BRAKING_M_S2, 1.5 * needed_braking), -self.ACC_MAX)
+        )
 
     def steering_control(self, target_lane_index: Any) -> float:
-        """Return a wheel angle that leads to a lane's centre line.
+        """Return the wheel angle that leads to a lane's centre line, radians.
 
         Curvature of the lane ahead plus feedback of offset and course error; the product of
         curvature and squared speed stays within `LATERAL_LIMIT_M_S2`.
@@ -182,58 +200,66 @@ class Driver(IDMVehicle):  # type: ignore[misc]
         slip = np.arctan(np.tan(self.action["steering"]) / 2)
         course = wrap_to_pi(self.heading + slip - lane.heading_at(along))
         speed = max(self.speed, 3.0)
-        pull = 0.6 * between(across, -2.5, 2.5) + 1.6 * speed * np.sin(course)
-        bend = self._bend(lane, along) - pull / speed**2
-        most = LATERAL_LIMIT_M_S2 / max(self.speed, 0.5) ** 2
-        turn = between(between(bend, -most, most) * self.LENGTH / 2, -0.9, 0.9)
-        wheel = np.arctan(2 * np.tan(np.arcsin(turn)))
-        return between(wheel, -self.MAX_STEERING_ANGLE, self.MAX_STEERING_ANGLE)
+        feedback = 0.6 * clamp(across, -2.5, 2.5) + 1.6 * speed * np.sin(course)
+        curvature = self._curvature_ahead(lane, along) - feedback / speed**2
+        curvature_limit = LATERAL_LIMIT_M_S2 / max(self.speed, 0.5) ** 2
+        sine_of_slip = clamp(
+            clamp(curvature, -curvature_limit, curvature_limit) * self.LENGTH / 2, -0.9, 0.9
+        )
+        wheel = np.arctan(2 * np.tan(np.arcsin(sine_of_slip)))
+        return clamp(wheel, -self.MAX_STEERING_ANGLE, self.MAX_STEERING_ANGLE)
 
-    def _bend(self, lane: Any, along: float) -> float:
-        """Mean curvature of the way ahead, 1/m."""
+    def _curvature_ahead(self, lane: Any, along: float) -> float:
+        """Return the mean curvature of the lane ahead, 1/m."""
         ahead = max(1.5, 0.5 * self.speed)
         here = lane.heading_at(along)
         if along + ahead <= lane.length:
             there = lane.heading_at(along + ahead)
         else:
-            following = self.road.after(self.target_lane_index, self.route)
+            following = self.road.next_lane(self.target_lane_index, self.route)
             if following is None:
                 return 0.0
             after = self.road.network.get_lane(following)
             there = after.heading_at(along + ahead - lane.length)
         return float(wrap_to_pi(there - here) / ahead)
 
-    def _pace(self) -> float:
+    def _allowed_acceleration(self) -> float:
         """Return the acceleration that leaders, curves and junctions allow, m/s^2."""
-        wish = min(self.target_speed, self._curve_speed())
-        acceleration = self.free(self.speed, wish)
+        desired_speed = min(self.target_speed, self._curve_speed())
+        acceleration = self.free_acceleration(self.speed, desired_speed)
         lanes = [self.lane_index]
         if self.target_lane_index != self.lane_index:
             lanes.append(self.target_lane_index)
         for lane_index in lanes:
-            found = self.road.leader(self, lane_index)
-            if found is not None:
-                acceleration = min(acceleration, self.follow(self.speed, wish, *found))
+            leader = self.road.leader(self, lane_index)
+            if leader is not None:
+                acceleration = min(
+                    acceleration, self.following_acceleration(self.speed, desired_speed, *leader)
+                )
         if self.hold_m is not None:
             gap = self.hold_m + self.DISTANCE_WANTED - 0.5
-            acceleration = min(acceleration, self.follow(self.speed, wish, gap, 0.0))
+            acceleration = min(
+                acceleration, self.following_acceleration(self.speed, desired_speed, gap, 0.0)
+            )
         return max(acceleration, -self.ACC_MAX)
 
     def _curve_speed(self) -> float:
-        """Return the speed from which coming curves can still be taken, m/s."""
-        allowed = np.inf
-        for lane_index, start_m in self.road.way(self, self.target_lane_index):
+        """Return the greatest speed that still allows to slow down for the curves ahead, m/s."""
+        allowed_speed = np.inf
+        for lane_index, start_m in self.road.lanes_ahead(self, self.target_lane_index):
             lane = self.road.network.get_lane(lane_index)
-            curvature = sharpest(lane)
+            curvature = greatest_curvature(lane)
             limit = lane.speed_limit or np.inf
             if curvature > 0:
                 limit = min(limit, np.sqrt(CURVE_LATERAL_M_S2 / curvature))
-            way = max(start_m - self.LENGTH / 2, 0.0)
-            allowed = min(allowed, np.sqrt(limit**2 + 2 * CURVE_BRAKING_M_S2 * way))
-        return float(allowed)
+            distance_m = max(start_m - self.LENGTH / 2, 0.0)
+            allowed_speed = min(
+                allowed_speed, np.sqrt(limit**2 + 2 * CURVE_BRAKING_M_S2 * distance_m)
+            )
+        return float(allowed_speed)
 
-    def _clearance(self, speed: float, closing: float) -> float:
-        """Return IDM's wanted gap in metres, bumper to bumper."""
+    def _desired_clearance(self, speed: float, closing: float) -> float:
+        """Return IDM's desired gap in metres, bumper to bumper."""
         braking = 2 * np.sqrt(-self.COMFORT_ACC_MAX * self.COMFORT_ACC_MIN)
         return float(
             self.DISTANCE_WANTED + max(0.0, speed * self.TIME_WANTED + speed * closing / braking)
@@ -244,7 +270,13 @@ class Parked(Vehicle):  # type: ignore[misc]
     """A vehicle that stands still on a lane, or facing against it."""
 
     def __init__(
-        self, road: Any, lane_index: Any, along_m: float, *, body: Body, reverse: bool = False
+        self,
+        road: Any,
+        lane_index: Any,
+        along_m: float,
+        *,
+        body: RoadUserBody,
+        reverse: bool = False,
     ) -> None:
         lane = road.network.get_lane(lane_index)
         heading = lane.heading_at(along_m) + np.pi * reverse
@@ -262,5 +294,6 @@ class Parked(Vehicle):  # type: ignore[misc]
         """Stay."""
 
 
-def _reach(a: Any, b: Any) -> float:
+def _half_lengths(a: Any, b: Any) -> float:
+    """Return the distance between the centres of two vehicles whose bumpers touch, metres."""
     return float((a.LENGTH + b.LENGTH) / 2)

@@ -1,4 +1,4 @@
-"""Right of way: who may enter a crossing or a roundabout."""
+"""Right of way: which driver may enter a crossing or a roundabout."""
 
 from __future__ import annotations
 
@@ -11,70 +11,72 @@ from roadscope.envs.traffic.driving import Driver
 from roadscope.envs.traffic.flow import FlowRoad
 
 REQUEST_M = 26.0
-"""Drivers ask for their way this far before the line."""
+"""Drivers request their path this far before the line; chosen by hand."""
 SHARP_M_S2 = 3.5
-"""Who would have to brake harder to stop at the line goes on."""
+"""Drivers that would have to brake harder to stop at the line continue; chosen by hand."""
 PATIENCE_S = 4.0
-"""Who has waited longer is no longer overtaken by others' requests."""
+"""After this wait no later request is granted before a driver's own; chosen by hand."""
 CLEARANCE_M = 3.2
-"""Ways through a crossing that come closer than this exclude each other."""
+"""Paths through a crossing that come closer than this exclude each other."""
 
 
 class Crossing:
-    """Lets drivers onto a crossing whose ways through do not meet; others wait at the line.
+    """Lets drivers onto a crossing if their paths do not conflict; others wait at the line.
 
-    First come, first served, except that a free way may be taken past somebody whose way is
-    not, until that one has waited for `PATIENCE_S`.
+    First come, first served. A driver with a free path may go before one whose path is blocked,
+    until that one has waited for `PATIENCE_S`.
 
     lines: for each lane that ends at the crossing, how far before its end the line is.
     """
 
     def __init__(self, road: FlowRoad, lines: Mapping[Any, float]) -> None:
         self._lines = dict(lines)
-        self._ways = [
+        self._paths = [
             (lane_index[1], to, i)
             for lane_index in self._lines
             for to, lanes in road.network.graph[lane_index[1]].items()
             for i in range(len(lanes))
         ]
-        self._until = _meeting(road, self._ways)
+        self._blocked_until_m = _conflicts(road, self._paths)
         self._granted: dict[int, tuple[Driver, Any]] = {}
-        self._asked_s: dict[int, float] = {}
+        self._requested_s: dict[int, float] = {}
         self._count = 0
 
     def __call__(self, road: FlowRoad) -> None:
-        """Set how far each approaching driver may go."""
+        """Set `hold_m` of each approaching driver."""
         drivers = [v for v in road.vehicles if isinstance(v, Driver)]
         self._release(road, drivers)
-        promised: list[Any] = []
-        for ticket, driver, way in self._requests(road, drivers):
-            kept = any((other, way) in self._until for other in promised)
-            if not kept and not self._taken(road, way):
-                self._granted[ticket] = (driver, way)
-            elif road.now_s - self._asked_s[ticket] > PATIENCE_S:
-                promised.append(way)
+        reserved_paths: list[Any] = []
+        for ticket, driver, path in self._requests(road, drivers):
+            reserved = any((other, path) in self._blocked_until_m for other in reserved_paths)
+            if not reserved and not self._is_blocked(road, path):
+                self._granted[ticket] = (driver, path)
+            elif road.now_s - self._requested_s[ticket] > PATIENCE_S:
+                reserved_paths.append(path)
         for driver in drivers:
             ticket = vars(driver).get("ticket", -1)
             line = self._lines.get(driver.target_lane_index)
             waits = line is not None and ticket not in self._granted
-            driver.hold_m = _to_line(road, driver, line) if waits and line is not None else None
+            driver.hold_m = (
+                _distance_to_line(road, driver, line) if waits and line is not None else None
+            )
 
     def _release(self, road: FlowRoad, drivers: list[Driver]) -> None:
-        """Forget the grants of those whose rear has left the crossing."""
+        """Remove the grants of drivers whose rear has left the crossing."""
         here = {vars(d).get("ticket", -1): d for d in drivers}
-        for ticket, (driver, way) in list(self._granted.items()):
+        for ticket, (driver, path) in list(self._granted.items()):
             gone = ticket not in here
             lane_index = driver.target_lane_index
-            if not gone and lane_index[0] == way[1]:
+            if not gone and lane_index[0] == path[1]:
                 gone = road.along(driver, lane_index) > driver.LENGTH / 2 + 1.0
             if gone:
                 del self._granted[ticket]
-                self._asked_s.pop(ticket, None)
+                self._requested_s.pop(ticket, None)
 
-    def _taken(self, road: FlowRoad, way: Any) -> bool:
-        """Whether a way meets that of somebody who has not yet passed where they meet."""
+    def _is_blocked(self, road: FlowRoad, path: Any) -> bool:
+        """Return whether a path conflicts with a granted one whose driver has not yet passed."""
         for driver, other in self._granted.values():
-            until = self._until.get((other, way))
+            until = self._blocked_until_m.get((other, path))
             if until is not None:
                 at = -np.inf
                 if driver.target_lane_index == other:
@@ -87,24 +89,24 @@ class Crossing:
         return False
 
     def _requests(self, road: FlowRoad, drivers: list[Driver]) -> list[tuple[int, Driver, Any]]:
-        """List who asks for which way, the longest waiting first."""
+        """Return ticket, driver and path of each request, the longest waiting first."""
         asking = []
-        foremost = self._foremost(road)
+        foremost = self._first_drivers(road)
         for driver in drivers:
             line = self._lines.get(driver.target_lane_index)
             if line is None or vars(driver).get("ticket", -1) in self._granted:
                 continue
-            if _to_line(road, driver, line) < REQUEST_M and driver.slot in foremost:
+            if _distance_to_line(road, driver, line) < REQUEST_M and driver.slot in foremost:
                 if "ticket" not in vars(driver):
                     driver.ticket = self._count = self._count + 1
-                self._asked_s.setdefault(driver.ticket, road.now_s)
-                way = road.after(driver.target_lane_index, driver.route)
-                asking.append((driver.ticket, driver, way))
+                self._requested_s.setdefault(driver.ticket, road.now_s)
+                path = road.next_lane(driver.target_lane_index, driver.route)
+                asking.append((driver.ticket, driver, path))
         return sorted(asking, key=lambda item: item[0])
 
-    def _foremost(self, road: FlowRoad) -> set[int]:
-        """Slots of the first driver before each line who has no grant yet."""
-        found = set()
+    def _first_drivers(self, road: FlowRoad) -> set[int]:
+        """Return the slots of the first driver without a grant before each line."""
+        slots = set()
         for lane_index in self._lines:
             waiting = [
                 (road.along(v, lane_index), v.slot)
@@ -114,16 +116,16 @@ class Crossing:
                 and vars(v).get("ticket", -1) not in self._granted
             ]
             if waiting:
-                found.add(max(waiting)[1])
-        return found
+                slots.add(max(waiting)[1])
+        return slots
 
 
 class GiveWay:
-    """Lets drivers into a roundabout when nobody on it would have to brake for them.
+    """Lets drivers into a roundabout when no driver on it would have to brake for them.
 
     lines: for each entry lane, how far before its end the line is.
-    ring: for each entry lane, the ring's lanes that lead to where it joins, nearest first.
-    gap_s: least time that whoever comes on the ring must still need.
+    ring: for each entry lane, the ring's lanes before the point where it joins, nearest first.
+    gap_s: least time until the next driver on the ring arrives.
     """
 
     def __init__(
@@ -132,61 +134,61 @@ class GiveWay:
         self._lines, self._ring, self._gap_s = dict(lines), dict(ring), gap_s
 
     def __call__(self, road: FlowRoad) -> None:
-        """Set how far each entering driver may go."""
+        """Set `hold_m` of each entering driver."""
         for driver in road.vehicles:
             if not isinstance(driver, Driver):
                 continue
             line = self._lines.get(driver.target_lane_index)
             driver.hold_m = None
             if line is not None:
-                way = _to_line(road, driver, line)
-                bound = driver.speed**2 / (2 * SHARP_M_S2) > way
-                if not bound and not self._clear(road, driver, way):
-                    driver.hold_m = way
+                distance_m = _distance_to_line(road, driver, line)
+                cannot_stop = driver.speed**2 / (2 * SHARP_M_S2) > distance_m
+                if not cannot_stop and not self._ring_is_clear(road, driver, distance_m):
+                    driver.hold_m = distance_m
 
-    def _clear(self, road: FlowRoad, driver: Driver, way_m: float) -> bool:
-        """Whether everybody who comes along the ring is far enough."""
+    def _ring_is_clear(self, road: FlowRoad, driver: Driver, distance_m: float) -> bool:
+        """Return whether all drivers that come along the ring are far enough away."""
         entry = driver.target_lane_index
-        need_s = self._gap_s + max(way_m, 0.0) / max(driver.speed, 3.0)
+        need_s = self._gap_s + max(distance_m, 0.0) / max(driver.speed, 3.0)
         for other in road.vehicles:
             if not isinstance(other, Driver) or other is driver:
                 continue
-            left = self._way_left(road, other, entry)
-            if left is not None and left < max(other.speed, 4.0) * need_s + 2.0:
+            left_m = self._distance_to_entry(road, other, entry)
+            if left_m is not None and left_m < max(other.speed, 4.0) * need_s + 2.0:
                 return False
         return True
 
-    def _way_left(self, road: FlowRoad, other: Driver, entry: Any) -> float | None:
-        """Metres from somebody's front to where an entry joins; None if not on the way there."""
+    def _distance_to_entry(self, road: FlowRoad, other: Driver, entry: Any) -> float | None:
+        """Return the metres from a driver's front to an entry; None if it goes elsewhere."""
         if not any(leg[0] == entry[1] for leg in other.route or ()):
             return None
-        way = 0.0
+        distance_m = 0.0
         for lane_index in self._ring[entry]:
             length = float(road.network.get_lane(lane_index).length)
             if other.target_lane_index == lane_index:
-                return way + length - road.along(other, lane_index) - other.LENGTH / 2
-            way += length
+                return distance_m + length - road.along(other, lane_index) - other.LENGTH / 2
+            distance_m += length
         return None
 
 
-def _to_line(road: FlowRoad, driver: Driver, line: float) -> float:
-    """Metres from the front bumper to the line, negative beyond it."""
+def _distance_to_line(road: FlowRoad, driver: Driver, line: float) -> float:
+    """Return the metres from the front bumper to the line, negative beyond it."""
     lane_index = driver.target_lane_index
     length = float(road.network.get_lane(lane_index).length)
     return length - line - road.along(driver, lane_index) - driver.LENGTH / 2
 
 
-def _meeting(road: FlowRoad, ways: list[Any]) -> dict[tuple[Any, Any], float]:
-    """Return, for ways from different roads that come too close, how far along the first."""
+def _conflicts(road: FlowRoad, paths: list[Any]) -> dict[tuple[Any, Any], float]:
+    """Return for each pair of conflicting paths how far along the first it blocks the second."""
     count, points = 40, {}
-    for way in ways:
-        lane = road.network.get_lane(way)
-        points[way] = np.array([lane.position(s, 0.0) for s in np.linspace(0, lane.length, count)])
+    for path in paths:
+        lane = road.network.get_lane(path)
+        points[path] = np.array([lane.position(s, 0.0) for s in np.linspace(0, lane.length, count)])
     until = {}
-    for a in ways:
+    for a in paths:
         along = np.linspace(0, float(road.network.get_lane(a).length), count)
-        for b in ways:
-            apart = np.linalg.norm(points[a][:, None] - points[b][None], axis=-1).min(axis=1)
-            if a[0] != b[0] and apart.min() < CLEARANCE_M:
-                until[a, b] = float(along[apart < CLEARANCE_M].max())
+        for b in paths:
+            distances = np.linalg.norm(points[a][:, None] - points[b][None], axis=-1).min(axis=1)
+            if a[0] != b[0] and distances.min() < CLEARANCE_M:
+                until[a, b] = float(along[distances < CLEARANCE_M].max())
     return until

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from highway_env.road.lane import CircularLane, SineLane, StraightLane
 
-PREVIEW_M = 1.5
-"""Curvature is averaged over at least this way."""
+SAMPLE_M = 1.5
+"""Curvature is averaged over at least this length."""
 
 
 def coordinates(lane: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -36,7 +36,7 @@ def along_direction(vectors: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return projected
 
 
-def sharpest(lane: Any) -> float:
+def greatest_curvature(lane: Any) -> float:
     """Return the largest curvature of a lane in 1/m."""
     if isinstance(lane, SineLane):
         return float(lane.amplitude * lane.pulsation**2)
@@ -44,6 +44,6 @@ def sharpest(lane: Any) -> float:
         return 0.0
     if isinstance(lane, CircularLane):
         return 1.0 / float(lane.radius)
-    along = np.linspace(0.0, lane.length, max(2, int(lane.length / PREVIEW_M)))
+    along = np.linspace(0.0, lane.length, max(2, int(lane.length / SAMPLE_M)))
     headings = np.unwrap([lane.heading_at(s) for s in along])
     return float(np.abs(np.diff(headings) / np.diff(along)).max())

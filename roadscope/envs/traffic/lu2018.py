@@ -14,8 +14,15 @@ from types import MappingProxyType
 import numpy as np
 
 from roadscope.core import Category
-from roadscope.envs.traffic.mix import CARS, EGO, VANS, Body
-from roadscope.envs.traffic.script import STEP_S, Actor, Change, Motion, StraightRoad, any_car
+from roadscope.envs.traffic.mix import CARS, EGO, VANS, RoadUserBody
+from roadscope.envs.traffic.script import (
+    STEP_S,
+    Actor,
+    Change,
+    ScriptedMotion,
+    StraightRoad,
+    any_car,
+)
 from roadscope.envs.traffic.timeline import Timeline
 
 FRAME_S = 0.08
@@ -24,7 +31,7 @@ LEAD_FRAMES = 2
 LANE_M = 3.5
 ROAD = StraightRoad((LANE_M, 0.0, -LANE_M), LANE_M, "campus")
 SENSOR_AHEAD_M = 5.0
-"""Where the LUX sits ahead of the ego's rear axle, as in the rig `lux`."""
+"""Distance of the LUX ahead of the ego's rear axle, as in the rig `lux`."""
 LEFT_EDGE = np.deg2rad(55.0)
 """Azimuth of the left end of the field of view, radians; the right end is its mirror image."""
 
@@ -35,7 +42,7 @@ ENTERS, LEAVES, HIDES, SHOWS = 0.25, 0.75, 0.6, 0.45
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """What the paper says of a target in frames `first` to `last`, both included.
+    """What the paper states about a target in frames `first` to `last`, both included.
 
     target: actor id; the paper's target numbers.
     kind: `in_view` (some of it inside the field of view, hidden or not), `hidden` (wholly behind
@@ -100,17 +107,17 @@ def play_script(name: str, seed: int, duration_s: float | None = None) -> Timeli
 
 def _two_vehicles(rng: np.random.Generator) -> Sequence[Actor]:
     """Target 1 keeps ahead on the right; target 2 overtakes on the left and falls back."""
-    ego = Motion(0.0, 0.0, float(rng.uniform(8.5, 9.5)))
+    ego = ScriptedMotion(0.0, 0.0, float(rng.uniform(8.5, 9.5)))
     gap = 5.0 + float(rng.uniform(13.0, 19.0))
     varied = float(rng.uniform(-0.5, 0.5))
     right_m = -LANE_M + float(rng.uniform(-0.2, 0.3))
     changes = Change(2.0, 4.0, varied), Change(8.0, 4.0, -varied)
-    right = Motion(gap, right_m, ego.speed, changes)
+    right = ScriptedMotion(gap, right_m, ego.speed, changes)
     faster, slowing_s = float(rng.uniform(5.0, 6.0)), float(rng.uniform(7.5, 8.5))
     middle_s = (25 + ENTERS + 146 + LEAVES) / 2 * FRAME_S
     left_m = LANE_M + float(rng.uniform(-0.2, 0.3))
     slowing = Change(middle_s - slowing_s / 2, slowing_s, -2 * faster)
-    left = Motion(0.0, left_m, ego.speed + faster, (slowing,))
+    left = ScriptedMotion(0.0, left_m, ego.speed + faster, (slowing,))
     bodies = [any_car(rng), any_car(rng)]
     left = _entering(left, bodies[1], ego, 25 + ENTERS)
     return Actor(ego, EGO), Actor(right, bodies[0]), Actor(left, bodies[1])
@@ -118,17 +125,17 @@ def _two_vehicles(rng: np.random.Generator) -> Sequence[Actor]:
 
 def _three_vehicles(rng: np.random.Generator) -> Sequence[Actor]:
     """Target 1 on the left falls back out of view, targets 2 and 3 keep ahead."""
-    ego = Motion(0.0, 0.0, float(rng.uniform(8.5, 9.5)))
+    ego = ScriptedMotion(0.0, 0.0, float(rng.uniform(8.5, 9.5)))
     slower = ego.speed - float(rng.uniform(4.5, 5.5))
-    left = Motion(0.0, LANE_M + float(rng.uniform(-0.2, 0.3)), slower)
+    left = ScriptedMotion(0.0, LANE_M + float(rng.uniform(-0.2, 0.3)), slower)
     varied = float(rng.uniform(-0.5, 0.5))
-    ahead = Motion(
+    ahead = ScriptedMotion(
         5.0 + float(rng.uniform(20.0, 26.0)),
         float(rng.uniform(-0.3, 0.3)),
         ego.speed,
         (Change(1.0, 3.0, varied), Change(4.0, 3.0, -varied)),
     )
-    right = Motion(
+    right = ScriptedMotion(
         5.0 + float(rng.uniform(9.0, 13.0)),
         -LANE_M + float(rng.uniform(-0.3, 0.2)),
         ego.speed,
@@ -146,14 +153,19 @@ def _occlusion(rng: np.random.Generator) -> Sequence[Actor]:
     While it crosses in front of the LiDAR it hides target 1 from its right to its left edge;
     target 1, a little left of the lane's middle, appears again on its left side.
     """
-    ego = Motion(0.0, 0.0, float(rng.uniform(7.0, 8.0)))
-    hidden = Motion(5.0 + float(rng.uniform(33.0, 37.0)), float(rng.uniform(0.6, 0.8)), ego.speed)
+    ego = ScriptedMotion(0.0, 0.0, float(rng.uniform(7.0, 8.0)))
+    hidden = ScriptedMotion(
+        5.0 + float(rng.uniform(33.0, 37.0)), float(rng.uniform(0.6, 0.8)), ego.speed
+    )
     faster = float(rng.uniform(7.3, 7.8))
-    bodies = [Body(Category.CAR, CARS[int(rng.integers(4))]), Body(Category.VAN, VANS[1])]
+    bodies = [
+        RoadUserBody(Category.CAR, CARS[int(rng.integers(4))]),
+        RoadUserBody(Category.VAN, VANS[1]),
+    ]
     left_m, across_m = float(rng.uniform(3.4, 3.6)), -float(rng.uniform(4.95, 5.15))
 
-    def cutting_in(start_s: float, duration_s: float) -> Motion:
-        motion = Motion(
+    def cutting_in(start_s: float, duration_s: float) -> ScriptedMotion:
+        motion = ScriptedMotion(
             0.0,
             left_m,
             ego.speed + faster,
@@ -179,7 +191,9 @@ _ACTORS: Mapping[str, Callable[[np.random.Generator], Sequence[Actor]]] = {
 }
 
 
-def _entering(motion: Motion, body: Body, ego: Motion, frame: float) -> Motion:
+def _entering(
+    motion: ScriptedMotion, body: RoadUserBody, ego: ScriptedMotion, frame: float
+) -> ScriptedMotion:
     """Shift a motion along x until its body touches the left end of the view at a frame."""
     time = np.array([frame * FRAME_S])
     for _ in range(2):
@@ -202,7 +216,9 @@ def _root(
     raise ArithmeticError("no cutting in hides the target in the frames of the script")
 
 
-def _corners(motion: Motion, body: Body, ego: Motion, times: np.ndarray) -> np.ndarray:
+def _corners(
+    motion: ScriptedMotion, body: RoadUserBody, ego: ScriptedMotion, times: np.ndarray
+) -> np.ndarray:
     """Return the (T, 4, 2) corners of a body relative to the LiDAR; the ego drives along x."""
     length, width, _ = body.size
     vx, vy = motion.velocities(times).T
@@ -216,7 +232,9 @@ def _corners(motion: Motion, body: Body, ego: Motion, times: np.ndarray) -> np.n
     return points
 
 
-def _depth_in_view(motion: Motion, body: Body, ego: Motion, times: np.ndarray) -> np.ndarray:
+def _depth_in_view(
+    motion: ScriptedMotion, body: RoadUserBody, ego: ScriptedMotion, times: np.ndarray
+) -> np.ndarray:
     """Return (T,) metres by which a body on the left reaches into the field of view."""
     points = _corners(motion, body, ego, times)
     inside: np.ndarray = points[..., 0] * np.sin(LEFT_EDGE) - points[..., 1] * np.cos(LEFT_EDGE)
@@ -224,7 +242,9 @@ def _depth_in_view(motion: Motion, body: Body, ego: Motion, times: np.ndarray) -
     return deepest
 
 
-def _azimuths(motion: Motion, body: Body, ego: Motion, times: np.ndarray) -> np.ndarray:
+def _azimuths(
+    motion: ScriptedMotion, body: RoadUserBody, ego: ScriptedMotion, times: np.ndarray
+) -> np.ndarray:
     """Return the (T, 2) least and greatest azimuth of a body ahead of the LiDAR, radians."""
     points = _corners(motion, body, ego, times)
     angles = np.arctan2(points[..., 1], points[..., 0])

@@ -18,7 +18,7 @@ from roadscope.envs.traffic.conversion import (
     road_map,
     to_world,
 )
-from roadscope.envs.traffic.mix import EGO, Body, draw_body
+from roadscope.envs.traffic.mix import EGO, RoadUserBody, draw_body
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 
@@ -27,7 +27,7 @@ OBSTACLE_HEIGHT_M = 1.0
 
 
 class RecordedRoad(Road):  # type: ignore[misc]
-    """A road that tells its recorder about every step."""
+    """A road whose recorder records every step."""
 
     recorder: TrafficRecorder
 
@@ -38,7 +38,7 @@ class RecordedRoad(Road):  # type: ignore[misc]
 
 
 class RecordedRegulatedRoad(RegulatedRoad):  # type: ignore[misc]
-    """A regulated road that tells its recorder about every step."""
+    """A regulated road whose recorder records every step."""
 
     recorder: TrafficRecorder
 
@@ -53,14 +53,14 @@ RECORDED = {Road: RecordedRoad, RegulatedRoad: RecordedRegulatedRoad}
 
 @dataclass(frozen=True, slots=True)
 class _Actor:
-    """What is known of a vehicle since it was first met.
+    """Constant properties of a recorded vehicle.
 
-    ahead_m: its centre ahead of its rear axle.
-    slides: whether it is one of highway-env's dynamic bicycles, whose speed is along its heading
-        and whose steering says nothing about slip.
+    ahead_m: distance of its centre ahead of its rear axle.
+    slides: whether it is one of highway-env's dynamic bicycle models, whose speed is along the
+        heading and whose slip does not follow from the steering.
     """
 
-    body: Body
+    body: RoadUserBody
     ahead_m: float
     slides: bool
 
@@ -79,11 +79,11 @@ class Snapshot:
 
 
 class TrafficRecorder:
-    """Keeps a timeline of a highway-env road; the ego is actor 0.
+    """Records a timeline of a highway-env road; the ego is actor 0.
 
     seed: draws categories and sizes of vehicles that have none of their own; it never touches
         the environment's randomness.
-    raw: whether the motion may be unphysical, as that of foreign environments is.
+    raw: whether the motion may be unphysical, as in foreign environments.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class TrafficRecorder:
         self._pace: tuple[float, float, int] = (0.0, 0.0, 0)
 
     def attach(self, env: Any) -> None:
-        """Start afresh on the road of an environment that was just reset."""
+        """Start a new recording on the road of an environment that was just reset."""
         refuse_multi_agent(env)
         inner = env.unwrapped
         kind = type(inner.road)
@@ -115,7 +115,7 @@ class TrafficRecorder:
         self.follow(inner.road, inner.vehicle)
 
     def follow(self, road: Any, ego: Any) -> None:
-        """Start afresh on a road; whoever steps it calls `tick` after each step."""
+        """Start a new recording on a road; the caller calls `tick` after each step."""
         self._road, self._map = road, None
         self._snapshots, self._actors = [], []
         self._pace = (0.0, 0.0, 0)
@@ -138,7 +138,7 @@ class TrafficRecorder:
         return self._snapshots[-1].stamp_s
 
     def timeline(self, last_s: float | None = None) -> Timeline:
-        """Return what was recorded, all of it or the last seconds (at least one sample more)."""
+        """Return the recording, or its last seconds (with at least one more sample before them)."""
         first = 0
         if last_s is not None:
             since_s = self.stamp_s - last_s
@@ -176,17 +176,17 @@ class TrafficRecorder:
         )
 
     def _admit(self, vehicle: Any) -> int:
-        """Give a vehicle its id, and its body, when first met."""
-        known = vars(vehicle).get("actor_id")
-        if known is not None:
-            return int(known)
+        """Return the id of a vehicle; a new vehicle is given an id and a body."""
+        actor_id = vars(vehicle).get("actor_id")
+        if actor_id is not None:
+            return int(actor_id)
         vehicle.actor_id = actor = len(self._actors)
         slides = isinstance(vehicle, BicycleVehicle)
         self._actors.append(_Actor(self._body(vehicle, actor), float(vehicle.LENGTH) / 2, slides))
         return actor
 
-    def _body(self, vehicle: Any, actor: int) -> Body:
-        own: Body | None = getattr(vehicle, "body", None)
+    def _body(self, vehicle: Any, actor: int) -> RoadUserBody:
+        own: RoadUserBody | None = getattr(vehicle, "body", None)
         if own is not None or actor == 0:
             return own or EGO
         key = (*self._seed.spawn_key, actor)
@@ -253,7 +253,7 @@ def _tabulate(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return presence (K, A), crashes, centres (K, A, 2), and heading, speed, steering (K, A, 3).
 
-    Where an actor is absent, its nearest known values stand in.
+    Where an actor is absent, its values are those of the nearest recorded sample.
     """
     column = np.searchsorted(ids, np.arange(ids[-1] + 1))
     shape = (len(snapshots), len(ids))
@@ -264,12 +264,12 @@ def _tabulate(
         present[k, at], crashed[k, at] = True, shot.crashed
         centres[k, at] = shot.centres
         states[k, at] = np.array((shot.headings, shot.speeds, shot.steering)).T
-    fill, actors = _nearest_known(present), np.arange(len(ids))
+    fill, actors = _nearest_recorded(present), np.arange(len(ids))
     return (_unbroken(present), crashed[fill, actors], centres[fill, actors], states[fill, actors])
 
 
-def _nearest_known(present: np.ndarray) -> np.ndarray:
-    """(K, A) row of the last known sample, or of the first one before an actor appears."""
+def _nearest_recorded(present: np.ndarray) -> np.ndarray:
+    """Return (K, A) rows of the last recorded sample, or of the first before an actor appears."""
     rows = np.where(present, np.arange(len(present))[:, None], -1)
     last = np.maximum.accumulate(rows, axis=0)
     filled: np.ndarray = np.where(last < 0, present.argmax(axis=0), last)
@@ -277,7 +277,7 @@ def _nearest_known(present: np.ndarray) -> np.ndarray:
 
 
 def _unbroken(present: np.ndarray) -> np.ndarray:
-    """Presence from the first to the last sample of each actor."""
+    """Return (K, A) presence from the first to the last sample of each actor."""
     since = np.logical_or.accumulate(present, axis=0)
     until = np.logical_or.accumulate(present[::-1], axis=0)[::-1]
     both: np.ndarray = since & until

@@ -17,7 +17,10 @@ from roadscope.envs.traffic.timeline import Timeline
 LEAST_OBJECTS = 5
 NEAR_M = 60.0
 MOST_CRASHED = 0.05
+"""Traffic is accepted with that many objects within that distance of the ego at every instant, and
+with at most that share of crashed actors; chosen by hand."""
 TRIES = 10
+"""Sub-seeds that are tried until traffic is accepted."""
 
 
 class ScenarioError(ValueError):
@@ -33,8 +36,8 @@ class Scenario:
     builder: `module:function`, loaded on use; makes a `Stage` from a generator, or for a
         scripted scenario a `Timeline` from name, seed and duration.
     duration_s: default length of a recording.
-    scripted: whether all motion is written down; such scenarios are exempt from `accept`.
-    unseen: whether vehicles have the shapes of `unseen.UNSEEN`, from which nothing is learned.
+    scripted: whether all motion is in closed form; such scenarios are exempt from `accept`.
+    unseen: whether vehicles have the shapes of `mix.UNSEEN`, which no detector is trained on.
     """
 
     name: str
@@ -48,7 +51,7 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """Whether traffic is worth sensing.
+    """Whether traffic is dense and safe enough to be sensed.
 
     least_objects: fewest objects within 60 m of the ego at any instant.
     crashed_share: crashed actors over all actors, the ego included.
@@ -85,9 +88,11 @@ _SCENARIOS = (
     ),
     _simulated("dense-motorway", "motorway", "Four full lanes at about 12 m/s."),
     _simulated("merge", "motorway", "Vehicles from a ramp join two lanes of a motorway."),
-    _simulated("roundabout", "urban", "Four roads meet at a roundabout; who enters gives way."),
     _simulated(
-        "intersection", "urban", "A crossing in town; drivers wait until their way is free."
+        "roundabout", "urban", "Four roads meet at a roundabout; drivers that enter give way."
+    ),
+    _simulated(
+        "intersection", "urban", "A crossing in town; drivers wait until their path is free."
     ),
     _simulated("racetrack", "bare", "Two lanes in a winding loop."),
     _simulated(
@@ -96,7 +101,9 @@ _SCENARIOS = (
     _simulated("two-way", "urban", "A road with oncoming traffic."),
     _simulated("parking-lot", "campus", "A car park with slow traffic past standing cars."),
     _simulated(
-        "waiting", "urban", "The ego stands before a road in town on which others cross both ways."
+        "waiting",
+        "urban",
+        "The ego waits at a crossing in town while others cross in both directions.",
     ),
     _simulated(
         "street", "town", "A street in town: people walk, wait, cross and ride beside the traffic."
@@ -105,7 +112,7 @@ _SCENARIOS = (
     _simulated(
         "unseen-motorway",
         "motorway",
-        "As motorway, with flatbeds, tankers and other bodies never learned.",
+        "As motorway, with flatbeds, tankers and other bodies that no detector was trained on.",
         unseen=True,
     ),
     _simulated("unseen-street", "town", "As street, with vehicles of such bodies.", unseen=True),
@@ -116,7 +123,7 @@ _SCENARIOS = (
         "long-occlusion",
         "motorway",
         12.0,
-        "A lorry beside the ego hides who overtakes and who comes towards it.",
+        "A lorry beside the ego hides overtaking and oncoming vehicles.",
     ),
     _scripted(
         "convoy-pull-away",
@@ -125,7 +132,7 @@ _SCENARIOS = (
         "The ego stands among lorries and pulls away with all of them.",
     ),
     _scripted(
-        "platoon", "motorway", 30.0, "The ego drives within dense traffic that keeps its places."
+        "platoon", "motorway", 30.0, "The ego drives in dense traffic that moves along with it."
     ),
     _scripted("cold-start", "motorway", 25.0, "The first scan is taken at 15 to 35 m/s."),
     _scripted(
@@ -138,7 +145,7 @@ _SCENARIOS = (
         "The ego stands between noise walls while others pass.",
     ),
     _scripted("barriers", "barriers", 30.0, "A motorway between long smooth noise walls."),
-    _scripted("tunnel", "tunnel", 30.0, "A tunnel whose lamps and niches alone tell places apart."),
+    _scripted("tunnel", "tunnel", 30.0, "A tunnel; only its lamps and niches distinguish places."),
     _scripted("stop-and-go", "motorway", 60.0, "Waves of standstill in a jam."),
     _scripted(
         "empty-motorway",
@@ -229,7 +236,7 @@ def scenario_of_environment(env_id: str) -> str | None:
     """
     plain = re.sub(r"-v\d+$", "", env_id.rpartition("/")[2])
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", plain).lower().split("-")
-    # Variants of an environment, such as `racetrack-oval`, have the traffic of the first of them.
+    # Variants of an environment, such as `racetrack-oval`, have the traffic of the base one.
     shortest = 0 if plain != env_id else len(words) - 1
     for count in range(len(words), shortest, -1):
         name = "-".join(words[:count])
@@ -241,7 +248,7 @@ def scenario_of_environment(env_id: str) -> str | None:
 
 
 def accept(timeline: Timeline) -> Acceptance:
-    """Judge traffic by the objects around the ego at every recorded instant, and by crashes."""
+    """Return whether traffic has enough objects around the ego at every instant and few crashes."""
     centres = timeline.axles + timeline.centre_ahead_m[:, None] * np.stack(
         [np.cos(timeline.yaws), np.sin(timeline.yaws)], axis=-1
     )

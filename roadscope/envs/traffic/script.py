@@ -9,26 +9,28 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core import Category
+from roadscope.core.bounds import Bounds
 from roadscope.envs.traffic.course import Course
-from roadscope.envs.traffic.mix import CARS, VANS, Body, draw_body
+from roadscope.envs.traffic.mix import CARS, VANS, RoadUserBody, draw_body
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.traffic.timeline import Timeline
 
 STEP_S = 0.04
 """Time between two instants of a scripted timeline: 25 Hz."""
 BEHIND_M, AHEAD_M = 60.0, 220.0
-"""How far a straight road reaches behind and ahead of everybody on it; chosen by hand."""
+"""How far a straight road extends behind and ahead of all actors; chosen by hand."""
 WITHIN_M = 250.0
-"""An actor is present while it is this near the ego along the course."""
+"""An actor is present while it is at most this far from the ego along the course."""
 BEYOND_M = 260.0
-"""How far a winding road reaches behind and ahead of the places that the ego visits."""
+"""How far a winding road extends behind and ahead of the ego's positions."""
 REACH_M = 220.0
-"""A lane is filled as far as this behind and ahead of the ego, at every instant."""
+"""A lane is filled this far behind and ahead of the ego, at every instant."""
 SPEED_VARIATION_M_S = 0.8
 """By how much the speed of a stream of vehicles varies at most; chosen by hand."""
 
-Interval = tuple[float, float]
-"""The least and the greatest value, or the first and the last instant."""
+
+NO_DELAY_S, USUAL_DELAYS_S, USUAL_GAPS_M = Bounds(0.0, 0.0), Bounds(0.8, 1.5), Bounds(4.0, 16.0)
+"""Reaction times of followers and gaps between bumpers at standstill; chosen by hand."""
 
 
 class Change(NamedTuple):
@@ -40,13 +42,13 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
-    """How a rear axle moves: speed and lateral position change by quintic smoothsteps.
+class ScriptedMotion:
+    """Motion of a rear axle whose speed and lateral position change by quintic smoothsteps.
 
-    x_m, y_m: position at time 0, world frame, had nothing changed. On a winding road x is the
+    x_m, y_m: position at time 0 without any change, world frame. On a winding road x is the
         arc length along the course and y the distance to its left.
     speed: speed along x at the beginning, m/s.
-    speed_changes, lane_changes: what is added to the speed along x and to y.
+    speed_changes, lane_changes: changes of the speed along x, and of y.
 
     Position is three times continuously differentiable, so yaw and yaw rate never jump.
     """
@@ -77,22 +79,22 @@ class Motion:
             vy = vy + change / duration * _smoothstep_slope((times - start) / duration)
         return np.stack([vx, vy], axis=-1)
 
-    def shifted(self, ahead_m: float, later_s: float) -> Motion:
+    def shifted(self, ahead_m: float, later_s: float) -> ScriptedMotion:
         """Return the same motion, farther ahead and later."""
         speed_changes, lane_changes = (
             tuple(Change(start + later_s, duration, amount) for start, duration, amount in changes)
             for changes in (self.speed_changes, self.lane_changes)
         )
         x_m = self.x_m + ahead_m - self.speed * later_s
-        return Motion(x_m, self.y_m, self.speed, speed_changes, lane_changes)
+        return ScriptedMotion(x_m, self.y_m, self.speed, speed_changes, lane_changes)
 
     def with_varying_speed(
-        self, rng: np.random.Generator, interval_s: Interval, limit_m_s: float
-    ) -> Motion:
-        """Return the motion with a speed that goes slowly up and down, by the limit at most."""
+        self, rng: np.random.Generator, interval_s: Bounds, limit_m_s: float
+    ) -> ScriptedMotion:
+        """Return the motion with a slowly varying speed, within the limit of the original one."""
         changes, offset = list(self.speed_changes), 0.0
-        start = interval_s[0]
-        while start < interval_s[1]:
+        start = interval_s.low
+        while start < interval_s.high:
             duration = float(rng.uniform(4.0, 8.0))
             next_offset = float(rng.uniform(-1.0, 1.0)) * limit_m_s
             changes.append(Change(start, duration, next_offset - offset))
@@ -107,37 +109,44 @@ class Actor:
     direction: 1 along the course, -1 for oncoming traffic, whose speed is negative.
     """
 
-    motion: Motion
-    body: Body
+    motion: ScriptedMotion
+    body: RoadUserBody
     direction: int = 1
+
+
+class Reach(NamedTuple):
+    """Distances behind and ahead of an actor up to which a lane is filled, metres."""
+
+    behind: float
+    ahead: float
 
 
 @dataclass(frozen=True, slots=True)
 class Lane:
     """Traffic of one lane by Newell's simplified car following (2002).
 
-    A follower moves like its leader, `delay_s` later and a body and a gap behind, so nobody ever
-    touches anybody, and speeds are smooth wherever the leader's speed is.
+    A follower moves like its leader, `delay_s` later and a body and a gap behind, so no two
+    vehicles collide, and speeds are smooth wherever the leader's speed is.
 
-    left_m: where the lane lies, metres to the left of the course.
+    left_m: offset of the lane to the left of the course.
     mix: a name of `mix.MIXES`.
     gaps_m: least and greatest distance between bumpers at standstill; drawn for each vehicle.
-    delays_s: likewise how much later a vehicle does what its leader does.
+    delays_s: least and greatest reaction time after the leader; drawn for each vehicle.
     lateral_spread_m: greatest distance of a vehicle from the middle of the lane.
     direction: 1 along the course, -1 for oncoming traffic.
     """
 
     left_m: float
     mix: str
-    gaps_m: Interval
-    delays_s: Interval = (0.0, 0.0)
+    gaps_m: Bounds
+    delays_s: Bounds = NO_DELAY_S
     lateral_spread_m: float = 0.25
     direction: int = 1
 
-    def around(self, rng: np.random.Generator, actor: Actor, reach_m: Interval) -> list[Actor]:
-        """Return the others of the lane around an actor, so far behind and ahead of it."""
+    def around(self, rng: np.random.Generator, actor: Actor, reach_m: Reach) -> list[Actor]:
+        """Return the other vehicles of the lane around an actor."""
         queue = []
-        for step, reach in ((1, reach_m[1]), (-1, reach_m[0])):
+        for step, reach in ((1, reach_m.ahead), (-1, reach_m.behind)):
             for other in self._queue(rng, actor, step):
                 distance = step * self.direction * (other.motion.x_m - actor.motion.x_m)
                 if distance > reach:
@@ -146,7 +155,11 @@ class Lane:
         return queue
 
     def filled(
-        self, rng: np.random.Generator, motion: Motion, reach_m: Interval, body: Body | None = None
+        self,
+        rng: np.random.Generator,
+        motion: ScriptedMotion,
+        reach_m: Reach,
+        body: RoadUserBody | None = None,
     ) -> list[Actor]:
         """Return all vehicles of the lane; the first of them has the motion and the body."""
         body = draw_body(self.mix, rng) if body is None else body
@@ -185,8 +198,8 @@ class Carriageways:
     ego_lane: int
     mix: str
     oncoming: int = 0
-    gaps_m: Interval = (4.0, 16.0)
-    delays_s: Interval = (0.8, 1.5)
+    gaps_m: Bounds = USUAL_GAPS_M
+    delays_s: Bounds = USUAL_DELAYS_S
     width_m: float = 3.5
     median_m: float = 1.0
 
@@ -202,17 +215,23 @@ class Carriageways:
         )
 
     def stream(
-        self, rng: np.random.Generator, lane: Lane, speeds: Interval, until_s: float
+        self,
+        rng: np.random.Generator,
+        lane: Lane,
+        *,
+        lane_speed: float,
+        ego_speed: float,
+        until_s: float,
     ) -> list[Actor]:
-        """Fill a lane with all vehicles that come near the ego until then.
+        """Return all vehicles of a lane that come near the ego until then.
 
-        speeds: of the lane in its own direction, and of the ego along the course, m/s.
+        lane_speed: of the lane in its own direction, m/s; ego_speed: along the course, m/s.
         """
-        overtaken_m = (speeds[0] - lane.direction * speeds[1]) * until_s
-        reach = REACH_M + max(overtaken_m, 0.0), REACH_M + max(-overtaken_m, 0.0)
-        motion = Motion(float(rng.uniform(-20.0, 20.0)), 0.0, lane.direction * speeds[0])
-        motion = motion.with_varying_speed(rng, (-2.0, until_s), SPEED_VARIATION_M_S)
-        return lane.filled(rng, motion, reach)
+        overtaken_m = (lane_speed - lane.direction * ego_speed) * until_s
+        reach_m = Reach(REACH_M + max(overtaken_m, 0.0), REACH_M + max(-overtaken_m, 0.0))
+        motion = ScriptedMotion(float(rng.uniform(-20.0, 20.0)), 0.0, lane.direction * lane_speed)
+        motion = motion.with_varying_speed(rng, Bounds(-2.0, until_s), SPEED_VARIATION_M_S)
+        return lane.filled(rng, motion, reach_m)
 
     def road(self, course: Course, style: str) -> WindingRoad:
         """Return the road with these lanes."""
@@ -289,7 +308,7 @@ class WindingRoad:
 class StraightRoad:
     """A road along x.
 
-    lanes_m: where its lanes lie, metres to the left of y = 0; all in the ego's direction.
+    lanes_m: offsets of its lanes to the left of y = 0; all in the ego's direction.
     """
 
     lanes_m: tuple[float, ...]
@@ -330,14 +349,14 @@ def times_until(end_s: float) -> np.ndarray:
     return np.arange(-2, round(end_s / STEP_S) + 3) * STEP_S
 
 
-def any_car(rng: np.random.Generator) -> Body:
+def any_car(rng: np.random.Generator) -> RoadUserBody:
     """Draw a car."""
-    return Body(Category.CAR, CARS[int(rng.integers(len(CARS)))])
+    return RoadUserBody(Category.CAR, CARS[int(rng.integers(len(CARS)))])
 
 
-def any_van(rng: np.random.Generator) -> Body:
+def any_van(rng: np.random.Generator) -> RoadUserBody:
     """Draw a van."""
-    return Body(Category.VAN, VANS[int(rng.integers(len(VANS)))])
+    return RoadUserBody(Category.VAN, VANS[int(rng.integers(len(VANS)))])
 
 
 def _smoothstep(u: np.ndarray) -> np.ndarray:

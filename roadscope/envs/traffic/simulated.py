@@ -19,6 +19,7 @@ from highway_env.envs.two_way_env import TwoWayEnv
 from highway_env.road.lane import LineType, StraightLane
 from highway_env.road.road import RoadNetwork
 
+from roadscope.core.bounds import Bounds
 from roadscope.envs.traffic.driving import HEAVY, Driver, Parked
 from roadscope.envs.traffic.flow import FlowRoad
 from roadscope.envs.traffic.inflow import Inflow, remove_arrived
@@ -39,8 +40,8 @@ LaneIndex = tuple[str, str, int]
 class Stage:
     """A road with traffic on it, ready to be recorded.
 
-    rules: called with the road before every step: inflow, clearing, right of way.
-    warm_up_s: time that passes before recording.
+    warm_up_s: simulated time before the recording begins.
+    rules: called with the road before every step: inflow, removal, right of way.
     """
 
     road: FlowRoad
@@ -50,7 +51,7 @@ class Stage:
 
 
 def play(stage: Stage, *, duration_s: float, style: str, seed: np.random.SeedSequence) -> Timeline:
-    """Let the traffic run at 20 Hz and record it."""
+    """Run the traffic at 20 Hz and return its timeline."""
     stage.road.refresh()
     for _ in range(round(stage.warm_up_s / STEP_S)):
         _advance(stage)
@@ -93,7 +94,12 @@ MOTORWAY_M, MOTORWAY_EGO_M = 2400.0, 500.0
 
 @dataclass(frozen=True, slots=True)
 class MotorwayFlow:
-    """Traffic on a straight motorway; desired_speed: of the right lane, m/s."""
+    """Traffic on a straight motorway.
+
+    desired_speed: speed on a free road, m/s; drivers of lane i have 0.94 - 0.05 i times that.
+    headway_s: mean time between two vehicles of a lane.
+    reach_m: vehicles begin within this distance of the ego.
+    """
 
     desired_speed: float
     headway_s: float
@@ -102,12 +108,12 @@ class MotorwayFlow:
 
 
 def motorway(rng: np.random.Generator) -> Stage:
-    """Four lanes at about 25 m/s."""
+    """Build four lanes of traffic at about 25 m/s."""
     return _straight(rng, MotorwayFlow(31.0, headway_s=1.35, reach_m=300.0))
 
 
 def dense_motorway(rng: np.random.Generator) -> Stage:
-    """Four full lanes at about 12 m/s."""
+    """Build four full lanes at about 12 m/s."""
     return _straight(rng, MotorwayFlow(16.0, headway_s=1.05, reach_m=150.0))
 
 
@@ -134,7 +140,7 @@ def _straight(rng: np.random.Generator, flow: MotorwayFlow) -> Stage:
                 body=body,
                 lane_changes=True,
                 speed=speed,
-                wish=desired_speed,
+                desired_speed=desired_speed,
             ).vary(rng)
             road.vehicles.append(driver)
             ego = driver if is_ego else ego
@@ -171,15 +177,16 @@ MERGE_SECTIONS = {
     "after_merge_length": 700,
 }
 MERGE_EGO_M = 215.0
+"""Lengths of the sections of the road in metres, and where the ego begins; chosen by hand."""
 
 
 def merge(rng: np.random.Generator) -> Stage:
-    """Two lanes at about 16 m/s, and a ramp whose vehicles must change lanes before its end."""
+    """Build two lanes at about 16 m/s and a ramp whose vehicles must merge before its end."""
     built = network_of(MergeGenericEnv, config=MERGE_SECTIONS)
     road = FlowRoad(built.network, rng)
     road.objects = built.objects
     ego = None
-    for lane, wish in ((0, 18.0), (1, 16.0)):
+    for lane, desired_speed in ((0, 18.0), (1, 16.0)):
         start = MERGE_EGO_M if lane else MERGE_EGO_M + float(rng.uniform(-15.0, 15.0))
         positions = [start]
         while positions[-1] < 390.0:
@@ -188,10 +195,12 @@ def merge(rng: np.random.Generator) -> Stage:
             positions.insert(0, positions[0] - float(rng.uniform(26.0, 42.0)))
         for along_m in positions:
             is_ego = lane == 1 and along_m == MERGE_EGO_M
-            driver = _merging(road, rng, ("a", "b", lane), along_m, wish=wish, is_ego=is_ego)
+            driver = _merging(
+                road, rng, ("a", "b", lane), along_m, desired_speed=desired_speed, is_ego=is_ego
+            )
             ego = driver if is_ego else ego
     for along_m in np.arange(100.0, 250.0, 35.0) + rng.uniform(-5.0, 5.0, 5):
-        _merging(road, rng, ("j", "k", 0), float(along_m), wish=15.0)
+        _merging(road, rng, ("j", "k", 0), float(along_m), desired_speed=15.0)
     return Stage(road, ego, rules=(lambda road: remove_arrived(road, ego),))
 
 
@@ -201,7 +210,7 @@ def _merging(
     lane_index: LaneIndex,
     along_m: float,
     *,
-    wish: float,
+    desired_speed: float,
     is_ego: bool = False,
 ) -> Driver:
     driver = Driver(
@@ -209,8 +218,8 @@ def _merging(
         lane_index,
         along_m,
         body=EGO if is_ego else draw_body("urban", rng),
-        speed=0.9 * wish,
-        wish=wish * float(rng.uniform(0.95, 1.1)),
+        speed=0.9 * desired_speed,
+        desired_speed=desired_speed * float(rng.uniform(0.95, 1.1)),
         lane_changes=not is_ego,
     ).vary(rng)
     road.vehicles.append(driver)
@@ -227,20 +236,20 @@ OUTER_LANE = 1
 LINE_RADIUS_M = 28.0
 """A waiting driver keeps the front this far from the middle; the outer lane ends at 26 m."""
 RING_SPEED, BEND_SPEED = 9.0, 5.8
-"""Desired speed, m/s; on the ring and on its entries and exits, whose ends do not quite meet it,
-drivers go slower."""
+"""Desired speed of drivers and speed limit of bends, m/s. The ends of entries and exits do not
+quite meet the ring, so drivers take them more slowly."""
 EGO_RANK = 2
-"""How many drivers are before the ego on its road, at the roundabout and at the intersection."""
+"""Number of drivers ahead of the ego on its road, at the roundabout and at the intersection."""
 
 
 def roundabout(rng: np.random.Generator) -> Stage:
-    """Let traffic flow in from all sides at up to 9 m/s; everybody uses the outer lane."""
+    """Build a roundabout with traffic from all sides at up to 9 m/s, all on the outer lane."""
     road = FlowRoad(network_of(RoundaboutEnv).network, rng)
     inflow = Inflow(rng, RING_SOURCES, _ring_exit, "tight", RING_SPEED, headway_s=3.5)
     for lane in road.network.lanes_list():
         if type(lane) is not StraightLane:
             lane.speed_limit = BEND_SPEED
-    ego = inflow.line_up_all(road, (2.0, 10.0), EGO_RANK)
+    ego = inflow.line_up_all(road, Bounds(2.0, 10.0), EGO_RANK)
     stop_lines = {entry: _stop_line_m(road, entry) for entry in RING_ENTRIES}
     rule = GiveWay(stop_lines, {entry: _upstream(entry) for entry in RING_ENTRIES}, 3.2)
     return Stage(road, ego, warm_up_s=1.0, rules=(inflow, rule))
@@ -273,33 +282,34 @@ ARMS = [(f"o{corner}", f"ir{corner}", 0) for corner in range(4)]
 ARM_SPEED = 8.0
 """Desired speed at the intersection, m/s."""
 LINE_M = 3.0
-"""highway-env takes a vehicle to be past a lane 2.5 m before its end, and bumpers lead centres."""
+"""Distance of the stop line from the end of a lane: highway-env moves a vehicle to the next lane
+2.5 m before the end of its lane."""
 LONGEST_TURNING_M = 6.5
 """Longer vehicles drive straight on: highway-env's turns have radii of 9 and 13 m."""
 ANY_TURN, NO_LEFT_TURN = (1, 2, 2, 3), (2, 2, 2, 3)
-"""Corners to the next arm counter-clockwise, as likely as often named: 1 is left, 2 straight on,
-3 right."""
+"""Turns to draw from, as arms counter-clockwise: 1 is left, 2 straight on, 3 right. A turn that is
+listed twice is twice as likely."""
 
 
 def intersection(rng: np.random.Generator) -> Stage:
-    """Let traffic flow in from all sides at up to 8 m/s."""
+    """Build an intersection with traffic from all sides at up to 8 m/s."""
     road = FlowRoad(network_of(IntersectionEnv).network, rng)
     inflow = Inflow(rng, ARMS, _any_arm, "urban", ARM_SPEED, headway_s=3.5)
-    ego = inflow.line_up_all(road, (8.0, 18.0), EGO_RANK)
+    ego = inflow.line_up_all(road, Bounds(8.0, 18.0), EGO_RANK)
     rule = Crossing(road, dict.fromkeys(ARMS, LINE_M))
     return Stage(road, ego, warm_up_s=2.0, rules=(inflow, rule))
 
 
 def waiting(rng: np.random.Generator) -> Stage:
-    """Let the ego wait first in line, as those opposite do; traffic crosses before it both ways."""
+    """Build an intersection where the ego and the drivers opposite wait for crossing traffic."""
     road = FlowRoad(network_of(IntersectionEnv).network, rng)
     inflow = Inflow(rng, ARMS, _arm_without_left_turn, "urban", ARM_SPEED, headway_s=2.6)
-    inflow.line_up_all(road, (8.0, 14.0), ego_rank=0)
-    return Stage(road, inflow.keep, warm_up_s=5.0, rules=(inflow, _hold_minor_road))
+    inflow.line_up_all(road, Bounds(8.0, 14.0), ego_rank=0)
+    return Stage(road, inflow.ego, warm_up_s=5.0, rules=(inflow, _hold_minor_road))
 
 
 def _hold_minor_road(road: FlowRoad) -> None:
-    """Let nobody over the stop lines of the minor road, which is the ego's."""
+    """Stop all drivers of the minor road, which is the ego's, at their lines."""
     for driver in road.vehicles:
         lane_index = driver.target_lane_index
         if lane_index in (ARMS[0], ARMS[2]):
@@ -310,12 +320,12 @@ def _hold_minor_road(road: FlowRoad) -> None:
 
 
 def _any_arm(rng: np.random.Generator, source: Any, length_m: float) -> str:
-    """Draw where to go: straight on, left or right."""
+    """Draw a destination: straight on, left or right."""
     return _arm(rng, source, length_m, ANY_TURN)
 
 
 def _arm_without_left_turn(rng: np.random.Generator, source: Any, length_m: float) -> str:
-    """Draw where to go: straight on or right, never across oncoming traffic."""
+    """Draw a destination: straight on or right, never across oncoming traffic."""
     return _arm(rng, source, length_m, NO_LEFT_TURN)
 
 
@@ -327,39 +337,45 @@ def _arm(rng: np.random.Generator, source: Any, length_m: float, turns: tuple[in
 
 # Two-way roads and streets ------------------------------------------------------------------------
 
-SAME_WAY, OTHER_WAY = ("a", "b", 1), ("b", "a", 0)
+EGO_DIRECTION, ONCOMING_DIRECTION = ("a", "b", 1), ("b", "a", 0)
 """The two lanes of a two-way road."""
-ROAD_M, ROAD_EGO_M, ROAD_SPEED, ROAD_SPACING_M = 1200.0, 160.0, 13.5, (22.0, 34.0)
-STREET_M, STREET_EGO_M, STREET_SPEED, STREET_SPACING_M = 420.0, 110.0, 8.5, (22.0, 40.0)
+ROAD_M, ROAD_EGO_M, ROAD_SPEED, ROAD_SPACING_M = 1200.0, 160.0, 13.5, Bounds(22.0, 34.0)
+STREET_M, STREET_EGO_M, STREET_SPEED, STREET_SPACING_M = 420.0, 110.0, 8.5, Bounds(22.0, 40.0)
 """Length, where the ego begins, desired speed in m/s, distances between centres."""
 CROSSWALK_M = 12.0
 """People cross an arm of the intersection this far before its end."""
 
 
 def two_way(rng: np.random.Generator) -> Stage:
-    """One lane each way at about 13 m/s; nobody overtakes."""
+    """Build one lane in each direction at about 13 m/s; nobody overtakes."""
     road = FlowRoad(network_of(TwoWayEnv, length=ROAD_M).network, rng)
-    lanes = (SAME_WAY, OTHER_WAY)
+    lanes = (EGO_DIRECTION, ONCOMING_DIRECTION)
     inflow = Inflow(rng, lanes, lambda *_: None, "urban", ROAD_SPEED, headway_s=2.6)
-    ego = inflow.keep = inflow.place(road, SAME_WAY, ROAD_EGO_M, EGO)
-    sections = ((SAME_WAY, ROAD_EGO_M, ROAD_EGO_M + 260.0), (OTHER_WAY, 10.0, ROAD_M - 20.0))
+    ego = inflow.ego = inflow.place(road, EGO_DIRECTION, ROAD_EGO_M, EGO)
+    sections = (
+        (EGO_DIRECTION, ROAD_EGO_M, ROAD_EGO_M + 260.0),
+        (ONCOMING_DIRECTION, 10.0, ROAD_M - 20.0),
+    )
     for lane_index, first, last in sections:
         for along_m in _positions(rng, first, last, ROAD_SPACING_M):
             inflow.place(road, lane_index, along_m, draw_body("urban", rng))
     along_m = ROAD_EGO_M - float(rng.uniform(*ROAD_SPACING_M))
     while along_m > 10.0:
-        inflow.place(road, SAME_WAY, along_m, draw_body("urban", rng))
+        inflow.place(road, EGO_DIRECTION, along_m, draw_body("urban", rng))
         along_m -= float(rng.uniform(*ROAD_SPACING_M))
     return Stage(road, ego, rules=(inflow,))
 
 
 def street(rng: np.random.Generator) -> Stage:
-    """One lane each way; people walk, stand, ride and cross."""
+    """Build a street with one lane in each direction; people walk, wait, cycle and cross."""
     road = FlowRoad(network_of(TwoWayEnv, length=STREET_M).network, rng)
-    lanes = (SAME_WAY, OTHER_WAY)
+    lanes = (EGO_DIRECTION, ONCOMING_DIRECTION)
     inflow = Inflow(rng, lanes, lambda *_: None, "urban", STREET_SPEED, headway_s=5.0)
-    ego = inflow.keep = inflow.place(road, SAME_WAY, STREET_EGO_M, EGO)
-    for lane_index, first, last in ((SAME_WAY, STREET_EGO_M, 380.0), (OTHER_WAY, 20.0, 400.0)):
+    ego = inflow.ego = inflow.place(road, EGO_DIRECTION, STREET_EGO_M, EGO)
+    for lane_index, first, last in (
+        (EGO_DIRECTION, STREET_EGO_M, 380.0),
+        (ONCOMING_DIRECTION, 20.0, 400.0),
+    ):
         for along_m in _positions(rng, first, last, STREET_SPACING_M):
             inflow.place(road, lane_index, along_m, draw_body("urban", rng))
     width_m = sum(float(road.network.get_lane(lane).width_at(0.0)) for lane in lanes)
@@ -369,25 +385,25 @@ def street(rng: np.random.Generator) -> Stage:
 
 
 def town_crossing(rng: np.random.Generator) -> Stage:
-    """Cross with people on all corners."""
+    """Build an intersection with people at all corners."""
     road = FlowRoad(network_of(IntersectionEnv).network, rng)
     inflow = Inflow(rng, ARMS, _any_arm, "urban", ARM_SPEED, headway_s=4.5)
-    ego = inflow.line_up_all(road, (8.0, 18.0), EGO_RANK)
+    ego = inflow.line_up_all(road, Bounds(8.0, 18.0), EGO_RANK)
     rule = Crossing(road, dict.fromkeys(ARMS, LINE_M))
     for source in ARMS:
         kerb = Kerb(road, source, 2 * float(road.network.get_lane(source).width_at(0.0)))
         edge_m = kerb.length_m - CROSSWALK_M
         for along_m in rng.uniform(edge_m - 50.0, edge_m, 3):
-            kerb.walk(rng, float(along_m), ends=(5.0, kerb.length_m - 2.0))
+            kerb.walk(rng, float(along_m), ends=Bounds(5.0, kerb.length_m - 2.0))
         kerb.cross(rng, edge_m, coming_m=float(rng.uniform(1.0, 14.0)))
         kerb.ride(rng, float(rng.uniform(edge_m - 60.0, edge_m - 25.0)), end_m=edge_m)
     return Stage(road, ego, warm_up_s=2.0, rules=(inflow, rule, People(STEP_S)))
 
 
 def _positions(
-    rng: np.random.Generator, first: float, last: float, spacing_m: tuple[float, float]
+    rng: np.random.Generator, first: float, last: float, spacing_m: Bounds
 ) -> Iterator[float]:
-    """Draw positions along a lane after the first, each when it is asked for."""
+    """Yield positions along a lane after the first; each is drawn when it is needed."""
     along_m = first + float(rng.uniform(*spacing_m))
     while along_m < last:
         yield along_m
@@ -395,8 +411,8 @@ def _positions(
 
 
 def _populate(kerb: Kerb, rng: np.random.Generator) -> None:
-    """Put people on one side of a street."""
-    ends = (5.0, kerb.length_m - 5.0)
+    """Add people on one side of a street."""
+    ends = Bounds(5.0, kerb.length_m - 5.0)
     along_m = 20.0
     while along_m < kerb.length_m - 30.0:
         kerb.walk(rng, along_m, ends=ends)
@@ -411,18 +427,16 @@ def _populate(kerb: Kerb, rng: np.random.Generator) -> None:
 
 
 def racetrack(rng: np.random.Generator) -> Stage:
-    """Two lanes in a loop of about 350 m, at 5 to 10 m/s; everybody keeps the lane."""
-    return _filled_track(rng, spacing_m=24.0, speeds=(8.0, 10.0))
+    """Build two lanes in a loop of about 350 m, at 5 to 10 m/s; nobody changes lanes."""
+    return _filled_track(rng, spacing_m=24.0, speeds=Bounds(8.0, 10.0))
 
 
 def racetrack_loop(rng: np.random.Generator) -> Stage:
-    """As racetrack, with more space: the ego is back where it began within 70 s."""
-    return _filled_track(rng, spacing_m=36.0, speeds=(9.0, 11.0))
+    """Build the racetrack with larger gaps, so that the ego completes a lap within 70 s."""
+    return _filled_track(rng, spacing_m=36.0, speeds=Bounds(9.0, 11.0))
 
 
-def _filled_track(
-    rng: np.random.Generator, *, spacing_m: float, speeds: tuple[float, float]
-) -> Stage:
+def _filled_track(rng: np.random.Generator, *, spacing_m: float, speeds: Bounds) -> Stage:
     road = FlowRoad(network_of(RacetrackEnv).network, rng)
     for side in (0, 1):
         along_m = float(rng.uniform(5.0, spacing_m))
@@ -430,10 +444,15 @@ def _filled_track(
             for end, lanes in roads.items():
                 length = float(lanes[side].length)
                 while along_m < length - 1.0:
-                    wish = float(rng.uniform(*speeds))
+                    desired_speed = float(rng.uniform(*speeds))
                     body = draw_body("tight", rng)
                     driver = Driver(
-                        road, (start, end, side), along_m, body=body, speed=4.5, wish=wish
+                        road,
+                        (start, end, side),
+                        along_m,
+                        body=body,
+                        speed=4.5,
+                        desired_speed=desired_speed,
                     )
                     road.vehicles.append(driver.vary(rng))
                     along_m += spacing_m * float(rng.uniform(0.85, 1.4))
@@ -448,10 +467,11 @@ def _filled_track(
 AISLE_END_M, AISLE_LEFT_M = 50.0, 3.0
 """Half the length of the aisle, and how far each of its lanes lies from its middle."""
 OCCUPIED_SHARE = 0.75
+"""Share of the spots that are taken; chosen by hand."""
 
 
 def parking_lot(rng: np.random.Generator) -> Stage:
-    """Drive past 28 spots, three quarters of them taken, with traffic both ways at 3 m/s."""
+    """Build a car park with 28 spots, three quarters of them taken, and traffic at 3 m/s."""
     network = network_of(ParkingEnv, builder="_create_road").network
     end_m, left_m = AISLE_END_M, AISLE_LEFT_M
     no_lines = (LineType.NONE, LineType.NONE)
@@ -484,7 +504,15 @@ def _driving_slowly(
     is_ego: bool = False,
 ) -> Driver:
     body = EGO if is_ego else draw_body("parked", rng)
-    wish = float(rng.uniform(2.4, 3.4))
-    driver = Driver(road, lane_index, along_m, body=body, speed=wish, wish=wish, route=[lane_index])
+    desired_speed = float(rng.uniform(2.4, 3.4))
+    driver = Driver(
+        road,
+        lane_index,
+        along_m,
+        body=body,
+        speed=desired_speed,
+        desired_speed=desired_speed,
+        route=[lane_index],
+    )
     road.vehicles.append(driver.vary(rng))
     return driver

@@ -1,4 +1,4 @@
-"""The recorded motion of all road users, readable at any instant."""
+"""The recorded motion of all road users, interpolated at any instant."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class States(Record):
     stamps_s: (T,) float64.
     present: (T, A) bool.
     axles: (T, A, 2) float64, metres, rear axle on the ground; where an actor is absent, its
-        nearest known place.
+        nearest recorded position.
     yaws: (T, A) float64, radians, continuous in time.
     velocities: (T, A, 2) float64, m/s, of the rear axle.
     """
@@ -55,7 +55,7 @@ class Timeline(Record):
     ids: (A,) int64, unique.
     categories: (A,) int8, values of `Category`.
     sizes: (A, 3) float64, metres, length width height of the sensed body.
-    centre_ahead_m: (A,) float64, how far the box centre lies ahead of the rear axle.
+    centre_ahead_m: (A,) float64, distance of the box centre ahead of the rear axle.
     present: (K, A) bool; an actor is present in one unbroken interval.
     axles: (K, A, 2) float64, metres, rear axle on the ground, world frame.
     yaws: (K, A) float64, radians, unwrapped along K.
@@ -64,8 +64,8 @@ class Timeline(Record):
     road: lanes of the place.
     style: roadside style, a name of `roadside.STYLES`.
     raw: whether the motion comes from a foreign environment and may be unphysical.
-    obstacles: (O, 6) float64, what stands on the road and is no road user, world frame: centre
-        x and y, yaw, length, width, height.
+    obstacles: (O, 6) float64, obstacles on the road, world frame: centre x and y, yaw, length,
+        width, height.
     """
 
     stamps_s: np.ndarray
@@ -123,7 +123,7 @@ class Timeline(Record):
 
         The rear axle does not slip, so its velocity is the speed along the yaw and the curve is
         smooth; between two samples yaw turns at a constant rate. Outside the samples of an actor
-        it goes on at constant velocity; there it is absent, unless the recording itself ends.
+        its velocity is constant; there it is absent, unless the recording itself ends.
         """
         times = np.atleast_1d(np.asarray(stamps_s, np.float64))
         first, last = self._presence()
@@ -158,7 +158,7 @@ class Timeline(Record):
 
     @staticmethod
     def load(file: Path | str | BinaryIO) -> Timeline:
-        """Read a timeline that `save` wrote; anything else is refused by name."""
+        """Read a timeline that `save` wrote; raise `RecordError` for anything else."""
         if isinstance(file, Path | str):
             with Path(file).open("rb") as opened:
                 return Timeline.load(opened)
@@ -166,20 +166,20 @@ class Timeline(Record):
             return _unpack(np.load(file, allow_pickle=False))
         except OSError:
             raise
-        # A damaged archive fails in as many ways as zipfile, zlib, NumPy and our records know.
+        # A damaged archive may raise any error of zipfile, zlib, NumPy and our records.
         except Exception as error:
             name = getattr(file, "name", "content")
             raise RecordError(f"{name}: not a timeline file: {error}") from error
 
     def _presence(self) -> tuple[np.ndarray, np.ndarray]:
-        """First and last sample of each actor, (A,) each."""
+        """Return the first and the last sample of each actor, (A,) each."""
         first = self.present.argmax(axis=0)
         return first, len(self.stamps_s) - 1 - self.present[::-1].argmax(axis=0)
 
     def _hermite(
         self, before: np.ndarray, after: np.ndarray, times: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Axle, yaw and velocity at (T, A) times on the cubics between (T, A) samples."""
+        """Return axles, yaws and velocities at (T, A) times, from the cubics between samples."""
         actors = np.arange(len(self.ids))
         step = np.where(after > before, self.stamps_s[after] - self.stamps_s[before], 1.0)
         u = (times - self.stamps_s[before]) / step

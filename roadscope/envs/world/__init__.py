@@ -1,1 +1,1 @@
-"""What can be seen: bodies and the roadside."""
+"""The world that sensors measure: bodies and the roadside."""

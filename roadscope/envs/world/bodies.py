@@ -14,7 +14,7 @@ from roadscope.envs.world import materials
 from roadscope.envs.world.prisms import Prisms, ellipse, rounded
 
 # --------------------------------------------------------------------------------------------------
-# Slabs and colours that bodies of road users are made of.
+# Slabs and colours of the bodies of road users.
 
 Parts = Mapping[str, Any]
 """Options of a slab."""
@@ -23,48 +23,62 @@ GLASS = 0.08
 RUBBER = 0.05
 DARK_METAL = 0.2
 SKIN = 0.55
-WINDOW: Parts = MappingProxyType({"reflectivity": GLASS, "look": materials.GLASS})
+"""Reflectivities at 905 nm; chosen by hand."""
+WINDOW: Parts = MappingProxyType({"reflectivity": GLASS, "material": materials.GLASS})
 PAINTS = np.array([0.1, 0.15, 0.25, 0.35, 0.45, 0.6, 0.8])
-"""Black, dark blue, dark grey, red, silver, light grey, white."""
+"""Reflectivities at 905 nm of black, dark blue, dark grey, red, silver, light grey and white paint;
+chosen by hand."""
+
+
+class Section(NamedTuple):
+    """Extents of a slab: shares of the length from the rear end, of the height from below."""
+
+    rear: float
+    front: float
+    bottom: float
+    top: float
 
 
 def slab(
     size: Size,
-    x: tuple[float, float],
-    z: tuple[float, float],
+    section: Section,
     *,
     breadth: float = 1.0,
     radius: float = 0.3,
     reflectivity: float,
-    look: int = materials.GREY,
+    material: int = materials.GREY,
 ) -> Prisms:
-    """Make a rounded slab; x from the rear end, z and breadth are fractions of the size."""
+    """Return a slab with rounded corners, part of a body of that size.
+
+    breadth: share of the body's width. radius: of the corners, metres.
+    """
     length, width, height = size
+    rear, front, bottom, top = section
     outline = rounded(
-        (x[1] - x[0]) * length, breadth * width, radius, ((x[0] + x[1]) / 2 - 0.5) * length
+        (front - rear) * length, breadth * width, radius, ((rear + front) / 2 - 0.5) * length
     )
     return Prisms.of(
-        outline, z[0] * height, z[1] * height, reflectivity=reflectivity, material=look
+        outline, bottom * height, top * height, reflectivity=reflectivity, material=material
     )
 
 
 def painted(paint: float, rng: np.random.Generator, family: str = "paint") -> Parts:
-    """One of the colours that are as bright as the reflectivity."""
+    """Return the options of a slab in a random colour with that reflectivity."""
     row = int(np.searchsorted(PAINTS, paint)) * materials.HUES + int(rng.integers(materials.HUES))
-    return {"reflectivity": paint, "look": materials.first_of(family) + row}
+    return {"reflectivity": paint, "material": materials.first_of(family) + row}
 
 
-def any_of(family: str, rng: np.random.Generator) -> int:
-    """One of the materials of a family."""
+def random_material(family: str, rng: np.random.Generator) -> int:
+    """Return a random material of a family."""
     return materials.first_of(family) + int(rng.integers(materials.size_of(family)))
 
 
 # --------------------------------------------------------------------------------------------------
-# Bodies of the shapes of `traffic.unseen`, as stacks of upright prisms.
+# Bodies of the sizes in `traffic.mix.UNSEEN`.
 
-STEEL: Parts = MappingProxyType({"reflectivity": DARK_METAL, "look": materials.STEEL})
+STEEL: Parts = MappingProxyType({"reflectivity": DARK_METAL, "material": materials.STEEL})
 TYRES: Parts = MappingProxyType(
-    {"radius": 0.1, "reflectivity": RUBBER, "look": materials.RUBBER, "breadth": 0.96}
+    {"radius": 0.1, "reflectivity": RUBBER, "material": materials.RUBBER, "breadth": 0.96}
 )
 
 
@@ -76,9 +90,9 @@ def _tall_box(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Build a small car as high as it is wide, upright all round."""
     colour = _colour(rng)
     return [
-        slab(size, (0, 1), (0.10, 0.52), radius=0.2, **colour),
-        slab(size, (0.02, 0.88), (0.52, 0.88), breadth=0.95, radius=0.2, **WINDOW),
-        slab(size, (0.02, 0.84), (0.88, 1), breadth=0.92, radius=0.2, **colour),
+        slab(size, Section(0, 1, 0.10, 0.52), radius=0.2, **colour),
+        slab(size, Section(0.02, 0.88, 0.52, 0.88), breadth=0.95, radius=0.2, **WINDOW),
+        slab(size, Section(0.02, 0.84, 0.88, 1), breadth=0.92, radius=0.2, **colour),
     ]
 
 
@@ -86,22 +100,22 @@ def _pickup(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Build a car with an open bed behind the cab."""
     colour = _colour(rng)
     return [
-        slab(size, (0, 1), (0.14, 0.52), radius=0.25, **colour),
-        slab(size, (0, 0.40), (0.52, 0.62), breadth=0.98, radius=0.1, **colour),
-        slab(size, (0.40, 0.74), (0.52, 0.90), breadth=0.92, radius=0.2, **WINDOW),
-        slab(size, (0.43, 0.68), (0.90, 1), breadth=0.80, radius=0.2, **colour),
+        slab(size, Section(0, 1, 0.14, 0.52), radius=0.25, **colour),
+        slab(size, Section(0, 0.40, 0.52, 0.62), breadth=0.98, radius=0.1, **colour),
+        slab(size, Section(0.40, 0.74, 0.52, 0.90), breadth=0.92, radius=0.2, **WINDOW),
+        slab(size, Section(0.43, 0.68, 0.90, 1), breadth=0.80, radius=0.2, **colour),
     ]
 
 
 def _dropside(size: Size, rng: np.random.Generator) -> list[Prisms]:
-    """Put a van's cab before a low open bed."""
+    """Build a van's cab with a low open bed behind it."""
     colour = _colour(rng)
     return [
-        slab(size, (0.60, 1), (0.10, 0.55), radius=0.2, **colour),
-        slab(size, (0.60, 0.93), (0.55, 0.85), breadth=0.95, radius=0.2, **WINDOW),
-        slab(size, (0.60, 0.88), (0.85, 1), breadth=0.95, radius=0.2, **colour),
-        slab(size, (0, 0.58), (0.30, 0.50), radius=0.05, **colour),
-        slab(size, (0.08, 0.24), (0, 0.30), **TYRES),
+        slab(size, Section(0.60, 1, 0.10, 0.55), radius=0.2, **colour),
+        slab(size, Section(0.60, 0.93, 0.55, 0.85), breadth=0.95, radius=0.2, **WINDOW),
+        slab(size, Section(0.60, 0.88, 0.85, 1), breadth=0.95, radius=0.2, **colour),
+        slab(size, Section(0, 0.58, 0.30, 0.50), radius=0.05, **colour),
+        slab(size, Section(0.08, 0.24, 0, 0.30), **TYRES),
     ]
 
 
@@ -109,23 +123,23 @@ def _camper(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Build a cabin that reaches out over the cab, with a small window in either side."""
     white = painted(float(PAINTS[-1]), rng)
     return [
-        slab(size, (0, 1), (0.10, 0.40), radius=0.2, **white),
-        slab(size, (0.70, 0.90), (0.40, 0.62), breadth=0.9, radius=0.15, **WINDOW),
-        slab(size, (0, 0.70), (0.40, 0.62), radius=0.1, **white),
-        slab(size, (0, 0.94), (0.62, 0.74), radius=0.1, **white),
-        slab(size, (0.20, 0.60), (0.74, 0.84), breadth=0.99, radius=0.1, **WINDOW),
-        slab(size, (0, 0.90), (0.84, 1), breadth=0.97, radius=0.1, **white),
+        slab(size, Section(0, 1, 0.10, 0.40), radius=0.2, **white),
+        slab(size, Section(0.70, 0.90, 0.40, 0.62), breadth=0.9, radius=0.15, **WINDOW),
+        slab(size, Section(0, 0.70, 0.40, 0.62), radius=0.1, **white),
+        slab(size, Section(0, 0.94, 0.62, 0.74), radius=0.1, **white),
+        slab(size, Section(0.20, 0.60, 0.74, 0.84), breadth=0.99, radius=0.1, **WINDOW),
+        slab(size, Section(0, 0.90, 0.84, 1), breadth=0.97, radius=0.1, **white),
     ]
 
 
 def _cab(size: Size, colour: Parts) -> tuple[list[Prisms], float]:
-    """Cab of a lorry, all of 2 m long, and where it begins."""
+    """Return the cab of a lorry, 2 m long, and the share of the length at which it begins."""
     begin = 1 - 2.0 / size[0]
     top = min(1.0, 3.0 / size[2])
     return [
-        slab(size, (begin, 1), (0.10, 0.5 * top), radius=0.2, **colour),
-        slab(size, (begin, 0.995), (0.5 * top, 0.8 * top), breadth=0.97, radius=0.2, **WINDOW),
-        slab(size, (begin, 0.99), (0.8 * top, top), breadth=0.97, radius=0.2, **colour),
+        slab(size, Section(begin, 1, 0.10, 0.5 * top), radius=0.2, **colour),
+        slab(size, Section(begin, 0.995, 0.5 * top, 0.8 * top), breadth=0.97, radius=0.2, **WINDOW),
+        slab(size, Section(begin, 0.99, 0.8 * top, top), breadth=0.97, radius=0.2, **colour),
     ], begin
 
 
@@ -133,29 +147,32 @@ def _lorry_wheels(size: Size, begin: float) -> list[Prisms]:
     high = 0.95 / size[2]
     rear = 2.4 / size[0] if size[0] > 9 else 1.0 / size[0]
     return [
-        slab(size, (0.8 / size[0], 0.8 / size[0] + rear), (0, high), **TYRES),
-        slab(size, (begin + 0.4 / size[0], begin + 1.3 / size[0]), (0, high), **TYRES),
+        slab(size, Section(0.8 / size[0], 0.8 / size[0] + rear, 0, high), **TYRES),
+        slab(size, Section(begin + 0.4 / size[0], begin + 1.3 / size[0], 0, high), **TYRES),
     ]
 
 
 def _flatbed(size: Size, rng: np.random.Generator) -> list[Prisms]:
-    """Put an empty platform behind the cab, with a wall before it."""
+    """Build a cab with an empty platform behind it, and a wall between them."""
     cab, begin = _cab(size, _colour(rng))
     high = 1.1 / size[2]
     wall = (begin - 0.3 / size[0], begin - 0.15 / size[0])
     return [
         *cab,
         *_lorry_wheels(size, begin),
-        slab(size, (0, begin - 0.15 / size[0]), (high, high + 0.08), radius=0.05, **STEEL),
-        slab(size, wall, (high + 0.08, 0.97), breadth=0.95, radius=0.02, **STEEL),
-        slab(size, (0.02, begin), (0.6 * high, high), breadth=0.4, radius=0.05, **STEEL),
+        slab(size, Section(0, begin - 0.15 / size[0], high, high + 0.08), radius=0.05, **STEEL),
+        slab(size, Section(*wall, high + 0.08, 0.97), breadth=0.95, radius=0.02, **STEEL),
+        slab(size, Section(0.02, begin, 0.6 * high, high), breadth=0.4, radius=0.05, **STEEL),
     ]
 
 
 def _tanker(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Lay a cylinder, in five steps, behind the cab."""
     cab, begin = _cab(size, _colour(rng))
-    tank: Parts = {"reflectivity": float(rng.uniform(0.4, 0.8)), "look": any_of("box", rng)}
+    tank: Parts = {
+        "reflectivity": float(rng.uniform(0.4, 0.8)),
+        "material": random_material("box", rng),
+    }
     end, low = begin - (0.9 if size[0] >= 10 else 0.25) / size[0], 1.0 / size[2]
     steps = np.linspace(low, 1.0, 6)
     middles = (steps[1:] + steps[:-1] - low - 1) / (1 - low)
@@ -165,10 +182,10 @@ def _tanker(size: Size, rng: np.random.Generator) -> list[Prisms]:
         *cab,
         *_lorry_wheels(size, begin),
         *(
-            slab(size, (0, end), (float(a), float(b)), breadth=float(c), radius=0.3, **tank)
+            slab(size, Section(0, end, float(a), float(b)), breadth=float(c), radius=0.3, **tank)
             for a, b, c in zip(steps[:-1], steps[1:], breadths, strict=True)
         ),
-        slab(size, (0.02, begin), (0.7 * low, low), breadth=0.4, radius=0.05, **STEEL),
+        slab(size, Section(0.02, begin, 0.7 * low, low), breadth=0.4, radius=0.05, **STEEL),
     ]
 
 
@@ -176,11 +193,11 @@ def _double_decker(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Set two bands of windows, one above the other."""
     colour = painted(float(rng.choice(PAINTS)), rng, "coach")
     return [
-        slab(size, (0, 1), (0.06, 0.24), radius=0.25, **colour),
-        slab(size, (0.003, 0.995), (0.24, 0.44), breadth=0.98, radius=0.25, **WINDOW),
-        slab(size, (0, 1), (0.44, 0.58), breadth=0.99, radius=0.25, **colour),
-        slab(size, (0.003, 0.995), (0.58, 0.85), breadth=0.98, radius=0.25, **WINDOW),
-        slab(size, (0.01, 0.99), (0.85, 1), breadth=0.96, radius=0.25, **colour),
+        slab(size, Section(0, 1, 0.06, 0.24), radius=0.25, **colour),
+        slab(size, Section(0.003, 0.995, 0.24, 0.44), breadth=0.98, radius=0.25, **WINDOW),
+        slab(size, Section(0, 1, 0.44, 0.58), breadth=0.99, radius=0.25, **colour),
+        slab(size, Section(0.003, 0.995, 0.58, 0.85), breadth=0.98, radius=0.25, **WINDOW),
+        slab(size, Section(0.01, 0.99, 0.85, 1), breadth=0.96, radius=0.25, **colour),
     ]
 
 
@@ -199,25 +216,26 @@ _SHAPES: Mapping[str, Callable[[Size, np.random.Generator], list[Prisms]]] = {
 BY_SIZE: Mapping[Size, Callable[[Size, np.random.Generator], list[Prisms]]] = MappingProxyType(
     {size: _SHAPES[name] for models in UNSEEN.values() for name, size in models.items()}
 )
-"""A body of exactly one of these sizes has a shape of its own."""
+"""Builders of the unseen bodies, by their exact size."""
 
 # --------------------------------------------------------------------------------------------------
-# The shapes of road users, as stacks of upright prisms.
+# Bodies of the usual road users.
 
 WHEEL = ((0.0, 0.15, 0.71), (0.15, 0.85, 1.0), (0.85, 1.0, 0.71))
-"""Heights and breadth of the slabs of a wheel, shares of its diameter."""
+"""Bottom, top and length of the slabs of a wheel, shares of its diameter."""
 
 
 def body_prisms(category: Category, size: np.ndarray, rng: np.random.Generator) -> Prisms:
     """Return the body of a road user, owner 0, box centre on the ground, x ahead.
 
-    size: (3,) metres, length width height; the body touches its front, rear, sides and top. Those
-        of `traffic.unseen` have shapes of their own.
-    rng: chooses paint, clothes and variants.
+    size: (3,) metres, length width height; the body touches its front, rear, sides and top. The
+        sizes of `traffic.mix.UNSEEN` have special shapes.
+    rng: draws paint, clothes and variants.
     """
     length, width, height = (float(v) for v in size)
-    build = BY_SIZE.get((length, width, height), _BUILDERS[category])
-    return Prisms.join(build((length, width, height), rng))
+    exact = Size(length, width, height)
+    build = BY_SIZE.get(exact, _BUILDERS[category])
+    return Prisms.join(build(exact, rng))
 
 
 def _car(size: Size, rng: np.random.Generator) -> list[Prisms]:
@@ -226,11 +244,11 @@ def _car(size: Size, rng: np.random.Generator) -> list[Prisms]:
     rear = (0.02, 0.05, 0.09) if rng.random() < 0.5 else (0.10, 0.17, 0.23)
     colour = painted(paint, rng)
     return [
-        slab(size, (0, 1), (0.12, 0.50), radius=0.35, **colour),
-        slab(size, (0.01, 0.96), (0.50, 0.62), breadth=0.98, **colour),
-        slab(size, (rear[0], 0.70), (0.62, 0.80), breadth=0.90, **WINDOW),
-        slab(size, (rear[1], 0.62), (0.80, 0.94), breadth=0.82, **WINDOW),
-        slab(size, (rear[2], 0.56), (0.94, 1), breadth=0.76, **colour),
+        slab(size, Section(0, 1, 0.12, 0.50), radius=0.35, **colour),
+        slab(size, Section(0.01, 0.96, 0.50, 0.62), breadth=0.98, **colour),
+        slab(size, Section(rear[0], 0.70, 0.62, 0.80), breadth=0.90, **WINDOW),
+        slab(size, Section(rear[1], 0.62, 0.80, 0.94), breadth=0.82, **WINDOW),
+        slab(size, Section(rear[2], 0.56, 0.94, 1), breadth=0.76, **colour),
     ]
 
 
@@ -238,10 +256,10 @@ def _van(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Box van: short bonnet, one step of windscreen, box."""
     colour = painted(float(rng.choice(PAINTS)), rng)
     return [
-        slab(size, (0, 1), (0.1, 0.42), radius=0.25, **colour),
-        slab(size, (0, 0.93), (0.42, 0.55), radius=0.2, **colour),
-        slab(size, (0.76, 0.86), (0.55, 0.80), breadth=0.9, radius=0.15, **WINDOW),
-        slab(size, (0, 0.76), (0.55, 1), breadth=0.97, radius=0.15, **colour),
+        slab(size, Section(0, 1, 0.1, 0.42), radius=0.25, **colour),
+        slab(size, Section(0, 0.93, 0.42, 0.55), radius=0.2, **colour),
+        slab(size, Section(0.76, 0.86, 0.55, 0.80), breadth=0.9, radius=0.15, **WINDOW),
+        slab(size, Section(0, 0.76, 0.55, 1), breadth=0.97, radius=0.15, **colour),
     ]
 
 
@@ -254,16 +272,16 @@ def _truck(size: Size, rng: np.random.Generator) -> list[Prisms]:
     back = cab - (0.9 if long else 0.25) / length
     wheels = (0.05, 0.30) if long else (0.10, 0.32)
     colour = painted(paint, rng)
-    cover: Parts = {"reflectivity": box, "look": any_of("box", rng)}
-    rubber: Parts = {"radius": 0.1, "reflectivity": RUBBER, "look": materials.RUBBER}
-    steel: Parts = {"reflectivity": DARK_METAL, "look": materials.STEEL}
+    cover: Parts = {"reflectivity": box, "material": random_material("box", rng)}
+    rubber: Parts = {"radius": 0.1, "reflectivity": RUBBER, "material": materials.RUBBER}
+    steel: Parts = {"reflectivity": DARK_METAL, "material": materials.STEEL}
     return [
-        slab(size, (cab, 1), (0.09, 0.46), radius=0.2, **colour),
-        slab(size, (cab, 0.995), (0.46, 0.92), breadth=0.98, radius=0.2, **colour),
-        slab(size, (0, back), (0.32, 1), radius=0.05, **cover),
-        slab(size, (0, cab), (0.22, 0.32), breadth=0.4, radius=0.05, **steel),
-        slab(size, wheels, (0, 0.26), breadth=0.98, **rubber),
-        slab(size, (back - 0.4 / length, 0.6 * cab + 0.4), (0, 0.25), breadth=0.96, **rubber),
+        slab(size, Section(cab, 1, 0.09, 0.46), radius=0.2, **colour),
+        slab(size, Section(cab, 0.995, 0.46, 0.92), breadth=0.98, radius=0.2, **colour),
+        slab(size, Section(0, back, 0.32, 1), radius=0.05, **cover),
+        slab(size, Section(0, cab, 0.22, 0.32), breadth=0.4, radius=0.05, **steel),
+        slab(size, Section(*wheels, 0, 0.26), breadth=0.98, **rubber),
+        slab(size, Section(back - 0.4 / length, 0.6 * cab + 0.4, 0, 0.25), breadth=0.96, **rubber),
     ]
 
 
@@ -271,27 +289,27 @@ def _bus(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """City bus: skirt, band of windows, roof."""
     colour = painted(float(rng.choice(PAINTS)), rng, "coach")
     return [
-        slab(size, (0, 1), (0.09, 0.42), radius=0.25, **colour),
-        slab(size, (0.003, 0.995), (0.42, 0.82), breadth=0.98, radius=0.25, **WINDOW),
-        slab(size, (0.01, 0.985), (0.82, 1), breadth=0.96, radius=0.25, **colour),
+        slab(size, Section(0, 1, 0.09, 0.42), radius=0.25, **colour),
+        slab(size, Section(0.003, 0.995, 0.42, 0.82), breadth=0.98, radius=0.25, **WINDOW),
+        slab(size, Section(0.01, 0.985, 0.82, 1), breadth=0.96, radius=0.25, **colour),
     ]
 
 
 def _motorcycle(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Motorcycle with rider: engine, tail, tank and fairing between broad wheels."""
     rider = _Rider.drawn(rng)
-    steel: Parts = {"reflectivity": rider.machine, "look": materials.STEEL}
+    steel: Parts = {"reflectivity": rider.machine, "material": materials.STEEL}
     colour = painted(float(rng.choice(PAINTS)), rng)
     return [
         *_wheels(size, diameter_m=0.62, breadth=0.22),
-        slab(size, (0.22, 0.78), (0.13, 0.40), breadth=0.5, **steel),
-        slab(size, (0.06, 0.46), (0.44, 0.55), breadth=0.45, **colour),
-        slab(size, (0.44, 0.72), (0.40, 0.58), breadth=0.5, **colour),
-        slab(size, (0.74, 0.92), (0.41, 0.68), breadth=0.5, **colour),
-        slab(size, (0.70, 0.76), (0.62, 0.68), radius=0.05, **steel),
-        slab(size, (0.38, 0.64), (0.20, 0.55), breadth=0.8, **rider.legs),
-        slab(size, (0.28, 0.56), (0.55, 0.82), breadth=0.65, **rider.trunk),
-        slab(size, (0.56, 0.72), (0.66, 0.74), breadth=0.85, **rider.trunk),
+        slab(size, Section(0.22, 0.78, 0.13, 0.40), breadth=0.5, **steel),
+        slab(size, Section(0.06, 0.46, 0.44, 0.55), breadth=0.45, **colour),
+        slab(size, Section(0.44, 0.72, 0.40, 0.58), breadth=0.5, **colour),
+        slab(size, Section(0.74, 0.92, 0.41, 0.68), breadth=0.5, **colour),
+        slab(size, Section(0.70, 0.76, 0.62, 0.68), radius=0.05, **steel),
+        slab(size, Section(0.38, 0.64, 0.20, 0.55), breadth=0.8, **rider.legs),
+        slab(size, Section(0.28, 0.56, 0.55, 0.82), breadth=0.65, **rider.trunk),
+        slab(size, Section(0.56, 0.72, 0.66, 0.74), breadth=0.85, **rider.trunk),
         rider.head(size, 0.5),
     ]
 
@@ -299,21 +317,21 @@ def _motorcycle(size: Size, rng: np.random.Generator) -> list[Prisms]:
 def _cyclist(size: Size, rng: np.random.Generator) -> list[Prisms]:
     """Bicycle with rider: a thin frame between tall, narrow wheels, the rider bent over it."""
     rider = _Rider.drawn(rng)
-    steel: Parts = {"radius": 0.02, "reflectivity": rider.machine, "look": materials.STEEL}
+    steel: Parts = {"radius": 0.02, "reflectivity": rider.machine, "material": materials.STEEL}
     return [
         *_wheels(size, diameter_m=0.70, breadth=0.12),
-        slab(size, (0.20, 0.76), (0.30, 0.35), breadth=0.1, **steel),
-        slab(size, (0.70, 0.76), (0.35, 0.58), breadth=0.1, **steel),
-        slab(size, (0.66, 0.74), (0.56, 0.60), **steel),
-        slab(size, (0.38, 0.56), (0.08, 0.52), breadth=0.55, **rider.legs),
-        slab(size, (0.32, 0.56), (0.52, 0.66), breadth=0.65, **rider.trunk),
-        slab(size, (0.40, 0.66), (0.66, 0.82), breadth=0.75, **rider.trunk),
+        slab(size, Section(0.20, 0.76, 0.30, 0.35), breadth=0.1, **steel),
+        slab(size, Section(0.70, 0.76, 0.35, 0.58), breadth=0.1, **steel),
+        slab(size, Section(0.66, 0.74, 0.56, 0.60), **steel),
+        slab(size, Section(0.38, 0.56, 0.08, 0.52), breadth=0.55, **rider.legs),
+        slab(size, Section(0.32, 0.56, 0.52, 0.66), breadth=0.65, **rider.trunk),
+        slab(size, Section(0.40, 0.66, 0.66, 0.82), breadth=0.75, **rider.trunk),
         rider.head(size, 0.58),
     ]
 
 
 class _Rider(NamedTuple):
-    """What somebody on two wheels wears; how bright the machine is."""
+    """Slab options of a rider, and the reflectivity of the motorcycle or bicycle."""
 
     legs: Parts
     trunk: Parts
@@ -323,34 +341,35 @@ class _Rider(NamedTuple):
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> _Rider:
         cloth, machine = float(rng.uniform(0.25, 0.7)), float(rng.uniform(0.1, 0.4))
-        trousers, shirt, skin = (any_of(family, rng) for family in ("cloth", "cloth", "skin"))
+        trousers, shirt, skin = (
+            random_material(family, rng) for family in ("cloth", "cloth", "skin")
+        )
         return cls(
-            {"reflectivity": cloth, "look": trousers},
-            {"reflectivity": cloth, "look": shirt},
-            {"reflectivity": SKIN, "look": skin},
+            {"reflectivity": cloth, "material": trousers},
+            {"reflectivity": cloth, "material": shirt},
+            {"reflectivity": SKIN, "material": skin},
             machine,
         )
 
     def head(self, size: Size, middle: float) -> Prisms:
-        """Place the head on top, x a share of the length."""
+        """Return the head, on top, with its middle at a share of the length."""
         length, width, _ = size
         side = min(0.26, 0.6 * width, 0.6 * length)
         half = side / length / 2
         return slab(
-            size, (middle - half, middle + half), (0.82, 1), breadth=side / width, **self.skin
+            size, Section(middle - half, middle + half, 0.82, 1), breadth=side / width, **self.skin
         )
 
 
 def _wheels(size: Size, *, diameter_m: float, breadth: float) -> list[Prisms]:
-    """Two wheels, each of three slabs, the rear one at the rear end, the front one ahead."""
+    """Return two wheels of three slabs each, at the rear and at the front end."""
     length, _, height = size
     across, tall = min(diameter_m / length, 0.45), min(diameter_m / height, 0.45)
-    rubber: Parts = {"radius": 0.02, "reflectivity": RUBBER, "look": materials.RUBBER}
+    rubber: Parts = {"radius": 0.02, "reflectivity": RUBBER, "material": materials.RUBBER}
     return [
         slab(
             size,
-            (hub - share * across / 2, hub + share * across / 2),
-            (low * tall, high * tall),
+            Section(hub - share * across / 2, hub + share * across / 2, low * tall, high * tall),
             breadth=breadth,
             **rubber,
         )
@@ -365,7 +384,7 @@ def _pedestrian(size: Size, rng: np.random.Generator) -> list[Prisms]:
     trousers, shirt = (float(v) for v in rng.uniform(0.25, 0.7, 2))
     head = min(0.24, 0.7 * length, 0.7 * width)
     hip, neck = 0.47 * height, 0.85 * height
-    legs, trunk, skin = (any_of(family, rng) for family in ("cloth", "cloth", "skin"))
+    legs, trunk, skin = (random_material(family, rng) for family in ("cloth", "cloth", "skin"))
     return [
         Prisms.of(ellipse(length, 0.6 * width), 0, hip, reflectivity=trousers, material=legs),
         Prisms.of(ellipse(0.7 * length, width), hip, neck, reflectivity=shirt, material=trunk),

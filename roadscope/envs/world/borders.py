@@ -1,4 +1,4 @@
-"""Where a road ends: its outer borders, and how far a thing stays off its lanes."""
+"""Outer borders of a road, and distances of things from its lanes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SITE_M = 4.0
 SAMPLE_M = 1.0
 """Spacing of centre line samples; a distance of 2 m is overestimated by at most 6 cm."""
 SLACK_M = 0.3
-"""A border is inner when another lane's centre lies this much more than half a lane away."""
+"""A border is inner if another lane's centre is nearer than half its width plus this."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,11 +65,11 @@ class Sites(Record):
         return result
 
     def select(self, index: np.ndarray) -> Sites:
-        """Keep the rows that a mask or an index array names."""
+        """Return the rows of a mask or of an index array."""
         return Sites(*(getattr(self, name)[index] for name in Sites.__slots__))
 
 
-class LaneIndex:
+class LaneDistances:
     """Distances to the nearest lanes of a road."""
 
     def __init__(self, road: RoadMap) -> None:
@@ -87,22 +87,22 @@ class LaneIndex:
         self._tree: Any = cKDTree(self.points)
 
     def outer(self, sites: Sites) -> np.ndarray:
-        """(S,) bool, whether no other lane's centre lies within half a lane of the middle."""
+        """Return (S,) whether no other lane's centre lies within half a lane of the middle."""
         if len(sites) == 0:
             return np.zeros(0, bool)
         reach = self.widest_m + SLACK_M
         distances, rows = self._tree.query(sites.middles, k=12, distance_upper_bound=reach)
-        found = np.isfinite(distances)
-        rows = np.where(found, rows, 0)
+        in_reach = np.isfinite(distances)
+        rows = np.where(in_reach, rows, 0)
         other = self.lanes[rows] != (sites.lanes // 2)[:, None]
-        near = found & (distances <= self.half_widths[rows] + SLACK_M)
-        # A lane closing on itself has its own far end as neighbour: nearer than the border.
-        crossed = found & (distances < self.half_widths[rows] - SLACK_M)
+        near = in_reach & (distances <= self.half_widths[rows] + SLACK_M)
+        # A lane that closes on itself may have its own far end nearer than the border.
+        crossed = in_reach & (distances < self.half_widths[rows] - SLACK_M)
         result: np.ndarray = ~((near & other) | crossed).any(axis=1)
         return result
 
     def within(self, sites: Sites, depth_m: float) -> np.ndarray:
-        """(S,) bool, whether the middle lies at least that deep inside some other lane."""
+        """Return (S,) whether the middle lies at least that deep inside some other lane."""
         near = self._tree.query_ball_point(sites.middles, self.widest_m)
         counts = np.array([len(rows) for rows in near], np.int64)
         rows = np.concatenate([np.empty(0, np.int64), *(np.asarray(r, np.int64) for r in near)])
@@ -113,9 +113,9 @@ class LaneIndex:
         return np.bincount(sides[deep], minlength=len(sites)) > 0
 
     def clearances(self, outlines: np.ndarray, within_m: float) -> np.ndarray:
-        """(M,) metres from each (M, K, 2) convex outline to the edge of the nearest lane strip.
+        """Return (M,) distances of (M, K, 2) convex outlines from the nearest lane's edge, metres.
 
-        Negative where it stands on a lane; `within_m` where every lane is at least that far.
+        Negative where an outline is on a lane; `within_m` where every lane is farther than that.
         """
         centres = outlines.mean(axis=1)
         radii = np.linalg.norm(outlines - centres[:, None], axis=2).max(axis=1)
@@ -132,7 +132,10 @@ class LaneIndex:
 
 
 def distances_to(outlines: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(N,) metres from (N, 2) points to (N, K, 2) convex counter-clockwise outlines; 0 inside."""
+    """Return (N,) distances of points from convex outlines, metres; 0 inside.
+
+    outlines: (N, K, 2), counter-clockwise. points: (N, 2).
+    """
     sides = np.roll(outlines, -1, axis=1) - outlines
     arms = points[:, None] - outlines
     squares = np.maximum((sides**2).sum(axis=2), 1e-18)
@@ -143,7 +146,7 @@ def distances_to(outlines: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def border_sites(road: RoadMap) -> Sites:
-    """Cut both borders of all lanes into pieces of about four metres."""
+    """Return both borders of all lanes in pieces of about four metres."""
     parts = [
         _sites(points, widths, 2 * lane + side)
         for lane, (points, widths) in enumerate(road.lanes())
@@ -157,8 +160,8 @@ def border_sites(road: RoadMap) -> Sites:
     )
 
 
-def without_doubles(sites: Sites) -> np.ndarray:
-    """(S,) bool, false where a border of lower number runs through the same place."""
+def without_duplicates(sites: Sites) -> np.ndarray:
+    """Return (S,), false where a border of lower number runs through the same place."""
     from scipy.spatial import cKDTree
 
     keep = np.ones(len(sites), bool)
@@ -176,18 +179,22 @@ def without_doubles(sites: Sites) -> np.ndarray:
 def _along(
     points: np.ndarray, widths: np.ndarray, step_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sample a lane evenly: (K, 2) points, (K,) widths, (K, 2) unit normals to the left."""
-    ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    length = ways[-1]
+    """Return even samples of a lane: (K, 2) points, (K,) widths, (K, 2) left unit normals."""
+    arc_lengths = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    )
+    length = arc_lengths[-1]
     at = np.linspace(0.0, length, max(1, round(length / step_m)) + 1)
 
     def xy(s: np.ndarray) -> np.ndarray:
-        return np.stack([np.interp(s, ways, points[:, 0]), np.interp(s, ways, points[:, 1])], 1)
+        return np.stack(
+            [np.interp(s, arc_lengths, points[:, 0]), np.interp(s, arc_lengths, points[:, 1])], 1
+        )
 
     ahead = xy(np.minimum(at + 0.5, length)) - xy(np.maximum(at - 0.5, 0.0))
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
     normals = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
-    return xy(at), np.interp(at, ways, widths), normals
+    return xy(at), np.interp(at, arc_lengths, widths), normals
 
 
 def _sites(points: np.ndarray, widths: np.ndarray, lane: int) -> Sites:

@@ -2,7 +2,7 @@
 
 Length, width and height are the maker's (second generation, from 2013). Heights and set-backs of
 the slabs were estimated from side views against the 0.67 m wheels, so they are good to a few
-centimetres. Seen from above the body narrows ahead of the front axle and behind the rear axle.
+centimetres. From above, the body narrows ahead of the front axle and behind the rear axle.
 """
 
 from __future__ import annotations
@@ -23,11 +23,13 @@ AXLES_M = (-1.36, 1.49)
 NARROWING = (0.97, 0.95)
 """Width at the tail and at the nose as a share of the width between the axles."""
 SILVER, GLASS = 0.45, 0.08
+"""Reflectivities at 905 nm."""
 ARC_POINTS = 4
+"""Points on the arc of a rounded corner."""
 
 
-class Slab(NamedTuple):
-    """One storey: heights, metres from tail and from nose, share of the width, reflectivity."""
+class SaloonSlab(NamedTuple):
+    """One slab: heights, distances from tail and nose, share of the width, reflectivity."""
 
     bottom_m: float
     top_m: float
@@ -38,12 +40,12 @@ class Slab(NamedTuple):
 
 
 SLABS = (
-    Slab(0.16, 0.76, 0.0, 0.0, 1.0, SILVER),
-    Slab(0.76, 0.88, 0.0, 0.15, 1.0, SILVER),
-    Slab(0.88, 1.00, 0.03, 0.70, 0.97, SILVER),
-    Slab(1.00, 1.18, 0.45, 1.45, 0.88, GLASS),
-    Slab(1.18, 1.36, 0.95, 1.85, 0.80, GLASS),
-    Slab(1.36, 1.48, 1.45, 2.15, 0.72, SILVER),
+    SaloonSlab(0.16, 0.76, 0.0, 0.0, 1.0, SILVER),
+    SaloonSlab(0.76, 0.88, 0.0, 0.15, 1.0, SILVER),
+    SaloonSlab(0.88, 1.00, 0.03, 0.70, 0.97, SILVER),
+    SaloonSlab(1.00, 1.18, 0.45, 1.45, 0.88, GLASS),
+    SaloonSlab(1.18, 1.36, 0.95, 1.85, 0.80, GLASS),
+    SaloonSlab(1.36, 1.48, 1.45, 2.15, 0.72, SILVER),
 )
 """Bumpers and doors up to the edge of the bonnet; bonnet and boot up to the window line in two
 steps, the tail almost upright; glass in two steps; roof."""
@@ -69,7 +71,7 @@ def with_corners(radius_m: float) -> Prisms:
     return Prisms.join(halves)
 
 
-def _halves(slab: Slab, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
+def _halves(slab: SaloonSlab, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the outlines behind and ahead of the slab's middle: one alone has too many corners."""
     tail, nose = slab.from_tail_m - LENGTH_M / 2, LENGTH_M / 2 - slab.from_nose_m
     middle = (tail + nose) / 2

@@ -1,4 +1,4 @@
-"""What lies on the ground: road surface, lane markings, kerb and pavement, grass."""
+"""The surface of the ground: road, lane markings, kerb and pavement, grass."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from roadscope.core.record import Record
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.world.borders import (
     SITE_M,
-    LaneIndex,
+    LaneDistances,
     Sites,
     border_sites,
-    without_doubles,
+    without_duplicates,
 )
-from roadscope.envs.world.road_memo import once_a_road
+from roadscope.envs.world.road_memo import cached_per_road
 
 PIECE_M = 12.0
 """Lanes are cut into straight pieces at most this long."""
-TURN = 0.04
-"""And turning by at most this much, radians."""
+PIECE_TURN_RAD = 0.04
+"""Such a piece turns by at most this much."""
 INSIDE_M = 0.35
-"""A border this far inside another lane crosses it and bears no line."""
-CUT_M = 1.0
-"""Borders are looked at in pieces this long."""
-CUTS = round(SITE_M / CUT_M)
+"""A border this far inside another lane has no line there."""
+SPLIT_M = 1.0
+"""Borders are split into pieces of this length."""
+SPLITS = round(SITE_M / SPLIT_M)
 BESIDE_M = 0.8
-"""Pieces of borders whose middles are this close are one line."""
+"""Pieces of borders whose middles are this close are the same line."""
 SHORTEST_M = 4.0
 """Shorter stretches of a line are left out."""
 SHOULDERS_M: Mapping[str, float] = MappingProxyType(
@@ -54,7 +54,8 @@ class Surface(Record):
     """Strips of road and the lines on them, world frame.
 
     strips: (N, 5) float64, start x y, end x y, half width: straight pieces of lanes, metres.
-    lines: (M, 6) float64, start x y, end x y, way of the start along its border, 1 if dashed.
+    lines: (M, 6) float64, start x y, end x y, arc length of the start along its border,
+        1 if dashed.
     """
 
     strips: np.ndarray
@@ -64,9 +65,9 @@ class Surface(Record):
         settle_arrays(self, strips=(np.float64, ("N", 5)), lines=(np.float64, ("M", 6)))
 
 
-@once_a_road
+@cached_per_road
 def surface_of(road: RoadMap) -> Surface:
-    """Find the strips and lines of a road."""
+    """Return the strips and lines of a road."""
     strips = [np.empty((0, 5))]
     for points, widths in road.lanes():
         if len(points) > 1:
@@ -79,51 +80,51 @@ def _strips(points: np.ndarray, widths: np.ndarray) -> np.ndarray:
     lengths = np.linalg.norm(steps, axis=1)
     turned = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])), prepend=0.0))
     turned[0] = 0.0
-    # A point is kept wherever the way or the turn since the last one is used up.
-    used = np.cumsum(lengths / PIECE_M + turned / TURN)
-    kept = np.flatnonzero(np.diff(np.floor(used), prepend=-1.0, append=np.inf))
-    kept = np.unique(np.concatenate([[0], kept, [len(points) - 1]]))
-    half = (widths[kept[:-1]] + widths[kept[1:]]) / 4
-    return np.column_stack([points[kept[:-1]], points[kept[1:]], half])
+    # Select a point where the length or the turn since the last one reaches its limit.
+    used = np.cumsum(lengths / PIECE_M + turned / PIECE_TURN_RAD)
+    selected = np.flatnonzero(np.diff(np.floor(used), prepend=-1.0, append=np.inf))
+    selected = np.unique(np.concatenate([[0], selected, [len(points) - 1]]))
+    half = (widths[selected[:-1]] + widths[selected[1:]]) / 4
+    return np.column_stack([points[selected[:-1]], points[selected[1:]], half])
 
 
 def _lines(road: RoadMap) -> np.ndarray:
     sites = border_sites(road)
     if len(sites) == 0:
         return np.empty((0, 6))
-    lanes = LaneIndex(road)
-    outer = np.repeat(lanes.outer(sites), CUTS)
-    single = np.repeat(without_doubles(sites), CUTS)
-    pieces = _cut(sites)
-    kept = single & ~lanes.within(pieces, INSIDE_M)
-    kept = _long_enough(kept & ~_drawn_already(pieces, kept & ~outer), pieces)
-    ways = pieces.slots * CUT_M
-    lines = np.column_stack([pieces.starts, pieces.ends, ways, ~outer])
-    result: np.ndarray = lines[kept]
+    lanes = LaneDistances(road)
+    outer = np.repeat(lanes.outer(sites), SPLITS)
+    single = np.repeat(without_duplicates(sites), SPLITS)
+    pieces = _split(sites)
+    selected = single & ~lanes.within(pieces, INSIDE_M)
+    selected = _long_enough(selected & ~_drawn_already(pieces, selected & ~outer), pieces)
+    arc_lengths = pieces.slots * SPLIT_M
+    lines = np.column_stack([pieces.starts, pieces.ends, arc_lengths, ~outer])
+    result: np.ndarray = lines[selected]
     return result
 
 
-def _cut(sites: Sites) -> Sites:
+def _split(sites: Sites) -> Sites:
     """Cut every site into pieces of equal length."""
-    shares = (np.arange(CUTS + 1) / CUTS)[None, :, None]
+    shares = (np.arange(SPLITS + 1) / SPLITS)[None, :, None]
 
     def cuts(starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points = starts[:, None] + shares * (ends - starts)[:, None]
         return points[:, :-1].reshape(-1, 2), points[:, 1:].reshape(-1, 2)
 
-    slots = (CUTS * sites.slots[:, None] + np.arange(CUTS)).reshape(-1)
+    slots = (SPLITS * sites.slots[:, None] + np.arange(SPLITS)).reshape(-1)
     return Sites(
         *cuts(sites.starts, sites.ends),
         *cuts(sites.start_normals, sites.end_normals),
         slots,
-        np.repeat(sites.lanes, CUTS),
+        np.repeat(sites.lanes, SPLITS),
     )
 
 
 def _drawn_already(pieces: Sites, shared: np.ndarray) -> np.ndarray:
-    """(S,) bool, shared borders along which that of a lane of lower number runs too.
+    """Return (S,) whether a shared border coincides with that of a lane of lower number.
 
-    Two lanes in opposite directions would else fill each other's gaps between dashes.
+    Otherwise the dashes of two lanes in opposite directions would fill each other's gaps.
     """
     from scipy.spatial import cKDTree
 
@@ -137,10 +138,10 @@ def _drawn_already(pieces: Sites, shared: np.ndarray) -> np.ndarray:
     return taken
 
 
-def _long_enough(kept: np.ndarray, pieces: Sites) -> np.ndarray:
-    """Leave out stretches of kept pieces that are too short to be a line."""
-    begins = np.ones(len(kept), bool)
-    begins[1:] = (pieces.lanes[1:] != pieces.lanes[:-1]) | (kept[1:] != kept[:-1])
+def _long_enough(selected: np.ndarray, pieces: Sites) -> np.ndarray:
+    """Return the selected pieces without stretches that are too short for a line."""
+    begins = np.ones(len(selected), bool)
+    begins[1:] = (pieces.lanes[1:] != pieces.lanes[:-1]) | (selected[1:] != selected[:-1])
     stretches = np.cumsum(begins) - 1
-    result: np.ndarray = kept & (np.bincount(stretches)[stretches] * CUT_M >= SHORTEST_M)
+    result: np.ndarray = selected & (np.bincount(stretches)[stretches] * SPLIT_M >= SHORTEST_M)
     return result

@@ -1,7 +1,7 @@
-"""What surfaces look like: colours as shares of reflected light, and what is drawn on them.
+"""Materials of surfaces: colours as shares of reflected light, and patterns.
 
-Colours are linear RGB, not sRGB. They are set from how such things look in daylight; no detector's
-result has moved them.
+Colours are linear RGB, not sRGB. They are chosen by hand from how such things look in daylight, not
+from results of detectors.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 Colour = tuple[float, float, float]
+"""Linear red, green and blue; 1 is white."""
 
 
 class Pattern(IntEnum):
-    """What is drawn on a surface; the shading of cameras knows how."""
+    """Pattern of a surface; `imaging.patterns` draws it."""
 
     PLAIN = 0
     BODYWORK = 1
@@ -34,7 +35,7 @@ class Pattern(IntEnum):
 
 
 class Material(NamedTuple):
-    """A surface: its colour, its pattern, and the share of light that it mirrors head on."""
+    """A surface: colour, pattern, and the share of light that it mirrors at normal incidence."""
 
     name: str
     colour: Colour
@@ -61,7 +62,7 @@ PAINT_COLOURS: tuple[tuple[Colour, ...], ...] = (
 )
 """Car paints, a row for each reflectivity of `bodies.PAINTS`."""
 HUES = 3
-"""Paints a row."""
+"""Number of paints in a row."""
 
 _PAINT = _family("paint", [c for row in PAINT_COLOURS for c in row], Pattern.BODYWORK, 0.05)
 _COACH = _family("coach", [c for row in PAINT_COLOURS for c in row], Pattern.COACH, 0.05)
@@ -136,9 +137,10 @@ MATERIALS: tuple[Material, ...] = (
     *_LEAVES,
     *_SIGN,
 )
-"""All surfaces; prisms name one by its row."""
+"""All materials; a prism has the row of its material."""
 
 GREY, GLASS, RUBBER, STEEL, CONCRETE, BARK = range(6)
+"""Rows of the first materials."""
 ROWS = {material.name: row for row, material in enumerate(MATERIALS)}
 
 
@@ -153,7 +155,7 @@ def size_of(family: str) -> int:
 
 
 def graded(family: str, shares: np.ndarray | float) -> np.ndarray:
-    """Choose one of the family for each share in 0 to 1, dark to light as the family goes."""
+    """Return a row of the family for each share in 0 to 1, in the order of the family."""
     count = size_of(family)
     picked = np.minimum((np.asarray(shares) * count).astype(np.int64), count - 1)
     rows: np.ndarray = first_of(family) + np.maximum(picked, 0)

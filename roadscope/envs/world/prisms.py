@@ -1,4 +1,4 @@
-"""What rays can hit: upright prisms with convex footprints."""
+"""Upright prisms with convex footprints: all bodies and things consist of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from roadscope.core.checks import require, settle_arrays
 from roadscope.core.record import Record
 
 # --------------------------------------------------------------------------------------------------
-# Convex outlines seen from above.
+# Convex outlines from above.
 
 
 def rectangle(length_m: float, width_m: float, centre_x_m: float = 0.0) -> np.ndarray:
@@ -48,7 +48,7 @@ def ellipse(length_m: float, width_m: float, corners: int = 8) -> np.ndarray:
 
 
 def placed(template: np.ndarray, centres: np.ndarray, yaws: np.ndarray) -> np.ndarray:
-    """Turn and shift (K, 2) or (m, K, 2) outlines to (m, 2) centres and (m,) yaws: (m, K, 2)."""
+    """Return (m, K, 2) outlines, turned and shifted to (m, 2) centres and (m,) yaws."""
     cos, sin = np.cos(yaws), np.sin(yaws)
     turn = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], 1)
     result: np.ndarray = template @ turn + centres[:, None, :]
@@ -56,13 +56,13 @@ def placed(template: np.ndarray, centres: np.ndarray, yaws: np.ndarray) -> np.nd
 
 
 def padded(outlines: np.ndarray) -> np.ndarray:
-    """Repeat the last corner of (m, K, 2) outlines up to 12 corners."""
+    """Return (m, K, 2) outlines with the last corner repeated up to 12 corners."""
     missing = MAX_EDGES - outlines.shape[1]
     return np.concatenate([outlines, np.repeat(outlines[:, -1:], missing, axis=1)], axis=1)
 
 
 # --------------------------------------------------------------------------------------------------
-# What rays can hit: upright prisms with convex footprints.
+# Upright prisms.
 
 MAX_EDGES = 12
 """Most corners that a footprint may have."""
@@ -78,10 +78,10 @@ class Prisms(Record):
     corners: (M,) int32, how many of the 12 corners are distinct, at least 3.
     bottoms, tops: (M,) float64, metres above the ground, top above bottom.
     owners: (M,) int32, row of the owner among the actors, or -2 and below for scenery.
-    extinctions: (M,) float64, 1/m; 0 is solid, otherwise a ray that enters meets something
+    extinctions: (M,) float64, 1/m; 0 is solid, otherwise a ray that enters hits a leaf
         after an exponentially distributed path with this rate and may pass through (foliage).
     reflectivities: (M,) float32 in 0 to 1, at normal incidence, 905 nm.
-    materials: (M,) int16, rows of `materials.MATERIALS`: what cameras see.
+    materials: (M,) int16, rows of `materials.MATERIALS`, for cameras.
     headings: (M,) float64, radians, the direction ahead of the thing in the footprint's frame.
     """
 
@@ -143,7 +143,7 @@ class Prisms(Record):
         reflectivity: float = 0.5,
         material: int = 0,
     ) -> Prisms:
-        """Make one prism from a (K, 2) convex, counter-clockwise footprint, K up to 12."""
+        """Return one prism with a (K, 2) convex, counter-clockwise footprint, K up to 12."""
         corners = len(footprint)
         if not 3 <= corners <= MAX_EDGES:
             raise ValueError(f"a footprint has 3 to {MAX_EDGES} corners, got {corners}")
@@ -162,11 +162,11 @@ class Prisms(Record):
 
     @staticmethod
     def join(parts: Sequence[Prisms]) -> Prisms:
-        """Put prisms one after the other."""
+        """Return all prisms one after the other."""
         if not parts:
             return Prisms.empty()
         return Prisms(*(np.concatenate([getattr(p, n) for p in parts]) for n in Prisms.__slots__))
 
     def select(self, index: np.ndarray) -> Prisms:
-        """Keep the rows that a mask or an index array names."""
+        """Return the rows of a mask or of an index array."""
         return Prisms(*(getattr(self, name)[index] for name in Prisms.__slots__))

@@ -1,4 +1,4 @@
-"""What follows from a road alone is worked out once a process."""
+"""A cache of results that depend on a road alone, one for each process."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from typing import TypeVar
 from roadscope.envs.traffic.road_map import RoadMap
 
 T = TypeVar("T")
-ROADS = 16
-"""Results kept; the one not asked for the longest goes first."""
+CACHED_ROADS = 16
+"""Number of cached results; the least recently used one is dropped first."""
 
 
-def once_a_road(function: Callable[[RoadMap], T]) -> Callable[[RoadMap], T]:
-    """Remember the function's result for roads of the same content."""
+def cached_per_road(function: Callable[[RoadMap], T]) -> Callable[[RoadMap], T]:
+    """Return the function with a cache of its results for roads of the same content."""
 
-    @lru_cache(maxsize=ROADS)
-    def remembered(key: _Key) -> T:
+    @lru_cache(maxsize=CACHED_ROADS)
+    def cached(key: _Key) -> T:
         return function(key.road)
 
     @wraps(function)
     def call(road: RoadMap) -> T:
-        return remembered(_Key(road))
+        return cached(_Key(road))
 
     return call
 
 
 class _Key:
-    """A road that can be looked up by its content."""
+    """A road that is hashed and compared by its content."""
 
     def __init__(self, road: RoadMap) -> None:
         digest = sha256()

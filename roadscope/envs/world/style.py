@@ -1,4 +1,4 @@
-"""How much of what stands beside a road, by style."""
+"""Densities of things beside a road, by style."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from roadscope.core import RecordError
+from roadscope.core.bounds import Bounds
 from roadscope.core.names import unknown
+
+TREE_BAND_M, BUSH_BAND_M, BUILDING_SETBACK_M = (
+    Bounds(5.0, 12.0),
+    Bounds(1.5, 5.0),
+    Bounds(8.0, 14.0),
+)
+"""Usual distances from the border, see `Style`; chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +44,9 @@ class Style:
     ceiling: float = 0.0
     tunnel_lamps: float = 0.0
     niches: float = 0.0
-    tree_band_m: tuple[float, float] = (5.0, 12.0)
-    bush_band_m: tuple[float, float] = (1.5, 5.0)
-    building_setback_m: tuple[float, float] = (8.0, 14.0)
+    tree_band_m: Bounds = TREE_BAND_M
+    bush_band_m: Bounds = BUSH_BAND_M
+    building_setback_m: Bounds = BUILDING_SETBACK_M
 
 
 STYLES: Mapping[str, Style] = MappingProxyType(
@@ -50,8 +58,8 @@ STYLES: Mapping[str, Style] = MappingProxyType(
             signs=0.006,
             trees=0.03,
             bushes=0.02,
-            tree_band_m=(9.0, 25.0),
-            bush_band_m=(3.0, 8.0),
+            tree_band_m=Bounds(9.0, 25.0),
+            bush_band_m=Bounds(3.0, 8.0),
         ),
         "urban": Style(
             hedge=0.1,
@@ -61,8 +69,8 @@ STYLES: Mapping[str, Style] = MappingProxyType(
             bushes=0.01,
             parked_cars=0.25,
             buildings=0.75,
-            tree_band_m=(3.8, 5.0),
-            bush_band_m=(3.5, 6.0),
+            tree_band_m=Bounds(3.8, 5.0),
+            bush_band_m=Bounds(3.5, 6.0),
         ),
         "town": Style(
             hedge=0.1,
@@ -70,9 +78,9 @@ STYLES: Mapping[str, Style] = MappingProxyType(
             signs=0.015,
             trees=0.025,
             buildings=0.75,
-            tree_band_m=(4.2, 5.4),
-            bush_band_m=(3.9, 6.0),
-            building_setback_m=(7.0, 12.0),
+            tree_band_m=Bounds(4.2, 5.4),
+            bush_band_m=Bounds(3.9, 6.0),
+            building_setback_m=Bounds(7.0, 12.0),
         ),
         "campus": Style(
             hedge=0.08,
@@ -81,21 +89,21 @@ STYLES: Mapping[str, Style] = MappingProxyType(
             trees=0.04,
             bushes=0.08,
             buildings=0.25,
-            tree_band_m=(5.0, 14.0),
-            building_setback_m=(15.0, 25.0),
+            tree_band_m=Bounds(5.0, 14.0),
+            building_setback_m=Bounds(15.0, 25.0),
         ),
         "bare": Style(),
         "barriers": Style(noise_wall=1.0, signs=0.003),
         "tunnel": Style(tunnel_wall=1.0, ceiling=1.0, tunnel_lamps=0.95, niches=0.01),
     }
 )
-"""`town` leaves the pavements to people: nobody parks there. `barriers` and `tunnel` have next to
-nothing that tells one place along the road from another. Set once from how such roads look; no
-detector's result has moved them."""
+"""In `town` no cars park on the pavements, where people walk. `barriers` and `tunnel` have few
+features that distinguish places along the road. Chosen by hand from how such roads look, not from
+results of detectors."""
 
 
-def style_named(name: str) -> Style:
-    """Return the style; an unknown name is refused with what there is."""
+def find_style(name: str) -> Style:
+    """Return the style of that name; raise `RecordError` with the known names for any other."""
     if name not in STYLES:
         raise RecordError(unknown("roadside style", name, STYLES))
     return STYLES[name]

@@ -1,4 +1,4 @@
-"""Many things of one kind at once: each is one or more prisms with the same owner."""
+"""Many things of one kind at once; each has one or more prisms with the same owner."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.bounds import Bounds
 from roadscope.envs.world.borders import Sites
 from roadscope.envs.world.prisms import Prisms, padded, placed, rectangle
 
 Value = np.ndarray | float
 
 
-class Batch(NamedTuple):
-    """Prisms in the making: the columns of `Prisms`, unchecked; owners are thing numbers."""
+class ThingPrisms(NamedTuple):
+    """Columns of `Prisms` under construction, unchecked; owners are numbers of things."""
 
     footprints: np.ndarray
     corners: np.ndarray
@@ -26,15 +27,17 @@ class Batch(NamedTuple):
     materials: np.ndarray
     headings: np.ndarray
 
-    def select(self, index: np.ndarray) -> Batch:
-        """Keep the rows that a mask or an index array names."""
-        return Batch(*(column[index] for column in self))
+    def select(self, index: np.ndarray) -> ThingPrisms:
+        """Return the rows of a mask or of an index array."""
+        return ThingPrisms(*(column[index] for column in self))
 
 
-def join(parts: Sequence[Batch | Prisms]) -> Batch:
-    """Put batches one after the other."""
+def join(parts: Sequence[ThingPrisms | Prisms]) -> ThingPrisms:
+    """Return all prisms one after the other."""
     parts = parts or [Prisms.empty()]
-    return Batch(*(np.concatenate([getattr(p, n) for p in parts]) for n in Batch._fields))
+    return ThingPrisms(
+        *(np.concatenate([getattr(p, n) for p in parts]) for n in ThingPrisms._fields)
+    )
 
 
 def prisms_of(
@@ -46,8 +49,8 @@ def prisms_of(
     *,
     materials: Value = 0.0,
     headings: Value = 0.0,
-) -> Batch:
-    """Make one prism for each of m things: (m, K, 2) outlines, numbers or (m,) arrays."""
+) -> ThingPrisms:
+    """Return one prism for each of m things: (m, K, 2) outlines, numbers or (m,) arrays."""
     count = len(outlines)
 
     def full(value: Value) -> np.ndarray:
@@ -55,7 +58,7 @@ def prisms_of(
         column[:] = value
         return column
 
-    return Batch(
+    return ThingPrisms(
         padded(outlines),
         np.full(count, outlines.shape[1]),
         full(bottoms),
@@ -83,16 +86,17 @@ def with_owners(prisms: Prisms, owners: np.ndarray) -> Prisms:
     )
 
 
-def scattered(
-    sites: Sites, per_m: float, band_m: tuple[float, float], rng: np.random.Generator
+def scatter_beside(
+    sites: Sites, per_m: float, band_m: Bounds, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw things beside borders: (m, 2) centres and (m,) yaws of the border.
+    """Draw positions beside borders: (m, 2) centres and (m,) yaws of the border.
 
-    Each piece of border has one or none; a density beyond one a piece is cut to that.
+    per_m: mean number per metre of border; each piece of border has at most one.
+    band_m: least and greatest distance of the centres from the border.
     """
     lengths = np.linalg.norm(sites.ends - sites.starts, axis=1)
     along, across, chance = rng.random((3, len(sites)))
-    offsets = band_m[0] + across * (band_m[1] - band_m[0])
+    offsets = band_m.low + across * (band_m.high - band_m.low)
     centres = (
         sites.starts
         + along[:, None] * (sites.ends - sites.starts)
@@ -107,7 +111,7 @@ def ribbon(sites: Sites, offset_m: float, thickness_m: float) -> np.ndarray:
     starts = sites.starts + offset_m * sites.start_normals
     ends = sites.ends + offset_m * sites.end_normals
     out = thickness_m * sites.start_normals, thickness_m * sites.end_normals
-    # Outside to the right of the direction start to end or to the left: turn the same way round.
+    # The outside may lie to the right or to the left: make all outlines counter-clockwise.
     quads = np.stack([starts, starts + out[0], ends + out[1], ends], axis=1)
     ahead, side = sites.ends - sites.starts, sites.normals
     left = ahead[:, 0] * side[:, 1] - ahead[:, 1] * side[:, 0] > 0
@@ -122,7 +126,7 @@ def boxes(centres: np.ndarray, yaws: np.ndarray, length_m: Value, width_m: Value
 
 
 def stretches(sites: Sites, share: float, rng: np.random.Generator) -> np.ndarray:
-    """(S,) bool: pieces along which something runs; it goes on for eight pieces at a time."""
+    """Return (S,) whether a thing such as a rail runs along a piece; drawn for groups of eight."""
     groups, members = np.unique(
         np.stack([sites.lanes, sites.slots // 8], axis=1), axis=0, return_inverse=True
     )

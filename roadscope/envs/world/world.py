@@ -1,4 +1,4 @@
-"""All that can be seen: scenery beside the road and a body for every actor."""
+"""The world that sensors measure: scenery beside the road and a body for every actor."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from roadscope.envs.world.roadside import MOST_THINGS, OBSTACLE_KIND, Scenery
 from roadscope.envs.world.things import with_owners
 
 # --------------------------------------------------------------------------------------------------
-# Bodies of what stands on a road and is no road user.
+# Bodies of obstacles on the road.
 
-REFLECTIVITY = 0.35
+OBSTACLE_REFLECTIVITY = 0.35
 """Concrete at 905 nm."""
 
 
 def obstacle_prisms(obstacles: np.ndarray) -> Prisms:
-    """Return one upright box an obstacle, world frame, owned by scenery of `OBSTACLE_KIND`.
+    """Return one upright box for each obstacle, world frame, as scenery of `OBSTACLE_KIND`.
 
     obstacles: (O, 6) as `Timeline.obstacles`: centre x and y, yaw, length, width, height.
     """
@@ -34,14 +34,19 @@ def obstacle_prisms(obstacles: np.ndarray) -> Prisms:
         owner = -2 - (OBSTACLE_KIND * MOST_THINGS + number)
         boxes.append(
             Prisms.of(
-                outline, 0.0, height, owner=owner, reflectivity=REFLECTIVITY, material=CONCRETE
+                outline,
+                0.0,
+                height,
+                owner=owner,
+                reflectivity=OBSTACLE_REFLECTIVITY,
+                material=CONCRETE,
             )
         )
     return Prisms.join(boxes)
 
 
 # --------------------------------------------------------------------------------------------------
-# All that can be seen: scenery beside the road and a body for every actor.
+# Scenery and bodies of an episode.
 
 SALT = 0x426F6479
 """Keeps this stream of random numbers apart from others of the same seed."""
@@ -51,11 +56,11 @@ SALT = 0x426F6479
 class World(Record):
     """Scenery and bodies of one episode.
 
-    scenery: what stands beside the road, made where somebody comes near.
-    obstacles: what stands on the road and is no road user, world frame.
+    scenery: things beside the road, created where they are needed.
+    obstacles: obstacles on the road, world frame.
     moving: bodies of all actors, owner = row of the timeline, frame of the box centre.
-    ids, categories, sizes: (A,), (A,), (A, 3) as in the timeline, whose bodies they are.
-    seed: of everything drawn here.
+    ids, categories, sizes: (A,), (A,), (A, 3) of the actors, as in the timeline.
+    seed: of all random properties of scenery and bodies.
     """
 
     scenery: Scenery
@@ -73,14 +78,14 @@ class World(Record):
 
     def with_actors(self, timeline: Timeline) -> World:
         """Return the world with bodies for the actors that the timeline has now."""
-        given = {name: getattr(timeline, name) for name in ("ids", "categories", "sizes")}
-        if all(np.array_equal(getattr(self, name), value) for name, value in given.items()):
+        actors = {name: getattr(timeline, name) for name in ("ids", "categories", "sizes")}
+        if all(np.array_equal(getattr(self, name), value) for name, value in actors.items()):
             return self
-        return replace(self, moving=actor_bodies(timeline, self.seed), **given)
+        return replace(self, moving=actor_bodies(timeline, self.seed), **actors)
 
 
 def build_world(timeline: Timeline, seed: int, style: str | None = None) -> World:
-    """Make the world of a timeline; a style given here stands in for the timeline's."""
+    """Return the world of a timeline; `style` replaces the style of the timeline."""
     scenery = Scenery(timeline.road, timeline.style if style is None else style, seed)
     return World(
         scenery,
@@ -94,7 +99,7 @@ def build_world(timeline: Timeline, seed: int, style: str | None = None) -> Worl
 
 
 def actor_bodies(timeline: Timeline, seed: int) -> Prisms:
-    """Return a body for each actor; it depends on seed, id, category and size alone."""
+    """Return a body for each actor; it depends on seed, id, category and size only."""
     bodies = []
     for row, (actor, category, size) in enumerate(
         zip(timeline.ids, timeline.categories, timeline.sizes, strict=True)

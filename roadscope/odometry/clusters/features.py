@@ -1,4 +1,4 @@
-"""Features of clusters, and which clusters move (Zhang 2022, section 2.2, eq. 4 and 6)."""
+"""Features of clusters, and dynamic clusters (Zhang 2022, section 2.2, eq. 4 and 6)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from roadscope.core.jit import compiled
 from roadscope.odometry.clusters.segments import Segments
 from roadscope.odometry.loam.features import (
     SECTORS,
+    FeatureLimits,
     Features,
-    Limits,
-    Sweep,
+    RingOrderedScan,
     cluster_roughness,
     extract,
     sectors_of,
@@ -25,15 +25,15 @@ from roadscope.odometry.loam.features import (
 
 Reading = Literal["ring", "cluster"]
 WINDOW_M = 0.15
-"""Neighbours on the ring reach so far at least: close by, five of them lie within the noise."""
+"""Least extent of the neighbours on a ring: at close range, five of them lie within the noise."""
 LEAST, MOST = 5, 64
 """Neighbours to each side; the fewest are LOAM's."""
 NOISE_M = 0.03
-"""Range noise that a VLP-16's data sheet admits."""
+"""Range noise of a VLP-16 by its data sheet."""
 SMOOTH = 5e-3
 """Roughness between planes and edges, LOAM's."""
-BY_RING = Limits(edge_above=1.0, plane_below=1.0)
-BY_CLUSTER = Limits(edge_above=-np.inf, plane_below=np.inf)
+BY_RING = FeatureLimits(edge_above=1.0, plane_below=1.0)
+BY_CLUSTER = FeatureLimits(edge_above=-np.inf, plane_below=np.inf)
 
 
 def cluster_features(
@@ -59,11 +59,13 @@ def cluster_features(
     else:
         rough = ring_roughness(sweep, segments.whole) / limit_of(points)
         limits = BY_RING
-    found = extract(
+    features = extract(
         points, segments.ring, segments.column, groups, rough=rough, limits=limits, by_cluster=True
     )
     return replace(
-        found, edge_labels=found.edge_labels // parts, plane_labels=found.plane_labels // parts
+        features,
+        edge_labels=features.edge_labels // parts,
+        plane_labels=features.plane_labels // parts,
     )
 
 
@@ -76,11 +78,13 @@ def limit_of(points: np.ndarray) -> np.ndarray:
     return limits
 
 
-def ring_roughness(sweep: Sweep, labels: np.ndarray, window_m: float = WINDOW_M) -> np.ndarray:
+def ring_roughness(
+    sweep: RingOrderedScan, labels: np.ndarray, window_m: float = WINDOW_M
+) -> np.ndarray:
     """Return c, (N,), eq. 6 over neighbours of the cluster on the ring, as many to either side.
 
     labels: (N,), the cluster. Neighbours are five, or as many as lie within the window of those
-    that have more. nan where the cluster does not go on for five.
+    that have more. nan where the cluster has fewer than five on a side.
     """
     return _roughness(sweep.points.astype(float), sweep.ring, sweep.order, labels, window_m)
 
@@ -96,8 +100,8 @@ def _roughness(
     # Neighbours of one ring and one cluster have one number.
     own = labels * (ring.max() + 1) + ring if size else labels
     for k in range(size):
-        before = _reach(points, own, order, (k, -1), window_m)
-        after = _reach(points, own, order, (k, 1), window_m)
+        before = _neighbours(points, own, order, k, -1, window_m)
+        after = _neighbours(points, own, order, k, 1, window_m)
         beside, n = min(before, after), order[k]
         if beside < LEAST:
             continue
@@ -111,14 +115,13 @@ def _roughness(
 
 
 @compiled()
-def _reach(
-    points: np.ndarray, own: np.ndarray, order: np.ndarray, start: tuple[int, int], window_m: float
+def _neighbours(
+    points: np.ndarray, own: np.ndarray, order: np.ndarray, k: int, side: int, window_m: float
 ) -> int:
-    """Return how many neighbours of one number are to one side, in the window or the first."""
-    k, way = start
+    """Return the number of neighbours in the same group to one side, in the window or the first."""
     n = order[k]
     for step in range(1, MOST + 1):
-        other = k + way * step
+        other = k + side * step
         if not 0 <= other < len(order) or own[order[other]] != own[n]:
             return step - 1
         m, square = order[other], 0.0
@@ -130,21 +133,21 @@ def _reach(
 
 
 # --------------------------------------------------------------------------------------------------
-# Which clusters of two scans are the same, and which of them move (Zhang 2022, eq. 4).
+# Matching clusters of two scans, and which of them move (Zhang 2022, eq. 4).
 
-ALONE = -1
-"""In place of a partner."""
+NO_PARTNER = -1
+"""Partner of a cluster without a partner."""
 REACH_M = 5.0
-"""Farther off nobody is looked for, as with features: no prediction is so wrong."""
+"""Greatest distance of a partner, as with features: predictions have smaller errors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClusterMatch:
-    """The clusters of a scan beside those of the scan before.
+    """The clusters of a scan matched with those of the previous scan.
 
     partners: (K,) int64, cluster of the scan before; -1 where there is none.
-    moved_m: (K,) float64, how far the centre moved over the ground beside what the own motion
-        explains; inf without a partner.
+    moved_m: (K,) float64, horizontal motion of the centre after ego-motion compensation; inf
+        without a partner.
     dynamic: (K,) bool, moved farther than the threshold, or has no partner: walls that only one
         of the scans shows are dropped too, as the paper says.
     """
@@ -160,19 +163,19 @@ def match_clusters(
     before_from_now: np.ndarray,
     thresholds_m: np.ndarray | float,
 ) -> ClusterMatch:
-    """Move (K, 3) centres as the own motion says (eq. 4) and match each to the nearest of before.
+    """Compensate (K, 3) centres for ego motion (eq. 4) and match each with the nearest of before.
 
-    before: (L, 3). thresholds_m: (K,) or one for all. One to one: of all pairs the nearest is taken
-    first, then the nearest of what is left, and so on: our reading of the paper's nearest
-    neighbour iteration. How far a centre moved is counted over the ground, x and y: its height
-    changes by half the gap between two beams as soon as one of them passes over the thing.
+    before: (L, 3). thresholds_m: (K,) or one for all. One to one: the nearest of all pairs is taken
+    first, then the nearest of the remaining ones, and so on: our reading of the paper's nearest
+    neighbour iteration. Motion of a centre is measured in x and y: its height changes by half
+    the gap between two beams as soon as one of them misses the object.
     """
     moved = now @ before_from_now[:3, :3].T + before_from_now[:3, 3]
     partners = one_to_one(moved, before, REACH_M)
-    away = np.full(len(now), np.inf)
-    met = partners != ALONE
-    away[met] = np.linalg.norm((moved[met] - before[partners[met]])[:, :2], axis=1)
-    return ClusterMatch(partners, away, away > thresholds_m)
+    distances = np.full(len(now), np.inf)
+    matched = partners != NO_PARTNER
+    distances[matched] = np.linalg.norm((moved[matched] - before[partners[matched]])[:, :2], axis=1)
+    return ClusterMatch(partners, distances, distances > thresholds_m)
 
 
 @compiled()
@@ -182,27 +185,33 @@ def one_to_one(now: np.ndarray, before: np.ndarray, reach_m: float) -> np.ndarra
     Two that are nearest to each other among all that is left are the nearest pair that either is
     in: so the nearest pairs first, without sorting them; of equal ones the first.
     """
-    partners, sought = np.full(len(now), ALONE), np.ones(len(now), np.bool_)
-    taken, found = np.zeros(len(before), np.bool_), True
+    partners, sought = np.full(len(now), NO_PARTNER), np.ones(len(now), np.bool_)
+    taken, changed = np.zeros(len(before), np.bool_), True
     theirs, ours = np.empty(len(now), np.int64), np.empty(len(before), np.int64)
-    while found:
-        theirs[:], ours[:], found = ALONE, ALONE, False
-        _nearest((now, before, reach_m * reach_m), (sought, taken), (theirs, ours))
+    while changed:
+        theirs[:], ours[:], changed = NO_PARTNER, NO_PARTNER, False
+        _nearest(now, before, reach_m * reach_m, sought, taken, theirs, ours)
         for k in range(len(now)):
-            sought[k] = sought[k] and theirs[k] != ALONE
+            sought[k] = sought[k] and theirs[k] != NO_PARTNER
             if sought[k] and ours[theirs[k]] == k:
-                partners[k], taken[theirs[k]], sought[k], found = theirs[k], True, False, True
+                partners[k], taken[theirs[k]], sought[k], changed = theirs[k], True, False, True
     return partners
 
 
 @compiled()
 def _nearest(
-    places: tuple[np.ndarray, np.ndarray, float],
-    left: tuple[np.ndarray, np.ndarray],
-    nearest: tuple[np.ndarray, np.ndarray],
+    now: np.ndarray,
+    before: np.ndarray,
+    most: float,
+    sought: np.ndarray,
+    taken: np.ndarray,
+    theirs: np.ndarray,
+    ours: np.ndarray,
 ) -> None:
-    """Write who is nearest to each of both, within the square root of the last of places."""
-    (now, before, most), (sought, taken), (theirs, ours) = places, left, nearest
+    """Write the nearest free place of each of both sets into theirs (K,) and ours (L,).
+
+    most: greatest squared distance. sought, taken: which of now are free, which of before are not.
+    """
     least = np.full(len(before), most)
     for k in range(len(now)):
         if not sought[k]:
@@ -214,9 +223,9 @@ def _nearest(
                 square += (now[k, i] - before[j, i]) ** 2
             if taken[j] or not square <= most:
                 continue
-            if square < shortest or theirs[k] == ALONE:
+            if square < shortest or theirs[k] == NO_PARTNER:
                 shortest, theirs[k] = square, j
-            if square < least[j] or ours[j] == ALONE:
+            if square < least[j] or ours[j] == NO_PARTNER:
                 least[j], ours[j] = square, k
 
 
@@ -231,15 +240,15 @@ def of_partners(
 
     still_only: without clusters that are dynamic.
     """
-    common = ~match.dynamic if still_only else match.partners != ALONE
-    partners = np.where(common, match.partners, ALONE)
-    return relabelled(now, partners), relabelled(before, _known(partners, before))
+    common = ~match.dynamic if still_only else match.partners != NO_PARTNER
+    partners = np.where(common, match.partners, NO_PARTNER)
+    return relabelled(now, partners), relabelled(before, _partner_labels(partners, before))
 
 
 def relabelled(features: Features, labels: np.ndarray) -> Features:
     """Return features with other labels, (K,) by their own; without those that get -1."""
     edges, planes = labels[features.edge_labels], labels[features.plane_labels]
-    sharp, flat = edges != ALONE, planes != ALONE
+    sharp, flat = edges != NO_PARTNER, planes != NO_PARTNER
     return replace(
         features,
         edges=features.edges[sharp],
@@ -255,13 +264,13 @@ def relabelled(features: Features, labels: np.ndarray) -> Features:
     )
 
 
-def _known(partners: np.ndarray, before: Features) -> np.ndarray:
-    """Return for each label of before itself if it is somebody's partner, else -1."""
+def _partner_labels(partners: np.ndarray, before: Features) -> np.ndarray:
+    """Return each label of before itself if it is a partner, else -1."""
     most = max(
         before.edge_labels.max(initial=-1),
         before.plane_labels.max(initial=-1),
         partners.max(initial=-1),
     )
-    known = np.full(most + 1, ALONE)
-    known[partners[partners != ALONE]] = partners[partners != ALONE]
-    return known
+    labels = np.full(most + 1, NO_PARTNER)
+    labels[partners[partners != NO_PARTNER]] = partners[partners != NO_PARTNER]
+    return labels

@@ -15,18 +15,18 @@ from roadscope.detectors.clustering.range_angle import (
     quick_azimuth,
 )
 from roadscope.odometry.above_ground import standing
-from roadscope.odometry.loam.progress import Returns
+from roadscope.odometry.loam.progress import ScanReturns
 
 # --------------------------------------------------------------------------------------------------
-# A scan without its ground, in clusters (Zhang 2022, section 2.1, first half).
+# Clustering (Zhang 2022, section 2.1, first half).
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clustering:
     """The paper's parameters (table 1).
 
-    eps_m: what noise adds to two neighbouring returns' distance. The printed 0.02 m cannot be
-        the whole distance, see `cluster_range_angle`.
+    eps_m: part of the distance of two neighbouring returns that is noise. The printed 0.02 m
+        cannot be the whole distance, see `cluster_range_angle`.
     angle_deg: the search angle, which bounds links here; `parts` cuts clusters by it.
     min_points: clusters of fewer are outliers.
     """
@@ -43,7 +43,7 @@ class Clustering:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Segments(Returns):
+class Segments(ScanReturns):
     """Returns that stand above the ground, in clusters.
 
     centres: (K, 3) float64, mean of each cluster's points (eq. 2).
@@ -57,10 +57,10 @@ class Segments(Returns):
 
 
 def segments_of(scan: LidarScan, clustering: Clustering) -> Segments:
-    """Remove the ground and cluster what is left; returns that are no numbers are left out.
+    """Return the clusters of a scan without its ground; returns that are not finite are left out.
 
-    The ground is found by Himmelsbach 2010, as in the paper; how high the sensor stands above it
-    is read from the scan. What hangs high is kept: here it is as good as walls.
+    The ground is found by Himmelsbach 2010, as in the paper; the height of the sensor is estimated
+    from the scan. High objects are kept: here they are as useful as walls.
     """
     cloud = standing(scan)
     # Outliers carry other negative labels too in clusterings.
@@ -90,14 +90,14 @@ def centres_of(points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 # --------------------------------------------------------------------------------------------------
-# Clusters that no scan angle exceeds: those of two scans cut alike (Zhang 2022, section 2.1).
+# Clusters cut by the search angle, in two scans alike (Zhang 2022, section 2.1).
 
 EDGE = 2 * TURN_ERROR
-"""Sine of what is too near the edge of a window to be told without its azimuth."""
+"""Sine of the angle to the edge of a window below which the azimuth must be computed."""
 
 
 def parts(segments: Segments, angle_deg: float, before_from_now: np.ndarray) -> Segments:
-    """Cut clusters where the angle ends, as seen from the place of the scan before.
+    """Return the clusters cut into windows of the angle, from the position of the previous scan.
 
     before_from_now: (4, 4), as predicted; the identity for the scan before itself.
 
@@ -115,13 +115,17 @@ def parts(segments: Segments, angle_deg: float, before_from_now: np.ndarray) -> 
 def _cut(
     points: np.ndarray, whole: np.ndarray, motion: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the part of each point, (N,) int64, numbered as they appear; -1 for outliers.
+    """Return the part of each point, (N,) int64, numbered in order; -1 for outliers.
 
-    And of each part the sum of its points, (K, 3), and how many they are, (K,) int64.
+    Also the sum of the points of each part, (K, 3), and their number, (K,) int64.
     """
-    rooms = (whole.max() + 1) * count if len(whole) else 0
-    numbers, found = np.full(rooms, -1), 0
-    labels, sums, sizes = np.full(len(whole), -1), np.zeros((rooms, 3)), np.zeros(rooms, np.int64)
+    capacity = (whole.max() + 1) * count if len(whole) else 0
+    numbers, count_found = np.full(capacity, -1), 0
+    labels, sums, sizes = (
+        np.full(len(whole), -1),
+        np.zeros((capacity, 3)),
+        np.zeros(capacity, np.int64),
+    )
     window, first, last = -1, (0.0, 0.0), (0.0, 0.0)
     for n in range(len(whole)):
         if whole[n] < 0:
@@ -130,26 +134,26 @@ def _cut(
         for i in range(3):
             x += motion[0, i] * points[n, i]
             y += motion[1, i] * points[n, i]
-        # Most points are in the window of the one before, which two products tell.
+        # Most points are in the window of the previous one, which two products show.
         beside = EDGE * (abs(x) + abs(y))
         if not (first[0] * y - first[1] * x > beside and last[1] * x - last[0] * y > beside):
             window = int((quick_azimuth(x, y) / (2 * np.pi) + 0.5) * count) % count
-            first, last = _edge(window, count), _edge(window + 1, count)
+            first, last = _window_start(window, count), _window_start(window + 1, count)
         place = whole[n] * count + window
         if numbers[place] < 0:
-            numbers[place] = found
-            found += 1
+            numbers[place] = count_found
+            count_found += 1
         part = numbers[place]
         labels[n] = part
         sizes[part] += 1
         for i in range(3):
             sums[part, i] += points[n, i]
-    return labels, sums[:found].copy(), sizes[:found].copy()
+    return labels, sums[:count_found].copy(), sizes[:count_found].copy()
 
 
 @compiled(borrowing=True)
-def _edge(window: int, count: int) -> tuple[float, float]:
-    """Return the way along which a window begins; nowhere if windows are half a turn or wider."""
+def _window_start(window: int, count: int) -> tuple[float, float]:
+    """Return the direction at which a window begins; zeros if windows are half a turn or wider."""
     if count <= 2:
         return 0.0, 0.0
     angle = 2 * np.pi * (window / count - 0.5)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 # --------------------------------------------------------------------------------------------------
-# Where inertial samples lead, and how that depends on what is known badly.
+# Integration of inertial samples, and its derivatives.
 
 
 @compiled()
@@ -27,57 +27,64 @@ def integrated(
     velocity: np.ndarray,
     gravity: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Integrate samples that are freed of biases, over a stretch (Forster 2017, eq. 32).
+    """Integrate samples without their biases over an interval (Forster 2017, eq. 32).
 
     lengths: (K,) s. rates, forces: (K, 3) rad/s and m/s^2, the unit's frame. rotation: (3, 3)
     `map_from_imu` at the start. velocity, gravity: (3,) m/s and m/s^2, the map's frame; gravity
     points down.
 
-    Returns way (3,) and velocity (3,), the map's frame, rotation (3, 3), and blocks (7, 3, 3): how
-    turn, velocity and way answer to an error of, in this order: turn to the gyro's bias; velocity
-    to turn, the gyro's bias, the accelerometer's bias; way to the same three. Turns are about the
-    map's axes.
+    Returns displacement (3,) and velocity (3,), the map's frame, rotation (3, 3), and blocks
+    (7, 3, 3), the derivatives of: rotation by the gyro's bias; velocity by rotation, the gyro's
+    bias, the accelerometer's bias; displacement by the same three. Rotations are about the map's
+    axes.
     """
-    turned, speed, way = rotation.copy(), velocity.copy(), np.zeros(3)
+    turned, speed, displacement = rotation.copy(), velocity.copy(), np.zeros(3)
     blocks = np.zeros((7, 3, 3))
-    step, across, felt, bent = np.empty((3, 3)), np.zeros((3, 3)), np.empty(3), np.empty((3, 3))
+    step, hat_force, turned_force, coupled = (
+        np.empty((3, 3)),
+        np.zeros((3, 3)),
+        np.empty(3),
+        np.empty((3, 3)),
+    )
     for k in range(len(lengths)):
         dt = lengths[k]
         _fill_turn(rates[k] * dt, step)
-        _force(turned, forces[k], rates[k] * (0.5 * dt), felt)
-        _fill_hat(felt, across)
+        _force(turned, forces[k], rates[k] * (0.5 * dt), turned_force)
+        _fill_hat(turned_force, hat_force)
         for i in range(3):
             for j in range(3):
-                bent[i, j] = (
-                    across[i, 0] * blocks[0, 0, j]
-                    + across[i, 1] * blocks[0, 1, j]
-                    + across[i, 2] * blocks[0, 2, j]
+                coupled[i, j] = (
+                    hat_force[i, 0] * blocks[0, 0, j]
+                    + hat_force[i, 1] * blocks[0, 1, j]
+                    + hat_force[i, 2] * blocks[0, 2, j]
                 )
         half = 0.5 * dt * dt
         for i in range(3):
             for j in range(3):
-                blocks[4, i, j] += dt * blocks[1, i, j] - half * across[i, j]
-                blocks[5, i, j] += dt * blocks[2, i, j] - half * bent[i, j]
+                blocks[4, i, j] += dt * blocks[1, i, j] - half * hat_force[i, j]
+                blocks[5, i, j] += dt * blocks[2, i, j] - half * coupled[i, j]
                 blocks[6, i, j] += dt * blocks[3, i, j] - half * turned[i, j]
-                blocks[1, i, j] -= dt * across[i, j]
-                blocks[2, i, j] -= dt * bent[i, j]
+                blocks[1, i, j] -= dt * hat_force[i, j]
+                blocks[2, i, j] -= dt * coupled[i, j]
                 blocks[3, i, j] -= dt * turned[i, j]
                 blocks[0, i, j] -= dt * turned[i, j]
-            gained = felt[i] + gravity[i]
-            way[i] += dt * speed[i] + half * gained
+            gained = turned_force[i] + gravity[i]
+            displacement[i] += dt * speed[i] + half * gained
             speed[i] += dt * gained
         turned = _product(turned, step)
-    return way, speed, turned, blocks
+    return displacement, speed, turned, blocks
 
 
 @compiled()
-def _force(turned: np.ndarray, force: np.ndarray, half_turn: np.ndarray, felt: np.ndarray) -> None:
-    """Fill a force along the map's axes, halfway through a step's turn."""
+def _force(
+    turned: np.ndarray, force: np.ndarray, half_turn: np.ndarray, result: np.ndarray
+) -> None:
+    """Write a force along the map's axes, halfway through a step's turn."""
     x = force[0] + half_turn[1] * force[2] - half_turn[2] * force[1]
     y = force[1] + half_turn[2] * force[0] - half_turn[0] * force[2]
     z = force[2] + half_turn[0] * force[1] - half_turn[1] * force[0]
     for i in range(3):
-        felt[i] = turned[i, 0] * x + turned[i, 1] * y + turned[i, 2] * z
+        result[i] = turned[i, 0] * x + turned[i, 1] * y + turned[i, 2] * z
 
 
 @compiled()
@@ -88,7 +95,7 @@ def _fill_hat(vector: np.ndarray, across: np.ndarray) -> None:
 
 @compiled()
 def _fill_turn(turn: np.ndarray, matrix: np.ndarray) -> None:
-    """Fill the rotation of a turn within a sample, radians: small, so a series is exact."""
+    """Write the rotation of a turn within a sample, radians; it is small, so a series is exact."""
     x, y, z = turn
     angle2 = x * x + y * y + z * z
     once = 1.0 - angle2 / 6.0 * (1.0 - angle2 / 20.0)
@@ -111,28 +118,29 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# The error-state Kalman filter of a LiDAR with an inertial unit.
+# The filter.
 
-PLACE, TURN, SPEED = slice(0, 3), slice(3, 6), slice(6, 9)
+POSITION, TURN, SPEED = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO, FORCE, GRAVITY = slice(9, 12), slice(12, 15), slice(15, 18)
 WHEELS = 18
 POSE = slice(0, 6)
 SIZE = 19
 GRAVITY_M_S2 = 9.81
 TILTED_M_S2 = 0.2
-"""How far off what was learned of gravity may be after a loss."""
+"""Standard deviation of the learned direction of gravity after a restart."""
 MARGIN = 1.1
+"""Factor of the noise of a data sheet."""
 WHEEL_SCALE = 0.02
-"""How far off the radius of tyres may be, as a share."""
+"""Standard deviation of the radius of tyres, as a share."""
 
 
 @dataclass(frozen=True, slots=True)
 class InertialNoise:
-    """How badly an inertial unit measures; defaults are an ADIS16448's.
+    """Noise of an inertial unit; the defaults are those of an ADIS16448.
 
     rate, force: densities, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz). rate_walk, force_walk: of their
     biases, a sqrt(s). rate_bias, force_bias: standard deviations of the biases at the start.
-    accelerating: what may be felt beside gravity at the start, m/s^2.
+    accelerating: standard deviation of the vehicle's acceleration at the start, m/s^2.
     """
 
     rate: float = 2.5e-4
@@ -145,7 +153,7 @@ class InertialNoise:
 
     @staticmethod
     def of(unit: ImuSpec) -> InertialNoise:
-        """Return what a data sheet says, a tenth more; no less than a tenth of the defaults."""
+        """Return the noise of a data sheet plus a tenth, but at least a tenth of the defaults."""
         least = InertialNoise()
         return InertialNoise(
             *(
@@ -164,13 +172,13 @@ class InertialNoise:
 
 @dataclass(slots=True)
 class InertialState:
-    """What is held of pose, motion and biases, and how firmly.
+    """Pose, motion and biases with their covariance.
 
     pose: (4, 4) `map_from_imu`, the unit's frame turned to the LiDAR's axes. velocity: (3,) m/s of
         the unit, gravity: (3,) m/s^2, down; both the map's frame. rate_bias, force_bias: (3,).
-    wheel_scale: by what share wheels tell too high a speed.
-    covariance: (19, 19) of errors of place, turn, velocity, biases of gyro and accelerometer,
-        gravity, scale; all but the biases along the map's axes, turns about the unit.
+        wheel_scale: relative error of the speed of wheels. covariance: (19, 19) of errors of
+        position, rotation, velocity, biases of gyro and accelerometer, gravity, scale; all except
+        the biases along the map's axes, rotations about the unit.
     """
 
     pose: np.ndarray
@@ -182,7 +190,7 @@ class InertialState:
     wheel_scale: float = 0.0
 
     def copied(self) -> InertialState:
-        """Return a state in arrays of its own."""
+        """Return a copy of the state with its own arrays."""
         return InertialState(
             self.pose.copy(),
             self.velocity.copy(),
@@ -194,25 +202,33 @@ class InertialState:
         )
 
 
+class SpeedDeviations(NamedTuple):
+    """Standard deviations of a velocity along the LiDAR's axes, m/s."""
+
+    ahead: float
+    left: float
+    up: float
+
+
 def started(
     force: np.ndarray,
     velocity: np.ndarray,
-    speed_m_s: tuple[float, float, float],
+    speed_deviations: SpeedDeviations,
     noise: InertialNoise,
 ) -> InertialState:
     """Return the state at the first scan.
 
-    force: (3,) mean specific force felt, m/s^2: gravity to within what the vehicle accelerates.
-    velocity: (3,) m/s, and its standard deviations, along the LiDAR's axes.
+    force: (3,) mean specific force, m/s^2: gravity and the vehicle's acceleration.
+    velocity: (3,) m/s along the LiDAR's axes, with its standard deviations.
     """
     up = force / max(float(np.linalg.norm(force)), 1e-9)
     covariance = np.zeros((SIZE, SIZE))
-    covariance[SPEED, SPEED] = np.diag(np.square(speed_m_s))
+    covariance[SPEED, SPEED] = np.diag(np.square(speed_deviations))
     covariance[GYRO, GYRO] = noise.rate_bias**2 * np.eye(3)
     covariance[FORCE, FORCE] = noise.force_bias**2 * np.eye(3)
     covariance[WHEELS, WHEELS] = WHEEL_SCALE**2
     level = np.eye(3) - np.outer(up, up)
-    # The bias hides in the force felt, so that errors of both go together.
+    # The bias is part of the specific force, so errors of both are correlated.
     covariance[GRAVITY, GRAVITY] = (
         noise.accelerating**2 + noise.force_bias**2
     ) * level + 1e-4 * np.outer(up, up)
@@ -229,19 +245,19 @@ def started(
     )
 
 
-def resume(state: InertialState, known: InertialState, *, level: bool = True) -> None:
-    """Give a state at a new start what an earlier one had learned: biases, what is down.
+def resume(state: InertialState, earlier: InertialState, *, level: bool = True) -> None:
+    """Copy what an earlier state has learned to a state at a new start: biases and gravity.
 
-    The map of the new one has the axes in which the earlier one sees the sensor. What else it held
-    may be what misled it; without `level`, what is down as well.
+    The axes of the new map are those of the sensor at the earlier state. Other parts of the earlier
+    state may be wrong and are not copied; gravity is copied only if `level`.
     """
-    state.rate_bias = known.rate_bias.copy()
-    state.covariance[GYRO, GYRO] = 4 * known.covariance[GYRO, GYRO]
-    state.wheel_scale = known.wheel_scale
-    state.covariance[WHEELS, WHEELS] = known.covariance[WHEELS, WHEELS]
+    state.rate_bias = earlier.rate_bias.copy()
+    state.covariance[GYRO, GYRO] = 4 * earlier.covariance[GYRO, GYRO]
+    state.wheel_scale = earlier.wheel_scale
+    state.covariance[WHEELS, WHEELS] = earlier.covariance[WHEELS, WHEELS]
     if not level:
         return
-    down = known.pose[:3, :3].T @ known.gravity
+    down = earlier.pose[:3, :3].T @ earlier.gravity
     state.gravity = down * (GRAVITY_M_S2 / max(float(np.linalg.norm(down)), 1e-9))
     state.covariance[GRAVITY, GRAVITY] = TILTED_M_S2**2 * np.eye(3)
     state.covariance[GRAVITY, FORCE] = state.covariance[FORCE, GRAVITY] = 0.0
@@ -254,9 +270,9 @@ def propagate(
     forces: np.ndarray,
     noise: InertialNoise,
 ) -> None:
-    """Carry a state on over (K,) lengths of time, s, with (K, 3) rates and forces."""
+    """Predict a state over (K,) time steps, s, with (K, 3) rates and forces."""
     elapsed_s = float(lengths.sum())
-    way, velocity, rotation, blocks = integrated(
+    displacement, velocity, rotation, blocks = integrated(
         lengths,
         rates - state.rate_bias,
         forces - state.force_bias,
@@ -264,7 +280,7 @@ def propagate(
         state.velocity,
         state.gravity,
     )
-    state.pose[:3, 3] += way
+    state.pose[:3, 3] += displacement
     state.pose[:3, :3] = rotation
     state.velocity = velocity
     F = transition(blocks, elapsed_s)
@@ -272,34 +288,40 @@ def propagate(
 
 
 def transition(blocks: np.ndarray, elapsed_s: float) -> np.ndarray:
-    """Return the (19, 19) matrix that carries errors over a stretch."""
+    """Return the (19, 19) transition matrix of errors over an interval."""
     F, unit = np.eye(SIZE), np.eye(3)
     F[TURN, GYRO] = blocks[0]
     F[SPEED, TURN], F[SPEED, GYRO], F[SPEED, FORCE] = blocks[1], blocks[2], blocks[3]
-    F[PLACE, TURN], F[PLACE, GYRO], F[PLACE, FORCE] = blocks[4], blocks[5], blocks[6]
-    F[PLACE, SPEED] = elapsed_s * unit
-    F[SPEED, GRAVITY], F[PLACE, GRAVITY] = elapsed_s * unit, elapsed_s**2 / 2 * unit
+    F[POSITION, TURN], F[POSITION, GYRO], F[POSITION, FORCE] = blocks[4], blocks[5], blocks[6]
+    F[POSITION, SPEED] = elapsed_s * unit
+    F[SPEED, GRAVITY], F[POSITION, GRAVITY] = elapsed_s * unit, elapsed_s**2 / 2 * unit
     return F
 
 
 def diffusion(elapsed_s: float, noise: InertialNoise) -> np.ndarray:
-    """Return the (19, 19) covariance that a stretch adds."""
+    """Return the (19, 19) process noise of an interval."""
     Q, unit, t = np.zeros((SIZE, SIZE)), np.eye(3), elapsed_s
     Q[TURN, TURN] = noise.rate**2 * t * unit
     Q[SPEED, SPEED] = noise.force**2 * t * unit
-    Q[PLACE, PLACE] = noise.force**2 * t**3 / 3 * unit
-    Q[PLACE, SPEED] = Q[SPEED, PLACE] = noise.force**2 * t**2 / 2 * unit
+    Q[POSITION, POSITION] = noise.force**2 * t**3 / 3 * unit
+    Q[POSITION, SPEED] = Q[SPEED, POSITION] = noise.force**2 * t**2 / 2 * unit
     Q[GYRO, GYRO] = noise.rate_walk**2 * t * unit
     Q[FORCE, FORCE] = noise.force_walk**2 * t * unit
     return Q
 
 
 def coast(
-    state: InertialState, rate: np.ndarray, elapsed_s: float, spread: tuple[float, float]
+    state: InertialState,
+    rate: np.ndarray,
+    elapsed_s: float,
+    *,
+    acceleration_m_s2: float,
+    rotation_rad_s2: float,
 ) -> None:
-    """Carry a state on without samples, at constant velocity along the sensor's axes.
+    """Predict a state without samples, at constant velocity along the sensor's axes.
 
-    rate: (3,) rad/s. spread: what acceleration, m/s^2, and change of rate, rad/s^2, are likely.
+    rate: (3,) rad/s. acceleration_m_s2, rotation_rad_s2: standard deviations of the acceleration
+    and of the change of rate.
     """
     turn = exp_so3(rate * elapsed_s)
     rotation = state.pose[:3, :3]
@@ -308,19 +330,19 @@ def coast(
     state.pose[:3, :3] = rotation @ turn
     state.velocity = state.pose[:3, :3] @ body
     F, Q, unit, t = np.eye(SIZE), np.zeros((SIZE, SIZE)), np.eye(3), elapsed_s
-    F[PLACE, SPEED] = t * unit
-    Q[PLACE, PLACE] = (spread[0] * t**2 / 2) ** 2 * unit
-    Q[SPEED, SPEED] = (spread[0] * t) ** 2 * unit
-    Q[PLACE, SPEED] = Q[SPEED, PLACE] = spread[0] ** 2 * t**3 / 2 * unit
-    Q[TURN, TURN] = (spread[1] * t**2) ** 2 * unit
+    F[POSITION, SPEED] = t * unit
+    Q[POSITION, POSITION] = (acceleration_m_s2 * t**2 / 2) ** 2 * unit
+    Q[SPEED, SPEED] = (acceleration_m_s2 * t) ** 2 * unit
+    Q[POSITION, SPEED] = Q[SPEED, POSITION] = acceleration_m_s2**2 * t**3 / 2 * unit
+    Q[TURN, TURN] = (rotation_rad_s2 * t**2) ** 2 * unit
     state.covariance = F @ state.covariance @ F.T + Q
 
 
-def settle(state: InertialState, pose: np.ndarray, information: np.ndarray) -> None:
-    """Take a (4, 4) pose at which measurement and state agree best, and all that follows from it.
+def update_pose(state: InertialState, pose: np.ndarray, information: np.ndarray) -> None:
+    """Update a state with the (4, 4) pose at which measurement and prediction agree best.
 
-    information: (6, 6) of the measurement alone, as in the covariance. The rest of the state
-    follows the pose as far as their errors go together.
+    information: (6, 6) of the measurement alone, as in the covariance. The rest of the state is
+    corrected by its correlation with the pose.
     """
     P = state.covariance
     prior = np.linalg.inv(P[POSE, POSE] + 1e-12 * np.eye(6))
@@ -336,21 +358,23 @@ def settle(state: InertialState, pose: np.ndarray, information: np.ndarray) -> N
     _shift(state, change)
 
 
-def observe(state: InertialState, J: np.ndarray, off: np.ndarray, variance: np.ndarray) -> None:
-    """Take a linear measurement: off = J error + noise; (K, 19), (K,) and (K,) variances."""
+def update_linear(
+    state: InertialState, J: np.ndarray, off: np.ndarray, variance: np.ndarray
+) -> None:
+    """Update a state with a linear measurement off = J error + noise; (K, 19), (K,), (K,)."""
     P = state.covariance
     gain = P @ J.T @ np.linalg.inv(J @ P @ J.T + np.diag(variance))
     change = gain @ off
     P = P - gain @ J @ P
     state.covariance = (P + P.T) / 2
-    state.pose[:3, 3] += change[PLACE]
+    state.pose[:3, 3] += change[POSITION]
     state.pose[:3, :3] = exp_so3(change[TURN]) @ state.pose[:3, :3]
     state.pose = orthonormal(state.pose)
     _shift(state, change)
 
 
 def _shift(state: InertialState, change: np.ndarray) -> None:
-    """Correct all but the pose."""
+    """Correct all parts of the state except the pose."""
     state.velocity = state.velocity + change[SPEED]
     state.rate_bias = state.rate_bias + change[GYRO]
     state.force_bias = state.force_bias + change[FORCE]

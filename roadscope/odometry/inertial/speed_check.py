@@ -1,4 +1,4 @@
-"""Whether a sensor that is being followed is as fast as what stands says."""
+"""Check of the estimated speed against fixtures beside the road."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from roadscope.odometry.inertial.speed_search import Ends, standing_speed_of
 
 SCANS, EVERY_S = 5, 0.5
 FAR_M_S = 2.5
-"""So far off is another world: that of the traffic."""
+"""Errors of this size mean that the map consists of moving traffic."""
 NEAR_M_S, BELIEVED_S = 1.0, 2.0
-"""A look so near confirms a speed; and that lasts for two looks."""
+"""A check within this error confirms a speed, for this time."""
 UNLIKELY = 3.0
-"""Standard deviations of what is held and what is seen together."""
+"""Standard deviations of the difference from which it is unlikely."""
 
 
 class SpeedCheck:
-    """Looks once a second at a few scans by themselves, and again at once if they tell nothing.
+    """Measures the speed once a second from a few scans alone, and again at once if that fails.
 
-    One look in some hundreds errs grossly, two in a row hardly by the same unless both see a wall
-    that fades away along the road: where it does travels with the sensor, but is felt not to.
+    One measurement in some hundreds has a gross error. Two in a row hardly have the same error
+    unless both contain a wall that ends at the sensor's range: that end moves with the sensor, but
+    inertial samples contradict it.
     """
 
     def __init__(self) -> None:
@@ -34,14 +35,14 @@ class SpeedCheck:
         scan: LidarScan,
         ahead_m_s: float,
         rate_rad_s: float,
-        unfelt_m_s2: float,
+        hidden_acceleration_m_s2: float,
         least_m_s: float = -np.inf,
     ) -> tuple[float, float] | None:
-        """Take a scan and what motion is held true; return how much faster it is, and how sure.
+        """Add a scan with its motion; return the error of the speed and its deviation, m/s.
 
-        Both m/s, the latter a standard deviation. None where that is not clear, or was not looked
-        at. unfelt_m_s2: what acceleration may have gone unnoticed since the speed was confirmed.
-        least_m_s: what looks slower moves along.
+        None if there is no clear measurement. hidden_acceleration_m_s2: largest acceleration that
+        samples do not show. least_m_s: lower bound of the speed; slower measurements belong to
+        traffic.
         """
         if scan.stamp_s < self._done_s + EVERY_S:
             return None
@@ -49,37 +50,37 @@ class SpeedCheck:
         self._speeds.append(ahead_m_s)
         if len(self._ends) < SCANS:
             return None
-        seen = standing_speed_of(self._ends, rate_rad_s)
-        held_m_s = float(np.mean(self._speeds))
+        measured = standing_speed_of(self._ends, rate_rad_s)
+        estimated_m_s = float(np.mean(self._speeds))
         self._ends, self._speeds = [], []
-        if not seen.known or seen.ahead_m_s < least_m_s:
+        if not measured.known or measured.ahead_m_s < least_m_s:
             return None
-        off_m_s = seen.ahead_m_s - held_m_s
-        if not self._believed(off_m_s, scan.stamp_s, unfelt_m_s2):
+        off_m_s = measured.ahead_m_s - estimated_m_s
+        if not self._believed(off_m_s, scan.stamp_s, hidden_acceleration_m_s2):
             return None
         if abs(off_m_s) < NEAR_M_S:
             self._confirmed_s = scan.stamp_s
         self._done_s = scan.stamp_s
-        return off_m_s, seen.spread_m_s
+        return off_m_s, measured.spread_m_s
 
-    def _believed(self, off_m_s: float, now_s: float, unfelt_m_s2: float) -> bool:
-        """Say whether a look is; against a speed once confirmed it takes two that are possible."""
+    def _believed(self, off_m_s: float, now_s: float, hidden_acceleration_m_s2: float) -> bool:
+        """Return whether a measurement is accepted; against a confirmed speed it takes two."""
         before_m_s, self._far_m_s = self._far_m_s, off_m_s
         if abs(off_m_s) < FAR_M_S or not np.isfinite(self._confirmed_s):
             return True
-        possible_m_s = NEAR_M_S + unfelt_m_s2 * (now_s - self._confirmed_s)
-        # What moves along looks slower than it should; no fixture looks faster.
+        possible_m_s = NEAR_M_S + hidden_acceleration_m_s2 * (now_s - self._confirmed_s)
+        # Traffic that moves along gives too low a speed; fixtures never give too high a one.
         return abs(off_m_s - before_m_s) < FAR_M_S and -off_m_s < possible_m_s
 
     def contradicts(self, off_m_s: float, deviation_m_s: float) -> bool:
-        """Say whether two looks in a row are unlikely to one side: what is held is held too firmly.
+        """Return whether two unlikely differences in a row have the same sign.
 
-        off_m_s, deviation_m_s: how much faster it is, and how much that is likely to be.
+        off_m_s, deviation_m_s: difference of the speed and its standard deviation.
         """
         before, self._deviations = self._deviations, off_m_s / deviation_m_s
         sure = min(abs(before), abs(self._deviations)) > UNLIKELY
         return sure and before * self._deviations > 0
 
     def confirmed(self, now_s: float) -> bool:
-        """Say whether what stands has lately told the speed that is held."""
+        """Return whether fixtures have recently confirmed the speed."""
         return now_s < self._confirmed_s + BELIEVED_S

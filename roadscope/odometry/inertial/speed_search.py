@@ -1,4 +1,4 @@
-"""The speed of a sensor from its first scans: at it, what stands lies in one place."""
+"""The speed of a sensor from its first scans: at that speed, static objects coincide."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from roadscope.core.jit import compiled
 from roadscope.odometry.cubes import EMPTY, Index, slot_of
 
 # --------------------------------------------------------------------------------------------------
-# Where things end in a scan, and where slim ones are.
+# Ends of objects in a scan, and slim objects.
 
 JUMP_M, JUMP_SHARE = 0.4, 0.02
-"""A beam's neighbour that reaches so much farther has missed the thing that the beam met."""
+"""A neighbouring beam that is farther by this distance and share of range misses the object."""
 UPRIGHT = 2
-"""Columns by which an upright end may be off in the beam above or below."""
+"""Greatest shift in columns of an upright end from ring to ring."""
 WIDEST_GAP = 32
-"""Columns from return to return, at most, that may be the sensor's own step."""
+"""Greatest number of columns from return to return that may be the sensor's own step."""
 SAMPLED = 8
-"""Of so many pairs of neighbours the angle of one is asked."""
+"""The angle of one in this number of pairs of neighbours is measured."""
 OUTSIDE = -1.0
-"""How far a beam went that is none of the sensor's."""
+"""Range of a beam outside the sensor's field of view."""
 
 
 @compiled()
@@ -49,7 +49,7 @@ def spacing(points: np.ndarray, number: np.ndarray) -> tuple[int, float]:
 
     Columns may be finer than the sensor's own steps: then many are empty.
     """
-    counts, asked = np.zeros(WIDEST_GAP + 1, np.int64), np.zeros(WIDEST_GAP + 1, np.int64)
+    counts, angle_counts = np.zeros(WIDEST_GAP + 1, np.int64), np.zeros(WIDEST_GAP + 1, np.int64)
     angles = np.zeros(WIDEST_GAP + 1)
     for r in range(number.shape[0]):
         last = -1
@@ -62,18 +62,18 @@ def spacing(points: np.ndarray, number: np.ndarray) -> tuple[int, float]:
                     one, other = points[number[r, last]], points[number[r, c]]
                     cross = one[0] * other[1] - one[1] * other[0]
                     angles[gap] += abs(np.arctan2(cross, one[0] * other[0] + one[1] * other[1]))
-                    asked[gap] += 1
+                    angle_counts[gap] += 1
                 counts[gap] += 1
             last = c
     half, gap = counts.sum() / 2, 0
     while gap < WIDEST_GAP and counts[: gap + 1].sum() < max(half, 1):
         gap += 1
-    return (gap, angles[gap] / (asked[gap] * gap)) if asked[gap] else (0, 0.0)
+    return (gap, angles[gap] / (angle_counts[gap] * gap)) if angle_counts[gap] else (0, 0.0)
 
 
 @compiled()
 def _beside(reach: np.ndarray, r: Index, c: Index, closed: bool) -> float:
-    """Return how far a beam went whose column may be beyond the first or the last."""
+    """Return the range of a beam whose column may be beyond the first or the last."""
     columns = reach.shape[1]
     if not closed and not 0 <= c < columns:
         return OUTSIDE
@@ -83,10 +83,10 @@ def _beside(reach: np.ndarray, r: Index, c: Index, closed: bool) -> float:
 
 @compiled()
 def ends(reach: np.ndarray, ring: np.ndarray, column: np.ndarray, closed: bool) -> np.ndarray:
-    """Return (N,) bool, at which returns a thing ends to the left or the right.
+    """Return (N,) whether an object ends at a return, to the left or the right.
 
-    closed: whether the last column is beside the first. The wall of a tunnel and the ground have
-    no ends: there, returns stand where the beams point, not where something is.
+    closed: whether the last column is beside the first. Walls of tunnels and the ground have no
+    ends: their returns lie where the beams point and move with the sensor.
     """
     rings, columns = reach.shape
     edges = np.zeros((rings, columns), np.bool_)
@@ -113,10 +113,10 @@ def ends(reach: np.ndarray, ring: np.ndarray, column: np.ndarray, closed: bool) 
 
 @compiled()
 def _upright(edges: np.ndarray, reach: np.ndarray, r: Index, c: Index, up: int) -> bool:
-    """Say whether the beam above or below ends at the same thing in nearly the same direction.
+    """Return whether the ring above or below ends at the same object in nearly the same direction.
 
-    Where beams leave a wall over its top, they do so one after the other, at places that travel
-    with the sensor.
+    Beams that leave a wall over its top do so one after the other, at places that move with the
+    sensor.
     """
     if not 0 <= r + up < reach.shape[0]:
         return False
@@ -133,37 +133,36 @@ def slim(
     reach: np.ndarray,
     ring: np.ndarray,
     column: np.ndarray,
-    asked: np.ndarray,
+    candidates: np.ndarray,
     closed: bool,
     widest_columns: float,
 ) -> np.ndarray:
-    """Return (N,) bool, where the middle of a slim thing is, of (N,) bool returns asked for.
+    """Return (N,) whether a candidate, (N,) bool, is the middle of a slim object.
 
-    It is no wider than so many columns at a metre and stands free: on either side beams go
-    farther. What hides a part of a thing does not make it slim, nor does the edge of the field.
+    It is at most `widest_columns` wide at a range of 1 m, and beams on both sides are farther.
+    Partly hidden objects, and those at the edge of the field of view, are not slim.
     """
     marks = np.zeros(len(ring), np.bool_)
     for n in range(len(ring)):
         here = reach[ring[n], column[n]]
-        if not asked[n] or not 0.0 < here < np.inf:
+        if not candidates[n] or not 0.0 < here < np.inf:
             continue
         most = max(int(widest_columns / here), 1)
-        left = _columns_to_the_side(reach, ring[n], column[n], (-1, most), closed)
-        right = _columns_to_the_side(reach, ring[n], column[n], (1, most), closed)
+        left = _columns_to_the_side(reach, ring[n], column[n], -1, most, closed)
+        right = _columns_to_the_side(reach, ring[n], column[n], 1, most, closed)
         marks[n] = right >= 0 and 0 <= left - right <= 1 and left + right < most
     return marks
 
 
 @compiled()
 def _columns_to_the_side(
-    reach: np.ndarray, r: Index, c: Index, way: tuple[int, int], closed: bool
+    reach: np.ndarray, r: Index, c: Index, side: int, most: int, closed: bool
 ) -> int:
-    """Return how many more columns to one side meet the same thing; -1 if it does not end there.
+    """Return the number of further columns on the same object to one side; -1 if it does not end.
 
-    way: to which side, and how many at most. It ends where two beams in a row go farther: one may
-    have got no answer.
+    most: greatest number. An object ends where two beams in a row are farther: one may have no
+    return.
     """
-    side, most = way
     here = reach[r, c]
     margin = here * JUMP_SHARE + JUMP_M
     same, missed = 0, 0
@@ -181,17 +180,17 @@ def _columns_to_the_side(
 
 
 # --------------------------------------------------------------------------------------------------
-# How far each beam of a scan went, beside which others.
+# Ranges of a scan by ring and column.
 
 WHOLE = 0.97
-"""Share of a turn from which on the first column is beside the last."""
+"""Share of a turn from which the first column counts as beside the last."""
 
 
 @dataclass(frozen=True, slots=True)
 class BeamTable:
-    """Returns by ring and column: of two in one cell the nearer counts.
+    """Returns by ring and column; of two in one cell the nearer one counts.
 
-    reach: (rings, columns) metres, 0 where nothing came. ring, column: (N,) of each return. first:
+    reach: (rings, columns) metres, 0 without a return. ring, column: (N,) of each return. first:
     (N,) bool, whether it is the one that counts. step_rad: from column to column, 0 if unknown.
     """
 
@@ -203,7 +202,7 @@ class BeamTable:
 
     @staticmethod
     def of(points: np.ndarray, ring: np.ndarray, column: np.ndarray) -> BeamTable:
-        """Make it of N points; columns that are finer than the sensor's steps are joined."""
+        """Return the table of N points; columns finer than the sensor's steps are joined."""
         rings, columns = int(ring.max()) + 1, int(column.max()) + 1
         reach, number = nearest(points, ring, column, rings, columns)
         gap, step_rad = spacing(points, number)
@@ -215,23 +214,23 @@ class BeamTable:
 
     @property
     def closed(self) -> bool:
-        """Whether the field goes all around."""
+        """Whether the field of view is a full turn."""
         return bool(self.reach.shape[1] * self.step_rad >= WHOLE * 2 * np.pi)
 
     def ends(self) -> np.ndarray:
-        """Return (N,) bool, which returns are upright ends of things."""
+        """Return (N,) whether returns are upright ends of objects."""
         marks: np.ndarray = ends(self.reach, self.ring, self.column, self.closed) & self.first
         return marks
 
-    def slim(self, asked: np.ndarray, widest_m: float) -> np.ndarray:
-        """Return (N,) bool, which of the returns asked for are middles of things no wider."""
+    def slim(self, candidates: np.ndarray, widest_m: float) -> np.ndarray:
+        """Return (N,) whether candidates are middles of objects of at most that width."""
         if not self.step_rad:
-            return np.zeros(len(asked), bool)
+            return np.zeros(len(candidates), bool)
         marks: np.ndarray = slim(
             self.reach,
             self.ring,
             self.column,
-            asked & self.first,
+            candidates & self.first,
             self.closed,
             widest_m / self.step_rad,
         )
@@ -239,17 +238,17 @@ class BeamTable:
 
 
 # --------------------------------------------------------------------------------------------------
-# How well ends of things, seen in several scans, come together at a speed.
+# How well ends of objects in several scans coincide at a speed.
 
 STEPS, REACH = 6, 3.0
-"""Of Gauss and Newton; standard deviations beyond which a pair does not count."""
+"""Gauss-Newton steps; standard deviations beyond which a pair does not count."""
 
 
 @compiled()
 def gathered(
     points: np.ndarray, ahead: np.ndarray, scans: np.ndarray, speeds: np.ndarray, cell_m: float
 ) -> np.ndarray:
-    """Return (V,) how often different scans meet in one cell of the ground plane, at each speed.
+    """Return (V,) the number of pairs of different scans in one cell of the ground plane, by speed.
 
     points: (N, 2) metres, turned as the sensor was at first. ahead: (N, 2) s, where they are moved
     by a speed. scans: (N,) which of the scans, fewer than 32. speeds: (V,) m/s ahead.
@@ -258,7 +257,7 @@ def gathered(
     while slots < 2 * len(points):
         slots *= 2
     scores = np.zeros(len(speeds))
-    keys, met = np.full(slots, EMPTY), np.zeros(slots, np.int64)
+    keys, scan_bits = np.full(slots, EMPTY), np.zeros(slots, np.int64)
     cells, taken = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     for s in range(len(speeds)):
         for n in range(len(points)):
@@ -271,15 +270,15 @@ def gathered(
             taken[size] = slot
             size += keys[slot] == EMPTY
             keys[slot] = cells[n]
-            met[slot] |= 1 << scans[n]
+            scan_bits[slot] |= 1 << scans[n]
         pairs = 0
         for k in range(size):
-            bits, count = met[taken[k]], 0
+            bits, count = scan_bits[taken[k]], 0
             while bits:
                 bits &= bits - 1
                 count += 1
             pairs += count * (count - 1) // 2
-            keys[taken[k]], met[taken[k]] = EMPTY, 0
+            keys[taken[k]], scan_bits[taken[k]] = EMPTY, 0
         scores[s] = pairs
     return scores
 
@@ -291,7 +290,7 @@ def joined(
     """Return the speed near another at which points of different scans meet best, and its weight.
 
     As `gathered`, without cells: least squares over all pairs, weighed by Welsch's function of
-    how far they are apart. The weight, s^2, is what the pairs that meet say of the speed together;
+    how far they are apart. The weight, s^2, is the information of all pairs about the speed;
     0 where none do. near_m: the standard deviation of that function. points: in order of the
     second axis, as they are moved by the speed.
     """
@@ -317,8 +316,8 @@ def joined(
 
 
 @compiled()
-def count_apart(points: np.ndarray, apart_m: float) -> int:
-    """Return how many of (N, 2) points are so far apart, one after the other being taken."""
+def count_separate(points: np.ndarray, apart_m: float) -> int:
+    """Return the size of a greedy selection of (N, 2) points that are that far apart."""
     taken = np.empty((len(points), 2))
     count = 0
     for n in range(len(points)):
@@ -333,41 +332,41 @@ def count_apart(points: np.ndarray, apart_m: float) -> int:
 
 
 # --------------------------------------------------------------------------------------------------
-# How fast a sensor is whose first scans have just come: the speed at which things come together.
+# The speed search.
 
 SPEEDS_M_S = np.arange(-8.0, 50.0, 0.25)
 CELL_M = 0.4
 LOWEST_M, TALLEST_M = 0.4, 4.3
-"""Above the ground: lower is the ground; no road user is taller."""
+"""Heights above the ground: lower returns are the ground; no road user is taller."""
 FARTHEST_M = 60.0
 NEAR_M, GROUND_SHARE = 25.0, 0.05
-"""The ground is the lowest share of what is so near."""
+"""The ground is the lowest share of the returns within that distance."""
 BESIDE_M_S = 2.0
 """Speeds closer than this support each other rather than compete."""
 LEAST_TALL = 8
-"""Ends of tall things, in a scan on average, from which they decide. A few are met where beams
-leave the roof of a tunnel, and travel with the sensor."""
+"""Least mean number of ends of tall objects in a scan: a few are where beams leave the roof of a
+tunnel, and move with the sensor."""
 SLIM_M, PERSON_M = 0.6, 2.0
-"""Vehicles that are so high are wider; people and riders are as slim, but not so high."""
+"""Vehicles of that height are wider; people and riders are as slim, but lower."""
 FEW_SLIM, LEAST_SLIM, MANY_SLIM, APART_M = 2.0, 4.0, 10.0, 2.0
-"""Slim things, in a scan on average, from which they guess, decide, and decide alone; nearer ones
-count as one. Beside the sensor a piece of a lorry may be seen by itself."""
+"""Mean numbers of slim objects in a scan from which they give a guess, decide, and decide alone;
+objects within `APART_M` count as one. Beside the sensor a part of a lorry may look slim."""
 ROUGHLY_M_S = 0.3
-"""Standard deviation of a speed that is told by cells."""
+"""Standard deviation of a speed found by cells."""
 NEAR_FIXTURE_M = 0.1
-"""How far apart the same fixture is met."""
+"""Standard deviation of the position of the same fixture in two scans."""
 FINE_S2_M_S, FINEST_M_S = 0.15, 0.1
-"""A fine speed errs by so much over its weight, in tunnels as on roads; the body sways, besides."""
+"""Standard deviation of a fine speed: this over its weight, and the latter because of sway."""
 VAGUEST_M_S = 1.0
-"""One that errs by more tells nothing."""
+"""Largest standard deviation of a usable speed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ends:
-    """Where things end in a scan, and where slim ones are.
+    """Ends of objects in a scan, and slim objects.
 
     points: (K, 2) metres as measured. times_s: (K,). upright, tall, slim: (K,) bool, whether it is
-    an upright end, one of a tall thing, or the middle of a slim thing.
+    an upright end, one of a tall object, or the middle of a slim object.
     """
 
     points: np.ndarray
@@ -378,7 +377,7 @@ class Ends:
 
     @staticmethod
     def of(scan: LidarScan) -> Ends:
-        """Find them."""
+        """Return the ends and slim objects of a scan."""
         points = scan.points
         if not len(points):
             return Ends(np.empty((0, 2)), np.empty(0), *np.empty((3, 0), bool))
@@ -387,32 +386,32 @@ class Ends:
         height_m = points[:, 2] - (np.quantile(points[near, 2], GROUND_SHARE) if near.any() else 0)
         usable = (flat < FARTHEST_M) & (flat > 1.5)
         table = BeamTable.of(points, scan.ring, scan.column)
-        # Where no ground is seen, nothing is known to be taller than vehicles.
+        # Without visible ground, the height of objects is unknown.
         grounded = usable & near.any()
         upright = table.ends() & usable & ((height_m > LOWEST_M) | ~near.any())
         free = table.slim(grounded & (height_m > PERSON_M), SLIM_M)
-        kept = upright | free
-        times = scan.stamp_s + scan.time_offset_s[kept].astype(np.float64)
+        selected = upright | free
+        times = scan.stamp_s + scan.time_offset_s[selected].astype(np.float64)
         return Ends(
-            points[kept, :2].astype(np.float64),
+            points[selected, :2].astype(np.float64),
             times,
-            upright[kept],
-            (upright & grounded & (height_m > TALLEST_M))[kept],
-            free[kept],
+            upright[selected],
+            (upright & grounded & (height_m > TALLEST_M))[selected],
+            free[selected],
         )
 
     @property
-    def slim_things(self) -> int:
-        """Return how many slim things there are."""
-        return int(count_apart(self.points[self.slim], APART_M))
+    def slim_objects(self) -> int:
+        """Number of slim objects."""
+        return int(count_separate(self.points[self.slim], APART_M))
 
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """The best speed ahead, m/s, and how many times as much it gathers as the best of others.
+    """The best speed ahead, m/s, and the ratio of its score to the best of other speeds.
 
-    by_fixtures: whether only things decided that no road user can be. spread_m_s: how far off it
-    may be, one standard deviation.
+    by_fixtures: whether it comes from objects that cannot be road users. spread_m_s: standard
+    deviation.
     """
 
     ahead_m_s: float
@@ -423,67 +422,67 @@ class Speed:
     CLEAR: ClassVar = 1.25
 
     @staticmethod
-    def told(ahead_m_s: float) -> Speed:
-        """Return a speed that was not looked for but told."""
+    def measured(ahead_m_s: float) -> Speed:
+        """Return a speed that was measured directly, for example by wheels."""
         return Speed(ahead_m_s, np.inf, by_fixtures=True)
 
     @property
     def clear(self) -> bool:
-        """Whether no other speed comes close."""
+        """Whether no other speed has a similar score."""
         return self.clarity >= self.CLEAR
 
     @property
     def known(self) -> bool:
-        """Whether it is to be believed: what is as low as vehicles may all move along."""
+        """Whether it is reliable: objects as low as vehicles may all belong to traffic."""
         return self.clear and self.by_fixtures and self.spread_m_s <= VAGUEST_M_S
 
 
 def speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
-    """Return the speed at which scans in a row agree; with the turn rate about the vertical.
+    """Return the speed at which consecutive scans agree, for a turn rate about the vertical.
 
-    Where fixtures are too few to decide, they guess better than what may be traffic.
+    A guess from few fixtures is better than one from objects that may be traffic.
     """
     fixed = _fixed(scans)
     if fixed is not None:
         return _by_fixtures(scans, rate_rad_s, fixed)
-    if _slim_things(scans) >= FEW_SLIM:
+    if _slim_objects(scans) >= FEW_SLIM:
         guess = _by_fixtures(scans, rate_rad_s, [each.slim for each in scans])
         if guess.known:
             return replace(guess, by_fixtures=False)
-    return _Looks.at(scans, rate_rad_s, [each.upright for each in scans]).roughly()
+    return _JoinedEnds.at(scans, rate_rad_s, [each.upright for each in scans]).roughly()
 
 
 def standing_speed_of(scans: list[Ends], rate_rad_s: float) -> Speed:
-    """Return the speed at which fixtures agree; not clear where there are too few."""
+    """Return the speed at which fixtures agree; not clear if there are too few."""
     fixed = _fixed(scans)
     return Speed(0.0, 0.0) if fixed is None else _by_fixtures(scans, rate_rad_s, fixed)
 
 
 def _by_fixtures(scans: list[Ends], rate: float, fixed: list[np.ndarray]) -> Speed:
-    looks = _Looks.at(scans, rate, fixed)
-    found = replace(looks.roughly(), by_fixtures=True)
-    return looks.finely(found) if found.clear else found
+    ends_joined = _JoinedEnds.at(scans, rate, fixed)
+    rough = replace(ends_joined.roughly(), by_fixtures=True)
+    return ends_joined.finely(rough) if rough.clear else rough
 
 
 def _fixed(scans: list[Ends]) -> list[np.ndarray] | None:
-    """Return which ends of each scan are of fixtures; None where there are too few."""
-    things = _slim_things(scans)
+    """Return the marks of fixtures in each scan; None if there are too few."""
+    objects = _slim_objects(scans)
     enough_tall = sum(int(each.tall.sum()) for each in scans) >= LEAST_TALL * len(scans)
-    slim_counts = things >= LEAST_SLIM
-    tall_counts = enough_tall and things < MANY_SLIM
+    slim_counts = objects >= LEAST_SLIM
+    tall_counts = enough_tall and objects < MANY_SLIM
     if not (tall_counts or slim_counts):
         return None
     return [each.tall & tall_counts | each.slim & slim_counts for each in scans]
 
 
-def _slim_things(scans: list[Ends]) -> float:
-    """Return how many there are in a scan, on average."""
-    return sum(each.slim_things for each in scans) / max(len(scans), 1)
+def _slim_objects(scans: list[Ends]) -> float:
+    """Return the mean number of slim objects in a scan."""
+    return sum(each.slim_objects for each in scans) / max(len(scans), 1)
 
 
 @dataclass(frozen=True, slots=True)
-class _Looks:
-    """Chosen ends of scans in a row.
+class _JoinedEnds:
+    """Selected ends of consecutive scans.
 
     points: (N, 2) metres, turned as the sensor was at first. ahead: (N, 2) s, where they are moved
     by a speed, along the arc on which the sensor drives. scans: (N,) numbers.
@@ -494,8 +493,8 @@ class _Looks:
     scans: np.ndarray
 
     @staticmethod
-    def at(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> _Looks:
-        """Join them; rate: rad/s about the vertical."""
+    def at(scans: list[Ends], rate: float, chosen: list[np.ndarray]) -> _JoinedEnds:
+        """Return the selected ends of all scans; rate: rad/s about the vertical."""
         points = np.concatenate([each.points[c] for each, c in zip(scans, chosen, strict=True)])
         times = np.concatenate([each.times_s[c] for each, c in zip(scans, chosen, strict=True)])
         number = np.concatenate([np.full(int(c.sum()), i) for i, c in enumerate(chosen)])
@@ -509,10 +508,10 @@ class _Looks:
             ]
         )
         half = times[:, None] * np.column_stack([np.cos(0.5 * angles), np.sin(0.5 * angles)])
-        return _Looks(turned, half, number)
+        return _JoinedEnds(turned, half, number)
 
     def roughly(self) -> Speed:
-        """Return the best speed by cells."""
+        """Return the best speed by counting cells."""
         if len(self.points) < 2:
             return Speed(0.0, 0.0)
         scores = gathered(self.points, self.ahead, self.scans, SPEEDS_M_S, CELL_M)
@@ -525,7 +524,7 @@ class _Looks:
         return Speed(middle, float(scores[best] / max(others.max(), 1.0)))
 
     def finely(self, rough: Speed) -> Speed:
-        """Return the speed near a rough one at which the points themselves meet."""
+        """Return the speed near a rough one at which the points themselves coincide."""
         order = np.argsort(self.points[:, 1] + rough.ahead_m_s * self.ahead[:, 1])
         ahead_m_s, weight = joined(
             self.points[order],

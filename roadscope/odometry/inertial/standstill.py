@@ -1,4 +1,4 @@
-"""Whether a sensor stands, and what is kept of the time when it stood."""
+"""Detection of standstill, and the states of a sensor at rest."""
 
 from __future__ import annotations
 
@@ -11,23 +11,20 @@ from roadscope.odometry.inertial.filter import SPEED, InertialNoise, InertialSta
 from roadscope.odometry.inertial.track import InertialTrack, Stretch
 
 # --------------------------------------------------------------------------------------------------
-# Whether an inertial unit stands: nothing changes in what it feels.
+# Detection of rest: constant inertial samples.
 
 WINDOW_S, BLOCK_S = 1.0, 0.1
 STANDSTILL_SIGMAS = 3.8
-"""Means over blocks may stray so many deviations of the noise from that of the window. Vehicles
-that drive are felt more, unless they drive straight at one speed for a second."""
+"""Largest deviation of the means of blocks from that of the window, in deviations of the noise.
+Driving vehicles exceed it unless they drive straight at constant speed for a second."""
 TURNING_RAD_S = 0.05
-"""A steadier turn than any gyro's bias is a turn."""
+"""A constant rate above this is a turn: no gyro has such a bias."""
 
 
-def felt_still(
+def measured_rest(
     samples: ImuBuffer, now_s: float, noise: InertialNoise, window_s: float = WINDOW_S
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return means over the last seconds if nothing changed in them, or None.
-
-    Rate, (3,) rad/s, and force, (3,) m/s^2.
-    """
+    """Return the mean rate, (3,) rad/s, and force, (3,) m/s^2, if both were constant; else None."""
     if not samples.covers(now_s - window_s, now_s):
         return None
     _, rates, forces = samples.within(now_s - window_s, now_s)
@@ -35,56 +32,56 @@ def felt_still(
     usable = len(rates) // blocks * blocks
     if not usable:
         return None
-    felt = np.hstack([rates, forces])[:usable].reshape(blocks, -1, 6).mean(axis=1)
-    mean = felt.mean(axis=0)
-    stray = np.abs(felt - mean).max(axis=0)
+    means = np.hstack([rates, forces])[:usable].reshape(blocks, -1, 6).mean(axis=1)
+    mean = means.mean(axis=0)
+    deviation = np.abs(means - mean).max(axis=0)
     most = STANDSTILL_SIGMAS / np.sqrt(BLOCK_S)
-    quiet = stray[:3].max() < most * noise.rate and stray[3:].max() < most * noise.force
+    quiet = deviation[:3].max() < most * noise.rate and deviation[3:].max() < most * noise.force
     still = quiet and np.abs(mean[:3]).max() < TURNING_RAD_S
     return (mean[:3], mean[3:]) if still else None
 
 
 # --------------------------------------------------------------------------------------------------
-# What was held while a sensor stood, to go back to once it has left.
+# States during a rest, to return to after it has ended.
 
 DOUBTED_S = 1.5
-"""Who pulls away does so from nothing: for a second or more it is not told from noise, and
-meanwhile its acceleration passes for a bias."""
+"""A vehicle pulls away gradually: for a second or more its acceleration cannot be distinguished
+from noise and would be learned as a bias."""
 RECENT_S, COMPARED_S = 0.5, 2.5
-"""How long is felt what is compared with what was felt before, and how long both together."""
+"""Length of the recent interval that is compared with the time before, and length of both."""
 REST_SIGMAS = 4.0
-"""Standard deviations."""
+"""Largest difference of both, in standard deviations."""
 NEAR_M, DOUBT_M = 3.0, 0.3
-"""Traffic that stood as well cannot be told from the world before it is seen from places so far
-apart; until then it may have moved along."""
+"""Other vehicles at rest cannot be distinguished from static objects until the sensor has moved
+this far; until then everything in the map has this standard deviation of a common motion."""
 
 
-class Rest:
-    """Keeps states of the last seconds of a rest, each with the stretch that it ended."""
+class RestHistory:
+    """Stores states of the last seconds of a rest, each with the interval before it."""
 
     def __init__(self, noise: InertialNoise) -> None:
         self.noise = noise
-        self._kept: list[tuple[InertialState, Stretch]] = []
-        self._felt: deque[tuple[float, np.ndarray]] = deque()
+        self._states: list[tuple[InertialState, Stretch]] = []
+        self._samples: deque[tuple[float, np.ndarray]] = deque()
         self._left_s, self._place = -np.inf, np.full(3, np.inf)
 
     @property
     def begins(self) -> bool:
-        """Whether the sensor is not held to stand yet."""
-        return not self._kept
+        """Whether no state of rest is stored yet."""
+        return not self._states
 
     def may_be(self, stretch: Stretch, now_s: float) -> bool:
-        """Say whether a stretch until now may be one of rest: it is felt as those before were.
+        """Return whether the interval until now may be a rest: its samples equal the earlier ones.
 
-        Who has just left does not stand again at once.
+        A sensor that has just left does not rest again at once.
         """
         if not len(stretch.lengths_s) or now_s < self._left_s + DOUBTED_S:
             return False
-        self._felt.append((stretch.elapsed_s, stretch.lengths_s @ stretch.forces))
-        while sum(length for length, _ in self._felt) > COMPARED_S:
-            self._felt.popleft()
-        lengths = np.array([length for length, _ in self._felt])
-        gained = np.array([each for _, each in self._felt])
+        self._samples.append((stretch.elapsed_s, stretch.lengths_s @ stretch.forces))
+        while sum(length for length, _ in self._samples) > COMPARED_S:
+            self._samples.popleft()
+        lengths = np.array([length for length, _ in self._samples])
+        gained = np.array([each for _, each in self._samples])
         late = np.cumsum(lengths[::-1])[::-1] <= RECENT_S + 1e-3
         late_s, early_s = float(lengths[late].sum()), float(lengths[~late].sum())
         if min(late_s, early_s) < RECENT_S / 2:
@@ -95,47 +92,47 @@ class Rest:
         return bool(np.abs(off).max() < REST_SIGMAS * np.sqrt(variance))
 
     def doubt_m(self, track: InertialTrack) -> float:
-        """Return how far what was seen in the rest may have moved together since it ended."""
-        way_m = float(np.linalg.norm(track.state.pose[:3, 3] - self._place))
-        return DOUBT_M if way_m < NEAR_M and not self._kept else 0.0
+        """Return the standard deviation of a common motion of everything in the map, metres."""
+        distance_m = float(np.linalg.norm(track.state.pose[:3, 3] - self._place))
+        return DOUBT_M if distance_m < NEAR_M and not self._states else 0.0
 
     def held(self, track: InertialTrack, stretch: Stretch) -> None:
-        """Take it that the sensor stands at the end of a stretch."""
-        self._kept.append((track.state.copied(), stretch))
+        """Store the state of a sensor at rest at the end of an interval."""
+        self._states.append((track.state.copied(), stretch))
         self._place = track.state.pose[:3, 3].copy()
-        while sum(each.elapsed_s for _, each in self._kept[1:]) > DOUBTED_S:
-            del self._kept[0]
+        while sum(each.elapsed_s for _, each in self._states[1:]) > DOUBTED_S:
+            del self._states[0]
 
     def left(self, track: InertialTrack, stretch: Stretch, now_s: float) -> bool:
-        """Take it that the sensor stands no longer, and that since when is not known.
+        """End the rest: return to the oldest stored state and predict from there.
 
-        Say whether it stood until now.
+        Returns whether the sensor was at rest until now.
         """
-        self._felt.clear()
-        if not self._kept:
+        self._samples.clear()
+        if not self._states:
             return False
-        track.state = self._kept[0][0]
-        for _, each in self._kept[1:]:
+        track.state = self._states[0][0]
+        for _, each in self._states[1:]:
             track.predict(each)
         track.predict(stretch)
-        self._kept, self._left_s = [], now_s
+        self._states, self._left_s = [], now_s
         return True
 
 
 # --------------------------------------------------------------------------------------------------
-# How much speed a sensor has felt that it gained since it stood, without any scan.
+# The speed gained since a rest by inertial samples alone.
 
 LEAST_M_S, DEVIATIONS = 1.0, 3.0
-"""How far off what is felt may be: what the end of a rest hides, and so many deviations."""
+"""Error of the gained speed: what the end of a rest hides, and that many standard deviations."""
 
 
-class FeltSpeed:
-    """Carries the state of a rest on by samples alone: what scans say is not let in.
+class IntegratedSpeed:
+    """Predicts the state of a rest by inertial samples alone, without scans.
 
-    A rest tells biases and what is down so well that half a minute later the speed is known to
-    2 m/s. Traffic that keeps its place, and walls that fade away along the road, say that nothing
-    moves; but vehicles drive ahead, so that nobody is slower than what he gained: be it that he
-    did not stand, but drove steadily.
+    A rest determines biases and gravity so well that half a minute later the speed is known to
+    2 m/s. Traffic that moves along, and smooth walls, seem to show a sensor at rest; but vehicles
+    drive forward, so that the speed is at least the gained one, even if the sensor was not at rest
+    but driving steadily.
     """
 
     def __init__(self, noise: InertialNoise) -> None:
@@ -143,11 +140,11 @@ class FeltSpeed:
         self._state: InertialState | None = None
 
     def stood(self, state: InertialState) -> None:
-        """Begin from a state of which scans said nothing since the sensor stood."""
+        """Start from the state of a sensor at rest."""
         self._state = state.copied()
 
     def predict(self, stretch: Stretch) -> None:
-        """Go on to the next stamp; without samples nothing is known any more."""
+        """Predict the state at the next stamp; without samples it becomes unknown."""
         if self._state is None or not stretch.elapsed_s:
             return
         if len(stretch.lengths_s):
@@ -157,14 +154,14 @@ class FeltSpeed:
 
     @property
     def gained_m_s(self) -> float:
-        """Return the speed ahead that was gained; minus infinity if that is not known."""
+        """Gained speed ahead, m/s; minus infinity if unknown."""
         if self._state is None:
             return -np.inf
         return float(self._state.pose[:3, 0] @ self._state.velocity)
 
     @property
     def least_m_s(self) -> float:
-        """Return how fast the sensor is at least."""
+        """Lower bound of the speed ahead, m/s; minus infinity if unknown."""
         if self._state is None:
             return -np.inf
         ahead = self._state.pose[:3, 0]

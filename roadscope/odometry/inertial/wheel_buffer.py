@@ -1,4 +1,4 @@
-"""The latest wheel speeds, and what they tell of a moment."""
+"""A buffer of the latest wheel speeds."""
 
 from __future__ import annotations
 
@@ -6,38 +6,38 @@ import numpy as np
 
 from roadscope.core import WheelSamples
 
-KEPT_S = 1.0
+BUFFER_S = 1.0
 AROUND_S = 0.05
-"""Samples so near a moment tell its speed."""
+"""Samples within this time of an instant give its speed."""
 LEAST_FOR_A_LINE = 4
 SAMPLE_M_S, STRAY_M_S = 0.03, 0.02
-"""Standard deviations of one sample by itself, and of all near a moment together: wheels slip."""
+"""Standard deviations of a single sample, and of a common error of neighbours: wheels slip."""
 
 
 class WheelBuffer:
-    """Keeps samples of the last second, in order."""
+    """Stores samples of the last second, in order."""
 
     def __init__(self) -> None:
         self.stamps_s, self.speeds = np.empty(0), np.empty(0)
 
     def add(self, wheels: WheelSamples) -> None:
-        """Take further samples; those not later than all before are left out."""
+        """Add samples; those that are not later than all earlier ones are left out."""
         block = np.column_stack([wheels.stamps_s, wheels.speeds])
-        if len(block) and len(self.stamps_s) and block[0, 0] < self.stamps_s[-1] - KEPT_S:
-            # The clock began anew.
+        if len(block) and len(self.stamps_s) and block[0, 0] < self.stamps_s[-1] - BUFFER_S:
+            # The clock was reset.
             self.stamps_s, self.speeds = np.empty(0), np.empty(0)
         last = self.stamps_s[-1] if len(self.stamps_s) else -np.inf
         ahead = np.maximum.accumulate(np.concatenate([[last], block[:, 0]]))[:-1]
         block = block[block[:, 0] > ahead]
         stamps_s = np.concatenate([self.stamps_s, block[:, 0]])
-        kept = stamps_s >= stamps_s[-1] - KEPT_S if len(stamps_s) else slice(None)
-        self.stamps_s = stamps_s[kept]
-        self.speeds = np.concatenate([self.speeds, block[:, 1]])[kept]
+        recent = stamps_s >= stamps_s[-1] - BUFFER_S if len(stamps_s) else slice(None)
+        self.stamps_s = stamps_s[recent]
+        self.speeds = np.concatenate([self.speeds, block[:, 1]])[recent]
 
     def at(self, stamp_s: float) -> tuple[float, float] | None:
-        """Return the speed, m/s, at a moment and its variance; None without samples near it.
+        """Return the speed, m/s, at an instant and its variance; None without samples near it.
 
-        It is that of the straight line through them, so that acceleration does not shift it.
+        It is read from a line through the samples, so that acceleration does not bias it.
         """
         near = np.abs(self.stamps_s - stamp_s) <= AROUND_S
         times, speeds = self.stamps_s[near] - stamp_s, self.speeds[near]
@@ -48,5 +48,5 @@ class WheelBuffer:
         sloped = len(times) >= LEAST_FOR_A_LINE
         slope = float(middle @ speeds) / spread if sloped else 0.0
         share = 1 / len(times) + (float(times.mean()) ** 2 / spread if sloped else 0.0)
-        told = float(speeds.mean()) - slope * float(times.mean())
-        return told, SAMPLE_M_S**2 * share + STRAY_M_S**2
+        speed = float(speeds.mean()) - slope * float(times.mean())
+        return speed, SAMPLE_M_S**2 * share + STRAY_M_S**2

@@ -1,4 +1,4 @@
-"""Places to which a drive returns, and how the poses between are corrected."""
+"""Loop closing: places visited again, and the correction of the poses between."""
 
 from __future__ import annotations
 
@@ -12,29 +12,33 @@ from roadscope.odometry.loam.progress import misfit_of
 from roadscope.odometry.rigid import adjoint, exp_se3, hat, inverse, log_se3, orthonormal
 
 # --------------------------------------------------------------------------------------------------
-# Points onto points, the nearest to the nearest (Besl and McKay 1992).
+# Point-to-point ICP (Besl and McKay 1992).
 
 ICP_STEPS = 30
-KEPT = 0.8
-"""Share of the pairs, the nearest ones, that counts: what one scan alone saw has none."""
+INLIER_SHARE = 0.8
+"""Share of the pairs, the nearest ones, that are used: parts of a scan have no counterpart."""
 
 
 def onto(points: np.ndarray, target: np.ndarray, start: np.ndarray, reach_m: float) -> np.ndarray:
     """Return the (4, 4) `target_from_points` that brings (N, 3) points onto (M, 3) others.
 
-    start: (4, 4), whence to look. reach_m: pairs that lie farther apart do not count.
+    start: (4, 4), initial value. reach_m: greatest distance of a pair.
     """
     from scipy.spatial import cKDTree
 
     pose, tree = start.copy(), cKDTree(target)
     for _ in range(ICP_STEPS):
         there = points @ pose[:3, :3].T + pose[:3, 3]
-        away, nearest = tree.query(there, distance_upper_bound=reach_m)
-        bound = np.quantile(away[np.isfinite(away)], KEPT) if np.isfinite(away).any() else 0.0
-        held = away <= bound
-        if held.sum() < 6:
+        distances, nearest = tree.query(there, distance_upper_bound=reach_m)
+        bound = (
+            np.quantile(distances[np.isfinite(distances)], INLIER_SHARE)
+            if np.isfinite(distances).any()
+            else 0.0
+        )
+        inliers = distances <= bound
+        if inliers.sum() < 6:
             return pose
-        move = between(there[held], target[nearest[held]])
+        move = between(there[inliers], target[nearest[inliers]])
         pose = move @ pose
         if np.abs(log_se3(move)).max() < 1e-3:
             break
@@ -42,7 +46,7 @@ def onto(points: np.ndarray, target: np.ndarray, start: np.ndarray, reach_m: flo
 
 
 def overlap(points: np.ndarray, target: np.ndarray, pose: np.ndarray, within_m: float) -> float:
-    """Return the share of (N, 3) points that a (4, 4) motion brings so near to one of others."""
+    """Return the share of (N, 3) points that a (4, 4) motion brings within a distance of others."""
     from scipy.spatial import cKDTree
 
     there = points @ pose[:3, :3].T + pose[:3, 3]
@@ -61,11 +65,11 @@ def between(points: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# Poses that agree best with motions measured between them.
+# Pose graph: the poses that agree best with measured motions between them.
 
 GRAPH_STEPS = 20
 SMALL = 1e-7
-"""Steps below, metres and radians, end the search."""
+"""Smaller steps, metres and radians, end the search."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +85,7 @@ class Link:
     spread: np.ndarray
 
 
-def settled(poses: np.ndarray, links: Sequence[Link]) -> np.ndarray:
+def optimised_poses(poses: np.ndarray, links: Sequence[Link]) -> np.ndarray:
     """Return the (N, 4, 4) poses with the least sum of squares over links; the first one stays.
 
     Gauss-Newton on sparse normal equations, from the poses given; each needs a chain of links
@@ -106,11 +110,11 @@ def settled(poses: np.ndarray, links: Sequence[Link]) -> np.ndarray:
 
 
 def misfits(poses: np.ndarray, links: Sequence[Link]) -> np.ndarray:
-    """Return (K, 6), how far poses are from what each link measured, in its deviations."""
-    return np.array([_off(poses, link) / link.spread for link in links])
+    """Return (K, 6) residuals of the links, in their standard deviations."""
+    return np.array([_residual(poses, link) / link.spread for link in links])
 
 
-def _off(poses: np.ndarray, link: Link) -> np.ndarray:
+def _residual(poses: np.ndarray, link: Link) -> np.ndarray:
     between = inverse(poses[link.first]) @ poses[link.second]
     return log_se3(inverse(link.motion) @ between)
 
@@ -121,8 +125,8 @@ def _linear(
     """Return rows, columns and values of the Jacobian, and the (6 K,) misfits."""
     rows, columns, values, offs = [], [], [], []
     for k, link in enumerate(links):
-        off = _off(poses, link)
-        # How a logarithm grows with a small motion after it, up to the square of the misfit.
+        off = _residual(poses, link)
+        # Derivative of the logarithm for a small motion after it, up to the square of the residual.
         grows = np.eye(6) + _bracket(off) / 2 + _bracket(off) @ _bracket(off) / 12
         back = adjoint(inverse(poses[link.second]) @ poses[link.first])
         for node, block in ((link.first, -grows @ back), (link.second, grows)):
@@ -143,29 +147,29 @@ def _bracket(twist: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# Places where a drive comes back, and what the poses on the way become then.
+# Detection of loops.
 
 NEAR_M = 15.0
-"""Candidates lie nearer than this."""
+"""Greatest distance of a candidate."""
 DRIVEN_M = 50.0
-"""So far was driven since at least: what is just behind is in the map anyway."""
+"""Least distance driven since a candidate: recent keyframes are in the map anyway."""
 AGAIN_M = 10.0
-"""So far from the last loop the next is looked for."""
+"""Least distance driven between two loops."""
 BESIDE = 10
-"""So many keyframes either way make the map of a candidate's place."""
+"""Number of keyframes before and after a candidate in its local map."""
 RESIDUAL_M = 0.2
 AGREED, WITHIN_M = 0.5, 0.3
-"""Least share of edges that lie so near to one of that map."""
+"""Least share of edges that lie within that distance of an edge of the local map."""
 DRIFTED = 0.05
-"""Nobody drifts by more than this share of the way since. Without such a bound corridors, which
-look alike farther on, close loops wherever they fit."""
+"""Largest drift as a share of the distance driven since. Without this bound, self-similar places
+such as corridors would close false loops."""
 STEP_SPREAD = np.array([0.05] * 3 + [0.005] * 3)
 LOOP_SPREAD = np.array([0.05] * 3 + [0.005] * 3)
-"""What is thought of a motion from keyframe to keyframe, and of one that closes a loop."""
+"""Standard deviations of a motion between keyframes, and of one that closes a loop."""
 
 
 class LoopClosing:
-    """Remembers links between keyframes and finds further ones where a drive comes back."""
+    """Stores links between keyframes, and finds further ones at places visited again."""
 
     def __init__(self) -> None:
         self.links: list[Link] = []
@@ -179,7 +183,7 @@ class LoopClosing:
             self.links.append(_link(keyframes, last - 1, last, STEP_SPREAD))
 
     def closed_by(self, keyframes: Sequence[Keyframe]) -> list[Keyframe] | None:
-        """Return all keyframes at their new places if the last one closes a loop."""
+        """Return all keyframes with corrected poses if the last one closes a loop, else None."""
         last = len(keyframes) - 1
         if keyframes[last].driven_m - self._last_m < AGAIN_M:
             return None
@@ -187,18 +191,18 @@ class LoopClosing:
         if candidate is None:
             return None
         self._last_m = keyframes[last].driven_m
-        there = place_again(keyframes, candidate)
+        there = relocalised(keyframes, candidate)
         if there is None:
             return None
         motion = inverse(keyframes[candidate].map_from_lidar) @ there
         self.links.append(Link(candidate, last, motion, LOOP_SPREAD))
         self.closed += 1
-        poses = settled(np.array([each.map_from_lidar for each in keyframes]), self.links)
+        poses = optimised_poses(np.array([each.map_from_lidar for each in keyframes]), self.links)
         return [replace(k, map_from_lidar=p) for k, p in zip(keyframes, poses, strict=True)]
 
 
 def nearest_candidate(keyframes: Sequence[Keyframe]) -> int | None:
-    """Return the number of the nearest keyframe to the last one that is an earlier visit's."""
+    """Return the number of the nearest keyframe of an earlier visit to the last one's place."""
     last = keyframes[-1]
     earlier = [k for k in keyframes if last.driven_m - k.driven_m > DRIVEN_M]
     if not earlier:
@@ -208,22 +212,24 @@ def nearest_candidate(keyframes: Sequence[Keyframe]) -> int | None:
     return nearest if away_m[nearest] < NEAR_M else None
 
 
-def place_again(keyframes: Sequence[Keyframe], candidate: int) -> np.ndarray | None:
-    """Return where the last keyframe is, (4, 4), by the map about an earlier one, if it fits."""
+def relocalised(keyframes: Sequence[Keyframe], candidate: int) -> np.ndarray | None:
+    """Return the (4, 4) pose of the last keyframe on the map around an earlier one, if it fits."""
     beside = keyframes[max(candidate - BESIDE, 0) : candidate + BESIDE + 1]
-    last, there = keyframes[-1], KeyframeMap(beside)
-    if not len(there.edges) or not len(last.edges):
+    last, local_map = keyframes[-1], KeyframeMap(beside)
+    if not len(local_map.edges) or not len(last.edges):
         return None
-    # Edges, few and distinct, tell roughly; lines and planes then finely.
-    rough = onto(last.edges, there.edges.points, last.map_from_lidar, NEAR_M)
-    found = there.match(last, rough)
-    if misfit_of(found) or found.residual_m > RESIDUAL_M:
+    # First roughly by edges, which are few and distinct; then finely by lines and planes.
+    rough = onto(last.edges, local_map.edges.points, last.map_from_lidar, NEAR_M)
+    feature_match = local_map.match(last, rough)
+    if misfit_of(feature_match) or feature_match.residual_m > RESIDUAL_M:
         return None
-    moved_m = np.linalg.norm(found.before_from_now[:3, 3] - last.place)
+    moved_m = np.linalg.norm(feature_match.before_from_now[:3, 3] - last.place)
     if moved_m > DRIFTED * (last.driven_m - keyframes[candidate].driven_m):
         return None
-    seen_again = overlap(last.edges, there.edges.points, found.before_from_now, WITHIN_M)
-    return found.before_from_now if seen_again > AGREED else None
+    seen_again = overlap(
+        last.edges, local_map.edges.points, feature_match.before_from_now, WITHIN_M
+    )
+    return feature_match.before_from_now if seen_again > AGREED else None
 
 
 def _link(keyframes: Sequence[Keyframe], first: int, second: int, spread: np.ndarray) -> Link:

@@ -1,4 +1,4 @@
-"""The motion between two scans, and the pose on a map of earlier features."""
+"""The motion between two scans, and the correction of poses by a map."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from roadscope.odometry.lego.loop_closing import LoopClosing
 from roadscope.odometry.lego.point_map import Keyframe, KeyframeMap, keyframe
 from roadscope.odometry.loam.feature_match import FeatureMatch, match_features
 from roadscope.odometry.loam.features import Features
-from roadscope.odometry.loam.progress import misfit_of, settled
+from roadscope.odometry.loam.progress import misfit_of, with_prediction
 from roadscope.odometry.rigid import inverse, log_se3
 
 # --------------------------------------------------------------------------------------------------
 # The motion between two scans in two steps (Shan and Englot 2018, section III-D).
 
 LEVEL = (False, False, True, True, True, False)
-"""z, roll and pitch: what the ground tells."""
+"""z, roll and pitch, which the ground determines."""
 ALONG = (True, True, False, False, False, True)
-"""x, y and yaw: what edges tell, with the others held."""
+"""x, y and yaw, which edges determine, with the others fixed."""
 
 
 def match_two_steps(now: Features, before: Features, start: np.ndarray) -> FeatureMatch:
     """Return the motion by planes for height, roll and pitch, then by edges for the rest.
 
-    start: (4, 4) `before_from_now`. Each step's information is of what it sought.
+    start: (4, 4) `before_from_now`. The information of each step covers its own unknowns.
     """
     first = match_features(now, before, start, edges=False, free=LEVEL)
     second = match_features(now, before, first.before_from_now, planes=False, free=ALONG)
@@ -34,20 +34,19 @@ def match_two_steps(now: Features, before: Features, start: np.ndarray) -> Featu
 
 
 # --------------------------------------------------------------------------------------------------
-# Where a map of earlier features puts a scan (Shan and Englot 2018, section III-E).
+# Mapping (Shan and Englot 2018, section III-E).
 
 REACH_M = 100.0
-"""How far a map goes, as published."""
+"""Radius of the map, as published."""
 APART_M, APART_RAD = 0.3, 0.2
-"""Nearer to the last one no keyframe is taken: what stands still adds nothing to a map."""
+"""Least motion since the last keyframe for a new one."""
 
 
 class LegoMapping:
     """Corrects the odometry by a map of its keyframes, and by loops.
 
-    every: so many scans to a look at the map; 0: it is never looked at. reach_m: keyframes
-    nearer than this make the map. map_from_start: (4, 4), what the odometry's poses are
-    corrected by.
+    every: number of scans between two matches with the map; 0: never. reach_m: keyframes nearer
+    than this form the map. map_from_start: (4, 4), correction of the odometry's poses.
     """
 
     def __init__(self, *, every: int, reach_m: float, loop: bool) -> None:
@@ -59,7 +58,7 @@ class LegoMapping:
         self._last = np.eye(4)
 
     def take(self, features: Features, start_from_lidar: np.ndarray) -> None:
-        """Match a scan's features with the map and add them to it, if it is its turn.
+        """Match every n-th scan's features with the map and add them to it.
 
         start_from_lidar: (4, 4), the odometry's pose.
         """
@@ -70,9 +69,9 @@ class LegoMapping:
         pose = self.map_from_start @ start_from_lidar
         taken = keyframe(features, pose, 0.0)
         if self.keyframes:
-            found = self._map.match(taken, pose)
-            if not misfit_of(found):
-                pose = settled(pose, found)
+            feature_match = self._map.match(taken, pose)
+            if not misfit_of(feature_match):
+                pose = with_prediction(pose, feature_match)
         step = log_se3(inverse(self._last) @ pose)
         far = np.linalg.norm(step[:3]) > APART_M or np.linalg.norm(step[3:]) > APART_RAD
         if far or not self.keyframes:

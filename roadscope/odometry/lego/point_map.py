@@ -19,13 +19,14 @@ from roadscope.odometry.loam.features import Features
 # The nearest points of a map, and the line or plane through them.
 
 CUBE_M = 1.0
-"""Nearest points are looked for up to here; LOAM takes none farther."""
+"""Search radius for nearest points, as in LOAM."""
 NEAREST = 5
+"""Number of nearest points of a line or plane."""
 LONG = 3.0
-"""A line's greatest eigenvalue is so many times the next."""
+"""Least ratio of a line's greatest eigenvalue to the next."""
 THICK_M, WIDE_M = 0.1, 0.1
-"""Root mean square distance of a plane's points from it, at most, and from the line along which
-they spread, at least: those of one beam's trace lie on a line and have no plane."""
+"""Largest root mean square distance of a plane's points from it, and the least from their line:
+points of a single ring lie on a line and have no plane."""
 
 
 class PointGrid(NamedTuple):
@@ -86,21 +87,21 @@ def _squared(a: np.ndarray, b: np.ndarray) -> float:
 
 
 @compiled()
-def nearest_points(grid: PointGrid, place: np.ndarray, found: np.ndarray) -> int:
+def nearest_points(grid: PointGrid, point: np.ndarray, nearest: np.ndarray) -> int:
     """Fill the nearest points of a place, nearest first; return how many are within `CUBE_M`."""
-    count, away = 0, np.full(len(found), CUBE_M * CUBE_M)
+    count, squares = 0, np.full(len(nearest), CUBE_M * CUBE_M)
     for cube in range(27):
-        key = _key(place, cube % 3 - 1, cube // 3 % 3 - 1, cube // 9 - 1)
+        key = _key(point, cube % 3 - 1, cube // 3 % 3 - 1, cube // 9 - 1)
         k = grid.heads[slot_of(grid.keys, key)] if key >= 0 else np.int64(EMPTY)
         while k != EMPTY:
-            squared = _squared(grid.points[k], place)
-            if squared < away[-1]:
-                at = len(found) - 1
-                while at > 0 and away[at - 1] > squared:
-                    away[at], found[at] = away[at - 1], found[at - 1]
+            squared = _squared(grid.points[k], point)
+            if squared < squares[-1]:
+                at = len(nearest) - 1
+                while at > 0 and squares[at - 1] > squared:
+                    squares[at], nearest[at] = squares[at - 1], nearest[at - 1]
                     at -= 1
-                away[at], found[at] = squared, k
-                count = min(count + 1, len(found))
+                squares[at], nearest[at] = squared, k
+                count = min(count + 1, len(nearest))
             k = grid.nexts[k]
     return count
 
@@ -111,33 +112,33 @@ def lines_among(grid: PointGrid, points: np.ndarray, pose: np.ndarray) -> Pairs:
 
     pose: (4, 4) `map_from_sensor`. Points without such a line are left out.
     """
-    kept, anchors = np.empty((len(points), 3)), np.empty((len(points), 3))
+    matched, anchors = np.empty((len(points), 3)), np.empty((len(points), 3))
     axes, count = np.zeros((len(points), 2, 3)), 0
     values, vectors = np.empty(3), np.empty((3, 3))
     for n in range(len(points)):
-        if not _scatter(grid, points[n], pose, (anchors[count], values, vectors)):
+        if not _scatter(grid, points[n], pose, anchors[count], values, vectors):
             continue
         if values[2] > LONG * values[1]:
-            kept[count] = points[n]
+            matched[count] = points[n]
             axes[count, 0], axes[count, 1] = vectors[0], vectors[1]
             count += 1
-    return Pairs(kept[:count], anchors[:count], axes[:count])
+    return Pairs(matched[:count], anchors[:count], axes[:count])
 
 
 @compiled()
 def planes_among(grid: PointGrid, points: np.ndarray, pose: np.ndarray) -> Pairs:
     """Pair (N, 3) points with the planes on which the nearest points of the map lie."""
-    kept, anchors = np.empty((len(points), 3)), np.empty((len(points), 3))
+    matched, anchors = np.empty((len(points), 3)), np.empty((len(points), 3))
     axes, count = np.zeros((len(points), 2, 3)), 0
     values, vectors = np.empty(3), np.empty((3, 3))
     for n in range(len(points)):
-        if not _scatter(grid, points[n], pose, (anchors[count], values, vectors)):
+        if not _scatter(grid, points[n], pose, anchors[count], values, vectors):
             continue
         if values[0] < THICK_M * THICK_M and values[1] > max(WIDE_M * WIDE_M, LONG * values[0]):
-            kept[count] = points[n]
+            matched[count] = points[n]
             axes[count, 0] = vectors[0]
             count += 1
-    return Pairs(kept[:count], anchors[:count], axes[:count])
+    return Pairs(matched[:count], anchors[:count], axes[:count])
 
 
 @compiled()
@@ -145,23 +146,24 @@ def _scatter(
     grid: PointGrid,
     point: np.ndarray,
     pose: np.ndarray,
-    told: tuple[np.ndarray, np.ndarray, np.ndarray],
+    mean: np.ndarray,
+    values: np.ndarray,
+    vectors: np.ndarray,
 ) -> bool:
-    """Fill mean, eigenvalues and eigenvectors of a point's nearest; False if they are too few."""
-    mean, values, vectors = told
-    place, found = np.empty(3), np.empty(NEAREST, np.int64)
+    """Write mean, eigenvalues and eigenvectors of a point's nearest points; False if too few."""
+    place, nearest = np.empty(3), np.empty(NEAREST, np.int64)
     for i in range(3):
         place[i] = pose[i, 3]
         for j in range(3):
             place[i] += pose[i, j] * point[j]
-    if nearest_points(grid, place, found) < NEAREST:
+    if nearest_points(grid, place, nearest) < NEAREST:
         return False
     matrix = np.zeros((3, 3))
     for i in range(3):
         mean[i] = 0.0
-        for k in found:
+        for k in nearest:
             mean[i] += grid.points[k, i] / NEAREST
-    for k in found:
+    for k in nearest:
         for i in range(3):
             for j in range(3):
                 off = (grid.points[k, i] - mean[i]) * (grid.points[k, j] - mean[j])
@@ -174,6 +176,7 @@ def _scatter(
 # A map of points, from which lines and planes are fitted to the nearest of them.
 
 SLOTS, POINTS = 1 << 13, 1 << 13
+"""Initial capacity of a map."""
 
 
 class PointMap:
@@ -202,16 +205,16 @@ class PointMap:
 
     def add(self, points: np.ndarray) -> None:
         """Add (N, 3) points, metres, except those that are near others."""
-        slots, room = len(self.grid.keys), len(self.grid.points)
-        cells, held = self.grid.used
-        # A table of which half is taken finds things fast; each point may need a cube of its own.
-        if 2 * (cells + len(points)) > slots or held + len(points) > room:
+        slots, capacity = len(self.grid.keys), len(self.grid.points)
+        cells, count = self.grid.used
+        # At most half of the hash table is used; each point may need a new cube.
+        if 2 * (cells + len(points)) > slots or count + len(points) > capacity:
             old = self.points
             while slots < 4 * (cells + len(points)):
                 slots *= 2
-            while room < 2 * (held + len(points)):
-                room *= 2
-            self.grid = _empty(slots, room)
+            while capacity < 2 * (count + len(points)):
+                capacity *= 2
+            self.grid = _empty(slots, capacity)
             grid_insert(self.grid, old, 0.0)
         grid_insert(self.grid, np.ascontiguousarray(points, float), self.thin_m)
 
@@ -220,36 +223,38 @@ class PointMap:
         return lines_among(self.grid, points, pose)
 
     def planes(self, points: np.ndarray, pose: np.ndarray) -> Pairs:
-        """Pair points with planes of the map, likewise."""
+        """Pair (N, 3) points, sensor frame, with planes of the map; pose: `map_from_sensor`."""
         return planes_among(self.grid, points, pose)
 
 
-def _empty(slots: int, room: int) -> PointGrid:
+def _empty(slots: int, capacity: int) -> PointGrid:
     return PointGrid(
         np.full(slots, EMPTY, np.int64),
         np.full(slots, EMPTY, np.int64),
-        np.empty((room, 3)),
-        np.empty(room, np.int64),
+        np.empty((capacity, 3)),
+        np.empty(capacity, np.int64),
         np.zeros(2, np.int64),
     )
 
 
 # --------------------------------------------------------------------------------------------------
-# Sets of features that a map is made of, each with where it was taken (Shan and Englot 2018).
+# Keyframes: sets of features with their poses (Shan and Englot 2018).
 
 EDGES_M, PLANES_M = 0.2, 0.4
-"""No two edges, and no two planes, of a map are nearer to each other."""
+"""Least distance of two edges, and of two planes, of a map."""
 MATCHED_M = 0.8
-"""Planes that are matched lie in cubes of this size of their own: there are many."""
-LOOKS = 8
-ANYWHERE = (0.0, np.inf)
+"""Of the planes, one in each cube of this size is matched."""
+MOST_SEARCHES = 8
+"""Most searches for neighbours in one match."""
+ANY_RANGE_M = (0.0, np.inf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
     """Edges (E, 3) and planes (P, 3) of a scan, metres, lidar frame, and its place.
 
-    map_from_lidar: (4, 4). few: rows of planes that are matched with maps. driven_m: way so far.
+    map_from_lidar: (4, 4). few: rows of planes that are matched with maps. driven_m: distance
+    driven so far.
     """
 
     edges: np.ndarray
@@ -266,9 +271,9 @@ class Keyframe:
 
 def keyframe(features: Features, map_from_lidar: np.ndarray, driven_m: float) -> Keyframe:
     """Return a scan's features as a keyframe, thinned."""
-    edges = features.edges[thinned(features.edges, EDGES_M, ANYWHERE)]
-    planes = features.planes[thinned(features.planes, PLANES_M, ANYWHERE)]
-    few = thinned(planes, MATCHED_M, ANYWHERE)
+    edges = features.edges[thinned(features.edges, EDGES_M, *ANY_RANGE_M)]
+    planes = features.planes[thinned(features.planes, PLANES_M, *ANY_RANGE_M)]
+    few = thinned(planes, MATCHED_M, *ANY_RANGE_M)
     return Keyframe(edges, planes, few, map_from_lidar, driven_m)
 
 
@@ -286,10 +291,10 @@ class KeyframeMap:
         self.planes.add(placed(taken.planes, taken.map_from_lidar))
 
     def match(self, taken: Keyframe, start: np.ndarray) -> FeatureMatch:
-        """Return where lines and planes put a keyframe; start: (4, 4) `map_from_lidar`."""
+        """Match a keyframe with lines and planes of the map; start: (4, 4) `map_from_lidar`."""
         planes = taken.planes[taken.few]
-        looks = [
+        searches = [
             lambda pose: self.edges.lines(taken.edges, pose),
             lambda pose: self.planes.planes(planes, pose),
         ]
-        return settle(looks, start, most=LOOKS)
+        return settle(searches, start, most=MOST_SEARCHES)

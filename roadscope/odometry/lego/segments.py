@@ -9,25 +9,25 @@ import numpy as np
 
 from roadscope.core import LidarScan
 from roadscope.core.jit import compiled
-from roadscope.odometry.loam.features import Features, Limits, extract
-from roadscope.odometry.loam.progress import Returns
+from roadscope.odometry.loam.features import FeatureLimits, Features, extract
+from roadscope.odometry.loam.progress import ScanReturns
 
 # --------------------------------------------------------------------------------------------------
-# A scan as an image of beams and columns: its ground, and what stands on it.
+# The range image, its ground and its objects.
 
 NONE = -1
 LEVEL = math.tan(math.radians(10.0))
-"""Steepest ground, as LeGO-LOAM has it: 10 deg."""
+"""Slope of the steepest ground, 10 deg as in LeGO-LOAM."""
 OBJECT_ANGLE_RAD = math.radians(10.0)
-"""Two returns are of one object where the line through them stands at least this steep on the
-farther one's beam (Bogoslavskyi and Stachniss 2016, whose 10 deg these are, for want of others)."""
+"""Two returns belong to one object if the angle between the line through them and the farther
+one's beam is larger than this (10 deg by Bogoslavskyi and Stachniss 2016)."""
 
 
 class RangeImage(NamedTuple):
     """Returns by beam and column.
 
-    points: (N, 3) metres, lidar frame. rows: (R, C) int64, the return that stands there, -1 where
-    there is none; ring 0 is the lowest.
+    points: (N, 3) metres, lidar frame. rows: (R, C) int64, the return of each cell, -1 without
+    one; ring 0 is the lowest.
     """
 
     points: np.ndarray
@@ -35,7 +35,7 @@ class RangeImage(NamedTuple):
 
 
 def range_image(
-    points: np.ndarray, ring: np.ndarray, column: np.ndarray, bounds_m: tuple[float, float]
+    points: np.ndarray, ring: np.ndarray, column: np.ndarray, least_m: float, most_m: float
 ) -> RangeImage:
     """Return (N, 3) points with (N,) ring and column as an image, without those out of bounds.
 
@@ -43,16 +43,16 @@ def range_image(
     """
     with np.errstate(invalid="ignore", over="ignore"):
         ranges = np.linalg.norm(points.astype(float), axis=1)
-        kept = np.flatnonzero((ranges >= bounds_m[0]) & (ranges <= bounds_m[1]))
+        inside = np.flatnonzero((ranges >= least_m) & (ranges <= most_m))
     shape = (int(ring.max(initial=-1)) + 1, int(column.max(initial=-1)) + 1)
     rows = np.full(shape, NONE, np.int64)
-    rows[ring[kept], column[kept]] = kept
+    rows[ring[inside], column[inside]] = inside
     return RangeImage(points, rows)
 
 
 @compiled()
 def ground_of(image: RangeImage) -> np.ndarray:
-    """Return which points are of the ground, (N,) bool.
+    """Return which points belong to the ground, (N,) bool.
 
     Column by column upwards: two returns, one after the other and below the sensor, between which
     it does not rise or fall by more than 10 deg (Himmelsbach 2010, as LeGO-LOAM uses it).
@@ -81,83 +81,85 @@ def objects_of(image: RangeImage, ground: np.ndarray, least: int) -> np.ndarray:
     """Return the object, (N,) int64 from 0 on, of each point; -1 for ground and small objects.
 
     Objects spread from return to return beside or above one another where the line between both
-    stands steep on the beam; those of fewer than so many returns are dropped.
+    is steep to the beam; those with fewer than `least` returns are dropped.
     """
     points, rows = image
     rings, columns = rows.shape
-    labels, ahead = np.full(len(points), NONE, np.int64), np.empty(len(points), np.int64)
-    place = np.empty((len(points), 2), np.int64)
+    labels, queue = np.full(len(points), NONE, np.int64), np.empty(len(points), np.int64)
+    cells = np.empty((len(points), 2), np.int64)
     for r in range(rings):
         for c in range(columns):
             if rows[r, c] != NONE:
-                place[rows[r, c], 0], place[rows[r, c], 1] = r, c
-    count, seen = 0, ground.copy()
+                cells[rows[r, c], 0], cells[rows[r, c], 1] = r, c
+    count, visited = 0, ground.copy()
     for r in range(rings):
         for c in range(columns):
             n = rows[r, c]
-            if n == NONE or seen[n]:
+            if n == NONE or visited[n]:
                 continue
-            size, done, ahead[0], seen[n] = 1, 0, n, True
+            size, done, queue[0], visited[n] = 1, 0, n, True
             while done < size:
-                size = _spread(image, seen, place[ahead[done]], (ahead, size))
+                size = _spread(image, visited, cells[queue[done]], queue, size)
                 done += 1
             if size >= least:
-                labels[ahead[:size]] = count
+                labels[queue[:size]] = count
                 count += 1
     return labels
 
 
 @compiled()
 def _spread(
-    image: RangeImage, seen: np.ndarray, place: np.ndarray, queue: tuple[np.ndarray, int]
+    image: RangeImage, visited: np.ndarray, cell: np.ndarray, queue: np.ndarray, size: int
 ) -> int:
-    """Put the neighbours of one object into a queue; return how many are in it then."""
-    (ahead, size), (points, rows) = queue, image
-    r, c = place
+    """Append the neighbours of the same object to a queue of a size; return its new size."""
+    points, rows = image
+    r, c = cell
     n = rows[r, c]
     for side in range(4):
         up = r + (1 if side == 0 else -1 if side == 1 else 0)
         if up < 0 or up >= rows.shape[0]:
             continue
         m = rows[up, (c + (1 if side == 2 else -1 if side == 3 else 0)) % rows.shape[1]]
-        if m != NONE and not seen[m] and _one_object(points[n], points[m]):
-            seen[m] = True
-            ahead[size] = m
+        if m != NONE and not visited[m] and _one_object(points[n], points[m]):
+            visited[m] = True
+            queue[size] = m
             size += 1
     return size
 
 
 @compiled()
 def _one_object(a: np.ndarray, b: np.ndarray) -> bool:
-    """Say whether the angle at the farther return, between its beam and the other, is wide."""
+    """Return whether the angle at the farther return, between its beam and the other, is large."""
     ax, ay, az = np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
     bx, by, bz = np.float64(b[0]), np.float64(b[1]), np.float64(b[2])
     aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
     ab = ax * bx + ay * by + az * bz
-    # Both times the farther range: across its beam, and what is left along it.
+    # Both times the farther range: the offset across its beam, and along it.
     across = math.sqrt(max(aa * bb - ab * ab, 0.0))
     return math.atan2(across, max(aa, bb) - ab) > OBJECT_ANGLE_RAD
 
 
 # --------------------------------------------------------------------------------------------------
-# What LeGO-LOAM keeps of a scan: its ground, and objects that are not small.
+# The returns that LeGO-LOAM uses: ground, and objects that are not small.
 
 BOUNDS_M = (1.0, 120.0)
 LEAST = 30
-"""Objects of fewer returns, leaves and the like, come back no better in the next scan."""
+"""Objects of fewer returns, such as leaves, are not found again in the next scan."""
 GROUND, OBJECT = 0, 1
-"""Labels: features are matched with such of their own kind."""
-LIMITS = Limits(sharp=2, edges=40, flat=4, planes=80, edge_above=5e-3, plane_below=5e-3, thin_m=0.0)
+"""Labels: features are matched only within the same label."""
+LIMITS = FeatureLimits(
+    sharp=2, edges=40, flat=4, planes=80, edge_above=5e-3, plane_below=5e-3, thin_m=0.0
+)
 """Of each sixth of a ring, as published. Reading: the roughness' bound is printed as 0.1, by the
 formula beside it a tenth of the range: more than any edge has that hides nothing."""
 
 
-def kept_of(scan: LidarScan, *, least: int = LEAST) -> Returns:
-    """Segment a scan in its range image and keep ground and objects of so many returns."""
-    image = range_image(scan.points, scan.ring, scan.column, BOUNDS_M)
+def ground_and_objects(scan: LidarScan, *, least: int = LEAST) -> ScanReturns:
+    """Return ground, and objects of at least that many returns, of a scan."""
+    image = range_image(scan.points, scan.ring, scan.column, *BOUNDS_M)
     ground = ground_of(image)
     rows = np.flatnonzero(ground | (objects_of(image, ground, least) >= 0))
-    return Returns(
+    return ScanReturns(
         scan.points[rows].astype(float),
         scan.ring[rows].astype(np.int64),
         scan.column[rows].astype(np.int64),
@@ -167,17 +169,17 @@ def kept_of(scan: LidarScan, *, least: int = LEAST) -> Returns:
     )
 
 
-def features_of(kept: Returns, points: np.ndarray) -> Features:
-    """Return edges, of objects only, and planes; those that are matched are of the ground.
+def features_of(returns: ScanReturns, points: np.ndarray) -> Features:
+    """Return edges of objects, and planes; the matched planes belong to the ground.
 
-    points: (N, 3) metres, as seen at the scan's stamp.
+    points: (N, 3) metres, deskewed to the scan's stamp.
     """
-    ground = kept.labels == GROUND
+    ground = returns.labels == GROUND
     return extract(
         points,
-        kept.ring,
-        kept.column,
-        kept.labels,
+        returns.ring,
+        returns.column,
+        returns.labels,
         limits=LIMITS,
         edge_rows=~ground,
         flat_rows=ground,

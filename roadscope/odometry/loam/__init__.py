@@ -1,1 +1,1 @@
-"""What the LOAM family shares: edges and planes, their pairs, and the way between scans."""
+"""Common parts of the LOAM family: edges and planes, their pairs, and motion between scans."""

@@ -1,4 +1,4 @@
-"""How a sensor moved between the features of two scans (Zhang and Singh 2017; Zhang 2022)."""
+"""The motion between the features of two scans (Zhang and Singh 2017; Zhang 2022)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from roadscope.odometry.loam.features import Features
 from roadscope.odometry.rigid import inverse, log_se3, orthonormal
 
 # --------------------------------------------------------------------------------------------------
-# The nearest point on a ring, found from its azimuth.
+# The nearest point of a ring, searched from its azimuth.
 
 NONE = -1
 HAIR = 1e-12
-"""Added to angles within which something may be nearer, radians, for rounding."""
+"""Margin for rounding of the angles within which a point may be nearer, radians."""
 
 
 class RingTable(NamedTuple):
@@ -51,56 +51,62 @@ def ring_table(points: np.ndarray, rings: np.ndarray, labels: np.ndarray) -> Rin
 
 @compiled()
 def nearest(
-    table: RingTable, place: np.ndarray, label: int, rings: tuple[int, int, int], most: float
+    table: RingTable,
+    place: np.ndarray,
+    label: int,
+    home: int,
+    farthest: int,
+    least: int,
+    most: float,
 ) -> tuple[int, int]:
     """Return index and ring of the nearest point; -1 if none is nearer than `most`, squared.
 
-    label: the point's; negative for any. rings: search from the first outwards, so far at most
-        and no nearer to it than the last.
+    label: the point's; negative for any. home: ring from which the search goes outwards, from
+        `least` to `farthest` rings away.
     """
-    home, farthest, least = rings
     flat2 = place[0] * place[0] + place[1] * place[1]
     reach2 = flat2 + place[2] * place[2]
     elevation, azimuth = np.arctan2(place[2], np.sqrt(flat2)), np.arctan2(place[1], place[0])
     steepest = _angle_within(most, reach2)
-    count, found, where = len(table.lows), NONE, NONE
+    count, index_found, ring_found = len(table.lows), NONE, NONE
     for step in range(least, farthest + 1):
-        for way in (-1, 1):
-            ring = home + way * step
-            if ring < 0 or ring >= count or (step == 0 and way == 1):
+        for side in (-1, 1):
+            ring = home + side * step
+            if ring < 0 or ring >= count or (step == 0 and side == 1):
                 continue
             if max(table.lows[ring] - elevation, elevation - table.highs[ring]) > steepest:
                 continue
-            index, nearer = nearest_on(table, ring, (place, azimuth), label, (most, NONE))
+            index, nearer = nearest_on(table, ring, place, azimuth, label, most, NONE)
             if index != NONE:
-                found, where, most = index, ring, nearer
+                index_found, ring_found, most = index, ring, nearer
                 steepest = _angle_within(most, reach2)
-    return found, where
+    return index_found, ring_found
 
 
 @compiled()
 def nearest_on(
     table: RingTable,
     ring: int,
-    target: tuple[np.ndarray, float],
+    place: np.ndarray,
+    azimuth: float,
     label: int,
-    bound: tuple[float, int],
+    most: float,
+    skip: int,
 ) -> tuple[int, float]:
     """Return index and squared distance of the nearest point of a ring.
 
-    target: (3,) metres, and its azimuth. bound: squared distance it must be under, and an index
-    that is passed over.
+    place: (3,) metres, with its azimuth. most: upper bound of the squared distance. skip: an index
+    that is ignored.
     """
-    (place, azimuth), (most, skip) = target, bound
     first, last = table.starts[ring], table.starts[ring + 1]
     flat2 = place[0] * place[0] + place[1] * place[1]
     middle = first + np.searchsorted(table.azimuths[first:last], azimuth)
-    found, widest = NONE, _angle_within(most, flat2)
-    for way in (-1, 1):
-        k = middle if way == 1 else middle - 1
+    index_found, widest = NONE, _angle_within(most, flat2)
+    for side in (-1, 1):
+        k = middle if side == 1 else middle - 1
         for _ in range(last - first):
             k = last - 1 if k < first else (first if k >= last else k)
-            turn = way * (table.azimuths[k] - azimuth)
+            turn = side * (table.azimuths[k] - azimuth)
             turn += 2 * np.pi if turn < 0 else 0.0
             if turn > np.pi or turn > widest:
                 break
@@ -110,15 +116,15 @@ def nearest_on(
                 dz = table.points[k, 2] - place[2]
                 squared = dx * dx + dy * dy + dz * dz
                 if squared < most:
-                    found, most = k, squared
+                    index_found, most = k, squared
                     widest = _angle_within(most, flat2)
-            k += way
-    return found, most
+            k += side
+    return index_found, most
 
 
 @compiled()
 def _angle_within(most: float, square: float) -> float:
-    """Return how far beside a place, rad, a beam may pass that is nearer to it than a distance.
+    """Return the largest angle, rad, between a place and a beam that passes within a distance.
 
     most: that distance, squared. square: the place's own from the sensor, squared.
     """
@@ -128,12 +134,12 @@ def _angle_within(most: float, square: float) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Which line or plane of the features before each feature belongs to.
+# The line or plane of the previous features for each feature.
 
 RINGS_AWAY = 2
-"""The second ring lies this near to the first at most: features leave rings without any."""
+"""Greatest distance of the second ring from the first: some rings have no features."""
 SLIM = 0.05
-"""Sine between the sides of a triangle below which it is a line and has no plane."""
+"""Sine of the angle between two sides of a triangle below which it counts as a line."""
 
 
 class Pairs(NamedTuple):
@@ -150,27 +156,27 @@ def lines_of(
     labels: np.ndarray,
     rings: np.ndarray,
     table: RingTable,
-    search: tuple[np.ndarray, float],
+    matrix: np.ndarray,
+    reach_m: float,
 ) -> Pairs:
     """Pair edges with lines through the nearest edge and the nearest on a ring beside its own.
 
-    points: (N, 3), labels: (N,), negative for any, rings: (N,). search: (4, 4) `before_from_now`
-    and the farthest that is looked, metres.
+    points: (N, 3), labels: (N,), negative for any, rings: (N,). matrix: (4, 4)
+    `before_from_now`. reach_m: search radius.
     """
-    matrix, reach_m = search
-    kept, anchors, axes = _room(len(points))
+    matched, anchors, axes = _empty_pairs(len(points))
     count, place, most = 0, np.empty(3), reach_m * reach_m
     for n in range(len(points)):
-        _place(matrix, points[n], place)
-        j, ring = nearest(table, place, labels[n], (rings[n], len(table.lows), 0), most)
+        _transform(matrix, points[n], place)
+        j, ring = nearest(table, place, labels[n], rings[n], len(table.lows), 0, most)
         if j == NONE:
             continue
-        k, _ = nearest(table, place, labels[n], (ring, RINGS_AWAY, 1), most)
+        k, _ = nearest(table, place, labels[n], ring, RINGS_AWAY, 1, most)
         if k == NONE:
             continue
-        kept[count], anchors[count] = points[n], table.points[j]
+        matched[count], anchors[count] = points[n], table.points[j]
         count += _across_line(table.points[k] - table.points[j], axes[count])
-    return Pairs(kept[:count], anchors[:count], axes[:count])
+    return Pairs(matched[:count], anchors[:count], axes[:count])
 
 
 @compiled()
@@ -179,39 +185,39 @@ def planes_of(
     labels: np.ndarray,
     rings: np.ndarray,
     table: RingTable,
-    search: tuple[np.ndarray, float],
+    matrix: np.ndarray,
+    reach_m: float,
 ) -> Pairs:
     """Pair points with planes through the nearest, another of its ring and one of a ring beside.
 
     As `lines_of`. The printed numerator of eq. 8 lacks its cross product: a distance from a
     plane is meant (Zhang and Singh 2017, eq. 3).
     """
-    matrix, reach_m = search
-    kept, anchors, axes = _room(len(points))
+    matched, anchors, axes = _empty_pairs(len(points))
     count, place, most = 0, np.empty(3), reach_m * reach_m
     for n in range(len(points)):
-        _place(matrix, points[n], place)
-        j, ring = nearest(table, place, labels[n], (rings[n], len(table.lows), 0), most)
+        _transform(matrix, points[n], place)
+        j, ring = nearest(table, place, labels[n], rings[n], len(table.lows), 0, most)
         if j == NONE:
             continue
-        target = (place, np.arctan2(place[1], place[0]))
-        k, _ = nearest_on(table, ring, target, labels[n], (most, j))
-        m, _ = nearest(table, place, labels[n], (ring, RINGS_AWAY, 1), most)
+        azimuth = np.arctan2(place[1], place[0])
+        k, _ = nearest_on(table, ring, place, azimuth, labels[n], most, j)
+        m, _ = nearest(table, place, labels[n], ring, RINGS_AWAY, 1, most)
         if k == NONE or m == NONE:
             continue
-        kept[count], anchors[count] = points[n], table.points[j]
+        matched[count], anchors[count] = points[n], table.points[j]
         one, other = table.points[k] - table.points[j], table.points[m] - table.points[j]
         count += _across_plane(one, other, axes[count])
-    return Pairs(kept[:count], anchors[:count], axes[:count])
+    return Pairs(matched[:count], anchors[:count], axes[:count])
 
 
 @compiled()
-def _room(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _empty_pairs(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.empty((count, 3)), np.empty((count, 3)), np.zeros((count, 2, 3))
 
 
 @compiled()
-def _place(matrix: np.ndarray, point: np.ndarray, place: np.ndarray) -> None:
+def _transform(matrix: np.ndarray, point: np.ndarray, place: np.ndarray) -> None:
     for i in range(3):
         place[i] = matrix[i, 3]
         for j in range(3):
@@ -219,26 +225,26 @@ def _place(matrix: np.ndarray, point: np.ndarray, place: np.ndarray) -> None:
 
 
 @compiled()
-def _across_line(way: np.ndarray, axes: np.ndarray) -> int:
-    """Fill two unit axes across a line; return 1, or 0 for a line without direction."""
-    length = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+def _across_line(direction: np.ndarray, axes: np.ndarray) -> int:
+    """Write two unit axes perpendicular to a line; return 1, or 0 for a line without direction."""
+    length = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
     if not length > 0.0:
         return 0
-    x, y, z = way / length
-    # Any axis that is not along the line will do for the first.
+    x, y, z = direction / length
+    # Any axis that is not along the line can be the first.
     if abs(z) < 0.9:
         flat = np.sqrt(x * x + y * y)
         axes[0, 0], axes[0, 1], axes[0, 2] = -y / flat, x / flat, 0.0
     else:
         upright = np.sqrt(y * y + z * z)
         axes[0, 0], axes[0, 1], axes[0, 2] = 0.0, -z / upright, y / upright
-    _cross(way / length, axes[0], axes[1])
+    _cross(direction / length, axes[0], axes[1])
     return 1
 
 
 @compiled()
 def _across_plane(one: np.ndarray, other: np.ndarray, axes: np.ndarray) -> int:
-    """Fill the unit normal of a plane; return 1, or 0 for a triangle too slim to have one."""
+    """Write the unit normal of a plane; return 1, or 0 for a triangle that is too slim."""
     normal = np.empty(3)
     _cross(one, other, normal)
     area2 = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
@@ -261,14 +267,14 @@ def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
 # Levenberg and Marquardt's method on distances from lines and planes (Zhang 2022, eq. 9-10).
 
 STEPS = 4
-"""Steps between two looks for neighbours."""
+"""Steps between two searches for neighbours."""
 FIRST_LAMBDA, SHRUNK, RAISED = 1e-4, 0.3, 10.0
 TUKEY = 4.685
-"""Robust deviations from which on a pair counts for nothing: the bisquare's for 95 % efficiency."""
+"""Robust deviations beyond which a pair has no weight: the bisquare's for 95 % efficiency."""
 DEVIATION = 1.4826
-"""Standard deviations a median of absolute values (normal distribution)."""
+"""Standard deviation over the median of absolute values (normal distribution)."""
 FLOOR = 1e-9
-"""Added to the diagonal, so that what no pair holds stays where it is."""
+"""Added to the diagonal, so that unknowns without any pair stay unchanged."""
 
 
 @compiled()
@@ -276,7 +282,7 @@ def distances(pairs: Pairs, matrix: np.ndarray) -> np.ndarray:
     """Return the distance of each pair, (K,) metres, under a (4, 4) motion."""
     away, off = np.empty(len(pairs.points)), np.empty(2)
     for n in range(len(away)):
-        _off(pairs, matrix, n, off)
+        _offsets(pairs, matrix, n, off)
         away[n] = np.sqrt(off[0] * off[0] + off[1] * off[1])
     return away
 
@@ -285,7 +291,8 @@ def distances(pairs: Pairs, matrix: np.ndarray) -> np.ndarray:
 def bisquare(away: np.ndarray, least: float, wider: float) -> np.ndarray:
     """Return the weights, (K,) 1/m^2, of pairs by their distances: Tukey's bisquare.
 
-    Their scatter is told by the median, but is `least` at least. wider: than 95 % efficiency asks.
+    Their scatter is estimated by the median, but is at least `least`. wider: factor of the width
+    for 95 % efficiency.
     """
     weights = np.empty(len(away))
     if len(away) == 0:
@@ -304,14 +311,14 @@ def normal_equations(
     """Return J'WJ (6, 6), J'Wd (6,) and the sum of weighted squares.
 
     The unknowns are a shift, metres, and a turn about the sensor, radians, along the axes of
-    the frame that the (4, 4) motion leads to.
+    the target frame of the (4, 4) motion.
     """
     H, b, cost = np.zeros((6, 6)), np.zeros(6), 0.0
     off, j, q = np.empty(2), np.empty(6), np.empty(3)
     for n in range(len(pairs.points)):
         if weights[n] <= 0.0:
             continue
-        _off(pairs, matrix, n, off)
+        _offsets(pairs, matrix, n, off)
         for i in range(3):
             q[i] = (
                 matrix[i, 0] * pairs.points[n, 0]
@@ -337,7 +344,7 @@ def normal_equations(
 
 @compiled()
 def descend(pairs: Pairs, weights: np.ndarray, start: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the (4, 4) motion after some steps down from a start; only what is free moves."""
+    """Return the (4, 4) motion after some descent steps from a start; only free unknowns change."""
     matrix, damping = start.copy(), FIRST_LAMBDA
     H, b, cost = normal_equations(pairs, weights, matrix)
     for _ in range(STEPS):
@@ -361,7 +368,7 @@ def descend(pairs: Pairs, weights: np.ndarray, start: np.ndarray, free: np.ndarr
 
 @compiled()
 def moved(matrix: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return a (4, 4) motion shifted and turned by a (6,) step along the axes it leads to."""
+    """Return a (4, 4) motion shifted and turned by a (6,) step along its target axes."""
     angle = np.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
     once = np.sin(angle) / angle if angle > 1e-8 else 1.0
     twice = (1 - np.cos(angle)) / (angle * angle) if angle > 1e-8 else 0.5
@@ -376,8 +383,8 @@ def moved(matrix: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 @compiled()
-def _off(pairs: Pairs, matrix: np.ndarray, n: int, off: np.ndarray) -> None:
-    """Fill how far a pair's point lies from its anchor along both axes."""
+def _offsets(pairs: Pairs, matrix: np.ndarray, n: int, off: np.ndarray) -> None:
+    """Write the offset of a pair's point from its anchor along both axes."""
     off[:] = 0.0
     for i in range(3):
         place = matrix[i, 3] - pairs.anchors[n, i]
@@ -388,17 +395,17 @@ def _off(pairs: Pairs, matrix: np.ndarray, n: int, off: np.ndarray) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# How a sensor moved between the features of two scans (Zhang and Singh 2017; Zhang 2022, 2.3).
+# Scan-to-scan matching (Zhang and Singh 2017; Zhang 2022, 2.3).
 
 ALL = (True,) * 6
-LOOKS = 15
-"""So often neighbours are looked for at most."""
+MOST_SEARCHES = 15
+"""Most searches for neighbours."""
 SHIFT_M, TURN_RAD = 1e-4, 1e-5
-"""The search ends with less; far below what two scans tell."""
+"""Smaller steps end the search; they are far below the accuracy of two scans."""
 WIDER = (16.0, 16.0, 8.0, 4.0, 2.0, 1.0)
-"""From one look to the next, how much wider the bisquare is."""
+"""Factor of the width of the bisquare, from search to search."""
 NOISE_M = 0.02
-"""No feature is surer than a return's range noise."""
+"""Least standard deviation of a feature: the range noise of a return."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -427,55 +434,55 @@ def match_features(
     free: tuple[bool, ...] = ALL,
     reach_m: float = 5.0,
 ) -> FeatureMatch:
-    """Return the motion that brings edges onto lines and planes onto planes of the scan before.
+    """Return the motion that brings edges onto lines and planes onto planes of the previous scan.
 
-    start: (4, 4) `before_from_now`, whence to look. same_label: only within clusters of one
-        label. free: which of x, y, z, roll, pitch, yaw are sought; others stay as they start.
-    reach_m: how far neighbours are looked for.
+    start: (4, 4) `before_from_now`, initial value. same_label: match only within clusters of one
+        label. free: which of x, y, z, roll, pitch, yaw are estimated; others keep their start.
+    reach_m: search radius for neighbours.
     """
-    looks: list[Callable[[np.ndarray], Pairs]] = []
+    searches: list[Callable[[np.ndarray], Pairs]] = []
     if edges:
         rows = slice(now.sharp)
         table = ring_table(before.edges, before.edge_rings, before.edge_labels)
         labels = _labels(now.edge_labels[rows], same_label)
-        looks.append(
-            _look(lines_of, (now.edges[rows], labels, now.edge_rings[rows]), table, reach_m)
+        searches.append(
+            _search(lines_of, now.edges[rows], labels, now.edge_rings[rows], table, reach_m)
         )
     if planes:
         rows = slice(now.flat)
         table = ring_table(before.planes, before.plane_rings, before.plane_labels)
         labels = _labels(now.plane_labels[rows], same_label)
-        looks.append(
-            _look(planes_of, (now.planes[rows], labels, now.plane_rings[rows]), table, reach_m)
+        searches.append(
+            _search(planes_of, now.planes[rows], labels, now.plane_rings[rows], table, reach_m)
         )
-    return settle(looks, start, free)
+    return settle(searches, start, free)
 
 
 def settle(
-    looks: list[Callable[[np.ndarray], Pairs]],
+    searches: list[Callable[[np.ndarray], Pairs]],
     start: np.ndarray,
     free: tuple[bool, ...] = ALL,
-    most: int = LOOKS,
+    most: int = MOST_SEARCHES,
 ) -> FeatureMatch:
-    """Return the motion at which pairs, looked for again and again, are nearest.
+    """Return the motion at which repeatedly searched pairs are nearest.
 
-    looks: each from a (4, 4) motion to pairs of one kind. Tukey's bisquare of the kind's own
-    scatter weighs them (Zhang and Singh's weights have this form), and a wider one at first:
-    most pairs are of ground and walls along the way, and fit whatever the way is.
+    searches: each returns the pairs of one kind at a (4, 4) motion. Weights are Tukey's bisquare
+    of the scatter of each kind (Zhang and Singh's weights have this form), wider at first: most
+    pairs belong to ground and walls along the road, and fit whatever the forward motion is.
     """
-    pose, able = start.copy(), np.array(free)
-    for turn in range(most):
-        kinds = [look(pose) for look in looks]
+    pose, free_mask = start.copy(), np.array(free)
+    for round_number in range(most):
+        kinds = [search(pose) for search in searches]
         pairs = joined(kinds)
-        if len(pairs.points) < able.sum():
+        if len(pairs.points) < free_mask.sum():
             break
-        weights = _weights(kinds, pose, WIDER[min(turn, len(WIDER) - 1)])
-        last, pose = pose, descend(pairs, weights, pose, able)
-        step = np.abs(log_se3(inverse(last) @ pose))
+        weights = _weights(kinds, pose, WIDER[min(round_number, len(WIDER) - 1)])
+        previous, pose = pose, descend(pairs, weights, pose, free_mask)
+        step = np.abs(log_se3(inverse(previous) @ pose))
         small = step[:3].max() < SHIFT_M and step[3:].max() < TURN_RAD
-        if small and turn + 1 >= len(WIDER):
+        if small and round_number + 1 >= len(WIDER):
             break
-    return _told([look(pose) for look in looks], orthonormal(pose))
+    return _feature_match([search(pose) for search in searches], orthonormal(pose))
 
 
 def joined(kinds: list[Pairs]) -> Pairs:
@@ -485,13 +492,15 @@ def joined(kinds: list[Pairs]) -> Pairs:
     return Pairs(*(np.concatenate(each) for each in zip(*kinds, strict=True)))
 
 
-def _look(
+def _search(
     kernel: Callable[..., Pairs],
-    features: tuple[np.ndarray, np.ndarray, np.ndarray],
+    points: np.ndarray,
+    labels: np.ndarray,
+    rings: np.ndarray,
     table: RingTable,
     reach_m: float,
 ) -> Callable[[np.ndarray], Pairs]:
-    return lambda pose: kernel(*features, table, (pose, reach_m))
+    return lambda pose: kernel(points, labels, rings, table, pose, reach_m)
 
 
 def _labels(labels: np.ndarray, same_label: bool) -> np.ndarray:
@@ -504,7 +513,7 @@ def _weights(kinds: list[Pairs], pose: np.ndarray, wider: float = 1.0) -> np.nda
     return np.concatenate([np.empty(0), *each])
 
 
-def _told(kinds: list[Pairs], pose: np.ndarray) -> FeatureMatch:
+def _feature_match(kinds: list[Pairs], pose: np.ndarray) -> FeatureMatch:
     pairs, weights = joined(kinds), _weights(kinds, pose)
     information, _, _ = normal_equations(pairs, weights, pose)
     squares = weights @ distances(pairs, pose) ** 2

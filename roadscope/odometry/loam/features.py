@@ -1,4 +1,4 @@
-"""Edges and planes of a scan, by how rough it is (Zhang and Singh 2017; Zhang 2022, eq. 6)."""
+"""Edges and planes of a scan by roughness (Zhang and Singh 2017; Zhang 2022, eq. 6)."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from roadscope.core.jit import compiled
 from roadscope.odometry.cloud_kernels import thinned
 
 # --------------------------------------------------------------------------------------------------
-# How rough a scan is along its rings, and which returns stand out.
+# Roughness along rings, and the choice of features.
 
 JUMP = 0.1
-"""A return farther than its neighbour by this share of the nearer range lies behind an edge."""
+"""A return farther than its neighbour by this share of the nearer range is behind an edge."""
 ADJACENT = 10
-"""Columns between two returns up to which the nearer one may hide what is beside the farther."""
+"""Greatest number of columns between two returns of which the nearer may hide a part of the farther
+surface."""
 GRAZING = 0.97
 """Cosine of the angle to the beam, 14 deg, below which a surface is nearly parallel to it."""
 SAME_M = 0.25
 """Neighbours along a ring that lie farther apart than this belong to different surfaces."""
 
 
-class Sweep(NamedTuple):
+class RingOrderedScan(NamedTuple):
     """A scan ring by ring.
 
     points: (N, 3) metres. ring, column: (N,). order: (N,) int64 rows, by ring, then by column.
@@ -36,9 +37,9 @@ class Sweep(NamedTuple):
     order: np.ndarray
 
 
-def sweep_of(points: np.ndarray, ring: np.ndarray, column: np.ndarray) -> Sweep:
+def sweep_of(points: np.ndarray, ring: np.ndarray, column: np.ndarray) -> RingOrderedScan:
     """Return a scan ring by ring."""
-    return Sweep(points, ring, column, ring_order(ring, column))
+    return RingOrderedScan(points, ring, column, ring_order(ring, column))
 
 
 @compiled()
@@ -61,8 +62,8 @@ def ring_order(ring: np.ndarray, column: np.ndarray) -> np.ndarray:
 
 
 @compiled()
-def roughness_along(sweep: Sweep, neighbours: int) -> np.ndarray:
-    """Return (N,) roughness among so many neighbours either way on the ring; nan at its ends."""
+def roughness_along(sweep: RingOrderedScan, neighbours: int) -> np.ndarray:
+    """Return (N,) roughness among that many neighbours on each side; nan at the ends of a ring."""
     points, ring, order = sweep.points, sweep.ring, sweep.order
     rough = np.full(len(points), np.nan)
     for k in range(neighbours, len(order) - neighbours):
@@ -82,8 +83,8 @@ def roughness_along(sweep: Sweep, neighbours: int) -> np.ndarray:
 
 
 @compiled()
-def unreliable(sweep: Sweep, neighbours: int) -> np.ndarray:
-    """Return (N,) bool: beside what hides a part of their surface, or on one along the beam."""
+def unreliable(sweep: RingOrderedScan, neighbours: int) -> np.ndarray:
+    """Return (N,) whether a return is beside an occlusion or on a surface along the beam."""
     points, ring, column, order = sweep
     bad, along_before = np.zeros(len(points), np.bool_), False
     for k in range(1, len(order)):
@@ -118,8 +119,8 @@ def _apart(a: np.ndarray, b: np.ndarray) -> float:
 
 
 @compiled()
-def sectors_of(sweep: Sweep, sectors: int) -> np.ndarray:
-    """Return the group, (N,) int64, of each return: so many a ring, of equal numbers."""
+def sectors_of(sweep: RingOrderedScan, sectors: int) -> np.ndarray:
+    """Return the group, (N,) int64, of each return: each ring is cut into equal sectors."""
     ring, order = sweep.ring, sweep.order
     group, start = np.empty(len(order), np.int64), 0
     while start < len(order):
@@ -133,9 +134,29 @@ def sectors_of(sweep: Sweep, sectors: int) -> np.ndarray:
     return group
 
 
+class Groups(NamedTuple):
+    """Returns by group: places (K,) in the order, group by group; starts (G + 1,) of the groups."""
+
+    places: np.ndarray
+    starts: np.ndarray
+
+
+class PickRule(NamedTuple):
+    """Which returns of a group are picked.
+
+    most: greatest number. bound: roughness beyond which they are. sign: 1 for the roughest, -1 for
+    the smoothest. neighbours: number on each side of a picked one that become unusable.
+    """
+
+    most: int
+    bound: float
+    sign: float
+    neighbours: int
+
+
 @compiled()
-def members(group: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return places in the order, (K,), group by group, and where groups start, (G + 1,).
+def members(group: np.ndarray, order: np.ndarray) -> Groups:
+    """Return the members of each group.
 
     Negative groups are left out.
     """
@@ -150,21 +171,20 @@ def members(group: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarra
         if g >= 0:
             places[ahead[g]] = k
             ahead[g] += 1
-    return places, starts
+    return Groups(places, starts)
 
 
 @compiled()
 def picked(
-    sweep: Sweep,
+    sweep: RingOrderedScan,
     rough: np.ndarray,
     usable: np.ndarray,
-    groups: tuple[np.ndarray, np.ndarray],
-    rule: tuple[int, float, float, int],
+    groups: Groups,
+    rule: PickRule,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows of the roughest of each group, and their ranks in it, (K,) int64.
 
-    rule: how many at most, beyond which bound, 1 for the roughest or -1 for the smoothest, and
-    how many beside one that is picked are no longer usable, which is noted there.
+    usable: (N,) bool; returns beside a picked one are marked as unusable in it.
     """
     most, bound, sign, neighbours = rule
     order, (places, starts) = sweep.order, groups
@@ -185,35 +205,37 @@ def picked(
 
 
 @compiled()
-def _block(sweep: Sweep, usable: np.ndarray, top: int, neighbours: int) -> None:
-    """Note that a return and those beside it on the same surface are taken."""
+def _block(sweep: RingOrderedScan, usable: np.ndarray, top: int, neighbours: int) -> None:
+    """Mark a return and those beside it on the same surface as unusable."""
     points, ring, order = sweep.points, sweep.ring, sweep.order
     usable[order[top]] = False
-    for way in (-1, 1):
+    for side in (-1, 1):
         for step in range(1, neighbours + 1):
-            k = top + way * step
+            k = top + side * step
             if not 0 <= k < len(order):
                 break
-            n, m = order[k - way], order[k]
+            n, m = order[k - side], order[k]
             if ring[n] != ring[m] or _apart(points[n], points[m]) > SAME_M:
                 break
             usable[m] = False
 
 
 # --------------------------------------------------------------------------------------------------
-# Edges and planes of a scan, by how rough it is (Zhang and Singh 2017; Zhang 2022, eq. 6).
+# Edges and planes of a scan.
 
 NEIGHBOURS = 5
 SECTORS = 6
+"""Neighbours on each side of a return, and sectors of a ring; LOAM's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Features:
-    """Returns that stand out, in the frame of the scan's stamp; what is matched comes first.
+    """Edges and planes in the frame of the scan's stamp; those that are matched come first.
 
     edges: (E, 3), planes: (P, 3) float64, metres. edge_labels: (E,), plane_labels: (P,) int64,
         the cluster. edge_rings, plane_rings: int64. edge_rows, plane_rows: int64, in the scan.
-    sharp, flat: so many of the first edges and planes are matched; all are matched against.
+    sharp, flat: numbers of the first edges and planes that are matched with another scan; that
+        scan is matched with all of these.
     """
 
     edges: np.ndarray
@@ -228,18 +250,18 @@ class Features:
     flat: int
 
     def at(self, points: np.ndarray) -> Features:
-        """Return the same returns at other places: (N, 3) points of the whole scan, metres."""
+        """Return the same features at other positions: (N, 3) points of the whole scan, metres."""
         edges, planes = points[self.edge_rows], points[self.plane_rows]
         return replace(self, edges=edges.astype(float), planes=planes.astype(float))
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """How many features a group, a sector of a ring or a cluster, gives at most.
+class FeatureLimits:
+    """Most features of a group, which is a sector of a ring or a cluster.
 
     sharp, edges: the roughest, rougher than `edge_above`; the first `sharp` are matched.
-    flat, planes: the smoothest, smoother than `plane_below`; likewise.
-    thin_m: planes that are matched against are one a cube of this size; 0: all of them.
+    flat, planes: the smoothest, smoother than `plane_below`; the first `flat` are matched.
+    thin_m: of the planes of the other scan one in each cube of this size is used; 0: all.
     """
 
     sharp: int = 2
@@ -251,24 +273,24 @@ class Limits:
     thin_m: float = 0.2
 
 
-LIMITS = Limits()
+LIMITS = FeatureLimits()
 
 
 def roughness(
     points: np.ndarray, ring: np.ndarray, column: np.ndarray, *, neighbours: int = NEIGHBOURS
 ) -> np.ndarray:
-    """Return c of (N, 3) points, (N,): how far the mean neighbour on the ring lies off, by range.
+    """Return c of (N, 3) points, (N,): distance of the mean neighbour on the ring, over range.
 
-    nan where the ring does not go on for so many returns both ways. Zhang and Singh 2017, eq. 1;
+    nan where the ring has fewer neighbours on a side. Zhang and Singh 2017, eq. 1;
     our reading of Zhang 2022, eq. 6.
     """
     return roughness_along(sweep_of(points, ring, column), neighbours)
 
 
 def cluster_roughness(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Return c of (N, 3) points, (N,), as Zhang 2022, eq. 6, says literally: over whole clusters.
+    """Return c of (N, 3) points, (N,), by Zhang 2022, eq. 6, literally: over whole clusters.
 
-    The sum over a cluster is its size times the way from its centre: c is the distance from
+    The sum over a cluster is its size times the offset from its centre: c is the distance from
     the centre by the range, no curvature. nan for points of negative label.
     """
     rough = np.full(len(points), np.nan)
@@ -289,7 +311,7 @@ def extract(
     labels: np.ndarray,
     *,
     rough: np.ndarray | None = None,
-    limits: Limits = LIMITS,
+    limits: FeatureLimits = LIMITS,
     by_cluster: bool = False,
     leave_out: bool = True,
     edge_rows: np.ndarray | None = None,
@@ -297,10 +319,10 @@ def extract(
 ) -> Features:
     """Return the features of (N, 3) points with (N,) ring, column and label.
 
-    labels: negative for returns that give no features. rough: (N,); None: among neighbours on
-        the ring. by_cluster: the limits hold for each cluster rather than each sector of a ring.
-    leave_out: without what is beside occlusions or along the beam. edge_rows, flat_rows: (N,)
-        bool, which may be edges, and planes that are matched; None: all.
+    labels: negative for returns that give no features. rough: (N,); None: among neighbours on the
+        ring. by_cluster: the limits hold for each cluster rather than each sector of a ring.
+        leave_out: without returns beside occlusions or on surfaces along the beam. edge_rows,
+        flat_rows: (N,) bool, which may be edges, and planes that are matched; None: all.
     """
     sweep = sweep_of(points, ring, column)
     rough = roughness_along(sweep, NEIGHBOURS) if rough is None else rough
@@ -312,12 +334,12 @@ def extract(
     for_edges = usable.copy() if edge_rows is None else usable & edge_rows
     taken = for_edges.copy()
     edges, ranks = picked(
-        sweep, rough, for_edges, groups, (limits.edges, limits.edge_above, 1.0, NEIGHBOURS)
+        sweep, rough, for_edges, groups, PickRule(limits.edges, limits.edge_above, 1.0, NEIGHBOURS)
     )
     usable &= for_edges | ~taken
     for_flat = usable.copy() if flat_rows is None else usable & flat_rows
     flat, _ = picked(
-        sweep, rough, for_flat, groups, (limits.flat, limits.plane_below, -1.0, NEIGHBOURS)
+        sweep, rough, for_flat, groups, PickRule(limits.flat, limits.plane_below, -1.0, NEIGHBOURS)
     )
     planes = _planes(sweep, rough, usable, groups, limits)
     planes = np.concatenate([flat, planes[~np.isin(planes, flat)]])
@@ -337,32 +359,31 @@ def extract(
 
 
 def _planes(
-    sweep: Sweep,
+    sweep: RingOrderedScan,
     rough: np.ndarray,
     usable: np.ndarray,
-    groups: tuple[np.ndarray, np.ndarray],
-    limits: Limits,
+    groups: Groups,
+    limits: FeatureLimits,
 ) -> np.ndarray:
-    """Return the rows of what planes are matched against: all that is smooth, and by no edge."""
+    """Return the rows of the planes of the other scan: smooth returns that are not beside edges."""
     smooth = usable & (rough < limits.plane_below)
     rows = np.flatnonzero(smooth)
     places, starts = groups
     if limits.planes < np.diff(starts).max(initial=0):
-        rows = _smoothest(sweep.order[places], starts, (rough, smooth), limits.planes)
+        rows = _smoothest(sweep.order[places], starts, rough, smooth, limits.planes)
     if limits.thin_m > 0:
-        rows = rows[thinned(sweep.points[rows], limits.thin_m, (0.0, np.inf))]
+        rows = rows[thinned(sweep.points[rows], limits.thin_m, 0.0, np.inf)]
     return rows
 
 
 def _smoothest(
-    rows: np.ndarray, starts: np.ndarray, known: tuple[np.ndarray, np.ndarray], most: int
+    rows: np.ndarray, starts: np.ndarray, rough: np.ndarray, smooth: np.ndarray, most: int
 ) -> np.ndarray:
-    """Return the smoothest rows of each group, so many at most, that are smooth."""
-    rough, smooth = known
+    """Return the smoothest rows of each group, at most that many, among smooth ones."""
     group = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     rows, group = rows[smooth[rows]], group[smooth[rows]]
     order = np.lexsort((rough[rows], group))
     rows, group = rows[order], group[order]
     rank = np.arange(len(rows)) - np.searchsorted(group, group)
-    kept: np.ndarray = rows[rank < most]
-    return kept
+    smoothest: np.ndarray = rows[rank < most]
+    return smoothest

@@ -1,4 +1,4 @@
-"""Poses from steps between scans: prediction, deskew, and the returns that give features."""
+"""Poses from steps between scans: prediction, deskewing, and the returns that give features."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 
 from roadscope.core import ImuSamples, Pose
 from roadscope.core.jit import compiled
-from roadscope.odometry.estimates import grown
+from roadscope.odometry.estimates import propagated_covariance
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.loam.feature_match import FeatureMatch
 from roadscope.odometry.loam.features import Features
 from roadscope.odometry.rigid import exp_se3, exp_so3, inverse, log_se3, log_so3
 
 # --------------------------------------------------------------------------------------------------
-# How a LiDAR moved from one scan to the next, before that is looked at (Zhang 2022, eq. 3).
+# Prediction of the motion between two scans by the IMU (Zhang 2022, eq. 3).
 
 BIAS_GAIN = 0.05
 GRAVITY_GAIN = 0.01
-"""Shares of what a step shows that are learned: gravity from noisy speeds, so more slowly."""
+"""Gains of learning from a step; smaller for gravity, since speeds are noisy."""
 
 
 class ImuPrediction:
     """Integrates turn rates once and specific forces twice over the time between two scans.
 
-    Reading taken: the paper takes the way from the IMU and names no initial speed; it is that of
-    the last step of the odometry. Gravity, the accelerometer's bias with it, and the gyro's bias
-    are learned from steps. Where samples lack the motion goes on at constant velocity.
+    Reading taken: the paper takes the displacement from the IMU and names no initial speed; it is
+    that of the last step of the odometry. Gravity, the accelerometer's bias with it, and the gyro's
+    bias are learned from steps. Without samples the motion continues at constant velocity.
 
     velocity: (3,) m/s, turning: (3,) rad/s, now, lidar frame.
     """
@@ -58,24 +58,24 @@ class ImuPrediction:
         moved, self._end_velocity, self._force = _integrated(lengths, rates, forces, state)
         return moved
 
-    def learn(self, predicted: np.ndarray, found: np.ndarray, elapsed_s: float) -> None:
-        """Take the motion that the scans showed in place of the one that was predicted."""
-        back = found[:3, :3].T
+    def learn(self, predicted: np.ndarray, motion: np.ndarray, elapsed_s: float) -> None:
+        """Learn speed, biases and gravity from the motion of the scans and the predicted one."""
+        back = motion[:3, :3].T
         start, measured = self.velocity, not np.isnan(self._force[0])
-        off = back @ (found[:3, 3] - predicted[:3, 3]) / elapsed_s
+        off = back @ (motion[:3, 3] - predicted[:3, 3]) / elapsed_s
         self.velocity = self._end_velocity + off
-        self.turning = log_so3(found[:3, :3]) / elapsed_s
+        self.turning = log_so3(motion[:3, :3]) / elapsed_s
         if not measured:
-            self._end_velocity = self.velocity = back @ found[:3, 3] / elapsed_s
+            self._end_velocity = self.velocity = back @ motion[:3, 3] / elapsed_s
             return
         self._bias = self._bias + BIAS_GAIN * (self._rate - self._bias - self.turning)
         gained = (self.velocity - back @ start) / elapsed_s
-        seen = back @ self._force - gained
+        observed = back @ self._force - gained
         self._gravity = back @ self._gravity
-        self._gravity += GRAVITY_GAIN * (seen - self._gravity)
+        self._gravity += GRAVITY_GAIN * (observed - self._gravity)
 
     def carry_on(self, predicted: np.ndarray, elapsed_s: float) -> None:
-        """Believe the prediction."""
+        """Accept the prediction as the motion."""
         self.velocity = self._end_velocity
         self.turning = log_so3(predicted[:3, :3]) / elapsed_s
         if not np.isnan(self._force[0]):
@@ -99,19 +99,19 @@ def _integrated(
     )
     first = rates[0] - bias
     speed = velocity + np.cross(first, lever)
-    turned, place, force, whole = np.eye(3), np.zeros(3), np.zeros(3), lengths.sum()
+    turned, position, force, whole = np.eye(3), np.zeros(3), np.zeros(3), lengths.sum()
     for k in range(len(lengths)):
         dt = lengths[k]
         rate = rates[k] - bias
         # Half a step's turn: forces act in the middle of it.
-        felt = turned @ (forces[k] + 0.5 * dt * np.cross(rate, forces[k]))
-        force += felt * dt / whole
-        place += speed * dt + 0.5 * dt * dt * (felt - gravity)
-        speed += dt * (felt - gravity)
+        turned_force = turned @ (forces[k] + 0.5 * dt * np.cross(rate, forces[k]))
+        force += turned_force * dt / whole
+        position += speed * dt + 0.5 * dt * dt * (turned_force - gravity)
+        speed += dt * (turned_force - gravity)
         turned = turned @ _turn(rate * dt)
     moved = np.eye(4)
     moved[:3, :3] = turned
-    moved[:3, 3] = place + lever - turned @ lever
+    moved[:3, 3] = position + lever - turned @ lever
     last = rates[len(rates) - 1] - bias
     return moved, turned.T @ speed - np.cross(last, lever), force
 
@@ -135,65 +135,66 @@ def _turn(vector: np.ndarray) -> np.ndarray:
 def deskewed_between(
     points: np.ndarray, times_s: np.ndarray, before_from_now: np.ndarray, elapsed_s: float
 ) -> np.ndarray:
-    """Return (N, 3) points as seen from the sensor at the stamp.
+    """Return (N, 3) points in the sensor's frame at the stamp.
 
     points: (N, 3) metres, at (N,) seconds after the stamp. before_from_now: (4, 4), motion over
-    the time elapsed up to the stamp, which goes on evenly.
+    the time elapsed up to the stamp, at constant velocity.
 
     Reading taken: eq. 5 scales the whole matrix by the share of time, which leaves no rotation;
-    here the turn's angle and the way are scaled. Points go to the scan's stamp, not its start.
+    here the turn's angle and the displacement are scaled. Points go to the scan's stamp, not its
+    start.
     """
     share = times_s / elapsed_s
     turn = log_so3(before_from_now[:3, :3])
-    way = before_from_now[:3, :3].T @ before_from_now[:3, 3]
-    return _interpolated(points, share, turn, way)
+    shift = before_from_now[:3, :3].T @ before_from_now[:3, 3]
+    return _interpolated(points, share, turn, shift)
 
 
 @compiled()
 def _interpolated(
-    points: np.ndarray, share: np.ndarray, turn: np.ndarray, way: np.ndarray
+    points: np.ndarray, share: np.ndarray, turn: np.ndarray, shift: np.ndarray
 ) -> np.ndarray:
-    """Return (N, 3) points turned and shifted by their share of a turn, (3,), and a way, (3,)."""
-    whole = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
-    axis = turn / whole if whole > 0.0 else np.zeros(3)
+    """Return (N, 3) points turned and shifted by their share of a turn, (3,), and a shift, (3,)."""
+    angle = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+    axis = turn / angle if angle > 0.0 else np.zeros(3)
     moved = np.empty((len(points), 3))
     for n in range(len(points)):
         x, y, z = np.float64(points[n, 0]), np.float64(points[n, 1]), np.float64(points[n, 2])
-        s, c = np.sin(share[n] * whole), np.cos(share[n] * whole)
+        s, c = np.sin(share[n] * angle), np.cos(share[n] * angle)
         # Rodrigues' formula: v cos + (k x v) sin + k (k.v)(1 - cos).
         along = (axis[0] * x + axis[1] * y + axis[2] * z) * (1.0 - c)
         moved[n, 0] = x * c + (axis[1] * z - axis[2] * y) * s + axis[0] * along
         moved[n, 1] = y * c + (axis[2] * x - axis[0] * z) * s + axis[1] * along
         moved[n, 2] = z * c + (axis[0] * y - axis[1] * x) * s + axis[2] * along
         for i in range(3):
-            moved[n, i] += share[n] * way[i]
+            moved[n, i] += share[n] * shift[i]
     return moved
 
 
 # --------------------------------------------------------------------------------------------------
-# Where steps from scan to scan have led so far.
+# The pose after all steps from scan to scan.
 
 LEAST_PAIRS = 20
-"""Fewer pairs of features cannot be told from chance."""
+"""Least number of pairs: fewer may agree by chance."""
 WEAKEST_M = 0.2
-"""A way that features leave so uncertain in some level direction is not believed. Upwards, where
-nothing but ground tells much, the prediction stands instead."""
+"""Largest standard deviation of a motion in any horizontal direction. Vertically, where only the
+ground is informative, the prediction is used instead."""
 SIMILAR = 50.0
-"""So many features are worth one: neighbours err alike."""
+"""Number of features that count as one: errors of neighbours are correlated."""
 ACCELERATION_M_S2, TURNING_RAD_S2 = 8.0, 2.0
-"""What a prediction may miss at most: vehicles do not exceed it for long."""
+"""Largest errors of a prediction: vehicles do not exceed these accelerations for long."""
 WEAKEST_RAD = 0.05
-"""A turn that features say may be off by so much, as a way by `WEAKEST_M`."""
+"""Standard deviation of a turn by features, like `WEAKEST_M` of a displacement."""
 SURE, PATIENCE = 5, 3
-"""After so many steps in a row that went as predicted, so many scans in a row that say otherwise
-are not believed; then it is the speed that was wrong."""
+"""After `SURE` steps in a row as predicted, up to `PATIENCE` scans in a row that contradict the
+prediction are rejected; after that the speed was wrong."""
 
 
 class Progress:
     """The pose at the last scan that was matched, and at the latest one.
 
     pose, covariance: (4, 4) `start_from_lidar` and (6, 6), at the latest scan. stamp_s: of the
-    last scan that counts. begun: whether a step has told the speed.
+    last scan that counts. begun: whether a step has determined the speed.
     """
 
     def __init__(self, imu: ImuPrediction) -> None:
@@ -204,7 +205,7 @@ class Progress:
         self._agreed, self._doubted = 0, 0
 
     def since(self, stamp_s: float) -> float:
-        """Return the time, s, since the last scan that counts; some where there is none."""
+        """Return the time, s, since the last scan that counts; 1 s if there is none."""
         return 1.0 if np.isnan(self.stamp_s) else stamp_s - self.stamp_s
 
     def predicted(self, stamp_s: float) -> np.ndarray:
@@ -214,15 +215,16 @@ class Progress:
         return self._imu.motion(self.stamp_s, stamp_s)
 
     def step(
-        self, predicted: np.ndarray, found: FeatureMatch, stamp_s: float
+        self, predicted: np.ndarray, feature_match: FeatureMatch, stamp_s: float
     ) -> tuple[np.ndarray, str]:
-        """Go on as features say; where they say too little, as predicted, with the reason.
+        """Move by the features, or as predicted if these are insufficient.
 
-        Returns the (4, 4) motion `before_from_now` that is believed, and the reason. What leaps
-        beside a sure prediction is not believed for a while: all that is seen may move along.
+        Returns the accepted (4, 4) motion `before_from_now`, and the reason why it is degraded.
+        A motion that leaps from a sure prediction is rejected for some scans: all features may
+        belong to traffic that moves along.
         """
-        poor, elapsed_s = misfit_of(found), stamp_s - self.stamp_s
-        motion = predicted if poor else settled(predicted, found)
+        poor, elapsed_s = misfit_of(feature_match), stamp_s - self.stamp_s
+        motion = predicted if poor else with_prediction(predicted, feature_match)
         leap, sure = leap_of(predicted, motion, elapsed_s), self._agreed >= SURE
         if poor or (leap and sure and self._doubted < PATIENCE):
             self._doubted += bool(leap)
@@ -230,13 +232,13 @@ class Progress:
             return predicted, poor or leap
         self._agreed, self._doubted = (0 if leap else self._agreed + 1), 0
         self._imu.learn(predicted, motion, elapsed_s)
-        self._arrive(motion, covariance_of(found))
+        self._arrive(motion, covariance_of(feature_match))
         self._count(stamp_s)
         self.begun = True
         return motion, leap if sure else ""
 
     def carry_on(self, predicted: np.ndarray, stamp_s: float, *, counts: bool) -> None:
-        """Go on as predicted; counts: whether the next step begins here or where this one did."""
+        """Move as predicted; counts: whether the next step begins here or where this one did."""
         elapsed_s = 0.0 if np.isnan(self.stamp_s) else stamp_s - self.stamp_s
         spread = np.array([ACCELERATION_M_S2] * 3 + [TURNING_RAD_S2] * 3) * elapsed_s**2
         self._arrive(predicted, np.diag(spread**2))
@@ -247,14 +249,14 @@ class Progress:
 
     def _arrive(self, motion: np.ndarray, uncertain: np.ndarray) -> None:
         self.pose = self._pose @ motion
-        self.covariance = grown(self._covariance, motion, uncertain)
+        self.covariance = propagated_covariance(self._covariance, motion, uncertain)
 
     def _count(self, stamp_s: float) -> None:
         self._pose, self._covariance, self.stamp_s = self.pose, self.covariance, stamp_s
 
 
 def leap_of(predicted: np.ndarray, motion: np.ndarray, elapsed_s: float) -> str:
-    """Say how far a motion is beside the one predicted if no vehicle could do that; else empty."""
+    """Return why a motion is impossible beside the predicted one, or nothing."""
     beside = log_se3(inverse(predicted) @ motion)
     away_m, turned = np.linalg.norm(beside[:3]), np.linalg.norm(beside[3:])
     if away_m > WEAKEST_M + ACCELERATION_M_S2 * elapsed_s**2:
@@ -264,45 +266,47 @@ def leap_of(predicted: np.ndarray, motion: np.ndarray, elapsed_s: float) -> str:
     return ""
 
 
-def covariance_of(found: FeatureMatch) -> np.ndarray:
+def covariance_of(feature_match: FeatureMatch) -> np.ndarray:
     """Return the (6, 6) covariance of a motion along the axes of the frame now."""
-    axes = np.kron(np.eye(2), found.before_from_now[:3, :3])
-    information = axes.T @ found.information @ axes / SIMILAR
+    axes = np.kron(np.eye(2), feature_match.before_from_now[:3, :3])
+    information = axes.T @ feature_match.information @ axes / SIMILAR
     covariance: np.ndarray = np.linalg.inv(information + 1e-6 * np.eye(6))
     return covariance
 
 
-def settled(predicted: np.ndarray, found: FeatureMatch) -> np.ndarray:
-    """Return the (4, 4) motion found, but its way as predicted where features leave it open.
+def with_prediction(predicted: np.ndarray, feature_match: FeatureMatch) -> np.ndarray:
+    """Return the (4, 4) motion of features, with the prediction in unobservable directions.
 
     J. Zhang, M. Kaess and S. Singh, "On degeneracy of optimization-based state estimation
     problems", ICRA 2016.
     """
-    motion = found.before_from_now.copy()
+    motion = feature_match.before_from_now.copy()
     rotation = motion[:3, :3]
-    variances, axes = np.linalg.eigh(rotation @ covariance_of(found)[:3, :3] @ rotation.T)
-    known = axes[:, variances < WEAKEST_M**2]
-    motion[:3, 3] = predicted[:3, 3] + known @ known.T @ (motion[:3, 3] - predicted[:3, 3])
+    variances, axes = np.linalg.eigh(rotation @ covariance_of(feature_match)[:3, :3] @ rotation.T)
+    observable = axes[:, variances < WEAKEST_M**2]
+    motion[:3, 3] = predicted[:3, 3] + observable @ observable.T @ (
+        motion[:3, 3] - predicted[:3, 3]
+    )
     return motion
 
 
-def misfit_of(found: FeatureMatch) -> str:
-    """Say why a motion is not to be believed; empty if it is."""
-    if found.held < LEAST_PAIRS:
-        return f"{found.held} features that match"
-    weakest_m = float(np.sqrt(np.linalg.eigvalsh(covariance_of(found)[:2, :2])[-1]))
+def misfit_of(feature_match: FeatureMatch) -> str:
+    """Return why a motion is rejected; empty if it is accepted."""
+    if feature_match.held < LEAST_PAIRS:
+        return f"{feature_match.held} features that match"
+    weakest_m = float(np.sqrt(np.linalg.eigvalsh(covariance_of(feature_match)[:2, :2])[-1]))
     if weakest_m > WEAKEST_M:
         return f"features leave {weakest_m:.2g} m open in one direction"
     return ""
 
 
 # --------------------------------------------------------------------------------------------------
-# Returns of a scan that may give features.
+# Returns that may become features.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Returns:
-    """What is kept of a scan.
+class ScanReturns:
+    """The returns of a scan that may become features.
 
     points: (N, 3) float64, metres, lidar frame at each point's own time. ring, column: (N,) int64.
     times_s: (N,) float64, seconds after the stamp. rows: (N,) int64, in the scan.
@@ -320,15 +324,15 @@ class Returns:
         return len(self.points)
 
     def at_stamp(self, motion: np.ndarray, since_s: float) -> np.ndarray:
-        """Return the (N, 3) points as seen at the stamp, the sweep's own motion taken out.
+        """Return the (N, 3) points in the LiDAR's frame at the stamp, deskewed.
 
         motion: (4, 4) `before_from_now` over the time since_s.
         """
         return deskewed_between(self.points, self.times_s, motion, since_s)
 
 
-def poverty(returns: Returns, features: Features) -> str:
-    """Say why a scan cannot tell where it was taken; empty if it may."""
+def poverty(returns: ScanReturns, features: Features) -> str:
+    """Return why a scan is too poor to be matched; empty if it is not."""
     if features.sharp + features.flat < LEAST_PAIRS:
         return f"{features.sharp + features.flat} features"
     if returns.ring.min() == returns.ring.max():

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import ClassVar
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
-from roadscope.odometry.peers.adapter import Adapter
-from roadscope.odometry.peers.interface import BOUNDS_M, Given, Placed
+from roadscope.odometry.peers.adapter import OdometryAdapter
+from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 
 
 class GenzIcpOdometry:
     """GenZ-ICP (Lee 2024) with its parameters for outdoor places.
 
     Those leave deskewing off, for the data behind them were deskewed; it is on here, to the stamp
-    at constant velocity. It has no use for an IMU.
+    at constant velocity. It does not use an IMU.
     """
 
     requires: ClassVar = Requirement("genz-icp", "pip install roadscope[peers]")
@@ -29,7 +29,7 @@ class GenzIcpOdometry:
         deskew: bool = True,
         ground: bool = True,
     ) -> None:
-        """Set it up.
+        """Store the settings.
 
         voxel_m, points, planarity, voxel_points: `voxel_size`, `desired_num_voxelized_points`,
             `planarity_threshold`, `max_points_per_voxel`.
@@ -48,21 +48,21 @@ class GenzIcpOdometry:
             "planarity_threshold": planarity,
             "max_points_per_voxel": voxel_points,
         }
-        self._adapter = Adapter(
+        self._adapter = OdometryAdapter(
             lambda _: _GenzIcp(mapping, deskew), takes_imu=self.takes_imu, ground=ground
         )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget map and pose."""
+        """Clear map and pose."""
         self._adapter.reset(lidar_from_imu)
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Move the scan onto the map and say where that puts the LiDAR."""
+        """Register the scan with the map and return the pose of the LiDAR."""
         return self._adapter.update(scan, imu)
 
 
 class _GenzIcp:
-    """`genz_icp.genz_icp.GenZICP` as a library of `Adapter`."""
+    """`genz_icp.genz_icp.GenZICP` as a library of `OdometryAdapter`."""
 
     def __init__(self, mapping: dict[str, float], deskew: bool) -> None:
         from genz_icp.config import GenZConfig
@@ -76,10 +76,10 @@ class _GenzIcp:
         self._genz, self._deskew = GenZICP(config), deskew
         self._step_s = 0.0
 
-    def place(self, given: Given) -> Placed:
+    def place(self, scan: LibraryScan) -> Placed:
         # A point of time 0.5 stays where it is; 1 is the motion between the last two scans.
-        swept = self._deskew and given.swept and self._step_s
-        times = 0.5 + given.after_s / self._step_s if swept else None
-        self._genz.register_frame(given.points, times)
-        self._step_s = given.elapsed_s
-        return Placed(self._genz.last_pose, given.stamp_s)
+        swept = self._deskew and scan.swept and self._step_s
+        times = 0.5 + scan.after_s / self._step_s if swept else None
+        self._genz.register_frame(scan.points, times)
+        self._step_s = scan.elapsed_s
+        return Placed(self._genz.last_pose, scan.stamp_s)

@@ -1,4 +1,4 @@
-"""What a library's odometry is given of a scan and what it answers."""
+"""Interface to a library's odometry: its input and its output."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from roadscope.core import ImuSamples
 
 BOUNDS_M = (1.0, 100.0)
-"""Ranges that libraries look at; nearer is the own vehicle. 100 m is the default of them all."""
+"""Ranges that libraries use; nearer is the own vehicle. 100 m is the default of all of them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Given:
-    """What a library is given of a scan.
+class LibraryScan:
+    """A scan as a library gets it.
 
-    points: (N, 3) float64, metres, the LiDAR's frame at each point's own time; numbers all.
-    after_s: (N,) float64, when each was seen, after the stamp.
+    points: (N, 3) float64, metres, the LiDAR's frame at each point's own time; all finite.
+    after_s: (N,) float64, time of each point after the stamp.
     stamp_s: on a clock that never goes back.
-    elapsed_s: since the stamp of the scan that the library took last; 0 for its first.
+    elapsed_s: since the stamp of the library's previous scan; 0 for its first.
     imu: the samples since then, on the same clock, in the IMU's frame.
     """
 
@@ -32,20 +32,20 @@ class Given:
 
     @property
     def swept(self) -> bool:
-        """Whether the points were seen one after the other."""
+        """Whether the points were measured one after the other."""
         return bool(np.ptp(self.after_s) > 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """Where a library puts the LiDAR: (4, 4) `world_from_lidar`, at which time."""
+    """A library's pose of the LiDAR: (4, 4) `world_from_lidar`, and its time."""
 
     world_from_lidar: np.ndarray
     at_s: float
 
 
-class Library(Protocol):
-    """One odometry of a library, started afresh."""
+class OdometryLibrary(Protocol):
+    """A newly started odometry of a library."""
 
-    def place(self, given: Given) -> Placed:
-        """Place a scan; whatever is raised is told as the reason why it could not be placed."""
+    def place(self, scan: LibraryScan) -> Placed:
+        """Return the pose of a scan; an exception becomes the reason why there is none."""

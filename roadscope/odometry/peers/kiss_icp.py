@@ -7,43 +7,43 @@ from typing import ClassVar
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
-from roadscope.odometry.peers.adapter import Adapter
-from roadscope.odometry.peers.interface import BOUNDS_M, Given, Placed
+from roadscope.odometry.peers.adapter import OdometryAdapter
+from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 from roadscope.odometry.rigid import exp_se3, log_se3
 
 
 class KissIcpOdometry:
     """KISS-ICP (Vizzo 2023) as its authors ship it: voxels of 1 m for 100 m, deskewing on.
 
-    It deskews to the last point of a scan at constant velocity and has no use for an IMU. Across
-    scans it was not shown, its last pose is carried on, which it would not do by itself.
+    It deskews to the last point of a scan at constant velocity and does not use an IMU. For
+    scans that it did not get, its last pose is predicted, which it does not do by itself.
     """
 
     requires: ClassVar = Requirement("kiss-icp", "pip install roadscope[peers]")
     takes_imu: ClassVar = False
 
     def __init__(self, *, voxel_m: float = 1.0, deskew: bool = True, ground: bool = True) -> None:
-        """Set it up; voxel_m: `mapping.voxel_size`, `data.max_range` / 100 when not given.
+        """Store the settings; voxel_m: `mapping.voxel_size`, `data.max_range` / 100 when not given.
 
-        ground: see `Adapter`, also for the other peers.
+        ground: see `OdometryAdapter`, also for the other peers.
         """
         if not voxel_m > 0:
             raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
-        self._adapter = Adapter(
+        self._adapter = OdometryAdapter(
             lambda _: _KissIcp(voxel_m, deskew), takes_imu=self.takes_imu, ground=ground
         )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget map and pose."""
+        """Clear map and pose."""
         self._adapter.reset(lidar_from_imu)
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Move the scan onto the map and say where that puts the LiDAR."""
+        """Register the scan with the map and return the pose of the LiDAR."""
         return self._adapter.update(scan, imu)
 
 
 class _KissIcp:
-    """`kiss_icp.kiss_icp.KissICP` as a library of `Adapter`."""
+    """`kiss_icp.kiss_icp.KissICP` as a library of `OdometryAdapter`."""
 
     def __init__(self, voxel_m: float, deskew: bool) -> None:
         from kiss_icp.config import KISSConfig
@@ -57,17 +57,17 @@ class _KissIcp:
         self._kiss, self._deskew = KissICP(config), deskew
         self._step_s = 0.0
 
-    def place(self, given: Given) -> Placed:
-        swept = self._deskew and given.swept
-        self._leap(given.elapsed_s)
-        # A scan from which no motion is taken out is rather one of its stamp than of its end.
+    def place(self, scan: LibraryScan) -> Placed:
+        swept = self._deskew and scan.swept
+        self._leap(scan.elapsed_s)
+        # A scan without deskewing belongs to its stamp rather than to its end.
         still = bool((self._kiss.last_delta == np.eye(4)).all())
-        self._kiss.register_frame(given.points, given.after_s if swept else np.empty(0))
-        at_s = given.stamp_s + (given.after_s.max() if swept and not still else 0.0)
+        self._kiss.register_frame(scan.points, scan.after_s if swept else np.empty(0))
+        at_s = scan.stamp_s + (scan.after_s.max() if swept and not still else 0.0)
         return Placed(self._kiss.last_pose, float(at_s))
 
     def _leap(self, elapsed_s: float) -> None:
-        """Carry the last pose on where more than a step has passed since."""
+        """Predict the last pose if more than one step has passed since."""
         extra_s = elapsed_s - self._step_s
         if 0 < self._step_s < 2 * extra_s:
             twist = log_se3(self._kiss.last_delta) / self._step_s

@@ -13,11 +13,11 @@ from typing import ClassVar
 import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
-from roadscope.odometry.peers.adapter import Adapter
-from roadscope.odometry.peers.interface import BOUNDS_M, Given, Placed
+from roadscope.odometry.peers.adapter import OdometryAdapter
+from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 
 EPOCH_S = 1000.0
-"""Its clock begins here: it takes a time of 0 for none."""
+"""Its clock begins here, because a time of 0 means no time to it."""
 NANOSECONDS = 1e9
 
 
@@ -40,7 +40,7 @@ class RkoLioOdometry:
         deskew: bool = True,
         ground: bool = True,
     ) -> None:
-        """Set it up.
+        """Store the settings.
 
         voxel_m: `voxel_size`. thin_twice: `double_downsample`, better off for 16 rings.
         starts_at_rest: `initialization_phase`: level and biases from the first tenth of a second.
@@ -53,21 +53,21 @@ class RkoLioOdometry:
             "initialization_phase": starts_at_rest,
             "deskew": deskew,
         }
-        self._adapter = Adapter(
+        self._adapter = OdometryAdapter(
             lambda mounting: _RkoLio(settings, mounting), takes_imu=self.takes_imu, ground=ground
         )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget map, pose, speed, biases."""
+        """Clear map, pose, speed and biases."""
         self._adapter.reset(lidar_from_imu)
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Move the scan onto the map and say where that puts the LiDAR."""
+        """Register the scan with the map and return the pose of the LiDAR."""
         return self._adapter.update(scan, imu)
 
 
 class _RkoLio:
-    """`rko_lio.lio.LIO` as a library of `Adapter`; its base is the LiDAR."""
+    """`rko_lio.lio.LIO` as a library of `OdometryAdapter`; its base is the LiDAR."""
 
     def __init__(self, settings: dict[str, float], mounting: Pose | None) -> None:
         from rko_lio.config import LIOConfig
@@ -78,22 +78,22 @@ class _RkoLio:
         self._lio = LIO(config)
         self._lidar_from_imu = np.eye(4) if mounting is None else mounting.matrix
         self._deskew, self._scans = config.deskew, 0
-        _hush_end()
+        _silence_exit()
 
-    def place(self, given: Given) -> Placed:
-        times = _nanoseconds(given.stamp_s + given.after_s)
-        samples = given.imu
+    def place(self, scan: LibraryScan) -> Placed:
+        times = _nanoseconds(scan.stamp_s + scan.after_s)
+        samples = scan.imu
         stamps = _nanoseconds(samples.stamps_s)
-        with _hushed():
+        with _silenced():
             for force, rate, stamp in zip(
                 samples.specific_force, samples.angular_velocity, stamps, strict=True
             ):
                 self._lio.add_imu_measurement(force, rate, stamp, self._lidar_from_imu)
-            self._lio.register_scan(given.points, times)
+            self._lio.register_scan(scan.points, times)
         # Every scan but the first is brought to its last point.
         self._scans += 1
-        late_s = given.after_s.max() if self._deskew and self._scans > 1 else 0.0
-        return Placed(self._lio.pose(), float(given.stamp_s + late_s))
+        late_s = scan.after_s.max() if self._deskew and self._scans > 1 else 0.0
+        return Placed(self._lio.pose(), float(scan.stamp_s + late_s))
 
 
 def _nanoseconds(times_s: np.ndarray) -> np.ndarray:
@@ -102,29 +102,29 @@ def _nanoseconds(times_s: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _hush_end() -> None:
-    """Keep the times that the library prints when the process ends from standard output."""
+def _silence_exit() -> None:
+    """Suppress the timings that the library prints when the process ends."""
 
     def close() -> None:
         sys.stdout.flush()
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, 1)
-        os.close(nowhere)
+        null_device = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null_device, 1)
+        os.close(null_device)
 
     atexit.register(close)
 
 
 @contextmanager
-def _hushed() -> Iterator[None]:
-    """Keep what the library's compiled part prints from the terminal."""
-    kept = os.dup(1), os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+def _silenced() -> Iterator[None]:
+    """Suppress the output of the library's compiled part."""
+    saved = os.dup(1), os.dup(2)
+    null_device = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, 1)
-        os.dup2(nowhere, 2)
+        os.dup2(null_device, 1)
+        os.dup2(null_device, 2)
         yield
     finally:
-        os.dup2(kept[0], 1)
-        os.dup2(kept[1], 2)
-        for each in (*kept, nowhere):
+        os.dup2(saved[0], 1)
+        os.dup2(saved[1], 2)
+        for each in (*saved, null_device):
             os.close(each)

@@ -8,13 +8,14 @@ import numpy as np
 
 from roadscope.core import ImuSamples, LidarScan, OdometryEstimate, Pose, Requirement
 from roadscope.odometry.cloud_kernels import deskewed
-from roadscope.odometry.peers.adapter import Adapter
-from roadscope.odometry.peers.interface import BOUNDS_M, Given, Placed
+from roadscope.odometry.peers.adapter import OdometryAdapter
+from roadscope.odometry.peers.interface import BOUNDS_M, LibraryScan, Placed
 from roadscope.odometry.rigid import exp_se3, inverse, log_se3, orthonormal
 
 SMALL_GICP = Requirement("small_gicp", "pip install roadscope[peers]")
 LRU = {"horizon": 100, "clear_cycle": 10}
-"""Voxels unseen for so many scans are dropped, looked for as often, as in its KITTI example."""
+"""Scans after which unused voxels are dropped, and scans between two checks, as in its KITTI
+example."""
 
 
 class SmallGicpOdometry:
@@ -37,7 +38,7 @@ class SmallGicpOdometry:
         deskew: bool = True,
         ground: bool = True,
     ) -> None:
-        """Set it up.
+        """Store the settings.
 
         voxel_m: of the map. downsample_m, neighbours: of `preprocess_points`, its defaults.
         gate_m: `max_correspondence_distance`, its default.
@@ -45,16 +46,16 @@ class SmallGicpOdometry:
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
         if not voxel_m > 0:
             raise ValueError(f"voxel_m must be above 0, got {voxel_m!r}")
-        self._adapter = Adapter(
+        self._adapter = OdometryAdapter(
             lambda _: _Gicp(scans, _VoxelMap(voxel_m)), takes_imu=self.takes_imu, ground=ground
         )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget map and pose."""
+        """Clear map and pose."""
         self._adapter.reset(lidar_from_imu)
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Move the scan onto the map and say where that puts the LiDAR."""
+        """Register the scan with the map and return the pose of the LiDAR."""
         return self._adapter.update(scan, imu)
 
 
@@ -73,18 +74,18 @@ class SmallGicpScanOdometry:
         deskew: bool = True,
         ground: bool = True,
     ) -> None:
-        """Set it up; see `SmallGicpOdometry`."""
+        """Store the settings; see `SmallGicpOdometry`."""
         scans = _checked(downsample_m, neighbours, gate_m, deskew)
-        self._adapter = Adapter(
+        self._adapter = OdometryAdapter(
             lambda _: _Gicp(scans, _LastScan()), takes_imu=self.takes_imu, ground=ground
         )
 
     def reset(self, lidar_from_imu: Pose | None = None) -> None:
-        """Forget scan and pose."""
+        """Clear scan and pose."""
         self._adapter.reset(lidar_from_imu)
 
     def update(self, scan: LidarScan, imu: ImuSamples | None = None) -> OdometryEstimate:
-        """Move the scan onto the one before and say where that puts the LiDAR."""
+        """Register the scan with the previous one and return the pose of the LiDAR."""
         return self._adapter.update(scan, imu)
 
 
@@ -112,8 +113,8 @@ class _VoxelMap:
     def aligned(self, cloud: Any, guess: np.ndarray, gate_m: float) -> np.ndarray:
         from small_gicp import align
 
-        found = align(self._voxels, cloud, guess, max_correspondence_distance=gate_m)
-        return np.asarray(found.T_target_source)
+        result = align(self._voxels, cloud, guess, max_correspondence_distance=gate_m)
+        return np.asarray(result.T_target_source)
 
 
 class _LastScan:
@@ -126,33 +127,33 @@ class _LastScan:
         from small_gicp import align
 
         start = inverse(self._pose) @ guess
-        found = align(self._cloud, cloud, self._tree, start, max_correspondence_distance=gate_m)
-        return np.asarray(self._pose @ found.T_target_source)
+        result = align(self._cloud, cloud, self._tree, start, max_correspondence_distance=gate_m)
+        return np.asarray(self._pose @ result.T_target_source)
 
 
 class _Gicp:
-    """small_gicp's functions as a library of `Adapter`."""
+    """small_gicp's functions as a library of `OdometryAdapter`."""
 
     def __init__(self, scans: dict[str, Any], memory: _VoxelMap | _LastScan) -> None:
         self._scans, self._memory = scans, memory
         self._pose, self._twist = np.eye(4), np.zeros(6)
 
-    def place(self, given: Given) -> Placed:
+    def place(self, scan: LibraryScan) -> Placed:
         from small_gicp import preprocess_points
 
-        points = given.points
+        points = scan.points
         if self._scans["deskew"]:
-            points = deskewed(points, given.after_s, self._twist)
+            points = deskewed(points, scan.after_s, self._twist)
         ranges = np.linalg.norm(points, axis=1)
         points = points[(ranges > BOUNDS_M[0]) & (ranges < BOUNDS_M[1])]
         cloud, tree = preprocess_points(
             points, self._scans["size_m"], num_neighbors=self._scans["neighbours"]
         )
-        if given.elapsed_s:
-            guess = self._pose @ exp_se3(self._twist * given.elapsed_s)
+        if scan.elapsed_s:
+            guess = self._pose @ exp_se3(self._twist * scan.elapsed_s)
             # Rounding in a rotation would treble from scan to scan.
             pose = orthonormal(self._memory.aligned(cloud, guess, self._scans["gate_m"]))
-            self._twist = log_se3(inverse(self._pose) @ pose) / given.elapsed_s
+            self._twist = log_se3(inverse(self._pose) @ pose) / scan.elapsed_s
             self._pose = pose
         self._memory.add(cloud, tree, self._pose)
-        return Placed(self._pose, given.stamp_s)
+        return Placed(self._pose, scan.stamp_s)

@@ -1,8 +1,8 @@
-"""Where a LiDAR has looked through: what is seen there later has moved in.
+"""Free space: points where earlier beams passed through have moved there.
 
 After Pomerleau et al., "Long-term 3D map maintenance in dynamic environments" (ICRA 2014), with
-range images in place of a map of points. The back of a vehicle that drives on comes to where nobody
-looked through, for it was itself in the way: it is as far away as it was.
+range images in place of a map of points. The rear of a vehicle ahead of the sensor moves to places
+that no beam passed, because the vehicle hid them: it stays at the same range.
 """
 
 from __future__ import annotations
@@ -16,24 +16,25 @@ from roadscope.odometry.cubes import Index
 from roadscope.odometry.rigid import inverse
 
 BINS = 480
-"""Of the azimuth: three quarters of a degree each, wider than the steps of most LiDARs."""
+"""Azimuth bins of 0.75 degrees, wider than the steps of most LiDARs."""
 AGES_S = (0.25, 0.8, 2.0)
-"""Looks are compared that are at least so old: what is slow moves in later."""
+"""Least ages of the compared images; slow objects need older ones."""
 EVERY_S = 0.25
+"""Time between two stored images."""
 MARGIN_M, MARGIN_SHARE = 0.5, 0.02
-"""A beam looked through a place if it met something at least so much farther away."""
+"""A beam passed through a place if its return is farther by this distance and share of range."""
 BESIDE_RAD = np.deg2rad(0.35)
-"""A beam this close in elevation looked there by itself; else those above and below must have."""
+"""A single beam this close in elevation is sufficient; else both neighbours must have passed."""
 UNKNOWN = np.float32(0.0)
 CERTAIN = 2
-"""Votes from which a point is held to have moved."""
+"""Votes from which a point counts as moved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class SweepImage:
     """One sweep as a range image.
 
-    ranges: (R, 480) least range in each bin, metres; 0 where nothing came back.
+    ranges: (R, 480) least range in each bin, metres; 0 without a return.
     elevations: (R,) radians, ascending. sensor_from_map: (4, 4).
     """
 
@@ -44,46 +45,56 @@ class Look:
 
 
 class FreeSpace:
-    """Keeps looks of the last seconds."""
+    """Stores range images of the last seconds."""
 
     def __init__(self) -> None:
-        self._looks: list[Look] = []
+        self._images: list[SweepImage] = []
 
     def due(self, stamp_s: float) -> bool:
-        """Say whether the last look kept is so old that it is time for another."""
-        return not self._looks or stamp_s - self._looks[-1].stamp_s >= EVERY_S - 1e-3
+        """Return whether it is time to store another image."""
+        return not self._images or stamp_s - self._images[-1].stamp_s >= EVERY_S - 1e-3
 
     def add(self, stamp_s: float, points: np.ndarray, ring: np.ndarray, pose: np.ndarray) -> None:
-        """Keep a sweep.
+        """Store the range image of a sweep.
 
-        points: (N, 3) as seen from the sensor at the stamp. pose: (4, 4) `map_from_sensor`.
+        points: (N, 3) in the sensor's frame at the stamp. pose: (4, 4) `map_from_sensor`.
         """
         ranges, elevations = range_image(points, ring, int(ring.max()) + 1)
         rows = np.flatnonzero(np.isfinite(elevations))
         rows = rows[np.argsort(elevations[rows])]
-        look = Look(stamp_s, ranges[rows], elevations[rows], inverse(pose))
-        self._looks = [
-            each for each in self._looks if stamp_s - each.stamp_s < AGES_S[-1] + 2 * EVERY_S
-        ] + [look]
+        image = SweepImage(stamp_s, ranges[rows], elevations[rows], inverse(pose))
+        self._images = [
+            each for each in self._images if stamp_s - each.stamp_s < AGES_S[-1] + 2 * EVERY_S
+        ] + [image]
 
-    def entered(self, stamp_s: float, points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        """Return (N,) int64, how surely (N, 3) points, map frame, moved here: from 2 on they did.
+    def entered(
+        self, stamp_s: float, points: np.ndarray, in_sensor_frame: np.ndarray
+    ) -> np.ndarray:
+        """Return (N,) int64, votes that (N, 3) points, map frame, moved here; `CERTAIN` are enough.
 
-        seen: (N, 3), the same as the sensor sees them now, or 0 where they cannot be of a vehicle.
-        A look that went through the place counts two. One that ended before it, and met something
-        in this direction as far away as now, counts one: that has moved along.
+        in_sensor_frame: (N, 3), the same points in the sensor's frame now, or 0 where they
+            cannot belong to a vehicle.
+        An image whose beams passed through the place gives two votes. One whose beams ended before
+        it, with a return at the same range in the direction of now, gives one: such a point may
+        have moved along with the sensor.
         """
         votes = np.zeros(len(points), np.int64)
-        for look in self._chosen(stamp_s):
-            image = look.ranges, look.elevations, look.sensor_from_map
-            looked_through(points, seen, *image, votes)
+        for image in self._chosen(stamp_s):
+            vote_for_entered(
+                points,
+                in_sensor_frame,
+                image.ranges,
+                image.elevations,
+                image.sensor_from_map,
+                votes,
+            )
         return votes
 
-    def _chosen(self, stamp_s: float) -> list[Look]:
-        """Return for each age the latest look that is so old."""
-        chosen: list[Look] = []
+    def _chosen(self, stamp_s: float) -> list[SweepImage]:
+        """Return for each age the latest image that is that old."""
+        chosen: list[SweepImage] = []
         for age_s in AGES_S:
-            old = [each for each in self._looks if stamp_s - each.stamp_s >= age_s - 1e-3]
+            old = [each for each in self._images if stamp_s - each.stamp_s >= age_s - 1e-3]
             if old and all(old[-1] is not each for each in chosen):
                 chosen.append(old[-1])
         return chosen
@@ -110,15 +121,15 @@ def range_image(points: np.ndarray, ring: np.ndarray, rings: int) -> tuple[np.nd
 
 
 @compiled()
-def looked_through(
+def vote_for_entered(
     points: np.ndarray,
-    seen: np.ndarray,
+    in_sensor_frame: np.ndarray,
     ranges: np.ndarray,
     elevations: np.ndarray,
     sensor_from_map: np.ndarray,
     votes: np.ndarray,
 ) -> None:
-    """Add two to the votes of (N, 3) points that have moved in since a look, one to those along."""
+    """Add the votes of one image to (N, 3) points, map frame; see `FreeSpace.entered`."""
     m, rings = sensor_from_map, len(elevations)
     slopes = np.tan(elevations)
     beside = np.tan(BESIDE_RAD)
@@ -150,27 +161,27 @@ def looked_through(
         elif (
             _hidden(ranges[low], k, most)
             and (low == high or _hidden(ranges[high], k, most))
-            and _alike(ranges, slopes, seen[n], margin)
+            and _same_range(ranges, slopes, in_sensor_frame[n], margin)
         ):
             votes[n] += 1
 
 
 @compiled()
 def _clear(ranges: np.ndarray, k: Index, least: float) -> bool:
-    """Say whether a ring's beams around a bin all met something beyond; two of three must have."""
-    met = 0
+    """Return whether a ring's returns around a bin are beyond a range, at least two of three."""
+    farther = 0
     for d in range(-1, 2):
         reach = ranges[(k + d) % BINS]
         if reach != UNKNOWN:
             if reach < least:
                 return False
-            met += 1
-    return met >= 2
+            farther += 1
+    return farther >= 2
 
 
 @compiled()
 def _hidden(ranges: np.ndarray, k: Index, most: float) -> bool:
-    """Say whether a ring's beams around a bin all ended before a range."""
+    """Return whether all beams of a ring around a bin ended before a range."""
     for d in range(-1, 2):
         reach = ranges[(k + d) % BINS]
         if reach == UNKNOWN or reach > most:
@@ -179,9 +190,9 @@ def _hidden(ranges: np.ndarray, k: Index, most: float) -> bool:
 
 
 @compiled()
-def _alike(ranges: np.ndarray, slopes: np.ndarray, seen: np.ndarray, margin: float) -> bool:
-    """Say whether a point is as far away as what a look met in the same direction."""
-    x, y, z = seen
+def _same_range(ranges: np.ndarray, slopes: np.ndarray, point: np.ndarray, margin: float) -> bool:
+    """Return whether an image has a return at the range of a point, in its direction."""
+    x, y, z = point
     flat = np.sqrt(x * x + y * y)
     if flat < 1.0:
         return False

@@ -13,43 +13,44 @@ from roadscope.odometry.rigid import exp_so3, log_so3, orthonormal
 from roadscope.odometry.voxels.surfaces import FLOOR_M, ROUGH_M, SIZES_M, VoxelMap, Voxels, key_of
 
 # --------------------------------------------------------------------------------------------------
-# How well points lie on the surfaces of a map, and which way is better.
+# Normal equations of points on the surfaces of a map.
 
 TILT = 0.05
-"""By so much, radians, the normal of a surface may err that was fitted to a few traces of beams."""
+"""Error of a normal that was fitted to the traces of few beams, radians."""
 
 GRAZING = 0.06
-"""Cosine of the angle between a beam that rises and the normal of the surface that it meets at
-which the point counts for a half. One beam's trace over a tree's crown lies on the cone on which
-that beam turns: it passes for a surface that contains the beams, and goes where the sensor goes."""
+"""Cosine of the angle between a rising beam and the normal of the surface at which a point has half
+its weight. The trace of one beam over a tree's crown lies on the cone of that beam: it looks like a
+surface along the beams, and moves with the sensor."""
 
 TRACED_RAD = 0.01
-"""How far off in height, over the range, a beam that rises may meet a thing from where its surface
-was seen: beams are up to two degrees apart, and a plane between their traces is as likely one way
-as another (two degrees over the root of 12). Traces on what is ahead sink as one comes: planes
-through them that lean would lift the sensor and turn it up."""
+"""Standard deviation of the height, over range, of a rising beam's return on a surface: beams are
+up to two degrees apart, and a plane between their traces has a uniform error (two degrees over the
+root of 12). Traces on objects ahead sink as these come closer: tilted planes through them would
+lift the sensor."""
 
 FIRM, FAR = 20.0, 5.0
-"""A surface of so many points contradicts what is not on it: so many standard deviations off."""
+"""A surface with at least `FIRM` points contradicts points that are `FAR` standard deviations
+off."""
 
 
 @compiled()
 def normal_equations(
     voxels: Voxels, points: np.ndarray, matrix: np.ndarray, scale: float, floor_m: float = FLOOR_M
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return Gauss-Newton's matrix (6, 6) and vector (6,), and what they rest on, (3,).
+    """Return Gauss-Newton's matrix (6, 6) and vector (6,), and sums over the points, (3,).
 
     points: (N, 3) metres, the sensor's frame. matrix: (4, 4) `map_from_sensor`. scale: standard
     deviations off its surface at which a point counts for a quarter (Geman and McClure 1985).
-    floor_m: what points are off surfaces that are known perfectly.
+    floor_m: least standard deviation of a point from a surface.
     The unknowns are a shift, metres, and a turn about the sensor, radians, both along the map's
-    axes. The last result: points that have a surface, the sum of their weights, and that of
-    their squared distances, weighed, in standard deviations.
+    axes. The sums: number of points with a surface, their weights, and their weighted squared
+    distances in standard deviations.
 
-    A point is held by the largest voxel around it whose surface passes near, if none does by the
-    largest that has one: small ones take over where large ones hold more than one.
+    A point is matched with the largest voxel around it whose surface passes near, otherwise with
+    the largest that has a surface: small voxels are used where large ones contain several.
     """
-    H, b, told = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
+    H, b, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
     q, j, off, weight = np.empty(3), np.empty(6), np.empty(3), np.empty(3)
     for n in range(len(points)):
         for i in range(3):
@@ -63,39 +64,39 @@ def normal_equations(
         if slot < 0:
             continue
         axes = voxels.axes[slot]
-        _offsets(voxels, slot, (x, y, z), off)
+        _offsets(voxels, slot, x, y, z, off)
         squared, traced = 0.0, _traced(matrix, q)
         for k in range(voxels.held[slot]):
             variance = _variance(voxels.spreads[slot], voxels.counts[slot], off, k, floor_m)
             weight[k] = 1.0 / (variance + traced * _rise(axes[k], matrix) ** 2)
             squared += weight[k] * off[k] * off[k]
         share = 1.0 / (1.0 + squared / (scale * scale)) ** 2
-        told[0] += 1.0
-        told[1] += share
-        told[2] += share * squared
+        sums[0] += 1.0
+        sums[1] += share
+        sums[2] += share * squared
         if voxels.held[slot] == 1:
-            share *= _met(axes[0], matrix, q)
+            share *= _beam_weight(axes[0], matrix, q)
         for k in range(voxels.held[slot]):
             _row(axes[k], matrix, q, j)
             _accumulate(H, b, j, share * weight[k], off[k])
     for r in range(6):
         for c in range(r):
             H[r, c] = H[c, r]
-    return H, b, told
+    return H, b, sums
 
 
 @compiled()
 def _rise(vector: np.ndarray, matrix: np.ndarray) -> float:
-    """Return how far a vector, (3,) along the map's axes, goes up as the sensor sees it."""
+    """Return the component of a vector, (3,) along the map's axes, along the sensor's z axis."""
     up: float = matrix[0, 2] * vector[0] + matrix[1, 2] * vector[1] + matrix[2, 2] * vector[2]
     return up
 
 
 @compiled()
 def _traced(matrix: np.ndarray, q: np.ndarray) -> float:
-    """Return the variance, m^2, of the height at which a beam along q, (3,) metres, met a thing.
+    """Return the variance, m^2, of the height of a return along q, (3,) metres.
 
-    Beams that fall meet the ground, whose height they tell.
+    Zero for falling beams: these hit the ground and measure its height.
     """
     if _rise(q, matrix) <= 0.0:
         return 0.0
@@ -104,17 +105,17 @@ def _traced(matrix: np.ndarray, q: np.ndarray) -> float:
 
 
 @compiled()
-def _met(normal: np.ndarray, matrix: np.ndarray, q: np.ndarray) -> float:
-    """Return how much a point counts that was met along q, (3,) metres, on a surface.
+def _beam_weight(normal: np.ndarray, matrix: np.ndarray, q: np.ndarray) -> float:
+    """Return the weight of a return along q, (3,) metres, on a surface.
 
-    Beams that fall meet the ground, which is what it seems to be.
+    One for falling beams: these hit the ground.
     """
     if _rise(q, matrix) <= 0.0:
         return 1.0
     into = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
     square = into * into / (q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
-    met: float = square / (square + GRAZING * GRAZING)
-    return met
+    weight: float = square / (square + GRAZING * GRAZING)
+    return weight
 
 
 @compiled()
@@ -139,19 +140,17 @@ def surface_at(voxels: Voxels, x: float, y: float, z: float) -> Index:
 
 
 @compiled()
-def _offsets(
-    voxels: Voxels, slot: Index, place: tuple[float, float, float], off: np.ndarray
-) -> None:
-    """Fill how far a place is from the mean of a voxel along its axes, (3,) metres."""
+def _offsets(voxels: Voxels, slot: Index, x: float, y: float, z: float, off: np.ndarray) -> None:
+    """Write the offset of a place from the mean of a voxel along its axes, (3,) metres."""
     axes, means = voxels.axes[slot], voxels.means[slot]
-    x, y, z = place[0] - means[0], place[1] - means[1], place[2] - means[2]
+    x, y, z = x - means[0], y - means[1], z - means[2]
     for k in range(3):
         off[k] = axes[k, 0] * x + axes[k, 1] * y + axes[k, 2] * z
 
 
 @compiled()
 def _passes(voxels: Voxels, slot: Index, x: float, y: float, z: float) -> bool:
-    """Say whether a place lies on the surface of a voxel."""
+    """Return whether a place lies on the surface of a voxel."""
     means, squared = voxels.means[slot], 0.0
     for k in range(voxels.held[slot]):
         axis = voxels.axes[slot, k]
@@ -163,10 +162,10 @@ def _passes(voxels: Voxels, slot: Index, x: float, y: float, z: float) -> bool:
 
 @compiled()
 def _variance(spreads: np.ndarray, count: float, off: np.ndarray, k: int, floor_m: float) -> float:
-    """Return the variance, m^2, with which a point is held along an axis.
+    """Return the variance, m^2, of a point's distance along an axis of a voxel.
 
-    That of the points of the voxel, and what a plane fitted to so few of them errs at the place,
-    more outside of them than among them. off: (3,) metres from their mean, along the axes.
+    It is that of the points of the voxel plus the error of a plane fitted to them, which is larger
+    outside of them. off: (3,) metres from their mean, along the axes.
     """
     lever = 1.0
     for i in range(k + 1, 3):
@@ -177,11 +176,11 @@ def _variance(spreads: np.ndarray, count: float, off: np.ndarray, k: int, floor_
 
 @compiled()
 def _row(axis: np.ndarray, matrix: np.ndarray, q: np.ndarray, j: np.ndarray) -> None:
-    """Fill how the distance along an axis changes with shift and turn.
+    """Write the derivative of the distance along an axis by shift and turn.
 
-    What of the axis lies along an axis of the sensor is shrunk where it is within the error of
-    fitted normals: else hundreds of level surfaces, each tilted a little by noise, would together
-    hold the sensor back along the road.
+    Components of the axis along an axis of the sensor are reduced where they are within the error
+    of fitted normals: otherwise hundreds of level surfaces, each slightly tilted by noise, would
+    together hold the sensor back along the road.
     """
     j[0] = j[1] = j[2] = 0.0
     for c in range(3):
@@ -205,14 +204,14 @@ def _accumulate(H: np.ndarray, b: np.ndarray, j: np.ndarray, weight: float, off:
 
 @compiled()
 def contradicts(voxels: Voxels, points: np.ndarray) -> np.ndarray:
-    """Return (N,) bool, which points, (N, 3) in the map's frame, are off a surface around them."""
+    """Return (N,) whether points, (N, 3) in the map's frame, contradict a surface around them."""
     marks, off = np.zeros(len(points), np.bool_), np.empty(3)
     for n in range(len(points)):
         x, y, z = points[n]
         slot = surface_at(voxels, x, y, z)
         if slot < 0 or voxels.counts[slot] < FIRM:
             continue
-        _offsets(voxels, slot, (x, y, z), off)
+        _offsets(voxels, slot, x, y, z, off)
         squared = 0.0
         for k in range(voxels.held[slot]):
             spread = _variance(voxels.spreads[slot], voxels.counts[slot], off, k, FLOOR_M)
@@ -222,20 +221,20 @@ def contradicts(voxels: Voxels, points: np.ndarray) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------
-# Where a scan lies on a map of surfaces: robust Gauss-Newton, point to surface.
+# The pose of a scan.
 
 SCALES = (12.0, 8.0, 5.0, 4.0, 3.0)
-"""Standard deviations that still count, from one step to the next (graduated non-convexity)."""
+"""Robust scale in standard deviations, from step to step (graduated non-convexity)."""
 STEPS = 12
 SHIFT_M, TURN_RAD = 1e-3, 2e-5
-"""Steps below these end the search: they are far below what a scan tells."""
+"""Smaller steps end the search: they are far below the accuracy of a scan."""
 FLOOR = 1e-6
-"""Keeps what nothing holds where it is, 1/m^2 and 1/rad^2."""
+"""Added to the diagonal, so that unobservable unknowns stay unchanged, 1/m^2 and 1/rad^2."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
-    """What is held of a pose before its scan is looked at.
+class PosePrior:
+    """Prior of a pose before its scan is matched.
 
     map_from_sensor: (4, 4). information: (6, 6), of a shift and a turn along the map's axes.
     """
@@ -245,13 +244,13 @@ class Belief:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Match:
-    """Where a scan fits.
+class ScanMatch:
+    """The pose of a scan on a map.
 
     map_from_sensor: (4, 4). information: (6, 6), of a shift, metres, and a turn about the sensor,
         radians, along the map's axes; from the scan alone.
-    points: how many were looked at. held: how many of them met a surface. fits: sum of their
-        weights, at most `held`.
+    points: number of points. held: number of points with a surface. fits: sum of their weights,
+        at most `held`.
     """
 
     map_from_sensor: np.ndarray
@@ -269,38 +268,38 @@ class Match:
 def match(
     voxels: Voxels,
     points: np.ndarray,
-    belief: Belief,
+    prior: PosePrior,
     *,
     scales: tuple[float, ...] = SCALES,
     steps: int = STEPS,
-) -> Match:
-    """Move (N, 3) points, metres, sensor frame, onto the surfaces, beginning at what is held."""
-    pose = belief.map_from_sensor.copy()
+) -> ScanMatch:
+    """Return the pose that moves (N, 3) points, metres, sensor frame, onto the surfaces."""
+    pose = prior.map_from_sensor.copy()
     for step in range(steps):
         scale = scales[min(step, len(scales) - 1)]
         H, b, _ = normal_equations(voxels, points, pose, scale)
         off = np.concatenate(
             [
-                pose[:3, 3] - belief.map_from_sensor[:3, 3],
-                log_so3(pose[:3, :3] @ belief.map_from_sensor[:3, :3].T),
+                pose[:3, 3] - prior.map_from_sensor[:3, 3],
+                log_so3(pose[:3, :3] @ prior.map_from_sensor[:3, :3].T),
             ]
         )
-        whole = H + belief.information + FLOOR * np.eye(6)
-        move = -np.linalg.solve(whole, b + belief.information @ off)
+        whole = H + prior.information + FLOOR * np.eye(6)
+        move = -np.linalg.solve(whole, b + prior.information @ off)
         pose[:3, 3] += move[:3]
         pose[:3, :3] = exp_so3(move[3:]) @ pose[:3, :3]
         small = np.abs(move[:3]).max() < SHIFT_M and np.abs(move[3:]).max() < TURN_RAD
         if small and step + 1 >= len(scales):
             break
     pose = orthonormal(pose)
-    H, _, told = normal_equations(voxels, points, pose, scales[-1])
-    return Match(pose, H, len(points), int(told[0]), float(told[1]))
+    H, _, sums = normal_equations(voxels, points, pose, scales[-1])
+    return ScanMatch(pose, H, len(points), int(sums[0]), float(sums[1]))
 
 
-def best_match(surfaces: VoxelMap, points: np.ndarray, beliefs: Iterable[Belief]) -> Match:
-    """Match (N, 3) points, metres, sensor frame, from each belief; return the best match.
+def best_match(surfaces: VoxelMap, points: np.ndarray, priors: Iterable[PosePrior]) -> ScanMatch:
+    """Return the best match of (N, 3) points, metres, sensor frame, from several priors.
 
-    That is the one with which most points agree; of equals the first.
+    It is the one with the largest `fits`; the first of equal ones.
     """
-    matches = (match(surfaces.voxels, points, belief) for belief in beliefs)
-    return max(matches, key=lambda found: found.fits)
+    matches = (match(surfaces.voxels, points, prior) for prior in priors)
+    return max(matches, key=lambda each: each.fits)

@@ -11,37 +11,36 @@ from roadscope.odometry.cubes import BITS, EMPTY, HALF, Index, cube_of, slot_of
 from roadscope.odometry.eigen_kernels import eigen3
 
 # --------------------------------------------------------------------------------------------------
-# A hash table of voxels, of several sizes, that keep the moments of the points within them.
+# A hash table of voxels of several sizes, with the moments of their points.
 
 SIZES_M = (1.0, 2.0, 4.0)
-Room = tuple[np.ndarray, np.ndarray, np.ndarray]
 LEAST = 5
 """Points from which a voxel has a surface."""
 MOST = 120.0
-"""At so many points a voxel takes no more: it stays where it was first seen. One that went on
-learning would go along with the error of whoever looks at it all the time, as at the end of a
-corridor."""
+"""Most points of a voxel; then its surface stays unchanged. Otherwise it would follow the drift of
+a sensor that measures it all the time, as at the end of a corridor."""
 GROWN = 1.15
-"""A surface is fitted again when there are so many times as many points."""
+"""A surface is fitted again when its number of points has grown by this factor."""
 THIN_M = 0.1
 """Root mean square thickness up to which points are a surface or an edge: rough ground, leaves."""
 WIDE = 0.12
-"""Least extent, of the voxel's size, along a surface. One beam's trace across a road is a line
-that travels with the sensor: it has no width and must not be taken for an edge."""
+"""Least extent along a surface, a share of the voxel's size. One beam's trace across a road is a
+line that moves with the sensor: it has no width and must not count as an edge."""
 WIDE_M, WIDE_LEVEL_M = 0.2, 0.5
-"""And at least this, on the level more: noise along slanting beams tilts what is narrow, always the
-same way, and the ground is what tells of pitch and height."""
+"""Least extent in metres, larger for level surfaces: noise along slanting beams tilts narrow ones
+in the same direction, and pitch and height depend on the ground."""
 WHOLE_LEVEL = 0.22
-"""On the level, however, no more than this, of the voxel's size: then it is covered nearly whole,
-for what is spread over it evenly has 0.29. Indoors larger ones hold walls too."""
+"""Upper limit of that extent for level surfaces, a share of the voxel's size: an evenly covered
+voxel has 0.29. Indoors, larger voxels contain walls too."""
 LEVEL = 0.9
-"""Least cosine to the vertical of the normal of what is level."""
+"""Least cosine of the angle between the vertical and the normal of a level surface."""
 UPRIGHT = 0.8
-"""Least cosine to the vertical of an edge: poles and trunks. Level lines are mostly such traces."""
+"""Least cosine of the angle between an edge and the vertical: poles and trunks. Level lines are
+mostly traces of beams."""
 FLOOR_M = 0.01
-"""What a point is off a surface that is known perfectly: motion within the sweep, roughness."""
+"""Standard deviation of a point from a perfectly known surface: deskewing, roughness."""
 ROUGH_M = 0.03
-"""What a point may be off a surface besides and still be of it: kerbs, what the map errs."""
+"""Further standard deviation of a point that belongs to a surface: kerbs, errors of the map."""
 
 
 class Voxels(NamedTuple):
@@ -93,11 +92,17 @@ def key_of(x: float, y: float, z: float, level: int) -> Index:
 @compiled()
 def insert(voxels: Voxels, points: np.ndarray) -> None:
     """Add (N, 3) points, metres, and fit the surfaces of the voxels that have grown."""
-    _insert(voxels, points, (np.empty((3, 3)), np.empty(3), np.empty((3, 3))))
+    _insert(voxels, points, np.empty((3, 3)), np.empty(3), np.empty((3, 3)))
 
 
 @compiled(borrowing=True)
-def _insert(voxels: Voxels, points: np.ndarray, room: Room) -> None:
+def _insert(
+    voxels: Voxels,
+    points: np.ndarray,
+    matrix: np.ndarray,
+    values: np.ndarray,
+    vectors: np.ndarray,
+) -> None:
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         for level in range(len(SIZES_M)):
@@ -108,10 +113,10 @@ def _insert(voxels: Voxels, points: np.ndarray, room: Room) -> None:
             if voxels.keys[slot] == EMPTY:
                 voxels.keys[slot] = key
                 voxels.used[0] += 1
-            _add(voxels, slot, key, (x, y, z))
+            _add(voxels, slot, key, x, y, z)
             count = voxels.counts[slot]
             if count >= LEAST and count >= GROWN * voxels.fitted[slot]:
-                _fit(voxels, slot, key, room)
+                _fit(voxels, slot, key, matrix, values, vectors)
 
 
 @compiled(borrowing=True)
@@ -121,10 +126,10 @@ def _centre(key: Index, axis: int) -> float:
 
 
 @compiled(borrowing=True)
-def _add(voxels: Voxels, slot: Index, key: Index, point: tuple[float, float, float]) -> None:
+def _add(voxels: Voxels, slot: Index, key: Index, x: float, y: float, z: float) -> None:
     if voxels.counts[slot] >= MOST:
         return
-    x, y, z = point[0] - _centre(key, 0), point[1] - _centre(key, 1), point[2] - _centre(key, 2)
+    x, y, z = x - _centre(key, 0), y - _centre(key, 1), z - _centre(key, 2)
     sums, squares = voxels.sums[slot], voxels.squares[slot]
     voxels.counts[slot] += 1.0
     sums[0] += x
@@ -139,9 +144,15 @@ def _add(voxels: Voxels, slot: Index, key: Index, point: tuple[float, float, flo
 
 
 @compiled(borrowing=True)
-def _fit(voxels: Voxels, slot: Index, key: Index, room: Room) -> None:
-    """Find how the points of a voxel lie, and along which axes that holds others in place."""
-    matrix, values, vectors = room
+def _fit(
+    voxels: Voxels,
+    slot: Index,
+    key: Index,
+    matrix: np.ndarray,
+    values: np.ndarray,
+    vectors: np.ndarray,
+) -> None:
+    """Fit a surface or an edge to the points of a voxel; the last three arrays are scratch."""
     n, sums, squares = voxels.counts[slot], voxels.sums[slot], voxels.squares[slot]
     at = 0
     for i in range(3):
@@ -188,13 +199,13 @@ def copy_near(old: Voxels, new: Voxels, centre: np.ndarray, reach_m: float) -> N
 
 SLOTS = 1 << 15
 FULL = 0.5
-"""Share of slots taken from which the table is cleared of what is far, and grows if need be."""
+"""Share of used slots at which far voxels are dropped, and the table grows if necessary."""
 
 
 class VoxelMap:
-    """Surfaces in voxels of several sizes, learned from points; what is far is forgotten.
+    """Surfaces in voxels of several sizes, learned from points; far voxels are dropped.
 
-    reach_m: how far from where points were last added, in x and y, the map goes.
+    reach_m: radius of the map in x and y around the place of the last added points.
     """
 
     def __init__(self, *, reach_m: float) -> None:
@@ -202,28 +213,28 @@ class VoxelMap:
         self.clear()
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Remove all voxels."""
         self.voxels = empty_voxels(SLOTS)
 
     def __len__(self) -> int:
         return int(self.voxels.used[0])
 
     def add(self, points: np.ndarray, centre: np.ndarray) -> None:
-        """Add (N, 3) points, metres, seen from a place, (3,) metres, of the map's frame."""
+        """Add (N, 3) points, metres, measured from a place, (3,) metres, map frame."""
         levels = 3
         slots = len(self.voxels.keys)
         if len(self) + levels * len(points) > FULL * slots:
             self._clear_up(centre, levels * len(points))
         insert(self.voxels, points)
 
-    def _clear_up(self, centre: np.ndarray, coming: int) -> None:
-        """Drop what is far; the table then has room for as much again."""
+    def _clear_up(self, centre: np.ndarray, new_voxels: int) -> None:
+        """Drop far voxels, so that the table has space for new ones."""
         slots = len(self.voxels.keys)
         while True:
-            kept = empty_voxels(slots)
+            remaining = empty_voxels(slots)
             if len(self) <= FULL * slots or slots > len(self.voxels.keys):
-                copy_near(self.voxels, kept, centre, self.reach_m)
-                if kept.used[0] + coming <= 0.7 * FULL * slots:
-                    self.voxels = kept
+                copy_near(self.voxels, remaining, centre, self.reach_m)
+                if remaining.used[0] + new_voxels <= 0.7 * FULL * slots:
+                    self.voxels = remaining
                     return
             slots *= 2

@@ -44,7 +44,7 @@ def test_depth_is_the_distance_to_the_nearest_side():
     assert depth[10, 30] < 0
 
 
-def test_what_lies_outside_is_cut_off():
+def test_polygons_are_clipped_at_the_border():
     canvas = _blank()
     canvas.polygon(_turned(0.3) - 35, WHITE)
     canvas.polygon(_turned(0.3) + 500, WHITE)

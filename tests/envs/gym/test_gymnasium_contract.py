@@ -48,7 +48,7 @@ def digest(observation: dict[str, np.ndarray]) -> str:
 
 
 @pytest.mark.parametrize("name", CHECKED_IDS)
-def test_check_env_has_nothing_to_say(name: str) -> None:
+def test_check_env_passes_without_warnings(name: str) -> None:
     brief = {"duration_s": 2.0} if name.partition("/")[2] in IN_TOWN else {}
     env = gym.make(name, rig="lux", render_mode="rgb_array", **brief)
     assert isinstance(env.unwrapped, ScenarioEnv)
@@ -57,13 +57,13 @@ def test_check_env_has_nothing_to_say(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", AGENT_IDS)
-def test_check_env_has_nothing_to_say_of_played_scenarios(name: str) -> None:
+def test_check_env_passes_for_recorded_scenarios(name: str) -> None:
     env = gym.make(name, rig="lux", **PLAYED)
     check_env(env.unwrapped, skip_render_check=True)
 
 
 @pytest.mark.parametrize("settings", [{}, PLAYED])
-def test_check_env_has_nothing_to_say_of_weather(settings: dict[str, Any]) -> None:
+def test_check_env_passes_with_weather(settings: dict[str, Any]) -> None:
     env = gym.make("roadscope/Merge-v0", rig="vlp16", weather="fog-4", **settings)
     check_env(env.unwrapped, skip_render_check=True)
     clear = gym.make("roadscope/Merge-v0", rig="vlp16", **settings)
@@ -76,7 +76,7 @@ def test_check_env_has_nothing_to_say_of_weather(settings: dict[str, Any]) -> No
 @pytest.mark.parametrize("name", FOREIGN)
 @pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version:UserWarning")
-def test_check_env_minds_only_the_wrapping_of_foreign_environments(name: str) -> None:
+def test_check_env_warns_only_of_the_wrapper_of_foreign_environments(name: str) -> None:
     env = SensorWrapper(gym.make(name), "lux")
     check_env(env, skip_render_check=True)
 
@@ -231,7 +231,7 @@ def test_actions_outside_the_space_are_refused(every_id: str) -> None:
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("settings", [{}, PLAYED])
-def test_copies_go_their_own_way(twin: Any, settings: dict[str, Any]) -> None:
+def test_copies_are_independent(twin: Any, settings: dict[str, Any]) -> None:
     env = gym.make("roadscope/Intersection-v0", rig="lux", **settings)
     env.reset(seed=0)
     env.step(0)
@@ -266,7 +266,7 @@ def test_impossible_settings_are_refused(settings: dict[str, Any], message: str)
         ScenarioEnv(**settings)
 
 
-def test_infos_have_no_action_that_nobody_took() -> None:
+def test_infos_after_a_reset_have_no_action() -> None:
     env = gym.make("roadscope/Merge-v0", rig="lux")
     infos = [env.reset(seed=3)[1] for _ in range(2)]
     assert equivalent(infos[0], infos[1], exact=True)

@@ -39,7 +39,7 @@ def test_the_latest_image_is_observed_and_every_one_is_in_the_frames() -> None:
 
 @pytest.mark.filterwarnings("ignore:.*precision lowered:UserWarning")
 @pytest.mark.parametrize("name", ["TwoWay-v0", "Street-v0"])
-def test_what_pixels_show_comes_with_the_observed_image(name: str) -> None:
+def test_pixel_truth_belongs_to_the_observed_image(name: str) -> None:
     brief = {"rig": "wide", "duration_s": 3.0}
     env = gym.make(f"roadscope/{name}", pixel_truth=True, **brief)
     check_env(env.unwrapped, skip_render_check=True)
@@ -117,7 +117,7 @@ def test_live_frames_with_faults_equal_the_recorded_ones() -> None:
         gym.make("roadscope/TwoWay-v0", faults=["hail:1"])
 
 
-def test_the_sun_stays_where_it_was_when_the_ego_set_out() -> None:
+def test_the_sun_of_a_glare_does_not_move_with_the_ego() -> None:
     timeline = record("racetrack", 2, 6.0)
     sensing = Sensing(rig("wide"), 2, faults="glare:3")
     suns = [sensing._light_of(timeline, stamp_s).sun_azimuth for stamp_s in (5.0, 0.02, 3.0)]

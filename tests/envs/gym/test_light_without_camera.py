@@ -9,7 +9,7 @@ from roadscope.envs.imaging.light import Light
 
 @pytest.mark.parametrize("light", ["night", "dusk", Light()])
 @pytest.mark.parametrize("scenario", ["motorway", "street"])
-def test_a_light_that_no_camera_sees_is_refused(light: str | Light, scenario: str) -> None:
+def test_a_light_without_a_camera_is_refused(light: str | Light, scenario: str) -> None:
     with pytest.raises(RecordError, match=r"rig 'vlp16' has no camera.*wide"):
         gym.make("roadscope/Highway-v0", scenario=scenario, rig="vlp16", light=light)
     with pytest.raises(RecordError, match="rig 'lux' has no camera"):

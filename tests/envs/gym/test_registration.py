@@ -143,7 +143,7 @@ def test_scenarios_without_an_id_are_played() -> None:
     env.close()
 
 
-def test_a_mistyped_scenario_is_named_with_what_there_is() -> None:
+def test_an_error_for_a_mistyped_scenario_lists_known_names() -> None:
     with pytest.raises(ValueError, match=r"'tunel'.*tunnel"):
         roadscope.make("tunel")
 

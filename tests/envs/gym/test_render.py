@@ -21,7 +21,7 @@ from roadscope.envs.gym.render import (
     FAMILIES,
     GROUND_RETURN,
     WEATHER_RETURN,
-    View,
+    BirdsEyeView,
     birds_eye,
     box_corners,
 )
@@ -206,7 +206,7 @@ def test_the_legend_lies_at_the_lower_left_and_names_what_was_drawn():
     assert all(len(_close(truth, colour, 1)) > 10 for colour in FAMILIES.values())
 
 
-def test_a_small_picture_goes_without_a_legend():
+def test_a_small_picture_has_no_legend():
     small = {"size_px": 200, "metres_per_px": 0.4}
     assert np.array_equal(_draw(legend=True, **small), _draw(**small))
 
@@ -227,7 +227,7 @@ def test_drawing_loads_no_plotting_library():
 
 
 def test_the_view_turns_with_the_ego():
-    view = View(Pose.planar(10.0, 5.0, np.pi / 2), SIZE, SCALE)
+    view = BirdsEyeView(Pose.planar(10.0, 5.0, np.pi / 2), SIZE, SCALE)
     assert np.allclose(view.pixels(np.array([10.0, 15.0])), (HOME[1], HOME[0] - 50))
     assert np.allclose(view.pixels(np.array([0.0, 5.0])), (HOME[1] - 50, HOME[0]))
 

@@ -5,8 +5,8 @@ from roadscope.core import Pose, Tracks, TrackState
 from roadscope.envs.gym.canvas import Canvas
 from roadscope.envs.gym.render import (
     LABEL,
-    Labels,
-    View,
+    BirdsEyeView,
+    LabelPlacer,
     draw_legend,
     track_colour,
     write_distances,
@@ -14,12 +14,12 @@ from roadscope.envs.gym.render import (
 )
 
 SIZE = 400
-VIEW = View(Pose.planar(0.0, 0.0, 0.0), SIZE, 0.2)
+VIEW = BirdsEyeView(Pose.planar(0.0, 0.0, 0.0), SIZE, 0.2)
 WHITE = (255, 255, 255)
 
 
-def _labels(value: int = 0) -> Labels:
-    return Labels(Canvas(np.full((SIZE, SIZE, 3), value, np.uint8)))
+def _labels(value: int = 0) -> LabelPlacer:
+    return LabelPlacer(Canvas(np.full((SIZE, SIZE, 3), value, np.uint8)))
 
 
 def _tracks(centres, states=None) -> Tracks:
@@ -66,7 +66,7 @@ def test_ids_that_lie_apart_are_all_written():
     assert _written(_tracks([(10.0, 0.0), (20.0, 0.0), (10.0, 10.0)])) == [0, 1, 2]
 
 
-def test_of_a_pile_the_ids_nearest_to_the_ego_are_written():
+def test_overlapping_ids_give_way_to_the_nearest_one():
     pile = [(12.0 + 0.1 * step, 0.0) for step in range(8)]
     found = _written(_tracks(pile))
     assert 0 < len(found) < 8
@@ -74,7 +74,7 @@ def test_of_a_pile_the_ids_nearest_to_the_ego_are_written():
     assert _written(_tracks(pile[::-1]))[-1] == 7
 
 
-def test_coasting_tracks_leave_the_room_to_others():
+def test_ids_of_coasting_tracks_are_written_last():
     states = [TrackState.COASTING] * 4 + [TrackState.CONFIRMED] * 4
     found = _written(_tracks([(12.0, 0.0)] * 8, states))
     assert 4 in found

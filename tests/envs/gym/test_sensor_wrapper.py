@@ -111,7 +111,7 @@ def test_other_environments_are_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize("name", ["roadscope/Merge-v0", "roadscope/Lu2018Occlusion-v0"])
-def test_environments_that_have_sensors_are_told_where_to_choose_them(name: str) -> None:
+def test_an_error_for_a_second_sensor_wrapper_names_the_first(name: str) -> None:
     with pytest.raises(ForeignEnvError, match=f"'{name}' already has sensors; .* gym.make"):
         SensorWrapper(gym.make(name, rig="lux"))
 
@@ -124,7 +124,7 @@ def test_wrapping_twice_is_refused_even_below_other_wrappers() -> None:
 
 
 @pytest.mark.parametrize("rig", [5, None, Path("mine.toml")])
-def test_what_is_no_rig_is_refused_with_what_is(rig: Any) -> None:
+def test_an_error_for_a_wrong_rig_names_what_is_accepted(rig: Any) -> None:
     with pytest.raises(TypeError, match=f"rig: expected the name .* got {type(rig).__name__}"):
         SensorWrapper(gym.make("merge-v1"), rig)
 
@@ -184,7 +184,7 @@ def test_impossible_sensors_are_refused(tmp_path: Path, line: str, message: str)
         SensorWrapper(gym.make("merge-v1"), str(path))
 
 
-def test_a_position_that_is_no_number_stops_the_episode() -> None:
+def test_a_position_that_is_not_finite_raises_an_error() -> None:
     env = SensorWrapper(gym.make("lane-keeping-v0").unwrapped, "lux")
     env.reset(seed=0)
     env.unwrapped.vehicle.position[0] = np.nan  # type: ignore[attr-defined]
@@ -230,7 +230,7 @@ def test_live_frames_equal_those_of_the_whole_recording(name: str, weather: str)
 
 
 @pytest.mark.parametrize("sway", [None, BodySway()], ids=["level", "swaying"])
-def test_live_frames_equal_those_of_the_recording_where_motion_is_felt(sway) -> None:
+def test_live_frames_with_inertial_sensors_equal_those_of_the_recording(sway) -> None:
     """Longer than the wrapper's history, in an environment whose motion jumps."""
     unit = ImuMount("imu", IMUS["adis16448"], Pose.planar(0.0, 0.0, 0.0, 0.5))
     carrier = replace(
@@ -316,7 +316,7 @@ def test_driver_constants_stay_with_their_environment() -> None:
 
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_copies_go_their_own_way(twin: Any) -> None:
+def test_copies_are_independent(twin: Any) -> None:
     env = SensorWrapper(gym.make("merge-v1"), "lux")
     env.reset(seed=0)
     env.step(1)
@@ -369,7 +369,7 @@ def test_stepping_drawing_or_recording_before_a_reset_is_refused() -> None:
         env.recording()
 
 
-def test_infos_go_without_records_if_wished() -> None:
+def test_infos_without_records() -> None:
     env = SensorWrapper(gym.make("merge-v1"), "lux", records=False)
     env.reset(seed=0)
     *_, info = env.step(1)
@@ -389,7 +389,7 @@ def test_the_own_speed_and_lane_are_observed() -> None:
     assert np.sign(observation["ego"][1]) == -np.sign(vehicle.action["steering"])
 
 
-def test_where_to_park_is_observed_from_the_ego() -> None:
+def test_the_goal_is_observed_in_the_ego_frame() -> None:
     env = SensorWrapper(gym.make("parking-v0"), "lux")
     observation, _ = env.reset(seed=0)
     vehicle = env.unwrapped.vehicle  # type: ignore[attr-defined]

@@ -4,7 +4,7 @@ import pytest
 from roadscope.core import Category, LidarScan, Pose
 from roadscope.envs.gym.spaces import (
     EGO_BOUNDS,
-    Lanes,
+    LaneLocator,
     ego_state,
     goal_state,
     observation_space,
@@ -91,7 +91,7 @@ def test_no_returns_are_zeros(empty: LidarScan | None) -> None:
 
 def test_the_own_state_is_speed_yaw_rate_and_place_on_the_lane() -> None:
     timeline = drive(10.0, 0.2)
-    state = ego_state(timeline, 1.0, Lanes(timeline.road))
+    state = ego_state(timeline, 1.0, LaneLocator(timeline.road))
     _, y = timeline.axles[-1, 0]
     assert state.dtype == np.float32
     np.testing.assert_allclose(state, [10.0, 0.2, y, 0.2], rtol=1e-2)
@@ -99,7 +99,7 @@ def test_the_own_state_is_speed_yaw_rate_and_place_on_the_lane() -> None:
 
 def test_the_own_state_at_the_start_and_beyond_its_bounds_stays_in_the_space() -> None:
     timeline = drive(500.0, 40.0)
-    lanes = Lanes(timeline.road)
+    lanes = LaneLocator(timeline.road)
     assert ego_state(timeline, 0.0, lanes)[1] == 0.0
     state = ego_state(timeline, 1.0, lanes)
     assert (np.abs(state) <= EGO_BOUNDS).all()
@@ -120,15 +120,15 @@ def test_the_lane_that_leads_in_the_own_direction_counts(
 ) -> None:
     # The other lane leads west, so what is north of it is on its right.
     west = EAST[::-1] + np.array([0.0, 4.0])
-    lanes = Lanes(road(EAST, west))
-    assert lanes.place(np.array(place), yaw) == pytest.approx(expected)
+    lanes = LaneLocator(road(EAST, west))
+    assert lanes.offset_and_heading(np.array(place), yaw) == pytest.approx(expected)
 
 
 def test_without_lanes_there_is_no_offset() -> None:
-    lanes = Lanes(RoadMap.from_lanes([]))
-    assert lanes.place(np.zeros(2), 1.0) == (0.0, 0.0)
+    lanes = LaneLocator(RoadMap.from_lanes([]))
+    assert lanes.offset_and_heading(np.zeros(2), 1.0) == (0.0, 0.0)
 
 
-def test_a_goal_is_seen_from_the_ego() -> None:
+def test_a_goal_is_in_the_ego_frame() -> None:
     state = goal_state(Pose.planar(1.0, 1.0, np.pi / 2), Pose.planar(1.0, 4.0, np.pi))
     np.testing.assert_allclose(state, [3.0, 0.0, 0.0, 1.0], atol=1e-6)

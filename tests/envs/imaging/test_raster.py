@@ -47,7 +47,7 @@ def owners_of(raster, scene: Scene) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_every_pixel_sees_what_its_ray_meets(seed: int) -> None:
+def test_every_pixel_equals_the_cast_of_its_ray(seed: int) -> None:
     scene, pose = random_scene(np.random.default_rng(seed)), cameras(seed)
     raster = rasterise(scene, PINHOLE, pose, STAMP_S)
     owners, depths = rays(scene, pose)
@@ -84,7 +84,7 @@ def test_an_outline_is_what_the_actor_covers_alone(seed: int) -> None:
         assert 0 <= top < bottom <= PINHOLE.height
 
 
-def test_foliage_lets_pass_what_the_law_of_beer_and_lambert_says() -> None:
+def test_transmission_of_foliage_follows_the_beer_lambert_law() -> None:
     hedge = np.array([[20.0, -40.0], [22.0, -40.0], [22.0, 40.0], [20.0, 40.0]])
     leaves = Prisms.of(hedge, 0.0, 60.0, owner=-2, extinction=0.7)
     scene = Scene.still(leaves, Prisms.empty(), np.empty((0, 3)))

@@ -9,7 +9,7 @@ from roadscope.envs.imaging.light import LIGHTS, Light, light_named
 from roadscope.envs.imaging.lighting import cast_shadows
 from roadscope.envs.imaging.pinhole import Pinhole, mounted
 from roadscope.envs.imaging.raster import lens_of, rasterise, solids_of
-from roadscope.envs.imaging.shading import Sight, shade
+from roadscope.envs.imaging.shading import CameraView, shade
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.world import materials
 from roadscope.envs.world.bodies import body_prisms
@@ -36,12 +36,12 @@ def shaded(scene: Scene, pose: Pose = AHEAD, light: Light = LEVEL, **air: float)
     solids = solids_of(scene, 0.0)
     raster = rasterise(scene, PINHOLE, pose, 0.0, solids=solids)
     categories = np.zeros(len(scene.present), np.int8)
-    sight = Sight(raster, scene, solids, PINHOLE, pose, 0.0, categories)
-    return shade(sight, bare(), light, **air).copy()
+    view = CameraView(raster, scene, solids, PINHOLE, pose, 0.0, categories)
+    return shade(view, bare(), light, **air).copy()
 
 
 @pytest.mark.parametrize("visibility_m", [50.0, 120.0, 500.0])
-def test_contrast_falls_as_koschmieder_says(visibility_m: float) -> None:
+def test_contrast_falls_by_koschmieders_law(visibility_m: float) -> None:
     extinction = 3.912 / visibility_m
     differences = []
     distances = np.array([8.0, 20.0, 40.0, 70.0])
@@ -106,7 +106,7 @@ def test_shadows_point_away_from_the_sun() -> None:
 
 @pytest.mark.parametrize("kind", LIGHTS)
 @pytest.mark.parametrize("beta", [0.0, 0.05])
-def test_light_is_finite_whatever_stands_there(kind: str, beta: float) -> None:
+def test_light_is_finite_in_random_scenes(kind: str, beta: float) -> None:
     rng = np.random.default_rng(3)
     sizes = {c: np.array([4.5 if c < 3 else 0.8, 0.9, 1.7]) for c in Category}
     bodies = Prisms.join(
@@ -133,7 +133,7 @@ def replace_material(prisms: Prisms, material: int) -> Prisms:
     return replace(prisms, materials=np.full(len(prisms), material, np.int16))
 
 
-def test_nothing_at_all_is_sky_above_and_ground_below() -> None:
+def test_an_empty_scene_is_sky_and_ground() -> None:
     image = shaded(Scene.still(Prisms.empty(), Prisms.empty(), NONE))
     assert np.isfinite(image).all()
     assert image[5].mean() > 2 * image[110].mean()
@@ -146,7 +146,7 @@ def test_a_camera_inside_a_body_does_not_see_it() -> None:
     assert image[5].mean() > 0.2
 
 
-def test_night_is_dark_but_for_lamps() -> None:
+def test_only_lamps_are_bright_at_night() -> None:
     scene = Scene.still(Prisms.empty(), Prisms.empty(), NONE)
     night = replace(light_named("night", np.random.default_rng(0)), clouds=0.0)
     lit = shaded(scene, light=night)
@@ -157,7 +157,7 @@ def test_night_is_dark_but_for_lamps() -> None:
     assert lit[62, 80].mean() < 2 * unlit[62, 80].mean() + 0.01
 
 
-def test_cells_do_not_depend_on_the_way_to_a_place() -> None:
+def test_cells_do_not_depend_on_the_path_of_the_camera() -> None:
     surface = surface_of(straight())
     one, other = Ground(surface, "urban"), Ground(surface, "urban")
     for x in (-200.0, 0.0, 90.0, 40.0):

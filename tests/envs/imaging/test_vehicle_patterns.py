@@ -66,7 +66,7 @@ def test_headlamps_are_white_at_both_sides_and_shine_when_lit(side: float) -> No
         (Category.TRUCK, 4.0),
     ],
 )
-def test_headlamps_hang_at_the_height_of_a_cars(category, height: float) -> None:
+def test_headlamps_have_the_height_of_those_of_cars(category, height: float) -> None:
     """Road law asks for 0.5 to 1.2 m of every vehicle."""
     frame = np.array([0.0, 0.0, 1.0, 0.0, 2.6, 1.0, height, category], float)
     heights = np.arange(0.01, height, 0.02)
@@ -109,7 +109,7 @@ def test_lorries_and_vans_have_windows_in_their_cabs_alone() -> None:
 
 
 @pytest.mark.parametrize(("frame", "pillars"), [(CAR, 1), (BUS, 7)])
-def test_pillars_in_the_body_colour_part_the_windows(frame: np.ndarray, pillars: int) -> None:
+def test_pillars_in_the_body_colour_separate_the_windows(frame: np.ndarray, pillars: int) -> None:
     length = 2 * frame[4]
     shown = []
     for along in np.linspace(-frame[4] + 0.2, frame[4] - 0.2, 800):

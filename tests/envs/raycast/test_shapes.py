@@ -5,7 +5,7 @@ import numpy as np
 from roadscope.benchmarks.speed.scene import parked_scene, sensor_poses
 from roadscope.envs.raycast.cast import cast
 from roadscope.envs.raycast.scene import Scene
-from roadscope.envs.raycast.shapes import KEPT, forget, gather
+from roadscope.envs.raycast.shapes import CACHED_SHAPES, clear_shapes, shapes_of
 from roadscope.envs.sensors.lidar import lidar_columns
 from roadscope.envs.sensors.lidar_spec import SPECS
 
@@ -24,7 +24,7 @@ def test_what_was_prepared_for_other_poses_gives_the_same_bytes() -> None:
     kept = [ranges(s).tobytes() for s in (scene, moved, fewer, moved, scene)]
     fresh = []
     for s in (scene, moved, fewer, moved, scene):
-        forget()
+        clear_shapes()
         fresh.append(ranges(s).tobytes())
     assert kept == fresh
     assert len(set(kept)) == 3
@@ -32,9 +32,9 @@ def test_what_was_prepared_for_other_poses_gives_the_same_bytes() -> None:
 
 def test_scenes_of_the_same_prisms_share_their_preparation() -> None:
     scene = parked_scene(5)
-    first = gather(scene)
-    assert gather(replace(scene, poses=scene.poses + 1.0)) is first
-    assert gather(replace(scene, moving=scene.moving.select(np.arange(3)))) is not first
-    for _ in range(KEPT):
-        gather(parked_scene(5))
-    assert gather(scene) is not first
+    first = shapes_of(scene)
+    assert shapes_of(replace(scene, poses=scene.poses + 1.0)) is first
+    assert shapes_of(replace(scene, moving=scene.moving.select(np.arange(3)))) is not first
+    for _ in range(CACHED_SHAPES):
+        shapes_of(parked_scene(5))
+    assert shapes_of(scene) is not first

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope.core import ImuSamples, Pose
-from roadscope.envs.sensors.imu import GRAVITY_M_S2
+from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2
 from roadscope.envs.traffic.timeline import Timeline
 from tests.envs.worlds import platoon
 
@@ -62,7 +62,7 @@ def integrated(samples: ImuSamples, pose: Pose, velocity: np.ndarray) -> tuple[P
         after = rotation @ Rotation.from_rotvec(turns[k] * step).as_matrix()
         pull = 0.5 * (
             rotation @ samples.specific_force[k] + after @ samples.specific_force[k + 1]
-        ) - [0.0, 0.0, GRAVITY_M_S2]
+        ) - [0.0, 0.0, STANDARD_GRAVITY_M_S2]
         place += velocity * step + 0.5 * pull * step**2
         velocity, rotation = velocity + pull * step, after
     left, _, right = np.linalg.svd(rotation)

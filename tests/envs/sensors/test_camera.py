@@ -12,7 +12,7 @@ from roadscope.envs.raycast.cast import Columns, cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.camera import expose, image_truth
 from roadscope.envs.sensors.camera_spec import CameraSpec
-from roadscope.envs.sensors.exposure import Motion, exposed
+from roadscope.envs.sensors.exposure import CameraMotion, exposed
 from roadscope.envs.world.ground import surface_of
 from roadscope.envs.world.prisms import Prisms
 from tests.envs.raycast.test_cast import random_scene
@@ -159,7 +159,7 @@ def test_sideways_motion_smears_upright_edges_only() -> None:
     raster = rasterise(scene, spec.pinhole, POSE, 0.0, solids=solids)
     stripes = np.zeros((240, 320, 3), np.float32)
     stripes[:, 240:] = 0.49
-    motion = Motion(np.array([0.0, 5.0, 0.0]), np.zeros(3), np.empty((0, 2)))
+    motion = CameraMotion(np.array([0.0, 5.0, 0.0]), np.zeros(3), np.empty((0, 2)))
     sharp, smeared = (
         exposed(
             stripes.copy(),

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from roadscope.envs.sensors.ego_motion import (
-    AHEAD,
     RAW_S,
-    STANDARD_GRAVITY_M_S2,
+    STATES_AHEAD,
     BodySway,
     EgoMotion,
     settled_s,
 )
+from roadscope.envs.sensors.imu_spec import STANDARD_GRAVITY_M_S2
 from roadscope.envs.traffic.recorder import TrafficRecorder
 from roadscope.envs.traffic.scenarios import record
 from roadscope.envs.traffic.timeline import Timeline
@@ -106,7 +106,7 @@ def test_raw_recordings_do_jump() -> None:
 def test_what_is_settled_stays_as_it_is(sway: BodySway | None, raw: bool) -> None:
     whole = replace(stop_and_go(), raw=raw)
     part = shortened(whole, 7.0)
-    assert settled_s(part) == pytest.approx(7.0 - AHEAD * STEP_S - raw * RAW_S)
+    assert settled_s(part) == pytest.approx(7.0 - STATES_AHEAD * STEP_S - raw * RAW_S)
     stamps = np.arange(0.0, settled_s(part), 0.001)
     early, late = (EgoMotion(t, sway).at(stamps, POINT) for t in (part, whole))
     assert early == late

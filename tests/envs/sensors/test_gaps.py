@@ -12,7 +12,7 @@ SHARES, LENGTHS = (0.02, 0.05, 0.1, 0.2, 0.4), (2, 5, 10, 20, 40)
 
 def lost(severity: int, seed: int = 3, count: int = 20_000, lengths=LENGTHS) -> np.ndarray:
     gaps = Gaps.of(SHARES[:severity], lengths[:severity], seed)
-    return np.array([gaps.hit(k) is not None for k in range(count)])
+    return np.array([gaps.burst_start(k) is not None for k in range(count)])
 
 
 @pytest.mark.parametrize("severity", range(1, 6))
@@ -30,8 +30,8 @@ def test_more_severe_gaps_hold_the_milder_ones(lengths) -> None:
 
 def test_gaps_are_bursts_and_need_no_order() -> None:
     gaps = Gaps.of(SHARES, LENGTHS, 3)
-    there = [k for k in range(2000) if gaps.hit(k) is not None]
-    assert there == sorted(k for k in reversed(range(2000)) if gaps.hit(k) is not None)
+    there = [k for k in range(2000) if gaps.burst_start(k) is not None]
+    assert there == sorted(k for k in reversed(range(2000)) if gaps.burst_start(k) is not None)
     runs = np.split(np.array(there), np.flatnonzero(np.diff(there) > 1) + 1)
     # The first may have begun before.
     assert min(len(run) for run in runs[1:-1]) >= LENGTHS[-1]
@@ -39,5 +39,5 @@ def test_gaps_are_bursts_and_need_no_order() -> None:
 
 def test_seeds_differ_and_the_first_measurement_may_be_lost() -> None:
     assert not np.array_equal(lost(5, seed=1, count=500), lost(5, seed=2, count=500))
-    first = [Gaps.of(SHARES, LENGTHS, seed).hit(0) is not None for seed in range(200)]
+    first = [Gaps.of(SHARES, LENGTHS, seed).burst_start(0) is not None for seed in range(200)]
     assert 0.25 < np.mean(first) < 0.55

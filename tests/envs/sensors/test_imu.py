@@ -9,8 +9,8 @@ from gymnasium.utils.env_checker import check_env
 import roadscope  # noqa: F401  (registers its ids)
 from roadscope.core import GROUND, ImuSamples, Pose, RecordError
 from roadscope.envs.sensors.ego_motion import BodySway, EgoMotion
-from roadscope.envs.sensors.imu import GRAVITY_M_S2, PAGE, ImuNoise, measure, samples_of
-from roadscope.envs.sensors.imu_spec import IMUS
+from roadscope.envs.sensors.imu import PAGE, ImuNoise, measure, samples_of
+from roadscope.envs.sensors.imu_spec import IMUS, STANDARD_GRAVITY_M_S2
 from roadscope.envs.sensors.rig import ImuMount, Rig
 from roadscope.envs.sensors.rigs import rig, scaled_noise
 from roadscope.envs.sensors.sensing import Sensing, sense
@@ -77,7 +77,7 @@ def test_ideal_samples_lead_there_in_traffic(name: str, sway: BodySway | None) -
 def test_at_rest_there_is_gravity_alone(sway: BodySway | None) -> None:
     samples = taken(at_rest(), "ideal", 1000, sway)
     np.testing.assert_allclose(samples.angular_velocity, 0.0, atol=1e-10)
-    upward = ASKEW.rotation.T @ [0.0, 0.0, GRAVITY_M_S2]
+    upward = ASKEW.rotation.T @ [0.0, 0.0, STANDARD_GRAVITY_M_S2]
     np.testing.assert_allclose(samples.specific_force, np.tile(upward, (1001, 1)), atol=1e-9)
 
 

@@ -4,7 +4,7 @@ from highway_env.road.lane import CircularLane, SineLane, StraightLane
 from highway_env.road.road import RoadNetwork
 
 from roadscope.envs.traffic.conversion import LANE_STEP_M, road_map, to_world
-from roadscope.envs.traffic.lanes import coordinates, sharpest
+from roadscope.envs.traffic.lanes import coordinates, greatest_curvature
 
 LANES = [
     StraightLane([3.0, 1.0], [50.0, -20.0], width=3.5),
@@ -66,4 +66,4 @@ def test_curvature_is_the_steepest_turn_of_heading(lane):
     points = np.array([lane.position(s, 0.0) for s in along])
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     turns = np.abs(np.diff([lane.heading_at(s) for s in along])) / steps
-    assert sharpest(lane) == pytest.approx(turns.max(), rel=0.02, abs=1e-9)
+    assert greatest_curvature(lane) == pytest.approx(turns.max(), rel=0.02, abs=1e-9)

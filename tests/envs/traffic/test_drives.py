@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic.course import SHARPEST_M, Course, winding
+from roadscope.envs.traffic.course import SHARPEST_M, Bend, Course, winding
 from roadscope.envs.traffic.scenarios import SCENARIOS, accept, record
 from roadscope.envs.traffic.scripts import convoy_pull_away
 
@@ -52,7 +52,7 @@ def overlap_free_m(line, row):
 
 
 @pytest.mark.parametrize("name", DRIVES)
-def test_nobody_touches_anybody(recorded, name):
+def test_no_two_bodies_touch(recorded, name):
     for seed in SEEDS:
         line = recorded(name, seed)
         rows = range(0, len(line.stamps_s), 50)
@@ -129,7 +129,7 @@ def test_the_ego_stands_while_others_pass(recorded, name):
         assert passed[:, 1:].any(axis=0).sum() >= 8, seed
 
 
-def test_the_convoy_keeps_its_places_while_it_pulls_away(recorded):
+def test_the_convoy_keeps_its_order_while_it_pulls_away(recorded):
     for seed in SEEDS:
         line = recorded("convoy-pull-away", seed)
         assert (line.speeds[line.stamps_s < 1.9, 0] == 0.0).all(), seed
@@ -191,8 +191,8 @@ def test_courses_bend_smoothly_and_not_too_sharply(seed):
     np.testing.assert_allclose(course.places(np.zeros(1), 0.0), [[0.0, 0.0]], atol=1e-12)
 
 
-def test_ways_beside_a_course_keep_their_distance_and_direction():
-    course = Course(((10.0, 80.0, 0.9), (120.0, 60.0, -0.5)))
+def test_parallels_of_a_course_keep_distance_and_direction():
+    course = Course((Bend(10.0, 80.0, 0.9), Bend(120.0, 60.0, -0.5)))
     along = np.linspace(-30.0, 250.0, 4001)
     on, beside = course.places(along, np.zeros_like(along)), course.places(along, 3.5)
     np.testing.assert_allclose(np.linalg.norm(beside - on, axis=1), 3.5, atol=1e-9)

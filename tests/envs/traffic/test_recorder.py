@@ -103,7 +103,7 @@ def test_time_is_counted_from_physics_steps():
 
 
 @pytest.mark.filterwarnings("ignore:.*")
-def test_copies_and_pickles_record_for_themselves():
+def test_copies_and_pickles_record_independently():
     for name, kind in (("highway-v0", RecordedRoad), ("intersection-v0", RecordedRegulatedRoad)):
         env = make(name)
         recorder = TrafficRecorder()
@@ -176,7 +176,7 @@ def test_obstacles_are_recorded_and_landmarks_are_not():
 
 @pytest.mark.parametrize("name", ["intersection-multi-agent-v0", "CartPole-v1"])
 @pytest.mark.filterwarnings("ignore:.*")
-def test_unfit_environments_are_refused_by_name(name):
+def test_an_error_for_an_unsuitable_environment_names_it(name):
     env = make(name)
     env.reset(seed=0)
     with pytest.raises(ForeignEnvError, match=name):

@@ -72,7 +72,7 @@ def test_the_named_scenarios_are_there():
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", FLOWING)
-def test_traffic_is_worth_sensing(recorded, name, seed):
+def test_traffic_is_accepted(recorded, name, seed):
     line = recorded(name, seed)
     verdict = accept(line)
     assert verdict.accepted
@@ -127,7 +127,7 @@ def test_vehicles_change_lanes_and_merge(recorded):
         assert (sideways > 3.0).sum() >= 2
 
 
-def test_nobody_stands_in_somebody_else(recorded):
+def test_no_two_bodies_overlap_at_the_start(recorded):
     """Bodies of uncrashed vehicles never overlap: sizes are physical."""
     line = recorded("dense-motorway", 0)
     lane = np.abs(line.axles[:, :, None, 1] - line.axles[:, None, :, 1]) < 1.0

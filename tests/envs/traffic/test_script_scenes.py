@@ -32,7 +32,7 @@ def least_gaps(line):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_nobody_touches_anybody(name) -> None:
+def test_no_two_bodies_touch(name) -> None:
     for seed in SEEDS:
         assert least_gaps(record(name, seed)).min() > 0.3, seed
 
@@ -48,7 +48,7 @@ def test_motion_is_that_of_vehicles(name) -> None:
         assert accept(line).least_objects >= 4
 
 
-def test_a_van_cuts_in_before_the_ego_and_ways_cross() -> None:
+def test_a_van_cuts_in_before_the_ego_and_paths_cross() -> None:
     for seed in SEEDS:
         line = record("cut-ins", seed)
         relative = centres(line) - centres(line)[:, :1]

@@ -9,7 +9,7 @@ from roadscope.envs.sensors.rigs import rig
 from roadscope.envs.sensors.sensing import sense
 from roadscope.envs.traffic.lu2018 import FRAME_S, LEFT_EDGE, SCRIPTS, SENSOR_AHEAD_M, play_script
 from roadscope.envs.traffic.scenarios import SCENARIOS, record
-from roadscope.envs.traffic.script import Change, Motion
+from roadscope.envs.traffic.script import Change, ScriptedMotion
 
 SEEDS = range(30)
 
@@ -186,7 +186,7 @@ def test_the_view_is_that_of_the_rig():
 
 
 def test_motion_is_the_integral_of_its_velocity():
-    motion = Motion(3.0, -1.0, 9.0, (Change(1.0, 2.0, -4.0),), (Change(0.5, 3.0, 3.5),))
+    motion = ScriptedMotion(3.0, -1.0, 9.0, (Change(1.0, 2.0, -4.0),), (Change(0.5, 3.0, 3.5),))
     times = np.linspace(0, 6, 60001)
     velocities = motion.velocities(times)
     middle = (velocities[1:] + velocities[:-1]) / 2 * np.diff(times)[:, None]

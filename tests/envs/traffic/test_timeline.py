@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from roadscope.core import RecordError
 from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.traffic.script import Change, Motion
+from roadscope.envs.traffic.script import Change, ScriptedMotion
 from roadscope.envs.traffic.timeline import Timeline
 
 ROAD = RoadMap.from_lanes([(np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([4.0, 4.0]))])
@@ -114,7 +114,7 @@ def test_a_single_sample_moves_on_in_a_straight_line():
 
 
 @pytest.mark.parametrize(("radius", "speed"), [(20.0, 7.5), (60.0, 13.0), (300.0, 30.0)])
-def test_a_circle_at_20_hz_is_met_within_a_millimetre(radius, speed):
+def test_a_circle_at_20_hz_is_interpolated_within_a_millimetre(radius, speed):
     times, fine = np.arange(0, 4.001, 0.05), np.linspace(0, 4, 3001)
     line = timeline(times, *circle(times, radius, speed))
     expected, turn, _ = circle(fine, radius, speed)
@@ -122,8 +122,8 @@ def test_a_circle_at_20_hz_is_met_within_a_millimetre(radius, speed):
     assert np.abs(line.at(fine).yaws - turn).max() < 1e-9
 
 
-def test_a_lane_change_at_20_hz_is_met_within_a_millimetre():
-    motion = Motion(0.0, 0.0, 25.0, (Change(1.0, 3.0, -4.0),), (Change(0.5, 4.0, 4.0),))
+def test_a_lane_change_at_20_hz_is_interpolated_within_a_millimetre():
+    motion = ScriptedMotion(0.0, 0.0, 25.0, (Change(1.0, 3.0, -4.0),), (Change(0.5, 4.0, 4.0),))
     times, fine = np.arange(0, 6.001, 0.05), np.linspace(0, 6, 4001)
     velocities = motion.velocities(times)
     yaws = np.arctan2(velocities[:, 1], velocities[:, 0])

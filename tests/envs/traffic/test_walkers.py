@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
-from roadscope.envs.traffic.driving import between
+from roadscope.envs.traffic.driving import clamp
 from roadscope.envs.traffic.scenarios import record
 from roadscope.envs.traffic.timeline import Timeline
-from roadscope.envs.traffic.walkers import _read, rounded_path
+from roadscope.envs.traffic.walkers import _interpolate, rounded_path
 
 PEOPLE = (Category.PEDESTRIAN, Category.CYCLIST)
 
@@ -38,7 +38,7 @@ def apart(first: np.ndarray, second: np.ndarray) -> bool:
     return False
 
 
-def test_nobody_is_driven_over(timeline: Timeline) -> None:
+def test_no_person_is_hit(timeline: Timeline) -> None:
     people = np.flatnonzero(np.isin(timeline.categories, PEOPLE))
     others = np.flatnonzero(~np.isin(timeline.categories, PEOPLE))
     assert len(people) > 10
@@ -63,7 +63,7 @@ def test_people_move_as_people_do(timeline: Timeline) -> None:
     assert 1.0 < heights.min() <= heights.max() < 2.1
 
 
-def test_somebody_crosses_the_road() -> None:
+def test_people_cross_the_road() -> None:
     crossed = 0
     for seed in range(2):
         timeline = record("street", seed, 12.0)
@@ -80,10 +80,10 @@ def test_corners_are_cut_and_ends_stay() -> None:
     assert turns.max() < 0.5
 
 
-def test_one_number_is_read_as_numpy_reads_many() -> None:
+def test_interpolation_of_one_number_equals_numpys() -> None:
     rng = np.random.default_rng(0)
     places, values = np.sort(rng.uniform(0, 9, 12)).tolist(), rng.normal(size=12).tolist()
     for at in [-1.0, 10.0, *places, *rng.uniform(0, 9, 200).tolist()]:
-        assert _read(at, places, values) == np.interp(at, places, values)
-        assert between(at, 2.0, 5.0) == np.clip(at, 2.0, 5.0)
-    assert _read(3.0, [1.0], [4.0]) == 4.0
+        assert _interpolate(at, places, values) == np.interp(at, places, values)
+        assert clamp(at, 2.0, 5.0) == np.clip(at, 2.0, 5.0)
+    assert _interpolate(3.0, [1.0], [4.0]) == 4.0

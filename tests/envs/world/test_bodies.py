@@ -79,7 +79,7 @@ def _outline(body: Prisms, axis: int, pixels: int = 60) -> np.ndarray:
         (Category.CAR, Category.MOTORCYCLE, 1, 0.65),
     ],
 )
-def test_silhouettes_tell_categories_apart(one, other, axis, most):
+def test_silhouettes_of_categories_differ(one, other, axis, most):
     first, second = (_outline(_body(c, SIZES[c][-1]), axis) for c in (one, other))
     assert (first & second).sum() / (first | second).sum() < most
 
@@ -106,7 +106,7 @@ def test_a_long_truck_has_a_gap_behind_its_cab():
     assert 0.5 < front - rear < 1.5
 
 
-def test_chance_paints_and_nothing_else_depends_on_it():
+def test_only_paint_depends_on_the_random_numbers():
     same = _body(Category.CAR, (4.5, 1.8, 1.5), 3) == _body(Category.CAR, (4.5, 1.8, 1.5), 3)
     assert same
     paints = {float(_body(Category.CAR, (4.5, 1.8, 1.5), s).reflectivities[0]) for s in range(60)}

@@ -3,10 +3,10 @@ import pytest
 
 from roadscope.envs.traffic.road_map import RoadMap
 from roadscope.envs.world.borders import (
-    LaneIndex,
+    LaneDistances,
     border_sites,
     distances_to,
-    without_doubles,
+    without_duplicates,
 )
 from roadscope.envs.world.prisms import rectangle, rounded
 from tests.envs.worlds import circle, crossing, straight
@@ -15,7 +15,7 @@ from tests.envs.worlds import circle, crossing, straight
 def test_only_the_outer_borders_of_a_two_lane_road_are_outer():
     road = straight(lanes=2)
     sites = border_sites(road)
-    outer = sites.select(LaneIndex(road).outer(sites))
+    outer = sites.select(LaneDistances(road).outer(sites))
     assert set(outer.middles[:, 1]) == {-2.0, 6.0}
     assert len(outer) == 2 * 75
     assert np.array_equal(np.sign(outer.normals[:, 1]), np.sign(outer.middles[:, 1]))
@@ -24,7 +24,7 @@ def test_only_the_outer_borders_of_a_two_lane_road_are_outer():
 def test_no_border_runs_through_a_crossing():
     road = crossing()
     sites = border_sites(road)
-    outer = sites.select(LaneIndex(road).outer(sites))
+    outer = sites.select(LaneDistances(road).outer(sites))
     assert (np.abs(outer.middles).max(axis=1) > 2.0).all()
     assert len(outer) < len(sites)
 
@@ -32,7 +32,7 @@ def test_no_border_runs_through_a_crossing():
 def test_a_ring_has_a_border_inside_and_outside():
     road = circle(25.0)
     sites = border_sites(road)
-    outer = sites.select(LaneIndex(road).outer(sites))
+    outer = sites.select(LaneDistances(road).outer(sites))
     assert len(outer) == len(sites)
     radii = np.linalg.norm(outer.starts, axis=1)
     assert np.allclose(np.minimum(np.abs(radii - 23), np.abs(radii - 27)), 0, atol=0.05)
@@ -43,22 +43,22 @@ def test_a_ring_has_a_border_inside_and_outside():
 def test_borders_that_coincide_are_kept_once():
     once = straight(lanes=1)
     twice = RoadMap.from_lanes(once.lanes() * 2)
-    assert without_doubles(border_sites(once)).all()
+    assert without_duplicates(border_sites(once)).all()
     sites = border_sites(twice)
-    assert without_doubles(sites).sum() == len(border_sites(once))
+    assert without_duplicates(sites).sum() == len(border_sites(once))
 
 
 @pytest.mark.parametrize(
     ("centre", "clearance"), [((50.0, -4.0), 1.0), ((50.0, -2.5), -0.5), ((50.0, 0.0), -2.0)]
 )
 def test_clearance_is_measured_from_the_edge_of_the_lane(centre, clearance):
-    lanes = LaneIndex(straight())
+    lanes = LaneDistances(straight())
     outline = rectangle(4.0, 2.0) + centre
     assert lanes.clearances(outline[None], 3.0)[0] == pytest.approx(clearance, abs=0.07)
 
 
-def test_far_things_have_the_clearance_asked_for():
-    lanes = LaneIndex(straight())
+def test_the_clearance_of_far_things_is_the_limit():
+    lanes = LaneDistances(straight())
     far = rectangle(4.0, 2.0) - np.array([0.0, 40.0])
     assert lanes.clearances(far[None], 3.0)[0] == 3.0
 
@@ -85,10 +85,10 @@ def test_lanes_without_length_have_no_border_but_are_kept_clear():
     road = RoadMap.from_lanes([*still, (np.empty((0, 2)), np.empty(0))])
     assert len(border_sites(road)) == 0
     outline = rectangle(2.0, 2.0) + here
-    assert LaneIndex(road).clearances(outline[None], 1.0)[0] < 0
+    assert LaneDistances(road).clearances(outline[None], 1.0)[0] < 0
 
 
 def test_an_empty_lane_does_not_shift_the_numbers_of_others():
     empty = (np.empty((0, 2)), np.empty(0))
     road = RoadMap.from_lanes([empty, *straight(lanes=1).lanes()])
-    assert LaneIndex(road).outer(border_sites(road)).all()
+    assert LaneDistances(road).outer(border_sites(road)).all()

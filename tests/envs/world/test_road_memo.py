@@ -1,14 +1,14 @@
 import numpy as np
 
 from roadscope.envs.traffic.road_map import RoadMap
-from roadscope.envs.world.road_memo import ROADS, once_a_road
+from roadscope.envs.world.road_memo import CACHED_ROADS, cached_per_road
 from tests.envs.worlds import straight
 
 
-def test_a_road_of_the_same_content_is_worked_out_once():
+def test_equal_roads_are_computed_once():
     seen = []
 
-    @once_a_road
+    @cached_per_road
     def count(road: RoadMap) -> int:
         seen.append(road)
         return len(road.points)
@@ -22,14 +22,14 @@ def test_a_road_of_the_same_content_is_worked_out_once():
     assert len(seen) == 3
 
 
-def test_only_so_many_roads_are_kept():
+def test_the_cache_of_roads_is_bounded():
     seen = []
 
-    @once_a_road
+    @cached_per_road
     def note(road: RoadMap) -> None:
         seen.append(road)
 
-    roads = [straight(1, length_m=10.0 + 2 * i) for i in range(ROADS + 1)]
+    roads = [straight(1, length_m=10.0 + 2 * i) for i in range(CACHED_ROADS + 1)]
     for road in [*roads, roads[0]]:
         note(road)
-    assert len(seen) == ROADS + 2
+    assert len(seen) == CACHED_ROADS + 2

@@ -176,7 +176,7 @@ def test_every_thing_has_an_owner_of_its_own_and_scenery_only():
         assert np.ptp(corners, axis=0).max() < 30.0
 
 
-def test_scenery_does_not_depend_on_how_one_comes():
+def test_scenery_does_not_depend_on_the_path_of_the_ego():
     road, here = straight(length_m=2000.0), np.array([1000.0, 0.0])
     fresh = Scenery(road, "motorway", 4).around(here)
     travelled = Scenery(road, "motorway", 4)
@@ -215,7 +215,7 @@ def test_grow_follows_a_path_and_its_generator():
     assert 450 < first.footprints[..., 0].max() < 700
 
 
-def test_an_unknown_style_is_refused_with_what_there_is():
+def test_an_error_for_an_unknown_style_lists_known_ones():
     with pytest.raises(RecordError, match=r"'jungle'; known: motorway, urban, town, campus, bare"):
         Scenery(straight(), "jungle", 0)
 
@@ -224,7 +224,7 @@ def test_a_road_without_lanes_has_no_scenery():
     assert len(Scenery(RoadMap.from_lanes([]), "urban", 0).around(np.zeros(2))) == 0
 
 
-def test_the_owner_tells_the_kind():
+def test_the_owner_determines_the_kind():
     assert kinds_of(np.array([5, 0, -1])).tolist() == [-1, -1, -1]
 
 

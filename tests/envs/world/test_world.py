@@ -73,7 +73,7 @@ def test_the_world_does_not_share_random_numbers_with_its_users():
     assert len(drawn) == len(actor_bodies(timeline, 0))
 
 
-def test_scenery_comes_in_the_style_of_the_timeline_or_the_one_given():
+def test_scenery_has_the_style_of_the_timeline_or_of_the_argument():
     timeline = platoon(style="bare")
     here = np.array([100.0, 0.0])
     assert len(build_world(timeline, 0).static_around(here)) == 0

@@ -42,7 +42,7 @@ def test_parts_are_of_one_cluster_and_one_window(seed, angle_deg, swept):
         assert np.allclose(centre, points[found.labels == part].mean(axis=0))
 
 
-def test_parts_of_a_wall_stay_where_they_are_while_the_sensor_moves():
+def test_centres_of_parts_of_a_wall_do_not_move_with_the_sensor():
     """Whole, the wall goes along with the sensor, which sees so far to either side."""
     wall = np.column_stack([np.linspace(-8, 8, 1601), np.full(1601, 3.0), np.zeros(1601)])
     motion = exp_se3(np.array([1.0, 0, 0, 0, 0, 0.1]))
@@ -63,7 +63,7 @@ def test_parts_of_a_wall_stay_where_they_are_while_the_sensor_moves():
     assert np.median(found.moved_m) < 0.01
 
 
-def test_nothing_has_no_parts():
+def test_an_empty_scan_has_no_parts():
     found = parts(segments(np.empty((0, 3)), np.empty(0, np.int64)), 5.0, np.eye(4))
     assert len(found.centres) == 0
     outliers = parts(segments(np.ones((3, 3)), np.full(3, -1)), 5.0, np.eye(4))

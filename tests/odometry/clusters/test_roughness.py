@@ -54,6 +54,6 @@ def test_a_corner_is_rougher_than_the_walls_beside_it():
     assert found[10] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_limit_is_loams_afar_and_noise_near_by():
+def test_the_limit_is_loams_far_away_and_noise_nearby():
     limits = limit_of(np.array([[1.5, 0, 0], [50.0, 0, 0]]))
     assert limits == pytest.approx([2 * NOISE_M / 1.5, 5e-3])

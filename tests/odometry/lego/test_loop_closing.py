@@ -16,9 +16,9 @@ from roadscope.odometry.lego.loop_closing import (
     misfits,
     nearest_candidate,
     onto,
+    optimised_poses,
     overlap,
-    place_again,
-    settled,
+    relocalised,
 )
 from roadscope.odometry.lego.point_map import Keyframe
 from roadscope.odometry.lego_loam import LegoLoamOdometry
@@ -41,9 +41,9 @@ def ring_of_links(rng, count, noise):
     return truth, np.array(told), links
 
 
-def test_poses_settle_where_scipys_do():
+def test_optimised_poses_equal_scipys():
     _, told, links = ring_of_links(np.random.default_rng(0), 6, 3.0)
-    found = settled(told, links)
+    found = optimised_poses(told, links)
 
     def off(x):
         steps = [np.eye(4), *(exp_se3(twist) for twist in x.reshape(-1, 6))]
@@ -60,7 +60,7 @@ def test_a_closed_ring_is_nearer_to_the_truth():
     better = 0
     for seed in range(10):
         truth, told, links = ring_of_links(np.random.default_rng(seed), 30, 1.0)
-        found = settled(told, links)
+        found = optimised_poses(told, links)
         away = [np.linalg.norm((p - truth)[:, :3, 3], axis=1) for p in (told, found)]
         assert away[1][-1] < 0.1
         better += away[1].mean() < away[0].mean()
@@ -69,8 +69,8 @@ def test_a_closed_ring_is_nearer_to_the_truth():
 
 def test_poses_without_links_stay():
     poses = np.array([exp_se3(np.arange(6.0)), np.eye(4)])
-    assert (settled(poses, []) == poses).all()
-    assert (settled(poses[:1], []) == poses[:1]).all()
+    assert (optimised_poses(poses, []) == poses).all()
+    assert (optimised_poses(poses[:1], []) == poses[:1]).all()
 
 
 def test_icp_brings_points_onto_points():
@@ -150,7 +150,7 @@ def test_a_loop_closes(ring):
     assert closed.mean() < away.mean() / 2
 
 
-def test_only_what_was_left_behind_is_a_candidate(ring):
+def test_only_earlier_visits_are_candidates(ring):
     frames, _ = ring
     assert nearest_candidate(frames[:1]) is None
     assert nearest_candidate(frames[: STEPS // 2]) is None
@@ -159,7 +159,7 @@ def test_only_what_was_left_behind_is_a_candidate(ring):
     assert back in range(8)
 
 
-def test_another_place_is_no_loop(ring):
+def test_another_place_closes_no_loop(ring):
     frames, _ = ring
     rng = np.random.default_rng(5)
     edges, planes = poles(rng)
@@ -167,19 +167,19 @@ def test_another_place_is_no_loop(ring):
     last = frames[-1]
     few = np.arange(0, len(planes), 16)
     other = Keyframe(near, planes, few, last.map_from_lidar, last.driven_m)
-    assert place_again([*frames[:-1], other], nearest_candidate(frames)) is None
+    assert relocalised([*frames[:-1], other], nearest_candidate(frames)) is None
     nothing = Keyframe(near[:0], planes[:0], np.arange(0), last.map_from_lidar, last.driven_m)
-    assert place_again([*frames[:-1], nothing], nearest_candidate(frames)) is None
+    assert relocalised([*frames[:-1], nothing], nearest_candidate(frames)) is None
 
 
-def test_a_loop_farther_off_than_anybody_drifts_is_none(ring):
+def test_a_loop_with_too_large_a_drift_is_rejected(ring):
     frames, truth = ring
     back = nearest_candidate(frames)
     # All that was seen again is there, but the way was far too short to have drifted so far.
     hasty = [replace(f, driven_m=0.1 * f.driven_m) for f in frames]
     assert np.linalg.norm(frames[-1].place - truth[-1][:3, 3]) > 1.0
-    assert place_again(frames, back) is not None
-    assert place_again(hasty, back) is None
+    assert relocalised(frames, back) is not None
+    assert relocalised(hasty, back) is None
 
 
 def square():

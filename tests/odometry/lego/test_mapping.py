@@ -37,7 +37,7 @@ def at(place):
     return pose
 
 
-def test_the_map_corrects_what_it_tells_and_leaves_the_rest_as_it_came():
+def test_the_map_corrects_only_observable_directions():
     """Two upright walls tell the way over the ground and nothing of the height."""
     mapping = LegoMapping(every=1, reach_m=100.0, loop=False)
     mapping.take(corner(np.zeros(3)), np.eye(4))
@@ -47,7 +47,7 @@ def test_the_map_corrects_what_it_tells_and_leaves_the_rest_as_it_came():
     assert abs(put[2] - 0.3) < 0.02
 
 
-def test_only_every_so_many_scans_are_looked_at():
+def test_only_every_nth_scan_is_matched_with_the_map():
     mapping = LegoMapping(every=3, reach_m=100.0, loop=False)
     for k in range(7):
         mapping.take(corner(np.array([k, 0.0, 0.0])), at([k, 0.0, 0.0]))

@@ -19,7 +19,7 @@ def known(points, thin_m=1e-9):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 9999), count=st.integers(0, 300))
-def test_the_nearest_are_those_of_the_slow_way(seed, count):
+def test_nearest_points_equal_those_of_the_slow_twin(seed, count):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-3, 3, (count, 3))
     held = known(points)
@@ -55,12 +55,12 @@ def test_points_near_others_are_left_out_and_tables_grow():
         PointMap(thin_m=0.0)
 
 
-def test_what_is_far_off_or_no_number_is_left_out():
+def test_far_points_and_nan_are_left_out():
     held = known(np.array([[1e9, 0, 0], [0, -1e8, 0]]))
     assert len(held) == 0
 
 
-def test_lines_and_planes_are_told_apart():
+def test_lines_and_planes_are_distinguished():
     rng = np.random.default_rng(1)
     pole = np.column_stack([np.full(20, 3.0), np.full(20, 1.0), np.linspace(-1, 1, 20)])
     wall = np.column_stack([np.full(200, 8.0), rng.uniform(-3, 3, 200), rng.uniform(-2, 2, 200)])

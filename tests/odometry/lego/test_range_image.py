@@ -12,10 +12,10 @@ from roadscope.odometry.lego.segments import (
     GROUND,
     LEVEL,
     NONE,
-    OBJECT,
+    OBJECT_ANGLE_RAD,
     features_of,
+    ground_and_objects,
     ground_of,
-    kept_of,
     objects_of,
     range_image,
 )
@@ -34,7 +34,7 @@ def random_image(seed):
     points = reach[:, None] * np.column_stack(
         [np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]
     )
-    return range_image(points, ring, column, BOUNDS_M)
+    return range_image(points, ring, column, *BOUNDS_M)
 
 
 def objects_slowly(image, ground, least):
@@ -56,7 +56,7 @@ def objects_slowly(image, ground, least):
                     angle = np.arccos(
                         (far - near) @ far / np.linalg.norm(far - near) / np.linalg.norm(far)
                     )
-                    if angle > OBJECT:
+                    if angle > OBJECT_ANGLE_RAD:
                         old, new = group[n], group[m]
                         group = {k: new if g == old else g for k, g in group.items()}
                         changed = True
@@ -68,7 +68,7 @@ def objects_slowly(image, ground, least):
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 9999), least=st.integers(1, 6))
-def test_objects_are_those_of_the_slow_way(seed, least):
+def test_objects_equal_those_of_the_slow_twin(seed, least):
     image = random_image(seed)
     ground = np.random.default_rng(seed).random(len(image.points)) < 0.2
     labels = objects_of(image, ground, least)
@@ -79,7 +79,7 @@ def test_objects_are_those_of_the_slow_way(seed, least):
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 9999))
-def test_ground_is_that_of_the_slow_way(seed):
+def test_ground_equals_that_of_the_slow_twin(seed):
     image = random_image(seed)
     slow = set()
     for c in range(image.rows.shape[1]):
@@ -93,31 +93,35 @@ def test_ground_is_that_of_the_slow_way(seed):
     assert set(np.flatnonzero(ground_of(image)).tolist()) == slow
 
 
-def test_the_image_holds_what_is_in_bounds():
+def test_the_image_contains_returns_within_bounds():
     points = np.array([[5.0, 0, 0], [0.1, 0, 0], [500, 0, 0], [np.nan, 0, 0], [6, 1, 0]])
-    image = range_image(points, np.array([0, 1, 2, 0, 1]), np.array([0, 1, 2, 3, 2]), BOUNDS_M)
+    image = range_image(points, np.array([0, 1, 2, 0, 1]), np.array([0, 1, 2, 3, 2]), *BOUNDS_M)
     assert image.rows.shape == (3, 4)
     assert np.argwhere(image.rows != NONE).tolist() == [[0, 0], [1, 2]]
-    none = range_image(np.empty((0, 3)), np.empty(0, int), np.empty(0, int), BOUNDS_M)
+    none = range_image(np.empty((0, 3)), np.empty(0, int), np.empty(0, int), *BOUNDS_M)
     assert len(ground_of(none)) == len(objects_of(none, np.zeros(0, bool), 30)) == 0
 
 
 def test_a_street_has_ground_and_houses_and_small_things_are_dropped():
     scan = Drive(0.0, 0.0).scan(0)
-    found = kept_of(scan)
+    found = ground_and_objects(scan)
     height = found.points[:, 2] + 1.9
     ground = found.labels == GROUND
     # Where a house ends the road the slope up to it may be gentle: that is ground to the rule.
     assert (np.abs(height[ground]) < 0.3).mean() > 0.95
     assert (height[~ground] > 0.3).mean() > 0.95
     assert (ground & (np.abs(height) < 0.1)).sum() > 0.95 * (np.abs(height) < 0.1).sum()
-    assert len(kept_of(scan, least=400)) < len(found) < len(kept_of(scan, least=1))
+    assert (
+        len(ground_and_objects(scan, least=400))
+        < len(found)
+        < len(ground_and_objects(scan, least=1))
+    )
     assert np.allclose(found.points, scan.points[found.rows])
-    assert len(kept_of(kept(scan, np.zeros(len(scan), bool)))) == 0
+    assert len(ground_and_objects(kept(scan, np.zeros(len(scan), bool)))) == 0
 
 
 def test_edges_are_of_objects_and_matched_planes_of_the_ground():
-    found = kept_of(Drive(0.0, 0.0).scan(0))
+    found = ground_and_objects(Drive(0.0, 0.0).scan(0))
     features = features_of(found, found.points)
     assert (features.edge_labels != GROUND).all()
     assert (features.plane_labels[: features.flat] == GROUND).all()

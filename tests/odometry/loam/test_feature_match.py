@@ -74,7 +74,7 @@ def test_two_steps_find_what_one_does():
     assert turned < 0.01
 
 
-def test_ground_alone_leaves_the_way_open():
+def test_ground_alone_does_not_determine_the_horizontal_motion():
     drive = Drive()
     low = [drive.scan(k).points[:, 2] < -1.6 for k in (0, 1)]
     found = match_features(features(drive, 1, low[1]), features(drive, 0, low[0]), np.eye(4))
@@ -123,7 +123,7 @@ def planes_at(rng, truth, count, wrong):
     return Pairs((placed - truth[:3, 3]) @ truth[:3, :3], anchors, axes)
 
 
-def test_pairs_that_are_wrong_count_for_nothing():
+def test_wrong_pairs_have_no_weight():
     truth = exp_se3(np.array([0.1, 0.05, 0.02, 0.003, 0.002, 0.01]))
     pairs = planes_at(np.random.default_rng(0), truth, 200, 60)
     found = settle([lambda pose: pairs], np.eye(4))
@@ -131,7 +131,7 @@ def test_pairs_that_are_wrong_count_for_nothing():
     assert found.held <= 145
 
 
-def test_settles_where_a_slow_reweighing_does():
+def test_the_motion_equals_that_of_a_slow_reweighting():
     truth = exp_se3(np.array([0.1, 0.05, 0.02, 0.003, 0.002, 0.01]))
     pairs = planes_at(np.random.default_rng(1), truth, 120, 12)
     found = settle([lambda pose: pairs], np.eye(4), most=40).before_from_now
@@ -155,7 +155,7 @@ def distances_signed(pairs, motion):
     return ((placed - pairs.anchors) * pairs.axes[:, 0]).sum(axis=1)
 
 
-def test_information_is_that_of_the_pairs_that_count():
+def test_information_comes_from_the_pairs_with_weight():
     pairs = planes_at(np.random.default_rng(2), np.eye(4), 150, 20)
     found = settle([lambda pose: pairs], np.eye(4))
     weights = _weights([pairs], found.before_from_now)
@@ -166,7 +166,7 @@ def test_information_is_that_of_the_pairs_that_count():
     assert found.held == (weights > 0).sum() < 140
 
 
-def test_kinds_are_weighed_each_by_its_own_scatter():
+def test_each_kind_is_weighted_by_its_own_scatter():
     rng = np.random.default_rng(3)
     sharp, loose = planes_at(rng, np.eye(4), 80, 0), planes_at(rng, np.eye(4), 80, 0)
     loose = Pairs(loose.points + 0.3 * rng.standard_normal((80, 3)), *loose[1:])

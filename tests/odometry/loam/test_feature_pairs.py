@@ -29,8 +29,7 @@ def rings_of_points(rng, count, rings=5):
     return points, ring, rng.integers(0, 3, count)
 
 
-def nearest_slowly(table, place, label, rings, most):
-    home, farthest, least = rings
+def nearest_slowly(table, place, label, home, farthest, least, most):
     ring = np.repeat(np.arange(len(table.lows)), np.diff(table.starts))
     squared = ((table.points - place) ** 2).sum(axis=1)
     able = (np.abs(ring - home) <= farthest) & (np.abs(ring - home) >= least) & (squared < most)
@@ -49,12 +48,12 @@ def nearest_slowly(table, place, label, rings, most):
     least=st.integers(0, 1),
     reach_m=st.sampled_from([0.5, 3.0, 40.0]),
 )
-def test_the_nearest_is_that_of_the_slow_way(seed, count, label, least, reach_m):
+def test_the_nearest_point_equals_that_of_the_slow_twin(seed, count, label, least, reach_m):
     rng = np.random.default_rng(seed)
     table = ring_table(*rings_of_points(rng, count))
     near_the_seam = np.array([-8.0, rng.uniform(-0.2, 0.2), 0.3])
     for place in [*rng.uniform(-15, 15, (10, 3)) * (1, 1, 0.2), near_the_seam, np.zeros(3)]:
-        search = place, label, (2, 3, least), reach_m**2
+        search = place, label, 2, 3, least, reach_m**2
         assert nearest(table, *search) == nearest_slowly(table, *search)
 
 
@@ -69,27 +68,27 @@ def test_edges_are_paired_with_the_line_through_two_rings():
     table = ring_table(np.vstack([pole, other]), np.tile([0, 1, 2, 3], 2), np.repeat([7, 8], 4))
     points = np.array([[5.2, 1.3, 0.1], [5, 3.8, 0]])
     labels, rings = np.array([7, 8]), np.array([2, 2])
-    found = lines_of(points, labels, rings, table, (NOWHERE, 5.0))
+    found = lines_of(points, labels, rings, table, NOWHERE, 5.0)
     assert found.points == pytest.approx(points)
     assert found.anchors[:, 1].tolist() == [1, 4]
     for axes in found.axes:
         assert axes @ axes.T == pytest.approx(np.eye(2))
         assert axes[:, 2] == pytest.approx(0)
-    swapped = lines_of(points, labels[::-1].copy(), rings, table, (NOWHERE, 5.0))
+    swapped = lines_of(points, labels[::-1].copy(), rings, table, NOWHERE, 5.0)
     assert swapped.anchors[:, 1].tolist() == [4, 1]
-    assert len(lines_of(points, np.array([9, 9]), rings, table, (NOWHERE, 5.0)).points) == 0
+    assert len(lines_of(points, np.array([9, 9]), rings, table, NOWHERE, 5.0).points) == 0
     for reach_m, count in ((0.6, 2), (0.5, 0)):
-        near = lines_of(points, np.array([-1, -1]), rings, table, (NOWHERE, reach_m))
+        near = lines_of(points, np.array([-1, -1]), rings, table, NOWHERE, reach_m)
         assert len(near.points) == count
 
 
-def test_the_pose_says_where_features_are_looked_for(rng):
+def test_neighbours_are_searched_at_the_pose(rng):
     points, ring, labels = rings_of_points(rng, 200)
     table = ring_table(points, ring, labels)
     motion = exp_se3(np.array([1.0, 0.5, 0, 0, 0, 0.3]))
     there = (points - motion[:3, 3]) @ motion[:3, :3]
     for kernel in (lines_of, planes_of):
-        found = kernel(there, np.full(200, -1), ring, table, (motion, 5.0))
+        found = kernel(there, np.full(200, -1), ring, table, motion, 5.0)
         assert len(found.points) > 150
         placed = found.points @ motion[:3, :3].T + motion[:3, 3]
         assert placed == pytest.approx(found.anchors, abs=1e-9)
@@ -99,7 +98,7 @@ def test_the_pose_says_where_features_are_looked_for(rng):
 def test_axes_of_a_line_are_across_it(way):
     line = np.array([[4.0, 2, 0], np.array([4.0, 2, 0]) + way])
     table = ring_table(line, np.array([0, 1]), np.zeros(2, int))
-    found = lines_of(line[:1], np.zeros(1, int), np.zeros(1, int), table, (NOWHERE, 50.0))
+    found = lines_of(line[:1], np.zeros(1, int), np.zeros(1, int), table, NOWHERE, 50.0)
     assert found.axes[0] @ way == pytest.approx(0, abs=1e-9)
     assert found.axes[0] @ found.axes[0].T == pytest.approx(np.eye(2))
 
@@ -108,14 +107,14 @@ def test_a_plane_goes_through_three_points_of_two_rings(rng):
     plane = np.array([[4.0, -0.2, 0], [4.0, 0.3, 0], [4.1, 0, 0.5]])
     table = ring_table(plane, np.array([0, 0, 1]), np.zeros(3, int))
     point = np.array([[3.5, 0, 0.1]])
-    found = planes_of(point, np.zeros(1, int), np.zeros(1, int), table, (NOWHERE, 5.0))
+    found = planes_of(point, np.zeros(1, int), np.zeros(1, int), table, NOWHERE, 5.0)
     normal = np.cross(plane[1] - plane[0], plane[2] - plane[0])
     expected = abs((point[0] - plane[0]) @ normal) / np.linalg.norm(normal)
     assert abs(found.axes[0, 0] @ (point[0] - found.anchors[0])) == pytest.approx(expected)
     assert not found.axes[0, 1].any()
 
 
-def test_what_has_no_line_or_plane_is_left_out():
+def test_features_without_a_line_or_plane_are_left_out():
     here = np.array([[4.0, 0, 0]])
     search = here, np.zeros(1, int), np.zeros(1, int)
     slim = np.array([[4.0, 0, 0], [4.0, 1, 0], [4.0, 0.5, SLIM / 3]])
@@ -125,9 +124,9 @@ def test_what_has_no_line_or_plane_is_left_out():
         (slim[[0, 2]], np.array([0, RINGS_AWAY + 1])),
     ]:
         table = ring_table(points, rings, np.zeros(len(points), int))
-        assert len(lines_of(*search, table, (NOWHERE, 5.0)).points) == 0
-        assert len(planes_of(*search, table, (NOWHERE, 5.0)).points) == 0
+        assert len(lines_of(*search, table, NOWHERE, 5.0).points) == 0
+        assert len(planes_of(*search, table, NOWHERE, 5.0).points) == 0
     table = ring_table(slim, np.array([0, 0, 1]), np.zeros(3, int))
-    assert len(planes_of(*search, table, (NOWHERE, 5.0)).points) == 0
+    assert len(planes_of(*search, table, NOWHERE, 5.0).points) == 0
     twice = ring_table(np.vstack([here, here]), np.array([0, 1]), np.zeros(2, int))
-    assert len(lines_of(*search, twice, (NOWHERE, 5.0)).points) == 0
+    assert len(lines_of(*search, twice, NOWHERE, 5.0).points) == 0

@@ -11,7 +11,8 @@ from roadscope.odometry.loam.features import (
     GRAZING,
     JUMP,
     SAME_M,
-    Limits,
+    FeatureLimits,
+    PickRule,
     cluster_roughness,
     extract,
     members,
@@ -62,7 +63,7 @@ def roughness_slowly(points, ring, column, neighbours):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 999), count=st.integers(0, 80), neighbours=st.integers(1, 6))
-def test_roughness_is_that_of_the_slow_way_in_any_order(seed, count, neighbours):
+def test_roughness_equals_that_of_the_slow_twin_in_any_order(seed, count, neighbours):
     rng = np.random.default_rng(seed)
     points, ring = rng.uniform(-20, 20, (count, 3)), rng.integers(0, 4, count)
     column = rng.permutation(count)
@@ -92,7 +93,7 @@ def test_a_corner_is_an_edge_and_walls_are_planes(rng):
     assert len(found.planes) > found.flat > 40
 
 
-def test_features_say_where_they_come_from(rng):
+def test_features_have_the_rows_of_their_returns(rng):
     points, ring, column, _ = scrambled(rng, *corner_room(noise_m=5e-3))
     labels = rng.integers(0, 3, len(points))
     found = extract(points, ring, column, labels)
@@ -110,7 +111,7 @@ def test_features_say_where_they_come_from(rng):
 
 def test_limits_hold_for_each_sector_and_for_each_cluster(rng):
     points, ring, column = corner_room(noise_m=0.02)
-    limits = Limits(sharp=1, edges=3, flat=2, planes=5, thin_m=0.0)
+    limits = FeatureLimits(sharp=1, edges=3, flat=2, planes=5, thin_m=0.0)
     sweep = sweep_of(points, ring, column)
     found = extract(points, ring, column, np.zeros(len(points), int), limits=limits)
     group = sectors_of(sweep, 6)
@@ -146,7 +147,7 @@ def test_few_points_give_few_features(count):
     assert len(cluster_roughness(points, np.full(count, -1))) == count
 
 
-def test_points_that_are_no_numbers_are_no_features():
+def test_points_that_are_not_finite_are_no_features():
     points, ring, column = corner_room()
     points[::40] = np.nan
     found = extract(points, ring, column, np.zeros(len(points), int))
@@ -154,7 +155,7 @@ def test_points_that_are_no_numbers_are_no_features():
     assert np.isfinite(found.edges).all()
 
 
-def test_what_is_beside_an_occlusion_is_unreliable():
+def test_returns_beside_an_occlusion_are_unreliable():
     points, ring, column = corner_room(rings=1)
     front = slice(300, 340)
     points[front] *= 0.5
@@ -208,13 +209,13 @@ def picked_slowly(sweep, rough, usable, group, rule):
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 999), sign=st.sampled_from([1.0, -1.0]))
-def test_picks_are_those_of_the_slow_way(seed, sign):
+def test_picks_equal_those_of_the_slow_twin(seed, sign):
     rng = np.random.default_rng(seed)
     points = np.cumsum(rng.uniform(0, 0.25, (60, 3)), axis=0)
     ring, column = np.repeat([0, 1, 2], 20), np.tile(rng.permutation(20), 3)
     sweep, rough, usable = sweep_of(points, ring, column), rng.random(60), rng.random(60) > 0.2
     group = rng.integers(0, 3, 60)
-    rule = (3, 0.5, sign, 2)
+    rule = PickRule(3, 0.5, sign, 2)
     slow, left = picked_slowly(sweep, rough, usable, group, rule)
     rows, ranks = picked(sweep, rough, usable, members(group, sweep.order), rule)
     assert list(zip(rows.tolist(), ranks.tolist(), strict=True)) == slow

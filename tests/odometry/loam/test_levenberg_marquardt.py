@@ -74,7 +74,7 @@ def test_equations_are_those_of_numeric_differences(seed):
 
 
 @pytest.mark.parametrize("kind", [{"lines": 0}, {"planes": 0}, {}])
-def test_the_way_down_ends_where_scipys_does(kind):
+def test_the_descent_ends_at_scipys_minimum(kind):
     rng = np.random.default_rng(3)
     truth = exp_se3(np.array([0.4, -0.3, 0.1, 0.02, -0.03, 0.05]))
     pairs = pairs_at(rng, truth, noise_m=0.02, **kind)
@@ -95,7 +95,7 @@ def test_the_way_down_ends_where_scipys_does(kind):
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 9999))
-def test_no_step_leads_up(seed):
+def test_no_step_increases_the_cost(seed):
     rng = np.random.default_rng(seed)
     pairs = pairs_at(rng, exp_se3(rng.standard_normal(6)), noise_m=0.5)
     weights, motion = rng.uniform(0, 1, 120), np.eye(4)
@@ -106,7 +106,7 @@ def test_no_step_leads_up(seed):
         assert cost <= last
 
 
-def test_only_what_is_free_moves():
+def test_only_free_unknowns_change():
     rng = np.random.default_rng(1)
     truth = exp_se3(np.array([0.2, 0.1, -0.1, 0.01, 0.02, 0.03]))
     pairs = pairs_at(rng, truth)
@@ -119,7 +119,7 @@ def test_only_what_is_free_moves():
     assert (descend(pairs, np.ones(120), truth, ~ALL) == truth).all()
 
 
-def test_what_no_pair_holds_stays():
+def test_unknowns_without_pairs_stay():
     rng = np.random.default_rng(2)
     ground = rng.uniform(-10, 10, (50, 3)) * (1, 1, 0)
     axes = np.zeros((50, 2, 3))

@@ -33,7 +33,7 @@ def driving(steps):
     return progress
 
 
-def test_what_leaps_beside_a_sure_prediction_is_not_believed_at_first():
+def test_a_leap_from_a_sure_prediction_is_rejected_at_first():
     progress = driving(SURE)
     start = progress.pose[0, 3]
     places, reasons = stepped(progress, [0.0] * (PATIENCE + 2))
@@ -52,7 +52,7 @@ def test_a_leap_that_ends_leaves_no_trace():
     assert places[-1] == pytest.approx(start + 3 * WAY_M * (PATIENCE + SURE))
 
 
-def test_before_predictions_were_right_for_a_while_scans_are_believed():
+def test_leaps_are_accepted_before_predictions_are_sure():
     progress = driving(SURE - 1)
     start = progress.pose[0, 3]
     places, reasons = stepped(progress, [0.0, 0.0])

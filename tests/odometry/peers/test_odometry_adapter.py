@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_drive import driven, emptied, kept
 
-from roadscope.odometry.peers.adapter import LOST, Adapter
+from roadscope.odometry.peers.adapter import LOST, OdometryAdapter
 from roadscope.odometry.peers.interface import Placed
 
 DRIVE, INPUTS = driven(12)
@@ -35,7 +35,7 @@ def counted():
 
 
 def adapter(spoil=lambda pose, _: pose):
-    return Adapter(lambda _: Knowing(spoil), takes_imu=False)
+    return OdometryAdapter(lambda _: Knowing(spoil), takes_imu=False)
 
 
 def far(told, k):
@@ -53,7 +53,7 @@ def test_the_truth_passes_through():
         ), k
 
 
-def test_poor_scans_and_late_ones_are_not_handed_on():
+def test_poor_and_late_scans_do_not_reach_the_library():
     runs = adapter()
     for scan, imu in INPUTS[:4]:
         runs.update(scan, imu)
@@ -74,7 +74,7 @@ def raising(pose, stamp_s):
     return pose
 
 
-def test_a_library_that_refuses_is_begun_anew():
+def test_a_library_that_refuses_scans_is_restarted():
     runs = adapter(raising)
     reasons = [runs.update(scan, imu).reason for scan, imu in INPUTS]
     assert reasons[:5] == [""] * 5
@@ -82,17 +82,19 @@ def test_a_library_that_refuses_is_begun_anew():
     assert Knowing.started == 1 + (len(INPUTS) - 5) // LOST
 
 
-@pytest.mark.parametrize(("bad", "said"), [(np.nan, "no number"), (1e3, "no speed of a vehicle")])
-def test_no_poses_are_taken_that_cannot_be(bad, said):
+@pytest.mark.parametrize(
+    ("bad", "said"), [(np.nan, "not finite"), (1e3, "not the speed of a vehicle")]
+)
+def test_impossible_poses_are_rejected(bad, said):
     runs = adapter(lambda pose, s: pose + bad * np.eye(4, k=3) if 0.45 < s < 0.55 else pose)
     told = [runs.update(scan, imu) for scan, imu in INPUTS]
     assert said in told[5].reason
-    assert told[6].reason == "the library begins anew"
+    assert told[6].reason == "the library was restarted"
     assert all(each.ok for each in told[7:])
     assert max(np.linalg.norm(each.start_from_lidar.translation) for each in told) < 10
 
 
-def test_a_jump_of_speed_is_told():
+def test_a_jump_of_speed_is_reported():
     back = np.eye(4)
     back[0, 3] = -0.8
     runs = adapter(lambda pose, s: pose @ back if s > 0.45 else pose)
@@ -101,7 +103,7 @@ def test_a_jump_of_speed_is_told():
     assert all(each.ok for k, each in enumerate(told) if k != 5)
 
 
-def test_samples_are_handed_on_once_on_the_adapters_clock():
+def test_samples_are_passed_on_once_on_the_adapters_clock():
     runs = adapter()
     shifted = [
         (kept(s, slice(None), stamp_s=s.stamp_s + 1e6), replace(i, stamps_s=i.stamps_s + 1e6))
@@ -118,20 +120,20 @@ def test_samples_are_handed_on_once_on_the_adapters_clock():
     assert np.abs(np.subtract(ends, last)).max() < 0.005
 
 
-def test_who_uses_samples_says_when_they_lack():
+def test_missing_samples_are_reported_if_the_library_uses_them():
     for takes_imu, said in ((True, "no inertial samples"), (False, "")):
-        runs = Adapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=takes_imu)
+        runs = OdometryAdapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=takes_imu)
         told = [runs.update(s, None if k in (4, 5) else i) for k, (s, i) in enumerate(INPUTS)]
         # The sweep before the first scan with samples again reached beyond its stamp.
         assert [each.reason for each in told[3:8]] == ["", said, said, said, ""]
-    runs = Adapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=True)
+    runs = OdometryAdapter(lambda _: Knowing(lambda pose, _: pose), takes_imu=True)
     assert all(runs.update(scan, None).ok for scan, _ in INPUTS)
 
 
-def test_the_ground_is_left_out_where_it_is_asked():
+def test_the_ground_is_left_out_on_request():
     def shown(ground):
         library = Knowing(lambda pose, _: pose)
-        runs = Adapter(lambda _: library, takes_imu=False, ground=ground)
+        runs = OdometryAdapter(lambda _: library, takes_imu=False, ground=ground)
         runs.update(*INPUTS[0])
         return library.given[0].points
 

@@ -62,7 +62,7 @@ def test_true_times_of_points_are_used_and_poses_are_of_the_stamp(name):
     assert off(name, drive, backward)[1] > 0.08
 
 
-def test_who_is_spared_the_ground_follows_too(name):
+def test_libraries_follow_without_the_ground(name):
     drive, inputs = ridden(1.0, 1.5, 36)
     away_m, turned = off(f"{name}?ground=false", drive, inputs)
     assert (away_m, turned) != off(name, drive, inputs)
@@ -70,7 +70,7 @@ def test_who_is_spared_the_ground_follows_too(name):
     assert turned < 0.03
 
 
-def test_follows_to_speed(name):
+def test_follows_up_to_driving_speed(name):
     if name not in AT_SPEED:
         pytest.skip("holds on to what it saw first where little stands out of the ground")
     away_m, turned = off(name, *ridden(8.0, 0.1, 38))
@@ -104,7 +104,7 @@ def moved(imu, mounting):
 
 
 @pytest.mark.parametrize("name", PEERS)
-def test_what_is_not_installed_is_said(name, monkeypatch):
+def test_a_missing_package_is_named(name, monkeypatch):
     monkeypatch.setattr(Requirement, "version", None)
     with pytest.raises(NotInstalledError, match=r"not installed: pip install roadscope\[peers\]"):
         ODOMETRIES.make(name)
@@ -136,7 +136,7 @@ def test_settings_that_make_no_sense_are_refused(spec, message):
         ODOMETRIES.make(spec)
 
 
-def test_nothing_of_theirs_is_loaded_by_asking():
+def test_listing_odometries_loads_no_library():
     code = (
         "import sys; from roadscope.odometry import ODOMETRIES; ODOMETRIES.installed();"
         "print({'kiss_icp', 'small_gicp', 'genz_icp', 'rko_lio', 'pydantic'} & set(sys.modules))"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_drive import Drive, kept
 
-from roadscope.odometry.voxels.sweep import ENOUGH, Sweep
+from roadscope.odometry.voxels.sweep import ENOUGH, ThinnedScan
 
 
 @pytest.fixture(scope="module")
@@ -19,29 +19,29 @@ def shrunk(scan, factor):
 
 
 def test_on_a_road_one_return_of_each_cube_is_matched(scan):
-    sweep = Sweep.of(scan, 0.3, 0.8)
+    sweep = ThinnedScan.of(scan, 0.3, 0.8)
     assert ENOUGH <= len(sweep.few) < len(sweep.rows)
     assert not sweep.close
     cubes = np.floor(scan.points[sweep.rows[sweep.few]] / 0.8)
     assert len(np.unique(cubes, axis=0)) == len(sweep.few)
 
 
-def test_in_a_room_more_are_matched_but_none_that_are_not_kept(scan):
+def test_in_a_room_more_of_the_selected_returns_are_matched(scan):
     room = shrunk(scan, 0.1)
-    sweep = Sweep.of(room, 0.3, 0.8)
+    sweep = ThinnedScan.of(room, 0.3, 0.8)
     coarse = len(np.unique(np.floor(room.points[sweep.rows] / 0.8), axis=0))
     assert coarse < len(sweep.few) <= len(sweep.rows)
     assert sweep.close
     assert len(np.unique(sweep.few)) == len(sweep.few)
 
 
-def test_who_sends_out_few_beams_is_in_no_room(scan):
-    sweep = Sweep.of(kept(scan, np.arange(len(scan)) % 16 == 0), 0.3, 0.8)
+def test_a_sensor_with_few_beams_is_not_in_a_room(scan):
+    sweep = ThinnedScan.of(kept(scan, np.arange(len(scan)) % 16 == 0), 0.3, 0.8)
     assert len(sweep.few) < ENOUGH
     assert not sweep.close
 
 
 def test_few_returns_stay_few(scan):
     poor = kept(scan, np.arange(len(scan)) % 400 == 0)
-    assert len(Sweep.of(poor, 0.3, 0.8).few) <= len(poor)
-    assert not len(Sweep.of(kept(scan, np.zeros(len(scan), bool)), 0.3, 0.8).few)
+    assert len(ThinnedScan.of(poor, 0.3, 0.8).few) <= len(poor)
+    assert not len(ThinnedScan.of(kept(scan, np.zeros(len(scan), bool)), 0.3, 0.8).few)

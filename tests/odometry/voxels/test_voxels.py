@@ -8,7 +8,7 @@ from roadscope.odometry.voxels.matching import (
     GRAZING,
     TILT,
     TRACED_RAD,
-    Belief,
+    PosePrior,
     contradicts,
     match,
     normal_equations,
@@ -44,11 +44,11 @@ def known(rng):
     return found
 
 
-def test_a_scan_is_moved_onto_the_map(rng, known):
+def test_a_scan_is_matched_with_the_map(rng, known):
     truth = exp_se3(np.array([0.3, -0.2, 0.1, 0.02, -0.01, 0.04]))
     inverse = np.linalg.inv(truth)
     points = room(np.random.default_rng(1), 2000) @ inverse[:3, :3].T + inverse[:3, 3]
-    found = match(known.voxels, points, Belief(np.eye(4), NOTHING_HELD))
+    found = match(known.voxels, points, PosePrior(np.eye(4), NOTHING_HELD))
     assert np.abs(log_se3(np.linalg.inv(truth) @ found.map_from_sensor)).max() < 3e-3
     assert found.agreement > 0.7
     assert 1000 < found.held <= found.points == 2000
@@ -68,7 +68,7 @@ def held_slowly(voxels, slot, off, height_m):
     return firm
 
 
-def test_equations_are_those_of_the_slow_way(rng, known):
+def test_equations_equal_those_of_the_slow_twin(rng, known):
     points = room(np.random.default_rng(2), 200)
     pose, scale = exp_se3(0.02 * rng.standard_normal(6)), 4.0
     H, b, told = normal_equations(known.voxels, points, pose, scale)
@@ -110,7 +110,7 @@ def test_one_beams_trace_on_a_road_is_no_surface(rng):
     assert (found.voxels.held < 2).all()
 
 
-def test_one_beams_trace_over_a_crown_hardly_tells_the_height(rng):
+def test_one_beams_trace_over_a_crown_has_little_information_about_height(rng):
     """As one drives towards it the trace sinks; a ceiling, met from below, stays and is held."""
     turn, along = rng.uniform(-0.05, 0.05, 400), rng.uniform(40, 47, 400)
     steep = np.tan(np.radians(11.0))
@@ -128,7 +128,7 @@ def test_one_beams_trace_over_a_crown_hardly_tells_the_height(rng):
     assert firm["trace"] < 0.2 * firm["ceiling"]
 
 
-def test_what_leans_tells_the_height_to_beams_that_fall_rather_than_to_those_that_rise(rng):
+def test_tilted_surfaces_inform_falling_beams_more_than_rising_ones(rng):
     """Upright walls tell as much as ever of the way."""
     across = rng.uniform(-3, 3, 600)
     firm = {}
@@ -143,7 +143,7 @@ def test_what_leans_tells_the_height_to_beams_that_fall_rather_than_to_those_tha
     assert firm["wall"][0] > firm["falling"][0]
 
 
-def test_what_is_far_is_forgotten_and_the_table_grows(rng):
+def test_far_voxels_are_dropped_and_the_table_grows(rng):
     found = VoxelMap(reach_m=30.0)
     for step in range(60):
         at = np.array([10.0 * step, 0, 0])
@@ -170,7 +170,7 @@ def corridor(rng, n=8000):
     return np.column_stack([x, y, z]) + 0.005 * rng.standard_normal((n, 3)), side
 
 
-def test_between_near_walls_the_floor_is_held_by_itself(rng):
+def test_between_near_walls_the_floor_has_its_own_voxels(rng):
     found = VoxelMap(reach_m=50.0)
     points, side = corridor(rng)
     found.add(points, np.zeros(3))
@@ -181,7 +181,7 @@ def test_between_near_walls_the_floor_is_held_by_itself(rng):
     assert (upright[slots >= 0] > 0.95).mean() > 0.95
 
 
-def test_a_full_voxel_stays_where_it_was_first_seen(rng):
+def test_a_full_voxel_does_not_change(rng):
     flat = np.column_stack([rng.uniform(0, 1, (2 * int(MOST), 2)), np.full(2 * int(MOST), 0.2)])
     found = VoxelMap(reach_m=50.0)
     found.add(flat, np.zeros(3))
@@ -191,7 +191,7 @@ def test_a_full_voxel_stays_where_it_was_first_seen(rng):
     assert found.voxels.means[slot, 2] == pytest.approx(0.2)
 
 
-def test_what_is_off_a_surface_contradicts_it_and_what_is_rough_does_not(rng, known):
+def test_points_off_a_surface_contradict_it_and_rough_ones_do_not(rng, known):
     floor = np.column_stack([rng.uniform(-6, 6, (200, 2)), np.full(200, -1.7)])
     assert contradicts(known.voxels, floor + 0.08 * UP).mean() < 0.1
     assert contradicts(known.voxels, floor + 0.4 * UP).mean() > 0.9
