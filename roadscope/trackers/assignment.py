@@ -1,146 +1,141 @@
-"""Which detection belongs to which track, by any cost: greedy or optimal."""
+"""Which detection belongs to which track, for any costs: greedy or optimal."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.components import components, sorted_by
-from roadscope.trackers.gating import Candidates
+from roadscope.trackers.gating import CandidatePairs
 
 Pairs = tuple[np.ndarray, np.ndarray]
-"""Rows and columns of the pairs, (K,) int64 each, rows increasing."""
+"""Rows and columns of the assigned pairs, (K,) int64 each, rows increasing."""
 
 
-def left_over(count: int, taken: np.ndarray) -> np.ndarray:
+def unassigned(count: int, assigned: np.ndarray) -> np.ndarray:
     """Return which of `count` rows or columns an index array does not name."""
     free = np.ones(count, bool)
-    free[taken] = False
+    free[assigned] = False
     return np.flatnonzero(free)
 
 
-@compiled()
 def assign_greedily(costs: np.ndarray, gate: float) -> Pairs:
-    """Pair rows and columns of (N, M) costs, the cheapest pair of all first.
+    """Return pairs of rows and columns, chosen one after the other, the cheapest first.
 
-    Costs must lie below the gate. Equal costs go to the earlier row, then the earlier column.
+    costs: (N, M); pairs whose costs reach the gate are impossible. Of equal costs the earlier row,
+        then the earlier column is chosen.
     """
-    n, m = costs.shape
-    flat = costs.ravel()
-    within = np.flatnonzero(flat < gate)
-    partner = np.full(n, -1)
-    taken = np.zeros(m, np.bool_)
-    for k in within[np.argsort(flat[within], kind="mergesort")]:
-        row, column = k // m, k % m
-        if partner[row] < 0 and not taken[column]:
-            partner[row], taken[column] = column, True
-    rows = np.flatnonzero(partner >= 0)
-    return rows, partner[rows]
+    rows, columns = np.nonzero(costs < gate)
+    order = np.argsort(costs[rows, columns], kind="stable")
+    return _first_come(rows[order], columns[order], costs.shape)
 
 
-def assign_in_turn(candidates: Candidates, turns: np.ndarray) -> Pairs:
-    """Let the rows take their cheapest free column, one after another.
+def assign_in_turn(candidates: CandidatePairs, turns: np.ndarray) -> Pairs:
+    """Return pairs in which each row in its turn takes its cheapest free column.
 
-    turns: (N,) rows in the order of their turns. Equal costs go to the earlier column.
+    turns: (N,) rows in the order of their turns. Of equal costs the earlier column is chosen.
     """
-    starts = np.searchsorted(candidates.rows, np.arange(len(turns) + 1))
-    free = np.ones(candidates.shape[1], bool)
-    return _in_turn(candidates.columns, candidates.costs, starts, turns, free)
+    turn_of_row = np.argsort(turns)
+    order = np.lexsort([candidates.costs, turn_of_row[candidates.rows]])
+    return _first_come(candidates.rows[order], candidates.columns[order], candidates.shape)
 
 
-@compiled()
-def _in_turn(
-    columns: np.ndarray, costs: np.ndarray, starts: np.ndarray, turns: np.ndarray, free: np.ndarray
-) -> Pairs:
-    """Do so; starts: (N + 1,) where each row's pairs start; free: overwritten."""
-    partner = np.full(len(turns), -1)
-    for row in turns:
-        least = np.inf
-        for k in range(starts[row], starts[row + 1]):
-            if free[columns[k]] and costs[k] < least:
-                partner[row], least = columns[k], costs[k]
-        if partner[row] >= 0:
-            free[partner[row]] = False
-    rows = np.flatnonzero(partner >= 0)
-    return rows, partner[rows]
+def _first_come(rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> Pairs:
+    """Return those of sorted pairs whose row and column no earlier pair has."""
+    column_of_row = np.full(shape[0], -1)
+    taken: set[int] = set()
+    for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
+        if column_of_row[row] < 0 and column not in taken:
+            column_of_row[row] = column
+            taken.add(column)
+    return _pairs(column_of_row)
 
 
-def assign_optimally(candidates: Candidates, gate: float) -> Pairs:
-    """Pair rows and columns for the least total, where being alone costs the gate.
+def _pairs(column_of_row: np.ndarray) -> Pairs:
+    """Return the pairs of (N,) columns, -1 for none."""
+    rows = np.flatnonzero(column_of_row >= 0)
+    return rows, column_of_row[rows]
 
-    Costs must lie below the gate, so a pair is worth what it saves. Rows and columns that no
-    pair within the gate connects are solved apart.
+
+def assign_optimally(candidates: CandidatePairs, gate: float) -> Pairs:
+    """Return the pairs with the least total cost, where an unassigned row costs the gate.
+
+    Pairs whose costs reach the gate are impossible.
     """
     near = candidates.where(candidates.costs < gate)
-    return _optimally(near.rows, near.columns, near.costs - gate, near.shape)
+    return _pairs(_optimal_columns(near.rows, near.columns, near.costs - gate, *near.shape))
 
 
-@compiled()
-def _optimally(
-    rows: np.ndarray, columns: np.ndarray, gains: np.ndarray, shape: tuple[int, int]
-) -> Pairs:
-    """Pair for the least sum of gains, which are negative."""
-    n, m = shape
-    group, count = components(rows, columns, shape)
-    some, first_row = sorted_by(group[:n], count)
-    others, first_column = sorted_by(group[n:], count)
-    pairs, first_pair = sorted_by(group[:n][rows], count)
-    place = np.empty(n + m, np.int64)
-    partner = np.full(n, -1)
-    for c in range(count):
-        within = pairs[first_pair[c] : first_pair[c + 1]]
-        if len(within) == 1:
-            partner[rows[within[0]]] = columns[within[0]]
-            continue
-        mine = some[first_row[c] : first_row[c + 1]]
-        theirs = others[first_column[c] : first_column[c + 1]]
-        place[mine], place[n + theirs] = np.arange(len(mine)), np.arange(len(theirs))
-        saved = np.zeros((len(mine), len(theirs)))
-        for k in within:
-            saved[place[rows[k]], place[n + columns[k]]] = gains[k]
-        chosen = _solved(saved)
-        for i in range(len(mine)):
-            if chosen[i] >= 0:
-                partner[mine[i]] = theirs[chosen[i]]
-    found = np.flatnonzero(partner >= 0)
-    return found, partner[found]
+class Stage(NamedTuple):
+    """One stage of an assignment.
 
-
-def assign_in_stages(
-    candidates: Candidates, stages: Iterable[tuple[np.ndarray, np.ndarray, float]]
-) -> Pairs:
-    """Pair optimally in stages, each among what the ones before have left.
-
-    stages: of each the rows that take part, (N,) bool, the columns, (M,) bool, and the gate.
+    rows, columns: (N,) and (M,) bool, which take part.
+    gate: as in `assign_optimally`.
     """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    gate: float
+
+
+def assign_in_stages(candidates: CandidatePairs, stages: Iterable[Stage]) -> Pairs:
+    """Return optimal pairs of several stages, each among what those before have left."""
     free_rows, free_columns = (np.ones(n, bool) for n in candidates.shape)
-    partner = np.full(candidates.shape[0], -1)
-    for some, others, gate in stages:
-        taking_part = (some & free_rows)[candidates.rows]
-        taking_part &= (others & free_columns)[candidates.columns]
-        rows, columns = assign_optimally(candidates.where(taking_part), gate)
-        partner[rows] = columns
+    column_of_row = np.full(candidates.shape[0], -1)
+    for stage in stages:
+        takes_part = (stage.rows & free_rows)[candidates.rows]
+        takes_part &= (stage.columns & free_columns)[candidates.columns]
+        rows, columns = assign_optimally(candidates.where(takes_part), stage.gate)
+        column_of_row[rows] = columns
         free_rows[rows], free_columns[columns] = False, False
-    rows = np.flatnonzero(partner >= 0)
-    return rows, partner[rows]
+    return _pairs(column_of_row)
 
 
 @compiled()
-def _solved(saved: np.ndarray) -> np.ndarray:
-    """Return for each row of (N, M) gains, 0 where there is none, its column, or -1."""
-    n, m = saved.shape
-    partner = np.full(n, -1)
-    if n > m:
-        for column, row in enumerate(least_total(saved.T.copy())):
-            if saved[row, column] < 0:
-                partner[row] = column
-        return partner
-    for row, column in enumerate(least_total(saved)):
-        if saved[row, column] < 0:
-            partner[row] = column
-    return partner
+def _optimal_columns(
+    rows: np.ndarray, columns: np.ndarray, gains: np.ndarray, n: int, m: int
+) -> np.ndarray:
+    """Return for each of n rows its column, or -1, for the least sum of gains.
+
+    gains: (P,) of pairs, all negative. Connected components of pairs are solved one by one.
+    """
+    component, count = components(rows, columns, n, m)
+    row_order, first_row = sorted_by(component[:n], count)
+    column_order, first_column = sorted_by(component[n:], count)
+    pair_order, first_pair = sorted_by(component[:n][rows], count)
+    index = np.empty(n + m, np.int64)
+    column_of_row = np.full(n, -1)
+    for c in range(count):
+        pairs = pair_order[first_pair[c] : first_pair[c + 1]]
+        if len(pairs) == 1:
+            column_of_row[rows[pairs[0]]] = columns[pairs[0]]
+            continue
+        own_rows = row_order[first_row[c] : first_row[c + 1]]
+        own_columns = column_order[first_column[c] : first_column[c + 1]]
+        index[own_rows], index[n + own_columns] = (
+            np.arange(len(own_rows)),
+            np.arange(len(own_columns)),
+        )
+        # `least_total` wants at least as many columns as rows.
+        transposed = len(own_rows) > len(own_columns)
+        if transposed:
+            matrix = np.zeros((len(own_columns), len(own_rows)))
+        else:
+            matrix = np.zeros((len(own_rows), len(own_columns)))
+        for k in pairs:
+            i, j = index[rows[k]], index[n + columns[k]]
+            if transposed:
+                matrix[j, i] = gains[k]
+            else:
+                matrix[i, j] = gains[k]
+        chosen = least_total(matrix)
+        for k in range(len(chosen)):
+            if matrix[k, chosen[k]] < 0:
+                i, j = (chosen[k], k) if transposed else (k, chosen[k])
+                column_of_row[own_rows[i]] = own_columns[j]
+    return column_of_row
 
 
 @compiled()
@@ -151,49 +146,91 @@ def least_total(costs: np.ndarray) -> np.ndarray:
     """
     n, m = costs.shape
     row_price, column_price = np.zeros(n), np.zeros(m)
-    owner, previous = np.full(m, -1), np.empty(m, np.int64)
+    row_of_column, previous_row = np.full(m, -1), np.empty(m, np.int64)
+    column_of_row = np.full(n, -1)
     for new in range(n):
         length = np.full(m, np.inf)
-        seen = np.zeros(m, np.bool_)
-        row, sink, reached = new, -1, 0.0
-        while sink < 0:
+        visited = np.zeros(m, np.bool_)
+        row, end, reached = new, -1, 0.0
+        while end < 0:
             nearest = -1
             for j in range(m):
-                if seen[j]:
+                if visited[j]:
                     continue
                 detour = reached + costs[row, j] - row_price[row] - column_price[j]
                 if detour < length[j]:
-                    length[j], previous[j] = detour, row
+                    length[j], previous_row[j] = detour, row
                 if nearest < 0 or length[j] < length[nearest]:
                     nearest = j
             reached = length[nearest]
-            seen[nearest] = True
-            if owner[nearest] < 0:
-                sink = nearest
+            visited[nearest] = True
+            if row_of_column[nearest] < 0:
+                end = nearest
             else:
-                row = owner[nearest]
+                row = row_of_column[nearest]
         row_price[new] += reached
         for j in range(m):
-            if seen[j] and j != sink:
-                row_price[owner[j]] += reached - length[j]
+            if visited[j] and j != end:
+                row_price[row_of_column[j]] += reached - length[j]
                 column_price[j] -= reached - length[j]
-        while True:
-            row = previous[sink]
-            owner[sink] = row
-            sink = _column_of(owner, row, sink)
-            if row == new:
-                break
-    chosen = np.empty(n, np.int64)
-    for j in range(m):
-        if owner[j] >= 0:
-            chosen[owner[j]] = j
-    return chosen
+        row = -1
+        while row != new:
+            row = previous_row[end]
+            row_of_column[end] = row
+            end, column_of_row[row] = column_of_row[row], end
+    return column_of_row
 
 
 @compiled()
-def _column_of(owner: np.ndarray, row: int, but: int) -> int:
-    """Return the column that a row owned before it took another."""
-    for j in range(len(owner)):
-        if owner[j] == row and j != but:
-            return j
-    return -1
+def components(
+    rows: np.ndarray, columns: np.ndarray, n: int, m: int
+) -> tuple[np.ndarray, int]:
+    """Return (n + m,) the connected component of each row and column, and how many there are.
+
+    rows, columns: (P,) the pairs. Components count from 0 by first row; a row or column without
+    a pair has -1.
+    """
+    parent = np.arange(n + m)
+    paired = np.zeros(n + m, np.bool_)
+    for k in range(len(rows)):
+        a, b = rows[k], n + columns[k]
+        paired[a] = paired[b] = True
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        parent[max(a, b)] = min(a, b)
+    component = np.full(n + m, -1)
+    count = 0
+    # A parent always comes before its children, and the first row of a component before all.
+    for k in range(n + m):
+        if not paired[k]:
+            continue
+        if parent[k] == k:
+            component[k] = count
+            count += 1
+        else:
+            component[k] = component[parent[k]]
+    return component, count
+
+
+@compiled()
+def sorted_by(labels: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return an index that sorts (K,) labels, and (count + 1,) where in it each label starts.
+
+    Labels are 0 to count - 1; what has -1 is left out.
+    """
+    starts = np.zeros(count + 1, np.int64)
+    for label in labels:
+        if label >= 0:
+            starts[label + 1] += 1
+    for c in range(count):
+        starts[c + 1] += starts[c]
+    order, at = np.empty(starts[count], np.int64), starts[:-1].copy()
+    for k in range(len(labels)):
+        if labels[k] >= 0:
+            order[at[labels[k]]] = k
+            at[labels[k]] += 1
+    return order, starts

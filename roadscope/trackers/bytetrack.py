@@ -1,22 +1,19 @@
-"""Association in two stages: sure detections first, then unsure ones (ByteTrack, Zhang 2022)."""
+"""ByteTrack: detections of high score first, then those of low score (Zhang 2022)."""
 
 from __future__ import annotations
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_in_stages
-from roadscope.trackers.gating import candidates_by_overlap, check_overlap
-from roadscope.trackers.life_cycle import LifeCycle
-from roadscope.trackers.management import TrackManager
-from roadscope.trackers.motion import ConstantVelocity
-from roadscope.trackers.place_filter import PlaceFilter
+from roadscope.trackers.assignment import Pairs, Stage, assign_in_stages
+from roadscope.trackers.gating import boxes_of, check_overlap, pairs_by_overlap
+from roadscope.trackers.motion import ConstantVelocity, PositionFilter
 from roadscope.trackers.settings import check_not_negative, check_shares
-from roadscope.trackers.tracklets import Tracklets, boxes_of
+from roadscope.trackers.tracklets import LifeCycle, Tracklets, TrackManager
 
 CONFIRM_HITS = 2
 
 
 class ByteTracker:
-    """Detections of low score keep tracks alive but open none.
+    """Detections of low score keep tracks alive but start none.
 
     The authors match boxes in the image by overlap. Here boxes are in space, where those of one
     object in two frames need not touch, so overlaps are generalised ones.
@@ -37,30 +34,31 @@ class ByteTracker:
         speed_m_s: float = 15.0,
         velocity_walk: float = 2.0,
     ) -> None:
-        """Set the tracker up.
+        """Set the tracker up; scores are the authors'.
 
-        high_score: detections from here on are sure and go to any track, lost ones too.
-        low_score: those from here on go to tracks seen in the last tick that found no sure one.
-        new_score: sure ones from here on open tracks if they find none. The authors' scores.
+        high_score: detections from here on may go to any track, also to a coasting one.
+        low_score: detections from here on may go to tracks that had a detection in the last tick
+            and have none of high score now.
+        new_score: detections of high score from here on start a track if they belong to none.
         overlap: `iou` or `giou`, both in space.
-        least, least_again: what the overlap of a sure pair must exceed, and of an unsure one;
+        least, least_again: a pair must overlap by more, with a detection of high and of low score;
             the first as in the later code of AB3DMOT's authors, for cars.
-        coast_frames, shown_misses: see `LifeCycle`. A track is confirmed by its second sure
-            detection, which must follow on the first.
-        position_m, speed_m_s: see `PlaceFilter`.
-        velocity_walk: m/s per root second, by which velocities wander.
+        coast_frames, shown_misses: see `LifeCycle`. A track is confirmed by its second detection
+            of high score, which must follow in the next tick.
+        position_m, speed_m_s: see `PositionFilter`.
+        velocity_walk: see `ConstantVelocity`.
         """
         check_shares(high_score=high_score, low_score=low_score, new_score=new_score)
         if not low_score <= high_score <= new_score:
-            given = f"{low_score!r}, {high_score!r}, {new_score!r}"
-            raise ValueError(f"low_score, high_score, new_score must not fall, got {given}")
+            values = f"{low_score!r}, {high_score!r}, {new_score!r}"
+            raise ValueError(f"low_score, high_score, new_score must not fall, got {values}")
         check_overlap(overlap, least)
         check_overlap(overlap, least_again)
         check_not_negative(velocity_walk=velocity_walk)
-        self._high, self._low, self._new = high_score, low_score, new_score
+        self._high_score, self._low_score, self._new_score = high_score, low_score, new_score
         self._overlap, self._least, self._least_again = overlap, least, least_again
         self._manager = TrackManager(
-            PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk)),
+            PositionFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk)),
             LifeCycle(CONFIRM_HITS, coast_frames, 0, shown_misses),
         )
 
@@ -69,24 +67,28 @@ class ByteTracker:
         self._manager.reset()
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Take the detections of one tick and return all tracks."""
-        tick = self._manager.arrived(detections, ego_pose)
-        tracks = self._manager.expected(tick)
-        pairs = self._associated(tracks, tick.targets)
-        return self._manager.concluded(tick, tracks, tick.targets, pairs, self._new)
+        """Return the tracks after the detections of one tick."""
+        tick = self._manager.start_tick(detections, ego_pose)
+        tracks = self._manager.predicted_tracks(tick)
+        pairs = self._assigned(tracks, tick.detections)
+        return self._manager.finish_tick(
+            tick, tracks, tick.detections, pairs, new_score=self._new_score
+        )
 
-    def _associated(self, tracks: Tracklets, targets: Detections) -> Pairs:
-        """Pair in the authors' order (algorithm 1; tracks of one detection come last)."""
-        near = candidates_by_overlap(
-            tracks.boxes, boxes_of(targets),
-            overlap=self._overlap, least=min(self._least, self._least_again),
-        ).within_families(tracks.categories, targets.categories)  # fmt: skip
-        sure = targets.scores >= self._high
-        unsure = ~sure & (targets.scores >= self._low)
-        confirmed, just_seen = tracks.hits >= CONFIRM_HITS, tracks.misses == 1
+    def _assigned(self, tracks: Tracklets, detections: Detections) -> Pairs:
+        """Return pairs in the authors' order (algorithm 1); tentative tracks come last."""
+        near = pairs_by_overlap(
+            tracks.boxes,
+            boxes_of(detections),
+            overlap=self._overlap,
+            least=min(self._least, self._least_again),
+        ).within_families(tracks.categories, detections.categories)
+        high = detections.scores >= self._high_score
+        low = ~high & (detections.scores >= self._low_score)
+        confirmed, just_detected = tracks.hits >= CONFIRM_HITS, tracks.misses == 1
         stages = [
-            (confirmed, sure, 1 - self._least),
-            (confirmed & just_seen, unsure, 1 - self._least_again),
-            (~confirmed, sure, 1 - self._least),
+            Stage(confirmed, high, 1 - self._least),
+            Stage(confirmed & just_detected, low, 1 - self._least_again),
+            Stage(~confirmed, high, 1 - self._least),
         ]
         return assign_in_stages(near, stages)

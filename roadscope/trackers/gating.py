@@ -1,4 +1,4 @@
-"""Which pairs of track and detection are possible at all, and what each would cost."""
+"""Which pairs of tracks and detections are possible at all, and what each costs."""
 
 from __future__ import annotations
 
@@ -6,23 +6,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from roadscope.core import Category, Family
+from roadscope.core import Category, Detections, Family
 from roadscope.core.box_overlap import overlapping_pairs, pair_overlaps
-from roadscope.core.jit import compiled
 
 FAMILIES = np.array([list(Family).index(category.family) for category in Category])
 """For each value of `Category` the number of its family."""
 
-OVERLAPS = {"iou": 0.0, "giou": -1.0}
-"""Overlaps of boxes, and what each is at the least."""
+LOWEST_OVERLAPS = {"iou": 0.0, "giou": -1.0}
+"""The measures of overlap of two boxes, and the lowest value of each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
-    """The P pairs of N rows and M columns that are possible; all others cost infinity.
+class CandidatePairs:
+    """The P possible pairs of N rows and M columns; all others cost infinity.
 
-    shape: N and M.
-    rows, columns: (P,) int64, by row, then by column.
+    shape: N and M. Rows are tracks and columns detections, if nothing else is said.
+    rows, columns: (P,) int64, sorted by row, then by column.
     costs: (P,) float64.
     """
 
@@ -34,56 +33,85 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.costs)
 
-    def costing(self, costs: np.ndarray) -> Candidates:
-        """Give (P,) other costs."""
+    def with_costs(self, costs: np.ndarray) -> CandidatePairs:
+        """Return the same pairs with (P,) other costs."""
         return replace(self, costs=costs)
 
-    def where(self, possible: np.ndarray) -> Candidates:
-        """Keep the pairs of a (P,) mask."""
+    def where(self, possible: np.ndarray) -> CandidatePairs:
+        """Return the pairs of a (P,) mask."""
         if possible.all():
             return self
-        return Candidates(
+        return CandidatePairs(
             self.shape, self.rows[possible], self.columns[possible], self.costs[possible]
         )
 
-    def within_families(self, categories: np.ndarray, others: np.ndarray) -> Candidates:
-        """Keep pairs of one family: a car may turn out to be a van, but never a pedestrian.
+    def within_families(
+        self, row_categories: np.ndarray, column_categories: np.ndarray
+    ) -> CandidatePairs:
+        """Return pairs within one family: a car may turn out to be a van, never a pedestrian.
 
-        categories, others: (N,) and (M,) values of `Category`.
+        row_categories, column_categories: (N,) and (M,) values of `Category`.
         """
-        return self.where(FAMILIES[categories][self.rows] == FAMILIES[others][self.columns])
+        row_families, column_families = FAMILIES[row_categories], FAMILIES[column_categories]
+        return self.where(row_families[self.rows] == column_families[self.columns])
 
 
-def overlapping(
-    near: Candidates, boxes: np.ndarray, others: np.ndarray, *, overlap: str, least: float
-) -> Candidates:
-    """Keep those candidates whose (N, 7) and (M, 7) boxes overlap by more than `least`.
-
-    Costs as of `candidates_by_overlap`, which looks at all pairs.
-    """
-    pairs = near.rows, near.columns
-    shares = pair_overlaps(boxes, others, pairs, overlap == "giou", least)
-    return near.costing(1 - shares).where(shares > least)
+def boxes_of(detections: Detections) -> np.ndarray:
+    """Return (N, 7) centre x y z, length width height, yaw."""
+    return np.column_stack([detections.centres, detections.sizes, detections.yaws])
 
 
-def candidates_by_overlap(
-    boxes: np.ndarray, others: np.ndarray, *, overlap: str, least: float
-) -> Candidates:
+def pairs_by_overlap(
+    boxes: np.ndarray, other_boxes: np.ndarray, *, overlap: str, least: float
+) -> CandidatePairs:
     """Return pairs of (N, 7) and (M, 7) boxes that overlap by more than `least`.
 
-    overlap: `iou` or `giou`, both in space. Costs are 1 minus the overlap.
+    overlap: `iou` or `giou` (generalised IoU), both in space. Costs are 1 minus the overlap.
     """
-    rows, columns, shares = overlapping_pairs(boxes, others, overlap == "giou", least)
-    return Candidates((len(boxes), len(others)), rows, columns, 1 - shares)
+    rows, columns, overlaps = overlapping_pairs(boxes, other_boxes, overlap == "giou", least)
+    return CandidatePairs((len(boxes), len(other_boxes)), rows, columns, 1 - overlaps)
+
+
+def pairs_that_overlap(
+    candidates: CandidatePairs,
+    boxes: np.ndarray,
+    other_boxes: np.ndarray,
+    *,
+    overlap: str,
+    least: float,
+) -> CandidatePairs:
+    """Return those candidates whose boxes overlap, like `pairs_by_overlap` of all pairs."""
+    pairs = candidates.rows, candidates.columns
+    overlaps = pair_overlaps(boxes, other_boxes, pairs, overlap == "giou", least)
+    return candidates.with_costs(1 - overlaps).where(overlaps > least)
 
 
 def check_overlap(overlap: str, least: float) -> None:
-    """Refuse overlaps that do not exist and thresholds that they cannot have."""
-    if overlap not in OVERLAPS:
-        raise ValueError(f"no overlap '{overlap}'; possible: {', '.join(OVERLAPS)}")
-    lowest = OVERLAPS[overlap]
+    """Raise `ValueError` for a measure that does not exist or a threshold outside its range."""
+    if overlap not in LOWEST_OVERLAPS:
+        raise ValueError(f"no overlap '{overlap}'; possible: {', '.join(LOWEST_OVERLAPS)}")
+    lowest = LOWEST_OVERLAPS[overlap]
     if not lowest <= least < 1:
         raise ValueError(f"the least {overlap} must lie in {lowest:g} to 1, got {least!r}")
+
+
+def suppressed(detections: Detections, most_overlap: float) -> Detections:
+    """Return what non-maximum suppression leaves.
+
+    A detection is dropped if it overlaps one of its family that has a higher score and stays.
+
+    most_overlap: IoU in space above which two detections are one. Of equal scores the first stays.
+    """
+    boxes, categories = boxes_of(detections), detections.categories
+    near = pairs_by_overlap(boxes, boxes, overlap="iou", least=most_overlap)
+    near = near.within_families(categories, categories)
+    starts = np.searchsorted(near.rows, np.arange(len(detections) + 1)).tolist()
+    stays = np.ones(len(detections), bool)
+    for row in np.argsort(-detections.scores, kind="stable").tolist():
+        if stays[row]:
+            stays[near.columns[starts[row] : starts[row + 1]]] = False
+            stays[row] = True
+    return detections.select(stays)
 
 
 def chi_square_gate(share: float, dimensions: int) -> float:
@@ -95,78 +123,59 @@ def chi_square_gate(share: float, dimensions: int) -> float:
     return float(2 * gammaincinv(dimensions / 2, share))
 
 
-def candidates_by_distance(places: np.ndarray, others: np.ndarray, gates: np.ndarray) -> Candidates:
-    """Return pairs of (N, 2) and (M, 2) places nearer than the (N,) gates; costs: distances."""
-    places, others = np.ascontiguousarray(places), np.ascontiguousarray(others)
-    rows, columns = neighbours(places, others, np.column_stack([gates, gates]))
-    apart = places[rows] - others[columns]
-    distances = np.hypot(apart[:, 0], apart[:, 1])
-    found = Candidates((len(places), len(others)), rows, columns, distances)
-    return found.where(distances < gates[rows])
+def pairs_by_distance(
+    positions: np.ndarray, other_positions: np.ndarray, gates_m: np.ndarray
+) -> CandidatePairs:
+    """Return pairs of (N, 2) and (M, 2) positions nearer than (N,) gates; costs are distances."""
+    rows, columns = pairs_within_reach(
+        positions, other_positions, np.column_stack([gates_m, gates_m])
+    )
+    offsets = positions[rows] - other_positions[columns]
+    distances = np.hypot(offsets[:, 0], offsets[:, 1])
+    shape = len(positions), len(other_positions)
+    return CandidatePairs(shape, rows, columns, distances).where(distances < gates_m[rows])
 
 
-def candidates_by_likelihood(
+def pairs_by_likelihood(
     expected: np.ndarray, covariances: np.ndarray, measured: np.ndarray, gate: float
-) -> Candidates:
-    """Return pairs within a gate of squared Mahalanobis distances in the plane, the costs.
+) -> CandidatePairs:
+    """Return pairs within a gate; costs are squared Mahalanobis distances in the plane.
 
     expected: (N, 2); covariances: (N, 2, 2) of the innovations; measured: (M, 2).
     """
-    # Along each axis alone a pair beyond the gate is beyond it in the plane too.
-    reach = np.ascontiguousarray(np.sqrt(gate * covariances[:, [0, 1], [0, 1]]))
-    expected, measured = np.ascontiguousarray(expected), np.ascontiguousarray(measured)
-    rows, columns = neighbours(expected, measured, reach)
-    squares = _mahalanobis_squared(expected, covariances, measured, rows, columns)
-    found = Candidates((len(expected), len(measured)), rows, columns, squares)
-    return found.where(squares < gate)
+    # A pair beyond the gate along x or y alone is beyond it in the plane, too.
+    reach = np.sqrt(gate * covariances[:, [0, 1], [0, 1]])
+    rows, columns = pairs_within_reach(expected, measured, reach)
+    a, b, c = (covariances[rows, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+    dx, dy = (measured[columns] - expected[rows]).T
+    squared = (c * dx * dx - 2 * b * dx * dy + a * dy * dy) / (a * c - b * b)
+    shape = len(expected), len(measured)
+    return CandidatePairs(shape, rows, columns, squared).where(squared < gate)
 
 
-@compiled()
-def neighbours(
-    places: np.ndarray, others: np.ndarray, reach: np.ndarray
+def pairs_within_reach(
+    positions: np.ndarray, other_positions: np.ndarray, reach: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (P,) rows and columns of (N, 2) and (M, 2) places nearer along both axes than reach.
+    """Return (P,) rows and columns of positions nearer to each other than reach along both axes.
 
-    By row, then by column; reach: (N, 2), along x and along y.
+    positions, other_positions: (N, 2) and (M, 2). reach: (N, 2) along x and along y.
+    Pairs are sorted by row, then by column.
     """
-    order = np.argsort(others[:, 0], kind="mergesort")
-    xs, ys = others[order, 0], others[order, 1]
-    first = np.searchsorted(xs, places[:, 0] - reach[:, 0], "right")
-    last = np.searchsorted(xs, places[:, 0] + reach[:, 0], "left")
-    most = np.maximum(last - first, 0).sum()
-    rows, columns = np.empty(most, np.int64), np.empty(most, np.int64)
-    size = 0
-    for i in range(len(places)):
-        start = size
-        for k in range(first[i], last[i]):
-            if abs(ys[k] - places[i, 1]) < reach[i, 1]:
-                at = size
-                while at > start and columns[at - 1] > order[k]:
-                    columns[at] = columns[at - 1]
-                    at -= 1
-                rows[size], columns[at] = i, order[k]
-                size += 1
-    return rows[:size], columns[:size]
-
-
-@compiled()
-def _mahalanobis_squared(
-    expected: np.ndarray,
-    covariances: np.ndarray,
-    measured: np.ndarray,
-    rows: np.ndarray,
-    columns: np.ndarray,
-) -> np.ndarray:
-    squares = np.empty(len(rows))
-    for k in range(len(rows)):
-        i, j = rows[k], columns[k]
-        a, b, c = covariances[i, 0, 0], covariances[i, 0, 1], covariances[i, 1, 1]
-        dx, dy = measured[j, 0] - expected[i, 0], measured[j, 1] - expected[i, 1]
-        squares[k] = (c * dx * dx - 2 * b * dx * dy + a * dy * dy) / (a * c - b * b)
-    return squares
+    order = np.argsort(other_positions[:, 0], kind="stable")
+    xs = other_positions[order, 0]
+    first = np.searchsorted(xs, positions[:, 0] - reach[:, 0], "right")
+    last = np.searchsorted(xs, positions[:, 0] + reach[:, 0], "left")
+    counts = np.maximum(last - first, 0)
+    rows = np.repeat(np.arange(len(positions)), counts)
+    starts = np.cumsum(counts) - counts
+    columns = order[np.arange(len(rows)) + np.repeat(first - starts, counts)]
+    near = np.abs(other_positions[columns, 1] - positions[rows, 1]) < reach[rows, 1]
+    rows, columns = rows[near], columns[near]
+    by_row_and_column = np.argsort(rows * len(other_positions) + columns)
+    return rows[by_row_and_column], columns[by_row_and_column]
 
 
 def determinants(covariances: np.ndarray) -> np.ndarray:
     """Return (N,) determinants of (N, 2, 2) symmetric matrices."""
-    found: np.ndarray = covariances[:, 0, 0] * covariances[:, 1, 1] - covariances[:, 0, 1] ** 2
-    return found
+    values: np.ndarray = covariances[:, 0, 0] * covariances[:, 1, 1] - covariances[:, 0, 1] ** 2
+    return values

@@ -1,4 +1,4 @@
-"""Global nearest neighbour in bird's-eye view: SORT with Mahalanobis distances for overlaps."""
+"""Global nearest neighbour: SORT in bird's-eye view, with Mahalanobis distances for overlaps."""
 
 from __future__ import annotations
 
@@ -6,21 +6,18 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.trackers.assignment import Pairs, assign_optimally
-from roadscope.trackers.gating import candidates_by_likelihood, chi_square_gate, determinants
-from roadscope.trackers.life_cycle import LifeCycle
-from roadscope.trackers.management import TrackManager
-from roadscope.trackers.motion import ConstantVelocity
-from roadscope.trackers.place_filter import PlaceFilter
+from roadscope.trackers.gating import chi_square_gate, determinants, pairs_by_likelihood
+from roadscope.trackers.motion import ConstantVelocity, PositionFilter
 from roadscope.trackers.settings import check_not_negative, check_shares
-from roadscope.trackers.tracklets import Tracklets
+from roadscope.trackers.tracklets import LifeCycle, Tracklets, TrackManager
 
 
 class GnnTracker:
-    """Every detection goes to one track at most, so that the whole is likeliest.
+    """Assigns each detection to at most one track, so that all together are likeliest.
 
     As SORT (Bewley 2016): Kalman filter, optimal assignment, tracks confirmed after a few hits
-    and dropped after a few misses. Detections are vehicles' centres seen from above, so distance
-    in units of the filter's own uncertainty takes the place of the overlap of image boxes.
+    and dropped after a few misses. Detections are centres of vehicles in bird's-eye view, so the
+    Mahalanobis distance takes the place of the overlap of image boxes.
     """
 
     def __init__(
@@ -37,42 +34,48 @@ class GnnTracker:
     ) -> None:
         """Set the tracker up.
 
-        gate_share: share of right pairs that the gate lets through, if the noise is as said.
-        least_score: detections below are not looked at.
+        gate_share: share of right pairs that lie within the gate if the noise is as assumed.
+        least_score: detections with a lower score are ignored.
         confirm_hits, coast_frames, shown_misses: see `LifeCycle`.
-        position_m, speed_m_s: see `PlaceFilter`.
-        velocity_walk: m/s per root second, by which velocities wander.
+        position_m, speed_m_s: see `PositionFilter`.
+        velocity_walk: see `ConstantVelocity`.
         """
         check_shares(least_score=least_score)
         check_not_negative(velocity_walk=velocity_walk)
         self._gate = chi_square_gate(gate_share, 2)
         self._least_score = least_score
-        self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
-        life = LifeCycle(confirm_hits, coast_frames, 0, shown_misses)
-        self._manager = TrackManager(self._filter, life)
+        self._filter = PositionFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
+        life_cycle = LifeCycle(confirm_hits, coast_frames, 0, shown_misses)
+        self._manager = TrackManager(self._filter, life_cycle)
 
     def reset(self) -> None:
         """Forget all tracks."""
         self._manager.reset()
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Take the detections of one tick and return all tracks."""
-        tick = self._manager.arrived(detections, ego_pose)
-        targets = tick.targets.select(tick.targets.scores >= self._least_score)
-        tracks = self._manager.expected(tick)
-        pairs = likeliest_pairs(tracks, targets, self._filter.R, self._gate)
-        return self._manager.concluded(tick, tracks, targets, pairs, 0.0)
+        """Return the tracks after the detections of one tick."""
+        tick = self._manager.start_tick(detections, ego_pose)
+        detections = tick.detections.select(tick.detections.scores >= self._least_score)
+        tracks = self._manager.predicted_tracks(tick)
+        pairs = likeliest_pairs(tracks, detections, self._filter.R, self._gate)
+        return self._manager.finish_tick(tick, tracks, detections, pairs)
 
 
-def likeliest_pairs(tracks: Tracklets, targets: Detections, R: np.ndarray, gate: float) -> Pairs:
-    """Pair by d2 + ln det S: a vague track must not take what a sure one expects.
+def likeliest_pairs(
+    tracks: Tracklets, detections: Detections, R: np.ndarray, gate: float
+) -> Pairs:
+    """Return the pairs with the least sum of d2 + ln det S.
 
-    R: (2, 2) covariance of a detected place; gate: of d2.
+    d2 is the squared Mahalanobis distance, S the covariance of the innovation. The determinant
+    keeps an uncertain track from taking a detection that a certain one expects.
+
+    R: (2, 2) covariance of a detected position. gate: of d2.
     """
     S = tracks.beliefs.covariances[:, :2, :2] + R
-    near = candidates_by_likelihood(tracks.places, S, targets.centres[:, :2], gate)
-    near = near.within_families(tracks.categories, targets.categories)
-    vagueness = np.log(determinants(S))
-    # Being alone costs more than any pair within its gate.
-    alone = gate + vagueness.max(initial=-np.inf)
-    return assign_optimally(near.costing(near.costs + vagueness[near.rows]), alone)
+    near = pairs_by_likelihood(tracks.positions, S, detections.centres[:, :2], gate)
+    near = near.within_families(tracks.categories, detections.categories)
+    log_determinants = np.log(determinants(S))
+    # Being unassigned costs more than any pair within its gate.
+    unassigned_cost = gate + log_determinants.max(initial=-np.inf)
+    costs = near.costs + log_determinants[near.rows]
+    return assign_optimally(near.with_costs(costs), unassigned_cost)

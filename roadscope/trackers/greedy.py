@@ -1,4 +1,4 @@
-"""Greedy nearest centres, the surest detection first (CenterPoint, Yin 2021)."""
+"""Nearest centres, the detection of highest score first (CenterPoint, Yin 2021)."""
 
 from __future__ import annotations
 
@@ -6,22 +6,18 @@ import numpy as np
 
 from roadscope.core import Detections, Family, Pose, Tracks
 from roadscope.trackers.assignment import Pairs, assign_in_turn
-from roadscope.trackers.gating import FAMILIES, candidates_by_distance
-from roadscope.trackers.life_cycle import LifeCycle
-from roadscope.trackers.management import TrackManager
-from roadscope.trackers.motion import ConstantVelocity
-from roadscope.trackers.place_filter import PlaceFilter
+from roadscope.trackers.gating import FAMILIES, pairs_by_distance
+from roadscope.trackers.motion import ConstantVelocity, PositionFilter
 from roadscope.trackers.settings import check_not_negative, check_positive
-from roadscope.trackers.tracklets import Tracklets
+from roadscope.trackers.tracklets import LifeCycle, Tracklets, TrackManager
 
 
 class GreedyTracker:
-    """Each detection in turn, by falling score, takes the nearest free track within its gate.
+    """Each detection, by falling score, takes the nearest free track within its gate.
 
-    CenterPoint's network tells each detection's velocity and carries the detection back to the
-    last frame by it. Detections here have none: each track is carried forward by its own velocity,
-    of a Kalman filter over its detections, which comes to the same once it has two of them; until
-    then it is taken to stand still in the world.
+    CenterPoint's network estimates the velocity of each detection and moves the detection back to
+    the last frame. Detections here have no velocity: each track is moved forward by its own, which
+    is equivalent once it has two detections; until then it is taken to stand still in the world.
     """
 
     def __init__(
@@ -39,11 +35,11 @@ class GreedyTracker:
     ) -> None:
         """Set the tracker up.
 
-        vehicle_gate_m, cyclist_gate_m, pedestrian_gate_m: greatest distance from a track's
-            expected place; the authors' of cars, bicycles and pedestrians.
-        confirm_hits, coast_frames, shown_misses: see `LifeCycle`; the authors'.
-        position_m, speed_m_s: see `PlaceFilter`.
-        velocity_walk: m/s per root second, by which velocities wander.
+        vehicle_gate_m, cyclist_gate_m, pedestrian_gate_m: greatest distance from the expected
+            position of a track; the authors' values for cars, bicycles and pedestrians.
+        confirm_hits, coast_frames, shown_misses: see `LifeCycle`; the authors' values.
+        position_m, speed_m_s: see `PositionFilter`.
+        velocity_walk: see `ConstantVelocity`.
         """
         gates = {
             Family.VEHICLE: vehicle_gate_m,
@@ -52,9 +48,9 @@ class GreedyTracker:
         }
         check_positive(**{f"{family}_gate_m": gate for family, gate in gates.items()})
         check_not_negative(velocity_walk=velocity_walk)
-        self._gates = np.array([gates[family] for family in Family])
+        self._gates_m = np.array([gates[family] for family in Family])
         self._manager = TrackManager(
-            PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk)),
+            PositionFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk)),
             LifeCycle(confirm_hits, coast_frames, coast_frames, shown_misses),
         )
 
@@ -63,18 +59,18 @@ class GreedyTracker:
         self._manager.reset()
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Take the detections of one tick and return all tracks."""
-        tick = self._manager.arrived(detections, ego_pose)
-        tracks = self._manager.expected(tick)
-        pairs = self._associated(tick.targets, tracks)
-        return self._manager.concluded(tick, tracks, tick.targets, pairs, 0.0)
+        """Return the tracks after the detections of one tick."""
+        tick = self._manager.start_tick(detections, ego_pose)
+        tracks = self._manager.predicted_tracks(tick)
+        pairs = self._assigned(tick.detections, tracks)
+        return self._manager.finish_tick(tick, tracks, tick.detections, pairs)
 
-    def _associated(self, targets: Detections, tracks: Tracklets) -> Pairs:
-        """Pair detections with tracks; of equal scores the nearer comes first."""
-        gates = self._gates[FAMILIES[targets.categories]]
-        near = candidates_by_distance(targets.centres[:, :2], tracks.places, gates)
-        near = near.within_families(targets.categories, tracks.categories)
-        nearest = np.full(len(targets), np.inf)
-        np.minimum.at(nearest, near.rows, near.costs)
-        columns, rows = assign_in_turn(near, np.lexsort([nearest, -targets.scores]))
+    def _assigned(self, detections: Detections, tracks: Tracklets) -> Pairs:
+        """Return pairs; of detections with equal scores the one nearer to a track comes first."""
+        gates_m = self._gates_m[FAMILIES[detections.categories]]
+        near = pairs_by_distance(detections.centres[:, :2], tracks.positions, gates_m)
+        near = near.within_families(detections.categories, tracks.categories)
+        nearest_m = np.full(len(detections), np.inf)
+        np.minimum.at(nearest_m, near.rows, near.costs)
+        columns, rows = assign_in_turn(near, np.lexsort([nearest_m, -detections.scores]))
         return rows, columns

@@ -1,27 +1,35 @@
-"""Marginal association probabilities, exact wherever that is affordable.
+"""Marginal association probabilities: exact wherever that is affordable, else approximate.
 
 A joint event gives each track one detection or none and each detection one track or none. Its
-weight is the product over its pairs, its missed tracks and its free detections. Rows and columns
-that no chain of possible pairs connects are solved apart.
+weight is the product over its pairs, its missed tracks and its free detections. Connected
+components of possible pairs, clusters, are independent of each other.
 
-Within such a cluster one side is gone through item by item; of the other side only those items
-are remembered, as taken or free, that earlier and later items compete for. All events that agree
-on these share one number (Efficient Hypothesis Management 2, Horridge and Maskell 2006). So the
-work doubles with each item in dispute at once, not with each in the cluster. Where it exceeds a
-limit, loopy belief propagation answers instead.
+The exact sum over all joint events of a cluster goes through the rows (tracks, or detections if
+that is less work). Between two rows it is enough to remember which columns are taken, of those
+columns that both an earlier and a later row may take; they are called open, and each has a bit of
+the state. All events with the same state share one weight (Efficient Hypothesis Management 2,
+Horridge and Maskell 2006), so the work doubles with each open column, not with each column.
+
+Beyond a limit of work loopy belief propagation takes over (Williams and Lau 2014). In crowds of
+eight tracks and eight detections along a line the largest error of a marginal is 0.05 on average
+and 0.3 at most.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.components import components, sorted_by
-from roadscope.trackers.jpda_loopy import loopy_marginals
+from roadscope.trackers.assignment import components, sorted_by
 
 EXACT_LIMIT = 2.0**21
-"""Multiplications a cluster may take before belief propagation: 12 tracks and 12 detections, all
-possible, take 0.6 million, one second has about 500 million."""
+"""Multiplications that a cluster may take: 12 tracks and 12 detections, all pairs possible, take
+0.6 million, and one second has time for about 500 million."""
+CONVERGED = 1e-9
+"""Largest relative change of any message in the last round of belief propagation."""
+MOST_ROUNDS = 2000
 
 
 @compiled()
@@ -29,203 +37,236 @@ def association_marginals(
     rows: np.ndarray,
     columns: np.ndarray,
     weights: np.ndarray,
-    alone: tuple[np.ndarray, np.ndarray],
+    missed: np.ndarray,
+    free: np.ndarray,
     limit: float,
 ) -> np.ndarray:
     """Return (P,) probabilities that track `rows` has detection `columns`.
 
-    rows, columns: (P,) the pairs that are possible; weights: (P,) theirs.
-    alone: (N,) weights of tracks without a detection, (M,) of detections without a track.
-    limit: such as `EXACT_LIMIT`; inf is always exact, 0.0 always loopy.
+    rows, columns, weights: (P,) the possible pairs and their weights.
+    missed: (N,) weights of tracks without a detection. free: (M,) of detections without a track.
+    limit: multiplications for a cluster, such as `EXACT_LIMIT`; inf is always exact, 0.0 never.
     At least one joint event must be possible.
     """
-    missed, free = alone
     n, m = len(missed), len(free)
-    group, count = components(rows, columns, (n, m))
-    some, first_row = sorted_by(group[:n], count)
-    others, first_column = sorted_by(group[n:], count)
-    pairs, first_pair = sorted_by(group[:n][rows], count)
-    found, place = np.empty(len(rows)), np.empty(n + m, np.int64)
+    component, count = components(rows, columns, n, m)
+    row_order, first_row = sorted_by(component[:n], count)
+    column_order, first_column = sorted_by(component[n:], count)
+    pair_order, first_pair = sorted_by(component[:n][rows], count)
+    marginals, index = np.empty(len(rows)), np.empty(n + m, np.int64)
     for c in range(count):
-        within = pairs[first_pair[c] : first_pair[c + 1]]
-        if len(within) == 1:
-            k = within[0]
-            found[k] = weights[k] / (weights[k] + missed[rows[k]] * free[columns[k]])
+        pairs = pair_order[first_pair[c] : first_pair[c + 1]]
+        if len(pairs) == 1:
+            k = pairs[0]
+            marginals[k] = weights[k] / (weights[k] + missed[rows[k]] * free[columns[k]])
             continue
-        mine = some[first_row[c] : first_row[c + 1]]
-        theirs = others[first_column[c] : first_column[c + 1]]
-        place[mine], place[n + theirs] = np.arange(len(mine)), np.arange(len(theirs))
-        inside = np.zeros((len(mine), len(theirs)))
-        for k in within:
-            inside[place[rows[k]], place[n + columns[k]]] = weights[k]
-        shares = _cluster(inside, missed[mine], free[theirs], limit)
-        for k in within:
-            found[k] = shares[place[rows[k]], place[n + columns[k]]]
-    return found
+        own_rows = row_order[first_row[c] : first_row[c + 1]]
+        own_columns = column_order[first_column[c] : first_column[c + 1]]
+        for i in range(len(own_rows)):
+            index[own_rows[i]] = i
+        for j in range(len(own_columns)):
+            index[n + own_columns[j]] = j
+        matrix = np.zeros((len(own_rows), len(own_columns)))
+        for k in pairs:
+            matrix[index[rows[k]], index[n + columns[k]]] = weights[k]
+        found = _cluster_marginals(matrix, missed[own_rows], free[own_columns], limit)
+        for k in pairs:
+            marginals[k] = found[index[rows[k]], index[n + columns[k]]]
+    return marginals
 
 
 @compiled()
-def _cluster(pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, limit: float) -> np.ndarray:
-    """Go through rows or columns, whichever is less work."""
-    across = np.ascontiguousarray(pairs.T)
-    down_order, across_order = _order(pairs), _order(across)
-    down, sideways = _work(pairs, down_order), _work(across, across_order)
-    if min(down, sideways) > limit:
+def _cluster_marginals(
+    pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, limit: float
+) -> np.ndarray:
+    """Return (N, M) marginals of one cluster, with the least work."""
+    transposed = np.ascontiguousarray(pairs.T)
+    by_rows, by_columns = _plan(pairs), _plan(transposed)
+    possible = (pairs > 0).sum()
+    row_work, column_work = 2.0**by_rows.bits * possible, 2.0**by_columns.bits * possible
+    if min(row_work, column_work) > limit:
         return loopy_marginals(pairs, missed, free)
-    if down <= sideways:
-        return _exact(pairs, missed, free, down_order)
-    return np.ascontiguousarray(_exact(across, free, missed, across_order).T)
+    if row_work <= column_work:
+        return _exact_marginals(pairs, missed, free, by_rows)
+    marginals = _exact_marginals(transposed, free, missed, by_columns)
+    return np.ascontiguousarray(marginals.T)
+
+
+class Plan(NamedTuple):
+    """How the rows of an (N, M) cluster are gone through.
+
+    order: (N,) rows.
+    bit: (M,) the bit of each column while it is open.
+    last: (M,) the step after which it is open no longer.
+    bits: the number of bits.
+    """
+
+    order: np.ndarray
+    bit: np.ndarray
+    last: np.ndarray
+    bits: int
 
 
 @compiled()
-def _order(pairs: np.ndarray) -> np.ndarray:
-    """Return an order of the rows that keeps few columns in dispute: fewest new ones next."""
+def _plan(pairs: np.ndarray) -> Plan:
+    """Return an order of rows that opens few columns at once: fewest more open columns next."""
     n, m = pairs.shape
     order, done = np.empty(n, np.int64), np.zeros(n, np.bool_)
-    waiting, known = np.zeros(m, np.int64), np.zeros(m, np.bool_)
+    bit, last = np.full(m, -1), np.full(m, -1)
+    rows_left, busy = np.zeros(m, np.int64), np.zeros(m, np.bool_)
     for j in range(m):
-        waiting[j] = (pairs[:, j] > 0).sum()
+        for i in range(n):
+            rows_left[j] += 1 if pairs[i, j] > 0 else 0
+    bits = 0
     for k in range(n):
         best, least = -1, 0
         for i in range(n):
             if done[i]:
                 continue
-            grown = 0
+            growth = 0
             for j in range(m):
                 if pairs[i, j] > 0:
-                    grown += 0 if known[j] else 1
-                    grown -= 1 if waiting[j] == 1 else 0
-            if best < 0 or grown < least:
-                best, least = i, grown
+                    growth += 1 if bit[j] < 0 else 0
+                    growth -= 1 if rows_left[j] == 1 else 0
+            if best < 0 or growth < least:
+                best, least = i, growth
         order[k], done[best] = best, True
         for j in range(m):
             if pairs[best, j] > 0:
-                known[j] = True
-                waiting[j] -= 1
-    return order
-
-
-@compiled()
-def _slots(pairs: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Give each column a bit for as long as it is in dispute.
-
-    Returns (M,) the bit, (M,) the last step of each column, and how many bits there are.
-    """
-    m = pairs.shape[1]
-    first, last, slot = np.full(m, -1), np.full(m, -1), np.full(m, -1)
-    for k in range(len(order)):
-        for j in range(m):
-            if pairs[order[k], j] > 0:
+                rows_left[j] -= 1
                 last[j] = k
-                if first[j] < 0:
-                    first[j] = k
-    busy = np.zeros(m, np.bool_)
-    width = 0
-    for k in range(len(order)):
+                if bit[j] < 0:
+                    bit[j] = 0
+                    while busy[bit[j]]:
+                        bit[j] += 1
+                    busy[bit[j]] = True
+                    bits = max(bits, bit[j] + 1)
         for j in range(m):
-            if first[j] == k:
-                bit = 0
-                while busy[bit]:
-                    bit += 1
-                slot[j], busy[bit] = bit, True
-                width = max(width, bit + 1)
-        for j in range(m):
-            if last[j] == k:
-                busy[slot[j]] = False
-    return slot, last, width
+            if last[j] == k and rows_left[j] == 0:
+                busy[bit[j]] = False
+    return Plan(order, bit, last, bits)
 
 
 @compiled()
-def _work(pairs: np.ndarray, order: np.ndarray) -> float:
-    """Return how many multiplications `_exact` takes one way."""
-    _, _, width = _slots(pairs, order)
-    return float(2.0**width * (pairs > 0).sum())
-
-
-@compiled()
-def _exact(
-    pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, order: np.ndarray
+def _exact_marginals(
+    pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, plan: Plan
 ) -> np.ndarray:
-    """Sum over all joint events, forwards and backwards through the rows."""
-    slot, last, width = _slots(pairs, order)
-    steps, states = len(order), 1 << width
-    forward = np.empty((steps + 1, states))
+    """Return (N, M) marginals by sums over all joint events, forwards and backwards in the rows.
+
+    Arrays over states go in blocks: states that differ in one bit are one half block apart.
+    """
+    (n, m), states = pairs.shape, 1 << plan.bits
+    forward = np.empty((n + 1, states))
     forward[0] = 0.0
     forward[0, 0] = 1.0
-    for k in range(steps):
-        row = order[k]
-        _spread(forward[k], forward[k + 1], pairs[row], missed[row], (slot, True))
-        _retire(forward[k + 1], np.flatnonzero(last == k), slot, free)
-        # Only ratios within a step count; left to grow, weights of long chains overflow.
-        forward[k + 1] /= forward[k + 1].max()
-    backward, open_ended = np.zeros(states), np.empty(states)
+    for k in range(n):
+        row = plan.order[k]
+        after = forward[k + 1]
+        _add_row(forward[k], after, pairs[row], missed[row], plan.bit, True)
+        for j in range(m):
+            if plan.last[j] == k:
+                # Nobody takes column j any more: events with and without it have one state.
+                half = 1 << plan.bit[j]
+                for block in range(0, states, 2 * half):
+                    for state in range(block, block + half):
+                        after[state] = free[j] * after[state] + after[state + half]
+                        after[state + half] = 0.0
+        # Only ratios within a step count; without this the weights of long chains overflow.
+        after /= after.max()
+    backward, before = np.zeros(states), np.empty(states)
     backward[0] = 1.0
-    found = np.zeros(pairs.shape)
-    for k in range(steps - 1, -1, -1):
-        row = order[k]
-        _revive(backward, np.flatnonzero(last == k), slot, free)
+    marginals = np.zeros(pairs.shape)
+    for k in range(n - 1, -1, -1):
+        row = plan.order[k]
+        for j in range(m):
+            if plan.last[j] == k:
+                half = 1 << plan.bit[j]
+                for block in range(0, states, 2 * half):
+                    for state in range(block, block + half):
+                        backward[state + half] = backward[state]
+                        backward[state] *= free[j]
         total = missed[row] * (forward[k] * backward).sum()
-        for j in range(pairs.shape[1]):
+        for j in range(m):
             if pairs[row, j] > 0:
-                found[row, j] = pairs[row, j] * _met(forward[k], backward, 1 << slot[j])
-                total += found[row, j]
-        found[row] /= total
-        _spread(backward, open_ended, pairs[row], missed[row], (slot, False))
-        backward[:] = open_ended / open_ended.max()
-    return found
+                weight, half = 0.0, 1 << plan.bit[j]
+                for block in range(0, states, 2 * half):
+                    for state in range(block, block + half):
+                        weight += forward[k, state] * backward[state + half]
+                marginals[row, j] = pairs[row, j] * weight
+                total += marginals[row, j]
+        marginals[row] /= total
+        _add_row(backward, before, pairs[row], missed[row], plan.bit, False)
+        backward[:] = before / before.max()
+    return marginals
 
 
 @compiled()
-def _spread(
-    before: np.ndarray,
+def _add_row(
+    weights: np.ndarray,
     after: np.ndarray,
     row: np.ndarray,
     missed: float,
-    way: tuple[np.ndarray, bool],
+    bit: np.ndarray,
+    forwards: bool,
 ) -> None:
-    """Let a row take nothing or any column that is free; backwards: have taken it.
+    """Write into `after` the weights of states when one more row took a free column or none.
 
-    way: (M,) bits, and whether it goes forwards. States that differ in one bit lie in blocks, so
-    that no state is looked at in vain.
+    forwards: whether states go from free to taken, otherwise back.
     """
-    slot, forwards = way
-    after[:] = missed * before
+    after[:] = missed * weights
     for j in range(len(row)):
         if row[j] > 0:
-            bit = 1 << slot[j]
-            source, target = (0, bit) if forwards else (bit, 0)
-            for block in range(0, len(before), 2 * bit):
-                for state in range(block, block + bit):
-                    after[state + target] += row[j] * before[state + source]
+            half = 1 << bit[j]
+            source, target = (0, half) if forwards else (half, 0)
+            for block in range(0, len(weights), 2 * half):
+                for state in range(block, block + half):
+                    after[state + target] += row[j] * weights[state + source]
 
 
 @compiled()
-def _retire(weights: np.ndarray, done: np.ndarray, slot: np.ndarray, free: np.ndarray) -> None:
-    """Forget of columns seen for the last time whether they are taken."""
-    for j in done:
-        bit = 1 << slot[j]
-        for block in range(0, len(weights), 2 * bit):
-            for state in range(block, block + bit):
-                weights[state] = free[j] * weights[state] + weights[state + bit]
-                weights[state + bit] = 0.0
+def loopy_marginals(pairs: np.ndarray, missed: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Return (N, M) approximate probabilities that track i has detection j.
+
+    pairs: (N, M) weights. missed, free: as in `association_marginals`, but positive.
+    Exact where pairs form no loop. Messages always converge, as Williams and Lau prove.
+    """
+    n, m = pairs.shape
+    psi = np.empty((n, m))
+    for i in range(n):
+        for j in range(m):
+            psi[i, j] = pairs[i, j] / (missed[i] * free[j])
+    mu, nu = np.zeros((n, m)), np.ones((n, m))
+    for _ in range(MOST_ROUNDS):
+        change = 0.0
+        for i in range(n):
+            others = _sums_of_others(psi[i] * nu[i])
+            for j in range(m):
+                mu[i, j] = psi[i, j] / (1 + others[j])
+        for j in range(m):
+            others = _sums_of_others(np.ascontiguousarray(mu[:, j]))
+            for i in range(n):
+                message = 1 / (1 + others[i])
+                if psi[i, j] > 0:
+                    change = max(change, abs(message / nu[i, j] - 1))
+                nu[i, j] = message
+        if change < CONVERGED:
+            break
+    marginals = psi * nu
+    for i in range(n):
+        marginals[i] /= 1 + marginals[i].sum()
+    return marginals
 
 
 @compiled()
-def _revive(weights: np.ndarray, done: np.ndarray, slot: np.ndarray, free: np.ndarray) -> None:
-    """Undo `_retire`, backwards: what is to come has this weight, taken or not."""
-    for j in done:
-        bit = 1 << slot[j]
-        for block in range(0, len(weights), 2 * bit):
-            for state in range(block, block + bit):
-                weights[state + bit] = weights[state]
-                weights[state] *= free[j]
-
-
-@compiled()
-def _met(forward: np.ndarray, backward: np.ndarray, bit: int) -> float:
-    """Sum over all events in which this row takes the column of this bit."""
+def _sums_of_others(values: np.ndarray) -> np.ndarray:
+    """Return for each value the sum of all others, without differences, which would cancel."""
+    others = np.zeros(len(values))
     total = 0.0
-    for block in range(0, len(forward), 2 * bit):
-        for state in range(block, block + bit):
-            total += forward[state] * backward[state + bit]
-    return total
+    for k in range(len(values)):
+        others[k] = total
+        total += values[k]
+    total = 0.0
+    for k in range(len(values) - 1, -1, -1):
+        others[k] += total
+        total += values[k]
+    return others

@@ -1,80 +1,91 @@
-"""How road users move between ticks: constant velocity, constant acceleration, constant turn.
+"""Motion models and the filter of positions that uses one of them.
 
-All states begin with x, y in metres, in a frame that stands still or is taken to. Noise is that of
-a white acceleration (or jerk, or yaw acceleration) in continuous time, so that two short steps
-spread as much as a long one, whatever the sensor's period. Its strength is how far the quantity
-wanders in a second, standard deviation, growing with the root of time.
+All states begin with x, y, vx, vy, in metres and metres per second, in a frame that stands still
+or is taken to. Process noise is that of a white acceleration (or jerk, or yaw acceleration) in
+continuous time, so two short steps add as much variance as one long step, whatever the period of
+the sensor. Its strength is called a walk: the standard deviation that a velocity (an acceleration,
+a yaw rate) gains in one second, which grows with the square root of time.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from roadscope.core.pose import wrap_angle
-from roadscope.trackers.kalman import Gaussians, predicted
+from roadscope.core import Category, Detections, Family
+from roadscope.core.jit import compiled
+from roadscope.trackers import kalman
+from roadscope.trackers.kalman import Gaussians
+from roadscope.trackers.settings import check_positive
+
+PLANAR = 4
+"""Length of the part x, y, vx, vy that all states have in common."""
 
 
-class Start(NamedTuple):
-    """N targets seen for the first time.
+class NewTracks(NamedTuple):
+    """What the first detections of N tracks say.
 
-    places: (N, 2); yaws: (N,) headings of the boxes.
-    position_m, speed_m_s: standard deviations, along each axis; speeds of all or (N,).
+    positions: (N, 2) x and y, metres.
+    position_m: standard deviation of a detected position along each axis.
+    speed_m_s: standard deviation of the velocity along each axis, of all tracks or (N,) of each.
     """
 
-    places: np.ndarray
-    yaws: np.ndarray
+    positions: np.ndarray
     position_m: float
     speed_m_s: np.ndarray | float
 
 
-class Motion(Protocol):
-    """A model of motion, for N targets at once."""
+class MotionModel(Protocol):
+    """How N tracks move in a time step of dt seconds."""
 
     @property
     def dimensions(self) -> int:
         """Length D of the state."""
 
-    def started(self, start: Start) -> Gaussians:
-        """Begin with N targets: standing still, more or less."""
+    def started(self, new: NewTracks) -> Gaussians:
+        """Return estimates of N tracks that were detected once: at rest, with a wide spread."""
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return (N, D) states after dt seconds."""
 
     def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
-        """Return the derivative of `moved`, (D, D) for all or (N, D, D)."""
+        """Return F, the derivative of `moved`: (D, D) for all tracks or (N, D, D)."""
 
     def noise(self, means: np.ndarray, dt: float) -> np.ndarray:
-        """Return the covariance that dt seconds add, (D, D) for all or (N, D, D)."""
-
-    def planar(self, beliefs: Gaussians) -> Gaussians:
-        """Return beliefs of x, y, vx, vy."""
+        """Return Q, the covariance that dt seconds add: (D, D) for all tracks or (N, D, D)."""
 
 
-def carried(motion: Motion, beliefs: Gaussians, dt: float) -> Gaussians:
-    """Move beliefs on by dt seconds: f(x), F P F' + Q (extended Kalman filter)."""
-    F, Q = motion.jacobian(beliefs.means, dt), motion.noise(beliefs.means, dt)
-    ahead = predicted(beliefs, F, Q)
+def predicted(motion: MotionModel, estimates: Gaussians, dt: float) -> Gaussians:
+    """Return estimates after dt seconds: f(x) and F P F' + Q (extended Kalman filter)."""
+    F, Q = motion.jacobian(estimates.means, dt), motion.noise(estimates.means, dt)
+    after = kalman.predicted(estimates, F, Q)
     if F.ndim == 2:
-        return ahead
-    return Gaussians(motion.moved(beliefs.means, dt), ahead.covariances)
+        return after
+    return Gaussians(motion.moved(estimates.means, dt), after.covariances)
+
+
+def planar(estimates: Gaussians) -> Gaussians:
+    """Return estimates of x, y, vx, vy alone."""
+    if estimates.means.shape[1] == PLANAR:
+        return estimates
+    return Gaussians(estimates.means[:, :PLANAR], estimates.covariances[:, :PLANAR, :PLANAR])
 
 
 @dataclass(frozen=True, slots=True)
 class ConstantVelocity:
     """State x, y, vx, vy.
 
-    velocity_walk: m/s per root second, by which each component of the velocity wanders.
+    velocity_walk: m/s per root second, of each component of the velocity.
     """
 
     dimensions: ClassVar[int] = 4
     velocity_walk: float = 1.0
 
-    def started(self, start: Start) -> Gaussians:
-        """Begin with a velocity of 0, give or take `speed_m_s`."""
-        return _standing(start.places, [start.position_m, start.speed_m_s])
+    def started(self, new: NewTracks) -> Gaussians:
+        """Return estimates with velocity 0 and the standard deviation `speed_m_s`."""
+        return _at_rest(new.positions, [new.position_m, new.speed_m_s])
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return F x."""
@@ -83,33 +94,30 @@ class ConstantVelocity:
 
     def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return F."""
-        return both_axes([[1, dt], [0, 1]])
+        return _for_both_axes([[1, dt], [0, 1]])
 
     def noise(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return Q."""
-        return both_axes(walk_covariance(dt)) * self.velocity_walk**2
-
-    def planar(self, beliefs: Gaussians) -> Gaussians:
-        """Return the state."""
-        return beliefs
+        Q = [[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]
+        return _for_both_axes(Q) * self.velocity_walk**2
 
 
 @dataclass(frozen=True, slots=True)
 class ConstantAcceleration:
     """State x, y, vx, vy, ax, ay.
 
-    acceleration_walk: m/s2 per root second, by which each component of the acceleration wanders.
-    acceleration_m_s2: standard deviation of the acceleration at first, along each axis.
+    acceleration_walk: m/s2 per root second, of each component of the acceleration.
+    acceleration_m_s2: standard deviation of the first acceleration along each axis.
     """
 
     dimensions: ClassVar[int] = 6
     acceleration_walk: float = 1.0
     acceleration_m_s2: float = 2.0
 
-    def started(self, start: Start) -> Gaussians:
-        """Begin with velocity and acceleration of 0, more or less."""
-        spread = [start.position_m, start.speed_m_s, self.acceleration_m_s2]
-        return _standing(start.places, spread)
+    def started(self, new: NewTracks) -> Gaussians:
+        """Return estimates with velocity 0 and acceleration 0."""
+        deviations = [new.position_m, new.speed_m_s, self.acceleration_m_s2]
+        return _at_rest(new.positions, deviations)
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return F x."""
@@ -118,7 +126,7 @@ class ConstantAcceleration:
 
     def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return F."""
-        return both_axes([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]])
+        return _for_both_axes([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]])
 
     def noise(self, means: np.ndarray, dt: float) -> np.ndarray:
         """Return Q."""
@@ -127,121 +135,149 @@ class ConstantAcceleration:
             [dt**4 / 8, dt**3 / 3, dt**2 / 2],
             [dt**3 / 6, dt**2 / 2, dt],
         ]
-        return both_axes(Q) * self.acceleration_walk**2
-
-    def planar(self, beliefs: Gaussians) -> Gaussians:
-        """Leave the acceleration out."""
-        return Gaussians(beliefs.means[:, :4], beliefs.covariances[:, :4, :4])
+        return _for_both_axes(Q) * self.acceleration_walk**2
 
 
 @dataclass(frozen=True, slots=True)
 class CoordinatedTurn:
-    """State x, y, yaw, v, yaw rate: constant turn rate and velocity, CTRV.
+    """State x, y, vx, vy, yaw rate: constant yaw rate and speed.
 
-    Straight on is the same formula, since all of it is written with sin(h) / h, h half the angle
-    turned through.
+    The heading is that of the velocity, so a track at rest needs none.
 
-    speed_walk, turn_walk: m/s and rad/s per root second, by which speed and yaw rate wander.
-    yaw_rad, turn_rad_s: standard deviations of heading and yaw rate at first.
+    velocity_walk, turn_walk: m/s and rad/s per root second, of velocity and yaw rate.
+    turn_rad_s: standard deviation of the first yaw rate.
     """
 
     dimensions: ClassVar[int] = 5
-    speed_walk: float = 1.0
+    velocity_walk: float = 0.5
     turn_walk: float = 0.3
-    yaw_rad: float = 0.3
     turn_rad_s: float = 0.3
 
-    def started(self, start: Start) -> Gaussians:
-        """Begin with the box's heading; a speed below 0 drives backwards."""
-        n, place_m = len(start.places), start.position_m
-        spread = _spreads(n, [place_m, place_m, self.yaw_rad, start.speed_m_s, self.turn_rad_s])
-        covariances = np.eye(5) * spread[:, None] ** 2
-        return Gaussians(np.column_stack([start.places, start.yaws, np.zeros((n, 2))]), covariances)
+    def started(self, new: NewTracks) -> Gaussians:
+        """Return estimates with velocity 0 and yaw rate 0."""
+        straight = ConstantVelocity().started(new)
+        covariances = np.zeros((len(new.positions), 5, 5))
+        covariances[:, :4, :4] = straight.covariances
+        covariances[:, 4, 4] = self.turn_rad_s**2
+        return Gaussians(np.pad(straight.means, ((0, 0), (0, 1))), covariances)
 
     def moved(self, means: np.ndarray, dt: float) -> np.ndarray:
-        """Drive along the chord: half the turn, v dt sin(h) / h ahead, the other half."""
-        _, _, yaw, v, turn = means.T
-        half = turn * dt / 2
-        chord, direction = v * dt * _sinc(half), yaw + half
-        after = means.copy()
-        after[:, 0] += chord * np.cos(direction)
-        after[:, 1] += chord * np.sin(direction)
-        after[:, 2] = wrap_angle(yaw + turn * dt)
-        return after
+        """Return states moved along the chord, which points half the turn aside of the velocity."""
+        return _turned(np.ascontiguousarray(means), dt)[0]
 
     def jacobian(self, means: np.ndarray, dt: float) -> np.ndarray:
-        """Return (N, 5, 5)."""
-        _, _, yaw, v, turn = means.T
-        half = turn * dt / 2
-        ahead = np.stack([np.cos(yaw + half), np.sin(yaw + half)], axis=-1)
-        aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
-        chord = (v * dt * _sinc(half))[:, None]
-        F = np.tile(np.eye(5), (len(means), 1, 1))
-        F[:, :2, 2] = chord * aside
-        F[:, :2, 3] = dt * _sinc(half)[:, None] * ahead
-        F[:, :2, 4] = dt / 2 * ((v * dt * _sinc_slope(half))[:, None] * ahead + chord * aside)
-        F[:, 2, 4] = dt
-        return F
+        """Return (N, 5, 5) F."""
+        return _turned(np.ascontiguousarray(means), dt)[1]
 
     def noise(self, means: np.ndarray, dt: float) -> np.ndarray:
-        """Return (N, 5, 5): speed wanders along the heading, heading with the yaw rate."""
-        ahead = np.stack([np.cos(means[:, 2]), np.sin(means[:, 2])], axis=-1)
-        (a, b), (_, c) = walk_covariance(dt)
-        Q = np.zeros((len(means), 5, 5))
-        Q[:, :2, :2] = a * self.speed_walk**2 * ahead[:, :, None] * ahead[:, None, :]
-        Q[:, :2, 3] = Q[:, 3, :2] = b * self.speed_walk**2 * ahead
-        Q[:, 3, 3] = c * self.speed_walk**2
-        Q[:, 2, 2], Q[:, 4, 4] = a * self.turn_walk**2, c * self.turn_walk**2
-        Q[:, 2, 4] = Q[:, 4, 2] = b * self.turn_walk**2
+        """Return (5, 5) Q."""
+        Q = np.zeros((5, 5))
+        Q[:4, :4] = ConstantVelocity(self.velocity_walk).noise(means, dt)
+        Q[4, 4] = dt * self.turn_walk**2
         return Q
 
-    def planar(self, beliefs: Gaussians) -> Gaussians:
-        """Turn speed and heading into a velocity, to first order."""
-        x, y, yaw, v, _ = beliefs.means.T
-        c, s = np.cos(yaw), np.sin(yaw)
-        J = np.zeros((len(x), 4, 5))
-        J[:, 0, 0] = J[:, 1, 1] = 1
-        J[:, 2, 2], J[:, 2, 3] = -v * s, c
-        J[:, 3, 2], J[:, 3, 3] = v * c, s
-        covariances = J @ beliefs.covariances @ J.transpose(0, 2, 1)
-        return Gaussians(np.column_stack([x, y, v * c, v * s]), covariances)
+
+@compiled()
+def _turned(means: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N, 5) states after dt seconds and their (N, 5, 5) derivatives.
+
+    h is half the angle of the turn; the chord is dt sin(h) / h long for each m/s.
+    """
+    after, F = means.copy(), np.zeros((len(means), 5, 5))
+    for n in range(len(means)):
+        vx, vy, turn = means[n, 2], means[n, 3], means[n, 4]
+        h = turn * dt / 2
+        # Near 0 the formula would cancel: the next term of its series is below 1e-10 there.
+        is_small = abs(h) < 1e-3
+        sinc = 1 - h * h / 6 if is_small else np.sin(h) / h
+        sinc_slope = -h / 3 if is_small else (np.cos(h) - sinc) / h
+        c, s = np.cos(h), np.sin(h)
+        along, across = dt * sinc * c, dt * sinc * s
+        along_slope = dt / 2 * (dt * sinc_slope * c - across)
+        across_slope = dt / 2 * (dt * sinc_slope * s + along)
+        cos, sin = np.cos(2 * h), np.sin(2 * h)
+        after[n, 0] += along * vx - across * vy
+        after[n, 1] += across * vx + along * vy
+        after[n, 2], after[n, 3] = cos * vx - sin * vy, sin * vx + cos * vy
+        for k in range(5):
+            F[n, k, k] = 1.0
+        F[n, 0, 2] = F[n, 1, 3] = along
+        F[n, 0, 3], F[n, 1, 2] = -across, across
+        F[n, 2, 2] = F[n, 3, 3] = cos
+        F[n, 2, 3], F[n, 3, 2] = -sin, sin
+        F[n, 0, 4] = along_slope * vx - across_slope * vy
+        F[n, 1, 4] = across_slope * vx + along_slope * vy
+        F[n, 2, 4], F[n, 3, 4] = -dt * after[n, 3], dt * after[n, 2]
+    return after, F
 
 
-def walk_covariance(dt: float) -> np.ndarray:
-    """Return (2, 2) covariance of a quantity and its rate after dt seconds of white noise."""
-    return np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-
-
-def both_axes(block: list[list[float]] | np.ndarray) -> np.ndarray:
-    """Use one axis' (K, K) matrix for x and y, in a state x, y, vx, vy and so on."""
+def _for_both_axes(block: list[list[float]]) -> np.ndarray:
+    """Return a matrix over x, y, vx, vy, ... from the (K, K) matrix of one axis."""
     one = np.asarray(block, np.float64)
     both = np.zeros((2 * len(one), 2 * len(one)))
     both[::2, ::2] = both[1::2, 1::2] = one
     return both
 
 
-def _standing(places: np.ndarray, spread: list[np.ndarray | float]) -> Gaussians:
-    """Return x, y with derivatives of 0; spread: standard deviations of each order."""
-    n, orders = len(places), len(spread)
-    means = np.column_stack([places, np.zeros((n, 2 * orders - 2))])
-    spreads = np.repeat(_spreads(n, spread), 2, axis=1)
-    return Gaussians(means, np.eye(2 * orders) * spreads[:, None] ** 2)
+def _at_rest(positions: np.ndarray, deviations: list[np.ndarray | float]) -> Gaussians:
+    """Return states at (N, 2) positions whose derivatives are 0.
+
+    deviations: standard deviations of the position and of each derivative, of all or (N,) of each.
+    """
+    n, orders = len(positions), len(deviations)
+    means = np.column_stack([positions, np.zeros((n, 2 * orders - 2))])
+    columns = [np.broadcast_to(np.asarray(each, np.float64), n) for each in deviations]
+    spread = np.repeat(np.column_stack(columns), 2, axis=1)
+    return Gaussians(means, np.eye(2 * orders) * spread[:, None] ** 2)
 
 
-def _spreads(n: int, spread: list[np.ndarray | float]) -> np.ndarray:
-    """Return (N, D) standard deviations, each given for all or for each of N."""
-    return np.column_stack([np.broadcast_to(np.asarray(each, np.float64), n) for each in spread])
+RELATIVE_SPEEDS = {Family.VEHICLE: 1.0, Family.CYCLIST: 0.4, Family.PEDESTRIAN: 0.15}
+"""How fast road users of each family are, relative to vehicles; chosen by hand."""
+_RELATIVE_SPEED_OF_CATEGORY = np.array([RELATIVE_SPEEDS[category.family] for category in Category])
 
 
-def _sinc(h: np.ndarray) -> np.ndarray:
-    """Return sin(h) / h."""
-    value: np.ndarray = np.sinc(h / np.pi)
-    return value
+@dataclass(frozen=True, slots=True)
+class PositionFilter:
+    """Kalman filter that measures x and y of a detection's centre, with any motion model.
 
+    position_m: standard deviation of the measurement along each axis.
+    speed_m_s: standard deviation of the velocity of a new vehicle along each axis; that of
+        cyclists and pedestrians is smaller by `RELATIVE_SPEEDS`.
+    """
 
-def _sinc_slope(h: np.ndarray) -> np.ndarray:
-    """Return the derivative of sin(h) / h, by its series where the formula would cancel."""
-    near = np.abs(h) < 1e-3
-    safe = np.where(near, 1.0, h)
-    slope: np.ndarray = np.where(near, -h / 3, (np.cos(safe) - np.sinc(safe / np.pi)) / safe)
-    return slope
+    position_m: float = 0.3
+    speed_m_s: float = 15.0
+    motion: MotionModel = field(default_factory=ConstantVelocity)
+
+    def __post_init__(self) -> None:
+        check_positive(position_m=self.position_m, speed_m_s=self.speed_m_s)
+
+    @property
+    def H(self) -> np.ndarray:  # noqa: N802
+        """(2, D): the measurement is x and y of the state."""
+        return np.eye(2, self.motion.dimensions)
+
+    @property
+    def R(self) -> np.ndarray:  # noqa: N802
+        """(2, 2) covariance of a measurement."""
+        return self.position_m**2 * np.eye(2)
+
+    def started(self, detections: Detections) -> Gaussians:
+        """Return estimates of N new tracks from one detection each."""
+        speeds = self.speed_m_s * _RELATIVE_SPEED_OF_CATEGORY[detections.categories]
+        return self.motion.started(
+            NewTracks(detections.centres[:, :2], self.position_m, speeds)
+        )
+
+    def predicted(self, estimates: Gaussians, dt: float) -> Gaussians:
+        """Return estimates after dt seconds."""
+        return predicted(self.motion, estimates, dt)
+
+    def innovation_covariances(self, estimates: Gaussians) -> np.ndarray:
+        """Return (N, 2, 2) covariances S of detected around expected positions."""
+        S: np.ndarray = estimates.covariances[:, :2, :2] + self.R
+        return S
+
+    def corrected(self, estimates: Gaussians, positions: np.ndarray) -> Gaussians:
+        """Return estimates after one measured position of each track, (N, 2)."""
+        return kalman.corrected(estimates, positions, self.H, self.R)

@@ -1,40 +1,42 @@
-"""Nearest association and one Kalman filter per target (Lu 2018, section 3)."""
+"""Nearest association and one Kalman filter for each target (Lu 2018, section 3)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
-from roadscope.trackers.association import associate_nearest
-from roadscope.trackers.constant_velocity import ConstantVelocityFilter, Noise
-from roadscope.trackers.ticks import Tick
+from roadscope.trackers.settings import check_counts, check_not_negative, check_positive
+from roadscope.trackers.ticks import TrackerTick
 
 FRAMES = ("world", "ego")
 
 
 @dataclass(slots=True)
 class Track:
-    """A filter and what its last detection said of the body.
+    """A filter and the last detection.
 
-    row: the last detection, one row.
+    detection: one row.
     hits: detections so far.
-    misses: ticks since the last.
+    misses: ticks since the last detection.
     """
 
     id: int
     filter: ConstantVelocityFilter
-    row: Detections
+    detection: Detections
     hits: int = 1
     misses: int = 0
 
 
 class NearestTracker:
-    """Lu 2018's tracker: every target that fits no filter opens one, every idle filter coasts.
+    """Lu 2018's tracker: a detection that fits no filter starts one, a missed filter coasts.
 
-    With `acceleration_m_s2` at 0 there is no process noise, as printed in eq. 8; a filter then
-    trusts its past more with every frame.
+    With `acceleration_m_s2` at 0 there is no process noise, as in the paper's eq. 8, and a filter
+    relies on its past more with every frame.
     """
 
     def __init__(
@@ -51,30 +53,28 @@ class NearestTracker:
     ) -> None:
         """Set the tracker up.
 
-        gate_m: greatest difference at which a target belongs to a filter. The paper gives none;
-            two vehicles' centres cannot be nearer than a vehicle's width.
-        coast_frames: ticks that an idle filter outlives. The paper says a few, and its longest
-            is 13; a target half hidden before and after that is not detected for some more.
-        confirm_hits: detections after which a track is confirmed rather than tentative; 1, as
-            in the paper, believes every first one.
-        sigma_p_m, sigma_m_m: the paper's.
-        acceleration_m_s2: standard deviation of a white acceleration as process noise.
-        frame: `world` follows targets in the world frame whenever the pose of the ego is known
-            (constant velocity does not hold in a turning vehicle's frame); `ego` follows them
-            in the vehicle's frame as the paper does.
-        period_s: T of eq. 14 until two ticks have been seen; the LUX's.
+        gate_m: greatest distance between a detection and its filter. The paper gives none; the
+            centres of two vehicles cannot be nearer than the width of a vehicle.
+        coast_frames: ticks without a detection that a filter outlives. The paper says a few, and
+            its longest occlusion is 13; before and after it the target is partly occluded and not
+            detected for some more.
+        confirm_hits: detections after which a track is confirmed; 1, as in the paper, confirms
+            it at once.
+        sigma_p_m, sigma_m_m: the paper's, see `FilterNoise`.
+        acceleration_m_s2: see `FilterNoise`.
+        frame: `world` tracks in the world frame whenever the ego pose is known (velocities are not
+            constant in the frame of a turning vehicle); `ego` tracks in the ego frame, as the
+            paper does.
+        period_s: T of eq. 14 until two ticks are known; that of the LUX.
         """
-        _check_positive(gate_m=gate_m, sigma_p_m=sigma_p_m, sigma_m_m=sigma_m_m, period_s=period_s)
-        if confirm_hits < 1:
-            raise ValueError(f"confirm_hits must be 1 or more, got {confirm_hits!r}")
-        if coast_frames < 0 or not 0 <= acceleration_m_s2 < np.inf:
-            given = f"coast_frames={coast_frames!r}, acceleration_m_s2={acceleration_m_s2!r}"
-            raise ValueError(f"coast_frames and acceleration_m_s2 must be 0 or more, got {given}")
+        check_positive(gate_m=gate_m, sigma_p_m=sigma_p_m, sigma_m_m=sigma_m_m, period_s=period_s)
+        check_counts(1, confirm_hits=confirm_hits)
+        check_counts(0, coast_frames=coast_frames)
+        check_not_negative(acceleration_m_s2=acceleration_m_s2)
         if frame not in FRAMES:
             raise ValueError(f"no frame '{frame}'; possible: {', '.join(FRAMES)}")
-        self._gate_m, self._coast_frames = gate_m, coast_frames
-        self._confirm_hits = confirm_hits
-        self._noise = Noise(sigma_p_m, sigma_m_m, acceleration_m_s2)
+        self._gate_m, self._coast_frames, self._confirm_hits = gate_m, coast_frames, confirm_hits
+        self._noise = FilterNoise(sigma_p_m, sigma_m_m, acceleration_m_s2)
         self._frame, self._first_period_s = frame, period_s
         self.reset()
 
@@ -82,17 +82,17 @@ class NearestTracker:
         """Forget all tracks."""
         self._tracks: list[Track] = []
         self._next_id = 0
-        self._tick: Tick | None = None
+        self._tick: TrackerTick | None = None
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Take the detections of one tick and return all tracks, coasting ones included.
+        """Return the tracks after the detections of one tick, coasting ones included.
 
-        Raises `ValueError` when stamps do not increase, or when the pose that earlier ticks had
-        is missing.
+        Raises `ValueError` if stamps do not increase, or if the pose is missing that earlier ticks
+        had.
         """
         last = self._tick
         pose = ego_pose if self._frame == "world" else None
-        tick = self._tick = Tick.after(last, detections, pose)
+        tick = self._tick = TrackerTick.after(last, detections, pose)
         if last is not None and last.ego_velocity is None and tick.ego_velocity is not None:
             for track in self._tracks:
                 track.filter.velocity = tick.ego_velocity
@@ -101,50 +101,49 @@ class NearestTracker:
             track.misses += 1
         self._associate(tick)
         self._tracks = [t for t in self._tracks if t.misses <= self._coast_frames]
-        return self._report(tick.targets)
+        return self._report(tick)
 
-    def _associate(self, tick: Tick) -> None:
-        """Give targets to filters (3.1) and open filters for the rest (3.2)."""
-        targets = tick.targets
+    def _associate(self, tick: TrackerTick) -> None:
+        """Correct filters by their detections (3.1) and start filters for the rest (3.2)."""
         predictions = np.array([t.filter.position for t in self._tracks]).reshape(-1, 2)
-        places = targets.centres[:, :2]
-        pairs = dict(associate_nearest(places, predictions, self._gate_m))
-        for index, place in enumerate(places):
-            row = targets.select(np.array([index]))
+        positions = tick.detections.centres[:, :2]
+        pairs = dict(associate_nearest(positions, predictions, self._gate_m))
+        for index, position in enumerate(positions):
+            detection = tick.detections.select(np.array([index]))
             if index not in pairs:
-                self._tracks.append(self._open(place, row, tick))
+                self._tracks.append(self._started(position, detection, tick))
                 continue
             track = self._tracks[pairs[index]]
-            track.filter.update(place)
-            track.row, track.hits, track.misses = row, track.hits + 1, 0
+            track.filter.update(position)
+            track.detection, track.hits, track.misses = detection, track.hits + 1, 0
 
-    def _open(self, place: np.ndarray, row: Detections, tick: Tick) -> Track:
-        """Begin with the ego's own velocity, which is the paper's 0 in the vehicle's frame."""
+    def _started(self, position: np.ndarray, detection: Detections, tick: TrackerTick) -> Track:
+        """Return a track with the ego's velocity, which is the paper's 0 in the ego frame."""
         velocity = np.zeros(2) if tick.ego_velocity is None else tick.ego_velocity
         period_s = tick.period_s or self._first_period_s
-        kalman = ConstantVelocityFilter(self._noise, place, velocity, period_s)
+        kalman = ConstantVelocityFilter(self._noise, position, velocity, period_s)
         self._next_id += 1
-        return Track(self._next_id - 1, kalman, row)
+        return Track(self._next_id - 1, kalman, detection)
 
-    def _report(self, targets: Detections) -> Tracks:
+    def _report(self, tick: TrackerTick) -> Tracks:
         if not self._tracks:
-            return Tracks.empty(targets.stamp_s, targets.frame)
+            return Tracks.empty(tick.stamp_s, tick.frame)
         tracks = self._tracks
-        rows = [track.row for track in tracks]
-        heights = [row.centres[0, 2] for row in rows]
-        places = np.array([track.filter.position for track in tracks])
+        last = [track.detection for track in tracks]
+        heights = [detection.centres[0, 2] for detection in last]
+        positions = np.array([track.filter.position for track in tracks])
         return Tracks(
             ids=np.array([track.id for track in tracks]),
-            centres=np.column_stack([places, heights]),
-            sizes=np.concatenate([row.sizes for row in rows]),
-            yaws=np.concatenate([row.yaws for row in rows]),
+            centres=np.column_stack([positions, heights]),
+            sizes=np.concatenate([detection.sizes for detection in last]),
+            yaws=np.concatenate([detection.yaws for detection in last]),
             velocities=np.array([track.filter.velocity for track in tracks]),
             covariances=np.array([track.filter.covariance for track in tracks]),
-            categories=np.concatenate([row.categories for row in rows]),
-            scores=np.concatenate([row.scores for row in rows]),
+            categories=np.concatenate([detection.categories for detection in last]),
+            scores=np.concatenate([detection.scores for detection in last]),
             states=np.array([self._state(track) for track in tracks], np.int8),
-            frame=targets.frame,
-            stamp_s=targets.stamp_s,
+            frame=tick.frame,
+            stamp_s=tick.stamp_s,
         )
 
     def _state(self, track: Track) -> TrackState:
@@ -153,7 +152,111 @@ class NearestTracker:
         return TrackState.COASTING if track.misses else TrackState.CONFIRMED
 
 
-def _check_positive(**lengths: float) -> None:
-    for name, value in lengths.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be positive, got {value!r}")
+def associate_nearest(
+    positions: np.ndarray, predictions: np.ndarray, gate_m: float
+) -> list[tuple[int, int]]:
+    """Return pairs of (N, 2) detected positions and (M, 2) predictions nearer than the gate (eq. 5).
+
+    In the paper each target in turn takes its nearest free filter, so the result depends on the
+    order of targets. Our reading: the pair with the smallest distance of all is taken first. Of
+    equal distances that of the earlier filter is taken, then that of the earlier target.
+    """
+    distances = np.hypot(*(positions[:, None] - predictions).transpose(2, 0, 1))
+    rows, columns = np.nonzero(distances < gate_m)
+    order = np.lexsort((rows, columns, distances[rows, columns]))
+    pairs: list[tuple[int, int]] = []
+    free_rows, free_columns = np.ones(len(positions), bool), np.ones(len(predictions), bool)
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        if free_rows[row] and free_columns[column]:
+            free_rows[row] = free_columns[column] = False
+            pairs.append((row, column))
+    return pairs
+
+
+H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+"""Eq. 13: the state is (x, vx, y, vy)."""
+PLANAR_ORDER = np.ix_([0, 2, 1, 3], [0, 2, 1, 3])
+"""From (x, vx, y, vy) to the order (x, y, vx, vy) of `Tracks`."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilterNoise:
+    """The noise of a filter.
+
+    sigma_p_m, sigma_m_m: standard deviations of a new position and of a measurement (below eq. 16).
+    acceleration_m_s2: standard deviation of a white acceleration, constant between two frames; 0 is
+        the paper's eq. 8, which has no process noise.
+    """
+
+    sigma_p_m: float
+    sigma_m_m: float
+    acceleration_m_s2: float
+
+
+class ConstantVelocityFilter:
+    """filterpy's `KalmanFilter` of one target at constant velocity (section 3.3)."""
+
+    def __init__(
+        self, noise: FilterNoise, position: np.ndarray, velocity: np.ndarray, period_s: float
+    ) -> None:
+        """Start at a measured (2,) position with a guess of the (2,) velocity."""
+        self._noise = noise
+        self._kalman: Any = KalmanFilter(dim_x=4, dim_z=2)
+        self._kalman.x = np.array([position[0], velocity[0], position[1], velocity[1]])
+        self._kalman.H = H
+        self._kalman.P = initial_covariance(noise.sigma_p_m, period_s)
+        self._kalman.R = noise.sigma_m_m**2 * np.eye(2)
+
+    @property
+    def position(self) -> np.ndarray:
+        """(2,) x, y in metres."""
+        position: np.ndarray = self._kalman.x[[0, 2]]
+        return position
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(2,) vx, vy in m/s."""
+        velocity: np.ndarray = self._kalman.x[[1, 3]]
+        return velocity
+
+    @velocity.setter
+    def velocity(self, velocity: np.ndarray) -> None:
+        self._kalman.x[[1, 3]] = velocity
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(4, 4) of x, y, vx, vy."""
+        covariance: np.ndarray = self._kalman.P[PLANAR_ORDER]
+        return covariance
+
+    def predict(self, period_s: float) -> None:
+        """Advance by one period (eq. 16 and 8)."""
+        self._kalman.predict(
+            F=transition(period_s), Q=process_noise(self._noise.acceleration_m_s2, period_s)
+        )
+
+    def update(self, position: np.ndarray) -> None:
+        """Correct by a measured (2,) position (eq. 9 to 11)."""
+        self._kalman.update(position)
+
+
+@lru_cache(maxsize=8)
+def transition(T: float) -> np.ndarray:
+    """Return A (eq. 12)."""
+    return _for_both_axes(1.0, T, 0.0, 1.0)
+
+
+def initial_covariance(sigma_p: float, T: float) -> np.ndarray:
+    """Return P (eq. 14), which the paper calls the initial state of the matrix."""
+    return _for_both_axes(1.0, 1 / T, 1 / T, 2 / T**2) * sigma_p**2
+
+
+@lru_cache(maxsize=8)
+def process_noise(acceleration: float, T: float) -> np.ndarray:
+    """Return the covariance of a white acceleration, constant for one period; 0 as in the paper."""
+    return _for_both_axes(T**4 / 4, T**3 / 2, T**3 / 2, T**2) * acceleration**2
+
+
+def _for_both_axes(a: float, b: float, c: float, d: float) -> np.ndarray:
+    """Return a (4, 4) matrix with the 2 x 2 block of one axis twice on its diagonal."""
+    return np.array([[a, b, 0, 0], [c, d, 0, 0], [0, 0, a, b], [0, 0, c, d]])

@@ -1,41 +1,97 @@
-"""Observations before estimates: OC-SORT (Cao 2023), for boxes in space."""
+"""OC-SORT: observations before estimates (Cao 2023), for boxes in space."""
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_optimally, left_over
-from roadscope.trackers.gating import Candidates, candidates_by_overlap, check_overlap
+from roadscope.trackers.assignment import Pairs, assign_optimally, unassigned
+from roadscope.trackers.gating import CandidatePairs, boxes_of, check_overlap, pairs_by_overlap
 from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.life_cycle import LifeCycle
-from roadscope.trackers.motion import ConstantVelocity
-from roadscope.trackers.observations import Observations, agreement, units
-from roadscope.trackers.place_filter import PlaceFilter
-from roadscope.trackers.rows import Rows
+from roadscope.trackers.motion import ConstantVelocity, PositionFilter
 from roadscope.trackers.settings import check_counts, check_not_negative, check_shares
-from roadscope.trackers.ticks import Tick
-from roadscope.trackers.tracklets import Tracklets, boxes_of
+from roadscope.trackers.tables import ArrayTable
+from roadscope.trackers.ticks import TrackerTick
+from roadscope.trackers.tracklets import LifeCycle, Tracklets
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Followed(Rows):
+class Observations(ArrayTable):
+    """What N tracks remember of their detections.
+
+    boxes: (N, 7) of the last detection.
+    positions: (N, K, 2) x and y in the last K ticks, the newest last, NaN without a detection.
+    directions: (N, 2) unit vectors of the motion between detections, 0 where unknown.
+    beliefs: right after the last detection.
+    stamps: (N,) seconds, of the last detection.
+    """
+
+    boxes: np.ndarray
+    positions: np.ndarray
+    directions: np.ndarray
+    beliefs: Gaussians
+    stamps: np.ndarray
+
+    @staticmethod
+    def started(detections: Detections, beliefs: Gaussians, ticks: int) -> Observations:
+        """Return observations of one detection each; they reach back by some ticks."""
+        n = len(detections)
+        positions = np.full((n, ticks + 1, 2), np.nan)
+        positions[:, -1] = detections.centres[:, :2]
+        stamps = np.full(n, detections.stamp_s)
+        return Observations(boxes_of(detections), positions, np.zeros((n, 2)), beliefs, stamps)
+
+    def next_tick(self) -> Observations:
+        """Return observations at the next tick, without a detection as yet."""
+        none = np.full((len(self.boxes), 1, 2), np.nan)
+        return replace(self, positions=np.concatenate([self.positions[:, 1:], none], axis=1))
+
+    def updated(
+        self, rows: np.ndarray, detections: Detections, beliefs: Gaussians, moving_m: float
+    ) -> Observations:
+        """Return observations of which the rows of an index array got a detection each.
+
+        moving_m: least distance between two positions that have a direction.
+        """
+        before = self.select(rows)
+        positions = before.positions.copy()
+        positions[:, -1] = detections.centres[:, :2]
+        after = Observations(
+            boxes=boxes_of(detections),
+            positions=positions,
+            directions=unit_vectors(positions[:, -1] - before.anchors, moving_m),
+            beliefs=beliefs,
+            stamps=np.full(len(rows), detections.stamp_s),
+        )
+        return self.replaced(rows, after)
+
+    @property
+    def anchors(self) -> np.ndarray:
+        """(N, 2) the oldest position remembered; if all are forgotten, that of the last box."""
+        known = ~np.isnan(self.positions[..., 0])
+        oldest = self.positions[np.arange(len(known)), known.argmax(axis=1)]
+        anchors: np.ndarray = np.where(known.any(axis=1)[:, None], oldest, self.boxes[:, :2])
+        return anchors
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OcSortTracks(ArrayTable):
     """Tracks, and what they remember."""
 
     tracks: Tracklets
-    observed: Observations
+    observations: Observations
 
 
 class OcSortTracker:
-    """SORT that trusts what was seen over what the filter made of it.
+    """SORT that relies on detections more than on the estimates of the filter.
 
-    Momentum (OCM): a detection in the direction in which a track was seen to move is preferred.
-    Recovery (OCR): what finds no detection where it is expected is looked for where it was last
-    seen. Re-update (ORU): a track found again forgets its drift; the filter goes through the gap
-    once more, along a straight line between both detections.
+    Observation-centric momentum (OCM): a detection in the direction of the track's motion is
+    preferred. Recovery (OCR): a track without a detection where it is expected may take one where
+    its last detection was. Re-update (ORU): when a track gets a detection after a gap, the filter
+    runs through the gap again, along a straight line between both detections.
     """
 
     def __init__(
@@ -56,16 +112,16 @@ class OcSortTracker:
     ) -> None:
         """Set the tracker up.
 
-        least_score: detections below are not looked at.
-        overlap, least: `iou` or `giou` in space, and what that of a pair must exceed, as in the
-            later code of AB3DMOT's authors, for cars.
-        momentum: weight of directions beside overlaps, lambda.
-        momentum_ticks: how far back the other end of a direction lies, delta t.
-        moving_m: nearer together two places have no direction; otherwise that of a parked car
-            would be its detector's noise.
+        least_score: detections with a lower score are ignored.
+        overlap, least: `iou` or `giou` in space, and what a pair must exceed, as in the later code
+            of AB3DMOT's authors, for cars.
+        momentum: weight of directions relative to overlaps, lambda.
+        momentum_ticks: number of ticks over which a direction is taken, delta t.
+        moving_m: least distance between two positions that have a direction; without it parked
+            cars would have that of their detector's noise.
         confirm_hits, coast_frames, shown_misses: see `LifeCycle`.
-        position_m, speed_m_s: see `PlaceFilter`.
-        velocity_walk: m/s per root second, by which velocities wander.
+        position_m, speed_m_s: see `PositionFilter`.
+        velocity_walk: see `ConstantVelocity`.
         """
         check_shares(least_score=least_score)
         check_overlap(overlap, least)
@@ -73,93 +129,118 @@ class OcSortTracker:
         check_counts(1, momentum_ticks=momentum_ticks)
         self._least_score, self._overlap, self._least = least_score, overlap, least
         self._momentum, self._ticks, self._moving_m = momentum, momentum_ticks, moving_m
-        self._life = LifeCycle(confirm_hits, coast_frames, 0, shown_misses)
-        self._filter = PlaceFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
+        self._life_cycle = LifeCycle(confirm_hits, coast_frames, 0, shown_misses)
+        self._filter = PositionFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
         self.reset()
 
     def reset(self) -> None:
         """Forget all tracks."""
-        self._tick: Tick | None = None
+        self._tick: TrackerTick | None = None
         self._next_id = 0
         self._stamps: list[float] = []
-        self._followed = self._opened(Detections.empty(0.0))
+        self._current = self._started(Detections.empty(0.0))
 
     def update(self, detections: Detections, ego_pose: Pose | None = None) -> Tracks:
-        """Take the detections of one tick and return all tracks."""
-        tick = self._tick = Tick.after(self._tick, detections, ego_pose)
-        targets = tick.targets.select(tick.targets.scores >= self._least_score)
-        tracks, observed = self._followed.tracks, self._followed.observed.moved_on()
-        tracks = tracks.moved_on(self._filter.predicted(tracks.beliefs, tick.period_s))
-        rows, columns = self._associated(tracks, observed, targets)
-        found = targets.select(columns)
-        self._stamps = [t for t in self._stamps if t >= observed.stamps.min(initial=np.inf)]
+        """Return the tracks after the detections of one tick."""
+        tick = self._tick = TrackerTick.after(self._tick, detections, ego_pose)
+        detections = tick.detections.select(tick.detections.scores >= self._least_score)
+        tracks, observations = self._current.tracks, self._current.observations.next_tick()
+        tracks = tracks.predicted(self._filter.predicted(tracks.beliefs, tick.period_s))
+        rows, columns = self._assigned(tracks, observations, detections)
+        own = detections.select(columns)
+        self._stamps = [t for t in self._stamps if t >= observations.stamps.min(initial=np.inf)]
         self._stamps.append(tick.stamp_s)
-        beliefs = self._updated_again(observed.select(rows), found.centres[:, :2])
-        followed = Followed(
-            tracks.seen(rows, found, beliefs),
-            observed.seen(rows, found, beliefs, self._moving_m),
+        beliefs = self._re_updated(observations.select(rows), own.centres[:, :2])
+        current = OcSortTracks(
+            tracks.updated(rows, own, beliefs),
+            observations.updated(rows, own, beliefs, self._moving_m),
         )
-        followed = followed.select(self._life.alive(followed.tracks))
-        new = targets.select(left_over(len(targets), columns))
-        self._followed = followed.joined(self._opened(new))
-        tracks = self._followed.tracks
-        planar, states = self._filter.planar(tracks.beliefs), self._life.states(tracks)
-        return tracks.report(planar, states, tick.frame, tick.stamp_s)
+        alive = self._life_cycle.alive(current.tracks.hits, current.tracks.misses)
+        new = detections.select(unassigned(len(detections), columns))
+        self._current = current.select(alive).joined(self._started(new))
+        tracks = self._current.tracks
+        return tracks.as_tracks(self._life_cycle.states(tracks), tick)
 
-    def _associated(self, tracks: Tracklets, observed: Observations, targets: Detections) -> Pairs:
-        """Pair by overlap and momentum (eq. 4), then by overlap with what was last seen (OCR)."""
-        alone = 1 - self._least
-        near = self._overlapping(tracks.boxes, tracks.categories, targets)
-        costs = near.costs - self._momentum * self._consistency(near, observed, targets)
-        # More than any pair can cost, so that a contrary direction alone undoes none.
-        rows, columns = assign_optimally(near.costing(costs), alone + self._momentum)
-        left, free = left_over(len(tracks), rows), left_over(len(targets), columns)
-        near = self._overlapping(
-            observed.boxes[left], tracks.categories[left], targets.select(free)
+    def _assigned(
+        self, tracks: Tracklets, observations: Observations, detections: Detections
+    ) -> Pairs:
+        """Return pairs by overlap and momentum (eq. 4), then by overlap with last boxes (OCR)."""
+        unassigned_cost = 1 - self._least
+        near = self._overlapping(tracks.boxes, tracks.categories, detections)
+        costs = near.costs - self._momentum * self._agreement(near, observations, detections)
+        # No pair costs more than this, so that a contrary direction alone undoes none.
+        rows, columns = assign_optimally(
+            near.with_costs(costs), unassigned_cost + self._momentum
         )
-        i, j = assign_optimally(near, alone)
+        left, free = unassigned(len(tracks), rows), unassigned(len(detections), columns)
+        near = self._overlapping(
+            observations.boxes[left], tracks.categories[left], detections.select(free)
+        )
+        i, j = assign_optimally(near, unassigned_cost)
         return np.concatenate([rows, left[i]]), np.concatenate([columns, free[j]])
 
     def _overlapping(
-        self, boxes: np.ndarray, categories: np.ndarray, targets: Detections
-    ) -> Candidates:
-        near = candidates_by_overlap(
-            boxes, boxes_of(targets), overlap=self._overlap, least=self._least
+        self, boxes: np.ndarray, categories: np.ndarray, detections: Detections
+    ) -> CandidatePairs:
+        near = pairs_by_overlap(
+            boxes, boxes_of(detections), overlap=self._overlap, least=self._least
         )
-        return near.within_families(categories, targets.categories)
+        return near.within_families(categories, detections.categories)
 
-    def _consistency(
-        self, near: Candidates, observed: Observations, targets: Detections
+    def _agreement(
+        self, pairs: CandidatePairs, observations: Observations, detections: Detections
     ) -> np.ndarray:
-        """Return (P,) how well pairs continue the directions seen, -1/2 to 1/2.
+        """Return (P,) how well pairs continue the track's direction, -1/2 to 1/2.
 
-        As in the authors' code, and weighed with the detection's score; 0 where there is no
-        direction.
+        Weighted by the score of the detection, as in the authors' code; 0 without a direction.
         """
-        ahead = targets.centres[near.columns, :2] - observed.anchors[near.rows]
-        agreed = agreement(observed.directions[near.rows], units(ahead, self._moving_m))
-        weighed: np.ndarray = targets.scores[near.columns] * agreed
-        return weighed
+        ahead = detections.centres[pairs.columns, :2] - observations.anchors[pairs.rows]
+        agreement = direction_agreement(
+            observations.directions[pairs.rows], unit_vectors(ahead, self._moving_m)
+        )
+        weighted: np.ndarray = detections.scores[pairs.columns] * agreement
+        return weighted
 
-    def _updated_again(self, observed: Observations, places: np.ndarray) -> Gaussians:
-        """Filter from the last detections to (N, 2) new ones, through all ticks between (ORU).
+    def _re_updated(self, observations: Observations, positions: np.ndarray) -> Gaussians:
+        """Return beliefs after (N, 2) new positions, filtered through all ticks since the last.
 
-        Between two ticks in succession that is the ordinary update.
+        Positions between are interpolated (ORU). Without a gap it is the ordinary update.
         """
-        beliefs, start, now_s = observed.beliefs, observed.boxes[:, :2], self._stamps[-1]
+        beliefs, start = observations.beliefs, observations.boxes[:, :2]
+        now_s = self._stamps[-1]
         for before_s, stamp_s in itertools.pairwise(self._stamps):
-            rows = np.flatnonzero(observed.stamps <= before_s)
+            rows = np.flatnonzero(observations.stamps <= before_s)
             if not len(rows):
                 continue
-            since = observed.stamps[rows]
-            share = ((stamp_s - since) / (now_s - since))[:, None]
-            virtual = start[rows] + share * (places[rows] - start[rows])
-            ahead = self._filter.predicted(beliefs.select(rows), stamp_s - before_s)
-            beliefs = beliefs.replaced(rows, self._filter.corrected(ahead, virtual))
+            since_s = observations.stamps[rows]
+            share = ((stamp_s - since_s) / (now_s - since_s))[:, None]
+            virtual = start[rows] + share * (positions[rows] - start[rows])
+            predicted = self._filter.predicted(beliefs.select(rows), stamp_s - before_s)
+            beliefs = beliefs.replaced(rows, self._filter.corrected(predicted, virtual))
         return beliefs
 
-    def _opened(self, targets: Detections) -> Followed:
-        beliefs = self._filter.started(targets)
-        opened = Tracklets.opened(self._next_id, targets, beliefs)
-        self._next_id += len(targets)
-        return Followed(opened, Observations.opened(targets, beliefs, self._ticks))
+    def _started(self, detections: Detections) -> OcSortTracks:
+        beliefs = self._filter.started(detections)
+        started = Tracklets.started(self._next_id, detections, beliefs)
+        self._next_id += len(detections)
+        return OcSortTracks(started, Observations.started(detections, beliefs, self._ticks))
+
+
+def unit_vectors(vectors: np.ndarray, least: float) -> np.ndarray:
+    """Return (..., 2) vectors of length 1, or 0 where they are shorter than `least`."""
+    lengths = np.hypot(vectors[..., 0], vectors[..., 1])[..., None]
+    long = lengths >= max(least, 1e-9)
+    units: np.ndarray = np.where(long, vectors / np.where(long, lengths, 1.0), 0.0)
+    return units
+
+
+def direction_agreement(directions: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return (P,) how well (P, 2) directions agree; they are unit vectors or 0.
+
+    1/2 is the same direction, -1/2 the opposite one, 0 a right angle or unknown.
+    """
+    along = (directions * others).sum(axis=1)
+    across = directions[:, 0] * others[:, 1] - directions[:, 1] * others[:, 0]
+    known = (along != 0) | (across != 0)
+    agreement: np.ndarray = np.where(known, 0.5 - np.arctan2(np.abs(across), along) / np.pi, 0.0)
+    return agreement

@@ -1,254 +1,337 @@
-"""How hypotheses go on: by the best assignments of tracks and detections.
+"""How global hypotheses continue: by the best assignments of targets and detections.
 
-Tracks that compete for no detection, directly or through others, are in clusters of their own,
-each with hypotheses and weights of its own (Reid 1979). All hypotheses at once would be their
-product, of which no count would be enough.
+Targets that compete for no detection, directly or through others, are in clusters of their own,
+each with its own hypotheses and weights (Reid 1979). Hypotheses of all targets at once would be
+the product of those of the clusters: no number of them would be enough.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.components import components, sorted_by
-from roadscope.trackers.pmbm_assignments import best_assignments
+from roadscope.trackers.assignment import components, least_total, sorted_by
 
-Parts = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
-Block = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Of one cluster: (t,) tracks, (m,) detections, (k, t) members each had and what these took."""
+
+class Limits(NamedTuple):
+    """How many alternatives are kept.
+
+    count: the greatest number.
+    gap: the greatest difference from the best, as a logarithm.
+    """
+
+    count: int
+    gap: float
+
+
+class Hypotheses(NamedTuple):
+    """H global hypotheses of clusters of targets, with E members in all.
+
+    cluster: (H,) int64, rising.
+    log_weights: (H,).
+    hypothesis, target, local: (E,) int64, sorted by hypothesis: which target a hypothesis has, and
+        by which of its local hypotheses, that is, with which history of detections.
+    """
+
+    cluster: np.ndarray
+    log_weights: np.ndarray
+    hypothesis: np.ndarray
+    target: np.ndarray
+    local: np.ndarray
+
+
+class Continuations(NamedTuple):
+    """`Hypotheses` after a tick, with F members.
+
+    local: (F,) the local hypothesis that a member had before; of new targets the number of
+        local hypotheses that there were.
+    detection: (F,) the detection that it got, or -1.
+    """
+
+    cluster: np.ndarray
+    log_weights: np.ndarray
+    hypothesis: np.ndarray
+    target: np.ndarray
+    local: np.ndarray
+    detection: np.ndarray
+
+
+class PairCosts(NamedTuple):
+    """P possible pairs of L local hypotheses and M detections.
+
+    local, detection: (P,) int64, sorted by local hypothesis, then by detection.
+    costs: (P,) minus the logarithm of the weight that the detection adds, compared with a miss and
+        a detection that is new or clutter.
+    """
+
+    local: np.ndarray
+    detection: np.ndarray
+    costs: np.ndarray
+
+
+class Sizes(NamedTuple):
+    """Number of targets, of their local hypotheses and of detections."""
+
+    targets: int
+    locals: int
+    detections: int
+
+
+class Block(NamedTuple):
+    """The k continuations of one cluster of t targets and m detections.
+
+    targets, detections: (t,) and (m,) their numbers.
+    local: (k, t) the local hypothesis that each target had, -1 for none.
+    assigned: (k, t) index into `detections`, -1 for none.
+    log_weights: (k,).
+    """
+
+    targets: np.ndarray
+    detections: np.ndarray
+    local: np.ndarray
+    assigned: np.ndarray
+    log_weights: np.ndarray
 
 
 @compiled()
-def all_continued(
-    hypotheses: tuple[np.ndarray, np.ndarray],
-    members: tuple[np.ndarray, np.ndarray, np.ndarray],
-    near: tuple[np.ndarray, np.ndarray, np.ndarray],
-    counts: tuple[int, int, int],
-    limits: tuple[int, float],
-) -> Parts:
-    """Return how the hypotheses of all clusters go on; clusters that now compete become one.
+def continue_all(
+    hypotheses: Hypotheses, pairs: PairCosts, sizes: Sizes, limits: Limits
+) -> Continuations:
+    """Return how the hypotheses of all clusters continue; clusters that now compete become one.
 
-    hypotheses: (H,) their clusters, rising, and (H,) log weights as in `continued`.
-    members: (E,) hypothesis, target and local hypothesis, by hypothesis.
-    near: (P,) rows, columns and costs of local hypotheses and detections that may be a pair.
-    counts, limits: T, L and M; `count` of `continued`, of each cluster, and its `gap`.
-
-    Returns (K,) new clusters, (K,) log weights and (F,) entries of new members: hypothesis,
-    target, the local hypothesis that it had, and its detection or -1. A detection taken by nobody
-    is target T + j, and had local hypothesis L.
+    limits: for each cluster, and its gap for each hypothesis. A detection that no target gets is a
+    new target: target T + j of local hypothesis L.
     """
-    (cluster, log_weights), (hypothesis, target, local) = hypotheses, members
-    T, L, M = counts
-    clusters = cluster.max() + 1 if len(cluster) else 0
-    group, count = _competitors(
-        (cluster[hypothesis], target, local), near, (T, L, M, clusters), limits[1]
+    T = sizes.targets
+    clusters = hypotheses.cluster.max() + 1 if len(hypotheses.cluster) else 0
+    component, count = _competitors(hypotheses, pairs, sizes, clusters, limits.gap)
+    target_order, first_target = sorted_by(component[:T], count)
+    detection_order, first_detection = sorted_by(component[T : T + sizes.detections], count)
+    cluster_order, first_cluster = sorted_by(component[T + sizes.detections :], count)
+    first_hypothesis = np.searchsorted(hypotheses.cluster, np.arange(clusters + 1))
+    first_member = np.searchsorted(
+        hypotheses.hypothesis, np.arange(len(hypotheses.cluster) + 1)
     )
-    tracks, first_track = sorted_by(group[:T], count)
-    targets, first_target = sorted_by(group[T : T + M], count)
-    joined, first_joined = sorted_by(group[T + M :], count)
-    first_hypothesis = np.searchsorted(cluster, np.arange(clusters + 1))
-    first_member = np.searchsorted(hypothesis, np.arange(len(cluster) + 1))
-    place = np.empty(T, np.int64)
-    blocks, weights = [_alone(0) for _ in range(0)], [np.empty(0) for _ in range(0)]
+    index = np.empty(T, np.int64)
+    blocks = [_unclaimed(0) for _ in range(0)]
     for c in range(count):
-        mine = tracks[first_track[c] : first_track[c + 1]]
-        theirs = targets[first_target[c] : first_target[c + 1]]
-        place[mine] = np.arange(len(mine))
-        joint, prior = np.full((1, len(mine)), -1), np.zeros(1)
-        for k in joined[first_joined[c] : first_joined[c + 1]]:
-            rows = slice(first_hypothesis[k], first_hypothesis[k + 1])
-            entries = slice(first_member[rows.start], first_member[rows.stop])
-            table = np.full((rows.stop - rows.start, len(mine)), -1)
-            _fill(table, hypothesis[entries] - rows.start, place[target[entries]], local[entries])
-            joint, prior = _product(joint, prior, table, log_weights[rows], limits)
-        used, inside = _inside(joint, theirs, near, limits[1])
-        parents, ways, after = _cluster_continued(joint, prior, used, inside, limits)
-        blocks.append((mine, theirs, joint[parents], ways))
-        weights.append(after)
-    for j in np.flatnonzero(group[T : T + M] < 0):
-        blocks.append(_alone(int(j)))
-        weights.append(np.zeros(1))
-    return _listed_members(blocks, weights, T, L)
+        targets = target_order[first_target[c] : first_target[c + 1]]
+        detections = detection_order[first_detection[c] : first_detection[c + 1]]
+        for i in range(len(targets)):
+            index[targets[i]] = i
+        local, log_weights = np.full((1, len(targets)), -1), np.zeros(1)
+        for k in cluster_order[first_cluster[c] : first_cluster[c + 1]]:
+            first, last = first_hypothesis[k], first_hypothesis[k + 1]
+            table = np.full((last - first, len(targets)), -1)
+            for e in range(first_member[first], first_member[last]):
+                row = hypotheses.hypothesis[e] - first
+                table[row, index[hypotheses.target[e]]] = hypotheses.local[e]
+            local, log_weights = _product(
+                local, log_weights, table, hypotheses.log_weights[first:last], limits
+            )
+        blocks.append(_continue_cluster(targets, detections, local, log_weights, pairs, limits))
+    for j in np.flatnonzero(component[T : T + sizes.detections] < 0):
+        blocks.append(_unclaimed(int(j)))
+    return _listed_blocks(blocks, sizes)
 
 
 @compiled()
 def _competitors(
-    members: tuple[np.ndarray, np.ndarray, np.ndarray],
-    near: tuple[np.ndarray, np.ndarray, np.ndarray],
-    counts: tuple[int, int, int, int],
-    gap: float,
+    hypotheses: Hypotheses, pairs: PairCosts, sizes: Sizes, clusters: int, gap: float
 ) -> tuple[np.ndarray, int]:
-    """Return `components` of (T,) targets with (M,) detections and (C,) clusters up to now.
-
-    members: (E,) cluster, target and local hypothesis.
-    """
-    (cluster, target, local), (T, L, M, clusters) = members, counts
-    of_local = np.zeros(L, np.int64)
-    of_local[local] = target
-    likely = np.flatnonzero(near[2] < gap)
-    some = np.concatenate((of_local[near[0][likely]], target))
-    others = np.concatenate((near[1][likely], M + cluster))
-    return components(some, others, (T, M + clusters))
+    """Return `components` of (T,) targets with (M,) detections and (C,) clusters before."""
+    target_of_local = np.zeros(sizes.locals, np.int64)
+    target_of_local[hypotheses.local] = hypotheses.target
+    likely = np.flatnonzero(pairs.costs < gap)
+    rows = np.concatenate((target_of_local[pairs.local[likely]], hypotheses.target))
+    cluster = hypotheses.cluster[hypotheses.hypothesis]
+    columns = np.concatenate((pairs.detection[likely], sizes.detections + cluster))
+    return components(rows, columns, sizes.targets, sizes.detections + clusters)
 
 
 @compiled()
-def _fill(table: np.ndarray, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
-    """Write values to places of a table."""
-    for k in range(len(values)):
-        table[rows[k], columns[k]] = values[k]
-
-
-@compiled()
-def _cluster_continued(
-    joint: np.ndarray,
-    prior: np.ndarray,
-    used: np.ndarray,
-    inside: np.ndarray,
-    limits: tuple[int, float],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return `continued` of one cluster; of one target alone without a detour.
-
-    joint: (h, t) local hypotheses, those `used` rising; inside: (l, m) their costs.
-    """
-    if joint.size == 1 and len(used) == 1:
-        ways, prices = best_assignments(inside, limits[0], limits[1])
-        return np.zeros(len(ways), np.int64), ways, prior[0] - prices
-    known = np.where(joint >= 0, np.searchsorted(used, joint), -1)
-    return continued(known, prior, inside, limits[0], limits[1])
-
-
-@compiled()
-def _alone(j: int) -> Block:
-    """Return the cluster of a detection that no track may have."""
+def _unclaimed(detection: int) -> Block:
+    """Return the cluster of a detection that no target may have."""
     none = np.empty((1, 0), np.int64)
-    return np.empty(0, np.int64), np.full(1, j), none, none
+    return Block(np.empty(0, np.int64), np.full(1, detection), none, none, np.zeros(1))
 
 
 @compiled()
-def _inside(
-    joint: np.ndarray,
+def _continue_cluster(
     targets: np.ndarray,
-    near: tuple[np.ndarray, np.ndarray, np.ndarray],
-    gap: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the local hypotheses of a cluster, rising, and (l, m) their costs up to the gap."""
-    rows, columns, costs = near
-    used = np.unique(joint)
+    detections: np.ndarray,
+    local: np.ndarray,
+    log_weights: np.ndarray,
+    pairs: PairCosts,
+    limits: Limits,
+) -> Block:
+    """Return how the (h, t) joint hypotheses of a cluster continue.
+
+    A single hypothesis of a single target takes a short way.
+    """
+    used = np.unique(local)
     used = used[used >= 0]
-    inside = np.full((len(used), len(targets)), np.inf)
+    costs = np.full((len(used), len(detections)), np.inf)
     for i in range(len(used)):
-        first, last = np.searchsorted(rows, used[i]), np.searchsorted(rows, used[i] + 1)
+        first, last = np.searchsorted(pairs.local, used[i]), np.searchsorted(
+            pairs.local, used[i] + 1
+        )
         for k in range(first, last):
-            j = np.searchsorted(targets, columns[k])
-            if costs[k] <= gap and j < len(targets) and targets[j] == columns[k]:
-                inside[i, j] = costs[k]
-    return used, inside
+            j = np.searchsorted(detections, pairs.detection[k])
+            if (
+                pairs.costs[k] <= limits.gap
+                and j < len(detections)
+                and detections[j] == pairs.detection[k]
+            ):
+                costs[i, j] = pairs.costs[k]
+    if local.size == 1 and len(used) == 1:
+        assigned, totals = best_assignments(costs, limits.count, limits.gap)
+        parents, after = np.zeros(len(assigned), np.int64), log_weights[0] - totals
+    else:
+        known = np.where(local >= 0, np.searchsorted(used, local), -1)
+        parents, assigned, after = continue_hypotheses(
+            known, log_weights, costs, limits.count, limits.gap
+        )
+    return Block(targets, detections, local[parents], assigned, after)
 
 
 @compiled()
-def _listed_members(blocks: list[Block], weights: list[np.ndarray], T: int, L: int) -> Parts:
-    """Put the clusters' hypotheses below one another, each with those who are new in it."""
-    size, most = 0, 0
-    for c in range(len(blocks)):
-        size += len(weights[c])
-        most += len(weights[c]) * (len(blocks[c][0]) + len(blocks[c][1]))
-    cluster, log_weights = np.empty(size, np.int64), np.empty(size)
-    entries = np.empty((4, most), np.int64)
+def _listed_blocks(blocks: list[Block], sizes: Sizes) -> Continuations:
+    """Return the hypotheses of all clusters, each with the new targets of its cluster."""
+    rows, most = 0, 0
+    for block in blocks:
+        rows += len(block.log_weights)
+        most += len(block.log_weights) * (len(block.targets) + len(block.detections))
+    cluster, log_weights = np.empty(rows, np.int64), np.empty(rows)
+    hypothesis, target = np.empty(most, np.int64), np.empty(most, np.int64)
+    local, detection = np.empty(most, np.int64), np.empty(most, np.int64)
     h, e = 0, 0
     for c in range(len(blocks)):
-        tracks, targets, had, took = blocks[c]
-        for k in range(len(weights[c])):
-            cluster[h], log_weights[h] = c, weights[c][k]
-            taken = np.zeros(len(targets), np.bool_)
-            for i in range(len(tracks)):
-                if took[k, i] >= 0:
-                    taken[took[k, i]] = True
-                if had[k, i] >= 0:
-                    entries[0, e], entries[1, e], entries[2, e] = h, tracks[i], had[k, i]
-                    entries[3, e] = targets[took[k, i]] if took[k, i] >= 0 else -1
+        block = blocks[c]
+        for k in range(len(block.log_weights)):
+            cluster[h], log_weights[h] = c, block.log_weights[k]
+            taken = np.zeros(len(block.detections), np.bool_)
+            for i in range(len(block.targets)):
+                j = block.assigned[k, i]
+                if j >= 0:
+                    taken[j] = True
+                if block.local[k, i] >= 0:
+                    hypothesis[e], target[e] = h, block.targets[i]
+                    local[e] = block.local[k, i]
+                    detection[e] = block.detections[j] if j >= 0 else -1
                     e += 1
-            for j in range(len(targets)):
+            for j in range(len(block.detections)):
                 if not taken[j]:
-                    entries[0, e], entries[1, e], entries[2, e] = h, T + targets[j], L
-                    entries[3, e] = targets[j]
+                    hypothesis[e], target[e] = h, sizes.targets + block.detections[j]
+                    local[e], detection[e] = sizes.locals, block.detections[j]
                     e += 1
             h += 1
-    return cluster, log_weights, (entries[0, :e], entries[1, :e], entries[2, :e], entries[3, :e])
+    return Continuations(
+        cluster, log_weights, hypothesis[:e], target[:e], local[:e], detection[:e]
+    )
+
+
+@compiled()
+def _cheapest_sums(
+    costs: np.ndarray, more_costs: np.ndarray, limits: Limits
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cheapest sums of a cost of each array: (K,) flat indices and (K,) rising sums."""
+    sums = np.empty(len(costs) * len(more_costs))
+    for a in range(len(costs)):
+        for b in range(len(more_costs)):
+            sums[a * len(more_costs) + b] = costs[a] + more_costs[b]
+    order = np.argsort(sums, kind="mergesort")[: limits.count]
+    size = 0
+    while size < len(order) and sums[order[size]] <= sums[order[0]] + limits.gap:
+        size += 1
+    return order[:size], sums[order[:size]]
 
 
 @compiled()
 def _product(
-    some: np.ndarray,
-    weights: np.ndarray,
-    others: np.ndarray,
-    more: np.ndarray,
-    limits: tuple[int, float],
+    local: np.ndarray,
+    log_weights: np.ndarray,
+    more_local: np.ndarray,
+    more_log_weights: np.ndarray,
+    limits: Limits,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Join the hypotheses of two clusters, (A, T) and (B, T), the likeliest pairs first."""
-    sums = np.empty(len(weights) * len(more))
-    for a in range(len(weights)):
-        for b in range(len(more)):
-            sums[a * len(more) + b] = weights[a] + more[b]
-    order = np.argsort(-sums, kind="mergesort")[: limits[0]]
-    size = 0
-    while size < len(order) and sums[order[size]] >= sums[order[0]] - limits[1]:
-        size += 1
-    joint = np.empty((size, some.shape[1]), np.int64)
-    for k in range(size):
-        a, b = order[k] // len(more), order[k] % len(more)
-        joint[k] = np.maximum(some[a], others[b])
-    return joint, sums[order[:size]]
+    """Return the likeliest joint hypotheses of two clusters, (A, T) and (B, T) local ones."""
+    order, costs = _cheapest_sums(-log_weights, -more_log_weights, limits)
+    joint = np.empty((len(order), local.shape[1]), np.int64)
+    for k in range(len(order)):
+        a, b = order[k] // len(more_log_weights), order[k] % len(more_log_weights)
+        joint[k] = np.maximum(local[a], more_local[b])
+    return joint, -costs
 
 
 @compiled()
-def continued(
-    members: np.ndarray, log_weights: np.ndarray, costs: np.ndarray, count: int, gap: float
+def continue_hypotheses(
+    local: np.ndarray, log_weights: np.ndarray, costs: np.ndarray, count: int, gap: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the likeliest ways in which H global hypotheses of T tracks go on.
+    """Return the likeliest continuations of H global hypotheses of T targets.
 
-    members: (H, T) which local hypothesis is of each track, -1 for none.
-    log_weights: (H,) of the hypotheses if nothing were detected of any track, up to a constant.
-    costs: (L, M) minus the logarithm of how much a detection changes that; inf where impossible.
-    count: how many to look for in all; each hypothesis gets its share by weight, at least one.
-    gap: how much less likely, as a logarithm, than the likeliest of the same hypothesis.
+    local: (H, T) the local hypothesis of each target, -1 for none.
+    log_weights: (H,) of the hypotheses if nothing were detected, up to a constant.
+    costs: (L, M) as in `PairCosts`, inf where impossible.
+    count: how many to look for in all; each hypothesis has its share by weight, at least one.
+    gap: greatest difference of a continuation from the likeliest of its hypothesis.
 
-    Returns (K,) the hypothesis each comes from, (K, T) detections or -1, (K,) log weights.
-    Tracks and detections that nothing connects are looked at apart, and only once where
-    hypotheses agree on them.
+    Returns (K,) the hypothesis of each, (K, T) detections or -1, and (K,) log weights.
+    Connected components of targets and detections are assigned one by one, and only once for all
+    hypotheses that agree on them.
     """
-    H, T = members.shape
+    H, T = local.shape
     shares = np.exp(log_weights - log_weights.max())
     shares /= shares.sum()
-    columns = [np.full((1, T), -1) for _ in range(H)]
+    assigned = [np.full((1, T), -1) for _ in range(H)]
     totals = [np.zeros(1) for _ in range(H)]
-    links = np.nonzero(_least_costs(members, costs) < gap)
-    group, parts_count = components(links[0], links[1], (T, costs.shape[1]))
-    for number in range(parts_count):
-        tracks = np.flatnonzero(group[:T] == number)
-        targets = np.flatnonzero(group[T:] == number)
-        same_as = _first_alike(members, tracks)
-        ways = [np.empty((0, 0), np.int64) for _ in range(H)]
-        prices = [np.empty(0) for _ in range(H)]
+    rows, columns = np.nonzero(_least_costs(local, costs) < gap)
+    component, components_count = components(rows, columns, T, costs.shape[1])
+    for number in range(components_count):
+        targets = np.flatnonzero(component[:T] == number)
+        detections = np.flatnonzero(component[T:] == number)
+        same_as = _first_that_agrees(local, targets)
+        part_assigned = [np.empty((0, 0), np.int64) for _ in range(H)]
+        part_totals = [np.empty(0) for _ in range(H)]
         for h in range(H):
-            if same_as[h] == h:
-                part = _part(costs, members[h], tracks, targets, gap)
-                ways[h], prices[h] = best_assignments(part, count, gap)
+            first = same_as[h]
+            if first == h:
+                part = _part_costs(costs, local[h], targets, detections, gap)
+                part_assigned[h], part_totals[h] = best_assignments(part, count, gap)
             most = max(1, int(np.ceil(count * shares[h])))
-            columns[h], totals[h] = _crossed(
-                (columns[h], totals[h]), (ways[same_as[h]], prices[same_as[h]]),
-                tracks, targets, (most, gap),
-            )  # fmt: skip
-    return _listed(columns, totals, log_weights, T)
+            order, sums = _cheapest_sums(totals[h], part_totals[first], Limits(most, gap))
+            ways = len(part_totals[first])
+            joined = np.empty((len(order), T), np.int64)
+            for k in range(len(order)):
+                joined[k] = assigned[h][order[k] // ways]
+                for i in range(len(targets)):
+                    j = part_assigned[first][order[k] % ways, i]
+                    joined[k, targets[i]] = detections[j] if j >= 0 else -1
+            assigned[h], totals[h] = joined, sums
+    size = 0
+    for each in totals:
+        size += len(each)
+    parents, all_assigned = np.empty(size, np.int64), np.empty((size, T), np.int64)
+    weights = np.empty(size)
+    k = 0
+    for h in range(H):
+        for a in range(len(totals[h])):
+            parents[k], all_assigned[k] = h, assigned[h][a]
+            weights[k] = log_weights[h] - totals[h][a]
+            k += 1
+    return parents, all_assigned, weights
 
 
 @compiled()
-def _least_costs(members: np.ndarray, costs: np.ndarray) -> np.ndarray:
-    """Return (T, M) costs of each track's cheapest local hypothesis."""
-    least = np.full((members.shape[1], costs.shape[1]), np.inf)
+def _least_costs(local: np.ndarray, costs: np.ndarray) -> np.ndarray:
+    """Return (T, M) costs of each target's cheapest local hypothesis."""
+    least = np.full((local.shape[1], costs.shape[1]), np.inf)
     done = np.zeros(len(costs), np.bool_)
-    for h in range(len(members)):
-        for t in range(members.shape[1]):
-            k = members[h, t]
+    for h in range(len(local)):
+        for t in range(local.shape[1]):
+            k = local[h, t]
             if k >= 0 and not done[k]:
                 done[k] = True
                 for j in range(costs.shape[1]):
@@ -257,81 +340,128 @@ def _least_costs(members: np.ndarray, costs: np.ndarray) -> np.ndarray:
 
 
 @compiled()
-def _first_alike(members: np.ndarray, tracks: np.ndarray) -> np.ndarray:
-    """Return (H,) the first hypothesis that says the same of some tracks."""
-    first = np.arange(len(members))
-    for h in range(len(members)):
+def _first_that_agrees(local: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Return (H,) the first hypothesis with the same local hypotheses of some targets."""
+    first = np.arange(len(local))
+    for h in range(len(local)):
         for other in range(h):
-            alike = True
-            for t in tracks:
-                if members[h, t] != members[other, t]:
-                    alike = False
+            agrees = True
+            for t in targets:
+                if local[h, t] != local[other, t]:
+                    agrees = False
                     break
-            if alike:
+            if agrees:
                 first[h] = other
                 break
     return first
 
 
 @compiled()
-def _part(
-    costs: np.ndarray, member: np.ndarray, tracks: np.ndarray, targets: np.ndarray, gap: float
+def _part_costs(
+    costs: np.ndarray, local: np.ndarray, targets: np.ndarray, detections: np.ndarray, gap: float
 ) -> np.ndarray:
-    """Return costs of some tracks and detections.
+    """Return the costs of some targets and detections.
 
-    A pair dearer than the gap is in no assignment within the gap: without it that one is cheaper.
+    A pair that costs more than the gap is in no assignment within the gap, for without the pair
+    that assignment is cheaper.
     """
-    part = np.full((len(tracks), len(targets)), np.inf)
-    for i in range(len(tracks)):
-        k = member[tracks[i]]
+    part = np.full((len(targets), len(detections)), np.inf)
+    for i in range(len(targets)):
+        k = local[targets[i]]
         if k >= 0:
-            for j in range(len(targets)):
-                if costs[k, targets[j]] <= gap:
-                    part[i, j] = costs[k, targets[j]]
+            for j in range(len(detections)):
+                if costs[k, detections[j]] <= gap:
+                    part[i, j] = costs[k, detections[j]]
     return part
 
 
 @compiled()
-def _crossed(
-    known: tuple[np.ndarray, np.ndarray],
-    more: tuple[np.ndarray, np.ndarray],
-    tracks: np.ndarray,
-    targets: np.ndarray,
-    limits: tuple[int, float],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Join the assignments so far, columns and totals, with those of one more group."""
-    (columns, totals), (ways, prices) = known, more
-    sums = np.empty(len(totals) * len(prices))
-    for a in range(len(totals)):
-        for b in range(len(prices)):
-            sums[a * len(prices) + b] = totals[a] + prices[b]
-    order = np.argsort(sums, kind="mergesort")[: limits[0]]
-    size = 0
-    while size < len(order) and sums[order[size]] <= sums[order[0]] + limits[1]:
-        size += 1
-    joined = np.empty((size, columns.shape[1]), np.int64)
-    for k in range(size):
-        joined[k] = columns[order[k] // len(prices)]
-        for i in range(len(tracks)):
-            way = ways[order[k] % len(prices), i]
-            joined[k, tracks[i]] = targets[way] if way >= 0 else -1
-    return joined, sums[order[:size]]
+def best_assignments(costs: np.ndarray, count: int, gap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the `count` cheapest assignments of (N, M) costs whose totals are near the least.
+
+    Being unassigned costs 0, for rows and columns alike; pairs may cost less or more, inf where
+    impossible (Murty 1968).
+
+    gap: by how much totals may exceed the least.
+    Returns (K, N) int64 columns, -1 where a row is unassigned, and (K,) rising totals.
+    """
+    n, m = costs.shape
+    if n == 1:
+        return _best_of_one_row(costs[0], Limits(count, gap))
+    # Each row has a column of its own, for being unassigned; impossible pairs have a price that
+    # exceeds all differences of possible assignments.
+    price = 1.0
+    for i in range(n):
+        for j in range(m):
+            if costs[i, j] < np.inf:
+                price += abs(costs[i, j])
+    wide = np.full((n, m + n), price)
+    for i in range(n):
+        wide[i, m + i] = 0.0
+        for j in range(m):
+            if costs[i, j] < np.inf:
+                wide[i, j] = costs[i, j]
+    chosen = np.empty((1 + count * n, n), np.int64)
+    barred = np.zeros((1 + count * n, m + n), np.bool_)
+    fixed = np.zeros(1 + count * n, np.int64)
+    totals = np.full(1 + count * n, np.inf)
+    totals[0] = _complete(wide, price, chosen[0], 0, barred[0])
+    size, worst = 1, totals[0] + gap
+    columns, best_totals = np.empty((count, n), np.int64), np.empty(count)
+    k = 0
+    while k < count:
+        best = np.argmin(totals[:size])
+        if not totals[best] <= worst or totals[best] == np.inf:
+            break
+        columns[k], best_totals[k] = chosen[best], totals[best]
+        k += 1
+        # All other assignments of this node differ first at one of its rows: a node for each.
+        for row in range(fixed[best], n):
+            chosen[size] = chosen[best]
+            barred[size] = barred[best] & (row == fixed[best])
+            barred[size, chosen[best, row]] = True
+            fixed[size] = row
+            totals[size] = _complete(wide, price, chosen[size], row, barred[size])
+            if totals[size] <= worst:
+                size += 1
+            else:
+                totals[size] = np.inf
+        totals[best] = np.inf
+    return np.where(columns[:k] < m, columns[:k], -1), best_totals[:k]
 
 
 @compiled()
-def _listed(
-    columns: list[np.ndarray], totals: list[np.ndarray], log_weights: np.ndarray, T: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Put all hypotheses' continuations into one list."""
+def _best_of_one_row(costs: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+    """Return `best_assignments` of one row of (M,) costs."""
+    order, totals = _cheapest_sums(np.append(costs, 0.0), np.zeros(1), limits)
     size = 0
-    for each in totals:
-        size += len(each)
-    parents, found = np.empty(size, np.int64), np.empty((size, T), np.int64)
-    weights = np.empty(size)
-    k = 0
-    for h in range(len(totals)):
-        for a in range(len(totals[h])):
-            parents[k], found[k] = h, columns[h][a]
-            weights[k] = log_weights[h] - totals[h][a]
-            k += 1
-    return parents, found, weights
+    while size < len(totals) and totals[size] < np.inf:
+        size += 1
+    columns = order[:size].reshape(-1, 1)
+    return np.where(columns < len(costs), columns, -1), totals[:size]
+
+
+@compiled()
+def _complete(
+    wide: np.ndarray, price: float, chosen: np.ndarray, fixed: int, barred: np.ndarray
+) -> float:
+    """Choose the cheapest columns of the rows from `fixed` on; return the total, inf if impossible.
+
+    barred: columns that the first of these rows must not have.
+    """
+    n, m = wide.shape
+    left = wide[fixed:].copy()
+    total = 0.0
+    for i in range(fixed):
+        left[:, chosen[i]] = price
+        total += wide[i, chosen[i]]
+    for j in range(m):
+        if barred[j]:
+            left[0, j] = price
+    columns = least_total(left)
+    for i in range(n - fixed):
+        if left[i, columns[i]] >= price:
+            return np.inf
+        chosen[fixed + i] = columns[i]
+        total += left[i, columns[i]]
+    return total
