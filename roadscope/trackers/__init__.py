@@ -4,12 +4,15 @@ from typing import TYPE_CHECKING
 
 from roadscope._lazy import lazy_names
 from roadscope.core import Registry
-from roadscope.trackers.api import Tracker
+from roadscope.trackers.api import OfflineTracker, Tracker, is_offline
 
 if TYPE_CHECKING:
-    from roadscope.trackers.api import OfflineTracker
     from roadscope.trackers.assignment import assign_greedily
+    from roadscope.trackers.existence import ExistenceTracker
+    from roadscope.trackers.nearest import NearestTracker, associate_nearest
+    from roadscope.trackers.offline import rescored
     from roadscope.trackers.ticks import in_world
+    from roadscope.trackers.traits import DetectorTraits, log_odds, read_detector
 
 TRACKERS: Registry[Tracker] = Registry(
     "tracker",
@@ -30,7 +33,7 @@ TRACKERS: Registry[Tracker] = Registry(
         "pmbm": "roadscope.trackers.pmbm:PmbmTracker",
         "jpda": "roadscope.trackers.jpda:JpdaTracker",
         "existence": "roadscope.trackers.existence:ExistenceTracker",
-        "existence-offline": "roadscope.trackers.existence_offline:ExistenceOfflineTracker",
+        "existence-offline": "roadscope.trackers.offline:ExistenceOfflineTracker",
         "norfair": "roadscope.trackers.peers.norfair:NorfairTracker",
         "stonesoup-gnn": "roadscope.trackers.peers.stone_soup:StoneSoupGnnTracker",
         "stonesoup-jpda": "roadscope.trackers.peers.stone_soup:StoneSoupJpdaTracker",
@@ -43,41 +46,55 @@ TRACKERS: Registry[Tracker] = Registry(
         "nearest": "Nearest association, constant velocity (Lu 2018).",
         "nearest-q": "Likewise, with process noise.",
         "nearest-q-confirmed": "Likewise, confirmed after three hits.",
-        "greedy": "Surest detections first, nearest centre (CenterPoint, 2021).",
+        "greedy": "Highest scores first, nearest centre (CenterPoint, 2021).",
         "gnn": "Likeliest pairs within a gate (SORT in bird's-eye view).",
         "ab3dmot": "Overlap of boxes in space (AB3DMOT, Weng 2020).",
-        "bytetrack": "Sure detections first, then unsure (ByteTrack, 2022).",
+        "bytetrack": "High scores first, then low ones (ByteTrack, 2022).",
         "oc-sort": "Observations before estimates (OC-SORT, Cao 2023).",
-        "simple-track": "Unsure detections keep tracks (SimpleTrack, Pang 2021).",
-        "pc3t": "The surest predictions choose first (PC3T, Wu 2021).",
-        "mctrack": "Seen from above, then from the ego (MCTrack, Wang 2024).",
-        "imm": "Three models of motion at once (IMM, Blom 1988).",
+        "simple-track": "Low scores keep tracks alive (SimpleTrack, Pang 2021).",
+        "pc3t": "Most confident predictions first (PC3T, Wu 2021).",
+        "mctrack": "Bird's-eye view, then the ego's view (MCTrack, Wang 2024).",
+        "imm": "Three motion models at once (IMM, Blom 1988).",
         "pmbm": "Many global hypotheses (PMBM, Garcia-Fernandez 2018).",
         "jpda": "All detections, by exact marginals (JIPDA, Musicki 2004).",
-        "existence": "Existence by scores, fit and visibility: the one to take.",
-        "existence-offline": "Likewise, then all over with all frames at hand.",
+        "existence": "Existence from scores, fit and visibility: recommended.",
+        "existence-offline": "Likewise, then smoothed with all frames at hand.",
         "norfair": "Norfair's, nearest pairs first; needs norfair.",
         "stonesoup-gnn": "Stone Soup's GNN, likeliest pairs; needs stonesoup.",
         "stonesoup-jpda": "Stone Soup's exact JPDA; needs stonesoup.",
-        "roboflow-sort": "Roboflow's SORT, overlap seen from above; needs trackers.",
+        "roboflow-sort": "Roboflow's SORT, overlap in bird's-eye view; needs trackers.",
         "roboflow-bytetrack": "Roboflow's ByteTrack, likewise; needs trackers.",
         "roboflow-oc-sort": "Roboflow's OC-SORT, likewise; needs trackers.",
     },
 )
 
 _PLACES = {
-    "OfflineTracker": "roadscope.trackers.api:OfflineTracker",
+    "DetectorTraits": "roadscope.trackers.traits:DetectorTraits",
+    "ExistenceTracker": "roadscope.trackers.existence:ExistenceTracker",
+    "NearestTracker": "roadscope.trackers.nearest:NearestTracker",
     "assign_greedily": "roadscope.trackers.assignment:assign_greedily",
+    "associate_nearest": "roadscope.trackers.nearest:associate_nearest",
     "in_world": "roadscope.trackers.ticks:in_world",
+    "log_odds": "roadscope.trackers.traits:log_odds",
+    "read_detector": "roadscope.trackers.traits:read_detector",
+    "rescored": "roadscope.trackers.offline:rescored",
 }
 """Public name -> `module:attribute`, loaded when first used."""
 
 __all__ = [
     "TRACKERS",
+    "DetectorTraits",
+    "ExistenceTracker",
+    "NearestTracker",
     "OfflineTracker",
     "Tracker",
     "assign_greedily",
+    "associate_nearest",
     "in_world",
+    "is_offline",
+    "log_odds",
+    "read_detector",
+    "rescored",
 ]
 
 if not TYPE_CHECKING:

@@ -182,9 +182,7 @@ def least_total(costs: np.ndarray) -> np.ndarray:
 
 
 @compiled()
-def components(
-    rows: np.ndarray, columns: np.ndarray, n: int, m: int
-) -> tuple[np.ndarray, int]:
+def components(rows: np.ndarray, columns: np.ndarray, n: int, m: int) -> tuple[np.ndarray, int]:
     """Return (n + m,) the connected component of each row and column, and how many there are.
 
     rows, columns: (P,) the pairs. Components count from 0 by first row; a row or column without

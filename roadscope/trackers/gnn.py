@@ -61,9 +61,7 @@ class GnnTracker:
         return self._manager.finish_tick(tick, tracks, detections, pairs)
 
 
-def likeliest_pairs(
-    tracks: Tracklets, detections: Detections, R: np.ndarray, gate: float
-) -> Pairs:
+def likeliest_pairs(tracks: Tracklets, detections: Detections, R: np.ndarray, gate: float) -> Pairs:
     """Return the pairs with the least sum of d2 + ln det S.
 
     d2 is the squared Mahalanobis distance, S the covariance of the innovation. The determinant

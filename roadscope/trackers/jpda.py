@@ -193,9 +193,7 @@ def existence_after(existence: Existence, pairs: CandidatePairs, detection: floa
     """
     detected = np.clip(np.bincount(pairs.rows, pairs.costs, len(existence)), 0, 1)
     missed = existence.after_miss(detection)
-    return Existence(
-        detected + (1 - detected) * missed.visible, (1 - detected) * missed.hidden
-    )
+    return Existence(detected + (1 - detected) * missed.visible, (1 - detected) * missed.hidden)
 
 
 def mixture_moments(
@@ -208,9 +206,7 @@ def mixture_moments(
     """
     residuals = positions[pairs.columns] - beliefs.means[pairs.rows, :2]
     return Gaussians(
-        *_mixture_moments(
-            beliefs.means, beliefs.covariances, pairs.rows, residuals, pairs.costs, R
-        )
+        *_mixture_moments(beliefs.means, beliefs.covariances, pairs.rows, residuals, pairs.costs, R)
     )
 
 

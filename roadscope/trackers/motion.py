@@ -265,9 +265,7 @@ class PositionFilter:
     def started(self, detections: Detections) -> Gaussians:
         """Return estimates of N new tracks from one detection each."""
         speeds = self.speed_m_s * _RELATIVE_SPEED_OF_CATEGORY[detections.categories]
-        return self.motion.started(
-            NewTracks(detections.centres[:, :2], self.position_m, speeds)
-        )
+        return self.motion.started(NewTracks(detections.centres[:, :2], self.position_m, speeds))
 
     def predicted(self, estimates: Gaussians, dt: float) -> Gaussians:
         """Return estimates after dt seconds."""

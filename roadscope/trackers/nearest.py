@@ -155,7 +155,7 @@ class NearestTracker:
 def associate_nearest(
     positions: np.ndarray, predictions: np.ndarray, gate_m: float
 ) -> list[tuple[int, int]]:
-    """Return pairs of (N, 2) detected positions and (M, 2) predictions nearer than the gate (eq. 5).
+    """Return pairs of (N, 2) detected positions and (M, 2) predictions within a gate (eq. 5).
 
     In the paper each target in turn takes its nearest free filter, so the result depends on the
     order of targets. Our reading: the pair with the smallest distance of all is taken first. Of

@@ -169,9 +169,7 @@ class OcSortTracker:
         near = self._overlapping(tracks.boxes, tracks.categories, detections)
         costs = near.costs - self._momentum * self._agreement(near, observations, detections)
         # No pair costs more than this, so that a contrary direction alone undoes none.
-        rows, columns = assign_optimally(
-            near.with_costs(costs), unassigned_cost + self._momentum
-        )
+        rows, columns = assign_optimally(near.with_costs(costs), unassigned_cost + self._momentum)
         left, free = unassigned(len(tracks), rows), unassigned(len(detections), columns)
         near = self._overlapping(
             observations.boxes[left], tracks.categories[left], detections.select(free)

@@ -72,9 +72,7 @@ class Pc3tTracker:
         detections = tick.detections.select(tick.detections.scores >= self._least_score)
         tracks = self._manager.predicted_tracks(tick)
         pairs = self._assigned(tracks, detections, tick.period_s)
-        return self._manager.finish_tick(
-            tick, tracks, detections, pairs, new_score=self._new_score
-        )
+        return self._manager.finish_tick(tick, tracks, detections, pairs, new_score=self._new_score)
 
     def _assigned(self, tracks: Tracklets, detections: Detections, dt: float) -> Pairs:
         gates_m = np.full(len(tracks), self._gate_m)

@@ -150,9 +150,7 @@ class PmbmTracker:
         near = pairs_by_likelihood(tracks.positions, S, detections.centres[:, :2], self._gate)
         near = near.within_families(tracks.categories, detections.categories)
         missed = 1 - existence.visible * model.detection
-        peak_density = (
-            existence.visible * model.detection / (2 * np.pi * np.sqrt(determinants(S)))
-        )
+        peak_density = existence.visible * model.detection / (2 * np.pi * np.sqrt(determinants(S)))
         costs = near.costs / 2 - np.log(peak_density / missed)[near.rows]
         costs -= np.log(model.association_gains(scores))[near.columns]
         log_missed = np.bincount(
@@ -223,9 +221,7 @@ class PmbmTracker:
         self._mixture = replace(mixture, reported=reported)
         tracks = mixture.bernoullis.tracks.select(mixture.likeliest[shown])
         tracks = replace(tracks, scores=np.clip(existence[shown], 0, 1))
-        states = track_states(
-            (in_likeliest & confirmed)[shown], tracks.misses, self._shown_misses
-        )
+        states = track_states((in_likeliest & confirmed)[shown], tracks.misses, self._shown_misses)
         return tracks.as_tracks(states, tick)
 
 

@@ -111,9 +111,7 @@ def continue_all(
     detection_order, first_detection = sorted_by(component[T : T + sizes.detections], count)
     cluster_order, first_cluster = sorted_by(component[T + sizes.detections :], count)
     first_hypothesis = np.searchsorted(hypotheses.cluster, np.arange(clusters + 1))
-    first_member = np.searchsorted(
-        hypotheses.hypothesis, np.arange(len(hypotheses.cluster) + 1)
-    )
+    first_member = np.searchsorted(hypotheses.hypothesis, np.arange(len(hypotheses.cluster) + 1))
     index = np.empty(T, np.int64)
     blocks = [_unclaimed(0) for _ in range(0)]
     for c in range(count):
@@ -133,7 +131,7 @@ def continue_all(
             )
         blocks.append(_continue_cluster(targets, detections, local, log_weights, pairs, limits))
     for j in np.flatnonzero(component[T : T + sizes.detections] < 0):
-        blocks.append(_unclaimed(int(j)))
+        blocks.append(_unclaimed(int(j)))  # noqa: PERF401
     return _listed_blocks(blocks, sizes)
 
 
@@ -175,8 +173,9 @@ def _continue_cluster(
     used = used[used >= 0]
     costs = np.full((len(used), len(detections)), np.inf)
     for i in range(len(used)):
-        first, last = np.searchsorted(pairs.local, used[i]), np.searchsorted(
-            pairs.local, used[i] + 1
+        first, last = (
+            np.searchsorted(pairs.local, used[i]),
+            np.searchsorted(pairs.local, used[i] + 1),
         )
         for k in range(first, last):
             j = np.searchsorted(detections, pairs.detection[k])
@@ -228,9 +227,7 @@ def _listed_blocks(blocks: list[Block], sizes: Sizes) -> Continuations:
                     local[e], detection[e] = sizes.locals, block.detections[j]
                     e += 1
             h += 1
-    return Continuations(
-        cluster, log_weights, hypothesis[:e], target[:e], local[:e], detection[:e]
-    )
+    return Continuations(cluster, log_weights, hypothesis[:e], target[:e], local[:e], detection[:e])
 
 
 @compiled()

@@ -1,4 +1,4 @@
-"""Refusal of constructor arguments that make no sense."""
+"""Checks of constructor arguments."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def check_not_negative(**values: float) -> None:
 
 
 def check_counts(least: int, **values: int) -> None:
-    """Raise `ValueError` naming the first value that is no whole number from `least` on."""
+    """Raise `ValueError` naming the first value that is not an integer from `least` on."""
     for name, value in values.items():
         if not isinstance(value, int | np.integer) or value < least:
             raise ValueError(f"{name} must be {least} or more, got {value!r}")

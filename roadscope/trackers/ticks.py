@@ -63,9 +63,7 @@ class TrackerTick:
             )
         period_s = detections.stamp_s - last.stamp_s
         if not period_s > 0:
-            raise ValueError(
-                f"stamps must increase: {detections.stamp_s} s after {last.stamp_s} s"
-            )
+            raise ValueError(f"stamps must increase: {detections.stamp_s} s after {last.stamp_s} s")
         velocity = None
         if world_from_ego is not None and last.world_from_ego is not None:
             moved = world_from_ego.translation - last.world_from_ego.translation

@@ -150,9 +150,7 @@ class LifeCycle:
     def alive(self, hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
         """Return (N,) bool, which tracks have not been missed for too long."""
         tentative = hits < self.confirm_hits
-        alive: np.ndarray = misses <= np.where(
-            tentative, self.tentative_frames, self.coast_frames
-        )
+        alive: np.ndarray = misses <= np.where(tentative, self.tentative_frames, self.coast_frames)
         return alive
 
     def survivors(self, tracks: Tracklets) -> Tracklets:

@@ -140,7 +140,7 @@ class Detector(NamedTuple):
 OF_ANY_SIGN = ("score_offset", "score_per_m", "seen_gain", "back", "back_per_m", "seen_once")
 TRAITS = tuple(field.name for field in fields(DetectorTraits))
 SCORE_EDGE = 1e-4
-"""Scores nearer to 0 or 1 count as if they were this far from it: where scores of five digits end."""
+"""Scores are taken to be no nearer to 0 or 1 than this, where scores of five digits end."""
 
 
 def log_odds(scores: np.ndarray) -> np.ndarray:

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from roadscope.core import Category, Detections, Pose, RecordError, TrackState
 from roadscope.testing import contract_items
-from roadscope.trackers import TRACKERS
-from roadscope.trackers.api import OfflineTracker, is_offline
+from roadscope.trackers import TRACKERS, OfflineTracker, is_offline
 
 KNOW_NO_CATEGORIES = {"nearest", "nearest-q", "nearest-q-confirmed"}
 """Lu 2018's targets are all of one kind."""

@@ -12,7 +12,7 @@ from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
 from roadscope.benchmarks.metrics.tracking.following import follow
 from roadscope.core import Tracks
-from roadscope.trackers.existence_targets import log_odds
+from roadscope.trackers import log_odds
 
 MEASURE = "iou_2d"
 """The benchmark's own."""

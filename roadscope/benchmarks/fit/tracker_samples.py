@@ -25,7 +25,7 @@ from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.references import detection_source
 from roadscope.core import Category, Detections, Family, Pose, Truth
 from roadscope.core.pose import wrap_angle
-from roadscope.trackers.existence_targets import log_odds
+from roadscope.trackers import log_odds
 
 CLASSES = {"car": Category.CAR, "cyclist": Category.CYCLIST, "pedestrian": Category.PEDESTRIAN}
 GATES_M = {"car": 2.0, "cyclist": 1.0, "pedestrian": 1.0}

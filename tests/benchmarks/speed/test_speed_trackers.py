@@ -81,9 +81,9 @@ def test_in_the_crowd_every_detection_may_be_of_every_track(monkeypatch) -> None
     pairs: list[tuple[int, int, int]] = []
     exact = jpda.association_marginals
 
-    def watched(rows, columns, weights, alone, limit):
-        pairs.append((len(rows), len(alone[0]), len(alone[1])))
-        return exact(rows, columns, weights, alone, limit)
+    def watched(rows, columns, weights, missed, free, limit):
+        pairs.append((len(rows), len(missed), len(free)))
+        return exact(rows, columns, weights, missed, free, limit)
 
     monkeypatch.setattr(jpda, "association_marginals", watched)
     times_ms = timed_updates("jpda", list(crowd(LEAD + 4)))
