@@ -29,7 +29,7 @@ def assign_greedily(costs: np.ndarray, gate: float) -> Pairs:
     """
     rows, columns = np.nonzero(costs < gate)
     order = np.argsort(costs[rows, columns], kind="stable")
-    return _first_come(rows[order], columns[order], costs.shape)
+    return _first_come(rows[order], columns[order], len(costs))
 
 
 def assign_in_turn(candidates: CandidatePairs, turns: np.ndarray) -> Pairs:
@@ -39,12 +39,12 @@ def assign_in_turn(candidates: CandidatePairs, turns: np.ndarray) -> Pairs:
     """
     turn_of_row = np.argsort(turns)
     order = np.lexsort([candidates.costs, turn_of_row[candidates.rows]])
-    return _first_come(candidates.rows[order], candidates.columns[order], candidates.shape)
+    return _first_come(candidates.rows[order], candidates.columns[order], len(turns))
 
 
-def _first_come(rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> Pairs:
-    """Return those of sorted pairs whose row and column no earlier pair has."""
-    column_of_row = np.full(shape[0], -1)
+def _first_come(rows: np.ndarray, columns: np.ndarray, count: int) -> Pairs:
+    """Return those of sorted pairs whose row and column no earlier pair has, of `count` rows."""
+    column_of_row = np.full(count, -1)
     taken: set[int] = set()
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
         if column_of_row[row] < 0 and column not in taken:
@@ -68,7 +68,7 @@ def assign_optimally(candidates: CandidatePairs, gate: float) -> Pairs:
     return _pairs(_optimal_columns(near.rows, near.columns, near.costs - gate, *near.shape))
 
 
-class Stage(NamedTuple):
+class AssignmentStage(NamedTuple):
     """One stage of an assignment.
 
     rows, columns: (N,) and (M,) bool, which take part.
@@ -80,7 +80,7 @@ class Stage(NamedTuple):
     gate: float
 
 
-def assign_in_stages(candidates: CandidatePairs, stages: Iterable[Stage]) -> Pairs:
+def assign_in_stages(candidates: CandidatePairs, stages: Iterable[AssignmentStage]) -> Pairs:
     """Return optimal pairs of several stages, each among what those before have left."""
     free_rows, free_columns = (np.ones(n, bool) for n in candidates.shape)
     column_of_row = np.full(candidates.shape[0], -1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, Stage, assign_in_stages
+from roadscope.trackers.assignment import AssignmentStage, Pairs, assign_in_stages
 from roadscope.trackers.gating import boxes_of, check_overlap, pairs_by_overlap
 from roadscope.trackers.motion import ConstantVelocity, PositionFilter
 from roadscope.trackers.settings import check_not_negative, check_shares
@@ -87,8 +87,8 @@ class ByteTracker:
         low = ~high & (detections.scores >= self._low_score)
         confirmed, just_detected = tracks.hits >= CONFIRM_HITS, tracks.misses == 1
         stages = [
-            Stage(confirmed, high, 1 - self._least),
-            Stage(confirmed & just_detected, low, 1 - self._least_again),
-            Stage(~confirmed, high, 1 - self._least),
+            AssignmentStage(confirmed, high, 1 - self._least),
+            AssignmentStage(confirmed & just_detected, low, 1 - self._least_again),
+            AssignmentStage(~confirmed, high, 1 - self._least),
         ]
         return assign_in_stages(near, stages)

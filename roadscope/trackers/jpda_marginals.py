@@ -92,7 +92,7 @@ def _cluster_marginals(
     return np.ascontiguousarray(marginals.T)
 
 
-class Plan(NamedTuple):
+class EliminationPlan(NamedTuple):
     """How the rows of an (N, M) cluster are gone through.
 
     order: (N,) rows.
@@ -108,7 +108,7 @@ class Plan(NamedTuple):
 
 
 @compiled()
-def _plan(pairs: np.ndarray) -> Plan:
+def _plan(pairs: np.ndarray) -> EliminationPlan:
     """Return an order of rows that opens few columns at once: fewest more open columns next."""
     n, m = pairs.shape
     order, done = np.empty(n, np.int64), np.zeros(n, np.bool_)
@@ -144,12 +144,12 @@ def _plan(pairs: np.ndarray) -> Plan:
         for j in range(m):
             if last[j] == k and rows_left[j] == 0:
                 busy[bit[j]] = False
-    return Plan(order, bit, last, bits)
+    return EliminationPlan(order, bit, last, bits)
 
 
 @compiled()
 def _exact_marginals(
-    pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, plan: Plan
+    pairs: np.ndarray, missed: np.ndarray, free: np.ndarray, plan: EliminationPlan
 ) -> np.ndarray:
     """Return (N, M) marginals by sums over all joint events, forwards and backwards in the rows.
 

@@ -18,7 +18,7 @@ from roadscope.trackers.motion import ConstantVelocity, PositionFilter
 from roadscope.trackers.pmbm_hypotheses import (
     Continuations,
     Hypotheses,
-    Limits,
+    HypothesisLimits,
     PairCosts,
     Sizes,
     continue_all,
@@ -95,7 +95,7 @@ class PmbmTracker:
         self._model = AdaptiveModel(model, clutter_m2)
         self._gate, self._scores = chi_square_gate(gate_share, 2), ScoreCalibration(traits)
         gap = -float(np.log(least_share)) if least_share > 0 else np.inf
-        self._limits = Limits(hypotheses, gap)
+        self._limits = HypothesisLimits(hypotheses, gap)
         self._confirm, self._least, self._shown_misses = confirm, drop, shown_misses
         self._filter = PositionFilter(position_m, speed_m_s, ConstantVelocity(velocity_walk))
         self.reset()
@@ -331,7 +331,7 @@ class Mixture:
         in_likeliest[self.members.target[best[self.members.hypothesis]]] = True
         return in_likeliest
 
-    def pruned(self, drop: float, limits: Limits) -> Mixture:
+    def pruned(self, drop: float, limits: HypothesisLimits) -> Mixture:
         """Return the mixture without what is unlikely; equal hypotheses become one.
 
         drop: local hypotheses that exist with less than this probability are omitted.

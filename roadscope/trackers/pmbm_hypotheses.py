@@ -15,7 +15,7 @@ from roadscope.core.jit import compiled
 from roadscope.trackers.assignment import components, least_total, sorted_by
 
 
-class Limits(NamedTuple):
+class HypothesisLimits(NamedTuple):
     """How many alternatives are kept.
 
     count: the greatest number.
@@ -97,7 +97,7 @@ class Block(NamedTuple):
 
 @compiled()
 def continue_all(
-    hypotheses: Hypotheses, pairs: PairCosts, sizes: Sizes, limits: Limits
+    hypotheses: Hypotheses, pairs: PairCosts, sizes: Sizes, limits: HypothesisLimits
 ) -> Continuations:
     """Return how the hypotheses of all clusters continue; clusters that now compete become one.
 
@@ -163,7 +163,7 @@ def _continue_cluster(
     local: np.ndarray,
     log_weights: np.ndarray,
     pairs: PairCosts,
-    limits: Limits,
+    limits: HypothesisLimits,
 ) -> Block:
     """Return how the (h, t) joint hypotheses of a cluster continue.
 
@@ -232,7 +232,7 @@ def _listed_blocks(blocks: list[Block], sizes: Sizes) -> Continuations:
 
 @compiled()
 def _cheapest_sums(
-    costs: np.ndarray, more_costs: np.ndarray, limits: Limits
+    costs: np.ndarray, more_costs: np.ndarray, limits: HypothesisLimits
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the cheapest sums of a cost of each array: (K,) flat indices and (K,) rising sums."""
     sums = np.empty(len(costs) * len(more_costs))
@@ -252,7 +252,7 @@ def _product(
     log_weights: np.ndarray,
     more_local: np.ndarray,
     more_log_weights: np.ndarray,
-    limits: Limits,
+    limits: HypothesisLimits,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the likeliest joint hypotheses of two clusters, (A, T) and (B, T) local ones."""
     order, costs = _cheapest_sums(-log_weights, -more_log_weights, limits)
@@ -298,7 +298,7 @@ def continue_hypotheses(
                 part = _part_costs(costs, local[h], targets, detections, gap)
                 part_assigned[h], part_totals[h] = best_assignments(part, count, gap)
             most = max(1, int(np.ceil(count * shares[h])))
-            order, sums = _cheapest_sums(totals[h], part_totals[first], Limits(most, gap))
+            order, sums = _cheapest_sums(totals[h], part_totals[first], HypothesisLimits(most, gap))
             ways = len(part_totals[first])
             joined = np.empty((len(order), T), np.int64)
             for k in range(len(order)):
@@ -384,7 +384,7 @@ def best_assignments(costs: np.ndarray, count: int, gap: float) -> tuple[np.ndar
     """
     n, m = costs.shape
     if n == 1:
-        return _best_of_one_row(costs[0], Limits(count, gap))
+        return _best_of_one_row(costs[0], HypothesisLimits(count, gap))
     # Each row has a column of its own, for being unassigned; impossible pairs have a price that
     # exceeds all differences of possible assignments.
     price = 1.0
@@ -428,7 +428,7 @@ def best_assignments(costs: np.ndarray, count: int, gap: float) -> tuple[np.ndar
 
 
 @compiled()
-def _best_of_one_row(costs: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+def _best_of_one_row(costs: np.ndarray, limits: HypothesisLimits) -> tuple[np.ndarray, np.ndarray]:
     """Return `best_assignments` of one row of (M,) costs."""
     order, totals = _cheapest_sums(np.append(costs, 0.0), np.zeros(1), limits)
     size = 0

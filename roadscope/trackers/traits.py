@@ -130,7 +130,7 @@ class ScoreDistribution(Record):
         settle_arrays(self, deciles=(np.float64, (COUNT, 11)), counts=(np.int64, (COUNT,)))
 
 
-class Detector(NamedTuple):
+class KnownDetector(NamedTuple):
     """All that a file of traits says of a detector."""
 
     traits: DetectorTraits
@@ -155,7 +155,7 @@ def detector_names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
-def read_detector(name: str) -> Detector:
+def read_detector(name: str) -> KnownDetector:
     """Return what the file of a detector's name, or a path ending with `.toml`, says."""
     path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
     if not path.is_file():
@@ -167,7 +167,7 @@ def read_detector(name: str) -> Detector:
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: {error}") from error
     traits = DetectorTraits(*(_trait(path, data, trait) for trait in TRAITS))
-    return Detector(traits, _score_distribution(path, data))
+    return KnownDetector(traits, _score_distribution(path, data))
 
 
 def _score_distribution(path: Path, data: dict[str, object]) -> ScoreDistribution:
