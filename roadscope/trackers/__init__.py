@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from roadscope.trackers.assignment import assign_greedily
     from roadscope.trackers.existence import ExistenceTracker
     from roadscope.trackers.nearest import NearestTracker, associate_nearest
-    from roadscope.trackers.offline import rescored
+    from roadscope.trackers.offline import offline_tracks
     from roadscope.trackers.ticks import in_world
-    from roadscope.trackers.traits import DetectorTraits, log_odds, read_detector
+    from roadscope.trackers.traits import read_detector, score_log_odds
 
 TRACKERS: Registry[Tracker] = Registry(
     "tracker",
@@ -69,21 +69,19 @@ TRACKERS: Registry[Tracker] = Registry(
 )
 
 _PLACES = {
-    "DetectorTraits": "roadscope.trackers.traits:DetectorTraits",
     "ExistenceTracker": "roadscope.trackers.existence:ExistenceTracker",
     "NearestTracker": "roadscope.trackers.nearest:NearestTracker",
     "assign_greedily": "roadscope.trackers.assignment:assign_greedily",
     "associate_nearest": "roadscope.trackers.nearest:associate_nearest",
     "in_world": "roadscope.trackers.ticks:in_world",
-    "log_odds": "roadscope.trackers.traits:log_odds",
+    "offline_tracks": "roadscope.trackers.offline:offline_tracks",
     "read_detector": "roadscope.trackers.traits:read_detector",
-    "rescored": "roadscope.trackers.offline:rescored",
+    "score_log_odds": "roadscope.trackers.traits:score_log_odds",
 }
 """Public name -> `module:attribute`, loaded when first used."""
 
 __all__ = [
     "TRACKERS",
-    "DetectorTraits",
     "ExistenceTracker",
     "NearestTracker",
     "OfflineTracker",
@@ -92,9 +90,9 @@ __all__ = [
     "associate_nearest",
     "in_world",
     "is_offline",
-    "log_odds",
+    "offline_tracks",
     "read_detector",
-    "rescored",
+    "score_log_odds",
 ]
 
 if not TYPE_CHECKING:

@@ -15,7 +15,7 @@ from roadscope.core import Category
 from roadscope.trackers.settings import check_not_negative, check_positive, check_shares
 from roadscope.trackers.tables import ArrayTable
 from roadscope.trackers.ticks import TrackerTick
-from roadscope.trackers.traits import DetectorTraits, TraitsChoice, log_odds
+from roadscope.trackers.traits import DetectorTraits, TraitsChoice, score_log_odds
 
 EXTREME_SCORE = 0.98
 """No score counts for more than this, nor for less than one minus this; chosen by hand."""
@@ -136,7 +136,7 @@ class DetectionModel:
 
         Where clutter is dense, even a target that was just detected may be less likely than `drop`.
         """
-        return min(drop, self.birth_probabilities(np.array([0.5])).item())
+        return min(drop, float(self.birth_probabilities(np.array([0.5]))[0]))
 
 
 @dataclass(slots=True)
@@ -190,7 +190,7 @@ class ScoreCalibration:
 
     def probabilities(self, tick: TrackerTick) -> np.ndarray:
         """Return (M,) probabilities of being right if targets are as frequent as clutter."""
-        odds, categories = log_odds(tick.detections.scores), tick.detections.categories
+        odds, categories = score_log_odds(tick.detections.scores), tick.detections.categories
         traits = self._choice.update(odds, categories)
         if traits is not self._traits:
             self._traits = traits

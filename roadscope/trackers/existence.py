@@ -19,7 +19,7 @@ from roadscope.trackers.gating import pairs_by_distance, pairs_that_overlap
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.settings import check_positive
 from roadscope.trackers.ticks import TrackerTick
-from roadscope.trackers.traits import TraitsChoice, log_odds
+from roadscope.trackers.traits import TraitsChoice, score_log_odds
 
 # None of these was fitted. 9 is what scores of 0.9999 say, 12 is exceeded by one right pair in 400,
 # the others are round figures chosen by hand; they only save work on targets that are given up.
@@ -90,7 +90,7 @@ class ExistenceTracker:
         """Return the tracks after the detections of one tick, tentative ones included."""
         tick = self._tick = TrackerTick.after(self._tick, detections, ego_pose)
         detections, dt, eye = tick.detections, tick.period_s, tick.sensor_position[:2]
-        self._traits = self._choice.update(log_odds(detections.scores), detections.categories)
+        self._traits = self._choice.update(score_log_odds(detections.scores), detections.categories)
         measured = Measurements.of(detections, eye, self._traits, self._noise.factor)
         before = self._targets
         targets = before.predicted(dt, self._traits)
@@ -198,7 +198,8 @@ class ExistenceTracker:
 
 
 def _limited(log_odds: np.ndarray) -> np.ndarray:
-    return np.clip(log_odds, -MOST_LOG_ODDS, MOST_LOG_ODDS)
+    limited: np.ndarray = np.clip(log_odds, -MOST_LOG_ODDS, MOST_LOG_ODDS)
+    return limited
 
 
 def _position_log_odds(targets: BernoulliTargets, rows: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from roadscope.core.jit import compiled
 from roadscope.trackers.gating import FAMILIES, boxes_of
 from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.tables import ArrayTable
-from roadscope.trackers.traits import DetectorTraits, log_odds
+from roadscope.trackers.traits import DetectorTraits, score_log_odds
 
 # Chosen by hand.
 SIZE_MEMORY = 1.0
@@ -66,7 +66,7 @@ class Measurements(ArrayTable):
             errors=(1 - lasting) * errors,
             offsets=lasting * errors,
             turns=(1 - traits.yaw_lasting[kinds]) * (traits.yaw_rad[kinds] * growths) ** 2,
-            evidence=traits.detection_log_odds(log_odds(detections.scores), kinds, ranges_m),
+            evidence=traits.detection_log_odds(score_log_odds(detections.scores), kinds, ranges_m),
         )
 
     def __len__(self) -> int:

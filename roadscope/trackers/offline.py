@@ -51,14 +51,14 @@ class ExistenceOfflineTracker(ExistenceTracker):
         return tracks
 
     def rescored(self, history: Sequence[Tracks]) -> list[Tracks]:
-        """Return all tracks again, see `rescored` of this module.
+        """Return all tracks again, see `offline_tracks`.
 
         history: what `update` returned since the last reset.
         """
         none = TrackNoise.uniform(0, 0.0)
         noises = [self._noises.get(tracks.stamp_s, none) for tracks in history]
         known = all(len(n) == len(t) for n, t in zip(noises, history, strict=True))
-        return rescored(history, noises=noises if known else None)
+        return offline_tracks(history, noises=noises if known else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class TrackNoise:
         return TrackNoise(zeros + velocity_walk**2 * np.eye(2), zeros, zeros)
 
 
-def rescored(
+def offline_tracks(
     history: Sequence[Tracks],
     rules: OfflineRules | None = None,
     noises: Sequence[TrackNoise] | None = None,

@@ -348,7 +348,7 @@ class Mixture:
         starts, sizes = _extents(self.cluster[first])
         rank = np.arange(len(first)) - np.repeat(starts, sizes)
         best = np.repeat(weights[starts], sizes)
-        stays = (rank < limits.count) & (weights >= best - limits.gap)
+        stays = (rank < limits.most) & (weights >= best - limits.gap)
         weights, first = weights[stays], first[stays]
         cluster = self.cluster[first]
         if len(first):

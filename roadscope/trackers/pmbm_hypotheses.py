@@ -18,11 +18,11 @@ from roadscope.trackers.assignment import components, least_total, sorted_by
 class HypothesisLimits(NamedTuple):
     """How many alternatives are kept.
 
-    count: the greatest number.
+    most: the greatest number.
     gap: the greatest difference from the best, as a logarithm.
     """
 
-    count: int
+    most: int
     gap: float
 
 
@@ -186,12 +186,12 @@ def _continue_cluster(
             ):
                 costs[i, j] = pairs.costs[k]
     if local.size == 1 and len(used) == 1:
-        assigned, totals = best_assignments(costs, limits.count, limits.gap)
+        assigned, totals = best_assignments(costs, limits.most, limits.gap)
         parents, after = np.zeros(len(assigned), np.int64), log_weights[0] - totals
     else:
         known = np.where(local >= 0, np.searchsorted(used, local), -1)
         parents, assigned, after = continue_hypotheses(
-            known, log_weights, costs, limits.count, limits.gap
+            known, log_weights, costs, limits.most, limits.gap
         )
     return Block(targets, detections, local[parents], assigned, after)
 
@@ -239,7 +239,7 @@ def _cheapest_sums(
     for a in range(len(costs)):
         for b in range(len(more_costs)):
             sums[a * len(more_costs) + b] = costs[a] + more_costs[b]
-    order = np.argsort(sums, kind="mergesort")[: limits.count]
+    order = np.argsort(sums, kind="mergesort")[: limits.most]
     size = 0
     while size < len(order) and sums[order[size]] <= sums[order[0]] + limits.gap:
         size += 1

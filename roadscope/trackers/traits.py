@@ -143,7 +143,7 @@ SCORE_EDGE = 1e-4
 """Scores are taken to be no nearer to 0 or 1 than this, where scores of five digits end."""
 
 
-def log_odds(scores: np.ndarray) -> np.ndarray:
+def score_log_odds(scores: np.ndarray) -> np.ndarray:
     """Return (N,) log odds of scores in 0 to 1."""
     shares = np.clip(scores, SCORE_EDGE, 1 - SCORE_EDGE)
     odds: np.ndarray = np.log(shares / (1 - shares))

@@ -6,7 +6,7 @@ from tracked_scenes import T as DT
 from tracked_scenes import boxes, identities, make
 
 from roadscope.core import Category, Detections, Pose, Tracks, TrackState
-from roadscope.trackers import read_detector, rescored
+from roadscope.trackers import offline_tracks, read_detector
 from roadscope.trackers.offline import (
     OfflineRules,
     TargetTrajectory,
@@ -43,13 +43,13 @@ def test_knowing_the_future_places_better():
     drives = [drive(seed=seed) for seed in range(6)]
     after, before = (
         np.mean([errors(tracks).mean() for tracks in each])
-        for each in ([rescored(online) for online in drives], drives)
+        for each in ([offline_tracks(online) for online in drives], drives)
     )
     assert after < 0.8 * before
 
 
 def test_gaps_are_filled_and_called_coasting():
-    after = rescored(drive(hidden=range(15, 21)))
+    after = offline_tracks(drive(hidden=range(15, 21)))
     states = [int(tracks.states[0]) for tracks in after]
     assert states == [
         TrackState.COASTING if t in range(15, 21) else TrackState.CONFIRMED for t in range(40)
@@ -59,20 +59,20 @@ def test_gaps_are_filled_and_called_coasting():
 
 
 def test_tracks_end_with_their_last_detection():
-    after = rescored(drive(hidden=range(30, 40)))
+    after = offline_tracks(drive(hidden=range(30, 40)))
     assert [len(tracks) for tracks in after] == [1] * 30 + [0] * 10
 
 
 def test_one_score_for_a_whole_track_and_weak_ones_dropped():
-    after = rescored(drive())
+    after = offline_tracks(drive())
     assert len({float(tracks.scores[0]) for tracks in after}) == 1
-    assert not any(len(tracks) for tracks in rescored(drive(score=0.05)))
+    assert not any(len(tracks) for tracks in offline_tracks(drive(score=0.05)))
 
 
 def test_tracks_begin_with_their_first_detection_even_if_tentative():
     history = drive(score=0.5)
     assert history[0].states[0] == TrackState.TENTATIVE
-    after = rescored(history, OfflineRules(least_score=0.1))
+    after = offline_tracks(history, OfflineRules(least_score=0.1))
     assert [len(tracks) for tracks in after] == [1] * 40
 
 
@@ -83,10 +83,10 @@ def test_fragments_are_joined_and_crossing_the_gap_keeps_the_first_id():
         Tracks.empty(tracks.stamp_s, tracks.frame)
         for t, tracks in enumerate(late)
     ]  # fmt: skip
-    after = rescored(fragments)
+    after = offline_tracks(fragments)
     assert {int(tracks.ids[0]) for tracks in after} == {0}
     assert errors(after).max() < 0.6
-    apart = rescored(fragments, OfflineRules(longest_gap_s=0.2))
+    apart = offline_tracks(fragments, OfflineRules(longest_gap_s=0.2))
     assert {int(i) for tracks in apart for i in tracks.ids} == {0, 100}
 
 
@@ -145,20 +145,20 @@ def test_smoothing_is_least_squares_of_all_states():
 def test_pure_and_empty():
     history = drive(10)
     before = [replace(tracks) for tracks in history]
-    assert rescored(history) == rescored(history)
+    assert offline_tracks(history) == offline_tracks(history)
     assert history == before
-    assert rescored([]) == []
-    assert [len(t) for t in rescored([Tracks.empty(0.0), Tracks.empty(0.1)])] == [0, 0]
+    assert offline_tracks([]) == []
+    assert [len(t) for t in offline_tracks([Tracks.empty(0.0), Tracks.empty(0.1)])] == [0, 0]
 
 
 def test_frames_must_not_change():
     with pytest.raises(ValueError, match="one frame"):
-        rescored([Tracks.empty(0.0, "ego"), Tracks.empty(0.1, "world")])
+        offline_tracks([Tracks.empty(0.0, "ego"), Tracks.empty(0.1, "world")])
 
 
 def test_what_lasts_is_not_smoothed_away():
     history = drive()
-    plain = rescored(history)
+    plain = offline_tracks(history)
     lasting = [
         replace(alike, offsets=np.tile(0.01 * np.eye(2), (len(alike), 1, 1)))
         for alike in (TrackNoise.uniform(len(t), 0.8) for t in history)
@@ -166,7 +166,7 @@ def test_what_lasts_is_not_smoothed_away():
     wider = [
         replace(t, covariances=t.covariances + 0.01 * np.diag([1.0, 1, 0, 0])) for t in history
     ]
-    after = rescored(wider, noises=lasting)
+    after = offline_tracks(wider, noises=lasting)
     for one, other in zip(plain, after, strict=True):
         assert one.centres == pytest.approx(other.centres, abs=1e-6)
         added = other.covariances - one.covariances
@@ -233,4 +233,4 @@ def test_a_person_who_appears_where_no_one_on_foot_can_have_gone_is_another():
     after = np.column_stack([8 + 0.12 * np.arange(34, 54), np.full(20, 5.0)])
     tracker, history = tracked(Category.PEDESTRIAN, np.concatenate([before, gap, after]))
     assert identities(tracker.rescored(history)) == {0, 1}
-    assert identities(rescored(history)) == {0}
+    assert identities(offline_tracks(history)) == {0}
