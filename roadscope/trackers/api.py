@@ -51,11 +51,6 @@ class OfflineTracker(Tracker, Protocol):
         """
 
 
-def is_weighed(kind: Any) -> bool:
-    """Return whether the scores of a tracker's tentative tracks are meaningful."""
-    return bool(getattr(kind, "weighed", False))
-
-
 def is_offline(kind: Any) -> bool:
     """Return whether a tracker's class is an offline one."""
     return bool(getattr(kind, "offline", False))

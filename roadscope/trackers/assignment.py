@@ -65,7 +65,8 @@ def assign_optimally(candidates: CandidatePairs, gate: float) -> Pairs:
     Pairs whose costs reach the gate are impossible.
     """
     near = candidates.where(candidates.costs < gate)
-    return _pairs(_optimal_columns(near.rows, near.columns, near.costs - gate, *near.shape))
+    rows, columns = np.ascontiguousarray(near.rows), np.ascontiguousarray(near.columns)
+    return _pairs(_optimal_columns(rows, columns, near.costs - gate, *near.shape))
 
 
 class AssignmentStage(NamedTuple):

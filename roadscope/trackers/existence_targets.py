@@ -55,7 +55,9 @@ class Measurements(ArrayTable):
         ranges_m = np.hypot(boxes[:, 0] - eye[0], boxes[:, 1] - eye[1])
         growths = 1 + traits.growth_per_m[kinds] * ranges_m
         errors = noise * oriented_covariances(
-            boxes[:, 6], traits.along_m[kinds] * growths, traits.across_m[kinds] * growths
+            np.ascontiguousarray(boxes[:, 6]),
+            traits.along_m[kinds] * growths,
+            traits.across_m[kinds] * growths,
         )
         lasting = traits.lasting[kinds, None, None]
         return Measurements(
@@ -171,7 +173,9 @@ class BernoulliTargets(ArrayTable):
         """Return by how much the targets wander, by category and heading."""
         kinds = self.categories
         walks = oriented_covariances(
-            self.yaws[:, 0], traits.accelerate_m_s2[kinds], traits.swerve_m_s2[kinds]
+            np.ascontiguousarray(self.yaws[:, 0]),
+            traits.accelerate_m_s2[kinds],
+            traits.swerve_m_s2[kinds],
         )
         return MotionNoise(walks, 2 * self.offsets / traits.lasting_s[kinds, None, None])
 
@@ -198,7 +202,10 @@ class BernoulliTargets(ArrayTable):
     ) -> tuple[BernoulliTargets, np.ndarray]:
         """Return targets after one detection each, and (N,) squared Mahalanobis distances."""
         means, covariances, distances = corrected_states(
-            self.beliefs.means, self.beliefs.covariances, own.boxes[:, :2], own.errors
+            self.beliefs.means,
+            self.beliefs.covariances,
+            np.ascontiguousarray(own.boxes[:, :2]),
+            own.errors,
         )
         votes = self.votes.copy()
         votes[np.arange(len(self)), own.categories] += own.scores
@@ -437,7 +444,7 @@ def expected_velocities(
     it. How fast is a mixture: the usual speed, and the speed of each neighbour, which has more
     weight in the same lane. Returned are the mean and the variance of the mixture.
     """
-    kinds, yaws = new.categories, new.boxes[:, 6]
+    kinds, yaws = new.categories, np.ascontiguousarray(new.boxes[:, 6])
     headings = np.column_stack([np.cos(yaws), np.sin(yaws)])
     front = traits.front[kinds]
     weight, weighted_speed, weighted_square = _neighbour_speeds(

@@ -112,24 +112,38 @@ def continue_all(
     cluster_order, first_cluster = sorted_by(component[T + sizes.detections :], count)
     first_hypothesis = np.searchsorted(hypotheses.cluster, np.arange(clusters + 1))
     first_member = np.searchsorted(hypotheses.hypothesis, np.arange(len(hypotheses.cluster) + 1))
-    index = np.empty(T, np.int64)
+    first_pair = np.searchsorted(pairs.local, np.arange(sizes.locals + 1))
+    target_index, detection_index = np.empty(T, np.int64), np.full(sizes.detections, -1)
     blocks = [_unclaimed(0) for _ in range(0)]
     for c in range(count):
         targets = target_order[first_target[c] : first_target[c + 1]]
         detections = detection_order[first_detection[c] : first_detection[c + 1]]
         for i in range(len(targets)):
-            index[targets[i]] = i
+            target_index[targets[i]] = i
+        for j in range(len(detections)):
+            detection_index[detections[j]] = j
         local, log_weights = np.full((1, len(targets)), -1), np.zeros(1)
         for k in cluster_order[first_cluster[c] : first_cluster[c + 1]]:
             first, last = first_hypothesis[k], first_hypothesis[k + 1]
             table = np.full((last - first, len(targets)), -1)
             for e in range(first_member[first], first_member[last]):
                 row = hypotheses.hypothesis[e] - first
-                table[row, index[hypotheses.target[e]]] = hypotheses.local[e]
+                table[row, target_index[hypotheses.target[e]]] = hypotheses.local[e]
             local, log_weights = _product(
                 local, log_weights, table, hypotheses.log_weights[first:last], limits
             )
-        blocks.append(_continue_cluster(targets, detections, local, log_weights, pairs, limits))
+        number, costs = _cluster_costs(
+            local, pairs, first_pair, detection_index, len(detections), limits.gap
+        )
+        if local.size == 1 and len(costs) == 1:
+            assigned, totals = best_assignments(costs, limits.most, limits.gap)
+            parents, after = np.zeros(len(assigned), np.int64), log_weights[0] - totals
+        else:
+            parents, assigned, after = continue_hypotheses(
+                number, log_weights, costs, limits.most, limits.gap
+            )
+        blocks.append(Block(targets, detections, local[parents], assigned, after))
+        detection_index[detections] = -1
     for j in np.flatnonzero(component[T : T + sizes.detections] < 0):
         blocks.append(_unclaimed(int(j)))  # noqa: PERF401
     return _listed_blocks(blocks, sizes)
@@ -157,43 +171,40 @@ def _unclaimed(detection: int) -> Block:
 
 
 @compiled()
-def _continue_cluster(
-    targets: np.ndarray,
-    detections: np.ndarray,
+def _cluster_costs(
     local: np.ndarray,
-    log_weights: np.ndarray,
     pairs: PairCosts,
-    limits: HypothesisLimits,
-) -> Block:
-    """Return how the (h, t) joint hypotheses of a cluster continue.
+    first_pair: np.ndarray,
+    detection_index: np.ndarray,
+    detections: int,
+    gap: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the local hypotheses of a cluster, numbered from 0, and their costs up to the gap.
 
-    A single hypothesis of a single target takes a short way.
+    local: (h, t) of its joint hypotheses, -1 for none.
+    first_pair: (L + 1,) where the pairs of each local hypothesis start.
+    detection_index: (M,) of each detection in the cluster, -1 for those of others.
+    Returns (h, t) numbers in the order of `local`, -1 for none, and (l, m) costs.
     """
-    used = np.unique(local)
-    used = used[used >= 0]
-    costs = np.full((len(used), len(detections)), np.inf)
+    number_of = np.full(len(first_pair) - 1, -1)
+    for h in range(local.shape[0]):
+        for t in range(local.shape[1]):
+            if local[h, t] >= 0:
+                number_of[local[h, t]] = 0
+    used = np.flatnonzero(number_of == 0)
+    costs = np.full((len(used), detections), np.inf)
     for i in range(len(used)):
-        first, last = (
-            np.searchsorted(pairs.local, used[i]),
-            np.searchsorted(pairs.local, used[i] + 1),
-        )
-        for k in range(first, last):
-            j = np.searchsorted(detections, pairs.detection[k])
-            if (
-                pairs.costs[k] <= limits.gap
-                and j < len(detections)
-                and detections[j] == pairs.detection[k]
-            ):
+        number_of[used[i]] = i
+        for k in range(first_pair[used[i]], first_pair[used[i] + 1]):
+            j = detection_index[pairs.detection[k]]
+            if j >= 0 and pairs.costs[k] <= gap:
                 costs[i, j] = pairs.costs[k]
-    if local.size == 1 and len(used) == 1:
-        assigned, totals = best_assignments(costs, limits.most, limits.gap)
-        parents, after = np.zeros(len(assigned), np.int64), log_weights[0] - totals
-    else:
-        known = np.where(local >= 0, np.searchsorted(used, local), -1)
-        parents, assigned, after = continue_hypotheses(
-            known, log_weights, costs, limits.most, limits.gap
-        )
-    return Block(targets, detections, local[parents], assigned, after)
+    numbers = np.full(local.shape, -1)
+    for h in range(local.shape[0]):
+        for t in range(local.shape[1]):
+            if local[h, t] >= 0:
+                numbers[h, t] = number_of[local[h, t]]
+    return numbers, costs
 
 
 @compiled()

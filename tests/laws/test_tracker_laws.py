@@ -73,7 +73,7 @@ def test_one_object_keeps_one_identity(tracker):
     assert reports[-1].sizes[0].tolist() == [4.6, 1.85, 1.5]
 
 
-def test_identities_are_never_given_again(tracker):
+def test_identities_are_never_used_again(tracker):
     last: dict[int, int] = {}
     for k, tracks in enumerate(run(tracker, traffic(3, ticks=60))):
         assert len(set(tracks.ids.tolist())) == len(tracks)
@@ -83,7 +83,7 @@ def test_identities_are_never_given_again(tracker):
     assert len(last) > 10
 
 
-def test_covariances_are_proper_and_grow_while_unseen(tracker):
+def test_covariances_are_proper_and_grow_with_misses(tracker):
     reports = run(tracker, traffic(4))
     for tracks in reports:
         assert np.allclose(tracks.covariances, tracks.covariances.transpose(0, 2, 1))
@@ -117,7 +117,7 @@ def test_any_sequence_gives_proper_tracks(seed, name):
         assert len(tracks) >= n
 
 
-def test_unsure_detections_make_no_more_tracks_than_sure_ones(tracker):
+def test_low_scores_make_no_more_tracks_than_high_ones(tracker):
     """Trackers that look at scores may leave them aside, others take them like any."""
     sure = run(tracker, traffic(5))
     tracker.reset()
@@ -201,7 +201,7 @@ def test_a_pose_that_comes_and_goes_is_refused(tracker):
             tracker.update(boxes(np.array([[10.0, 0.0]]), 0.1), second)
 
 
-def test_late_and_missing_ticks_lose_nothing(tracker):
+def test_late_and_missing_ticks_lose_no_track(tracker):
     """A car at 12 m/s; ticks come late by up to 40 ms, every seventh not at all."""
     rng = np.random.default_rng(0)
     stamps = [0.1 * k + 0.04 * rng.random() for k in range(40) if k % 7 != 5]
@@ -210,7 +210,7 @@ def test_late_and_missing_ticks_lose_nothing(tracker):
     assert reports[-1].velocities[0] == pytest.approx((12, 0), abs=0.3)
 
 
-def test_an_empty_frame_now_and_then_loses_nothing(tracker):
+def test_empty_frames_lose_no_track(tracker):
     episode = [boxes(np.array([[1.2 * k - 20, 3.0]])[: k % 9 != 7], 0.1 * k) for k in range(40)]
     reports = run(tracker, episode)
     assert {int(i) for tracks in reports for i in tracks.ids} == {0}

@@ -18,7 +18,7 @@ def papers_filter(box):
     return kalman
 
 
-def test_equals_the_papers_filter():
+def test_the_filter_is_the_papers():
     rng = np.random.default_rng(0)
     tracker, kalman = make("ab3dmot"), None
     for k in range(12):
@@ -41,7 +41,7 @@ def test_equals_the_papers_filter():
         )
 
 
-def test_headings_are_told_apart_by_less_than_a_right_angle():
+def test_a_detection_half_a_turn_off_does_not_turn_the_track():
     """A detector that takes the front for the rear does not turn the track through the side."""
     tracker = make("ab3dmot")
     for k, yaw in enumerate([0.1, 0.1, 0.1 + np.pi, 0.1]):
@@ -58,14 +58,14 @@ def test_confirmed_after_three_detections_dropped_after_two_misses():
     ]  # fmt: skip
 
 
-def test_generalised_overlap_follows_what_jumps_clear_of_itself():
+def test_generalised_overlap_tracks_cars_that_move_more_than_their_length():
     """At 50 m/s a car covers more than its length in a tenth of a second."""
     episode = [boxes([(5.0 * k, 0)], k) for k in range(6)]
     assert len(identities(run(make("ab3dmot"), episode))) == 6
     assert len(identities(run(make("ab3dmot", overlap="giou", least=-0.2), episode))) == 1
 
 
-def test_a_late_tick_costs_no_more_than_its_time():
+def test_a_late_tick_is_predicted_by_its_time():
     episode = [boxes([(10 * k * T, 0)], k) for k in (0, 1, 2, 3, 4, 7, 8)]
     tracks = run(make("ab3dmot"), episode)
     assert identities(tracks) == {0}

@@ -5,7 +5,7 @@ from tracked_scenes import boxes, identities, make, run
 from roadscope.core import TrackState
 
 
-def test_one_by_one_it_is_filterpy():
+def test_each_track_has_filterpys_filter():
     """Three targets and uneven ticks; the filter written out."""
     rng, stamps = np.random.default_rng(0), [0.0, 0.1, 0.2, 0.45, 0.5, 0.6]
     start, speed = np.array([[0.0, 0], [20, 5], [40, -9]]), np.array([[8.0, 1], [0, 0], [-5, 2]])
@@ -40,7 +40,7 @@ def step(kalman, dt, place):
     kalman.update(place)
 
 
-def test_the_whole_is_likeliest_where_greed_leaves_one_alone():
+def test_the_assignment_is_optimal_where_a_greedy_one_leaves_a_detection():
     """Two cars jump ahead; the nearest pair of all is a wrong one."""
     episode = [boxes([(0, 0), (3, 0)], 0), boxes([(2, 0), (5.5, 0)], 1)]
     assert run(make("gnn"), episode)[-1].ids.tolist() == [0, 1]
@@ -48,8 +48,8 @@ def test_the_whole_is_likeliest_where_greed_leaves_one_alone():
     assert 2 in greedy.ids
 
 
-def test_a_vague_track_leaves_a_sure_one_its_detection():
-    """A new track next to a settled one, which is seen a little off."""
+def test_an_uncertain_track_leaves_a_certain_one_its_detection():
+    """A new track next to an old one, whose detection is a little off."""
     tracker = make("gnn")
     run(tracker, [boxes([(0, 0)], k) for k in range(20)])
     tracker.update(boxes([(0, 0), (1.6, 0)], 20), None)
@@ -58,13 +58,13 @@ def test_a_vague_track_leaves_a_sure_one_its_detection():
     assert moved[0] > 0.05
 
 
-def test_beyond_the_gate_is_another():
+def test_a_detection_beyond_the_gate_starts_a_track():
     episode = [boxes([(0, 0)], k) for k in range(20)]
     assert identities(run(make("gnn"), [*episode, boxes([(0.8, 0)], 20)])) == {0}
     assert identities(run(make("gnn"), [*episode, boxes([(2.5, 0)], 20)])) == {0, 1}
 
 
-def test_coasts_unseen_and_comes_back():
+def test_a_missed_track_coasts_and_comes_back():
     episode = [boxes([(k, 0)] if k < 5 or k >= 12 else [], k) for k in range(14)]
     tracks = run(make("gnn", shown_misses=3), episode)
     assert identities(tracks) == {0}

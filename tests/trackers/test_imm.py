@@ -29,7 +29,7 @@ def filterpys(imm, place):
     return IMMEstimator(filters, np.full(3, 1 / 3), imm.transition(DT))
 
 
-def test_equals_filterpys_estimator():
+def test_the_filter_is_filterpys_estimator():
     rng = np.random.default_rng(2)
     imm = ImmFilter(tuple(PositionFilter(motion=ConstantVelocity(walk)) for walk in WALKS), 0.7)
     path = np.cumsum(rng.normal([1, 0.3], 0.4, (20, 2)), axis=0)
@@ -110,7 +110,7 @@ def test_the_model_that_is_right_is_the_likeliest():
     assert braking.acceleration.means[0, 4] == pytest.approx(-4, abs=0.7)
 
 
-def test_mixing_keeps_covariances_proper_and_leaves_what_others_know_not():
+def test_mixing_keeps_covariances_proper_and_accelerations_unchanged():
     modes = drive(np.random.default_rng(1).normal(5, 3, (30, 2)))
     after = default_filter().predicted(modes, DT)
     for part in after.parts:
@@ -121,7 +121,7 @@ def test_mixing_keeps_covariances_proper_and_leaves_what_others_know_not():
     np.testing.assert_allclose(after.acceleration.means[:, 4:], modes.acceleration.means[:, 4:])
 
 
-def test_follows_a_hard_brake_better_than_one_calm_model():
+def test_hard_braking_is_tracked_better_than_by_one_model():
     rng = np.random.default_rng(4)
     speed = np.concatenate([np.full(30, 20.0), np.linspace(20, 0, 25), np.zeros(15)])
     path = np.stack([np.cumsum(speed * DT), np.zeros(70)], axis=1)
@@ -135,7 +135,7 @@ def test_follows_a_hard_brake_better_than_one_calm_model():
     assert errors["imm"] < 0.7 * errors["gnn"]
 
 
-def test_rows_of_modes_stay_together():
+def test_rows_of_modes_are_selected_together():
     modes = default_filter().started(boxes([[0, 0], [5, 5], [9, 1]], 0))
     picked = modes.select(np.array([2, 0]))
     assert isinstance(picked.turn, Gaussians)

@@ -31,7 +31,7 @@ def ro_gdiou(one, other):
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("least", [-0.4, 0.2])
-def test_the_overlap_from_above_is_the_papers(seed, least):
+def test_the_overlap_in_birds_eye_view_is_the_papers(seed, least):
     ones, twos = cars(seed), cars(seed + 100, 5)
     near = birds_eye_pairs(ones, twos, least)
     overlaps = dict(zip(zip(near.rows, near.columns, strict=True), 1 - near.costs, strict=True))
@@ -60,7 +60,7 @@ def diou(one, other):
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_the_overlap_from_the_ego_is_that_of_what_is_seen(seed):
+def test_the_overlap_in_the_ego_view_is_that_of_angles(seed):
     eye = np.array([-3.0, 1.0, 1.2])
     ones, twos = cars(seed), cars(seed + 100, 5)
     near = ego_view_pairs(ones, twos, eye, -0.3)
@@ -80,14 +80,14 @@ def test_the_overlap_from_the_ego_is_that_of_what_is_seen(seed):
     assert again.costs == pytest.approx(near.costs)
 
 
-def test_the_second_view_finds_what_lies_at_a_wrong_depth():
+def test_the_second_view_assigns_detections_of_wrong_depth():
     """Seen at the same place of the image, but 8 m behind where it was expected."""
     episode = [boxes([(30 + 8 * (k > 5), 0)], k) for k in range(9)]
     assert len(identities(run(make("mctrack"), episode))) == 2
     assert len(identities(run(make("mctrack", least_again=-0.3), episode))) == 1
 
 
-def test_a_target_that_brakes_is_expected_where_it_stops():
+def test_a_braking_target_is_expected_where_it_stops():
     """From 20 m/s to rest in 4 s, unseen for 0.6 s: it is 20 cm, not 1 m, off."""
     stamps = 0.1 * np.arange(26)
     places = 20 * stamps - 2.5 * stamps**2
@@ -98,7 +98,7 @@ def test_a_target_that_brakes_is_expected_where_it_stops():
     assert abs(straight - places[-1]) > 0.8
 
 
-def test_unsure_detections_and_doubles_are_left_aside():
+def test_low_scores_and_doubles_are_ignored():
     tracks = run(
         make("mctrack"), [boxes([(5, 0), (5.5, 0), (20, 0)], k, [0.9, 0.8, 0.4]) for k in range(4)]
     )

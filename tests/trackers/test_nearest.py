@@ -19,7 +19,7 @@ def seen(tick, *places, frame="ego"):
     )  # fmt: skip
 
 
-def test_identity_survives_13_missed_frames():
+def test_an_identity_survives_13_misses():
     tracker = make("nearest", coast_frames=13)
     for k in range(20):
         before = tracker.update(seen(k, (20 + 0.1 * k, 3)), None)
@@ -32,7 +32,7 @@ def test_identity_survives_13_missed_frames():
     assert after.states.tolist() == [TrackState.CONFIRMED]
 
 
-def test_filter_is_dropped_after_13_missed_frames_and_its_id_is_gone():
+def test_a_filter_is_dropped_after_13_misses_and_its_id_is_gone():
     tracker = make("nearest", coast_frames=13)
     first = tracker.update(seen(0, (20, 3)), None)
     counts = [len(tracker.update(seen(k), None)) for k in range(1, 16)]
@@ -41,7 +41,7 @@ def test_filter_is_dropped_after_13_missed_frames_and_its_id_is_gone():
     assert again.ids[0] != first.ids[0]
 
 
-def test_tentative_until_seen_often_enough():
+def test_a_track_is_tentative_until_it_has_enough_detections():
     tracker = make("nearest", confirm_hits=3)
     states = [
         tracker.update(seen(k, *places), None).states[0]
@@ -50,7 +50,7 @@ def test_tentative_until_seen_often_enough():
     assert states == [0, 0, 0, TrackState.CONFIRMED, TrackState.COASTING]
 
 
-def test_far_target_opens_a_filter():
+def test_a_far_target_starts_a_filter():
     tracker = make("nearest", gate_m=2.0)
     tracker.update(seen(0, (20, 0)), None)
     tracks = tracker.update(seen(1, (20, 1.9), (30, 0)), None)
@@ -73,7 +73,7 @@ def turning(k):
     return Pose.planar(30 * np.sin(angle), 30 - 30 * np.cos(angle), angle)
 
 
-def test_turning_ego_is_followed_in_the_world():
+def test_a_standing_target_stands_while_the_ego_turns():
     standing = np.array([40.0, 5.0, 0.0])
     world, ego = make("nearest"), make("nearest", frame="ego")
     for k in range(40):

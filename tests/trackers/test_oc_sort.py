@@ -13,7 +13,7 @@ def braking(k):
     return (10 * min(k * T, 1.3), 0.0)
 
 
-def test_recovers_where_it_was_last_seen_what_prediction_loses():
+def test_recovery_at_the_last_detection_continues_what_prediction_loses():
     episode = [boxes([] if 10 <= k < 30 else [braking(k)], k) for k in range(45)]
     with_recovery, without = make("oc-sort"), make("gnn", coast_frames=30)
     assert len(identities(run(with_recovery, episode), TrackState.CONFIRMED)) == 1
@@ -26,13 +26,13 @@ def bending(k):
     return (min(10 * k * T, 10) + 25 * np.sin(angle), 25 - 25 * np.cos(angle))
 
 
-def test_a_stiff_filter_forgets_its_drift():
+def test_re_update_removes_the_drift_of_a_stiff_filter():
     """Hidden in a bend; what is believed two ticks after it came back, noise as detectors have."""
     errors = {"oc-sort": [], "gnn": []}
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        seen = [k for k in range(27) if not 15 <= k < 26]
-        places = {k: [bending(k) + 0.2 * rng.standard_normal(2)] for k in seen}
+        ticks = [k for k in range(27) if not 15 <= k < 26]
+        places = {k: [bending(k) + 0.2 * rng.standard_normal(2)] for k in ticks}
         for kind, found in errors.items():
             wide = {"least": -0.5} if kind == "oc-sort" else {"gate_share": 0.9999999}
             tracker = make(kind, coast_frames=20, velocity_walk=0.5, **wide)
@@ -42,31 +42,31 @@ def test_a_stiff_filter_forgets_its_drift():
     assert np.median(errors["oc-sort"]) < 0.5 * np.median(errors["gnn"])
 
 
-def test_re_update_equals_a_filter_along_the_line():
-    """Two tracks, unseen for two ticks and for none, with uneven ticks."""
-    stamps, seen = [0.0, 0.1, 0.25, 0.3], np.array([0.0, 0.25])
-    places, found = np.array([[0.0, 0.0], [50.0, 1.0]]), np.array([[3.0, 0.6], [50.4, 1.1]])
+def test_re_update_is_a_filter_along_the_line():
+    """Two tracks, missed for two ticks and for none, with uneven ticks."""
+    stamps, last_s = [0.0, 0.1, 0.25, 0.3], np.array([0.0, 0.25])
+    places, detected = np.array([[0.0, 0.0], [50.0, 1.0]]), np.array([[3.0, 0.6], [50.4, 1.1]])
     detections = boxes(places, 0)
     kalman = PositionFilter()
     beliefs = kalman.started(detections)
     observed = Observations.started(detections, beliefs, 3)
-    observed.stamps[:] = seen
+    observed.stamps[:] = last_s
     tracker = make("oc-sort", velocity_walk=1.0)
     tracker._stamps = stamps
-    again = tracker._re_updated(observed, found)
+    again = tracker._re_updated(observed, detected)
     for k in range(2):
-        row, last = np.array([k]), seen[k]
+        row, last = np.array([k]), last_s[k]
         one = beliefs.select(row)
         for t in [t for t in stamps if t > last]:
-            share = (t - seen[k]) / (0.3 - seen[k])
-            virtual = (1 - share) * places[row] + share * found[row]
+            share = (t - last_s[k]) / (0.3 - last_s[k])
+            virtual = (1 - share) * places[row] + share * detected[row]
             one = kalman.corrected(kalman.predicted(one, t - last), virtual)
             last = t
         np.testing.assert_allclose(again.means[k], one.means[0], atol=1e-12)
         np.testing.assert_allclose(again.covariances[k], one.covariances[0], atol=1e-12)
 
 
-def test_momentum_prefers_what_lies_ahead():
+def test_momentum_prefers_detections_ahead():
     tracker = make("oc-sort")
     first = boxes([(0, 0)], 0)
     beliefs = PositionFilter().started(first)
@@ -77,7 +77,7 @@ def test_momentum_prefers_what_lies_ahead():
     assert agreement.tolist() == pytest.approx([0.4, 0, -0.4, 0])
 
 
-def test_memory_reaches_back_a_few_ticks_and_then_to_the_last():
+def test_anchors_are_a_few_ticks_old_or_the_last_detection():
     first = boxes([(0, 0)], 0)
     beliefs = PositionFilter().started(first)
     observed = Observations.started(first, beliefs, 2)
@@ -103,7 +103,7 @@ def test_ignores_detections_of_low_score():
     assert not any(len(each) for each in tracks)
 
 
-def test_memory_of_stamps_does_not_grow():
+def test_old_stamps_are_forgotten():
     tracker = make("oc-sort", coast_frames=5)
     run(tracker, [boxes([(5, 0)] if k % 3 else [], k) for k in range(50)])
     assert len(tracker._stamps) < 10

@@ -39,7 +39,7 @@ def errors(history):
     )
 
 
-def test_knowing_the_future_places_better():
+def test_smoothing_improves_positions():
     drives = [drive(seed=seed) for seed in range(6)]
     after, before = (
         np.mean([errors(tracks).mean() for tracks in each])
@@ -48,7 +48,7 @@ def test_knowing_the_future_places_better():
     assert after < 0.8 * before
 
 
-def test_gaps_are_filled_and_called_coasting():
+def test_gaps_are_filled_as_coasting():
     after = offline_tracks(drive(hidden=range(15, 21)))
     states = [int(tracks.states[0]) for tracks in after]
     assert states == [
@@ -90,7 +90,7 @@ def test_fragments_are_joined_and_crossing_the_gap_keeps_the_first_id():
     assert {int(i) for tracks in apart for i in tracks.ids} == {0, 100}
 
 
-def test_unseen_ticks_are_recognised():
+def test_missed_ticks_are_recognised():
     history = drive(hidden=(9, 10))
     (whole,) = trajectories(history, [TrackNoise.uniform(len(t), 0.8) for t in history])
     assert np.flatnonzero(~whole.detected).tolist() == [9, 10]
@@ -142,7 +142,7 @@ def test_smoothing_is_least_squares_of_all_states():
     assert spread[2] == pytest.approx(joint[8:12, 8:12], abs=1e-9)
 
 
-def test_pure_and_empty():
+def test_the_input_is_unchanged_and_may_be_empty():
     history = drive(10)
     before = [replace(tracks) for tracks in history]
     assert offline_tracks(history) == offline_tracks(history)
@@ -156,7 +156,7 @@ def test_frames_must_not_change():
         offline_tracks([Tracks.empty(0.0, "ego"), Tracks.empty(0.1, "world")])
 
 
-def test_what_lasts_is_not_smoothed_away():
+def test_lasting_errors_are_not_smoothed_away():
     history = drive()
     plain = offline_tracks(history)
     lasting = [
@@ -210,7 +210,7 @@ def state_errors(history, truth):
     return np.array(found), np.array([tracks.covariances[0] for tracks, _ in pairs])
 
 
-def test_people_are_smoothed_as_people_move():
+def test_pedestrians_are_smoothed_by_their_own_noise():
     """As far off as the covariances say; with one walk for all velocities are 0.13 m/s off."""
     rng, kind = np.random.default_rng(0), Category.PEDESTRIAN
     velocities, squares = [], []
@@ -226,7 +226,7 @@ def test_people_are_smoothed_as_people_move():
     assert 0.5 < np.concatenate(squares).mean() < 1.2
 
 
-def test_a_person_who_appears_where_no_one_on_foot_can_have_gone_is_another():
+def test_fragments_are_not_joined_where_pedestrians_cannot_have_gone():
     """A car may have gone two metres aside in a second and a half: one walk for all joins them."""
     before = np.column_stack([8 + 0.12 * np.arange(20), np.full(20, 3.0)])
     gap = np.full((14, 2), np.nan)

@@ -5,7 +5,7 @@ from tracked_scenes import boxes, identities, make, run
 from roadscope.core import TrackState
 
 
-def test_the_surest_prediction_chooses_first():
+def test_the_most_confident_prediction_chooses_first():
     """Two tracks, one detection between them, nearer to the track that was less sure."""
     tracker = make("pc3t")
     run(tracker, [boxes([(0, 0), (0, 3)], k, [0.9, 0.7]) for k in range(4)])
@@ -14,7 +14,7 @@ def test_the_surest_prediction_chooses_first():
     assert tracks.ids[seen].tolist() == [0]
 
 
-def test_confidence_falls_while_unseen():
+def test_confidence_falls_with_misses():
     """The track that was surer has been missed for ten ticks."""
     tracker = make("pc3t", gate_m=2.5)
     run(tracker, [boxes([(0, 0), (0, 3)], k, [0.9, 0.8]) for k in range(4)])
@@ -44,14 +44,14 @@ def test_speeds_cost():
     assert tracks.centres[tracks.ids == 0][0, 1] > 0.2
 
 
-def test_new_tracks_are_given_up_sooner():
+def test_tentative_tracks_are_dropped_sooner():
     fresh = run(make("pc3t"), [boxes([(5, 0)] if k < 1 else [], k) for k in range(6)])
     assert [len(t) for t in fresh] == [1, 1, 1, 0, 0, 0]
     old = run(make("pc3t"), [boxes([(5, 0)] if k < 4 else [], k) for k in range(20)])
     assert [len(t) for t in old] == [1] * 16 + [0] * 4
 
 
-def test_scores_that_open_and_continue():
+def test_scores_that_start_and_continue_tracks():
     episode = [boxes([(5, 0)], k, 0.6) for k in range(4)]
     assert identities(run(make("pc3t"), episode)) == {0}
     assert not identities(run(make("pc3t", new_score=0.9), episode))

@@ -1,4 +1,4 @@
-"""What other libraries' trackers are given and asked; skipped where they are not installed."""
+"""Trackers of other libraries; skipped where they are not installed."""
 
 import json
 import os
@@ -87,7 +87,7 @@ def test_the_world_stands_still_while_the_ego_drives(peer):
     np.testing.assert_allclose(np.sort(last.velocities[:, 0]), [-8, 10], atol=0.5)
 
 
-def test_two_in_one_process_do_not_meddle(peer, request):
+def test_two_in_one_process_are_independent(peer, request):
     other = TRACKERS.make(request.node.callspec.params["peer"])
     alone = run(peer, cars(10))
     peer.reset()
@@ -99,7 +99,7 @@ def test_two_in_one_process_do_not_meddle(peer, request):
 
 
 @pytest.mark.parametrize("name", PEERS)
-def test_what_is_not_installed_is_said(name, monkeypatch):
+def test_a_missing_library_is_named(name, monkeypatch):
     monkeypatch.setattr(Requirement, "version", None)
     assert "is not installed: pip install" in TRACKERS.missing(name)
     with pytest.raises(NotInstalledError, match="is not installed: pip install"):
@@ -132,7 +132,7 @@ detectors = ["oracle"]
 """
 
 
-def test_what_is_not_installed_ends_no_run(tmp_path):
+def test_a_missing_library_ends_no_run(tmp_path):
     """In all processes of a run, the plug-ins' own too."""
     distributions = sorted({TRACKERS.resolve(name).requirement.distribution for name in PEERS})
     hide = HIDDEN.replace("DISTRIBUTIONS", repr(distributions))
@@ -185,7 +185,7 @@ def test_settings_that_make_no_sense_are_refused(spec, message):
         TRACKERS.make(spec)
 
 
-def test_nothing_of_theirs_is_loaded_by_asking():
+def test_listing_loads_no_library():
     code = (
         "import sys; from roadscope.trackers import TRACKERS; TRACKERS.installed();"
         "print({'norfair', 'stonesoup', 'trackers', 'supervision', 'cv2'} & set(sys.modules))"
