@@ -1,4 +1,4 @@
-"""Trackers by name."""
+"""Trackers by name, and the parts of which they are made."""
 
 from typing import TYPE_CHECKING
 
@@ -7,11 +7,27 @@ from roadscope.core import Registry
 from roadscope.trackers.api import OfflineTracker, Tracker, is_offline
 
 if TYPE_CHECKING:
-    from roadscope.trackers.assignment import assign_greedily
+    from roadscope.trackers.assignment import assign_greedily, assign_in_turn, assign_optimally
     from roadscope.trackers.existence import ExistenceTracker
+    from roadscope.trackers.gating import (
+        CandidatePairs,
+        chi_square_gate,
+        pairs_by_distance,
+        pairs_by_likelihood,
+        pairs_by_overlap,
+        suppressed,
+    )
+    from roadscope.trackers.kalman import Gaussians
+    from roadscope.trackers.motion import (
+        ConstantAcceleration,
+        ConstantVelocity,
+        CoordinatedTurn,
+        PositionFilter,
+    )
     from roadscope.trackers.nearest import NearestTracker, associate_nearest
     from roadscope.trackers.offline import offline_tracks
-    from roadscope.trackers.ticks import in_world
+    from roadscope.trackers.ticks import TrackerTick, in_world
+    from roadscope.trackers.tracklets import LifeCycle, Tracklets, TrackManager
     from roadscope.trackers.traits import read_detector, score_log_odds
 
 TRACKERS: Registry[Tracker] = Registry(
@@ -69,30 +85,64 @@ TRACKERS: Registry[Tracker] = Registry(
 )
 
 _PLACES = {
+    "CandidatePairs": "roadscope.trackers.gating:CandidatePairs",
+    "ConstantAcceleration": "roadscope.trackers.motion:ConstantAcceleration",
+    "ConstantVelocity": "roadscope.trackers.motion:ConstantVelocity",
+    "CoordinatedTurn": "roadscope.trackers.motion:CoordinatedTurn",
     "ExistenceTracker": "roadscope.trackers.existence:ExistenceTracker",
+    "Gaussians": "roadscope.trackers.kalman:Gaussians",
+    "LifeCycle": "roadscope.trackers.tracklets:LifeCycle",
     "NearestTracker": "roadscope.trackers.nearest:NearestTracker",
+    "PositionFilter": "roadscope.trackers.motion:PositionFilter",
+    "TrackManager": "roadscope.trackers.tracklets:TrackManager",
+    "TrackerTick": "roadscope.trackers.ticks:TrackerTick",
+    "Tracklets": "roadscope.trackers.tracklets:Tracklets",
     "assign_greedily": "roadscope.trackers.assignment:assign_greedily",
+    "assign_in_turn": "roadscope.trackers.assignment:assign_in_turn",
+    "assign_optimally": "roadscope.trackers.assignment:assign_optimally",
     "associate_nearest": "roadscope.trackers.nearest:associate_nearest",
+    "chi_square_gate": "roadscope.trackers.gating:chi_square_gate",
     "in_world": "roadscope.trackers.ticks:in_world",
     "offline_tracks": "roadscope.trackers.offline:offline_tracks",
+    "pairs_by_distance": "roadscope.trackers.gating:pairs_by_distance",
+    "pairs_by_likelihood": "roadscope.trackers.gating:pairs_by_likelihood",
+    "pairs_by_overlap": "roadscope.trackers.gating:pairs_by_overlap",
     "read_detector": "roadscope.trackers.traits:read_detector",
     "score_log_odds": "roadscope.trackers.traits:score_log_odds",
+    "suppressed": "roadscope.trackers.gating:suppressed",
 }
 """Public name -> `module:attribute`, loaded when first used."""
 
 __all__ = [
     "TRACKERS",
+    "CandidatePairs",
+    "ConstantAcceleration",
+    "ConstantVelocity",
+    "CoordinatedTurn",
     "ExistenceTracker",
+    "Gaussians",
+    "LifeCycle",
     "NearestTracker",
     "OfflineTracker",
+    "PositionFilter",
+    "TrackManager",
     "Tracker",
+    "TrackerTick",
+    "Tracklets",
     "assign_greedily",
+    "assign_in_turn",
+    "assign_optimally",
     "associate_nearest",
+    "chi_square_gate",
     "in_world",
     "is_offline",
     "offline_tracks",
+    "pairs_by_distance",
+    "pairs_by_likelihood",
+    "pairs_by_overlap",
     "read_detector",
     "score_log_odds",
+    "suppressed",
 ]
 
 if not TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from roadscope.trackers.gating import CandidatePairs
+from roadscope.trackers import CandidatePairs
 
 
 def candidates(costs):

@@ -13,21 +13,17 @@ from tracked_scenes import both, boxes
 
 from roadscope.core import Category
 from roadscope.core.box_overlap import box_overlaps_3d
-from roadscope.trackers import assign_greedily, associate_nearest
-from roadscope.trackers.assignment import (
-    AssignmentStage,
-    assign_in_stages,
+from roadscope.trackers import (
+    assign_greedily,
     assign_in_turn,
     assign_optimally,
-    components,
-)
-from roadscope.trackers.gating import (
-    boxes_of,
+    associate_nearest,
     chi_square_gate,
     pairs_by_distance,
     pairs_by_likelihood,
     suppressed,
 )
+from roadscope.trackers.assignment import AssignmentStage, assign_in_stages, components
 
 seeds = st.integers(0, 2**32 - 1)
 sides = st.tuples(st.integers(0, 7), st.integers(0, 7))
@@ -177,7 +173,8 @@ def test_pairs_by_distance_are_those_of_all_distances(seed, gate):
 def test_suppression_goes_from_the_highest_score_on(most):
     rng = np.random.default_rng(1)
     crowd = boxes(rng.uniform(0, 10, (30, 2)), 0, rng.random(30), yaws=rng.uniform(-3, 3, 30))
-    overlaps = box_overlaps_3d(boxes_of(crowd), boxes_of(crowd))
+    rows = np.column_stack([crowd.centres, crowd.sizes, crowd.yaws])
+    overlaps = box_overlaps_3d(rows, rows)
     stays = []
     for row in np.argsort(-crowd.scores, kind="stable").tolist():
         if all(overlaps[row, other] <= most for other in stays):

@@ -7,7 +7,7 @@ from tracked_scenes import T as DT
 from tracked_scenes import boxes, identities, make, run
 
 from roadscope.core import Category, Pose, TrackState
-from roadscope.trackers import read_detector
+from roadscope.trackers import Gaussians, read_detector
 from roadscope.trackers.existence import log_odds_of_both
 from roadscope.trackers.existence_targets import (
     BoxEstimates,
@@ -22,7 +22,6 @@ from roadscope.trackers.existence_targets import (
     predicted_states,
 )
 from roadscope.trackers.gating import FAMILIES
-from roadscope.trackers.kalman import Gaussians
 from roadscope.trackers.traits import FOLDER
 
 UNKNOWN = read_detector("unknown").traits

@@ -9,19 +9,9 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from roadscope.core import Pose
-from roadscope.trackers.kalman import (
-    Gaussians,
-    corrected,
-    corrected_with_likelihood,
-    predicted,
-)
-from roadscope.trackers.motion import (
-    ConstantAcceleration,
-    ConstantVelocity,
-    CoordinatedTurn,
-    NewTracks,
-    planar,
-)
+from roadscope.trackers import ConstantAcceleration, ConstantVelocity, CoordinatedTurn, Gaussians
+from roadscope.trackers.kalman import corrected, corrected_with_likelihood, predicted
+from roadscope.trackers.motion import NewTracks, planar
 from roadscope.trackers.motion import predicted as moved_on
 
 seeds = st.integers(0, 2**32 - 1)

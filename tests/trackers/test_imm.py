@@ -4,14 +4,14 @@ from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
 from tracked_scenes import T as DT
 from tracked_scenes import boxes, make
 
-from roadscope.trackers.imm import ImmFilter, mixed
-from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.motion import (
+from roadscope.trackers import (
     ConstantAcceleration,
     ConstantVelocity,
     CoordinatedTurn,
+    Gaussians,
     PositionFilter,
 )
+from roadscope.trackers.imm import ImmFilter, mixed
 
 WALKS = (0.1, 2.0, 8.0)
 

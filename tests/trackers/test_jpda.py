@@ -7,6 +7,7 @@ from hypothesis.extra.numpy import arrays
 from tracked_scenes import boxes, make
 
 from roadscope.core import Detections, Pose, TrackState
+from roadscope.trackers import Gaussians, PositionFilter, TrackerTick
 from roadscope.trackers.detection_model import (
     ClutterDensity,
     DetectionModel,
@@ -19,9 +20,6 @@ from roadscope.trackers.jpda_marginals import (
     association_marginals,
     loopy_marginals,
 )
-from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.motion import PositionFilter
-from roadscope.trackers.ticks import TrackerTick
 from roadscope.trackers.traits import FOLDER
 
 BOTH = pytest.mark.parametrize("kind", ["jpda", "pmbm"])

@@ -4,7 +4,7 @@ from dense_costs import candidates
 from tracked_scenes import T, boxes, identities, make, run
 
 from roadscope.core import Detections, TrackState
-from roadscope.trackers.motion import PositionFilter
+from roadscope.trackers import PositionFilter
 from roadscope.trackers.oc_sort import Observations, unit_vectors
 
 

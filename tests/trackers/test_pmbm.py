@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from tracked_scenes import T as DT
 from tracked_scenes import boxes, make
 
-from roadscope.trackers.motion import ConstantVelocity, PositionFilter
+from roadscope.trackers import ConstantVelocity, PositionFilter
 from roadscope.trackers.pmbm_hypotheses import (
     Hypotheses,
     HypothesisLimits,

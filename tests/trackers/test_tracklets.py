@@ -6,10 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roadscope.core import Detections, Pose, TrackState
-from roadscope.trackers.gating import boxes_of
-from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.ticks import TrackerTick
-from roadscope.trackers.tracklets import LifeCycle, Tracklets
+from roadscope.trackers import Gaussians, LifeCycle, TrackerTick, Tracklets
 
 
 def detections(n, seed=0, stamp_s=0.0, frame="ego"):
@@ -30,7 +27,8 @@ def test_a_track_from_first_to_last():
     first, second = detections(2), detections(1, seed=1)
     tracks = started(first, first_id=5)
     assert tracks.ids.tolist() == [5, 6]
-    np.testing.assert_array_equal(tracks.boxes, boxes_of(first))
+    np.testing.assert_array_equal(tracks.boxes[:, 3:6], first.sizes)
+    np.testing.assert_array_equal(tracks.boxes[:, :3], first.centres)
     on = tracks.predicted(Gaussians(tracks.beliefs.means + 1, tracks.beliefs.covariances))
     rows = np.array([1])
     updated = on.updated(rows, second, on.beliefs.select(rows))
