@@ -7,9 +7,9 @@ from roadscope.core import Registry
 from roadscope.trackers.api import OfflineTracker, Tracker, is_offline
 
 if TYPE_CHECKING:
-    from roadscope.trackers.assignment import assign_greedily, assign_in_turn, assign_optimally
-    from roadscope.trackers.existence import ExistenceTracker
-    from roadscope.trackers.gating import (
+    from roadscope.trackers._assignment import assign_greedily, assign_in_turn, assign_optimally
+    from roadscope.trackers._existence import ExistenceTracker
+    from roadscope.trackers._gating import (
         CandidatePairs,
         chi_square_gate,
         pairs_by_distance,
@@ -17,45 +17,45 @@ if TYPE_CHECKING:
         pairs_by_overlap,
         suppressed,
     )
-    from roadscope.trackers.kalman import Gaussians
-    from roadscope.trackers.motion import (
+    from roadscope.trackers._kalman import Gaussians
+    from roadscope.trackers._motion import (
         ConstantAcceleration,
         ConstantVelocity,
         CoordinatedTurn,
         PositionFilter,
     )
-    from roadscope.trackers.nearest import NearestTracker, associate_nearest
-    from roadscope.trackers.offline import offline_tracks
-    from roadscope.trackers.ticks import TrackerTick, in_world
-    from roadscope.trackers.tracklets import LifeCycle, Tracklets, TrackManager
-    from roadscope.trackers.traits import read_detector, score_log_odds
+    from roadscope.trackers._nearest import NearestTracker, associate_nearest
+    from roadscope.trackers._offline import offline_tracks
+    from roadscope.trackers._ticks import TrackerTick, in_world
+    from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
+    from roadscope.trackers._traits import read_detector, score_log_odds
 
 TRACKERS: Registry[Tracker] = Registry(
     "tracker",
     {
-        "nearest": "roadscope.trackers.nearest:NearestTracker",
-        "nearest-q": "roadscope.trackers.nearest:NearestTracker?acceleration_m_s2=2.0",
-        "nearest-q-confirmed": "roadscope.trackers.nearest:NearestTracker"
+        "nearest": "roadscope.trackers._nearest:NearestTracker",
+        "nearest-q": "roadscope.trackers._nearest:NearestTracker?acceleration_m_s2=2.0",
+        "nearest-q-confirmed": "roadscope.trackers._nearest:NearestTracker"
         "?acceleration_m_s2=2.0&confirm_hits=3",
-        "greedy": "roadscope.trackers.greedy:GreedyTracker",
-        "gnn": "roadscope.trackers.gnn:GnnTracker",
-        "ab3dmot": "roadscope.trackers.ab3dmot:Ab3dmotTracker",
-        "bytetrack": "roadscope.trackers.bytetrack:ByteTracker",
-        "oc-sort": "roadscope.trackers.oc_sort:OcSortTracker",
-        "simple-track": "roadscope.trackers.simple_track:SimpleTracker",
-        "pc3t": "roadscope.trackers.pc3t:Pc3tTracker",
-        "mctrack": "roadscope.trackers.mctrack:McTracker",
-        "imm": "roadscope.trackers.imm:ImmTracker",
-        "pmbm": "roadscope.trackers.pmbm:PmbmTracker",
-        "jpda": "roadscope.trackers.jpda:JpdaTracker",
-        "existence": "roadscope.trackers.existence:ExistenceTracker",
-        "existence-offline": "roadscope.trackers.offline:ExistenceOfflineTracker",
-        "norfair": "roadscope.trackers.peers.norfair:NorfairTracker",
-        "stonesoup-gnn": "roadscope.trackers.peers.stone_soup:StoneSoupGnnTracker",
-        "stonesoup-jpda": "roadscope.trackers.peers.stone_soup:StoneSoupJpdaTracker",
-        "roboflow-sort": "roadscope.trackers.peers.roboflow:RoboflowSortTracker",
-        "roboflow-bytetrack": "roadscope.trackers.peers.roboflow:RoboflowByteTracker",
-        "roboflow-oc-sort": "roadscope.trackers.peers.roboflow:RoboflowOcSortTracker",
+        "greedy": "roadscope.trackers._greedy:GreedyTracker",
+        "gnn": "roadscope.trackers._gnn:GnnTracker",
+        "ab3dmot": "roadscope.trackers._ab3dmot:Ab3dmotTracker",
+        "bytetrack": "roadscope.trackers._bytetrack:ByteTracker",
+        "oc-sort": "roadscope.trackers._oc_sort:OcSortTracker",
+        "simple-track": "roadscope.trackers._simple_track:SimpleTracker",
+        "pc3t": "roadscope.trackers._pc3t:Pc3tTracker",
+        "mctrack": "roadscope.trackers._mctrack:McTracker",
+        "imm": "roadscope.trackers._imm:ImmTracker",
+        "pmbm": "roadscope.trackers._pmbm:PmbmTracker",
+        "jpda": "roadscope.trackers._jpda:JpdaTracker",
+        "existence": "roadscope.trackers._existence:ExistenceTracker",
+        "existence-offline": "roadscope.trackers._offline:ExistenceOfflineTracker",
+        "norfair": "roadscope.trackers._peers.norfair:NorfairTracker",
+        "stonesoup-gnn": "roadscope.trackers._peers.stone_soup:StoneSoupGnnTracker",
+        "stonesoup-jpda": "roadscope.trackers._peers.stone_soup:StoneSoupJpdaTracker",
+        "roboflow-sort": "roadscope.trackers._peers.roboflow:RoboflowSortTracker",
+        "roboflow-bytetrack": "roadscope.trackers._peers.roboflow:RoboflowByteTracker",
+        "roboflow-oc-sort": "roadscope.trackers._peers.roboflow:RoboflowOcSortTracker",
     },
     group="roadscope.trackers",
     summaries={
@@ -85,31 +85,31 @@ TRACKERS: Registry[Tracker] = Registry(
 )
 
 _PLACES = {
-    "CandidatePairs": "roadscope.trackers.gating:CandidatePairs",
-    "ConstantAcceleration": "roadscope.trackers.motion:ConstantAcceleration",
-    "ConstantVelocity": "roadscope.trackers.motion:ConstantVelocity",
-    "CoordinatedTurn": "roadscope.trackers.motion:CoordinatedTurn",
-    "ExistenceTracker": "roadscope.trackers.existence:ExistenceTracker",
-    "Gaussians": "roadscope.trackers.kalman:Gaussians",
-    "LifeCycle": "roadscope.trackers.tracklets:LifeCycle",
-    "NearestTracker": "roadscope.trackers.nearest:NearestTracker",
-    "PositionFilter": "roadscope.trackers.motion:PositionFilter",
-    "TrackManager": "roadscope.trackers.tracklets:TrackManager",
-    "TrackerTick": "roadscope.trackers.ticks:TrackerTick",
-    "Tracklets": "roadscope.trackers.tracklets:Tracklets",
-    "assign_greedily": "roadscope.trackers.assignment:assign_greedily",
-    "assign_in_turn": "roadscope.trackers.assignment:assign_in_turn",
-    "assign_optimally": "roadscope.trackers.assignment:assign_optimally",
-    "associate_nearest": "roadscope.trackers.nearest:associate_nearest",
-    "chi_square_gate": "roadscope.trackers.gating:chi_square_gate",
-    "in_world": "roadscope.trackers.ticks:in_world",
-    "offline_tracks": "roadscope.trackers.offline:offline_tracks",
-    "pairs_by_distance": "roadscope.trackers.gating:pairs_by_distance",
-    "pairs_by_likelihood": "roadscope.trackers.gating:pairs_by_likelihood",
-    "pairs_by_overlap": "roadscope.trackers.gating:pairs_by_overlap",
-    "read_detector": "roadscope.trackers.traits:read_detector",
-    "score_log_odds": "roadscope.trackers.traits:score_log_odds",
-    "suppressed": "roadscope.trackers.gating:suppressed",
+    "CandidatePairs": "roadscope.trackers._gating:CandidatePairs",
+    "ConstantAcceleration": "roadscope.trackers._motion:ConstantAcceleration",
+    "ConstantVelocity": "roadscope.trackers._motion:ConstantVelocity",
+    "CoordinatedTurn": "roadscope.trackers._motion:CoordinatedTurn",
+    "ExistenceTracker": "roadscope.trackers._existence:ExistenceTracker",
+    "Gaussians": "roadscope.trackers._kalman:Gaussians",
+    "LifeCycle": "roadscope.trackers._tracklets:LifeCycle",
+    "NearestTracker": "roadscope.trackers._nearest:NearestTracker",
+    "PositionFilter": "roadscope.trackers._motion:PositionFilter",
+    "TrackManager": "roadscope.trackers._tracklets:TrackManager",
+    "TrackerTick": "roadscope.trackers._ticks:TrackerTick",
+    "Tracklets": "roadscope.trackers._tracklets:Tracklets",
+    "assign_greedily": "roadscope.trackers._assignment:assign_greedily",
+    "assign_in_turn": "roadscope.trackers._assignment:assign_in_turn",
+    "assign_optimally": "roadscope.trackers._assignment:assign_optimally",
+    "associate_nearest": "roadscope.trackers._nearest:associate_nearest",
+    "chi_square_gate": "roadscope.trackers._gating:chi_square_gate",
+    "in_world": "roadscope.trackers._ticks:in_world",
+    "offline_tracks": "roadscope.trackers._offline:offline_tracks",
+    "pairs_by_distance": "roadscope.trackers._gating:pairs_by_distance",
+    "pairs_by_likelihood": "roadscope.trackers._gating:pairs_by_likelihood",
+    "pairs_by_overlap": "roadscope.trackers._gating:pairs_by_overlap",
+    "read_detector": "roadscope.trackers._traits:read_detector",
+    "score_log_odds": "roadscope.trackers._traits:score_log_odds",
+    "suppressed": "roadscope.trackers._gating:suppressed",
 }
 """Public name -> `module:attribute`, loaded when first used."""
 

@@ -23,7 +23,7 @@ from roadscope.trackers import (
     pairs_by_likelihood,
     suppressed,
 )
-from roadscope.trackers.assignment import AssignmentStage, assign_in_stages, components
+from roadscope.trackers._assignment import AssignmentStage, assign_in_stages, components
 
 seeds = st.integers(0, 2**32 - 1)
 sides = st.tuples(st.integers(0, 7), st.integers(0, 7))

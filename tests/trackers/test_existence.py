@@ -8,8 +8,8 @@ from tracked_scenes import boxes, identities, make, run
 
 from roadscope.core import Category, Pose, TrackState
 from roadscope.trackers import Gaussians, read_detector
-from roadscope.trackers.existence import log_odds_of_both
-from roadscope.trackers.existence_targets import (
+from roadscope.trackers._existence import log_odds_of_both
+from roadscope.trackers._existence_targets import (
     BoxEstimates,
     DetectedBoxes,
     Measurements,
@@ -21,8 +21,8 @@ from roadscope.trackers.existence_targets import (
     oriented_covariances,
     predicted_states,
 )
-from roadscope.trackers.gating import FAMILIES
-from roadscope.trackers.traits import FOLDER
+from roadscope.trackers._gating import FAMILIES
+from roadscope.trackers._traits import FOLDER
 
 UNKNOWN = read_detector("unknown").traits
 CAR = FAMILIES[Category.CAR]

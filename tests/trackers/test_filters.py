@@ -10,9 +10,9 @@ from scipy.stats import multivariate_normal
 
 from roadscope.core import Pose
 from roadscope.trackers import ConstantAcceleration, ConstantVelocity, CoordinatedTurn, Gaussians
-from roadscope.trackers.kalman import corrected, corrected_with_likelihood, predicted
-from roadscope.trackers.motion import NewTracks, planar
-from roadscope.trackers.motion import predicted as moved_on
+from roadscope.trackers._kalman import corrected, corrected_with_likelihood, predicted
+from roadscope.trackers._motion import NewTracks, planar
+from roadscope.trackers._motion import predicted as moved_on
 
 seeds = st.integers(0, 2**32 - 1)
 

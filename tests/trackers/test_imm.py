@@ -11,7 +11,7 @@ from roadscope.trackers import (
     Gaussians,
     PositionFilter,
 )
-from roadscope.trackers.imm import ImmFilter, mixed
+from roadscope.trackers._imm import ImmFilter, mixed
 
 WALKS = (0.1, 2.0, 8.0)
 

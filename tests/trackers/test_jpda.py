@@ -8,19 +8,19 @@ from tracked_scenes import boxes, make
 
 from roadscope.core import Detections, Pose, TrackState
 from roadscope.trackers import Gaussians, PositionFilter, TrackerTick
-from roadscope.trackers.detection_model import (
+from roadscope.trackers._detection_model import (
     ClutterDensity,
     DetectionModel,
     Existence,
     ScoreCalibration,
 )
-from roadscope.trackers.jpda import mixture_moments, one_to_one_pairs
-from roadscope.trackers.jpda_marginals import (
+from roadscope.trackers._jpda import mixture_moments, one_to_one_pairs
+from roadscope.trackers._jpda_marginals import (
     EXACT_LIMIT,
     association_marginals,
     loopy_marginals,
 )
-from roadscope.trackers.traits import FOLDER
+from roadscope.trackers._traits import FOLDER
 
 BOTH = pytest.mark.parametrize("kind", ["jpda", "pmbm"])
 

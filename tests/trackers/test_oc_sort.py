@@ -5,7 +5,7 @@ from tracked_scenes import T, boxes, identities, make, run
 
 from roadscope.core import Detections, TrackState
 from roadscope.trackers import PositionFilter
-from roadscope.trackers.oc_sort import Observations, unit_vectors
+from roadscope.trackers._oc_sort import Observations, unit_vectors
 
 
 def braking(k):

@@ -7,7 +7,7 @@ from tracked_scenes import boxes, identities, make
 
 from roadscope.core import Category, Detections, Pose, Tracks, TrackState
 from roadscope.trackers import offline_tracks, read_detector
-from roadscope.trackers.offline import (
+from roadscope.trackers._offline import (
     OfflineRules,
     TargetTrajectory,
     TrackNoise,

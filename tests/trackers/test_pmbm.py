@@ -11,7 +11,7 @@ from tracked_scenes import T as DT
 from tracked_scenes import boxes, make
 
 from roadscope.trackers import ConstantVelocity, PositionFilter
-from roadscope.trackers.pmbm_hypotheses import (
+from roadscope.trackers._pmbm_hypotheses import (
     Hypotheses,
     HypothesisLimits,
     PairCosts,

@@ -6,7 +6,7 @@ from tracked_scenes import make
 
 from roadscope.core import Category
 from roadscope.trackers import read_detector
-from roadscope.trackers.traits import (
+from roadscope.trackers._traits import (
     DECIDED,
     EDGES,
     FOLDER,

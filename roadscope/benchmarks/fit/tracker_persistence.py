@@ -25,8 +25,8 @@ from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
 from roadscope.trackers import ExistenceTracker
-from roadscope.trackers.existence import MOST_DISTANCE, MOST_LOG_ODDS
-from roadscope.trackers.existence_targets import BernoulliTargets, Measurements, Neighbours
+from roadscope.trackers._existence import MOST_DISTANCE, MOST_LOG_ODDS
+from roadscope.trackers._existence_targets import BernoulliTargets, Measurements, Neighbours
 
 PERSISTENCE = {
     "memory_s": 0.5, "score_gain": 3.0, "seen_gain": 6.0, "misfit": 0.2,

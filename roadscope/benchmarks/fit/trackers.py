@@ -32,7 +32,7 @@ from roadscope.benchmarks.fit.tracker_samples import (
     sensed_samples,
 )
 from roadscope.benchmarks.fit.tracker_surplus import recorded_surplus, sensed_surplus
-from roadscope.trackers.traits import FOLDER, TRAITS
+from roadscope.trackers._traits import FOLDER, TRAITS
 
 TOP_SPEED_M_S = {"car": 40.0, "cyclist": 20.0, "pedestrian": 10.0}
 """Not learned: what a training set happens not to hold is not impossible."""

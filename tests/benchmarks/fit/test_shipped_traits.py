@@ -10,7 +10,7 @@ from toy_kitti import write_kitti
 
 from roadscope.benchmarks.fit.trackers import main as fit
 from roadscope.trackers import read_detector
-from roadscope.trackers.traits import FOLDER
+from roadscope.trackers._traits import FOLDER
 
 KITTI = "kitti-pointrcnn.toml"
 CONSISTENT = "fused?lidar=cluster-boxes&camera=network&fusion=consistent"

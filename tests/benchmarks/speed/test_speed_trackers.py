@@ -14,7 +14,8 @@ from roadscope.benchmarks.speed.trackers import (
     timed_updates,
 )
 from roadscope.core import Detections, Tracks
-from roadscope.trackers import TRACKERS, jpda
+from roadscope.trackers import TRACKERS
+from roadscope.trackers import _jpda as jpda
 
 
 class Blind:

@@ -195,7 +195,7 @@ def test_listing_loads_no_library():
 
 
 def test_boxes_along_the_axes_hold_the_turned_ones():
-    from roadscope.trackers.peers.roboflow import upright_boxes
+    from roadscope.trackers._peers.roboflow import upright_boxes
 
     found = detections([[1.0, 2.0]] * 3, yaws=[0.0, np.pi / 2, np.pi / 4], sizes=(4.0, 2.0, 1.5))
     half = 3 / np.sqrt(2)

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.detection_model import (
+from roadscope.trackers._detection_model import (
     AdaptiveModel,
     DetectionModel,
     Existence,
     ScoreCalibration,
 )
-from roadscope.trackers.gating import chi_square_gate, determinants, pairs_by_likelihood
-from roadscope.trackers.motion import ConstantVelocity, PositionFilter
-from roadscope.trackers.pmbm_hypotheses import (
+from roadscope.trackers._gating import chi_square_gate, determinants, pairs_by_likelihood
+from roadscope.trackers._motion import ConstantVelocity, PositionFilter
+from roadscope.trackers._pmbm_hypotheses import (
     Continuations,
     Hypotheses,
     HypothesisLimits,
@@ -23,10 +23,10 @@ from roadscope.trackers.pmbm_hypotheses import (
     Sizes,
     continue_all,
 )
-from roadscope.trackers.settings import check_counts, check_not_negative, check_shares
-from roadscope.trackers.tables import ArrayTable
-from roadscope.trackers.ticks import TrackerTick
-from roadscope.trackers.tracklets import Tracklets, track_states
+from roadscope.trackers._settings import check_counts, check_not_negative, check_shares
+from roadscope.trackers._tables import ArrayTable
+from roadscope.trackers._ticks import TrackerTick
+from roadscope.trackers._tracklets import Tracklets, track_states
 
 
 class PmbmTracker:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.assignment import components, least_total, sorted_by
+from roadscope.trackers._assignment import components, least_total, sorted_by
 
 
 class HypothesisLimits(NamedTuple):

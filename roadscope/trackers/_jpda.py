@@ -8,26 +8,26 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
-from roadscope.trackers.assignment import Pairs, assign_optimally, unassigned
-from roadscope.trackers.detection_model import (
+from roadscope.trackers._assignment import Pairs, assign_optimally, unassigned
+from roadscope.trackers._detection_model import (
     AdaptiveModel,
     DetectionModel,
     Existence,
     ScoreCalibration,
 )
-from roadscope.trackers.gating import (
+from roadscope.trackers._gating import (
     CandidatePairs,
     chi_square_gate,
     determinants,
     pairs_by_likelihood,
 )
-from roadscope.trackers.jpda_marginals import EXACT_LIMIT, association_marginals
-from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.motion import ConstantVelocity, PositionFilter
-from roadscope.trackers.settings import check_counts, check_not_negative, check_shares
-from roadscope.trackers.tables import ArrayTable
-from roadscope.trackers.ticks import TrackerTick
-from roadscope.trackers.tracklets import Tracklets, track_states
+from roadscope.trackers._jpda_marginals import EXACT_LIMIT, association_marginals
+from roadscope.trackers._kalman import Gaussians
+from roadscope.trackers._motion import ConstantVelocity, PositionFilter
+from roadscope.trackers._settings import check_counts, check_not_negative, check_shares
+from roadscope.trackers._tables import ArrayTable
+from roadscope.trackers._ticks import TrackerTick
+from roadscope.trackers._tracklets import Tracklets, track_states
 
 
 @dataclass(frozen=True, slots=True, eq=False)

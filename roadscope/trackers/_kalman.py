@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.tables import ArrayTable
+from roadscope.trackers._tables import ArrayTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_optimally
-from roadscope.trackers.gating import chi_square_gate, determinants, pairs_by_likelihood
-from roadscope.trackers.motion import ConstantVelocity, PositionFilter
-from roadscope.trackers.settings import check_not_negative, check_shares
-from roadscope.trackers.tracklets import LifeCycle, Tracklets, TrackManager
+from roadscope.trackers._assignment import Pairs, assign_optimally
+from roadscope.trackers._gating import chi_square_gate, determinants, pairs_by_likelihood
+from roadscope.trackers._motion import ConstantVelocity, PositionFilter
+from roadscope.trackers._settings import check_not_negative, check_shares
+from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 
 class GnnTracker:

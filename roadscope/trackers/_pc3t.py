@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_in_turn
-from roadscope.trackers.gating import CandidatePairs, pairs_by_distance
-from roadscope.trackers.motion import ConstantAcceleration, PositionFilter
-from roadscope.trackers.settings import check_positive, check_shares
-from roadscope.trackers.tracklets import LifeCycle, Tracklets, TrackManager
+from roadscope.trackers._assignment import Pairs, assign_in_turn
+from roadscope.trackers._gating import CandidatePairs, pairs_by_distance
+from roadscope.trackers._motion import ConstantAcceleration, PositionFilter
+from roadscope.trackers._settings import check_positive, check_shares
+from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 
 class Pc3tTracker:

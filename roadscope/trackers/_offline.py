@@ -13,11 +13,11 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
 from roadscope.core.pose import wrap_angle
-from roadscope.trackers.assignment import assign_greedily
-from roadscope.trackers.existence import ExistenceTracker
-from roadscope.trackers.existence_targets import predicted_states
-from roadscope.trackers.gating import chi_square_gate
-from roadscope.trackers.motion import ConstantVelocity
+from roadscope.trackers._assignment import assign_greedily
+from roadscope.trackers._existence import ExistenceTracker
+from roadscope.trackers._existence_targets import predicted_states
+from roadscope.trackers._gating import chi_square_gate
+from roadscope.trackers._motion import ConstantVelocity
 
 # Chosen by hand: bodies and gaps that no tracker would join are not joined.
 GATE_SHARE = 0.99

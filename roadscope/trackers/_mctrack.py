@@ -7,11 +7,11 @@ import numpy as np
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
 from roadscope.core.pose import wrap_angle
-from roadscope.trackers.assignment import Pairs, assign_optimally, unassigned
-from roadscope.trackers.gating import CandidatePairs, boxes_of, pairs_by_overlap, suppressed
-from roadscope.trackers.motion import ConstantAcceleration, PositionFilter
-from roadscope.trackers.settings import check_shares
-from roadscope.trackers.tracklets import LifeCycle, Tracklets, TrackManager
+from roadscope.trackers._assignment import Pairs, assign_optimally, unassigned
+from roadscope.trackers._gating import CandidatePairs, boxes_of, pairs_by_overlap, suppressed
+from roadscope.trackers._motion import ConstantAcceleration, PositionFilter
+from roadscope.trackers._settings import check_shares
+from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 FLAT = np.array([1, 1, 0, 1, 1, 0, 1.0])
 """Of centre x y z, length width height, yaw: what bird's-eye view shows."""

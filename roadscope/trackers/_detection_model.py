@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from roadscope.core import Category
-from roadscope.trackers.settings import check_not_negative, check_positive, check_shares
-from roadscope.trackers.tables import ArrayTable
-from roadscope.trackers.ticks import TrackerTick
-from roadscope.trackers.traits import DetectorTraits, TraitsChoice, score_log_odds
+from roadscope.trackers._settings import check_not_negative, check_positive, check_shares
+from roadscope.trackers._tables import ArrayTable
+from roadscope.trackers._ticks import TrackerTick
+from roadscope.trackers._traits import DetectorTraits, TraitsChoice, score_log_odds
 
 EXTREME_SCORE = 0.98
 """No score counts for more than this, nor for less than one minus this; chosen by hand."""

@@ -5,24 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 
 from roadscope.core import Detections, Pose, Tracks
-from roadscope.trackers.ab3dmot import (
+from roadscope.trackers._ab3dmot import (
     DIMENSIONS,
     boxes_predicted,
     boxes_reported,
     boxes_started,
     boxes_updated,
 )
-from roadscope.trackers.assignment import assign_optimally, unassigned
-from roadscope.trackers.gating import (
+from roadscope.trackers._assignment import assign_optimally, unassigned
+from roadscope.trackers._gating import (
     CandidatePairs,
     boxes_of,
     check_overlap,
     pairs_by_overlap,
     suppressed,
 )
-from roadscope.trackers.settings import check_counts, check_shares
-from roadscope.trackers.ticks import TrackerTick
-from roadscope.trackers.tracklets import LifeCycle, Tracklets
+from roadscope.trackers._settings import check_counts, check_shares
+from roadscope.trackers._ticks import TrackerTick
+from roadscope.trackers._tracklets import LifeCycle, Tracklets
 
 
 class SimpleTracker:

@@ -7,19 +7,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
-from roadscope.trackers.assignment import Pairs, assign_optimally, unassigned
-from roadscope.trackers.existence_targets import (
+from roadscope.trackers._assignment import Pairs, assign_optimally, unassigned
+from roadscope.trackers._existence_targets import (
     BernoulliTargets,
     Measurements,
     Neighbours,
     expected_velocities,
     hidden_shares,
 )
-from roadscope.trackers.gating import pairs_by_distance, pairs_that_overlap
-from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.settings import check_positive
-from roadscope.trackers.ticks import TrackerTick
-from roadscope.trackers.traits import TraitsChoice, score_log_odds
+from roadscope.trackers._gating import pairs_by_distance, pairs_that_overlap
+from roadscope.trackers._kalman import Gaussians
+from roadscope.trackers._settings import check_positive
+from roadscope.trackers._ticks import TrackerTick
+from roadscope.trackers._traits import TraitsChoice, score_log_odds
 
 # None of these was fitted. 9 is what scores of 0.9999 say, 12 is exceeded by one right pair in 400,
 # the others are round figures chosen by hand; they only save work on targets that are given up.

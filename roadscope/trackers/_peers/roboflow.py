@@ -20,8 +20,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from roadscope.core import Detections, Pose, Requirement, Tracks
-from roadscope.trackers.peers.adapter import LibraryTrack, TrackerAdapter
-from roadscope.trackers.settings import (
+from roadscope.trackers._peers.adapter import LibraryTrack, TrackerAdapter
+from roadscope.trackers._settings import (
     check_counts,
     check_not_negative,
     check_positive,

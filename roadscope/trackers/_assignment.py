@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.gating import CandidatePairs
+from roadscope.trackers._gating import CandidatePairs
 
 Pairs = tuple[np.ndarray, np.ndarray]
 """Rows and columns of the assigned pairs, (K,) int64 each, rows increasing."""

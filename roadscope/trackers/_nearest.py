@@ -10,8 +10,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
-from roadscope.trackers.settings import check_counts, check_not_negative, check_positive
-from roadscope.trackers.ticks import TrackerTick
+from roadscope.trackers._settings import check_counts, check_not_negative, check_positive
+from roadscope.trackers._ticks import TrackerTick
 
 FRAMES = ("world", "ego")
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from roadscope.core import Category, Detections
 from roadscope.core.jit import compiled
-from roadscope.trackers.gating import FAMILIES, boxes_of
-from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.tables import ArrayTable
-from roadscope.trackers.traits import DetectorTraits, score_log_odds
+from roadscope.trackers._gating import FAMILIES, boxes_of
+from roadscope.trackers._kalman import Gaussians
+from roadscope.trackers._tables import ArrayTable
+from roadscope.trackers._traits import DetectorTraits, score_log_odds
 
 # Chosen by hand.
 SIZE_MEMORY = 1.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from roadscope.core import Detections, Family, Pose, Tracks
-from roadscope.trackers.assignment import Pairs, assign_in_turn
-from roadscope.trackers.gating import FAMILIES, pairs_by_distance
-from roadscope.trackers.motion import ConstantVelocity, PositionFilter
-from roadscope.trackers.settings import check_not_negative, check_positive
-from roadscope.trackers.tracklets import LifeCycle, Tracklets, TrackManager
+from roadscope.trackers._assignment import Pairs, assign_in_turn
+from roadscope.trackers._gating import FAMILIES, pairs_by_distance
+from roadscope.trackers._motion import ConstantVelocity, PositionFilter
+from roadscope.trackers._settings import check_not_negative, check_positive
+from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
 
 
 class GreedyTracker:

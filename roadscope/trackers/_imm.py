@@ -8,21 +8,21 @@ import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
-from roadscope.trackers.assignment import unassigned
-from roadscope.trackers.gating import chi_square_gate
-from roadscope.trackers.gnn import likeliest_pairs
-from roadscope.trackers.kalman import Gaussians, corrected_with_likelihood
-from roadscope.trackers.motion import (
+from roadscope.trackers._assignment import unassigned
+from roadscope.trackers._gating import chi_square_gate
+from roadscope.trackers._gnn import likeliest_pairs
+from roadscope.trackers._kalman import Gaussians, corrected_with_likelihood
+from roadscope.trackers._motion import (
     PLANAR,
     ConstantAcceleration,
     ConstantVelocity,
     CoordinatedTurn,
     PositionFilter,
 )
-from roadscope.trackers.settings import check_not_negative, check_positive, check_shares
-from roadscope.trackers.tables import ArrayTable
-from roadscope.trackers.ticks import TrackerTick
-from roadscope.trackers.tracklets import LifeCycle, Tracklets
+from roadscope.trackers._settings import check_not_negative, check_positive, check_shares
+from roadscope.trackers._tables import ArrayTable
+from roadscope.trackers._ticks import TrackerTick
+from roadscope.trackers._tracklets import LifeCycle, Tracklets
 
 
 @dataclass(frozen=True, slots=True, eq=False)

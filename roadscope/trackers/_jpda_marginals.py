@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from roadscope.core.jit import compiled
-from roadscope.trackers.assignment import components, sorted_by
+from roadscope.trackers._assignment import components, sorted_by
 
 EXACT_LIMIT = 2.0**21
 """Multiplications that a cluster may take: 12 tracks and 12 detections, all pairs possible, take

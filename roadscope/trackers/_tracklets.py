@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadscope.core import Detections, Pose, Tracks, TrackState
-from roadscope.trackers.assignment import Pairs, unassigned
-from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.motion import PositionFilter, planar
-from roadscope.trackers.settings import check_counts
-from roadscope.trackers.tables import ArrayTable
-from roadscope.trackers.ticks import TrackerTick
+from roadscope.trackers._assignment import Pairs, unassigned
+from roadscope.trackers._kalman import Gaussians
+from roadscope.trackers._motion import PositionFilter, planar
+from roadscope.trackers._settings import check_counts
+from roadscope.trackers._tables import ArrayTable
+from roadscope.trackers._ticks import TrackerTick
 
 TENTATIVE, CONFIRMED, COASTING = (np.int8(state) for state in TrackState)
 
