@@ -76,7 +76,7 @@ class Measurements(ArrayTable):
 
 
 class MotionNoise(NamedTuple):
-    """By how much N targets wander at constant velocity, (N, 2, 2) covariances.
+    """How fast the variances of N targets at constant velocity grow, (N, 2, 2) covariances.
 
     walks: m2/s3, of what velocities gain in one second.
     drifts: m2/s, of what positions gain in one second beyond that.
@@ -170,7 +170,7 @@ class BernoulliTargets(ArrayTable):
         )
 
     def motion_noise(self, traits: DetectorTraits) -> MotionNoise:
-        """Return by how much the targets wander, by category and heading."""
+        """Return how fast variances grow, by category and heading."""
         kinds = self.categories
         walks = oriented_covariances(
             np.ascontiguousarray(self.yaws[:, 0]),

@@ -165,7 +165,7 @@ def _exact_marginals(
         _add_row(forward[k], after, pairs[row], missed[row], plan.bit, True)
         for j in range(m):
             if plan.last[j] == k:
-                # Nobody takes column j any more: events with and without it have one state.
+                # No later row may take column j: events with and without it have the same state.
                 half = 1 << plan.bit[j]
                 for block in range(0, states, 2 * half):
                     for state in range(block, block + half):

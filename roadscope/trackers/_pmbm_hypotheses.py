@@ -144,8 +144,8 @@ def continue_all(
             )
         blocks.append(Block(targets, detections, local[parents], assigned, after))
         detection_index[detections] = -1
-    for j in np.flatnonzero(component[T : T + sizes.detections] < 0):
-        blocks.append(_unclaimed(int(j)))  # noqa: PERF401
+    for unclaimed in np.flatnonzero(component[T : T + sizes.detections] < 0):
+        blocks.append(_unclaimed(int(unclaimed)))  # noqa: PERF401
     return _listed_blocks(blocks, sizes)
 
 
