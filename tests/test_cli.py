@@ -18,7 +18,7 @@ from roadscope.benchmarks.tables import MEANINGS
 ROOT = Path(roadscope.__file__).parents[1]
 PLUGINS = Path(__file__).parent / "benchmarks" / "plugins.py"
 OFFLINE = """
-from roadscope.trackers.nearest import NearestTracker
+from roadscope.trackers import NearestTracker
 
 class Late(NearestTracker):
     offline = True

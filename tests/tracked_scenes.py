@@ -1,8 +1,9 @@
-"""Detections of made-up scenes."""
+"""Made-up scenes, and trackers that run on them."""
 
 import numpy as np
 
 from roadscope.core import Category, Detections
+from roadscope.trackers import TRACKERS
 
 T = 0.1
 CAR, PERSON = (4.6, 1.85, 1.5), (0.6, 0.6, 1.75)
@@ -26,8 +27,13 @@ def both(one, other):
     return Detections(*joined, one.frame, one.stamp_s)
 
 
-def told(tracker, episode, poses=None):
-    """Run a tracker, without poses or with one for each frame."""
+def make(name, **settings):
+    """Return a tracker by name."""
+    return TRACKERS.resolve(name).factory(**settings)
+
+
+def run(tracker, episode, poses=None):
+    """Return what a tracker says of an episode, without poses or with one for each frame."""
     poses = [None] * len(episode) if poses is None else poses
     return [tracker.update(d, pose) for d, pose in zip(episode, poses, strict=True)]
 

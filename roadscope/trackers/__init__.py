@@ -1,83 +1,148 @@
-"""Trackers by name."""
+"""Trackers by name, and the parts of which they are made."""
 
 from typing import TYPE_CHECKING
 
 from roadscope._lazy import lazy_names
 from roadscope.core import Registry
-from roadscope.trackers.api import Tracker
+from roadscope.trackers.api import OfflineTracker, Tracker, is_offline
 
 if TYPE_CHECKING:
-    from roadscope.trackers.api import OfflineTracker
-    from roadscope.trackers.assignment import assign_greedily
-    from roadscope.trackers.ticks import in_world
+    from roadscope.trackers._assignment import assign_greedily, assign_in_turn, assign_optimally
+    from roadscope.trackers._existence import ExistenceTracker
+    from roadscope.trackers._gating import (
+        CandidatePairs,
+        chi_square_gate,
+        pairs_by_distance,
+        pairs_by_likelihood,
+        pairs_by_overlap,
+        suppressed,
+    )
+    from roadscope.trackers._kalman import Gaussians
+    from roadscope.trackers._motion import (
+        ConstantAcceleration,
+        ConstantVelocity,
+        CoordinatedTurn,
+        PositionFilter,
+    )
+    from roadscope.trackers._nearest import NearestTracker, associate_nearest
+    from roadscope.trackers._offline import offline_tracks
+    from roadscope.trackers._ticks import TrackerTick, in_world
+    from roadscope.trackers._tracklets import LifeCycle, Tracklets, TrackManager
+    from roadscope.trackers._traits import read_detector, score_log_odds
 
 TRACKERS: Registry[Tracker] = Registry(
     "tracker",
     {
-        "nearest": "roadscope.trackers.nearest:NearestTracker",
-        "nearest-q": "roadscope.trackers.nearest:NearestTracker?acceleration_m_s2=2.0",
-        "nearest-q-confirmed": "roadscope.trackers.nearest:NearestTracker"
+        "nearest": "roadscope.trackers._nearest:NearestTracker",
+        "nearest-q": "roadscope.trackers._nearest:NearestTracker?acceleration_m_s2=2.0",
+        "nearest-q-confirmed": "roadscope.trackers._nearest:NearestTracker"
         "?acceleration_m_s2=2.0&confirm_hits=3",
-        "greedy": "roadscope.trackers.greedy:GreedyTracker",
-        "gnn": "roadscope.trackers.gnn:GnnTracker",
-        "ab3dmot": "roadscope.trackers.ab3dmot:Ab3dmotTracker",
-        "bytetrack": "roadscope.trackers.bytetrack:ByteTracker",
-        "oc-sort": "roadscope.trackers.oc_sort:OcSortTracker",
-        "simple-track": "roadscope.trackers.simple_track:SimpleTracker",
-        "pc3t": "roadscope.trackers.pc3t:Pc3tTracker",
-        "mctrack": "roadscope.trackers.mctrack:McTracker",
-        "imm": "roadscope.trackers.imm:ImmTracker",
-        "pmbm": "roadscope.trackers.pmbm:PmbmTracker",
-        "jpda": "roadscope.trackers.jpda:JpdaTracker",
-        "existence": "roadscope.trackers.existence:ExistenceTracker",
-        "existence-offline": "roadscope.trackers.existence_offline:ExistenceOfflineTracker",
-        "norfair": "roadscope.trackers.peers.norfair:NorfairTracker",
-        "stonesoup-gnn": "roadscope.trackers.peers.stone_soup:StoneSoupGnnTracker",
-        "stonesoup-jpda": "roadscope.trackers.peers.stone_soup:StoneSoupJpdaTracker",
-        "roboflow-sort": "roadscope.trackers.peers.roboflow:RoboflowSortTracker",
-        "roboflow-bytetrack": "roadscope.trackers.peers.roboflow:RoboflowByteTracker",
-        "roboflow-oc-sort": "roadscope.trackers.peers.roboflow:RoboflowOcSortTracker",
+        "greedy": "roadscope.trackers._greedy:GreedyTracker",
+        "gnn": "roadscope.trackers._gnn:GnnTracker",
+        "ab3dmot": "roadscope.trackers._ab3dmot:Ab3dmotTracker",
+        "bytetrack": "roadscope.trackers._bytetrack:ByteTracker",
+        "oc-sort": "roadscope.trackers._oc_sort:OcSortTracker",
+        "simple-track": "roadscope.trackers._simple_track:SimpleTracker",
+        "pc3t": "roadscope.trackers._pc3t:Pc3tTracker",
+        "mctrack": "roadscope.trackers._mctrack:McTracker",
+        "imm": "roadscope.trackers._imm:ImmTracker",
+        "pmbm": "roadscope.trackers._pmbm:PmbmTracker",
+        "jpda": "roadscope.trackers._jpda:JpdaTracker",
+        "existence": "roadscope.trackers._existence:ExistenceTracker",
+        "existence-offline": "roadscope.trackers._offline:ExistenceOfflineTracker",
+        "norfair": "roadscope.trackers._peers.norfair:NorfairTracker",
+        "stonesoup-gnn": "roadscope.trackers._peers.stone_soup:StoneSoupGnnTracker",
+        "stonesoup-jpda": "roadscope.trackers._peers.stone_soup:StoneSoupJpdaTracker",
+        "roboflow-sort": "roadscope.trackers._peers.roboflow:RoboflowSortTracker",
+        "roboflow-bytetrack": "roadscope.trackers._peers.roboflow:RoboflowByteTracker",
+        "roboflow-oc-sort": "roadscope.trackers._peers.roboflow:RoboflowOcSortTracker",
     },
     group="roadscope.trackers",
     summaries={
         "nearest": "Nearest association, constant velocity (Lu 2018).",
         "nearest-q": "Likewise, with process noise.",
         "nearest-q-confirmed": "Likewise, confirmed after three hits.",
-        "greedy": "Surest detections first, nearest centre (CenterPoint, 2021).",
+        "greedy": "Highest scores first, nearest centre (CenterPoint, 2021).",
         "gnn": "Likeliest pairs within a gate (SORT in bird's-eye view).",
         "ab3dmot": "Overlap of boxes in space (AB3DMOT, Weng 2020).",
-        "bytetrack": "Sure detections first, then unsure (ByteTrack, 2022).",
+        "bytetrack": "High scores first, then low ones (ByteTrack, 2022).",
         "oc-sort": "Observations before estimates (OC-SORT, Cao 2023).",
-        "simple-track": "Unsure detections keep tracks (SimpleTrack, Pang 2021).",
-        "pc3t": "The surest predictions choose first (PC3T, Wu 2021).",
-        "mctrack": "Seen from above, then from the ego (MCTrack, Wang 2024).",
-        "imm": "Three models of motion at once (IMM, Blom 1988).",
+        "simple-track": "Low scores keep tracks alive (SimpleTrack, Pang 2021).",
+        "pc3t": "Most confident predictions first (PC3T, Wu 2021).",
+        "mctrack": "Bird's-eye view, then the ego's view (MCTrack, Wang 2024).",
+        "imm": "Three motion models at once (IMM, Blom 1988).",
         "pmbm": "Many global hypotheses (PMBM, Garcia-Fernandez 2018).",
         "jpda": "All detections, by exact marginals (JIPDA, Musicki 2004).",
-        "existence": "Existence by scores, fit and visibility: the one to take.",
-        "existence-offline": "Likewise, then all over with all frames at hand.",
+        "existence": "Existence from scores, fit and visibility: recommended.",
+        "existence-offline": "Likewise, then smoothed with all frames at hand.",
         "norfair": "Norfair's, nearest pairs first; needs norfair.",
         "stonesoup-gnn": "Stone Soup's GNN, likeliest pairs; needs stonesoup.",
         "stonesoup-jpda": "Stone Soup's exact JPDA; needs stonesoup.",
-        "roboflow-sort": "Roboflow's SORT, overlap seen from above; needs trackers.",
+        "roboflow-sort": "Roboflow's SORT, overlap in bird's-eye view; needs trackers.",
         "roboflow-bytetrack": "Roboflow's ByteTrack, likewise; needs trackers.",
         "roboflow-oc-sort": "Roboflow's OC-SORT, likewise; needs trackers.",
     },
 )
 
 _PLACES = {
-    "OfflineTracker": "roadscope.trackers.api:OfflineTracker",
-    "assign_greedily": "roadscope.trackers.assignment:assign_greedily",
-    "in_world": "roadscope.trackers.ticks:in_world",
+    "CandidatePairs": "roadscope.trackers._gating:CandidatePairs",
+    "ConstantAcceleration": "roadscope.trackers._motion:ConstantAcceleration",
+    "ConstantVelocity": "roadscope.trackers._motion:ConstantVelocity",
+    "CoordinatedTurn": "roadscope.trackers._motion:CoordinatedTurn",
+    "ExistenceTracker": "roadscope.trackers._existence:ExistenceTracker",
+    "Gaussians": "roadscope.trackers._kalman:Gaussians",
+    "LifeCycle": "roadscope.trackers._tracklets:LifeCycle",
+    "NearestTracker": "roadscope.trackers._nearest:NearestTracker",
+    "PositionFilter": "roadscope.trackers._motion:PositionFilter",
+    "TrackManager": "roadscope.trackers._tracklets:TrackManager",
+    "TrackerTick": "roadscope.trackers._ticks:TrackerTick",
+    "Tracklets": "roadscope.trackers._tracklets:Tracklets",
+    "assign_greedily": "roadscope.trackers._assignment:assign_greedily",
+    "assign_in_turn": "roadscope.trackers._assignment:assign_in_turn",
+    "assign_optimally": "roadscope.trackers._assignment:assign_optimally",
+    "associate_nearest": "roadscope.trackers._nearest:associate_nearest",
+    "chi_square_gate": "roadscope.trackers._gating:chi_square_gate",
+    "in_world": "roadscope.trackers._ticks:in_world",
+    "offline_tracks": "roadscope.trackers._offline:offline_tracks",
+    "pairs_by_distance": "roadscope.trackers._gating:pairs_by_distance",
+    "pairs_by_likelihood": "roadscope.trackers._gating:pairs_by_likelihood",
+    "pairs_by_overlap": "roadscope.trackers._gating:pairs_by_overlap",
+    "read_detector": "roadscope.trackers._traits:read_detector",
+    "score_log_odds": "roadscope.trackers._traits:score_log_odds",
+    "suppressed": "roadscope.trackers._gating:suppressed",
 }
 """Public name -> `module:attribute`, loaded when first used."""
 
 __all__ = [
     "TRACKERS",
+    "CandidatePairs",
+    "ConstantAcceleration",
+    "ConstantVelocity",
+    "CoordinatedTurn",
+    "ExistenceTracker",
+    "Gaussians",
+    "LifeCycle",
+    "NearestTracker",
     "OfflineTracker",
+    "PositionFilter",
+    "TrackManager",
     "Tracker",
+    "TrackerTick",
+    "Tracklets",
     "assign_greedily",
+    "assign_in_turn",
+    "assign_optimally",
+    "associate_nearest",
+    "chi_square_gate",
     "in_world",
+    "is_offline",
+    "offline_tracks",
+    "pairs_by_distance",
+    "pairs_by_likelihood",
+    "pairs_by_overlap",
+    "read_detector",
+    "score_log_odds",
+    "suppressed",
 ]
 
 if not TYPE_CHECKING:

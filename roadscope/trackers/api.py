@@ -1,15 +1,14 @@
-"""What a tracker is.
+"""The protocol of trackers.
 
-Online is what `update` answers, and nothing else: what it says of a tick rests on that tick and
-those before. A tracker whose class says `offline = True` is an offline one: once an episode is
-over, its `rescored` is given all that `update` answered and tells every tick anew, with later
-ones at hand. Boards run `rescored` of such classes only and call their figures offline; without
-that mark it is never called, so that no online figure can contain it.
+What `update` returns is online: it depends on that tick and those before. A tracker whose class
+has `offline = True` is an offline one: when an episode is over, its `rescored` gets all that
+`update` returned and returns every tick again, with later ones at hand. Boards call `rescored` of
+such classes only and call their figures offline, so no online figure can contain it.
 
-What counts are tracks that are not tentative. A tracker whose class says `weighed = True` scores
-tentative ones, too, by how likely they are there. On recorded traffic sAMOTA, which asks for
-tracks of every sureness, takes all of its tracks, of others those that are not tentative. On
-simulated traffic, and so in `roadscope run`, averages over recall leave tentative ones out of all.
+Tentative tracks do not count. But a tracker whose class has `weighed = True` gives them scores,
+too, that say how likely they exist: on recorded traffic sAMOTA, which needs tracks of all scores,
+takes all tracks of such a tracker, and those that are not tentative of others. On simulated
+traffic, and so in `roadscope run`, averages over recall leave out all tentative tracks.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from roadscope.core import Detections, Pose, Tracks
 
 @runtime_checkable
 class Tracker(Protocol):
-    """Follows road users from frame to frame.
+    """Tracks road users from frame to frame.
 
     Constructor arguments are keyword-only and all have defaults.
     """
@@ -31,32 +30,27 @@ class Tracker(Protocol):
         """Forget all tracks."""
 
     def update(self, detections: Detections, ego_pose: Pose | None) -> Tracks:
-        """Take the detections of one tick, ego frame, and return the tracks at their stamp.
+        """Return the tracks after the detections of one tick, which are in the ego frame.
 
-        ego_pose: `world_from_ego` at the stamp, or None when unknown. Tracks come back in the
-        ego frame or, when the pose is known, in the world frame, as `Tracks.frame` says.
+        ego_pose: `world_from_ego` at the stamp, or None if it is unknown. Tracks are in the ego
+            frame or, if the pose is known, in the world frame, as `Tracks.frame` says.
         """
 
 
 @runtime_checkable
 class OfflineTracker(Tracker, Protocol):
-    """A tracker that goes over its tracks again when all frames are known."""
+    """A tracker that improves its tracks when all frames are known."""
 
     offline: ClassVar[bool]
 
     def rescored(self, history: Sequence[Tracks]) -> Sequence[Tracks]:
-        """Tell an episode anew, as many records as there were, of the same stamps.
+        """Return the tracks of a whole episode again: as many records, with the same stamps.
 
-        history: what `update` answered from the reset on, tentative tracks included; it and
-            what `update` would answer next stay as they are.
+        history: what `update` returned since the reset, tentative tracks included; it must not
+            change, nor what `update` would return next.
         """
 
 
-def is_weighed(kind: Any) -> bool:
-    """Say whether a tracker's class says that scores of its tentative tracks mean something."""
-    return bool(getattr(kind, "weighed", False))
-
-
 def is_offline(kind: Any) -> bool:
-    """Say whether a tracker's class calls itself offline."""
+    """Return whether a tracker's class is an offline one."""
     return bool(getattr(kind, "offline", False))

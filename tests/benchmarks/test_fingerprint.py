@@ -322,7 +322,7 @@ def test_a_stranger_that_does_not_exist_is_refused() -> None:
 
 
 def test_ours_by_target_count_by_what_they_import() -> None:
-    targets = ["roadscope.trackers.nearest:NearestTracker", "roadscope.trackers.gnn:GnnTracker"]
+    targets = ["roadscope.trackers._nearest:NearestTracker", "roadscope.trackers._gnn:GnnTracker"]
     hashes = [hash_of_tracker(target) for target in targets]
     assert hashes == [hash_of_tracker("nearest"), hash_of_tracker("gnn")]
     assert hashes[0] != hashes[1]

@@ -57,7 +57,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Copy, list[
         ("envs/raycast/kernels.py", [True, True]),
         ("envs/traffic/driving.py", [True, True]),
         ("detectors/clustering/pag.py", [True, True]),
-        ("trackers/nearest.py", [False, True]),
+        ("trackers/_nearest.py", [False, True]),
         ("trackers/learned/unknown.toml", [False, False]),
         ("benchmarks/eligibility.py", [True, True]),
         ("benchmarks/episode.py", [True, True]),
@@ -94,7 +94,7 @@ def test_what_decides_poses_and_scores_is_in_the_key(tmp_path: Path) -> None:
         ("benchmarks/noisy_odometry.py", [True, True, True]),
         ("benchmarks/metrics/odometry/drift.py", [True, True, True]),
         ("benchmarks/nodes/poses.py", [True, True, True]),
-        ("trackers/nearest.py", [False, False, False]),
+        ("trackers/_nearest.py", [False, False, False]),
         ("benchmarks/report/tables.py", [False, False, False]),
     ]
     specs = ("voxel-map", "oracle?odometry=voxel-map", "noisy-odometry")
@@ -112,7 +112,7 @@ def test_what_decides_a_result_with_a_camera_is_in_its_key(tmp_path: Path) -> No
         ("benchmarks/nodes/images.py", [True, True, True]),
         ("fusion/overlap.py", [True, True, True]),
         ("benchmarks/boards/fusion.py", [False, True, False]),
-        ("trackers/nearest.py", [False, False, True]),
+        ("trackers/_nearest.py", [False, False, True]),
         ("benchmarks/report/tables.py", [False, False, False]),
     ]
     entries = (("camera", "network"), ("fusion", "union"), ("tracking", "nearest"))

@@ -355,7 +355,7 @@ def test_a_strangers_tracker_and_detector_stand_on_their_boards(suite, tmp_path)
     own = tmp_path / "mine.py"
     own.write_text(
         "from roadscope import Detections\n"
-        "from roadscope.trackers.nearest import NearestTracker\n"
+        "from roadscope.trackers import NearestTracker\n"
         "class Tracker(NearestTracker):\n    kind = 'tracker'\n"
         "class Blind:\n    def reset(self): pass\n"
         "    def detect(self, frame): return Detections.empty(frame.stamp_s)\n"
@@ -374,7 +374,7 @@ def test_what_is_not_installed_is_named_before_anything_runs(suite, tmp_path) ->
     own, events = tmp_path / "mine.py", []
     own.write_text(
         "from roadscope.core import Requirement\n"
-        "from roadscope.trackers.nearest import NearestTracker\n"
+        "from roadscope.trackers import NearestTracker\n"
         "class Needy(NearestTracker):\n    kind = 'tracker'\n"
         "    requires = Requirement('no-such-library', 'pip install no-such-library')\n"
     )

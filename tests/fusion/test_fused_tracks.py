@@ -7,8 +7,7 @@ from roadscope.core import Category, Detections, Family, ImageDetections, Pose, 
 from roadscope.core.projection import Projection
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.overlap import projected_boxes
-from roadscope.trackers import TRACKERS
-from roadscope.trackers.api import is_offline
+from roadscope.trackers import TRACKERS, is_offline
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LOOK = Projection.of(

@@ -1,18 +1,18 @@
-"""Costs of all pairs as a matrix, from which tests make candidates."""
+"""Costs of all pairs as a matrix."""
 
 import numpy as np
 
-from roadscope.trackers.gating import Candidates
+from roadscope.trackers import CandidatePairs
 
 
 def candidates(costs):
     """All pairs of (N, M) costs that are finite."""
     rows, columns = map(np.ascontiguousarray, np.nonzero(np.isfinite(costs)))
-    return Candidates(costs.shape, rows, columns, costs[rows, columns])
+    return CandidatePairs(costs.shape, rows, columns, costs[rows, columns])
 
 
-def matrix(found, missing=np.inf):
-    """(N, M) costs of candidates."""
-    costs = np.full(found.shape, missing)
-    costs[found.rows, found.columns] = found.costs
+def matrix(pairs):
+    """(N, M) costs of candidates, inf elsewhere."""
+    costs = np.full(pairs.shape, np.inf)
+    costs[pairs.rows, pairs.columns] = pairs.costs
     return costs

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.trackers.kalman import Gaussians
+from roadscope.trackers import Gaussians
 
 
 class Innovations(NamedTuple):

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from tracked_scenes import T, boxes, identities, told
+from tracked_scenes import T, boxes, identities, make, run
 
 from roadscope.core import TrackState
-from roadscope.trackers.ab3dmot import Ab3dmotTracker
 
 
 def papers_filter(box):
@@ -19,9 +18,9 @@ def papers_filter(box):
     return kalman
 
 
-def test_equals_the_papers_filter():
+def test_the_filter_is_the_papers():
     rng = np.random.default_rng(0)
-    tracker, kalman = Ab3dmotTracker(), None
+    tracker, kalman = make("ab3dmot"), None
     for k in range(12):
         place = (k + 0.1 * rng.standard_normal(), 3 + 0.1 * rng.standard_normal())
         found = boxes([place], k, yaws=0.1 * rng.standard_normal())
@@ -42,9 +41,9 @@ def test_equals_the_papers_filter():
         )
 
 
-def test_headings_are_told_apart_by_less_than_a_right_angle():
+def test_a_detection_half_a_turn_off_does_not_turn_the_track():
     """A detector that takes the front for the rear does not turn the track through the side."""
-    tracker = Ab3dmotTracker()
+    tracker = make("ab3dmot")
     for k, yaw in enumerate([0.1, 0.1, 0.1 + np.pi, 0.1]):
         tracks = tracker.update(boxes([(5, 0)], k, yaws=yaw), None)
         assert abs(np.sin(tracks.yaws[0] - 0.1)) < 1e-9
@@ -52,36 +51,22 @@ def test_headings_are_told_apart_by_less_than_a_right_angle():
 
 def test_confirmed_after_three_detections_dropped_after_two_misses():
     episode = [boxes([(5, 0)] if k in (0, 1, 2, 4) else [], k) for k in range(8)]
-    states = [each.states.tolist() for each in told(Ab3dmotTracker(), episode)]
+    states = [each.states.tolist() for each in run(make("ab3dmot"), episode)]
     tentative, confirmed, coasting = list(TrackState)
     assert states == [
         [tentative], [tentative], [confirmed], [coasting], [confirmed], [coasting], [], [],
     ]  # fmt: skip
 
 
-def test_generalised_overlap_follows_what_jumps_clear_of_itself():
+def test_generalised_overlap_tracks_cars_that_move_more_than_their_length():
     """At 50 m/s a car covers more than its length in a tenth of a second."""
     episode = [boxes([(5.0 * k, 0)], k) for k in range(6)]
-    assert len(identities(told(Ab3dmotTracker(), episode))) == 6
-    assert len(identities(told(Ab3dmotTracker(overlap="giou", least=-0.2), episode))) == 1
+    assert len(identities(run(make("ab3dmot"), episode))) == 6
+    assert len(identities(run(make("ab3dmot", overlap="giou", least=-0.2), episode))) == 1
 
 
-def test_a_late_tick_costs_no_more_than_its_time():
+def test_a_late_tick_is_predicted_by_its_time():
     episode = [boxes([(10 * k * T, 0)], k) for k in (0, 1, 2, 3, 4, 7, 8)]
-    tracks = told(Ab3dmotTracker(), episode)
+    tracks = run(make("ab3dmot"), episode)
     assert identities(tracks) == {0}
     assert tracks[-1].velocities[0] == pytest.approx((10, 0), abs=0.5)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"overlap": "bev"}, "no overlap 'bev'; possible: iou, giou"),
-        ({"least": -0.2}, "the least iou must lie in 0 to 1, got -0.2"),
-        ({"max_age": 0}, "max_age must be 1 or more, got 0"),
-        ({"min_hits": 0}, "confirm_hits must be 1 or more, got 0"),
-    ],
-)
-def test_bad_arguments_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Ab3dmotTracker(**arguments)

@@ -1,21 +1,15 @@
 import numpy as np
-import pytest
 from filterpy.kalman import KalmanFilter
-from tracked_scenes import boxes, identities, told
+from tracked_scenes import boxes, identities, make, run
 
 from roadscope.core import TrackState
-from roadscope.trackers.gnn import GnnTracker
-from roadscope.trackers.greedy import GreedyTracker
-from roadscope.trackers.imm import ImmTracker
-from roadscope.trackers.jpda import JpdaTracker
-from roadscope.trackers.pmbm import PmbmTracker
 
 
-def test_one_by_one_it_is_filterpy():
+def test_each_track_has_filterpys_filter():
     """Three targets and uneven ticks; the filter written out."""
     rng, stamps = np.random.default_rng(0), [0.0, 0.1, 0.2, 0.45, 0.5, 0.6]
     start, speed = np.array([[0.0, 0], [20, 5], [40, -9]]), np.array([[8.0, 1], [0, 0], [-5, 2]])
-    tracker, filters = GnnTracker(), None
+    tracker, filters = make("gnn"), None
     for before, stamp in zip([0.0, *stamps], stamps, strict=False):
         places = start + stamp * speed + 0.2 * rng.standard_normal((3, 2))
         tracks = tracker.update(boxes(places, stamp / 0.1), None)
@@ -46,33 +40,33 @@ def step(kalman, dt, place):
     kalman.update(place)
 
 
-def test_the_whole_is_likeliest_where_greed_leaves_one_alone():
+def test_the_assignment_is_optimal_where_a_greedy_one_leaves_a_detection():
     """Two cars jump ahead; the nearest pair of all is a wrong one."""
     episode = [boxes([(0, 0), (3, 0)], 0), boxes([(2, 0), (5.5, 0)], 1)]
-    assert told(GnnTracker(), episode)[-1].ids.tolist() == [0, 1]
-    greedy = told(GreedyTracker(vehicle_gate_m=2.4), episode)[-1]
+    assert run(make("gnn"), episode)[-1].ids.tolist() == [0, 1]
+    greedy = run(make("greedy", vehicle_gate_m=2.4), episode)[-1]
     assert 2 in greedy.ids
 
 
-def test_a_vague_track_leaves_a_sure_one_its_detection():
-    """A new track next to a settled one, which is seen a little off."""
-    tracker = GnnTracker()
-    told(tracker, [boxes([(0, 0)], k) for k in range(20)])
+def test_an_uncertain_track_leaves_a_certain_one_its_detection():
+    """A new track next to an old one, whose detection is a little off."""
+    tracker = make("gnn")
+    run(tracker, [boxes([(0, 0)], k) for k in range(20)])
     tracker.update(boxes([(0, 0), (1.6, 0)], 20), None)
     tracks = tracker.update(boxes([(0.9, 0)], 21), None)
     moved = dict(zip(tracks.ids.tolist(), tracks.centres[:, 0].tolist(), strict=True))
     assert moved[0] > 0.05
 
 
-def test_beyond_the_gate_is_another():
+def test_a_detection_beyond_the_gate_starts_a_track():
     episode = [boxes([(0, 0)], k) for k in range(20)]
-    assert identities(told(GnnTracker(), [*episode, boxes([(0.8, 0)], 20)])) == {0}
-    assert identities(told(GnnTracker(), [*episode, boxes([(2.5, 0)], 20)])) == {0, 1}
+    assert identities(run(make("gnn"), [*episode, boxes([(0.8, 0)], 20)])) == {0}
+    assert identities(run(make("gnn"), [*episode, boxes([(2.5, 0)], 20)])) == {0, 1}
 
 
-def test_coasts_unseen_and_comes_back():
+def test_a_missed_track_coasts_and_comes_back():
     episode = [boxes([(k, 0)] if k < 5 or k >= 12 else [], k) for k in range(14)]
-    tracks = told(GnnTracker(shown_misses=3), episode)
+    tracks = run(make("gnn", shown_misses=3), episode)
     assert identities(tracks) == {0}
     states = [TrackState(each.states[0]).name.lower() for each in tracks]
     assert (
@@ -83,24 +77,3 @@ def test_coasts_unseen_and_comes_back():
         + ["tentative"] * 4
         + ["confirmed"] * 2
     )
-
-
-@pytest.mark.parametrize("share", [0.0, 1.0, np.nan])
-@pytest.mark.parametrize("kind", [GnnTracker, ImmTracker, JpdaTracker, PmbmTracker])
-def test_a_gate_lets_through_some_but_not_all(kind, share):
-    with pytest.raises(ValueError, match="gate_share must lie between 0 and 1"):
-        kind(gate_share=share)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"gate_share": 1.0}, "gate_share must lie between 0 and 1, got 1.0"),
-        ({"position_m": 0.0}, "position_m must be positive, got 0.0"),
-        ({"velocity_walk": np.nan}, "velocity_walk must be 0 or more, got nan"),
-        ({"confirm_hits": 2.5}, "confirm_hits must be 1 or more, got 2.5"),
-    ],
-)
-def test_bad_arguments_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        GnnTracker(**arguments)

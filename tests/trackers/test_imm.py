@@ -1,34 +1,26 @@
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
+from tracked_scenes import T as DT
+from tracked_scenes import boxes, make
 
-from roadscope.core import Detections
-from roadscope.trackers.gnn import GnnTracker
-from roadscope.trackers.imm import ImmTracker
-from roadscope.trackers.imm_filter import ImmFilter, mixed
-from roadscope.trackers.imm_turn import CartesianTurn
-from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.motion import ConstantAcceleration, ConstantVelocity, CoordinatedTurn
-from roadscope.trackers.place_filter import PlaceFilter
+from roadscope.trackers import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    CoordinatedTurn,
+    Gaussians,
+    PositionFilter,
+)
+from roadscope.trackers._imm import ImmFilter, mixed
 
 WALKS = (0.1, 2.0, 8.0)
-DT = 0.1
-
-
-def seen(places, tick=0):
-    places = np.asarray(places, float).reshape(-1, 2)
-    n = len(places)
-    return Detections(
-        np.column_stack([places, np.full(n, 0.75)]), np.tile([4.6, 1.85, 1.5], (n, 1)),
-        np.zeros(n), np.zeros(n, int), np.ones(n), "ego", tick * DT,
-    )  # fmt: skip
 
 
 def filterpys(imm, place):
     """filterpy's estimator with the same three models of constant velocity."""
     filters = []
     for each in imm.filters:
-        started = each.started(seen([place]))
+        started = each.started(boxes([place], 0))
         one = KalmanFilter(dim_x=4, dim_z=2)
         one.x, one.P = started.means[0].copy(), started.covariances[0].copy()
         one.F, one.Q = each.motion.jacobian(one.x, DT), each.motion.noise(one.x, DT)
@@ -37,22 +29,22 @@ def filterpys(imm, place):
     return IMMEstimator(filters, np.full(3, 1 / 3), imm.transition(DT))
 
 
-def test_equals_filterpys_estimator():
+def test_the_filter_is_filterpys_estimator():
     rng = np.random.default_rng(2)
-    imm = ImmFilter(tuple(PlaceFilter(motion=ConstantVelocity(walk)) for walk in WALKS), 0.7)
+    imm = ImmFilter(tuple(PositionFilter(motion=ConstantVelocity(walk)) for walk in WALKS), 0.7)
     path = np.cumsum(rng.normal([1, 0.3], 0.4, (20, 2)), axis=0)
     still = rng.normal(0, 0.3, (20, 2))
-    modes = imm.started(seen([path[0], still[0]]))
+    modes = imm.started(boxes([path[0], still[0]], 0))
     others = [filterpys(imm, place) for place in (path[0], still[0])]
     for places in zip(path[1:], still[1:], strict=True):
         modes = imm.corrected(imm.predicted(modes, DT), np.array(places))
         for k, (one, place) in enumerate(zip(others, places, strict=True)):
             one.predict()
             one.update(place)
-            np.testing.assert_allclose(modes.shares[k], one.mu, atol=1e-9)
+            np.testing.assert_allclose(modes.probabilities[k], one.mu, atol=1e-9)
             np.testing.assert_allclose(modes.mixture.means[k], one.x, atol=1e-8)
             np.testing.assert_allclose(modes.mixture.covariances[k], one.P, atol=1e-8)
-    assert modes.shares[0].argmax() != modes.shares[1].argmax()
+    assert modes.probabilities[0].argmax() != modes.probabilities[1].argmax()
 
 
 def filterpys_step(each, mixed_before, place):
@@ -73,11 +65,11 @@ def test_each_model_is_corrected_as_by_filterpy():
     imm, rng = default_filter(), np.random.default_rng(6)
     t = np.arange(15) * DT
     path = np.column_stack([9 * t - t**2, 4 * np.sin(t)]) + rng.normal(0, 0.1, (15, 2))
-    modes = imm.started(seen([path[0]]))
+    modes = imm.started(boxes([path[0]], 0))
     for place in path[1:]:
-        flow = modes.shares[0][:, None] * imm.transition(DT)
+        flow = modes.probabilities[0][:, None] * imm.transition(DT)
         mixing = flow / flow.sum(axis=0)
-        shared, likelihoods = modes.shared, np.empty(3)
+        shared, likelihoods = modes.planar, np.empty(3)
         after = imm.corrected(imm.predicted(modes, DT), place[None])
         for j, (each, own, part) in enumerate(
             zip(imm.filters, modes.parts, after.parts, strict=True)
@@ -87,38 +79,20 @@ def test_each_model_is_corrected_as_by_filterpy():
             np.testing.assert_allclose(part.means[0], mean, atol=1e-9)
             np.testing.assert_allclose(part.covariances[0], covariance, atol=1e-9)
         shares = flow.sum(axis=0) * likelihoods
-        np.testing.assert_allclose(after.shares[0], shares / shares.sum(), atol=1e-9)
+        np.testing.assert_allclose(after.probabilities[0], shares / shares.sum(), atol=1e-9)
         modes = after
 
 
-@pytest.mark.parametrize("rate", [0.0, 1e-5, 0.3, -1.2])
-def test_turn_moves_as_the_one_with_heading_does(rate):
-    polar = CoordinatedTurn().moved(np.array([[1.0, 2.0, 0.4, 9.0, rate]]), 0.5)[0]
-    start = [1.0, 2.0, 9 * np.cos(0.4), 9 * np.sin(0.4), rate]
-    found = CartesianTurn().moved(np.array([start]), 0.5)[0]
-    expected = [*polar[:2], 9 * np.cos(polar[2]), 9 * np.sin(polar[2]), rate]
-    np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("rate", [0.0, 1e-5, 0.4, -2.0])
-def test_jacobian_of_the_turn_is_its_derivative(rate):
-    motion, start = CartesianTurn(), np.array([1.0, 2.0, 5.0, -7.0, rate])
-    step = 1e-6 * np.eye(5)
-    ahead, behind = motion.moved(start + step, 0.3), motion.moved(start - step, 0.3)
-    slopes = (ahead - behind).T / 2e-6
-    np.testing.assert_allclose(motion.jacobian(start[None], 0.3)[0], slopes, atol=1e-7)
-
-
 def default_filter():
-    motions = (ConstantVelocity(0.5), ConstantAcceleration(2.0), CartesianTurn())
-    return ImmFilter(tuple(PlaceFilter(0.1, motion=motion) for motion in motions))
+    motions = (ConstantVelocity(0.5), ConstantAcceleration(2.0), CoordinatedTurn())
+    return ImmFilter(tuple(PositionFilter(0.1, motion=motion) for motion in motions))
 
 
 def drive(velocities):
     """Mode probabilities at the end of a drive at the (K, 2) velocities."""
     imm = default_filter()
     places = np.cumsum(velocities * DT, axis=0)
-    modes = imm.started(seen([places[0]]))
+    modes = imm.started(boxes([places[0]], 0))
     for place in places[1:]:
         modes = imm.corrected(imm.predicted(modes, DT), place[None])
     return modes
@@ -129,14 +103,14 @@ def test_the_model_that_is_right_is_the_likeliest():
     straight = drive(np.stack([np.full(40, 10.0), np.zeros(40)], axis=1))
     braking = drive(np.stack([20 - 4 * t, np.zeros(40)], axis=1))
     turning = drive(10 * np.stack([np.cos(0.6 * t), np.sin(0.6 * t)], axis=1))
-    assert straight.shares[0].argmax() == 0
-    assert braking.shares[0].argmax() == 1
-    assert turning.shares[0].argmax() == 2
+    assert straight.probabilities[0].argmax() == 0
+    assert braking.probabilities[0].argmax() == 1
+    assert turning.probabilities[0].argmax() == 2
     assert turning.turn.means[0, 4] == pytest.approx(0.6, abs=0.1)
     assert braking.acceleration.means[0, 4] == pytest.approx(-4, abs=0.7)
 
 
-def test_mixing_keeps_covariances_proper_and_leaves_what_others_know_not():
+def test_mixing_keeps_covariances_proper_and_accelerations_unchanged():
     modes = drive(np.random.default_rng(1).normal(5, 3, (30, 2)))
     after = default_filter().predicted(modes, DT)
     for part in after.parts:
@@ -147,29 +121,22 @@ def test_mixing_keeps_covariances_proper_and_leaves_what_others_know_not():
     np.testing.assert_allclose(after.acceleration.means[:, 4:], modes.acceleration.means[:, 4:])
 
 
-def test_follows_a_hard_brake_better_than_one_calm_model():
+def test_hard_braking_is_tracked_better_than_by_one_model():
     rng = np.random.default_rng(4)
     speed = np.concatenate([np.full(30, 20.0), np.linspace(20, 0, 25), np.zeros(15)])
     path = np.stack([np.cumsum(speed * DT), np.zeros(70)], axis=1)
     errors = {}
-    for name, tracker in (("imm", ImmTracker()), ("gnn", GnnTracker(velocity_walk=0.5))):
+    for name, tracker in (("imm", make("imm")), ("gnn", make("gnn", velocity_walk=0.5))):
         found = []
         for k, place in enumerate(path):
-            tracks = tracker.update(seen(place + 0.3 * rng.standard_normal(2), k), None)
+            tracks = tracker.update(boxes([place + 0.3 * rng.standard_normal(2)], k), None)
             found.append(abs(tracks.velocities[0, 0] - speed[k]))
         errors[name] = np.mean(found[30:])
     assert errors["imm"] < 0.7 * errors["gnn"]
 
 
-def test_rows_of_modes_stay_together():
-    modes = default_filter().started(seen([[0, 0], [5, 5], [9, 1]]))
+def test_rows_of_modes_are_selected_together():
+    modes = default_filter().started(boxes([[0, 0], [5, 5], [9, 1]], 0))
     picked = modes.select(np.array([2, 0]))
     assert isinstance(picked.turn, Gaussians)
     np.testing.assert_array_equal(picked.mixture.means[:, :2], [[9, 1], [0, 0]])
-
-
-def test_bad_arguments_are_named():
-    with pytest.raises(ValueError, match="sojourn_s must be positive, got 0"):
-        ImmTracker(sojourn_s=0.0)
-    with pytest.raises(ValueError, match="turn_walk must be 0 or more"):
-        ImmTracker(turn_walk=-1.0)

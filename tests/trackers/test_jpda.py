@@ -1,30 +1,150 @@
 import numpy as np
 import pytest
 from dense_costs import candidates
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from tracked_scenes import boxes, make
 
-from roadscope.core import Detections, TrackState
-from roadscope.trackers.jpda import JpdaTracker, likeliest, merged
-from roadscope.trackers.jpda_existence import Existence, Sighting
-from roadscope.trackers.kalman import Gaussians
-from roadscope.trackers.place_filter import PlaceFilter
-from roadscope.trackers.pmbm import PmbmTracker
+from roadscope.core import Detections, Pose, TrackState
+from roadscope.trackers import Gaussians, PositionFilter, TrackerTick
+from roadscope.trackers._detection_model import (
+    ClutterDensity,
+    DetectionModel,
+    Existence,
+    ScoreCalibration,
+)
+from roadscope.trackers._jpda import mixture_moments, one_to_one_pairs
+from roadscope.trackers._jpda_marginals import (
+    EXACT_LIMIT,
+    association_marginals,
+    loopy_marginals,
+)
+from roadscope.trackers._traits import FOLDER
+
+BOTH = pytest.mark.parametrize("kind", ["jpda", "pmbm"])
 
 
-def seen(tick, places, score=0.5):
-    places = np.asarray(places, float).reshape(-1, 2)
-    n = len(places)
-    return Detections(
-        np.column_stack([places, np.full(n, 0.75)]), np.tile([4.6, 1.85, 1.5], (n, 1)),
-        np.zeros(n), np.zeros(n, int), np.full(n, score), "ego", 0.1 * tick,
-    )  # fmt: skip
+def marginals(pairs, missed, free, limit):
+    """(N, M) marginals of (N, M) weights, 0 where impossible."""
+    rows, columns = map(np.ascontiguousarray, np.nonzero(pairs))
+    found = np.zeros(pairs.shape)
+    found[rows, columns] = association_marginals(
+        rows, columns, pairs[rows, columns], missed, free, limit
+    )
+    return found
 
 
-def test_merged_has_the_moments_of_the_mixture():
-    kalman = PlaceFilter()
+def by_enumeration(pairs, missed, free):
+    """Go through every joint event."""
+    n, m = pairs.shape
+    found, total = np.zeros((n, m)), 0.0
+
+    def visit(i, weight, taken):
+        nonlocal total
+        if i == n:
+            weight *= np.prod([free[j] for j in range(m) if j not in taken.values()])
+            total += weight
+            for row, column in taken.items():
+                found[row, column] += weight
+            return
+        visit(i + 1, weight * missed[i], taken)
+        for j in range(m):
+            if pairs[i, j] > 0 and j not in taken.values():
+                visit(i + 1, weight * pairs[i, j], {**taken, i: j})
+
+    visit(0, 1.0, {})
+    return found / total
+
+
+weights = st.one_of(st.just(0.0), st.floats(1e-6, 1e6), st.sampled_from([1e-12, 1.0, 1e12]))
+alone = st.one_of(st.floats(1e-3, 10), st.sampled_from([1e-9, 1.0, 1e9]))
+
+
+@st.composite
+def problems(draw):
+    n, m = draw(st.integers(0, 5)), draw(st.integers(0, 6))
+    return (
+        draw(arrays(float, (n, m), elements=weights)),
+        draw(arrays(float, n, elements=alone)),
+        draw(arrays(float, m, elements=alone)),
+    )
+
+
+@settings(max_examples=150)
+@given(problems())
+def test_marginals_are_those_of_all_joint_events(problem):
+    expected = by_enumeration(*problem) if problem[0].size else problem[0]
+    np.testing.assert_allclose(marginals(*problem, np.inf), expected, atol=1e-9)
+
+
+def on_a_line(seed, n, m, span_m):
+    """Tracks and detections strewn over a line, those nearer than 3 m possible pairs."""
+    rng = np.random.default_rng(seed)
+    distances = rng.uniform(0, span_m, (n, 1)) - rng.uniform(0, span_m, m)
+    pairs = np.where(np.abs(distances) < 3, 30 * np.exp(-0.5 * distances**2), 0.0)
+    return pairs, rng.uniform(0.05, 0.9, n), rng.uniform(0.5, 2, m)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_marginals_of_clusters_and_chains(seed):
+    problem = on_a_line(seed, 7, 7, 12.0)
+    np.testing.assert_allclose(marginals(*problem, np.inf), by_enumeration(*problem), atol=1e-9)
+
+
+def test_a_track_that_cannot_be_missed():
+    pairs = np.array([[2.0, 1.0], [1.0, 0.0]])
+    missed, free = np.array([0.0, 1.0]), np.ones(2)
+    found = marginals(pairs, missed, free, np.inf)
+    np.testing.assert_allclose(found, by_enumeration(pairs, missed, free), atol=1e-12)
+
+
+def test_a_crowd_of_twelve_has_the_marginals_of_symmetry():
+    n = 12
+    found = marginals(np.ones((n, n)), np.full(n, 1e-12), np.full(n, 1e-12), EXACT_LIMIT)
+    np.testing.assert_allclose(found, 1 / n, atol=1e-9)
+
+
+def test_rows_and_columns_may_change_places():
+    pairs, missed, free = on_a_line(1, 14, 9, 10.0)
+    found = marginals(pairs, missed, free, np.inf)
+    turned = marginals(np.ascontiguousarray(pairs.T), free, missed, np.inf)
+    np.testing.assert_allclose(found, turned.T, atol=1e-12)
+
+
+def test_a_long_chain_is_exact_and_does_not_overflow():
+    n = 200
+    pairs = 1e9 * (np.eye(n) + np.eye(n, k=1))
+    found = marginals(pairs, np.full(n, 1e-3), np.ones(n), EXACT_LIMIT)
+    assert np.array_equal(found, marginals(pairs, np.full(n, 1e-3), np.ones(n), np.inf))
+    assert found.sum() == pytest.approx(n, abs=0.1)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_belief_propagation_is_exact_without_loops(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 6))
+    pairs = rng.exponential(10, (n, n)) * (np.eye(n) + np.eye(n, k=1))
+    missed, free = rng.uniform(0.05, 1, n), rng.uniform(0.5, 2, n)
+    found = marginals(pairs, missed, free, np.inf)
+    np.testing.assert_allclose(loopy_marginals(pairs, missed, free), found, atol=1e-6)
+
+
+def test_belief_propagation_has_the_errors_that_its_module_states():
+    errors = []
+    for seed in range(200):
+        problem = on_a_line(seed, 8, 8, 10.0)
+        errors.append(np.abs(marginals(*problem, np.inf) - marginals(*problem, 0.0)).max())
+    assert 1e-4 < max(errors) < 0.3
+    assert np.mean(errors) < 0.06
+
+
+def test_mixture_moments():
+    kalman = PositionFilter()
     belief = Gaussians(np.array([[1.0, 2, 3, 4]]), np.diag([0.5, 0.4, 2, 3])[None])
-    places, shares = np.array([[1.5, 2.2], [0.4, 1.7]]), np.array([[0.5, 0.2]])
-    found = merged(belief, places, candidates(shares), kalman.R)
-    parts = [belief, *(kalman.corrected(belief, place[None]) for place in places)]
+    positions, shares = np.array([[1.5, 2.2], [0.4, 1.7]]), np.array([[0.5, 0.2]])
+    found = mixture_moments(belief, positions, candidates(shares), kalman.R)
+    parts = [belief, *(kalman.corrected(belief, position[None]) for position in positions)]
     weights = np.array([0.3, 0.5, 0.2])
     mean = sum(w * part.means[0] for w, part in zip(weights, parts, strict=True))
     covariance = sum(
@@ -35,105 +155,123 @@ def test_merged_has_the_moments_of_the_mixture():
     np.testing.assert_allclose(found.covariances[0], covariance, atol=1e-12)
 
 
-def test_chain_in_two_steps_is_the_chain_in_one():
-    sighting, start = Sighting(), Existence(np.array([0.7, 0.1]), np.array([0.1, 0.8]))
-    once = sighting.moved_on(start, 0.3)
-    twice = sighting.moved_on(sighting.moved_on(start, 0.1), 0.2)
+def test_existence_after_two_steps_is_that_after_one():
+    model, start = DetectionModel(), Existence(np.array([0.7, 0.1]), np.array([0.1, 0.8]))
+    once = model.predicted(start, 0.3)
+    twice = model.predicted(model.predicted(start, 0.1), 0.2)
     np.testing.assert_allclose(once.visible, twice.visible, atol=1e-12)
-    np.testing.assert_allclose(once.there, start.there * np.exp(-0.3 / 30), atol=1e-12)
-    late = sighting.moved_on(start, 20.0)
+    np.testing.assert_allclose(once.probability, start.probability * np.exp(-0.3 / 30), atol=1e-12)
+    late = model.predicted(start, 20.0)
     np.testing.assert_allclose(late.visible / late.hidden, 10.0, rtol=1e-6)
 
 
-def test_a_hidden_target_is_doubted_less_than_a_visible_one():
-    visible = Existence(np.array([0.9]), np.array([0.0])).missed(0.9)
-    hidden = Existence(np.array([0.0]), np.array([0.9])).missed(0.9)
-    assert visible.there == pytest.approx(0.09 / 0.19)
-    assert hidden.there == pytest.approx(0.9)
+def test_a_miss_says_nothing_of_a_hidden_target():
+    visible = Existence(np.array([0.9]), np.array([0.0])).after_miss(0.9)
+    hidden = Existence(np.array([0.0]), np.array([0.9])).after_miss(0.9)
+    assert visible.probability == pytest.approx(0.09 / 0.19)
+    assert hidden.probability == pytest.approx(0.9)
 
 
-def test_marginals_are_read_one_to_one():
-    beta = np.array([[0.6, 0.3], [0.35, 0.0]])
-    rows, columns = likeliest(candidates(beta), np.array([0.05, 0.7]))
+def test_pairs_of_marginals_are_one_to_one():
+    beta = candidates(np.array([[0.6, 0.3], [0.35, 0.0]]))
+    rows, columns = one_to_one_pairs(beta, np.array([0.05, 0.7]))
     assert (rows.tolist(), columns.tolist()) == ([0], [0])
-    rows, columns = likeliest(candidates(beta), np.array([0.05, 0.01]))
+    rows, columns = one_to_one_pairs(beta, np.array([0.05, 0.01]))
     assert (rows.tolist(), columns.tolist()) == ([0, 1], [1, 0])
 
 
-def test_existence_rises_with_hits_and_falls_with_misses():
-    tracker = JpdaTracker(traits="unknown")
-    rising = [tracker.update(seen(k, [(20 + k, 0)]), None) for k in range(6)]
+@BOTH
+def test_existence_rises_with_hits_and_falls_with_misses(kind):
+    tracker = make(kind, traits="unknown")
+    rising = [tracker.update(boxes([(20 + k, 0)], k, 0.5), None) for k in range(6)]
     scores = [tracks.scores[0] for tracks in rising]
     assert scores[0] < 0.2
     assert scores[-1] > 0.99
-    assert rising[0].states.tolist() == [TrackState.TENTATIVE]
-    assert rising[-1].states.tolist() == [TrackState.CONFIRMED]
+    assert [int(tracks.states[0]) for tracks in (rising[0], rising[-1])] == [
+        TrackState.TENTATIVE,
+        TrackState.CONFIRMED,
+    ]
     falling = []
-    for k in range(6, 200):
-        tracks = tracker.update(seen(k, []), None)
-        if not len(tracks):
-            break
+    while len(tracks := tracker.update(boxes([], 6 + len(falling)), None)):
         falling.append(tracks.scores[0])
     assert (np.diff(falling) < 0).all()
-    assert len(falling) > 12
+    assert 12 < len(falling) < 300
 
 
-def test_clutter_alone_confirms_nothing():
-    rng = np.random.default_rng(5)
-    tracker = JpdaTracker(traits="unknown")
-    for k in range(100):
-        places = rng.uniform(-50, 50, (rng.poisson(1.0), 2))
-        states = tracker.update(seen(k, places), None).states
-        assert (states == TrackState.TENTATIVE).all()
+@BOTH
+def test_clutter_alone_confirms_nothing(kind):
+    rng, tracker = np.random.default_rng(5), make(kind, traits="unknown")
+    for k in range(60):
+        clutter = boxes(rng.uniform(-50, 50, (rng.poisson(1.0), 2)), k, 0.5)
+        assert (tracker.update(clutter, None).states == TrackState.TENTATIVE).all()
 
 
-def test_surer_detections_are_believed_sooner():
-    first = [
-        JpdaTracker(traits="unknown").update(seen(0, [(5, 5)], s), None).scores[0]
-        for s in (0.3, 0.9)
-    ]
-    assert first[0] < first[1]
-    assert JpdaTracker(score_weight=0, traits="unknown", clutter_m2=1e-4).update(
-        seen(0, [(5, 5)], 0.3), None
-    ).scores[0] == pytest.approx(0.9e-5 / (0.9e-5 + 1e-4))
+def test_higher_scores_are_believed_sooner():
+    low, high = (
+        make("jpda", traits="unknown").update(boxes([(5, 5)], 0, score), None).scores[0]
+        for score in (0.3, 0.9)
+    )
+    assert low < high
+    without = make("jpda", score_weight=0, traits="unknown", clutter_m2=1e-4)
+    first = without.update(boxes([(5, 5)], 0, 0.3), None)
+    assert first.scores[0] == pytest.approx(0.9e-5 / (0.9e-5 + 1e-4))
 
 
-@pytest.mark.parametrize(
-    ("kind", "score", "clutter_m2"),
-    [(JpdaTracker, 0.5, 2e-3), (PmbmTracker, 0.5, 2e-3)],
-)
-def test_what_is_unlikely_alone_is_proved_by_coming_back(kind, score, clutter_m2):
-    """Of low scores, or where clutter is dense, every first detection is most likely nothing."""
-    tracker = kind(clutter_m2=clutter_m2, traits="unknown")
-    told = [tracker.update(seen(k, [(20 + 0.5 * k, 0)], score), None) for k in range(20)]
-    assert told[0].scores[0] < 0.02
-    assert told[-1].ids[told[-1].states == TrackState.CONFIRMED].tolist() == [0]
-    passing = kind(clutter_m2=clutter_m2, traits="unknown")
-    passing.update(seen(0, [(20, 0)], score), None)
-    assert len(passing.update(seen(1, [], score), None)) == 0
+@BOTH
+def test_in_dense_clutter_a_target_is_confirmed_by_coming_back(kind):
+    tracker = make(kind, clutter_m2=2e-3, traits="unknown")
+    said = [tracker.update(boxes([(20 + 0.5 * k, 0)], k, 0.5), None) for k in range(20)]
+    assert said[0].scores[0] < 0.02
+    assert said[-1].ids[said[-1].states == TrackState.CONFIRMED].tolist() == [0]
+    tracker.reset()
+    tracker.update(boxes([(20, 0)], 0, 0.5), None)
+    assert len(tracker.update(boxes([], 1), None)) == 0
 
 
-def test_one_of_two_detections_takes_not_all():
-    """Between two detections alike the track goes to their mean, and is less sure of it."""
-    tracker, sure = JpdaTracker(traits="unknown"), JpdaTracker(traits="unknown")
-    for k in range(10):
-        tracker.update(seen(k, [(0, 0)]), None)
-        sure.update(seen(k, [(0, 0)]), None)
-    shared = tracker.update(seen(10, [(0, 0.4), (0, -0.4)]), None)
-    alone = sure.update(seen(10, [(0, 0)]), None)
-    assert shared.centres[0, 1] == pytest.approx(0, abs=1e-9)
-    assert shared.covariances[0, 1, 1] > alone.covariances[0, 1, 1] + 0.01
+@BOTH
+@pytest.mark.parametrize(("a_tick", "most"), [(0.5, 2.2), (8.0, 1.3)])
+def test_clutter_density_is_estimated_beside_targets(kind, a_tick, most):
+    """Sparse clutter is taken to be denser: it has not been everywhere yet."""
+    rng, tracker = np.random.default_rng(0), make(kind, traits="unknown")
+    cars = np.array([[8.0 * k, 6.0 * (k % 4)] for k in range(-4, 5)])
+    for t in range(150):
+        false = rng.uniform(-40, 40, (rng.poisson(a_tick), 2))
+        moved = cars + np.array([0.05 * t, 0.0])
+        tracker.update(boxes(np.concatenate([moved, false]), t, 0.5), None)
+    assert 0.7 < tracker._model.clutter.density_m2 / (a_tick / 80**2) < most
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"clutter_m2": 0.0}, "clutter_m2 must be positive"),
-        ({"detection": 1.0}, "detection must lie between 0 and 1"),
-        ({"confirm": 1.5}, "confirm must lie in 0 to 1"),
-        ({"shown_misses": -1}, "shown_misses must be 0 or more"),
-    ],
-)
-def test_bad_arguments_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        JpdaTracker(**arguments)
+@BOTH
+def test_dense_clutter_is_not_confirmed_for_long(kind):
+    """As many false detections as real detectors make, with scores that say nothing."""
+    rng, confirmed = np.random.default_rng(1), {}
+    for clutter_m2 in (None, 1e-4):
+        tracker, counts = make(kind, traits="unknown", clutter_m2=clutter_m2), []
+        for t in range(120):
+            clutter = boxes(rng.uniform(-20, 20, (rng.poisson(8), 2)), t, 0.5)
+            counts.append(int((tracker.update(clutter, None).states > 0).sum()))
+        confirmed[clutter_m2] = sum(counts[60:])
+    assert confirmed[None] < 0.3 * confirmed[1e-4]
+
+
+def test_the_area_of_clutter_moves_with_the_ego():
+    clutter = ClutterDensity()
+    for t in range(5):
+        tick = TrackerTick.after(None, boxes([(12, 2)], 0), Pose.planar(30.0 * t, 0.0, 0.3))
+        clutter.add_area(tick)
+    assert clutter.cells == {(1, 0)}
+
+
+def test_base_rates_are_taken_out_of_scores(tmp_path):
+    """Two files of the same detector, one from where hardly anything was right."""
+    text = (FOLDER / "unknown.toml").read_text("utf-8")
+    tick = TrackerTick.after(None, boxes([(0, 0)], 0, 0.7), None)
+    assert ScoreCalibration("unknown").probabilities(tick) == [pytest.approx(0.7)]
+    rare = tmp_path / "rare.toml"
+    rare.write_text(text.replace("score_offset = 0.0", "score_offset = -3.0"), "utf-8")
+    assert 1 / (1 + np.exp(3 - np.log(0.7 / 0.3))) < 0.11
+    assert ScoreCalibration(str(rare)).probabilities(tick)[0] > 0.3
+
+
+def test_no_detections_at_all():
+    assert len(make("jpda").update(Detections.empty(0.0), None)) == 0

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from tracked_scenes import make
 
 from roadscope.core import Detections, Pose, TrackState
-from roadscope.trackers.nearest import NearestTracker
+from roadscope.trackers._nearest import ConstantVelocityFilter, FilterNoise, process_noise
 
 T = 0.08
 
@@ -18,8 +19,8 @@ def seen(tick, *places, frame="ego"):
     )  # fmt: skip
 
 
-def test_identity_survives_13_missed_frames():
-    tracker = NearestTracker(coast_frames=13)
+def test_an_identity_survives_13_misses():
+    tracker = make("nearest", coast_frames=13)
     for k in range(20):
         before = tracker.update(seen(k, (20 + 0.1 * k, 3)), None)
     for k in range(20, 33):
@@ -31,8 +32,8 @@ def test_identity_survives_13_missed_frames():
     assert after.states.tolist() == [TrackState.CONFIRMED]
 
 
-def test_filter_is_dropped_after_13_missed_frames_and_its_id_is_gone():
-    tracker = NearestTracker(coast_frames=13)
+def test_a_filter_is_dropped_after_13_misses_and_its_id_is_gone():
+    tracker = make("nearest", coast_frames=13)
     first = tracker.update(seen(0, (20, 3)), None)
     counts = [len(tracker.update(seen(k), None)) for k in range(1, 16)]
     assert counts == [1] * 13 + [0, 0]
@@ -40,8 +41,8 @@ def test_filter_is_dropped_after_13_missed_frames_and_its_id_is_gone():
     assert again.ids[0] != first.ids[0]
 
 
-def test_tentative_until_seen_often_enough():
-    tracker = NearestTracker(confirm_hits=3)
+def test_a_track_is_tentative_until_it_has_enough_detections():
+    tracker = make("nearest", confirm_hits=3)
     states = [
         tracker.update(seen(k, *places), None).states[0]
         for k, places in enumerate([[(20, 3)], [(20, 3)], [], [(20, 3)], []])
@@ -49,8 +50,8 @@ def test_tentative_until_seen_often_enough():
     assert states == [0, 0, 0, TrackState.CONFIRMED, TrackState.COASTING]
 
 
-def test_far_target_opens_a_filter():
-    tracker = NearestTracker(gate_m=2.0)
+def test_a_far_target_starts_a_filter():
+    tracker = make("nearest", gate_m=2.0)
     tracker.update(seen(0, (20, 0)), None)
     tracks = tracker.update(seen(1, (20, 1.9), (30, 0)), None)
     assert tracks.ids.tolist() == [0, 1]
@@ -59,7 +60,7 @@ def test_far_target_opens_a_filter():
 
 
 def test_constant_velocity_and_its_frame():
-    tracker = NearestTracker()
+    tracker = make("nearest")
     for k in range(30):
         tracks = tracker.update(seen(k, (20 + 0.4 * k, 3 - 0.08 * k)), None)
     assert tracks.frame == "ego"
@@ -72,9 +73,9 @@ def turning(k):
     return Pose.planar(30 * np.sin(angle), 30 - 30 * np.cos(angle), angle)
 
 
-def test_turning_ego_is_followed_in_the_world():
+def test_a_standing_target_stands_while_the_ego_turns():
     standing = np.array([40.0, 5.0, 0.0])
-    world, ego = NearestTracker(), NearestTracker(frame="ego")
+    world, ego = make("nearest"), make("nearest", frame="ego")
     for k in range(40):
         x, y, _ = turning(k).inverse().apply(standing)
         found = world.update(seen(k, (x, y)), turning(k))
@@ -89,7 +90,7 @@ def test_turning_ego_is_followed_in_the_world():
 
 def test_first_velocity_is_the_egos():
     """At 40 m/s a target moves 3.2 m a tick in the world, more than the gate."""
-    tracker = NearestTracker(gate_m=2.0)
+    tracker = make("nearest", gate_m=2.0)
     for k in range(5):
         places = [(20.0, 3.0)] if k < 2 else [(20.0, 3.0), (40.0, -3.0)]
         tracks = tracker.update(seen(k, *places), Pose.planar(3.2 * k, 0, 0))
@@ -98,36 +99,48 @@ def test_first_velocity_is_the_egos():
 
 
 def test_detections_in_the_world_frame_are_taken_as_they_are():
-    tracks = NearestTracker().update(seen(0, (20, 3), frame="world"), Pose.planar(5, 5, 1))
+    tracks = make("nearest").update(seen(0, (20, 3), frame="world"), Pose.planar(5, 5, 1))
     assert tracks.centres[0, :2].tolist() == [20, 3]
     assert tracks.frame == "world"
 
 
-def test_stamps_must_increase():
-    tracker = NearestTracker()
-    tracker.update(seen(3), None)
-    with pytest.raises(ValueError, match="stamps must increase"):
-        tracker.update(seen(3), None)
+def test_the_filter_is_the_printed_recursion():
+    """Eq. 8 to 16, written out, against filterpy with Q at 0."""
+    rng = np.random.default_rng(0)
+    places = rng.normal(size=(30, 2)) + np.arange(30)[:, None]
+    kalman = ConstantVelocityFilter(FilterNoise(0.5, 0.2, 0.0), places[0], np.zeros(2), T)
+    A = np.array([[1, T, 0, 0], [0, 1, 0, 0], [0, 0, 1, T], [0, 0, 0, 1]])
+    H = np.array([[1, 0, 0, 0], [0, 0, 1, 0]])
+    a, b, c = 0.25, 0.25 / T, 0.5 / T**2
+    P = np.array([[a, b, 0, 0], [b, c, 0, 0], [0, 0, a, b], [0, 0, b, c]])
+    x, R = np.array([places[0, 0], 0, places[0, 1], 0]), 0.04 * np.eye(2)
+    for z in places[1:]:
+        kalman.predict(T)
+        kalman.update(z)
+        x, P = A @ x, A @ P @ A.T
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        x, P = x + K @ (z - H @ x), (np.eye(4) - K @ H) @ P
+    assert np.allclose(kalman.position, x[[0, 2]])
+    assert np.allclose(kalman.velocity, x[[1, 3]])
+    assert np.allclose(kalman.covariance, P[np.ix_([0, 2, 1, 3], [0, 2, 1, 3])], atol=1e-9)
 
 
-def test_pose_must_not_come_and_go():
-    tracker = NearestTracker()
-    tracker.update(seen(0), Pose.identity())
-    with pytest.raises(ValueError, match="ego pose must be given at every update or at none"):
-        tracker.update(seen(1), None)
+def test_without_process_noise_the_gain_goes_to_zero():
+    still, alive = (
+        ConstantVelocityFilter(FilterNoise(0.5, 0.2, a), np.zeros(2), np.zeros(2), T)
+        for a in (0.0, 2.0)
+    )
+    for kalman in (still, alive):
+        for _ in range(200):
+            kalman.predict(T)
+            kalman.update(np.zeros(2))
+        kalman.update(np.array([1.0, 0.0]))
+    assert still.position[0] < 0.05
+    assert alive.position[0] > 0.15
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"gate_m": 0.0}, "gate_m must be positive"),
-        ({"sigma_m_m": -0.2}, "sigma_m_m must be positive"),
-        ({"coast_frames": -1}, "coast_frames and acceleration_m_s2 must be 0 or more"),
-        ({"acceleration_m_s2": float("nan")}, "acceleration_m_s2 must be 0 or more"),
-        ({"confirm_hits": 0}, "confirm_hits must be 1 or more, got 0"),
-        ({"frame": "lidar"}, "no frame 'lidar'; possible: world, ego"),
-    ],
-)
-def test_bad_arguments_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        NearestTracker(**arguments)
+def test_process_noise_is_that_of_a_constant_acceleration_between_frames():
+    rng = np.random.default_rng(0)
+    a = 2.0 * rng.standard_normal(200_000)
+    drawn = np.cov(np.stack([a * T**2 / 2, a * T]))
+    assert np.allclose(process_noise(2.0, T)[:2, :2], drawn, rtol=0.02)

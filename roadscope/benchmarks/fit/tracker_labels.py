@@ -12,7 +12,7 @@ from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
 from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
 from roadscope.benchmarks.metrics.tracking.following import follow
 from roadscope.core import Tracks
-from roadscope.trackers.existence_targets import log_odds
+from roadscope.trackers import score_log_odds
 
 MEASURE = "iou_2d"
 """The benchmark's own."""
@@ -42,5 +42,5 @@ def graded_detections(sequence: KittiSequence) -> np.ndarray:
         counts = [i for i in range(len(found)) if (t, i) in known]
         ranges = np.hypot(found.centres[counts, 0], found.centres[counts, 1])
         right = np.array([known[t, i] for i in counts], float)
-        rows.append(np.column_stack([log_odds(found.scores[counts]), ranges, right]))
+        rows.append(np.column_stack([score_log_odds(found.scores[counts]), ranges, right]))
     return np.concatenate(rows)

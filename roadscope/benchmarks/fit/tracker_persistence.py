@@ -24,9 +24,9 @@ from roadscope.benchmarks.metrics.matching import match
 from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.core import Detections, Pose, Tracks
 from roadscope.core.jit import compiled
-from roadscope.trackers.existence import FURTHEST, SURE, ExistenceTracker
-from roadscope.trackers.existence_priors import Neighbours
-from roadscope.trackers.existence_targets import Measured, Targets
+from roadscope.trackers import ExistenceTracker
+from roadscope.trackers._existence import MOST_DISTANCE, MOST_LOG_ODDS
+from roadscope.trackers._existence_targets import BernoulliTargets, Measurements, Neighbours
 
 PERSISTENCE = {
     "memory_s": 0.5, "score_gain": 3.0, "seen_gain": 6.0, "misfit": 0.2,
@@ -99,26 +99,28 @@ class Recorder(ExistenceTracker):
         """Forget all tracks and what was recorded."""
         super().reset()
         self.rows: list[tuple[float, ...]] = []
-        self._told: dict[int, tuple[float, float]] = {}
+        self._evidence: dict[int, tuple[float, float]] = {}
         self._ticks = 0
 
     @property
     def counts(self) -> np.ndarray:
         """(2, 2) seen again and never again, of those missed and of those seen but once."""
-        kinds = self._returns.missed, self._returns.born
-        return np.array([[shares.seen_again, shares.lost] for shares in kinds])
+        kinds = self._reappearances.missed, self._reappearances.new
+        return np.array([[share.detected_again, share.lost] for share in kinds])
 
-    def _confirmed(self, targets: Targets, found: Measured, dt: float) -> Targets:
-        _, distances = targets.seen(found, self._traits)
-        pairs = zip(found.evidence.tolist(), distances.tolist(), strict=True)
-        self._told = dict(zip(targets.ids.tolist(), pairs, strict=True))
-        return super()._confirmed(targets, found, dt)
+    def _detected(
+        self, targets: BernoulliTargets, own: Measurements, dt: float
+    ) -> BernoulliTargets:
+        _, distances = targets.corrected(own, self._traits)
+        pairs = zip(own.evidence.tolist(), distances.tolist(), strict=True)
+        self._evidence = dict(zip(targets.ids.tolist(), pairs, strict=True))
+        return super()._detected(targets, own, dt)
 
-    def _opened(self, new: Measured, known: Neighbours) -> Targets:
-        opened = super()._opened(new, known)
-        for number, evidence in zip(opened.ids.tolist(), opened.existence.tolist(), strict=True):
-            self._told[number] = (evidence, 0.0)
-        return opened
+    def _started(self, new: Measurements, neighbours: Neighbours) -> BernoulliTargets:
+        started = super()._started(new, neighbours)
+        for number, evidence in zip(started.ids.tolist(), started.existence.tolist(), strict=True):
+            self._evidence[number] = (evidence, 0.0)
+        return started
 
     def record(self, eye: np.ndarray, step_s: float) -> None:
         """Note where all targets stand after an update."""
@@ -126,7 +128,7 @@ class Recorder(ExistenceTracker):
         ranges = np.hypot(*(targets.beliefs.means[:, :2] - eye).T)
         for k, number in enumerate(targets.ids.tolist()):
             seen = targets.misses[k] == 0
-            evidence, distance = self._told[number] if seen else (0.0, 0.0)
+            evidence, distance = self._evidence[number] if seen else (0.0, 0.0)
             self.rows.append((
                 number, self._ticks, seen, evidence, distance, ranges[k], targets.away_s[k], step_s,
             ))  # fmt: skip
@@ -194,7 +196,7 @@ def sensed_persistence(drives: Drives, traits: str) -> dict[str, dict[str, float
 
 
 def newcomers(parts: Sequence[tuple[Lives, np.ndarray]]) -> dict[str, float]:
-    """Return `Learned.born` and `Learned.seen_once` of all classes together.
+    """Return `DetectorTraits.born` and `DetectorTraits.seen_once` of all classes together.
 
     parts: what `lived` says of every sequence. Newcomers of each class alone fall short by as
     much, but of some classes there are few.
@@ -274,7 +276,7 @@ def _columns(lives: Lives) -> np.ndarray:
 def believed(
     tracks: np.ndarray, seen: np.ndarray, columns: np.ndarray, values: np.ndarray
 ) -> np.ndarray:
-    """Return (N,) log odds, as `ExistenceTracker` works out `Targets.existence`.
+    """Return (N,) log odds, as `ExistenceTracker` works out `BernoulliTargets.existence`.
 
     columns: (N, 5) evidence, distances, ranges_m, away_s, steps_s of `Lives`.
     """
@@ -286,11 +288,11 @@ def believed(
             now = assured = evidence
         elif seen[i]:
             kept = np.exp(-step_s / memory_s)
-            says = gain * evidence + base - misfit * min(distance, FURTHEST)
-            now = assured = min(max(kept * now + (1 - kept) * says, -SURE), SURE)
+            says = gain * evidence + base - misfit * min(distance, MOST_DISTANCE)
+            now = assured = min(max(kept * now + (1 - kept) * says, -MOST_LOG_ODDS), MOST_LOG_ODDS)
         else:
             a, b = np.exp(-assured), np.exp(away_per_s * away_s - back - back_per_m * range_m)
-            now = min(max(-np.log(a + b + a * b), -SURE), SURE)
+            now = min(max(-np.log(a + b + a * b), -MOST_LOG_ODDS), MOST_LOG_ODDS)
         told[i] = now
     return told
 

@@ -25,7 +25,7 @@ from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.references import detection_source
 from roadscope.core import Category, Detections, Family, Pose, Truth
 from roadscope.core.pose import wrap_angle
-from roadscope.trackers.existence_targets import log_odds
+from roadscope.trackers import score_log_odds
 
 CLASSES = {"car": Category.CAR, "cyclist": Category.CYCLIST, "pedestrian": Category.PEDESTRIAN}
 GATES_M = {"car": 2.0, "cyclist": 1.0, "pedestrian": 1.0}
@@ -84,7 +84,7 @@ def episode_samples(
         fronts.append(np.cos(off) > 0)
         ranges.append(np.hypot(*(truth.centres[fate.truth, :2] - eye).T))
         rows = np.concatenate([fate.detected, fate.false_alarms])
-        odds.append(log_odds(found.scores[rows]))
+        odds.append(score_log_odds(found.scores[rows]))
         away = np.hypot(*(found.centres[rows, :2] - eye).T)
         right = np.arange(len(rows)) < len(fate.detected)
         graded.append(np.column_stack([odds[-1], away, right]))

@@ -24,7 +24,7 @@ from roadscope.benchmarks.metrics.matching import Pairing, match
 from roadscope.benchmarks.metrics.tracking.nees import nees
 from roadscope.benchmarks.metrics.tracking.states import state_errors
 from roadscope.core import Detections, Pose, Tracks, Truth
-from roadscope.trackers.existence import ExistenceTracker
+from roadscope.trackers import ExistenceTracker
 
 OBJECTS = 5.0
 """Of all classes together, that a class begins with."""
@@ -36,7 +36,7 @@ Errors = tuple[np.ndarray, int]
 def recorded_surplus(
     folder: Path, sequences: Sequence[str] | None, detector: str | None, traits: str
 ) -> dict[str, float]:
-    """Return `Learned.surplus` of each class, followed with a file in which it is 1."""
+    """Return `DetectorTraits.surplus` of each class, followed with a file in which it is 1."""
     found = {}
     for kind in CLASSES:
         parts = []

@@ -1,4 +1,4 @@
-"""Learns a detector's errors and scores, and how road users move: `roadscope.trackers.learned`.
+"""Learns a detector's errors and scores, and how road users move: `roadscope/trackers/learned`.
 
     python -m roadscope.benchmarks.fit.trackers pointrcnn.toml --kitti DIR [--sequences 0000,0002]
     python -m roadscope.benchmarks.fit.trackers mine.toml --detector distance-l-shape
@@ -32,7 +32,7 @@ from roadscope.benchmarks.fit.tracker_samples import (
     sensed_samples,
 )
 from roadscope.benchmarks.fit.tracker_surplus import recorded_surplus, sensed_surplus
-from roadscope.trackers.learned import FOLDER, TRAITS
+from roadscope.trackers._traits import FOLDER, TRAITS
 
 TOP_SPEED_M_S = {"car": 40.0, "cyclist": 20.0, "pedestrian": 10.0}
 """Not learned: what a training set happens not to hold is not impossible."""
@@ -169,7 +169,7 @@ def source(
     origin: str,
     lasting: Mapping[str, Mapping[str, float]] | None = None,
 ) -> str:
-    """Return the text of a file of `roadscope.trackers.learned`.
+    """Return the text of a file of `roadscope/trackers/learned`.
 
     A class with too few samples is taken to be detected as the one with most is, and to move as is
     guessed where nothing is known; its scores are hardly foretold.

@@ -9,8 +9,7 @@ import numpy as np
 
 from roadscope.benchmarks.papers.lu2018_scene import Take
 from roadscope.core import Detections, Tracks, TrackState, Truth
-from roadscope.trackers import TRACKERS
-from roadscope.trackers.association import associate_nearest
+from roadscope.trackers import TRACKERS, associate_nearest
 
 GATE_M = 2.0
 """A detection or track farther from a target's centre is not the target's."""

@@ -13,8 +13,7 @@ import numpy as np
 
 from roadscope.benchmarks.speed.rows import SpeedRow
 from roadscope.core import Category, Detections, Pose
-from roadscope.trackers import TRACKERS
-from roadscope.trackers.api import OfflineTracker, is_offline
+from roadscope.trackers import TRACKERS, OfflineTracker, is_offline
 
 COUNTS = (10, 50, 200, 500)
 CROWD = 12

@@ -9,7 +9,8 @@ import pytest
 from toy_kitti import write_kitti
 
 from roadscope.benchmarks.fit.trackers import main as fit
-from roadscope.trackers.learned import FOLDER, learned
+from roadscope.trackers import read_detector
+from roadscope.trackers._traits import FOLDER
 
 KITTI = "kitti-pointrcnn.toml"
 CONSISTENT = "fused?lidar=cluster-boxes&camera=network&fusion=consistent"
@@ -37,7 +38,7 @@ def test_the_command_writes_the_same_file_again(tmp_path):
         fit([str(tmp_path / name), "--kitti", str(folder), "--sequences", "0000"])
         texts.append((tmp_path / name).read_text("utf-8"))
     assert texts[0] == texts[1]
-    assert learned(str(tmp_path / "one.toml")).surplus.min() >= 1
+    assert read_detector(str(tmp_path / "one.toml")).traits.surplus.min() >= 1
 
 
 def test_every_file_says_where_it_comes_from():

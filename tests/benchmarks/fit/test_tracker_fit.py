@@ -3,7 +3,7 @@ import pytest
 
 from roadscope.benchmarks.fit.tracker_samples import Samples, echoes
 from roadscope.benchmarks.fit.trackers import calibrated, lasting, source, spread
-from roadscope.trackers.learned import learned
+from roadscope.trackers import read_detector
 
 
 def samples(n=4000, seed=0):
@@ -48,13 +48,14 @@ def test_a_file_says_what_was_learned(tmp_path):
     path = tmp_path / "mine.toml"
     text = source({"car": samples(), "cyclist": few, "pedestrian": few}, "numbers of a test")
     path.write_text(text)
-    traits = learned(str(path))
+    traits = read_detector(str(path)).traits
     assert traits.along_m[0] == pytest.approx(0.1, rel=0.1)
     assert traits.accelerate_m_s2[0] == pytest.approx(2.0, rel=0.05)
     assert traits.cruise_m_s[0] == pytest.approx(7.5, rel=0.05)
     assert traits.aside_m_s[0] == pytest.approx(0.3, rel=0.1)
     assert traits.front[0] == pytest.approx(0.9, abs=0.03)
-    assert traits.cruise_m_s[6] == learned("unknown").cruise_m_s[6], "too few samples: guessed"
+    unknown = read_detector("unknown").traits
+    assert traits.cruise_m_s[6] == unknown.cruise_m_s[6], "too few samples: guessed"
     assert 'origin = "numbers of a test"' in text
 
 

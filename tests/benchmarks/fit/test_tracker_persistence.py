@@ -12,7 +12,7 @@ from roadscope.benchmarks.fit.tracker_persistence import (
     persistence,
 )
 from roadscope.core import Category, Detections
-from roadscope.trackers.learned import learned
+from roadscope.trackers import read_detector
 
 VALUES = np.array(list(PERSISTENCE.values()))
 
@@ -63,7 +63,7 @@ def test_how_far_newcomers_fall_short_of_their_scores_is_learned_of_all_classes(
 
 def test_belief_is_the_trackers_own():
     """One target that is seen and then missed."""
-    name, traits = "unknown", learned("unknown")
+    name, traits = "unknown", read_detector("unknown").traits
     values = np.array([getattr(traits, trait)[Category.CAR] for trait in PERSISTENCE])
     pattern = [True, True, True, False, False]
     tracker, told = Recorder(traits=name), []

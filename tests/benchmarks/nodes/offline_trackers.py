@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from roadscope import Tracks, TrackState
-from roadscope.trackers.nearest import NearestTracker
+from roadscope.trackers import NearestTracker
 
 
 class Online(NearestTracker):

@@ -15,8 +15,7 @@ from roadscope.benchmarks.formats.kitti_rules import judged
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core import Category
-from roadscope.trackers import TRACKERS
-from roadscope.trackers.api import is_offline
+from roadscope.trackers import TRACKERS, is_offline
 
 OURS = ("existence", "existence-offline")
 OTHERS = [n for n in TRACKERS.installed() if n not in OURS and not n.startswith("stonesoup")]

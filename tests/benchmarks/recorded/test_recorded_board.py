@@ -30,7 +30,7 @@ from roadscope.benchmarks.run import agreements, plan
 from roadscope.benchmarks.speed.trackers import own_trackers
 from roadscope.benchmarks.store import Outcome
 from roadscope.core import SpecError
-from roadscope.trackers.nearest import NearestTracker
+from roadscope.trackers import NearestTracker
 
 TRACKERS = ["nearest", "nearest-q", "nearest-q-confirmed"]
 
@@ -181,7 +181,7 @@ def test_files_decide_the_key_and_their_place_does_not(folder, tmp_path):
 def test_an_offline_tracker_is_called_so(folder, tmp_path):
     plugin = tmp_path / "late.py"
     plugin.write_text(
-        "from roadscope.trackers.nearest import NearestTracker\n"
+        "from roadscope.trackers import NearestTracker\n"
         "class Late(NearestTracker):\n    offline = True\n"
         "    def rescored(self, history):\n        return history\n"
     )

@@ -14,7 +14,8 @@ from roadscope.benchmarks.speed.trackers import (
     timed_updates,
 )
 from roadscope.core import Detections, Tracks
-from roadscope.trackers import TRACKERS, jpda
+from roadscope.trackers import TRACKERS
+from roadscope.trackers import _jpda as jpda
 
 
 class Blind:
@@ -81,9 +82,9 @@ def test_in_the_crowd_every_detection_may_be_of_every_track(monkeypatch) -> None
     pairs: list[tuple[int, int, int]] = []
     exact = jpda.association_marginals
 
-    def watched(rows, columns, weights, alone, limit):
-        pairs.append((len(rows), len(alone[0]), len(alone[1])))
-        return exact(rows, columns, weights, alone, limit)
+    def watched(rows, columns, weights, missed, free, limit):
+        pairs.append((len(rows), len(missed), len(free)))
+        return exact(rows, columns, weights, missed, free, limit)
 
     monkeypatch.setattr(jpda, "association_marginals", watched)
     times_ms = timed_updates("jpda", list(crowd(LEAD + 4)))

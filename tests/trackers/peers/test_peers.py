@@ -1,4 +1,4 @@
-"""What other libraries' trackers are given and asked; skipped where they are not installed."""
+"""Trackers of other libraries; skipped where they are not installed."""
 
 import json
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from toy_boxes import detections
-from tracked_scenes import both, boxes, identities, told
+from tracked_scenes import both, boxes, identities, run
 
 import roadscope
 from roadscope import TRACKERS, Category, Pose, TrackState
@@ -46,7 +46,7 @@ def test_six_of_three_libraries():
 
 
 def test_cars_are_confirmed_and_followed_at_their_speed(peer):
-    last = told(peer, cars(25))[-1]
+    last = run(peer, cars(25))[-1]
     assert (last.states == CONFIRMED).all()
     order = np.argsort(last.centres[:, 1])
     np.testing.assert_allclose(last.centres[order, :2], [[24, 0], [-19.2, 4]], atol=0.3)
@@ -56,7 +56,7 @@ def test_cars_are_confirmed_and_followed_at_their_speed(peer):
 def test_a_gap_is_bridged(peer):
     seen = cars(30)
     gap = [d.select(np.zeros(len(d), bool)) if 12 <= k < 17 else d for k, d in enumerate(seen)]
-    tracks = told(peer, gap)
+    tracks = run(peer, gap)
     assert len(identities(tracks)) == 2
     assert all((each.states == TrackState.TENTATIVE).all() for each in tracks[12:17])
     assert (tracks[-1].states == CONFIRMED).all()
@@ -66,7 +66,7 @@ def test_what_appears_once_is_never_confirmed(peer):
     rng = np.random.default_rng(0)
     clutter = [boxes(rng.uniform(-200, 200, (2, 2)), k) for k in range(12)]
     # OC-SORT answers for whatever it sees in its first frames.
-    assert not identities(told(peer, cars(6) + clutter[6:])[6:], CONFIRMED) - {0, 1}
+    assert not identities(run(peer, cars(6) + clutter[6:])[6:], CONFIRMED) - {0, 1}
 
 
 def test_a_car_and_a_pedestrian_in_one_place_are_two(peer):
@@ -74,7 +74,7 @@ def test_a_car_and_a_pedestrian_in_one_place_are_two(peer):
         both(boxes([[5.0, 0.0]], k), boxes([[5.2, 0.1]], k, category=Category.PEDESTRIAN))
         for k in range(8)
     ]
-    last = told(peer, scene)[-1]
+    last = run(peer, scene)[-1]
     assert sorted(last.categories.tolist()) == [Category.CAR, Category.PEDESTRIAN]
     assert sorted(last.sizes[:, 0].tolist()) == [0.6, 4.6]
 
@@ -82,14 +82,14 @@ def test_a_car_and_a_pedestrian_in_one_place_are_two(peer):
 def test_the_world_stands_still_while_the_ego_drives(peer):
     poses = [Pose.planar(1.2 * k, 0.0, 0.02 * k) for k in range(25)]
     scene = [d.moved(p.inverse(), "ego") for d, p in zip(cars(25), poses, strict=True)]
-    last = told(peer, scene, poses)[-1]
+    last = run(peer, scene, poses)[-1]
     assert last.frame == "world"
     np.testing.assert_allclose(np.sort(last.velocities[:, 0]), [-8, 10], atol=0.5)
 
 
-def test_two_in_one_process_do_not_meddle(peer, request):
+def test_two_in_one_process_are_independent(peer, request):
     other = TRACKERS.make(request.node.callspec.params["peer"])
-    alone = told(peer, cars(10))
+    alone = run(peer, cars(10))
     peer.reset()
     together = []
     for d in cars(10):
@@ -99,7 +99,7 @@ def test_two_in_one_process_do_not_meddle(peer, request):
 
 
 @pytest.mark.parametrize("name", PEERS)
-def test_what_is_not_installed_is_said(name, monkeypatch):
+def test_a_missing_library_is_named(name, monkeypatch):
     monkeypatch.setattr(Requirement, "version", None)
     assert "is not installed: pip install" in TRACKERS.missing(name)
     with pytest.raises(NotInstalledError, match="is not installed: pip install"):
@@ -132,7 +132,7 @@ detectors = ["oracle"]
 """
 
 
-def test_what_is_not_installed_ends_no_run(tmp_path):
+def test_a_missing_library_ends_no_run(tmp_path):
     """In all processes of a run, the plug-ins' own too."""
     distributions = sorted({TRACKERS.resolve(name).requirement.distribution for name in PEERS})
     hide = HIDDEN.replace("DISTRIBUTIONS", repr(distributions))
@@ -185,7 +185,7 @@ def test_settings_that_make_no_sense_are_refused(spec, message):
         TRACKERS.make(spec)
 
 
-def test_nothing_of_theirs_is_loaded_by_asking():
+def test_listing_loads_no_library():
     code = (
         "import sys; from roadscope.trackers import TRACKERS; TRACKERS.installed();"
         "print({'norfair', 'stonesoup', 'trackers', 'supervision', 'cv2'} & set(sys.modules))"
@@ -195,7 +195,7 @@ def test_nothing_of_theirs_is_loaded_by_asking():
 
 
 def test_boxes_along_the_axes_hold_the_turned_ones():
-    from roadscope.trackers.peers.roboflow_library import upright_boxes
+    from roadscope.trackers._peers.roboflow import upright_boxes
 
     found = detections([[1.0, 2.0]] * 3, yaws=[0.0, np.pi / 2, np.pi / 4], sizes=(4.0, 2.0, 1.5))
     half = 3 / np.sqrt(2)

@@ -1,0 +1,223 @@
+"""How targets appear, hide and leave, and what detections say of them; for JPDA and PMBM.
+
+The state of a target is a Markov chain: it exists and is visible, exists and is hidden, or does not
+exist (Markov chain two of Musicki and Evans 2004). A missed detection says nothing of a hidden
+target, neither for nor against its existence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from roadscope.core import Category
+from roadscope.trackers._settings import check_not_negative, check_positive, check_shares
+from roadscope.trackers._tables import ArrayTable
+from roadscope.trackers._ticks import TrackerTick
+from roadscope.trackers._traits import DetectorTraits, TraitsChoice, score_log_odds
+
+EXTREME_SCORE = 0.98
+"""No score counts for more than this, nor for less than one minus this; chosen by hand."""
+FIRST_CLUTTER_M2 = 1e-4
+"""Clutter density before anything was detected, per square metre and tick; chosen by hand."""
+FIRST_CLUTTER_WEIGHT_M2 = 2e4
+"""Area times ticks that this density counts for: two false detections."""
+CELL_M = 10.0
+"""Side of the grid cells, around the ego, in which detections are looked for; chosen by hand."""
+BASE_RATE_RANGE_M = 25.0
+"""Range at which the base rate of right detections is taken; chosen by hand."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Existence(ArrayTable):
+    """Probabilities of existence of N targets.
+
+    visible, hidden: (N,) probabilities that they exist and are visible, or exist and are hidden.
+    """
+
+    visible: np.ndarray
+    hidden: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.visible)
+
+    @staticmethod
+    def of_detected(probability: np.ndarray) -> Existence:
+        """Return (N,) targets that were just detected, if they exist."""
+        return Existence(probability, np.zeros_like(probability))
+
+    @property
+    def probability(self) -> np.ndarray:
+        """(N,) probabilities of existence."""
+        total: np.ndarray = self.visible + self.hidden
+        return total
+
+    def after_miss(self, detection: float) -> Existence:
+        """Return what a tick without a detection leaves.
+
+        detection: probability that a visible target is detected.
+        """
+        missed = 1 - self.visible * detection
+        return Existence(self.visible * (1 - detection) / missed, self.hidden / missed)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectionModel:
+    """How targets appear, hide and leave, and how often detectors err.
+
+    detection: probability that a visible target is detected.
+    clutter_m2: false detections per square metre and tick.
+    birth_m2: new targets per square metre and tick.
+    lifetime_s: mean time that a target stays in range.
+    visible_s, hidden_s: mean times for which it is visible, and for which it is hidden.
+    score_weight: how much scores count: 1 takes them as probabilities that a detection is of a
+        target, 0 ignores them.
+    """
+
+    detection: float = 0.9
+    clutter_m2: float = FIRST_CLUTTER_M2
+    birth_m2: float = 1e-5
+    lifetime_s: float = 30.0
+    visible_s: float = 10.0
+    hidden_s: float = 1.0
+    score_weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_shares(detection=self.detection)
+        if self.detection in (0, 1):
+            raise ValueError(f"detection must lie between 0 and 1, got {self.detection!r}")
+        check_positive(
+            clutter_m2=self.clutter_m2,
+            birth_m2=self.birth_m2,
+            lifetime_s=self.lifetime_s,
+            visible_s=self.visible_s,
+            hidden_s=self.hidden_s,
+        )
+        check_not_negative(score_weight=self.score_weight)
+
+    def predicted(self, existence: Existence, dt: float) -> Existence:
+        """Return existence after dt seconds of the Markov chain in continuous time."""
+        hide_rate, show_rate = 1 / self.visible_s, 1 / self.hidden_s
+        survival = np.exp(-dt / self.lifetime_s)
+        settled = np.exp(-(hide_rate + show_rate) * dt)
+        visible = existence.probability * show_rate / (hide_rate + show_rate)
+        visible = visible + (existence.visible - visible) * settled
+        return Existence(survival * visible, survival * (existence.probability - visible))
+
+    def score_ratios(self, scores: np.ndarray) -> np.ndarray:
+        """Return (M,) likelihood ratios of scores, target to clutter.
+
+        Amplitude information (Lerro and Bar-Shalom 1993). For scores that are probabilities where
+        targets and clutter are equally frequent the ratio is s / (1 - s).
+        """
+        s = np.clip(scores, 1 - EXTREME_SCORE, EXTREME_SCORE)
+        ratios: np.ndarray = (s / (1 - s)) ** self.score_weight
+        return ratios
+
+    def association_gains(self, scores: np.ndarray) -> np.ndarray:
+        """Return (M,) weights, in square metres, of detections as those of known targets.
+
+        They are relative to the weights as clutter or new targets; to be multiplied by the density
+        of the detected position.
+        """
+        ratios = self.score_ratios(scores)
+        gains: np.ndarray = ratios / (self.clutter_m2 + self.birth_m2 * self.detection * ratios)
+        return gains
+
+    def birth_probabilities(self, scores: np.ndarray) -> np.ndarray:
+        """Return (M,) probabilities that detections of no known target are of a new one."""
+        births = self.birth_m2 * self.detection * self.score_ratios(scores)
+        probabilities: np.ndarray = births / (births + self.clutter_m2)
+        return probabilities
+
+    def drop_threshold(self, drop: float) -> float:
+        """Return the probability of existence below which a target is dropped: `drop` or less.
+
+        Where clutter is dense, even a target that was just detected may be less likely than `drop`.
+        """
+        return min(drop, float(self.birth_probabilities(np.array([0.5]))[0]))
+
+
+@dataclass(slots=True)
+class ClutterDensity:
+    """The density of detections that never became a confirmed track.
+
+    Sensors see part of their surroundings only, so the area is that of all grid cells around the
+    ego with any detection so far.
+    """
+
+    count: float = 0.0
+    area_m2: float = 0.0
+    cells: set[tuple[int, int]] = field(default_factory=set)
+
+    @property
+    def density_m2(self) -> float:
+        """False detections per square metre and tick."""
+        count = self.count + FIRST_CLUTTER_M2 * FIRST_CLUTTER_WEIGHT_M2
+        return count / (self.area_m2 + FIRST_CLUTTER_WEIGHT_M2)
+
+    def add_area(self, tick: TrackerTick) -> None:
+        """Count the area in which there was a detection, now or before."""
+        positions = tick.detections.centres
+        if tick.world_from_ego is not None:
+            positions = tick.world_from_ego.inverse().apply(positions)
+        cells = np.floor(positions[:, :2] / CELL_M).astype(np.int64)
+        self.cells.update(map(tuple, cells.tolist()))
+        self.area_m2 += len(self.cells) * CELL_M**2
+
+    def add_false_detections(self, count: int) -> None:
+        """Count detections, of this tick or earlier, that are held to be clutter."""
+        self.count += count
+
+
+class ScoreCalibration:
+    """Probabilities that detections are right, from their scores and the traits of the detector.
+
+    Traits say them at the base rate of training; here targets are as frequent as clutter.
+    """
+
+    def __init__(self, traits: str) -> None:
+        """Take a name, a file or `auto`, see `TraitsChoice`."""
+        self._choice = TraitsChoice(traits)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all scores."""
+        self._choice.reset()
+        self._traits: DetectorTraits | None = None
+        self._base = np.zeros(len(Category))
+
+    def probabilities(self, tick: TrackerTick) -> np.ndarray:
+        """Return (M,) probabilities of being right if targets are as frequent as clutter."""
+        odds, categories = score_log_odds(tick.detections.scores), tick.detections.categories
+        traits = self._choice.update(odds, categories)
+        if traits is not self._traits:
+            self._traits = traits
+            self._base = self._choice.base_log_odds(BASE_RATE_RANGE_M)
+        ranges_m = np.hypot(*(tick.detections.centres[:, :2] - tick.sensor_position[:2]).T)
+        odds = traits.detection_log_odds(odds, categories, ranges_m) - self._base[categories]
+        probabilities: np.ndarray = 1 / (1 + np.exp(-odds))
+        return probabilities
+
+
+class AdaptiveModel:
+    """A detection model whose clutter density is estimated while tracking, unless it is given."""
+
+    def __init__(self, model: DetectionModel, clutter_m2: float | None) -> None:
+        """Take the model; clutter_m2: the density, or None to estimate it."""
+        self._estimates_clutter = clutter_m2 is None
+        self._first = model if clutter_m2 is None else replace(model, clutter_m2=clutter_m2)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all detections."""
+        self.clutter = ClutterDensity()
+        self.current = self._first
+
+    def update(self, tick: TrackerTick) -> DetectionModel:
+        """Take the detections of a tick and return the model to use for them."""
+        self.clutter.add_area(tick)
+        if self._estimates_clutter:
+            self.current = replace(self.current, clutter_m2=self.clutter.density_m2)
+        return self.current

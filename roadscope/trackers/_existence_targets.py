@@ -1,0 +1,501 @@
+"""Measurements and targets of `ExistenceTracker`, and how detections and time change targets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.core import Category, Detections
+from roadscope.core.jit import compiled
+from roadscope.trackers._gating import FAMILIES, boxes_of
+from roadscope.trackers._kalman import Gaussians
+from roadscope.trackers._tables import ArrayTable
+from roadscope.trackers._traits import DetectorTraits, score_log_odds
+
+# Chosen by hand.
+SIZE_MEMORY = 1.0
+"""Detections at range 0 that a size rests on at most: boxes change with what is visible."""
+HEADING_MEMORY = 0.9
+"""Weight of a vote for front or rear one tick later."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurements(ArrayTable):
+    """N detections with their errors and their evidence.
+
+    boxes: (N, 7) centre x y z, length width height, yaw.
+    categories, scores: as in `Detections`.
+    growths: (N,) factor of all standard deviations, 1 at range 0.
+    errors: (N, 2, 2) covariances of the part of position errors that is independent in every tick.
+    offsets: (N, 2, 2) covariances of the part that is correlated over time.
+    turns: (N,) variances of the part of heading errors that is independent in every tick.
+    evidence: (N,) log odds that detections are right, from their scores alone.
+    """
+
+    boxes: np.ndarray
+    categories: np.ndarray
+    scores: np.ndarray
+    growths: np.ndarray
+    errors: np.ndarray
+    offsets: np.ndarray
+    turns: np.ndarray
+    evidence: np.ndarray
+
+    @staticmethod
+    def of(
+        detections: Detections, eye: np.ndarray, traits: DetectorTraits, noise: float = 1.0
+    ) -> Measurements:
+        """Return the measurements of detections, seen from (2,) the eye in their own frame.
+
+        noise: factor of the covariances of positions.
+        """
+        kinds, boxes = detections.categories, boxes_of(detections)
+        ranges_m = np.hypot(boxes[:, 0] - eye[0], boxes[:, 1] - eye[1])
+        growths = 1 + traits.growth_per_m[kinds] * ranges_m
+        errors = noise * oriented_covariances(
+            np.ascontiguousarray(boxes[:, 6]),
+            traits.along_m[kinds] * growths,
+            traits.across_m[kinds] * growths,
+        )
+        lasting = traits.lasting[kinds, None, None]
+        return Measurements(
+            boxes=boxes,
+            categories=kinds,
+            scores=detections.scores,
+            growths=growths,
+            errors=(1 - lasting) * errors,
+            offsets=lasting * errors,
+            turns=(1 - traits.yaw_lasting[kinds]) * (traits.yaw_rad[kinds] * growths) ** 2,
+            evidence=traits.detection_log_odds(score_log_odds(detections.scores), kinds, ranges_m),
+        )
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+
+class MotionNoise(NamedTuple):
+    """How fast the variances of N targets at constant velocity grow, (N, 2, 2) covariances.
+
+    walks: m2/s3, of what velocities gain in one second.
+    drifts: m2/s, of what positions gain in one second beyond that.
+    """
+
+    walks: np.ndarray
+    drifts: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BernoulliTargets(ArrayTable):
+    """N targets, each with a probability of existence.
+
+    ids: (N,) int64.
+    beliefs: (N, 4) x, y, vx, vy and covariances, of the position to which detections point.
+    offsets: (N, 2, 2) covariances of the difference between that and the true position.
+    heights, yaws: (N, 2) mean and variance.
+    fronts: (N,) sum of votes that the heading is not half a turn off, positive.
+    sizes: (N, 3) length width height; size_weights: (N,) detections at range 0 they rest on.
+    votes: (N, 7) sum of scores of each category; categories: (N,) int8, that of most votes.
+    existence: (N,) log odds of existence, from scores; assured: (N,) after the last detection.
+    claims: (N,) evidence of the first detection; hits: (N,) detections so far.
+    misses: (N,) ticks since the last detection; idle_s: (N,) seconds since then; away_s: (N,)
+        seconds since then in which the target was not hidden by others.
+    """
+
+    ids: np.ndarray
+    beliefs: Gaussians
+    offsets: np.ndarray
+    heights: np.ndarray
+    yaws: np.ndarray
+    fronts: np.ndarray
+    sizes: np.ndarray
+    size_weights: np.ndarray
+    votes: np.ndarray
+    categories: np.ndarray
+    existence: np.ndarray
+    assured: np.ndarray
+    claims: np.ndarray
+    hits: np.ndarray
+    misses: np.ndarray
+    idle_s: np.ndarray
+    away_s: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def boxes(self) -> np.ndarray:
+        """(N, 7) centre x y z, length width height, yaw."""
+        positions = self.beliefs.means[:, :2]
+        return np.column_stack([positions, self.heights[:, 0], self.sizes, self.yaws[:, 0]])
+
+    def log_odds(self, traits: DetectorTraits) -> np.ndarray:
+        """Return (N,) log odds of existence, corrected for targets that were detected once."""
+        odds: np.ndarray = self.existence + np.where(
+            self.hits == 1, traits.seen_once[self.categories], 0.0
+        )
+        return odds
+
+    @staticmethod
+    def started(
+        ids: np.ndarray, new: Measurements, velocities: Gaussians, traits: DetectorTraits
+    ) -> BernoulliTargets:
+        """Return a target for each of N detections, with (N, 2) expected velocities."""
+        n, kinds, boxes = len(new), new.categories, new.boxes
+        covariances = np.zeros((n, 4, 4))
+        covariances[:, :2, :2] = new.errors
+        covariances[:, 2:, 2:] = velocities.covariances
+        votes = np.zeros((n, len(Category)))
+        votes[np.arange(n), kinds] = new.scores
+        height_variances = (traits.height_m[kinds] * new.growths) ** 2
+        return BernoulliTargets(
+            ids=ids,
+            beliefs=Gaussians(np.column_stack([boxes[:, :2], velocities.means]), covariances),
+            offsets=new.offsets,
+            heights=np.column_stack([boxes[:, 2], height_variances]),
+            yaws=np.column_stack([boxes[:, 6], new.turns]),
+            fronts=new.scores,
+            sizes=boxes[:, 3:6],
+            size_weights=new.growths**-2,
+            votes=votes,
+            categories=kinds,
+            existence=new.evidence,
+            assured=new.evidence,
+            claims=new.evidence,
+            hits=np.ones(n, np.int64),
+            misses=np.zeros(n, np.int64),
+            idle_s=np.zeros(n),
+            away_s=np.zeros(n),
+        )
+
+    def motion_noise(self, traits: DetectorTraits) -> MotionNoise:
+        """Return how fast variances grow, by category and heading."""
+        kinds = self.categories
+        walks = oriented_covariances(
+            np.ascontiguousarray(self.yaws[:, 0]),
+            traits.accelerate_m_s2[kinds],
+            traits.swerve_m_s2[kinds],
+        )
+        return MotionNoise(walks, 2 * self.offsets / traits.lasting_s[kinds, None, None])
+
+    def predicted(self, dt: float, traits: DetectorTraits) -> BernoulliTargets:
+        """Return targets after dt seconds, without a detection as yet."""
+        kinds, beliefs = self.categories, self.beliefs
+        means, covariances = predicted_states(
+            beliefs.means, beliefs.covariances, *self.motion_noise(traits), dt
+        )
+        heights, yaws = self.heights.copy(), self.yaws.copy()
+        heights[:, 1] += (traits.climb_m_s**2 * dt)[kinds]
+        yaws[:, 1] += (traits.turn_rad_s**2 * dt)[kinds]
+        return replace(
+            self,
+            beliefs=Gaussians(means, covariances),
+            heights=heights,
+            yaws=yaws,
+            misses=self.misses + 1,
+            idle_s=self.idle_s + dt,
+        )
+
+    def corrected(
+        self, own: Measurements, traits: DetectorTraits
+    ) -> tuple[BernoulliTargets, np.ndarray]:
+        """Return targets after one detection each, and (N,) squared Mahalanobis distances."""
+        means, covariances, distances = corrected_states(
+            self.beliefs.means,
+            self.beliefs.covariances,
+            np.ascontiguousarray(own.boxes[:, :2]),
+            own.errors,
+        )
+        votes = self.votes.copy()
+        votes[np.arange(len(self)), own.categories] += own.scores
+        height_variances = (traits.height_m[own.categories] * own.growths) ** 2
+        before = BoxEstimates(self.heights, self.yaws, self.fronts, self.sizes, self.size_weights)
+        detected = DetectedBoxes(
+            own.boxes, own.scores, own.growths**-2, height_variances, own.turns
+        )
+        after = corrected_boxes(before, detected, SIZE_MEMORY, HEADING_MEMORY)
+        zeros = np.zeros(len(self))
+        targets = replace(
+            self,
+            beliefs=Gaussians(means, covariances),
+            offsets=own.offsets,
+            heights=after.heights,
+            yaws=after.yaws,
+            fronts=after.fronts,
+            sizes=after.sizes,
+            size_weights=after.size_weights,
+            votes=votes,
+            categories=votes.argmax(axis=1).astype(np.int8),
+            hits=self.hits + 1,
+            misses=np.zeros(len(self), np.int64),
+            idle_s=zeros,
+            away_s=zeros,
+        )
+        return targets, distances
+
+
+@compiled()
+def oriented_covariances(yaws: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Return (N, 2, 2) covariances with (N,) standard deviations along and across headings."""
+    covariances = np.empty((len(yaws), 2, 2))
+    for i in range(len(yaws)):
+        c, s = np.cos(yaws[i]), np.sin(yaws[i])
+        a, b = along[i] ** 2, across[i] ** 2
+        covariances[i, 0, 0] = c * c * a + s * s * b
+        covariances[i, 1, 1] = s * s * a + c * c * b
+        covariances[i, 0, 1] = covariances[i, 1, 0] = c * s * (a - b)
+    return covariances
+
+
+@compiled()
+def predicted_states(
+    means: np.ndarray, covariances: np.ndarray, walks: np.ndarray, drifts: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N, 4) states x, y, vx, vy and covariances after dt seconds at constant velocity.
+
+    walks, drifts: see `MotionNoise`.
+    """
+    after, spread = means.copy(), np.empty_like(covariances)
+    for i in range(len(means)):
+        P = covariances[i]
+        for a in range(2):
+            after[i, a] += dt * means[i, 2 + a]
+            for b in range(2):
+                q = walks[i, a, b]
+                crossed = P[a, 2 + b] + dt * P[2 + a, 2 + b]
+                position = P[a, b] + dt * P[2 + a, b] + dt * crossed
+                spread[i, a, b] = position + q * dt**3 / 3 + drifts[i, a, b] * dt
+                spread[i, a, 2 + b] = spread[i, 2 + b, a] = crossed + q * dt**2 / 2
+                spread[i, 2 + a, 2 + b] = P[2 + a, 2 + b] + q * dt
+    return after, spread
+
+
+@compiled()
+def corrected_states(
+    means: np.ndarray, covariances: np.ndarray, positions: np.ndarray, errors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return states, covariances and (N,) squared Mahalanobis distances of the innovations.
+
+    positions: (N, 2) measured, with (N, 2, 2) covariances of their errors.
+    """
+    after, spread, distances = means.copy(), np.empty_like(covariances), np.empty(len(means))
+    gain = np.empty((4, 2))
+    for i in range(len(means)):
+        P = covariances[i]
+        a, c = P[0, 0] + errors[i, 0, 0], P[1, 1] + errors[i, 1, 1]
+        b = P[0, 1] + errors[i, 0, 1]
+        determinant = a * c - b * b
+        x, y = positions[i, 0] - means[i, 0], positions[i, 1] - means[i, 1]
+        distances[i] = (c * x * x - 2 * b * x * y + a * y * y) / determinant
+        for k in range(4):
+            gain[k, 0] = (P[k, 0] * c - P[k, 1] * b) / determinant
+            gain[k, 1] = (P[k, 1] * a - P[k, 0] * b) / determinant
+            after[i, k] += gain[k, 0] * x + gain[k, 1] * y
+        for k in range(4):
+            for j in range(k + 1):
+                change = gain[k, 0] * (a * gain[j, 0] + b * gain[j, 1])
+                change += gain[k, 1] * (b * gain[j, 0] + c * gain[j, 1])
+                spread[i, k, j] = spread[i, j, k] = P[k, j] - change
+    return after, spread, distances
+
+
+class BoxEstimates(NamedTuple):
+    """Heights, headings and sizes of N targets, see `BernoulliTargets`."""
+
+    heights: np.ndarray
+    yaws: np.ndarray
+    fronts: np.ndarray
+    sizes: np.ndarray
+    size_weights: np.ndarray
+
+
+class DetectedBoxes(NamedTuple):
+    """One detection of each of N targets.
+
+    boxes: (N, 7). scores, size_weights: (N,).
+    height_variances, yaw_variances: (N,) of the errors.
+    """
+
+    boxes: np.ndarray
+    scores: np.ndarray
+    size_weights: np.ndarray
+    height_variances: np.ndarray
+    yaw_variances: np.ndarray
+
+
+@compiled()
+def corrected_boxes(
+    before: BoxEstimates, detected: DetectedBoxes, size_memory: float, heading_memory: float
+) -> BoxEstimates:
+    """Return heights, headings and sizes after one detection of each target.
+
+    A detection tells the axis of a body well and its front poorly: a scalar Kalman filter tracks
+    the axis modulo half a turn, and fronts are voted for.
+
+    size_memory, heading_memory: see `SIZE_MEMORY` and `HEADING_MEMORY`.
+    """
+    heights, yaws, fronts = before.heights.copy(), before.yaws.copy(), before.fronts.copy()
+    sizes, size_weights = before.sizes.copy(), before.size_weights.copy()
+    for i in range(len(fronts)):
+        gain = heights[i, 1] / (heights[i, 1] + detected.height_variances[i])
+        heights[i, 0] += gain * (detected.boxes[i, 2] - heights[i, 0])
+        heights[i, 1] *= 1 - gain
+        residual = _wrapped(detected.boxes[i, 6] - yaws[i, 0])
+        vote = detected.scores[i]
+        if abs(residual) > np.pi / 2:
+            residual, vote = _wrapped(residual + np.pi), -vote
+        gain = yaws[i, 1] / (yaws[i, 1] + detected.yaw_variances[i])
+        yaws[i, 0] += gain * residual
+        yaws[i, 1] *= 1 - gain
+        front = heading_memory * fronts[i] + vote
+        yaws[i, 0] = _wrapped(yaws[i, 0] + (np.pi if front < 0 else 0.0))
+        fronts[i] = abs(front)
+        weight = detected.size_weights[i]
+        size_weights[i] = min(size_weights[i], size_memory) + weight
+        for k in range(3):
+            sizes[i, k] += weight / size_weights[i] * (detected.boxes[i, 3 + k] - sizes[i, k])
+    return BoxEstimates(heights, yaws, fronts, sizes, size_weights)
+
+
+@compiled()
+def _wrapped(angle: float) -> float:
+    """Return the same angle in -pi to pi."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+@compiled()
+def hidden_shares(
+    boxes: np.ndarray, wanted: np.ndarray, solid: np.ndarray, eye: np.ndarray
+) -> np.ndarray:
+    """Return (N,) which share of each target's width nearer solid ones cover, seen from the eye.
+
+    boxes: (N, 7) as in `BernoulliTargets`. wanted: (N,) bool, whose share is wanted, others have 0.
+    solid: (N,) bool, which are believed to exist. eye: (2,).
+    """
+    n = len(boxes)
+    bearings, half_widths, ranges_m = np.empty(n), np.empty(n), np.empty(n)
+    shares = np.zeros(n)
+    for i in range(n):
+        if wanted[i] or solid[i]:
+            dx, dy = boxes[i, 0] - eye[0], boxes[i, 1] - eye[1]
+            bearings[i], ranges_m[i] = np.arctan2(dy, dx), max(np.hypot(dx, dy), 1e-3)
+            turn = boxes[i, 6] - bearings[i]
+            width = boxes[i, 3] * abs(np.sin(turn)) + boxes[i, 4] * abs(np.cos(turn))
+            half_widths[i] = np.arctan2(width / 2, ranges_m[i])
+    for i in range(n):
+        if not wanted[i]:
+            continue
+        for j in range(n):
+            if not solid[j] or ranges_m[j] >= ranges_m[i]:
+                continue
+            difference = abs(bearings[j] - bearings[i])
+            difference = min(difference, 2 * np.pi - difference)
+            half, other = half_widths[i], half_widths[j]
+            if difference >= half + other:
+                continue
+            covered = min(half, difference + other) - max(-half, difference - other)
+            shares[i] += covered / (2 * half)
+    return np.minimum(shares, 1.0)
+
+
+# What is expected of the velocity of a new target. Chosen by hand: lanes are 3 to 4 m wide, and
+# drivers keep within a few m/s of each other over the distance in which they can react to each
+# other; the last two are round figures.
+AHEAD_M, ASIDE_M = 40.0, 3.0
+"""Standard deviations of the distance over which road users move alike: along and across a lane."""
+ALIKE_M_S = 2.0
+"""Standard deviation between the velocities of those that do."""
+USUAL_WEIGHT = 0.2
+"""Weight of the usual speed, relative to that of a neighbour at distance 0."""
+KNOWN_M_S = 2.0
+"""Standard deviation above which a velocity says nothing of others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Neighbours(ArrayTable):
+    """Road users whose motion is known: positions (N, 2), velocities (N, 2), families (N,)."""
+
+    positions: np.ndarray
+    velocities: np.ndarray
+    families: np.ndarray
+
+    @staticmethod
+    def of(
+        targets: BernoulliTargets, eye: np.ndarray, ego_velocity: np.ndarray | None
+    ) -> Neighbours:
+        """Return the targets whose velocity is known, and the ego vehicle."""
+        means, covariances = targets.beliefs.means, targets.beliefs.covariances
+        variances = np.maximum(covariances[:, 2, 2], covariances[:, 3, 3])
+        neighbours = Neighbours(means[:, :2], means[:, 2:], FAMILIES[targets.categories])
+        neighbours = neighbours.select((variances < KNOWN_M_S**2) & (targets.existence > 0))
+        if ego_velocity is None:
+            return neighbours
+        ego = FAMILIES[[Category.CAR]]
+        return neighbours.joined(Neighbours(eye[None], ego_velocity[None], ego))
+
+
+def expected_velocities(
+    new: Measurements, neighbours: Neighbours, traits: DetectorTraits
+) -> Gaussians:
+    """Return (N, 2) means and (N, 2, 2) covariances of the velocities of new targets.
+
+    A new target moves along its heading or, where the detector confused front and rear, against
+    it. How fast is a mixture: the usual speed, and the speed of each neighbour, which has more
+    weight in the same lane. Returned are the mean and the variance of the mixture.
+    """
+    kinds, yaws = new.categories, np.ascontiguousarray(new.boxes[:, 6])
+    headings = np.column_stack([np.cos(yaws), np.sin(yaws)])
+    front = traits.front[kinds]
+    weight, weighted_speed, weighted_square = _neighbour_speeds(
+        new.boxes,
+        FAMILIES[kinds],
+        front,
+        neighbours.positions,
+        neighbours.velocities,
+        neighbours.families,
+    ).T
+    usual, total = (2 * front - 1) * traits.cruise_m_s[kinds], USUAL_WEIGHT + weight
+    mean = (USUAL_WEIGHT * usual + weighted_speed) / total
+    # The second moment of the usual speed is the same, whatever the mean.
+    variance = USUAL_WEIGHT * (traits.speed_m_s[kinds] ** 2 + mean**2 - 2 * usual * mean)
+    variance += weight * (ALIKE_M_S**2 + mean**2) + weighted_square - 2 * mean * weighted_speed
+    along = np.sqrt(variance / total)
+    skew = np.minimum(traits.yaw_rad[kinds] * new.growths, 1.0)
+    across = np.hypot(traits.aside_m_s[kinds], skew * np.hypot(mean, along))
+    return Gaussians(mean[:, None] * headings, oriented_covariances(yaws, along, across))
+
+
+@compiled()
+def _neighbour_speeds(
+    boxes: np.ndarray,
+    families: np.ndarray,
+    front: np.ndarray,
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    neighbour_families: np.ndarray,
+) -> np.ndarray:
+    """Return (N, 3) sums over neighbours of weights, and of weights times speeds and squares.
+
+    Speeds are those along the headings of the N new targets.
+
+    boxes, families, front: (N, 7), (N,), (N,) of the new targets.
+    positions, velocities, neighbour_families: (M, 2), (M, 2), (M,).
+    """
+    sums = np.zeros((len(boxes), 3))
+    for i in range(len(boxes)):
+        c, s = np.cos(boxes[i, 6]), np.sin(boxes[i, 6])
+        for j in range(len(positions)):
+            if families[i] != neighbour_families[j]:
+                continue
+            dx, dy = positions[j, 0] - boxes[i, 0], positions[j, 1] - boxes[i, 1]
+            speed = c * velocities[j, 0] + s * velocities[j, 1]
+            skew = c * velocities[j, 1] - s * velocities[j, 0]
+            skew /= ALIKE_M_S + 0.2 * abs(speed)
+            ahead, aside = (c * dx + s * dy) / AHEAD_M, (c * dy - s * dx) / ASIDE_M
+            weight = np.exp(-0.5 * (ahead**2 + aside**2 + skew**2))
+            weight *= front[i] if speed > 0 else 1 - front[i]
+            sums[i, 0] += weight
+            sums[i, 1] += weight * speed
+            sums[i, 2] += weight * speed**2
+    return sums

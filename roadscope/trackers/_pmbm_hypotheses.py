@@ -1,0 +1,475 @@
+"""How global hypotheses continue: by the best assignments of targets and detections.
+
+Targets that compete for no detection, directly or through others, are in clusters of their own,
+each with its own hypotheses and weights (Reid 1979). Hypotheses of all targets at once would be
+the product of those of the clusters: no number of them would be enough.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+from roadscope.trackers._assignment import components, least_total, sorted_by
+
+
+class HypothesisLimits(NamedTuple):
+    """How many alternatives are kept.
+
+    most: the greatest number.
+    gap: the greatest difference from the best, as a logarithm.
+    """
+
+    most: int
+    gap: float
+
+
+class Hypotheses(NamedTuple):
+    """H global hypotheses of clusters of targets, with E members in all.
+
+    cluster: (H,) int64, rising.
+    log_weights: (H,).
+    hypothesis, target, local: (E,) int64, sorted by hypothesis: which target a hypothesis has, and
+        by which of its local hypotheses, that is, with which history of detections.
+    """
+
+    cluster: np.ndarray
+    log_weights: np.ndarray
+    hypothesis: np.ndarray
+    target: np.ndarray
+    local: np.ndarray
+
+
+class Continuations(NamedTuple):
+    """`Hypotheses` after a tick, with F members.
+
+    local: (F,) the local hypothesis that a member had before; of new targets the number of
+        local hypotheses that there were.
+    detection: (F,) the detection that it got, or -1.
+    """
+
+    cluster: np.ndarray
+    log_weights: np.ndarray
+    hypothesis: np.ndarray
+    target: np.ndarray
+    local: np.ndarray
+    detection: np.ndarray
+
+
+class PairCosts(NamedTuple):
+    """P possible pairs of L local hypotheses and M detections.
+
+    local, detection: (P,) int64, sorted by local hypothesis, then by detection.
+    costs: (P,) minus the logarithm of the weight that the detection adds, compared with a miss and
+        a detection that is new or clutter.
+    """
+
+    local: np.ndarray
+    detection: np.ndarray
+    costs: np.ndarray
+
+
+class Sizes(NamedTuple):
+    """Number of targets, of their local hypotheses and of detections."""
+
+    targets: int
+    locals: int
+    detections: int
+
+
+class Block(NamedTuple):
+    """The k continuations of one cluster of t targets and m detections.
+
+    targets, detections: (t,) and (m,) their numbers.
+    local: (k, t) the local hypothesis that each target had, -1 for none.
+    assigned: (k, t) index into `detections`, -1 for none.
+    log_weights: (k,).
+    """
+
+    targets: np.ndarray
+    detections: np.ndarray
+    local: np.ndarray
+    assigned: np.ndarray
+    log_weights: np.ndarray
+
+
+@compiled()
+def continue_all(
+    hypotheses: Hypotheses, pairs: PairCosts, sizes: Sizes, limits: HypothesisLimits
+) -> Continuations:
+    """Return how the hypotheses of all clusters continue; clusters that now compete become one.
+
+    limits: for each cluster, and its gap for each hypothesis. A detection that no target gets is a
+    new target: target T + j of local hypothesis L.
+    """
+    T = sizes.targets
+    clusters = hypotheses.cluster.max() + 1 if len(hypotheses.cluster) else 0
+    component, count = _competitors(hypotheses, pairs, sizes, clusters, limits.gap)
+    target_order, first_target = sorted_by(component[:T], count)
+    detection_order, first_detection = sorted_by(component[T : T + sizes.detections], count)
+    cluster_order, first_cluster = sorted_by(component[T + sizes.detections :], count)
+    first_hypothesis = np.searchsorted(hypotheses.cluster, np.arange(clusters + 1))
+    first_member = np.searchsorted(hypotheses.hypothesis, np.arange(len(hypotheses.cluster) + 1))
+    first_pair = np.searchsorted(pairs.local, np.arange(sizes.locals + 1))
+    target_index, detection_index = np.empty(T, np.int64), np.full(sizes.detections, -1)
+    blocks = [_unclaimed(0) for _ in range(0)]
+    for c in range(count):
+        targets = target_order[first_target[c] : first_target[c + 1]]
+        detections = detection_order[first_detection[c] : first_detection[c + 1]]
+        for i in range(len(targets)):
+            target_index[targets[i]] = i
+        for j in range(len(detections)):
+            detection_index[detections[j]] = j
+        local, log_weights = np.full((1, len(targets)), -1), np.zeros(1)
+        for k in cluster_order[first_cluster[c] : first_cluster[c + 1]]:
+            first, last = first_hypothesis[k], first_hypothesis[k + 1]
+            table = np.full((last - first, len(targets)), -1)
+            for e in range(first_member[first], first_member[last]):
+                row = hypotheses.hypothesis[e] - first
+                table[row, target_index[hypotheses.target[e]]] = hypotheses.local[e]
+            local, log_weights = _product(
+                local, log_weights, table, hypotheses.log_weights[first:last], limits
+            )
+        number, costs = _cluster_costs(
+            local, pairs, first_pair, detection_index, len(detections), limits.gap
+        )
+        if local.size == 1 and len(costs) == 1:
+            assigned, totals = best_assignments(costs, limits.most, limits.gap)
+            parents, after = np.zeros(len(assigned), np.int64), log_weights[0] - totals
+        else:
+            parents, assigned, after = continue_hypotheses(
+                number, log_weights, costs, limits.most, limits.gap
+            )
+        blocks.append(Block(targets, detections, local[parents], assigned, after))
+        detection_index[detections] = -1
+    for unclaimed in np.flatnonzero(component[T : T + sizes.detections] < 0):
+        blocks.append(_unclaimed(int(unclaimed)))  # noqa: PERF401
+    return _listed_blocks(blocks, sizes)
+
+
+@compiled()
+def _competitors(
+    hypotheses: Hypotheses, pairs: PairCosts, sizes: Sizes, clusters: int, gap: float
+) -> tuple[np.ndarray, int]:
+    """Return `components` of (T,) targets with (M,) detections and (C,) clusters before."""
+    target_of_local = np.zeros(sizes.locals, np.int64)
+    target_of_local[hypotheses.local] = hypotheses.target
+    likely = np.flatnonzero(pairs.costs < gap)
+    rows = np.concatenate((target_of_local[pairs.local[likely]], hypotheses.target))
+    cluster = hypotheses.cluster[hypotheses.hypothesis]
+    columns = np.concatenate((pairs.detection[likely], sizes.detections + cluster))
+    return components(rows, columns, sizes.targets, sizes.detections + clusters)
+
+
+@compiled()
+def _unclaimed(detection: int) -> Block:
+    """Return the cluster of a detection that no target may have."""
+    none = np.empty((1, 0), np.int64)
+    return Block(np.empty(0, np.int64), np.full(1, detection), none, none, np.zeros(1))
+
+
+@compiled()
+def _cluster_costs(
+    local: np.ndarray,
+    pairs: PairCosts,
+    first_pair: np.ndarray,
+    detection_index: np.ndarray,
+    detections: int,
+    gap: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the local hypotheses of a cluster, numbered from 0, and their costs up to the gap.
+
+    local: (h, t) of its joint hypotheses, -1 for none.
+    first_pair: (L + 1,) where the pairs of each local hypothesis start.
+    detection_index: (M,) of each detection in the cluster, -1 for those of others.
+    Returns (h, t) numbers in the order of `local`, -1 for none, and (l, m) costs.
+    """
+    number_of = np.full(len(first_pair) - 1, -1)
+    for h in range(local.shape[0]):
+        for t in range(local.shape[1]):
+            if local[h, t] >= 0:
+                number_of[local[h, t]] = 0
+    used = np.flatnonzero(number_of == 0)
+    costs = np.full((len(used), detections), np.inf)
+    for i in range(len(used)):
+        number_of[used[i]] = i
+        for k in range(first_pair[used[i]], first_pair[used[i] + 1]):
+            j = detection_index[pairs.detection[k]]
+            if j >= 0 and pairs.costs[k] <= gap:
+                costs[i, j] = pairs.costs[k]
+    numbers = np.full(local.shape, -1)
+    for h in range(local.shape[0]):
+        for t in range(local.shape[1]):
+            if local[h, t] >= 0:
+                numbers[h, t] = number_of[local[h, t]]
+    return numbers, costs
+
+
+@compiled()
+def _listed_blocks(blocks: list[Block], sizes: Sizes) -> Continuations:
+    """Return the hypotheses of all clusters, each with the new targets of its cluster."""
+    rows, most = 0, 0
+    for block in blocks:
+        rows += len(block.log_weights)
+        most += len(block.log_weights) * (len(block.targets) + len(block.detections))
+    cluster, log_weights = np.empty(rows, np.int64), np.empty(rows)
+    hypothesis, target = np.empty(most, np.int64), np.empty(most, np.int64)
+    local, detection = np.empty(most, np.int64), np.empty(most, np.int64)
+    h, e = 0, 0
+    for c in range(len(blocks)):
+        block = blocks[c]
+        for k in range(len(block.log_weights)):
+            cluster[h], log_weights[h] = c, block.log_weights[k]
+            taken = np.zeros(len(block.detections), np.bool_)
+            for i in range(len(block.targets)):
+                j = block.assigned[k, i]
+                if j >= 0:
+                    taken[j] = True
+                if block.local[k, i] >= 0:
+                    hypothesis[e], target[e] = h, block.targets[i]
+                    local[e] = block.local[k, i]
+                    detection[e] = block.detections[j] if j >= 0 else -1
+                    e += 1
+            for j in range(len(block.detections)):
+                if not taken[j]:
+                    hypothesis[e], target[e] = h, sizes.targets + block.detections[j]
+                    local[e], detection[e] = sizes.locals, block.detections[j]
+                    e += 1
+            h += 1
+    return Continuations(cluster, log_weights, hypothesis[:e], target[:e], local[:e], detection[:e])
+
+
+@compiled()
+def _cheapest_sums(
+    costs: np.ndarray, more_costs: np.ndarray, limits: HypothesisLimits
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cheapest sums of a cost of each array: (K,) flat indices and (K,) rising sums."""
+    sums = np.empty(len(costs) * len(more_costs))
+    for a in range(len(costs)):
+        for b in range(len(more_costs)):
+            sums[a * len(more_costs) + b] = costs[a] + more_costs[b]
+    order = np.argsort(sums, kind="mergesort")[: limits.most]
+    size = 0
+    while size < len(order) and sums[order[size]] <= sums[order[0]] + limits.gap:
+        size += 1
+    return order[:size], sums[order[:size]]
+
+
+@compiled()
+def _product(
+    local: np.ndarray,
+    log_weights: np.ndarray,
+    more_local: np.ndarray,
+    more_log_weights: np.ndarray,
+    limits: HypothesisLimits,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the likeliest joint hypotheses of two clusters, (A, T) and (B, T) local ones."""
+    order, costs = _cheapest_sums(-log_weights, -more_log_weights, limits)
+    joint = np.empty((len(order), local.shape[1]), np.int64)
+    for k in range(len(order)):
+        a, b = order[k] // len(more_log_weights), order[k] % len(more_log_weights)
+        joint[k] = np.maximum(local[a], more_local[b])
+    return joint, -costs
+
+
+@compiled()
+def continue_hypotheses(
+    local: np.ndarray, log_weights: np.ndarray, costs: np.ndarray, count: int, gap: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the likeliest continuations of H global hypotheses of T targets.
+
+    local: (H, T) the local hypothesis of each target, -1 for none.
+    log_weights: (H,) of the hypotheses if nothing were detected, up to a constant.
+    costs: (L, M) as in `PairCosts`, inf where impossible.
+    count: how many to look for in all; each hypothesis has its share by weight, at least one.
+    gap: greatest difference of a continuation from the likeliest of its hypothesis.
+
+    Returns (K,) the hypothesis of each, (K, T) detections or -1, and (K,) log weights.
+    Connected components of targets and detections are assigned one by one, and only once for all
+    hypotheses that agree on them.
+    """
+    H, T = local.shape
+    shares = np.exp(log_weights - log_weights.max())
+    shares /= shares.sum()
+    assigned = [np.full((1, T), -1) for _ in range(H)]
+    totals = [np.zeros(1) for _ in range(H)]
+    rows, columns = np.nonzero(_least_costs(local, costs) < gap)
+    component, components_count = components(rows, columns, T, costs.shape[1])
+    for number in range(components_count):
+        targets = np.flatnonzero(component[:T] == number)
+        detections = np.flatnonzero(component[T:] == number)
+        same_as = _first_that_agrees(local, targets)
+        part_assigned = [np.empty((0, 0), np.int64) for _ in range(H)]
+        part_totals = [np.empty(0) for _ in range(H)]
+        for h in range(H):
+            first = same_as[h]
+            if first == h:
+                part = _part_costs(costs, local[h], targets, detections, gap)
+                part_assigned[h], part_totals[h] = best_assignments(part, count, gap)
+            most = max(1, int(np.ceil(count * shares[h])))
+            order, sums = _cheapest_sums(totals[h], part_totals[first], HypothesisLimits(most, gap))
+            ways = len(part_totals[first])
+            joined = np.empty((len(order), T), np.int64)
+            for k in range(len(order)):
+                joined[k] = assigned[h][order[k] // ways]
+                for i in range(len(targets)):
+                    j = part_assigned[first][order[k] % ways, i]
+                    joined[k, targets[i]] = detections[j] if j >= 0 else -1
+            assigned[h], totals[h] = joined, sums
+    size = 0
+    for each in totals:
+        size += len(each)
+    parents, all_assigned = np.empty(size, np.int64), np.empty((size, T), np.int64)
+    weights = np.empty(size)
+    k = 0
+    for h in range(H):
+        for a in range(len(totals[h])):
+            parents[k], all_assigned[k] = h, assigned[h][a]
+            weights[k] = log_weights[h] - totals[h][a]
+            k += 1
+    return parents, all_assigned, weights
+
+
+@compiled()
+def _least_costs(local: np.ndarray, costs: np.ndarray) -> np.ndarray:
+    """Return (T, M) costs of each target's cheapest local hypothesis."""
+    least = np.full((local.shape[1], costs.shape[1]), np.inf)
+    done = np.zeros(len(costs), np.bool_)
+    for h in range(len(local)):
+        for t in range(local.shape[1]):
+            k = local[h, t]
+            if k >= 0 and not done[k]:
+                done[k] = True
+                for j in range(costs.shape[1]):
+                    least[t, j] = min(least[t, j], costs[k, j])
+    return least
+
+
+@compiled()
+def _first_that_agrees(local: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Return (H,) the first hypothesis with the same local hypotheses of some targets."""
+    first = np.arange(len(local))
+    for h in range(len(local)):
+        for other in range(h):
+            agrees = True
+            for t in targets:
+                if local[h, t] != local[other, t]:
+                    agrees = False
+                    break
+            if agrees:
+                first[h] = other
+                break
+    return first
+
+
+@compiled()
+def _part_costs(
+    costs: np.ndarray, local: np.ndarray, targets: np.ndarray, detections: np.ndarray, gap: float
+) -> np.ndarray:
+    """Return the costs of some targets and detections.
+
+    A pair that costs more than the gap is in no assignment within the gap, for without the pair
+    that assignment is cheaper.
+    """
+    part = np.full((len(targets), len(detections)), np.inf)
+    for i in range(len(targets)):
+        k = local[targets[i]]
+        if k >= 0:
+            for j in range(len(detections)):
+                if costs[k, detections[j]] <= gap:
+                    part[i, j] = costs[k, detections[j]]
+    return part
+
+
+@compiled()
+def best_assignments(costs: np.ndarray, count: int, gap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the `count` cheapest assignments of (N, M) costs whose totals are near the least.
+
+    Being unassigned costs 0, for rows and columns alike; pairs may cost less or more, inf where
+    impossible (Murty 1968).
+
+    gap: by how much totals may exceed the least.
+    Returns (K, N) int64 columns, -1 where a row is unassigned, and (K,) rising totals.
+    """
+    n, m = costs.shape
+    if n == 1:
+        return _best_of_one_row(costs[0], HypothesisLimits(count, gap))
+    # Each row has a column of its own, for being unassigned; impossible pairs have a price that
+    # exceeds all differences of possible assignments.
+    price = 1.0
+    for i in range(n):
+        for j in range(m):
+            if costs[i, j] < np.inf:
+                price += abs(costs[i, j])
+    wide = np.full((n, m + n), price)
+    for i in range(n):
+        wide[i, m + i] = 0.0
+        for j in range(m):
+            if costs[i, j] < np.inf:
+                wide[i, j] = costs[i, j]
+    chosen = np.empty((1 + count * n, n), np.int64)
+    barred = np.zeros((1 + count * n, m + n), np.bool_)
+    fixed = np.zeros(1 + count * n, np.int64)
+    totals = np.full(1 + count * n, np.inf)
+    totals[0] = _complete(wide, price, chosen[0], 0, barred[0])
+    size, worst = 1, totals[0] + gap
+    columns, best_totals = np.empty((count, n), np.int64), np.empty(count)
+    k = 0
+    while k < count:
+        best = np.argmin(totals[:size])
+        if not totals[best] <= worst or totals[best] == np.inf:
+            break
+        columns[k], best_totals[k] = chosen[best], totals[best]
+        k += 1
+        # All other assignments of this node differ first at one of its rows: a node for each.
+        for row in range(fixed[best], n):
+            chosen[size] = chosen[best]
+            barred[size] = barred[best] & (row == fixed[best])
+            barred[size, chosen[best, row]] = True
+            fixed[size] = row
+            totals[size] = _complete(wide, price, chosen[size], row, barred[size])
+            if totals[size] <= worst:
+                size += 1
+            else:
+                totals[size] = np.inf
+        totals[best] = np.inf
+    return np.where(columns[:k] < m, columns[:k], -1), best_totals[:k]
+
+
+@compiled()
+def _best_of_one_row(costs: np.ndarray, limits: HypothesisLimits) -> tuple[np.ndarray, np.ndarray]:
+    """Return `best_assignments` of one row of (M,) costs."""
+    order, totals = _cheapest_sums(np.append(costs, 0.0), np.zeros(1), limits)
+    size = 0
+    while size < len(totals) and totals[size] < np.inf:
+        size += 1
+    columns = order[:size].reshape(-1, 1)
+    return np.where(columns < len(costs), columns, -1), totals[:size]
+
+
+@compiled()
+def _complete(
+    wide: np.ndarray, price: float, chosen: np.ndarray, fixed: int, barred: np.ndarray
+) -> float:
+    """Choose the cheapest columns of the rows from `fixed` on; return the total, inf if impossible.
+
+    barred: columns that the first of these rows must not have.
+    """
+    n, m = wide.shape
+    left = wide[fixed:].copy()
+    total = 0.0
+    for i in range(fixed):
+        left[:, chosen[i]] = price
+        total += wide[i, chosen[i]]
+    for j in range(m):
+        if barred[j]:
+            left[0, j] = price
+    columns = least_total(left)
+    for i in range(n - fixed):
+        if left[i, columns[i]] >= price:
+            return np.inf
+        chosen[fixed + i] = columns[i]
+        total += left[i, columns[i]]
+    return total
