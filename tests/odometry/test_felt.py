@@ -1,4 +1,4 @@
-"""What was felt since a rest, which says how fast a sensor is at least."""
+"""The speed integrated since a rest, a lower bound of the speed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is held while a sensor stands, and taken back once it is seen to have left."""
+"""States of a rest, and the return to them once the sensor has left."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_a_rest_that_lasted_too_long_is_undone(seed):
 
 
 def test_an_acceleration_during_a_rest_is_learned_as_a_bias():
-    """The reason for it: the error is well outside of what the filter holds likely."""
+    """The reason: the error is far outside of the filter's covariance."""
     off = []
     for seed in range(5):
         track, _, speed_m_s = left_rest(seed, noticing=False)

@@ -1,4 +1,4 @@
-"""What the scenarios promise in which odometries are tried."""
+"""Properties of the scenarios for odometry."""
 
 from functools import cache
 
