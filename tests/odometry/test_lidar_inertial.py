@@ -251,11 +251,11 @@ def test_dynamic_returns_are_neither_matched_nor_mapped(drop_dynamic):
     track = InertialTrack(state, np.zeros(3), NOISE, reach_m=80.0, drop_dynamic=drop_dynamic)
     points = track.points_at_stamp(sweep)
     none = np.zeros(len(points), bool)
-    track.remember(sweep, points, none)
+    track.add_to_map(sweep, points, none)
     assert track.matched(sweep, points, none).held > 200
     assert (track.matched(sweep, points, ~none).held == 0) == drop_dynamic
     before = track.map.voxels.counts.sum()
-    track.remember(sweep, points, ~none)
+    track.add_to_map(sweep, points, ~none)
     assert (track.map.voxels.counts.sum() == before) == drop_dynamic
 
 
@@ -289,12 +289,12 @@ def test_a_sensor_that_was_just_faster_is_not_at_rest():
     drive, odometry = Drive(0.0, 0.0), LidarInertialOdometry()
     for k in range(14):
         odometry.update(drive.scan(k), drive.imu(k))
-    assert not odometry._rest.begins
+    assert not odometry._rest.is_empty
     odometry._rest, odometry._fast_s = RestHistory(NOISE), drive.scan(13).stamp_s
     held = []
     for k in range(14, 26):
         odometry.update(drive.scan(k), drive.imu(k))
-        held.append(not odometry._rest.begins)
+        held.append(not odometry._rest.is_empty)
     assert held == [False] * 9 + [True] * 3
 
 

@@ -26,7 +26,9 @@ def answers(monkeypatch):
         monkeypatch.setattr(speed_check, "SCANS", 1)
         check = SpeedCheck()
         seen = [
-            check.off(Drive().scan(10 * k), HELD_M_S, 0.0, hidden_acceleration_m_s2, least_m_s)
+            check.speed_error(
+                Drive().scan(10 * k), HELD_M_S, 0.0, hidden_acceleration_m_s2, least_m_s
+            )
             for k in range(len(looks))
         ]
         return [each and each[0] for each in seen]
