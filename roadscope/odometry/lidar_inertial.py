@@ -28,7 +28,7 @@ from roadscope.odometry.inertial.standstill import (
     measured_rest,
 )
 from roadscope.odometry.inertial.start import InertialStart
-from roadscope.odometry.inertial.track import InertialTrack, Stretch
+from roadscope.odometry.inertial.track import ImuInterval, InertialTrack
 from roadscope.odometry.inertial.wheel_buffer import WheelBuffer
 from roadscope.odometry.rigid import inverse
 from roadscope.odometry.scatter import excessive_noise
@@ -38,7 +38,7 @@ from roadscope.odometry.voxels.sweep import ThinnedScan
 USUAL_UNIT = "adis16448"
 LEAST_POINTS = 60
 LEAST_AGREEMENT = 0.3
-HOLDS, HALF = 1.0, 0.5
+SUFFICIENT_INFORMATION, SUFFICIENT_AGREEMENT = 1.0, 0.5
 """Mean information of a point about the forward motion, 1/m^2, that is sufficient: 2 and more on
 streets, less in platoons, tunnels and between barriers. With less information, at least half of
 the points must agree: they do in all but 4 of 1500 scans of validation seeds, and in none where
@@ -48,7 +48,7 @@ VAGUE_M_S = 0.5
 GUESS_M_S, GUESS_RAD_S = 10.0, 0.1
 """Standard deviations of the motion while its speed is unknown."""
 SPEED_UNKNOWN = "too few fixtures determine the speed"
-REMEMBERED = 10.0
+SCANS_IN_MAP = 10.0
 """Number of scans that a scan is matched with: it shares most of their errors."""
 LOST = 5
 """After this many rejected scans in a row everything is started again."""
@@ -126,16 +126,16 @@ class LidarInertialOdometry:
         tick = self._clock.tick(scan.stamp_s)
         if not tick.in_order:
             return estimate(self._pose, self._covariance, scan.stamp_s, len(scan), tick.reason)
-        stretch = self._stretch(scan, tick)
-        self._integrated_speed.predict(stretch)
+        interval = self._samples_since_last(scan, tick)
+        self._integrated_speed.predict(interval)
         sweep = ThinnedScan.of(scan, self.insert_m, self.match_m)
         moving = np.zeros(len(sweep.rows), bool)
         poor = poverty(len(sweep.few), LEAST_POINTS, scan.ring)
         if self._track is None:
-            poor = self._collect_first_scans(sweep, stretch, poor)
+            poor = self._collect_first_scans(sweep, interval, poor)
         else:
-            moving, poor = self._follow(self._track, sweep, stretch, poor)
-        self._update_pose_and_covariance(stretch)
+            moving, poor = self._follow(self._track, sweep, interval, poor)
+        self._update_pose_and_covariance(interval)
         lack = self._imu.missing_samples(scan.stamp_s, tick.elapsed_s)
         return estimate(
             self._pose,
@@ -146,21 +146,21 @@ class LidarInertialOdometry:
             dynamic=sweep.spread(moving),
         )
 
-    def _stretch(self, scan: LidarScan, tick: ScanTick) -> Stretch:
+    def _samples_since_last(self, scan: LidarScan, tick: ScanTick) -> ImuInterval:
         """Return the inertial samples since the last scan."""
         stamp_s, start_s = scan.stamp_s, scan.stamp_s - tick.elapsed_s
         half_s = float(np.abs(scan.time_offset_s).max(initial=0.0))
         rate = self._imu.mean_rate(stamp_s - half_s, stamp_s + half_s) if half_s else None
         if tick.elapsed_s and self._imu.covers(start_s, stamp_s):
-            return Stretch(tick.elapsed_s, *self._imu.within(start_s, stamp_s), rate)
+            return ImuInterval(tick.elapsed_s, *self._imu.within(start_s, stamp_s), rate)
         none = np.empty((0, 3))
-        return Stretch(tick.elapsed_s, np.empty(0), none, none, rate)
+        return ImuInterval(tick.elapsed_s, np.empty(0), none, none, rate)
 
-    def _collect_first_scans(self, sweep: ThinnedScan, stretch: Stretch, poor: str) -> str:
+    def _collect_first_scans(self, sweep: ThinnedScan, interval: ImuInterval, poor: str) -> str:
         """Collect first scans until they determine the speed; return a reason until then."""
         if poor:
             return poor
-        self._start.add(sweep, stretch, self._imu)
+        self._start.add(sweep, interval, self._imu)
         wheel_speed = self._wheels.at(sweep.scan.stamp_s)
         speed = self._start.speed() if wheel_speed is None else Speed.measured(wheel_speed[0])
         if speed is None:
@@ -180,10 +180,10 @@ class LidarInertialOdometry:
         )
 
     def _follow(
-        self, track: InertialTrack, sweep: ThinnedScan, stretch: Stretch, poor: str
+        self, track: InertialTrack, sweep: ThinnedScan, interval: ImuInterval, poor: str
     ) -> tuple[np.ndarray, str]:
         """Predict and correct; return (K,) dynamic returns, and the reason of a degraded pose."""
-        track.predict(stretch)
+        track.predict(interval)
         scan = sweep.scan
         if not track.slow:
             self._fast_s = scan.stamp_s
@@ -202,8 +202,8 @@ class LidarInertialOdometry:
         self._misfits = 0 if fits else self._misfits + 1
         if fits:
             track.update_by_match(scan_match)
-            self._update_rest(track, stretch, scan.stamp_s)
-            track.remember(sweep, points, moving)
+            self._update_rest(track, interval, scan.stamp_s)
+            track.add_to_map(sweep, points, moving)
             # There is no traffic in a room.
             self._speed_known |= sweep.close
             if not rolled:
@@ -231,28 +231,28 @@ class LidarInertialOdometry:
         self._slipped = 0 if rolled else self._slipped + 1
         return rolled
 
-    def _update_rest(self, track: InertialTrack, stretch: Stretch, now_s: float) -> None:
+    def _update_rest(self, track: InertialTrack, interval: ImuInterval, now_s: float) -> None:
         """Correct a sensor at rest; at the end of a rest, return to a state that surely was one.
 
         Steady braking has samples as constant as rest, but then the sensor was recently faster.
         """
         slow = now_s >= self._fast_s + WINDOW_S
         means = measured_rest(self._imu, now_s, self.noise) if slow else None
-        if means is not None and self._rest.may_be(stretch, now_s):
+        if means is not None and self._rest.may_continue(interval, now_s):
             rate, force = means
-            if self._rest.begins:
+            if self._rest.is_empty:
                 track.correct_gravity(force)
             track.correct_at_rest(rate)
-            self._rest.held(track, stretch)
-            self._integrated_speed.stood(track.state)
-        elif self._rest.left(track, stretch, now_s):
-            self._integrated_speed.stood(track.state)
+            self._rest.add(track, interval)
+            self._integrated_speed.start_from_rest(track.state)
+        elif self._rest.end(track, interval, now_s):
+            self._integrated_speed.start_from_rest(track.state)
         track.doubt_m = self._rest.doubt_m(track)
 
     def _check_by_fixtures(self, track: InertialTrack, scan: LidarScan) -> str:
         """Correct the speed by fixtures; return a reason if they contradict it."""
         ahead_m_s, rate_rad_s = track.twist()[[0, 5]]
-        measured = self._check.off(
+        measured = self._check.speed_error(
             scan,
             float(ahead_m_s),
             float(rate_rad_s),
@@ -275,19 +275,19 @@ class LidarInertialOdometry:
         self._speed_known = True
         return ""
 
-    def _update_pose_and_covariance(self, stretch: Stretch) -> None:
+    def _update_pose_and_covariance(self, interval: ImuInterval) -> None:
         """Set pose and covariance from the track, or from the first scans."""
         before = self._pose
         track = self._track
         here = self._start.guess() if track is None else track.pose
         self._pose = self._start_from_map @ here
-        if not stretch.elapsed_s:
+        if not interval.elapsed_s:
             return
         if track is None or not self._speed_known:
-            spread = np.diag([GUESS_M_S**2] * 3 + [GUESS_RAD_S**2] * 3) * stretch.elapsed_s**2
+            spread = np.diag([GUESS_M_S**2] * 3 + [GUESS_RAD_S**2] * 3) * interval.elapsed_s**2
         else:
             axes = np.kron(np.eye(2), track.state.pose[:3, :3])
-            spread = axes.T @ track.state.covariance[POSE, POSE] @ axes / REMEMBERED
+            spread = axes.T @ track.state.covariance[POSE, POSE] @ axes / SCANS_IN_MAP
         self._covariance = propagated_covariance(
             self._covariance, inverse(before) @ self._pose, spread
         )
@@ -312,7 +312,10 @@ def _reason_of_missing_information(track: InertialTrack, scan_match: ScanMatch) 
     """Return a reason if the points do not determine the forward motion, else nothing."""
     ahead = track.state.pose[:3, 0]
     information = float(ahead @ scan_match.information[:3, :3] @ ahead)
-    if information >= HOLDS * scan_match.held or scan_match.agreement >= HALF:
+    if (
+        information >= SUFFICIENT_INFORMATION * scan_match.held
+        or scan_match.agreement >= SUFFICIENT_AGREEMENT
+    ):
         return ""
     outliers = 1 - scan_match.agreement
     return f"the points that show forward motion do not agree, {outliers:.0%} of all"

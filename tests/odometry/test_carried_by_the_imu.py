@@ -26,7 +26,7 @@ def state(t):
 
 
 def samples(k, lever):
-    """What an IMU on a lever from the LiDAR feels between two scans, at the middle of its steps."""
+    """Samples between two scans of an IMU with a lever arm, at the middle of its steps."""
     stamps = PERIOD_S * (k - 1) + np.arange(round(PERIOD_S * RATE_HZ)) / RATE_HZ
     rates, forces = [], []
     for t in stamps + 0.5 / RATE_HZ:

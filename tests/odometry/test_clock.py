@@ -1,4 +1,4 @@
-"""What the stamps of scans tell."""
+"""Checks of the stamps of scans."""
 
 import pytest
 
@@ -39,7 +39,7 @@ def test_repeated_and_backward_stamps_take_no_time():
 
 @pytest.mark.parametrize("wrong", [RESTART, RESTART + 1, RESTART + 4])
 def test_a_few_wrong_stamps_lose_no_time(wrong):
-    """Those before the clock is believed to begin anew take no time, and are made up for."""
+    """Stamps before a reset of the clock is accepted have no elapsed time; it is added later."""
     right = [0.1 * k for k in range(20 + wrong + 3)]
     stamps = [s - 2.0 if 20 <= k < 20 + wrong else s for k, s in enumerate(right)]
     told = ticks(*stamps)

@@ -1,4 +1,4 @@
-"""What was felt since a rest, which says how fast a sensor is at least."""
+"""The speed integrated since a rest, a lower bound of the speed."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from roadscope.odometry.inertial import speed_check
 from roadscope.odometry.inertial.filter import InertialNoise, started
 from roadscope.odometry.inertial.speed_search import Speed
 from roadscope.odometry.inertial.standstill import LEAST_M_S, IntegratedSpeed
-from roadscope.odometry.inertial.track import InertialTrack, Stretch
+from roadscope.odometry.inertial.track import ImuInterval, InertialTrack
 
 GRAVITY = np.array([0, 0, 9.81])
 NOISE = InertialNoise()
@@ -24,7 +24,7 @@ def rng():
 def stretch(pull_m_s2, rng, samples=40):
     forces = GRAVITY + BIAS + [pull_m_s2, 0, 0] + 0.05 * rng.standard_normal((40, 3))
     rates = 0.002 + 0.005 * rng.standard_normal((40, 3))
-    return Stretch(0.1, np.full(samples, 1 / 400), rates[:samples], forces[:samples], None)
+    return ImuInterval(0.1, np.full(samples, 1 / 400), rates[:samples], forces[:samples], None)
 
 
 def rested(rng):
@@ -41,7 +41,7 @@ def rested(rng):
 @pytest.fixture
 def felt(rng):
     told = IntegratedSpeed(NOISE)
-    told.stood(rested(rng))
+    told.start_from_rest(rested(rng))
     return told
 
 
@@ -64,7 +64,7 @@ def test_the_initial_state_is_not_changed(rng):
     state = rested(rng)
     before = state.velocity.copy()
     felt = IntegratedSpeed(NOISE)
-    felt.stood(state)
+    felt.start_from_rest(state)
     felt.predict(stretch(3.0, rng))
     assert np.array_equal(state.velocity, before)
 
@@ -78,7 +78,7 @@ def after_a_rest():
     """Return a drive and an odometry that has followed it, and that felt it gain its speed."""
     drive, odometry = Drive(), ODOMETRIES.make("lidar-inertial")
     driven(odometry, drive, range(12))
-    odometry._integrated_speed.stood(
+    odometry._integrated_speed.start_from_rest(
         started(GRAVITY, np.array([8.0, 0, 0]), (0.1, 0.1, 0.1), NOISE)
     )
     return drive, odometry

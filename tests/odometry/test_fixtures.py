@@ -1,4 +1,4 @@
-"""What no road user can be, and the speed that it tells."""
+"""Fixtures, which cannot be road users, and the speed from them."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ WIDE_M = 0.6
 
 
 def is_slim(row):
-    """Return which beams of one ring, as (COLUMNS,) ranges, met the middle of something slim."""
+    """Return which beams of one ring, as (COLUMNS,) ranges, hit the middle of a slim object."""
     column = np.arange(COLUMNS)
     return slim(row[None], np.zeros(COLUMNS, np.int64), column, row > 0, True, WIDE_M / STEP_RAD)
 
@@ -157,7 +157,7 @@ def test_an_object_as_wide_as_a_cab_is_not_a_fixture():
 
 
 def test_a_few_slim_objects_decide_nothing():
-    """Beside the sensor a piece of a lorry may be seen by itself."""
+    """Beside the sensor a part of a lorry may look like a slim object."""
     assert not standing_speed_of(street(9.0, ROAD[:2]), 0.0).known
 
 

@@ -1,4 +1,4 @@
-"""The Kalman filter of LiDAR and IMU, how it begins, and what it holds to be dynamic."""
+"""The Kalman filter of LiDAR and IMU, its start, and its dynamic returns."""
 
 from dataclasses import replace
 
@@ -228,7 +228,7 @@ def back(at_m):
 
 
 def looked_behind(driven_m, seen):
-    """What two looks at a lorry 10 m ahead make of points seen after so many metres."""
+    """Return which points are dynamic after two images of a lorry 10 m ahead and a distance."""
     space, rings = FreeSpace(), np.repeat(np.arange(6), 60)
     for stamp_s in (0.0, 0.6):
         space.add(stamp_s, back(10.0), rings, np.eye(4))
@@ -236,7 +236,7 @@ def looked_behind(driven_m, seen):
 
 
 def test_a_vehicle_ahead_is_dynamic_and_what_it_hid_is_not():
-    """Nobody looked through where the back of a lorry now is: the lorry itself was before it."""
+    """No beam passed the place of a lorry's rear: the lorry itself hid it."""
     inside = np.abs(back(10.0)[:, 1]) < 1.2
     assert looked_behind(3.0, back(10.0))[inside].mean() > 0.9
     assert not looked_behind(3.0, back(14.0)).any()
@@ -251,11 +251,11 @@ def test_dynamic_returns_are_neither_matched_nor_mapped(drop_dynamic):
     track = InertialTrack(state, np.zeros(3), NOISE, reach_m=80.0, drop_dynamic=drop_dynamic)
     points = track.points_at_stamp(sweep)
     none = np.zeros(len(points), bool)
-    track.remember(sweep, points, none)
+    track.add_to_map(sweep, points, none)
     assert track.matched(sweep, points, none).held > 200
     assert (track.matched(sweep, points, ~none).held == 0) == drop_dynamic
     before = track.map.voxels.counts.sum()
-    track.remember(sweep, points, ~none)
+    track.add_to_map(sweep, points, ~none)
     assert (track.map.voxels.counts.sum() == before) == drop_dynamic
 
 
@@ -289,12 +289,12 @@ def test_a_sensor_that_was_just_faster_is_not_at_rest():
     drive, odometry = Drive(0.0, 0.0), LidarInertialOdometry()
     for k in range(14):
         odometry.update(drive.scan(k), drive.imu(k))
-    assert not odometry._rest.begins
+    assert not odometry._rest.is_empty
     odometry._rest, odometry._fast_s = RestHistory(NOISE), drive.scan(13).stamp_s
     held = []
     for k in range(14, 26):
         odometry.update(drive.scan(k), drive.imu(k))
-        held.append(not odometry._rest.begins)
+        held.append(not odometry._rest.is_empty)
     assert held == [False] * 9 + [True] * 3
 
 

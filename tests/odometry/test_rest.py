@@ -1,11 +1,11 @@
-"""What is held while a sensor stands, and taken back once it is seen to have left."""
+"""States of a rest, and the return to them once the sensor has left."""
 
 import numpy as np
 import pytest
 
 from roadscope.odometry.inertial.filter import InertialNoise, started
 from roadscope.odometry.inertial.standstill import DOUBT_M, NEAR_M, RestHistory
-from roadscope.odometry.inertial.track import InertialTrack, Stretch, matched_with_prediction
+from roadscope.odometry.inertial.track import ImuInterval, InertialTrack, matched_with_prediction
 from roadscope.odometry.voxels.surfaces import VoxelMap
 
 GRAVITY = np.array([0, 0, 9.81])
@@ -18,7 +18,7 @@ def stretch(rng, start_s, bias):
     stamps = start_s + np.arange(40) / 400
     forces = GRAVITY + bias + 0.045 * rng.standard_normal((40, 3))
     forces[:, 0] += pull(stamps)
-    return Stretch(0.1, np.full(40, 1 / 400), np.zeros((40, 3)), forces, None)
+    return ImuInterval(0.1, np.full(40, 1 / 400), np.zeros((40, 3)), forces, None)
 
 
 def pull(stamps):
@@ -35,13 +35,13 @@ def left_rest(seed, *, noticing):
     for k in range(60):
         each = stretch(rng, 0.1 * k, bias)
         track.predict(each)
-        if not rest.may_be(each, 0.1 * (k + 1)):
+        if not rest.may_continue(each, 0.1 * (k + 1)):
             break
         track.correct_at_rest(np.zeros(3))
-        rest.held(track, each)
+        rest.add(track, each)
     assert LEAVES_S < 0.1 * (k + 1) < LEAVES_S + 1.5
     if noticing:
-        rest.left(track, each, 0.1 * (k + 1))
+        rest.end(track, each, 0.1 * (k + 1))
     return track, rest, 0.05 * (0.1 * (k + 1) - LEAVES_S) ** 3 / 3
 
 
@@ -51,11 +51,11 @@ def test_a_rest_that_lasted_too_long_is_undone(seed):
     spread = np.sqrt(track.state.covariance[6, 6])
     assert spread < 0.02
     assert abs(track.state.velocity[0] - speed_m_s) < 3 * spread
-    assert rest.begins
+    assert rest.is_empty
 
 
 def test_an_acceleration_during_a_rest_is_learned_as_a_bias():
-    """The reason for it: the error is well outside of what the filter holds likely."""
+    """The reason: the error is far outside of the filter's covariance."""
     off = []
     for seed in range(5):
         track, _, speed_m_s = left_rest(seed, noticing=False)
@@ -66,14 +66,14 @@ def test_an_acceleration_during_a_rest_is_learned_as_a_bias():
 def test_a_sensor_that_has_just_left_is_not_at_rest_again():
     rng = np.random.default_rng(0)
     _, rest, _ = left_rest(0, noticing=True)
-    assert not rest.may_be(stretch(rng, 0.0, np.zeros(3)), 4.5)
-    assert rest.may_be(stretch(rng, 0.0, np.zeros(3)), 9.0)
+    assert not rest.may_continue(stretch(rng, 0.0, np.zeros(3)), 4.5)
+    assert rest.may_continue(stretch(rng, 0.0, np.zeros(3)), 9.0)
 
 
 def test_the_map_is_uncertain_until_it_is_measured_from_elsewhere():
     track, rest, _ = left_rest(0, noticing=False)
     assert rest.doubt_m(track) == 0.0
-    rest.left(track, stretch(np.random.default_rng(0), 0.0, np.zeros(3)), 4.5)
+    rest.end(track, stretch(np.random.default_rng(0), 0.0, np.zeros(3)), 4.5)
     assert rest.doubt_m(track) == DOUBT_M
     track.state.pose[0, 3] += NEAR_M + 0.5
     assert rest.doubt_m(track) == 0.0

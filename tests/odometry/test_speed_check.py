@@ -1,4 +1,4 @@
-"""Looks at what stands, which confirm the speed that is held or contradict it."""
+"""Checks of the estimated speed by fixtures."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ HELD_M_S = 11.0
 
 @pytest.fixture
 def answers(monkeypatch):
-    """Return a function: what a check answers to looks in a row, m/s."""
+    """Return a function from consecutive measurements to the answers of a check, m/s."""
 
     def of(*looks, hidden_acceleration_m_s2=100.0, least_m_s=-np.inf):
         told = iter(looks)
@@ -26,7 +26,9 @@ def answers(monkeypatch):
         monkeypatch.setattr(speed_check, "SCANS", 1)
         check = SpeedCheck()
         seen = [
-            check.off(Drive().scan(10 * k), HELD_M_S, 0.0, hidden_acceleration_m_s2, least_m_s)
+            check.speed_error(
+                Drive().scan(10 * k), HELD_M_S, 0.0, hidden_acceleration_m_s2, least_m_s
+            )
             for k in range(len(looks))
         ]
         return [each and each[0] for each in seen]
@@ -52,14 +54,14 @@ def test_a_change_of_speed_that_samples_exclude_is_rejected(answers):
 
 
 def test_a_speed_confirmed_by_a_wall_is_corrected_upwards(answers):
-    """What moves along says too little; two that say more are right, whatever was felt."""
+    """Traffic gives too low a speed; two higher measurements are right with any samples."""
     assert answers(11.1, 22.0, 22.0, hidden_acceleration_m_s2=0.6) == pytest.approx(
         [0.1, None, 11.0]
     )
 
 
 def test_a_measurement_below_the_gained_speed_is_ignored(answers):
-    """Neither once nor often, nor where no look came before it."""
+    """Neither once nor repeatedly, nor as the first measurement."""
     told = answers(0.5, 0.5, 0.5, 9.5, 11.0, least_m_s=9.0)
     assert told == pytest.approx([None, None, None, -1.5, 0.0])
 
@@ -77,14 +79,14 @@ def test_two_unlikely_differences_of_one_sign_contradict():
 
 @pytest.fixture
 def levels(monkeypatch):
-    """Return a list of whether each state at a new start was given what is down."""
+    """Return a list of whether each restart got the direction of gravity."""
     told = []
     monkeypatch.setattr(lidar_inertial, "resume", lambda *_, level: told.append(level))
     return told
 
 
 def test_a_wrong_speed_with_too_small_a_covariance_causes_a_restart(monkeypatch, levels):
-    """By less than makes another world: what is down is not held true either."""
+    """With a small error of the speed: gravity is not kept either."""
     odometry, drive = ODOMETRIES.make("lidar-inertial"), Drive()
     for k in range(12):
         odometry.update(drive.scan(k), drive.imu(k))
@@ -97,7 +99,7 @@ def test_a_wrong_speed_with_too_small_a_covariance_causes_a_restart(monkeypatch,
         told.append(odometry.update(drive.scan(k), drive.imu(k)))
         if odometry._track is not track:
             break
-    assert "again and again" in told[-1].reason
+    assert "repeatedly" in told[-1].reason
     assert all(each.ok for each in told[:-1])
     for n in range(k + 1, k + 8):
         odometry.update(drive.scan(n), drive.imu(n))
@@ -117,7 +119,7 @@ def test_a_restart_keeps_gravity_or_only_the_gyro_bias(level):
 
 
 def test_a_speed_confirmed_by_fixtures_prevents_a_restart(monkeypatch):
-    """What does not agree then is traffic; after a while without a look nobody knows."""
+    """Then only traffic does not agree; after some time without a measurement it is unclear."""
     odometry, drive = ODOMETRIES.make("lidar-inertial"), Drive()
     for k in range(12):
         odometry.update(drive.scan(k), drive.imu(k))
@@ -127,14 +129,14 @@ def test_a_speed_confirmed_by_fixtures_prevents_a_restart(monkeypatch):
         told = odometry.update(drive.scan(k), drive.imu(k))
     assert odometry._track is track
     assert told.reason == "nothing agrees"
-    monkeypatch.setattr(SpeedCheck, "off", lambda *_: None)
+    monkeypatch.setattr(SpeedCheck, "speed_error", lambda *_: None)
     for k in range(25, 25 + 10 * int(BELIEVED_S) + lidar_inertial.LOST):
         odometry.update(drive.scan(k), drive.imu(k))
     assert odometry._track is not track
 
 
 def test_vertical_speed_alone_does_not_exclude_rest():
-    """An accelerometer's bias looks like it where nothing seen tells the height."""
+    """A bias of the accelerometer looks like vertical speed if the height is unobservable."""
     up, ahead = (
         InertialTrack(
             started(np.array([0, 0, 9.81]), velocity, (0.1, 0.1, 0.1), InertialNoise()),

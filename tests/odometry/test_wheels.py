@@ -1,4 +1,4 @@
-"""Wheel speed: what it tells of a moment, and what lidar-inertial makes of it."""
+"""Wheel speeds: the speed of an instant, and their use in lidar-inertial."""
 
 import numpy as np
 import pytest

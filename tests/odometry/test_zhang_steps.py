@@ -47,7 +47,7 @@ def test_partners_are_one_to_one_and_the_nearest_pair_comes_first():
 
 @given(st.integers(0, 1000))
 def test_partners_equal_those_of_the_slow_twin(seed):
-    """The nearest of all pairs, then the nearest of what is left, until none is within reach."""
+    """The nearest of all pairs first, then of the remaining ones, while any is within reach."""
     rng = np.random.default_rng(seed)
     before, now = (rng.integers(-6, 6, (n, 3)).astype(float) for n in (9, 7))
     now[0] = np.nan if seed % 2 else now[0]
@@ -153,7 +153,7 @@ def test_settings_that_make_no_sense_are_refused(settings, said):
 
 @pytest.fixture
 def under_way():
-    """An odometry that has seen six scans of a drive at 8 m/s, the drive, and all its inputs."""
+    """An odometry after six scans of a drive at 8 m/s, the drive, and all its inputs."""
     drive, inputs = driven(10, columns=1800)
     odometry = ZhangOdometry()
     for each in inputs[:6]:
@@ -162,7 +162,7 @@ def under_way():
 
 
 def away(told, drive, scan):
-    """Level distance from the truth: height is what a scan without ground tells least."""
+    """Horizontal error: a scan without ground has little information about height."""
     off = told.start_from_lidar.matrix - drive.pose(scan.stamp_s)
     return np.abs(off[:2, 3]).max()
 

@@ -21,7 +21,8 @@ from roadscope.envs.world.style import find_style
 FIRST_SWEEP = 1_000_000
 """Number of the sweep before an episode; no sweep of the episode has the same noise."""
 
-Report = tuple[dict[str, Any], dict[str, Any]]
+ObservationAndInfo = tuple[dict[str, Any], dict[str, Any]]
+"""What `reset` and `step` return of an observer."""
 
 
 def rig_of(rig: object) -> Rig:
@@ -87,7 +88,7 @@ class Observer:
             return seed
         return int(self._seeds.spawn(1)[0].generate_state(1, np.uint64)[0])
 
-    def reset(self, timeline: Timeline, now_s: float, seed: int) -> Report:
+    def reset(self, timeline: Timeline, now_s: float, seed: int) -> ObservationAndInfo:
         """Begin an episode; return observation and info.
 
         The first observation is the sweep that ends now, with constant velocities before the
@@ -107,9 +108,9 @@ class Observer:
             # Before the first image, a dark one is observed.
             dark = (mount.spec.pinhole.height, mount.spec.pinhole.width, 3)
             self._pixels = np.zeros(dark, np.uint8) if image is None else image.pixels
-        return self._report([], timeline, now_s)
+        return self._observation_and_info([], timeline, now_s)
 
-    def advance(self, timeline: Timeline, until_s: float) -> Report:
+    def advance(self, timeline: Timeline, until_s: float) -> ObservationAndInfo:
         """Sense up to an instant; return observation and info of all frames completed by then."""
         pairs = self._sensing.advance(timeline, until_s)
         for frame, truth in pairs:
@@ -119,7 +120,7 @@ class Observer:
                 self._pixels, self._image_truth = frame.camera.pixels, truth
             if frame.imu is not None:
                 self._imu_block = imu_block(self._imu_block, frame.imu)
-        return self._report(pairs, timeline, until_s)
+        return self._observation_and_info(pairs, timeline, until_s)
 
     def render(self, timeline: Timeline) -> np.ndarray:
         """Return a bird's-eye view of the latest scan, (H, W, 3) uint8."""
@@ -141,7 +142,9 @@ class Observer:
         finally:
             self._sensing.rig = self.rig
 
-    def _report(self, pairs: list[tuple[Frame, Truth]], timeline: Timeline, now_s: float) -> Report:
+    def _observation_and_info(
+        self, pairs: list[tuple[Frame, Truth]], timeline: Timeline, now_s: float
+    ) -> ObservationAndInfo:
         assert self.latest is not None
         frame, truth = self.latest
         observation = range_image(frame.lidar, self.rig.lidar.spec)

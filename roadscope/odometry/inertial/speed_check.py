@@ -30,7 +30,7 @@ class SpeedCheck:
         self._done_s, self._confirmed_s = -np.inf, -np.inf
         self._far_m_s, self._deviations = np.inf, 0.0
 
-    def off(
+    def speed_error(
         self,
         scan: LidarScan,
         ahead_m_s: float,

@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.odometry.imu_buffer import ImuBuffer
 from roadscope.odometry.inertial.filter import SPEED, InertialNoise, InertialState, propagate
-from roadscope.odometry.inertial.track import InertialTrack, Stretch
+from roadscope.odometry.inertial.track import ImuInterval, InertialTrack
 
 # --------------------------------------------------------------------------------------------------
 # Detection of rest: constant inertial samples.
@@ -61,23 +61,23 @@ class RestHistory:
 
     def __init__(self, noise: InertialNoise) -> None:
         self.noise = noise
-        self._states: list[tuple[InertialState, Stretch]] = []
+        self._states: list[tuple[InertialState, ImuInterval]] = []
         self._samples: deque[tuple[float, np.ndarray]] = deque()
         self._left_s, self._place = -np.inf, np.full(3, np.inf)
 
     @property
-    def begins(self) -> bool:
+    def is_empty(self) -> bool:
         """Whether no state of rest is stored yet."""
         return not self._states
 
-    def may_be(self, stretch: Stretch, now_s: float) -> bool:
+    def may_continue(self, interval: ImuInterval, now_s: float) -> bool:
         """Return whether the interval until now may be a rest: its samples equal the earlier ones.
 
         A sensor that has just left does not rest again at once.
         """
-        if not len(stretch.lengths_s) or now_s < self._left_s + DOUBTED_S:
+        if not len(interval.lengths_s) or now_s < self._left_s + DOUBTED_S:
             return False
-        self._samples.append((stretch.elapsed_s, stretch.lengths_s @ stretch.forces))
+        self._samples.append((interval.elapsed_s, interval.lengths_s @ interval.forces))
         while sum(length for length, _ in self._samples) > COMPARED_S:
             self._samples.popleft()
         lengths = np.array([length for length, _ in self._samples])
@@ -96,14 +96,14 @@ class RestHistory:
         distance_m = float(np.linalg.norm(track.state.pose[:3, 3] - self._place))
         return DOUBT_M if distance_m < NEAR_M and not self._states else 0.0
 
-    def held(self, track: InertialTrack, stretch: Stretch) -> None:
+    def add(self, track: InertialTrack, interval: ImuInterval) -> None:
         """Store the state of a sensor at rest at the end of an interval."""
-        self._states.append((track.state.copied(), stretch))
+        self._states.append((track.state.copied(), interval))
         self._place = track.state.pose[:3, 3].copy()
         while sum(each.elapsed_s for _, each in self._states[1:]) > DOUBTED_S:
             del self._states[0]
 
-    def left(self, track: InertialTrack, stretch: Stretch, now_s: float) -> bool:
+    def end(self, track: InertialTrack, interval: ImuInterval, now_s: float) -> bool:
         """End the rest: return to the oldest stored state and predict from there.
 
         Returns whether the sensor was at rest until now.
@@ -114,7 +114,7 @@ class RestHistory:
         track.state = self._states[0][0]
         for _, each in self._states[1:]:
             track.predict(each)
-        track.predict(stretch)
+        track.predict(interval)
         self._states, self._left_s = [], now_s
         return True
 
@@ -139,16 +139,16 @@ class IntegratedSpeed:
         self.noise = noise
         self._state: InertialState | None = None
 
-    def stood(self, state: InertialState) -> None:
+    def start_from_rest(self, state: InertialState) -> None:
         """Start from the state of a sensor at rest."""
         self._state = state.copied()
 
-    def predict(self, stretch: Stretch) -> None:
+    def predict(self, interval: ImuInterval) -> None:
         """Predict the state at the next stamp; without samples it becomes unknown."""
-        if self._state is None or not stretch.elapsed_s:
+        if self._state is None or not interval.elapsed_s:
             return
-        if len(stretch.lengths_s):
-            propagate(self._state, stretch.lengths_s, stretch.rates, stretch.forces, self.noise)
+        if len(interval.lengths_s):
+            propagate(self._state, interval.lengths_s, interval.rates, interval.forces, self.noise)
         else:
             self._state = None
 

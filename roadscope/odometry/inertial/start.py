@@ -17,7 +17,7 @@ from roadscope.odometry.inertial.filter import (
 )
 from roadscope.odometry.inertial.speed_search import CELL_M, Ends, Speed, speed_of
 from roadscope.odometry.inertial.standstill import measured_rest
-from roadscope.odometry.inertial.track import InertialTrack, Stretch
+from roadscope.odometry.inertial.track import ImuInterval, InertialTrack
 from roadscope.odometry.rigid import exp_se3
 from roadscope.odometry.voxels.sweep import ThinnedScan
 
@@ -43,16 +43,16 @@ class InertialStart:
 
     def __init__(self, noise: InertialNoise, *, anew: bool = False) -> None:
         self.noise = noise
-        self._taken: list[tuple[ThinnedScan, Stretch, Ends]] = []
+        self._taken: list[tuple[ThinnedScan, ImuInterval, Ends]] = []
         self._rate, self._best = np.zeros(3), Speed(0.0, 0.0)
         self._anew, self._quiet = anew, False
 
     def __len__(self) -> int:
         return len(self._taken)
 
-    def add(self, sweep: ThinnedScan, stretch: Stretch, samples: ImuBuffer) -> None:
+    def add(self, sweep: ThinnedScan, interval: ImuInterval, samples: ImuBuffer) -> None:
         """Add a scan."""
-        self._taken.append((sweep, stretch, Ends.of(sweep.scan)))
+        self._taken.append((sweep, interval, Ends.of(sweep.scan)))
         first_s, last_s = self._taken[0][0].scan.stamp_s, sweep.scan.stamp_s
         rate = samples.mean_rate(first_s, last_s) if last_s > first_s else None
         self._rate = np.zeros(3) if rate is None else rate
@@ -103,13 +103,13 @@ class InertialStart:
         state = started(force, np.array([speed.ahead_m_s, 0.0, 0.0]), deviations, self.noise)
         state.pose[:3, 3] = lever
         track = made(state)
-        for i, (sweep, stretch, _) in enumerate(self._taken):
-            track.predict(stretch, still=i == 0)
+        for i, (sweep, interval, _) in enumerate(self._taken):
+            track.predict(interval, still=i == 0)
             points = track.points_at_stamp(sweep)
             moving = track.moving(points, sweep.scan.stamp_s)
             if i:
                 track.update_by_match(track.matched(sweep, points, moving))
-            track.remember(sweep, points, moving)
+            track.add_to_map(sweep, points, moving)
         return track
 
 

@@ -134,7 +134,7 @@ SLIPPING = 6.0
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class ImuInterval:
     """Inertial samples over an interval; `lengths_s` is empty without samples.
 
     elapsed_s: its duration. sweep_rate: (3,) rad/s, mean over the sweep at its end, or None.
@@ -177,20 +177,20 @@ class InertialTrack:
         matrix[:3, 3] -= matrix[:3, :3] @ self.lever
         return matrix
 
-    def predict(self, stretch: Stretch, *, still: bool = False) -> None:
+    def predict(self, interval: ImuInterval, *, still: bool = False) -> None:
         """Predict the state at the next stamp; still: only update the turn rate."""
-        if stretch.sweep_rate is not None:
-            self.rate = stretch.sweep_rate - self.state.rate_bias
-        if still or not stretch.elapsed_s:
+        if interval.sweep_rate is not None:
+            self.rate = interval.sweep_rate - self.state.rate_bias
+        if still or not interval.elapsed_s:
             return
-        self.has_samples, self.elapsed_s = bool(len(stretch.lengths_s)), stretch.elapsed_s
-        if len(stretch.lengths_s):
-            propagate(self.state, stretch.lengths_s, stretch.rates, stretch.forces, self.noise)
+        self.has_samples, self.elapsed_s = bool(len(interval.lengths_s)), interval.elapsed_s
+        if len(interval.lengths_s):
+            propagate(self.state, interval.lengths_s, interval.rates, interval.forces, self.noise)
         else:
             coast(
                 self.state,
                 self.rate,
-                stretch.elapsed_s,
+                interval.elapsed_s,
                 acceleration_m_s2=COASTING_M_S2,
                 rotation_rad_s2=COASTING_RAD_S2,
             )
@@ -304,7 +304,7 @@ class InertialTrack:
         update_linear(self.state, J, np.array([off_m_s]), np.array([variance]))
         return True
 
-    def remember(self, sweep: ThinnedScan, points: np.ndarray, moving: np.ndarray) -> None:
+    def add_to_map(self, sweep: ThinnedScan, points: np.ndarray, moving: np.ndarray) -> None:
         """Add (K, 3) points to the map, except dynamic ones and those that contradict a surface."""
         here = placed(points, self.state.pose)
         if self.drop_dynamic:

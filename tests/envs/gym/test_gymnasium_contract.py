@@ -83,7 +83,7 @@ def test_check_env_warns_only_of_the_wrapper_of_foreign_environments(name: str) 
 
 @pytest.fixture(scope="module", params=env_ids())
 def every_id(request: pytest.FixtureRequest) -> str:
-    """One after the other for all that ask: the last recordings are kept."""
+    """The last recordings are cached for all environments."""
     return str(request.param)
 
 

@@ -64,7 +64,7 @@ def _frame(points=None) -> Frame:
 
 
 def _draw(frame=None, truth=None, **options) -> np.ndarray:
-    """The colours of the legend are those of what it explains, so most pictures go without."""
+    """The legend has the same colours as the objects, so most pictures have none."""
     timeline = platoon()
     return birds_eye(
         frame or _frame(),

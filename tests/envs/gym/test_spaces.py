@@ -118,7 +118,7 @@ def test_the_own_state_at_the_start_and_beyond_its_bounds_stays_in_the_space() -
 def test_the_lane_that_leads_in_the_own_direction_counts(
     place: tuple[float, float], yaw: float, expected: tuple[float, float]
 ) -> None:
-    # The other lane leads west, so what is north of it is on its right.
+    # The other lane leads west, so places north of it are on its right.
     west = EAST[::-1] + np.array([0.0, 4.0])
     lanes = LaneLocator(road(EAST, west))
     assert lanes.offset_and_heading(np.array(place), yaw) == pytest.approx(expected)

@@ -49,7 +49,7 @@ def test_contrast_falls_by_koschmieders_law(visibility_m: float) -> None:
         walls = [wall(x, 0.1 * x, materials.GREY), wall(x, -0.1 * x, materials.RUBBER)]
         scene = Scene.still(Prisms.join(walls), Prisms.empty(), NONE)
         image = shaded(scene, extinction_per_m=extinction)
-        # Two walls as far as each other: what the air adds is the same and drops out.
+        # Two walls at the same distance: the airlight is the same and cancels.
         differences.append(image[58, 68] - image[58, 91])
     expected = np.exp(-(extinction + 1.2e-4) * (distances - distances[0]) * np.hypot(1, 11.5 / 120))
     got = np.array(differences)[:, 0]
@@ -57,7 +57,7 @@ def test_contrast_falls_by_koschmieders_law(visibility_m: float) -> None:
 
 
 def in_shadow(scene: Scene, place: np.ndarray, sun: np.ndarray) -> bool:
-    """Walk towards the sun in small steps and look whether any prism holds the point."""
+    """Walk towards the sun in small steps; return whether a prism contains any of these points."""
     for prism in range(len(scene.static)):
         corners = scene.static.footprints[prism, : scene.static.corners[prism]]
         sides = np.roll(corners, -1, axis=0) - corners

@@ -1,4 +1,4 @@
-"""What is drawn on the faces of vehicles: lamps, plates, wheels, windows, where they belong."""
+"""Patterns on vehicles: places of lamps, plates, wheels and windows."""
 
 import numpy as np
 import pytest

@@ -195,7 +195,7 @@ def test_axis_parallel_rays() -> None:
 
 
 def test_ray_along_a_face_in_its_plane_is_decided_like_the_others() -> None:
-    # The face y = 0 of the square contains the ray: it touches, so it meets the front face.
+    # The face y = 0 of the square contains the ray: it touches, so it hits the front face.
     assert single(still(square(10, 2, 2)), column())[:2] == (8.0, -2)
 
 

@@ -16,7 +16,7 @@ from roadscope.envs.sensors.lidar_spec import SPECS
 
 TILTS = [(0.0, 0.0), (0.035, 0.0175), (-0.3, 0.2)]
 EDGE_CASES = 2e-4
-"""Share of rays that single precision may put on the other side of an edge."""
+"""Share of rays that may be on the other side of an edge in single precision."""
 
 
 @pytest.fixture(scope="module")

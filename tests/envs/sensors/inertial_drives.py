@@ -1,4 +1,4 @@
-"""Drives for tests of inertial sensing, and a plain integrator of what was felt."""
+"""Drives for tests of inertial sensing, and a simple integrator of their samples."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def test_surfaces_are_seen_as_far_as_the_law_says(weather: Weather, reflectivity
     lidar = spec(elevations=np.radians([0.01]), firing_offsets_s=np.zeros(1))
     _, truth = measure(walls(ranges, reflectivity), lidar, weather)
     seen = np.isin(-2 - np.arange(81), truth.owners)
-    # A wall is met at its middle at the right angle; its edges are a little farther.
+    # The middle of a wall is hit at a right angle; its edges are slightly farther.
     assert seen[ranges < 0.999 * reach].all()
     assert not seen[ranges > 1.001 * reach].any()
 
@@ -170,7 +170,7 @@ def test_severity_loses_surfaces_and_adds_echoes(kind: str) -> None:
 
 
 def test_the_strongest_return_wins() -> None:
-    """Behind echoes a bright wall near by is seen, and hardly anything else in thick fog."""
+    """In thick fog a bright wall nearby is detected behind echoes, and almost nothing else."""
     lidar = spec(elevations=np.radians([0.2]), firing_offsets_s=np.zeros(1))
     near, _ = echo_ranges(fog(50.0), 1)
     distances = np.array([6.0, 6.0, 30.0, 30.0])

@@ -194,7 +194,7 @@ def test_what_the_lidar_meets_the_camera_sees_too(seed: int) -> None:
     yaws, slopes = np.linspace(-0.5, 0.5, 300), np.linspace(-0.35, 0.35, 60)
     ahead = np.column_stack([np.cos(yaws), np.sin(yaws), np.zeros(300)])
     up = np.tile([0.0, 0.0, 1.0], (300, 1))
-    # A LiDAR in the camera's place: no parallax, so every return lies on what a pixel shows.
+    # A LiDAR in the camera's place: no parallax, so every return lies on the surface in its pixel.
     columns = Columns(np.tile(POSE.translation, (300, 1)), ahead, up, np.full(300, stamp))
     hits = cast(scene, columns, slopes, max_range_m=200.0)
     direction = ahead[:, None] + slopes[:, None] * up[:, None]

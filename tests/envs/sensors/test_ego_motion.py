@@ -74,7 +74,7 @@ def test_the_path_is_within_two_millimetres_of_the_recorded_one() -> None:
 
 
 FELT_M_S2, FELT_M_S3, FELT_RAD_S = 16.0, 100.0, 1.5
-"""What is left of crashes and of lane changes at 1.6 g; states recorded raw jump by 68 m/s^2."""
+"""Bound for crashes and lane changes at 1.6 g; raw recorded states jump by 68 m/s^2."""
 
 
 @pytest.mark.parametrize("name", ["highway-v0", "roundabout-v1", "racetrack-v1", "merge-v0"])
@@ -94,7 +94,7 @@ def test_raw_recordings_and_crashes_leave_no_spikes(name: str, seed: int) -> Non
 
 
 def test_raw_recordings_do_jump() -> None:
-    """What the bound above is there for."""
+    """The reason of the bound above."""
     timeline = raw("roundabout-v1", 1)
     steps = np.diff(timeline.stamps_s)[:, None]
     jumps = np.diff(np.diff(timeline.axles[:, 0], axis=0) / steps, axis=0) / steps[1:]

@@ -72,7 +72,7 @@ def test_pixels_are_those_of_the_boxes(timeline: Timeline, name: str) -> None:
 def test_depth_is_what_a_scan_of_the_same_moment_measures(timeline: Timeline) -> None:
     """Returns of a LiDAR without noise lie on the surface that the pixel under them shows.
 
-    Both sensors look from other places, so that one may see past what hides from the other.
+    Both sensors are at different places, so that an object may be hidden from only one of them.
     """
     carrier = rig("wide")
     assert carrier.camera is not None

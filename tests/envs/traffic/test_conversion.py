@@ -26,7 +26,7 @@ def test_the_frame_is_mirrored_and_back():
     back = to_world(world, yaws, moved)
     for given, returned in zip((positions, headings, velocities), back, strict=True):
         np.testing.assert_array_equal(given, returned)
-    # Somebody who drives along the heading drives along the yaw.
+    # A velocity along the heading is a velocity along the yaw.
     along = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
     _, yaws, moved = to_world(positions, headings, along)
     np.testing.assert_allclose(moved, np.stack([np.cos(yaws), np.sin(yaws)], axis=-1))

@@ -1,4 +1,4 @@
-"""What the scenarios promise in which odometries are tried."""
+"""Properties of the scenarios for odometry."""
 
 from functools import cache
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from roadscope.core import Category
+from roadscope.core.bounds import Bounds
 from roadscope.envs.traffic.course import SHARPEST_M, Bend, Course, winding
 from roadscope.envs.traffic.scenarios import SCENARIOS, accept, record
 from roadscope.envs.traffic.scripts import convoy_pull_away
@@ -182,7 +183,7 @@ def test_the_duration_given_cuts_and_does_not_shift():
 
 @pytest.mark.parametrize("seed", range(8))
 def test_courses_bend_smoothly_and_not_too_sharply(seed):
-    course = winding(np.random.default_rng(seed), (-200.0, 600.0), 100.0)
+    course = winding(np.random.default_rng(seed), Bounds(-200.0, 600.0), 100.0)
     along = np.arange(-250.0, 650.0, 0.25)
     assert course.bends
     assert np.abs(course.curvatures(along)).max() <= 1.0 / SHARPEST_M + 1e-12

@@ -1,4 +1,4 @@
-"""What the scripted scenes and the waiting ego promise."""
+"""Properties of the scripted scenes and of the waiting ego."""
 
 import numpy as np
 import pytest

@@ -44,7 +44,7 @@ def test_left_and_right_are_mirrored(body):
 
 
 def test_bonnet_and_boot_are_lower_than_the_cabin(body):
-    """Seen from the side it is a saloon: at the height of the roof neither nose nor tail."""
+    """From the side it is a saloon: at the height of the roof neither nose nor tail."""
     nose, tail = section(body, 0.95)[:, 0].max(), section(body, 0.95)[:, 0].min()
     cabin = section(body, 1.3)[:, 0]
     assert nose - cabin.max() > 0.8

@@ -84,7 +84,7 @@ def _gap(outline: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _nearest_edge_m(things: Prisms, road: RoadMap) -> float:
     """Least distance of any outline to the edge of any lane strip; 0 width at worst.
 
-    Exact up to `NEAR_M`; what is farther off is not looked at.
+    Exact up to `NEAR_M`; farther things are not checked.
     """
     lanes = [(p, w) for p, w in road.lanes() if len(p) > 1]
     a = np.concatenate([points[:-1] for points, _ in lanes])

@@ -43,7 +43,7 @@ def test_parts_are_of_one_cluster_and_one_window(seed, angle_deg, swept):
 
 
 def test_centres_of_parts_of_a_wall_do_not_move_with_the_sensor():
-    """Whole, the wall goes along with the sensor, which sees so far to either side."""
+    """The centre of the whole wall moves with the sensor, since its range is limited."""
     wall = np.column_stack([np.linspace(-8, 8, 1601), np.full(1601, 3.0), np.zeros(1601)])
     motion = exp_se3(np.array([1.0, 0, 0, 0, 0, 0.1]))
 

@@ -98,7 +98,7 @@ def poles(rng):
 
 
 def driven_round(truth_of, drift):
-    """Keyframes of a ring driven a little more than once, told with drift."""
+    """Keyframes of a ring driven slightly more than once, with drift."""
     rng = np.random.default_rng(0)
     edges, planes = poles(rng)
     told, truth, frames = truth_of(0), [], []
@@ -130,7 +130,7 @@ def test_a_loop_closes(ring):
     frames, truth = ring
     closing, taken, when = LoopClosing(), [], []
     for each in frames:
-        # As a mapping does: what comes after a loop is told from where that put the last one.
+        # As in a mapping: keyframes after a loop start from the corrected pose.
         moved = each.map_from_lidar
         if taken:
             step = inverse(frames[len(taken) - 1].map_from_lidar) @ each.map_from_lidar
@@ -175,7 +175,7 @@ def test_another_place_closes_no_loop(ring):
 def test_a_loop_with_too_large_a_drift_is_rejected(ring):
     frames, truth = ring
     back = nearest_candidate(frames)
-    # All that was seen again is there, but the way was far too short to have drifted so far.
+    # The place matches, but the distance driven is too short for so large a drift.
     hasty = [replace(f, driven_m=0.1 * f.driven_m) for f in frames]
     assert np.linalg.norm(frames[-1].place - truth[-1][:3, 3]) > 1.0
     assert relocalised(frames, back) is not None

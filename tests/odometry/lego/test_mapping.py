@@ -1,4 +1,4 @@
-"""Where a map of earlier features puts a scan."""
+"""Correction of poses by a map of earlier features."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from roadscope.odometry.loam.features import Features
 
 
 def corner(place):
-    """Smooth returns of two walls that meet, as seen from a place."""
+    """Smooth returns of two walls with a common corner, measured from a place."""
     along, up = (each.ravel() for each in np.meshgrid(np.arange(-8, 8, 0.5), np.arange(-1, 2, 0.5)))
     walls = np.concatenate(
         [
@@ -38,7 +38,7 @@ def at(place):
 
 
 def test_the_map_corrects_only_observable_directions():
-    """Two upright walls tell the way over the ground and nothing of the height."""
+    """Two upright walls determine the horizontal position but not the height."""
     mapping = LegoMapping(every=1, reach_m=100.0, loop=False)
     mapping.take(corner(np.zeros(3)), np.eye(4))
     mapping.take(corner(np.array([1.0, 0.5, 0.0])), at([1.2, 0.4, 0.3]))

@@ -28,7 +28,7 @@ AZIMUTHS = np.radians(np.linspace(-90, 90, COLUMNS))
 
 
 def corner_room(rings=4, noise_m=0.0, seed=0):
-    """Rings on walls at x = 10 and y = 6, which meet in a corner, seen from the origin."""
+    """Rings on walls at x = 10 and y = 6, with a common corner, measured from the origin."""
     reach = np.minimum(
         10 / np.maximum(np.cos(AZIMUTHS), 1e-9), 6 / np.maximum(np.abs(np.sin(AZIMUTHS)), 1e-9)
     )

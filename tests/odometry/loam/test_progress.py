@@ -1,4 +1,4 @@
-"""When steps from scan to scan are believed."""
+"""When steps from scan to scan are accepted."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ PERIOD_S, WAY_M = 0.1, 0.8
 
 
 def stepped(progress, ways_m, turn=0.0):
-    """Poses' x and reasons after steps that features hold to be so long, one a scan."""
+    """Poses' x and reasons after steps of given lengths by features, one for each scan."""
     told = []
     for way_m in ways_m:
         stamp_s = 0.0 if np.isnan(progress.stamp_s) else progress.stamp_s + PERIOD_S

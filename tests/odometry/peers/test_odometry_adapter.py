@@ -1,4 +1,4 @@
-"""What is asked of a library, with one made up here."""
+"""The adapter with an artificial library."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ DRIVE, INPUTS = driven(12)
 
 
 class Knowing:
-    """Knows the truth at the stamp, as seen from where it began; `spoil` changes its answers."""
+    """Returns the truth at the stamp, relative to its start; `spoil` changes its poses."""
 
     started = 0
 

@@ -1,4 +1,4 @@
-"""What other libraries' odometries are given and told; skipped where they are not installed."""
+"""Odometries of other libraries; skipped where these are not installed."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ from roadscope.odometry.rigid import hat
 
 PEERS = [name for name in ODOMETRIES if ODOMETRIES.resolve(name).requirement is not None]
 AT_SPEED = {"small-gicp-scan": 0.25, "small-gicp": 0.1, "genz-icp": 0.1}
-"""Metres that those may be off after 18 m, which get from rest to 8 m/s where little is seen."""
+"""Largest errors in metres after 18 m from rest to 8 m/s in a scene with little structure."""
 
 
 @pytest.fixture(params=PEERS)
@@ -35,7 +35,7 @@ def ridden(speed_m_s, yaw_rate_rad_s, scans):
 
 
 def off(spec, drive, inputs, mounting=None):
-    """Metres and radians between what is told last and the truth."""
+    """Errors of the last pose in metres and radians."""
     odometry = ODOMETRIES.make(spec)
     odometry.reset(mounting)
     told = [odometry.update(scan, imu) for scan, imu in inputs]
@@ -90,7 +90,7 @@ def test_rko_lio_knows_where_the_imu_is():
 
 
 def moved(imu, mounting):
-    """What an IMU feels that is mounted elsewhere on the same body, `lidar_from_imu`."""
+    """Samples of an IMU that is mounted elsewhere on the same body, `lidar_from_imu`."""
     growing = np.gradient(imu.angular_velocity, imu.stamps_s, axis=0)
     pulls = [
         (hat(grows) + hat(rate) @ hat(rate)) @ mounting.translation

@@ -58,7 +58,7 @@ def held_slowly(voxels, slot, off, height_m):
     """How firmly a point is held along each axis, 1/m^2.
 
     off: (3,) from the mean, along the axes. height_m: (3,), how far off along them it may be
-    because nobody knows at which height a beam met the thing.
+    because the height at which a beam hit the object is unknown.
     """
     firm, spreads = np.zeros(3), voxels.spreads[slot]
     for k in range(voxels.held[slot]):
@@ -111,7 +111,7 @@ def test_one_beams_trace_on_a_road_is_no_surface(rng):
 
 
 def test_one_beams_trace_over_a_crown_has_little_information_about_height(rng):
-    """As one drives towards it the trace sinks; a ceiling, met from below, stays and is held."""
+    """The trace sinks as the sensor comes closer; a ceiling, hit from below, stays."""
     turn, along = rng.uniform(-0.05, 0.05, 400), rng.uniform(40, 47, 400)
     steep = np.tan(np.radians(11.0))
     trace = np.column_stack([along * np.cos(turn), along * np.sin(turn), steep * along])
@@ -129,7 +129,7 @@ def test_one_beams_trace_over_a_crown_has_little_information_about_height(rng):
 
 
 def test_tilted_surfaces_inform_falling_beams_more_than_rising_ones(rng):
-    """Upright walls tell as much as ever of the way."""
+    """Upright walls keep their information about horizontal motion."""
     across = rng.uniform(-3, 3, 600)
     firm = {}
     for name, lean, up in (("rising", 1.0, 6.0), ("falling", 1.0, -6.0), ("wall", 0.0, 6.0)):
