@@ -269,9 +269,9 @@ def test_traffic_does_not_depend_on_sensors_and_images() -> None:
     assert not [
         n for n in recorded if n.startswith(("roadscope.envs.sensors", "roadscope.envs.im"))
     ]
-    assert timeline_hash("motorway") != timeline_hash("merge")
+    assert timeline_hash("motorway") != timeline_hash("cut-ins")
     assert timeline_hash("motorway") != timeline_hash()
-    assert sensing_hash("motorway") != sensing_hash("merge")
+    assert sensing_hash("motorway") != sensing_hash("cut-ins")
 
 
 @pytest.mark.parametrize(
