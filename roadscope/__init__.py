@@ -164,7 +164,9 @@ def _is_command_line() -> bool:
     if sys.argv[:1] == ["-m"]:
         # `runpy` still looks for the module, whose name comes before the arguments.
         return sys.orig_argv[-len(sys.argv)].removeprefix("-m") == "roadscope"
-    return bool(sys.argv) and Path(sys.argv[0]).stem == "roadscope"
+    # A child process of the command has its `sys.argv`, but was not started with it.
+    script = sys.argv[0] if sys.argv else ""
+    return Path(script).stem == "roadscope" and script in sys.orig_argv
 
 
 # The command line answers `--help` without Gymnasium: `roadscope.__main__` registers the ids once

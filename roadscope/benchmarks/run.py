@@ -113,7 +113,7 @@ def leaderboard(
     limits = limits or Limits()
     if deadline_s is not None:
         limits = replace(limits, episode_s=deadline_s)
-    folder = usable_folder(out_dir) if out_dir is not None else cache_dir()
+    folder = cache_dir() if out_dir is None else Path(out_dir)
     options = RunOptions(limits, trust, sandbox, fresh, hidden=(folder,))
     with options.probing():
         made = plan(
@@ -126,7 +126,7 @@ def leaderboard(
             notice(text)
     conditions = manifest(made.suite, jobs, [b.name for b in made.boards], believed)
     if out_dir is not None:
-        check_targets(folder, label_of(conditions))
+        check_targets(usable_folder(out_dir), label_of(conditions))
     with Store(folder / DATABASE) as store:
         outcomes = _outcomes(store, made, conditions, workers, options, progress or silent)
         results = gather(made.jobs, outcomes, conditions)

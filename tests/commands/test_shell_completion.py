@@ -17,7 +17,13 @@ def roadscope_does(*arguments: str, **variables: str) -> str:
         [sys.executable, "-m", "roadscope", *arguments],
         capture_output=True,
         text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), **variables},
+        env={
+            **os.environ,
+            # The shell is the one that is named, whatever process runs the tests.
+            "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1",
+            "PYTHONPATH": os.pathsep.join(paths),
+            **variables,
+        },
         timeout=60,
     )
     assert (done.returncode, done.stderr) == (0, "")

@@ -203,7 +203,7 @@ def test_kernels_are_tied_to_the_files_of_all_kernels_and_constants_they_use() -
 
 
 def test_what_is_imported_is_followed_from_file_to_file() -> None:
-    tied = jit.sources_of(HOUSE / "envs" / "sensors" / "lidar_kernels.py")
+    tied = jit.sources_of(HOUSE / "envs" / "sensors" / "lidar.py")
     assert HOUSE / "envs" / "raycast" / "kernels.py" in tied
     assert HOUSE / "envs" / "traffic" / "scenarios.py" not in tied
 

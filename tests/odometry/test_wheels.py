@@ -134,9 +134,9 @@ def test_every_sample_comes_with_a_scan_once():
     steps = list(drive(Episode("tunnel", 0, "vlp16-imu", 2.0)))
     stamps = np.concatenate([step.wheels.stamps_s for step in steps])
     assert np.allclose(np.diff(stamps), 0.01)
-    given = steps[3].copied()
-    given.wheels.speeds[:] = 0.0
-    assert steps[3].wheels.speeds.min() > 1.0
+    steps[3].wheels.speeds[:] = 0.0
+    again = list(drive(Episode("tunnel", 0, "vlp16-imu", 2.0)))
+    assert again[3].wheels.speeds.min() > 1.0
     assert all(s.wheels is None for s in drive(Episode("tunnel", 0, "vlp16", 1.0)))
 
 

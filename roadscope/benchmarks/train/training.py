@@ -18,7 +18,8 @@ from roadscope.benchmarks.train.losses import losses
 from roadscope.benchmarks.train.optimiser import Optimiser
 from roadscope.benchmarks.train.recipe import Recipe
 from roadscope.benchmarks.train.views import Pictures
-from roadscope.detectors.camera.network import CentreNetwork, channels_last, has_bfloat16
+from roadscope.detectors.camera.network import CentreNetwork, channels_last
+from roadscope.detectors.camera.precision import has_bfloat16
 
 SAVED_EVERY = 100
 AVERAGED = 0.998

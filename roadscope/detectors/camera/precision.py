@@ -1,0 +1,39 @@
+"""Which numbers a network computes with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+AUTO = "auto"
+PRECISIONS = (AUTO, "float32", "bfloat16")
+PROCESSOR = Path("/proc/cpuinfo")
+
+
+def has_bfloat16(device: str) -> bool:
+    """Say whether bfloat16 is faster than float32 on a device such as `cpu` or `cuda:0`."""
+    if device.partition(":")[0] == "cuda":
+        return True
+    return PROCESSOR.exists() and "avx512_bf16" in PROCESSOR.read_text("utf-8", errors="replace")
+
+
+def fastest(device: str) -> str:
+    """Return the faster of `float32` and `bfloat16` on a device."""
+    return "bfloat16" if has_bfloat16(device) else "float32"
+
+
+@contextmanager
+def whole_float32() -> Iterator[None]:
+    """Let a graphics card compute with all digits of float32: by default torch drops ten bits."""
+    import torch
+
+    cudnn: Any = torch.backends.cudnn
+    convolutions = cudnn.conv
+    before = convolutions.fp32_precision
+    convolutions.fp32_precision = "ieee"
+    try:
+        yield
+    finally:
+        convolutions.fp32_precision = before
