@@ -50,7 +50,7 @@ def identity(sequence: TrackedSequence, threshold: float = 0.5) -> Identity:
     """
     from scipy.optimize import linear_sum_assignment
 
-    from roadscope.benchmarks.metrics.tracking.following import count_covered
+    from roadscope.benchmarks.metrics.tracking.following_kernels import count_covered
 
     together = np.zeros((sequence.objects, sequence.followers))
     places = sequence.truths, sequence.tracks
