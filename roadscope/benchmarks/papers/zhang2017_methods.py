@@ -24,8 +24,7 @@ from roadscope.detectors.pose.body_fit import AS_DRAWN, CHANCES, BodyFit
 from roadscope.detectors.pose.body_kernels import Chances
 from roadscope.detectors.pose.body_model import BodyModel, saloon
 from roadscope.detectors.pose.estimate import VehiclePose
-from roadscope.detectors.pose.matched_filter import fit_single
-from roadscope.detectors.pose.multi_frame import fit_multi
+from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
 from roadscope.detectors.pose.ransac import fit_ransac
 from roadscope.detectors.pose.smoother import Smoother
 from roadscope.envs.world.ford_fusion import CORNER_RADII_M, LENGTH_M, WIDTH_M

@@ -3,8 +3,7 @@
 from roadscope.detectors.pose.body_fit import BodyFit
 from roadscope.detectors.pose.body_model import BodyModel, Storey, saloon
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
-from roadscope.detectors.pose.matched_filter import fit_single
-from roadscope.detectors.pose.multi_frame import fit_multi
+from roadscope.detectors.pose.matched_filter import fit_multi, fit_single
 from roadscope.detectors.pose.ransac import fit_ransac
 from roadscope.detectors.pose.smoother import Smoother
 
