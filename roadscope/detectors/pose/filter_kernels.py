@@ -34,7 +34,7 @@ class Frames(NamedTuple):
     from_reference: float
 
 
-class Filter(NamedTuple):
+class FilterSettings(NamedTuple):
     """Settings of the matched filter.
 
     bin_m: width of a bin. sigma_m: of the Gaussian that smooths the edges. alpha: penalty of a
@@ -101,7 +101,7 @@ def axis_response(
     line: Line,
     extent: float,
     share: float,
-    settings: Filter,
+    settings: FilterSettings,
     bins: int,
 ) -> np.ndarray:
     """Return the mean response (bins,) of returns (N, 2) to the template along one line.
@@ -176,7 +176,9 @@ def peak(response: np.ndarray, tie: float) -> float:
 
 
 @compiled()
-def pair_responses(frames: Frames, angle: float, settings: Filter) -> tuple[np.ndarray, np.ndarray]:
+def pair_responses(
+    frames: Frames, angle: float, settings: FilterSettings
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the responses along (F, K) and across (M,) of a line pair at an angle.
 
     Along the long axis each frame is placed from its own mean; across it all frames share one
@@ -201,14 +203,14 @@ def pair_responses(frames: Frames, angle: float, settings: Filter) -> tuple[np.n
 
 
 @compiled()
-def _bins(reach_m: float, settings: Filter) -> int:
+def _bins(reach_m: float, settings: FilterSettings) -> int:
     """Return how many bins hold all places of the body and the smoothed returns: an odd number."""
     half = math.ceil((reach_m + CUT_OFF_SD * settings.sigma_m) / settings.bin_m) + 3
     return 2 * half + 1
 
 
 @compiled()
-def free_scores(frames: Frames, angles: np.ndarray, settings: Filter) -> np.ndarray:
+def free_scores(frames: Frames, angles: np.ndarray, settings: FilterSettings) -> np.ndarray:
     """Return the scores (A,) of angles when each frame has its own best place along the body."""
     scores = np.empty(len(angles))
     for a in range(len(angles)):
@@ -220,7 +222,7 @@ def free_scores(frames: Frames, angles: np.ndarray, settings: Filter) -> np.ndar
 
 
 @compiled()
-def place_at(frames: Frames, angle: float, settings: Filter, tied: bool) -> Placement:
+def place_at(frames: Frames, angle: float, settings: FilterSettings, tied: bool) -> Placement:
     """Return the best placement at an angle.
 
     tied: one velocity moves all frames; otherwise each frame has its own place, and the velocity

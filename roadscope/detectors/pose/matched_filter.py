@@ -17,7 +17,7 @@ from roadscope.detectors.pose.estimate import (
     settled_origin,
     settled_points,
 )
-from roadscope.detectors.pose.filter_kernels import Filter, Frames, free_scores, place_at
+from roadscope.detectors.pose.filter_kernels import FilterSettings, Frames, free_scores, place_at
 
 Template = Literal["echo", "extent", "plateau"]
 POWERS: dict[Template, int] = {"echo": 2, "extent": 1, "plateau": 0}
@@ -141,7 +141,7 @@ def _centred(
     return centred, point
 
 
-def _best_angle(frames: Frames, settings: Filter, angles: _Angles, tied: bool) -> float:
+def _best_angle(frames: Frames, settings: FilterSettings, angles: _Angles, tied: bool) -> float:
     """Return the angle of the greatest score, between the steps of the search.
 
     Frames with places of their own score at least as much as tied frames. So an angle whose free
@@ -193,7 +193,7 @@ def settled_reading(
     step_deg: float = 1.0,
     search_deg: float = 180.0,
     template: Template = "echo",
-) -> tuple[Filter, _Angles]:
+) -> tuple[FilterSettings, _Angles]:
     """Return the filter for a body of known size and the angles to try, or refuse an option.
 
     A step that does not divide the search evenly is shortened.
@@ -209,7 +209,7 @@ def settled_reading(
         raise ValueError(f"step_deg must be above 0 and at most 10, got {step_deg!r}")
     if search_deg not in (90.0, 180.0):
         raise ValueError(f"search_deg must be 90 or 180, got {search_deg!r}")
-    settings = Filter(
+    settings = FilterSettings(
         float(bin_m),
         float(sigma_m),
         float(alpha),

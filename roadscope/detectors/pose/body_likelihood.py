@@ -1,0 +1,366 @@
+"""The likelihood of rays under bodies in motion, and by how much rays disagree with them.
+
+A body is a stack of upright parts with convex outlines. A ray that meets a part returns from its
+surface, with Gaussian noise; a ray that meets none brings no return of the body. Edges are soft
+by a few centimetres, because no body is exactly as drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.core.jit import compiled
+from roadscope.detectors.pose.body_model import (
+    OUTLINE_POINTS,
+    BodyShape,
+    Outlines,
+    fill_outlines,
+    new_outlines,
+)
+from roadscope.detectors.pose.body_rays import EMPTY, HIT, PASSED, ROUGHNESS_M, BodyRays
+
+SOFT_SD = 2.2
+"""A soft edge reaches so many standard deviations to either side."""
+NOISE_SD = 6.0
+"""Returns farther than so many standard deviations from a surface are none of it."""
+GRAZING_COSINE = 0.3
+"""Cosine of incidence where a ray meets a part only because its silhouette is soft."""
+FAINTEST = 0.01
+"""Least chance that a surface which did send a return sends enough light."""
+STEEP = 4
+"""How steeply surfaces fall silent where paints differ, see `Tolerance`."""
+AMPLE = 16.0
+"""How many times the light that is needed is as good as any more."""
+MOST_SURPRISE = 3.5
+"""Most that a ray that passed disagrees: one in 500 is lost on a body, or goes through a window."""
+EDGE_M = 0.006
+"""How exactly silhouettes are drawn, unless known better: with a harder edge a search feels no
+slope."""
+NO_PART = 100.0
+"""Disagreement of a return at a height where the body has no part."""
+HEIGHT_SLACK_M = 0.02
+"""A return may lie so far above or below the part that sent it."""
+
+
+class Tolerance(NamedTuple):
+    """What the likelihood assumes about errors.
+
+    edge_m, height_m: how exactly silhouettes and the heights of parts are as drawn.
+    rough_m: departure of surfaces from the drawn ones; it is in the rays' noise already.
+    outlier, outlier_m: share of returns that fit nothing, spread evenly over a depth.
+    lost, through: chance that a ray that meets the body brings nothing, or a return from behind.
+    steep: how alike its paints are; the light that a surface sends back, as a share of what is
+    needed, is taken to this power, so that it falls silent within about 1.8 / steep of the share.
+    """
+
+    edge_m: float
+    height_m: float
+    rough_m: float
+    outlier: float = 0.003
+    outlier_m: float = 10.0
+    lost: float = 0.004
+    through: float = 0.001
+    steep: int = STEEP
+
+
+ROUGHLY_DRAWN = Tolerance(edge_m=EDGE_M, height_m=0.012, rough_m=ROUGHNESS_M)
+"""Of a body that is only roughly as drawn, as real ones are."""
+EXACTLY_DRAWN = Tolerance(edge_m=0.0013, height_m=0.0025, rough_m=0.0, steep=32)
+"""Of a body that is exactly as drawn; samples need an edge of some width, and meet the posterior
+worse with a sharper one. It is of one paint, whose brightest return tells within 3 to 6 % how much
+light it sends back."""
+
+
+class Ray2D(NamedTuple):
+    """A ray in the frame of a body, seen from above.
+
+    x, y: of its start. dx, dy: of its unit direction. height: of the start above the road.
+    slope: rise per metre.
+    """
+
+    x: float
+    y: float
+    dx: float
+    dy: float
+    height: float
+    slope: float
+
+
+class Place(NamedTuple):
+    """Where a body is at a time: x, y, cosine and sine of the yaw, world frame; seconds."""
+
+    x: float
+    y: float
+    cosine: float
+    sine: float
+    time: float
+
+
+class Section(NamedTuple):
+    """Heights of bottom and top of a part above the road, metres."""
+
+    bottom: float
+    top: float
+
+
+class Meeting(NamedTuple):
+    """Where a ray meets a part.
+
+    depth: how far inside the silhouette the ray passes, negative outside. margin: how far from
+    bottom and top, inside, it meets the part, negative outside. distance: along the ray.
+    cosine: of incidence. All lengths in metres.
+    """
+
+    depth: float
+    margin: float
+    distance: float
+    cosine: float
+
+
+@compiled()
+def pose_after(state: np.ndarray, time: float) -> tuple[float, float, float]:
+    """Return x, y and yaw of a state (11,) after a time: constant turn rate and acceleration.
+
+    The path is taken along the chord, exact for a constant speed.
+    """
+    path = (state[3] + 0.5 * state[5] * time) * time
+    half = 0.5 * state[4] * time
+    chord = path * (1.0 - half * half / 6.0) if abs(half) < 1e-3 else path * math.sin(half) / half
+    heading = state[2] + half
+    x, y = state[0] + chord * math.cos(heading), state[1] + chord * math.sin(heading)
+    return x, y, heading + half
+
+
+@compiled()
+def meet(ray: Ray2D, outlines: Outlines, p: int, section: Section, edge_m: float) -> Meeting:
+    """Return where a ray meets a part.
+
+    edge_m: a ray that passes the silhouette by less than this meets the part where it is nearest.
+    """
+    x, y, inverse = outlines.x, outlines.y, outlines.inverse
+    left, right = -np.inf, -np.inf
+    for i in range(OUTLINE_POINTS):
+        aside = ray.dx * (y[p, i] - ray.y) - ray.dy * (x[p, i] - ray.x)
+        left, right = max(left, aside), max(right, -aside)
+    depth = min(left, right)
+    if depth < -edge_m:
+        return Meeting(depth, 0.0, -1.0, 0.0)
+    distance, far, cosine = 0.0, 0.0, GRAZING_COSINE
+    before_x, before_y = x[p, OUTLINE_POINTS - 1], y[p, OUTLINE_POINTS - 1]
+    before = ray.dx * (before_y - ray.y) - ray.dy * (before_x - ray.x)
+    for i in range(OUTLINE_POINTS):
+        aside = ray.dx * (y[p, i] - ray.y) - ray.dy * (x[p, i] - ray.x)
+        along = ray.dx * (x[p, i] - ray.x) + ray.dy * (y[p, i] - ray.y)
+        if depth <= 0.0:
+            if abs(aside) == -depth:
+                distance = along
+        elif (before > 0.0) != (aside > 0.0):
+            # The ray crosses the side between the last point and this one: out of the body, or in.
+            share = aside / (aside - before)
+            back_x, back_y = before_x - x[p, i], before_y - y[p, i]
+            along += share * (ray.dx * back_x + ray.dy * back_y)
+            if before > 0.0:
+                distance = along
+                cosine = (before - aside) * inverse[p, i - 1 if i > 0 else OUTLINE_POINTS - 1]
+            else:
+                far = along
+        before, before_x, before_y = aside, x[p, i], y[p, i]
+    height = ray.height + ray.slope * distance
+    margin = min(section.top - height, height - section.bottom)
+    # A ray that enters the outline above or below the part may meet its top or bottom.
+    if depth > 0.0 and margin < 0.0 and ray.slope != 0.0:
+        end, is_above = ray.height + ray.slope * far, height > section.top
+        inside = section.top - end if is_above else end - section.bottom
+        if inside > 0.0:
+            level = section.top if is_above else section.bottom
+            margin, distance = inside, (level - ray.height) / ray.slope
+    return Meeting(depth, margin, distance, cosine)
+
+
+@compiled()
+def surface_offset(
+    ray: Ray2D, reach: float, outlines: Outlines, p: int, sigma: float, edge_m: float
+) -> float:
+    """Return how far outside a part a return lies, in standard deviations, negative inside.
+
+    Of the sides that face the ray the farthest counts; of the others only one that the return
+    lies beyond. sigma: of the reach, metres.
+    """
+    x, y, inverse = outlines.x, outlines.y, outlines.inverse
+    px, py = ray.x + reach * ray.dx, ray.y + reach * ray.dy
+    facing, facing_cosine, beside, beside_cosine = -np.inf, 1.0, 0.0, 1.0
+    for i in range(OUTLINE_POINTS):
+        j = i + 1 if i + 1 < OUTLINE_POINTS else 0
+        nx, ny = (y[p, j] - y[p, i]) * inverse[p, i], (x[p, i] - x[p, j]) * inverse[p, i]
+        outside = nx * (px - x[p, i]) + ny * (py - y[p, i])
+        cosine = nx * ray.dx + ny * ray.dy
+        if cosine < 0.0:
+            if outside > facing:
+                facing, facing_cosine = outside, -cosine
+        elif outside > beside:
+            beside, beside_cosine = outside, cosine
+    if beside > max(facing, 0.0):
+        facing, facing_cosine = beside, beside_cosine
+    variance = (sigma * facing_cosine) ** 2 + edge_m**2 * (1.0 - facing_cosine**2)
+    return facing / math.sqrt(variance)
+
+
+@compiled()
+def soft_step(z: float) -> float:
+    """Return about the chance that a standard normal is below z; 0 and 1 beyond 2.2."""
+    share = min(max(z, -SOFT_SD), SOFT_SD) / (2.0 * SOFT_SD) + 0.5
+    return share * share * (3.0 - 2.0 * share)
+
+
+@compiled()
+def brightness(need: float, meeting: Meeting, steep: int) -> float:
+    """Return the chance that the surface where a ray meets a part sends enough light back."""
+    if need == 0.0:
+        return 1.0
+    ratio = max(min(meeting.cosine / (need * meeting.distance**2), AMPLE), 0.0) ** steep
+    return ratio / (1.0 + ratio)
+
+
+@compiled()
+def ray_likelihoods(
+    states: np.ndarray, shape: BodyShape, rays: BodyRays, tolerance: Tolerance
+) -> np.ndarray:
+    """Return the likelihood (K, M) of each ray under each state (K, 11).
+
+    It is the density of a return (per metre), or the chance of none.
+    """
+    count, parts = len(rays.slope), len(shape.sections)
+    likelihoods = np.empty((len(states), count))
+    outlines = new_outlines(parts)
+    distances, chances, bright = np.empty(parts), np.empty(parts), np.empty(parts)
+    edge, slack = SOFT_SD * tolerance.edge_m, SOFT_SD * tolerance.height_m
+    for k in range(len(states)):
+        fill_outlines(shape, states[k], outlines)
+        place = place_after(states, k, 0.0)
+        for m in range(count):
+            if rays.time[m] != place.time:
+                place = place_after(states, k, rays.time[m])
+            ray = ray_in_body(place, rays, m)
+            low, high = heights_at_body(ray, outlines, edge)
+            is_hit, reach, sigma = rays.kind[m] == HIT, rays.reach[m], rays.sigma[m]
+            need = 0.0 if rays.kind[m] == PASSED else rays.need[m]
+            met = 0
+            for p in range(parts):
+                section = Section(shape.sections[p, 0], shape.sections[p, 1])
+                if low > section.top + slack or high < section.bottom - slack:
+                    continue
+                meeting = meet(ray, outlines, p, section, edge)
+                chance = soft_step(meeting.depth / tolerance.edge_m)
+                chance *= soft_step(meeting.margin / tolerance.height_m)
+                if chance > 0.0 and meeting.distance > 0.0:
+                    distances[met], chances[met] = meeting.distance, chance
+                    bright[met] = brightness(need, meeting, tolerance.steep)
+                    met += 1
+            value, missed = (tolerance.outlier / tolerance.outlier_m, 0.0) if is_hit else (0.0, 1.0)
+            silent = tolerance.through if rays.kind[m] == PASSED else tolerance.lost
+            for i in range(met):
+                # The ray meets the nearest part with its chance, else the next one.
+                first = chances[i]
+                for j in range(met):
+                    if distances[j] < distances[i]:
+                        first *= 1.0 - chances[j]
+                z = (reach - distances[i]) / sigma
+                if not is_hit and distances[i] < reach:
+                    value += first * max(1.0 - bright[i], silent)
+                    missed *= 1.0 - chances[i]
+                elif is_hit and abs(z) < NOISE_SD:
+                    density = math.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sigma)
+                    value += first * (1.0 - tolerance.outlier) * density * max(bright[i], FAINTEST)
+            likelihoods[k, m] = value + missed
+    return likelihoods
+
+
+@compiled()
+def ray_misfits(
+    states: np.ndarray, shape: BodyShape, rays: BodyRays, slack_m: float, edge_m: float
+) -> np.ndarray:
+    """Return by how many standard deviations each ray disagrees with each state (K, 11): (K, M).
+
+    A return disagrees by its distance from the surface; a ray that passed, by its depth inside the
+    silhouette. slack_m: added to the noise of ranges and to the softness of silhouettes, edge_m.
+    """
+    count, parts = len(rays.slope), len(shape.sections)
+    misfits = np.zeros((len(states), count))
+    outlines, edge = new_outlines(parts), edge_m + slack_m
+    for k in range(len(states)):
+        fill_outlines(shape, states[k], outlines)
+        place = place_after(states, k, 0.0)
+        for m in range(count):
+            if rays.time[m] != place.time:
+                place = place_after(states, k, rays.time[m])
+            ray = ray_in_body(place, rays, m)
+            is_hit, reach, sigma = rays.kind[m] == HIT, rays.reach[m], rays.sigma[m]
+            low, high = heights_at_body(ray, outlines, 0.0)
+            if is_hit:
+                low = high = ray.height + ray.slope * reach
+                low, high = low - HEIGHT_SLACK_M, high + HEIGHT_SLACK_M
+            misfit = NO_PART if is_hit else 0.0
+            for p in range(parts):
+                section = Section(shape.sections[p, 0], shape.sections[p, 1])
+                if low > section.top or high < section.bottom:
+                    continue
+                if is_hit:
+                    off = surface_offset(ray, reach, outlines, p, math.hypot(sigma, slack_m), edge)
+                    misfit = off if abs(off) < abs(misfit) else misfit
+                    continue
+                meeting = meet(ray, outlines, p, section, 0.0)
+                depth = min(meeting.depth, meeting.margin) / edge
+                if depth > misfit and 0.0 < meeting.distance <= reach:
+                    misfit = max(misfit, min(depth, _most_surprise(rays, m, meeting)))
+            misfits[k, m] = misfit
+    return misfits
+
+
+@compiled()
+def _most_surprise(rays: BodyRays, m: int, meeting: Meeting) -> float:
+    """Return the greatest misfit of a ray that passed: less where a surface would be too dark."""
+    if rays.kind[m] != EMPTY or rays.need[m] == 0.0:
+        return MOST_SURPRISE
+    dark = max(1.0 - brightness(rays.need[m], meeting, STEEP), 1e-30)
+    return min(MOST_SURPRISE, math.sqrt(-2.0 * math.log(dark)))
+
+
+@compiled()
+def place_after(states: np.ndarray, k: int, time: float) -> Place:
+    """Return where the body of one of the states (K, 11) is after a time."""
+    x, y, yaw = pose_after(states[k], time)
+    return Place(x, y, math.cos(yaw), math.sin(yaw), time)
+
+
+@compiled()
+def ray_in_body(place: Place, rays: BodyRays, m: int) -> Ray2D:
+    """Return a ray in the frame of the body."""
+    x, y = rays.origin[m, 0] - place.x, rays.origin[m, 1] - place.y
+    dx, dy = rays.direction[m, 0], rays.direction[m, 1]
+    return Ray2D(
+        place.cosine * x + place.sine * y,
+        place.cosine * y - place.sine * x,
+        place.cosine * dx + place.sine * dy,
+        place.cosine * dy - place.sine * dx,
+        rays.origin[m, 2],
+        rays.slope[m],
+    )
+
+
+@compiled()
+def heights_at_body(ray: Ray2D, outlines: Outlines, edge_m: float) -> tuple[float, float]:
+    """Return the least and the greatest height of a ray over the rectangle around the body.
+
+    A ray that passes beside this rectangle, farther than an edge, has none: infinite and minus
+    infinite.
+    """
+    half_length, half_width = outlines.size
+    aside = abs(ray.dy) * half_length + abs(ray.dx) * half_width
+    if abs(ray.dx * ray.y - ray.dy * ray.x) > aside + edge_m:
+        return np.inf, -np.inf
+    middle = ray.height - ray.slope * (ray.dx * ray.x + ray.dy * ray.y)
+    rise = abs(ray.slope) * (abs(ray.dx) * half_length + abs(ray.dy) * half_width)
+    return middle - rise, middle + rise
