@@ -14,14 +14,14 @@ from roadscope.detectors.moving.links import Chain
 from roadscope.detectors.moving.view import View
 from roadscope.detectors.pose.body_fit import SPEED
 from roadscope.detectors.pose.body_model import VALUES, BodyModel, BodySection, saloon
-from roadscope.detectors.pose.body_rays import BodyScan, Returns, SensorMotion, body_scan_of
+from roadscope.detectors.pose.body_rays import BodyScan, body_scan
 from roadscope.detectors.pose.body_search import BodyProblem, descend, first_poses, prior_sd
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.detectors.shape.bodies import Body
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 BUDGET, COARSE_RAYS = 36, 30
-"""Returns of a vehicle beyond which neighbours are joined, and rays of the first search."""
+"""Returns of a vehicle beyond which some are left out, and rays of the first search."""
 COARSE_SLACKS_M, FINE_SLACKS_M = (0.25, 0.1, 0.04, 0.01), (0.06, 0.02, 0.005)
 """Added to the noise in the first search and in the last one, see `descend`."""
 AROUND = 4
@@ -52,12 +52,12 @@ class AnsweredScan:
     spec: LidarSpec | None
 
     @property
-    def motion(self) -> SensorMotion:
-        """The motion of the sensor in the drive's frame."""
+    def sensor_velocity(self) -> np.ndarray:
+        """(2,) metres per second in the drive's frame."""
         x_s, y_s, turn_s = self.view.twist.tolist()
-        drive, (x, y) = self.drive_from_ego.matrix, self.ego_from_lidar.matrix[:2, 3]
-        velocity = drive[:2, :2] @ np.array([x_s - turn_s * y, y_s + turn_s * x])
-        return SensorMotion(drive @ self.ego_from_lidar.matrix, velocity, turn_s)
+        x, y = self.ego_from_lidar.matrix[:2, 3]
+        velocity = np.array([x_s - turn_s * y, y_s + turn_s * x])
+        return np.asarray(self.drive_from_ego.matrix[:2, :2] @ velocity)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,14 +79,20 @@ def body_poses(
     """
     if answered.spec is None:
         return [None] * len(moving)
-    scan, motion = answered.scan, answered.motion
-    returns = Returns(scan.points, scan.ring, scan.column, scan.intensity)
     poses = []
     for (chain, at), body in zip(moving, bodies, strict=True):
-        target = np.zeros(len(scan), np.bool_)
+        target = np.zeros(len(answered.scan), np.bool_)
         target[chain.sightings[at].candidate.rows] = True
-        body_scan = body_scan_of(answered.spec, returns, target, motion, budget=BUDGET)
-        poses.append(likely_pose(body_scan, _model(body), course_of(chain)))
+        rays = body_scan(
+            answered.spec,
+            answered.scan,
+            target,
+            answered.drive_from_ego @ answered.ego_from_lidar,
+            sensor_velocity=answered.sensor_velocity,
+            sensor_turn=float(answered.view.twist[2]),
+            budget=BUDGET,
+        )
+        poses.append(likely_pose(rays, _model(body), course_of(chain)))
     return poses
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from roadscope.core import LidarScan, Pose
 from roadscope.detectors.pose.body_likelihood import ROUGHLY_DRAWN, Tolerance
 from roadscope.detectors.pose.body_model import GLASS, INDEX, VALUES, BodyModel
-from roadscope.detectors.pose.body_posterior import Posterior, guess_around, posterior
+from roadscope.detectors.pose.body_posterior import Posterior, posterior
 from roadscope.detectors.pose.body_rays import HIT, BodyRays, BodyScan, body_scan, checked_velocity
 from roadscope.detectors.pose.body_search import (
     SLACKS_M,
@@ -28,10 +28,10 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 POSE, SPEED, TURN_RATE = np.arange(3), INDEX["speed"], INDEX["turn_rate"]
 """Indices in a state, and in a vector where speed and turn rate are searched."""
-NEAR_SLACKS_M = (0.04, 0.02, 0.01, 0.0)
+NEAR_SLACKS_M = (0.04, 0.01, 0.0)
 """Added to the noise in the second search, see `descend`."""
-COARSE_RAYS = 60
-"""Rays of the first search."""
+COARSE_RAYS, FINE_RAYS = 60, 600
+"""Rays of the first and of the second search."""
 CLOSE = 15.0
 """How much more than the best of the first searches another may cost to be continued, too."""
 SAME_STEPS = 3.0
@@ -186,10 +186,11 @@ def likely_answers(
         return replace(found, costs=found.costs + state_cost(problem.states(found.vectors)))
 
     rough = descended(problem.thinned(coarse_rays), starts, slacks_m)
-    best = descended(problem, rough.vectors[_likely(rough, problem)], NEAR_SLACKS_M)
+    likely = rough.vectors[_likely(rough, problem)]
+    best = descended(problem.thinned(FINE_RAYS), likely, NEAR_SLACKS_M)
     answers = []
     for k in _likely(best, problem):
-        found = posterior(problem, guess_around(problem, best.vectors[k], best.covariances[k]))
+        found = posterior(problem, best.vectors[k], best.covariances[k])
         cost = float(state_cost(problem.states(found.mean[None]))[0])
         answers.append(Answer(found.evidence - 0.5 * cost, found))
     return answers
