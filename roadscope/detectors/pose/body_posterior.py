@@ -27,13 +27,13 @@ second value at so many standard deviations along each principal axis."""
 WORK, FEWEST, MOST = 24_000, 224, 640
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
-ROUNDS = 10
-"""Most rounds of sampling."""
+ROUNDS, SPLITS = 10, (0, 1, 4, 7)
+"""Most rounds of sampling, and in which of them the quadratic rays are chosen anew."""
 LOOSE, LOOSE_SD = 0.5, 4.0
 """How far off a search leaves the values of the shape, as a share of its steps, and at most in
 standard deviations: a corner's radius is bound from one side, which no quadratic form around its
 best value tells."""
-ENOUGH = 130.0
+ENOUGH = 80.0
 """Effective number of samples that gives mean and covariance."""
 
 
@@ -60,10 +60,11 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
     """
     known_sd = LOOSE_SD * np.sqrt(np.diag(covariance))
     loose = np.minimum(LOOSE * STEPS[problem.free], known_sd) * (problem.free >= MOTION)
-    mean, covariance = vector, 2.0 * covariance + np.diag(loose**2)
+    mean, covariance = vector, covariance + np.diag(loose**2)
     was_reached = False
     for turn in range(ROUNDS):
-        near = with_quadratic_rays(problem, mean, covariance)
+        if turn in SPLITS:
+            near = with_quadratic_rays(problem, mean, covariance)
         count = int(np.clip(WORK // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
         root = np.linalg.cholesky(WIDER * covariance)
         normals = normal_points(count, len(mean))[turn % SETS]

@@ -200,8 +200,8 @@ def _thinned(grid: _Grid, budget: int) -> _Grid:
     ends = np.ones(len(is_hit) + 4, np.bool_)
     ends[2:-2] = ~is_hit | (np.diff(grid.ring, prepend=-1) != 0)
     is_inside = ~(ends[:-4] | ends[1:-3] | ends[2:-2] | ends[3:-1] | ends[4:])
-    every = max(-(-int(is_inside.sum()) // budget), 1)
-    keep = ~is_inside | (np.cumsum(is_inside) % every == 0)
+    share = min(1.0, budget / max(int(is_inside.sum()), 1))
+    keep = ~is_inside | (np.diff(np.floor(share * np.cumsum(is_inside)), prepend=0.0) > 0)
     return _Grid(*(column[keep] for column in grid))
 
 

@@ -31,7 +31,7 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 
 SPEED_SD, ACCELERATION_SD = 30.0, 0.7
 """Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is measured."""
-BUDGET, LEAST_BUDGET = 1400, 400
+BUDGET, LEAST_BUDGET = 2100, 340
 """Returns of all scans of a window, and of one, above which neighbours are joined: with fewer of
 one scan, beams of a near vehicle would be left out."""
 COARSE_RAYS = 200
