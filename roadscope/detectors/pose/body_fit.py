@@ -105,7 +105,7 @@ class BodyFit:
                 is_sure = speed > 3.0 * VELOCITY_SD
                 course = Course(math.atan2(y, x), ALONG if is_sure else QUARTER_TURN)
             course = course._replace(speed=speed if rolling else None)
-        sighting = body_scan(
+        body = body_scan(
             self.spec,
             scan,
             target,
@@ -114,10 +114,10 @@ class BodyFit:
             rolling=rolling,
             rough_m=self.tolerance.rough_m,
         )
-        if sighting.returns == 0:
+        if body.returns == 0:
             return None
-        sighting = replace(sighting, rays=glazed(self.model, sighting.rays))
-        problem, answers = fit_body_scan(sighting, self.model, self.tolerance, course)
+        body = replace(body, rays=glazed(self.model, body.rays))
+        problem, answers = fit_body_scan(body, self.model, self.tolerance, course)
         return pose_of(answers, problem)
 
 
@@ -137,7 +137,7 @@ def glazed(model: BodyModel, rays: BodyRays) -> BodyRays:
 
 
 def fit_body_scan(
-    sighting: BodyScan, model: BodyModel, tolerance: Tolerance, course: Course | None
+    body: BodyScan, model: BodyModel, tolerance: Tolerance, course: Course | None
 ) -> tuple[BodyProblem, list[Answer]]:
     """Return the problem of one scan and its likely answers."""
     speed, velocity, centre = None, np.zeros(2), np.zeros(VALUES)
@@ -147,11 +147,11 @@ def fit_body_scan(
     motion = POSE if speed is None else np.arange(TURN_RATE + 1)
     free = np.concatenate([motion, model.uncertain])
     sd = prior_sd(speed=VELOCITY_SD, turn_rate=TURN_SD)
-    problem = BodyProblem(sighting.rays, model, free, tolerance, centre=centre, sd=sd)
-    poses = first_poses(sighting.rays.points(velocity), sighting.origin, model, cut=sighting.cut)
+    problem = BodyProblem(body.rays, model, free, tolerance, centre=centre, sd=sd)
+    poses = first_poses(body.rays.points(velocity), body.origin, model, cut=body.cut)
     starts = np.tile(centre[free], (len(poses), 1))
     starts[:, POSE] = poses
-    if sighting.cut and speed is not None:
+    if body.cut and speed is not None:
         # A body that is measured when a sweep begins and again when it ends has moved on; whether
         # it turned to the right, not, or to the left is a question with several answers.
         starts = np.repeat(starts, 3, axis=0)

@@ -99,13 +99,6 @@ class Place(NamedTuple):
     time: float
 
 
-class Section(NamedTuple):
-    """Heights of bottom and top of a part above the road, metres."""
-
-    bottom: float
-    top: float
-
-
 class Meeting(NamedTuple):
     """Where a ray meets a part.
 
@@ -135,7 +128,9 @@ def pose_after(state: np.ndarray, time: float) -> tuple[float, float, float]:
 
 
 @compiled()
-def meet(ray: Ray2D, outlines: Outlines, p: int, section: Section, edge_m: float) -> Meeting:
+def meet(
+    ray: Ray2D, outlines: Outlines, p: int, bottom: float, top: float, edge_m: float
+) -> Meeting:
     """Return where a ray meets a part.
 
     edge_m: a ray that passes the silhouette by less than this meets the part where it is nearest.
@@ -169,43 +164,15 @@ def meet(ray: Ray2D, outlines: Outlines, p: int, section: Section, edge_m: float
                 far = along
         before, before_x, before_y = aside, x[p, i], y[p, i]
     height = ray.height + ray.slope * distance
-    margin = min(section.top - height, height - section.bottom)
+    margin = min(top - height, height - bottom)
     # A ray that enters the outline above or below the part may meet its top or bottom.
     if depth > 0.0 and margin < 0.0 and ray.slope != 0.0:
-        end, is_above = ray.height + ray.slope * far, height > section.top
-        inside = section.top - end if is_above else end - section.bottom
+        end, is_above = ray.height + ray.slope * far, height > top
+        inside = top - end if is_above else end - bottom
         if inside > 0.0:
-            level = section.top if is_above else section.bottom
+            level = top if is_above else bottom
             margin, distance = inside, (level - ray.height) / ray.slope
     return Meeting(depth, margin, distance, cosine)
-
-
-@compiled()
-def surface_offset(
-    ray: Ray2D, reach: float, outlines: Outlines, p: int, sigma: float, edge_m: float
-) -> float:
-    """Return how far outside a part a return lies, in standard deviations, negative inside.
-
-    Of the sides that face the ray the farthest counts; of the others only one that the return
-    lies beyond. sigma: of the reach, metres.
-    """
-    x, y, inverse = outlines.x, outlines.y, outlines.inverse
-    px, py = ray.x + reach * ray.dx, ray.y + reach * ray.dy
-    facing, facing_cosine, beside, beside_cosine = -np.inf, 1.0, 0.0, 1.0
-    for i in range(OUTLINE_POINTS):
-        j = i + 1 if i + 1 < OUTLINE_POINTS else 0
-        nx, ny = (y[p, j] - y[p, i]) * inverse[p, i], (x[p, i] - x[p, j]) * inverse[p, i]
-        outside = nx * (px - x[p, i]) + ny * (py - y[p, i])
-        cosine = nx * ray.dx + ny * ray.dy
-        if cosine < 0.0:
-            if outside > facing:
-                facing, facing_cosine = outside, -cosine
-        elif outside > beside:
-            beside, beside_cosine = outside, cosine
-    if beside > max(facing, 0.0):
-        facing, facing_cosine = beside, beside_cosine
-    variance = (sigma * facing_cosine) ** 2 + edge_m**2 * (1.0 - facing_cosine**2)
-    return facing / math.sqrt(variance)
 
 
 @compiled()
@@ -249,10 +216,10 @@ def ray_likelihoods(
             need = 0.0 if rays.kind[m] == PASSED else rays.need[m]
             met = 0
             for p in range(parts):
-                section = Section(shape.sections[p, 0], shape.sections[p, 1])
-                if low > section.top + slack or high < section.bottom - slack:
+                bottom, top = shape.sections[p, 0], shape.sections[p, 1]
+                if low > top + slack or high < bottom - slack:
                     continue
-                meeting = meet(ray, outlines, p, section, edge)
+                meeting = meet(ray, outlines, p, bottom, top, edge)
                 chance = soft_step(meeting.depth / tolerance.edge_m)
                 chance *= soft_step(meeting.margin / tolerance.height_m)
                 if chance > 0.0 and meeting.distance > 0.0:
@@ -297,26 +264,36 @@ def ray_misfits(
             if rays.time[m] != place.time:
                 place = place_after(states, k, rays.time[m])
             ray = ray_in_body(place, rays, m)
-            is_hit, reach, sigma = rays.kind[m] == HIT, rays.reach[m], rays.sigma[m]
+            is_hit, reach = rays.kind[m] == HIT, rays.reach[m]
+            sigma = math.hypot(rays.sigma[m], slack_m)
             low, high = heights_at_body(ray, outlines, 0.0)
             if is_hit:
-                low = high = ray.height + ray.slope * reach
-                low, high = low - HEIGHT_SLACK_M, high + HEIGHT_SLACK_M
+                height = ray.height + ray.slope * reach
+                low, high = height - HEIGHT_SLACK_M, height + HEIGHT_SLACK_M
             misfit = NO_PART if is_hit else 0.0
             for p in range(parts):
-                section = Section(shape.sections[p, 0], shape.sections[p, 1])
-                if low > section.top or high < section.bottom:
+                bottom, top = shape.sections[p, 0], shape.sections[p, 1]
+                if low > top or high < bottom:
                     continue
+                meeting = meet(ray, outlines, p, bottom, top, np.inf if is_hit else 0.0)
                 if is_hit:
-                    off = surface_offset(ray, reach, outlines, p, math.hypot(sigma, slack_m), edge)
+                    off = _return_misfit(reach, meeting, sigma, edge)
                     misfit = off if abs(off) < abs(misfit) else misfit
                     continue
-                meeting = meet(ray, outlines, p, section, 0.0)
                 depth = min(meeting.depth, meeting.margin) / edge
                 if depth > misfit and 0.0 < meeting.distance <= reach:
                     misfit = max(misfit, min(depth, _most_surprise(rays, m, meeting)))
             misfits[k, m] = misfit
     return misfits
+
+
+@compiled()
+def _return_misfit(reach: float, meeting: Meeting, sigma: float, edge_m: float) -> float:
+    """Return the misfit of a return: of its reach or, beside the silhouette, of its place too."""
+    off, cosine = meeting.distance - reach, meeting.cosine
+    if meeting.depth > 0.0:
+        return off * cosine / math.sqrt((sigma * cosine) ** 2 + edge_m**2 * (1.0 - cosine**2))
+    return math.hypot(meeting.depth / edge_m, off / sigma)
 
 
 @compiled()

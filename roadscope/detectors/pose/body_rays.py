@@ -22,6 +22,8 @@ LEAST_BRIGHTNESS = 0.05
 """Intensity of the darkest body."""
 SEAM_COLUMNS = 3
 """Columns at either end of a sweep: a body there may have been measured in part."""
+SEAM_S = 0.05
+"""Time within which a sweep measures a body, unless the seam of the sweep goes through it."""
 
 
 class BodyRays(NamedTuple):
@@ -84,6 +86,12 @@ class BodyScan:
     def times(self) -> np.ndarray:
         """(N,) when the returns of the body were measured, seconds from the stamp."""
         return self.rays.time[self.rays.kind == HIT]
+
+    @property
+    def is_split(self) -> bool:
+        """Whether the body was measured when the sweep began and again when it ended."""
+        times = self.times
+        return bool(np.ptp(times) > SEAM_S) if len(times) else False
 
 
 def body_scan(

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.detectors.pose.body_fit import (
-    POSE,
     SPEED,
     TURN_RATE,
     TURN_SD,
-    WRONG_HEADING,
     Answer,
     glazed,
     likely_answers,
@@ -32,8 +30,7 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 SPEED_SD, ACCELERATION_SD = 30.0, 0.7
 """Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is measured."""
 BUDGET, LEAST_BUDGET = 2100, 340
-"""Returns of all scans of a window, and of one, above which neighbours are joined: with fewer of
-one scan, beams of a near vehicle would be left out."""
+"""Returns of all scans of a window, and of one, beyond which some are left out."""
 COARSE_RAYS = 200
 """Rays of the first search in a window."""
 NEAR_SLACKS_M = (0.06, 0.02)
@@ -43,19 +40,13 @@ LONG = 3
 FITTING_SD = 2.0
 """Standard deviations of the cost, above its mean, up to which an answer from the last one is
 taken to be right."""
-WORSE = 1.1
-"""By how much the cost of a return must grow for another search, after one that gained nothing."""
 ENOUGH_RETURNS = 3
 """Returns from which a scan alone gives a good first guess."""
 TURN_RATES = (-2 * TURN_SD, 0.0, 2 * TURN_SD)
 """Turn rates of first guesses, rad/s."""
-SEAM_S = 0.05
-"""Time within which a sweep measures a body, unless the seam of the sweep goes through it."""
 SLOW_M_S, BACKWARD_SD = 1.0, 0.3
 """Speed up to which the looks of a vehicle must tell which way round it is, not its motion; and
 standard deviation, m/s, of the speed of what goes backwards."""
-ANCHOR_M = 0.5
-"""Path that tells the direction of motion."""
 
 
 class _Scan(NamedTuple):
@@ -74,22 +65,12 @@ class _Last(NamedTuple):
     state: np.ndarray
 
 
-@dataclass(frozen=True, slots=True)
-class WindowScan:
-    """One scan of the window: its stamp, its rays, and where the sensor was, x, y, yaw."""
+class _WindowScan(NamedTuple):
+    """One scan of the window: its stamp, what it says, and where the sensor was, x, y, yaw."""
 
     stamp_s: float
-    sighting: BodyScan
+    body: BodyScan
     sensor_pose: np.ndarray
-
-    @property
-    def is_split(self) -> bool:
-        """Whether the body was measured when the sweep began and again when it ended.
-
-        A fast one is elsewhere by then, and no single pose fits both.
-        """
-        times = self.sighting.times
-        return bool(np.ptp(times) > SEAM_S) if len(times) else False
 
 
 class Smoother:
@@ -124,12 +105,9 @@ class Smoother:
 
     def reset(self) -> None:
         """Forget every scan."""
-        self._window: deque[WindowScan] = deque(maxlen=self._frames)
+        self._window: deque[_WindowScan] = deque(maxlen=self._frames)
         self._first: _Scan | None = None
         self._last: _Last | None = None
-        self._anchor: tuple[float, np.ndarray] | None = None
-        self._velocity: np.ndarray | None = None
-        self._settled_cost = 0.0
 
     def update(
         self, scan: LidarScan, target: np.ndarray, world_from_lidar: Pose, *, rolling: bool = True
@@ -152,10 +130,10 @@ class Smoother:
         if self._first is not None and rolling:
             # Only now is known how the sensor moved while it took its first scan.
             first = self._body_scan(self._first, twist)
-            self._window[0] = replace(self._window[0], sighting=first)
+            self._window[0] = self._window[0]._replace(body=first)
         new = _Scan(scan, target, world_from_lidar, rolling)
         self._first = None if self._window else new
-        self._window.append(WindowScan(scan.stamp_s, self._body_scan(new, twist), sensor_pose))
+        self._window.append(_WindowScan(scan.stamp_s, self._body_scan(new, twist), sensor_pose))
         return self._pose(len(self._window) - 1 - self._lag)
 
     def flush(self) -> list[VehiclePose | None]:
@@ -165,7 +143,7 @@ class Smoother:
 
     def _body_scan(self, scan: _Scan, twist: np.ndarray) -> BodyScan:
         """Return what a scan says; twist: (3,) of the sensor, m/s and rad/s, world frame."""
-        sighting = body_scan(
+        body = body_scan(
             self._spec,
             scan.scan,
             scan.target,
@@ -176,7 +154,7 @@ class Smoother:
             budget=max(BUDGET // self._frames, LEAST_BUDGET),
             rough_m=self._tolerance.rough_m,
         )
-        return replace(sighting, rays=glazed(self._model, sighting.rays))
+        return replace(body, rays=glazed(self._model, body.rays))
 
     def _pose(self, at: int) -> VehiclePose | None:
         """Return the pose of one scan of the window from all of them."""
@@ -186,36 +164,29 @@ class Smoother:
         problem, answers = self._problem(stamp_s), []
         if self._last is not None:
             slacks_m = NEAR_SLACKS_M if len(self._window) >= LONG else SLACKS_M
-            start = _moved(self._last, stamp_s)[problem.free]
-            answers = self._answers(problem, _both_ways(start[None]), slacks_m)
-        if not answers or self._cost(problem, answers) > self._bound(problem):
+            starts = _both_ways(_moved(self._last, stamp_s)[None])[:, problem.free]
+            answers = self._answers(problem, starts, slacks_m)
+        # Squares of as many returns have this mean and standard deviation.
+        bound = problem.hits + FITTING_SD * np.sqrt(2 * problem.hits)
+        if not answers or problem.cost(_best(answers).mean) > bound:
             starts = self._guesses(problem, stamp_s)
-            if len(starts):
-                answers += self._answers(problem, starts, SLACKS_M)
-                self._settled_cost = self._cost(problem, answers) / problem.hits
+            answers += self._answers(problem, starts, SLACKS_M) if len(starts) else []
         if not answers:
             return None
-        mean = _best(answers).mean
-        self._last = _Last(stamp_s, problem.states(mean[None])[0])
-        self._note_motion(stamp_s, mean[:2])
+        self._last = _Last(stamp_s, problem.states(_best(answers).mean[None])[0])
         return pose_of(answers, problem)
 
     def _problem(self, stamp_s: float) -> BodyProblem:
         """Return the problem of the whole window, the reference time being a stamp."""
         rays = [
-            scan.sighting.rays._replace(time=scan.sighting.rays.time + (scan.stamp_s - stamp_s))
+            scan.body.rays._replace(time=scan.body.rays.time + (scan.stamp_s - stamp_s))
             for scan in self._window
         ]
-        motion, fixed = np.arange(MOTION), np.zeros(VALUES)
-        if len(self._window) == 1:
-            motion = POSE
-            fixed[SPEED] = 0.0 if self._velocity is None else np.hypot(*self._velocity)
         return BodyProblem(
             BodyRays(*(np.concatenate(columns) for columns in zip(*rays, strict=True))),
             self._model,
-            np.concatenate([motion, self._model.uncertain]),
+            np.concatenate([np.arange(MOTION), self._model.uncertain]),
             self._tolerance,
-            fixed,
             sd=prior_sd(speed=SPEED_SD, turn_rate=TURN_SD, acceleration=ACCELERATION_SD),
         )
 
@@ -223,24 +194,8 @@ class Smoother:
         self, problem: BodyProblem, starts: np.ndarray, slacks_m: tuple[float, ...]
     ) -> list[Answer]:
         return likely_answers(
-            problem, starts, self._state_cost, slacks_m=slacks_m, coarse_rays=COARSE_RAYS
+            problem, starts, _backward_cost, slacks_m=slacks_m, coarse_rays=COARSE_RAYS
         )
-
-    def _state_cost(self, states: np.ndarray) -> np.ndarray:
-        """Return what it costs (K,) to go backwards: vehicles rarely do."""
-        if self._velocity is not None and len(self._window) == 1:
-            headings = np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=1)
-            return np.asarray(WRONG_HEADING * (headings @ self._velocity < 0))
-        return np.asarray((np.minimum(states[:, SPEED], 0.0) / BACKWARD_SD) ** 2)
-
-    @staticmethod
-    def _cost(problem: BodyProblem, answers: list[Answer]) -> float:
-        return float(problem.cost(_best(answers).mean))
-
-    def _bound(self, problem: BodyProblem) -> float:
-        """Return the cost up to which an answer from the last one is taken to be right."""
-        hits = problem.hits
-        return max(hits + FITTING_SD * np.sqrt(2 * hits), WORSE * self._settled_cost * hits)
 
     def _guesses(self, problem: BodyProblem, stamp_s: float) -> np.ndarray:
         """Return vectors (S, D) to search from, the last answer being left aside.
@@ -248,15 +203,15 @@ class Smoother:
         The scan nearest to the stamp gives the pose, the returns' means give the velocity, and
         the turn rate is tried.
         """
-        filled = [scan for scan in self._window if scan.sighting.returns]
-        usable = [scan for scan in filled if scan.sighting.returns >= ENOUGH_RETURNS] or filled
+        filled = [scan for scan in self._window if scan.body.returns]
+        usable = [scan for scan in filled if scan.body.returns >= ENOUGH_RETURNS] or filled
         if not usable:
             return np.empty((0, len(problem.free)))
-        scan = min(usable, key=lambda scan: (scan.is_split, abs(scan.stamp_s - stamp_s)))
-        sighting, states = scan.sighting, []
+        scan = min(usable, key=lambda scan: (scan.body.is_split, abs(scan.stamp_s - stamp_s)))
+        body, states = scan.body, []
         for velocity in _velocities(filled):
-            points = sighting.rays.points(velocity)
-            for pose in first_poses(points, sighting.origin, self._model, cut=sighting.cut):
+            points = body.rays.points(velocity)
+            for pose in first_poses(points, body.origin, self._model, cut=body.cut):
                 state = np.zeros(VALUES)
                 state[:3] = pose
                 state[:2] += velocity * (stamp_s - scan.stamp_s)
@@ -265,14 +220,6 @@ class Smoother:
                     state[TURN_RATE] = turn_rate
                     states.append(state[problem.free])
         return np.array(states)
-
-    def _note_motion(self, stamp_s: float, place: np.ndarray) -> None:
-        """Remember how the vehicle moves: one scan tells neither speed nor front from rear."""
-        if self._anchor is None:
-            self._anchor = stamp_s, place
-        before_s, start = self._anchor
-        if np.hypot(*(place - start)) > ANCHOR_M:
-            self._anchor, self._velocity = (stamp_s, place), (place - start) / (stamp_s - before_s)
 
 
 def _best(answers: list[Answer]) -> Posterior:
@@ -287,17 +234,20 @@ def _moved(last: _Last, stamp_s: float) -> np.ndarray:
     return state
 
 
-def _both_ways(starts: np.ndarray) -> np.ndarray:
-    """Return vectors (S, D) and, of vehicles that hardly move, their mirror images too."""
-    if starts.shape[1] <= MOTION - 1:
-        return starts
-    slow = starts[np.abs(starts[:, SPEED]) < SLOW_M_S].copy()
+def _both_ways(states: np.ndarray) -> np.ndarray:
+    """Return states (S, 11) and, of vehicles that hardly move, their mirror images too."""
+    slow = states[np.abs(states[:, SPEED]) < SLOW_M_S].copy()
     slow[:, 2] += np.pi
     slow[:, [SPEED, INDEX["acceleration"]]] *= -1
-    return np.concatenate([starts, slow])
+    return np.concatenate([states, slow])
 
 
-def _velocities(scans: Sequence[WindowScan]) -> list[np.ndarray]:
+def _backward_cost(states: np.ndarray) -> np.ndarray:
+    """Return what it costs (K,) states (K, 11) to go backwards: vehicles rarely do."""
+    return np.asarray((np.minimum(states[:, SPEED], 0.0) / BACKWARD_SD) ** 2)
+
+
+def _velocities(scans: Sequence[_WindowScan]) -> list[np.ndarray]:
     """Return velocities (2,) that the returns' means may have, each half of a sweep for itself.
 
     From half to half and, of several scans, from each half to its like: the halves of a sweep
@@ -305,8 +255,8 @@ def _velocities(scans: Sequence[WindowScan]) -> list[np.ndarray]:
     """
     halves: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     for scan in scans:
-        times, points = scan.sighting.times, scan.sighting.points
-        is_early = times < times.mean() if scan.is_split else np.ones(len(times), bool)
+        times, points = scan.body.times, scan.body.points
+        is_early = times < times.mean() if scan.body.is_split else np.ones(len(times), bool)
         for rows, half in zip(halves, (is_early, ~is_early), strict=True):
             if half.any():
                 mean = points[half].mean(axis=0)
@@ -314,7 +264,7 @@ def _velocities(scans: Sequence[WindowScan]) -> list[np.ndarray]:
     alike = np.concatenate([np.array(rows) - np.mean(rows, axis=0) for rows in halves if rows])
     every = np.concatenate([np.array(rows) for rows in halves if rows])
     velocities = []
-    for off in (alike, every - every.mean(axis=0))[: 1 + any(scan.is_split for scan in scans)]:
+    for off in (alike, every - every.mean(axis=0))[: 1 + any(scan.body.is_split for scan in scans)]:
         spread = off[:, 0] @ off[:, 0]
         if spread > 0:
             velocities.append(off[:, 0] @ off[:, 1:] / spread)
