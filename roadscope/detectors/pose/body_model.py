@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from roadscope.core.checks import require
 from roadscope.core.jit import compiled
 
 MOST_SECTIONS = 8
@@ -24,32 +25,16 @@ GLASS = 6.0
 reflect 4 % each (Fresnel), light paint half of the light."""
 
 
-class State(NamedTuple):
-    """The values of a body in motion: at a reference time, then the motion, then the shape.
-
-    x, y: of the centre, metres, world frame. yaw: radians. speed: m/s along the heading.
-    turn_rate: rad/s. acceleration: m/s2 along the heading. length to tail: standard normal
-    unknowns of length, width, corner radius and of the set-backs of nose and tail.
-    """
-
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-    speed: float = 0.0
-    turn_rate: float = 0.0
-    acceleration: float = 0.0
-    length: float = 0.0
-    width: float = 0.0
-    radius: float = 0.0
-    nose: float = 0.0
-    tail: float = 0.0
-
-
-VALUES = len(State._fields)
-INDEX = dict(zip(State._fields, range(VALUES), strict=True))
-"""Places of the values of a state in an array."""
-MOTION = INDEX["length"]
-"""How many values describe the motion; those of the shape follow."""
+STATE = (
+    *("x", "y", "yaw", "speed", "turn_rate", "acceleration"),
+    *("length", "width", "radius", "nose", "tail"),
+)
+"""The values of a body in motion. At a reference time, world frame: x, y of the centre, yaw, speed
+and acceleration along the heading, turn rate; metres, radians, seconds. Then standard normal
+unknowns of its shape: length, width, corner radius, set-backs of nose and tail."""
+INDEX = {name: index for index, name in enumerate(STATE)}
+VALUES, MOTION = len(STATE), INDEX["length"]
+"""How many values there are, and how many of them describe the motion."""
 
 
 class BodySection(NamedTuple):
@@ -124,22 +109,17 @@ class BodyModel:
     def __post_init__(self) -> None:
         for name in ("length_m", "width_m"):
             size = getattr(self, name)
-            if not (np.shape(size) == (2,) and 0 < size[0] < np.inf and 0 <= size[1] < size[0] / 2):
-                raise ValueError(
-                    f"{name} must be (mean, standard deviation) in metres, the mean positive and "
-                    f"more than twice the deviation, got {size}"
-                )
-        least, most = self.radius_m
-        if not 0 <= least <= most < self.width_m[0] / 2:
-            raise ValueError(
-                f"radius_m must be (least, greatest) from 0 to half the width, got {self.radius_m}"
-            )
-        if not 0 <= self.drawn_m < np.inf:
-            raise ValueError(f"drawn_m must be zero or more metres, got {self.drawn_m}")
-        if self.glass_m is not None and not 0 <= self.glass_m[0] < self.glass_m[1]:
-            raise ValueError(f"glass_m must be (from, up to) in metres, got {self.glass_m}")
-        if not 1 <= len(self.sections) <= MOST_SECTIONS:
-            raise ValueError(f"a body has 1 to {MOST_SECTIONS} sections, got {len(self.sections)}")
+            is_size = np.shape(size) == (2,) and 0 < size[0] < np.inf and 0 <= size[1] < size[0] / 2
+            expected = "(mean, standard deviation) in metres, the mean above twice the deviation"
+            require(is_size, self, name, expected, size)
+        fits = 0 <= self.radius_m[0] <= self.radius_m[1] < self.width_m[0] / 2
+        expected = "(least, greatest) from 0 to half the width"
+        require(fits, self, "radius_m", expected, self.radius_m)
+        require(0 <= self.drawn_m < np.inf, self, "drawn_m", "zero or more metres", self.drawn_m)
+        low, high = self.glass_m or (0.0, 1.0)
+        require(0 <= low < high, self, "glass_m", "(from, up to) in metres", self.glass_m)
+        count, expected = len(self.sections), f"1 to {MOST_SECTIONS} sections"
+        require(1 <= count <= MOST_SECTIONS, self, "sections", expected, count)
 
     @cached_property
     def shape(self) -> BodyShape:
@@ -161,12 +141,9 @@ class BodyModel:
 
     def sizes(self, state: np.ndarray) -> tuple[float, float]:
         """Return length and width in metres of a state (11,)."""
-        sizes = []
-        for (mean, sd), unknown in zip(
-            (self.length_m, self.width_m), state[MOTION : MOTION + 2], strict=True
-        ):
-            sizes.append(max(mean + sd * float(unknown), LEAST_SHARE * mean))
-        return sizes[0], sizes[1]
+        means, sds = np.transpose([self.length_m, self.width_m])
+        sizes = np.maximum(means + sds * state[MOTION : MOTION + 2], LEAST_SHARE * means)
+        return float(sizes[0]), float(sizes[1])
 
     def parts(self, state: np.ndarray) -> list[BodyPart]:
         """Return the sections of the body of a state (11,)."""

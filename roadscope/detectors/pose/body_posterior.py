@@ -27,14 +27,16 @@ second value at so many standard deviations along each principal axis."""
 WORK, FEWEST, MOST = 24_000, 224, 640
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
-ROUNDS, SPLITS = 10, (0, 1, 4, 7)
-"""Most rounds of sampling, and in which of them the quadratic rays are chosen anew."""
+ROUNDS, UNBOUND_ROUNDS, SPLITS = 10, 6, (0, 1, 4, 7)
+"""Most rounds of sampling, of a posterior without bounds too, and in which rounds the quadratic
+rays are chosen anew."""
 LOOSE, LOOSE_SD = 0.5, 4.0
 """How far off a search leaves the values of the shape, as a share of its steps, and at most in
 standard deviations: a corner's radius is bound from one side, which no quadratic form around its
 best value tells."""
-ENOUGH = 80.0
-"""Effective number of samples that gives mean and covariance."""
+SETTLED = 0.6
+"""Samples that count, as a share of those that would if the posterior were normal and known, from
+which the estimate is settled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +63,10 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
     known_sd = LOOSE_SD * np.sqrt(np.diag(covariance))
     loose = np.minimum(LOOSE * STEPS[problem.free], known_sd) * (problem.free >= MOTION)
     mean, covariance = vector, covariance + np.diag(loose**2)
-    was_reached = False
-    for turn in range(ROUNDS):
+    # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
+    of_normal = (2.0 / WIDER - WIDER**-2.0) ** (0.5 * len(mean))
+    is_bound, was_reached = problem.hits >= len(mean), False
+    for turn in range(ROUNDS if is_bound else UNBOUND_ROUNDS):
         if turn in SPLITS:
             near = with_quadratic_rays(problem, mean, covariance)
         count = int(np.clip(WORK // max(len(near.rays.slope), 1), FEWEST, MOST)) // 32 * 32
@@ -80,9 +84,12 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
         # A little of the proposal is mixed in where few samples count: it must not collapse.
         share = 0.02 * min(0.5, len(mean) / effective / 4)
         covariance = (off.T * weights) @ off + share * (root @ root.T)
-        if was_reached and power == 1.0 and effective > ENOUGH:
+        if was_reached and power == 1.0 and effective > SETTLED * of_normal * count:
             break
         was_reached = power == 1.0
+    if not is_bound and power < 1.0:
+        # Their mean says no more than how far they have come.
+        covariance, mean = covariance + np.outer(mean - vector, mean - vector), vector
     # What so few evenly spread samples add to the errors, compared with 20 times as many.
     covariance = covariance * (effective + 1.0) / max(effective - 1.0, 1.0)
     return Posterior(mean, covariance, float(evidence), bool(power == 1.0))

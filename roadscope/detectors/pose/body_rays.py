@@ -78,11 +78,6 @@ class BodyScan:
     cut: bool
 
     @property
-    def points(self) -> np.ndarray:
-        """(N, 2) returns of the body seen from above, metres, world frame."""
-        return self.rays.points(np.zeros(2))
-
-    @property
     def times(self) -> np.ndarray:
         """(N,) when the returns of the body were measured, seconds from the stamp."""
         return self.rays.time[self.rays.kind == HIT]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,6 @@ import numpy as np
 from roadscope.core import LidarScan, Pose, wrap_angle
 from roadscope.detectors.pose.body_fit import (
     SPEED,
-    TURN_RATE,
     TURN_SD,
     Answer,
     glazed,
@@ -27,6 +27,7 @@ from roadscope.detectors.pose.body_search import SLACKS_M, BodyProblem, first_po
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
+ACCELERATION = INDEX["acceleration"]
 SPEED_SD, ACCELERATION_SD = 30.0, 0.7
 """Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is measured."""
 BUDGET, LEAST_BUDGET = 2100, 340
@@ -40,6 +41,8 @@ LONG = 3
 FITTING_SD = 2.0
 """Standard deviations of the cost, above its mean, up to which an answer from the last one is
 taken to be right."""
+WORSE = 1.1
+"""By how much the cost must grow for another search with new guesses, after one."""
 ENOUGH_RETURNS = 3
 """Returns from which a scan alone gives a good first guess."""
 TURN_RATES = (-2 * TURN_SD, 0.0, 2 * TURN_SD)
@@ -108,6 +111,7 @@ class Smoother:
         self._window: deque[_WindowScan] = deque(maxlen=self._frames)
         self._first: _Scan | None = None
         self._last: _Last | None = None
+        self._guessed_cost = 0.0
 
     def update(
         self, scan: LidarScan, target: np.ndarray, world_from_lidar: Pose, *, rolling: bool = True
@@ -162,17 +166,21 @@ class Smoother:
             return None
         stamp_s = self._window[at].stamp_s
         problem, answers = self._problem(stamp_s), []
+        answers_from = partial(
+            likely_answers, problem, state_cost=_backward_cost, coarse_rays=COARSE_RAYS
+        )
         if self._last is not None:
+            starts = _moved(self._last, stamp_s)[:, problem.free]
             slacks_m = NEAR_SLACKS_M if len(self._window) >= LONG else SLACKS_M
-            starts = _both_ways(_moved(self._last, stamp_s)[None])[:, problem.free]
-            answers = self._answers(problem, starts, slacks_m)
+            answers = answers_from(starts, slacks_m=slacks_m)
         # Squares of as many returns have this mean and standard deviation.
-        bound = problem.hits + FITTING_SD * np.sqrt(2 * problem.hits)
-        if not answers or problem.cost(_best(answers).mean) > bound:
-            starts = self._guesses(problem, stamp_s)
-            answers += self._answers(problem, starts, SLACKS_M) if len(starts) else []
-        if not answers:
-            return None
+        bound = 1.0 + FITTING_SD * np.sqrt(2 / max(problem.hits, 1))
+        if not answers or _cost(problem, answers) > max(bound, WORSE * self._guessed_cost):
+            starts = self._guesses(stamp_s)
+            answers += answers_from(starts[:, problem.free]) if len(starts) else []
+            if not answers:
+                return None
+            self._guessed_cost = _cost(problem, answers)
         self._last = _Last(stamp_s, problem.states(_best(answers).mean[None])[0])
         return pose_of(answers, problem)
 
@@ -190,56 +198,44 @@ class Smoother:
             sd=prior_sd(speed=SPEED_SD, turn_rate=TURN_SD, acceleration=ACCELERATION_SD),
         )
 
-    def _answers(
-        self, problem: BodyProblem, starts: np.ndarray, slacks_m: tuple[float, ...]
-    ) -> list[Answer]:
-        return likely_answers(
-            problem, starts, _backward_cost, slacks_m=slacks_m, coarse_rays=COARSE_RAYS
-        )
-
-    def _guesses(self, problem: BodyProblem, stamp_s: float) -> np.ndarray:
-        """Return vectors (S, D) to search from, the last answer being left aside.
+    def _guesses(self, stamp_s: float) -> np.ndarray:
+        """Return states (S, 11) to search from, the last answer being left aside.
 
         The scan nearest to the stamp gives the pose, the returns' means give the velocity, and
         the turn rate is tried.
         """
         filled = [scan for scan in self._window if scan.body.returns]
         usable = [scan for scan in filled if scan.body.returns >= ENOUGH_RETURNS] or filled
-        if not usable:
-            return np.empty((0, len(problem.free)))
-        scan = min(usable, key=lambda scan: (scan.body.is_split, abs(scan.stamp_s - stamp_s)))
-        body, states = scan.body, []
+        states = []
         for velocity in _velocities(filled):
-            points = body.rays.points(velocity)
-            for pose in first_poses(points, body.origin, self._model, cut=body.cut):
-                state = np.zeros(VALUES)
-                state[:3] = pose
-                state[:2] += velocity * (stamp_s - scan.stamp_s)
-                state[SPEED] = velocity @ (np.cos(pose[2]), np.sin(pose[2]))
-                for turn_rate in TURN_RATES if len(filled) > 1 else (0.0,):
-                    state[TURN_RATE] = turn_rate
-                    states.append(state[problem.free])
+            scan = min(usable, key=lambda scan: (scan.body.is_split, abs(scan.stamp_s - stamp_s)))
+            points, cut = scan.body.rays.points(velocity), scan.body.cut
+            for x, y, yaw in first_poses(points, scan.body.origin, self._model, cut=cut):
+                speed = velocity @ (np.cos(yaw), np.sin(yaw))
+                place = (x, y) + velocity * (stamp_s - scan.stamp_s)
+                rates = TURN_RATES if len(filled) > 1 else (0.0,)
+                states += [[*place, yaw, speed, rate, *[0.0] * (VALUES - 5)] for rate in rates]
         return np.array(states)
 
 
-def _best(answers: list[Answer]) -> Posterior:
+def _best(answers: Sequence[Answer]) -> Posterior:
     return max(answers, key=lambda answer: answer.log_weight).posterior
 
 
+def _cost(problem: BodyProblem, answers: Sequence[Answer]) -> float:
+    """Return the cost of the best answer, by return."""
+    return float(problem.cost(_best(answers).mean)) / max(problem.hits, 1)
+
+
 def _moved(last: _Last, stamp_s: float) -> np.ndarray:
-    """Return the last state (11,) moved on to a stamp."""
+    """Return the last state, moved on to a stamp, and, if slow, its mirror image (1 or 2, 11)."""
     state, span = last.state.copy(), stamp_s - last.stamp_s
     state[:3] = pose_after(last.state, span)
-    state[SPEED] += state[INDEX["acceleration"]] * span
-    return state
-
-
-def _both_ways(states: np.ndarray) -> np.ndarray:
-    """Return states (S, 11) and, of vehicles that hardly move, their mirror images too."""
-    slow = states[np.abs(states[:, SPEED]) < SLOW_M_S].copy()
-    slow[:, 2] += np.pi
-    slow[:, [SPEED, INDEX["acceleration"]]] *= -1
-    return np.concatenate([states, slow])
+    state[SPEED] += state[ACCELERATION] * span
+    mirrored = state.copy()
+    mirrored[2] += np.pi
+    mirrored[[SPEED, ACCELERATION]] *= -1
+    return np.array([state, mirrored] if abs(state[SPEED]) < SLOW_M_S else [state])
 
 
 def _backward_cost(states: np.ndarray) -> np.ndarray:
@@ -248,24 +244,26 @@ def _backward_cost(states: np.ndarray) -> np.ndarray:
 
 
 def _velocities(scans: Sequence[_WindowScan]) -> list[np.ndarray]:
-    """Return velocities (2,) that the returns' means may have, each half of a sweep for itself.
+    """Return velocities (2,) that the returns' means may have; none without a scan.
 
-    From half to half and, of several scans, from each half to its like: the halves of a sweep
-    measure different sides, of a vehicle that stands too.
+    Of split scans each half counts for itself: its mean may have moved from half to half, or, as
+    the halves measure different sides of a vehicle that stands too, from each half to its like.
     """
-    halves: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    rows = []
     for scan in scans:
-        times, points = scan.body.times, scan.body.points
-        is_early = times < times.mean() if scan.body.is_split else np.ones(len(times), bool)
-        for rows, half in zip(halves, (is_early, ~is_early), strict=True):
-            if half.any():
-                mean = points[half].mean(axis=0)
-                rows.append(np.array([scan.stamp_s + times[half].mean(), *mean]))
-    alike = np.concatenate([np.array(rows) - np.mean(rows, axis=0) for rows in halves if rows])
-    every = np.concatenate([np.array(rows) for rows in halves if rows])
-    velocities = []
-    for off in (alike, every - every.mean(axis=0))[: 1 + any(scan.body.is_split for scan in scans)]:
+        times, points = scan.body.times, scan.body.rays.points(np.zeros(2))
+        is_late = (times > times.mean()) & scan.body.is_split
+        for half in (False, True):
+            if (rows_of_half := is_late == half).any():
+                mean = points[rows_of_half].mean(axis=0)
+                rows.append([half, scan.stamp_s + times[rows_of_half].mean(), *mean])
+    if not rows:
+        return []
+    table, velocities = np.array(rows), []
+    for groups in (table[:, 0], 0 * table[:, 0])[: 1 + table[:, 0].any()]:
+        off = np.concatenate(
+            [table[groups == g, 1:] - table[groups == g, 1:].mean(axis=0) for g in set(groups)]
+        )
         spread = off[:, 0] @ off[:, 0]
-        if spread > 0:
-            velocities.append(off[:, 0] @ off[:, 1:] / spread)
-    return velocities or [np.zeros(2)]
+        velocities.append(off[:, 0] @ off[:, 1:] / spread if spread > 0 else np.zeros(2))
+    return velocities

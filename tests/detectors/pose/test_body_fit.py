@@ -137,8 +137,8 @@ def test_refuses_motions_by_name(told, message):
     ("change", "message"),
     [
         ({"length_m": (0.0, 0.1)}, "length_m"),
-        ({"length_m": 4.6}, "length_m must be \\(mean, standard deviation\\) in metres"),
-        ({"width_m": (1.8, 0.1, 0.1)}, "width_m must be \\(mean, standard deviation\\)"),
+        ({"length_m": 4.6}, "length_m: expected \\(mean"),
+        ({"width_m": (1.8, 0.1, 0.1)}, "width_m: expected \\(mean"),
         ({"width_m": (1.8, 1.0)}, "width_m"),
         ({"radius_m": (0.3, 0.1)}, "radius_m"),
         ({"sections": ()}, "sections"),
