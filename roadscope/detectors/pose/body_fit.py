@@ -12,15 +12,16 @@ import numpy as np
 from roadscope.core import LidarScan, Pose
 from roadscope.detectors.pose.body_likelihood import ROUGHLY_DRAWN, Tolerance
 from roadscope.detectors.pose.body_model import GLASS, INDEX, VALUES, BodyModel
-from roadscope.detectors.pose.body_posterior import Posterior, posterior
 from roadscope.detectors.pose.body_rays import HIT, BodyRays, BodyScan, body_scan, checked_velocity
 from roadscope.detectors.pose.body_search import (
     SLACKS_M,
     STEPS,
     BodyProblem,
     Descent,
+    Posterior,
     descend,
     first_poses,
+    posterior,
     prior_sd,
 )
 from roadscope.detectors.pose.estimate import VehiclePose, axis_difference
@@ -117,8 +118,36 @@ class BodyFit:
         if body.returns == 0:
             return None
         body = replace(body, rays=glazed(self.model, body.rays))
-        problem, answers = fit_body_scan(body, self.model, self.tolerance, course)
+        problem, answers = self._answers(body, course)
         return pose_of(answers, problem)
+
+    def _answers(self, body: BodyScan, course: Course | None) -> tuple[BodyProblem, list[Answer]]:
+        """Return the problem of one scan and its likely answers."""
+        speed, velocity, centre = None, np.zeros(2), np.zeros(VALUES)
+        if course is not None and course.speed is not None:
+            speed = centre[SPEED] = course.speed
+            velocity = speed * np.array([math.cos(course.heading), math.sin(course.heading)])
+        motion = POSE if speed is None else np.arange(TURN_RATE + 1)
+        free = np.concatenate([motion, self.model.uncertain])
+        sd = prior_sd(speed=VELOCITY_SD, turn_rate=TURN_SD)
+        problem = BodyProblem(body.rays, self.model, free, self.tolerance, centre=centre, sd=sd)
+        poses = first_poses(body.rays.points(velocity), body.origin, self.model, cut=body.cut)
+        starts = np.tile(centre[free], (len(poses), 1))
+        starts[:, POSE] = poses
+        if body.cut and speed is not None:
+            # A body that is measured when a sweep begins and again when it ends has moved on, and
+            # may have turned to the right, not, or to the left.
+            starts = np.repeat(starts, 3, axis=0)
+            starts[:, TURN_RATE] += np.tile([-TURN_SD, 0.0, TURN_SD], len(poses))
+
+        def heading_cost(states: np.ndarray) -> np.ndarray:
+            if course is None:
+                return np.zeros(len(states))
+            off = states[:, 2] - course.heading
+            cost = WRONG_HEADING * (np.cos(off) < course.least_cosine)
+            return cost if speed is None else cost + (speed * np.sin(off) / VELOCITY_SD) ** 2
+
+        return problem, likely_answers(problem, starts, heading_cost)
 
 
 def glazed(model: BodyModel, rays: BodyRays) -> BodyRays:
@@ -134,37 +163,6 @@ def glazed(model: BodyModel, rays: BodyRays) -> BodyRays:
     height = rays.origin[:, 2] + rays.slope * np.where(hits, rays.reach, rays.reach[hits].mean())
     is_glass = (model.glass_m[0] < height) & (height < model.glass_m[1])
     return rays._replace(need=np.where(is_glass, GLASS * rays.need, rays.need))
-
-
-def fit_body_scan(
-    body: BodyScan, model: BodyModel, tolerance: Tolerance, course: Course | None
-) -> tuple[BodyProblem, list[Answer]]:
-    """Return the problem of one scan and its likely answers."""
-    speed, velocity, centre = None, np.zeros(2), np.zeros(VALUES)
-    if course is not None and course.speed is not None:
-        speed = centre[SPEED] = course.speed
-        velocity = speed * np.array([math.cos(course.heading), math.sin(course.heading)])
-    motion = POSE if speed is None else np.arange(TURN_RATE + 1)
-    free = np.concatenate([motion, model.uncertain])
-    sd = prior_sd(speed=VELOCITY_SD, turn_rate=TURN_SD)
-    problem = BodyProblem(body.rays, model, free, tolerance, centre=centre, sd=sd)
-    poses = first_poses(body.rays.points(velocity), body.origin, model, cut=body.cut)
-    starts = np.tile(centre[free], (len(poses), 1))
-    starts[:, POSE] = poses
-    if body.cut and speed is not None:
-        # A body that is measured when a sweep begins and again when it ends has moved on; whether
-        # it turned to the right, not, or to the left is a question with several answers.
-        starts = np.repeat(starts, 3, axis=0)
-        starts[:, TURN_RATE] += np.tile([-TURN_SD, 0.0, TURN_SD], len(poses))
-
-    def heading_cost(states: np.ndarray) -> np.ndarray:
-        if course is None:
-            return np.zeros(len(states))
-        off = states[:, 2] - course.heading
-        cost = WRONG_HEADING * (np.cos(off) < course.least_cosine)
-        return cost if speed is None else cost + (speed * np.sin(off) / VELOCITY_SD) ** 2
-
-    return problem, likely_answers(problem, starts, heading_cost)
 
 
 def likely_answers(

@@ -119,14 +119,12 @@ def body_scan(
         )
     velocity = np.zeros(2) if sensor_velocity is None else sensor_velocity
     velocity = checked_velocity("sensor_velocity", velocity)
-    grid = _thinned(_grid(spec, scan, target), budget)
-    time = spec.sweep_s * (grid.column / spec.columns - 0.5) + spec.firing_offsets_s[grid.ring]
+    ring, column, range_m, kind = _grid(spec, scan, target, budget)
+    time = spec.sweep_s * (column / spec.columns - 0.5) + spec.firing_offsets_s[ring]
     time = time * float(rolling)
-    azimuth = spec.azimuth_start + spec.azimuth_span / spec.columns * grid.column
-    azimuth = azimuth + sensor_turn * time
-    elevation = spec.elevations[grid.ring]
-    flat = np.cos(elevation)
-    lidar = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=1)
+    azimuth = spec.azimuth_start + spec.azimuth_span / spec.columns * column + sensor_turn * time
+    flat, up = np.cos(spec.elevations[ring]), np.sin(spec.elevations[ring])
+    lidar = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), up], axis=1)
     world = lidar @ world_from_lidar.matrix[:3, :3].T
     level = np.hypot(world[:, 0], world[:, 1])
     origin = np.tile(world_from_lidar.translation, (len(time), 1))
@@ -135,20 +133,16 @@ def body_scan(
         origin,
         world[:, :2] / level[:, None],
         world[:, 2] / level,
-        grid.range_m * level,
-        grid.kind,
+        range_m * level,
+        kind,
         np.hypot(spec.range_noise_m * level, rough_m),
         time,
         np.full(len(time), _need(spec, scan, target)),
     )
-    column = scan.column[target]
-    is_at_seam = (column < SEAM_COLUMNS) | (column >= spec.columns - SEAM_COLUMNS)
-    return BodyScan(
-        rays,
-        world_from_lidar.translation[:2].copy(),
-        int((grid.kind == HIT).sum()),
-        rolling and bool(is_at_seam.any()),
-    )
+    own = scan.column[target]
+    is_cut = rolling and bool(((own < SEAM_COLUMNS) | (own >= spec.columns - SEAM_COLUMNS)).any())
+    hits = int((kind == HIT).sum())
+    return BodyScan(rays, world_from_lidar.translation[:2].copy(), hits, is_cut)
 
 
 def checked_velocity(name: str, velocity: np.ndarray) -> np.ndarray:
@@ -159,20 +153,16 @@ def checked_velocity(name: str, velocity: np.ndarray) -> np.ndarray:
     return checked
 
 
-class _Grid(NamedTuple):
-    """Rays, beam after beam: ring, column, range in metres (inf without a return) and kind."""
+def _grid(
+    spec: LidarSpec, scan: LidarScan, target: np.ndarray, budget: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return ring, column, range in metres (inf for none) and kind of the rays, beam after beam.
 
-    ring: np.ndarray
-    column: np.ndarray
-    range_m: np.ndarray
-    kind: np.ndarray
-
-
-def _grid(spec: LidarSpec, scan: LidarScan, target: np.ndarray) -> _Grid:
-    """Return the rays of the beams that met the body, from beside its first return to its last."""
+    They are those of the beams that met the body, from beside its first return to its last.
+    """
     if not target.any():
         none = np.empty(0, np.int64)
-        return _Grid(none, none, np.empty(0), none)
+        return none, none, np.empty(0), none
     # Columns are counted from the end of the widest gap between the body's columns.
     own = np.unique(scan.column[target]).astype(np.int64)
     gaps = np.diff(own, append=own[0] + spec.columns)
@@ -188,24 +178,17 @@ def _grid(spec: LidarSpec, scan: LidarScan, target: np.ndarray) -> _Grid:
     first = is_own[rings].argmax(axis=1)[:, None]
     last = width - 1 - is_own[rings, ::-1].argmax(axis=1)[:, None]
     near, column = np.nonzero((places >= first - BESIDE) & (places <= last + BESIDE))
-    own_m, other_m = cells[0, rings[near], column], cells[1, rings[near], column]
-    kind = np.where(np.isfinite(own_m), HIT, np.where(np.isfinite(other_m), PASSED, EMPTY))
-    range_m = np.where(kind == HIT, own_m, other_m)
-    return _Grid(rings[near], (column + start) % spec.columns, range_m, kind)
-
-
-def _thinned(grid: _Grid, budget: int) -> _Grid:
-    """Return the rays, those inside long runs of returns evenly thinned to a budget.
-
-    The two returns at either end of a run stay: they are the silhouette.
-    """
-    is_hit = grid.kind == HIT
-    ends = np.ones(len(is_hit) + 4, np.bool_)
-    ends[2:-2] = ~is_hit | (np.diff(grid.ring, prepend=-1) != 0)
-    is_inside = ~(ends[:-4] | ends[1:-3] | ends[2:-2] | ends[3:-1] | ends[4:])
+    # Inside long runs of returns some are left out; two at either end are the silhouette.
+    is_hit = is_own[rings[near], column]
+    is_end = np.pad(~is_hit | (np.diff(near, prepend=-1) != 0), 2, constant_values=True)
+    is_inside = ~np.lib.stride_tricks.sliding_window_view(is_end, 5).any(axis=1)
     share = min(1.0, budget / max(int(is_inside.sum()), 1))
     keep = ~is_inside | (np.diff(np.floor(share * np.cumsum(is_inside)), prepend=0.0) > 0)
-    return _Grid(*(column[keep] for column in grid))
+    ring, column = rings[near[keep]], column[keep]
+    own_m, other_m = cells[0, ring, column], cells[1, ring, column]
+    kind = np.where(np.isfinite(own_m), HIT, np.where(np.isfinite(other_m), PASSED, EMPTY))
+    range_m = np.where(kind == HIT, own_m, other_m)
+    return ring, (column + start) % spec.columns, range_m, kind
 
 
 def _need(spec: LidarSpec, scan: LidarScan, target: np.ndarray) -> float:

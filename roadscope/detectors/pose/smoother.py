@@ -21,9 +21,14 @@ from roadscope.detectors.pose.body_fit import (
 )
 from roadscope.detectors.pose.body_likelihood import ROUGHLY_DRAWN, Tolerance, pose_after
 from roadscope.detectors.pose.body_model import INDEX, MOTION, VALUES, BodyModel
-from roadscope.detectors.pose.body_posterior import Posterior
 from roadscope.detectors.pose.body_rays import BodyRays, BodyScan, body_scan
-from roadscope.detectors.pose.body_search import SLACKS_M, BodyProblem, first_poses, prior_sd
+from roadscope.detectors.pose.body_search import (
+    SLACKS_M,
+    BodyProblem,
+    Posterior,
+    first_poses,
+    prior_sd,
+)
 from roadscope.detectors.pose.estimate import VehiclePose
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 
