@@ -124,8 +124,7 @@ class BodyModel:
     @cached_property
     def shape(self) -> BodyShape:
         """The body as arrays."""
-        pairs = self.length_m, self.width_m, self.radius_m, self.axles, self.narrowing
-        return BodyShape(*(np.array(p, np.float64) for p in pairs), np.array(self.sections))
+        return BodyShape(*(np.array(getattr(self, name), np.float64) for name in BodyShape._fields))
 
     @cached_property
     def uncertain(self) -> np.ndarray:

@@ -80,7 +80,7 @@ class BodyScan:
     @property
     def times(self) -> np.ndarray:
         """(N,) when the returns of the body were measured, seconds from the stamp."""
-        return self.rays.time[self.rays.kind == HIT]
+        return np.asarray(self.rays.time[self.rays.kind == HIT])
 
     @property
     def is_split(self) -> bool:

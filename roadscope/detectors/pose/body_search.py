@@ -121,7 +121,8 @@ class BodyProblem:
 
     def log_density(self, vectors: np.ndarray) -> np.ndarray:
         """Return the log of the posterior, up to a constant, (K,) for vectors (K, D)."""
-        logs = np.log(self.likelihoods(vectors)).sum(axis=1) - 0.5 * self.prior_cost(vectors)
+        logs: np.ndarray = np.log(self.likelihoods(vectors)).sum(axis=1)
+        logs -= 0.5 * self.prior_cost(vectors)
         return logs if self.quadratic is None else logs + self.quadratic.log_likelihood(vectors)
 
     def prior_cost(self, vectors: np.ndarray) -> np.ndarray:
@@ -139,7 +140,7 @@ class BodyProblem:
 
     def cost(self, vectors: np.ndarray, slack_m: float = 0.0) -> np.ndarray:
         """Return the cost (...,): squared misfits, tempered for outliers, and the prior."""
-        return tempered(self.misfits(vectors, slack_m)) + self.prior_cost(vectors)
+        return np.asarray(tempered(self.misfits(vectors, slack_m)) + self.prior_cost(vectors))
 
     def slopes(
         self, vectors: np.ndarray, steps: np.ndarray, slack_m: float = 0.0, edge_m: float = EDGE_M
@@ -262,8 +263,9 @@ def posterior(problem: BodyProblem, vector: np.ndarray, covariance: np.ndarray) 
     known_sd = LOOSE_SD * np.sqrt(np.diag(covariance))
     loose = np.minimum(LOOSE * STEPS[problem.free], known_sd) * (problem.free >= MOTION)
     mean, covariance = vector, covariance + np.diag(loose**2)
-    # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
+    # The share of samples that counts where the posterior is a normal one around the mean.
     of_normal = (2.0 / WIDER - WIDER**-2.0) ** (0.5 * len(mean))
+    # Fewer returns than unknowns leave a posterior without bounds, which samples would follow.
     is_bound, was_reached = problem.hits >= len(mean), False
     for turn in range(ROUNDS if is_bound else UNBOUND_ROUNDS):
         if turn in SPLITS:

@@ -50,7 +50,7 @@ class _Angles(NamedTuple):
     """The angles of a search: multiples of a step in radians, counted from the initial angle."""
 
     step: float
-    count: int
+    number: int
 
 
 def fit_single(
@@ -148,7 +148,7 @@ def _best_angle(frames: Frames, settings: FilterSettings, angles: _Angles, tied:
     score is below the best tied score is not looked at more closely.
     """
     start = initial_angle(frames)
-    tried = start + angles.step * np.arange(angles.count)
+    tried = start + angles.step * np.arange(angles.number)
     scores = free_scores(frames, tried, settings)
     is_tied = tied and len(frames.stamps) > 1
     if is_tied:
