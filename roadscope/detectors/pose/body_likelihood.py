@@ -20,7 +20,7 @@ from roadscope.detectors.pose.body_model import (
     fill_outlines,
     new_outlines,
 )
-from roadscope.detectors.pose.body_rays import EMPTY, HIT, PASSED, ROUGHNESS_M, BodyRays
+from roadscope.detectors.pose.body_rays import HIT, PASSED, ROUGHNESS_M, BodyRays
 
 SOFT_SD = 2.2
 """A soft edge reaches so many standard deviations to either side."""
@@ -192,15 +192,17 @@ def brightness(need: float, meeting: Meeting, steep: int) -> float:
 
 
 @compiled()
-def ray_likelihoods(
-    states: np.ndarray, shape: BodyShape, rays: BodyRays, tolerance: Tolerance
-) -> np.ndarray:
-    """Return the likelihood (K, M) of each ray under each state (K, 11).
+def ray_fits(
+    states: np.ndarray, shape: BodyShape, rays: BodyRays, tolerance: Tolerance, slack_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the likelihood (K, M) and the misfit (K, M) of each ray under each state (K, 11).
 
-    It is the density of a return (per metre), or the chance of none.
+    The likelihood is the density of a return (per metre), or the chance of none. The misfit is by
+    how many standard deviations a return lies beside the surface, or a ray that passed inside the
+    silhouette. slack_m: added for misfits to the noise of ranges and the softness of silhouettes.
     """
     count, parts = len(rays.slope), len(shape.sections)
-    likelihoods = np.empty((len(states), count))
+    likelihoods, misfits = np.empty((len(states), count)), np.empty((len(states), count))
     outlines = new_outlines(parts)
     distances, chances, bright = np.empty(parts), np.empty(parts), np.empty(parts)
     edge, slack = SOFT_SD * tolerance.edge_m, SOFT_SD * tolerance.height_m
@@ -211,23 +213,35 @@ def ray_likelihoods(
             if rays.time[m] != place.time:
                 place = place_after(states, k, rays.time[m])
             ray = ray_in_body(place, rays, m)
-            low, high = heights_at_body(ray, outlines, edge)
-            is_hit, reach, sigma = rays.kind[m] == HIT, rays.reach[m], rays.sigma[m]
-            need = 0.0 if rays.kind[m] == PASSED else rays.need[m]
-            met = 0
+            kind, reach, sigma = rays.kind[m], rays.reach[m], rays.sigma[m]
+            is_hit, height = kind == HIT, ray.height + ray.slope * reach
+            need = 0.0 if kind == PASSED else rays.need[m]
+            silent = tolerance.through if kind == PASSED else tolerance.lost
+            reached = np.inf if is_hit else edge
+            low, high = heights_at_body(ray, outlines, reached)
+            if is_hit:
+                low, high = min(low, height), max(high, height)
+            met, misfit = 0, NO_PART if is_hit else 0.0
             for p in range(parts):
                 bottom, top = shape.sections[p, 0], shape.sections[p, 1]
                 if low > top + slack or high < bottom - slack:
                     continue
-                meeting = meet(ray, outlines, p, bottom, top, edge)
+                meeting = meet(ray, outlines, p, bottom, top, reached)
+                light = brightness(need, meeting, tolerance.steep)
                 chance = soft_step(meeting.depth / tolerance.edge_m)
                 chance *= soft_step(meeting.margin / tolerance.height_m)
                 if chance > 0.0 and meeting.distance > 0.0:
-                    distances[met], chances[met] = meeting.distance, chance
-                    bright[met] = brightness(need, meeting, tolerance.steep)
+                    distances[met], chances[met], bright[met] = meeting.distance, chance, light
                     met += 1
+                if not is_hit and 0.0 < meeting.distance <= reach:
+                    depth = min(meeting.depth, meeting.margin) / (tolerance.edge_m + slack_m)
+                    misfit = max(misfit, min(depth, most_surprise(kind, light)))
+                elif is_hit and bottom - HEIGHT_SLACK_M <= height <= top + HEIGHT_SLACK_M:
+                    off = return_misfit(
+                        reach, meeting, math.hypot(sigma, slack_m), tolerance.edge_m + slack_m
+                    )
+                    misfit = off if abs(off) < abs(misfit) else misfit
             value, missed = (tolerance.outlier / tolerance.outlier_m, 0.0) if is_hit else (0.0, 1.0)
-            silent = tolerance.through if rays.kind[m] == PASSED else tolerance.lost
             for i in range(met):
                 # The ray meets the nearest part with its chance, else the next one.
                 first = chances[i]
@@ -241,54 +255,12 @@ def ray_likelihoods(
                 elif is_hit and abs(z) < NOISE_SD:
                     density = math.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sigma)
                     value += first * (1.0 - tolerance.outlier) * density * max(bright[i], FAINTEST)
-            likelihoods[k, m] = value + missed
-    return likelihoods
+            likelihoods[k, m], misfits[k, m] = value + missed, misfit
+    return likelihoods, misfits
 
 
 @compiled()
-def ray_misfits(
-    states: np.ndarray, shape: BodyShape, rays: BodyRays, slack_m: float, edge_m: float
-) -> np.ndarray:
-    """Return by how many standard deviations each ray disagrees with each state (K, 11): (K, M).
-
-    A return disagrees by its distance from the surface; a ray that passed, by its depth inside the
-    silhouette. slack_m: added to the noise of ranges and to the softness of silhouettes, edge_m.
-    """
-    count, parts = len(rays.slope), len(shape.sections)
-    misfits = np.zeros((len(states), count))
-    outlines, edge = new_outlines(parts), edge_m + slack_m
-    for k in range(len(states)):
-        fill_outlines(shape, states[k], outlines)
-        place = place_after(states, k, 0.0)
-        for m in range(count):
-            if rays.time[m] != place.time:
-                place = place_after(states, k, rays.time[m])
-            ray = ray_in_body(place, rays, m)
-            is_hit, reach = rays.kind[m] == HIT, rays.reach[m]
-            sigma = math.hypot(rays.sigma[m], slack_m)
-            low, high = heights_at_body(ray, outlines, 0.0)
-            if is_hit:
-                height = ray.height + ray.slope * reach
-                low, high = height - HEIGHT_SLACK_M, height + HEIGHT_SLACK_M
-            misfit = NO_PART if is_hit else 0.0
-            for p in range(parts):
-                bottom, top = shape.sections[p, 0], shape.sections[p, 1]
-                if low > top or high < bottom:
-                    continue
-                meeting = meet(ray, outlines, p, bottom, top, np.inf if is_hit else 0.0)
-                if is_hit:
-                    off = _return_misfit(reach, meeting, sigma, edge)
-                    misfit = off if abs(off) < abs(misfit) else misfit
-                    continue
-                depth = min(meeting.depth, meeting.margin) / edge
-                if depth > misfit and 0.0 < meeting.distance <= reach:
-                    misfit = max(misfit, min(depth, _most_surprise(rays, m, meeting)))
-            misfits[k, m] = misfit
-    return misfits
-
-
-@compiled()
-def _return_misfit(reach: float, meeting: Meeting, sigma: float, edge_m: float) -> float:
+def return_misfit(reach: float, meeting: Meeting, sigma: float, edge_m: float) -> float:
     """Return the misfit of a return: of its reach or, beside the silhouette, of its place too."""
     off, cosine = meeting.distance - reach, meeting.cosine
     if meeting.depth > 0.0:
@@ -297,12 +269,11 @@ def _return_misfit(reach: float, meeting: Meeting, sigma: float, edge_m: float) 
 
 
 @compiled()
-def _most_surprise(rays: BodyRays, m: int, meeting: Meeting) -> float:
+def most_surprise(kind: int, light: float) -> float:
     """Return the greatest misfit of a ray that passed: less where a surface would be too dark."""
-    if rays.kind[m] != EMPTY or rays.need[m] == 0.0:
+    if kind == PASSED:
         return MOST_SURPRISE
-    dark = max(1.0 - brightness(rays.need[m], meeting, STEEP), 1e-30)
-    return min(MOST_SURPRISE, math.sqrt(-2.0 * math.log(dark)))
+    return min(MOST_SURPRISE, math.sqrt(-2.0 * math.log(max(1.0 - light, 1e-30))))
 
 
 @compiled()

@@ -15,8 +15,7 @@ from roadscope.detectors.pose.body_likelihood import (
     EDGE_M,
     ROUGHLY_DRAWN,
     Tolerance,
-    ray_likelihoods,
-    ray_misfits,
+    ray_fits,
 )
 from roadscope.detectors.pose.body_model import INDEX, MOTION, VALUES, BodyModel
 from roadscope.detectors.pose.body_rays import HIT, BodyRays
@@ -113,15 +112,23 @@ class BodyProblem:
         """How many rays brought a return of the body."""
         return int((self.rays.kind == HIT).sum())
 
-    def likelihoods(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the likelihood (K, M) of each ray."""
-        return np.asarray(
-            ray_likelihoods(self.states(vectors), self.model.shape, self.rays, self.tolerance)
-        )
+    def fits(
+        self, vectors: np.ndarray, slack_m: float = 0.0, edge_m: float = EDGE_M
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return likelihoods and misfits (..., M) of vectors (..., D); see `ray_fits`.
+
+        edge_m: how exactly silhouettes are drawn.
+        """
+        states = self.states(vectors.reshape(-1, len(self.free)))
+        tolerance = self.tolerance._replace(edge_m=edge_m)
+        likelihoods, misfits = ray_fits(states, self.model.shape, self.rays, tolerance, slack_m)
+        shape = *vectors.shape[:-1], len(self.rays.slope)
+        return likelihoods.reshape(shape), misfits.reshape(shape)
 
     def log_density(self, vectors: np.ndarray) -> np.ndarray:
         """Return the log of the posterior, up to a constant, (K,) for vectors (K, D)."""
-        logs: np.ndarray = np.log(self.likelihoods(vectors)).sum(axis=1)
+        likelihoods, _ = self.fits(vectors, edge_m=self.tolerance.edge_m)
+        logs: np.ndarray = np.log(likelihoods).sum(axis=1)
         logs -= 0.5 * self.prior_cost(vectors)
         return logs if self.quadratic is None else logs + self.quadratic.log_likelihood(vectors)
 
@@ -130,17 +137,9 @@ class BodyProblem:
         off = (vectors - self.centre[self.free]) / self.sd[self.free]
         return np.asarray((off * off).sum(axis=-1))
 
-    def misfits(
-        self, vectors: np.ndarray, slack_m: float = 0.0, edge_m: float = EDGE_M
-    ) -> np.ndarray:
-        """Return the misfits (..., M) of vectors (..., D); see `ray_misfits`."""
-        states = self.states(vectors.reshape(-1, len(self.free)))
-        found = ray_misfits(states, self.model.shape, self.rays, slack_m, edge_m)
-        return np.asarray(found.reshape(*vectors.shape[:-1], len(self.rays.slope)))
-
     def cost(self, vectors: np.ndarray, slack_m: float = 0.0) -> np.ndarray:
         """Return the cost (...,): squared misfits, tempered for outliers, and the prior."""
-        return np.asarray(tempered(self.misfits(vectors, slack_m)) + self.prior_cost(vectors))
+        return np.asarray(tempered(self.fits(vectors, slack_m)[1]) + self.prior_cost(vectors))
 
     def slopes(
         self, vectors: np.ndarray, steps: np.ndarray, slack_m: float = 0.0, edge_m: float = EDGE_M
@@ -150,7 +149,7 @@ class BodyProblem:
         steps: (D,) by which each value is moved both ways.
         """
         moves = np.concatenate([np.zeros((1, len(steps))), np.diag(steps), -np.diag(steps)])
-        found = self.misfits(vectors[:, None] + moves, slack_m, edge_m)
+        _, found = self.fits(vectors[:, None] + moves, slack_m, edge_m)
         ahead, back = found[:, 1 : 1 + len(steps)], found[:, 1 + len(steps) :]
         return found[:, 0], (ahead - back) / (2.0 * steps[:, None])
 
@@ -309,7 +308,7 @@ def with_quadratic_rays(
     variances, axes = np.linalg.eigh(covariance)
     moves = QUADRATIC_SD * (axes * np.sqrt(np.maximum(variances, 0.0))).T
     moves = np.concatenate([np.zeros((1, len(mean))), moves, -moves])
-    logs = np.log(problem.likelihoods(mean + moves))
+    logs = np.log(problem.fits(mean + moves, edge_m=problem.tolerance.edge_m)[0])
     form = -0.5 * ((misfit + moves @ slope) ** 2 - misfit**2)
     is_quadratic = (np.abs(logs - logs[0] - form) < QUADRATIC_ERROR).all(axis=0)
     slope = slope[:, is_quadratic]

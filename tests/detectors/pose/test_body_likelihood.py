@@ -8,8 +8,7 @@ import pytest
 from roadscope.detectors.pose.body_likelihood import (
     EXACTLY_DRAWN,
     ROUGHLY_DRAWN,
-    ray_likelihoods,
-    ray_misfits,
+    ray_fits,
 )
 from roadscope.detectors.pose.body_model import (
     VALUES,
@@ -127,7 +126,7 @@ def slow_likelihood(model, state, rays, m, tolerance):
 def test_rays_are_as_likely_as_an_obvious_way_says(model, tolerance):
     rng, rays = np.random.default_rng(1), rays_of(120, 1)
     states = rng.standard_normal((4, VALUES)) * [0.3, 0.3, 1, 3, 0.5, 0, 1, 1, 1, 1, 1]
-    found = ray_likelihoods(states, model.shape, rays, tolerance)
+    found, _ = ray_fits(states, model.shape, rays, tolerance, 0.0)
     for k, state in enumerate(states):
         slow = [slow_likelihood(model, state, rays, m, tolerance) for m in range(120)]
         np.testing.assert_allclose(np.log(found[k]), np.log(slow), atol=1e-3)
@@ -142,7 +141,7 @@ def level_ray(y, reach, kind=HIT):
 
 
 def misfit(ray, slack_m=0.0):
-    return float(ray_misfits(np.zeros((1, VALUES)), BRICK.shape, ray, slack_m, 0.006)[0, 0])
+    return float(ray_fits(np.zeros((1, VALUES)), BRICK.shape, ray, ROUGHLY_DRAWN, slack_m)[1][0, 0])
 
 
 def test_a_return_misfits_by_its_distance_from_the_face():
