@@ -261,11 +261,11 @@ def ray_fits(
 
 @compiled()
 def return_misfit(reach: float, meeting: Meeting, sigma: float, edge_m: float) -> float:
-    """Return the misfit of a return: of its reach or, beside the silhouette, of its place too."""
+    """Return the misfit of a return: of its reach or, of one beside the silhouette, to this."""
     off, cosine = meeting.distance - reach, meeting.cosine
     if meeting.depth > 0.0:
         return off * cosine / math.sqrt((sigma * cosine) ** 2 + edge_m**2 * (1.0 - cosine**2))
-    return math.hypot(meeting.depth / edge_m, off / sigma)
+    return abs(meeting.depth) / edge_m
 
 
 @compiled()

@@ -26,7 +26,7 @@ SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
 """Added to noise and edges iteration by iteration: first every ray counts, then the near ones."""
 SHARES = np.array([1.0, 0.5, 0.2, 0.05])
 """Shares of a step that are tried."""
-AROUND, WIDTH = 8, 1.5
+AROUND, WIDTH = 4, 1.5
 """Places around the step's end that are tried too, and how many standard deviations wide."""
 LIMIT = 3.0
 """Misfits beyond so many standard deviations lose weight."""
@@ -42,7 +42,7 @@ powers of the second value."""
 QUADRATIC_SD, QUADRATIC_ERROR = 2.5, 0.3
 """A ray is quadratic if its log-likelihood departs from its quadratic form by no more than the
 second value at so many standard deviations along each principal axis."""
-WORK, FEWEST, MOST = 24_000, 224, 640
+WORK, FEWEST, MOST = 24_000, 224, 512
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
 ROUNDS, UNBOUND_ROUNDS, SPLITS = 10, 6, (0, 1, 4, 7)

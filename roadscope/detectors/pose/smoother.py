@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -35,9 +35,9 @@ from roadscope.envs.sensors.lidar_spec import LidarSpec
 ACCELERATION = INDEX["acceleration"]
 SPEED_SD, ACCELERATION_SD = 30.0, 0.7
 """Standard deviations of a vehicle's speed (m/s) and acceleration (m/s2) before it is measured."""
-BUDGET, LEAST_BUDGET = 2100, 340
+BUDGET, LEAST_BUDGET = 2100, 300
 """Returns of all scans of a window, and of one, beyond which some are left out."""
-COARSE_RAYS = 200
+COARSE_RAYS = 150
 """Rays of the first search in a window."""
 NEAR_SLACKS_M = (0.06, 0.02)
 """Added to the noise on the way from the last answer, see `descend`."""
@@ -55,22 +55,6 @@ TURN_RATES = (-2 * TURN_SD, 0.0, 2 * TURN_SD)
 SLOW_M_S, BACKWARD_SD = 1.0, 0.3
 """Speed up to which the looks of a vehicle must tell which way round it is, not its motion; and
 standard deviation, m/s, of the speed of what goes backwards."""
-
-
-class _Scan(NamedTuple):
-    """One scan as it came; fields as in `Smoother.update`."""
-
-    scan: LidarScan
-    target: np.ndarray
-    world_from_lidar: Pose
-    rolling: bool
-
-
-class _Last(NamedTuple):
-    """The last answer: its stamp and its state (11,)."""
-
-    stamp_s: float
-    state: np.ndarray
 
 
 class _WindowScan(NamedTuple):
@@ -114,8 +98,8 @@ class Smoother:
     def reset(self) -> None:
         """Forget every scan."""
         self._window: deque[_WindowScan] = deque(maxlen=self._frames)
-        self._first: _Scan | None = None
-        self._last: _Last | None = None
+        self._first: Callable[..., BodyScan] | None = None
+        self._last_stamp_s, self._last_state = 0.0, np.empty(0)
         self._guessed_cost = 0.0
 
     def update(
@@ -136,13 +120,22 @@ class Smoother:
             twist = sensor_pose - before.sensor_pose
             twist[2] = wrap_angle(twist[2])
             twist /= scan.stamp_s - before.stamp_s
+        sighted = partial(
+            body_scan,
+            self._spec,
+            scan,
+            target,
+            world_from_lidar,
+            rolling=rolling,
+            budget=max(BUDGET // self._frames, LEAST_BUDGET),
+            rough_m=self._tolerance.rough_m,
+        )
         if self._first is not None and rolling:
             # Only now is known how the sensor moved while it took its first scan.
-            first = self._body_scan(self._first, twist)
-            self._window[0] = self._window[0]._replace(body=first)
-        new = _Scan(scan, target, world_from_lidar, rolling)
-        self._first = None if self._window else new
-        self._window.append(_WindowScan(scan.stamp_s, self._body_scan(new, twist), sensor_pose))
+            self._window[0] = self._window[0]._replace(body=self._glazed(self._first, twist))
+        self._first = None if self._window else sighted
+        body = self._glazed(sighted, twist)
+        self._window.append(_WindowScan(scan.stamp_s, body, sensor_pose))
         return self._pose(len(self._window) - 1 - self._lag)
 
     def flush(self) -> list[VehiclePose | None]:
@@ -150,19 +143,9 @@ class Smoother:
         first = max(len(self._window) - self._lag, 0)
         return [self._pose(at) for at in range(first, len(self._window))]
 
-    def _body_scan(self, scan: _Scan, twist: np.ndarray) -> BodyScan:
+    def _glazed(self, sighted: Callable[..., BodyScan], twist: np.ndarray) -> BodyScan:
         """Return what a scan says; twist: (3,) of the sensor, m/s and rad/s, world frame."""
-        body = body_scan(
-            self._spec,
-            scan.scan,
-            scan.target,
-            scan.world_from_lidar,
-            sensor_velocity=twist[:2],
-            sensor_turn=float(twist[2]),
-            rolling=scan.rolling,
-            budget=max(BUDGET // self._frames, LEAST_BUDGET),
-            rough_m=self._tolerance.rough_m,
-        )
+        body = sighted(sensor_velocity=twist[:2], sensor_turn=float(twist[2]))
         return replace(body, rays=glazed(self._model, body.rays))
 
     def _pose(self, at: int) -> VehiclePose | None:
@@ -174,8 +157,8 @@ class Smoother:
         answers_from = partial(
             likely_answers, problem, state_cost=_backward_cost, coarse_rays=COARSE_RAYS
         )
-        if self._last is not None:
-            starts = _moved(self._last, stamp_s)[:, problem.free]
+        if len(self._last_state):
+            starts = _moved(self._last_state, stamp_s - self._last_stamp_s)[:, problem.free]
             slacks_m = NEAR_SLACKS_M if len(self._window) >= LONG else SLACKS_M
             answers = answers_from(starts, slacks_m=slacks_m)
         # Squares of as many returns have this mean and standard deviation.
@@ -186,7 +169,8 @@ class Smoother:
             if not answers:
                 return None
             self._guessed_cost = _cost(problem, answers)
-        self._last = _Last(stamp_s, problem.states(_best(answers).mean[None])[0])
+        self._last_stamp_s = stamp_s
+        self._last_state = problem.states(_best(answers).mean[None])[0]
         return pose_of(answers, problem)
 
     def _problem(self, stamp_s: float) -> BodyProblem:
@@ -232,11 +216,11 @@ def _cost(problem: BodyProblem, answers: Sequence[Answer]) -> float:
     return float(problem.cost(_best(answers).mean)) / max(problem.hits, 1)
 
 
-def _moved(last: _Last, stamp_s: float) -> np.ndarray:
-    """Return the last state, moved on to a stamp, and, if slow, its mirror image (1 or 2, 11)."""
-    state, span = last.state.copy(), stamp_s - last.stamp_s
-    state[:3] = pose_after(last.state, span)
-    state[SPEED] += state[ACCELERATION] * span
+def _moved(last: np.ndarray, span_s: float) -> np.ndarray:
+    """Return a state (11,) after a time and, if it is slow, its mirror image: (1 or 2, 11)."""
+    state = last.copy()
+    state[:3] = pose_after(last, span_s)
+    state[SPEED] += state[ACCELERATION] * span_s
     mirrored = state.copy()
     mirrored[2] += np.pi
     mirrored[[SPEED, ACCELERATION]] *= -1
