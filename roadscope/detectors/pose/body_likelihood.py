@@ -136,33 +136,34 @@ def meet(
     edge_m: a ray that passes the silhouette by less than this meets the part where it is nearest.
     """
     x, y, inverse = outlines.x, outlines.y, outlines.inverse
-    left, right = -np.inf, -np.inf
-    for i in range(OUTLINE_POINTS):
-        aside = ray.dx * (y[p, i] - ray.y) - ray.dy * (x[p, i] - ray.x)
-        left, right = max(left, aside), max(right, -aside)
-    depth = min(left, right)
+    # The outline is symmetric: half of its points tell how far it reaches to either side.
+    left, right, offset = -np.inf, -np.inf, ray.dx * ray.y - ray.dy * ray.x
+    for i in range(OUTLINE_POINTS // 2):
+        up, along = abs(ray.dx) * y[p, i], ray.dy * x[p, i]
+        left, right = max(left, up - along), max(right, up + along)
+    depth = min(left - offset, right + offset)
     if depth < -edge_m:
         return Meeting(depth, 0.0, -1.0, 0.0)
-    distance, far, cosine = 0.0, 0.0, GRAZING_COSINE
-    before_x, before_y = x[p, OUTLINE_POINTS - 1], y[p, OUTLINE_POINTS - 1]
-    before = ray.dx * (before_y - ray.y) - ray.dy * (before_x - ray.x)
+    distance, far, cosine, nearest = 0.0, 0.0, GRAZING_COSINE, np.inf
+    j = OUTLINE_POINTS - 1
+    before = ray.dx * (y[p, j] - ray.y) - ray.dy * (x[p, j] - ray.x)
     for i in range(OUTLINE_POINTS):
         aside = ray.dx * (y[p, i] - ray.y) - ray.dy * (x[p, i] - ray.x)
-        along = ray.dx * (x[p, i] - ray.x) + ray.dy * (y[p, i] - ray.y)
         if depth <= 0.0:
-            if abs(aside) == -depth:
-                distance = along
+            if abs(aside) < nearest:
+                nearest = abs(aside)
+                distance = ray.dx * (x[p, i] - ray.x) + ray.dy * (y[p, i] - ray.y)
         elif (before > 0.0) != (aside > 0.0):
-            # The ray crosses the side between the last point and this one: out of the body, or in.
-            share = aside / (aside - before)
-            back_x, back_y = before_x - x[p, i], before_y - y[p, i]
-            along += share * (ray.dx * back_x + ray.dy * back_y)
+            # The ray crosses the side from point j to point i: into the body, or out of it.
+            share = before / (before - aside)
+            crossed_x = x[p, j] + share * (x[p, i] - x[p, j])
+            crossed_y = y[p, j] + share * (y[p, i] - y[p, j])
+            along = ray.dx * (crossed_x - ray.x) + ray.dy * (crossed_y - ray.y)
             if before > 0.0:
-                distance = along
-                cosine = (before - aside) * inverse[p, i - 1 if i > 0 else OUTLINE_POINTS - 1]
+                distance, cosine = along, (before - aside) * inverse[p, j]
             else:
                 far = along
-        before, before_x, before_y = aside, x[p, i], y[p, i]
+        before, j = aside, i
     height = ray.height + ray.slope * distance
     margin = min(top - height, height - bottom)
     # A ray that enters the outline above or below the part may meet its top or bottom.

@@ -45,7 +45,7 @@ second value at so many standard deviations along each principal axis."""
 WORK, FEWEST, MOST = 24_000, 224, 512
 """Rays times samples of a round, and bounds on samples: few rays bound a posterior with corners,
 many make it normal."""
-ROUNDS, UNBOUND_ROUNDS, SPLITS = 10, 6, (0, 1, 4, 7)
+ROUNDS, UNBOUND_ROUNDS, SPLITS = 10, 6, (0, 1, 4)
 """Most rounds of sampling, of a posterior without bounds too, and in which rounds the quadratic
 rays are chosen anew."""
 LOOSE, LOOSE_SD = 0.5, 4.0
