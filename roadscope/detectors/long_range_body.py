@@ -24,6 +24,8 @@ BUDGET, COARSE_RAYS = 36, 30
 """Returns of a vehicle beyond which some are left out, and rays of the first search."""
 COARSE_SLACKS_M, FINE_SLACKS_M = (0.25, 0.1, 0.04, 0.01), (0.06, 0.02, 0.005)
 """Added to the noise in the first search and in the last one, see `descend`."""
+AROUND = 4
+"""Places that a search tries around each step's end: twice as many would bring them no nearer."""
 MARK_M = 0.15
 """Scatter of the mark that a vehicle is followed by; it says how well its course is known."""
 HEADING_RAD = math.radians(10.0)
@@ -131,9 +133,9 @@ def likely_pose(scan: BodyScan, model: BodyModel, course: KnownCourse) -> Vehicl
     )
     starts = np.zeros((len(poses), len(problem.free)))
     starts[:, :3] = poses
-    rough = descend(problem.thinned(COARSE_RAYS), starts, COARSE_SLACKS_M)
+    rough = descend(problem.thinned(COARSE_RAYS), starts, COARSE_SLACKS_M, around=AROUND)
     likely = rough.vectors[rough.costs <= rough.costs.min() + CLOSE]
-    fine = descend(problem, likely, FINE_SLACKS_M)
+    fine = descend(problem, likely, FINE_SLACKS_M, around=AROUND)
     best = int(fine.costs.argmin())
     state = problem.states(fine.vectors[best : best + 1])[0]
     length, width = model.sizes(state)

@@ -113,6 +113,17 @@ class Meeting(NamedTuple):
     cosine: float
 
 
+class MetParts(NamedTuple):
+    """The parts that a ray may meet: distance, chance to meet it, chance that it is bright enough.
+
+    Each of these is an array (P,).
+    """
+
+    distances: np.ndarray
+    chances: np.ndarray
+    bright: np.ndarray
+
+
 @compiled()
 def pose_after(state: np.ndarray, time: float) -> tuple[float, float, float]:
     """Return x, y and yaw of a state (11,) after a time: constant turn rate and acceleration.
@@ -217,7 +228,6 @@ def ray_fits(
             kind, reach, sigma = rays.kind[m], rays.reach[m], rays.sigma[m]
             is_hit, height = kind == HIT, ray.height + ray.slope * reach
             need = 0.0 if kind == PASSED else rays.need[m]
-            silent = tolerance.through if kind == PASSED else tolerance.lost
             reached = np.inf if is_hit else edge
             low, high = heights_at_body(ray, outlines, reached)
             if is_hit:
@@ -242,22 +252,34 @@ def ray_fits(
                         reach, meeting, math.hypot(sigma, slack_m), tolerance.edge_m + slack_m
                     )
                     misfit = off if abs(off) < abs(misfit) else misfit
-            value, missed = (tolerance.outlier / tolerance.outlier_m, 0.0) if is_hit else (0.0, 1.0)
-            for i in range(met):
-                # The ray meets the nearest part with its chance, else the next one.
-                first = chances[i]
-                for j in range(met):
-                    if distances[j] < distances[i]:
-                        first *= 1.0 - chances[j]
-                z = (reach - distances[i]) / sigma
-                if not is_hit and distances[i] < reach:
-                    value += first * max(1.0 - bright[i], silent)
-                    missed *= 1.0 - chances[i]
-                elif is_hit and abs(z) < NOISE_SD:
-                    density = math.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sigma)
-                    value += first * (1.0 - tolerance.outlier) * density * max(bright[i], FAINTEST)
-            likelihoods[k, m], misfits[k, m] = value + missed, misfit
+            met_parts = MetParts(distances[:met], chances[:met], bright[:met])
+            likelihoods[k, m] = likelihood_of(kind, reach, sigma, met_parts, tolerance)
+            misfits[k, m] = misfit
     return likelihoods, misfits
+
+
+@compiled()
+def likelihood_of(
+    kind: int, reach: float, sigma: float, met: MetParts, tolerance: Tolerance
+) -> float:
+    """Return the density of a return, or the chance of none, of a ray that may meet some parts."""
+    is_hit = kind == HIT
+    value, missed = (tolerance.outlier / tolerance.outlier_m, 0.0) if is_hit else (0.0, 1.0)
+    silent = tolerance.through if kind == PASSED else tolerance.lost
+    for i in range(len(met.distances)):
+        # The ray meets the nearest part with its chance, else the next one.
+        first, distance = met.chances[i], met.distances[i]
+        for j in range(len(met.distances)):
+            if met.distances[j] < distance:
+                first *= 1.0 - met.chances[j]
+        z = (reach - distance) / sigma
+        if not is_hit and distance < reach:
+            value += first * max(1.0 - met.bright[i], silent)
+            missed *= 1.0 - met.chances[i]
+        elif is_hit and abs(z) < NOISE_SD:
+            density = math.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sigma)
+            value += first * (1.0 - tolerance.outlier) * density * max(met.bright[i], FAINTEST)
+    return value + missed
 
 
 @compiled()

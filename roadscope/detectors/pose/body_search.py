@@ -26,7 +26,7 @@ SLACKS_M = (0.25, 0.15, 0.08, 0.04, 0.02, 0.01, 0.0, 0.0)
 """Added to noise and edges iteration by iteration: first every ray counts, then the near ones."""
 SHARES = np.array([1.0, 0.5, 0.2, 0.05])
 """Shares of a step that are tried."""
-AROUND, WIDTH = 4, 1.5
+AROUND, WIDTH = 8, 1.5
 """Places around the step's end that are tried too, and how many standard deviations wide."""
 LIMIT = 3.0
 """Misfits beyond so many standard deviations lose weight."""
