@@ -3,7 +3,7 @@
     from roadscope.benchmarks.fit import scores
     samples = scores.gather(scores.DETECTED_BY, scores.episodes())
     model = scores.fit(samples)
-    text = scores.source(model, samples)  # what `detectors/score_weights.py` holds
+    text = scores.source(model, samples)  # what `detectors/scoring.py` holds
 
 Only train seeds are used; `reliability` on validation seeds says what the scores are worth.
 """
