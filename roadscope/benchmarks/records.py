@@ -195,7 +195,7 @@ def _array_as_message(value: Any) -> Any:
         return value.item()
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
-    raise NotImplementedError(f"{type(value).__name__} cannot be kept")
+    raise TypeError(f"{type(value).__name__} cannot be kept")
 
 
 def _array_of_message(kind: type, message: Any) -> Any:
