@@ -1,17 +1,23 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.fusion import FALSE, IGNORED, Targets, judge, rates, threshold_at
+from roadscope.benchmarks.metrics.average_precision import FALSE_ALARM, IGNORED
+from roadscope.benchmarks.metrics.fusion import (
+    FusionTargets,
+    fusion_rates,
+    match_targets,
+    threshold_at,
+)
 from roadscope.core import Category
 from roadscope.core.fused import FusedDetections
 
 CAR, PERSON = 0, 2
 
 
-def targets(*rows: tuple[int, float, tuple[float, ...], bool]) -> Targets:
+def targets(*rows: tuple[int, float, tuple[float, ...], bool]) -> FusionTargets:
     """Family, distance ahead, image box, eligible."""
     n = len(rows)
-    return Targets(
+    return FusionTargets(
         np.array([r[0] for r in rows], np.int64),
         np.array([[r[1], 0.0, 1.0] for r in rows]).reshape(n, 3),
         np.array([r[2] for r in rows], float).reshape(n, 4),
@@ -42,14 +48,14 @@ def test_the_camera_is_matched_in_the_image_and_lidar_in_space() -> None:
         ((0.9, 40.0, BOX, True), True), ((0.9, 20.0, ELSEWHERE, True), False),
         ((0.9, 21.5, ELSEWHERE, False), True), ((0.9, 22.5, BOX, False), False),
     ):  # fmt: skip
-        assert (judge([fused(found)], [real]).target[0] == 0) == hit
+        assert (match_targets([fused(found)], [real]).targets[0] == 0) == hit
 
 
 def test_a_second_box_is_a_false_alarm_unless_on_what_does_not_count() -> None:
     real = targets((CAR, 20.0, BOX, True), (CAR, 30.0, ELSEWHERE, False))
     found = fused((0.9, 20.0, BOX, True), (0.5, 20.0, BOX, True), (0.4, 30.0, ELSEWHERE, True),
                   (0.3, 30.0, ELSEWHERE, True))  # fmt: skip
-    assert judge([found], [real]).target.tolist() == [0, FALSE, IGNORED, IGNORED]
+    assert match_targets([found], [real]).targets.tolist() == [0, FALSE_ALARM, IGNORED, IGNORED]
 
 
 @pytest.mark.parametrize(
@@ -60,23 +66,31 @@ def test_a_second_box_is_a_false_alarm_unless_on_what_does_not_count() -> None:
 def test_a_distance_is_right_within_a_tenth_or_a_metre(
     said: float, true: float, right: bool
 ) -> None:
-    judged = judge([fused((0.9, said, BOX, True))], [targets((CAR, true, BOX, True))])
-    assert rates(judged).distance == float(right)
+    judged = match_targets([fused((0.9, said, BOX, True))], [targets((CAR, true, BOX, True))])
+    assert fusion_rates(judged).distance_right == float(right)
 
 
 def test_rates_by_family_and_false_alarms_above_a_threshold() -> None:
     real = targets((CAR, 20.0, BOX, True), (PERSON, 30.0, ELSEWHERE, True))
     found = fused((0.9, 20.0, BOX, True), (0.4, 30.0, ELSEWHERE, True),
                   (0.6, 10.0, (500.0, 10, 520, 60), True))  # fmt: skip
-    judged = judge([found, found], [real, real])
-    low, high = rates(judged), rates(judged, 0.5)
-    assert (low.found[CAR], low.found[PERSON], low.false_per_moment) == (1.0, 1.0, 1.0)
-    assert (high.found[CAR], high.found[PERSON], high.false_per_moment) == (1.0, 0.0, 1.0)
-    assert high.all_found == 0.5
-    assert high.targets == (2, 0, 2)
-    assert np.isnan(high.found[1])
-    assert low.family == 0.5
+    judged = match_targets([found, found], [real, real])
+    low, high = fusion_rates(judged), fusion_rates(judged, 0.5)
+    assert (
+        low.family_detection_rates[CAR],
+        low.family_detection_rates[PERSON],
+        low.false_alarms_per_scan,
+    ) == (1.0, 1.0, 1.0)
+    assert (
+        high.family_detection_rates[CAR],
+        high.family_detection_rates[PERSON],
+        high.false_alarms_per_scan,
+    ) == (1.0, 0.0, 1.0)
+    assert high.detection_rate == 0.5
+    assert high.target_counts == (2, 0, 2)
+    assert np.isnan(high.family_detection_rates[1])
+    assert low.family_right == 0.5
     strict = threshold_at(judged, 0.4)
     assert 0.6 < strict <= 0.9
-    assert rates(judged, strict).false_per_moment == 0.0
+    assert fusion_rates(judged, strict).false_alarms_per_scan == 0.0
     assert threshold_at(judged, 1.0) == 0.0

@@ -101,10 +101,10 @@ def test_labels_are_of_who_is_seen() -> None:
     made = labels_of(truth, ParkedBoxes(np.array([C]), np.array([40.0])))
     assert made.categories.tolist() == [CAR, PARKED]
     assert made.ranges_m.tolist() == [5.0, 40.0]
-    assert made.asked.tolist() == [True, False]
+    assert made.eligible.tolist() == [True, False]
 
 
 def test_who_is_lost_in_fog_is_not_asked_for() -> None:
     seen = labels((A, CAR, 500, 30.0), (B, PERSON, 500, 130.0))
     assert seen.in_air(0.0) == seen
-    assert seen.in_air(3.0 / 100).asked.tolist() == [True, False]
+    assert seen.in_air(3.0 / 100).eligible.tolist() == [True, False]

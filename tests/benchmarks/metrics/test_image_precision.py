@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.image_precision import Labelled, image_precision
+from roadscope.benchmarks.metrics.image_detection import LabelledImage, image_precision
 
 LARGE = 32.0**2
 
@@ -57,7 +57,7 @@ def test_it_is_that_of_coco(seed: int, large: bool) -> None:
     judge.accumulate()
     expected = judge.eval["precision"][0, :, 0, 0, 0].mean()
     labelled = [
-        Labelled(
+        LabelledImage(
             boxes, scores, objects, (areas(objects) >= span[0]), (areas(boxes) >= span[0])
         )
         for boxes, scores, objects in images
@@ -68,9 +68,9 @@ def test_it_is_that_of_coco(seed: int, large: bool) -> None:
 def test_perfect_detections_have_one_and_none_have_nothing() -> None:
     boxes = np.array([[0.0, 0, 10, 10], [20, 20, 40, 40]])
     yes = np.ones(2, bool)
-    perfect = image_precision([Labelled(boxes, np.array([0.9, 0.8]), boxes, yes, yes)])
+    perfect = image_precision([LabelledImage(boxes, np.array([0.9, 0.8]), boxes, yes, yes)])
     assert perfect.ap == 1.0
-    missed = image_precision([Labelled(boxes[:0], np.empty(0), boxes, yes, yes[:0])])
+    missed = image_precision([LabelledImage(boxes[:0], np.empty(0), boxes, yes, yes[:0])])
     assert missed.ap == 0.0
-    nothing = image_precision([Labelled(boxes, np.ones(2), boxes[:0], yes[:0], yes)])
+    nothing = image_precision([LabelledImage(boxes, np.ones(2), boxes[:0], yes[:0], yes)])
     assert np.isnan(nothing.ap)

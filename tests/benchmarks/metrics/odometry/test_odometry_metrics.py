@@ -12,14 +12,13 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from roadscope.benchmarks.metrics.odometry import (
+from roadscope.benchmarks.metrics.odometry import score_odometry
+from roadscope.benchmarks.metrics.trajectory_errors import (
     KITTI_M,
     Trajectories,
     absolute_errors,
     drift,
-    drift_curve,
     relative_errors,
-    score_odometry,
 )
 from roadscope.core import RecordError
 from roadscope.odometry.rigid import exp_se3
@@ -233,14 +232,6 @@ def test_short_trajectories_have_no_drift(n):
     assert math.isnan(scores.t_rel.value)
     assert scores.t_rel.n == 0
     assert math.isnan(scores.ate.value) == (n == 0)
-
-
-def test_error_against_distance():
-    errors = absolute_errors(drive(13), "origin")
-    curve = drift_curve(errors, 50.0)
-    assert curve[:, 0].tolist() == list(np.arange(0, errors.distances_m[-1], 50.0))
-    for mark, off in curve:
-        assert off == errors.positions_m[np.flatnonzero(errors.distances_m <= mark + 1e-9)[-1]]
 
 
 def test_poses_a_little_askew_are_put_right_and_others_refused():

@@ -13,9 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.metrics.tracking.amota import amota
-from roadscope.benchmarks.metrics.tracking.amota_nuscenes import amota_nuscenes
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.metrics import TrackedSequence, amota, amota_nuscenes
 
 Told = Mapping[int, tuple[range, int | None, float]]
 """Of each track: when it is there, which object it lies on, if any, and its score."""

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from toy_sequences import sequence, wandering
 
 from roadscope.benchmarks.metrics.matching import centre_distances
-from roadscope.benchmarks.metrics.tracking.ospa import gospa, ospa
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.metrics import TrackedSequence, gospa, ospa
 
 START = datetime(2026, 1, 1)
 COUNTS = st.integers(0, 4)

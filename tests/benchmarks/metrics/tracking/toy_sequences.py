@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
+from roadscope.metrics import TrackedSequence
 
 GATE_M = 2.0
 
