@@ -179,23 +179,18 @@ def match_greedily(
     eligible: (M,) bool. counted: (N,) bool.
     """
     matched = np.where(counted, FALSE_ALARM, IGNORED)
-    columns = np.flatnonzero(eligible)
-    rows, chosen = _cheapest_free(costs[:, columns], order)
-    matched[rows] = columns[chosen]
-    unmatched = order[~np.isin(order, rows)]
-    rows, _ = _cheapest_free(costs[:, ~eligible], unmatched)
-    matched[rows] = IGNORED
+    rank = np.empty(len(order), int)
+    rank[order] = np.arange(len(order))
+    rows, columns = np.nonzero(costs < np.inf)
+    by_rank = np.lexsort((costs[rows, columns], rank[rows]))
+    pairs = list(zip(rows[by_rank].tolist(), columns[by_rank].tolist(), strict=True))
+    eligible_columns = set(np.flatnonzero(eligible).tolist())
+    matched_rows, matched_columns = set(), set()
+    for wants_eligible in (True, False):
+        for row, column in pairs:
+            is_free = row not in matched_rows and column not in matched_columns
+            if is_free and (column in eligible_columns) == wants_eligible:
+                matched_rows.add(row)
+                matched_columns.add(column)
+                matched[row] = column if wants_eligible else IGNORED
     return matched
-
-
-def _cheapest_free(costs: np.ndarray, order: np.ndarray) -> tuple[list[int], list[int]]:
-    """Let each row, in this order, take the free column of least cost; return rows and columns."""
-    free = costs.copy()
-    rows, columns = [], []
-    for row in order[np.isfinite(costs[order]).any(axis=1)].tolist():
-        column = int(free[row].argmin())
-        if free[row, column] < np.inf:
-            free[:, column] = np.inf
-            rows.append(row)
-            columns.append(column)
-    return rows, columns

@@ -56,7 +56,7 @@ def match_tracks(
     track_rows = np.full(len(sequence.truths), NO_TRACK)
     track_rows[rows] = columns
     previous_frames = _previous_frames(frames_with_both(sequence, takes_part))
-    matrices = sequence.matrices(sequence.similarities)
+    matrices, chosen = sequence.matrices(sequence.similarities), [settled]
     for frame in contested:
         first, last = sequence.truth_starts[frame : frame + 2]
         start, end = sequence.track_starts[frame : frame + 2]
@@ -65,19 +65,11 @@ def match_tracks(
         continued = previous[sequence.truths[first:last], None] == sequence.tracks[start + columns]
         row, column = _assign(matrices[frame][:, columns], continued, threshold - EPSILON)
         track_rows[first + row] = start + columns[column]
-    rows = np.flatnonzero(track_rows != NO_TRACK)
-    frames = np.searchsorted(sequence.truth_starts, rows, side="right") - 1
-    row, column = (
-        rows - sequence.truth_starts[frames],
-        track_rows[rows] - sequence.track_starts[frames],
-    )
+        chosen.append(pairs_of_frame(sequence, frame, row, columns[column]))
+    pairs = np.sort(np.concatenate(chosen))
+    frames, rows, columns = sequence.places(pairs)
     return MatchedPairs(
-        pairs=sequence.pair_starts[frames] + row * sequence.track_counts[frames] + column,
-        frames=frames,
-        truth_rows=rows,
-        track_rows=track_rows[rows],
-        objects=sequence.truths[rows],
-        tracks=sequence.tracks[track_rows[rows]],
+        pairs, frames, rows, columns, sequence.truths[rows], sequence.tracks[columns]
     )
 
 
