@@ -246,12 +246,14 @@ def _family_curves(
     box_filter: BoxFilter | None = None,
     label_filter: LabelFilter | None = None,
 ) -> list[PrecisionCurve]:
-    """Return the curve of each family at `LEAST_IOU`."""
-    filters = {"box_filter": box_filter, "label_filter": label_filter}
-    return [
-        image_precision(images_of_family(detections, labels, family, **filters), LEAST_IOU)
+    """Return the curve of each family at `LEAST_IOU`; filters as in `images_of_family`."""
+    families = (
+        images_of_family(
+            detections, labels, family, box_filter=box_filter, label_filter=label_filter
+        )
         for family in range(len(FAMILIES))
-    ]
+    )
+    return [image_precision(images, LEAST_IOU) for images in families]
 
 
 def _precision_score(value: float, objects: int) -> Score:

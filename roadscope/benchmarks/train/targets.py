@@ -63,7 +63,7 @@ def targets_of(objects: Objects, height: int, width: int) -> Targets:
     for i in np.argsort(-areas, kind="stable"):
         place, bell = _bell(objects.boxes[i], shape)
         family, near = objects.families[i], bell > NEAR_CENTRE
-        if not objects.eligible[i]:
+        if not objects.asked[i]:
             judged[family][place][near] = 0.0
             continue
         warm = heat[family][place]

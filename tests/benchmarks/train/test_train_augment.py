@@ -31,9 +31,9 @@ def test_who_is_cut_off_or_too_small_is_not_asked_for() -> None:
         np.array([0, 0, 6]), np.full(3, 100), np.zeros(3), np.full(3, 9.0),
     )  # fmt: skip
     window = Window(170, 50, 320, 256)
-    assert objects_in(labels, window, (256, 320)).eligible.tolist() == [False, True, False]
+    assert objects_in(labels, window, (256, 320)).asked.tolist() == [False, True, False]
     smaller = objects_in(labels, window, (128, 160))
-    assert smaller.eligible.tolist() == [False, False, False]
+    assert smaller.asked.tolist() == [False, False, False]
 
 
 def test_mirrored_twice_is_as_before() -> None:

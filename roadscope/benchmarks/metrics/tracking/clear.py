@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from roadscope.benchmarks.metrics.tracking.matching import (
-    MatchedPairs,
+    TrackPairs,
     frames_with_both,
     match_tracks,
 )
@@ -86,7 +86,7 @@ def clear(sequence: TrackedSequence, threshold: float = 0.5) -> Clear:
 
 
 def count_matches(
-    sequence: TrackedSequence, matched: MatchedPairs, alive: np.ndarray | None = None
+    sequence: TrackedSequence, matched: TrackPairs, alive: np.ndarray | None = None
 ) -> Clear:
     """Return the counts of matched pairs.
 
@@ -125,7 +125,7 @@ def switched(ids: np.ndarray, partners: np.ndarray) -> np.ndarray:
     return switches
 
 
-def _fragmentations(matched: MatchedPairs, both: np.ndarray) -> int:
+def _fragmentations(matched: TrackPairs, both: np.ndarray) -> int:
     """Count interruptions of matches; both: (T,) bool, frames that have objects and tracks."""
     order = np.argsort(matched.objects, kind="stable")
     objects, frames = matched.objects[order], np.cumsum(both)[matched.frames[order]]

@@ -6,11 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.tracking.matching import (
-    EPSILON,
-    pairs_of_frame,
-    split_contested,
-)
+from roadscope.benchmarks.metrics.tracking.matching import EPSILON, TrackPairs, assign_frames
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core.record import Record
 
@@ -94,73 +90,50 @@ def hota(sequence: TrackedSequence) -> Hota:
     As in TrackEval, one assignment of a frame serves all alphas: its weight is the similarity
     times the alignment of object and track over the whole sequence.
     """
-    pairs = _assigned(sequence)
-    similarity = sequence.similarities[pairs]
-    reached = np.searchsorted(ALPHAS - EPSILON, similarity, side="right")
-    pairs, similarity, reached = pairs[reached > 0], similarity[reached > 0], reached[reached > 0]
+    candidates = TrackPairs.of(sequence, np.flatnonzero(sequence.similarities > 0))
+    weights = _alignments(sequence, candidates) * sequence.similarities[candidates.pairs]
+    pairs = assign_frames(sequence, candidates, -weights)
+    reached = np.searchsorted(ALPHAS - EPSILON, sequence.similarities[pairs.pairs], side="right")
+    pairs, reached = pairs.select(reached > 0), reached[reached > 0]
     hits = _at_least(reached)
     shared, recall, precision = _association(sequence, pairs, reached)
     return Hota(
         hits=hits,
         misses=len(sequence.truths) - hits,
         false_alarms=len(sequence.tracks) - hits,
-        closeness=_at_least(reached, similarity),
+        closeness=_at_least(reached, sequence.similarities[pairs.pairs]),
         shared=shared,
         shared_recall=recall,
         shared_precision=precision,
     )
 
 
-def _assigned(sequence: TrackedSequence) -> np.ndarray:
-    """Return the pairs of the best assignment of each frame, ascending.
+def _alignments(sequence: TrackedSequence, candidates: TrackPairs) -> np.ndarray:
+    """Return (C,), how well object and track of each candidate fit over the sequence, 0 to 1.
 
-    Pairs without any similarity may or may not be among them.
-    """
-    from scipy.optimize import linear_sum_assignment
+    It is a soft Jaccard index (`global_alignment_score` of TrackEval): with s the sum over frames
+    of similarity / (similarities of the object + of the track - similarity), the alignment is
+    s / (frames of the object + of the track - s).
 
-    candidates = np.flatnonzero(sequence.similarities > 0)
-    settled, contested = split_contested(sequence, candidates)
-    alignment = _alignment(sequence, candidates)
-    matrices = sequence.matrices(sequence.similarities)
-    chosen = [settled]
-    for frame in contested:
-        objects = sequence.truths[slice(*sequence.truth_starts[frame : frame + 2])]
-        tracks = sequence.tracks[slice(*sequence.track_starts[frame : frame + 2])]
-        weights = alignment[np.ix_(objects, tracks)] * matrices[frame]
-        chosen.append(pairs_of_frame(sequence, frame, *linear_sum_assignment(-weights)))
-    return np.sort(np.concatenate(chosen))
-
-
-def _alignment(sequence: TrackedSequence, candidates: np.ndarray) -> np.ndarray:
-    """Return (objects, tracks), the alignment of each object with each track, 0 to 1.
-
-    It is a soft Jaccard index over the sequence (`global_alignment_score` of TrackEval): s is the
-    sum over frames of similarity / (similarities of the object + of the track - similarity), and
-    the alignment s / (frames of the object + of the track - s).
-
-    candidates: pairs with any similarity.
+    candidates: all pairs with any similarity.
     """
     matrices = sequence.matrices(sequence.similarities)
     # NumPy's own order of summation, as in TrackEval: ties between assignments depend on it.
     of_objects = np.concatenate([np.empty(0), *(m.sum(axis=1) for m in matrices)])
     of_tracks = np.concatenate([np.empty(0), *(m.sum(axis=0) for m in matrices)])
-    _, rows, columns = sequence.places(candidates)
-    similarity = sequence.similarities[candidates]
-    union = of_tracks[columns] + of_objects[rows] - similarity
-    codes = sequence.truths[rows] * sequence.distinct_tracks + sequence.tracks[columns]
-    shape = sequence.distinct_objects, sequence.distinct_tracks
-    common = np.bincount(
-        codes[union > EPSILON],
-        (similarity / np.maximum(union, EPSILON))[union > EPSILON],
-        minlength=shape[0] * shape[1],
-    ).reshape(shape)
+    similarity = sequence.similarities[candidates.pairs]
+    union = of_tracks[candidates.track_rows] + of_objects[candidates.truth_rows] - similarity
+    codes = candidates.objects * sequence.distinct_tracks + candidates.tracks
+    shares = np.where(union > EPSILON, similarity / np.maximum(union, EPSILON), 0.0)
+    common = np.bincount(codes, shares)[codes]
     object_frames, track_frames = _lifetimes(sequence)
-    alignment: np.ndarray = common / (object_frames[:, None] + track_frames[None] - common)
-    return alignment
+    frames = object_frames[candidates.objects] + track_frames[candidates.tracks]
+    alignments: np.ndarray = common / (frames - common)
+    return alignments
 
 
 def _association(
-    sequence: TrackedSequence, pairs: np.ndarray, reached: np.ndarray
+    sequence: TrackedSequence, pairs: TrackPairs, reached: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (19,) sums over hits of A(c), of its recall and of its precision.
 
@@ -169,10 +142,8 @@ def _association(
 
     reached: (K,) number of alphas that each pair reaches, from 1.
     """
-    _, rows, columns = sequence.places(pairs)
-    objects, tracks = sequence.truths[rows], sequence.tracks[columns]
     track_count, levels = max(sequence.distinct_tracks, 1), len(ALPHAS) + 1
-    codes = objects * track_count + tracks
+    codes = pairs.objects * track_count + pairs.tracks
     keys, key_of_pair = np.unique(codes, return_inverse=True)
     counts = np.bincount(key_of_pair * levels + reached, minlength=len(keys) * levels)
     together = counts.reshape(-1, levels)[:, :0:-1].cumsum(axis=1)[:, ::-1]

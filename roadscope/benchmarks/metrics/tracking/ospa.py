@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.tracking.matching import pairs_of_frame, split_contested
+from roadscope.benchmarks.metrics.tracking.matching import TrackPairs, assign_frames
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core.record import Record
 
@@ -98,31 +98,23 @@ def gospa(sequence: TrackedSequence, cutoff_m: float = 2.0, order: float = 1.0) 
 
 def _close_pairs(
     sequence: TrackedSequence, metric: str, cutoff_m: float, order: float
-) -> np.ndarray:
+) -> TrackPairs:
     """Return the pairs of each frame's cheapest assignment that are closer than the cut-off."""
-    from scipy.optimize import linear_sum_assignment
-
     distances = sequence.distances(metric)
-    settled, contested = split_contested(sequence, np.flatnonzero(distances < cutoff_m))
-    matrices = sequence.matrices(distances)
-    chosen = [settled]
-    for frame in contested:
-        row, column = linear_sum_assignment(np.minimum(matrices[frame], cutoff_m) ** order)
-        close = matrices[frame][row, column] < cutoff_m
-        chosen.append(pairs_of_frame(sequence, frame, row[close], column[close]))
-    return np.concatenate(chosen)
+    candidates = TrackPairs.of(sequence, np.flatnonzero(distances < cutoff_m))
+    costs = distances[candidates.pairs] ** order
+    return assign_frames(sequence, candidates, costs, other=cutoff_m**order)
 
 
 def _sums(
-    sequence: TrackedSequence, pairs: np.ndarray, order: float
+    sequence: TrackedSequence, pairs: TrackPairs, order: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (T,) sums of the pairs' distances to the power of the order, and their number."""
     assert sequence.distances_m is not None
-    frames, _, _ = sequence.places(pairs)
-    costs = sequence.distances_m[pairs] ** order
+    costs = sequence.distances_m[pairs.pairs] ** order
     return (
-        np.bincount(frames, costs, minlength=len(sequence)),
-        np.bincount(frames, minlength=len(sequence)),
+        np.bincount(pairs.frames, costs, minlength=len(sequence)),
+        np.bincount(pairs.frames, minlength=len(sequence)),
     )
 
 

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.tracking.matching import NO_TRACK, MatchedPairs
+from roadscope.benchmarks.metrics.tracking.matching import TrackPairs
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.core.record import Record
 
 NEVER = -1
+NO_TRACK = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +41,7 @@ class Recovery(Record):
         return reassociated
 
 
-def recovery(sequence: TrackedSequence, matched: MatchedPairs) -> Recovery:
+def recovery(sequence: TrackedSequence, matched: TrackPairs) -> Recovery:
     """Return all gaps of all objects that were matched before.
 
     The sequence holds the visible objects: one that leaves it and comes back was hidden, or out

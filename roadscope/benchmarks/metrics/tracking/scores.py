@@ -15,7 +15,7 @@ from roadscope.benchmarks.metrics.tracking.amota import amota, amota_nuscenes
 from roadscope.benchmarks.metrics.tracking.clear import count_matches
 from roadscope.benchmarks.metrics.tracking.hota import ALPHAS, hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
-from roadscope.benchmarks.metrics.tracking.matching import MatchedPairs, match_tracks
+from roadscope.benchmarks.metrics.tracking.matching import TrackPairs, match_tracks
 from roadscope.benchmarks.metrics.tracking.ospa import gospa, ospa
 from roadscope.benchmarks.metrics.tracking.recovery import recovery
 from roadscope.benchmarks.metrics.tracking.sequence import (
@@ -189,7 +189,7 @@ def counted_sequence(
 
 
 def matched_rows(
-    sequence: TrackedSequence, matched: MatchedPairs, counted: Sequence[FrameRows]
+    sequence: TrackedSequence, matched: TrackPairs, counted: Sequence[FrameRows]
 ) -> list[FrameRows]:
     """Return the matched pairs of each frame as rows of its tracks and objects."""
     columns = matched.track_rows - sequence.track_starts[matched.frames]
@@ -211,7 +211,7 @@ def _hota_scores(sequence: TrackedSequence) -> dict[str, Score]:
     return {name: _averaged(float(getattr(curves, name).mean()), objects) for name in names}
 
 
-def _clear_scores(sequence: TrackedSequence, matched: MatchedPairs) -> dict[str, Score]:
+def _clear_scores(sequence: TrackedSequence, matched: TrackPairs) -> dict[str, Score]:
     counts = count_matches(sequence, matched)
     distance_m = float(sequence.distances("MOTP in metres")[matched.pairs].sum())
 
@@ -263,7 +263,7 @@ def _ospa_scores(sequence: TrackedSequence) -> dict[str, Score]:
     }
 
 
-def _recovery_scores(sequence: TrackedSequence, matched: MatchedPairs) -> dict[str, Score]:
+def _recovery_scores(sequence: TrackedSequence, matched: TrackPairs) -> dict[str, Score]:
     gaps = recovery(sequence, matched)
     delays = gaps.delays[gaps.reassociated]
     return {
