@@ -171,11 +171,11 @@ def average_precision(
         missed nor as false alarms. None: all objects of the truth.
     """
     pairings = []
-    for t, (found, truth) in enumerate(zip(detections, truths, strict=True)):
+    for t, (detected, truth) in enumerate(zip(detections, truths, strict=True)):
         eligible = np.ones(len(truth), bool) if required is None else np.asarray(required[t], bool)
-        distances = _centre_distances(found.centres, truth.centres)
-        pairings.append(_Pairing(distances, eligible, np.ones(len(found), bool)))
-    scores = [found.scores for found in detections]
+        distances = _centre_distances(detected.centres, truth.centres)
+        pairings.append(_Pairing(distances, eligible, np.ones(len(detected), bool)))
+    scores = [detected.scores for detected in detections]
     return _precision.average_precision(pairings, scores, gate_m=gate_m)
 
 
@@ -190,10 +190,10 @@ def image_average_precision(
     least_iou: intersection over union from which on a detection is right.
     """
     images = []
-    for found, true in zip(detections, boxes, strict=True):
+    for detected, true in zip(detections, boxes, strict=True):
         objects = np.asarray(true, float).reshape(-1, 4)
-        eligible, counted = np.ones(len(objects), bool), np.ones(len(found), bool)
-        images.append(_LabelledImage(found.boxes, found.scores, objects, eligible, counted))
+        eligible, counted = np.ones(len(objects), bool), np.ones(len(detected), bool)
+        images.append(_LabelledImage(detected.boxes, detected.scores, objects, eligible, counted))
     return _image_precision(images, least_iou)
 
 

@@ -211,7 +211,7 @@ def fusion_rates(matched: MatchedTargets, least_score: float = 0.0) -> FusionRat
 
 
 def threshold_at(matched: MatchedTargets, false_alarms_per_scan: float) -> float:
-    """Return the least score above which there are no more false alarms than this, 0 or more."""
+    """Return the least score from which on there are no more false alarms than this."""
     false = np.sort(matched.scores[matched.targets == FALSE_ALARM])[::-1]
     allowed = int(np.floor(false_alarms_per_scan * matched.scans + 1e-9))
     return float(np.nextafter(false[allowed], 2.0)) if allowed < len(false) else 0.0

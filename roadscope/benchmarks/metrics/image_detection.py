@@ -226,16 +226,16 @@ def images_of_family(
     label_filter: which objects count; None: all.
     """
     images = []
-    for found, label in zip(detections, labels, strict=True):
-        rows = np.flatnonzero(FAMILY_OF[found.categories] == family)
+    for detected, label in zip(detections, labels, strict=True):
+        rows = np.flatnonzero(FAMILY_OF[detected.categories] == family)
         columns = np.flatnonzero(label.families == family)
-        boxes, objects = found.boxes[rows], label.boxes[columns]
+        boxes, objects = detected.boxes[rows], label.boxes[columns]
         eligible, counted = label.eligible[columns], np.ones(len(rows), bool)
         if box_filter is not None:
             eligible, counted = eligible & box_filter(objects), box_filter(boxes)
         if label_filter is not None:
             eligible = eligible & label_filter(label)[columns]
-        images.append(LabelledImage(boxes, found.scores[rows], objects, eligible, counted))
+        images.append(LabelledImage(boxes, detected.scores[rows], objects, eligible, counted))
     return images
 
 
@@ -325,17 +325,17 @@ def _category_accuracy(detections: Sequence[ImageDetections], labels: Sequence[L
     Of the objects that a detection of their family overlaps, by the detection that overlaps most.
     """
     right, total = 0, 0
-    for found, label in zip(detections, labels, strict=True):
+    for detected, label in zip(detections, labels, strict=True):
         objects = np.flatnonzero(label.eligible)
-        rows = np.flatnonzero(found.scores >= SCORE_THRESHOLD)
+        rows = np.flatnonzero(detected.scores >= SCORE_THRESHOLD)
         if not len(objects) or not len(rows):
             continue
-        overlaps = image_overlaps(found.boxes[rows], label.boxes[objects])
-        same_family = FAMILY_OF[found.categories[rows]][:, None] == label.families[objects][None]
+        overlaps = image_overlaps(detected.boxes[rows], label.boxes[objects])
+        same_family = FAMILY_OF[detected.categories[rows]][:, None] == label.families[objects][None]
         overlaps = np.where(same_family, overlaps, 0.0)
         hit = overlaps.max(axis=0) >= LEAST_IOU
         best = rows[overlaps.argmax(axis=0)]
-        right += int((found.categories[best] == label.categories[objects])[hit].sum())
+        right += int((detected.categories[best] == label.categories[objects])[hit].sum())
         total += int(hit.sum())
     return ratio(right, total)
 

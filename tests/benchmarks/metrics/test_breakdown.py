@@ -95,9 +95,11 @@ def test_errors_by_what_is_true_of_the_object() -> None:
 
 def test_false_alarms_by_their_own_range_and_category_and_in_every_band_of_the_rest() -> None:
     there = truth(
-        [[10, 0], [30, 0]], categories=np.array([0, 2]), returns=[300, 12],
+        [[10, 0], [30, 0]],
+        categories=np.array([0, 2]),
+        returns=[300, 12],
         occluded_fraction=np.array([0.0, 0.3]),
-    )  # fmt: skip
+    )
     found = detections([[10, 0], [30, 0], [30, 20]], scores=[0.5, 0.5, 0.9])
     s = parts([found], [there])
 
@@ -143,9 +145,11 @@ def test_bands_add_up_to_the_whole() -> None:
         seen = xy[rng.random(12) < 0.6] + rng.normal(0, 0.7, 2)
         centres = np.vstack([seen, rng.uniform(-60, 60, (3, 2))])
         some = detections(
-            centres, scores=rng.random(len(centres)), yaws=rng.normal(0, 0.3, len(centres)),
+            centres,
+            scores=rng.random(len(centres)),
+            yaws=rng.normal(0, 0.3, len(centres)),
             sizes=rng.uniform(1, 5, 3),
-        )  # fmt: skip
+        )
         found.append(replace(some, categories=rng.integers(0, 6, len(centres)).astype(np.int8)))
     pairings = RULE.pairings(found, truths)
     whole, s = (

@@ -21,8 +21,9 @@ def targets(*rows: tuple[int, float, tuple[float, ...], bool]) -> FusionTargets:
         np.array([r[0] for r in rows], np.int64),
         np.array([[r[1], 0.0, 1.0] for r in rows]).reshape(n, 3),
         np.array([r[2] for r in rows], float).reshape(n, 4),
-        np.array([r[3] for r in rows], bool), np.zeros(n),
-    )  # fmt: skip
+        np.array([r[3] for r in rows], bool),
+        np.zeros(n),
+    )
 
 
 def fused(*rows: tuple[float, float, tuple[float, ...], bool]) -> FusedDetections:
@@ -32,11 +33,21 @@ def fused(*rows: tuple[float, float, tuple[float, ...], bool]) -> FusedDetection
     camera = np.array([r[3] for r in rows])
     zero = np.zeros(n)
     return FusedDetections(
-        np.full(n, Category.CAR, np.int8), np.array([r[0] for r in rows]), ~camera, camera,
-        far >= 0, np.column_stack([far, zero, zero]), np.ones((n, 3)), zero, far,
-        np.full(n, -1), np.ones(n, bool), np.array([r[2] for r in rows], float),
-        np.tile([0.25, 0.25, 0.25, 0.25], (n, 1)), 0.0,
-    )  # fmt: skip
+        np.full(n, Category.CAR, np.int8),
+        np.array([r[0] for r in rows]),
+        ~camera,
+        camera,
+        far >= 0,
+        np.column_stack([far, zero, zero]),
+        np.ones((n, 3)),
+        zero,
+        far,
+        np.full(n, -1),
+        np.ones(n, bool),
+        np.array([r[2] for r in rows], float),
+        np.tile([0.25, 0.25, 0.25, 0.25], (n, 1)),
+        0.0,
+    )
 
 
 BOX, ELSEWHERE = (10.0, 10, 50, 60), (200.0, 10, 240, 60)
@@ -45,24 +56,35 @@ BOX, ELSEWHERE = (10.0, 10, 50, 60), (200.0, 10, 240, 60)
 def test_the_camera_is_matched_in_the_image_and_lidar_in_space() -> None:
     real = targets((CAR, 20.0, BOX, True))
     for found, hit in (
-        ((0.9, 40.0, BOX, True), True), ((0.9, 20.0, ELSEWHERE, True), False),
-        ((0.9, 21.5, ELSEWHERE, False), True), ((0.9, 22.5, BOX, False), False),
-    ):  # fmt: skip
+        ((0.9, 40.0, BOX, True), True),
+        ((0.9, 20.0, ELSEWHERE, True), False),
+        ((0.9, 21.5, ELSEWHERE, False), True),
+        ((0.9, 22.5, BOX, False), False),
+    ):
         assert (match_targets([fused(found)], [real]).targets[0] == 0) == hit
 
 
 def test_a_second_box_is_a_false_alarm_unless_on_what_does_not_count() -> None:
     real = targets((CAR, 20.0, BOX, True), (CAR, 30.0, ELSEWHERE, False))
-    found = fused((0.9, 20.0, BOX, True), (0.5, 20.0, BOX, True), (0.4, 30.0, ELSEWHERE, True),
-                  (0.3, 30.0, ELSEWHERE, True))  # fmt: skip
+    found = fused(
+        (0.9, 20.0, BOX, True),
+        (0.5, 20.0, BOX, True),
+        (0.4, 30.0, ELSEWHERE, True),
+        (0.3, 30.0, ELSEWHERE, True),
+    )
     assert match_targets([found], [real]).targets.tolist() == [0, FALSE_ALARM, IGNORED, IGNORED]
 
 
 @pytest.mark.parametrize(
     ("said", "true", "right"),
-    [(20.9, 20.0, True), (22.1, 20.0, False), (5.9, 5.0, True), (6.1, 5.0, False),
-     (-1.0, 20.0, False)],
-)  # fmt: skip
+    [
+        (20.9, 20.0, True),
+        (22.1, 20.0, False),
+        (5.9, 5.0, True),
+        (6.1, 5.0, False),
+        (-1.0, 20.0, False),
+    ],
+)
 def test_a_distance_is_right_within_a_tenth_or_a_metre(
     said: float, true: float, right: bool
 ) -> None:
@@ -72,8 +94,11 @@ def test_a_distance_is_right_within_a_tenth_or_a_metre(
 
 def test_rates_by_family_and_false_alarms_above_a_threshold() -> None:
     real = targets((CAR, 20.0, BOX, True), (PERSON, 30.0, ELSEWHERE, True))
-    found = fused((0.9, 20.0, BOX, True), (0.4, 30.0, ELSEWHERE, True),
-                  (0.6, 10.0, (500.0, 10, 520, 60), True))  # fmt: skip
+    found = fused(
+        (0.9, 20.0, BOX, True),
+        (0.4, 30.0, ELSEWHERE, True),
+        (0.6, 10.0, (500.0, 10, 520, 60), True),
+    )
     judged = match_targets([found, found], [real, real])
     low, high = fusion_rates(judged), fusion_rates(judged, 0.5)
     assert (

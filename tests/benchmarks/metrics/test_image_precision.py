@@ -35,20 +35,36 @@ def test_it_is_that_of_coco(seed: int, large: bool) -> None:
     span = [LARGE, 1e10] if large else [0.0, 1e10]
     truth, found = coco.COCO(), coco.COCO()
     annotations = [
-        {"id": 1 + 100 * i + k, "image_id": i, "category_id": 1, "iscrowd": 0, "area": float(area),
-         "bbox": [*box[:2], *(box[2:] - box[:2])]}
+        {
+            "id": 1 + 100 * i + k,
+            "image_id": i,
+            "category_id": 1,
+            "iscrowd": 0,
+            "area": float(area),
+            "bbox": [*box[:2], *(box[2:] - box[:2])],
+        }
         for i, (_, _, objects) in enumerate(images)
         for k, (box, area) in enumerate(zip(objects, areas(objects), strict=True))
-    ]  # fmt: skip
+    ]
     results = [
-        {"id": 1 + 100 * i + k, "image_id": i, "category_id": 1, "score": float(score),
-         "area": float(area), "iscrowd": 0, "bbox": [*box[:2], *(box[2:] - box[:2])]}
+        {
+            "id": 1 + 100 * i + k,
+            "image_id": i,
+            "category_id": 1,
+            "score": float(score),
+            "area": float(area),
+            "iscrowd": 0,
+            "bbox": [*box[:2], *(box[2:] - box[:2])],
+        }
         for i, (boxes, scores, _) in enumerate(images)
         for k, (box, score, area) in enumerate(zip(boxes, scores, areas(boxes), strict=True))
-    ]  # fmt: skip
+    ]
     for data, rows in ((truth, annotations), (found, results)):
-        data.dataset = {"images": [{"id": i} for i in range(len(images))],
-                        "categories": [{"id": 1}], "annotations": rows}  # fmt: skip
+        data.dataset = {
+            "images": [{"id": i} for i in range(len(images))],
+            "categories": [{"id": 1}],
+            "annotations": rows,
+        }
         data.createIndex()
     judge = evaluation.COCOeval(truth, found, "bbox")
     judge.params.areaRng, judge.params.areaRngLbl = [span], ["all"]
@@ -61,7 +77,7 @@ def test_it_is_that_of_coco(seed: int, large: bool) -> None:
             boxes, scores, objects, (areas(objects) >= span[0]), (areas(boxes) >= span[0])
         )
         for boxes, scores, objects in images
-    ]  # fmt: skip
+    ]
     assert image_precision(labelled, 0.5).ap == pytest.approx(expected, abs=1e-9)
 
 

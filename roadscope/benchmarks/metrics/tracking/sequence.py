@@ -168,9 +168,9 @@ class TrackedSequence(Record):
             return
         bad = np.flatnonzero(~(np.isfinite(values) & (values >= least) & (values <= most)))[0]
         frame = int(np.searchsorted(starts, bad, side="right")) - 1
-        wanted = f"be in {least:g} to {most:g}" if np.isfinite(values[bad]) else "be finite"
+        rule = f"be in {least:g} to {most:g}" if np.isfinite(values[bad]) else "be finite"
         raise RecordError(
-            f"TrackedSequence.{name}: must {wanted}, got {values[bad]:g} in frame {frame}"
+            f"TrackedSequence.{name}: must {rule}, got {values[bad]:g} in frame {frame}"
         )
 
     def _set(self, name: str, value: object) -> None:

@@ -128,7 +128,8 @@ def test_drift_is_kittis(lengths, every):
     assert found.rotations == pytest.approx(slow[:, 1], abs=1e-10)
     assert found.t_rel == pytest.approx(100 * slow[:, 0].mean())
     assert [n for *_, n in found.curve()] == [
-        (found.lengths_m == m).sum() for m in lengths if m in found.lengths_m]  # fmt: skip
+        (found.lengths_m == m).sum() for m in lengths if m in found.lengths_m
+    ]
 
 
 @pytest.mark.parametrize("seed", [6, 60, 61, 62, 63])
@@ -150,8 +151,9 @@ def told_by(folder, program, *arguments):
     result = folder / "result.zip"
     command = [found, *arguments, "--save_results", str(result), "--no_warnings"]
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    subprocess.run(command, capture_output=True, text=True, check=True,
-                   env=environment | {"HOME": str(folder)})  # fmt: skip
+    subprocess.run(
+        command, capture_output=True, text=True, check=True, env=environment | {"HOME": str(folder)}
+    )
     with zipfile.ZipFile(result) as files, files.open("error_array.npy") as array:
         return np.load(io.BytesIO(array.read()))
 
@@ -182,8 +184,9 @@ def test_evo_agrees_on_relative_errors(written, tmp_path, step):
     ours = relative_errors(both, step)
     options = ["--delta", str(step), "--delta_unit", "f", "--all_pairs"]
     for relation, values in (
-        ("trans_part", ours.translations_m), ("angle_rad", ours.rotations_rad)
-    ):  # fmt: skip
+        ("trans_part", ours.translations_m),
+        ("angle_rad", ours.rotations_rad),
+    ):
         told = told_by(tmp_path, "evo_rpe", "kitti", *files, "-r", relation, *options)
         assert values == pytest.approx(told, abs=1e-8)
 

@@ -89,10 +89,11 @@ def test_frames_without_a_match_are_part_of_the_mean_and_false() -> None:
     told = {1: (range(160), 0, 0.0), 2: (range(160), None, 0.0)}
     s = scene(160, 1, told, scores)
     there = TrackedSequence.of(
-        [[0] if t < 80 else [] for t in range(160)], [[1, 2]] * 160,
+        [[0] if t < 80 else [] for t in range(160)],
+        [[1, 2]] * 160,
         [s_ if t < 80 else np.empty((0, 2)) for t, s_ in enumerate(s.matrices(s.similarities))],
         scores=[[scores[1][t], scores[2][t]] for t in range(160)],
-    )  # fmt: skip
+    )
     assert figures(there) == [1 - 240 / 80, 0.0, SIMILARITY]
 
 

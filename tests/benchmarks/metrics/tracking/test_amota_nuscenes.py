@@ -26,9 +26,11 @@ def events(s: TrackedSequence, kept: set[int]) -> tuple[list[tuple[int, bool, fl
         if not g or not columns:
             continue
         pairs = [
-            (i, j) for i, one in enumerate(g) for j in columns
+            (i, j)
+            for i, one in enumerate(g)
+            for j in columns
             if now.get(one) == k[j] and apart[i, j] <= GATE_M
-        ]  # fmt: skip
+        ]
         rows = [i for i in range(len(g)) if i not in {i for i, _ in pairs}]
         rest = [j for j in columns if j not in {j for _, j in pairs}]
         gain = np.maximum(0, 2 * GATE_M - apart[np.ix_(rows, rest)])
@@ -95,9 +97,11 @@ def straight(apart: list[list[float]], scores: list[float]) -> TrackedSequence:
     n = len(scores)
     frames = 40
     return TrackedSequence.of(
-        [np.array([1, 2])] * frames, [np.arange(n)] * frames,
-        distances_m=[np.array(apart)] * frames, scores=[np.array(scores)] * frames,
-    )  # fmt: skip
+        [np.array([1, 2])] * frames,
+        [np.arange(n)] * frames,
+        distances_m=[np.array(apart)] * frames,
+        scores=[np.array(scores)] * frames,
+    )
 
 
 def test_perfect_tracks() -> None:

@@ -41,10 +41,18 @@ def linked(detections: list[Detections]) -> Iterator[np.ndarray]:
 def as_tracks(found: Detections, ids: np.ndarray) -> Tracks:
     n = len(found)
     return Tracks(
-        ids, found.centres, found.sizes, found.yaws, np.zeros((n, 2)),
-        np.tile(np.eye(4), (n, 1, 1)), found.categories, found.scores,
-        np.full(n, TrackState.CONFIRMED), "world", found.stamp_s,
-    )  # fmt: skip
+        ids,
+        found.centres,
+        found.sizes,
+        found.yaws,
+        np.zeros((n, 2)),
+        np.tile(np.eye(4), (n, 1, 1)),
+        found.categories,
+        found.scores,
+        np.full(n, TrackState.CONFIRMED),
+        "world",
+        found.stamp_s,
+    )
 
 
 def in_the_image(real: KittiSequence, ids: list[np.ndarray]) -> TrackedSequence:

@@ -14,14 +14,29 @@ from roadscope.metrics import TrackedSequence, clear, hota, identity
 theirs = pytest.importorskip("trackeval.metrics")
 
 CURVES = {
-    "HOTA": "hota", "DetA": "det_a", "AssA": "ass_a", "LocA": "loc_a", "DetRe": "det_re",
-    "DetPr": "det_pr", "AssRe": "ass_re", "AssPr": "ass_pr",
-}  # fmt: skip
+    "HOTA": "hota",
+    "DetA": "det_a",
+    "AssA": "ass_a",
+    "LocA": "loc_a",
+    "DetRe": "det_re",
+    "DetPr": "det_pr",
+    "AssRe": "ass_re",
+    "AssPr": "ass_pr",
+}
 COUNTS = {
-    "CLR_TP": "matches", "CLR_FN": "misses", "CLR_FP": "false_alarms", "IDSW": "id_switches",
-    "Frag": "fragmentations", "MT": "mostly_tracked", "PT": "partially_tracked",
-    "ML": "mostly_lost", "MOTA": "mota", "MOTP": "motp", "CLR_Re": "recall", "CLR_Pr": "precision",
-}  # fmt: skip
+    "CLR_TP": "matches",
+    "CLR_FN": "misses",
+    "CLR_FP": "false_alarms",
+    "IDSW": "id_switches",
+    "Frag": "fragmentations",
+    "MT": "mostly_tracked",
+    "PT": "partially_tracked",
+    "ML": "mostly_lost",
+    "MOTA": "mota",
+    "MOTP": "motp",
+    "CLR_Re": "recall",
+    "CLR_Pr": "precision",
+}
 SHARES = {"IDTP": "hits", "IDF1": "idf1", "IDR": "idr", "IDP": "idp"}
 
 ALIKE = st.sampled_from([0.0, 0.05, 0.25, 0.5 - 2**-53, 0.5, 0.5, 0.75, 0.95, 1.0])

@@ -54,9 +54,12 @@ def changed(s: TrackedSequence, seed: int, *, rename: bool, reorder: bool) -> Tr
         place = np.ix_(*orders)
         rows, columns = rows[orders[0]], columns[orders[1]]
         frame = (
-            names[0][s.truths[rows]], names[1][s.tracks[columns]], alike[place], apart[place],
+            names[0][s.truths[rows]],
+            names[1][s.tracks[columns]],
+            alike[place],
+            apart[place],
             s.scores[columns],
-        )  # fmt: skip
+        )
         for column, values in zip(frames, frame, strict=True):
             column.append(values)
     truth_ids, track_ids, close, metres, scores = frames
@@ -86,9 +89,11 @@ def compared(seed: int, similarity: float, distance_m: float) -> TrackedSequence
     rng = np.random.default_rng(seed)
     ids = [np.flatnonzero(rng.random(5) < 0.7) for _ in range(12)]
     return TrackedSequence.of(
-        ids, [i + 50 for i in ids], [similarity * np.eye(len(i)) for i in ids],
+        ids,
+        [i + 50 for i in ids],
+        [similarity * np.eye(len(i)) for i in ids],
         distances_m=[np.where(np.eye(len(i)), distance_m, 9.0) for i in ids],
-    )  # fmt: skip
+    )
 
 
 @given(SEEDS)
@@ -129,9 +134,14 @@ def test_what_is_not_a_number_is_refused_by_name(field) -> None:
     fields = {
         name: getattr(s, name)
         for name in (
-            "truth_counts", "track_counts", "truth_ids", "track_ids", "similarities", "scores",
+            "truth_counts",
+            "track_counts",
+            "truth_ids",
+            "track_ids",
+            "similarities",
+            "scores",
             "distances_m",
         )
-    }  # fmt: skip
+    }
     with pytest.raises(RecordError, match=rf"TrackedSequence\.{field}: must be finite, got nan"):
         TrackedSequence(**{**fields, field: values})
