@@ -17,7 +17,7 @@ import numpy as np
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.metrics.fusion import FALSE, IGNORED, judge
 from roadscope.benchmarks.noisy_camera import FAMILY
-from roadscope.benchmarks.papers.li2021_scene import Moment, film
+from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.core import Detections, ImageDetections
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import weights
@@ -43,7 +43,7 @@ ROUNDS = 3
 RIDGE = 30.0
 
 
-def moments_of(seeds: Sequence[int]) -> list[Moment]:
+def moments_of(seeds: Sequence[int]) -> list[SensorPair]:
     """Sense all scenarios with all rigs; clear, and in turn night and fog."""
     found = []
     detector = CAMERA_DETECTORS.make("network")
@@ -51,13 +51,13 @@ def moments_of(seeds: Sequence[int]) -> list[Moment]:
         for dull in (False, True):
             fog, night = dull and seed % 2 == 1, dull and seed % 2 == 0
             episode = Episode(scenario, seed, rig, 10.0, "fog-3" if fog else "clear")
-            found += film(replace(episode, light="night" if night else "day"), every=8)
+            found += sense_pairs(replace(episode, light="night" if night else "day"), every=8)
             seen = replace(episode, faults=("night:2",)) if night else episode
-            found += film(seen, every=8, detector=detector)
+            found += sense_pairs(seen, every=8, detector=detector)
     return found
 
 
-def fit(moments: Sequence[Moment]) -> dict[str, object]:
+def fit(moments: Sequence[SensorPair]) -> dict[str, object]:
     """Fit one after the other: classes of clusters, the camera's reliability, all candidates."""
     table: dict[str, object] = {"lidar_classes": fit_classes(moments)}
     _use(table)
@@ -75,7 +75,7 @@ def fit(moments: Sequence[Moment]) -> dict[str, object]:
     return table
 
 
-def fit_classes(moments: Sequence[Moment]) -> dict[str, list[object]]:
+def fit_classes(moments: Sequence[SensorPair]) -> dict[str, list[object]]:
     """Multinomial weights of vehicle, cyclist, pedestrian and nothing."""
     parts, labels = [], []
     detector = ClusterBoxes()
@@ -96,7 +96,7 @@ def fit_classes(moments: Sequence[Moment]) -> dict[str, list[object]]:
     }  # fmt: skip
 
 
-def labels_of(shapes: np.ndarray, moment: Moment) -> np.ndarray:
+def labels_of(shapes: np.ndarray, moment: SensorPair) -> np.ndarray:
     """(N,) family of the road user in whose box a cluster lies, `NOTHING`, or `UNKNOWN`."""
     truth, targets = moment.truth, moment.targets
     label = np.full(len(shapes), NOTHING)
@@ -115,7 +115,7 @@ def labels_of(shapes: np.ndarray, moment: Moment) -> np.ndarray:
 
 
 def fit_alone(
-    moments: Sequence[Moment], lidar: Sequence[Detections]
+    moments: Sequence[SensorPair], lidar: Sequence[Detections]
 ) -> tuple[dict[str, list[object]], dict[str, list[object]]]:
     """Weights of LiDAR alone and of the camera's masses, and who is taken for whom.
 
@@ -161,7 +161,7 @@ def fit_alone(
     return odds, shares
 
 
-def fit_ranking(moments: Sequence[Moment]) -> dict[str, list[object]]:
+def fit_ranking(moments: Sequence[SensorPair]) -> dict[str, list[object]]:
     """Weights of the chance that a box of a camera alone is a target's, and the first of it."""
     values, right = [], []
     for moment in moments:
@@ -180,7 +180,7 @@ def fit_ranking(moments: Sequence[Moment]) -> dict[str, list[object]]:
 
 
 def fit_joint(
-    moments: Sequence[Moment], lidar: Sequence[Detections], models: dict[str, list[object]]
+    moments: Sequence[SensorPair], lidar: Sequence[Detections], models: dict[str, list[object]]
 ) -> dict[str, list[object]]:
     """Weights of pairs and of what one sensor alone found while both were there.
 
@@ -223,7 +223,7 @@ def fit_joint(
 
 
 def fates(
-    moment: Moment, views: Views, candidates: Candidates, scores: np.ndarray
+    moment: SensorPair, views: Views, candidates: Candidates, scores: np.ndarray
 ) -> np.ndarray:  # fmt: skip
     """(K,) number of the target that each candidate is the first to find, FALSE or IGNORED."""
     rows, columns = candidates.lidar_rows, candidates.camera_rows

@@ -1,0 +1,117 @@
+"""Scans of an episode, each with the image nearest in time and the targets that both should detect.
+
+Li 2021 (section 3) pairs the sensors so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from roadscope.benchmarks.episode import Episode, sensing_of, timeline_of
+from roadscope.benchmarks.images import camera_of, projection_of, sensing_without_pixels
+from roadscope.benchmarks.metrics.fusion import Targets
+from roadscope.benchmarks.nodes.fusions import targets_of
+from roadscope.benchmarks.nodes.images import is_dark, lit_share
+from roadscope.benchmarks.noisy_camera import CameraNoise, NoisyCamera
+from roadscope.benchmarks.parked import parked_among
+from roadscope.core import Frame, ImageDetections, Truth
+from roadscope.core.projection import Projection
+from roadscope.detectors import Detector
+from roadscope.envs.sensors.rigs import rig
+from roadscope.fusion.pairing import ALONE, moved_projection, nearest_images
+
+UNUSED_END_S = 0.2
+"""End of an episode without scans and images, so that all have states before and after them."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorPair:
+    """A scan and the image nearest in time.
+
+    scan: the frame of the scan. truth: of the scan. camera: detections in the image, None where
+    there are none. projection: from the ego frame at the scan into the image.
+    """
+
+    scan: Frame
+    truth: Truth
+    camera: ImageDetections | None
+    targets: Targets
+    projection: Projection
+
+
+class _SensedPair(NamedTuple):
+    scan: Frame
+    truth: Truth
+    image_truth: Truth
+    boxes: ImageDetections
+    projection: Projection
+
+
+def sense_pairs(
+    episode: Episode,
+    *,
+    every: int = 6,
+    noise: CameraNoise | None = None,
+    detector: Detector | None = None,
+) -> list[SensorPair]:
+    """Sense every n-th scan of an episode and the image nearest in time.
+
+    A scan without an image within the limit is left out.
+
+    detector: of images, which are drawn for it. None: detections are imitated from the truth, with
+    the errors in `noise`.
+    """
+    if detector is not None and noise is not None:
+        raise ValueError("noise is of imitated detections, and a detector was given")
+    timeline, carrier = timeline_of(episode), rig(episode.rig)
+    mount = camera_of(carrier)
+    pinhole, projection = mount.spec.pinhole, projection_of(carrier)
+    sensing = sensing_without_pixels(episode) if detector is None else sensing_of(episode)
+    end_s = timeline.end_s - UNUSED_END_S
+    scans = np.arange(every, int(end_s / carrier.lidar.spec.period_s), every)
+    images = np.arange(1, int(end_s / mount.spec.period_s))
+    scan_s = np.array([carrier.lidar.stamp_s(int(k)) for k in scans])
+    image_s = np.array([mount.stamp_s(int(k)) for k in images])
+    imitation = NoisyCamera(
+        noise or CameraNoise(),
+        episode.seed,
+        night=is_dark(episode),
+        lit=lit_share(episode),
+        extinction_per_m=sensing.weather.extinction_per_m,
+    )
+    sensed = []
+    for scan, row in zip(scans, nearest_images(scan_s, image_s), strict=True):
+        if row == ALONE:
+            continue
+        frame, truth = sensing.sense(timeline, int(scan))
+        image, image_truth = sensing.sense_image(timeline, int(images[row]))
+        boxes = (
+            imitation.of(image_truth, pinhole) if detector is None else in_image(detector, image)
+        )
+        gap_s = image_truth.stamp_s - truth.stamp_s
+        moved = moved_projection(
+            projection, frame.previous_from_ego, carrier.lidar.spec.period_s, gap_s
+        )
+        sensed.append(_SensedPair(frame, truth, image_truth, boxes, moved))
+    parked = parked_among(episode, [each.truth for each in sensed])
+    return [
+        SensorPair(
+            each.scan,
+            each.truth,
+            each.boxes,
+            targets_of(each.truth, each.image_truth, parked, each.projection),
+            each.projection,
+        )
+        for each in sensed
+    ]
+
+
+def in_image(detector: Detector, frame: Frame) -> ImageDetections:
+    """Return a detector's boxes in an image; `TypeError` for a detector of boxes in space."""
+    boxes = detector.detect(frame)
+    if not isinstance(boxes, ImageDetections):
+        raise TypeError(f"{type(detector).__name__} finds no boxes in images")
+    return boxes
