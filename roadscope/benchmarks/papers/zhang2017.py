@@ -11,14 +11,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from roadscope.benchmarks.papers.reproduction import Key, ReproductionRow, over_seeds, summarise
-from roadscope.benchmarks.papers.zhang2017_calibration import calibrate, calibrated
 from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
 from roadscope.benchmarks.papers.zhang2017_errors import HEADING, POSITION, TURNED
 from roadscope.benchmarks.papers.zhang2017_methods import METHODS, OURS, REPEATED, SINGLE
 from roadscope.benchmarks.papers.zhang2017_names import (
     BESIDE,
     COUNTS,
-    EXACT,
     FOLLOWING,
     FRAMES,
     HIGH,
@@ -32,7 +30,6 @@ from roadscope.benchmarks.papers.zhang2017_names import (
     SLOWEST,
     TIMES,
     TURNED_FRAMES,
-    floor_name,
     frames_name,
     note_of,
     paper_figure,
@@ -73,28 +70,25 @@ def reproduce(
         summarise(key[:2], key[2], unit_of(key), values, paper_figure(key))
         for key, values in measured.items()
     ]
-    return rows + calibrated(measured) + verdicts(measured, BODIES)
+    return rows + verdicts(measured, BODIES)
 
 
 def measure(seed: int) -> Values:
     """Measure every quantity of every experiment and method with one seed."""
     warm_up()
     simulated = [
-        take(film(drive, seed, body=body), tuple(METHODS), floored=True)
-        for body in BODIES
-        for drive in SIMULATED
+        take(film(drive, seed, body=body), tuple(METHODS)) for body in BODIES for drive in SIMULATED
     ]
     followed = [
         take(
             film(f"following-{metres}", seed, body=body, frames=FOLLOWED_FRAMES),
             REPEATED,
-            floored=True,
         )
         for body in BODIES
         for metres in FOLLOWED_M
     ]
     noisy = {
-        factor: [take(film(drive, seed, noise=factor), REPEATED, floored=True) for drive in APART]
+        factor: [take(film(drive, seed, noise=factor), REPEATED) for drive in APART]
         for factor in NOISES
     }
     high = [take(film(drive, seed, sensor_height_m=HIGH_M), REPEATED) for drive in APART]
@@ -113,7 +107,6 @@ def measure(seed: int) -> Values:
         | _counts((*simulated, *followed), high)
         | _times(followed, (*simulated, *followed))
         | _readings(seed)
-        | calibrate(seed)
     )
 
 
@@ -169,13 +162,12 @@ def _high(high: Sequence[Taken]) -> Values:
 
 
 def _nees(runs: Iterable[Taken]) -> Values:
-    """Of ours, and of the exact posterior for who knows as much: no fit can be told better."""
+    """Of ours, by drive and number of frames."""
     found: Values = {}
     for taken in runs:
         for method, frames in OURS.items():
             place = taken.drive, frames_name(frames)
             found[NEES.format(taken.body), *place] = taken.nees[method]
-            found[EXACT.format(taken.body), *place] = taken.nees[floor_name(frames)]
     return found
 
 

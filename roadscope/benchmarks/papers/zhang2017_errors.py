@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from roadscope.benchmarks.papers.zhang2017_floor import FEWEST, Floor
 from roadscope.benchmarks.papers.zhang2017_methods import Poses
 from roadscope.benchmarks.papers.zhang2017_scene import Run
 from roadscope.detectors.pose.estimate import axis_difference
 
+FEWEST_RETURNS = 3
+"""Frames with fewer returns of the car are not scored."""
 LATERAL, LONGITUDINAL, HEADING, POSITION = ("lateral", "longitudinal", "heading", "position")
 UNITS = {LATERAL: "m", LONGITUDINAL: "m", HEADING: "deg", POSITION: "m"}
 """The columns of tables 1 and 2: RMSE across and along the car's true heading, of the heading,
@@ -22,8 +23,8 @@ FLIPPED = np.pi / 4
 
 
 def scored(run: Run) -> np.ndarray:
-    """(K,) bool: frames with at least three returns of the car."""
-    return np.array([shot.target.sum() >= FEWEST for shot in run.shots])
+    """(K,) bool: frames with at least `FEWEST_RETURNS` returns of the car."""
+    return np.array([shot.target.sum() >= FEWEST_RETURNS for shot in run.shots])
 
 
 def errors(run: Run, poses: Poses) -> np.ndarray:
@@ -53,18 +54,7 @@ def rmse(run: Run, found: np.ndarray) -> dict[str, float]:
     """Return the columns of tables 1 and 2 from the (K, 3) errors."""
     used = found[scored(run) & np.isfinite(found[:, 0])]
     squares = (used**2).mean(axis=0) if len(used) else np.full(3, np.nan)
-    return _columns(squares)
-
-
-def floor_rmse(run: Run, least: Floor, *, expected: bool = True) -> dict[str, float]:
-    """Return the same columns for the information floor.
-
-    expected: what the posterior says its error is; otherwise what the error of its mean is. Where
-    the posterior covers other bodies than the run's, it speaks of the mean over all of them.
-    """
-    used = scored(run) & (least.shares > 0)
-    squares = np.diagonal(least.covariances, axis1=1, axis2=2) if expected else least.errors**2
-    return _columns(squares[used].mean(axis=0) if used.any() else np.full(3, np.nan))
+    return named_columns(squares)
 
 
 def typical(run: Run, found: np.ndarray) -> dict[str, float]:
@@ -95,14 +85,7 @@ def nees(run: Run, poses: Poses) -> float:
     return float(np.mean(values)) if values else np.nan
 
 
-def floor_nees(run: Run, least: Floor) -> float:
-    """Return the same of an information floor's posterior; NaN where no frame has any."""
-    values = least.nees[scored(run)]
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else np.nan
-
-
-def _columns(squares: np.ndarray) -> dict[str, float]:
+def named_columns(squares: np.ndarray) -> dict[str, float]:
     """Name mean squares along, across (square metres) and in heading (square radians)."""
     return {
         LATERAL: float(np.sqrt(squares[1])),

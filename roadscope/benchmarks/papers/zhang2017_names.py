@@ -16,12 +16,7 @@ NOISE = "half and double noise, sharp body: {} RMSE"
 HIGH = "{}, sharp body, sensor at 1.9 m ({})"
 READING = "readings of the paper: {} RMSE"
 NEES = "NEES, {} body"
-EXACT = "NEES of the exact posterior, {} body"
 INSIDE = "3 within the NEES's 95 % interval, {} body"
-EXACT_INSIDE = "3 within that of the exact posterior, {} body"
-CALIBRATED = "NEES over all possible cars, {}"
-CALIBRATED_INSIDE = "3 within that over all possible cars, {}"
-COVERED = "percent of all possible cars within the covariance's ellipsoid"
 TURNED_FRAMES = "frames turned by 90 deg, percent of those scored"
 COUNTS = "frames, and those not scored for having fewer than 3 returns"
 TIMES, RATIOS = "table 3, time a frame while following", "table 3, ratios"
@@ -34,11 +29,6 @@ OF_ALL, SHARE_OF_SEEDS = "asked on all drives", ": share of seeds"
 def frames_name(frames: int) -> str:
     """Return how so many frames are called."""
     return f"{frames} frame{'s' if frames > 1 else ''}"
-
-
-def floor_name(frames: int, *, told: bool = False) -> str:
-    """Return the row of the information floor given so many frames; told: the corners' radius."""
-    return f"told floor, {frames}" if told else f"floor, {frames_name(frames)}"
 
 
 def note_of(experiment: str) -> str | None:
@@ -68,7 +58,7 @@ def unit_of(key: Key) -> str:
     experiment, _, quantity = key
     if experiment == COUNTS:
         return "count"
-    if experiment in (TURNED_FRAMES, COVERED):
+    if experiment == TURNED_FRAMES:
         return "%"
     if experiment == TIMES:
         return "ms"

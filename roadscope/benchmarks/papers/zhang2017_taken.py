@@ -10,19 +10,13 @@ import numpy as np
 
 from roadscope.benchmarks.papers.zhang2017_errors import (
     errors,
-    floor_nees,
-    floor_rmse,
     nees,
     rmse,
     scored,
     typical,
 )
-from roadscope.benchmarks.papers.zhang2017_floor import floors
-from roadscope.benchmarks.papers.zhang2017_methods import METHODS, OURS, estimate
-from roadscope.benchmarks.papers.zhang2017_names import floor_name
+from roadscope.benchmarks.papers.zhang2017_methods import METHODS, estimate
 from roadscope.benchmarks.papers.zhang2017_scene import Run, film
-
-FLOOR_DRAWS = 512
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +24,9 @@ class Taken:
     """One run.
 
     frames, few: all frames, and those with too few returns to be scored.
-    rmse: columns of tables 1 and 2 by method, the information floors among them.
+    rmse: columns of tables 1 and 2 by method.
     beside: medians, and percentages of scored frames, by method.
-    nees: by method that gives a covariance, the floors' posteriors among them.
+    nees: by method that gives a covariance.
     spent: milliseconds of each frame that was answered alone, by method.
     """
 
@@ -46,8 +40,8 @@ class Taken:
     spent: dict[str, np.ndarray]
 
 
-def take(run: Run, methods: Sequence[str], *, floored: bool = False) -> Taken:
-    """Run the methods, and, if floored, compute the floors of as many frames as ours use."""
+def take(run: Run, methods: Sequence[str]) -> Taken:
+    """Run the methods."""
     few = int((~scored(run)).sum())
     taken = Taken(run.drive.name, run.body, len(run.shots), few, {}, {}, {}, {})
     for name in methods:
@@ -57,15 +51,6 @@ def take(run: Run, methods: Sequence[str], *, floored: bool = False) -> Taken:
         taken.beside[name] = typical(run, found)
         if np.isfinite(consistency := nees(run, poses)):
             taken.nees[name] = consistency
-    for told in (False, True) if floored else ():
-        found_by = floors(
-            run, tuple(OURS.values()), draws=FLOOR_DRAWS,
-            knows_corners=told, knows_acceleration=told,
-        )  # fmt: skip
-        for frames, least in found_by.items():
-            name = floor_name(frames, told=told)
-            taken.rmse[name] = floor_rmse(run, least, expected=told)
-            taken.nees[name] = floor_nees(run, least)
     return taken
 
 

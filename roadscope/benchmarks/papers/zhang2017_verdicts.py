@@ -27,8 +27,6 @@ from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
 from roadscope.benchmarks.papers.zhang2017_methods import MULTI, OURS, RANSAC, SINGLE
 from roadscope.benchmarks.papers.zhang2017_names import (
     COUNTS,
-    EXACT,
-    EXACT_INSIDE,
     FOLLOWING,
     FRAMES,
     INSIDE,
@@ -58,12 +56,11 @@ def verdicts(
     measured: a value a seed, in the order of seeds.
     """
     seeds = max(map(len, measured.values()))
-    means = {key: _mean(values) for key, values in measured.items()}
-    whole = _judged(measured, means, bodies)
+    whole = _judged(measured, bodies)
     shares: dict[Key, list[float]] = {}
     for i in range(seeds):
         single = {key: values[i : i + 1] for key, values in measured.items()}
-        for key, held in _judged(single, means, bodies).items():
+        for key, held in _judged(single, bodies).items():
             if key[2] == HOLDS:
                 shares.setdefault((*key[:2], SEEDS), []).append(held)
             elif key[2] in OF_EACH_DRIVE:
@@ -78,27 +75,22 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values))
 
 
-def _judged(
-    measured: Mapping[Key, Sequence[float]], least: Figures, bodies: Sequence[str]
-) -> dict[Key, float]:
-    """Judge all claims on some seeds; least as in `our_claims`."""
+def _judged(measured: Mapping[Key, Sequence[float]], bodies: Sequence[str]) -> dict[Key, float]:
+    """Judge all claims on some seeds."""
     held: dict[Key, float] = {}
     figures = {key: _mean(values) for key, values in measured.items()}
     for body in bodies:
         table = table_of(figures, body)
         for claim, agreed in paper_claims(table).items():
             held[OF_PAPER.format(body), claim, HOLDS] = float(agreed)
-        inside = _inside(measured, body, NEES)
-        exact = _inside(measured, body, EXACT)
-        ours = our_claims(table, table_of(least, body))
-        for drive, claims in ours.items():
+        inside = inside_interval(measured, body, NEES)
+        for drive, claims in our_claims(table).items():
             for claim, holds in claims.items():
                 held[OF_OURS.format(body), drive, claim] = holds
             held[OF_OURS.format(body), drive, CONSISTENT] = float(all(inside[drive].values()))
-        for experiment, found in ((INSIDE, inside), (EXACT_INSIDE, exact)):
-            for drive, windows in found.items():
-                for name, within in windows.items():
-                    held[experiment.format(body), drive, name] = float(within)
+        for drive, windows in inside.items():
+            for name, within in windows.items():
+                held[INSIDE.format(body), drive, name] = float(within)
     return held | _everywhere(figures)
 
 
@@ -115,7 +107,7 @@ def _everywhere(figures: Figures) -> dict[Key, float]:
     return {(OF_ALL, claim, HOLDS): float(holds) for claim, holds in claims.items()}
 
 
-def _inside(
+def inside_interval(
     measured: Mapping[Key, Sequence[float]], body: str, experiment: str
 ) -> dict[str, dict[str, bool]]:
     """Return by drive and window whether the NEES of an experiment is consistent with 3."""

@@ -10,14 +10,11 @@ from roadscope.benchmarks.papers import (
     PAPERS,
     note_of,
     zhang2017,
-    zhang2017_calibration,
-    zhang2017_taken,
 )
 from roadscope.benchmarks.papers import zhang2017_claims as claims
 from roadscope.benchmarks.papers import zhang2017_names as names
 from roadscope.benchmarks.papers.reproduction import YES_OR_NO
 from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
-from roadscope.benchmarks.papers.zhang2017_calibration import EVERY_BAND, MODELS
 from roadscope.benchmarks.papers.zhang2017_claims import (
     band,
     our_claims,
@@ -37,7 +34,6 @@ from roadscope.benchmarks.papers.zhang2017_errors import (
     rmse,
     typical,
 )
-from roadscope.benchmarks.papers.zhang2017_floor import floor
 from roadscope.benchmarks.papers.zhang2017_methods import (
     METHODS,
     MULTI,
@@ -48,14 +44,12 @@ from roadscope.benchmarks.papers.zhang2017_methods import (
     estimate,
 )
 from roadscope.benchmarks.papers.zhang2017_paper import PAPER, PAPER_TIMES, SIMULATED
-from roadscope.benchmarks.papers.zhang2017_population import BANDS
 from roadscope.benchmarks.papers.zhang2017_readings import READINGS
 from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.detectors.pose.estimate import VehiclePose
 
 SEED = 12345
 """Outside the seeds of the published figures."""
-KNOWN = "any corners"
 DRIVES = (*SIMULATED, *(f"following-{metres}" for metres in FOLLOWED_M))
 
 
@@ -120,10 +114,6 @@ def rows():
         patched.setattr(zhang2017, "BODIES", ("rounded",))
         patched.setattr(zhang2017, "film", few_frames)
         patched.setattr(zhang2017, "warm_up", lambda: None)
-        patched.setattr(zhang2017_calibration, "MODELS", {KNOWN: MODELS[KNOWN]})
-        patched.setattr(zhang2017_calibration, "CARS", 1)
-        # How it depends on the frames is tested beside it.
-        patched.setattr(zhang2017_taken, "floors", a_single_floor)
         done: list[tuple[int, int]] = []
         found = zhang2017.reproduce(2, lambda *progress: done.append(progress))
         assert done == [(1, 2), (2, 2)]
@@ -132,10 +122,6 @@ def rows():
 
 def few_frames(name, seed, frames=2, **changes):
     return film(name, seed, frames=frames, **changes)
-
-
-def a_single_floor(run, frames, *, draws, **knowing):
-    return dict.fromkeys(frames, floor(run, draws=draws // 4, **knowing))
 
 
 def test_every_figure_of_the_paper_stands_beside_ours(rows):
@@ -151,17 +137,15 @@ def test_every_figure_of_the_paper_stands_beside_ours(rows):
     assert all(row.ours is not None for row in rows if row.paper is not None)
 
 
-def test_every_method_and_the_floor_are_in_every_table(rows):
+def test_every_method_is_in_every_table(rows):
     methods = {row.method for row in rows if row.experiment == "curve, rounded body (table 2)"}
-    floor_names = {names.floor_name(n, told=told) for n in OURS.values() for told in (0, 1)}
-    assert methods == {*METHODS, *floor_names}
+    assert methods == set(METHODS)
     for quantity in (POSITION, HEADING):
         name = names.FOLLOWING.format("rounded", quantity)
         followed = [row for row in rows if row.experiment == name]
         assert {row.quantity for row in followed} == {f"{metres} m" for metres in FOLLOWED_M}
-        assert {row.method for row in followed} == {*REPEATED, *floor_names}
+        assert {row.method for row in followed} == set(REPEATED)
     assert {row.n for row in rows if row.method in METHODS} == {2}
-    assert {row.n for row in rows if "floor" in row.method} == {2}
     assert {row.unit for row in rows} == {"m", "deg", "ms", "%", "1", "share", "count", YES_OR_NO}
 
 
@@ -186,21 +170,10 @@ def test_frames_are_counted_and_what_turned_is_named(rows):
 
 def test_every_drive_and_window_has_its_consistency(rows):
     windows = {names.frames_name(frames) for frames in OURS.values()}
-    for experiment in (names.NEES, names.EXACT, names.INSIDE, names.EXACT_INSIDE):
+    for experiment in (names.NEES, names.INSIDE):
         name = experiment.format("rounded")
         found = {(row.method, row.quantity) for row in rows if row.experiment == name}
         assert found == {(drive, window) for drive in DRIVES for window in windows}
-
-
-def test_every_distance_has_its_calibration(rows):
-    windows = {names.frames_name(frames) for frames in OURS.values()}
-    for experiment in (names.CALIBRATED, names.CALIBRATED_INSIDE):
-        name = experiment.format(KNOWN)
-        found = {(row.method, row.quantity) for row in rows if row.experiment == name}
-        assert found == {(band, window) for band in (*BANDS, EVERY_BAND) for window in windows}
-    covered = [row for row in rows if row.experiment == names.COVERED]
-    assert {row.method for row in covered} == {f"{KNOWN}, {window}" for window in windows}
-    assert {row.quantity for row in covered} == {"50 %", "90 %", "95 %"}
 
 
 def test_every_claim_is_judged_on_the_means_and_in_single_seeds(rows):
@@ -213,9 +186,8 @@ def test_every_claim_is_judged_on_the_means_and_in_single_seeds(rows):
         assert held[names.OF_ALL, f"{method}: none turned by 90 deg", "holds"] in (0, 1)
         assert 0 <= held[names.OF_ALL, f"{method}: 15 ms following", "in single seeds"] <= 1
     shares = names.OF_OURS.format("rounded") + names.SHARE_OF_SEEDS
-    for claim in (claims.NEAR, claims.NEAR_TOLD):
-        near = [r for r in rows if r.experiment == shares and r.quantity == claim]
-        assert {r.n for r in near} == {2}
+    beaten = [r for r in rows if r.experiment == shares and r.quantity == claims.BEATEN]
+    assert {r.n for r in beaten} == {2}
 
 
 def test_tables_fit_into_80_columns(rows):
@@ -242,10 +214,8 @@ def test_printed_positions_follow_from_their_parts():
     assert set(PAPERS) >= {"lu2018", "zhang2017"}
 
 
-def a_table(single=1.0, multi=0.8, ransac=2.0, ours=(0.3, 0.02, 0.01), floors=(0.2, 0.015, 0.008)):
+def a_table(single=1.0, multi=0.8, ransac=2.0, ours=(0.3, 0.02, 0.01)):
     values = {SINGLE: single, MULTI: multi, RANSAC: ransac, **dict(zip(OURS, ours, strict=True))}
-    for n, value in zip(OURS.values(), floors, strict=True):
-        values |= {names.floor_name(n): value, names.floor_name(n, told=True): 0.9 * value}
     scale = {"curve": 1.2, "following-40": 1.1, "following-50": 1.2}
     return {
         (drive, method): dict.fromkeys(
@@ -265,39 +235,19 @@ def test_claims_hold_on_figures_like_the_papers_and_fail_on_others():
     assert not failed["from 30 m: multi better than single"]
 
 
-def judged(table):
-    return our_claims(table, table)
-
-
 def test_what_is_asked_of_ours_on_each_drive():
-    held = judged(a_table())
+    held = our_claims(a_table())
     assert set(held) == set(DRIVES)
     assert all(value == 1 for row in held.values() for value in row.values())
-    failed = judged(a_table(ours=(0.3, 0.4, 0.01)))["curve"]
+    failed = our_claims(a_table(ours=(0.3, 0.4, 0.01)))["curve"]
     assert not failed[claims.FALLING]
-    assert not failed[claims.NEAR]
     assert failed[claims.BEATEN]
-    without = {k: v for k, v in a_table().items() if "floor" not in k[1]}
-    assert np.isnan(our_claims(without, a_table())["curve"][claims.NEAR])
-
-
-def test_who_is_told_the_radius_has_a_floor_of_its_own():
-    held = judged(a_table(ours=(0.38, 0.02, 0.01)))["curve"]
-    assert held[claims.NEAR]
-    assert not held[claims.NEAR_TOLD]
 
 
 def test_following_ours_is_compared_with_the_papers_method_on_the_same_seeds():
-    above = judged(a_table(ours=(1.0, 0.95, 0.9), multi=0.8))
+    above = our_claims(a_table(ours=(1.0, 0.95, 0.9), multi=0.8))
     assert not any(above[f"following-{metres}"][claims.BEATEN] for metres in FOLLOWED_M)
     assert not above["straight"][claims.BEATEN]
-
-
-def test_where_the_floor_is_above_the_papers_figure_twice_the_floor_is_asked():
-    # The paper's multi frame has 0.0239 m on the straight.
-    floors = (0.3, 0.1, 0.03)
-    assert judged(a_table(ours=(0.5, 0.15, 0.05), floors=floors))["straight"][claims.BEATEN]
-    assert not judged(a_table(ours=(0.5, 0.15, 0.07), floors=floors))["straight"][claims.BEATEN]
 
 
 def test_the_band_of_the_nees_is_that_of_independent_windows():

@@ -3,15 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers.zhang2017_calibration import fitted
-from roadscope.benchmarks.papers.zhang2017_outline import fusion
-from roadscope.benchmarks.papers.zhang2017_population import (
-    UNTURNED,
-    Passing,
+from research.zhang2017_calibration import (
+    NO_PHASES,
+    PassingCar,
     body_of,
+    drive_through,
+    fitted_pose,
     lidar,
-    way_of,
 )
+from roadscope.benchmarks.papers.zhang2017_outline import fusion
 from roadscope.benchmarks.papers.zhang2017_scene import SENSOR_HEIGHT_M, film, shots_of
 from roadscope.detectors.pose.body_model import UNKNOWNS
 from roadscope.detectors.pose.estimate import axis_difference
@@ -176,9 +176,9 @@ def test_cars_that_the_sweep_begins_and_ends_on_are_found(way, frames):
     """
     model, rng = fusion(), np.random.default_rng(3)
     body = body_of(model, np.zeros(UNKNOWNS))
-    drive = way_of(np.array([*way, 0.1, 0.3]))
-    shots = shots_of(drive, lidar(), body, (SENSOR_HEIGHT_M, UNTURNED), rng)
+    drive = drive_through(np.array([*way, 0.1, 0.3]))
+    shots = shots_of(drive, lidar(), body, (SENSOR_HEIGHT_M, NO_PHASES), rng)
     told = way[3] * np.array([np.cos(way[2]), np.sin(way[2])])
-    pose = fitted(model, Passing(shots, np.array(way[:3]), told), frames)
+    pose = fitted_pose(model, PassingCar(shots, np.array(way[:3]), told), frames)
     off = np.array([pose.x - way[0], pose.y - way[1], axis_difference(pose.yaw, way[2])])
     assert off @ np.linalg.solve(pose.covariance, off) < 25.0

@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from research.information_floor import Knowledge, floor
 from roadscope.benchmarks.papers.zhang2017_claims import FREEDOM, consistent
 from roadscope.benchmarks.papers.zhang2017_errors import errors
-from roadscope.benchmarks.papers.zhang2017_floor import floor
 from roadscope.benchmarks.papers.zhang2017_methods import METHODS, estimate
 from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.detectors.pose.estimate import axis_difference
@@ -95,7 +95,7 @@ def test_who_knows_the_body_knows_which_corners_a_far_one_does_not_show():
     """
     run = run_of("straight", "rounded", 300, 31)
     poses, _ = estimate(METHODS[FITS[1]], run)
-    least = floor(run, 1, draws=512, knows_corners=False)
+    least = floor(run, 1, draws=512, knowledge=Knowledge(corners=False))
     across = np.array([pose.covariance[1, 1] for pose in poses])
     ratio = np.sqrt(across / least.covariances[:, 1, 1])[19:]
     assert np.exp(np.log(ratio).mean()) < 1.15, ratio

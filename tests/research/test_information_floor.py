@@ -3,15 +3,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers.zhang2017_floor import Floor, floor
-from roadscope.benchmarks.papers.zhang2017_floor_corners import bodies_of, told, untold
-from roadscope.benchmarks.papers.zhang2017_floor_kernels import IMPOSSIBLE, add_log_likelihoods
-from roadscope.benchmarks.papers.zhang2017_floor_motion import (
+from research.information_floor import (
+    InformationFloor,
+    Knowledge,
+    TrueMotion,
     acceleration_of,
+    bodies_of,
+    floor,
+    known_corners,
     motion_of,
     offsets_after,
+    unknown_corners,
 )
-from roadscope.benchmarks.papers.zhang2017_floor_views import rays_of, receiver_of
+from research.ray_likelihood import (
+    IMPOSSIBLE,
+    CandidateStates,
+    add_log_likelihoods,
+    rays_of,
+    receiver_of,
+)
 from roadscope.benchmarks.papers.zhang2017_outline import fusion
 from roadscope.benchmarks.papers.zhang2017_scene import film
 from roadscope.detectors.pose.body_kernels import RADIUS
@@ -24,13 +34,13 @@ SEED = 12345
 
 
 def log_likelihood(run, k, offset):
-    out, states = np.zeros(1), (np.array([offset]), np.zeros(1, int))
-    receiver, bodies = receiver_of(run.spec), told(run.body).bodies
+    out, states = np.zeros(1), CandidateStates(np.array([offset]), np.zeros(1, int))
+    receiver, bodies = receiver_of(run.spec), known_corners(run.body).bodies
     add_log_likelihoods(states, rays_of(run, k), bodies, receiver, out)
     return float(out[0])
 
 
-def nees(found: Floor) -> np.ndarray:
+def nees(found: InformationFloor) -> np.ndarray:
     return found.nees[np.isfinite(found.nees)]
 
 
@@ -40,7 +50,7 @@ def test_few_samples_do_not_make_a_posterior_too_sure():
     drawn, truth = rng.normal(size=(4000, 26, 3)), rng.normal(size=(4000, 3))
     covariances = np.stack([np.cov(samples.T) for samples in drawn])
     count = np.full(4000, 26.0)
-    found = Floor(drawn.mean(axis=1) - truth, covariances, count / 85, count)
+    found = InformationFloor(drawn.mean(axis=1) - truth, covariances, count / 85, count)
     raw = np.einsum("ki,kij,kj->k", found.errors, np.linalg.inv(covariances), found.errors)
     assert raw.mean() > 3.4
     assert found.nees.mean() == pytest.approx(3.0, abs=0.15)
@@ -54,7 +64,7 @@ def test_the_likelihood_is_the_one_that_made_the_scans(name, body):
     run = film(name, SEED, body=body, frames=24)
     quick = run.shots[:3] if name == "following-10" else run.shots[::4]
     values = [log_likelihood(run, run.shots.index(shot), (0.0, 0.0, 0.0)) for shot in quick]
-    returns = [int((rays_of(run, run.shots.index(s)).observed > 0).sum()) for s in quick]
+    returns = [int((rays_of(run, run.shots.index(s)).observed_m > 0).sum()) for s in quick]
     assert min(values) > IMPOSSIBLE - 0.75 * max(returns)
     assert -2.0 * sum(values) / sum(returns) == pytest.approx(1.0, abs=0.25)
 
@@ -81,11 +91,11 @@ def by_ray_caster(run, k, offset, body) -> float:
     signal = seen.cosines * seen.reflectivity
     echoes = (seen.ranges > 0) & (seen.ranges < spec.range_max_m)
     echoes &= signal * spec.range_max_m**2 >= spec.detection_limit * seen.ranges**2
-    off = (rays.observed - seen.ranges) / spec.range_noise_m
+    off = (rays.observed_m - seen.ranges) / spec.range_noise_m
     returned = np.maximum(np.log1p(-spec.dropout) - 0.5 * off**2, IMPOSSIBLE)
     logs = np.where(echoes, returned, IMPOSSIBLE)
     nothing = np.where(echoes, np.log(spec.dropout) if spec.dropout else IMPOSSIBLE, 0.0)
-    return float(np.where(rays.observed > 0, logs, nothing).sum())
+    return float(np.where(rays.observed_m > 0, logs, nothing).sum())
 
 
 @pytest.mark.parametrize("name", ["straight-past", "curve", "following-10"])
@@ -94,7 +104,7 @@ def test_the_likelihood_is_that_of_the_ray_caster(name, radius_m):
     run, rng = film(name, SEED, frames=19), np.random.default_rng(1)
     offsets = np.concatenate([np.zeros((1, 3)), rng.normal(size=(8, 3)) * (0.1, 0.1, 0.03)])
     bodies, out = bodies_of((0.1, radius_m)), np.zeros(len(offsets))
-    states = offsets, np.ones(len(offsets), int)
+    states = CandidateStates(offsets, np.ones(len(offsets), int))
     add_log_likelihoods(states, rays_of(run, 18), bodies, receiver_of(run.spec), out)
     cast_ones = [by_ray_caster(run, 18, offset, with_corners(radius_m)) for offset in offsets]
     # Ranges of the caster are rounded to some micrometres, and a few rays graze an edge.
@@ -104,17 +114,19 @@ def test_the_likelihood_is_that_of_the_ray_caster(name, radius_m):
 def test_radii_are_spread_as_our_fit_supposes():
     rng = np.random.default_rng(1)
     fitted = fusion().parts(rng.normal(size=(20_000, 5)))[:, 0, RADIUS]
-    rows = untold().which(rng.normal(size=(20_000, 1)))
+    rows = unknown_corners().rows_of(rng.normal(size=(20_000, 1)))
     shares = np.linspace(0.05, 0.95, 10)
     least, most = fusion().radius_m
     floors = least + (most - least) * np.quantile(rows, shares) / 80
     assert floors == pytest.approx(np.quantile(fitted, shares), abs=0.01)
-    assert (np.diff(untold().which(np.linspace(-4, 4, 50)[:, None])) >= 0).all()
+    assert (np.diff(unknown_corners().rows_of(np.linspace(-4, 4, 50)[:, None])) >= 0).all()
 
 
 def test_corners_that_are_not_known_raise_the_floor():
     run = film("curve", SEED, body="rounded", frames=12)
-    known, unknown = (floor(run, draws=512, knows_corners=told) for told in (True, False))
+    known, unknown = (
+        floor(run, draws=512, knowledge=Knowledge(corners=known)) for known in (True, False)
+    )
     assert (unknown.shares > 0).all()
     assert np.mean(unknown.heading_rad**2) > 1.02 * np.mean(known.heading_rad**2)
     assert np.mean(unknown.position_m**2) > 1.02 * np.mean(known.position_m**2)
@@ -160,15 +172,17 @@ def test_frames_with_too_few_returns_have_no_floor():
 
 def test_a_speed_that_may_change_raises_the_floor_along_the_way():
     run = film("straight", SEED, frames=9)
-    steady, gaining = (floor(run, 7, draws=512, knows_acceleration=k) for k in (True, False))
+    steady, gaining = (
+        floor(run, 7, draws=512, knowledge=Knowledge(acceleration=known)) for known in (True, False)
+    )
     assert np.nanmean(gaining.longitudinal_m**2) > 1.3 * np.nanmean(steady.longitudinal_m**2)
-    alone = floor(run, 1, draws=512, knows_acceleration=False)
+    alone = floor(run, 1, draws=512, knowledge=Knowledge(acceleration=False))
     assert np.array_equal(alone.covariances, floor(run, 1, draws=512).covariances, equal_nan=True)
 
 
 def test_the_acceleration_is_that_of_the_way():
     run = film("following-10", SEED, frames=4)
-    speeds = [motion_of(run, k)[0] for k in (1, 3)]
+    speeds = [motion_of(run, k).speed_m_s for k in (1, 3)]
     assert acceleration_of(run, 2) == pytest.approx((speeds[1] - speeds[0]) / 0.2, abs=1e-3)
     assert abs(acceleration_of(run, 2)) > 0.005
     assert acceleration_of(film("curve", SEED, frames=2), 1) == pytest.approx(0, abs=1e-6)
@@ -177,12 +191,14 @@ def test_the_acceleration_is_that_of_the_way():
 def test_offsets_later_are_those_of_the_closed_form():
     """A car that is displaced and turned now is displaced by the turned way later."""
     states = np.array([[0.1, 0.2, 0.05, 0.3, -0.1]])
-    later = offsets_after(states, (20.0, 0.0), 0.1)
+    later = offsets_after(states, TrueMotion(20.0, 0.0), 0.1)
     heading = 0.05 - 0.1 * 0.1 / 2
     chord = 2.03 * np.sinc(0.1 * 0.1 / 2 / np.pi)
     assert later[0] == pytest.approx(
         [0.1 + chord * np.cos(heading) - 2.0, 0.2 + chord * np.sin(heading), 0.05 - 0.01]
     )
-    assert offsets_after(np.zeros((1, 5)), (20.0, 0.5), 0.3) == pytest.approx(np.zeros((1, 3)))
-    gained = offsets_after(np.array([[0, 0, 0, 0, 0, 2.0]]), (20.0, 0.0), -0.3)
+    assert offsets_after(np.zeros((1, 5)), TrueMotion(20.0, 0.5), 0.3) == pytest.approx(
+        np.zeros((1, 3))
+    )
+    gained = offsets_after(np.array([[0, 0, 0, 0, 0, 2.0]]), TrueMotion(20.0, 0.0), -0.3)
     assert gained == pytest.approx(np.array([[0.09, 0.0, 0.0]]))
