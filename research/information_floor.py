@@ -21,7 +21,7 @@ import numpy as np
 
 from research.importance_sampling import LogDensity, SampledPosterior, sampled_posterior
 from research.ray_likelihood import CandidateStates, FrameLikelihood, PrismBodies, frame_likelihood
-from roadscope.benchmarks.papers.zhang2017_methods import FEWEST_RETURNS, fusion
+from roadscope.benchmarks.papers.zhang2017_methods import FEWEST_RETURNS, ford_fusion
 from roadscope.benchmarks.papers.zhang2017_scene import FRAME_S, SensedDrive
 from roadscope.core.pose import wrap_angle
 from roadscope.detectors.pose.body_kernels import RADIUS
@@ -348,11 +348,11 @@ def unknown_corners() -> CornerPrior:
     """
     from scipy.special import ndtri
 
-    least, most = fusion().radius_m
+    least, most = ford_fusion().radius_m
     normal = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
     unknowns = np.zeros((QUANTILES, UNKNOWNS))
     unknowns[:, RADIUS_UNKNOWN] = normal
-    radii_m = np.sort(fusion().parts(unknowns)[:, 0, RADIUS])
+    radii_m = np.sort(ford_fusion().parts(unknowns)[:, 0, RADIUS])
     rows = (radii_m - least) / (most - least) * (RADII - 1)
     bodies = bodies_of(tuple(np.linspace(least, most, RADII).tolist()))
     return CornerPrior(bodies, 1, normal, rows)

@@ -5,6 +5,7 @@ Li 2021 (section 3) pairs the sensors so.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from roadscope.benchmarks.parked import parked_among
 from roadscope.core import Frame, ImageDetections, Truth
 from roadscope.core.projection import Projection
 from roadscope.detectors import Detector
+from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig
 from roadscope.fusion.pairing import ALONE, moved_projection, nearest_images
 
@@ -46,7 +48,7 @@ class _SensedPair(NamedTuple):
     scan: Frame
     truth: Truth
     image_truth: Truth
-    boxes: ImageDetections
+    camera: ImageDetections
     projection: Projection
 
 
@@ -66,47 +68,56 @@ def sense_pairs(
     """
     if detector is not None and noise is not None:
         raise ValueError("noise is of imitated detections, and a detector was given")
-    timeline, carrier = timeline_of(episode), rig(episode.rig)
-    mount = camera_of(carrier)
-    pinhole, projection = mount.spec.pinhole, projection_of(carrier)
-    sensing = sensing_without_pixels(episode) if detector is None else sensing_of(episode)
-    end_s = timeline.end_s - UNUSED_END_S
-    scans = np.arange(every, int(end_s / carrier.lidar.spec.period_s), every)
-    images = np.arange(1, int(end_s / mount.spec.period_s))
-    scan_s = np.array([carrier.lidar.stamp_s(int(k)) for k in scans])
-    image_s = np.array([mount.stamp_s(int(k)) for k in images])
-    imitation = NoisyCamera(
-        noise or CameraNoise(),
-        episode.seed,
-        night=is_dark(episode),
-        lit=lit_share(episode),
-        extinction_per_m=sensing.weather.extinction_per_m,
-    )
-    sensed = []
-    for scan, row in zip(scans, nearest_images(scan_s, image_s), strict=True):
-        if row == ALONE:
-            continue
-        frame, truth = sensing.sense(timeline, int(scan))
-        image, image_truth = sensing.sense_image(timeline, int(images[row]))
-        boxes = (
-            imitation.of(image_truth, pinhole) if detector is None else in_image(detector, image)
-        )
-        gap_s = image_truth.stamp_s - truth.stamp_s
-        moved = moved_projection(
-            projection, frame.previous_from_ego, carrier.lidar.spec.period_s, gap_s
-        )
-        sensed.append(_SensedPair(frame, truth, image_truth, boxes, moved))
+    sensed = list(_sensed_pairs(episode, every, noise or CameraNoise(), detector))
     parked = parked_among(episode, [each.truth for each in sensed])
     return [
         SensorPair(
             each.scan,
             each.truth,
-            each.boxes,
+            each.camera,
             targets_of(each.truth, each.image_truth, parked, each.projection),
             each.projection,
         )
         for each in sensed
     ]
+
+
+def _sensed_pairs(
+    episode: Episode, every: int, noise: CameraNoise, detector: Detector | None
+) -> Iterator[_SensedPair]:
+    timeline, carrier = timeline_of(episode), rig(episode.rig)
+    pinhole, projection = camera_of(carrier).spec.pinhole, projection_of(carrier)
+    sensing = sensing_without_pixels(episode) if detector is None else sensing_of(episode)
+    imitation = NoisyCamera(
+        noise,
+        episode.seed,
+        night=is_dark(episode),
+        lit=lit_share(episode),
+        extinction_per_m=sensing.weather.extinction_per_m,
+    )
+    period_s = carrier.lidar.spec.period_s
+    for scan, image in _paired_numbers(carrier, timeline.end_s - UNUSED_END_S, every):
+        frame, truth = sensing.sense(timeline, scan)
+        picture, image_truth = sensing.sense_image(timeline, image)
+        if detector is None:
+            boxes = imitation.of(image_truth, pinhole)
+        else:
+            boxes = in_image(detector, picture)
+        gap_s = image_truth.stamp_s - truth.stamp_s
+        moved = moved_projection(projection, frame.previous_from_ego, period_s, gap_s)
+        yield _SensedPair(frame, truth, image_truth, boxes, moved)
+
+
+def _paired_numbers(carrier: Rig, end_s: float, every: int) -> Iterator[tuple[int, int]]:
+    """Yield the numbers of every n-th scan and of the image nearest in time."""
+    camera, lidar = camera_of(carrier), carrier.lidar
+    scans = np.arange(every, int(end_s / lidar.spec.period_s), every)
+    images = np.arange(1, int(end_s / camera.spec.period_s))
+    scan_s = np.array([lidar.stamp_s(int(k)) for k in scans])
+    image_s = np.array([camera.stamp_s(int(k)) for k in images])
+    for scan, row in zip(scans, nearest_images(scan_s, image_s), strict=True):
+        if row != ALONE:
+            yield int(scan), int(images[row])
 
 
 def in_image(detector: Detector, frame: Frame) -> ImageDetections:

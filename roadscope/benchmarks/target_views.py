@@ -25,7 +25,7 @@ from roadscope.fusion.calibration import (
     distances_px,
 )
 from roadscope.fusion.calibration_target import (
-    Beams,
+    BeamDirections,
     ScannedTarget,
     TriangularTarget,
     corners_in_image,
@@ -188,7 +188,7 @@ def target_view(
     scene = Scene.still(Prisms.empty(), target_prisms(target, pose), position)
     points, ring, column = _returns_of_target(rig, scene, rng, scans)
     mount = rig.lidar
-    beams = Beams(mount.spec.azimuths(), mount.spec.elevations)
+    beams = BeamDirections(mount.spec.azimuths(), mount.spec.elevations)
     corners = corners_in_scans(points, ring, column, target, beams.step_rad)
     scanned = scanned_target(points, ring, column, beams, scans)
     pixels = _corner_pixels(rig, scene, rng)

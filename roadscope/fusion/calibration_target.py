@@ -201,14 +201,14 @@ def _crossing(values: np.ndarray, near: int, step: int) -> float:
 
 def _line(points: list[tuple[float, float]]) -> np.ndarray:
     """Return (3,) a, b, c of a x + b y = c, unit normal, by least squares without outliers."""
-    kept = np.array(points)
+    inliers = np.array(points)
     line = np.zeros(3)
     for _ in range(8):
-        middle = kept.mean(axis=0)
-        normal = np.linalg.svd(kept - middle)[2][1]
+        middle = inliers.mean(axis=0)
+        normal = np.linalg.svd(inliers - middle)[2][1]
         line = np.append(normal, normal @ middle)
-        errors = np.abs(kept @ normal - line[2])
-        kept = kept[errors <= max(2.5 * float(np.median(errors)), 0.2)]
+        errors = np.abs(inliers @ normal - line[2])
+        inliers = inliers[errors <= max(2.5 * float(np.median(errors)), 0.2)]
     return line
 
 
@@ -231,7 +231,7 @@ OUTLYING = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beams(Record):
+class BeamDirections(Record):
     """Directions of a LiDAR's beams: azimuths (C,) of columns, elevations (R,) of rings, rad."""
 
     azimuths: np.ndarray
@@ -280,7 +280,7 @@ class ScannedTarget(Record):
 
 
 def scanned_target(
-    points: np.ndarray, ring: np.ndarray, column: np.ndarray, beams: Beams, scans: int
+    points: np.ndarray, ring: np.ndarray, column: np.ndarray, beams: BeamDirections, scans: int
 ) -> ScannedTarget:
     """Return what many scans measured of a target at rest.
 
@@ -301,20 +301,20 @@ def _plane_in_beams(rays: np.ndarray, ranges: np.ndarray) -> tuple[np.ndarray, n
     range = 1 / (q . ray), by Gauss and Newton from the linear solution, without outliers.
     """
     plane = np.linalg.lstsq(rays * ranges[:, None], np.ones(len(rays)), rcond=None)[0]
-    root, kept = np.eye(3), np.ones(len(rays), bool)
+    root, inliers = np.eye(3), np.ones(len(rays), bool)
     for _ in range(6):
         along = rays @ plane
-        off = ranges - 1 / along
-        sigma = max(1.4826 * float(np.median(np.abs(off[kept]))), 1e-4)
-        kept = np.abs(off) < OUTLYING * sigma
-        slope = -rays[kept] / along[kept, None] ** 2
-        plane = plane + np.linalg.lstsq(slope, off[kept], rcond=None)[0]
+        errors = ranges - 1 / along
+        sigma = max(1.4826 * float(np.median(np.abs(errors[inliers]))), 1e-4)
+        inliers = np.abs(errors) < OUTLYING * sigma
+        slope = -rays[inliers] / along[inliers, None] ** 2
+        plane = plane + np.linalg.lstsq(slope, errors[inliers], rcond=None)[0]
         root = np.asarray(np.linalg.qr(slope, mode="r")) / sigma
     return plane, root
 
 
 def _beams_at_edges(
-    ring: np.ndarray, column: np.ndarray, beams: Beams, scans: int
+    ring: np.ndarray, column: np.ndarray, beams: BeamDirections, scans: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return ring, column and share of returns of the beams next to the target's edge."""
     from scipy.ndimage import maximum_filter, minimum_filter

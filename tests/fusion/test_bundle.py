@@ -10,7 +10,7 @@ from roadscope.core import Pose
 from roadscope.fusion.bundle import State, descend, refine
 from roadscope.fusion.calibration import CalibrationError, calibrate, decompose, distances_px
 from roadscope.fusion.calibration_target import (
-    Beams,
+    BeamDirections,
     ScannedTarget,
     TriangularTarget,
     corners_in_scans,
@@ -22,7 +22,7 @@ from roadscope.fusion.calibration_target import (
 )
 
 TARGET = TriangularTarget()
-BEAMS = Beams(np.radians(30 - 0.25 * np.arange(240)), np.radians([-1.2, -0.4, 0.4, 1.2]))
+BEAMS = BeamDirections(np.radians(30 - 0.25 * np.arange(240)), np.radians([-1.2, -0.4, 0.4, 1.2]))
 INNER = np.array([[1600.0, 0, 640], [0, 1600, 480], [0, 0, 1]])
 CAMERA = INNER @ np.array([[0.0, -1, 0, 0.1], [0, 0, -1, 0.85], [1, 0, 0, 3]])
 SCANS = 25

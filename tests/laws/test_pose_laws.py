@@ -9,7 +9,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from law_scenes import take
 
-from roadscope.benchmarks.papers.zhang2017_methods import fusion
+from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
 from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
 from roadscope.core import Pose, RecordError
 from roadscope.detectors.pose import axis_difference, fit_multi, fit_ransac, fit_single
@@ -35,13 +35,13 @@ def by_frames(shots):
 def by_rays(shots):
     """One scan hardly tells the car's front from its rear, so that is said."""
     shot = shots[1]
-    fit = BodyFit(spec(), fusion((0.0, 0.0)))
+    fit = BodyFit(spec(), ford_fusion(0.0, 0.0))
     way = float(shot.truth[2])
     return fit.fit(shot.scan, shot.target, shot.world_from_lidar, rolling=False, towards=way)
 
 
 def smoothed(shots):
-    smoother = Smoother(spec(), fusion((0.0, 0.0)), frames=3)
+    smoother = Smoother(spec(), ford_fusion(0.0, 0.0), frames=3)
     return follow(smoother, shots)[-1]
 
 
@@ -244,7 +244,7 @@ def test_what_is_no_place_is_refused_by_name(name, bad):
 
 
 def test_smoother_forgets_on_reset():
-    smoother = Smoother(spec(), fusion((0.0, 0.0)), frames=3)
+    smoother = Smoother(spec(), ford_fusion(0.0, 0.0), frames=3)
     first = follow(smoother, seen())
     smoother.reset()
     follow(smoother, seen("curve"))

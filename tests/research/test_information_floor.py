@@ -22,7 +22,7 @@ from research.ray_likelihood import (
     rays_of,
     receiver_of,
 )
-from roadscope.benchmarks.papers.zhang2017_methods import fusion
+from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
 from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
 from roadscope.detectors.pose.body_kernels import RADIUS
 from roadscope.envs.raycast.cast import Columns, cast
@@ -113,10 +113,10 @@ def test_the_likelihood_is_that_of_the_ray_caster(name, radius_m):
 
 def test_radii_are_spread_as_our_fit_supposes():
     rng = np.random.default_rng(1)
-    fitted = fusion().parts(rng.normal(size=(20_000, 5)))[:, 0, RADIUS]
+    fitted = ford_fusion().parts(rng.normal(size=(20_000, 5)))[:, 0, RADIUS]
     rows = unknown_corners().rows_of(rng.normal(size=(20_000, 1)))
     shares = np.linspace(0.05, 0.95, 10)
-    least, most = fusion().radius_m
+    least, most = ford_fusion().radius_m
     floors = least + (most - least) * np.quantile(rows, shares) / 80
     assert floors == pytest.approx(np.quantile(fitted, shares), abs=0.01)
     assert (np.diff(unknown_corners().rows_of(np.linspace(-4, 4, 50)[:, None])) >= 0).all()

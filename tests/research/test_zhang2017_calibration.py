@@ -21,7 +21,7 @@ from research.zhang2017_calibration import (
     passing_car,
     squared_errors,
 )
-from roadscope.benchmarks.papers.zhang2017_methods import OURS, fusion
+from roadscope.benchmarks.papers.zhang2017_methods import OURS, ford_fusion
 from roadscope.benchmarks.papers.zhang2017_tables import frames_name
 from roadscope.core import wrap_angle
 from roadscope.detectors.pose.body_fit import TURN_SD
@@ -34,7 +34,7 @@ SEED, CARS = 4000, 40
 
 @pytest.mark.parametrize("radius", CORNER_RADII_M.values())
 def test_a_body_drawn_from_the_known_outline_is_the_car(radius):
-    drawn, car = body_of(fusion((radius, radius)), np.zeros(5)), with_corners(radius)
+    drawn, car = body_of(ford_fusion(radius, radius), np.zeros(5)), with_corners(radius)
     assert len(drawn) == len(car)
     for column in ("bottoms", "tops", "reflectivities"):
         np.testing.assert_allclose(getattr(drawn, column), getattr(car, column))

@@ -235,9 +235,9 @@ def claims(figures: Mapping[FigureKey, float]) -> dict[FigureKey, float]:
     tracked = [key.method for key in figures if (key.experiment, key.quantity) == (THREE, WRONG)]
     for method in tracked:
         wrong = sum(figures[FigureKey(each, method, WRONG)] for each in EXPERIMENTS)
-        kept = figures[FigureKey(OCCLUSION, method, KEPT)]
+        identity = figures[FigureKey(OCCLUSION, method, KEPT)]
         holds[method, NO_WRONG] = wrong == 0
-        holds[method, IDENTITY] = figures[FigureKey(TWO, method, FORCED)] == 4 and kept == 1
+        holds[method, IDENTITY] = figures[FigureKey(TWO, method, FORCED)] == 4 and identity == 1
     for method in ("pag", "pag-range"):
         false, distance_false = (
             figures.get(FigureKey(TWO, each, "false detections")) for each in (method, "distance")

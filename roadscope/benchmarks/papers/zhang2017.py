@@ -101,7 +101,7 @@ def measure(seed: int) -> dict[FigureKey, float]:
         for body in BODIES
         for drive in SIMULATED
     ]
-    followed = [
+    following_runs = [
         run_methods(
             sense_drive(following(metres), seed, body=body, frames=FOLLOWED_FRAMES), ON_EVERY_DRIVE
         )
@@ -119,7 +119,7 @@ def measure(seed: int) -> dict[FigureKey, float]:
         run_methods(sense_drive(drive, seed, sensor_height_m=HIGH_M), ON_EVERY_DRIVE)
         for drive in VARIED_DRIVES
     ]
-    usual = (*simulated, *followed)
+    usual = (*simulated, *following_runs)
     kinds: dict[str, Sequence[DriveFigures]] = {
         body: [figures for figures in usual if figures.body == body] for body in BODIES
     }
@@ -127,13 +127,13 @@ def measure(seed: int) -> dict[FigureKey, float]:
     kinds[f"{HIGH_M} m"] = high
     return (
         _tables_1_and_2(simulated)
-        | _following_figures(followed)
+        | _following_figures(following_runs)
         | _noise_figures(noisy)
         | _high_figures(high)
         | _nees_figures(usual)
         | _turned_shares(kinds)
         | _frame_counts(usual, high)
-        | _table_3(followed, usual)
+        | _table_3(following_runs, usual)
         | _reading_figures(seed)
     )
 
@@ -205,12 +205,12 @@ def _keyed(experiment: str, rows: Mapping[str, Mapping[str, float]]) -> dict[Fig
     }
 
 
-def _following_figures(followed: Sequence[DriveFigures]) -> dict[FigureKey, float]:
+def _following_figures(following_runs: Sequence[DriveFigures]) -> dict[FigureKey, float]:
     return {
         FigureKey(FOLLOWING.format(each.body, column), method, _distance(each)): row[column]
         for body in BODIES
         for column in (POSITION, HEADING)
-        for each in followed
+        for each in following_runs
         if each.body == body
         for method, row in each.rmse.items()
     }
@@ -274,12 +274,12 @@ def _frame_counts(
 
 
 def _table_3(
-    followed: Sequence[DriveFigures], runs: Sequence[DriveFigures]
+    following_runs: Sequence[DriveFigures], runs: Sequence[DriveFigures]
 ) -> dict[FigureKey, float]:
     """Return the times, those of the following experiment pooled, as in the paper."""
     rows = {}
     for method in ON_EVERY_DRIVE:
-        times_ms = np.concatenate([each.times_ms[method] for each in followed])
+        times_ms = np.concatenate([each.times_ms[method] for each in following_runs])
         rows[method] = {
             "median": float(np.median(times_ms)),
             MEAN: float(times_ms.mean()),

@@ -120,14 +120,14 @@ LENGTH_SD_M, WIDTH_SD_M = 0.1, 0.05
 """Standard deviations of the sizes of cars of one class; chosen by hand."""
 
 
-def fusion(radius_m: tuple[float, float] = (0.0, 0.4)) -> BodyModel:
-    """Return the Ford Fusion with the maker's sizes; radius_m: least and greatest corner radius."""
+def ford_fusion(least_radius_m: float = 0.0, most_radius_m: float = 0.4) -> BodyModel:
+    """Return the Ford Fusion with the maker's sizes and corners of a range of radii."""
     rear, front = AXLES_M
     windows = [slab for slab in SLABS if slab.reflectivity == GLASS]
     return BodyModel(
         (LENGTH_M, 0.0),
         (WIDTH_M, 0.0),
-        radius_m,
+        (least_radius_m, most_radius_m),
         tuple(
             Storey(slab.bottom_m, slab.top_m, slab.from_tail_m, slab.from_nose_m, slab.breadth)
             for slab in SLABS
@@ -141,14 +141,14 @@ def fusion(radius_m: tuple[float, float] = (0.0, 0.4)) -> BodyModel:
 @cache
 def any_corners(_: str) -> BodyModel:
     """Return the car's outline with corners of any radius."""
-    return fusion()
+    return ford_fusion()
 
 
 @cache
 def known_radius(body: str) -> BodyModel:
     """Return the car as it is."""
     radius_m = CORNER_RADII_M[body]
-    return fusion((radius_m, radius_m))
+    return ford_fusion(radius_m, radius_m)
 
 
 @cache

@@ -223,7 +223,7 @@ class Stretch(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Walker:
+class CorridorWalker:
     """A person who walks to and fro on a stretch of one side of the corridor.
 
     left_m: distance to the left of the middle line. phase: share of a whole to and fro that lies
@@ -262,7 +262,7 @@ class CorridorExperiment:
     length_m: float
     speed_m_s: float
     scans: int
-    draw_walkers: Callable[[np.random.Generator], list[Walker]]
+    draw_walkers: Callable[[np.random.Generator], list[CorridorWalker]]
 
     def distances_m(self, stamps_s: np.ndarray) -> np.ndarray:
         """Return (T,) distances of the robot along the middle line at (T,) stamps.
@@ -284,12 +284,12 @@ class CorridorExperiment:
 
 def walkers(
     count: int, sides: Sequence[int], stretch: Stretch
-) -> Callable[[np.random.Generator], list[Walker]]:
+) -> Callable[[np.random.Generator], list[CorridorWalker]]:
     """Return a function that draws people who walk to and fro along sides of the corridor."""
 
-    def draw(rng: np.random.Generator) -> list[Walker]:
+    def draw(rng: np.random.Generator) -> list[CorridorWalker]:
         return [
-            Walker(
+            CorridorWalker(
                 side=int(rng.choice(sides)),
                 stretch=stretch,
                 left_m=float(rng.choice((-1, 1)) * rng.uniform(*OFF_MIDDLE_M)),

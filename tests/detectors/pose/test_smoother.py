@@ -11,7 +11,7 @@ from research.zhang2017_calibration import (
     fitted_pose,
     lidar,
 )
-from roadscope.benchmarks.papers.zhang2017_methods import fusion
+from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
 from roadscope.benchmarks.papers.zhang2017_scene import RobotLidar, sense_drive, sense_sweeps
 from roadscope.detectors.pose.body_model import UNKNOWNS
 from roadscope.detectors.pose.estimate import axis_difference
@@ -20,7 +20,7 @@ from roadscope.detectors.pose.smoother import Smoother
 
 def follow(run, model=None, **options):
     """Poses of a run's frames, one for each."""
-    smoother = Smoother(run.spec, model or fusion(), **options)
+    smoother = Smoother(run.spec, model or ford_fusion(), **options)
     rolling = run.drive.rolling
     poses = [
         smoother.update(s.scan, s.target, s.world_from_lidar, rolling=rolling) for s in run.sweeps
@@ -81,7 +81,7 @@ def test_the_newest_frame_can_be_asked_for(curve):
 
 
 def test_reset_forgets_and_the_same_scans_give_the_same(curve):
-    smoother = Smoother(curve.spec, fusion(), frames=3, lag=0)
+    smoother = Smoother(curve.spec, ford_fusion(), frames=3, lag=0)
 
     def once():
         smoother.reset()
@@ -94,7 +94,7 @@ def test_reset_forgets_and_the_same_scans_give_the_same(curve):
 
 
 def test_a_scan_with_one_return_feeds_the_window(curve):
-    smoother = Smoother(curve.spec, fusion(), frames=5)
+    smoother = Smoother(curve.spec, ford_fusion(), frames=5)
     for k, shot in enumerate(curve.sweeps[:7]):
         target = shot.target.copy()
         if k == 3:
@@ -109,7 +109,7 @@ def test_a_scan_with_one_return_feeds_the_window(curve):
 def test_how_the_sensor_went_in_its_first_scan_is_told_by_the_second(seed):
     """At 3 m/s a rear end 10 m away seems turned by a third of a degree to whoever stands."""
     run = sense_drive("following-10", seed, frames=5)
-    told, untold = (Smoother(run.spec, fusion(), frames=5, lag=1) for _ in range(2))
+    told, untold = (Smoother(run.spec, ford_fusion(), frames=5, lag=1) for _ in range(2))
     before, *shots = run.sweeps
     told.update(before.scan, np.zeros_like(before.target), before.world_from_lidar)
     for s in shots:
@@ -119,7 +119,7 @@ def test_how_the_sensor_went_in_its_first_scan_is_told_by_the_second(seed):
 
 
 def test_without_a_return_there_is_no_pose(curve):
-    smoother = Smoother(curve.spec, fusion(), frames=3, lag=0)
+    smoother = Smoother(curve.spec, ford_fusion(), frames=3, lag=0)
     shot = curve.sweeps[0]
     empty = np.zeros_like(shot.target)
     assert smoother.update(shot.scan, empty, shot.world_from_lidar) is None
@@ -128,7 +128,7 @@ def test_without_a_return_there_is_no_pose(curve):
 
 @pytest.mark.parametrize("back_s", [0.0, 0.1])
 def test_refuses_stamps_that_do_not_increase_and_goes_on(back_s, curve):
-    smoother, other = (Smoother(curve.spec, fusion(), frames=3, lag=0) for _ in range(2))
+    smoother, other = (Smoother(curve.spec, ford_fusion(), frames=3, lag=0) for _ in range(2))
     first, second = curve.sweeps[:2]
     for each in (smoother, other):
         each.update(first.scan, first.target, first.world_from_lidar, rolling=False)
@@ -148,7 +148,7 @@ def test_refuses_stamps_that_do_not_increase_and_goes_on(back_s, curve):
 )
 def test_refuses_windows_by_name(options, message, curve):
     with pytest.raises(ValueError, match=message):
-        Smoother(curve.spec, fusion(), **options)
+        Smoother(curve.spec, ford_fusion(), **options)
 
 
 @pytest.mark.parametrize("seed", [5, 9])
@@ -174,7 +174,7 @@ def test_cars_that_the_sweep_begins_and_ends_on_are_found(way, frames):
 
     One that stands is met twice, too, from two sides.
     """
-    model, rng = fusion(), np.random.default_rng(3)
+    model, rng = ford_fusion(), np.random.default_rng(3)
     body = body_of(model, np.zeros(UNKNOWNS))
     drive = drive_through(np.array([*way, 0.1, 0.3]))
     shots = sense_sweeps(drive, RobotLidar(lidar()), body, NO_PHASES, rng)
