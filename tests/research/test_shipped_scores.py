@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from research import detector_scores as scores
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fit import moving_scores, scores
 from roadscope.detectors import long_range_scores, scoring
 
 ALL = [
@@ -50,9 +50,11 @@ def holds(model, samples, bounds):
 @pytest.fixture(scope="module", params=["clusters", "what moves"])
 def shipped(request):
     if request.param == "clusters":
-        samples = scores.gather(["cluster?clustering=distance&shape=l-shape"], ALL, every=4)
+        samples = scores.cluster_samples(
+            ["cluster?clustering=distance&shape=l-shape"], ALL, stride=4
+        )
         return scoring.shipped_model(), samples, BOUNDS[request.param]
-    samples = moving_scores.gather("long-range", ALL)
+    samples = scores.moving_samples("long-range", ALL)
     return long_range_scores.shipped_model(), samples, BOUNDS[request.param]
 
 

@@ -2,7 +2,7 @@ import tomllib
 
 import numpy as np
 
-from roadscope.benchmarks.fit.fusion import logistic, multinomial, written
+from research.fusion_weights import logistic_weights, multinomial_weights, source
 from roadscope.fusion.weights import OddsModel, SecondOrderModel, second_order, table
 
 
@@ -11,7 +11,7 @@ def test_logistic_weights_are_found_again() -> None:
     values = rng.standard_normal((20_000, 2))
     truth = np.array([-0.5, 1.5, -1.0])
     chances = 1 / (1 + np.exp(-OddsModel(truth).odds(values)))
-    found = logistic(values, rng.random(len(values)) < chances)
+    found = logistic_weights(values, rng.random(len(values)) < chances)
     assert np.abs(found - truth).max() < 0.08
 
 
@@ -19,7 +19,7 @@ def test_class_chances_follow_the_shares() -> None:
     rng = np.random.default_rng(1)
     values = rng.uniform(-1, 1, (8000, 1))
     label = np.where(rng.random(8000) < 0.8, (values[:, 0] > 0) * 2, 3)
-    weights = multinomial(second_order(values), label)
+    weights = multinomial_weights(second_order(values), label)
     model = SecondOrderModel(np.zeros(1), np.ones(1), weights)
     high, low = model.probabilities(np.array([[0.8], [-0.8]]))
     assert high[2] > 0.7
@@ -33,4 +33,4 @@ def test_what_ships_is_read_as_it_was_written_and_says_where_it_is_from() -> Non
     origin = shipped.pop("origin")
     assert "train seeds" in origin
     assert "noisy-camera" in origin
-    assert tomllib.loads(written(shipped, origin)) == {"origin": origin, **shipped}
+    assert tomllib.loads(source(shipped, origin)) == {"origin": origin, **shipped}

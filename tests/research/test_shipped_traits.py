@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.fit.trackers import main as fit
+from research.tracker_traits import main as fit
 from roadscope.trackers import read_detector
 from roadscope.trackers._traits import FOLDER
 

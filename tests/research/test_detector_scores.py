@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from research import detector_scores as scores
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.fit import scores
 from roadscope.detectors.evidence import FEATURES
 from roadscope.detectors.scoring import ScoreModel
 
@@ -18,11 +18,11 @@ def made_up(count, seed=0):
     values = np.zeros((count, len(FEATURES)))
     values[:, FEATURES.index("range_m")] = rng.uniform(0, 60, count)
     values[:, FEATURES.index("deep")] = rng.random(count)
-    return scores.Samples(values, rng.random(count) < TRUE.probabilities(values), 0)
+    return scores.ScoreSamples(values, rng.random(count) < TRUE.probabilities(values), 0)
 
 
 def test_the_fit_finds_the_probabilities_that_made_its_samples():
-    model = scores.fit(made_up(20_000))
+    model = scores.fitted_scores(made_up(20_000), scores.CLUSTERS)
     others = made_up(2_000, 1)
     gap = model.probabilities(others.values) - TRUE.probabilities(others.values)
     assert np.sqrt(np.mean(gap**2)) < 0.03
@@ -33,24 +33,24 @@ def test_the_fit_finds_the_probabilities_that_made_its_samples():
 
 def test_the_written_module_holds_the_model():
     samples = made_up(500)
-    model = scores.fit(samples)
+    model = scores.fitted_scores(samples, scores.CLUSTERS)
     written: dict = {}
-    exec(scores.source(model, samples), written)
+    exec(scores.source(model, samples, scores.CLUSTERS), written)
     assert ScoreModel(written["CONSTANT"], written["CURVES"]) == model
 
 
 def test_only_train_seeds():
     with pytest.raises(ValueError, match="scores are fitted on train seeds"):
-        scores.episodes([9_999, 10_000])
+        scores.cluster_episodes([9_999, 10_000])
 
 
 def test_only_cluster_detectors():
     with pytest.raises(ValueError, match="zhang2017: scores are fitted for cluster detectors"):
-        scores.gather(["zhang2017"], [])
+        scores.cluster_samples(["zhang2017"], [])
 
 
 def test_samples_come_from_an_episode():
-    samples = scores.gather(
+    samples = scores.cluster_samples(
         ["cluster?clustering=distance&shape=l-shape"], [Episode("two-way", 7, "lux", 0.6)]
     )
     assert samples.values.shape[1] == len(FEATURES)

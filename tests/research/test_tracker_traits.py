@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.fit.tracker_samples import Samples, echoes
-from roadscope.benchmarks.fit.trackers import calibrated, lasting, source, spread
+from research.tracker_samples import CollectedSamples, TraitSamples, error_pairs
+from research.tracker_traits import calibrated, lasting, source, spread
 from roadscope.trackers import read_detector
 
 
@@ -13,11 +13,11 @@ def samples(n=4000, seed=0):
     odds = rng.uniform(-4, 9, n)
     right = rng.random(n) < 1 / (1 + np.exp(2 - 0.7 * odds))
     changes = rng.standard_normal((n, 4)) * (2.0, 1.5, 0.1, 0.2)
-    graded = np.column_stack([odds, ranges, right])
+    judged = np.column_stack([odds, ranges, right])
     velocities = np.column_stack([rng.uniform(0, 15, n), rng.normal(0, 0.3, n)])
     fronts = rng.random(n) < 0.9
-    return Samples(
-        errors, ranges, np.empty((0, 7)), fronts, odds, graded, changes, np.ones(n), velocities
+    return TraitSamples(
+        errors, ranges, np.empty((0, 7)), fronts, odds, judged, changes, np.ones(n), velocities
     )
 
 
@@ -30,7 +30,7 @@ def test_growth_and_spread_are_found_again():
 
 def test_calibration_is_found_again():
     given = samples()
-    slope, offset, per_m = calibrated(given.graded)
+    slope, offset, per_m = calibrated(given.judged)
     assert (slope, offset) == pytest.approx((0.7, -2.0), abs=0.2)
     assert per_m == 0, "range says nothing there"
 
@@ -46,7 +46,9 @@ def test_what_range_says_of_scores_is_found_again():
 def test_a_file_says_what_was_learned(tmp_path):
     few = samples(10)
     path = tmp_path / "mine.toml"
-    text = source({"car": samples(), "cyclist": few, "pedestrian": few}, "numbers of a test")
+    text = source(
+        CollectedSamples({"car": samples(), "cyclist": few, "pedestrian": few}, "numbers of a test")
+    )
     path.write_text(text)
     traits = read_detector(str(path)).traits
     assert traits.along_m[0] == pytest.approx(0.1, rel=0.1)
@@ -69,7 +71,7 @@ def test_lasting_errors_are_found_again():
         rows.append(np.sqrt(0.7) * offset + np.sqrt(0.3) * white)
         offset = keep * offset + np.sqrt(1 - keep**2) * rng.standard_normal((n, 4))
     owners, stamps = np.tile(np.arange(n), ticks), np.repeat(0.1 * np.arange(ticks), n)
-    told = echoes(owners, stamps, np.concatenate(rows))
+    told = error_pairs(owners, stamps, np.concatenate(rows))
     for errors in ([1, 2, 4, 5], [3, 6]):
         share, time_s = lasting(told[:, [0, *errors]])
         assert share == pytest.approx(0.7, abs=0.05)
