@@ -20,6 +20,7 @@ import numpy as np
 from roadscope import CAMERA_DETECTORS, Detections, Episode, ImageDetections
 from roadscope.benchmarks.metrics.fusion import FALSE, IGNORED, judge
 from roadscope.benchmarks.noisy_camera import FAMILY
+from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.fusion import weights
 from roadscope.fusion.assembly import Views, assemble
 from roadscope.fusion.candidates import (
