@@ -110,7 +110,7 @@ def _times(ratio: float) -> str:
 
 
 def pose_table(rows: Sequence[Any]) -> Table:
-    """Return what numbers of poses of a board give; rows are `calibrating.PoseRow`s."""
+    """Return errors by the number of poses of a target; rows are `calibrating.PoseRow`s."""
     table = plain_table()
     for name in (
         "poses",

@@ -17,9 +17,12 @@ import numpy as np
 
 from roadscope.benchmarks.drive import Step, drive, imu_mounting
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.papers.zhang2022_plays import STANDING
-from roadscope.benchmarks.papers.zhang2022_removal import LIDAR_FROM_IMU
-from roadscope.benchmarks.papers.zhang2022_scene import Shot, film
+from roadscope.benchmarks.papers.zhang2022_scene import (
+    LIDAR_FROM_IMU,
+    STANDING,
+    CorridorSweep,
+    sense_corridor,
+)
 from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
 from roadscope.core import LidarScan, Pose
 from roadscope.detectors.cloud import Cloud
@@ -113,13 +116,13 @@ def measure_stages(rig: str, repeats: int) -> list[SpeedRow]:
     rows = _stage_rows(rig, (before, now), motion, imu_mounting(episode), repeats, told)
     if rig != RIG:
         return rows
-    *_, earlier, later = film(replace(STANDING, scans=2), SEED)
+    *_, earlier, later = sense_corridor(replace(STANDING, scans=2), SEED)
     pair = earlier, later
     return rows + _stage_rows("corridor", pair, np.eye(4), LIDAR_FROM_IMU, repeats, told)
 
 
 def _stage_rows(
-    place: str, pair: tuple[Step, Step] | tuple[Shot, Shot], motion: np.ndarray,
+    place: str, pair: tuple[Step, Step] | tuple[CorridorSweep, CorridorSweep], motion: np.ndarray,
     mounting: Pose | None, repeats: int, unit: str,
 ) -> list[SpeedRow]:  # fmt: skip
     before, now = pair

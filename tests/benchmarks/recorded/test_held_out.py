@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.fit.trackers import main as fit
+from research.tracker_traits import main as fit
 from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
 from roadscope.benchmarks.formats.kitti_export import kitti_objects
 from roadscope.benchmarks.formats.kitti_folder import KittiFolder

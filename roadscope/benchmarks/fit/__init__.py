@@ -1,1 +1,0 @@
-"""What the package has learned, learned anew from train seeds or recorded data."""

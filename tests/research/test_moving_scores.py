@@ -1,0 +1,34 @@
+"""Scores of what moves are fitted on what the detectors of moving vehicles propose."""
+
+import numpy as np
+import pytest
+
+from research import detector_scores as scores
+from roadscope.benchmarks.episode import Episode
+from roadscope.detectors.long_range_scores import FEATURES
+from roadscope.detectors.scoring import ScoreModel
+
+
+def test_samples_of_an_episode_are_fitted_and_written():
+    samples = scores.moving_samples("zhang2017", [Episode("two-way", 7, "hdl32e", 1.2)])
+    assert samples.values.shape == (len(samples.right), len(FEATURES))
+    assert np.isfinite(samples.values).all()
+    assert samples.right.any()
+    model = scores.fitted_scores(samples, scores.MOVING)
+    written: dict = {}
+    exec(scores.source(model, samples, scores.MOVING), written)
+    assert ScoreModel(written["CONSTANT"], written["CURVES"], FEATURES) == model
+
+
+def test_two_rigs_of_every_scenario_and_seed_and_all_in_all_weathers():
+    given = scores.moving_episodes()
+    assert len(given) == len(scores.cluster_episodes(scores.MOVING.seeds)) / 2
+    for rig in scores.RIGS:
+        seen = [episode for episode in given if episode.rig == rig]
+        assert {episode.weather for episode in seen} == {"clear", "rain", "fog"}
+        assert {episode.scenario for episode in seen} == set(scores.SCENARIOS)
+
+
+def test_only_detectors_of_moving_vehicles():
+    with pytest.raises(ValueError, match="cluster: these scores are for detectors of moving"):
+        scores.moving_samples("cluster", [Episode("two-way", 7, "lux", 0.3)])
