@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from roadscope.benchmarks.formats.kitti import KittiSequence
-from roadscope.benchmarks.formats.kitti_export import kitti_objects
-from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
-from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
+from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
+from roadscope.benchmarks.formats.kitti_sequence import KittiSequence
 from roadscope.benchmarks.metrics.tracking.following import follow
+from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
 from roadscope.core import Tracks
 from roadscope.trackers import score_log_odds
 
@@ -20,12 +19,8 @@ MEASURE = "iou_2d"
 
 def verdicts(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[tuple[int, int], bool]:
     """Return of each (frame, id) that counts whether it is on an object."""
-    view = sequence.calibration.projection, sequence.image_size
-    rows = [
-        kitti_objects(tracked, t, pose, *view)
-        for t, (tracked, pose) in enumerate(zip(tracks, sequence.world_from_ego, strict=True))
-    ]
-    counted = judged(sequence.labelled, rows, TYPE_OF[sequence.category], MEASURE)
+    rows, kind = sequence.result_rows(tracks), DETECTED_TYPES[sequence.category]
+    counted = apply_kitti_rules(sequence.label_rows, rows, kind, MEASURE)
     right = np.zeros(len(counted.tracks), bool)
     right[follow(counted, SIMILARITIES[MEASURE].threshold).columns] = True
     frames = np.repeat(np.arange(len(counted)), counted.track_counts).tolist()

@@ -14,10 +14,13 @@ import numpy as np
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.fit.tracker_labels import graded_detections
-from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
-from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms
-from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
+from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
+from roadscope.benchmarks.formats.kitti_sequence import (
+    KittiFolder,
+    KittiSequence,
+    read_kitti_sequence,
+)
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.matching import Pairing, centre_distances, match
 from roadscope.benchmarks.nodes.fusions import detection_node
@@ -156,13 +159,13 @@ def recorded_samples(
         for kind in CLASSES
     }
     told = f"KITTI tracking training sequences {', '.join(names)}"
-    return classes, f"{told}, detections of {files.the_detector(detector)}"
+    return classes, f"{told}, detections of {files.choose_detector(detector)}"
 
 
 def _of_sequence(files: KittiFolder, name: str, kind: str, detector: str | None) -> Samples:
     """Collect from one sequence; what is of another type is neither right nor wrong."""
     category = CLASSES[kind]
-    sequence = read_sequence(files, name, category, detector=detector)
+    sequence = read_kitti_sequence(files, name, category, detector=detector)
     poses = sequence.world_from_ego
     found = [d.moved(p, "world") for d, p in zip(sequence.detections, poses, strict=True)]
     pairings = recorded_pairings([d.centres for d in found], sequence)
@@ -176,16 +179,18 @@ def of_class(
     """Read the sequences named, or all, one after the other, with detections of one class."""
     files = KittiFolder.find(folder)
     for name in sequences if sequences is not None else files.sequences():
-        yield read_sequence(files, name, CLASSES[kind], detector=detector)
+        yield read_kitti_sequence(files, name, CLASSES[kind], detector=detector)
 
 
 def recorded_pairings(found: Sequence[np.ndarray], sequence: KittiSequence) -> list[Pairing]:
     """Pair (N, 3) centres of each frame, world frame, with objects; other classes' do not count."""
     pairings = []
     for shown, truth, labels, pose in zip(
-        found, sequence.truths, sequence.labelled, sequence.world_from_ego, strict=True
+        found, sequence.truths, sequence.label_rows, sequence.world_from_ego, strict=True
     ):
-        other = labels.select(labels.solid & (labels.types != TYPE_OF[sequence.category]))
+        other = labels.select(
+            labels.has_3d_box & (labels.types != DETECTED_TYPES[sequence.category])
+        )
         others = pose.apply(centres_from_bottoms(other.bottoms, other.sizes))
         centres = np.concatenate([truth.centres, others])
         pairings.append(Pairing(
