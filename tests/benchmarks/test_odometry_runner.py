@@ -13,9 +13,10 @@ from toy_drive import Drive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
+from roadscope.benchmarks.formats.trajectories import trajectory_text
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.core import Pose
+from roadscope.formats import read_trajectory
 
 RUNNER = CliRunner()
 

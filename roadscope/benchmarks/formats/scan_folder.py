@@ -134,27 +134,27 @@ def read_scan(path: Path | str, stamp_s: float) -> LidarScan:
 
     stamp_s: the middle of the sweep. The times of points count from there; a file without times is
         read as if all points were measured at once, as in a scan that was deskewed.
-    Beams are those of the file (`.pcd` only), otherwise found by elevation.
+    Beams are those of the file (`.pcd` only), otherwise `rings_and_columns` finds them.
     """
     path = Path(path)
     columns = POINT_READERS.get(path.suffix.lower(), _read_npy)(path)
     columns = columns.select(columns.usable())
     points = columns.points.astype(np.float32)
-    beams = rings_and_columns(points)
+    layout = rings_and_columns(points)
     rings = None if columns.rings is None else ranked_rings(points, columns.rings)
     return LidarScan(
         points=points,
         intensity=_scaled_intensities(columns),
-        ring=beams.rings if rings is None else rings,
-        column=beams.columns,
+        ring=layout.rings if rings is None else rings,
+        column=layout.columns,
         time_offset_s=_time_offsets(path, columns),
         stamp_s=stamp_s,
         sensor="lidar",
     )
 
 
-class Beams(NamedTuple):
-    """Where each of N points is in the sweep.
+class ScanLayout(NamedTuple):
+    """The beam and the azimuth step of each of N points.
 
     rings: (N,) int16, number of the beam, 0 the lowest.
     columns: (N,) int32, azimuth steps, clockwise from behind.
@@ -164,21 +164,21 @@ class Beams(NamedTuple):
     columns: np.ndarray
 
 
-def rings_and_columns(points: np.ndarray) -> Beams:
+def rings_and_columns(points: np.ndarray) -> ScanLayout:
     """Return the beam and the azimuth step of (N, 3) points, found by their directions.
 
     Beams are separated by gaps between elevations. If there are no gaps, as in a deskewed scan,
     bands of elevation take their place; one of them may hold two beams of the sensor.
     """
     if not len(points):
-        return Beams(np.zeros(0, np.int16), np.zeros(0, np.int32))
+        return ScanLayout(np.zeros(0, np.int16), np.zeros(0, np.int32))
     x, y, _ = points.T.astype(np.float64)
     elevations = _elevations(points)
     rings = _rings_by_gaps(elevations)
     if rings is None:
         rings = np.floor((elevations - elevations.min()) / MAX_BEAM_HEIGHT_RAD)
     columns = np.floor((np.pi - np.arctan2(y, x)) / AZIMUTH_STEP_RAD)
-    return Beams(rings.astype(np.int16), columns.astype(np.int32))
+    return ScanLayout(rings.astype(np.int16), columns.astype(np.int32))
 
 
 def ranked_rings(points: np.ndarray, numbers: np.ndarray) -> np.ndarray | None:

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.formats import read_sequence
-from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
+from roadscope.benchmarks.recorded.scores import kitti_scores
 from roadscope.core import Tracks, TrackState
+from roadscope.formats import read_kitti_sequence
 
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
-    return read_sequence(write_kitti(tmp_path_factory.mktemp("kitti")), "0000")
+    return read_kitti_sequence(write_kitti(tmp_path_factory.mktemp("kitti")), "0000")
 
 
 def told(sequence, off_m=0.3, turned=0.0, variance=0.045, backwards=False):

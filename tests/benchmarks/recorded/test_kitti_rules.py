@@ -8,14 +8,20 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.formats import KittiFolder, read_sequence
-from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
-from roadscope.benchmarks.formats.kitti_objects import KittiObjects, KittiType, read_labels
-from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
 from roadscope.benchmarks.metrics.tracking.clear import clear
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
+from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
 from roadscope.core import Category, TrackState
+from roadscope.formats import (
+    KittiFolder,
+    KittiObjects,
+    KittiType,
+    kitti_objects,
+    read_kitti_labels,
+    read_kitti_sequence,
+    write_kitti_results,
+)
 from roadscope.trackers import TRACKERS
 
 CLASSES = {"car": Category.CAR, "pedestrian": Category.PEDESTRIAN}
@@ -40,7 +46,7 @@ SMALL = (600, 0, 640, 25)
 
 def count(labels, tracks, kind=KittiType.CAR, similarity="iou_2d"):
     """Objects and tracks that are left of one frame."""
-    sequence = judged([labels], [tracks], kind, similarity)
+    sequence = apply_kitti_rules([labels], [tracks], kind, similarity)
     return sequence.truth_ids.tolist(), sequence.track_ids.tolist()
 
 
@@ -87,14 +93,18 @@ def test_matching_rules_hold_for_every_similarity(similarity):
 def test_centres_at_the_gate_are_half_alike():
     labels, tracks = rows(A), rows(A)
     aside = replace(tracks, bottoms=tracks.bottoms + np.array([2.0, 5.0, 0.0]))
-    assert judged([labels], [aside], KittiType.CAR, "centre").similarities[0] == pytest.approx(0.5)
-    assert judged([labels], [aside], KittiType.CAR, "centre").distances_m[0] == pytest.approx(2)
-    assert judged([labels], [aside], KittiType.CAR, "iou_3d").similarities[0] == 0
+    assert apply_kitti_rules([labels], [aside], KittiType.CAR, "centre").similarities[
+        0
+    ] == pytest.approx(0.5)
+    assert apply_kitti_rules([labels], [aside], KittiType.CAR, "centre").distances_m[
+        0
+    ] == pytest.approx(2)
+    assert apply_kitti_rules([labels], [aside], KittiType.CAR, "iou_3d").similarities[0] == 0
 
 
 def followed(folder: Path, name: str, category: Category, out: Path) -> None:
     """Track one class of a sequence and write the results."""
-    sequence = read_sequence(folder, name, category)
+    sequence = read_kitti_sequence(folder, name, category)
     tracker = TRACKERS.make("nearest-q-confirmed")
     tracker.reset()
     frames = []
@@ -106,7 +116,7 @@ def followed(folder: Path, name: str, category: Category, out: Path) -> None:
         sure = tracks.ids[tracks.states != TrackState.TENTATIVE]
         frames.append(found.select(np.isin(found.ids, sure)))
     out.mkdir(parents=True, exist_ok=True)
-    save_results(out / f"{name}.txt", frames)
+    write_kitti_results(out / f"{name}.txt", frames)
 
 
 def assert_as_trackeval(folder: Path, names: list[str], lengths: list[int], work: Path) -> None:
@@ -126,9 +136,9 @@ def assert_as_trackeval(folder: Path, names: list[str], lengths: list[int], work
         for name, length in zip(names, lengths, strict=True):
             raw = dataset.get_raw_seq_data("mine", name)
             data = dataset.get_preprocessed_seq_data(raw, word)
-            labels = read_labels(folder / "label_02" / f"{name}.txt").by_frame(length)
-            result = read_labels(work / word / "mine" / "data" / f"{name}.txt", results=True)
-            ours = judged(labels, result.by_frame(length), KINDS[category])
+            labels = read_kitti_labels(folder / "label_02" / f"{name}.txt").by_frame(length)
+            result = read_kitti_labels(work / word / "mine" / "data" / f"{name}.txt", results=True)
+            ours = apply_kitti_rules(labels, result.by_frame(length), KINDS[category])
             assert_same_scores(trackeval.metrics, data, ours, quiet)
 
 
