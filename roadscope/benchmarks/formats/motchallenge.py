@@ -32,7 +32,7 @@ STATIC_PERSON = 7
 DISTRACTOR = 8
 NON_MOTOR_VEHICLE = 6
 REFLECTION = 12
-CLASSES: Mapping[int, Category | None] = {
+CLASSES: dict[int, Category | None] = {
     PEDESTRIAN: Category.PEDESTRIAN,
     PERSON_ON_VEHICLE: None,
     3: Category.CAR,

@@ -122,7 +122,8 @@ class PointColumns:
 
         Drivers write such points for rays without a return.
         """
-        usable = (np.abs(self.points) <= FARTHEST_M).all(axis=1) & self.points.any(axis=1)
+        near = (np.abs(self.points) <= FARTHEST_M).all(axis=1)
+        usable: np.ndarray = near & self.points.any(axis=1)
         for column in (self.intensities, self.times, self.rings):
             if column is not None:
                 usable &= np.isfinite(column)
