@@ -26,7 +26,6 @@ from roadscope.benchmarks.formats.kitti_sequence import (
     read_kitti_sequence,
 )
 from roadscope.benchmarks.formats.motchallenge import (
-    FrameLimit,
     MotRows,
     MotSequence,
     mot_rows,
@@ -38,7 +37,7 @@ from roadscope.benchmarks.formats.pcd import read_pcd
 from roadscope.benchmarks.formats.samples import read_imu, read_wheels
 from roadscope.benchmarks.formats.scan_folder import ScanFolder, read_scan
 from roadscope.benchmarks.formats.table import FormatError
-from roadscope.benchmarks.formats.tracking_rows import ImageSize
+from roadscope.benchmarks.formats.tracking_rows import FrameLimit, ImageSize
 from roadscope.benchmarks.formats.trajectories import (
     Trajectory,
     read_trajectory,

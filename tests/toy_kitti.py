@@ -91,7 +91,15 @@ def tracks_at(centres, *, frame="ego", categories=None):
     n = len(centres)
     kinds = np.full(n, Category.CAR, np.int8) if categories is None else categories
     return Tracks(
-        np.arange(n) + 7, centres, np.tile([4.2, 1.7, 1.5], (n, 1)), np.linspace(-3, 3, n),
-        np.zeros((n, 2)), np.tile(np.eye(4), (n, 1, 1)), kinds, np.linspace(0, 1, n),
-        np.ones(n, np.int8), frame, 0.0,
-    )  # fmt: skip
+        np.arange(n) + 7,
+        centres,
+        np.tile([4.2, 1.7, 1.5], (n, 1)),
+        np.linspace(-3, 3, n),
+        np.zeros((n, 2)),
+        np.tile(np.eye(4), (n, 1, 1)),
+        kinds,
+        np.linspace(0, 1, n),
+        np.ones(n, np.int8),
+        frame,
+        0.0,
+    )

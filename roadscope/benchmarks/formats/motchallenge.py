@@ -13,6 +13,7 @@ import numpy as np
 from roadscope.benchmarks.formats.table import FormatError, Table, read_lines, read_table, refuse
 from roadscope.benchmarks.formats.tracking_rows import (
     MAX_FRAMES,
+    FrameLimit,
     ImageSize,
     logistic,
     require_ordered_frames,
@@ -124,17 +125,6 @@ class MotSequence(Record):
     truth_rows: tuple[MotRows, ...] | None
     rate_hz: float
     image_size: ImageSize | None
-
-
-class FrameLimit(NamedTuple):
-    """The last frame that a file may have.
-
-    frame: its number.
-    source: what says so, for errors: "the seqLength of seqinfo.ini".
-    """
-
-    frame: int
-    source: str
 
 
 def read_mot(

@@ -1,7 +1,6 @@
 """What tracking files of KITTI and MOTChallenge share: rows with a frame number and an id."""
 
-from __future__ import annotations
-
+# Annotations are evaluated here, because signatures of named tuples show them as they are.
 from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
@@ -18,6 +17,17 @@ class ImageSize(NamedTuple):
 
     width: int
     height: int
+
+
+class FrameLimit(NamedTuple):
+    """The last frame that a file may have.
+
+    frame: its number.
+    source: where it comes from, for errors: "the seqLength of seqinfo.ini".
+    """
+
+    frame: int
+    source: str
 
 
 class FrameRows(Protocol):

@@ -10,8 +10,9 @@ from roadscope.benchmarks.formats.kitti_labels import (
     KittiObjects,
     read_kitti_labels,
 )
-from roadscope.benchmarks.formats.motchallenge import FrameLimit, read_mot, read_mot_sequence
+from roadscope.benchmarks.formats.motchallenge import read_mot, read_mot_sequence
 from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.tracking_rows import FrameLimit
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts

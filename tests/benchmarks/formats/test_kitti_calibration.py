@@ -33,8 +33,9 @@ def test_calibration_needs_its_keys(tmp_path):
     path.write_text("P0: 1\nP2: " + "1 " * 11)
     with pytest.raises(FormatError, match="line 1: expected 12 finite numbers after P0"):
         read_kitti_calibration(path)
-    path.write_text(CAMERA + "\nR_rect 9 0 0 0 1 0 0 0 1\nTr_velo_cam "
-                    + POSE + "\nTr_imu_velo " + POSE)  # fmt: skip
+    path.write_text(
+        CAMERA + "\nR_rect 9 0 0 0 1 0 0 0 1\nTr_velo_cam " + POSE + "\nTr_imu_velo " + POSE
+    )
     with pytest.raises(FormatError, match=r"expected rotations in R0_rect, .*; R0_rect has none"):
         read_kitti_calibration(path)
 

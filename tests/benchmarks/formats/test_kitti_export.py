@@ -63,9 +63,18 @@ def test_labels_projected_are_the_image_boxes_that_they_come_with(tmp_path):
     truth, labels = car.truths[3], car.label_rows[3]
     n = len(truth)
     tracks = Tracks(
-        truth.ids, truth.centres, truth.sizes, truth.yaws, truth.velocities, np.zeros((n, 4, 4)),
-        truth.categories, np.ones(n), np.ones(n, np.int8), "world", truth.stamp_s,
-    )  # fmt: skip
+        truth.ids,
+        truth.centres,
+        truth.sizes,
+        truth.yaws,
+        truth.velocities,
+        np.zeros((n, 4, 4)),
+        truth.categories,
+        np.ones(n),
+        np.ones(n, np.int8),
+        "world",
+        truth.stamp_s,
+    )
     rows = kitti_objects(tracks, 3, truth.world_from_ego, P2, IMAGE_SIZE)
     expected = labels.select(labels.types == KittiType.CAR)
     assert rows.ids.tolist() == expected.ids.tolist()
@@ -92,9 +101,11 @@ def test_trackeval_reads_our_results(tmp_path):
         write_kitti_results(out / f"{name}.txt", frames)
         written[name] = frames
     config = {
-        "GT_FOLDER": str(folder), "TRACKERS_FOLDER": str(tmp_path / "trackers"),
-        "PRINT_CONFIG": False, "CLASSES_TO_EVAL": ["car"],
-    }  # fmt: skip
+        "GT_FOLDER": str(folder),
+        "TRACKERS_FOLDER": str(tmp_path / "trackers"),
+        "PRINT_CONFIG": False,
+        "CLASSES_TO_EVAL": ["car"],
+    }
     dataset = trackeval.datasets.Kitti2DBox(config)
     raw = dataset.get_raw_seq_data("mine", "0001")
     for t, rows in enumerate(written["0001"]):

@@ -76,9 +76,10 @@ def test_trackeval_reads_our_results(tmp_path):
     out.mkdir(parents=True)
     write_mot(out / "A.txt", [mot_rows(tracks_at(CENTRES), t, BOXES) for t in (1, 2)])
     config = {
-        "GT_FOLDER": str(tmp_path / "gt"), "TRACKERS_FOLDER": str(tmp_path / "trackers"),
+        "GT_FOLDER": str(tmp_path / "gt"),
+        "TRACKERS_FOLDER": str(tmp_path / "trackers"),
         "PRINT_CONFIG": False,
-    }  # fmt: skip
+    }
     dataset = trackeval.datasets.MotChallenge2DBox(config)
     raw = dataset.get_raw_seq_data("mine", "A")
     assert raw["tracker_ids"][1].tolist() == [7, 8]
@@ -153,7 +154,7 @@ def test_malformed_sequences_are_refused(tmp_path):
         ("[Other]\na=1", r": expected \[Sequence\] with seqLength and frameRate, got \[Other\]$"),
         ("", r": expected \[Sequence\] with seqLength and frameRate, got nothing$"),
     ],
-)  # fmt: skip
+)
 def test_a_malformed_seqinfo_is_refused_in_one_line(tmp_path, text, said):
     path = write_sequence(tmp_path, (DET,)) / "seqinfo.ini"
     path.write_text(text)

@@ -49,8 +49,9 @@ def recorded(tmp_path_factory):
     steps = list(drive(DRIVE))
     for k, step in enumerate(steps):
         scan = step.scan
-        np.save(folder / f"{k}.npy",
-                np.column_stack([scan.points, scan.intensity, scan.time_offset_s]))  # fmt: skip
+        np.save(
+            folder / f"{k}.npy", np.column_stack([scan.points, scan.intensity, scan.time_offset_s])
+        )
     stamps = "".join(f"{step.scan.stamp_s:.6f}\n" for step in steps)
     (folder / "times.txt").write_text(stamps)
     blocks = [step.imu for step in steps if step.imu is not None]

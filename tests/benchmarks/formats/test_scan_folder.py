@@ -125,7 +125,7 @@ BAD_PCD = {
     "cut off": (pcd("binary")[:-8], "expected 800 bytes after the header"),
     "lines lost": (pcd("ascii")[:-60], "expected 40 points"),
     "words": (pcd("ascii").replace(pcd("ascii").split(b"\n")[11], b"a b c d e"), "line 12: "),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD_PCD)

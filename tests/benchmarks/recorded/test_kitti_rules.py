@@ -32,12 +32,18 @@ def rows(*boxes, types=KittiType.CAR, ids=None, truncated=0, occluded=0):
     """Objects of frame 0 with these image boxes; 3-D boxes in a row 20 m apart."""
     n = len(boxes)
     return KittiObjects(
-        np.zeros(n, np.int64), np.arange(n) if ids is None else np.array(ids),
-        np.broadcast_to(types, n), np.broadcast_to(truncated, n), np.broadcast_to(occluded, n),
-        np.zeros(n), np.array(boxes, float).reshape(n, 4), np.tile([4.0, 2.0, 1.5], (n, 1)),
-        np.column_stack([np.zeros(n), np.zeros(n), 20.0 * (1 + np.arange(n))]), np.zeros(n),
+        np.zeros(n, np.int64),
+        np.arange(n) if ids is None else np.array(ids),
+        np.broadcast_to(types, n),
+        np.broadcast_to(truncated, n),
+        np.broadcast_to(occluded, n),
+        np.zeros(n),
+        np.array(boxes, float).reshape(n, 4),
+        np.tile([4.0, 2.0, 1.5], (n, 1)),
+        np.column_stack([np.zeros(n), np.zeros(n), 20.0 * (1 + np.arange(n))]),
+        np.zeros(n),
         np.ones(n),
-    )  # fmt: skip
+    )
 
 
 A, B, C = (0, 0, 100, 100), (200, 0, 300, 100), (400, 0, 500, 100)
@@ -62,9 +68,13 @@ def test_vans_are_distractors_of_cars_and_sitting_people_of_pedestrians():
 
 @pytest.mark.parametrize(
     ("change", "counts"),
-    [({"occluded": 2}, True), ({"occluded": 3}, False),
-     ({"truncated": 0}, True), ({"truncated": 1}, False)],
-)  # fmt: skip
+    [
+        ({"occluded": 2}, True),
+        ({"occluded": 3}, False),
+        ({"truncated": 0}, True),
+        ({"truncated": 1}, False),
+    ],
+)
 def test_what_is_hidden_or_cut_off_is_a_distractor(change, counts):
     assert count(rows(A, **change), rows(A)) == (([0], [0]) if counts else ([], []))
 
@@ -144,11 +154,16 @@ def assert_as_trackeval(folder: Path, names: list[str], lengths: list[int], work
 
 def assert_same_scores(metrics, data, ours, quiet) -> None:
     assert (len(ours.truth_ids), len(ours.track_ids)) == (
-        data["num_gt_dets"], data["num_tracker_dets"],
-    )  # fmt: skip
+        data["num_gt_dets"],
+        data["num_tracker_dets"],
+    )
     theirs, mine = metrics.HOTA().eval_sequence(data), hota(ours)
-    for key, value in (("HOTA", mine.hota), ("DetA", mine.det_a), ("AssA", mine.ass_a),
-                       ("LocA", mine.loc_a)):  # fmt: skip
+    for key, value in (
+        ("HOTA", mine.hota),
+        ("DetA", mine.det_a),
+        ("AssA", mine.ass_a),
+        ("LocA", mine.loc_a),
+    ):
         np.testing.assert_allclose(value, theirs[key], atol=1e-9)
     theirs, mine = metrics.CLEAR(quiet).eval_sequence(data), clear(ours)
     assert mine.id_switches == theirs["IDSW"]

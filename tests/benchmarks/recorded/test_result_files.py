@@ -142,10 +142,11 @@ def test_the_same_sequence_as_trackevals(seed, tmp_path):
     (out / "A.txt").write_text(mot_lines(*told))
     dataset = trackeval.datasets.MotChallenge2DBox(
         {
-            "GT_FOLDER": str(tmp_path / "gt"), "TRACKERS_FOLDER": str(tmp_path / "trackers"),
+            "GT_FOLDER": str(tmp_path / "gt"),
+            "TRACKERS_FOLDER": str(tmp_path / "trackers"),
             "PRINT_CONFIG": False,
         }
-    )  # fmt: skip
+    )
     wanted = dataset.get_preprocessed_seq_data(dataset.get_raw_seq_data("mine", "A"), "pedestrian")
     rows = (read_mot(path).by_frame(12) for path in (gt / "gt" / "gt.txt", out / "A.txt"))
     ours = apply_mot_rules(*rows)
