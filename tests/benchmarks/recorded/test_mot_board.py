@@ -106,7 +106,7 @@ def test_the_command_writes_board_and_tracks_that_score_the_same(results, tmp_pa
     [
         ("det/det.txt", "1,-1,10,10,abc,20,0.9", "number"),
         ("det/det.txt", "1,-1,10,10,-5,20,0.9", "a width and height above 0"),
-        ("gt/gt.txt", "0,1,10,10,5,20,1,1,1", "1 or more"),
+        ("gt/gt.txt", "0,1,10,10,5,20,1,1,1", "from 1 to 500000"),
         ("gt/gt.txt", "1,9,10,10,5,20,1,99,1", "a class from 1 to 13"),
     ],
 )
