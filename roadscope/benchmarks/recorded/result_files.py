@@ -60,7 +60,7 @@ def score_kitti_results(
     labels: `label_02/SEQ.txt`. results: 17 columns, or 18 with a score.
     category: car, pedestrian or cyclist.
 
-    >>> from roadscope.benchmarks.recorded.result_files import score_kitti_results
+    >>> from roadscope.benchmarks import score_kitti_results
     >>> scores = score_kitti_results("label_02/0000.txt", "mine/0000.txt")
     >>> scores["hota"].value
     1.0
