@@ -10,7 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.formats.table import FormatError, Table, read_lines, read_table, refuse
+from roadscope.benchmarks.formats.table import (
+    FormatError,
+    Table,
+    read_lines,
+    read_table,
+    refuse,
+    width_text,
+)
 from roadscope.benchmarks.formats.tracking_rows import (
     MAX_FRAMES,
     FrameLimit,
@@ -250,7 +257,7 @@ def _read_rows(path: Path) -> Table:
             expected = (
                 f"7 columns ({' '.join(COLUMNS)}), 9 (also class visibility) or 10 (also x y z)"
             )
-            refuse(path, number, expected, f"{width} columns")
+            refuse(path, number, expected, width_text(width, ","))
     return read_table(path, COLUMNS, separator=",")
 
 

@@ -190,6 +190,10 @@ def _check_widths(table: Table, separator: str | None, required: int) -> None:
         expected = f"{required} to {most} columns" if required < most else f"{most} columns"
         wrong = [0]
     if wrong:
-        width = len(table.rows[wrong[0]])
-        actual = f"{width} columns" if width > 1 else UNDIVIDED.get(separator, "1 column")
+        actual = width_text(len(table.rows[wrong[0]]), separator)
         table.refuse(wrong[0], f"{expected} ({' '.join(table.columns)})", actual)
+
+
+def width_text(width: int, separator: str | None) -> str:
+    """Return the number of columns of a line in words; a single one hints at the separator."""
+    return f"{width} columns" if width > 1 else UNDIVIDED.get(separator, "1 column")
