@@ -175,7 +175,7 @@ class TruePoses:
 
     def errors_in_words(self, poses: Sequence[Pose]) -> str:
         """Say in a line how far off estimated poses are; there may be fewer of them."""
-        from roadscope.benchmarks.metrics.odometry import (
+        from roadscope.benchmarks.metrics.trajectory_errors import (
             KITTI_M,
             SHORT_M,
             Trajectories,

@@ -8,7 +8,7 @@ import numpy as np
 
 from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
 from roadscope.benchmarks.formats.kitti_sequence import KittiSequence
-from roadscope.benchmarks.metrics.tracking.following import follow
+from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
 from roadscope.core import Tracks
 from roadscope.trackers import score_log_odds
@@ -22,7 +22,7 @@ def verdicts(tracks: Sequence[Tracks], sequence: KittiSequence) -> dict[tuple[in
     rows, kind = sequence.result_rows(tracks), DETECTED_TYPES[sequence.category]
     counted = apply_kitti_rules(sequence.label_rows, rows, kind, MEASURE)
     right = np.zeros(len(counted.tracks), bool)
-    right[follow(counted, SIMILARITIES[MEASURE].threshold).columns] = True
+    right[match_tracks(counted, SIMILARITIES[MEASURE].threshold).track_rows] = True
     frames = np.repeat(np.arange(len(counted)), counted.track_counts).tolist()
     keys = zip(frames, counted.track_ids.tolist(), strict=True)
     return dict(zip(keys, right.tolist(), strict=True))

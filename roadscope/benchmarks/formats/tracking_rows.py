@@ -30,7 +30,7 @@ class FrameLimit(NamedTuple):
     source: str
 
 
-class FrameRows(Protocol):
+class NumberedRows(Protocol):
     """Rows that know their frame."""
 
     @property
@@ -43,7 +43,7 @@ class FrameRows(Protocol):
         ...
 
 
-R = TypeVar("R", bound=FrameRows)
+R = TypeVar("R", bound=NumberedRows)
 
 
 def rows_by_frame(rows: R, first_frame: int, count: int) -> list[R]:

@@ -14,7 +14,7 @@ from roadscope.benchmarks.graph import Node
 from roadscope.benchmarks.images import camera_of, projection_of
 from roadscope.benchmarks.kinds import FUSION
 from roadscope.benchmarks.loop import CallInput, RunOptions, run_plugin
-from roadscope.benchmarks.metrics.fusion import FARTHEST_M, Targets
+from roadscope.benchmarks.metrics.fusion import FARTHEST_M, FusionTargets
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.nodes.images import ImageNode
 from roadscope.benchmarks.noisy_camera import FAMILY
@@ -241,7 +241,7 @@ def _targets(
     lidar: EpisodeDetections,
     camera: EpisodeImageDetections,
     rows: np.ndarray,
-) -> tuple[Targets, ...]:
+) -> tuple[FusionTargets, ...]:
     """Return what both sensors could detect; the image is the nearest one, lost or not."""
     true_projection = projection_of(rig(episode.rig))
     image_s = np.array([t.stamp_s for t in camera.truths])
@@ -254,7 +254,9 @@ def _targets(
     return tuple(targets)
 
 
-def targets_of(truth: Truth, image: Truth, parked: np.ndarray, projection: Projection) -> Targets:
+def targets_of(
+    truth: Truth, image: Truth, parked: np.ndarray, projection: Projection
+) -> FusionTargets:
     """Join the truth of a scan and of its image; (P, 2) parked cars come last, not eligible.
 
     To be found is who is in the image, 3 to 60 m away, and gave 5 returns or shows 60 pixels, 12
@@ -289,7 +291,7 @@ def targets_of(truth: Truth, image: Truth, parked: np.ndarray, projection: Proje
         ),
         projection,
     )
-    return Targets(
+    return FusionTargets(
         np.concatenate([FAMILY[truth.categories[both]], np.zeros(n, np.int64)]),
         np.concatenate([centres, cars]),
         np.concatenate([boxes, car_boxes]),

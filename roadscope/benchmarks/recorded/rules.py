@@ -29,9 +29,11 @@ from roadscope.benchmarks.formats.motchallenge import (
     STATIC_PERSON,
     MotRows,
 )
-from roadscope.benchmarks.metrics.matching import centre_distances
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.metrics.tracking.similarity import image_overlaps, near
+from roadscope.benchmarks.metrics.matching import centre_distances, image_overlaps
+from roadscope.benchmarks.metrics.tracking.sequence import (
+    TrackedSequence,
+    similarity_by_distance,
+)
 
 MAX_OCCLUDED = 2
 MAX_TRUNCATED = 0
@@ -105,7 +107,7 @@ def overlap_in_space(labels: KittiObjects, tracks: KittiObjects) -> np.ndarray:
 
 def centre_similarity(labels: KittiObjects, tracks: KittiObjects) -> np.ndarray:
     """Return (M, N): 1 for the same centre seen from above, 0.5 at 2 m, 0 from 4 m on."""
-    return near(centre_distances_m(labels, tracks))
+    return similarity_by_distance(centre_distances_m(labels, tracks))
 
 
 def centre_distances_m(labels: KittiObjects, tracks: KittiObjects) -> np.ndarray:

@@ -11,13 +11,13 @@ from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
 from roadscope.benchmarks.formats.kitti_sequence import KittiSequence
 from roadscope.benchmarks.metrics.score import Score, ratio
 from roadscope.benchmarks.metrics.tracking.amota import amota
-from roadscope.benchmarks.metrics.tracking.clear import count
-from roadscope.benchmarks.metrics.tracking.following import follow
+from roadscope.benchmarks.metrics.tracking.clear import clear
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
+from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.metrics.tracking.scores import consistency_scores, state_scores
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.metrics.tracking.states import state_errors
+from roadscope.benchmarks.metrics.tracking.state_errors import FrameRows, state_errors
 from roadscope.benchmarks.recorded.combined import NEES_BAND, SUFFIXES, alpha_parts, nees_band
 from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
 from roadscope.core import Tracks, Truth
@@ -61,11 +61,12 @@ def label_errors(
     threshold: float,
 ) -> dict[str, Score]:
     """Return errors of matched tracks against the labels, world frame, and their consistency."""
-    following = follow(counted, threshold)
-    track_ids, object_ids = counted.track_ids[following.columns], counted.truth_ids[following.rows]
-    ends = np.searchsorted(following.frames, np.arange(len(counted) + 1))
+    matched = match_tracks(counted, threshold)
+    track_ids = counted.track_ids[matched.track_rows]
+    object_ids = counted.truth_ids[matched.truth_rows]
+    ends = np.searchsorted(matched.frames, np.arange(len(counted) + 1))
     pairs = [
-        (_rows_of(track_ids[a:b], record.ids), _rows_of(object_ids[a:b], truth.ids))
+        FrameRows(_rows_of(track_ids[a:b], record.ids), _rows_of(object_ids[a:b], truth.ids))
         for record, truth, a, b in zip(tracks, truths, ends[:-1], ends[1:], strict=True)
     ]
     errors = state_errors(tracks, truths, pairs)
@@ -94,7 +95,7 @@ def sequence_scores(
     """
     with_tentative = sequence if with_tentative is None else with_tentative
     curves, objects = hota(sequence), len(sequence.truths)
-    events, ids = count(sequence, follow(sequence, threshold)), identity(sequence, threshold)
+    events, ids = clear(sequence, threshold), identity(sequence, threshold)
     samota = amota(with_tentative, threshold=threshold).samota if objects else math.nan
 
     def average(value: float, lowest: float = 0.0) -> Score:

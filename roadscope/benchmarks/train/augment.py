@@ -45,7 +45,7 @@ def drawn_window(
     scale = min(zoom, size[0] / crop[0], size[1] / crop[1])
     height, width = (round(scale * n) for n in crop)
     top, left = rng.random(2) * (size[0] - height, size[1] - width)
-    asked = np.flatnonzero(labels.asked)
+    asked = np.flatnonzero(labels.eligible)
     if len(asked) and rng.random() < AT_AN_OBJECT:
         # A family first: cyclists are few, and would be learned from as seldom as they are met.
         families = labels.families[asked]
@@ -66,7 +66,7 @@ def objects_in(labels: Labels, window: Window, crop: tuple[int, int]) -> Objects
         boxes[:, [0, 2]] = crop[1] - boxes[:, [2, 0]]
     sides = boxes[:, 2:] - boxes[:, :2]
     there = np.flatnonzero((sides >= LEAST_SIDE_PX).all(axis=1))
-    asked = labels.asked & (after >= LEAST_SHARE * before) & (sides[:, 1] >= LEAST_HEIGHT_PX)
+    asked = labels.eligible & (after >= LEAST_SHARE * before) & (sides[:, 1] >= LEAST_HEIGHT_PX)
     return Objects(boxes[there], labels.families[there], labels.categories[there], asked[there])
 
 

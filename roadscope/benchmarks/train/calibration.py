@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from roadscope.benchmarks.metrics.image_detection import of_family
+from roadscope.benchmarks.metrics.image_detection import images_of_family, match_image
 from roadscope.benchmarks.metrics.image_labels import FAMILIES, Labels
-from roadscope.benchmarks.metrics.image_precision import outcomes
 from roadscope.core import ImageDetections
 from roadscope.detectors.camera.calibration import TERM_COUNT, Calibration
 from roadscope.detectors.camera.decode import TRAITS, Peaks
@@ -34,23 +33,25 @@ def calibrated(peaks: Sequence[Peaks], labels: Sequence[Labels]) -> Calibration:
         )
         for i, p in enumerate(peaks)
     ]
-    pairs = list(zip(found, labels, strict=True))
     seen = np.concatenate([np.empty((0, len(TRAITS))), *(p.traits for p in peaks)])
     plain = _standard(seen)
     start = np.zeros(TERM_COUNT)
     start[0], start[1] = plain.middles[0], plain.spreads[0]
-    judged = (_judged(peaks, pairs, family) for family in range(len(FAMILIES)))
+    judged = (_judged(peaks, found, labels, family) for family in range(len(FAMILIES)))
     each = [logistic(plain.terms(traits), right, start) for traits, right in judged]
     return replace(plain, weights=np.round(each, DIGITS))
 
 
 def _judged(
-    peaks: Sequence[Peaks], pairs: Sequence[tuple[ImageDetections, Labels]], family: int
+    peaks: Sequence[Peaks],
+    found: Sequence[ImageDetections],
+    labels: Sequence[Labels],
+    family: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the traits of a family's boxes that count, (N, 9), and which are right, (N,) bool."""
     traits, right = [np.empty((0, len(TRAITS)))], [np.empty(0, bool)]
-    for p, image in zip(peaks, of_family(pairs, family), strict=True):
-        rows, hits = outcomes(image)
+    for p, image in zip(peaks, images_of_family(found, labels, family), strict=True):
+        rows, hits = match_image(image)
         traits.append(p.traits[np.flatnonzero(p.families == family)[rows]])
         right.append(hits)
     return np.concatenate(traits), np.concatenate(right)

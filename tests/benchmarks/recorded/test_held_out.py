@@ -8,11 +8,10 @@ import pytest
 
 from roadscope.benchmarks.fit.trackers import main as fit
 from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
-from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
 from roadscope.benchmarks.recorded.rules import apply_kitti_rules
 from roadscope.core import Category
 from roadscope.formats import KittiFolder, KittiSequence, read_kitti_sequence
+from roadscope.metrics import TrackedSequence, hota
 from roadscope.trackers import TRACKERS, is_offline
 
 OURS = ("existence", "existence-offline")

@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.metrics.tracking.clear import clear
-from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.metrics.tracking.identity import identity
 from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
 from roadscope.core import Category, TrackState
 from roadscope.formats import (
@@ -22,6 +19,7 @@ from roadscope.formats import (
     read_kitti_sequence,
     write_kitti_results,
 )
+from roadscope.metrics import clear, hota, identity
 from roadscope.trackers import TRACKERS
 
 CLASSES = {"car": Category.CAR, "pedestrian": Category.PEDESTRIAN}
