@@ -14,16 +14,16 @@ import numpy as np
 from roadscope import Category, Detections, Episode, Family, Pose, Tracks, Truth
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.formats.kitti_frames import centres_from_bottoms
-from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
-from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
+from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.matching import Pairing, centre_distances, match
 from roadscope.benchmarks.metrics.tracking.matching import match_tracks
 from roadscope.benchmarks.nodes.fusions import detection_node
+from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
 from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.references import detection_source
 from roadscope.core.pose import wrap_angle
-from roadscope.formats import KittiFolder, KittiSequence, kitti_objects, read_kitti_sequence
+from roadscope.formats import KittiFolder, KittiSequence, read_kitti_sequence
 from roadscope.trackers import score_log_odds
 
 CLASSES = {"car": Category.CAR, "cyclist": Category.CYCLIST, "pedestrian": Category.PEDESTRIAN}
@@ -59,7 +59,7 @@ class KittiSource(NamedTuple):
 
     def origin(self) -> str:
         """Say where what is learned comes from."""
-        detector = KittiFolder.find(self.folder).the_detector(self.detector)
+        detector = KittiFolder.find(self.folder).choose_detector(self.detector)
         sequences = ", ".join(self.names())
         return f"KITTI tracking training sequences {sequences}, detections of {detector}"
 
@@ -270,9 +270,11 @@ def recorded_pairings(centres: Sequence[np.ndarray], sequence: KittiSequence) ->
     """Pair (N, 3) centres of each frame, world frame, with objects; other classes' do not count."""
     pairings = []
     for own, truth, labels, pose in zip(
-        centres, sequence.truths, sequence.labelled, sequence.world_from_ego, strict=True
+        centres, sequence.truths, sequence.label_rows, sequence.world_from_ego, strict=True
     ):
-        other = labels.select(labels.solid & (labels.types != TYPE_OF[sequence.category]))
+        other = labels.select(
+            labels.has_3d_box & (labels.types != DETECTED_TYPES[sequence.category])
+        )
         others = pose.apply(centres_from_bottoms(other.bottoms, other.sizes))
         objects = np.concatenate([truth.centres, others])
         eligible = np.arange(len(objects)) < len(truth)
@@ -318,12 +320,8 @@ def right_by_kitti(
     tracks: Sequence[Tracks], sequence: KittiSequence
 ) -> dict[tuple[int, int], bool]:
     """Return for each (frame, id) that counts whether it is on an object, by KITTI's rules."""
-    view = sequence.calibration.projection, sequence.image_size
-    rows = [
-        kitti_objects(tracked, t, pose, *view)
-        for t, (tracked, pose) in enumerate(zip(tracks, sequence.world_from_ego, strict=True))
-    ]
-    counted = judged(sequence.labelled, rows, TYPE_OF[sequence.category], KITTI_MEASURE)
+    rows, kind = sequence.result_rows(tracks), DETECTED_TYPES[sequence.category]
+    counted = apply_kitti_rules(sequence.label_rows, rows, kind, KITTI_MEASURE)
     right = np.zeros(len(counted.tracks), bool)
     right[match_tracks(counted, SIMILARITIES[KITTI_MEASURE].threshold).track_rows] = True
     frames = np.repeat(np.arange(len(counted)), counted.track_counts).tolist()

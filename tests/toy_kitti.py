@@ -4,13 +4,18 @@ from pathlib import Path
 
 import numpy as np
 
-from roadscope.benchmarks.formats.kitti_frames import alphas, clipped_boxes, corners
+from roadscope.benchmarks.formats.kitti_frames import (
+    box_corners,
+    clipped_image_boxes,
+    observation_angles,
+)
 from roadscope.core import Category, Tracks
+from roadscope.formats import ImageSize
 
 FRAMES = 30
 EGO_SPEED_M_S = 10.0
 P2 = np.array([[720.0, 0, 610, 45], [0, 720, 173, 0.2], [0, 0, 1, 0.003]])
-IMAGE_SIZE = (1242, 375)
+IMAGE_SIZE = ImageSize(1242, 375)
 CALIBRATION = (
     "P2: " + " ".join(f"{v:.6e}" for v in P2.ravel()) + "\n"
     "R0_rect: 1 0 0 0 1 0 0 0 1\n"
@@ -56,7 +61,7 @@ def _add(labels, found, what, place, rng) -> None:
     box = _image_box(place, size, turned)
     if box is None:
         return
-    alpha = alphas(place, np.array([turned]))[0]
+    alpha = observation_angles(place, np.array([turned]))[0]
     labels.append(_text(frame, number, kind, 0, 0, alpha, *box, *size, *place[0], turned))
     seen = place + rng.normal(0, 0.1, 3) * (1, 0.3, 1)
     box = _image_box(seen, size, turned)
@@ -68,7 +73,7 @@ def _add(labels, found, what, place, rng) -> None:
 
 def _image_box(place, size, turned):
     lwh = np.array([size[::-1]])
-    box = clipped_boxes(corners(place, lwh, np.array([turned])), P2, IMAGE_SIZE)[0]
+    box = clipped_image_boxes(box_corners(place, lwh, np.array([turned])), P2, IMAGE_SIZE)[0]
     return box if place[0, 2] > 2 and box[2] > box[0] and box[3] > box[1] else None
 
 
@@ -86,7 +91,15 @@ def tracks_at(centres, *, frame="ego", categories=None):
     n = len(centres)
     kinds = np.full(n, Category.CAR, np.int8) if categories is None else categories
     return Tracks(
-        np.arange(n) + 7, centres, np.tile([4.2, 1.7, 1.5], (n, 1)), np.linspace(-3, 3, n),
-        np.zeros((n, 2)), np.tile(np.eye(4), (n, 1, 1)), kinds, np.linspace(0, 1, n),
-        np.ones(n, np.int8), frame, 0.0,
-    )  # fmt: skip
+        np.arange(n) + 7,
+        centres,
+        np.tile([4.2, 1.7, 1.5], (n, 1)),
+        np.linspace(-3, 3, n),
+        np.zeros((n, 2)),
+        np.tile(np.eye(4), (n, 1, 1)),
+        kinds,
+        np.linspace(0, 1, n),
+        np.ones(n, np.int8),
+        frame,
+        0.0,
+    )

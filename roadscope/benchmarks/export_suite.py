@@ -25,14 +25,20 @@ from roadscope.benchmarks.cache import (
 )
 from roadscope.benchmarks.eligibility import Eligibility
 from roadscope.benchmarks.episode import Episode, sensed, sensing_of, timeline_of
-from roadscope.benchmarks.formats.kitti_export import (
-    calibration_text,
+from roadscope.benchmarks.formats.kitti_calibration import calibration_text
+from roadscope.benchmarks.formats.kitti_frames import (
+    CAMERA_FROM_EGO,
+    EGO_FROM_CAMERA,
     kitti_objects,
-    save_detections,
-    save_labels,
 )
-from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, EGO_FROM_CAMERA
-from roadscope.benchmarks.formats.kitti_objects import TYPE_NAMES, KittiObjects, KittiType
+from roadscope.benchmarks.formats.kitti_labels import (
+    TYPE_NAMES,
+    KittiObjects,
+    KittiType,
+    write_kitti_detections,
+    write_kitti_labels,
+)
+from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.formats.trajectories import trajectory_text
 from roadscope.benchmarks.nodes.detections import DetectionNode
 from roadscope.benchmarks.progress import Progress, silent
@@ -61,7 +67,7 @@ TRUTH_COLUMNS = (
     "frame, stamp_s, id, category, x_m, y_m, z_m, length_m, width_m, height_m, yaw_rad, vx_m_s, "
     "vy_m_s, lidar_returns, occluded_fraction"
 )
-VIEW_PX = (1242, 375)
+VIEW_PX = ImageSize(1242, 375)
 """Size of the image that a rig without a camera is given: KITTI's."""
 FOCAL_PX = 358.5
 """Its focal length, for 120 degrees from left to right; the LUX sees 110. Chosen by hand."""
@@ -166,7 +172,7 @@ class SequenceView:
     """
 
     projection: np.ndarray
-    size: tuple[int, int]
+    size: ImageSize
     ego_from_camera: Pose
     ego_from_lidar: Pose
 
@@ -182,7 +188,7 @@ class SequenceView:
             intrinsics, width, height = pinhole.intrinsics, pinhole.width, pinhole.height
             mounted = known.pose(rig.camera.name)
         projection = np.column_stack([intrinsics, np.zeros(3)])
-        return SequenceView(projection, (width, height), mounted, ego_from_lidar)
+        return SequenceView(projection, ImageSize(width, height), mounted, ego_from_lidar)
 
     @property
     def camera_from_lidar(self) -> Pose:
@@ -473,7 +479,7 @@ class _SequenceFiles:
             if pixels is not None:
                 visible |= pixels[number] > 0
             labels.append(self._label_rows(number, truth, visible))
-        write_atomically(self._path("label_02"), lambda path: save_labels(path, labels))
+        write_atomically(self._path("label_02"), lambda path: write_kitti_labels(path, labels))
         write_text(self._path("truth", "csv"), _truth_text(self.truths))
         poses = [truth.world_from_ego @ ego_from_lidar for truth in self.truths]
         text = trajectory_text("tum", poses, [truth.stamp_s for truth in self.truths])
@@ -491,7 +497,7 @@ class _SequenceFiles:
                 rows = self.view.rows(tracks, number, truth.world_from_ego, all_around=True)
                 frames.append(replace(rows, types=np.full(len(rows), kind, np.int8)))
             path = self._path(f"{detections_folder(detector)}/{TYPE_NAMES[kind]}")
-            write_atomically(path, partial(save_detections, frames=frames))
+            write_atomically(path, partial(write_kitti_detections, frames=frames))
 
     def _path(self, kind: str, ending: str = "txt") -> Path:
         return self.folder / kind / f"{self.name}.{ending}"

@@ -22,15 +22,15 @@ from roadscope.benchmarks.export_suite import (
     digest_of,
     read_manifest,
 )
-from roadscope.benchmarks.formats.kitti import detections_of
-from roadscope.benchmarks.formats.kitti_folder import KittiFolder
-from roadscope.benchmarks.formats.kitti_objects import (
-    TYPE_OF,
+from roadscope.benchmarks.formats.kitti_frames import detections_from_rows
+from roadscope.benchmarks.formats.kitti_labels import (
+    DETECTED_TYPES,
     KittiObjects,
     KittiType,
-    read_labels,
-    read_objects,
+    read_kitti_labels,
+    read_kitti_object_results,
 )
+from roadscope.benchmarks.formats.kitti_sequence import KittiFolder
 from roadscope.benchmarks.formats.table import FormatError
 from roadscope.benchmarks.formats.trajectories import read_any_trajectory
 from roadscope.benchmarks.metrics import METRIC_VERSION
@@ -195,16 +195,18 @@ def submit_kitti(folder: Path | str, kitti: Path | str, *, name: str | None = No
     _check_folder(place)
     sequences = files.sequences()
     _check_names(place, sequences)
-    labels = {sequence: read_labels(files.labels(sequence)) for sequence in sequences}
+    labels = {sequence: read_kitti_labels(files.labels(sequence)) for sequence in sequences}
     results = {
-        sequence: read_labels(place / f"{sequence}.txt", results=True)
+        sequence: read_kitti_labels(place / f"{sequence}.txt", results=True)
         for sequence in sequences
         if (place / f"{sequence}.txt").is_file()
     }
-    solid = all(bool(rows.solid.all()) for rows in results.values())
+    solid = all(bool(rows.has_3d_box.all()) for rows in results.values())
     similarities = list(SUFFIXES) if solid else ["iou_2d"]
     kinds = [
-        c for c, kind in TYPE_OF.items() if any((r.types == kind).any() for r in labels.values())
+        c
+        for c, kind in DETECTED_TYPES.items()
+        if any((r.types == kind).any() for r in labels.values())
     ]
     episodes = []
     for category in kinds:
@@ -361,14 +363,14 @@ def read_object_results(folder: Path, true: TrueSequence) -> list[Detections]:
     names = [f"{number:06d}" for number in range(len(true.truths))]
     _check_names(folder, names)
     paths = [folder / f"{name}.txt" for name in names]
-    rows = [read_objects(path, number) for number, path in enumerate(paths)]
+    rows = [read_kitti_object_results(path, number) for number, path in enumerate(paths)]
     cared = [each.select(each.types != KittiType.DONT_CARE) for each in rows]
     return _boxes(paths, cared, true)
 
 
 def read_tracks(path: Path, true: TrueSequence) -> list[Tracks]:
     """Read KITTI tracking results as tracks in the world, one record a frame."""
-    count, rows = len(true.truths), read_labels(path, results=True)
+    count, rows = len(true.truths), read_kitti_labels(path, results=True)
     rows = rows.select(rows.types != KittiType.DONT_CARE)
     last = int(rows.frames.max(initial=-1))
     if last >= count:
@@ -390,9 +392,9 @@ def _boxes(
     shares = all(bool(((r.scores >= 0) & (r.scores <= 1)).all()) for r in frames)
     detections = []
     for path, rows, truth in zip(paths, frames, true.truths, strict=True):
-        if not rows.solid.all():
+        if not rows.has_3d_box.all():
             raise FormatError(f"{path}: expected 3-D boxes in the camera frame, got a row without")
-        boxes = detections_of(rows, Category.CAR, truth.stamp_s, shares)
+        boxes = detections_from_rows(rows, Category.CAR, stamp_s=truth.stamp_s, normalized=shares)
         categories = [CATEGORY_OF[KittiType(kind)] for kind in rows.types]
         boxes = replace(boxes, categories=np.array(categories, np.int8))
         detections.append(boxes.moved(true.view.turned(truth.world_from_ego), "world"))

@@ -91,7 +91,7 @@ def run_odometry(
     true = TruePoses.read(truth, scans.stamps_s) if truth else None
     rolled = _wheels(folder, scans, wheels)
     found = [each.path for each in (inertial, rolled) if each is not None]
-    _spare(out, truth, scans.times, *scans.files, *found)
+    _spare(out, truth, scans.times_file, *scans.files, *found)
     _tell_missing(scans, folder, without_imu=inertial is None and imu is None)
     _check_use(
         odometry,
@@ -122,13 +122,13 @@ def run_odometry(
 
 def _tell_missing(scans: ScanFolder, folder: Path, *, without_imu: bool) -> None:
     """Say what is taken for granted where the recording does not tell it."""
-    from roadscope.benchmarks.formats.imu_file import NAMES
-    from roadscope.benchmarks.formats.scan_folder import TIMES
+    from roadscope.benchmarks.formats.samples import IMU_FILES
+    from roadscope.benchmarks.formats.scan_folder import TIMES_FILE
 
-    if scans.times is None:
-        complain(f"no {TIMES}: scans are taken to be {scans.rate_hz:g} a second")
+    if scans.times_file is None:
+        complain(f"no {TIMES_FILE}: scans are taken to be {scans.rate_hz:g} a second")
     if without_imu:
-        complain(f"no IMU: {' or '.join(NAMES)} in or beside {folder}, or --imu FILE")
+        complain(f"no IMU: {' or '.join(IMU_FILES)} in or beside {folder}, or --imu FILE")
     if not next(iter(scans)).time_offset_s.any():
         complain(
             "points without times: each scan is taken to be seen at once, or to be deskewed already"
@@ -180,7 +180,7 @@ def _inertial(
     """Read the samples that are named or lie beside the scans."""
     import numpy as np
 
-    from roadscope.benchmarks.formats.imu_file import NAMES, find_imu, parse_mounting, read_imu
+    from roadscope.benchmarks.formats.samples import IMU_FILES, find_imu, parse_mounting, read_imu
     from roadscope.benchmarks.formats.table import FormatError
     from roadscope.benchmarks.odometry_runner import RecordedImu
     from roadscope.odometry.imu_buffer import GAP_S
@@ -190,7 +190,7 @@ def _inertial(
     if path is None or given == NONE:
         if mounted is not None:
             raise FormatError(
-                f"a mounting is of an IMU: expected {' or '.join(NAMES)} in or "
+                f"a mounting is of an IMU: expected {' or '.join(IMU_FILES)} in or "
                 f"beside {folder}, or --imu FILE"
             )
         return None
@@ -208,7 +208,7 @@ def _inertial(
 
 def _wheels(folder: Path, scans: ScanFolder, given: str | None) -> RecordedWheels | None:
     """Read the wheel speeds that are named or lie beside the scans."""
-    from roadscope.benchmarks.formats.wheel_file import find_wheels, read_wheels
+    from roadscope.benchmarks.formats.samples import find_wheels, read_wheels
     from roadscope.benchmarks.odometry_runner import RecordedWheels
 
     path = find_wheels(folder) if given is None else Path(given)

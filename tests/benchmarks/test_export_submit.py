@@ -17,12 +17,7 @@ from roadscope.benchmarks.export_suite import (
     plan_export,
     read_manifest,
 )
-from roadscope.benchmarks.formats import read_sequence
-from roadscope.benchmarks.formats.imu_file import read_imu
-from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
-from roadscope.benchmarks.formats.scan_folder import ScanFolder
-from roadscope.benchmarks.formats.table import FormatError
-from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
+from roadscope.benchmarks.formats.trajectories import trajectory_text
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.odometry import score_odometry
 from roadscope.benchmarks.metrics.tracking import score_tracks
@@ -36,6 +31,15 @@ from roadscope.benchmarks.submit import SubmitError, submit, submit_kitti, submi
 from roadscope.benchmarks.suite_files import parse_suite
 from roadscope.core import Category, Detections, Tracks, wrap_angle
 from roadscope.envs.sensors.rigs import rig
+from roadscope.formats import (
+    FormatError,
+    ScanFolder,
+    kitti_objects,
+    read_imu,
+    read_kitti_sequence,
+    read_trajectory,
+    write_kitti_results,
+)
 from roadscope.trackers import TRACKERS
 
 SUITE = """
@@ -102,7 +106,7 @@ def test_inertial_samples_come_back(exported, episode) -> None:
 
 
 def test_labels_and_poses_come_back_by_the_reader_of_kitti(exported, episode) -> None:
-    sequence = read_sequence(exported, "0000", Category.CAR, detector=DETECTOR)
+    sequence = read_kitti_sequence(exported, "0000", Category.CAR, detector=DETECTOR)
     truths = truths_of(episode)
     assert len(sequence) == len(truths)
     lidar = rig("vlp16-imu").lidar.ego_from_lidar
@@ -121,7 +125,7 @@ def test_labels_and_poses_come_back_by_the_reader_of_kitti(exported, episode) ->
 
 
 def test_our_tracker_runs_on_the_exported_detections(exported) -> None:
-    sequence = read_sequence(exported, "0000", Category.CAR, detector=DETECTOR)
+    sequence = read_kitti_sequence(exported, "0000", Category.CAR, detector=DETECTOR)
     tracker = TRACKERS.make("nearest")
     tracker.reset()
     for found, pose in zip(sequence.detections, sequence.world_from_ego, strict=True):
@@ -242,7 +246,7 @@ def perfect(exported: Path, out: Path, sequences=("0000", "0001"), off_m: float 
             stamps.append(truth.stamp_s)
         for board in ("tracking", "odometry"):
             (out / board).mkdir(parents=True, exist_ok=True)
-        save_results(out / "tracking" / f"{name}.txt", rows)
+        write_kitti_results(out / "tracking" / f"{name}.txt", rows)
         form = "tum" if name == "0000" else "kitti"
         (out / "odometry" / f"{name}.txt").write_text(trajectory_text(form, poses, stamps))
     return out
@@ -276,7 +280,7 @@ def test_the_oracle_gets_its_own_scores_back(exported, tmp_path, episode) -> Non
         rows = kitti_objects(tracks, number, pose, P2, (1242, 375), all_around=True)
         path = folder / f"{number:06d}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_results(path, [rows])
+        write_kitti_results(path, [rows])
         lines = [line.split(" ", 2)[2] for line in path.read_text().splitlines()]
         path.write_text("".join(f"{line}\n" for line in lines))
     found = submit(tmp_path / "mine", suite=exported)

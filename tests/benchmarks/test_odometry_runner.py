@@ -13,9 +13,10 @@ from toy_drive import Drive, driven
 from typer.testing import CliRunner
 
 from roadscope.__main__ import app
-from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
+from roadscope.benchmarks.formats.trajectories import trajectory_text
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.core import Pose
+from roadscope.formats import read_trajectory
 
 RUNNER = CliRunner()
 
@@ -74,7 +75,7 @@ def test_before_a_scan_that_cannot_be_read_poses_are_kept(folder):
     [
         (["--odometry", "stil"], "no odometry 'stil' (did you mean 'still'?)"),
         (["--format", "evo"], "no format of trajectories 'evo'"),
-        (["--rate-hz", "0"], "a rate is above 0 Hz"),
+        (["--rate-hz", "0"], "a rate above 0 Hz"),
     ],
 )
 def test_what_is_wrong_is_said_and_nothing_written(folder, options, message):

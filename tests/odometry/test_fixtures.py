@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.formats.scan_layout import rings_and_columns
+from roadscope.benchmarks.formats.scan_folder import rings_and_columns
 from roadscope.core import LidarScan
 from roadscope.odometry.inertial.speed_search import (
     BeamTable,

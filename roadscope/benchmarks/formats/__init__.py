@@ -1,7 +1,1 @@
-"""Files that others write and read: KITTI tracking, MOTChallenge."""
-
-from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
-from roadscope.benchmarks.formats.kitti_folder import KittiFolder
-from roadscope.benchmarks.formats.table import FormatError
-
-__all__ = ["FormatError", "KittiFolder", "KittiSequence", "read_sequence"]
+"""Readers and writers of files; `roadscope.formats` offers them to users."""

@@ -1,59 +1,86 @@
-"""KITTI's camera frame and ours: one file converts, and nothing else in the house knows.
+"""KITTI's camera frame and our ego frame, and objects converted between them.
 
-Our ego frame of recorded data is KITTI's rectified camera turned to ISO 8855 and nothing more:
-x = z, y = -x, z = -y, the origin in the camera, not on the rear axle. The files say nothing of
-axles, and so the conversion loses nothing.
+The ego frame of recorded data is KITTI's rectified camera frame with the axes of ISO 8855: x = z,
+y = -x, z = -y. Its origin is in the camera, not on the rear axle, because KITTI's files do not say
+where the axle is. So the conversion loses nothing. No other file converts between the two frames.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
-from roadscope.core import Pose, wrap_angle
+from roadscope.benchmarks.formats.kitti_labels import KittiObjects, KittiType
+from roadscope.benchmarks.formats.tracking_rows import ImageSize, logistic
+from roadscope.core import Category, Detections, Pose, Tracks, Truth, wrap_angle
 
 EGO_FROM_CAMERA = Pose(
     np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]], np.float64)
 )
 CAMERA_FROM_EGO = EGO_FROM_CAMERA.inverse()
-NEAR_M = 0.1
-"""What is nearer to the image plane is cut off before it is projected."""
+NEAR_PLANE_M = 0.1
+"""The part of a box that is nearer to the camera is cut off before it is projected. Chosen by
+hand."""
 EDGES = np.array(
     [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)], np.int64
 )
-"""(12, 2) corners, numbered by three bits, that a box's edges join."""
+"""(12, 2) numbers of the two corners that each edge of a box joins, as in `box_corners`."""
+PERIOD_S = 0.1
+"""KITTI records 10 frames per second."""
+NOT_COUNTED = -1
+"""Recorded truth has no numbers of returns and pixels and no occluded fraction."""
+TYPE_FROM_CATEGORY = {
+    Category.CAR: KittiType.CAR,
+    Category.VAN: KittiType.VAN,
+    Category.TRUCK: KittiType.TRUCK,
+    Category.BUS: KittiType.MISC,
+    Category.MOTORCYCLE: KittiType.MISC,
+    Category.CYCLIST: KittiType.CYCLIST,
+    Category.PEDESTRIAN: KittiType.PEDESTRIAN,
+}
+"""KITTI has no types for buses and motorcycles."""
 
 
 def centres_from_bottoms(bottoms: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Turn (N, 3) centres of bottom faces, camera frame, into box centres, ego frame."""
+    """Return (N, 3) box centres in the ego frame.
+
+    bottoms: (N, 3) metres, centres of the bottom faces, camera frame.
+    sizes: (N, 3) metres, length width height.
+    """
     raised = np.array(bottoms, np.float64).reshape(-1, 3)
     raised[:, 1] -= sizes[:, 2] / 2
     return EGO_FROM_CAMERA.apply(raised)
 
 
 def bottoms_from_centres(centres: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Undo `centres_from_bottoms`."""
+    """Return (N, 3) centres of the bottom faces: the inverse of `centres_from_bottoms`."""
     lowered = CAMERA_FROM_EGO.apply(centres)
     lowered[:, 1] += sizes[:, 2] / 2
     return lowered
 
 
 def yaws_from_rotations(rotations_y: np.ndarray) -> np.ndarray:
-    """Turn angles about the camera's y, 0 along x, into ISO 8855 yaws."""
+    """Return (N,) yaws of ISO 8855 from (N,) angles about the camera's y axis, 0 along x."""
     return wrap_angle(-np.asarray(rotations_y) - np.pi / 2)
 
 
 def rotations_from_yaws(yaws: np.ndarray) -> np.ndarray:
-    """Undo `yaws_from_rotations`, up to whole turns."""
+    """Return (N,) angles about y: the inverse of `yaws_from_rotations`, up to whole turns."""
     return wrap_angle(-np.asarray(yaws) - np.pi / 2)
 
 
-def alphas(bottoms: np.ndarray, rotations_y: np.ndarray) -> np.ndarray:
-    """Return observation angles: rotations about y less the direction that an object is in."""
+def observation_angles(bottoms: np.ndarray, rotations_y: np.ndarray) -> np.ndarray:
+    """Return (N,) alpha, radians: the rotation about y minus the direction to the object."""
     return wrap_angle(rotations_y - np.arctan2(bottoms[:, 0], bottoms[:, 2]))
 
 
-def corners(bottoms: np.ndarray, sizes: np.ndarray, rotations_y: np.ndarray) -> np.ndarray:
-    """Return (N, 8, 3) corners, camera frame; bit 0 is the length's end, 1 the width's, 2 up."""
+def box_corners(bottoms: np.ndarray, sizes: np.ndarray, rotations_y: np.ndarray) -> np.ndarray:
+    """Return (N, 8, 3) corners, metres, camera frame.
+
+    The bits of a corner's number say where it is: bit 0 front, bit 1 side, bit 2 top.
+    """
     bits = np.array([[(k >> b) & 1 for b in range(3)] for k in range(8)], np.float64)
     along = (bits[:, 0] - 0.5) * sizes[:, :1]
     across = (bits[:, 1] - 0.5) * sizes[:, 1:2]
@@ -64,34 +91,166 @@ def corners(bottoms: np.ndarray, sizes: np.ndarray, rotations_y: np.ndarray) -> 
     return np.stack([x, y, z], axis=-1)
 
 
-def image_boxes(points: np.ndarray, projection: np.ndarray) -> np.ndarray:
-    """Return (N, 4) left top right bottom in pixels around (N, 8, 3) corners, NaN behind.
+def image_boxes(corners: np.ndarray, projection: np.ndarray) -> np.ndarray:
+    """Return (N, 4) left top right bottom, pixels, around projected corners; NaN if all are behind.
 
-    projection: (3, 4). A box that reaches behind the camera is cut at its near plane first.
+    corners: (N, 8, 3) metres, camera frame, as from `box_corners`.
+    projection: (3, 4), pixels from metres in the camera frame.
+    A box that reaches behind the camera is cut at the near plane first.
     """
-    ends = points[:, EDGES]
-    near, far = ends[:, :, 0], ends[:, :, 1]
-    depth = far[..., 2] - near[..., 2]
-    share = np.divide(NEAR_M - near[..., 2], depth, out=np.full(depth.shape, -1.0),
-                      where=np.abs(depth) > 1e-12)  # fmt: skip
-    cut = near + share[..., None] * (far - near)
-    every = np.concatenate([points, cut], axis=1)
-    valid = np.concatenate([points[..., 2] >= NEAR_M, (share > 0) & (share < 1)], axis=1)
-    flat = every @ projection[:, :3].T + projection[:, 3]
-    pixels = flat[..., :2] / np.where(valid, flat[..., 2], 1.0)[..., None]
-    lows = np.where(valid[..., None], pixels, np.inf).min(axis=1)
-    highs = np.where(valid[..., None], pixels, -np.inf).max(axis=1)
-    boxes = np.concatenate([lows, highs], axis=1)
+    ends = corners[:, EDGES]
+    start, end = ends[:, :, 0], ends[:, :, 1]
+    depth = end[..., 2] - start[..., 2]
+    # How far along each edge the near plane cuts it; -1 for an edge parallel to the plane.
+    share = np.full(depth.shape, -1.0)
+    np.divide(NEAR_PLANE_M - start[..., 2], depth, out=share, where=np.abs(depth) > 1e-12)
+    cuts = start + share[..., None] * (end - start)
+    points = np.concatenate([corners, cuts], axis=1)
+    is_corner = corners[..., 2] >= NEAR_PLANE_M
+    valid = np.concatenate([is_corner, (share > 0) & (share < 1)], axis=1)
+    homogeneous = points @ projection[:, :3].T + projection[:, 3]
+    pixels = homogeneous[..., :2] / np.where(valid, homogeneous[..., 2], 1.0)[..., None]
+    lowest = np.where(valid[..., None], pixels, np.inf).min(axis=1)
+    highest = np.where(valid[..., None], pixels, -np.inf).max(axis=1)
+    boxes = np.concatenate([lowest, highest], axis=1)
     boxes[~valid.any(axis=1)] = np.nan
     return boxes
 
 
-def clipped_boxes(
-    points: np.ndarray, projection: np.ndarray, image_size: tuple[int, int]
+def clipped_image_boxes(
+    corners: np.ndarray, projection: np.ndarray, image_size: ImageSize
 ) -> np.ndarray:
-    """Return (N, 4) `image_boxes` within an image of (width, height) pixels, empty if outside."""
+    """Return `image_boxes` clipped to the image; boxes outside of it become empty."""
     width, height = image_size
-    boxes = np.nan_to_num(image_boxes(points, projection), nan=0.0)
+    boxes = np.nan_to_num(image_boxes(corners, projection), nan=0.0)
     last = np.array([width - 1, height - 1] * 2, np.float64)
     clipped: np.ndarray = np.clip(boxes, 0.0, last)
     return clipped
+
+
+def detections_from_rows(
+    rows: KittiObjects, category: Category, *, stamp_s: float, normalized: bool = False
+) -> Detections:
+    """Return the rows of one frame as detections of one class in the ego frame.
+
+    normalized: scores are from 0 to 1 already; otherwise the logistic function maps them.
+    """
+    return Detections(
+        centres=centres_from_bottoms(rows.bottoms, rows.sizes),
+        sizes=rows.sizes,
+        yaws=yaws_from_rotations(rows.rotations_y),
+        categories=np.full(len(rows), category, np.int8),
+        scores=rows.scores if normalized else logistic(rows.scores),
+        frame="ego",
+        stamp_s=stamp_s,
+    )
+
+
+def truths_from_rows(
+    labels: KittiObjects, category: Category, world_from_ego: Sequence[Pose]
+) -> tuple[Truth, ...]:
+    """Return the labels of one class as the truth of each frame, in the world.
+
+    world_from_ego: the pose of each frame.
+    Velocities are differences of the centres, see `KittiSequence`.
+    """
+    scored = replace(labels, scores=np.ones(len(labels)))
+    boxes = detections_from_rows(scored, category, stamp_s=0.0, normalized=True)
+    rows = [np.flatnonzero(labels.frames == t) for t in range(len(world_from_ego))]
+    in_world = [
+        boxes.select(r).moved(pose, "world") for r, pose in zip(rows, world_from_ego, strict=True)
+    ]
+    centres = np.empty((len(labels), 3))
+    for r, box in zip(rows, in_world, strict=True):
+        centres[r] = box.centres
+    velocities = _velocities(labels, centres)
+    return tuple(
+        _truth(
+            labels.ids[r],
+            box,
+            velocities=velocities[r],
+            world_from_ego=pose,
+            stamp_s=PERIOD_S * t,
+        )
+        for t, (r, box, pose) in enumerate(zip(rows, in_world, world_from_ego, strict=True))
+    )
+
+
+def kitti_objects(
+    tracks: Tracks,
+    frame: int,
+    world_from_ego: Pose,
+    projection: np.ndarray,
+    image_size: ImageSize,
+    *,
+    all_around: bool = False,
+) -> KittiObjects:
+    """Return the tracks of one frame as KITTI's rows; tracks outside of the image are left out.
+
+    frame: the frame number, from 0.
+    world_from_ego: the pose of the same frame; see this module for the ego frame.
+    projection: (3, 4), pixels from metres in the rectified camera frame.
+    image_size: boxes are clipped to it.
+    all_around: keep the tracks outside of the image too, with empty image boxes.
+    """
+    in_ego = tracks.moved(world_from_ego.inverse(), "ego") if tracks.frame == "world" else tracks
+    bottoms = bottoms_from_centres(in_ego.centres, in_ego.sizes)
+    # The exact inverse of what `Detections.moved` does to yaws. The inverse of a tilted pose would
+    # give yaws that differ by a few hundredths of a degree.
+    yaws = tracks.yaws - world_from_ego.yaw if tracks.frame == "world" else tracks.yaws
+    rotations = rotations_from_yaws(yaws)
+    corners = box_corners(bottoms, in_ego.sizes, rotations)
+    boxes = clipped_image_boxes(corners, projection, image_size)
+    shown = np.flatnonzero(np.all(boxes[:, 2:] > boxes[:, :2], axis=1) | all_around)
+    types = np.array([TYPE_FROM_CATEGORY[Category(c)] for c in in_ego.categories], np.int8)
+    unknown = np.full(len(shown), -1)
+    return KittiObjects(
+        frames=np.full(len(shown), frame),
+        ids=in_ego.ids[shown],
+        types=types[shown],
+        truncated=unknown,
+        occluded=unknown,
+        alphas=observation_angles(bottoms, rotations)[shown],
+        boxes=boxes[shown],
+        sizes=in_ego.sizes[shown],
+        bottoms=bottoms[shown],
+        rotations_y=rotations[shown],
+        scores=in_ego.scores[shown],
+    )
+
+
+def _truth(
+    ids: np.ndarray,
+    boxes: Detections,
+    *,
+    velocities: np.ndarray,
+    world_from_ego: Pose,
+    stamp_s: float,
+) -> Truth:
+    unknown = np.full(len(ids), NOT_COUNTED)
+    return Truth(
+        ids=ids,
+        categories=boxes.categories,
+        centres=boxes.centres,
+        sizes=boxes.sizes,
+        yaws=boxes.yaws,
+        velocities=velocities,
+        lidar_returns=unknown,
+        visible_pixels=unknown,
+        occluded_fraction=unknown.astype(np.float64),
+        world_from_ego=world_from_ego,
+        stamp_s=stamp_s,
+        sources=np.empty(0, np.int64),
+    )
+
+
+def _velocities(labels: KittiObjects, centres: np.ndarray) -> np.ndarray:
+    """Return (N, 2) m/s: differences of each object's (N, 3) world centres over its frames."""
+    velocities = np.zeros((len(labels), 2))
+    for number in np.unique(labels.ids):
+        rows = np.flatnonzero(labels.ids == number)
+        rows = rows[np.argsort(labels.frames[rows])]
+        if len(rows) > 1:
+            stamps = PERIOD_S * labels.frames[rows]
+            velocities[rows] = np.gradient(centres[rows, :2], stamps, axis=0)
+    return velocities

@@ -1,25 +1,31 @@
-"""MOTChallenge's text files: detections, ground truth, results."""
+"""MOTChallenge's files: detections, ground truth, results, and `seqinfo.ini`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.formats.by_frame import rows_by_frame
-from roadscope.benchmarks.formats.seqinfo import read_info
 from roadscope.benchmarks.formats.table import (
-    MAX_FRAMES,
     FormatError,
     Table,
     read_lines,
     read_table,
     refuse,
-    refuse_backward,
-    refuse_twins,
+    width_text,
+)
+from roadscope.benchmarks.formats.tracking_rows import (
+    MAX_FRAMES,
+    FrameLimit,
+    ImageSize,
+    logistic,
+    require_ordered_frames,
+    require_unique_ids,
+    rows_by_frame,
 )
 from roadscope.core import Category, ImageDetections, Tracks
 from roadscope.core.checks import settle_arrays
@@ -28,28 +34,52 @@ from roadscope.core.record import Record
 COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence")
 CLASS_COLUMNS = (*COLUMNS, "class", "visibility")
 WORLD_COLUMNS = (*COLUMNS, "x", "y", "z")
-CLASSES = {
-    1: Category.PEDESTRIAN, 2: None, 3: Category.CAR, 4: Category.CYCLIST, 5: Category.MOTORCYCLE,
-    6: None, 7: Category.PEDESTRIAN, 8: None, 9: None, 10: None, 11: None, 12: None, 13: None,
-}  # fmt: skip
-"""Classes of MOT16 and later; the others are distractors, occluders, reflections, crowds and
-people on vehicles."""
 PEDESTRIAN = 1
-FARTHEST = 1e9
-"""No box, pixels, and no place, metres, lies beyond."""
+PERSON_ON_VEHICLE = 2
+NON_MOTOR_VEHICLE = 6
+STATIC_PERSON = 7
+DISTRACTOR = 8
+REFLECTION = 12
+CLASSES: dict[int, Category | None] = {
+    PEDESTRIAN: Category.PEDESTRIAN,
+    PERSON_ON_VEHICLE: None,
+    3: Category.CAR,
+    4: Category.CYCLIST,
+    5: Category.MOTORCYCLE,
+    NON_MOTOR_VEHICLE: None,
+    STATIC_PERSON: Category.PEDESTRIAN,
+    DISTRACTOR: None,
+    9: None,
+    10: None,
+    11: None,
+    REFLECTION: None,
+    13: None,
+}
+"""The classes of MOT16 and later; None for what is no road user (occluders, crowds, ...)."""
+MAX_COORDINATE = 1e9
+"""No box (pixels) and no point (metres) is further away. Chosen by hand."""
+SECTION = "[Sequence]"
+SECTION_EXPECTED = f"{SECTION} with seqLength and frameRate"
+DEFAULT_RATE_HZ = 30.0
+"""The frame rate of sequences whose `seqinfo.ini` does not give it."""
+MIN_RATE_HZ = 1e-6
+MAX_RATE_HZ = 1e6
+"""No camera is slower or faster. Chosen by hand."""
+MAX_SIDE_PX = 1_000_000
+"""No image is wider or higher. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotRows(Record):
-    """Rows of one file, in file order.
+    """N rows of one file, in its order.
 
     frames: (N,) int64, from 1.
     ids: (N,) int64, -1 for none.
-    boxes: (N, 4) float64, pixels, left top right bottom; all -1 where no camera saw it.
-    confidences: (N,) float64, of any range; in ground truth 0 for rows to be left out.
-    classes: (N,) int64, keys of `CLASSES`; pedestrians where the file has none.
-    visibilities: (N,) float64, 1 where the file has none.
-    points: (N, 3) float64, metres, world, where the object stands; -1 where unknown.
+    boxes: (N, 4) float64, pixels, left top right bottom; all -1 for an object that no camera saw.
+    confidences: (N,) float64 of any range; in ground truth 0 for rows that do not count.
+    classes: (N,) int64, keys of `CLASSES`; pedestrians in files without classes.
+    visibilities: (N,) float64 in 0 to 1; 1 in files without visibilities.
+    points: (N, 3) float64, metres, world, where the object touches the ground; -1 if unknown.
     """
 
     frames: np.ndarray
@@ -76,27 +106,32 @@ class MotRows(Record):
         return len(self.frames)
 
     def select(self, index: np.ndarray) -> MotRows:
-        """Keep the rows that a mask or an index array names."""
-        kept: dict[str, Any] = {f.name: getattr(self, f.name)[index] for f in fields(self)}
-        return MotRows(**kept)
+        """Return the rows of a mask or an index array."""
+        selected: dict[str, Any] = {f.name: getattr(self, f.name)[index] for f in fields(self)}
+        return MotRows(**selected)
+
+    def by_frame(self, count: int) -> list[MotRows]:
+        """Return the rows of each of the frames 1 to count, in the order of the file."""
+        return rows_by_frame(self, 1, count)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotSequence(Record):
-    """One sequence; tuples have an item a frame.
+    """One sequence; tuples have T items, one per frame.
 
-    detections: of `det/det.txt`; scores 0 to 1 as in the file, or by the logistic function where
-        the file goes beyond.
-    detected: the same rows with raw confidences.
-    truth: of `gt/gt.txt`; None without.
+    detections: from `det/det.txt`. Scores are from 0 to 1: the file's own if it has no others,
+        otherwise mapped by the logistic function.
+    detection_rows: the same rows as in the file, with original confidences.
+    truth_rows: from `gt/gt.txt`; None without this file.
+    image_size: None if `seqinfo.ini` does not give it.
     """
 
     name: str
     detections: tuple[ImageDetections, ...]
-    detected: tuple[MotRows, ...]
-    truth: tuple[MotRows, ...] | None
+    detection_rows: tuple[MotRows, ...]
+    truth_rows: tuple[MotRows, ...] | None
     rate_hz: float
-    image_size: tuple[int, int] | None
+    image_size: ImageSize | None
 
 
 def read_mot(
@@ -104,74 +139,101 @@ def read_mot(
     *,
     ordered: bool = False,
     truth: bool = False,
-    end: tuple[int, str] | None = None,
+    limit: FrameLimit | None = None,
 ) -> MotRows:
-    """Read a det.txt, gt.txt or result file of 7, 9 (class, visibility) or 10 (x y z) columns.
+    """Read a file of detections, ground truth or results: 7, 9 or 10 columns.
 
-    ordered: refuse frames that decrease, as detections must not.
-    truth: refuse rows without an id, which detections have.
-    end: the last frame that may be there, and what says so; None: as far as any sequence goes.
+    The first seven columns are followed by class and visibility, by x y z, or by nothing.
+
+    ordered: refuse frame numbers that decrease, as those of detections must not.
+    truth: refuse rows without an id, which only detections may have.
+    limit: refuse frames after the last one of the sequence.
     """
-    path = Path(path)
-    table = _table(path)
+    table = _read_rows(Path(path))
     frames, ids = table.integers(0, 1, MAX_FRAMES), table.integers(1, 0 if truth else -1)
-    n = len(table)
-    if end is not None:
-        table.require(frames <= end[0], f"a frame of at most {end[0]}, {end[1]}", 0)
-    refuse_twins(table, frames, ids)
+    if limit is not None:
+        expected = f"a frame of at most {limit.frame}, {limit.source}"
+        table.require(frames <= limit.frame, expected, 0)
+    require_unique_ids(table, frames, ids)
     if ordered:
-        refuse_backward(table, frames)
-    boxes = _boxes(table)
-    classes, visible, points = np.full(n, PEDESTRIAN), np.ones(n), np.full((n, 3), -1.0)
+        require_ordered_frames(table, frames)
+    boxes, n = _boxes(table), len(table)
+    classes, visibilities, points = np.full(n, PEDESTRIAN), np.ones(n), np.full((n, 3), -1.0)
     if table.columns == CLASS_COLUMNS:
-        classes, visible = table.integers(7), table.numbers(8, 9)[:, 0]
-        table.require(np.isin(classes, list(CLASSES)), "a class from 1 to 13", 7)
-        table.require((visible >= 0) & (visible <= 1), "a visibility in 0 to 1", 8)
+        classes, visibilities = table.integers(7), table.numbers(8, 9)[:, 0]
+        table.require(np.isin(classes, list(CLASSES)), f"a class from 1 to {max(CLASSES)}", 7)
+        in_range = (visibilities >= 0) & (visibilities <= 1)
+        table.require(in_range, "a visibility from 0 to 1", 8)
     elif table.columns == WORLD_COLUMNS:
-        points = table.within(7, 10, FARTHEST, "m")
-    return MotRows(frames, ids, boxes, table.numbers(6, 7)[:, 0], classes, visible, points)
+        points = table.within(7, 10, MAX_COORDINATE, "m")
+    return MotRows(
+        frames=frames,
+        ids=ids,
+        boxes=boxes,
+        confidences=table.numbers(6, 7)[:, 0],
+        classes=classes,
+        visibilities=visibilities,
+        points=points,
+    )
 
 
 def read_mot_sequence(folder: Path | str) -> MotSequence:
-    """Read a folder with `det/det.txt` and, where they are, `gt/gt.txt` and `seqinfo.ini`."""
+    """Read a folder with `det/det.txt`, and `gt/gt.txt` and `seqinfo.ini` if they exist."""
     root = Path(folder)
-    det = root / "det" / "det.txt"
-    if not det.is_file():
-        raise FormatError(f"{det}: missing; expected det/det.txt, gt/gt.txt and seqinfo.ini")
-    info = read_info(root / "seqinfo.ini")
-    end = None if info.length is None else (info.length, "the seqLength of seqinfo.ini")
-    found = read_mot(det, ordered=True, end=end)
-    gt = root / "gt" / "gt.txt"
-    true = read_mot(gt, truth=True, end=end) if gt.is_file() else None
-    last = max(int(r.frames.max(initial=0)) for r in (found, true) if r is not None)
+    detections_path, truth_path = root / "det" / "det.txt", root / "gt" / "gt.txt"
+    if not detections_path.is_file():
+        raise FormatError(
+            f"{detections_path}: missing; expected det/det.txt, gt/gt.txt and seqinfo.ini"
+        )
+    info = _read_sequence_info(root / "seqinfo.ini")
+    limit = None
+    if info.length is not None:
+        limit = FrameLimit(info.length, "the seqLength of seqinfo.ini")
+    rows = read_mot(detections_path, ordered=True, limit=limit)
+    truth = read_mot(truth_path, truth=True, limit=limit) if truth_path.is_file() else None
+    last = max(int(r.frames.max(initial=0)) for r in (rows, truth) if r is not None)
     count = last if info.length is None else info.length
-    rows = by_frame(found, count)
+    by_frame = rows.by_frame(count)
     return MotSequence(
-        root.absolute().name, _image_frames(rows, info.rate_hz), rows,
-        None if true is None else by_frame(true, count), info.rate_hz, info.image_size,
-    )  # fmt: skip
+        name=root.absolute().name,
+        detections=_image_detections(by_frame, info.rate_hz),
+        detection_rows=tuple(by_frame),
+        truth_rows=None if truth is None else tuple(truth.by_frame(count)),
+        rate_hz=info.rate_hz,
+        image_size=info.image_size,
+    )
 
 
 def mot_rows(tracks: Tracks, frame: int, boxes: np.ndarray | None = None) -> MotRows:
-    """Turn the tracks of one frame into rows with world coordinates.
+    """Return the tracks of one frame as MOTChallenge's rows with world coordinates.
 
-    frame: from 1.
-    boxes: (N, 4) pixels, left top right bottom; None where no camera saw them. Tracks with an
-        empty box are left out.
-    x y z are where the object stands: the centre of its bottom face, in the frame of the tracks.
+    frame: the frame number, from 1.
+    boxes: (N, 4) pixels, left top right bottom; tracks with an empty box are left out. None if
+        there is no camera.
+    The points are the centres of the bottom faces, in the frame of the tracks.
     """
     n = len(tracks)
-    feet = tracks.centres - np.column_stack([np.zeros((n, 2)), tracks.sizes[:, 2] / 2])
-    codes = {category: code for code, category in reversed(CLASSES.items())}
-    classes = np.array([codes.get(Category(c), 6) for c in tracks.categories], np.int64)
-    image = np.full((n, 4), -1.0) if boxes is None else boxes
-    rows = MotRows(np.full(n, frame), tracks.ids, image, tracks.scores, classes, np.ones(n), feet)
+    bottoms = tracks.centres - np.column_stack([np.zeros((n, 2)), tracks.sizes[:, 2] / 2])
+    numbers = {category: number for number, category in reversed(CLASSES.items())}
+    classes = [numbers.get(Category(c), NON_MOTOR_VEHICLE) for c in tracks.categories]
+    rows = MotRows(
+        frames=np.full(n, frame),
+        ids=tracks.ids,
+        boxes=np.full((n, 4), -1.0) if boxes is None else boxes,
+        confidences=tracks.scores,
+        classes=np.array(classes, np.int64),
+        visibilities=np.ones(n),
+        points=bottoms,
+    )
     return rows if boxes is None else rows.select(np.all(boxes[:, 2:] > boxes[:, :2], axis=1))
 
 
-def save_mot(path: Path | str, frames: Sequence[MotRows], *, world: bool = True) -> None:
-    """Write results of 10 columns, world coordinates or -1 in the last three."""
-    path = Path(path)
+def write_mot(path: Path | str, frames: Sequence[MotRows], *, world: bool = True) -> None:
+    """Write results of 10 columns.
+
+    frames: the rows of each frame, in order.
+    world: write the points into the last three columns; otherwise these are -1.
+    """
     lines = []
     for rows in frames:
         points = rows.points if world else np.full((len(rows), 3), -1.0)
@@ -181,57 +243,140 @@ def save_mot(path: Path | str, frames: Sequence[MotRows], *, world: bool = True)
             values = (left, top, *size, rows.confidences[k], *points[k])
             texts = ",".join(f"{v:.6f}" for v in values)
             lines.append(f"{rows.frames[k]},{rows.ids[k]},{texts}\n")
-    path.write_text("".join(lines))
+    Path(path).write_text("".join(lines))
 
 
-def _table(path: Path) -> Table:
-    """Tell the three kinds apart by the first line."""
+def _read_rows(path: Path) -> Table:
+    """Read the rows of a file; the first line decides which of the three layouts it has."""
     for number, line in enumerate(read_lines(path), start=1):
         if line.strip():
             width = len(line.split(","))
             for columns in (COLUMNS, CLASS_COLUMNS, WORLD_COLUMNS):
                 if width == len(columns):
                     return read_table(path, columns, separator=",")
-            wanted = f"7 columns ({' '.join(COLUMNS)}), 9 (and class visibility) or 10 (and x y z)"
-            refuse(path, number, wanted, f"{width} columns")
+            expected = (
+                f"7 columns ({' '.join(COLUMNS)}), 9 (also class visibility) or 10 (also x y z)"
+            )
+            refuse(path, number, expected, width_text(width, ","))
     return read_table(path, COLUMNS, separator=",")
 
 
-def by_frame(rows: MotRows, count: int) -> tuple[MotRows, ...]:
-    """Return the rows of frames 1 to count, in file order."""
-    return tuple(rows_by_frame(rows, 1, count))
-
-
 def _boxes(table: Table) -> np.ndarray:
-    """Return (N, 4) left top right bottom, all -1 where no camera saw it."""
-    given = table.within(2, 6, FARTHEST, "pixels")
-    size = given[:, 2:]
-    unseen = np.asarray(np.all(given == -1, axis=1))
-    proper = np.asarray(np.all(size > 0, axis=1)) | unseen
-    table.require(proper, "a width and height above 0", 4, 6)
-    boxes = np.concatenate([given[:, :2], given[:, :2] + size], axis=1)
+    """Return (N, 4) left top right bottom, all -1 for objects that no camera saw."""
+    values = table.within(2, 6, MAX_COORDINATE, "pixels")
+    sizes = values[:, 2:]
+    unseen = np.asarray(np.all(values == -1, axis=1))
+    valid = np.asarray(np.all(sizes > 0, axis=1)) | unseen
+    table.require(valid, "a width and height above 0", 4, 6)
+    boxes = np.concatenate([values[:, :2], values[:, :2] + sizes], axis=1)
     boxes[unseen] = -1.0
     return boxes
 
 
-def _image_frames(frames: Sequence[MotRows], rate_hz: float) -> tuple[ImageDetections, ...]:
-    """Turn rows into detections; scores stay where all are 0 to 1."""
-    probable = all(np.all((r.confidences >= 0) & (r.confidences <= 1)) for r in frames if len(r))
+def _image_detections(frames: Sequence[MotRows], rate_hz: float) -> tuple[ImageDetections, ...]:
+    """Return the rows of each frame as detections; scores stay if all are from 0 to 1."""
+    normalized = all(np.all((r.confidences >= 0) & (r.confidences <= 1)) for r in frames if len(r))
     empty = ImageDetections(np.empty((0, 4)), np.empty(0, np.int8), np.empty(0), 0.0)
     return tuple(
-        _image_detections(r, t / rate_hz, probable)
-        if len(r)
+        _detections_of_frame(rows, t / rate_hz, normalized)
+        if len(rows)
         else empty._trusted(stamp_s=t / rate_hz)
-        for t, r in enumerate(frames)
+        for t, rows in enumerate(frames)
     )
 
 
-def _image_detections(rows: MotRows, stamp_s: float, probable: bool) -> ImageDetections:
-    """Leave out classes that are no road users."""
-    from roadscope.benchmarks.formats.kitti import logistic
+def _detections_of_frame(rows: MotRows, stamp_s: float, normalized: bool) -> ImageDetections:
+    """Return the rows of one frame as detections, without classes that are no road users."""
+    categories = [CLASSES[c] for c in rows.classes.tolist()]
+    is_road_user = np.array([category is not None for category in categories], bool)
+    confidences = rows.confidences[is_road_user]
+    return ImageDetections(
+        boxes=rows.boxes[is_road_user],
+        categories=np.array([c for c in categories if c is not None], np.int8),
+        scores=confidences if normalized else logistic(confidences),
+        stamp_s=stamp_s,
+    )
 
-    kinds = [CLASSES[c] for c in rows.classes.tolist()]
-    kept = np.array([kind is not None for kind in kinds], bool)
-    categories = np.array([kind for kind in kinds if kind is not None], np.int8)
-    scores = rows.confidences[kept] if probable else logistic(rows.confidences[kept])
-    return ImageDetections(rows.boxes[kept], categories, scores, stamp_s)
+
+class _SequenceInfo(NamedTuple):
+    """The content of `seqinfo.ini`; None for what it does not give.
+
+    length: number of frames.
+    """
+
+    length: int | None = None
+    rate_hz: float = DEFAULT_RATE_HZ
+    image_size: ImageSize | None = None
+
+
+class _Value(NamedTuple):
+    """A value of `seqinfo.ini` and the line that it is in."""
+
+    line: int
+    text: str
+
+
+def _read_sequence_info(path: Path) -> _SequenceInfo:
+    """Read `[Sequence]`; every key may be missing, and the whole file too."""
+    if not path.is_file():
+        return _SequenceInfo()
+    values = _section_values(path)
+    width = _whole_number(path, values, "imWidth", MAX_SIDE_PX)
+    height = _whole_number(path, values, "imHeight", MAX_SIDE_PX)
+    return _SequenceInfo(
+        length=_whole_number(path, values, "seqLength", MAX_FRAMES),
+        rate_hz=_frame_rate(path, values),
+        image_size=None if width is None or height is None else ImageSize(width, height),
+    )
+
+
+def _section_values(path: Path) -> Mapping[str, _Value]:
+    """Return the values of `[Sequence]`; keys are in lower case."""
+    values: dict[str, _Value] = {}
+    sections: list[str] = []
+    for number, line in enumerate(map(str.strip, read_lines(path)), start=1):
+        if not line or line[0] in "#;":
+            continue
+        if line[0] == "[":
+            sections.append(line)
+            continue
+        if not sections:
+            refuse(path, number, SECTION_EXPECTED, line)
+        if sections[-1].lower() != SECTION.lower():
+            continue
+        key, sign, text = line.partition("=")
+        if not sign:
+            refuse(path, number, "KEY=VALUE", line)
+        name = key.strip().lower()
+        if name in values:
+            refuse(path, number, f"the key {key.strip()} once", line)
+        values[name] = _Value(number, text.strip())
+    if SECTION.lower() not in map(str.lower, sections):
+        actual = ", ".join(sections) or "nothing"
+        raise FormatError(f"{path}: expected {SECTION_EXPECTED}, got {actual}")
+    return values
+
+
+def _whole_number(path: Path, values: Mapping[str, _Value], key: str, highest: int) -> int | None:
+    value = values.get(key.lower())
+    if value is None:
+        return None
+    text = value.text
+    valid = text.isascii() and text.isdigit() and 1 <= float(text) <= highest
+    if not valid:
+        refuse(path, value.line, f"{key} as a whole number from 1 to {highest}", text)
+    return int(text)
+
+
+def _frame_rate(path: Path, values: Mapping[str, _Value]) -> float:
+    value = values.get("framerate")
+    if value is None:
+        return DEFAULT_RATE_HZ
+    try:
+        rate_hz = float(value.text)
+    except ValueError:
+        rate_hz = math.nan
+    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        expected = f"frameRate as a number from {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
+        refuse(path, value.line, expected, value.text)
+    return rate_hz

@@ -2,112 +2,138 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from roadscope.benchmarks.formats.table import FormatError, refuse
 
-KINDS = {("F", 4): "f4", ("F", 8): "f8", **{
-    (kind, size): f"{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)}}  # fmt: skip
-MOST_HEADER_LINES = 64
+DTYPES = {
+    **{("F", size): f"f{size}" for size in (4, 8)},
+    **{("I", size): f"i{size}" for size in (1, 2, 4, 8)},
+    **{("U", size): f"u{size}" for size in (1, 2, 4, 8)},
+}
+"""TYPE and SIZE of a field -> its NumPy dtype."""
+MAX_HEADER_LINES = 64
+"""No header is longer: it has 11 lines and comments. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
-class Header:
-    """What a PCD file says of itself.
+class PcdHeader:
+    """What a PCD file says about its points.
 
-    layout: a point's fields. points: how many. data: `ascii` or `binary`. starts_at: where
-    points begin, in bytes; lines: how many lines the header has.
+    layout: the fields of one point.
+    points: how many points there are.
+    is_binary: whether the points are binary; otherwise they are text.
+    offset: the byte at which the points begin.
+    lines: how many lines the header has.
     """
 
     layout: np.dtype
     points: int
-    data: str
-    starts_at: int
+    is_binary: bool
+    offset: int
     lines: int
 
 
+class _Entry(NamedTuple):
+    """One line of the header: its words after the key, and its line number."""
+
+    words: list[str]
+    line: int
+
+
 def read_pcd(path: Path | str) -> dict[str, np.ndarray]:
-    """Return the fields of all points by name, (N,) each; x, y and z are among them."""
+    """Return the fields of all points by name, each (N,); x, y and z are among them."""
     path = Path(path)
     try:
         content = path.read_bytes()
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from error
-    header = _header(path, content)
-    body = content[header.starts_at :]
-    rows = _binary(path, header, body) if header.data == "binary" else _ascii(path, header, body)
+    header = _read_header(path, content)
+    body = content[header.offset :]
+    rows = _read_binary(path, header, body) if header.is_binary else _read_ascii(path, header, body)
     names = header.layout.names or ()
     return {name: rows[name] for name in names if not name.startswith("_")}
 
 
-def _header(path: Path, content: bytes) -> Header:
-    said: dict[str, tuple[list[str], int]] = {}
-    at = 0
-    for number in range(1, MOST_HEADER_LINES + 1):
-        end = content.find(b"\n", at)
+def _read_header(path: Path, content: bytes) -> PcdHeader:
+    entries: dict[str, _Entry] = {}
+    offset = 0
+    for number in range(1, MAX_HEADER_LINES + 1):
+        end = content.find(b"\n", offset)
         if end < 0:
             break
-        words = content[at:end].decode("ascii", "replace").split()
-        at = end + 1
+        words = content[offset:end].decode("ascii", "replace").split()
+        offset = end + 1
         if words and not words[0].startswith("#"):
-            said[words[0].upper()] = (words[1:], number)
-        if "DATA" in said:
-            return _checked(path, said, at, number)
+            entries[words[0].upper()] = _Entry(words[1:], number)
+        if "DATA" in entries:
+            return _checked_header(path, entries, offset=offset, lines=number)
     raise FormatError(f"{path}: expected a PCD header that ends with a DATA line, got none")
 
 
-def _checked(
-    path: Path, said: dict[str, tuple[list[str], int]], starts_at: int, lines: int
-) -> Header:
+def _checked_header(
+    path: Path, entries: Mapping[str, _Entry], *, offset: int, lines: int
+) -> PcdHeader:
     for key in ("FIELDS", "SIZE", "TYPE", "POINTS"):
-        if key not in said:
-            refuse(path, lines, f"a line {key} before DATA", ", ".join(said))
-    names, number = said["FIELDS"]
-    counts = said.get("COUNT", (["1"] * len(names), number))
-    columns = [said["SIZE"], said["TYPE"], counts]
-    for given, line in columns:
-        if len(given) != len(names):
-            refuse(path, line, f"{len(names)} values, one a field", " ".join(given))
+        if key not in entries:
+            refuse(path, lines, f"a line {key} before DATA", ", ".join(entries))
+    layout = _point_layout(path, entries)
+    data = entries["DATA"]
+    if data.words not in (["ascii"], ["binary"]):
+        expected = "DATA ascii or DATA binary (write the file again without compression)"
+        refuse(path, data.line, expected, " ".join(data.words))
+    count = entries["POINTS"]
+    points = _whole_number(path, count.line, " ".join(count.words))
+    return PcdHeader(layout, points, data.words == ["binary"], offset, lines)
+
+
+def _point_layout(path: Path, entries: Mapping[str, _Entry]) -> np.dtype:
+    """Return the dtype of one point; padding and fields of several values begin with `_`."""
+    names, types, sizes = entries["FIELDS"], entries["TYPE"], entries["SIZE"]
+    counts = entries.get("COUNT", _Entry(["1"] * len(names.words), names.line))
+    for entry in (sizes, types, counts):
+        if len(entry.words) != len(names.words):
+            expected = f"{len(names.words)} values, one per field"
+            refuse(path, entry.line, expected, " ".join(entry.words))
     layout = []
-    for field, (name, size, kind, count) in enumerate(
-        zip(names, *(given for given, _ in columns), strict=True)
-    ):
-        code = KINDS.get((kind.upper(), _integer(path, size, said["SIZE"][1])))
-        if code is None:
-            refuse(path, said["TYPE"][1], "types F of 4 or 8, I or U of 1 to 8 bytes", kind + size)
-        width, padding = _integer(path, count, counts[1]), name == "_"
-        unique = f"_{field}" if padding or width != 1 else name
-        layout.append((unique, f"<{code}", (width,)) if width != 1 else (unique, f"<{code}"))
-    if not {"x", "y", "z"} <= set(names):
-        refuse(path, number, "fields x, y and z", " ".join(names))
+    for number, name in enumerate(names.words):
+        kind, size = types.words[number], sizes.words[number]
+        dtype = DTYPES.get((kind.upper(), _whole_number(path, sizes.line, size)))
+        if dtype is None:
+            expected = "TYPE F with SIZE 4 or 8, or TYPE I or U with SIZE 1, 2, 4 or 8"
+            refuse(path, types.line, expected, f"TYPE {kind} with SIZE {size}")
+        width = _whole_number(path, counts.line, counts.words[number])
+        unique = name if name != "_" and width == 1 else f"_{number}"
+        layout.append((unique, f"<{dtype}", (width,)) if width != 1 else (unique, f"<{dtype}"))
+    if not {"x", "y", "z"} <= set(names.words):
+        refuse(path, names.line, "fields x, y and z", " ".join(names.words))
     if len({name for name, *_ in layout}) < len(layout):
-        refuse(path, number, "each field once", " ".join(names))
-    data, line = said["DATA"]
-    if data not in (["ascii"], ["binary"]):
-        refuse(path, line, "DATA ascii or DATA binary (write it again without compression)",
-               " ".join(data))  # fmt: skip
-    points = _integer(path, " ".join(said["POINTS"][0]), said["POINTS"][1])
-    return Header(np.dtype(layout), points, data[0], starts_at, lines)
+        refuse(path, names.line, "each field once", " ".join(names.words))
+    return np.dtype(layout)
 
 
-def _integer(path: Path, text: str, line: int) -> int:
+def _whole_number(path: Path, line: int, text: str) -> int:
     if not text.isdigit():
         refuse(path, line, "a whole number", text)
     return int(text)
 
 
-def _binary(path: Path, header: Header, body: bytes) -> np.ndarray:
-    wanted = header.points * header.layout.itemsize
-    if len(body) < wanted:
-        raise FormatError(f"{path}: expected {wanted} bytes after the header, {header.points} "
-                          f"points of {header.layout.itemsize}, got {len(body)}")  # fmt: skip
+def _read_binary(path: Path, header: PcdHeader, body: bytes) -> np.ndarray:
+    size = header.points * header.layout.itemsize
+    if len(body) < size:
+        raise FormatError(
+            f"{path}: expected {size} bytes after the header, {header.points} points of "
+            f"{header.layout.itemsize}, got {len(body)}"
+        )
     return np.frombuffer(body, header.layout, header.points)
 
 
-def _ascii(path: Path, header: Header, body: bytes) -> np.ndarray:
+def _read_ascii(path: Path, header: PcdHeader, body: bytes) -> np.ndarray:
     lines = [(n, row) for n, row in enumerate(body.splitlines(), header.lines + 1) if row.strip()]
     if len(lines) != header.points:
         last = lines[-1][0] if lines else header.lines
@@ -116,15 +142,14 @@ def _ascii(path: Path, header: Header, body: bytes) -> np.ndarray:
     columns = sum(int(np.prod(header.layout[name].shape)) for name in names)
     values = np.empty((len(lines), columns))
     for row, (number, line) in enumerate(lines):
-        words = line.split()
         try:
-            values[row] = [float(word) for word in words]
+            values[row] = [float(word) for word in line.split()]
         except ValueError:
             refuse(path, number, f"{columns} numbers", line.decode("ascii", "replace"))
-    rows, at = np.empty(len(lines), header.layout), 0
+    rows, first = np.empty(len(lines), header.layout), 0
     for name in names:
         shape = header.layout[name].shape
         width = int(np.prod(shape))
-        rows[name] = values[:, at : at + width].reshape(len(lines), *shape)
-        at += width
+        rows[name] = values[:, first : first + width].reshape(len(lines), *shape)
+        first += width
     return rows

@@ -1,4 +1,4 @@
-"""Text files of columns, refused with file, line and what was expected."""
+"""Text files with columns. A malformed file raises `FormatError` with file, line and cause."""
 
 from __future__ import annotations
 
@@ -9,27 +9,25 @@ from typing import NoReturn
 
 import numpy as np
 
-LARGEST = 2**53 - 1
-"""Whole numbers beyond are not told apart in float64."""
-MAX_FRAMES = 500_000
-"""More than any sequence has: KITTI's longest has 1 176, MOT20's 3 315, DukeMTMC's 85 minutes at
-60 Hz some 306 000."""
-
-ALONE = {None: "1 column between white space", ",": "1 column between commas"}
-"""What is said of a line that nothing divides: mostly it has another separator."""
+LARGEST_INTEGER = 2**53 - 1
+"""float64 cannot hold every larger integer exactly."""
+UNDIVIDED = {None: "1 column when split at white space", ",": "1 column when split at commas"}
+"""What is reported for a line without a separator; most such files use another one."""
+MAX_QUOTED = 80
+"""An error quotes at most so many characters of a line. Chosen by hand: one line on a terminal."""
 
 
 class FormatError(ValueError):
-    """A file is not what it should be; the message names file, line and what was expected."""
+    """A file is malformed; the message names file, line, what was expected and what was found."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """The rows of a file, still text; blank lines are left out.
+    """The rows of a text file as text, without blank lines and comments.
 
-    rows: the fields of each line.
-    lines: number of the line that each row stands in, from 1.
-    columns: what the fields are called.
+    rows: the fields of each row.
+    lines: the line number of each row, from 1.
+    columns: the names of the fields.
     """
 
     path: Path
@@ -41,61 +39,75 @@ class Table:
         return len(self.rows)
 
     def numbers(self, first: int, last: int) -> np.ndarray:
-        """Return fields `first` up to but not including `last` as (N, K) finite float64."""
+        """Return columns `first` up to but not including `last` as (N, K) finite float64."""
         values = self.numbers_or_nan(first, last)
         wrong = np.argwhere(~np.isfinite(values))
         if len(wrong):
             row, column = wrong[0].tolist()
-            given = self.rows[row][first + column]
-            self.refuse(row, f"a finite {self.columns[first + column]}", given)
+            field = first + column
+            self.refuse(row, f"{self.columns[field]} as a finite number", self.rows[row][field])
         return values
 
     def numbers_or_nan(self, first: int, last: int) -> np.ndarray:
-        """Return the same where `nan` and `inf` are numbers too."""
+        """Return the same columns as (N, K) float64, in which `nan` and `inf` are allowed."""
         texts = [row[first:last] for row in self.rows]
         if any("_" in text for row in texts for text in row):
-            # Python's own way to write thousands: 1_0 is no 10 in a file.
-            self._refuse_texts(first, last)
+            # Python reads 1_0 as 10, but no file format does.
+            self._refuse_first_text(first, last)
         try:
             values = np.array(texts, dtype=np.float64).reshape(len(texts), last - first)
         except ValueError:
-            self._refuse_texts(first, last)
+            self._refuse_first_text(first, last)
         return values
 
     def within(self, first: int, last: int, limit: float, unit: str) -> np.ndarray:
-        """Return `numbers`, none beyond plus or minus a limit."""
+        """Return `numbers`; a value below minus `limit` or above `limit` is refused."""
         values = self.numbers(first, last)
         names = " ".join(self.columns[first:last])
-        proper = np.asarray(np.all(np.abs(values) <= limit, axis=1))
-        self.require(proper, f"{names} from -{limit:g} to {limit:g} {unit}", first, last)
+        valid = np.asarray(np.all(np.abs(values) <= limit, axis=1))
+        self.require(valid, f"{names} from -{limit:g} to {limit:g} {unit}", first, last)
         return values
 
-    def integers(self, column: int, least: int | None = None, most: int = LARGEST) -> np.ndarray:
-        """Return one field as (N,) int64, none below `least`, none above `most`."""
+    def integers(
+        self, column: int, lowest: int | None = None, highest: int = LARGEST_INTEGER
+    ) -> np.ndarray:
+        """Return one column as (N,) int64; values outside of `lowest` to `highest` are refused.
+
+        lowest: None allows every integer down to -`LARGEST_INTEGER`.
+        """
         values = self.numbers(column, column + 1)[:, 0]
-        name = f"an integer {self.columns[column]}"
-        low, bound = (-LARGEST, "") if least is None else (least, f" of {least} or more")
-        self.require((values == np.rint(values)) & (values >= low), name + bound, column)
-        self.require(values <= most, f"{name} of at most {most}", column)
+        expected = f"{self.columns[column]} as an integer"
+        if lowest is not None:
+            expected += f" from {lowest} to {highest}"
+        least = -LARGEST_INTEGER if lowest is None else lowest
+        valid = (values == np.rint(values)) & (values >= least) & (values <= highest)
+        self.require(valid, expected, column)
         return values.astype(np.int64)
 
-    def require(self, proper: np.ndarray, expected: str, column: int, until: int = 0) -> None:
-        """Refuse the first row that is not proper, showing its fields from `column` on."""
-        wrong = np.flatnonzero(~proper)
+    def require(
+        self, valid: np.ndarray, expected: str, first: int, last: int | None = None
+    ) -> None:
+        """Refuse the first row that is not valid, and quote its columns `first` up to `last`.
+
+        valid: (N,) bool.
+        last: not included; None quotes one column.
+        """
+        wrong = np.flatnonzero(~valid)
         if len(wrong):
             row = int(wrong[0])
-            self.refuse(row, expected, " ".join(self.rows[row][column : until or column + 1]))
+            quoted = self.rows[row][first : first + 1 if last is None else last]
+            self.refuse(row, expected, " ".join(quoted))
 
-    def refuse(self, row: int, expected: str, given: object) -> NoReturn:
-        """Say what is wrong with a row."""
-        refuse(self.path, self.lines[row], expected, given)
+    def refuse(self, row: int, expected: str, actual: object) -> NoReturn:
+        """Raise a `FormatError` for one row, counted from 0."""
+        refuse(self.path, self.lines[row], expected, actual)
 
-    def _refuse_texts(self, first: int, last: int) -> NoReturn:
-        """Find the field that is not a number."""
+    def _refuse_first_text(self, first: int, last: int) -> NoReturn:
+        """Raise a `FormatError` for the first field that is not a number."""
         for row, fields in enumerate(self.rows):
             for name, text in zip(self.columns[first:last], fields[first:last], strict=True):
                 if not _is_number(text):
-                    self.refuse(row, f"a number as {name}", text)
+                    self.refuse(row, f"{name} as a number", text)
         raise AssertionError("all fields are numbers")
 
 
@@ -107,13 +119,19 @@ def _is_number(text: str) -> bool:
     return "_" not in text
 
 
-def refuse(path: Path, line: int, expected: str, given: object) -> NoReturn:
-    """Raise a `FormatError` for one line of a file."""
-    raise FormatError(f"{path}, line {line}: expected {expected}, got {str(given)[:80]!r}")
+def refuse(path: Path, line: int, expected: str, actual: object) -> NoReturn:
+    """Raise a `FormatError` for one line of a file, counted from 1."""
+    quoted = str(actual)[:MAX_QUOTED]
+    raise FormatError(f"{path}, line {line}: expected {expected}, got {quoted!r}")
+
+
+def names_in(folder: Path) -> str:
+    """Return the first names in a folder, to say what was found there; `nothing` if it is empty."""
+    return ", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing"
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file, whatever ends them."""
+    """Return the lines of a UTF-8 text file; line ends of every system are accepted."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -134,59 +152,48 @@ def read_table(
     columns: Sequence[str],
     *,
     separator: str | None = None,
-    least: int | None = None,
-    comment: str | tuple[str, ...] = (),
-    names: bool = False,
+    required: int | None = None,
+    comment: str | None = None,
+    header: bool = False,
 ) -> Table:
-    """Read lines of the named columns; an empty file is a table without rows.
+    """Read a text file with the named columns; an empty file is a table without rows.
 
-    separator: None for white space. comment: what lines that are passed over begin with,
-        one of these. names: the first line is too if it begins with no number.
-    least: columns that must be there when the last ones may be missing, the same in all lines.
+    separator: None splits at white space.
+    required: number of columns that must be there if the last ones are optional. All rows of a
+        file have the same number of columns.
+    comment: lines that begin with this are skipped.
+    header: the first line may hold names; it is skipped if its first field is not a number.
     """
     rows, lines = [], []
     for number, line in enumerate(read_lines(path), start=1):
-        if not line.strip() or line.lstrip().startswith(comment):
+        text = line.strip()
+        if not text or (comment is not None and text.startswith(comment)):
             continue
-        fields = [field.strip() for field in line.strip().split(separator)]
-        if names and not _is_number(fields[0]):
-            names = False
-            continue
-        names = False
-        rows.append(fields)
-        lines.append(number)
-    allowed = range(len(columns) if least is None else least, len(columns) + 1)
-    width = len(rows[0]) if rows and len(rows[0]) in allowed else None
-    for row, number in zip(rows, lines, strict=True):
-        if width is None or len(row) != width:
-            given = f"{len(row)} columns" if len(row) > 1 else ALONE.get(separator, "1 column")
-            _refuse_width(path, number, columns, (allowed, width), given)
-    return Table(path, rows, lines, columns)
+        fields = [field.strip() for field in text.split(separator)]
+        is_header, header = header and not _is_number(fields[0]), False
+        if not is_header:
+            rows.append(fields)
+            lines.append(number)
+    table = Table(path, rows, lines, columns)
+    _check_widths(table, separator, len(columns) if required is None else required)
+    return table
 
 
-def _refuse_width(
-    path: Path, line: int, columns: Sequence[str], wide: tuple[range, int | None], given: str
-) -> NoReturn:
-    """Say how many columns there must be, and which.
-
-    wide: how many are allowed, and how many the first line has if that is one of these.
-    """
-    allowed, width = wide
-    counts = f"{allowed[0]} to {allowed[-1]}" if len(allowed) > 1 else str(allowed[0])
-    wanted = f"{width} columns as in the first line" if width else f"{counts} columns"
-    refuse(path, line, f"{wanted} ({' '.join(columns)})", given)
-
-
-def refuse_backward(table: Table, frames: np.ndarray) -> None:
-    """Refuse a frame below the one before: two files in one, or a damaged one."""
-    proper = np.diff(frames, prepend=0) >= 0
-    table.require(proper, "frames that do not decrease", 0)
+def _check_widths(table: Table, separator: str | None, required: int) -> None:
+    """Refuse a row with too few or too many columns, or with other ones than the first row has."""
+    most = len(table.columns)
+    first = len(table.rows[0]) if table.rows else most
+    if required <= first <= most:
+        expected = f"{first} columns as in the first line"
+        wrong = [row for row, fields in enumerate(table.rows) if len(fields) != first]
+    else:
+        expected = f"{required} to {most} columns" if required < most else f"{most} columns"
+        wrong = [0]
+    if wrong:
+        actual = width_text(len(table.rows[wrong[0]]), separator)
+        table.refuse(wrong[0], f"{expected} ({' '.join(table.columns)})", actual)
 
 
-def refuse_twins(table: Table, frames: np.ndarray, ids: np.ndarray) -> None:
-    """Refuse two rows of one id in one frame; negative ids are none."""
-    seen: set[tuple[int, int]] = set()
-    for row, key in enumerate(zip(frames.tolist(), ids.tolist(), strict=True)):
-        if key[1] >= 0 and key in seen:
-            table.refuse(row, f"each id once in frame {key[0]}", f"id {key[1]} again")
-        seen.add(key)
+def width_text(width: int, separator: str | None) -> str:
+    """Return the number of columns of a line in words; a single one hints at the separator."""
+    return f"{width} columns" if width > 1 else UNDIVIDED.get(separator, "1 column")

@@ -1,1 +1,1 @@
-"""Recorded traffic in place of simulated: its suite, its episodes, its scores."""
+"""Recorded data in place of simulated traffic: suites, episodes, rules and scores."""

@@ -1,9 +1,10 @@
-"""Figures of many sequences as one: ratios of sums, of which each sequence has its part."""
+"""Scores of many sequences as one: ratios of sums, to which each sequence contributes a part."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,58 +15,68 @@ from roadscope.benchmarks.metrics.tracking.scores import ALPHA_BANDS, BY_ALPHA, 
 from roadscope.benchmarks.metrics.tracking.state_errors import mean_band
 
 SUFFIXES = {"iou_2d": "", "iou_3d": "_3d", "centre": "_centre"}
-"""What names of scores by a similarity end in; the first goes without saying."""
-
-NEES_BAND = "nees_low", "nees_high"
-FREEDOM = 2
-"""Of positions."""
+"""Similarity -> the end of the names of its scores; image boxes are the default."""
+NEES_BAND = ("nees_low", "nees_high")
+"""Names of the two ends of the band of NEES."""
+POSITION_FREEDOM = 2
+"""Degrees of freedom of a position."""
+ONE_WITHOUT_HITS = ("loc_a",)
+"""Scores that are 1, not 0, without any hit, because no hit is in the wrong place."""
 
 
 def alpha_parts(curves: Hota, suffix: str = "") -> dict[str, Score]:
-    """Return DetA, AssA, LocA and HOTA of one sequence at each alpha, by `part_name`.
+    """Return DetA, AssA, LocA and HOTA of one sequence at each alpha, named by `part_name`.
 
-    Pooled by weight over sequences the first three are those of all sequences as one; HOTA is by
-    `combined_hota`.
+    The means of DetA, AssA and LocA over sequences, by weight, are the scores of all sequences as
+    one. HOTA needs `combined_hota`.
     """
-    of = curves.hits + curves.misses + curves.false_alarms
-    wholes = {"det_a": of, "ass_a": curves.hits, "loc_a": curves.hits, "hota": of}
+    detections = curves.hits + curves.misses + curves.false_alarms
+    weights_of = {
+        "det_a": detections,
+        "ass_a": curves.hits,
+        "loc_a": curves.hits,
+        "hota": detections,
+    }
     parts = {}
-    for name, weights in wholes.items():
+    for name, weights in weights_of.items():
         values = getattr(curves, name)
         for band, value, weight in zip(ALPHA_BANDS, values, weights, strict=True):
-            measured, n = float(value) if weight else np.nan, int(weight)
-            score = Score(measured, "1", "higher", n, 0.0, 1.0, weight=float(weight))
+            known, n = float(value) if weight else np.nan, int(weight)
+            score = Score(known, "1", "higher", n, 0.0, 1.0, weight=float(weight))
             parts[part_name(name + suffix, BY_ALPHA, band)] = score
     return parts
 
 
 def combined_hota(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[Score]:
-    """Return each episode's part in HOTA (or DetA, AssA, LocA) of all episodes as one.
+    """Return the part of each episode in HOTA (or DetA, AssA, LocA) of all episodes as one.
 
-    episodes: scores of each, with `alpha_parts`.
-    metric: `hota`, `det_a`, `ass_a` or `loc_a`, with the suffix of the parts; at one alpha, by
-        `part_name`, or the mean over all.
+    episodes: the scores of each episode, with `alpha_parts`.
+    metric: `hota`, `det_a`, `ass_a` or `loc_a`, with the suffix of the parts. A name by
+        `part_name` means one alpha; otherwise it is the mean over all alphas.
 
-    The mean of the parts is the figure of all sequences together (Luiten et al. 2021: the sums
-    behind DetA and AssA are added up, at each alpha). It is not linear in the sequences; each
-    part is its linearisation (Efron and Tibshirani 1993, ch. 22: the infinitesimal jackknife), so
-    the spread of the parts is that of the figure, and what holds for means holds for it.
+    The mean of the parts is the score of all sequences together: the sums behind DetA and AssA are
+    added at each alpha (Luiten et al. 2021). It is not linear in the sequences. Each part is its
+    linearisation (the infinitesimal jackknife, Efron and Tibshirani 1993, ch. 22). So the spread of
+    the parts is the spread of the score, and the statistics of means hold for it.
     """
-    whole_name, _, band = split_name(metric)
-    curve = next(name for name in ("hota", *CURVES) if whole_name.startswith(name))
-    suffix, bands = whole_name.removeprefix(curve), [band] if band else ALPHA_BANDS
-    names = ("det_a", "ass_a") if curve == "hota" else (curve,)
-    pooled, moved = [], []
-    for name in names:
-        values, weights = _columns(episodes, name + suffix, bands)
-        whole = weights.sum(axis=0)
-        total = np.maximum(whole, 1.0)
-        # Without any hit there is nothing that could be out of place.
-        level = np.where(whole > 0, (weights * values).sum(axis=0) / total, name == "loc_a")
-        pooled.append(level)
-        moved.append(len(episodes) * weights * (values - level) / total)
-    figure, slopes = _figure(pooled)
-    parts = figure + sum((slope * m).mean(axis=1) for slope, m in zip(slopes, moved, strict=True))
+    name, _, band = split_name(metric)
+    curve = next(each for each in ("hota", *CURVES) if name.startswith(each))
+    suffix, bands = name.removeprefix(curve), [band] if band else ALPHA_BANDS
+    factors = ("det_a", "ass_a") if curve == "hota" else (curve,)
+    levels, deviations = [], []
+    for factor in factors:
+        table = _weighted_values(episodes, factor + suffix, bands)
+        weights = table.weights.sum(axis=0)
+        total = np.maximum(weights, 1.0)
+        mean = (table.weights * table.values).sum(axis=0) / total
+        level = np.where(weights > 0, mean, factor in ONE_WITHOUT_HITS)
+        levels.append(level)
+        deviations.append(len(episodes) * table.weights * (table.values - level) / total)
+    score, slopes = _mean_and_slopes(levels)
+    parts = score + sum(
+        (slope * deviation).mean(axis=1)
+        for slope, deviation in zip(slopes, deviations, strict=True)
+    )
     n = [scores[metric].n for scores in episodes]
     known = sum(n) > 0
     return [
@@ -75,11 +86,11 @@ def combined_hota(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[
 
 
 def combined_mota(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[Score]:
-    """Return each episode's part in MOTA of all episodes as one.
+    """Return the part of each episode in MOTA of all episodes as one.
 
     A sequence without objects has no MOTA of its own, but its false alarms count.
 
-    episodes: scores of each, with `errors`, and objects as samples of `mota`.
+    episodes: the scores of each episode, with `errors`, and with objects as samples of `mota`.
     metric: `mota`, with the suffix of the errors.
     """
     errors = np.array([scores[metric.replace("mota", "errors")].value for scores in episodes])
@@ -95,9 +106,9 @@ def combined_mota(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[
 
 
 def combined_band(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[Score]:
-    """Return for each episode an end of the band of NEES of all episodes as one.
+    """Return for each episode one end of the NEES band of all episodes as one.
 
-    episodes: scores of each, with the number of objects followed as samples of the metric.
+    episodes: the scores of each episode; the samples of the metric are its matched objects.
     metric: `nees_low` or `nees_high`.
     """
     objects = sum(scores[metric].n for scores in episodes)
@@ -106,11 +117,14 @@ def combined_band(episodes: Sequence[Mapping[str, Score]], metric: str) -> list[
 
 
 def nees_band(objects: int) -> tuple[Score, Score]:
-    """Return between what NEES of positions, over its degrees of freedom, lies in 95 % of cases.
+    """Return the ends of the band that holds the NEES of positions in 95 % of cases.
 
-    objects: how many are followed; each one's errors are taken for one value.
+    NEES is divided by its degrees of freedom.
+
+    objects: number of matched objects; the errors of each one count as one independent value.
     """
-    low, high = (end / FREEDOM if objects else np.nan for end in mean_band(objects, FREEDOM))
+    ends = mean_band(objects, POSITION_FREEDOM)
+    low, high = (end / POSITION_FREEDOM if objects else np.nan for end in ends)
     return Score(low, "1", "higher", objects), Score(high, "1", "lower", objects)
 
 
@@ -124,27 +138,33 @@ COMBINED = {
     **{f"mota{s}": combined_mota for s in SUFFIXES.values()},
     **dict.fromkeys(NEES_BAND, combined_band),
 }
-"""What is no mean over sequences, and how it is made one."""
+"""Scores that are no means over sequences -> the function that combines them."""
 
 
-def _columns(
+class _WeightedValues(NamedTuple):
+    """(episodes, alphas) values and their weights; the value is 0 where the weight is."""
+
+    values: np.ndarray
+    weights: np.ndarray
+
+
+def _weighted_values(
     episodes: Sequence[Mapping[str, Score]], name: str, bands: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (episodes, alphas) values, 0 where there are none, and weights."""
+) -> _WeightedValues:
     names = [part_name(name, BY_ALPHA, band) for band in bands]
     rows = [[scores[part] for part in names] for scores in episodes]
     weights = np.array([[s.weight for s in row] for row in rows])
     values = np.array([[s.value if s.weight else 0.0 for s in row] for row in rows])
-    return values, weights
+    return _WeightedValues(values, weights)
 
 
-def _figure(pooled: Sequence[np.ndarray]) -> tuple[float, list[np.ndarray]]:
-    """Return the mean over alphas, of the geometric mean where there are two, and its slopes."""
-    if len(pooled) == 1:
-        return float(pooled[0].mean()), [np.ones(len(pooled[0]))]
-    det_a, ass_a = pooled
+def _mean_and_slopes(levels: Sequence[np.ndarray]) -> tuple[float, list[np.ndarray]]:
+    """Return the mean over alphas, for two levels of their geometric mean, and its derivatives."""
+    if len(levels) == 1:
+        return float(levels[0].mean()), [np.ones(len(levels[0]))]
+    det_a, ass_a = levels
     curve = np.sqrt(det_a * ass_a)
-    halves = [
-        np.divide(0.5 * curve, level, out=np.zeros_like(level), where=level > 0) for level in pooled
+    slopes = [
+        np.divide(0.5 * curve, level, out=np.zeros_like(level), where=level > 0) for level in levels
     ]
-    return float(curve.mean()), halves
+    return float(curve.mean()), slopes

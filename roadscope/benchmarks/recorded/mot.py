@@ -1,4 +1,10 @@
-"""The suite `mot`: people in the image sequences of a folder as MOTChallenge lays it out."""
+"""The suite `mot`: pedestrians in the image sequences of a folder of MOTChallenge data.
+
+Our trackers track boxes in space, and nobody knows where the boxes of an image sequence are in
+space. So the boxes are laid on a plane: up in the image is ahead, and pixels become metres by one
+factor per sequence. Then overlaps seen from above and in space are those in the image, and a person
+lower in the image is nearer and occludes those behind.
+"""
 
 from __future__ import annotations
 
@@ -11,44 +17,103 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.fingerprint import code_hash
-from roadscope.benchmarks.formats.mot_rules import THRESHOLD, distractors_of, mot_judged
 from roadscope.benchmarks.formats.motchallenge import (
     MotRows,
     MotSequence,
     mot_rows,
     read_mot_sequence,
 )
-from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.table import FormatError, names_in
+from roadscope.benchmarks.formats.tracking_rows import ImageSize
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.recorded.combined import alpha_parts
-from roadscope.benchmarks.recorded.image_plane import ImagePlane
-from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.benchmarks.recorded.recording import Recording
+from roadscope.benchmarks.recorded.rules import MOT_THRESHOLD, apply_mot_rules, distractors_of
+from roadscope.benchmarks.recorded.scores import sequence_scores
 from roadscope.benchmarks.recorded.suite import recorded_suite
 from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.suite import Suite
-from roadscope.core import Pose, Tracks, Truth
+from roadscope.core import Category, Detections, Family, ImageDetections, Pose, Tracks, Truth
 
 MOT = "mot"
-TRUTH, FOUND, INFO = "gt/gt.txt", "det/det.txt", "seqinfo.ini"
+TRUTH_FILE = "gt/gt.txt"
+DETECTIONS_FILE = "det/det.txt"
+INFO_FILE = "seqinfo.ini"
+PERSON_M = 1.7
+"""Usual height of a person."""
+NEAREST_M = 10.0
+"""Distance of the lower edge of the image: nearer people are not seen whole. Chosen by hand."""
+PEOPLE = [category for category in Category if category.family is Family.PEDESTRIAN]
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePlane:
+    """The plane that the boxes of an image sequence are laid on.
+
+    scale_m: metres per pixel.
+    lower_edge_px: pixel row that is `NEAREST_M` ahead.
+    middle_px: pixel column that is straight ahead.
+    """
+
+    scale_m: float
+    lower_edge_px: float
+    middle_px: float
+
+    @staticmethod
+    def of(frames: Sequence[ImageDetections], image_size: ImageSize | None) -> ImagePlane:
+        """Return the plane from the first frame with people, as an online tracker could.
+
+        The median height of the people in it is taken as `PERSON_M`.
+        image_size: None takes the size from the boxes of that frame.
+        """
+        boxes = next((f.boxes for f in frames if len(f)), np.array([[0.0, 0.0, 1.0, 1.0]]))
+        person_px = float(np.median(boxes[:, 3] - boxes[:, 1]))
+        width, height = image_size or (2 * boxes[:, [0, 2]].mean(), boxes[:, 3].max())
+        return ImagePlane(PERSON_M / person_px, float(height), float(width) / 2)
+
+    def boxes_on_plane(self, detections: ImageDetections) -> Detections:
+        """Return the people of an image as boxes on the plane, frame `ego`."""
+        people = np.flatnonzero(np.isin(detections.categories, PEOPLE))
+        boxes, n = detections.boxes[people], len(people)
+        x = NEAREST_M + self.scale_m * (self.lower_edge_px - (boxes[:, 1] + boxes[:, 3]) / 2)
+        y = self.scale_m * (self.middle_px - (boxes[:, 0] + boxes[:, 2]) / 2)
+        sides = np.column_stack([boxes[:, 3] - boxes[:, 1], boxes[:, 2] - boxes[:, 0]])
+        return Detections(
+            centres=np.column_stack([x, y, np.full(n, PERSON_M / 2)]),
+            sizes=np.column_stack([self.scale_m * sides, np.full(n, PERSON_M)]),
+            yaws=np.zeros(n),
+            categories=detections.categories[people],
+            scores=detections.scores[people],
+            frame="ego",
+            stamp_s=detections.stamp_s,
+        )
+
+    def image_boxes(self, tracks: Tracks) -> np.ndarray:
+        """Return (N, 4) left top right bottom, pixels, of tracks on the plane."""
+        column = self.middle_px - tracks.centres[:, 1] / self.scale_m
+        row = self.lower_edge_px - (tracks.centres[:, 0] - NEAREST_M) / self.scale_m
+        half = tracks.sizes[:, :2] / self.scale_m / 2
+        return np.column_stack(
+            [column - half[:, 1], row - half[:, 0], column + half[:, 1], row + half[:, 0]]
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class MotRecording(Recording):
-    """An image sequence; `folder` holds its own, `detector` is `det`."""
+    """An image sequence; `folder` holds its folder, and `detector` is `det`."""
 
     scenario = MOT
 
     @property
     def board(self) -> str:
-        """The board it belongs to."""
+        """The board of its class."""
         return f"mot {self.category}"
 
     def spec(self) -> dict[str, object]:
         """Return what detections and truth depend on: the bytes of the files, not their place."""
         root = Path(self.folder) / self.sequence
-        paths = {name: root / name for name in (TRUTH, FOUND, INFO)}
+        paths = {name: root / name for name in (TRUTH_FILE, DETECTIONS_FILE, INFO_FILE)}
         return {
             "sequence": self.sequence,
             **{n: sha256(p.read_bytes()).hexdigest() for n, p in paths.items() if p.is_file()},
@@ -56,72 +121,86 @@ class MotRecording(Recording):
         }
 
     def check(self) -> None:
-        """Read the files; what is malformed raises `FormatError`."""
+        """Read the files; a malformed one raises `FormatError`."""
         image_sequence(self)
 
     def replayed(self) -> EpisodeDetections:
-        """Return people found as if a detector had found them on a plane; truth has the stamps."""
+        """Return the detections on a plane as if a detector had made them; truth is empty."""
         sequence, plane = image_sequence(self)
-        flat = tuple(plane.laid_flat(frame) for frame in sequence.detections)
-        return EpisodeDetections.recorded(flat, [_nobody(frame.stamp_s) for frame in flat])
+        detections = tuple(plane.boxes_on_plane(frame) for frame in sequence.detections)
+        truths = [_empty_truth(frame.stamp_s) for frame in detections]
+        return EpisodeDetections.recorded(detections, truths)
 
     def rows(self, tracks: Sequence[Tracks]) -> list[MotRows]:
-        """Return the boxes of tracks in the image."""
+        """Return the image boxes of the tracks of each frame as rows of results."""
         _, plane = image_sequence(self)
-        return [mot_rows(each, t, plane.boxes(each)) for t, each in enumerate(tracks, start=1)]
+        return [
+            mot_rows(record, frame, plane.image_boxes(record))
+            for frame, record in enumerate(tracks, start=1)
+        ]
 
     def scores(self, tracks: Sequence[Tracks]) -> dict[str, Score]:
-        """Return scores by image boxes under MOTChallenge's rules.
+        """Return the scores by image boxes under MOTChallenge's rules.
 
-        Tentative tracks may be among the tracks; they count for averages over recall alone.
+        tracks: tentative ones are used for averages over recall only.
         """
         sequence, _ = image_sequence(self)
-        assert sequence.truth is not None
-        spared = distractors_of(sequence.name)
-        counted, swept = (
-            mot_judged(sequence.truth, self.rows(some), spared)
-            for some in ([each.sure for each in tracks], tracks)
+        assert sequence.truth_rows is not None
+        distractors = distractors_of(sequence.name)
+        counted, with_tentative = (
+            apply_mot_rules(sequence.truth_rows, self.rows(records), distractors)
+            for records in ([record.sure for record in tracks], tracks)
         )
-        return sequence_scores(counted, THRESHOLD, swept) | alpha_parts(hota(counted))
+        return sequence_scores(counted, MOT_THRESHOLD, with_tentative) | alpha_parts(hota(counted))
 
 
 @lru_cache(maxsize=1)
 def image_sequence(recording: MotRecording) -> tuple[MotSequence, ImagePlane]:
-    """Read a sequence; the next job of a worker is often another tracker on the same."""
+    """Return a sequence and its plane; a worker's next job often needs the same ones."""
     sequence = read_mot_sequence(Path(recording.folder) / recording.sequence)
     return sequence, ImagePlane.of(sequence.detections, sequence.image_size)
 
 
 def mot_suite(folder: Path | str) -> Suite:
-    """Return the suite of a folder of sequences, its `train`, or of one sequence alone.
+    """Return the suite of a folder of sequences, of its `train`, or of one sequence alone.
 
     A missing folder or a wrong layout raises `FormatError`.
     """
-    given = Path(folder)
-    wanted = f"SEQ/{FOUND} and SEQ/{TRUTH}"
-    if not given.is_dir():
-        raise FormatError(f"{given}: no such folder; expected one with {wanted}")
-    for root in (given, given / "train", given.parent):
-        names = [given.name] if root == given.parent else _sequences(root)
-        labelled = [name for name in names if (root / name / TRUTH).is_file()]
+    folder = Path(folder)
+    expected = f"SEQ/{DETECTIONS_FILE} and SEQ/{TRUTH_FILE}"
+    if not folder.is_dir():
+        raise FormatError(f"{folder}: no such folder; expected one with {expected}")
+    for root in (folder, folder / "train", folder.parent):
+        names = [folder.name] if root == folder.parent else _folder_names(root)
+        labelled = [name for name in names if (root / name / TRUTH_FILE).is_file()]
         recordings = tuple(
             MotRecording(str(root.resolve()), name, "pedestrian", "det", number)
             for number, name in enumerate(labelled)
-            if (root / name / FOUND).is_file()
+            if (root / name / DETECTIONS_FILE).is_file()
         )
         if recordings:
-            return recorded_suite(MOT, recordings, len(labelled))
-    seen = ", ".join(sorted(p.name for p in given.iterdir())[:8]) or "nothing"
-    raise FormatError(f"{given}: expected {wanted}, here or in train/; got {seen}")
+            return recorded_suite(MOT, recordings, labelled=len(labelled))
+    raise FormatError(f"{folder}: expected {expected}, here or in train/; got {names_in(folder)}")
 
 
-def _sequences(root: Path) -> list[str]:
+def _folder_names(root: Path) -> list[str]:
     return sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []
 
 
-def _nobody(stamp_s: float) -> Truth:
-    """Return a moment in which the camera stands and nobody is known to be in space."""
-    n, none, three = np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
-    visibility, pose = (n, n, none), Pose.identity()
-    categories, velocities = np.empty(0, np.int8), np.empty((0, 2))
-    return Truth(n, categories, three, three, none, velocities, *visibility, pose, stamp_s, n)
+def _empty_truth(stamp_s: float) -> Truth:
+    """Return the truth of a standing camera: where the people are in space is not known."""
+    ids, numbers, points = np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
+    return Truth(
+        ids=ids,
+        categories=np.empty(0, np.int8),
+        centres=points,
+        sizes=points,
+        yaws=numbers,
+        velocities=np.empty((0, 2)),
+        lidar_returns=ids,
+        visible_pixels=ids,
+        occluded_fraction=numbers,
+        world_from_ego=Pose.identity(),
+        stamp_s=stamp_s,
+        sources=ids,
+    )

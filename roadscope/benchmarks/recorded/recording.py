@@ -1,4 +1,4 @@
-"""Recorded episodes: a sequence on disk in place of simulated traffic."""
+"""Recorded episodes: sequences on disk in place of simulated traffic."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from functools import lru_cache
 from hashlib import sha256
 
 from roadscope.benchmarks.fingerprint import code_hash
-from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
-from roadscope.benchmarks.formats.kitti_folder import KittiFolder
-from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
+from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
+from roadscope.benchmarks.formats.kitti_sequence import (
+    KittiFolder,
+    KittiSequence,
+    read_kitti_sequence,
+)
 from roadscope.benchmarks.metrics.score import Score
-from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
+from roadscope.benchmarks.recorded.scores import kitti_scores
 from roadscope.benchmarks.records import EpisodeDetections
 from roadscope.benchmarks.suite import BoardSettings, Names, Suite
 from roadscope.core import Category, Tracks
@@ -20,13 +23,13 @@ from roadscope.core import Category, Tracks
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What decides everything that a tracker gets to see of one recorded sequence.
+    """One KITTI sequence with one class and one detector: all that a tracker's input depends on.
 
-    folder: where `label_02` lies.
+    folder: the folder that holds `label_02`.
     sequence: name of the sequence.
     category: the class that is tracked: car, pedestrian or cyclist.
-    detector: whose detections, as the folder calls it.
-    seed: number of the sequence in the folder; sequences are the sample, as seeds elsewhere.
+    detector: name of the detector, as in the folder.
+    seed: number of the sequence in the folder. Sequences are the samples, as seeds are elsewhere.
     """
 
     folder: str
@@ -40,7 +43,7 @@ class Recording:
 
     @property
     def board(self) -> str:
-        """The board it belongs to."""
+        """The board of its class."""
         return f"kitti {self.category}"
 
     def spec(self) -> dict[str, object]:
@@ -56,31 +59,31 @@ class Recording:
         return {
             "sequence": self.sequence,
             "category": self.category,
-            "scaled": files.scores_are_shares(self.detector),
+            "normalized": files.scores_are_normalized(self.detector),
             **{name: sha256(path.read_bytes()).hexdigest() for name, path in paths.items()},
             "code": code_hash("roadscope.benchmarks.recorded.recording"),
         }
 
     def check(self) -> None:
-        """Read the files; what is malformed raises `FormatError`."""
+        """Read the files; a malformed one raises `FormatError`."""
         sequence_of(self)
 
     def replayed(self) -> EpisodeDetections:
-        """Return detections, frame `ego`, and truth as if a detector had made them."""
+        """Return detections, frame `ego`, as if a detector had made them, and the truth."""
         sequence = sequence_of(self)
         return EpisodeDetections.recorded(sequence.detections, sequence.truths)
 
     def scores(self, tracks: Sequence[Tracks]) -> dict[str, Score]:
-        """Return the scores of tracks, world frame; tentative ones may be among them."""
+        """Return the scores of tracks, world frame; some of them may be tentative."""
         return kitti_scores(tracks, sequence_of(self))
 
 
 class RecordedSettings(BoardSettings, frozen=True, kw_only=True):
-    """What the suite of a folder says of its boards.
+    """The boards of the suite of a folder.
 
-    recordings: of every detector and class, those sequences that have detections of it.
+    recordings: for every detector and class, the sequences that have detections of it.
     labelled: number of sequences that have labels.
-    remark: what a reader must know of entries, and of detections that are left out.
+    remark: what a reader must know about entries, and about detections that are left out.
     """
 
     recordings: tuple[Recording, ...] = ()
@@ -89,7 +92,7 @@ class RecordedSettings(BoardSettings, frozen=True, kw_only=True):
 
     @property
     def detectors(self) -> Names:
-        """Those whose detections there are."""
+        """Names of the detectors whose detections are in the folder."""
         return tuple(dict.fromkeys(recording.detector for recording in self.recordings))
 
 
@@ -99,13 +102,15 @@ def recordings_of(suite: Suite) -> tuple[Recording, ...]:
     return tuple(dict.fromkeys(recording for each in boards for recording in each.recordings))
 
 
-KITTI_CLASSES = tuple(category.name.lower() for category in TYPE_OF)
-"""Each has a board of its own: they are never ranked together."""
+KITTI_CLASSES = tuple(category.name.lower() for category in DETECTED_TYPES)
+"""Each class has its own board; classes are never ranked together."""
 MOT_CLASSES = ("pedestrian",)
 
 
 @lru_cache(maxsize=1)
 def sequence_of(recording: Recording) -> KittiSequence:
-    """Read a recording; the next job of a worker is often another tracker on the same."""
+    """Return the sequence of a recording; a worker's next job often needs the same one."""
     kind = Category[recording.category.upper()]
-    return read_sequence(recording.folder, recording.sequence, kind, detector=recording.detector)
+    return read_kitti_sequence(
+        recording.folder, recording.sequence, kind, detector=recording.detector
+    )

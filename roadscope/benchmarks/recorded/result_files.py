@@ -1,32 +1,38 @@
-"""Scores of result files of any tracker against ground truth, in KITTI's or MOTChallenge's format.
-
-Here is no tracker at work: both kinds of files come from elsewhere. Our own trackers follow boxes
-in space, of which MOTChallenge's detections have none.
-"""
+"""Scores of result files of any tracker, in the format of KITTI or MOTChallenge."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from roadscope.benchmarks.formats.kitti_objects import TYPE_OF, KittiObjects, read_labels
-from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
-from roadscope.benchmarks.formats.mot_rules import THRESHOLD, distractors_of, mot_judged
-from roadscope.benchmarks.formats.motchallenge import by_frame, read_mot, read_mot_sequence
+from roadscope.benchmarks.formats.kitti_labels import (
+    DETECTED_TYPES,
+    KittiObjects,
+    read_kitti_labels,
+)
+from roadscope.benchmarks.formats.motchallenge import read_mot, read_mot_sequence
 from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.tracking_rows import FrameLimit
 from roadscope.benchmarks.metrics.score import Score
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.recorded.combined import SUFFIXES, alpha_parts
-from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
+from roadscope.benchmarks.recorded.rules import (
+    MOT_THRESHOLD,
+    SIMILARITIES,
+    apply_kitti_rules,
+    apply_mot_rules,
+    distractors_of,
+)
+from roadscope.benchmarks.recorded.scores import sequence_scores
 from roadscope.core import Category
 
 
 def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Score]:
-    """Return HOTA, MOTA, IDF1 and the like of one sequence by image boxes, HOTA by alpha too.
+    """Return HOTA (also by alpha), MOTA, IDF1 and other scores of one sequence, by image boxes.
 
     sequence: its folder with `gt/gt.txt`, `det/det.txt` and `seqinfo.ini`.
-    results: what a tracker told of it, 7 or 10 columns.
-    Anything malformed raises `FormatError` with file, line and what was expected.
+    results: a tracker's results, 7 or 10 columns.
+    A malformed file raises `FormatError` with file, line and what was expected.
 
     >>> from roadscope.benchmarks import score_mot_results
     >>> scores = score_mot_results("MOT17-02", "mine/MOT17-02.txt")
@@ -36,41 +42,46 @@ def score_mot_results(sequence: Path | str, results: Path | str) -> dict[str, Sc
     mota 0.500
     idf1 0.667
     """
-    known = read_mot_sequence(sequence)
-    true = known.truth
-    if true is None:
-        raise FormatError(f"{Path(sequence) / 'gt' / 'gt.txt'}: missing; nothing to score by")
-    told = read_mot(Path(results), end=(len(true), f"the last of the sequence {sequence}"))
-    counted = mot_judged(true, by_frame(told, len(true)), distractors_of(known.name))
-    return sequence_scores(counted, THRESHOLD) | alpha_parts(hota(counted))
+    labelled = read_mot_sequence(sequence)
+    truth = labelled.truth_rows
+    if truth is None:
+        raise FormatError(f"{Path(sequence) / 'gt' / 'gt.txt'}: missing; scores need ground truth")
+    limit = FrameLimit(len(truth), f"the last of the sequence {sequence}")
+    tracks = read_mot(Path(results), limit=limit).by_frame(len(truth))
+    counted = apply_mot_rules(truth, tracks, distractors_of(labelled.name))
+    return sequence_scores(counted, MOT_THRESHOLD) | alpha_parts(hota(counted))
 
 
 def score_kitti_results(
     labels: Path | str, results: Path | str, category: Category = Category.CAR
 ) -> dict[str, Score]:
-    """Return the same of a KITTI sequence, by image boxes and under KITTI's rules.
+    """Return the same scores of a KITTI sequence, by image boxes and under KITTI's rules.
 
     labels: `label_02/SEQ.txt`. results: 17 columns, or 18 with a score.
     category: car, pedestrian or cyclist.
 
-    >>> from roadscope.benchmarks.recorded.result_files import score_kitti_results
+    >>> from roadscope.benchmarks import score_kitti_results
     >>> scores = score_kitti_results("label_02/0000.txt", "mine/0000.txt")
     >>> scores["hota"].value
     1.0
     """
-    true, told = read_labels(Path(labels)), read_labels(Path(results), results=True)
-    return kitti_result_scores(true, told, category, ["iou_2d"])
+    truth, tracks = read_kitti_labels(labels), read_kitti_labels(results, results=True)
+    return kitti_result_scores(truth, tracks, category, ["iou_2d"])
 
 
 def kitti_result_scores(
-    true: KittiObjects, told: KittiObjects, category: Category, similarities: Sequence[str]
+    labels: KittiObjects, results: KittiObjects, category: Category, similarities: Sequence[str]
 ) -> dict[str, Score]:
-    """Return the scores of a sequence by each similarity, with suffixes as boards have them."""
-    count = 1 + max(int(rows.frames.max(initial=-1)) for rows in (true, told))
+    """Return the scores of a sequence by each similarity, with the suffixes of the boards.
+
+    similarities: keys of `SIMILARITIES`.
+    """
+    count = 1 + max(int(rows.frames.max(initial=-1)) for rows in (labels, results))
+    truth, tracks, kind = labels.by_frame(count), results.by_frame(count), DETECTED_TYPES[category]
     scores: dict[str, Score] = {}
     for name in similarities:
-        counted = judged(true.by_frame(count), told.by_frame(count), TYPE_OF[category], name)
-        own = sequence_scores(counted, SIMILARITIES[name].threshold)
-        scores |= {f"{metric}{SUFFIXES[name]}": score for metric, score in own.items()}
+        counted = apply_kitti_rules(truth, tracks, kind, name)
+        by_similarity = sequence_scores(counted, SIMILARITIES[name].threshold)
+        scores |= {f"{metric}{SUFFIXES[name]}": score for metric, score in by_similarity.items()}
         scores |= alpha_parts(hota(counted), SUFFIXES[name])
     return scores

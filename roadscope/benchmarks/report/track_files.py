@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from roadscope.benchmarks.cache import usable_folder, write_atomically
-from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
-from roadscope.benchmarks.formats.kitti_objects import KittiObjects
-from roadscope.benchmarks.formats.motchallenge import MotRows, mot_rows, save_mot
+from roadscope.benchmarks.formats.kitti_labels import KittiObjects, write_kitti_results
+from roadscope.benchmarks.formats.motchallenge import MotRows, mot_rows, write_mot
 from roadscope.benchmarks.graph import Job
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.loop import RunOptions
@@ -122,28 +121,24 @@ def _save(task: _SequenceTask, answers: Sequence[EpisodeTracks]) -> None:
         return
     path = task.folder / KITTI_FOLDER / task.name / f"{sequence}.txt"
     merged = [row for frame in zip(*kitti, strict=True) for row in frame]
-    write_atomically(path, lambda part: save_results(part, merged))
+    write_atomically(path, lambda part: write_kitti_results(part, merged))
 
 
 def _rows(
     tracks: Sequence[Tracks], recording: Recording
 ) -> tuple[list[KittiObjects], list[MotRows]]:
     """Return the rows of every frame in either format."""
-    sequence = sequence_of(recording)
-    view = sequence.calibration.projection, sequence.image_size
-    kitti, image_rows = [], []
-    for t, (record, pose) in enumerate(zip(tracks, sequence.world_from_ego, strict=True)):
-        rows = kitti_objects(record, t, pose, *view)
+    kitti, image_rows = sequence_of(recording).result_rows(tracks), []
+    for frame, (record, rows) in enumerate(zip(tracks, kitti, strict=True), start=1):
         boxes = np.zeros((len(record), 4))
         boxes[np.isin(record.ids, rows.ids)] = rows.boxes
-        kitti.append(rows)
-        image_rows.append(mot_rows(record, t + 1, boxes))
+        image_rows.append(mot_rows(record, frame, boxes))
     return kitti, image_rows
 
 
 def _write_mot(task: _SequenceTask, recording: Recording, rows: Sequence[MotRows]) -> None:
     place = task.folder / MOT_FOLDER / task.name / recording.category
-    write_atomically(place / f"{recording.sequence}.txt", lambda part: save_mot(part, rows))
+    write_atomically(place / f"{recording.sequence}.txt", lambda part: write_mot(part, rows))
 
 
 def _renumbered(rows: KittiObjects, first: int) -> KittiObjects:

@@ -5,9 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.formats.imu_file import find_imu, parse_mounting, read_imu
-from roadscope.benchmarks.formats.stamped_samples import rising_rows
-from roadscope.benchmarks.formats.table import FormatError
+from roadscope.benchmarks.formats.samples import find_imu, parse_mounting, rising_rows
+from roadscope.formats import FormatError, read_imu
 
 ROWS = np.column_stack([10 + 0.0025 * np.arange(5), np.tile([0.1, 0.2, 0.3, 1, 2, 9.8], (5, 1))])
 
@@ -76,7 +75,9 @@ def test_the_first_line_may_be_none_of_names(tmp_path):
 def test_a_file_in_disorder_is_refused(tmp_path, rows, line):
     """Parts joined askew, a clock that was set back, stamps that were rounded."""
     path = written(tmp_path / "imu.csv", rows)
-    with pytest.raises(FormatError, match=f"line {line}: expected stamps that rise, got"):
+    with pytest.raises(
+        FormatError, match=f"line {line}: expected a stamp above the stamp of .*, got"
+    ):
         read_imu(path)
 
 
@@ -99,12 +100,12 @@ def test_the_most_rows_that_rise_are_kept():
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        (ROWS[:1], "expected lines of stamp wx wy wz ax ay az, got 1"),
-        (ROWS * [1e6, 1, 1, 1, 1, 1, 1], "stamps in seconds or nanoseconds, got steps of 2500"),
-        (ROWS / [1, 1, 1, 1, 10, 10, 10], r"9.8 at rest, got 1.01 mostly: in g, or with gravity"),
-        (ROWS - [0, 0, 0, 0, 0, 0, 9.8], "got .* mostly: in g, or with gravity taken out"),
-        (ROWS + 20 * np.eye(1, 7, 1), r"rates in rad/s, got up to 20.1: in degrees"),
-        (np.where(ROWS == 0.2, np.nan, ROWS), "expected lines of stamp wx wy wz ax ay az, got 0"),
+        (ROWS[:1], "expected two or more lines of stamp wx .*, got 1"),
+        (ROWS * [1e6, 1, 1, 1, 1, 1, 1], "in seconds .* or in nanoseconds .*, got steps of 2500"),
+        (ROWS / [1, 1, 1, 1, 10, 10, 10], r"9.8 at rest, got a median of 1.01; they may be in g"),
+        (ROWS - [0, 0, 0, 0, 0, 0, 9.8], "got a median of .*; .*gravity may be subtracted"),
+        (ROWS + 20 * np.eye(1, 7, 1), r"in rad/s, up to 6, got up to 20.1; they may be in degrees"),
+        (np.where(ROWS == 0.2, np.nan, ROWS), "expected two or more lines of stamp wx .*, got 0"),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path, rows, message):

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from toy_kitti import EGO_SPEED_M_S, FRAMES, write_kitti
 
-from roadscope.benchmarks.formats import FormatError, read_sequence
-from roadscope.benchmarks.formats.kitti_calibration import read_calibration
 from roadscope.benchmarks.formats.kitti_frames import CAMERA_FROM_EGO, EGO_FROM_CAMERA
-from roadscope.benchmarks.formats.kitti_poses import read_oxts, read_poses
 from roadscope.core import Pose
+from roadscope.formats import (
+    FormatError,
+    read_kitti_calibration,
+    read_kitti_oxts,
+    read_kitti_poses,
+    read_kitti_sequence,
+)
 
 POSE = "1 0 0 0 0 1 0 0 0 0 1 0"
 CAMERA = f"P2: {POSE}"
@@ -25,21 +29,22 @@ def test_calibration_needs_its_keys(tmp_path):
     path = tmp_path / "0000.txt"
     path.write_text("P0: " + "1 " * 12)
     with pytest.raises(FormatError, match="expected the key P2, got P0"):
-        read_calibration(path)
+        read_kitti_calibration(path)
     path.write_text("P0: 1\nP2: " + "1 " * 11)
     with pytest.raises(FormatError, match="line 1: expected 12 finite numbers after P0"):
-        read_calibration(path)
-    path.write_text(CAMERA + "\nR_rect 9 0 0 0 1 0 0 0 1\nTr_velo_cam "
-                    + POSE + "\nTr_imu_velo " + POSE)  # fmt: skip
-    with pytest.raises(FormatError, match="expected rotations in R0_rect"):
-        read_calibration(path)
+        read_kitti_calibration(path)
+    path.write_text(
+        CAMERA + "\nR_rect 9 0 0 0 1 0 0 0 1\nTr_velo_cam " + POSE + "\nTr_imu_velo " + POSE
+    )
+    with pytest.raises(FormatError, match=r"expected rotations in R0_rect, .*; R0_rect has none"):
+        read_kitti_calibration(path)
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("P2: " + "0 " * 12, "line 1: expected a projection after P2, .* of rank 3, got '0 0"),
-        (f"{CAMERA}\n\n{CAMERA}", "line 3: expected P2 once, got 'it again'"),
+        ("P2: " + "0 " * 12, "line 1: expected after P2 a projection: .* of rank 3, got '0 0"),
+        (f"{CAMERA}\n\n{CAMERA}", "line 3: expected the key P2 once, got 'P2 a second time'"),
         (CAMERA.replace("1", "1e200", 1), r"line 1: expected numbers from -1e\+09 to 1e\+09 after"),
         (f"{CAMERA}\nR0_rect: 1\n", "line 2: expected 9 finite numbers after R0_rect, got '1'"),
     ],
@@ -48,7 +53,7 @@ def test_calibrations_that_no_camera_has_are_refused(tmp_path, text, said):
     path = tmp_path / "0000.txt"
     path.write_text(text)
     with pytest.raises(FormatError, match=said) as caught:
-        read_calibration(path)
+        read_kitti_calibration(path)
     assert str(caught.value).startswith(f"{path}, line ")
 
 
@@ -60,7 +65,7 @@ def test_poses_come_back(tmp_path):
     ]
     rows = [(CAMERA_FROM_EGO @ p @ EGO_FROM_CAMERA).matrix[:3].ravel() for p in poses]
     np.savetxt(tmp_path / "poses.txt", rows)
-    for one, other in zip(read_poses(tmp_path / "poses.txt"), poses, strict=True):
+    for one, other in zip(read_kitti_poses(tmp_path / "poses.txt"), poses, strict=True):
         np.testing.assert_allclose(one.matrix, other.matrix, atol=1e-9)
 
 
@@ -68,10 +73,10 @@ def test_a_pose_that_does_not_turn_rigidly_is_refused(tmp_path):
     path = tmp_path / "poses.txt"
     path.write_text(POSE + "\n" + POSE.replace("1", "2") + "\n")
     with pytest.raises(FormatError, match="line 2: expected a rotation"):
-        read_poses(path)
+        read_kitti_poses(path)
     path.write_text(POSE[:-1] + "1e200\n")
     with pytest.raises(FormatError, match=r"line 1: expected r00 .* t2 from -1e\+08 to 1e\+08 m"):
-        read_poses(path)
+        read_kitti_poses(path)
 
 
 @pytest.mark.parametrize(
@@ -86,31 +91,33 @@ def test_records_of_nowhere_on_earth_are_refused(folder, place, said):
     path = folder / "oxts.txt"
     path.write_text(place + " 0" * 24)
     with pytest.raises(FormatError, match=said):
-        read_oxts(path, read_calibration(folder / "calib" / "0000.txt"))
+        read_kitti_oxts(path, read_kitti_calibration(folder / "calib" / "0000.txt"))
 
 
 def test_the_inertial_unit_gives_poses_too(folder):
     """The same drive north and as camera poses: motion in the ego's own frame is the same."""
-    calibration = read_calibration(folder / "calib" / "0000.txt")
+    calibration = read_kitti_calibration(folder / "calib" / "0000.txt")
     metres = np.arange(FRAMES) * EGO_SPEED_M_S * 0.1
     degrees = 49 + np.rad2deg(metres / 6378137.0)
     rows = [f"{lat:.12f} 8.4 110 0 0 {np.pi / 2}" + " 0" * 24 for lat in degrees]
     (folder / "oxts").mkdir()
     path = folder / "oxts" / "0000.txt"
     path.write_text("\n".join(rows))
-    unit = read_oxts(path, calibration)
-    camera = read_poses(folder / "ego_pose" / "0000.txt")
+    unit = read_kitti_oxts(path, calibration)
+    camera = read_kitti_poses(folder / "ego_pose" / "0000.txt")
     for poses in (unit, camera):
         step = poses[0].inverse() @ poses[-1]
         np.testing.assert_allclose(step.translation, [metres[-1], 0, 0], atol=1e-3)
         np.testing.assert_allclose(step.rotation, np.eye(3), atol=1e-9)
     assert unit[0].yaw == pytest.approx(np.pi / 2)
     (folder / "ego_pose" / "0000.txt").unlink()
-    assert read_sequence(folder, "0000").world_from_ego[0] == unit[0]
+    assert read_kitti_sequence(folder, "0000").world_from_ego[0] == unit[0]
 
 
 def test_oxts_without_calibration_of_the_unit_is_refused(tmp_path):
     (tmp_path / "calib.txt").write_text(CAMERA)
-    calibration = read_calibration(tmp_path / "calib.txt")
-    with pytest.raises(FormatError, match="needs R0_rect, Tr_velo_to_cam and Tr_imu_to_velo"):
-        read_oxts(tmp_path / "oxts.txt", calibration)
+    calibration = read_kitti_calibration(tmp_path / "calib.txt")
+    with pytest.raises(
+        FormatError, match="a calibration with R0_rect, Tr_velo_to_cam, Tr_imu_to_velo"
+    ):
+        read_kitti_oxts(tmp_path / "oxts.txt", calibration)

@@ -4,11 +4,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_kitti import IMAGE_SIZE, P2, tracks_at, write_kitti
 
-from roadscope.benchmarks.formats import read_sequence
-from roadscope.benchmarks.formats.kitti import detections_of
-from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
-from roadscope.benchmarks.formats.kitti_objects import KittiType, read_labels
+from roadscope.benchmarks.formats.kitti_frames import detections_from_rows
 from roadscope.core import Category, Pose, Tracks, wrap_angle
+from roadscope.formats import (
+    KittiType,
+    kitti_objects,
+    read_kitti_labels,
+    read_kitti_sequence,
+    write_kitti_results,
+)
 from roadscope.trackers import TRACKERS
 
 PRINTED = 1e-6
@@ -26,13 +30,13 @@ def test_results_come_back_within_printed_digits(tmp_path_factory, seed):
     world = tracks_at(centres).moved(pose, "world")
     rows = kitti_objects(world, 4, pose, P2, IMAGE_SIZE)
     path = tmp_path_factory.getbasetemp() / "results.txt"
-    save_results(path, [rows])
-    back = read_labels(path, results=True)
+    write_kitti_results(path, [rows])
+    back = read_kitti_labels(path, results=True)
     for name in ("frames", "ids", "types", "truncated", "occluded"):
         np.testing.assert_array_equal(getattr(back, name), getattr(rows, name))
     for name in ("boxes", "sizes", "bottoms", "rotations_y", "scores", "alphas"):
         np.testing.assert_allclose(getattr(back, name), getattr(rows, name), atol=PRINTED)
-    boxes = detections_of(back, Category.CAR, 0.0)
+    boxes = detections_from_rows(back, Category.CAR, stamp_s=0.0)
     shown = rows.ids - 7
     np.testing.assert_allclose(boxes.centres, centres[shown], atol=3 * PRINTED)
     turned = wrap_angle(boxes.yaws - np.linspace(-3, 3, 6)[shown])
@@ -55,13 +59,22 @@ def test_every_category_has_a_type():
 
 
 def test_labels_projected_are_the_image_boxes_that_they_come_with(tmp_path):
-    car = read_sequence(write_kitti(tmp_path), "0000")
-    truth, labels = car.truths[3], car.labelled[3]
+    car = read_kitti_sequence(write_kitti(tmp_path), "0000")
+    truth, labels = car.truths[3], car.label_rows[3]
     n = len(truth)
     tracks = Tracks(
-        truth.ids, truth.centres, truth.sizes, truth.yaws, truth.velocities, np.zeros((n, 4, 4)),
-        truth.categories, np.ones(n), np.ones(n, np.int8), "world", truth.stamp_s,
-    )  # fmt: skip
+        truth.ids,
+        truth.centres,
+        truth.sizes,
+        truth.yaws,
+        truth.velocities,
+        np.zeros((n, 4, 4)),
+        truth.categories,
+        np.ones(n),
+        np.ones(n, np.int8),
+        "world",
+        truth.stamp_s,
+    )
     rows = kitti_objects(tracks, 3, truth.world_from_ego, P2, IMAGE_SIZE)
     expected = labels.select(labels.types == KittiType.CAR)
     assert rows.ids.tolist() == expected.ids.tolist()
@@ -76,7 +89,7 @@ def test_trackeval_reads_our_results(tmp_path):
     map_of.write_text("0000 empty 000000 000030\n0001 empty 000000 000030\n")
     written = {}
     for name in ("0000", "0001"):
-        car = read_sequence(folder, name)
+        car = read_kitti_sequence(folder, name)
         tracker = TRACKERS.make("nearest-q-confirmed")
         tracker.reset()
         frames = [
@@ -85,12 +98,14 @@ def test_trackeval_reads_our_results(tmp_path):
         ]
         out = tmp_path / "trackers" / "mine" / "data"
         out.mkdir(parents=True, exist_ok=True)
-        save_results(out / f"{name}.txt", frames)
+        write_kitti_results(out / f"{name}.txt", frames)
         written[name] = frames
     config = {
-        "GT_FOLDER": str(folder), "TRACKERS_FOLDER": str(tmp_path / "trackers"),
-        "PRINT_CONFIG": False, "CLASSES_TO_EVAL": ["car"],
-    }  # fmt: skip
+        "GT_FOLDER": str(folder),
+        "TRACKERS_FOLDER": str(tmp_path / "trackers"),
+        "PRINT_CONFIG": False,
+        "CLASSES_TO_EVAL": ["car"],
+    }
     dataset = trackeval.datasets.Kitti2DBox(config)
     raw = dataset.get_raw_seq_data("mine", "0001")
     for t, rows in enumerate(written["0001"]):

@@ -5,12 +5,12 @@ from hypothesis.extra.numpy import arrays
 
 from roadscope.benchmarks.formats.kitti_frames import (
     CAMERA_FROM_EGO,
-    alphas,
     bottoms_from_centres,
+    box_corners,
     centres_from_bottoms,
-    clipped_boxes,
-    corners,
+    clipped_image_boxes,
     image_boxes,
+    observation_angles,
     rotations_from_yaws,
     yaws_from_rotations,
 )
@@ -43,9 +43,9 @@ def test_angles_come_back_up_to_whole_turns(angles):
 
 @given(PLACES, SIZES, ANGLES)
 def test_corners_are_those_of_the_box_in_our_own_frame(bottoms, sizes, angles):
-    """KITTI's corners and ours, made from centre, yaw and size, are the same eight points."""
+    """KITTI's box_corners and ours, made from centre, yaw and size, are the same eight points."""
     centres, yaws = centres_from_bottoms(bottoms, sizes), yaws_from_rotations(angles)
-    theirs = corners(bottoms, sizes, angles)
+    theirs = box_corners(bottoms, sizes, angles)
     for k in range(4):
         ours = []
         for a in (-0.5, 0.5):
@@ -62,7 +62,7 @@ def test_corners_are_those_of_the_box_in_our_own_frame(bottoms, sizes, angles):
 @given(PLACES, SIZES, ANGLES)
 def test_a_box_in_the_image_holds_what_the_camera_sees_of_it(bottoms, sizes, angles):
     """Points all over the box, those before the camera, project into its image box."""
-    points = corners(bottoms, sizes, angles)
+    points = box_corners(bottoms, sizes, angles)
     boxes = image_boxes(points, P)
     weights = np.random.default_rng(0).dirichlet(np.full(8, 0.3), 200)
     inside = np.einsum("kw,nwc->nkc", weights, points)
@@ -77,19 +77,21 @@ def test_a_box_in_the_image_holds_what_the_camera_sees_of_it(bottoms, sizes, ang
 
 def test_boxes_behind_the_camera_are_empty_and_others_clipped():
     size, turned = np.array([[4.0, 1.8, 1.5]]), np.array([0.0])
-    behind = corners(np.array([[0.0, 1.7, -20.0]]), size, turned)
-    aside = corners(np.array([[80.0, 1.7, 20.0]]), size, turned)
+    behind = box_corners(np.array([[0.0, 1.7, -20.0]]), size, turned)
+    aside = box_corners(np.array([[80.0, 1.7, 20.0]]), size, turned)
     assert np.isnan(image_boxes(behind, P)).all()
     for points in (behind, aside):
-        left, top, right, bottom = clipped_boxes(points, P, (1200, 370))[0]
+        left, top, right, bottom = clipped_image_boxes(points, P, (1200, 370))[0]
         assert right == left or bottom == top
-    close = clipped_boxes(corners(np.array([[0.0, 1.7, 1.0]]), size, turned), P, (1200, 370))[0]
+    close = clipped_image_boxes(
+        box_corners(np.array([[0.0, 1.7, 1.0]]), size, turned), P, (1200, 370)
+    )[0]
     assert close[3] == 369
 
 
 def test_the_box_of_one_pixel_accuracy_by_hand():
     # a box 20 m ahead, straight: near face at 18 m, 1.8 m wide, 1.5 m high, standing at y = 1.7
-    points = corners(
+    points = box_corners(
         np.array([[0.0, 1.7, 20.0]]), np.array([[4.0, 1.8, 1.5]]), np.array([-np.pi / 2])
     )
     plain = np.array([[700.0, 0, 600, 0], [0, 700, 170, 0], [0, 0, 1, 0]])
@@ -105,4 +107,4 @@ def test_the_box_of_one_pixel_accuracy_by_hand():
 
 def test_alpha_is_the_rotation_seen_from_the_camera():
     bottoms = np.array([[0.0, 1, 10], [10.0, 1, 10]])
-    np.testing.assert_allclose(alphas(bottoms, np.zeros(2)), [0, -np.pi / 4])
+    np.testing.assert_allclose(observation_angles(bottoms, np.zeros(2)), [0, -np.pi / 4])

@@ -7,14 +7,21 @@ import numpy as np
 import pytest
 from toy_kitti import EGO_SPEED_M_S, FRAMES, IMAGE_SIZE, P2, write_kitti
 
-from roadscope.benchmarks.formats import FormatError, KittiFolder, read_sequence
-from roadscope.benchmarks.formats.kitti import UNKNOWN, logistic
-from roadscope.benchmarks.formats.kitti_calibration import read_calibration
-from roadscope.benchmarks.formats.kitti_objects import KittiType, read_detections, read_labels
-from roadscope.benchmarks.formats.kitti_poses import read_poses
+from roadscope.benchmarks.formats.kitti_frames import NOT_COUNTED
+from roadscope.benchmarks.formats.tracking_rows import logistic
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.tables import explanation
 from roadscope.core import Category
+from roadscope.formats import (
+    FormatError,
+    KittiFolder,
+    KittiType,
+    read_kitti_calibration,
+    read_kitti_detections,
+    read_kitti_labels,
+    read_kitti_poses,
+    read_kitti_sequence,
+)
 
 LABEL = "0 0 Car 0 0 -1.5 100.0 150.0 200.0 220.0 1.5 1.7 4.2 2.0 1.7 12.0 -1.57"
 FOUND = "0,2,100,150,200,220,3.5,1.5,1.7,4.2,2.0,1.7,12.0,-1.57,-1.5"
@@ -26,7 +33,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_sequence_in_our_records(folder):
-    car = read_sequence(folder, "0001")
+    car = read_kitti_sequence(folder, "0001")
     assert len(car) == FRAMES == len(car.truths) == len(car.world_from_ego)
     assert (car.name, car.detector, car.category) == ("0001", "toy", Category.CAR)
     assert car.image_size[0] <= IMAGE_SIZE[0]
@@ -40,17 +47,17 @@ def test_a_sequence_in_our_records(folder):
     np.testing.assert_allclose(truth.velocities, [[10, 0], [-8, 0]], atol=1e-4)
     np.testing.assert_allclose(truth.sizes[0], [4.2, 1.7, 1.5])
     np.testing.assert_allclose(truth.yaws, 0, atol=1e-6)
-    assert (truth.lidar_returns == UNKNOWN).all()
+    assert (truth.lidar_returns == NOT_COUNTED).all()
     np.testing.assert_allclose(truth.world_from_ego.translation, [EGO_SPEED_M_S * 0.5, 0, 0])
     assert (seen.scores > 0).all()
     assert (seen.scores < 1).all()
-    assert len(car.detected[frame]) == len(seen)
-    kinds = set(car.labelled[frame].types.tolist())
+    assert len(car.detection_rows[frame]) == len(seen)
+    kinds = set(car.label_rows[frame].types.tolist())
     assert {KittiType.CAR, KittiType.VAN, KittiType.DONT_CARE} <= kinds
 
 
 def test_detections_lie_on_the_truth_of_their_frame(folder):
-    car = read_sequence(folder, "0000")
+    car = read_kitti_sequence(folder, "0000")
     near = []
     for seen, truth in zip(car.detections, car.truths, strict=True):
         world = seen.moved(truth.world_from_ego, "world")
@@ -60,12 +67,12 @@ def test_detections_lie_on_the_truth_of_their_frame(folder):
 
 
 def test_pedestrians_are_another_class(folder):
-    walkers = read_sequence(folder, "0000", Category.PEDESTRIAN)
+    walkers = read_kitti_sequence(folder, "0000", Category.PEDESTRIAN)
     assert {i for truth in walkers.truths for i in truth.ids.tolist()} == {3}
     assert (walkers.detections[0].categories == Category.PEDESTRIAN).all()
-    assert all(not len(d) for d in read_sequence(folder, "0000", Category.CYCLIST).detections)
-    with pytest.raises(FormatError, match="truck; of: car, pedestrian, cyclist"):
-        read_sequence(folder, "0000", Category.TRUCK)
+    assert all(not len(d) for d in read_kitti_sequence(folder, "0000", Category.CYCLIST).detections)
+    with pytest.raises(FormatError, match="category truck; known: car, pedestrian, cyclist"):
+        read_kitti_sequence(folder, "0000", Category.TRUCK)
 
 
 def renumbered(folder, number: int, sequence: str, every: int = 1) -> int:
@@ -85,35 +92,37 @@ def test_cars_that_are_numbered_otherwise_are_refused(folder):
         rf"3 cyclist\), got {total} rows, all of class 1"
     )
     with pytest.raises(FormatError, match=said):
-        read_sequence(folder, "0000")
+        read_kitti_sequence(folder, "0000")
     with pytest.raises(FormatError, match=said):
         kitti_suite(folder)
 
 
 def test_rows_of_other_classes_are_counted_and_told(folder):
-    whole = read_sequence(folder, "0000")
-    assert whole.left_out == 0
+    whole = read_kitti_sequence(folder, "0000")
+    assert whole.other_class_rows == 0
     assert "left out" not in explanation(kitti_suite(folder), ["kitti car"])
     few = renumbered(folder, 3, "0000", every=4)
-    mixed = read_sequence(folder, "0000")
-    assert mixed.left_out == few
-    assert sum(map(len, mixed.detected)) == sum(map(len, whole.detected)) - few
-    rows = sum(map(len, whole.detected)) + sum(map(len, read_sequence(folder, "0001").detected))
+    mixed = read_kitti_sequence(folder, "0000")
+    assert mixed.other_class_rows == few
+    assert sum(map(len, mixed.detection_rows)) == sum(map(len, whole.detection_rows)) - few
+    rows = sum(map(len, whole.detection_rows)) + sum(
+        map(len, read_kitti_sequence(folder, "0001").detection_rows)
+    )
     said = f"{few} of {rows} rows in det_toy/Car are left out: their class is not car (1 ped"
     assert said in explanation(kitti_suite(folder), ["kitti car"])
 
 
 def test_a_file_without_the_class_is_fine_where_another_has_it(folder):
     every = renumbered(folder, 1, "0000")
-    alone = read_sequence(folder, "0000")
-    assert alone.left_out == every
+    alone = read_kitti_sequence(folder, "0000")
+    assert alone.other_class_rows == every
     assert all(not len(d) for d in alone.detections)
 
 
 def test_the_standard_folder_with_training_works_too(folder, tmp_path):
     (tmp_path / "standard").mkdir()
     folder.rename(tmp_path / "standard" / "training")
-    assert len(read_sequence(tmp_path / "standard", "0000")) == FRAMES
+    assert len(read_kitti_sequence(tmp_path / "standard", "0000")) == FRAMES
 
 
 def test_scores_keep_their_order():
@@ -130,11 +139,11 @@ def test_scores_that_are_shares_stay_as_they_are(folder):
         rows = [line.split(",") for line in path.read_text().splitlines()]
         lines = [",".join([*row[:6], "0.25", *row[7:]]) for row in rows]
         path.write_text("\n".join(lines))
-    assert set(read_sequence(folder, "0000").detections[0].scores.tolist()) == {0.25}
+    assert set(read_kitti_sequence(folder, "0000").detections[0].scores.tolist()) == {0.25}
     # One score beyond in another file, and none is taken for a share.
     other = folder / "det_toy" / "Pedestrian" / "0001.txt"
     other.write_text(other.read_text().replace("0.25", "1.25", 1))
-    mapped = read_sequence(folder, "0000").detections[0].scores
+    mapped = read_kitti_sequence(folder, "0000").detections[0].scores
     np.testing.assert_allclose(mapped, 1 / (1 + np.exp(-0.25)))
 
 
@@ -148,38 +157,38 @@ def test_folders_are_refused_by_name(folder, tmp_path):
     with pytest.raises(FormatError, match=r"expected SEQ.txt files, got none"):
         KittiFolder.find(tmp_path / "empty")
     with pytest.raises(FormatError, match=r"label_02/0009.txt: missing"):
-        read_sequence(folder, "0009")
+        read_kitti_sequence(folder, "0009")
     with pytest.raises(FormatError, match="no detector 'other'; known: toy"):
-        read_sequence(folder, "0000", detector="other")
+        read_kitti_sequence(folder, "0000", detector="other")
 
 
 @pytest.mark.parametrize("name", ["label_02", "calib", "det_toy/Car"])
 def test_a_missing_file_of_a_sequence_is_named(folder, name):
     (folder / name / "0000.txt").unlink()
     with pytest.raises(FormatError, match=f"{name}/0000.txt: missing; sequence 0000 needs it"):
-        read_sequence(folder, "0000")
+        read_kitti_sequence(folder, "0000")
 
 
 def test_missing_poses_and_too_few_are_refused(folder):
     path = folder / "ego_pose" / "0000.txt"
     lines = path.read_text().splitlines()
     path.write_text("\n".join(lines[:-1]) + "\n")
-    with pytest.raises(FormatError, match=r"each frame up to 29 of .*, got 29 poses"):
-        read_sequence(folder, "0000")
+    with pytest.raises(FormatError, match=r"each of the frames 0 to 29 of .*, got 29 poses"):
+        read_kitti_sequence(folder, "0000")
     path.write_text("")
     with pytest.raises(FormatError, match="got an empty file"):
-        read_sequence(folder, "0000")
+        read_kitti_sequence(folder, "0000")
     path.unlink()
     with pytest.raises(FormatError, match="no poses of sequence 0000; expected one of ego_pose"):
-        read_sequence(folder, "0000")
+        read_kitti_sequence(folder, "0000")
 
 
 def test_two_detectors_must_be_told_apart(folder):
     (folder / "det_toy").rename(folder / "det_a")
     (folder / "det_b").mkdir()
     with pytest.raises(FormatError, match="several detectors, name one: a, b"):
-        read_sequence(folder, "0000")
-    assert read_sequence(folder, "0000", detector="a").detector == "a"
+        read_kitti_sequence(folder, "0000")
+    assert read_kitti_sequence(folder, "0000", detector="a").detector == "a"
 
 
 @pytest.mark.parametrize(
@@ -187,21 +196,24 @@ def test_two_detectors_must_be_told_apart(folder):
     [
         (LABEL + " 0.5 7", r"expected 17 columns \(frame id type .*got '19 columns'"),
         (LABEL.rsplit(" ", 1)[0], "got '16 columns'"),
-        (LABEL.replace("12.0", "abc"), "a number as z, got 'abc'"),
-        (LABEL.replace("12.0", "nan"), "a finite z, got 'nan'"),
+        (LABEL.replace("12.0", "abc"), "z as a number, got 'abc'"),
+        (LABEL.replace("12.0", "nan"), "z as a finite number, got 'nan'"),
         (LABEL.replace("1.5 1.7 4.2", "1.5 -1.7 4.2"), "above 0, got '1.5 -1.7 4.2'"),
         (LABEL.replace("Car", "Lorry"), r"a type \(Car, Van, .*got 'Lorry'"),
-        ("-1" + LABEL[1:], "an integer frame of 0 or more, got '-1'"),
-        ("0.5" + LABEL[1:], "an integer frame of 0 or more, got '0.5'"),
-        (LABEL, "each id once in frame 0, got 'id 0 again'"),
+        ("-1" + LABEL[1:], "frame as an integer from 0 to 499999, got '-1'"),
+        ("0.5" + LABEL[1:], "frame as an integer from 0 to 499999, got '0.5'"),
+        (LABEL, "each id once in frame 0, got 'id 0 a second time'"),
         (LABEL.replace("200.0", "50.0"), "right >= left"),
-        (LABEL.replace("0 0", "0 1e300", 1), f"an integer id of at most {2**53 - 1}, got '1e300'"),
-        (LABEL.replace("0 0", "0 99999999999999999999", 1), "an integer id of at most"),
-        (LABEL.replace("0 0", f"0 {2**53}", 1), "an integer id of at most"),
-        ("1000000000000" + LABEL[1:], "an integer frame of at most 499999, got '1000000000000'"),
-        (LABEL.replace("Car 0 0", "Car 7 0"), "an integer truncated of at most 2, got '7'"),
-        (LABEL.replace("Car 0 0", "Car 0.5 0"), "an integer truncated of -1 or more, got '0.5'"),
-        (LABEL.replace("Car 0 0", "Car 0 9"), "an integer occluded of at most 3, got '9'"),
+        (
+            LABEL.replace("0 0", "0 1e300", 1),
+            f"id as an integer from -1 to {2**53 - 1}, got '1e300'",
+        ),
+        (LABEL.replace("0 0", "0 99999999999999999999", 1), "id as an integer from -1 to"),
+        (LABEL.replace("0 0", f"0 {2**53}", 1), "id as an integer from -1 to"),
+        ("1000000000000" + LABEL[1:], "frame as an integer from 0 to 499999, got '1000000"),
+        (LABEL.replace("Car 0 0", "Car 7 0"), "truncated as an integer from -1 to 2, got '7'"),
+        (LABEL.replace("Car 0 0", "Car 0.5 0"), "truncated as an integer from -1 to 2, got '0.5'"),
+        (LABEL.replace("Car 0 0", "Car 0 9"), "occluded as an integer from -1 to 3, got '9'"),
         (LABEL.replace("-1.57", "100"), r"rotation_y from -12.5664 to 12.5664 rad, got '100'"),
         (LABEL.replace("-1.5 ", "100 "), r"alpha from -12.5664 to 12.5664 rad, got '100'"),
         (LABEL.replace("12.0", "1e200"), r"x y z from -10000 to 10000 m, got '2.0 1.7 1e200'"),
@@ -212,12 +224,12 @@ def test_two_detectors_must_be_told_apart(folder):
 def test_malformed_labels_are_refused_with_their_line(tmp_path, line, said):
     path = tmp_path / "0000.txt"
     path.write_text(f"{LABEL}\n\n{line}\n")
-    if "again" not in said:
+    if "second" not in said:
         path.write_text(f"{LABEL.replace('0 0', '0 8', 1)}\n\n{line}\n")
     if "columns" in said:
         path.write_text(f"{line}\n")
     with pytest.raises(FormatError, match=said) as caught:
-        read_labels(path)
+        read_kitti_labels(path)
     assert f"{path}, line {1 if 'columns' in said else 3}: " in str(caught.value)
 
 
@@ -225,15 +237,15 @@ def test_rows_of_different_length_are_refused(tmp_path):
     path = tmp_path / "0000.txt"
     path.write_text(f"{LABEL} 0.5\n{LABEL.replace('0 0', '0 1', 1)}\n")
     with pytest.raises(FormatError, match="line 2: expected 18 columns as in the first line"):
-        read_labels(path, results=True)
+        read_kitti_labels(path, results=True)
 
 
 def test_frames_that_go_back_are_refused_in_labels_but_not_in_results(tmp_path):
     path = tmp_path / "0000.txt"
     path.write_text("3" + LABEL[1:] + "\n" + LABEL + "\n")
-    with pytest.raises(FormatError, match="line 2: expected frames that do not decrease"):
-        read_labels(path)
-    assert read_labels(path, results=True).frames.tolist() == [3, 0]
+    with pytest.raises(FormatError, match="line 2: expected a frame not below the"):
+        read_kitti_labels(path)
+    assert read_kitti_labels(path, results=True).frames.tolist() == [3, 0]
 
 
 @pytest.mark.parametrize(
@@ -242,20 +254,20 @@ def test_frames_that_go_back_are_refused_in_labels_but_not_in_results(tmp_path):
         (FOUND.replace(",", " "), "expected 15 columns"),
         (FOUND.replace("0,2,", "0,7,"), r"a class \(1 pedestrian, 2 car, 3 cyclist\), got '7'"),
         (FOUND.replace("1.5,1.7", "0,1.7"), "height, width and length above 0"),
-        (FOUND.replace("3.5", "high"), "a number as score, got 'high'"),
-        (FOUND.replace("12.0", "inf"), "a finite z"),
+        (FOUND.replace("3.5", "high"), "score as a number, got 'high'"),
+        (FOUND.replace("12.0", "inf"), "z as a finite number"),
         (FOUND.replace("12.0", "1e200"), "x y z from -10000 to 10000 m"),
         (FOUND.replace("200", "1e200"), "left top right bottom from"),
         (FOUND.replace("-1.57", "100"), "rotation_y from -12.5664 to 12.5664 rad, got '100'"),
-        ("1e12" + FOUND[1:], "an integer frame of at most 499999, got '1e12'"),
-        (FOUND.replace("0,2", "0,-1e300", 1), "an integer class, got '-1e300'"),
+        ("1e12" + FOUND[1:], "frame as an integer from 0 to 499999, got '1e12'"),
+        (FOUND.replace("0,2", "0,-1e300", 1), "class as an integer, got '-1e300'"),
     ],
 )
 def test_malformed_detections_are_refused(tmp_path, line, said):
     path = tmp_path / "0000.txt"
     path.write_text(f"{line}\n")
     with pytest.raises(FormatError, match=said) as caught:
-        read_detections(path)
+        read_kitti_detections(path)
     assert f"{path}, line 1" in str(caught.value)
 
 
@@ -271,31 +283,36 @@ def test_malformed_detections_are_refused(tmp_path, line, said):
 def test_what_trackers_leave_unknown_in_results_is_read(tmp_path, flat, truncated):
     path = tmp_path / "0000.txt"
     path.write_text(f"0 7 {flat} 0.9\n")
-    assert read_labels(path, results=True).truncated.tolist() == [truncated]
+    assert read_kitti_labels(path, results=True).truncated.tolist() == [truncated]
 
 
 def test_a_share_beyond_one_is_no_truncation(tmp_path):
     path = tmp_path / "0000.txt"
     path.write_text(LABEL.replace("Car 0 0", "Car 1.5 0"))
-    with pytest.raises(FormatError, match=r"line 1: expected a truncated of -1 to 2, or a share"):
-        read_labels(path, results=True)
+    with pytest.raises(FormatError, match=r"truncated as a level .* or as a share from 0 to 1"):
+        read_kitti_labels(path, results=True)
 
 
 def test_empty_and_windows_files_are_allowed(tmp_path):
     path = tmp_path / "0000.txt"
     path.write_bytes(b"")
-    assert len(read_detections(path)) == 0
+    assert len(read_kitti_detections(path)) == 0
     path.write_bytes((FOUND + "\r\n" + FOUND.replace("0,2", "4,2", 1) + "\r\n").encode())
-    assert read_detections(path).frames.tolist() == [0, 4]
+    assert read_kitti_detections(path).frames.tolist() == [0, 4]
     path.write_bytes(("\ufeff" + LABEL + "\r\n").encode())
-    assert read_labels(path).types.tolist() == [KittiType.CAR]
+    assert read_kitti_labels(path).types.tolist() == [KittiType.CAR]
 
 
 @pytest.mark.parametrize("junk", [b"\x89PNG\r\n\x1a\n\x00", b"0 0 Car\n\x00\x01\x02", b"\xff\xfe"])
 def test_binary_files_are_refused(tmp_path, junk):
     path = tmp_path / "0000.txt"
     path.write_bytes(junk)
-    for read in (read_labels, read_detections, read_calibration, read_poses):
+    for read in (
+        read_kitti_labels,
+        read_kitti_detections,
+        read_kitti_calibration,
+        read_kitti_poses,
+    ):
         with pytest.raises(FormatError, match="expected text, got binary data"):
             read(path)
 
@@ -304,7 +321,7 @@ def test_real_sequences_can_be_read():
     folder = os.environ.get("ROADSCOPE_KITTI")
     if not folder:
         pytest.skip("ROADSCOPE_KITTI names no folder of KITTI tracking data")
-    sequence = read_sequence(folder, KittiFolder.find(folder).sequences()[0])
+    sequence = read_kitti_sequence(folder, KittiFolder.find(folder).sequences()[0])
     near, turned = [], []
     for seen, truth in zip(sequence.detections, sequence.truths, strict=True):
         if len(seen) and len(truth):

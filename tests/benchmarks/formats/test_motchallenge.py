@@ -2,14 +2,8 @@ import numpy as np
 import pytest
 from toy_kitti import tracks_at
 
-from roadscope.benchmarks.formats import FormatError
-from roadscope.benchmarks.formats.motchallenge import (
-    mot_rows,
-    read_mot,
-    read_mot_sequence,
-    save_mot,
-)
 from roadscope.core import Category
+from roadscope.formats import FormatError, mot_rows, read_mot, read_mot_sequence, write_mot
 
 DET = "1,-1,100,50,40,80,0.9,-1,-1,-1"
 TRUE = "1,3,100,50,40,80,1,1,0.75"
@@ -38,21 +32,21 @@ def test_a_sequence_in_our_records(tmp_path):
     assert mot.detections[2].scores.tolist() == [0.2]
     assert mot.detections[2].stamp_s == pytest.approx(2 / 25)
     assert mot.detections[0].categories.tolist() == [Category.PEDESTRIAN]
-    assert mot.truth[0].visibilities.tolist() == [0.75]
-    assert mot.truth[1].classes.tolist() == [3]
+    assert mot.truth_rows[0].visibilities.tolist() == [0.75]
+    assert mot.truth_rows[1].classes.tolist() == [3]
 
 
 def test_without_seqinfo_the_files_say_how_long_it_is(tmp_path):
     mot = read_mot_sequence(write_sequence(tmp_path, (DET.replace("0.9", "3.5"),), info=False))
     assert len(mot.detections) == 1
-    assert mot.detected[0].confidences.tolist() == [3.5]
+    assert mot.detection_rows[0].confidences.tolist() == [3.5]
     assert mot.detections[0].scores[0] == pytest.approx(1 / (1 + np.exp(-3.5)))
 
 
 @pytest.mark.parametrize("world", [True, False])
 def test_results_come_back_within_printed_digits(tmp_path, world):
     frames = [mot_rows(tracks_at(CENTRES, frame="world"), t, BOXES + t) for t in (1, 2)]
-    save_mot(tmp_path / "a.txt", frames, world=world)
+    write_mot(tmp_path / "a.txt", frames, world=world)
     back = read_mot(tmp_path / "a.txt")
     assert back.frames.tolist() == [1, 1, 2, 2]
     assert back.ids.tolist() == [7, 8, 7, 8]
@@ -64,7 +58,7 @@ def test_results_come_back_within_printed_digits(tmp_path, world):
 
 
 def test_tracks_that_no_camera_saw_have_no_image_box(tmp_path):
-    save_mot(tmp_path / "a.txt", [mot_rows(tracks_at(CENTRES), 1)])
+    write_mot(tmp_path / "a.txt", [mot_rows(tracks_at(CENTRES), 1)])
     back = read_mot(tmp_path / "a.txt")
     assert (back.boxes == -1).all()
     np.testing.assert_allclose(back.points[:, 0], CENTRES[:, 0])
@@ -80,11 +74,12 @@ def test_trackeval_reads_our_results(tmp_path):
     (tmp_path / "gt" / "seqmaps" / "MOT17-train.txt").write_text("name\nA\n")
     out = tmp_path / "trackers" / "MOT17-train" / "mine" / "data"
     out.mkdir(parents=True)
-    save_mot(out / "A.txt", [mot_rows(tracks_at(CENTRES), t, BOXES) for t in (1, 2)])
+    write_mot(out / "A.txt", [mot_rows(tracks_at(CENTRES), t, BOXES) for t in (1, 2)])
     config = {
-        "GT_FOLDER": str(tmp_path / "gt"), "TRACKERS_FOLDER": str(tmp_path / "trackers"),
+        "GT_FOLDER": str(tmp_path / "gt"),
+        "TRACKERS_FOLDER": str(tmp_path / "trackers"),
         "PRINT_CONFIG": False,
-    }  # fmt: skip
+    }
     dataset = trackeval.datasets.MotChallenge2DBox(config)
     raw = dataset.get_raw_seq_data("mine", "A")
     assert raw["tracker_ids"][1].tolist() == [7, 8]
@@ -96,16 +91,16 @@ def test_trackeval_reads_our_results(tmp_path):
     ("line", "said"),
     [
         ("1,2,3", r"expected 7 columns \(frame id .*, got '3 columns'"),
-        (DET.replace("1,-1", "0,-1", 1), "an integer frame of 1 or more, got '0'"),
+        (DET.replace("1,-1", "0,-1", 1), "frame as an integer from 1 to 500000, got '0'"),
         (DET.replace("40,80", "40,-80"), "a width and height above 0, got '40 -80'"),
         (TRUE.replace(",1,0.75", ",14,0.75"), "a class from 1 to 13, got '14'"),
-        (TRUE.replace("0.75", "1.75"), "a visibility in 0 to 1"),
-        (TRUE.replace("100", "x"), "a number as left, got 'x'"),
-        (TRUE.replace("100", "1_00"), "a number as left, got '1_00'"),
+        (TRUE.replace("0.75", "1.75"), "a visibility from 0 to 1"),
+        (TRUE.replace("100", "x"), "left as a number, got 'x'"),
+        (TRUE.replace("100", "1_00"), "left as a number, got '1_00'"),
         (TRUE + "\n" + TRUE, "each id once in frame 1"),
-        (TRUE.replace("1,3", "1,1e300", 1), f"an integer id of at most {2**53 - 1}, got '1e300'"),
-        (TRUE.replace("1,3", "1,99999999999999999999", 1), "an integer id of at most"),
-        (DET.replace("1,-1", "1000000000000,-1", 1), "an integer frame of at most 500000, got"),
+        (TRUE.replace("1,3", "1,1e300", 1), f"id as an integer .* to {2**53 - 1}, got '1e300'"),
+        (TRUE.replace("1,3", "1,99999999999999999999", 1), "id as an integer from -1 to"),
+        (DET.replace("1,-1", "1000000000000,-1", 1), "frame as an integer from 1 to 500000, got"),
         (DET.replace("100", "1e200"), r"left top width height from -1e\+09 to 1e\+09 pixels"),
         (DET.replace("-1,-1,-1", "-1,-1,1e200"), r"x y z from -1e\+09 to 1e\+09 m"),
     ],
@@ -129,10 +124,12 @@ def test_malformed_sequences_are_refused(tmp_path):
     with pytest.raises(FormatError, match=r"gt.txt, line 2: expected a frame of at most 4, .*'5'"):
         read_mot_sequence(late)
     nobody = write_sequence(tmp_path / "D", true=(TRUE, TRUE.replace("1,3", "1,-1", 1)))
-    with pytest.raises(FormatError, match=r"gt.txt, line 2: expected an integer id of 0 or more"):
+    with pytest.raises(FormatError, match=r"gt.txt, line 2: expected id as an integer from 0"):
         read_mot_sequence(nobody)
     back = write_sequence(tmp_path / "B", (DET.replace("1,-1", "2,-1", 1), DET))
-    with pytest.raises(FormatError, match="line 2: expected frames that do not decrease"):
+    with pytest.raises(
+        FormatError, match="line 2: expected a frame not below the frame of the line before"
+    ):
         read_mot_sequence(back)
     (folder / "seqinfo.ini").write_text("frameRate=10")
     with pytest.raises(FormatError, match=r"expected \[Sequence\]"):
@@ -142,22 +139,22 @@ def test_malformed_sequences_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[Sequence]\nseqLength=-3", "line 2: expected seqLength as .* of 1 to 500000, got '-3'"),
+        ("[Sequence]\nseqLength=-3", "line 2: expected seqLength .* from 1 to 500000, got '-3'"),
         ("[Sequence]\nseqLength=0", ", line 2: expected seqLength as a whole"),
         ("[Sequence]\n\nseqLength=1000000000000", ", line 3: expected seqLength as a whole"),
         ("[Sequence]\nseqLength=many", ", line 2: expected seqLength .*, got 'many'"),
-        ("[Sequence]\nimWidth=0\nimHeight=4", ", line 2: expected imWidth as a whole number of 1 "),
+        ("[Sequence]\nimWidth=0\nimHeight=4", ", line 2: expected imWidth as a whole number from "),
         ("[Sequence]\nimWidth=4\nimHeight=-4", ", line 3: expected imHeight as .*, got '-4'"),
-        ("[Sequence]\nframeRate=0", ", line 2: expected frameRate as a number of 1e-06 to 1e"),
+        ("[Sequence]\nframeRate=0", ", line 2: expected frameRate as a number from 1e-06 to 1e"),
         ("[Sequence]\nframeRate=nan", ", line 2: expected frameRate as .*, got 'nan'"),
         ("[Sequence]\nframeRate=quick", ", line 2: expected frameRate as .*, got 'quick'"),
-        ("[Sequence]\nname=A\nNAME=A", ", line 3: expected NAME once, got 'NAME=A'"),
+        ("[Sequence]\nname=A\nNAME=A", ", line 3: expected the key NAME once, got 'NAME=A'"),
         ("[Sequence]\ngarbage", ", line 2: expected KEY=VALUE, got 'garbage'"),
         ("garbage\nmore", r", line 1: expected \[Sequence\] with seqLength .*, got 'garbage'"),
         ("[Other]\na=1", r": expected \[Sequence\] with seqLength and frameRate, got \[Other\]$"),
         ("", r": expected \[Sequence\] with seqLength and frameRate, got nothing$"),
     ],
-)  # fmt: skip
+)
 def test_a_malformed_seqinfo_is_refused_in_one_line(tmp_path, text, said):
     path = write_sequence(tmp_path, (DET,)) / "seqinfo.ini"
     path.write_text(text)
@@ -171,8 +168,8 @@ def test_frames_without_rows_are_one_record(tmp_path):
     path = write_sequence(tmp_path, (DET.replace("1,-1", "3,-1", 1),)) / "seqinfo.ini"
     path.write_text("[Sequence]\nseqLength=500000\n")
     mot = read_mot_sequence(tmp_path)
-    assert len(mot.detected) == len(mot.truth) == 500_000
-    assert len({id(rows) for rows in mot.detected}) == 2
+    assert len(mot.detection_rows) == len(mot.truth_rows) == 500_000
+    assert len({id(rows) for rows in mot.detection_rows}) == 2
     assert [t for t, found in enumerate(mot.detections) if len(found)] == [2]
     assert mot.detections[-1].stamp_s == pytest.approx(499_999 / 30)
 

@@ -5,9 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.formats.pcd import read_pcd
-from roadscope.benchmarks.formats.scan_folder import ScanFolder, read_scan
-from roadscope.benchmarks.formats.table import FormatError
+from roadscope.formats import FormatError, ScanFolder, read_pcd, read_scan
 
 ROWS = np.random.default_rng(0).uniform(1, 30, (40, 5)).astype(np.float32)
 ROWS[:, 3] /= 30
@@ -120,14 +118,14 @@ def test_stamps_of_no_known_unit_are_refused(tmp_path):
 BAD_PCD = {
     "no header": (b"points", "expected a PCD header"),
     "no x": (pcd("ascii", fields="a y z intensity t"), "line 3: expected fields x, y and z"),
-    "odd type": (pcd("ascii", kind="F F F F Q"), "line 5: expected types F of 4 or 8"),
-    "few sizes": (pcd("ascii", size="4 4 4 4"), "line 4: expected 5 values, one a field"),
+    "odd type": (pcd("ascii", kind="F F F F Q"), "line 5: expected TYPE F with SIZE 4 or 8"),
+    "few sizes": (pcd("ascii", size="4 4 4 4"), "line 4: expected 5 values, one per field"),
     "odd size": (pcd("ascii", size="4 4 4 4 x"), "line 4: expected a whole number"),
     "compressed": (pcd("binary_compressed"), "line 11: expected DATA ascii or DATA binary"),
     "cut off": (pcd("binary")[:-8], "expected 800 bytes after the header"),
     "lines lost": (pcd("ascii")[:-60], "expected 40 points"),
     "words": (pcd("ascii").replace(pcd("ascii").split(b"\n")[11], b"a b c d e"), "line 12: "),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD_PCD)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.formats.table import FormatError
-from roadscope.benchmarks.formats.trajectories import read_trajectory, trajectory_text
+from roadscope.benchmarks.formats.trajectories import trajectory_text
 from roadscope.core import Pose
+from roadscope.formats import FormatError, read_trajectory
 from roadscope.odometry.rigid import exp_se3
 
 
@@ -41,9 +41,9 @@ def test_tum_reads_comments_and_knows_which_line_is_wrong(tmp_path):
     [
         ("kitti", "1 0 0 0 0 1 0 0 0 0 1\n", "line 1: expected 12 columns"),
         ("kitti", "1 0 0 0 0 2 0 0 0 0 1 0\n", "line 1: expected a rotation"),
-        ("kitti", "1 0 0 0 0 1 0 0 0 0 1 x\n", "line 1: expected a number as t2"),
-        ("tum", "0 1 2 3 0 0 0 1\n1 1 2 nan 0 0 0 1\n", "line 2: expected a finite tz"),
-        ("tum", "0 1 2 3 0 0 0 2\n", "line 1: expected a unit quaternion"),
+        ("kitti", "1 0 0 0 0 1 0 0 0 0 1 x\n", "line 1: expected t2 as a number"),
+        ("tum", "0 1 2 3 0 0 0 1\n1 1 2 nan 0 0 0 1\n", "line 2: expected tz as a finite number"),
+        ("tum", "0 1 2 3 0 0 0 2\n", "line 1: expected a quaternion qx qy qz qw of length 1"),
         ("tum", "0 1 2 3 0 0 0\n", "line 1: expected 8 columns"),
         ("evo", "", "no format of trajectories 'evo'; known: kitti, tum"),
     ],

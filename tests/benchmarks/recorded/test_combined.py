@@ -13,7 +13,7 @@ from roadscope.benchmarks.recorded.combined import (
     combined_mota,
     nees_band,
 )
-from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
+from roadscope.benchmarks.recorded.scores import sequence_scores
 from roadscope.benchmarks.results.statistics import pooled_interval
 from roadscope.benchmarks.speed.metrics import as_trackeval
 from roadscope.metrics import TrackedSequence, clear, hota

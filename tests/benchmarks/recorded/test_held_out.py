@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from research.tracker_traits import main as fit
-from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
-from roadscope.benchmarks.formats.kitti_export import kitti_objects
-from roadscope.benchmarks.formats.kitti_folder import KittiFolder
-from roadscope.benchmarks.formats.kitti_objects import TYPE_OF
-from roadscope.benchmarks.formats.kitti_rules import judged
+from roadscope.benchmarks.formats.kitti_labels import DETECTED_TYPES
+from roadscope.benchmarks.recorded.rules import apply_kitti_rules
 from roadscope.core import Category
+from roadscope.formats import KittiFolder, KittiSequence, read_kitti_sequence
 from roadscope.metrics import TrackedSequence, hota
 from roadscope.trackers import TRACKERS, is_offline
 
@@ -49,12 +47,8 @@ def followed(spec: str, sequence: KittiSequence) -> TrackedSequence:
     told = [tracker.update(d, p) for d, p in zip(sequence.detections, poses, strict=True)]
     if is_offline(type(tracker)):
         told = tracker.rescored(told)
-    view = sequence.calibration.projection, sequence.image_size
-    rows = [
-        kitti_objects(tracks.sure, t, pose, *view)
-        for t, (tracks, pose) in enumerate(zip(told, poses, strict=True))
-    ]
-    return judged(sequence.labelled, rows, TYPE_OF[sequence.category])
+    rows = sequence.result_rows([tracks.sure for tracks in told])
+    return apply_kitti_rules(sequence.label_rows, rows, DETECTED_TYPES[sequence.category])
 
 
 def as_one(parts: list[TrackedSequence]) -> float:
@@ -74,7 +68,7 @@ def test_existence_leads_on_sequences_that_it_was_not_taught(folder, halves, cat
     for traits, held_out in halves:
         ours = {name: f"{name}?traits={traits}" for name in OURS}
         for name in held_out:
-            sequence = read_sequence(folder, name, category)
+            sequence = read_kitti_sequence(folder, name, category)
             for entry, spec in ({other: other for other in OTHERS} | ours).items():
                 scored.setdefault(entry, []).append(followed(spec, sequence))
     figures = {entry: as_one(parts) for entry, parts in scored.items()}

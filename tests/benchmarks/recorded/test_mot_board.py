@@ -11,13 +11,11 @@ from typer.testing import CliRunner
 
 from roadscope import Category, ImageDetections, Tracks, leaderboard
 from roadscope.__main__ import app
-from roadscope.benchmarks.formats.motchallenge import read_mot
-from roadscope.benchmarks.formats.table import FormatError
-from roadscope.benchmarks.recorded.image_plane import ImagePlane
-from roadscope.benchmarks.recorded.mot import mot_suite
+from roadscope.benchmarks import score_mot_results
+from roadscope.benchmarks.recorded.mot import ImagePlane, mot_suite
 from roadscope.benchmarks.recorded.recording import recordings_of
-from roadscope.benchmarks.recorded.result_files import score_mot_results
 from roadscope.benchmarks.run import plan
+from roadscope.formats import FormatError, read_mot
 
 TRACKERS = ["nearest", "gnn", "existence"]
 FRAMES = 40
@@ -108,7 +106,7 @@ def test_the_command_writes_board_and_tracks_that_score_the_same(results, tmp_pa
     [
         ("det/det.txt", "1,-1,10,10,abc,20,0.9", "number"),
         ("det/det.txt", "1,-1,10,10,-5,20,0.9", "a width and height above 0"),
-        ("gt/gt.txt", "0,1,10,10,5,20,1,1,1", "1 or more"),
+        ("gt/gt.txt", "0,1,10,10,5,20,1,1,1", "from 1 to 500000"),
         ("gt/gt.txt", "1,9,10,10,5,20,1,99,1", "a class from 1 to 13"),
     ],
 )
@@ -183,13 +181,13 @@ def test_flat_boxes_come_back_as_they_were(given_boxes, image_size):
         0.0,
     )
     plane = ImagePlane.of([replace(found, stamp_s=1.0)], image_size)
-    flat = plane.laid_flat(found)
+    flat = plane.boxes_on_plane(found)
     assert np.median(flat.sizes[:, 0]) == pytest.approx(1.7)
-    assert plane.boxes(Tracks.of(flat, np.arange(n))) == pytest.approx(found.boxes, abs=1e-6)
+    assert plane.image_boxes(Tracks.of(flat, np.arange(n))) == pytest.approx(found.boxes, abs=1e-6)
 
 
 def test_only_people_are_followed():
     kinds = np.array([Category.PEDESTRIAN, Category.CAR], np.int8)
     boxes = np.array([[0, 0, 40, 100], [100, 0, 240, 60.0]])
     found = ImageDetections(boxes, kinds, np.full(2, 0.9), 0.0)
-    assert len(ImagePlane.of([found], None).laid_flat(found)) == 1
+    assert len(ImagePlane.of([found], None).boxes_on_plane(found)) == 1

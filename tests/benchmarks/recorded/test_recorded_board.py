@@ -16,7 +16,6 @@ from roadscope.__main__ import app
 from roadscope.benchmarks.boards import board_named
 from roadscope.benchmarks.boards.board import JobOptions
 from roadscope.benchmarks.boards.tracking import OFFLINE
-from roadscope.benchmarks.formats import FormatError, read_sequence
 from roadscope.benchmarks.graph import run_jobs
 from roadscope.benchmarks.loop import RunOptions
 from roadscope.benchmarks.metrics.score import Score
@@ -30,6 +29,7 @@ from roadscope.benchmarks.run import agreements, plan
 from roadscope.benchmarks.speed.trackers import own_trackers
 from roadscope.benchmarks.store import Outcome
 from roadscope.core import SpecError
+from roadscope.formats import FormatError, read_kitti_sequence
 from roadscope.trackers import NearestTracker
 
 TRACKERS = ["nearest", "nearest-q", "nearest-q-confirmed"]
@@ -230,7 +230,7 @@ def test_trackers_get_the_detections_of_the_file_bit_for_bit(folder, monkeypatch
     monkeypatch.setattr(NearestTracker, "update", watched)
     job = plan_of(kitti_suite(folder), ["nearest"], only=True).jobs[0]
     job.answers.compute(RunOptions())
-    assert tuple(received) == read_sequence(folder, "0000").detections
+    assert tuple(received) == read_kitti_sequence(folder, "0000").detections
 
 
 def test_two_detectors_are_told_apart(folder):
@@ -287,7 +287,10 @@ NOBODY = "label_02: expected labels of Car, Pedestrian, Cyclist"
         (b"0 1 Tram 0 0 -1.8 9 9 60 60 3 2 9 1 2 30 1.6", NOBODY),
         (b"\x00\xff\xfe" * 30, "0000.txt, line 1: expected text, got binary data"),
         (b"0 1 Tram", r"0000.txt, line 1: expected 17 columns .*, got '3 columns'"),
-        (b"0,1,Car,0,0", "0000.txt, line 1: expected 17 col.* got '1 column between white space'"),
+        (
+            b"0,1,Car,0,0",
+            r"0000.txt, line 1: expected 17 col.* got '1 column .* at white space'",
+        ),
     ],
 )
 def test_labels_of_nobody_who_is_tracked_are_refused(content, said, folder, tmp_path):
@@ -302,11 +305,11 @@ def test_detections_elsewhere_or_between_spaces_are_told_as_such(folder):
     path = folder / "det_toy" / "Car" / "0000.txt"
     commas = path.read_text()
     path.write_text(commas.replace(",", " "))
-    with pytest.raises(FormatError, match=r"line 1: expected 15 col.* got '1 column between comm"):
-        read_sequence(folder, "0000")
+    with pytest.raises(FormatError, match=r"line 1: expected 15 col.* got '1 column .* at commas"):
+        read_kitti_sequence(folder, "0000")
     path.write_text(commas.replace(",", ";", 3))
     with pytest.raises(FormatError, match=r"line 1: expected 15 col.* got '12 columns'"):
-        read_sequence(folder, "0000")
+        read_kitti_sequence(folder, "0000")
     (folder / "det_toy").rename(folder / "found")
     (folder / "det_toy" / "car").mkdir(parents=True)
     (folder / "det_toy" / "car" / "0000.txt").write_text(commas)

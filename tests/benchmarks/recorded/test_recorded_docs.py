@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from roadscope.benchmarks.formats.kitti import read_sequence
-from roadscope.benchmarks.formats.kitti_objects import (
+from roadscope.benchmarks.formats.kitti_labels import (
     CLASS_IDS,
     DETECTION_COLUMNS,
     LABEL_COLUMNS,
@@ -19,6 +18,7 @@ from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.recording import recordings_of
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.commands import leaderboard
+from roadscope.formats import read_kitti_sequence
 
 PAGE = Path(__file__).parents[3] / "docs" / "recorded-data.md"
 BLOCKS = dict(re.findall(r"<!-- (.+?) -->\n```\w+\n(.*?)```", PAGE.read_text(), re.DOTALL))
@@ -55,8 +55,8 @@ def test_help_names_the_same_columns() -> None:
 
 def test_example_of_kitti_is_read_as_the_page_says(folder: Path) -> None:
     assert [r.category for r in recordings_of(kitti_suite(folder))] == ["car"]
-    sequence = read_sequence(folder, "0000")
-    seen, boxed = sequence.detections[0], sequence.detected[0]
+    sequence = read_kitti_sequence(folder, "0000")
+    seen, boxed = sequence.detections[0], sequence.detection_rows[0]
     assert boxed.boxes[0].tolist() == [296.7, 161.8, 455.2, 292.4]
     assert boxed.scores[0] == 9.2
     assert seen.sizes[0].tolist() == [3.88, 1.63, 1.53]

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.formats import read_sequence
-from roadscope.benchmarks.recorded.kitti_scores import kitti_scores
+from roadscope.benchmarks.recorded.scores import kitti_scores
 from roadscope.core import Tracks, TrackState
+from roadscope.formats import read_kitti_sequence
 
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
-    return read_sequence(write_kitti(tmp_path_factory.mktemp("kitti")), "0000")
+    return read_kitti_sequence(write_kitti(tmp_path_factory.mktemp("kitti")), "0000")
 
 
 def told(sequence, off_m=0.3, turned=0.0, variance=0.045, backwards=False):
@@ -25,12 +25,19 @@ def told(sequence, off_m=0.3, turned=0.0, variance=0.045, backwards=False):
         order = np.arange(n)[::-1] if backwards else np.arange(n)
         records.append(
             Tracks(
-                truth.ids[order] + 100, truth.centres[order] + [off_m, 0, 0], truth.sizes[order],
-                truth.yaws[order] + turned, truth.velocities[order],
-                np.tile(variance * np.eye(4), (n, 1, 1)), truth.categories[order], np.ones(n),
-                np.full(n, TrackState.CONFIRMED), "world", truth.stamp_s,
+                truth.ids[order] + 100,
+                truth.centres[order] + [off_m, 0, 0],
+                truth.sizes[order],
+                truth.yaws[order] + turned,
+                truth.velocities[order],
+                np.tile(variance * np.eye(4), (n, 1, 1)),
+                truth.categories[order],
+                np.ones(n),
+                np.full(n, TrackState.CONFIRMED),
+                "world",
+                truth.stamp_s,
             )
-        )  # fmt: skip
+        )
     return records
 
 
@@ -77,11 +84,13 @@ def test_only_averages_over_recall_take_tentative_tracks(sequence):
     sure, unsure = told(sequence), told(sequence)
     unsure = [
         replace(
-            tracks, ids=tracks.ids + 1000, scores=np.full(len(tracks), 0.1),
+            tracks,
+            ids=tracks.ids + 1000,
+            scores=np.full(len(tracks), 0.1),
             states=np.full(len(tracks), TrackState.TENTATIVE),
         )
         for tracks in unsure
-    ]  # fmt: skip
+    ]
     half = len(sure) // 2
     shown = sure[:half] + [tracks.sure for tracks in unsure[half:]]
     every = sure[:half] + unsure[half:]

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.formats import FormatError
-from roadscope.benchmarks.formats.mot_rules import mot_judged
-from roadscope.benchmarks.formats.motchallenge import by_frame, read_mot
+from roadscope.benchmarks import score_kitti_results, score_mot_results
 from roadscope.benchmarks.recorded import result_files
-from roadscope.benchmarks.recorded.result_files import score_kitti_results, score_mot_results
+from roadscope.benchmarks.recorded.rules import apply_mot_rules
 from roadscope.core import Category
+from roadscope.formats import FormatError, read_mot
 
 A, B, C = "100,50,40,80", "300,50,40,80", "500,50,40,80"
 
@@ -82,7 +81,7 @@ def test_of_kitti_the_class_asked_for_counts(tmp_path):
 
 def test_malformed_files_are_refused_with_their_line(tmp_path):
     truth, results = example(tmp_path, ONE + "2,8,x,1,1,1,1,-1,-1,-1\n")
-    with pytest.raises(FormatError, match=r"MOT17-02.txt, line 3: expected a number as left"):
+    with pytest.raises(FormatError, match=r"MOT17-02.txt, line 3: expected left as a number"):
         score_mot_results(truth.parents[1], results)
     results.write_text(mot_lines(f"9,7,{A}", tail=",0.9,-1,-1,-1"))
     said = r"mine/MOT17-02.txt, line 1: expected a frame of at most 2, the last of .*02, got '9'"
@@ -113,7 +112,7 @@ def test_ids_may_be_as_large_as_they_can_be_told_apart(number, tmp_path):
 def test_without_ground_truth_there_is_nothing_to_score_by(tmp_path):
     truth, results = example(tmp_path, ONE)
     truth.unlink()
-    with pytest.raises(FormatError, match=r"gt.txt: missing; nothing to score by"):
+    with pytest.raises(FormatError, match=r"gt.txt: missing; scores need ground truth"):
         score_mot_results(truth.parents[1], results)
 
 
@@ -143,13 +142,14 @@ def test_the_same_sequence_as_trackevals(seed, tmp_path):
     (out / "A.txt").write_text(mot_lines(*told))
     dataset = trackeval.datasets.MotChallenge2DBox(
         {
-            "GT_FOLDER": str(tmp_path / "gt"), "TRACKERS_FOLDER": str(tmp_path / "trackers"),
+            "GT_FOLDER": str(tmp_path / "gt"),
+            "TRACKERS_FOLDER": str(tmp_path / "trackers"),
             "PRINT_CONFIG": False,
         }
-    )  # fmt: skip
+    )
     wanted = dataset.get_preprocessed_seq_data(dataset.get_raw_seq_data("mine", "A"), "pedestrian")
-    rows = (by_frame(read_mot(path), 12) for path in (gt / "gt" / "gt.txt", out / "A.txt"))
-    ours = mot_judged(*rows)
+    rows = (read_mot(path).by_frame(12) for path in (gt / "gt" / "gt.txt", out / "A.txt"))
+    ours = apply_mot_rules(*rows)
     assert len(ours.truths) == wanted["num_gt_dets"] < 12 * 8
     assert len(ours.tracks) == wanted["num_tracker_dets"] < len(told)
     for alike, theirs in zip(

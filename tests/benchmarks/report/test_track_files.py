@@ -8,15 +8,13 @@ from typer.testing import CliRunner
 from roadscope import leaderboard
 from roadscope.__main__ import app
 from roadscope.benchmarks.cache import FolderError
-from roadscope.benchmarks.formats import read_sequence
-from roadscope.benchmarks.formats.kitti_objects import KittiType, read_labels
-from roadscope.benchmarks.formats.kitti_rules import judged
-from roadscope.benchmarks.formats.motchallenge import read_mot
 from roadscope.benchmarks.loop import RunOptions
-from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
+from roadscope.benchmarks.recorded.rules import apply_kitti_rules
+from roadscope.benchmarks.recorded.scores import sequence_scores
 from roadscope.benchmarks.recorded.suite import kitti_suite
 from roadscope.benchmarks.report.track_files import folder_names, save_tracks
 from roadscope.benchmarks.run import plan
+from roadscope.formats import KittiType, read_kitti_labels, read_kitti_sequence, read_mot
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +43,10 @@ def test_the_command_writes_both_formats(folder, tmp_path):
 def test_what_is_written_scores_as_the_board_says(folder, tmp_path):
     jobs = jobs_of(folder, "nearest")
     assert save_tracks(jobs, tmp_path) == []
-    rows = read_labels(tmp_path / "kitti" / "nearest" / "0000.txt", results=True)
+    rows = read_kitti_labels(tmp_path / "kitti" / "nearest" / "0000.txt", results=True)
     assert set(rows.types.tolist()) == {KittiType.CAR, KittiType.PEDESTRIAN}
-    sequence = read_sequence(folder, "0000")
-    counted = judged(sequence.labelled, rows.by_frame(FRAMES), KittiType.CAR)
+    sequence = read_kitti_sequence(folder, "0000")
+    counted = apply_kitti_rules(sequence.label_rows, rows.by_frame(FRAMES), KittiType.CAR)
     job = next(j for j in jobs if j.episode.category == "car")
     scores = job.board.score(job, job.answers.read(), RunOptions())
     for metric, score in sequence_scores(counted, 0.5).items():
@@ -74,7 +72,7 @@ def test_a_run_and_its_track_files_call_a_tracker_once_a_sequence(folder, tmp_pa
 
 def test_both_formats_hold_the_same_boxes_and_no_id_is_of_two_classes(folder, tmp_path):
     save_tracks(jobs_of(folder, "nearest"), tmp_path)
-    rows = read_labels(tmp_path / "kitti" / "nearest" / "0001.txt", results=True)
+    rows = read_kitti_labels(tmp_path / "kitti" / "nearest" / "0001.txt", results=True)
     cars = rows.ids[rows.types == KittiType.CAR]
     people = rows.select(rows.types == KittiType.PEDESTRIAN)
     assert not set(cars.tolist()) & set(people.ids.tolist())

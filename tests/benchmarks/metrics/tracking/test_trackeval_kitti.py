@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from test_trackeval_parity import check
 
-from roadscope.benchmarks.formats.kitti import KittiSequence, read_sequence
-from roadscope.benchmarks.formats.kitti_folder import KittiFolder
 from roadscope.benchmarks.metrics.matching import centre_distances, image_overlaps
 from roadscope.benchmarks.metrics.tracking.sequence import SIMILARITIES
 from roadscope.core import Detections, Tracks, TrackState
+from roadscope.formats import KittiFolder, KittiSequence, read_kitti_sequence
 from roadscope.metrics import TrackedSequence, clear, tracked_sequence
 
 LINK_M = 2.0
@@ -58,9 +57,10 @@ def as_tracks(found: Detections, ids: np.ndarray) -> Tracks:
 def in_the_image(real: KittiSequence, ids: list[np.ndarray]) -> TrackedSequence:
     labels = [
         rows.select(np.isin(rows.ids, truth.ids))
-        for rows, truth in zip(real.labelled, real.truths, strict=True)
+        for rows, truth in zip(real.label_rows, real.truths, strict=True)
     ]
-    alike = [image_overlaps(a.boxes, b.boxes) for a, b in zip(labels, real.detected, strict=True)]
+    pairs = zip(labels, real.detection_rows, strict=True)
+    alike = [image_overlaps(a.boxes, b.boxes) for a, b in pairs]
     return TrackedSequence.of([rows.ids for rows in labels], ids, alike)
 
 
@@ -69,7 +69,9 @@ def recordings(count: int | None) -> list[KittiSequence]:
     folder = os.environ.get("ROADSCOPE_KITTI")
     if folder is None:
         pytest.skip("ROADSCOPE_KITTI names no folder of KITTI tracking data")
-    return [read_sequence(folder, name) for name in KittiFolder.find(folder).sequences()[:count]]
+    return [
+        read_kitti_sequence(folder, name) for name in KittiFolder.find(folder).sequences()[:count]
+    ]
 
 
 @pytest.mark.parametrize("count", [2, pytest.param(None, marks=pytest.mark.slow)])

@@ -5,10 +5,10 @@ import pytest
 
 from roadscope.benchmarks.drive import drive, imu_mounting
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.formats.scan_folder import ScanFolder
-from roadscope.benchmarks.formats.scan_layout import BEAM, rings_and_columns
+from roadscope.benchmarks.formats.scan_folder import MAX_BEAM_HEIGHT_RAD, rings_and_columns
 from roadscope.benchmarks.odometry_runner import RecordedImu, folder_estimates
 from roadscope.core import ImuSamples
+from roadscope.formats import ScanFolder
 from roadscope.odometry import ODOMETRIES
 
 DRIVE = Episode("two-way", 17, "vlp16-imu", 2.5)
@@ -36,7 +36,9 @@ def test_where_there_are_no_gaps_bands_stand_for_beams():
     points, _ = cone(np.arange(-15, 16, 2.0), np.random.default_rng(0), jitter_deg=1.0)
     ring, _ = rings_and_columns(points)
     elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
-    assert all(np.ptp(elevation[ring == each]) <= BEAM + 1e-9 for each in np.unique(ring))
+    assert all(
+        np.ptp(elevation[ring == each]) <= MAX_BEAM_HEIGHT_RAD + 1e-9 for each in np.unique(ring)
+    )
     assert len(np.unique(ring)) > 60
 
 
@@ -47,8 +49,9 @@ def recorded(tmp_path_factory):
     steps = list(drive(DRIVE))
     for k, step in enumerate(steps):
         scan = step.scan
-        np.save(folder / f"{k}.npy",
-                np.column_stack([scan.points, scan.intensity, scan.time_offset_s]))  # fmt: skip
+        np.save(
+            folder / f"{k}.npy", np.column_stack([scan.points, scan.intensity, scan.time_offset_s])
+        )
     stamps = "".join(f"{step.scan.stamp_s:.6f}\n" for step in steps)
     (folder / "times.txt").write_text(stamps)
     blocks = [step.imu for step in steps if step.imu is not None]

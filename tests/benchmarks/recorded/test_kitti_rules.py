@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 from toy_kitti import write_kitti
 
-from roadscope.benchmarks.formats import KittiFolder, read_sequence
-from roadscope.benchmarks.formats.kitti_export import kitti_objects, save_results
-from roadscope.benchmarks.formats.kitti_objects import KittiObjects, KittiType, read_labels
-from roadscope.benchmarks.formats.kitti_rules import SIMILARITIES, judged
+from roadscope.benchmarks.recorded.rules import SIMILARITIES, apply_kitti_rules
 from roadscope.core import Category, TrackState
+from roadscope.formats import (
+    KittiFolder,
+    KittiObjects,
+    KittiType,
+    kitti_objects,
+    read_kitti_labels,
+    read_kitti_sequence,
+    write_kitti_results,
+)
 from roadscope.metrics import clear, hota, identity
 from roadscope.trackers import TRACKERS
 
@@ -24,12 +30,18 @@ def rows(*boxes, types=KittiType.CAR, ids=None, truncated=0, occluded=0):
     """Objects of frame 0 with these image boxes; 3-D boxes in a row 20 m apart."""
     n = len(boxes)
     return KittiObjects(
-        np.zeros(n, np.int64), np.arange(n) if ids is None else np.array(ids),
-        np.broadcast_to(types, n), np.broadcast_to(truncated, n), np.broadcast_to(occluded, n),
-        np.zeros(n), np.array(boxes, float).reshape(n, 4), np.tile([4.0, 2.0, 1.5], (n, 1)),
-        np.column_stack([np.zeros(n), np.zeros(n), 20.0 * (1 + np.arange(n))]), np.zeros(n),
+        np.zeros(n, np.int64),
+        np.arange(n) if ids is None else np.array(ids),
+        np.broadcast_to(types, n),
+        np.broadcast_to(truncated, n),
+        np.broadcast_to(occluded, n),
+        np.zeros(n),
+        np.array(boxes, float).reshape(n, 4),
+        np.tile([4.0, 2.0, 1.5], (n, 1)),
+        np.column_stack([np.zeros(n), np.zeros(n), 20.0 * (1 + np.arange(n))]),
+        np.zeros(n),
         np.ones(n),
-    )  # fmt: skip
+    )
 
 
 A, B, C = (0, 0, 100, 100), (200, 0, 300, 100), (400, 0, 500, 100)
@@ -38,7 +50,7 @@ SMALL = (600, 0, 640, 25)
 
 def count(labels, tracks, kind=KittiType.CAR, similarity="iou_2d"):
     """Objects and tracks that are left of one frame."""
-    sequence = judged([labels], [tracks], kind, similarity)
+    sequence = apply_kitti_rules([labels], [tracks], kind, similarity)
     return sequence.truth_ids.tolist(), sequence.track_ids.tolist()
 
 
@@ -54,9 +66,13 @@ def test_vans_are_distractors_of_cars_and_sitting_people_of_pedestrians():
 
 @pytest.mark.parametrize(
     ("change", "counts"),
-    [({"occluded": 2}, True), ({"occluded": 3}, False),
-     ({"truncated": 0}, True), ({"truncated": 1}, False)],
-)  # fmt: skip
+    [
+        ({"occluded": 2}, True),
+        ({"occluded": 3}, False),
+        ({"truncated": 0}, True),
+        ({"truncated": 1}, False),
+    ],
+)
 def test_what_is_hidden_or_cut_off_is_a_distractor(change, counts):
     assert count(rows(A, **change), rows(A)) == (([0], [0]) if counts else ([], []))
 
@@ -85,14 +101,18 @@ def test_matching_rules_hold_for_every_similarity(similarity):
 def test_centres_at_the_gate_are_half_alike():
     labels, tracks = rows(A), rows(A)
     aside = replace(tracks, bottoms=tracks.bottoms + np.array([2.0, 5.0, 0.0]))
-    assert judged([labels], [aside], KittiType.CAR, "centre").similarities[0] == pytest.approx(0.5)
-    assert judged([labels], [aside], KittiType.CAR, "centre").distances_m[0] == pytest.approx(2)
-    assert judged([labels], [aside], KittiType.CAR, "iou_3d").similarities[0] == 0
+    assert apply_kitti_rules([labels], [aside], KittiType.CAR, "centre").similarities[
+        0
+    ] == pytest.approx(0.5)
+    assert apply_kitti_rules([labels], [aside], KittiType.CAR, "centre").distances_m[
+        0
+    ] == pytest.approx(2)
+    assert apply_kitti_rules([labels], [aside], KittiType.CAR, "iou_3d").similarities[0] == 0
 
 
 def followed(folder: Path, name: str, category: Category, out: Path) -> None:
     """Track one class of a sequence and write the results."""
-    sequence = read_sequence(folder, name, category)
+    sequence = read_kitti_sequence(folder, name, category)
     tracker = TRACKERS.make("nearest-q-confirmed")
     tracker.reset()
     frames = []
@@ -104,7 +124,7 @@ def followed(folder: Path, name: str, category: Category, out: Path) -> None:
         sure = tracks.ids[tracks.states != TrackState.TENTATIVE]
         frames.append(found.select(np.isin(found.ids, sure)))
     out.mkdir(parents=True, exist_ok=True)
-    save_results(out / f"{name}.txt", frames)
+    write_kitti_results(out / f"{name}.txt", frames)
 
 
 def assert_as_trackeval(folder: Path, names: list[str], lengths: list[int], work: Path) -> None:
@@ -124,19 +144,24 @@ def assert_as_trackeval(folder: Path, names: list[str], lengths: list[int], work
         for name, length in zip(names, lengths, strict=True):
             raw = dataset.get_raw_seq_data("mine", name)
             data = dataset.get_preprocessed_seq_data(raw, word)
-            labels = read_labels(folder / "label_02" / f"{name}.txt").by_frame(length)
-            result = read_labels(work / word / "mine" / "data" / f"{name}.txt", results=True)
-            ours = judged(labels, result.by_frame(length), KINDS[category])
+            labels = read_kitti_labels(folder / "label_02" / f"{name}.txt").by_frame(length)
+            result = read_kitti_labels(work / word / "mine" / "data" / f"{name}.txt", results=True)
+            ours = apply_kitti_rules(labels, result.by_frame(length), KINDS[category])
             assert_same_scores(trackeval.metrics, data, ours, quiet)
 
 
 def assert_same_scores(metrics, data, ours, quiet) -> None:
     assert (len(ours.truth_ids), len(ours.track_ids)) == (
-        data["num_gt_dets"], data["num_tracker_dets"],
-    )  # fmt: skip
+        data["num_gt_dets"],
+        data["num_tracker_dets"],
+    )
     theirs, mine = metrics.HOTA().eval_sequence(data), hota(ours)
-    for key, value in (("HOTA", mine.hota), ("DetA", mine.det_a), ("AssA", mine.ass_a),
-                       ("LocA", mine.loc_a)):  # fmt: skip
+    for key, value in (
+        ("HOTA", mine.hota),
+        ("DetA", mine.det_a),
+        ("AssA", mine.ass_a),
+        ("LocA", mine.loc_a),
+    ):
         np.testing.assert_allclose(value, theirs[key], atol=1e-9)
     theirs, mine = metrics.CLEAR(quiet).eval_sequence(data), clear(ours)
     assert mine.id_switches == theirs["IDSW"]
