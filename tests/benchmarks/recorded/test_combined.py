@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from research.speed_metrics import as_trackeval
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.tracking.alphas import ALPHA_BANDS, BY_ALPHA
 from roadscope.benchmarks.metrics.tracking.clear import clear
@@ -18,7 +19,6 @@ from roadscope.benchmarks.recorded.combined import (
 )
 from roadscope.benchmarks.recorded.kitti_scores import sequence_scores
 from roadscope.benchmarks.results.statistics import pooled_interval
-from roadscope.benchmarks.speed.metrics import as_trackeval
 
 
 def random_sequence(seed: int, objects: int = 4, frames: int = 20) -> TrackedSequence:

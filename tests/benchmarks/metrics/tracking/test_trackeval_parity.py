@@ -8,11 +8,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from toy_sequences import sequence, wandering
 
+from research.speed_metrics import as_trackeval
 from roadscope.benchmarks.metrics.tracking.clear import clear
 from roadscope.benchmarks.metrics.tracking.hota import hota
 from roadscope.benchmarks.metrics.tracking.identity import identity
 from roadscope.benchmarks.metrics.tracking.sequence import TrackedSequence
-from roadscope.benchmarks.speed.metrics import as_trackeval
 
 theirs = pytest.importorskip("trackeval.metrics")
 
