@@ -20,7 +20,7 @@ import numpy as np
 from roadscope import CAMERA_DETECTORS, Detections, Episode, ImageDetections
 from roadscope.benchmarks.metrics.fusion import FALSE, IGNORED, judge
 from roadscope.benchmarks.noisy_camera import FAMILY
-from roadscope.benchmarks.papers.li2021_scene import Moment, film
+from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.fusion import weights
 from roadscope.fusion.assembly import Views, assemble
 from roadscope.fusion.candidates import (
@@ -54,9 +54,9 @@ Table = dict[str, list[object]]
 """One section of the file: lists of numbers by name."""
 
 
-def sensed_moments(seeds: Sequence[int]) -> list[Moment]:
+def sensed_moments(seeds: Sequence[int]) -> list[SensorPair]:
     """Sense all scenarios with all rigs: clear days, and by turns night and fog."""
-    moments: list[Moment] = []
+    moments: list[SensorPair] = []
     network = CAMERA_DETECTORS.make("network")
     for seed, scenario, rig in product(seeds, SCENARIOS, RIGS):
         for hard in (False, True):
@@ -64,12 +64,12 @@ def sensed_moments(seeds: Sequence[int]) -> list[Moment]:
             episode = Episode(scenario, seed, rig, DURATION_S, "fog-3" if fog else "clear")
             by_imitation = replace(episode, light="night" if night else "day")
             by_network = replace(episode, faults=("night:2",)) if night else episode
-            moments += film(by_imitation, every=SCAN_STRIDE)
-            moments += film(by_network, every=SCAN_STRIDE, detector=network)
+            moments += sense_pairs(by_imitation, every=SCAN_STRIDE)
+            moments += sense_pairs(by_network, every=SCAN_STRIDE, detector=network)
     return moments
 
 
-def fitted_weights(moments: Sequence[Moment]) -> dict[str, object]:
+def fitted_weights(moments: Sequence[SensorPair]) -> dict[str, object]:
     """Fit one after the other: classes of clusters, the camera's reliability, all candidates."""
     table: dict[str, object] = {"lidar_classes": fitted_classes(moments)}
     _use(table)
@@ -87,7 +87,7 @@ def fitted_weights(moments: Sequence[Moment]) -> dict[str, object]:
     return table
 
 
-def fitted_classes(moments: Sequence[Moment]) -> Table:
+def fitted_classes(moments: Sequence[SensorPair]) -> Table:
     """Return multinomial weights of vehicle, cyclist, pedestrian and nothing."""
     parts, labels = [], []
     detector = ClusterBoxes()
@@ -127,7 +127,7 @@ class Standardised:
         return {"mean": rounded(self.mean), "spread": rounded(self.spread)}
 
 
-def labels_of(shapes: np.ndarray, moment: Moment) -> np.ndarray:
+def labels_of(shapes: np.ndarray, moment: SensorPair) -> np.ndarray:
     """Return the (N,) family of the road user in whose box a cluster lies, `NOTHING` or `UNKNOWN`.
 
     shapes: (N, ...) boxes of clusters, x and y first, ego frame.
@@ -166,7 +166,7 @@ class SensorView(NamedTuple):
     features: np.ndarray
 
 
-def fitted_alone(moments: Sequence[Moment], lidar: Sequence[Detections]) -> AloneWeights:
+def fitted_alone(moments: Sequence[SensorPair], lidar: Sequence[Detections]) -> AloneWeights:
     """Fit weights of LiDAR alone and of the camera's masses, and which family is taken for which.
 
     A target of LiDAR alone has to be one that counts. The camera's masses say whether a road user
@@ -223,7 +223,7 @@ class RightSamples:
         )
 
 
-def fitted_ranking(moments: Sequence[Moment]) -> Table:
+def fitted_ranking(moments: Sequence[SensorPair]) -> Table:
     """Fit the chance that a box of a camera alone is a target's, and the first of it."""
     samples = RightSamples([], [])
     for moment in moments:
@@ -238,7 +238,9 @@ def fitted_ranking(moments: Sequence[Moment]) -> Table:
     return {**standard.table(), "weights": rounded(fitted[:, None])}
 
 
-def fitted_joint(moments: Sequence[Moment], lidar: Sequence[Detections], models: Table) -> Table:
+def fitted_joint(
+    moments: Sequence[SensorPair], lidar: Sequence[Detections], models: Table
+) -> Table:
     """Fit weights of pairs and of what one sensor alone detected where both look.
 
     Of two candidates for one target the one with the higher score counts, the other is a false
@@ -273,7 +275,9 @@ def fitted_joint(moments: Sequence[Moment], lidar: Sequence[Detections], models:
     return {name: rounded(samples[name].logistic(RIDGE)) for name in JOINT}
 
 
-def fates(moment: Moment, views: Views, candidates: Candidates, scores: np.ndarray) -> np.ndarray:
+def fates(
+    moment: SensorPair, views: Views, candidates: Candidates, scores: np.ndarray
+) -> np.ndarray:
     """Return the (K,) number of the target that each candidate detects first, FALSE or IGNORED."""
     rows, columns = candidates.lidar_rows, candidates.camera_rows
     masses = np.zeros((len(rows), 4))

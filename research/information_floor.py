@@ -21,10 +21,8 @@ import numpy as np
 
 from research.importance_sampling import LogDensity, SampledPosterior, sampled_posterior
 from research.ray_likelihood import CandidateStates, FrameLikelihood, PrismBodies, frame_likelihood
-from roadscope.benchmarks.papers.zhang2017_drives import FRAME_S
-from roadscope.benchmarks.papers.zhang2017_errors import FEWEST_RETURNS
-from roadscope.benchmarks.papers.zhang2017_outline import fusion
-from roadscope.benchmarks.papers.zhang2017_scene import Run
+from roadscope.benchmarks.papers.zhang2017_methods import FEWEST_RETURNS, ford_fusion
+from roadscope.benchmarks.papers.zhang2017_scene import FRAME_S, SensedDrive
 from roadscope.core.pose import wrap_angle
 from roadscope.detectors.pose.body_kernels import RADIUS
 from roadscope.detectors.pose.body_model import UNKNOWNS
@@ -122,7 +120,7 @@ def _root(variances: np.ndarray) -> np.ndarray:
 
 
 def floor(
-    run: Run,
+    run: SensedDrive,
     frames: int = 1,
     *,
     lag: int | None = None,
@@ -139,7 +137,7 @@ def floor(
 
 
 def floors(
-    run: Run,
+    run: SensedDrive,
     frames: Sequence[int],
     *,
     lag: int | None = None,
@@ -148,9 +146,9 @@ def floors(
 ) -> dict[int, InformationFloor]:
     """Return the floor for each of several numbers of frames; see `floor`."""
     bodies = known_corners(run.body) if knowledge.corners else unknown_corners()
-    likelihoods = [frame_likelihood(run, k, bodies.bodies) for k in range(len(run.shots))]
+    likelihoods = [frame_likelihood(run, k, bodies.bodies) for k in range(len(run.sweeps))]
     singles: list[FramePosterior] = []
-    for shot, likelihood in zip(run.shots, likelihoods, strict=True):
+    for shot, likelihood in zip(run.sweeps, likelihoods, strict=True):
         before = singles[-1] if singles else _no_posterior(bodies)
         enough = shot.target.sum() >= FEWEST_RETURNS
         singles.append(
@@ -205,7 +203,7 @@ class FramePosterior(NamedTuple):
 class _FilteredRun:
     """A run with the posteriors of its single frames."""
 
-    run: Run
+    run: SensedDrive
     bodies: CornerPrior
     likelihoods: list[FrameLikelihood]
     singles: list[FramePosterior]
@@ -351,11 +349,11 @@ def unknown_corners() -> CornerPrior:
     """
     from scipy.special import ndtri
 
-    least, most = fusion().radius_m
+    least, most = ford_fusion().radius_m
     normal = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
     unknowns = np.zeros((QUANTILES, UNKNOWNS))
     unknowns[:, RADIUS_UNKNOWN] = normal
-    radii_m = np.sort(fusion().parts(unknowns)[:, 0, RADIUS])
+    radii_m = np.sort(ford_fusion().parts(unknowns)[:, 0, RADIUS])
     rows = (radii_m - least) / (most - least) * (RADII - 1)
     bodies = bodies_of(tuple(np.linspace(least, most, RADII).tolist()))
     return CornerPrior(bodies, 1, normal, rows)
@@ -405,7 +403,7 @@ class TimedPosterior(NamedTuple):
     posterior: FramePosterior
 
 
-def motion_of(run: Run, frame: int) -> TrueMotion:
+def motion_of(run: SensedDrive, frame: int) -> TrueMotion:
     """Return the true motion of the car at a frame."""
     step_s = 1e-3
     before, after = run.drive.car(FRAME_S * frame + np.array([-step_s, step_s]))
@@ -415,7 +413,7 @@ def motion_of(run: Run, frame: int) -> TrueMotion:
     )
 
 
-def acceleration_of(run: Run, frame: int) -> float:
+def acceleration_of(run: SensedDrive, frame: int) -> float:
     """Return the true acceleration along the heading at a frame, m/s2."""
     step_s = 1e-2
     before, now, after = run.drive.car(FRAME_S * frame + np.array([-step_s, 0.0, step_s]))

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.papers.zhang2017_drives import FRAME_S
-from roadscope.benchmarks.papers.zhang2017_scene import Run, sensor_path
+from roadscope.benchmarks.papers.zhang2017_scene import FRAME_S, SensedDrive, sensor_path
 from roadscope.core.jit import compiled
 from roadscope.envs.sensors.lidar_spec import LidarSpec
 from roadscope.envs.world.ford_saloon import HEIGHT_M, LENGTH_M, WIDTH_M
@@ -167,7 +166,7 @@ class FrameLikelihood(NamedTuple):
         )
 
 
-def frame_likelihood(run: Run, frame: int, bodies: PrismBodies) -> FrameLikelihood:
+def frame_likelihood(run: SensedDrive, frame: int, bodies: PrismBodies) -> FrameLikelihood:
     """Return the likelihood of one frame for poses near the car's true pose."""
     rays = rays_of(run, frame)
     heights = _heights_near_car(rays.origins, run.sensor_height_m, rays.slopes)
@@ -184,9 +183,9 @@ def frame_likelihood(run: Run, frame: int, bodies: PrismBodies) -> FrameLikeliho
     return FrameLikelihood(rays, parts, receiver_of(run.spec))
 
 
-def rays_of(run: Run, frame: int) -> SweepRays:
+def rays_of(run: SensedDrive, frame: int) -> SweepRays:
     """Return the rays of a frame that may meet the car, in the frame of its true pose."""
-    shot, spec = run.shots[frame], run.spec
+    shot, spec = run.sweeps[frame], run.spec
     stamps = np.full(spec.columns, FRAME_S * frame)
     if run.drive.rolling:
         stamps = stamps + spec.column_offsets_s()

@@ -217,7 +217,7 @@ def _with_distances(simulated: SimulatedSequence) -> TrackedSequence:
     )
 
 
-def _stone_soup(soup: StoneSoup, simulated: SimulatedSequence) -> Callable[[], Any]:
+def _stone_soup(soup: StoneSoupClasses, simulated: SimulatedSequence) -> Callable[[], Any]:
     """Return a call of Stone Soup's GOSPA; its states are made beforehand."""
     start = datetime(2000, 1, 1)
     truths, tracks = (
@@ -241,18 +241,18 @@ def import_trackeval() -> Any:
     return metrics
 
 
-class StoneSoup(NamedTuple):
+class StoneSoupClasses(NamedTuple):
     """Stone Soup's classes of GOSPA and of a state."""
 
     gospa: Any
     state: Any
 
 
-def import_stone_soup() -> StoneSoup | None:
+def import_stone_soup() -> StoneSoupClasses | None:
     """Return Stone Soup's classes, or None where they cannot be imported."""
     try:
         from stonesoup.metricgenerator.ospametric import GOSPAMetric
         from stonesoup.types.state import State
     except ImportError:
         return None
-    return StoneSoup(GOSPAMetric, State)
+    return StoneSoupClasses(GOSPAMetric, State)

@@ -23,9 +23,11 @@ import numpy as np
 from research.studies import run_speed_study
 from roadscope import Episode, Frame, ImuSamples, LidarScan, Pose
 from roadscope.benchmarks.drive import drive, imu_mounting
-from roadscope.benchmarks.papers.zhang2022_plays import STANDING
-from roadscope.benchmarks.papers.zhang2022_removal import LIDAR_FROM_IMU
-from roadscope.benchmarks.papers.zhang2022_scene import film
+from roadscope.benchmarks.papers.zhang2022_scene import (
+    LIDAR_FROM_IMU,
+    STANDING,
+    sense_corridor,
+)
 from roadscope.benchmarks.speed.detectors import RUNS, DrivenScene, driven_frames
 from roadscope.benchmarks.speed.measure import measure_speed
 from roadscope.benchmarks.speed.odometry import DURATION_S, LARGER, RIG, SCENARIO, SEED
@@ -179,7 +181,7 @@ def measure_odometry_stages(rig: str, repeats: int) -> list[SpeedRow]:
 
 def measure_corridor_stages(repeats: int) -> list[SpeedRow]:
     """Measure the same on a scan of the paper's corridor, where more returns are of walls."""
-    *_, before, now = film(replace(STANDING, scans=2), SEED)
+    *_, before, now = sense_corridor(replace(STANDING, scans=2), SEED)
     pair = ScanPair("corridor", before, now, np.eye(4), LIDAR_FROM_IMU)
     return [*_stage_rows(pair, repeats), ZHANG_2022]
 

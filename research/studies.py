@@ -9,12 +9,12 @@ from pathlib import Path
 from rich.console import Console
 
 from roadscope.benchmarks.papers.reproduction import (
-    Key,
+    FigureKey,
     ReproductionRow,
     over_seeds,
+    reproduction_tables,
     write_rows,
 )
-from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
 from roadscope.benchmarks.speed.measure import run_steps, write_speed
 from roadscope.benchmarks.speed.rows import SpeedStep
 from roadscope.benchmarks.tables import speed_table
@@ -37,8 +37,8 @@ def study_parser(module: str, description: str | None, *, seeds: int) -> argpars
 
 
 def measured_over_seeds(
-    measure: Callable[[int], dict[Key, float]], first_seed: int, options: argparse.Namespace
-) -> dict[Key, list[float]]:
+    measure: Callable[[int], dict[FigureKey, float]], first_seed: int, options: argparse.Namespace
+) -> dict[FigureKey, list[float]]:
     """Run a study with the seeds that the options ask for, and say how far it is."""
     seeds = range(first_seed, first_seed + options.seeds)
     return over_seeds(

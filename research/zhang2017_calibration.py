@@ -22,22 +22,28 @@ import numpy as np
 from research.studies import measured_over_seeds, show, study_parser
 from roadscope.benchmarks.papers.reproduction import (
     YES_OR_NO,
-    Key,
+    FigureKey,
     ReproductionRow,
     summarise,
 )
 from roadscope.benchmarks.papers.zhang2017 import FIRST_SEED
-from roadscope.benchmarks.papers.zhang2017_claims import FREEDOM, consistent
-from roadscope.benchmarks.papers.zhang2017_drives import FRAME_S, Drive
-from roadscope.benchmarks.papers.zhang2017_errors import FEWEST_RETURNS
+from roadscope.benchmarks.papers.zhang2017_claims import POSE_UNKNOWNS, consistent
 from roadscope.benchmarks.papers.zhang2017_methods import (
+    FEWEST_RETURNS,
     OURS,
-    outline,
+    any_corners,
+    known_radius,
     sized_saloon,
-    told_radius,
 )
-from roadscope.benchmarks.papers.zhang2017_names import frames_name
-from roadscope.benchmarks.papers.zhang2017_scene import SENSOR_HEIGHT_M, Shot, hdl32e, shots_of
+from roadscope.benchmarks.papers.zhang2017_scene import (
+    FRAME_S,
+    Drive,
+    DriveSweep,
+    RobotLidar,
+    hdl32e,
+    sense_sweeps,
+)
+from roadscope.benchmarks.papers.zhang2017_tables import frames_name
 from roadscope.detectors.pose.body_fit import AS_DRAWN, TURN_SD, VELOCITY_SD, BodyFit
 from roadscope.detectors.pose.body_kernels import (
     AFT,
@@ -62,9 +68,9 @@ from roadscope.envs.world.prisms import Prisms
 
 MODELS: Mapping[str, BodyModel] = MappingProxyType(
     {
-        "any corners": outline(""),
-        "sharp, known": told_radius("sharp"),
-        "rounded, known": told_radius("rounded"),
+        "any corners": any_corners(""),
+        "sharp, known": known_radius("sharp"),
+        "rounded, known": known_radius("rounded"),
         "sized saloon": sized_saloon(""),
     }
 )
@@ -123,7 +129,7 @@ class PassingCar:
     rough_velocity: (2,) m/s, its velocity in the middle frame as a tracker would know it.
     """
 
-    shots: tuple[Shot, ...]
+    sweeps: tuple[DriveSweep, ...]
     truth: np.ndarray
     rough_velocity: np.ndarray
 
@@ -156,7 +162,7 @@ def passing_car(model: BodyModel, band: str, seed: int | Sequence[int]) -> Passi
         drive = drive_through(shown)
         if np.hypot(*drive.car(FRAME_S * np.arange(FRAMES))[:, :2].T).min() < CLEARANCE_M:
             continue
-        shots = shots_of(drive, lidar(), body, (SENSOR_HEIGHT_M, NO_PHASES), rng)
+        shots = sense_sweeps(drive, RobotLidar(lidar()), body, NO_PHASES, rng)
         if shots[MIDDLE].target.sum() >= FEWEST_RETURNS:
             direction = np.array([np.cos(state[2]), np.sin(state[2])])
             return PassingCar(shots, state[:3], speed * direction)
@@ -227,9 +233,9 @@ def _half_outlines(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # Calibration
 
 
-def measure(seed: int) -> dict[Key, float]:
+def measure(seed: int) -> dict[FigureKey, float]:
     """Return mean NEES by model, distance and frames, and the shares that are covered."""
-    values: dict[Key, float] = {}
+    values: dict[FigureKey, float] = {}
     for row, (name, model) in enumerate(MODELS.items()):
         by_band = {
             band: np.array([squared_errors(model, band, [seed, row, k]) for k in range(CARS)])
@@ -239,7 +245,8 @@ def measure(seed: int) -> dict[Key, float]:
         for band, squared in by_band.items():
             means = np.nanmean(squared, axis=0)
             for frames, mean in zip(OURS.values(), means, strict=True):
-                values[CALIBRATED_NEES.format(name), band, frames_name(frames)] = float(mean)
+                key = FigureKey(CALIBRATED_NEES.format(name), band, frames_name(frames))
+                values[key] = float(mean)
         for column, frames in enumerate(OURS.values()):
             squared = by_band[EVERY_BAND][:, column]
             values |= _covered(f"{name}, {frames_name(frames)}", squared)
@@ -261,12 +268,12 @@ def squared_errors(model: BodyModel, band: str, seed: Sequence[int]) -> np.ndarr
 def fitted_pose(model: BodyModel, car: PassingCar, frames: int) -> VehiclePose | None:
     """Return the pose in the middle frame from so many frames around it."""
     if frames == 1:
-        shot = car.shots[MIDDLE]
+        shot = car.sweeps[MIDDLE]
         fit = BodyFit(lidar(), model, AS_DRAWN)
         return fit.fit(shot.scan, shot.target, shot.world_from_lidar, velocity=car.rough_velocity)
     lag, pose = frames // 2, None
     smoother = Smoother(lidar(), model, frames=frames, lag=lag, chances=AS_DRAWN)
-    for shot in car.shots[MIDDLE - lag : MIDDLE + lag + 1]:
+    for shot in car.sweeps[MIDDLE - lag : MIDDLE + lag + 1]:
         pose = smoother.update(shot.scan, shot.target, shot.world_from_lidar)
     return pose
 
@@ -277,19 +284,19 @@ def _error(pose: VehiclePose, truth: np.ndarray) -> np.ndarray:
     return np.array([pose.x - truth[0], pose.y - truth[1], turned])
 
 
-def _covered(method: str, squared: np.ndarray) -> dict[Key, float]:
+def _covered(method: str, squared: np.ndarray) -> dict[FigureKey, float]:
     """Return the percentages of errors within the ellipsoids of each level."""
     from scipy.special import chdtri
 
     known = squared[np.isfinite(squared)]
     return {
-        (COVERED, method, f"{100 * level:.0f} %"): 100.0
-        * float((known <= chdtri(FREEDOM, 1 - level)).mean())
+        FigureKey(COVERED, method, f"{100 * level:.0f} %"): 100.0
+        * float((known <= chdtri(POSE_UNKNOWNS, 1 - level)).mean())
         for level in LEVELS
     }
 
 
-def judged(measured: Mapping[Key, Sequence[float]]) -> list[ReproductionRow]:
+def judged(measured: Mapping[FigureKey, Sequence[float]]) -> list[ReproductionRow]:
     """Return for each mean NEES whether 3 is within its 95 % interval."""
     rows = []
     for name in MODELS:
@@ -297,8 +304,8 @@ def judged(measured: Mapping[Key, Sequence[float]]) -> list[ReproductionRow]:
             if experiment == CALIBRATED_NEES.format(name):
                 cars = CARS * (len(BANDS) if band == EVERY_BAND else 1)
                 inside = [float(consistent(values, cars, 1))]
-                place = CALIBRATED_INSIDE.format(name), band
-                rows.append(summarise(place, quantity, YES_OR_NO, inside, None))
+                key = FigureKey(CALIBRATED_INSIDE.format(name), band, quantity)
+                rows.append(summarise(key, YES_OR_NO, inside))
     return rows
 
 
@@ -307,7 +314,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = study_parser("zhang2017_calibration", __doc__, seeds=30).parse_args(arguments)
     measured = measured_over_seeds(measure, FIRST_SEED, options)
     rows = [
-        summarise(key[:2], key[2], "%" if key[0] == COVERED else "1", values, None)
+        summarise(key, "%" if key.experiment == COVERED else "1", values)
         for key, values in measured.items()
     ]
     show(rows + judged(measured), NOTES, options)

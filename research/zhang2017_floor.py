@@ -24,32 +24,46 @@ from research.information_floor import (
 from research.studies import measured_over_seeds, show, study_parser
 from roadscope.benchmarks.papers.reproduction import (
     YES_OR_NO,
-    Key,
+    FigureKey,
     ReproductionRow,
     summarise,
 )
-from roadscope.benchmarks.papers.zhang2017 import APART, BODIES, FIRST_SEED, FOLLOWED_FRAMES, NOISES
-from roadscope.benchmarks.papers.zhang2017_claims import BOTH, MOST, Table, limits_of
-from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
-from roadscope.benchmarks.papers.zhang2017_errors import (
+from roadscope.benchmarks.papers.zhang2017 import (
+    BODIES,
+    FIRST_SEED,
+    FOLLOWED_FRAMES,
+    NOISE_FACTORS,
+    VARIED_DRIVES,
+)
+from roadscope.benchmarks.papers.zhang2017_claims import (
+    MAIN_COLUMNS,
+    MOST_FRAMES,
+    DriveMethod,
+    Table,
+    inside_interval,
+    limits_of,
+)
+from roadscope.benchmarks.papers.zhang2017_methods import (
+    METHODS,
+    MULTI,
+    OURS,
     errors,
+    estimate,
     named_columns,
     nees,
     rmse,
     scored,
 )
-from roadscope.benchmarks.papers.zhang2017_methods import METHODS, MULTI, OURS, estimate
-from roadscope.benchmarks.papers.zhang2017_names import (
+from roadscope.benchmarks.papers.zhang2017_scene import FOLLOWED_M, SensedDrive, sense_drive
+from roadscope.benchmarks.papers.zhang2017_tables import (
     COUNTS,
     FRAMES,
     INSIDE,
     NEES,
+    SIMULATED,
     frames_name,
     unit_of,
 )
-from roadscope.benchmarks.papers.zhang2017_paper import SIMULATED
-from roadscope.benchmarks.papers.zhang2017_scene import Run, film
-from roadscope.benchmarks.papers.zhang2017_verdicts import inside_interval
 
 DRAWS = 512
 """Samples of each round of the sampling. Chosen by hand."""
@@ -82,7 +96,7 @@ class ComparedRun(NamedTuple):
     nees: dict[str, float]
 
 
-def compared_run(run: Run) -> ComparedRun:
+def compared_run(run: SensedDrive) -> ComparedRun:
     """Run ours and the paper's multi frame, and compute the floors of as many frames."""
     result = ComparedRun({}, {})
     for name in (MULTI, *OURS):
@@ -97,7 +111,9 @@ def compared_run(run: Run) -> ComparedRun:
     return result
 
 
-def floor_rmse(run: Run, least: InformationFloor, *, expected: bool = True) -> dict[str, float]:
+def floor_rmse(
+    run: SensedDrive, least: InformationFloor, *, expected: bool = True
+) -> dict[str, float]:
     """Return the columns of tables 1 and 2 for a floor.
 
     expected: from the covariance of the posterior; otherwise from the error of its mean. Where the
@@ -108,100 +124,103 @@ def floor_rmse(run: Run, least: InformationFloor, *, expected: bool = True) -> d
     return named_columns(squares[used].mean(axis=0) if used.any() else np.full(3, np.nan))
 
 
-def floor_nees(run: Run, least: InformationFloor) -> float:
+def floor_nees(run: SensedDrive, least: InformationFloor) -> float:
     """Return the mean NEES of a floor's posterior; NaN where no frame has any."""
     values = least.nees[scored(run)]
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else np.nan
 
 
-def measure(seed: int) -> dict[Key, float]:
+def measure(seed: int) -> dict[FigureKey, float]:
     """Measure every drive, body and noise with one seed."""
-    values: dict[Key, float] = {}
+    values: dict[FigureKey, float] = {}
     for body in BODIES:
-        runs = [film(drive, seed, body=body) for drive in SIMULATED]
+        runs = [sense_drive(drive, seed, body=body) for drive in SIMULATED]
         runs += [
-            film(f"following-{metres}", seed, body=body, frames=FOLLOWED_FRAMES)
+            sense_drive(f"following-{metres}", seed, body=body, frames=FOLLOWED_FRAMES)
             for metres in FOLLOWED_M
         ]
         for run in runs:
             compared = compared_run(run)
             values |= _rmse_values(run.drive.name, body, compared)
             values |= _nees_values(run, compared)
-    for factor in NOISES:
-        for drive in APART:
-            compared = compared_run(film(drive, seed, noise=factor))
+    for factor in NOISE_FACTORS:
+        for drive in VARIED_DRIVES:
+            compared = compared_run(sense_drive(drive, seed, noise=factor))
             values |= _rmse_values(f"{drive}, noise x{factor:g}", "sharp", compared)
     return values
 
 
-def _rmse_values(place: str, body: str, compared: ComparedRun) -> dict[Key, float]:
+def _rmse_values(place: str, body: str, compared: ComparedRun) -> dict[FigureKey, float]:
     return {
-        (RMSE_BESIDE.format(place, body), method, column): value
+        FigureKey(RMSE_BESIDE.format(place, body), method, column): value
         for method, columns in compared.rmse.items()
         for column, value in columns.items()
     }
 
 
-def _nees_values(run: Run, compared: ComparedRun) -> dict[Key, float]:
+def _nees_values(run: SensedDrive, compared: ComparedRun) -> dict[FigureKey, float]:
     drive, body = run.drive.name, run.body
-    values: dict[Key, float] = {
-        (COUNTS, drive, FRAMES): float(len(run.shots)),
-        (COUNTS, drive, body): float((~scored(run)).sum()),
+    values: dict[FigureKey, float] = {
+        FigureKey(COUNTS, drive, FRAMES): float(len(run.sweeps)),
+        FigureKey(COUNTS, drive, body): float((~scored(run)).sum()),
     }
     for method, frames in OURS.items():
         name = frames_name(frames)
-        values[NEES.format(body), drive, name] = compared.nees[method]
-        values[EXACT_NEES.format(body), drive, name] = compared.nees[FLOOR.format(name)]
+        values[FigureKey(NEES.format(body), drive, name)] = compared.nees[method]
+        values[FigureKey(EXACT_NEES.format(body), drive, name)] = compared.nees[FLOOR.format(name)]
     return values
 
 
-def judged(measured: Mapping[Key, Sequence[float]]) -> list[ReproductionRow]:
+def judged(measured: Mapping[FigureKey, Sequence[float]]) -> list[ReproductionRow]:
     """Return rows of 1 (holds) and 0 for what is asked of ours, on the means over seeds."""
-    held: dict[Key, float] = {}
+    held: dict[FigureKey, float] = {}
     for body in BODIES:
         table = _table_of(measured, body)
-        for drive in dict.fromkeys(drive for drive, _ in table):
+        for drive in dict.fromkeys(row.drive for row in table):
             for claim, holds in asked_of_ours(table, drive).items():
-                held[ASKED.format(body), drive, claim] = float(holds)
+                held[FigureKey(ASKED.format(body), drive, claim)] = float(holds)
         for experiment, inside in ((NEES, INSIDE), (EXACT_NEES, EXACT_INSIDE)):
             for drive, windows in inside_interval(measured, body, experiment).items():
                 for name, within in windows.items():
-                    held[inside.format(body), drive, name] = float(within)
-    return [summarise(key[:2], key[2], YES_OR_NO, [value], None) for key, value in held.items()]
+                    held[FigureKey(inside.format(body), drive, name)] = float(within)
+    return [summarise(key, YES_OR_NO, [value]) for key, value in held.items()]
 
 
-def _table_of(measured: Mapping[Key, Sequence[float]], body: str) -> Table:
+def _table_of(measured: Mapping[FigureKey, Sequence[float]], body: str) -> Table:
     """Return the mean RMSE of one body by drive and method."""
     drives = {
         RMSE_BESIDE.format(drive, body): drive
         for drive in (*SIMULATED, *(f"following-{metres}" for metres in FOLLOWED_M))
     }
-    table: dict[tuple[str, str], dict[str, float]] = {}
+    table: dict[DriveMethod, dict[str, float]] = {}
     for (experiment, method, column), values in measured.items():
         if experiment in drives:
-            table.setdefault((drives[experiment], method), {})[column] = float(np.mean(values))
+            table.setdefault(DriveMethod(drives[experiment], method), {})[column] = float(
+                np.mean(values)
+            )
     return table
 
 
 def asked_of_ours(table: Table, drive: str) -> dict[str, bool]:
     """Return what is asked of ours on one drive, and whether it holds."""
-    limits, least = limits_of(table, drive), table[drive, FLOOR.format(frames_name(OURS[MOST]))]
+    limits, ours = limits_of(table, drive), table[DriveMethod(drive, MOST_FRAMES)]
+    least = table[DriveMethod(drive, FLOOR.format(frames_name(OURS[MOST_FRAMES])))]
     return {
         TWICE_FLOOR: _within_twice(table, drive, FLOOR),
         TWICE_INFORMED_FLOOR: _within_twice(table, drive, INFORMED_FLOOR),
         BEATEN_OR_NEAR: all(
-            table[drive, MOST][q] < (limits[q] if least[q] < limits[q] else 2 * least[q])
-            for q in BOTH
+            ours[q] < (limits[q] if least[q] < limits[q] else 2 * least[q]) for q in MAIN_COLUMNS
         ),
     }
 
 
 def _within_twice(table: Table, drive: str, label: str) -> bool:
     return all(
-        table[drive, method][q] < 2 * table[drive, label.format(frames_name(frames))][q]
+        table[DriveMethod(drive, method)][q]
+        < 2 * table[DriveMethod(drive, label.format(frames_name(frames)))][q]
         for method, frames in OURS.items()
-        for q in BOTH
+        for q in MAIN_COLUMNS
     )
 
 
@@ -209,9 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study and print its tables."""
     options = study_parser("zhang2017_floor", __doc__, seeds=3).parse_args(arguments)
     measured = measured_over_seeds(measure, FIRST_SEED, options)
-    rows = [
-        summarise(key[:2], key[2], unit_of(key), values, None) for key, values in measured.items()
-    ]
+    rows = [summarise(key, unit_of(key), values) for key, values in measured.items()]
     show(rows + judged(measured), NOTES, options)
 
 

@@ -1,4 +1,4 @@
-"""A rig calibrated with a triangular board, and how many poses of the board that takes."""
+"""A rig calibrated with a triangular target, and how many poses of the target that takes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 
 from roadscope.benchmarks.cache import usable_file, write_atomically
 from roadscope.benchmarks.images import camera_of
-from roadscope.benchmarks.papers.li2021_board import (
-    SCANS,
-    Views,
-    board_views,
-    held_out_px,
-    misread,
-    solved,
-    solved_jointly,
-)
 from roadscope.benchmarks.progress import Progress, silent
+from roadscope.benchmarks.target_views import (
+    SCANS,
+    TargetViews,
+    calibrate_from_corners,
+    held_out_error_px,
+    refine_jointly,
+    target_views,
+    with_misread_corners,
+)
 from roadscope.envs.sensors.rig import Rig
 from roadscope.envs.sensors.rigs import rig as find_rig
 from roadscope.fusion.calibration import (
@@ -32,19 +32,19 @@ from roadscope.fusion.calibration import (
 
 LEAST_POSES = 4
 STEPS = (4, 6, 8, 10, 12, 16, 20, 30, 40, 60, 80, 100)
-"""Numbers of poses that are compared, up to those that there are."""
+"""Numbers of poses that are compared, up to the number of views."""
 DRAWS = 9
-"""Choices of so many poses among all, whose median is shown."""
+"""Random choices of so many poses among all; their median is shown."""
 ENDINGS = (".json", ".toml")
 
 
 @dataclass(frozen=True, slots=True)
 class PoseRow:
-    """What so many poses give, medians over choices of them.
+    """Errors of a calibration from so many poses, medians over choices of the poses.
 
-    reprojection_px: of the points used. held_out_px: of places 8 to 30 m away, against the truth;
-    held_out_most_px: the worst choice's. position_m, rotation_deg: errors of the camera's pose.
-    corners_px: held_out_px of the paper's way, from corners alone.
+    reprojection_px: of the points used. held_out_px: of points 8 to 30 m away, against the truth;
+    held_out_most_px: that of the worst choice. position_m, rotation_deg: of the camera's pose.
+    corners_px: held_out_px of the paper's method, from corners alone.
     """
 
     poses: int
@@ -58,15 +58,15 @@ class PoseRow:
 
 @dataclass(frozen=True, slots=True)
 class RigCalibration:
-    """A calibration from all poses, and what fewer give.
+    """A calibration from all poses, and the errors with fewer.
 
-    seen: poses in which both sensors found all three corners, of `asked`.
+    usable_poses: those in which both sensors detected all three corners, of `poses` in all.
     """
 
     result: CalibrationResult
     rows: tuple[PoseRow, ...]
-    seen: int
-    asked: int
+    usable_poses: int
+    poses: int
 
 
 def calibrate_rig(
@@ -81,13 +81,14 @@ def calibrate_rig(
     outliers: float = 0.0,
     progress: Progress | None = None,
 ) -> RigCalibration:
-    """Hold a board before a rig and find the matrix from places to pixels (Li 2021, 2.2).
+    """Hold a target before a rig and estimate the matrix from points to pixels (Li 2021, 2.2).
 
     name: of a rig with a camera. seed: of poses and noise. known_intrinsics: only the camera's
-    pose is to be found. corners_only: the paper's way, without the joint refinement of camera and
-    boards. upright: whether the board stands on even ground rather than being held at a tilt, which
-    tells more. scans: of each pose. outliers: share of the poses in which one corner in the image
-    is misread. `CalibrationError` where poses are too few or the board is not seen.
+    pose is estimated. corners_only: the paper's method, without the joint refinement of camera and
+    targets. upright: whether the target stands on even ground; otherwise it is held at a tilt,
+    which is more informative. scans: of each pose. outliers: share of the poses in which one
+    corner in the image is misread. `CalibrationError` where poses are too few or the target is not
+    seen.
     """
     if poses < LEAST_POSES:
         raise CalibrationError(f"poses: expected at least {LEAST_POSES}, got {poses}")
@@ -98,21 +99,21 @@ def calibrate_rig(
     carrier, report = find_rig(name), progress or silent
     camera_of(carrier)
     report("poses", 0, poses)
-    views = board_views(
+    views = target_views(
         carrier,
         poses,
         np.random.default_rng([seed, poses]),
-        told=lambda done: report("poses", done, poses),
+        progress=lambda done: report("poses", done, poses),
         scans=scans,
         tilted=not upright,
     )
     if len(views) < LEAST_POSES:
         raise CalibrationError(
-            f"both sensors saw the whole board in {len(views)} of {poses} poses only, "
+            f"both sensors saw the whole target in {len(views)} of {poses} poses only, "
             f"{LEAST_POSES} are needed"
         )
     if outliers:
-        views = misread(views, outliers, np.random.default_rng([seed, poses, 1]))
+        views = with_misread_corners(views, outliers, np.random.default_rng([seed, poses, 1]))
     counts = [n for n in STEPS if n < len(views)] + [len(views)]
     trial = _Trial(carrier, seed, known_intrinsics, corners_only)
     rows = []
@@ -120,12 +121,12 @@ def calibrate_rig(
         report("solving", number, len(counts))
         rows.append(_row(trial, views, count))
     report("solving", len(counts), len(counts))
-    _, result = trial.solved(views)
+    _, result = trial.calibrate(views)
     return RigCalibration(result, tuple(rows), len(views), poses)
 
 
 def save_rig_calibration(calibration: RigCalibration, path: Path | str, origin: str) -> None:
-    """Write what fusions read; nobody ever sees half of the file."""
+    """Write the file that fusions read; half of a file is never visible."""
     place = calibration_path(path)
 
     def write(part: Path) -> None:
@@ -157,26 +158,27 @@ class _Trial:
 
     rig: Rig
     seed: int
-    known: bool
+    known_intrinsics: bool
     corners_only: bool
 
-    def solved(self, views: Views) -> tuple[CalibrationResult, CalibrationResult]:
-        """Return the paper's calibration, and the refined one unless that is not asked for."""
-        start = solved(self.rig, views, self.seed, known=self.known)
+    def calibrate(self, views: TargetViews) -> tuple[CalibrationResult, CalibrationResult]:
+        """Return the paper's calibration, and the refined one unless corners alone are used."""
+        known = self.known_intrinsics
+        start = calibrate_from_corners(self.rig, views, self.seed, known_intrinsics=known)
         if self.corners_only:
             return start, start
-        return start, solved_jointly(self.rig, views, start, known=self.known)
+        return start, refine_jointly(self.rig, views, start, known_intrinsics=known)
 
 
-def _row(trial: _Trial, views: Views, count: int) -> PoseRow:
+def _row(trial: _Trial, views: TargetViews, count: int) -> PoseRow:
     rng = np.random.default_rng([trial.seed, count])
     draws = 1 if count == len(views) else DRAWS
     errors = []
     for _ in range(draws):
         chosen = np.sort(rng.choice(len(views), count, replace=False)).tolist()
         try:
-            start, result = trial.solved(views.select(chosen))
-            before = held_out_px(trial.rig, start.projection)
+            start, result = trial.calibrate(views.select(chosen))
+            before = held_out_error_px(trial.rig, start.projection)
             errors.append((result.reprojection_px, *_errors(trial.rig, result), before))
         except CalibrationError:
             errors.append((np.inf,) * 5)
@@ -186,7 +188,7 @@ def _row(trial: _Trial, views: Views, count: int) -> PoseRow:
 
 
 def _errors(carrier: Rig, result: CalibrationResult) -> tuple[float, float, float]:
-    """Return pixels of places not used, and metres and degrees of the camera's pose."""
+    """Return errors of held-out points, pixels, and of the camera's pose, metres and degrees."""
     true = camera_of(carrier).ego_from_camera
     _, pose = decompose(result.projection.matrix)
     turn = pose.rotation.T @ true.rotation
@@ -194,4 +196,4 @@ def _errors(carrier: Rig, result: CalibrationResult) -> tuple[float, float, floa
     sine = np.linalg.norm(turn - turn.T) / np.sqrt(8.0)
     angle = float(np.degrees(np.arctan2(sine, (np.trace(turn) - 1) / 2)))
     away = float(np.linalg.norm(pose.translation - true.translation))
-    return held_out_px(carrier, result.projection), away, angle
+    return held_out_error_px(carrier, result.projection), away, angle

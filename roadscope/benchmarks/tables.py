@@ -97,7 +97,7 @@ def speed_table(rows: Sequence[Any]) -> Table:
 
 
 def pose_table(rows: Sequence[Any]) -> Table:
-    """Return what numbers of poses of a board give; rows are `calibrating.PoseRow`s."""
+    """Return errors by the number of poses of a target; rows are `calibrating.PoseRow`s."""
     table = plain_table()
     for name in (
         "poses",

@@ -54,7 +54,7 @@ def calibrate(
 
     place = None if out is None else calibration_path(out)
     with progress_bars() as progress:
-        found = calibrate_rig(
+        calibration = calibrate_rig(
             rig,
             poses=poses,
             seed=seed,
@@ -65,21 +65,22 @@ def calibrate(
             outliers=outliers,
             progress=progress,
         )
-    _show(found, rig)
+    _show(calibration, rig)
     if place is not None:
         origin = f"roadscope calibrate --rig {rig} --poses {poses} --seed {seed}"
         origin += " --known-intrinsics" * known_intrinsics + " --corners-only" * corners_only
         origin += " --upright" * upright + f" --outliers {outliers:g}" * bool(outliers)
-        save_rig_calibration(found, place, origin + f" --scans {scans}" * (scans != 25))
+        save_rig_calibration(calibration, place, origin + f" --scans {scans}" * (scans != 25))
         typer.echo(f"written: {place}")
 
 
-def _show(found: RigCalibration, rig: str) -> None:
+def _show(calibration: RigCalibration, rig: str) -> None:
     from roadscope.benchmarks.calibrating import enough
     from roadscope.benchmarks.tables import pose_table
 
-    last, inliers = found.rows[-1], found.result.inliers
-    headline(f"{rig}: both sensors saw the whole target in {found.seen} of {found.asked} poses")
+    last, inliers = calibration.rows[-1], calibration.result.inliers
+    usable = f"{calibration.usable_poses} of {calibration.poses}"
+    headline(f"{rig}: both sensors saw the whole target in {usable} poses")
     show(
         f"points 8 to 30 m away  {last.held_out_px:.2f} px off the truth, "
         f"{last.corners_px:.2f} px with corners alone"
@@ -89,6 +90,8 @@ def _show(found: RigCalibration, rig: str) -> None:
         f"reprojection error     {last.reprojection_px:.2f} px over {inliers.sum()} corners in "
         f"scans, {(~inliers).sum()} left out: single returns locate a corner no better\n"
     )
-    show(pose_table(found.rows))
+    show(pose_table(calibration.rows))
     show("Medians over choices of poses, and the worst choice. Errors against the truth.", dim=True)
-    show(f"From {enough(found.rows)} poses on the error stays within half more than with all.")
+    show(
+        f"From {enough(calibration.rows)} poses on the error stays within half more than with all."
+    )

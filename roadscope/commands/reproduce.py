@@ -27,8 +27,7 @@ def reproduce(
     """
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.papers import note_of, reproduction_of
-    from roadscope.benchmarks.papers.reproduction import write_rows
-    from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
+    from roadscope.benchmarks.papers.reproduction import reproduction_tables, write_rows
 
     experiments = reproduction_of(paper)
     folder = None if out is None else usable_folder(out)

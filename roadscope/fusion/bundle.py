@@ -1,9 +1,9 @@
-"""Camera and boards found together from all that both sensors saw of the boards.
+"""Bundle adjustment of camera and targets, from all that both sensors measured of the targets.
 
-Corners out of returns are wrong in ways that belong together: a board that seems turned in its
-plane has all three beside their places. So every board's pose is an unknown beside the camera's,
-and what is compared is what was measured: corners in pixels, the plane of the ranges, and which
-beams met the board and which passed beside it.
+The corners that scans give have errors that belong together: a target that seems turned in its
+plane has all three corners displaced. So the pose of every target is an unknown beside that of the
+camera, and the residuals are of the measurements: corners in pixels, the plane of the ranges, and
+which beams met the target and which passed beside it.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ import numpy as np
 
 from roadscope.fusion.calibration import CalibrationError, decompose
 from roadscope.fusion.calibration_target import (
-    Board,
-    BoardSight,
-    corners_of_boards,
+    ScannedTarget,
+    TriangularTarget,
+    corners_of_targets,
     edge_errors,
     image_errors,
     range_errors,
-    stacked,
+    stacked_measurements,
 )
 
-SPOTS = (0.5, 0.25, 0.1)
-"""Softness of edges, as shares of the step between columns: first soft, so that far beams pull.
+EDGE_WIDTHS = (0.5, 0.25, 0.1)
+"""Widths of edges, shares of the step between columns; wide first, so that far beams have effect.
 
-The last is taken for the width of a beam: a third of a step for a wide one, hence the setting."""
+The last stands for the width of a beam; of a wide beam it would be a third of a step."""
 BUMP = 1e-6
 PIXELS_A_UNIT = 1000.0
-"""Intrinsics are counted in thousands of pixels, so that all unknowns move on like scales."""
+"""Intrinsics are counted in thousands of pixels, so that all unknowns have similar scales."""
 STEPS = 50
 ENOUGH = 1e-4
-"""A step that betters twice the negative log likelihood by less than this share is the last."""
+"""A step that improves twice the negative log likelihood by less than this share is the last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bundle:
-    """matrix: (3, 4), LiDAR frame to pixels. corners: (P, 3, 3) of the boards, LiDAR frame."""
+    """matrix: (3, 4), LiDAR frame to pixels. corners: (P, 3, 3) of the targets, LiDAR frame."""
 
     matrix: np.ndarray
     corners: np.ndarray
@@ -46,14 +46,14 @@ class Bundle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """Unknowns. inner: (4,) fx, fy, cx, cy. camera: (3, 4) camera_from_lidar. boards: (P, 3, 4).
+    """Unknowns. inner: (4,) fx, fy, cx, cy. camera: (3, 4) camera_from_lidar. targets: (P, 3, 4).
 
-    A board's axes are right, up and towards the sensor; its origin is the middle of its base.
+    A target's axes are right, up and towards the sensor; its origin is the middle of its base.
     """
 
     inner: np.ndarray
     camera: np.ndarray
-    boards: np.ndarray
+    targets: np.ndarray
 
     def moved(self, shared: np.ndarray, own: np.ndarray) -> State:
         """Turn and move; shared: (6,) of the camera or (10,) with intrinsics. own: (P, 6)."""
@@ -61,7 +61,7 @@ class State:
         if len(shared) > 6:
             inner = inner + PIXELS_A_UNIT * shared[6:]
         return State(
-            inner, _moved(self.camera[None], shared[None, :6])[0], _moved(self.boards, own)
+            inner, _moved(self.camera[None], shared[None, :6])[0], _moved(self.targets, own)
         )
 
 
@@ -72,54 +72,54 @@ def refine(
     matrix: np.ndarray,
     corners: np.ndarray,
     pixels: np.ndarray,
-    sights: Sequence[BoardSight],
-    board: Board,
+    scanned: Sequence[ScannedTarget],
+    target: TriangularTarget,
     *,
-    free: bool = True,
-    spots: Sequence[float] = SPOTS,
+    free_intrinsics: bool = True,
+    edge_widths: Sequence[float] = EDGE_WIDTHS,
 ) -> Bundle:
-    """Find the likeliest camera and boards, from a start nearby.
+    """Find the likeliest camera and targets, from a start nearby.
 
-    matrix: (3, 4) LiDAR frame to pixels. corners: (P, 3, 3) left, right and top of each board,
-    LiDAR frame. pixels: (P, 3, 2). free: whether the intrinsics are unknown; otherwise those of
-    the matrix are kept. spots: softness of edges from first to last, as shares of the step between
-    columns. `CalibrationError` where the matrix is no camera's or numbers of boards differ.
+    matrix: (3, 4) LiDAR frame to pixels. corners: (P, 3, 3) left, right and top of each target,
+    LiDAR frame. pixels: (P, 3, 2). free_intrinsics: whether the intrinsics are unknown; otherwise
+    those of the matrix are kept. edge_widths: from first to last, as shares of the step between
+    columns. `CalibrationError` where the matrix is no camera's or numbers of targets differ.
     """
-    if not len(corners) == len(pixels) == len(sights) > 0:
+    if not len(corners) == len(pixels) == len(scanned) > 0:
         raise CalibrationError(
-            "expected corners, pixels and sights of as many boards, "
-            f"got {len(corners)}, {len(pixels)} and {len(sights)}"
+            "expected corners, pixels and scans of as many targets, "
+            f"got {len(corners)}, {len(pixels)} and {len(scanned)}"
         )
     inner, lidar_from_camera = decompose(matrix)
     state = State(
         np.array([inner[0, 0], inner[1, 1], inner[0, 2], inner[1, 2]]),
         lidar_from_camera.inverse().matrix[:3],
-        np.stack([_laid(board, one) for one in corners]),
+        np.stack([_pose_of_corners(target, one) for one in corners]),
     )
-    seen = stacked(np.asarray(pixels, np.float64), sights)
+    measured = stacked_measurements(np.asarray(pixels, np.float64), scanned)
 
     def image(at: State) -> np.ndarray:
-        return image_errors(at.inner, at.camera, at.boards, seen, board)
+        return image_errors(at.inner, at.camera, at.targets, measured, target)
 
-    for spot in spots:
+    for edge_width in edge_widths:
 
-        def alone(at: State, spot: float = spot) -> np.ndarray:
-            edges = edge_errors(at.boards, seen, board, spot)
-            return np.concatenate([range_errors(at.boards, seen), edges], axis=1)
+        def alone(at: State, edge_width: float = edge_width) -> np.ndarray:
+            edges = edge_errors(at.targets, measured, target, edge_width)
+            return np.concatenate([range_errors(at.targets, measured), edges], axis=1)
 
-        state = descend(image, alone, state, 10 if free else 6)
+        state = descend(image, alone, state, 10 if free_intrinsics else 6)
     fx, fy, cx, cy = state.inner
     upper = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-    return Bundle(upper @ state.camera, corners_of_boards(state.boards, board))
+    return Bundle(upper @ state.camera, corners_of_targets(state.targets, target))
 
 
 def descend(image: Errors, alone: Errors, state: State, shared: int) -> State:
     """Levenberg and Marquardt; shared: 6 unknowns of the camera, or 10 with its intrinsics.
 
-    image: (P, M) errors that depend on each row's board and on the shared unknowns. alone: (P, L)
-    errors that depend on the row's board only. Boards do not know of each other, so that each is
-    solved for alone and the camera from what they leave (Schur complement): time grows with the
-    number of boards, not with its cube.
+    image: (P, M) errors that depend on each row's target and on the shared unknowns. alone: (P, L)
+    errors that depend on the row's target only. Targets are independent of each other, so each is
+    solved for alone and the camera from the rest (Schur complement): time grows with the number of
+    targets, not with its cube.
     """
 
     def errors(at: State) -> np.ndarray:
@@ -145,11 +145,11 @@ def descend(image: Errors, alone: Errors, state: State, shared: int) -> State:
 
 
 def _slopes(errors: Errors, state: State, shared: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """(P, M, K) derivatives by differences along K directions, of all boards at once.
+    """(P, M, K) derivatives by differences along K directions, of all targets at once.
 
-    shared: (K, 6 or 10), own: (K, 6), the same for every board.
+    shared: (K, 6 or 10), own: (K, 6), the same for every target.
     """
-    now, still = errors(state), np.zeros((len(state.boards), 6))
+    now, still = errors(state), np.zeros((len(state.targets), 6))
     bumped = [
         errors(state.moved(BUMP * ours, still + BUMP * theirs))
         for ours, theirs in zip(shared, own, strict=True)
@@ -160,7 +160,7 @@ def _slopes(errors: Errors, state: State, shared: np.ndarray, own: np.ndarray) -
 def _step(
     shared: np.ndarray, own: np.ndarray, errors: np.ndarray, damping: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the step of the shared unknowns and of each board's.
+    """Return the step of the shared unknowns and of each target's.
 
     shared: (P, M, S) of the first M errors. own: (P, M + L, 6). errors: (P, M + L).
     """
@@ -194,9 +194,9 @@ def _moved(poses: np.ndarray, six: np.ndarray) -> np.ndarray:
     return np.concatenate([turns @ poses[..., :3], shifted[..., None]], axis=-1)
 
 
-def _laid(board: Board, corners: np.ndarray) -> np.ndarray:
-    """(3, 4) pose of a board whose corners are nearest to given ones (Kabsch)."""
-    flat = np.column_stack([board.corners, np.zeros(3)])
+def _pose_of_corners(target: TriangularTarget, corners: np.ndarray) -> np.ndarray:
+    """(3, 4) pose of a target whose corners are nearest to given ones (Kabsch)."""
+    flat = np.column_stack([target.corners, np.zeros(3)])
     middle, centre = corners.mean(axis=0), flat.mean(axis=0)
     left, _, right = np.linalg.svd((corners - middle).T @ (flat - centre))
     turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right

@@ -1,4 +1,4 @@
-"""A rig calibrated with a board, as a function and on the command line."""
+"""A rig calibrated with a target, as a function and on the command line."""
 
 import json
 import signal
@@ -13,41 +13,41 @@ from typer.testing import CliRunner
 
 from roadscope.__main__ import app
 from roadscope.benchmarks import calibrating
+from roadscope.benchmarks import target_views as views_module
 from roadscope.benchmarks.calibrating import PoseRow, calibrate_rig, enough, save_rig_calibration
 from roadscope.benchmarks.images import projection_of
-from roadscope.benchmarks.papers import li2021_board
-from roadscope.benchmarks.papers.li2021_board import Views, places, true_corners
+from roadscope.benchmarks.target_views import TargetViews, random_poses, true_corners
 from roadscope.envs.sensors.rigs import rig
 from roadscope.fusion.calibration import CalibrationError, read_calibration
-from roadscope.fusion.calibration_target import Board
+from roadscope.fusion.calibration_target import TriangularTarget
 
 
-def true_views(carrier, poses: int, noise_px: float, seed: int = 0) -> Views:
+def true_views(carrier, poses: int, noise_px: float, seed: int = 0) -> TargetViews:
     """Corners where they truly are, without scans and images."""
     rng = np.random.default_rng(seed)
     points, pixels = [], []
-    for place in places(carrier, poses, rng):
-        corners = true_corners(Board(), place)
+    for pose in random_poses(carrier, poses, rng):
+        corners = true_corners(TriangularTarget(), pose)
         points.append(corners)
         pixels.append(projection_of(carrier).project(corners)[0])
         pixels[-1] = pixels[-1] + noise_px * rng.standard_normal((3, 2))
-    return Views(tuple(points), tuple(pixels))
+    return TargetViews(tuple(points), tuple(pixels))
 
 
 @pytest.fixture
 def quick(monkeypatch):
-    """No board is sensed: its corners are known to half a pixel."""
+    """No target is sensed: its corners are known to half a pixel."""
 
-    def views(carrier, poses, rng, *, told=None, **_):
+    def views(carrier, poses, rng, *, progress=None, **_):
         for number in range(1, poses + 1):
-            told(number)
+            progress(number)
         return true_views(carrier, poses, 0.5)
 
-    monkeypatch.setattr(calibrating, "board_views", views)
+    monkeypatch.setattr(calibrating, "target_views", views)
 
 
 def test_corners_without_errors_give_the_truth(monkeypatch) -> None:
-    monkeypatch.setattr(calibrating, "board_views", lambda c, n, *_, **__: true_views(c, n, 0.0))
+    monkeypatch.setattr(calibrating, "target_views", lambda c, n, *_, **__: true_views(c, n, 0.0))
     last = calibrate_rig("wide", poses=8).rows[-1]
     assert last.held_out_px < 1e-3
     assert last.position_m < 1e-4
@@ -106,7 +106,7 @@ def test_how_many_are_enough() -> None:
 def test_what_is_written_is_what_fusion_reads(tmp_path: Path) -> None:
     found = calibrate_rig("wide", poses=6)
     for name in ("rig.json", "rig.toml"):
-        save_rig_calibration(found, tmp_path / name, "a board")
+        save_rig_calibration(found, tmp_path / name, "a target")
         assert np.allclose(
             read_calibration(tmp_path / name).matrix, found.result.projection.matrix, rtol=1e-12
         )
@@ -120,16 +120,16 @@ def test_what_cannot_be_calibrated_is_named(monkeypatch) -> None:
     with pytest.raises(ValueError, match="rig 'lux' has no camera"):
         calibrate_rig("lux")
     few = true_views(rig("wide"), 3, 0.0)
-    monkeypatch.setattr(calibrating, "board_views", lambda *_, **__: few)
+    monkeypatch.setattr(calibrating, "target_views", lambda *_, **__: few)
     with pytest.raises(CalibrationError, match="in 3 of 20 poses only, 4 are needed"):
         calibrate_rig("wide")
 
-    def blind(*_):
-        raise CalibrationError("the image cuts the board")
+    def blind(*_, **__):
+        raise CalibrationError("the image cuts the target")
 
-    monkeypatch.setattr(li2021_board, "board_view", blind)
-    with pytest.raises(CalibrationError, match="none of 5 poses showed the board"):
-        li2021_board.board_views(rig("wide"), 5, np.random.default_rng(0))
+    monkeypatch.setattr(views_module, "target_view", blind)
+    with pytest.raises(CalibrationError, match="none of 5 poses showed the target"):
+        views_module.target_views(rig("wide"), 5, np.random.default_rng(0))
 
 
 @pytest.mark.usefixtures("quick")

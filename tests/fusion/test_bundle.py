@@ -1,4 +1,6 @@
-"""Camera and boards together: laws on boards that four rings of thin beams meet."""
+"""Camera and targets together: laws on targets that four rings of thin beams meet."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,26 +10,26 @@ from roadscope.core import Pose
 from roadscope.fusion.bundle import State, descend, refine
 from roadscope.fusion.calibration import CalibrationError, calibrate, decompose, distances_px
 from roadscope.fusion.calibration_target import (
-    Beams,
-    Board,
-    BoardSight,
-    board_sight,
+    BeamDirections,
+    ScannedTarget,
+    TriangularTarget,
     corners_in_scans,
     edge_errors,
     image_errors,
     range_errors,
-    stacked,
+    scanned_target,
+    stacked_measurements,
 )
 
-BOARD = Board()
-BEAMS = Beams(np.radians(30 - 0.25 * np.arange(240)), np.radians([-1.2, -0.4, 0.4, 1.2]))
+TARGET = TriangularTarget()
+BEAMS = BeamDirections(np.radians(30 - 0.25 * np.arange(240)), np.radians([-1.2, -0.4, 0.4, 1.2]))
 INNER = np.array([[1600.0, 0, 640], [0, 1600, 480], [0, 0, 1]])
 CAMERA = INNER @ np.array([[0.0, -1, 0, 0.1], [0, 0, -1, 0.85], [1, 0, 0, 3]])
 SCANS = 25
 
 
 def poses(count: int, seed: int) -> list[Pose]:
-    """Of the board's plane y-z, LiDAR frame."""
+    """Of the target's plane y-z, LiDAR frame."""
     rng = np.random.default_rng(seed)
     ahead = rng.uniform(3.5, 9.0, count)
     return [
@@ -43,7 +45,7 @@ def poses(count: int, seed: int) -> list[Pose]:
 
 
 def corners_at(pose: Pose) -> np.ndarray:
-    flat = BOARD.corners
+    flat = TARGET.corners
     return pose.apply(np.column_stack([np.zeros(3), -flat[:, 0], flat[:, 1]]))
 
 
@@ -54,7 +56,7 @@ def returns(pose: Pose, noise_m: float, rng: np.random.Generator) -> tuple[np.nd
     normal = pose.rotation[:, 0]
     ranges = (normal @ pose.translation) / (rays @ normal)
     _, y, z = pose.inverse().apply(rays * ranges[:, None]).T
-    half = BOARD.base_m / 2 * (1 - z / BOARD.height_m)
+    half = TARGET.base_m / 2 * (1 - z / TARGET.height_m)
     on = np.flatnonzero((ranges > 0) & (z > 0) & (np.abs(y) < half))
     on = np.repeat(on, SCANS)
     far = ranges[on] + noise_m * rng.standard_normal(len(on))
@@ -68,16 +70,16 @@ def project(points: np.ndarray) -> np.ndarray:
 
 def seen(
     count: int, seed: int, noise_px: float = 0.1, noise_m: float = 0.1
-) -> tuple[np.ndarray, np.ndarray, list[BoardSight]]:
-    """Corners in scans, pixels and sights."""
+) -> tuple[np.ndarray, np.ndarray, list[ScannedTarget]]:
+    """Corners in scans, pixels and scanned."""
     rng = np.random.default_rng([seed, 1])
-    corners, pixels, sights = [], [], []
+    corners, pixels, scanned = [], [], []
     for pose in poses(count, seed):
         got = returns(pose, noise_m, rng)
-        corners.append(corners_in_scans(*got, BOARD, BEAMS.step_rad))
+        corners.append(corners_in_scans(*got, TARGET, BEAMS.step_rad))
         pixels.append(project(corners_at(pose)) + noise_px * rng.standard_normal((3, 2)))
-        sights.append(board_sight(*got, BEAMS, SCANS))
-    return np.stack(corners), np.stack(pixels), sights
+        scanned.append(scanned_target(*got, BEAMS, SCANS))
+    return np.stack(corners), np.stack(pixels), scanned
 
 
 def linear(corners: np.ndarray, pixels: np.ndarray, known: bool = False) -> np.ndarray:
@@ -93,7 +95,7 @@ def linear(corners: np.ndarray, pixels: np.ndarray, known: bool = False) -> np.n
 
 
 def off_px(matrix: np.ndarray) -> float:
-    """Of boards that were not used."""
+    """Of targets that were not used."""
     fresh = np.concatenate([corners_at(pose) for pose in poses(30, 99)])
     return float(np.sqrt((distances_px(matrix, fresh, project(fresh)) ** 2).mean()))
 
@@ -102,56 +104,56 @@ def off_px(matrix: np.ndarray) -> float:
 def test_it_beats_corners_alone(known: bool) -> None:
     shares = []
     for seed in range(5):
-        corners, pixels, sights = seen(8, seed)
+        corners, pixels, scanned = seen(8, seed)
         start = linear(corners, pixels, known)
-        found = refine(start, corners, pixels, sights, BOARD, free=not known)
+        found = refine(start, corners, pixels, scanned, TARGET, free_intrinsics=not known)
         shares.append(off_px(found.matrix) / off_px(start))
     assert np.median(shares) < 0.7
 
 
-def test_many_boards_leave_less_than_a_pixel() -> None:
-    corners, pixels, sights = seen(20, 7)
-    found = refine(linear(corners, pixels), corners, pixels, sights, BOARD)
+def test_many_targets_leave_less_than_a_pixel() -> None:
+    corners, pixels, scanned = seen(20, 7)
+    found = refine(linear(corners, pixels), corners, pixels, scanned, TARGET)
     assert off_px(found.matrix) < 1.0
     true = np.stack([corners_at(pose) for pose in poses(20, 7)])
     middle = [np.median(np.linalg.norm(c - true, axis=2)) for c in (found.corners, corners)]
     assert middle[0] < middle[1]
 
 
-def test_a_found_board_has_the_sides_of_the_board() -> None:
-    corners, pixels, sights = seen(5, 3)
-    found = refine(linear(corners, pixels), corners, pixels, sights, BOARD)
-    flat = BOARD.corners
+def test_a_refined_target_has_the_sides_of_the_target() -> None:
+    corners, pixels, scanned = seen(5, 3)
+    found = refine(linear(corners, pixels), corners, pixels, scanned, TARGET)
+    flat = TARGET.corners
     for k in range(3):
         sides = np.linalg.norm(found.corners[:, k] - found.corners[:, k - 1], axis=1)
         assert sides == pytest.approx(np.linalg.norm(flat[k] - flat[k - 1]), abs=1e-9)
 
 
 def test_known_intrinsics_are_kept() -> None:
-    corners, pixels, sights = seen(5, 3)
+    corners, pixels, scanned = seen(5, 3)
     start = linear(corners, pixels, known=True)
-    found = refine(start, corners, pixels, sights, BOARD, free=False)
+    found = refine(start, corners, pixels, scanned, TARGET, free_intrinsics=False)
     assert decompose(found.matrix)[0] == pytest.approx(INNER, abs=1e-6)
 
 
-def test_the_order_of_boards_is_irrelevant() -> None:
-    corners, pixels, sights = seen(6, 4)
+def test_the_order_of_targets_is_irrelevant() -> None:
+    corners, pixels, scanned = seen(6, 4)
     start = linear(corners, pixels)
-    found = refine(start, corners, pixels, sights, BOARD)
-    turned = refine(start, corners[::-1], pixels[::-1], sights[::-1], BOARD)
+    found = refine(start, corners, pixels, scanned, TARGET)
+    turned = refine(start, corners[::-1], pixels[::-1], scanned[::-1], TARGET)
     # Both stop within the same thousandths of a pixel, not at the same bit.
     assert abs(off_px(found.matrix) - off_px(turned.matrix)) < 0.05
 
 
 def test_a_beam_that_met_something_else_moves_little() -> None:
-    corners, pixels, sights = seen(12, 5)
+    corners, pixels, scanned = seen(12, 5)
     start = linear(corners, pixels)
     wrong = []
-    for sight in sights:
-        met = sight.met.copy()
-        met[0] = 1 - met[0]
-        wrong.append(BoardSight(sight.plane, sight.plane_root, sight.rays, met, sight.step_rad))
-    found = refine(start, corners, pixels, wrong, BOARD)
+    for each in scanned:
+        hit_share = each.hit_share.copy()
+        hit_share[0] = 1 - hit_share[0]
+        wrong.append(replace(each, hit_share=hit_share))
+    found = refine(start, corners, pixels, wrong, TARGET)
     assert off_px(found.matrix) < off_px(start)
 
 
@@ -161,8 +163,8 @@ def test_the_plane_is_as_sure_as_it_says() -> None:
     true = normal / (normal @ pose.translation)
     squares = []
     for _ in range(60):
-        sight = board_sight(*returns(pose, 0.1, rng), BEAMS, SCANS)
-        squares.append(float(((sight.plane_root @ (true - sight.plane)) ** 2).sum()))
+        each = scanned_target(*returns(pose, 0.1, rng), BEAMS, SCANS)
+        squares.append(float(((each.plane_root @ (true - each.plane)) ** 2).sum()))
     # Mean of 60 chi squares of three degrees of freedom: 3 with a standard deviation of 0.32.
     assert 2.0 < np.mean(squares) < 4.3
 
@@ -170,33 +172,36 @@ def test_the_plane_is_as_sure_as_it_says() -> None:
 def test_stray_ranges_do_not_move_the_plane() -> None:
     rng, pose = np.random.default_rng(2), poses(1, 8)[0]
     points, ring, column = returns(pose, 0.02, rng)
-    clean = board_sight(points, ring, column, BEAMS, SCANS)
+    clean = scanned_target(points, ring, column, BEAMS, SCANS)
     stray = rng.random(len(points)) < 0.05
     points = points * np.where(stray, 1.3, 1.0)[:, None]
-    mixed = board_sight(points, ring, column, BEAMS, SCANS)
+    mixed = scanned_target(points, ring, column, BEAMS, SCANS)
     assert np.linalg.norm(clean.plane_root @ (mixed.plane - clean.plane)) < 1.0
 
 
 def test_beams_on_both_sides_of_every_end_are_kept() -> None:
-    _, _, sights = seen(4, 6)
-    for sight in sights:
-        assert min((sight.met > 0.5).sum(), (sight.met < 0.5).sum()) >= 8
+    _, _, scanned = seen(4, 6)
+    for each in scanned:
+        assert min((each.hit_share > 0.5).sum(), (each.hit_share < 0.5).sum()) >= 8
 
 
 def test_the_descent_ends_where_a_dense_one_does() -> None:
     """The slow, obvious way: one dense problem of all unknowns."""
-    corners, pixels, sights = seen(4, 9)
+    corners, pixels, scanned = seen(4, 9)
     camera = decompose(linear(corners, pixels, known=True))[1].inverse().matrix[:3]
-    boards = np.stack([pose.matrix[:3] for pose in poses(4, 9)])[:, :, [1, 2, 0, 3]]
-    boards = boards * [-1.0, 1.0, -1.0, 1.0]  # right, up, towards the sensor
-    state, data = State(np.array([1600.0, 1600, 640, 480]), camera, boards), stacked(pixels, sights)
+    targets = np.stack([pose.matrix[:3] for pose in poses(4, 9)])[:, :, [1, 2, 0, 3]]
+    targets = targets * [-1.0, 1.0, -1.0, 1.0]  # right, up, towards the sensor
+    state, data = (
+        State(np.array([1600.0, 1600, 640, 480]), camera, targets),
+        stacked_measurements(pixels, scanned),
+    )
 
     def image(at: State) -> np.ndarray:
-        return image_errors(at.inner, at.camera, at.boards, data, BOARD)
+        return image_errors(at.inner, at.camera, at.targets, data, TARGET)
 
     def alone(at: State) -> np.ndarray:
-        edges = edge_errors(at.boards, data, BOARD, 0.5)
-        return np.concatenate([range_errors(at.boards, data), edges], axis=1)
+        edges = edge_errors(at.targets, data, TARGET, 0.5)
+        return np.concatenate([range_errors(at.targets, data), edges], axis=1)
 
     def errors(at: State) -> np.ndarray:
         return np.concatenate([image(at), alone(at)], axis=1)
@@ -211,8 +216,8 @@ def test_the_descent_ends_where_a_dense_one_does() -> None:
 
 
 def test_unequal_numbers_are_refused() -> None:
-    corners, pixels, sights = seen(4, 1)
+    corners, pixels, scanned = seen(4, 1)
     with pytest.raises(CalibrationError, match="got 4, 4 and 3"):
-        refine(CAMERA, corners, pixels, sights[:3], BOARD)
+        refine(CAMERA, corners, pixels, scanned[:3], TARGET)
     with pytest.raises(CalibrationError, match="at least 6 returns, got 2"):
-        board_sight(np.ones((2, 3)), np.zeros(2, int), np.zeros(2, int), BEAMS, 1)
+        scanned_target(np.ones((2, 3)), np.zeros(2, int), np.zeros(2, int), BEAMS, 1)

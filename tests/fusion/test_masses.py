@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.episode import Episode
-from roadscope.benchmarks.papers.li2021_scene import Moment, film
+from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.core import Category, Detections, ImageDetections
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion.cluster_boxes import ClusterBoxes
@@ -29,23 +29,23 @@ def test_what_the_score_leaves_open_is_ignorance_and_confusion_shares_the_rest()
 
 
 @pytest.fixture(scope="module")
-def moments() -> list[Moment]:
+def moments() -> list[SensorPair]:
     network = CAMERA_DETECTORS.make("network")
     return [
         moment
         for seed in SEEDS
         for scenario in ("street", "town-crossing")
-        for moment in film(Episode(scenario, seed, "li2021", 8.0), every=8, detector=network)
+        for moment in sense_pairs(Episode(scenario, seed, "li2021", 8.0), every=8, detector=network)
     ]
 
 
-def in_images(moment: Moment) -> Judged:
+def in_images(moment: SensorPair) -> Judged:
     assert moment.camera is not None
     near = ious(moment.camera.boxes, moment.targets.image_boxes) >= 0.5
     return camera_masses(moment.camera), families_among(near, moment)
 
 
-def in_scans(moment: Moment) -> Judged:
+def in_scans(moment: SensorPair) -> Judged:
     found = ClusterBoxes().detect(moment.scan)
     apart = np.linalg.norm(
         found.centres[:, None, :2] - moment.targets.centres[None, :, :2], axis=-1
@@ -53,7 +53,7 @@ def in_scans(moment: Moment) -> Judged:
     return lidar_masses(found), families_among(apart <= 2.0, moment)
 
 
-def families_among(near: np.ndarray, moment: Moment) -> np.ndarray:
+def families_among(near: np.ndarray, moment: SensorPair) -> np.ndarray:
     """(N, 3) bool, whether a target of each family may be meant."""
     columns = [near[:, moment.targets.families == k].any(axis=1) for k in range(3)]
     return np.column_stack(columns)
@@ -64,7 +64,7 @@ def families_among(near: np.ndarray, moment: Moment) -> np.ndarray:
     ("judged", "edges"), [(in_images, (0.5, 0.65, 0.85)), (in_scans, (0.35, 0.65))]
 )
 def test_masses_are_the_shares_that_are_right(
-    judged: Callable[[Moment], Judged], edges: tuple[float, ...], moments: list[Moment]
+    judged: Callable[[SensorPair], Judged], edges: tuple[float, ...], moments: list[SensorPair]
 ) -> None:
     parts = [judged(moment) for moment in moments]
     masses, real = (np.concatenate(column) for column in zip(*parts, strict=True))

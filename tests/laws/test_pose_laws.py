@@ -9,8 +9,8 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from law_scenes import take
 
-from roadscope.benchmarks.papers.zhang2017_outline import fusion
-from roadscope.benchmarks.papers.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
+from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
 from roadscope.core import Pose, RecordError
 from roadscope.detectors.pose import axis_difference, fit_multi, fit_ransac, fit_single
 from roadscope.detectors.pose.body_fit import BodyFit
@@ -35,13 +35,13 @@ def by_frames(shots):
 def by_rays(shots):
     """One scan hardly tells the car's front from its rear, so that is said."""
     shot = shots[1]
-    fit = BodyFit(spec(), fusion((0.0, 0.0)))
+    fit = BodyFit(spec(), ford_fusion(0.0, 0.0))
     way = float(shot.truth[2])
     return fit.fit(shot.scan, shot.target, shot.world_from_lidar, rolling=False, towards=way)
 
 
 def smoothed(shots):
-    smoother = Smoother(spec(), fusion((0.0, 0.0)), frames=3)
+    smoother = Smoother(spec(), ford_fusion(0.0, 0.0), frames=3)
     return follow(smoother, shots)[-1]
 
 
@@ -73,12 +73,12 @@ few = settings(max_examples=5, phases=[Phase.generate])
 
 @cache
 def spec():
-    return film("straight", 0, frames=1).spec
+    return sense_drive("straight", 0, frames=1).spec
 
 
 @cache
 def seen(drive="straight", seed=0):
-    return film(drive, seed, frames=3).shots
+    return sense_drive(drive, seed, frames=3).sweeps
 
 
 def changed(shots, change):
@@ -168,9 +168,9 @@ def test_same_input_same_output_to_the_bit(name):
 
 @every
 def test_input_is_left_alone(name):
-    shots = film("straight", 3, frames=3).shots
+    shots = sense_drive("straight", 3, frames=3).sweeps
     ESTIMATORS[name](shots)
-    for shot, before in zip(shots, film("straight", 3, frames=3).shots, strict=True):
+    for shot, before in zip(shots, sense_drive("straight", 3, frames=3).sweeps, strict=True):
         assert shot.scan == before.scan
         assert np.array_equal(shot.target, before.target)
         assert shot.world_from_lidar == before.world_from_lidar
@@ -244,7 +244,7 @@ def test_what_is_no_place_is_refused_by_name(name, bad):
 
 
 def test_smoother_forgets_on_reset():
-    smoother = Smoother(spec(), fusion((0.0, 0.0)), frames=3)
+    smoother = Smoother(spec(), ford_fusion(0.0, 0.0), frames=3)
     first = follow(smoother, seen())
     smoother.reset()
     follow(smoother, seen("curve"))

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from research.information_floor import Knowledge, floor
-from roadscope.benchmarks.papers.zhang2017_claims import FREEDOM, consistent
-from roadscope.benchmarks.papers.zhang2017_errors import errors
-from roadscope.benchmarks.papers.zhang2017_methods import METHODS, estimate
-from roadscope.benchmarks.papers.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_claims import POSE_UNKNOWNS, consistent
+from roadscope.benchmarks.papers.zhang2017_methods import METHODS, errors, estimate
+from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
 from roadscope.detectors.pose.estimate import axis_difference
 
 FITS = {1: "ours, 1 frame", 3: "ours, 3 frames", 7: "ours, 7 frames"}
@@ -24,14 +23,14 @@ PAPER = {"straight": (0.0260, 5.1006), "straight-past": (0.0260, 5.1006), "curve
 
 @cache
 def run_of(drive, body, seed, frames=TAKEN):
-    return film(drive, seed, body=body, frames=frames)
+    return sense_drive(drive, seed, body=body, frames=frames)
 
 
 def judged(run, frames):
     """Errors (K, 3) along, across and in heading, and NEES (K,), NaN where nothing is scored."""
     poses, _ = estimate(METHODS[FITS[frames]], run)
     scores = np.full(len(poses), np.nan)
-    for k, (pose, shot) in enumerate(zip(poses, run.shots, strict=True)):
+    for k, (pose, shot) in enumerate(zip(poses, run.sweeps, strict=True)):
         if pose is not None and shot.target.sum() >= 3:
             off = np.array([pose.x, pose.y, pose.yaw]) - shot.truth
             off[2] = axis_difference(off[2], 0.0)
@@ -71,7 +70,7 @@ def test_covariance_is_consistent_and_nothing_is_turned(drive, body, frames):
     found = np.concatenate([found for found, _ in pairs])[used]
     assert np.abs(found[:, 2]).max() < np.radians(20.0)
     may_well = consistent(means, used.sum() / len(SEEDS), frames)
-    assert may_well or 0.75 * FREEDOM < np.mean(means) < FREEDOM, means
+    assert may_well or 0.75 * POSE_UNKNOWNS < np.mean(means) < POSE_UNKNOWNS, means
     if frames == 7 and drive in PAPER:
         place, heading = PAPER[drive]
         assert np.sqrt((found[:, :2] ** 2).sum(axis=1).mean()) < place
@@ -81,7 +80,7 @@ def test_covariance_is_consistent_and_nothing_is_turned(drive, body, frames):
 @pytest.mark.parametrize("seed", [5000, 5004, 5007])
 def test_samples_on_the_way_to_a_posterior_do_not_run_away(seed):
     """From 1.9 m above the road the first scan has few returns; a wide start ended anywhere."""
-    run = film("straight", seed, sensor_height_m=1.9, frames=2)
+    run = sense_drive("straight", seed, sensor_height_m=1.9, frames=2)
     poses, _ = estimate(METHODS[FITS[1]], run)
     assert np.sqrt(np.diag(poses[0].covariance)).max() < 2.0
     assert np.abs(errors(run, poses)[0, 2]) < np.radians(45.0)

@@ -22,8 +22,8 @@ from research.ray_likelihood import (
     rays_of,
     receiver_of,
 )
-from roadscope.benchmarks.papers.zhang2017_outline import fusion
-from roadscope.benchmarks.papers.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
+from roadscope.benchmarks.papers.zhang2017_scene import sense_drive
 from roadscope.detectors.pose.body_kernels import RADIUS
 from roadscope.envs.raycast.cast import Columns, cast
 from roadscope.envs.raycast.scene import Scene
@@ -61,16 +61,16 @@ def test_few_samples_do_not_make_a_posterior_too_sure():
 @pytest.mark.parametrize("body", ["sharp", "rounded"])
 def test_the_likelihood_is_the_one_that_made_the_scans(name, body):
     """At the truth every ray is possible, and squared range errors are noise variances."""
-    run = film(name, SEED, body=body, frames=24)
-    quick = run.shots[:3] if name == "following-10" else run.shots[::4]
-    values = [log_likelihood(run, run.shots.index(shot), (0.0, 0.0, 0.0)) for shot in quick]
-    returns = [int((rays_of(run, run.shots.index(s)).observed_m > 0).sum()) for s in quick]
+    run = sense_drive(name, SEED, body=body, frames=24)
+    quick = run.sweeps[:3] if name == "following-10" else run.sweeps[::4]
+    values = [log_likelihood(run, run.sweeps.index(shot), (0.0, 0.0, 0.0)) for shot in quick]
+    returns = [int((rays_of(run, run.sweeps.index(s)).observed_m > 0).sum()) for s in quick]
     assert min(values) > IMPOSSIBLE - 0.75 * max(returns)
     assert -2.0 * sum(values) / sum(returns) == pytest.approx(1.0, abs=0.25)
 
 
 def test_other_poses_are_less_likely():
-    run = film("curve", SEED, frames=1)
+    run = sense_drive("curve", SEED, frames=1)
     best = log_likelihood(run, 0, (0.0, 0.0, 0.0))
     for offset in [(0.2, 0, 0), (-0.2, 0, 0), (0, 0.2, 0), (0, -0.2, 0), (0, 0, 0.1), (0, 0, -0.1)]:
         assert log_likelihood(run, 0, offset) < best - 20
@@ -101,7 +101,7 @@ def by_ray_caster(run, k, offset, body) -> float:
 @pytest.mark.parametrize("name", ["straight-past", "curve", "following-10"])
 @pytest.mark.parametrize("radius_m", [0.0, 0.2, 0.4])
 def test_the_likelihood_is_that_of_the_ray_caster(name, radius_m):
-    run, rng = film(name, SEED, frames=19), np.random.default_rng(1)
+    run, rng = sense_drive(name, SEED, frames=19), np.random.default_rng(1)
     offsets = np.concatenate([np.zeros((1, 3)), rng.normal(size=(8, 3)) * (0.1, 0.1, 0.03)])
     bodies, out = bodies_of((0.1, radius_m)), np.zeros(len(offsets))
     states = CandidateStates(offsets, np.ones(len(offsets), int))
@@ -113,17 +113,17 @@ def test_the_likelihood_is_that_of_the_ray_caster(name, radius_m):
 
 def test_radii_are_spread_as_our_fit_supposes():
     rng = np.random.default_rng(1)
-    fitted = fusion().parts(rng.normal(size=(20_000, 5)))[:, 0, RADIUS]
+    fitted = ford_fusion().parts(rng.normal(size=(20_000, 5)))[:, 0, RADIUS]
     rows = unknown_corners().rows_of(rng.normal(size=(20_000, 1)))
     shares = np.linspace(0.05, 0.95, 10)
-    least, most = fusion().radius_m
+    least, most = ford_fusion().radius_m
     floors = least + (most - least) * np.quantile(rows, shares) / 80
     assert floors == pytest.approx(np.quantile(fitted, shares), abs=0.01)
     assert (np.diff(unknown_corners().rows_of(np.linspace(-4, 4, 50)[:, None])) >= 0).all()
 
 
 def test_corners_that_are_not_known_raise_the_floor():
-    run = film("curve", SEED, body="rounded", frames=12)
+    run = sense_drive("curve", SEED, body="rounded", frames=12)
     known, unknown = (
         floor(run, draws=512, knowledge=Knowledge(corners=known)) for known in (True, False)
     )
@@ -134,7 +134,9 @@ def test_corners_that_are_not_known_raise_the_floor():
 
 def test_posterior_is_calibrated():
     """The mean squared error in units of the covariance is the number of dimensions."""
-    runs = [film("curve", seed, body=body) for seed in range(2) for body in ("sharp", "rounded")]
+    runs = [
+        sense_drive("curve", seed, body=body) for seed in range(2) for body in ("sharp", "rounded")
+    ]
     for frames in (1, 3):
         values = np.concatenate([nees(floor(run, frames, draws=512)) for run in runs])
         # Neighbouring windows share frames: count a third of them.
@@ -143,10 +145,10 @@ def test_posterior_is_calibrated():
 
 
 def test_more_frames_and_less_noise_lower_the_floor():
-    run = film("straight", SEED, frames=9)
+    run = sense_drive("straight", SEED, frames=9)
     levels = [np.nanmean(floor(run, n, draws=512).position_m ** 2) for n in (1, 3, 7)]
     assert levels[0] > 1.5 * levels[1] > 2.0 * levels[2]
-    quiet = floor(film("straight", SEED, noise=0.5, frames=9), draws=512)
+    quiet = floor(sense_drive("straight", SEED, noise=0.5, frames=9), draws=512)
     assert np.nanmean(quiet.longitudinal_m) == pytest.approx(
         np.nanmean(floor(run, draws=512).longitudinal_m) / 2, rel=0.3
     )
@@ -154,24 +156,24 @@ def test_more_frames_and_less_noise_lower_the_floor():
 
 def test_lag_says_which_frames_are_used():
     """Without later frames the last of a window is known worse than its middle."""
-    run = film("curve", SEED, frames=6)
+    run = sense_drive("curve", SEED, frames=6)
     causal, middle = floor(run, 5, lag=0, draws=512), floor(run, 5, draws=512)
     assert np.array_equal(causal.covariances[0], floor(run, draws=512).covariances[0])
     assert causal.heading_rad[3] > middle.heading_rad[3]
 
 
 def test_frames_with_too_few_returns_have_no_floor():
-    run = film("straight", SEED)
+    run = sense_drive("straight", SEED)
     found = floor(run, draws=256)
-    few = np.array([shot.target.sum() < 3 for shot in run.shots])
+    few = np.array([shot.target.sum() < 3 for shot in run.sweeps])
     assert few[-1]
     assert np.array_equal(np.isnan(found.position_m), few)
-    empty = replace(run, shots=run.shots[-2:])
+    empty = replace(run, sweeps=run.sweeps[-2:])
     assert np.isnan(floor(empty, 3).position_m).all()
 
 
 def test_a_speed_that_may_change_raises_the_floor_along_the_way():
-    run = film("straight", SEED, frames=9)
+    run = sense_drive("straight", SEED, frames=9)
     steady, gaining = (
         floor(run, 7, draws=512, knowledge=Knowledge(acceleration=known)) for known in (True, False)
     )
@@ -181,11 +183,11 @@ def test_a_speed_that_may_change_raises_the_floor_along_the_way():
 
 
 def test_the_acceleration_is_that_of_the_way():
-    run = film("following-10", SEED, frames=4)
+    run = sense_drive("following-10", SEED, frames=4)
     speeds = [motion_of(run, k).speed_m_s for k in (1, 3)]
     assert acceleration_of(run, 2) == pytest.approx((speeds[1] - speeds[0]) / 0.2, abs=1e-3)
     assert abs(acceleration_of(run, 2)) > 0.005
-    assert acceleration_of(film("curve", SEED, frames=2), 1) == pytest.approx(0, abs=1e-6)
+    assert acceleration_of(sense_drive("curve", SEED, frames=2), 1) == pytest.approx(0, abs=1e-6)
 
 
 def test_offsets_later_are_those_of_the_closed_form():

@@ -21,9 +21,8 @@ from research.zhang2017_calibration import (
     passing_car,
     squared_errors,
 )
-from roadscope.benchmarks.papers.zhang2017_methods import OURS
-from roadscope.benchmarks.papers.zhang2017_names import frames_name
-from roadscope.benchmarks.papers.zhang2017_outline import fusion
+from roadscope.benchmarks.papers.zhang2017_methods import OURS, ford_fusion
+from roadscope.benchmarks.papers.zhang2017_tables import frames_name
 from roadscope.core import wrap_angle
 from roadscope.detectors.pose.body_fit import TURN_SD
 from roadscope.detectors.pose.estimate import axis_difference
@@ -35,7 +34,7 @@ SEED, CARS = 4000, 40
 
 @pytest.mark.parametrize("radius", CORNER_RADII_M.values())
 def test_a_body_drawn_from_the_known_outline_is_the_car(radius):
-    drawn, car = body_of(fusion((radius, radius)), np.zeros(5)), with_corners(radius)
+    drawn, car = body_of(ford_fusion(radius, radius), np.zeros(5)), with_corners(radius)
     assert len(drawn) == len(car)
     for column in ("bottoms", "tops", "reflectivities"):
         np.testing.assert_allclose(getattr(drawn, column), getattr(car, column))
@@ -48,14 +47,14 @@ def test_cars_pass_within_their_band_and_are_seen(band):
     nearest, farthest = BANDS[band]
     one, other = (passing_car(MODELS["any corners"], band, SEED + k) for k in range(2))
     for seen in (one, other):
-        assert len(seen.shots) == FRAMES
+        assert len(seen.sweeps) == FRAMES
         assert nearest <= np.hypot(*seen.truth[:2]) <= farthest
-        assert seen.shots[FRAMES // 2].target.sum() >= 3
-        assert min(np.hypot(*shot.truth[:2]) for shot in seen.shots) > CLEARANCE_M - 1
+        assert seen.sweeps[FRAMES // 2].target.sum() >= 3
+        assert min(np.hypot(*shot.truth[:2]) for shot in seen.sweeps) > CLEARANCE_M - 1
     assert not np.array_equal(one.truth, other.truth)
     again = passing_car(MODELS["any corners"], band, SEED)
     np.testing.assert_array_equal(again.truth, one.truth)
-    np.testing.assert_array_equal(again.shots[0].scan.points, one.shots[0].scan.points)
+    np.testing.assert_array_equal(again.sweeps[0].scan.points, one.sweeps[0].scan.points)
 
 
 def test_a_scan_alone_cannot_tell_how_far_a_car_has_turned_since_it_was_met():
@@ -66,7 +65,7 @@ def test_a_scan_alone_cannot_tell_how_far_a_car_has_turned_since_it_was_met():
     waits, spreads = [], []
     for k in range(4):
         seen = passing_car(MODELS["sharp, known"], "30-50 m", SEED + k)
-        shot = seen.shots[FRAMES // 2]
+        shot = seen.sweeps[FRAMES // 2]
         pose = fitted_pose(MODELS["sharp, known"], seen, 1)
         waits.append(abs(shot.scan.time_offset_s[shot.target].mean()))
         spreads.append(np.sqrt(pose.covariance[2, 2]))
@@ -123,7 +122,7 @@ def test_samples_reach_a_posterior_far_from_the_first_guess(model, band, car, fr
 def test_a_car_that_a_sweep_meets_twice_is_found_from_its_other_scans():
     """At 70 m/s it is 6 m farther when the sweep behind the sensor ends than when it began."""
     seen = passing_car(MODELS["sized saloon"], "10-20 m", 7919 * 2020)
-    times = seen.shots[FRAMES // 2].scan.time_offset_s[seen.shots[FRAMES // 2].target]
+    times = seen.sweeps[FRAMES // 2].scan.time_offset_s[seen.sweeps[FRAMES // 2].target]
     assert np.ptp(times) > 0.09
     pose = fitted_pose(MODELS["sized saloon"], seen, 3)
     assert np.hypot(*(np.array([pose.x, pose.y]) - seen.truth[:2])) < 0.2

@@ -18,12 +18,10 @@ from research.zhang2017_floor import (
     judged,
     measure,
 )
-from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
-from roadscope.benchmarks.papers.zhang2017_errors import HEADING, POSITION
-from roadscope.benchmarks.papers.zhang2017_methods import MULTI, OURS
-from roadscope.benchmarks.papers.zhang2017_names import INSIDE, NEES, frames_name
-from roadscope.benchmarks.papers.zhang2017_paper import SIMULATED
-from roadscope.benchmarks.papers.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_claims import DriveMethod
+from roadscope.benchmarks.papers.zhang2017_methods import HEADING, MULTI, OURS, POSITION
+from roadscope.benchmarks.papers.zhang2017_scene import FOLLOWED_M, sense_drive
+from roadscope.benchmarks.papers.zhang2017_tables import INSIDE, NEES, SIMULATED, frames_name
 
 SEED = 12345
 DRIVES = (*SIMULATED, *(f"following-{metres}" for metres in FOLLOWED_M))
@@ -35,7 +33,7 @@ def measured():
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(study, "BODIES", ("rounded",))
         patched.setattr(study, "FOLLOWED_FRAMES", 4)
-        patched.setattr(study, "film", few_frames)
+        patched.setattr(study, "sense_drive", few_frames)
         # How a floor depends on the frames is tested beside it.
         patched.setattr(study, "floors", a_single_floor)
         values = {key: [value] for key, value in measure(SEED).items()}
@@ -43,7 +41,7 @@ def measured():
 
 
 def few_frames(name, seed, frames=2, **changes):
-    return film(name, seed, frames=frames, **changes)
+    return sense_drive(name, seed, frames=frames, **changes)
 
 
 def a_single_floor(run, frames, *, draws, knowledge):
@@ -84,7 +82,7 @@ def a_table(ours=(0.3, 0.02, 0.01), floors=(0.2, 0.015, 0.008), multi=0.8):
     for window, value in zip(WINDOWS, floors, strict=True):
         values |= {FLOOR.format(window): value, INFORMED_FLOOR.format(window): 0.9 * value}
     return {
-        (drive, method): dict.fromkeys((HEADING, POSITION), value)
+        DriveMethod(drive, method): dict.fromkeys((HEADING, POSITION), value)
         for drive in DRIVES
         for method, value in values.items()
     }

@@ -1,14 +1,16 @@
 """The experiments of Li 2021 with the paper's figures beside ours.
 
-The LiDAR's detections are made from scans, the camera's by the shipped network from rendered
-images, and once more imitated from truth (`noisy-camera`): what a camera's detector of that quality
-would bring.
-Every method is shown from the score on at which it gives half a false alarm a scan, seed by seed
-and condition by condition, so that rates can be compared.
+Table 1 combines evidence of two sensors (section 5.2). Table 2 counts the road users that the
+fusion detects; here with fog, night, crowds and failing sensors beside it.
 
-Boxes are projected as the rig is truly mounted, carried from the scan to the image by the ego's own
-motion, which the paper leaves out; what a calibration by the board costs is what `roadscope
-leaderboard fusion --calibration` shows.
+The LiDAR's detections are made from scans. The camera's are made by the shipped network from
+rendered images, and once more imitated from the truth (`noisy-camera`). Every method is shown from
+the score on at which it gives half a false alarm a scan, seed by seed and condition by condition,
+so that rates can be compared.
+
+Boxes are projected as the rig is truly mounted, and moved from the scan to the image by the ego's
+own motion, which the paper leaves out. What a calibration by the paper's target costs is shown by
+`roadscope leaderboard fusion --calibration`.
 """
 
 from __future__ import annotations
@@ -16,46 +18,134 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
 
 from roadscope.benchmarks.episode import Episode
 from roadscope.benchmarks.metrics.fusion import FusionRates, Targets, judge, rates, threshold_at
 from roadscope.benchmarks.metrics.fusion_parts import in_crowd
-from roadscope.benchmarks.papers.li2021_scene import Moment, film
-from roadscope.benchmarks.papers.li2021_table import table_1
 from roadscope.benchmarks.papers.reproduction import (
     POINTS,
     YES_OR_NO,
-    Key,
+    FigureKey,
     ReproductionRow,
     over_seeds,
     summarise,
 )
+from roadscope.benchmarks.sensor_pairs import SensorPair, sense_pairs
 from roadscope.core import Detections
 from roadscope.core.fused import FusedDetections
 from roadscope.detectors import Detector
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import FUSIONS
 from roadscope.fusion.cluster_boxes import ClusterBoxes
-from roadscope.fusion.evidence import FAMILIES
+from roadscope.fusion.evidence import FAMILIES, UNDECIDED, combine, decide
 
 FIRST_SEED = 20000
+"""Test seeds, as in the suites."""
 SCENARIOS, RIG, DURATION_S, EVERY = ("street", "town-crossing"), "li2021", 10.0, 8
+"""Every eighth scan of 10 s in either scenario."""
+
+# --------------------------------------------------------------------------------------------------
+# Table 1: Dempster's rule (eq. 5 and 6).
+
+TABLE_1 = "table 1"
+COLUMNS = ("pedestrian", "car", "uncertain")
+SOURCES = ("LiDAR", "camera", "fused")
+PEDESTRIAN, CAR = 0, 1
+"""Columns; `UNDECIDED` is the third outcome of a decision."""
+
+
+class EvidenceExample(NamedTuple):
+    """One target of table 1. Masses have the columns `COLUMNS`.
+
+    decisions: by LiDAR, camera and both.
+    """
+
+    lidar: tuple[float, float, float]
+    camera: tuple[float, float, float]
+    fused: tuple[float, float, float]
+    decisions: tuple[int, int, int]
+
+
+EXAMPLES: Mapping[str, EvidenceExample] = MappingProxyType(
+    {
+        "pedestrian": EvidenceExample(
+            (0.612, 0.302, 0.086),
+            (0.865, 0.122, 0.013),
+            (0.920, 0.077, 0.002),
+            (UNDECIDED, PEDESTRIAN, PEDESTRIAN),
+        ),
+        "car": EvidenceExample(
+            (0.253, 0.700, 0.047),
+            (0.171, 0.812, 0.017),
+            (0.082, 0.917, 0.002),
+            (UNDECIDED, UNDECIDED, CAR),
+        ),
+    }
+)
+"""By what the target is. The paper prints 0.693 for the car's 0.700, and the row does not sum to
+1."""
+
+
+def table_1() -> list[ReproductionRow]:
+    """Return the fused masses, and whether each decision is as printed."""
+    rows = []
+    for target, example in EXAMPLES.items():
+        fused = combine(np.array(example.lidar), np.array(example.camera))
+        for column, paper, ours in zip(COLUMNS, example.fused, fused, strict=True):
+            key = FigureKey(TABLE_1, f"{target}, fused", column)
+            rows.append(ReproductionRow(*key, "share", paper, float(ours), None, None, 1))
+        masses_of = (example.lidar, example.camera, fused)
+        for source, masses, printed in zip(SOURCES, masses_of, example.decisions, strict=True):
+            agrees = float(int(decide(np.array(masses))) == printed)
+            key = FigureKey(TABLE_1, f"{target}, {source}", "decided as printed")
+            rows.append(ReproductionRow(*key, YES_OR_NO, 1.0, agrees, None, None, 1))
+    return rows
+
+
+# --------------------------------------------------------------------------------------------------
+# Names of methods, conditions and quantities.
+
 LIDAR, CAMERA = "LiDAR alone", "camera alone"
-WITHOUT = "li2021-without-evidence"
-"""Whose masses are the camera's wherever that has a box: what evidence theory adds to it."""
-BELIEF, BELIEF_WITHOUT = "li2021-by-belief", "li2021-by-belief-without"
+WITHOUT_EVIDENCE = "li2021-without-evidence"
+"""Takes the camera's masses wherever it has a box: the difference is the effect of Dempster's
+rule."""
+BY_BELIEF, BY_BELIEF_WITHOUT = "li2021-by-belief", "li2021-by-belief-without"
 """The same two with targets ranked by the belief that they are any of the classes."""
 SPECS = {
-    LIDAR: "union", CAMERA: "union",
-    BELIEF: "li2021?rank=any", BELIEF_WITHOUT: f"{WITHOUT}?rank=any",
-}  # fmt: skip
-"""Of methods that are no names of fusions."""
+    LIDAR: "union",
+    CAMERA: "union",
+    BY_BELIEF: "li2021?rank=any",
+    BY_BELIEF_WITHOUT: f"{WITHOUT_EVIDENCE}?rank=any",
+}
+"""Specs of methods that are not named by their own spec."""
 FUSED = (
-    "li2021", WITHOUT, BELIEF, BELIEF_WITHOUT, "icp-boxes", "weighted-boxes", "bayes", "consistent",
-)  # fmt: skip
+    "li2021",
+    WITHOUT_EVIDENCE,
+    BY_BELIEF,
+    BY_BELIEF_WITHOUT,
+    "icp-boxes",
+    "weighted-boxes",
+    "bayes",
+    "consistent",
+)
 METHODS = (LIDAR, CAMERA, *FUSED)
-EQUAL_FALSE = 0.5
-"""False alarms a scan at which all methods are compared, condition by condition."""
+
+FAULTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"clear": (), "fog": ("fog:3",), "night": ("night:3",)}
+)
+"""Faults of the sensors, by condition."""
+WITH_BOTH = ("clear", "fog", "night", "crowds")
+"""Conditions in which both sensors work."""
+LIDAR_FAILS, CAMERA_FAILS = "LiDAR fails", "camera fails"
+CONDITIONS = (*WITH_BOTH, LIDAR_FAILS, CAMERA_FAILS)
+EQUAL_FALSE_ALARMS = 0.5
+"""False alarms a scan at which all methods are compared."""
+EVERY_SCORE = "clear, every score"
+"""Without thresholds, as in the paper, which gives no false alarms."""
+
 VEHICLES, CYCLISTS, PEDESTRIANS = (f"{family.value}s found" for family in FAMILIES)
 FALSE = "false"
 DISTANCE = "distance right"
@@ -63,193 +153,228 @@ HIDDEN = "distance right of those more than a third hidden"
 CLASS = "class right of those found"
 MORE_BOTH = "found more than by the better sensor alone"
 MORE_ONE = "found more than by the sensor that is left"
-"""Tables of their own, by condition; the last two of differences on the same seed."""
+"""Experiments with a column for each condition; the last two are of differences on a seed."""
 CLAIMS, MORE = "claims", "finds more than either sensor alone"
 MORE_AT_EQUAL = "finds more at half a false alarm a scan"
 EVIDENCE = "finds more with evidence"
-EVERY_SCORE = "clear, every score"
-"""Without thresholds, as the paper counts, which gives no false alarms."""
+
 IMAGES, IMITATED = "", "camera imitated"
-"""The shipped network looks at rendered images, or `noisy-camera` makes detections from truth."""
+"""The shipped network detects in rendered images, or `noisy-camera` imitates it."""
 CAMERA_NOTES = {
     IMAGES: "The camera's detections are the shipped network's, in rendered images.",
     IMITATED: "The camera's detections are an imitation made from truth (noisy-camera).",
 }
-SENSED: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"clear": (), "fog": ("fog:3",), "night": ("night:3",)}
-)
-"""What is in the way of the sensors, by condition."""
-WITH_BOTH = ("clear", "fog", "night", "crowds")
-CONDITIONS = (*WITH_BOTH, "LiDAR fails", "camera fails")
 TABLE_2 = {
     ("li2021", VEHICLES): 94.8,
     ("li2021", PEDESTRIANS): 96.4,
     ("icp-boxes", VEHICLES): 90.3,
     ("icp-boxes", PEDESTRIANS): 85.6,
 }
-PAPER: Mapping[Key, float] = MappingProxyType(
+"""On 58 vehicles and 204 pedestrians, so that the 95 % interval of the vehicles' figure is about 86
+to 98; false alarms are not given. `icp-boxes` stands for the method of the paper's reference 6."""
+PAPER: Mapping[FigureKey, float] = MappingProxyType(
     {
-        **{("clear", *key): rate for key, rate in TABLE_2.items()},
-        **{(EVERY_SCORE, *key): rate for key, rate in TABLE_2.items()},
-        (CLAIMS, "li2021", MORE): 1.0,
+        FigureKey(experiment, *key): rate
+        for experiment in ("clear", EVERY_SCORE)
+        for key, rate in TABLE_2.items()
     }
+    | {FigureKey(CLAIMS, "li2021", MORE): 1.0}
 )
-"""With either camera. Table 2, on 58 vehicles and 204 pedestrians, false alarms not given: the
-95 % interval of the vehicles' figure is about 86 to 98. `icp-boxes` stands for the method of the
-paper's reference 6."""
+"""With either camera."""
+
+
+def with_camera(experiment: str, camera: str) -> str:
+    """Return the name of an experiment with a camera."""
+    return f"{experiment}, {camera}" if camera else experiment
+
+
+def without_camera(experiment: str) -> tuple[str, str]:
+    """Return what `with_camera` joined: an experiment and its camera."""
+    plain = experiment.removesuffix(f", {IMITATED}")
+    return plain, IMAGES if plain == experiment else IMITATED
+
+
+def unit_of(key: FigureKey) -> str:
+    """Return the unit of a figure."""
+    if without_camera(key.experiment)[0] in (MORE_BOTH, MORE_ONE):
+        return POINTS
+    if key.quantity in (MORE, MORE_AT_EQUAL, EVIDENCE):
+        return YES_OR_NO
+    return "1/scan" if key.quantity == FALSE else "%"
+
+
+def paper_figure(key: FigureKey) -> float | None:
+    """Return what the paper prints for a quantity, None where it prints nothing."""
+    return PAPER.get(key._replace(experiment=without_camera(key.experiment)[0]))
+
+
+def note_of(experiment: str) -> str | None:
+    """Return what must be known to read the tables of an experiment."""
+    if experiment == TABLE_1:
+        return "The printed LiDAR row of the car sums to 0.993; 0.693 is read as 0.700."
+    plain, camera = without_camera(experiment)
+    note = CAMERA_NOTES[camera]
+    if plain == EVERY_SCORE:
+        return f"All that is found counts, however unsure. {note}"
+    if plain == "clear":
+        note = f"{note} By belief: ranked by the belief that a target is any of the classes."
+    if plain == CLAIMS:
+        return (
+            "The share of seeds in which a method finds more road users than camera and LiDAR "
+            "alone do, in clear air; and in which Li 2021's finds more with Dempster's rule than "
+            f"with the camera's masses alone, at half a false alarm a scan. {note}"
+        )
+    return (
+        f"{note} Every method is shown from the score on at which it has half a false "
+        "alarm a scan, in each condition. 'icp-boxes' stands for the paper's reference 6."
+    )
+
+
+# --------------------------------------------------------------------------------------------------
+# Table 2.
 
 
 def reproduce(
     seeds: int = 30, progress: Callable[[int, int], None] | None = None, *, jobs: int = 1
 ) -> list[ReproductionRow]:
-    """Run all experiments and return the paper's figures beside ours."""
+    """Run all experiments and return the paper's figures beside ours.
+
+    seeds: how many seeds stand behind every interval.
+    progress: called with seeds done and seeds in all, after each.
+    jobs: processes that share the seeds; the rows are the same for any number.
+    """
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
     measured = over_seeds(measure, numbers, progress, jobs=jobs)
     rows = [
-        summarise((experiment, method), quantity, unit_of(quantity, experiment), values,
-                  PAPER.get((split(experiment)[0], method, quantity)))
-        for (experiment, method, quantity), values in measured.items()
-    ]  # fmt: skip
+        summarise(key, unit_of(key), values, paper_figure(key)) for key, values in measured.items()
+    ]
     return [*table_1(), *rows]
 
 
-def note_of(experiment: str) -> str | None:
-    """Return what must be known to read the tables of an experiment."""
-    if experiment == "table 1":
-        return "The printed LiDAR row of the car sums to 0.993; 0.693 is read as 0.700."
-    plain, camera = split(experiment)
-    told = CAMERA_NOTES[camera]
-    if plain == EVERY_SCORE:
-        return f"All that is found counts, however unsure. {told}"
-    if plain == "clear":
-        told = f"{told} By belief: ranked by the belief that a target is any of the classes."
-    if plain == CLAIMS:
-        return (
-            "The share of seeds in which a method finds more road users than camera and LiDAR "
-            "alone do, in clear air; and in which Li 2021's finds more with Dempster's rule than "
-            f"with the camera's masses alone, at half a false alarm a scan. {told}"
-        )
-    return (
-        f"{told} Every method is shown from the score on at which it has half a false "
-        "alarm a scan, in each condition. 'icp-boxes' stands for the paper's reference 6."
-    )
+def measure(seed: int) -> dict[FigureKey, float]:
+    """Return every figure of every condition and method with one seed, with both cameras."""
+    figures: dict[FigureKey, float] = {}
+    for camera, detector in ((IMAGES, CAMERA_DETECTORS.make("network")), (IMITATED, None)):
+        for key, value in measure_with(detector, seed).items():
+            figures[key._replace(experiment=with_camera(key.experiment, camera))] = value
+    return figures
 
 
-def unit_of(quantity: str, experiment: str) -> str:
-    """Return the unit in which a quantity of an experiment is given."""
-    if split(experiment)[0] in (MORE_BOTH, MORE_ONE):
-        return POINTS
-    if quantity in (MORE, MORE_AT_EQUAL, EVIDENCE):
-        return YES_OR_NO
-    return "1/scan" if quantity == FALSE else "%"
-
-
-def measure(seed: int) -> dict[Key, float]:
-    """Measure every quantity of every condition and method with one seed, with both cameras."""
-    found: dict[Key, float] = {}
-    for name, detector in ((IMAGES, CAMERA_DETECTORS.make("network")), (IMITATED, None)):
-        told = measure_with(detector, seed)
-        found |= {(titled(key[0], name), key[1], key[2]): value for key, value in told.items()}
-    return found
-
-
-def titled(experiment: str, camera: str) -> str:
-    """Name an experiment with a camera."""
-    return f"{experiment}, {camera}" if camera else experiment
-
-
-def split(experiment: str) -> tuple[str, str]:
-    """Return what `titled` joined: an experiment and its camera."""
-    plain = experiment.removesuffix(f", {IMITATED}")
-    return plain, IMAGES if plain == experiment else IMITATED
-
-
-def measure_with(detector: Detector | None, seed: int) -> dict[Key, float]:
-    """Measure with a detector that looks at images, or with the imitation of one."""
-    moments = {
-        name: [
-            moment
-            for scenario in SCENARIOS
-            for moment in film(
-                Episode(scenario, seed, RIG, DURATION_S, faults=faults), every=EVERY,
-                detector=detector,
-            )
-        ]
-        for name, faults in SENSED.items()
-    }  # fmt: skip
-    found: dict[Key, float] = {}
-    shares: dict[tuple[str, str], FusionRates] = {}
+def measure_with(detector: Detector | None, seed: int) -> dict[FigureKey, float]:
+    """Return the figures with a detector in images, or with the imitation of one (None)."""
+    sensed = {name: sense_scenarios(seed, faults, detector) for name, faults in FAULTS.items()}
+    figures: dict[FigureKey, float] = {}
+    of_methods: dict[tuple[str, str], FusionRates] = {}
     for condition in CONDITIONS:
-        taken = moments.get(condition, moments["clear"])
-        targets = [crowded(m.targets) if condition == "crowds" else m.targets for m in taken]
-        lidar = detected(taken)
+        pairs = sensed.get(condition, sensed["clear"])
+        targets = [
+            crowds_only(pair.targets) if condition == "crowds" else pair.targets for pair in pairs
+        ]
+        lidar = detect_clusters(pairs)
         for method in METHODS:
-            fused = outcomes(method, taken, lidar, condition)
+            fused = fuse(method, pairs, lidar, condition)
             if fused is None:
                 continue
             judged = judge(fused, targets)
-            result = rates(judged, threshold_at(judged, EQUAL_FALSE))
             if condition == "clear":
-                free = rates(judged)
-                shares[EVERY_SCORE, method] = free
-                found |= {(EVERY_SCORE, method, name): v for name, v in quantities(free).items()}
-            shares[condition, method] = result
-            if condition in WITH_BOTH:
-                found[HIDDEN, method, condition] = 100 * result.hidden_distance
-                found[CLASS, method, condition] = 100 * result.family
-            if method in FUSED:
-                more = result.all_found - better_alone(shares, condition)
-                place = MORE_BOTH if condition in WITH_BOTH else MORE_ONE
-                found[place, method, condition] = 100 * more
-            found |= {(condition, method, name): v for name, v in quantities(result).items()}
-    for claim, shown in ((MORE, EVERY_SCORE), (MORE_AT_EQUAL, "clear")):
-        alone = better_alone(shares, shown)
-        for method in FUSED:
-            found[CLAIMS, method, claim] = float(shares[shown, method].all_found > alone)
-    for method, other in (("li2021", WITHOUT), (BELIEF, BELIEF_WITHOUT)):
-        with_it, without = (shares["clear", each].all_found for each in (method, other))
-        found[CLAIMS, method, EVIDENCE] = float(with_it > without)
-    return found
+                of_methods[EVERY_SCORE, method] = rates(judged)
+                figures |= table_2_figures(EVERY_SCORE, method, of_methods)
+            of_methods[condition, method] = rates(judged, threshold_at(judged, EQUAL_FALSE_ALARMS))
+            figures |= figures_by_condition(condition, method, of_methods)
+            figures |= table_2_figures(condition, method, of_methods)
+    return figures | claims(of_methods)
 
 
-def better_alone(shares: Mapping[tuple[str, str], FusionRates], condition: str) -> float:
-    """Return what the better sensor finds alone, of those that work."""
-    alone = (shares.get((condition, one)) for one in (LIDAR, CAMERA))
-    return max(found.all_found for found in alone if found is not None)
+def sense_scenarios(
+    seed: int, faults: tuple[str, ...], detector: Detector | None
+) -> list[SensorPair]:
+    """Return the scans of all scenarios with the images nearest in time."""
+    return [
+        pair
+        for scenario in SCENARIOS
+        for pair in sense_pairs(
+            Episode(scenario, seed, RIG, DURATION_S, faults=faults), every=EVERY, detector=detector
+        )
+    ]
 
 
-def detected(moments: Sequence[Moment]) -> list[Detections]:
-    """Detect clusters in all scans."""
+def detect_clusters(pairs: Sequence[SensorPair]) -> list[Detections]:
+    """Return the LiDAR's detections of all scans."""
     detector = ClusterBoxes()
-    return [detector.detect(moment.scan) for moment in moments]
+    return [detector.detect(pair.scan) for pair in pairs]
 
 
-def outcomes(
-    method: str, moments: Sequence[Moment], lidar: Sequence[Detections], condition: str
+def fuse(
+    method: str, pairs: Sequence[SensorPair], lidar: Sequence[Detections], condition: str
 ) -> list[FusedDetections] | None:
-    """Fuse, with a sensor failing or for a sensor alone; None where that leaves nothing to do."""
-    no_lidar = method == CAMERA or condition == "LiDAR fails"
-    no_camera = method == LIDAR or condition == "camera fails"
+    """Return the fused detections of all pairs; None where neither sensor is left.
+
+    A sensor is left out where it fails, or where the method is the other sensor alone.
+    """
+    no_lidar = method == CAMERA or condition == LIDAR_FAILS
+    no_camera = method == LIDAR or condition == CAMERA_FAILS
     if no_lidar and no_camera:
         return None
     fusion = FUSIONS.make(SPECS.get(method, method))
     return [
         fusion.fuse(
-            None if no_lidar else points, None if no_camera else moment.camera, moment.projection
+            None if no_lidar else clusters, None if no_camera else pair.camera, pair.projection
         )
-        for moment, points in zip(moments, lidar, strict=True)
+        for pair, clusters in zip(pairs, lidar, strict=True)
     ]
 
 
-def crowded(targets: Targets) -> Targets:
-    """Ask for people in crowds only."""
+def crowds_only(targets: Targets) -> Targets:
+    """Return targets of which people in crowds alone are eligible."""
     return replace(targets, eligible=targets.eligible & in_crowd(targets))
 
 
-def quantities(result: FusionRates) -> dict[str, float]:
-    """Name the figures; per cent but for false alarms."""
+def table_2_figures(
+    condition: str, method: str, of_methods: Mapping[tuple[str, str], FusionRates]
+) -> dict[FigureKey, float]:
+    """Return the figures of table 2 and the distances, by family."""
+    quantities = named_quantities(of_methods[condition, method])
+    return {FigureKey(condition, method, name): value for name, value in quantities.items()}
+
+
+def named_quantities(result: FusionRates) -> dict[str, float]:
+    """Return the figures by name, per cent but for false alarms."""
     shares = dict(zip((VEHICLES, CYCLISTS, PEDESTRIANS), result.found, strict=True))
     shares[DISTANCE] = result.distance
-    return {name: 100 * share for name, share in shares.items()} | {
-        FALSE: result.false_per_moment
-    }  # fmt: skip
+    percent = {name: 100 * share for name, share in shares.items()}
+    return percent | {FALSE: result.false_per_moment}
+
+
+def figures_by_condition(
+    condition: str, method: str, of_methods: Mapping[tuple[str, str], FusionRates]
+) -> dict[FigureKey, float]:
+    """Return the figures of tables that have a column for each condition."""
+    figures, result = {}, of_methods[condition, method]
+    if condition in WITH_BOTH:
+        figures[FigureKey(HIDDEN, method, condition)] = 100 * result.hidden_distance
+        figures[FigureKey(CLASS, method, condition)] = 100 * result.family
+    if method in FUSED:
+        experiment = MORE_BOTH if condition in WITH_BOTH else MORE_ONE
+        more = result.all_found - better_sensor_alone(of_methods, condition)
+        figures[FigureKey(experiment, method, condition)] = 100 * more
+    return figures
+
+
+def claims(of_methods: Mapping[tuple[str, str], FusionRates]) -> dict[FigureKey, float]:
+    """Return whether each method detects more than a sensor alone (1) or not (0), in clear air."""
+    holds: dict[FigureKey, bool] = {}
+    for claim, condition in ((MORE, EVERY_SCORE), (MORE_AT_EQUAL, "clear")):
+        alone = better_sensor_alone(of_methods, condition)
+        for method in FUSED:
+            more = of_methods[condition, method].all_found > alone
+            holds[FigureKey(CLAIMS, method, claim)] = more
+    for method, other in (("li2021", WITHOUT_EVIDENCE), (BY_BELIEF, BY_BELIEF_WITHOUT)):
+        with_evidence, without = (of_methods["clear", each].all_found for each in (method, other))
+        holds[FigureKey(CLAIMS, method, EVIDENCE)] = with_evidence > without
+    return {key: float(value) for key, value in holds.items()}
+
+
+def better_sensor_alone(of_methods: Mapping[tuple[str, str], FusionRates], condition: str) -> float:
+    """Return the share that the better sensor detects alone, of the sensors that work."""
+    alone = (of_methods.get((condition, sensor)) for sensor in (LIDAR, CAMERA))
+    return max(result.all_found for result in alone if result is not None)

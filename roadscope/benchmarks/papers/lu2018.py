@@ -1,33 +1,42 @@
-"""The experiments of Lu 2018 with the paper's figures beside ours.
+"""The experiments of Lu 2018 (section 4) with the paper's figures beside ours.
 
-Targets and clutter are synthetic; seeds vary noise, roadside, speeds, sizes and offsets, never
-the frames of events. The paper tracks in the vehicle's frame, and so do we here.
+Targets and clutter are synthetic. Seeds vary noise, roadside, speeds, sizes and offsets; they
+never vary the frames of events. The paper tracks in the vehicle's frame, and so do we here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
-from roadscope.benchmarks.papers import lu2018_events as events
-from roadscope.benchmarks.papers.lu2018_clutter import clutter_of_clustering, clutter_of_detector
-from roadscope.benchmarks.papers.lu2018_follow import NOBODY, Following, follow
-from roadscope.benchmarks.papers.lu2018_scene import Take, film
-from roadscope.benchmarks.papers.reproduction import Key, ReproductionRow, over_seeds, summarise
+from roadscope.benchmarks.papers import lu2018_measures as measures
+from roadscope.benchmarks.papers.lu2018_measures import NO_TRACK, TargetHistories, track_targets
+from roadscope.benchmarks.papers.lu2018_scene import SensedExperiment, sense_experiment
+from roadscope.benchmarks.papers.reproduction import (
+    FigureKey,
+    ReproductionRow,
+    over_seeds,
+    summarise,
+)
 from roadscope.core import Detections
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.clustering import CLUSTERINGS
 
-TWO, OCCLUSION, THREE = "lu2018-two-vehicles", "lu2018-occlusion", "lu2018-three-vehicles"
-TRACKED = ("pag", "pag-range", "distance", "breakpoint")
-"""Detectors whose output is tracked; the first is the paper's."""
-DETECTED = (*TRACKED, "pag-residual", "pag-range-residual", "distance-residual")
-NOISES = {"half noise": 0.5, "double noise": 2.0}
-"""The first experiment once more with other range noise: nothing may hang on a quiet sensor."""
-TRACKERS = {"nearest": "nearest?frame=ego", "nearest-q": "nearest-q?frame=ego"}
 FIRST_SEED = 20000
 """Test seeds, as in the suites; what was chosen by trying was chosen on seeds 10000 to 19999."""
+TWO, OCCLUSION, THREE = "lu2018-two-vehicles", "lu2018-occlusion", "lu2018-three-vehicles"
+"""Experiments 1 to 3."""
+TRACKED = ("pag", "pag-range", "distance", "breakpoint")
+"""Detectors whose detections are tracked; the first is the paper's."""
+DETECTED = (*TRACKED, "pag-residual", "pag-range-residual", "distance-residual")
+TRACKERS = {"nearest": "nearest?frame=ego", "nearest-q": "nearest-q?frame=ego"}
+"""The paper's tracker, and its reading with process noise, by name."""
+NOISE_FACTORS = {"half noise": 0.5, "double noise": 2.0}
+"""Experiment 1 runs again with other range noise: no result may depend on a quiet sensor."""
+NOISE_DETECTED, NOISE_TRACKED = ("pag", "distance"), ("pag",)
 
 CLAIMS = "claims"
 NO_WRONG = "no wrong association in any experiment"
@@ -37,35 +46,40 @@ FEWER_CLUSTERS = "fewer clusters of foliage than with distance clustering"
 
 RMS = "RMS of estimate minus measurement, object {}, {}"
 FORCED = "forced misses of object 1 re-associated in the next frame"
-PAPER: dict[tuple[str, str], float] = {
-    (TWO, RMS.format(1, events.LEFT)): 0.0856,
-    (TWO, RMS.format(1, events.AHEAD)): 0.1304,
-    (TWO, RMS.format(2, events.LEFT)): 0.0694,
-    (TWO, RMS.format(2, events.AHEAD)): 0.1670,
-    (TWO, "object 2 first tracked in frame"): 26,
-    (TWO, "object 2 first missing for good in frame"): 147,
-    (TWO, FORCED): 4,
-    (TWO, "natural misses of object 1"): 0,
-    (TWO, "natural misses of object 2"): 0,
-    (TWO, "wrong associations"): 0,
-    (OCCLUSION, "object 2 first tracked in frame"): 51,
-    (OCCLUSION, "object 1 first missing in frame"): 62,
-    (OCCLUSION, "object 1 re-associated in frame"): 75,
-    (OCCLUSION, "identity of object 1 kept through the occlusion"): 1,
-    (THREE, "objects tracked in frame 15"): 3,
-    (THREE, "object 1 first missing for good in frame"): 16,
-    (CLAIMS, NO_WRONG): 1,
-    (CLAIMS, IDENTITY): 1,
-    (CLAIMS, LESS_CLUTTER): 1,
-    (CLAIMS, FEWER_CLUSTERS): 1,
-}
-"""Table 2, the frame numbers of section 4, and what the paper claims, as the share of seeds in
-which it holds. The paper calls x abscissa and y ordinate and writes the rear faces it sees as
-y = kx + b, so its x is taken to run across the road and its y ahead; in the other reading the two
-figures of a row change places. Its errors leave out the frames of misses, whose measurement it
-sets to 0."""
-PAPERS_METHODS = ("pag + nearest", "pag + nearest-q", "pag", "clustering pag")
-"""What the paper's figures stand beside: its method, and the named reading with process noise."""
+WRONG = "wrong associations"
+KEPT = "identity of object 1 kept through the occlusion"
+PAPER: Mapping[tuple[str, str], float] = MappingProxyType(
+    {
+        (TWO, RMS.format(1, measures.LEFT)): 0.0856,
+        (TWO, RMS.format(1, measures.AHEAD)): 0.1304,
+        (TWO, RMS.format(2, measures.LEFT)): 0.0694,
+        (TWO, RMS.format(2, measures.AHEAD)): 0.1670,
+        (TWO, "object 2 first tracked in frame"): 26,
+        (TWO, "object 2 first missing for good in frame"): 147,
+        (TWO, FORCED): 4,
+        (TWO, "natural misses of object 1"): 0,
+        (TWO, "natural misses of object 2"): 0,
+        (TWO, WRONG): 0,
+        (OCCLUSION, "object 2 first tracked in frame"): 51,
+        (OCCLUSION, "object 1 first missing in frame"): 62,
+        (OCCLUSION, "object 1 re-associated in frame"): 75,
+        (OCCLUSION, KEPT): 1,
+        (THREE, "objects tracked in frame 15"): 3,
+        (THREE, "object 1 first missing for good in frame"): 16,
+        (CLAIMS, NO_WRONG): 1,
+        (CLAIMS, IDENTITY): 1,
+        (CLAIMS, LESS_CLUTTER): 1,
+        (CLAIMS, FEWER_CLUSTERS): 1,
+    }
+)
+"""Table 2, the frame numbers of section 4, and the paper's claims, as the share of seeds in which
+they hold; by experiment and quantity.
+
+The paper calls x abscissa and y ordinate and writes the rear faces it sees as y = kx + b. So its x
+is taken to run across the road and its y ahead; in the other reading the two figures of a row
+change places. Its errors leave out the frames of misses, whose measurement it sets to 0."""
+METHODS_OF_PAPER = ("pag + nearest", "pag + nearest-q", "pag", "clustering pag")
+"""The paper's figures stand beside its method and beside the reading with process noise."""
 
 
 def reproduce(
@@ -80,89 +94,20 @@ def reproduce(
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
     measured = over_seeds(measure, numbers, progress, jobs=jobs)
     return [
-        summarise(
-            (experiment, method),
-            quantity,
-            unit_of(quantity),
-            values,
-            PAPER.get((experiment, quantity)) if method in PAPERS_METHODS else None,
-        )
-        for (experiment, method, quantity), values in measured.items()
+        summarise(key, unit_of(key.quantity), values, paper_figure(key))
+        for key, values in measured.items()
     ]
 
 
-def measure(seed: int) -> dict[Key, float]:
-    """Measure every quantity of every experiment and method with one seed."""
-    found: dict[Key, float] = {}
-    for experiment, look in LOOKS.items():
-        found |= _named(experiment, _methods(film(experiment, seed), look, DETECTED, TRACKED))
-    for name, noise in NOISES.items():
-        take = film(TWO, seed, noise)
-        few = _methods(take, two_vehicles, (TRACKED[0], "distance"), TRACKED[:1])
-        found |= _named(f"{TWO}, {name}", few)
-    return found | {(CLAIMS, *key): float(held) for key, held in claims(found).items()}
-
-
-def claims(found: dict[Key, float]) -> dict[tuple[str, str], bool]:
-    """Say which of the paper's claims hold in one seed, by method."""
-    held = {}
-    for method in [m for e, m, q in found if e == THREE and q == "wrong associations"]:
-        wrong = sum(found[e, method, "wrong associations"] for e in LOOKS)
-        kept = found[OCCLUSION, method, "identity of object 1 kept through the occlusion"]
-        held[method, NO_WRONG] = wrong == 0
-        held[method, IDENTITY] = found[TWO, method, FORCED] == 4 and kept == 1
-    for method in ("pag", "pag-range"):
-        if (TWO, method, "false detections") in found:
-            ours, theirs = (found[TWO, m, "false detections"] for m in (method, "distance"))
-            held[method, LESS_CLUTTER] = ours < theirs
-        few, many = (f"clustering {m}" for m in (method, "distance"))
-        clusters = "clusters of foliage"
-        held[few, FEWER_CLUSTERS] = found[TWO, few, clusters] < found[TWO, many, clusters]
-    return held
-
-
-def two_vehicles(take: Take, followed: Following) -> dict[str, float]:
-    """Experiment 1: errors, the left car's coming and going, forced misses."""
-    misses = take.script.of("missed", 1)
-    return {
-        **events.errors(followed, 1),
-        **events.errors(followed, 2),
-        "object 2 first tracked in frame": events.first_tracked(followed, 2),
-        "object 2 first missing for good in frame": events.lost_after(followed, 2),
-        FORCED: sum(events.found_at_once(followed, 1, miss) for miss in misses),
-        "natural misses of object 1": events.natural_misses(followed, 1, take.script),
-        "natural misses of object 2": events.natural_misses(followed, 2, take.script),
-        **_identities(followed),
-    }
-
-
-def occlusion(take: Take, followed: Following) -> dict[str, float]:
-    """Experiment 2: a target goes out of sight and comes back."""
-    (hidden,) = take.script.of("hidden", 1)
-    return {
-        "object 2 first tracked in frame": events.first_tracked(followed, 2),
-        "object 1 first missing in frame": events.lost_after(followed, 1, hidden.last),
-        "object 1 re-associated in frame": events.found_again(followed, 1, hidden.first),
-        "identity of object 1 kept through the occlusion": events.kept_through(followed, 1, hidden),
-        **_identities(followed),
-    }
-
-
-def three_vehicles(take: Take, followed: Following) -> dict[str, float]:
-    """Experiment 3: three at once, then two."""
-    return {
-        "objects tracked in frame 15": float(np.count_nonzero(followed.ids[:, 14] != NOBODY)),
-        "object 1 first missing for good in frame": events.lost_after(followed, 1),
-        **_identities(followed),
-    }
-
-
-Look = Callable[[Take, Following], dict[str, float]]
-LOOKS: dict[str, Look] = {TWO: two_vehicles, OCCLUSION: occlusion, THREE: three_vehicles}
+def paper_figure(key: FigureKey) -> float | None:
+    """Return what the paper prints for a quantity, None where it prints nothing."""
+    if key.method not in METHODS_OF_PAPER:
+        return None
+    return PAPER.get((key.experiment, key.quantity))
 
 
 def unit_of(quantity: str) -> str:
-    """Return the unit in which a quantity is given."""
+    """Return the unit of a quantity."""
     if quantity.startswith("RMS"):
         return "m"
     if quantity.endswith("in frame"):
@@ -174,37 +119,135 @@ def unit_of(quantity: str) -> str:
     return "1/scan" if quantity.split()[0] in ("clusters", "false", "detections") else "count"
 
 
-def _named(experiment: str, methods: Iterator[tuple[str, dict[str, float]]]) -> dict[Key, float]:
+def measure(seed: int) -> dict[FigureKey, float]:
+    """Return every figure of every experiment and method with one seed."""
+    figures: dict[FigureKey, float] = {}
+    for experiment in EXPERIMENTS:
+        sensed = sense_experiment(experiment, seed)
+        figures |= _figures(experiment, sensed, Methods(DETECTED, TRACKED))
+    for name, noise in NOISE_FACTORS.items():
+        sensed = sense_experiment(TWO, seed, noise)
+        methods = Methods(NOISE_DETECTED, NOISE_TRACKED)
+        figures |= _figures(TWO, sensed, methods, title=f"{TWO}, {name}")
+    return figures | claims(figures)
+
+
+# --------------------------------------------------------------------------------------------------
+# The three experiments.
+
+
+def two_vehicles(sensed: SensedExperiment, histories: TargetHistories) -> dict[str, float]:
+    """Experiment 1: errors, the left car's coming and going, forced misses."""
+    misses = sensed.script.of("missed", 1)
     return {
-        (experiment, method, quantity): value
-        for method, values in methods
+        **measures.errors(histories, 1),
+        **measures.errors(histories, 2),
+        "object 2 first tracked in frame": measures.first_tracked(histories, 2),
+        "object 2 first missing for good in frame": measures.first_missing(histories, 2),
+        FORCED: sum(measures.reassociated_at_once(histories, 1, miss) for miss in misses),
+        "natural misses of object 1": measures.natural_misses(histories, 1, sensed.script),
+        "natural misses of object 2": measures.natural_misses(histories, 2, sensed.script),
+        **_identities(histories),
+    }
+
+
+def occlusion(sensed: SensedExperiment, histories: TargetHistories) -> dict[str, float]:
+    """Experiment 2: target 2 hides target 1 for some frames."""
+    (hidden,) = sensed.script.of("hidden", 1)
+    return {
+        "object 2 first tracked in frame": measures.first_tracked(histories, 2),
+        "object 1 first missing in frame": measures.first_missing(histories, 1, hidden.last),
+        "object 1 re-associated in frame": measures.reassociated_in(histories, 1, hidden.first),
+        KEPT: measures.identity_kept(histories, 1, hidden),
+        **_identities(histories),
+    }
+
+
+def three_vehicles(sensed: SensedExperiment, histories: TargetHistories) -> dict[str, float]:
+    """Experiment 3: three vehicles at once, then two."""
+    return {
+        "objects tracked in frame 15": float(np.count_nonzero(histories.ids[:, 14] != NO_TRACK)),
+        "object 1 first missing for good in frame": measures.first_missing(histories, 1),
+        **_identities(histories),
+    }
+
+
+EXPERIMENTS: Mapping[str, Callable[[SensedExperiment, TargetHistories], dict[str, float]]] = (
+    MappingProxyType({TWO: two_vehicles, OCCLUSION: occlusion, THREE: three_vehicles})
+)
+"""What is measured of a tracker in each experiment."""
+
+
+def _identities(histories: TargetHistories) -> dict[str, float]:
+    return {
+        WRONG: measures.wrong_associations(histories),
+        "clutter taken by a target's track": measures.clutter_associations(histories),
+        "identity changes": measures.identity_changes(histories),
+    }
+
+
+class Methods(NamedTuple):
+    """Names of the detectors that run, and of those whose detections are tracked."""
+
+    detected: Sequence[str]
+    tracked: Sequence[str]
+
+
+def _figures(
+    experiment: str, sensed: SensedExperiment, methods: Methods, title: str | None = None
+) -> dict[FigureKey, float]:
+    """Return all figures of an experiment; title: its name in tables if that is another."""
+    return {
+        FigureKey(title or experiment, method, quantity): value
+        for method, values in _by_method(experiment, sensed, methods)
         for quantity, value in values.items()
     }
 
 
-def _methods(
-    take: Take, look: Look, detectors: Sequence[str], tracked: Sequence[str]
+def _by_method(
+    experiment: str, sensed: SensedExperiment, methods: Methods
 ) -> Iterator[tuple[str, dict[str, float]]]:
-    """Every method with its quantities, trackers first."""
-    detected = {name: _detect(take, name) for name in detectors}
-    for detector in tracked:
+    """Yield every method with its quantities, trackers first."""
+    detections = {name: _detect(sensed, name) for name in methods.detected}
+    for detector in methods.tracked:
         for tracker, spec in TRACKERS.items():
-            yield f"{detector} + {tracker}", look(take, follow(take, detected[detector], spec))
-    for detector, found in detected.items():
-        yield detector, clutter_of_detector(take, found)
+            histories = track_targets(sensed, detections[detector], spec)
+            yield f"{detector} + {tracker}", EXPERIMENTS[experiment](sensed, histories)
+    for detector, boxes in detections.items():
+        yield detector, measures.clutter_of_detector(sensed, boxes)
     for clustering in CLUSTERINGS:
-        yield f"clustering {clustering}", clutter_of_clustering(take, clustering)
+        yield f"clustering {clustering}", measures.clutter_of_clustering(sensed, clustering)
 
 
-def _detect(take: Take, name: str) -> list[Detections]:
+def _detect(sensed: SensedExperiment, name: str) -> list[Detections]:
     detector = DETECTORS.make(name)
-    found = [detector.detect(frame) for frame in take.frames]
-    return [boxes for boxes in found if isinstance(boxes, Detections)]
+    answers = [detector.detect(frame) for frame in sensed.frames]
+    return [boxes for boxes in answers if isinstance(boxes, Detections)]
 
 
-def _identities(followed: Following) -> dict[str, float]:
-    return {
-        "wrong associations": events.wrong_associations(followed),
-        "clutter taken by a target's track": events.clutter_associations(followed),
-        "identity changes": events.identity_changes(followed),
-    }
+# --------------------------------------------------------------------------------------------------
+# The paper's claims.
+
+
+def claims(figures: Mapping[FigureKey, float]) -> dict[FigureKey, float]:
+    """Return which of the paper's claims hold (1) or not (0) in one seed, by method."""
+    holds: dict[tuple[str, str], bool] = {}
+    tracked = [key.method for key in figures if (key.experiment, key.quantity) == (THREE, WRONG)]
+    for method in tracked:
+        wrong = sum(figures[FigureKey(each, method, WRONG)] for each in EXPERIMENTS)
+        identity = figures[FigureKey(OCCLUSION, method, KEPT)]
+        holds[method, NO_WRONG] = wrong == 0
+        holds[method, IDENTITY] = figures[FigureKey(TWO, method, FORCED)] == 4 and identity == 1
+    for method in ("pag", "pag-range"):
+        false, distance_false = (
+            figures.get(FigureKey(TWO, each, "false detections")) for each in (method, "distance")
+        )
+        if false is not None and distance_false is not None:
+            holds[method, LESS_CLUTTER] = false < distance_false
+        clustering = f"clustering {method}"
+        clusters, distance_clusters = (
+            figures[FigureKey(TWO, each, "clusters of foliage")]
+            for each in (clustering, "clustering distance")
+        )
+        holds[clustering, FEWER_CLUSTERS] = clusters < distance_clusters
+    return {FigureKey(CLAIMS, *key): float(value) for key, value in holds.items()}

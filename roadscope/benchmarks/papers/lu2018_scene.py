@@ -1,7 +1,8 @@
-"""The scripted experiments of Lu 2018 as frames, with the misses that they force."""
+"""The scripted experiments of Lu 2018 as sensed frames, with the misses that the scripts force."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,14 +20,19 @@ from roadscope.envs.world.roadside import kinds_of
 
 KINDS = ("target", "ground", "foliage", "structure")
 """What a return can come from."""
+_KIND_OF_SCENERY = {"trees": "foliage", "bushes": "foliage", "hedge": "foliage"}
+"""All other scenery is structure."""
+_SCENERY_KINDS = np.array(
+    [KINDS.index(_KIND_OF_SCENERY.get(name, "structure")) for name in roadside.KINDS]
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Take:
+class SensedExperiment:
     """One experiment with one seed.
 
     frames, truths: one for each of the script's frames, the first is frame 1.
-    clouds: for each frame, what stands above the ground.
+    clouds: for each frame, the returns above the ground.
     kinds: for each frame, (N,) int64, what each return of the cloud is, an index into `KINDS`.
     """
 
@@ -37,7 +43,7 @@ class Take:
     kinds: tuple[np.ndarray, ...]
 
 
-def film(name: str, seed: int, noise: float = 1.0) -> Take:
+def sense_experiment(name: str, seed: int, noise: float = 1.0) -> SensedExperiment:
     """Sense a scripted experiment with the paper's LiDAR; frame k has the stamp k x 0.08 s.
 
     noise: factor on the range noise of the data sheet.
@@ -46,14 +52,17 @@ def film(name: str, seed: int, noise: float = 1.0) -> Take:
     timeline = record(name, seed)
     sensing = Sensing(lux(noise), seed)
     until_s = (script.frames + 0.5) * FRAME_S
-    seen = [
-        suppressed(frame, truth, missed(script, number))
+    sensed = [
+        without_returns(frame, truth, forced_misses(script, number))
         for number, (frame, truth) in enumerate(sensing.advance(timeline, until_s), start=1)
     ]
-    frames, truths = zip(*seen, strict=True)
+    frames, truths = zip(*sensed, strict=True)
     clouds = tuple(above_ground(frame) for frame in frames)
-    sources = (truth.sources[cloud.rows] for truth, cloud in zip(truths, clouds, strict=True))
-    return Take(script, frames, truths, clouds, tuple(map(kinds, sources)))
+    kinds = tuple(
+        kinds_of_sources(truth.sources[cloud.rows])
+        for truth, cloud in zip(truths, clouds, strict=True)
+    )
+    return SensedExperiment(script, frames, truths, clouds, kinds)
 
 
 def lux(noise: float = 1.0) -> Rig:
@@ -63,43 +72,35 @@ def lux(noise: float = 1.0) -> Rig:
     return replace(preset, lidar=replace(preset.lidar, spec=spec, first_stamp_s=FRAME_S))
 
 
-def missed(script: Script, number: int) -> list[int]:
+def forced_misses(script: Script, number: int) -> list[int]:
     """Return the targets whose returns the script suppresses in a frame."""
     return [e.target for e in script.events if e.kind == "missed" and e.first <= number <= e.last]
 
 
-def suppressed(frame: Frame, truth: Truth, targets: list[int]) -> tuple[Frame, Truth]:
-    """Take the returns of targets out of a scan."""
+def without_returns(frame: Frame, truth: Truth, targets: Sequence[int]) -> tuple[Frame, Truth]:
+    """Return a frame and its truth without the returns of some targets."""
     scan = frame.lidar
     if not targets or scan is None:
         return frame, truth
-    kept = ~np.isin(truth.sources, targets)
+    others = ~np.isin(truth.sources, targets)
     names = ("points", "intensity", "ring", "column", "time_offset_s")
-    arrays = {name: getattr(scan, name)[kept] for name in names}
-    gone = np.isin(truth.ids, targets)
+    arrays = {name: getattr(scan, name)[others] for name in names}
+    lidar_returns = np.where(np.isin(truth.ids, targets), 0, truth.lidar_returns)
     return (
         replace(frame, lidar=LidarScan(**arrays, stamp_s=scan.stamp_s, sensor=scan.sensor)),
-        replace(
-            truth,
-            sources=truth.sources[kept],
-            lidar_returns=np.where(gone, 0, truth.lidar_returns),
-        ),
+        replace(truth, sources=truth.sources[others], lidar_returns=lidar_returns),
     )
 
 
 def above_ground(frame: Frame) -> Cloud:
-    """Return a scan as detectors cluster it."""
+    """Return the part of a scan that detectors cluster."""
     assert frame.lidar is not None
     cloud = Cloud.of(frame.lidar, frame.calibration.pose(frame.lidar.sensor))
     return cloud.select(grid_above_ground(cloud))
 
 
-def kinds(sources: np.ndarray) -> np.ndarray:
+def kinds_of_sources(sources: np.ndarray) -> np.ndarray:
     """Return what each of (P,) sources is, (P,) int64 indices into `KINDS`."""
-    of_scenery = kinds_of(sources)
-    otherwise = np.where(sources == GROUND, KINDS.index("ground"), KINDS.index("target"))
-    return np.where(of_scenery >= 0, _GROUP[of_scenery], otherwise)
-
-
-_NAMES = {"trees": "foliage", "bushes": "foliage", "hedge": "foliage"}
-_GROUP = np.array([KINDS.index(_NAMES.get(name, "structure")) for name in roadside.KINDS])
+    scenery = kinds_of(sources)
+    others = np.where(sources == GROUND, KINDS.index("ground"), KINDS.index("target"))
+    return np.where(scenery >= 0, _SCENERY_KINDS[scenery], others)

@@ -1,4 +1,4 @@
-"""The experiments run through; what they show is in the figures, not asserted here."""
+"""The experiments run through, and what they measure; their results are not asserted here."""
 
 from dataclasses import replace
 
@@ -6,93 +6,98 @@ import numpy as np
 import pytest
 
 from roadscope.benchmarks.papers import lu2018, lu2018_scene
-from roadscope.benchmarks.papers.lu2018_clutter import majority
-from roadscope.benchmarks.papers.lu2018_follow import NOBODY, follow
-from roadscope.benchmarks.papers.lu2018_scene import KINDS, film
+from roadscope.benchmarks.papers import lu2018_measures as measures
+from roadscope.benchmarks.papers.lu2018_measures import NO_TRACK, TargetHistories, track_targets
+from roadscope.benchmarks.papers.lu2018_scene import KINDS, sense_experiment
 from roadscope.core import Detections
-from roadscope.envs.traffic.lu2018 import SCRIPTS
+from roadscope.envs.traffic.lu2018 import SCRIPTS, Event, Script
 
 SEED = 12345
 """Outside the seeds of the published figures."""
 
 
 @pytest.fixture(scope="module")
-def take():
-    return film(lu2018.TWO, SEED)
+def sensed():
+    return sense_experiment(lu2018.TWO, SEED)
 
 
-def truth_as_detections(take):
-    for frame, truth in zip(take.frames, take.truths, strict=True):
-        seen = truth.lidar_returns >= 1
-        n = int(seen.sum())
+def truth_as_detections(sensed):
+    for frame, truth in zip(sensed.frames, sensed.truths, strict=True):
+        visible = truth.lidar_returns >= 1
         boxes = Detections(
-            truth.centres[seen], truth.sizes[seen], truth.yaws[seen], truth.categories[seen],
-            np.ones(n), "world", frame.stamp_s,
-        )  # fmt: skip
+            truth.centres[visible],
+            truth.sizes[visible],
+            truth.yaws[visible],
+            truth.categories[visible],
+            np.ones(int(visible.sum())),
+            "world",
+            frame.stamp_s,
+        )
         yield boxes.moved(truth.world_from_ego.inverse(), "ego")
 
 
-def test_frame_k_has_the_stamp_k_periods(take):
-    assert len(take.frames) == take.script.frames == 190
-    stamps = [frame.stamp_s for frame in take.frames]
+def test_frame_k_has_the_stamp_k_periods(sensed):
+    assert len(sensed.frames) == sensed.script.frames == 190
+    stamps = [frame.stamp_s for frame in sensed.frames]
     assert np.allclose(stamps, 0.08 * np.arange(1, 191), atol=1e-9)
 
 
-def test_forced_misses_take_every_return_of_the_target_and_no_other(take):
-    number = np.array([int((truth.sources == 1).sum()) for truth in take.truths])
+def test_forced_misses_take_every_return_of_the_target_and_no_other(sensed):
+    number = np.array([int((truth.sources == 1).sum()) for truth in sensed.truths])
     assert np.flatnonzero(number == 0).tolist() == [101, 147, 171, 176]
-    for frame, truth in zip(take.frames, take.truths, strict=True):
+    for frame, truth in zip(sensed.frames, sensed.truths, strict=True):
         assert len(frame.lidar) == len(truth.sources)
         assert truth.lidar_returns[truth.ids == 1] == (truth.sources == 1).sum()
-    assert (take.truths[101].sources == 2).sum() > 0
+    assert (sensed.truths[101].sources == 2).sum() > 0
 
 
-def test_kinds_follow_the_sources(take):
-    for truth, cloud, kinds in zip(take.truths, take.clouds, take.kinds, strict=True):
+def test_kinds_follow_the_sources(sensed):
+    for truth, cloud, kinds in zip(sensed.truths, sensed.clouds, sensed.kinds, strict=True):
         sources = truth.sources[cloud.rows]
         assert np.array_equal(kinds == KINDS.index("target"), sources >= 0)
         assert np.isin(kinds[sources <= -2], [2, 3]).all()
-    assert {int(k) for kinds in take.kinds for k in kinds} >= {0, 2, 3}
+    assert {int(k) for kinds in sensed.kinds for k in kinds} >= {0, 2, 3}
 
 
-@pytest.mark.parametrize("experiment", lu2018.LOOKS)
+@pytest.mark.parametrize("experiment", lu2018.EXPERIMENTS)
 @pytest.mark.parametrize("tracker", lu2018.TRACKERS.values())
 def test_perfect_detections_show_the_events_of_the_paper(experiment, tracker):
     """With boxes from truth the scripts' own frames come out: the measures are right."""
-    take = film(experiment, SEED)
-    found = lu2018.LOOKS[experiment](take, follow(take, list(truth_as_detections(take)), tracker))
+    sensed = sense_experiment(experiment, SEED)
+    histories = track_targets(sensed, list(truth_as_detections(sensed)), tracker)
+    figures = lu2018.EXPERIMENTS[experiment](sensed, histories)
     for (name, quantity), figure in lu2018.PAPER.items():
         if name == experiment and not quantity.startswith("RMS"):
-            assert found[quantity] == figure, quantity
-    errors = [value for key, value in found.items() if "measurement minus truth" in key]
+            assert figures[quantity] == figure, quantity
+    errors = [value for key, value in figures.items() if "measurement minus truth" in key]
     assert np.allclose(errors, 0, atol=1e-9)
 
 
-def test_the_track_that_took_the_detection_counts_not_the_one_that_is_near(take):
+def test_the_track_that_took_the_detection_counts_not_the_one_that_is_near(sensed):
     """A filter is opened for a detection outside the gate while the old one coasts nearby."""
-    boxes = list(truth_as_detections(take))
+    boxes = list(truth_as_detections(sensed))
     jumped = [
         replace(b, centres=b.centres + (np.array([1.5, 0, 0]) if k >= 60 else 0.0))
         for k, b in enumerate(boxes)
     ]
-    followed = follow(take, jumped, "nearest?frame=ego&gate_m=1.0")
-    before, after = followed.ids[0, 59], followed.ids[0, 60]
-    assert NOBODY not in (before, after)
+    histories = track_targets(sensed, jumped, "nearest?frame=ego&gate_m=1.0")
+    before, after = histories.ids[0, 59], histories.ids[0, 60]
+    assert NO_TRACK not in (before, after)
     assert before != after
-    assert np.allclose(followed.estimated[0, 60], followed.measured[0, 60])
+    assert np.allclose(histories.estimated[0, 60], histories.measured[0, 60])
 
 
 def test_majority_leaves_outliers_out():
     labels, kinds = np.array([0, 0, 0, 1, -1, -1]), np.array([2, 2, 0, 3, 1, 1])
-    assert majority(labels, kinds).tolist() == [2, 3]
-    assert majority(np.array([-1]), np.array([0])).size == 0
+    assert measures.majority(labels, kinds).tolist() == [2, 3]
+    assert measures.majority(np.array([-1]), np.array([0])).size == 0
 
 
 def test_reproduce_gives_every_figure_of_the_paper_an_ours(monkeypatch):
     monkeypatch.setattr(lu2018, "FIRST_SEED", SEED)
     monkeypatch.setattr(lu2018, "DETECTED", ("pag", "distance"))
     monkeypatch.setattr(lu2018, "TRACKED", ("pag",))
-    monkeypatch.setattr(lu2018, "NOISES", {"half noise": 0.5})
+    monkeypatch.setattr(lu2018, "NOISE_FACTORS", {"half noise": 0.5})
     done = []
     rows = lu2018.reproduce(1, lambda *progress: done.append(progress))
     assert done == [(1, 1)]
@@ -100,9 +105,12 @@ def test_reproduce_gives_every_figure_of_the_paper_an_ours(monkeypatch):
     assert named == set(lu2018.PAPER)
     assert all(row.ours is not None for row in rows if row.paper is not None)
     assert {row.method for row in rows} == {
-        "pag + nearest", "pag + nearest-q", "pag", "distance",
+        "pag + nearest",
+        "pag + nearest-q",
+        "pag",
+        "distance",
         *(f"clustering {name}" for name in lu2018.CLUSTERINGS),
-    }  # fmt: skip
+    }
     units = {lu2018.unit_of(row.quantity): row.quantity for row in rows}
     assert set(units) == {"m", "frame", "share", "1/scan", "count"}
 
@@ -113,7 +121,94 @@ def test_no_seeds_are_refused():
 
 
 def test_scripts_are_the_experiments():
-    assert set(lu2018.LOOKS) == set(SCRIPTS)
+    assert set(lu2018.EXPERIMENTS) == set(SCRIPTS)
     assert lu2018_scene.lux().lidar.stamp_s(0) == pytest.approx(0.08)
     quiet, usual = lu2018_scene.lux(0.5).lidar.spec, lu2018_scene.lux().lidar.spec
     assert quiet.range_noise_m == usual.range_noise_m / 2
+
+
+# What is measured of the targets.
+
+
+def histories_of(detected, ids, error_m=0.0, on_clutter=None):
+    """Return two targets 20 m ahead, detected where '1'; ids: their tracks, '.' for none.
+
+    on_clutter: per frame, the tracks that took clutter.
+    """
+    flags = np.array([[c == "1" for c in row] for row in detected])
+    tracks = np.array([[NO_TRACK if c == "." else int(c) for c in row] for row in ids])
+    truth = np.tile(np.array([[[20.0, 0.0]], [[20.0, 4.0]]]), (1, flags.shape[1], 1))
+    measured = np.where(flags[..., None], truth + np.array([error_m, 0]), np.nan)
+    estimated = np.where((tracks != NO_TRACK)[..., None], truth + np.array([0, error_m]), np.nan)
+    clutter_tracks = [frozenset(ids) for ids in on_clutter or [()] * truth.shape[1]]
+    return TargetHistories(truth, measured, estimated, tracks, tuple(clutter_tracks))
+
+
+def test_errors_by_axis_over_detected_frames():
+    errors = measures.errors(histories_of(["1101", "0000"], ["0000", "...."], error_m=0.3), 1)
+    ahead = [
+        errors[f"RMS of {difference}, object 1, ahead (paper's y)"]
+        for difference in ("estimate minus measurement", "estimate minus truth")
+    ]
+    assert ahead == [pytest.approx(0.3), 0]
+    assert errors["RMS of estimate minus truth, object 1, left (paper's x)"] == pytest.approx(0.3)
+    assert errors["RMS of measurement minus truth, object 1, left (paper's x)"] == 0
+    never = measures.errors(histories_of(["1101", "0000"], ["0000", "...."]), 2)
+    assert np.isnan(list(never.values())).all()
+
+
+def test_coming_and_going():
+    histories = histories_of(["0011100", "0000000"], ["..222..", "......."])
+    assert measures.first_tracked(histories, 1) == 3
+    assert measures.first_missing(histories, 1) == 6
+    assert measures.first_missing(histories, 1, last=4) == 5
+    assert measures.first_tracked(histories, 2) == 8
+    assert measures.first_missing(histories, 2) == 1
+
+
+@pytest.mark.parametrize(
+    ("detected", "ids", "frame", "at_once", "kept"),
+    [
+        ("110011", "000000", 5, 1, 1),
+        ("110001", "000000", 6, 0, 1),
+        ("110011", "00..33", 7, 0, 0),
+        ("110011", "00..30", 6, 0, 0),
+        ("110011", "000300", 5, 1, 1),
+        ("110000", "000000", 7, 0, 0),
+        ("000011", "....00", 7, 0, 0),
+    ],
+    ids=["at once", "late", "new", "old after new", "another meanwhile", "never", "unknown before"],
+)
+def test_return_to_the_old_track(detected, ids, frame, at_once, kept):
+    histories = histories_of([detected, "000000"], [ids, "......"])
+    event = Event(1, "hidden", 3, 4)
+    assert measures.reassociated_in(histories, 1, event.first) == frame
+    assert measures.reassociated_at_once(histories, 1, event) == at_once
+    assert measures.identity_kept(histories, 1, event) == kept
+
+
+def test_natural_misses_leave_out_forced_ones_and_what_lies_outside():
+    script = Script("x", 8, (Event(1, "missed", 4, 4), Event(2, "missed", 1, 1)))
+    histories = histories_of(["01001010", "00000000"], ["........", "........"])
+    assert measures.natural_misses(histories, 1, script) == 2
+    assert measures.natural_misses(histories, 2, script) == 0
+
+
+def test_a_track_that_changes_its_target_is_a_wrong_association():
+    crossed = histories_of(["1111", "1111"], ["0011", "1100"])
+    assert measures.wrong_associations(crossed) == 2
+    assert measures.identity_changes(crossed) == 2
+    renewed = histories_of(["1111", "1111"], ["0022", "1111"])
+    assert measures.wrong_associations(renewed) == 0
+    assert measures.identity_changes(renewed) == 1
+    gap = histories_of(["1001", "1111"], ["0..0", "1111"])
+    assert measures.wrong_associations(gap) == measures.identity_changes(gap) == 0
+    coasting = histories_of(["1100", "0000"], ["0000", "..00"])
+    assert measures.wrong_associations(coasting) == 0
+
+
+def test_a_targets_track_on_clutter_is_counted_once_a_time():
+    on_clutter = [(), (0,), (0,), (), (0, 5)]
+    histories = histories_of(["10010", "00000"], ["00000", "....."], on_clutter=on_clutter)
+    # Frame 2, going on in 3, and frame 5 after the target was taken up again in 4.
+    assert measures.clutter_associations(histories) == 2

@@ -12,40 +12,36 @@ from roadscope.benchmarks.papers import (
     zhang2017,
 )
 from roadscope.benchmarks.papers import zhang2017_claims as claims
-from roadscope.benchmarks.papers import zhang2017_names as names
-from roadscope.benchmarks.papers.reproduction import YES_OR_NO
-from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
+from roadscope.benchmarks.papers import zhang2017_tables as tables
+from roadscope.benchmarks.papers.reproduction import YES_OR_NO, reproduction_tables
 from roadscope.benchmarks.papers.zhang2017_claims import (
-    band,
+    nees_band,
     our_claims,
     paper_claims,
-    times_claims,
+    time_claims,
 )
-from roadscope.benchmarks.papers.zhang2017_drives import FOLLOWED_M
-from roadscope.benchmarks.papers.zhang2017_errors import (
+from roadscope.benchmarks.papers.zhang2017_methods import (
     HEADING,
     LATERAL,
     LONGITUDINAL,
-    POSITION,
-    SILENT,
-    TURNED,
-    errors,
-    nees,
-    rmse,
-    typical,
-)
-from roadscope.benchmarks.papers.zhang2017_methods import (
     METHODS,
     MULTI,
+    NO_ANSWER,
+    ON_EVERY_DRIVE,
     OURS,
+    POSITION,
     RANSAC,
-    REPEATED,
+    READINGS,
     SINGLE,
+    TURNED,
+    errors,
     estimate,
+    medians_and_shares,
+    nees,
+    rmse,
 )
-from roadscope.benchmarks.papers.zhang2017_paper import PAPER, PAPER_TIMES, SIMULATED
-from roadscope.benchmarks.papers.zhang2017_readings import READINGS
-from roadscope.benchmarks.papers.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_scene import FOLLOWED_M, sense_drive
+from roadscope.benchmarks.papers.zhang2017_tables import PAPER, PAPER_TIMES_MS, SIMULATED
 from roadscope.detectors.pose.estimate import VehiclePose
 
 SEED = 12345
@@ -55,7 +51,7 @@ DRIVES = (*SIMULATED, *(f"following-{metres}" for metres in FOLLOWED_M))
 
 @pytest.fixture(scope="module")
 def run():
-    return film("curve", SEED, frames=6)
+    return sense_drive("curve", SEED, frames=6)
 
 
 def displaced(run, along=0.0, across=0.0, turn=0.0):
@@ -76,20 +72,20 @@ def test_half_a_turn_is_no_error_and_a_quarter_is_counted(run):
     half = errors(run, displaced(run, turn=np.pi))
     assert rmse(run, half)[HEADING] == pytest.approx(0, abs=1e-9)
     quarter = displaced(run)[:3] + displaced(run, turn=np.pi / 2)[3:]
-    assert typical(run, errors(run, quarter))[TURNED] == 50.0
+    assert medians_and_shares(run, errors(run, quarter))[TURNED] == 50.0
 
 
 def test_frames_without_an_answer_are_counted(run):
     poses = [None, *displaced(run)[1:]]
-    assert typical(run, errors(run, poses))[SILENT] == pytest.approx(100 / 6)
+    assert medians_and_shares(run, errors(run, poses))[NO_ANSWER] == pytest.approx(100 / 6)
     assert np.isfinite(rmse(run, errors(run, poses))[POSITION])
-    assert typical(run, errors(run, [None] * 6))[SILENT] == 100.0
+    assert medians_and_shares(run, errors(run, [None] * 6))[NO_ANSWER] == 100.0
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_answers_for_every_frame_near_the_truth(run, name):
     poses, spent = estimate(METHODS[name], run)
-    assert len(poses) == len(run.shots)
+    assert len(poses) == len(run.sweeps)
     assert 0 < len(spent) <= len(poses)
     assert (spent >= 0).all()
     off = errors(run, poses)
@@ -98,8 +94,8 @@ def test_every_method_answers_for_every_frame_near_the_truth(run, name):
 
 
 def test_empty_frames_have_no_answer_and_stop_nothing():
-    run = film("straight", SEED)
-    empty = [k for k, shot in enumerate(run.shots) if not shot.target.any()]
+    run = sense_drive("straight", SEED)
+    empty = [k for k, shot in enumerate(run.sweeps) if not shot.target.any()]
     assert empty
     for name in (SINGLE, MULTI, RANSAC):
         poses, _ = estimate(METHODS[name], run)
@@ -112,7 +108,7 @@ def rows():
         patched.setattr(zhang2017, "FIRST_SEED", SEED)
         patched.setattr(zhang2017, "FOLLOWED_FRAMES", 4)
         patched.setattr(zhang2017, "BODIES", ("rounded",))
-        patched.setattr(zhang2017, "film", few_frames)
+        patched.setattr(zhang2017, "sense_drive", few_frames)
         patched.setattr(zhang2017, "warm_up", lambda: None)
         done: list[tuple[int, int]] = []
         found = zhang2017.reproduce(2, lambda *progress: done.append(progress))
@@ -121,7 +117,7 @@ def rows():
 
 
 def few_frames(name, seed, frames=2, **changes):
-    return film(name, seed, frames=frames, **changes)
+    return sense_drive(name, seed, frames=frames, **changes)
 
 
 def test_every_figure_of_the_paper_stands_beside_ours(rows):
@@ -129,11 +125,11 @@ def test_every_figure_of_the_paper_stands_beside_ours(rows):
     for drive, table in SIMULATED.items():
         for (of, method), figures in PAPER.items():
             for quantity, figure in figures.items():
-                name = names.RMSE.format(drive, "rounded", table)
+                name = tables.RMSE.format(drive, "rounded", table)
                 assert of != table or printed[name, method, quantity] == figure
-    for method, figures in PAPER_TIMES.items():
+    for method, figures in PAPER_TIMES_MS.items():
         for quantity, figure in figures.items():
-            assert printed[names.TIMES, method, quantity] == figure
+            assert printed[tables.TIMES, method, quantity] == figure
     assert all(row.ours is not None for row in rows if row.paper is not None)
 
 
@@ -141,16 +137,16 @@ def test_every_method_is_in_every_table(rows):
     methods = {row.method for row in rows if row.experiment == "curve, rounded body (table 2)"}
     assert methods == set(METHODS)
     for quantity in (POSITION, HEADING):
-        name = names.FOLLOWING.format("rounded", quantity)
+        name = tables.FOLLOWING.format("rounded", quantity)
         followed = [row for row in rows if row.experiment == name]
         assert {row.quantity for row in followed} == {f"{metres} m" for metres in FOLLOWED_M}
-        assert {row.method for row in followed} == set(REPEATED)
+        assert {row.method for row in followed} == set(ON_EVERY_DRIVE)
     assert {row.n for row in rows if row.method in METHODS} == {2}
     assert {row.unit for row in rows} == {"m", "deg", "ms", "%", "1", "share", "count", YES_OR_NO}
 
 
 def test_readings_are_shown_beside_those_taken(rows):
-    tried = [row for row in rows if row.experiment == names.READING.format(HEADING)]
+    tried = [row for row in rows if row.experiment == tables.READING.format(HEADING)]
     assert {row.method for row in tried} == set(READINGS)
     assert {row.quantity for row in tried} == set(SIMULATED)
     taken = {row.quantity: row.ours for row in tried if row.method == "multi (taken)"}
@@ -160,32 +156,32 @@ def test_readings_are_shown_beside_those_taken(rows):
 
 
 def test_frames_are_counted_and_what_turned_is_named(rows):
-    counts = {(r.method, r.quantity): r.ours for r in rows if r.experiment == names.COUNTS}
+    counts = {(r.method, r.quantity): r.ours for r in rows if r.experiment == tables.COUNTS}
     assert counts["straight", "frames"] == 2
     assert counts["straight", "rounded"] == 0
     assert counts["straight, 1.9 m", "frames"] == 2
-    kinds = {r.quantity for r in rows if r.experiment == names.TURNED_FRAMES}
+    kinds = {r.quantity for r in rows if r.experiment == tables.TURNED_FRAMES}
     assert kinds == {"rounded", "noise x0.5", "noise x2", "1.9 m"}
 
 
 def test_every_drive_and_window_has_its_consistency(rows):
-    windows = {names.frames_name(frames) for frames in OURS.values()}
-    for experiment in (names.NEES, names.INSIDE):
+    windows = {tables.frames_name(frames) for frames in OURS.values()}
+    for experiment in (tables.NEES, tables.INSIDE):
         name = experiment.format("rounded")
         found = {(row.method, row.quantity) for row in rows if row.experiment == name}
         assert found == {(drive, window) for drive in DRIVES for window in windows}
 
 
 def test_every_claim_is_judged_on_the_means_and_in_single_seeds(rows):
-    ours = {r.method for r in rows if r.experiment == names.OF_OURS.format("rounded")}
+    ours = {r.method for r in rows if r.experiment == tables.OF_OURS.format("rounded")}
     assert ours == set(DRIVES)
     held = {
-        (r.experiment, r.method, r.quantity): r.ours for r in rows if r.experiment == names.OF_ALL
+        (r.experiment, r.method, r.quantity): r.ours for r in rows if r.experiment == tables.OF_ALL
     }
     for method in OURS:
-        assert held[names.OF_ALL, f"{method}: none turned by 90 deg", "holds"] in (0, 1)
-        assert 0 <= held[names.OF_ALL, f"{method}: 15 ms following", "in single seeds"] <= 1
-    shares = names.OF_OURS.format("rounded") + names.SHARE_OF_SEEDS
+        assert held[tables.OF_ALL, f"{method}: none turned by 90 deg", "holds"] in (0, 1)
+        assert 0 <= held[tables.OF_ALL, f"{method}: 15 ms following", "in single seeds"] <= 1
+    shares = tables.OF_OURS.format("rounded") + tables.SHARE_OF_SEEDS
     beaten = [r for r in rows if r.experiment == shares and r.quantity == claims.BEATEN]
     assert {r.n for r in beaten} == {2}
 
@@ -218,7 +214,7 @@ def a_table(single=1.0, multi=0.8, ransac=2.0, ours=(0.3, 0.02, 0.01)):
     values = {SINGLE: single, MULTI: multi, RANSAC: ransac, **dict(zip(OURS, ours, strict=True))}
     scale = {"curve": 1.2, "following-40": 1.1, "following-50": 1.2}
     return {
-        (drive, method): dict.fromkeys(
+        claims.DriveMethod(drive, method): dict.fromkeys(
             (LATERAL, LONGITUDINAL, HEADING, POSITION), value * scale.get(drive, 1.0)
         )
         for drive in DRIVES
@@ -252,10 +248,10 @@ def test_following_ours_is_compared_with_the_papers_method_on_the_same_seeds():
 
 def test_the_band_of_the_nees_is_that_of_independent_windows():
     """Thirty of them: quantiles of chi square of 90, from a printed table."""
-    assert band(210, 7) == pytest.approx((65.647 / 30, 118.136 / 30), rel=1e-5)
+    assert nees_band(210, 7) == pytest.approx((65.647 / 30, 118.136 / 30), rel=1e-5)
     rng = np.random.default_rng(1)
     means = (rng.normal(size=(2000, 40, 3)) ** 2).sum(axis=2).mean(axis=1)
-    low, high = band(40, 1)
+    low, high = nees_band(40, 1)
     assert ((low < means) & (means < high)).mean() == pytest.approx(0.95, abs=0.015)
 
 
@@ -274,14 +270,14 @@ def test_intervals_of_seeds_cover_3_where_frames_of_a_seed_repeat_each_other():
     squares = (rng.normal(size=(400, 30, 5, 3)) ** 2).sum(axis=3).mean(axis=2)
     held = [claims.consistent(list(values), 150 * 20, 1) for values in squares]
     assert np.mean(held) == pytest.approx(0.95, abs=0.03)
-    low, high = band(30 * 5 * 20, 1)
+    low, high = nees_band(30 * 5 * 20, 1)
     means = squares.mean(axis=1)
     assert ((low < means) & (means < high)).mean() < 0.5
 
 
 def test_times_are_held_against_their_limits():
     quick = dict.fromkeys(claims.LIMITS_MS, 0.9)
-    held = times_claims(quick, quick | {MULTI: 5.1})
+    held = time_claims(quick, quick | {MULTI: 5.1})
     assert not held.pop("multi frame: 5 ms on any drive")
     assert all(held.values())
 
@@ -307,9 +303,9 @@ def test_ours_is_below_the_papers_multi_frame_and_never_turned(drive, body):
     name = max(OURS, key=lambda method: OURS[method])
     found = []
     for seed in range(SEED, SEED + 3):
-        run = film(drive, seed, body=body)
+        run = sense_drive(drive, seed, body=body)
         off = errors(run, estimate(METHODS[name], run)[0])
-        assert typical(run, off)[TURNED] == 0
+        assert medians_and_shares(run, off)[TURNED] == 0
         found.append(rmse(run, off))
     for quantity in (POSITION, HEADING):
         mean = np.mean([row[quantity] for row in found])

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.papers.zhang2017_drives import DRIVES, drive_of
-from roadscope.benchmarks.papers.zhang2017_scene import film
+from roadscope.benchmarks.papers.zhang2017_scene import DRIVES, drive_of, sense_drive
 
 SEED = 12345
 """Outside the seeds of the published figures."""
@@ -11,7 +10,7 @@ SIMULATED = ("straight", "straight-past", "curve")
 
 @pytest.fixture(scope="module")
 def curve():
-    return film("curve", SEED)
+    return sense_drive("curve", SEED)
 
 
 def in_box(shot, margin_m):
@@ -23,9 +22,9 @@ def in_box(shot, margin_m):
 
 def test_simulated_drives_are_the_papers():
     k = np.arange(37)
-    away = film("straight", SEED).truth
+    away = sense_drive("straight", SEED).truth
     assert np.allclose(away, np.column_stack([40 + 2 * k, 3.75 + 0 * k, 0 * k]))
-    past = film("straight-past", SEED).truth
+    past = sense_drive("straight-past", SEED).truth
     assert np.allclose(past, np.column_stack([40 - 2 * k, 3.75 + 0 * k, -np.pi + 0 * k]))
 
 
@@ -42,8 +41,8 @@ def test_curve_is_an_arc_with_two_metres_a_frame(curve):
 @pytest.mark.parametrize("name", DRIVES)
 @pytest.mark.parametrize("body", ["sharp", "rounded"])
 def test_returns_of_the_target_lie_in_its_box(name, body):
-    run = film(name, SEED, body=body, frames=12)
-    for shot in run.shots:
+    run = sense_drive(name, SEED, body=body, frames=12)
+    for shot in run.sweeps:
         assert len(shot.scan) == len(shot.target)
         assert shot.target.sum() >= 5
         # Five standard deviations of range; in a rolling sweep the car also moves a little.
@@ -68,26 +67,28 @@ def test_following_keeps_the_distance_within_three_metres(distance):
 
 def test_a_snapshot_stands_and_a_rolling_sweep_does_not():
     """Away from the middle of the sweep, at the rear, a moving car is seen behind its stamp."""
-    still, moving = (film("straight-past", SEED, rolling=r).shots[-1] for r in (False, True))
+    still, moving = (
+        sense_drive("straight-past", SEED, rolling=r).sweeps[-1] for r in (False, True)
+    )
     assert np.array_equal(still.truth, moving.truth)
     assert in_box(still, 0.1).all()
     assert not in_box(moving, 0.3).all()
 
 
 def test_seeds_vary_noise_and_phase_only(curve):
-    again, other = film("curve", SEED), film("curve", SEED + 1)
-    assert np.array_equal(curve.shots[3].scan.points, again.shots[3].scan.points)
+    again, other = sense_drive("curve", SEED), sense_drive("curve", SEED + 1)
+    assert np.array_equal(curve.sweeps[3].scan.points, again.sweeps[3].scan.points)
     assert np.array_equal(curve.truth, other.truth)
-    assert not np.array_equal(curve.shots[3].points_xy, other.shots[3].points_xy)
+    assert not np.array_equal(curve.sweeps[3].points_xy, other.sweeps[3].points_xy)
     step = 2 * np.pi / curve.spec.columns
-    assert all(0 <= shot.phase < step for shot in curve.shots)
-    assert len({shot.phase for shot in curve.shots}) == 27
+    assert all(0 <= shot.phase < step for shot in curve.sweeps)
+    assert len({shot.phase for shot in curve.sweeps}) == 27
 
 
 def test_half_the_noise_is_half_the_scatter():
-    usual, quiet = (film("straight", SEED, noise=n, frames=8) for n in (1.0, 0.5))
+    usual, quiet = (sense_drive("straight", SEED, noise=n, frames=8) for n in (1.0, 0.5))
     errors = [
-        np.concatenate([s.points_xy[:, 0] - s.truth[0] + 2.435 for s in run.shots])
+        np.concatenate([s.points_xy[:, 0] - s.truth[0] + 2.435 for s in run.sweeps])
         for run in (usual, quiet)
     ]
     assert np.median(np.abs(errors[1])) == pytest.approx(np.median(np.abs(errors[0])) / 2, rel=0.2)
@@ -95,6 +96,6 @@ def test_half_the_noise_is_half_the_scatter():
 
 def test_unknown_names_are_refused():
     with pytest.raises(ValueError, match="no drive 'circle'; known: straight, straight-past"):
-        film("circle", SEED)
+        sense_drive("circle", SEED)
     with pytest.raises(ValueError, match="no body 'brick'"):
-        film("curve", SEED, body="brick")
+        sense_drive("curve", SEED, body="brick")

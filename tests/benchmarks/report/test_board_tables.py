@@ -6,8 +6,12 @@ from rich.console import Console
 
 from roadscope.benchmarks.boards import BOARDS, Board, board_named
 from roadscope.benchmarks.boards.recorded import KITTI_BOARDS, MOT_BOARDS
-from roadscope.benchmarks.papers.reproduction import ReproductionRow, summarise
-from roadscope.benchmarks.papers.reproduction_tables import reproduction_tables
+from roadscope.benchmarks.papers.reproduction import (
+    FigureKey,
+    ReproductionRow,
+    reproduction_tables,
+    summarise,
+)
 from roadscope.benchmarks.report.tables import (
     board_table,
     comparison,
@@ -266,12 +270,12 @@ def test_names_and_reasons_of_strangers_cannot_steer_a_terminal(width) -> None:
 
 def rows() -> list[ReproductionRow]:
     many = [
-        summarise(("one", method), f"quantity {i}", "m", [1.0, 2.0], 1.25 if i else None)
+        summarise(FigureKey("one", method, f"quantity {i}"), "m", [1.0, 2.0], 1.25 if i else None)
         for method in ("papers + own", "papers + other")
         for i in range(6)
     ]
     few = [
-        summarise(("one", method), "clusters kept", "1/scan", [1.0, 2.0], None)
+        summarise(FigureKey("one", method, "clusters kept"), "1/scan", [1.0, 2.0])
         for method in ("pag", "distance")
     ]
     return [*many, *few]

@@ -11,8 +11,8 @@ from research.zhang2017_calibration import (
     fitted_pose,
     lidar,
 )
-from roadscope.benchmarks.papers.zhang2017_outline import fusion
-from roadscope.benchmarks.papers.zhang2017_scene import SENSOR_HEIGHT_M, film, shots_of
+from roadscope.benchmarks.papers.zhang2017_methods import ford_fusion
+from roadscope.benchmarks.papers.zhang2017_scene import RobotLidar, sense_drive, sense_sweeps
 from roadscope.detectors.pose.body_model import UNKNOWNS
 from roadscope.detectors.pose.estimate import axis_difference
 from roadscope.detectors.pose.smoother import Smoother
@@ -20,10 +20,10 @@ from roadscope.detectors.pose.smoother import Smoother
 
 def follow(run, model=None, **options):
     """Poses of a run's frames, one for each."""
-    smoother = Smoother(run.spec, model or fusion(), **options)
+    smoother = Smoother(run.spec, model or ford_fusion(), **options)
     rolling = run.drive.rolling
     poses = [
-        smoother.update(s.scan, s.target, s.world_from_lidar, rolling=rolling) for s in run.shots
+        smoother.update(s.scan, s.target, s.world_from_lidar, rolling=rolling) for s in run.sweeps
     ]
     lag = options.get("lag", options.get("frames", 7) // 2)
     return poses[lag:] + smoother.flush()
@@ -31,7 +31,7 @@ def follow(run, model=None, **options):
 
 def errors(run, poses):
     """(K, 3) errors of x, y and yaw up to half a turn, where there are three returns or more."""
-    pairs = [(p, s) for p, s in zip(poses, run.shots, strict=True) if p and s.target.sum() >= 3]
+    pairs = [(p, s) for p, s in zip(poses, run.sweeps, strict=True) if p and s.target.sum() >= 3]
     off = np.array([[p.x, p.y, p.yaw] for p, _ in pairs]) - [s.truth for _, s in pairs]
     off[:, 2] = axis_difference(off[:, 2], 0.0)
     return off
@@ -43,7 +43,7 @@ def rms(values):
 
 @pytest.fixture(scope="module")
 def curve():
-    return film("curve", 0, frames=12)
+    return sense_drive("curve", 0, frames=12)
 
 
 def test_more_frames_are_better_on_a_curve_too(curve):
@@ -81,36 +81,36 @@ def test_the_newest_frame_can_be_asked_for(curve):
 
 
 def test_reset_forgets_and_the_same_scans_give_the_same(curve):
-    smoother = Smoother(curve.spec, fusion(), frames=3, lag=0)
+    smoother = Smoother(curve.spec, ford_fusion(), frames=3, lag=0)
 
     def once():
         smoother.reset()
         return [
             smoother.update(s.scan, s.target, s.world_from_lidar, rolling=False)
-            for s in curve.shots[:4]
+            for s in curve.sweeps[:4]
         ]
 
     assert once() == once()
 
 
 def test_a_scan_with_one_return_feeds_the_window(curve):
-    smoother = Smoother(curve.spec, fusion(), frames=5)
-    for k, shot in enumerate(curve.shots[:7]):
+    smoother = Smoother(curve.spec, ford_fusion(), frames=5)
+    for k, shot in enumerate(curve.sweeps[:7]):
         target = shot.target.copy()
         if k == 3:
             target[np.flatnonzero(target)[1:]] = False
         pose = smoother.update(shot.scan, target, shot.world_from_lidar, rolling=False)
         if k == 5:
-            truth = curve.shots[3].truth
+            truth = curve.sweeps[3].truth
             assert np.hypot(pose.x - truth[0], pose.y - truth[1]) < 0.05
 
 
 @pytest.mark.parametrize("seed", [3, 6])
 def test_how_the_sensor_went_in_its_first_scan_is_told_by_the_second(seed):
     """At 3 m/s a rear end 10 m away seems turned by a third of a degree to whoever stands."""
-    run = film("following-10", seed, frames=5)
-    told, untold = (Smoother(run.spec, fusion(), frames=5, lag=1) for _ in range(2))
-    before, *shots = run.shots
+    run = sense_drive("following-10", seed, frames=5)
+    told, untold = (Smoother(run.spec, ford_fusion(), frames=5, lag=1) for _ in range(2))
+    before, *shots = run.sweeps
     told.update(before.scan, np.zeros_like(before.target), before.world_from_lidar)
     for s in shots:
         one, other = (x.update(s.scan, s.target, s.world_from_lidar) for x in (told, untold))
@@ -119,8 +119,8 @@ def test_how_the_sensor_went_in_its_first_scan_is_told_by_the_second(seed):
 
 
 def test_without_a_return_there_is_no_pose(curve):
-    smoother = Smoother(curve.spec, fusion(), frames=3, lag=0)
-    shot = curve.shots[0]
+    smoother = Smoother(curve.spec, ford_fusion(), frames=3, lag=0)
+    shot = curve.sweeps[0]
     empty = np.zeros_like(shot.target)
     assert smoother.update(shot.scan, empty, shot.world_from_lidar) is None
     assert smoother.flush() == []
@@ -128,8 +128,8 @@ def test_without_a_return_there_is_no_pose(curve):
 
 @pytest.mark.parametrize("back_s", [0.0, 0.1])
 def test_refuses_stamps_that_do_not_increase_and_goes_on(back_s, curve):
-    smoother, other = (Smoother(curve.spec, fusion(), frames=3, lag=0) for _ in range(2))
-    first, second = curve.shots[:2]
+    smoother, other = (Smoother(curve.spec, ford_fusion(), frames=3, lag=0) for _ in range(2))
+    first, second = curve.sweeps[:2]
     for each in (smoother, other):
         each.update(first.scan, first.target, first.world_from_lidar, rolling=False)
     again = replace(first.scan, stamp_s=first.scan.stamp_s - back_s)
@@ -148,13 +148,13 @@ def test_refuses_stamps_that_do_not_increase_and_goes_on(back_s, curve):
 )
 def test_refuses_windows_by_name(options, message, curve):
     with pytest.raises(ValueError, match=message):
-        Smoother(curve.spec, fusion(), **options)
+        Smoother(curve.spec, ford_fusion(), **options)
 
 
 @pytest.mark.parametrize("seed", [5, 9])
 def test_sharp_noise_turns_no_vehicle_across_its_way(seed):
     """Seen from behind with little noise, a scan alone fits best with the body across."""
-    run = film("straight", seed, noise=0.5)
+    run = sense_drive("straight", seed, noise=0.5)
     turned = np.abs(errors(run, follow(run, frames=3))[:, 2])
     assert turned.max() < np.radians(45.0)
 
@@ -174,10 +174,10 @@ def test_cars_that_the_sweep_begins_and_ends_on_are_found(way, frames):
 
     One that stands is met twice, too, from two sides.
     """
-    model, rng = fusion(), np.random.default_rng(3)
+    model, rng = ford_fusion(), np.random.default_rng(3)
     body = body_of(model, np.zeros(UNKNOWNS))
     drive = drive_through(np.array([*way, 0.1, 0.3]))
-    shots = shots_of(drive, lidar(), body, (SENSOR_HEIGHT_M, NO_PHASES), rng)
+    shots = sense_sweeps(drive, RobotLidar(lidar()), body, NO_PHASES, rng)
     told = way[3] * np.array([np.cos(way[2]), np.sin(way[2])])
     pose = fitted_pose(model, PassingCar(shots, np.array(way[:3]), told), frames)
     off = np.array([pose.x - way[0], pose.y - way[1], axis_difference(pose.yaw, way[2])])

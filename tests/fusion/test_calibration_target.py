@@ -1,24 +1,24 @@
-"""A board's corners from returns and from pixels whose answer is known."""
+"""A target's corners from returns and from pixels whose answer is known."""
 
 import numpy as np
 import pytest
 
 from roadscope.fusion.calibration import CalibrationError
-from roadscope.fusion.calibration_target import Board, corners_in_image, corners_in_scans
+from roadscope.fusion.calibration_target import TriangularTarget, corners_in_image, corners_in_scans
 
-BOARD = Board()
+TARGET = TriangularTarget()
 
 
 def placed(yaw: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners, the board's left direction and middle of its base, LiDAR frame."""
+    """Corners, the target's left direction and middle of its base, LiDAR frame."""
     left = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     foot = np.array([6.0, 0.7, -0.4])
-    flat = BOARD.corners
+    flat = TARGET.corners
     return foot - flat[:, :1] * left + flat[:, 1:] * np.array([0.0, 0.0, 1.0]), left, foot
 
 
 def returns(yaw: float, step: float, noise_m: float) -> tuple[np.ndarray, ...]:
-    """Ten scans of 16 rings of a flat board that nothing else stands beside."""
+    """Ten scans of 16 rings of a flat target that nothing else stands beside."""
     _, left, foot = placed(yaw)
     normal = np.cross(left, [0.0, 0.0, 1.0])
     rng = np.random.default_rng(0)
@@ -35,8 +35,8 @@ def returns(yaw: float, step: float, noise_m: float) -> tuple[np.ndarray, ...]:
     ranges = (foot @ normal) / (rays @ normal)
     off = rays * ranges[..., None] - foot
     height, aside = off[..., 2], off @ left
-    half = BOARD.base_m / 2 * (1 - height / BOARD.height_m)
-    met = (height > 0) & (height < BOARD.height_m) & (np.abs(aside) < half)
+    half = TARGET.base_m / 2 * (1 - height / TARGET.height_m)
+    met = (height > 0) & (height < TARGET.height_m) & (np.abs(aside) < half)
     parts = []
     for _ in range(10):
         far = ranges[met] + noise_m * rng.standard_normal(int(met.sum()))
@@ -48,7 +48,7 @@ def returns(yaw: float, step: float, noise_m: float) -> tuple[np.ndarray, ...]:
 @pytest.mark.parametrize("noise_m", [0.0, 0.03])
 def test_corners_from_returns(yaw: float, noise_m: float) -> None:
     points, ring, column = returns(yaw, np.radians(0.1), noise_m)
-    found = corners_in_scans(points, ring, column, BOARD, np.radians(0.1))
+    found = corners_in_scans(points, ring, column, TARGET, np.radians(0.1))
     truth, _, _ = placed(yaw)
     assert np.linalg.norm(found - truth, axis=1).max() < (0.01 if noise_m == 0 else 0.02)
 
@@ -57,7 +57,7 @@ def test_too_few_rings_are_refused() -> None:
     points, ring, column = returns(0.0, np.radians(0.1), 0.0)
     low = ring <= ring.min() + 1
     with pytest.raises(CalibrationError, match="2 rings"):
-        corners_in_scans(points[low], ring[low], column[low], BOARD, np.radians(0.1))
+        corners_in_scans(points[low], ring[low], column[low], TARGET, np.radians(0.1))
 
 
 def picture(corners: np.ndarray, noise: float = 3.0) -> np.ndarray:
@@ -82,10 +82,10 @@ def test_corners_from_pixels(corners: list[list[float]]) -> None:
     assert np.abs(corners_in_image(picture(truth)) - truth).max() < 0.4
 
 
-def test_a_picture_without_the_whole_board_is_refused() -> None:
-    with pytest.raises(CalibrationError, match="cuts the board"):
+def test_a_picture_without_the_whole_target_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="cuts the target"):
         corners_in_image(picture(np.array([[-40.0, 200], [150, 200], [60, 60]])))
     with pytest.raises(CalibrationError, match="pixels high"):
         corners_in_image(picture(np.array([[100.0, 110], [160, 110], [130, 100]])))
-    with pytest.raises(CalibrationError, match=r"no bright board|pixels high|cuts"):
+    with pytest.raises(CalibrationError, match=r"no bright target|pixels high|cuts"):
         corners_in_image(np.full((240, 320), 90.0))

@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+
+from roadscope.benchmarks.metrics.fusion import Targets, judge, rates
+from roadscope.benchmarks.papers import li2021
+from roadscope.benchmarks.papers.reproduction import MOST_COLUMNS, FigureKey
+from roadscope.benchmarks.sensor_pairs import SensorPair
+from roadscope.core import Calibration, Detections, Frame, ImageDetections, Pose, Truth
+from roadscope.core.projection import Projection
+from roadscope.fusion.overlap import projected_boxes
+
+OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+PROJECTION = Projection.of(
+    np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
+    Pose.from_parts(OPTICAL, np.array([0.0, 0.0, 1.4])),
+    640,
+    480,
+)
+
+
+def test_table_1_is_the_papers_to_its_rounding_and_decides_as_printed() -> None:
+    rows = li2021.table_1()
+    decided = [row for row in rows if row.quantity == "decided as printed"]
+    assert len(decided) == 6
+    assert all(row.ours == 1.0 for row in decided)
+    person = [r for r in rows if r.method == "pedestrian, fused" and r.unit == "share"]
+    assert all(abs(row.ours - row.paper) < 0.0015 for row in person)
+
+
+def a_pair() -> tuple[SensorPair, Detections]:
+    """Two people beside one another: LiDAR has the left one, the camera the right one."""
+    centres = np.array([[15.0, 0.5, 0.86], [15.0, -0.5, 0.86]])
+    both = Detections(
+        centres,
+        np.tile([0.5, 0.6, 1.72], (2, 1)),
+        np.zeros(2),
+        np.full(2, 6, np.int8),
+        np.full(2, 0.95),
+        "ego",
+        0.0,
+    )
+    boxes, _ = projected_boxes(both, PROJECTION)
+    camera = ImageDetections(boxes[1:], np.array([6], np.int8), np.array([0.9]), 0.0)
+    targets = Targets(np.array([2, 2]), centres, boxes, np.ones(2, bool), np.zeros(2))
+    none = np.empty(0)
+    truth = Truth(
+        none,
+        none,
+        none.reshape(0, 3),
+        none.reshape(0, 3),
+        none,
+        none.reshape(0, 2),
+        none,
+        none,
+        none,
+        Pose.identity(),
+        0.0,
+        none,
+    )
+    pair = SensorPair(Frame(0.0, Calibration()), truth, camera, targets, PROJECTION)
+    return pair, both.select(np.array([0]))
+
+
+@pytest.mark.parametrize(
+    ("method", "condition", "count"),
+    [
+        (li2021.LIDAR, "clear", 1),
+        (li2021.CAMERA, "clear", 1),
+        ("li2021", "clear", 2),
+        ("li2021", li2021.LIDAR_FAILS, 1),
+        ("consistent", li2021.CAMERA_FAILS, 1),
+    ],
+)
+def test_which_sensors_are_fused_in_which_condition(
+    method: str, condition: str, count: int
+) -> None:
+    pair, lidar = a_pair()
+    fused = li2021.fuse(method, [pair], [lidar], condition)
+    assert fused is not None
+    assert len(fused[0]) == count
+    assert li2021.fuse(li2021.LIDAR, [pair], [lidar], li2021.LIDAR_FAILS) is None
+
+
+def test_a_note_says_whose_detections_the_cameras_are() -> None:
+    tables = (
+        li2021.HIDDEN,
+        li2021.CLASS,
+        li2021.MORE_BOTH,
+        li2021.MORE_ONE,
+        li2021.CLAIMS,
+        li2021.EVERY_SCORE,
+    )
+    for camera, words in ((li2021.IMAGES, "shipped network's"), (li2021.IMITATED, "imitation")):
+        for experiment in (*li2021.CONDITIONS, *tables):
+            name = li2021.with_camera(experiment, camera)
+            assert li2021.without_camera(name) == (experiment, camera)
+            assert words in str(li2021.note_of(name))
+
+
+def test_crowds_are_people_beside_people() -> None:
+    pair, _ = a_pair()
+    assert li2021.crowds_only(pair.targets).eligible.all()
+    apart = Targets(
+        np.array([2, 2, 0]),
+        np.array([[15.0, 0, 1], [20.0, 0, 1], [15.5, 0, 1]]),
+        np.zeros((3, 4)),
+        np.ones(3, bool),
+        np.zeros(3),
+    )
+    assert not li2021.crowds_only(apart).eligible.any()
+
+
+@pytest.mark.slow
+def test_one_seed_gives_every_figure_of_the_paper() -> None:
+    figures = li2021.measure(10300)
+    for camera in (li2021.IMAGES, li2021.IMITATED):
+        clear = li2021.with_camera("clear", camera)
+        printed = {(li2021.with_camera(e, camera), *rest) for e, *rest in li2021.PAPER}
+        assert printed <= set(figures)
+        right = [
+            figures[FigureKey(clear, each, li2021.DISTANCE)] for each in ("consistent", "li2021")
+        ]
+        assert right[0] > right[1]
+
+
+def test_all_methods_of_a_condition_fit_one_table() -> None:
+    names = li2021.named_quantities(rates(judge([], [])))
+    assert len(names) <= MOST_COLUMNS
+    assert list(names)[-1] == li2021.FALSE
