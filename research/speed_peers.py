@@ -4,8 +4,8 @@
 
 `casting`: rays beside Open3D. `clustering`: DBSCAN beside scikit-learn's. `metrics`: tracking
 metrics beside TrackEval's and Stone Soup's. `trackers`: those of norfair, Stone Soup and Roboflow,
-each beside the one of ours that associates as it does. All parts by default. What is not installed is
-left out, or has a row that says so.
+each beside the one of ours that associates as it does. All parts by default. What is not installed
+is left out, or has a row that says so.
 
 Everything that is compared takes turns in one run, since shared machines change meanwhile. Casting
 is in wall time of one thread, all else in processor time.
