@@ -15,20 +15,20 @@ PAPERS = {
     "zhang2017": "roadscope.benchmarks.papers.zhang2017",
     "zhang2022": "roadscope.benchmarks.papers.zhang2022",
 }
-"""Name -> module with `reproduce(seeds, progress, *, jobs) -> list[ReproductionRow]` and, where a
-table needs a word of explanation, `note_of(experiment) -> str | None`."""
+"""Name -> module with `reproduce(seeds, progress, *, jobs) -> list[ReproductionRow]` and, where
+tables need an explanation, `note_of(experiment) -> str | None`."""
 
 
 def reproduction_of(paper: str) -> Callable[..., Any]:
-    """Return the function that repeats a paper's experiments."""
+    """Return the function that repeats a paper's experiments; `SpecError` for an unknown paper."""
     if paper not in PAPERS:
         raise SpecError(unknown("paper", paper, PAPERS))
-    experiments: Callable[..., Any] = import_module(PAPERS[paper]).reproduce
-    return experiments
+    reproduce: Callable[..., Any] = import_module(PAPERS[paper]).reproduce
+    return reproduce
 
 
 def note_of(paper: str, experiment: str) -> str | None:
     """Return what must be known to read the tables of one of a paper's experiments."""
-    noted: Callable[[str], str | None] | None
-    noted = getattr(import_module(PAPERS[paper]), "note_of", None)
-    return None if noted is None else noted(experiment)
+    note: Callable[[str], str | None] | None
+    note = getattr(import_module(PAPERS[paper]), "note_of", None)
+    return None if note is None else note(experiment)
