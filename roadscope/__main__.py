@@ -36,7 +36,6 @@ app = typer.Typer(
     "truth.\n\nExit status: 0 if all went well, 1 if the input was wrong or for what a command's "
     "help says, 2 for unknown commands and options, 130 if interrupted.",
     epilog="Start with:  roadscope leaderboard",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     # Help that rich draws costs twice the processor time.
     rich_markup_mode=None,
@@ -104,13 +103,16 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _root(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Options before the command."""
+    """Show the help where no command is given."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 def main() -> None:
@@ -135,9 +137,7 @@ def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
 def _report(error: Exception) -> int:
     """Say in one line what was wrong with the input; anything else is a fault of ours."""
     if hasattr(error, "format_message"):
-        # Without a message help itself was shown: nothing was asked for.
-        if text := error.format_message():
-            complain(f"error: {text} (help: {_command_of(error)} --help)")
+        complain(f"error: {error.format_message()} (help: {_command_of(error)} --help)")
         return USAGE
     if isinstance(error, ValueError | RuntimeError | OSError):
         complain(f"error: {error}")

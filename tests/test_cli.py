@@ -454,3 +454,10 @@ def test_workers_end_with_a_killed_run(tmp_path, suite) -> None:
     # They hold the other ends of the pipes: this returns once they are gone.
     process.communicate(timeout=60)
     assert not any(Path(f"/proc/{worker}/exe").exists() for worker in workers)
+
+
+@pytest.mark.parametrize("words", [(), ("cache",)])
+def test_without_a_command_the_help_is_shown(words) -> None:
+    done = roadscope_does(*words)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == roadscope_does(*words, "--help").stdout

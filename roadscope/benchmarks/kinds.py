@@ -11,7 +11,7 @@ from roadscope.benchmarks.noisy_camera import CAMERA_NOISES
 from roadscope.benchmarks.noisy_odometry import ODOMETRY_NOISES
 from roadscope.core import Registry, Spec, SpecError
 from roadscope.core.names import unknown
-from roadscope.core.spec import ORACLE
+from roadscope.core.spec import ORACLE, name_the_class
 from roadscope.detectors import DETECTORS
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.fusion import FUSIONS
@@ -71,6 +71,8 @@ def entry_kind(spec: Spec, possible: Sequence[Kind] = tuple(KINDS.values())) -> 
     for kind, noises in _IMITATIONS:
         if spec.name in noises:
             return kind
+    if spec.name.endswith(".py"):
+        raise SpecError(name_the_class(spec))
     names = [name for kind in possible for name in kind.registry]
     kinds = " or ".join(kind.name for kind in possible)
     raise SpecError(
@@ -117,6 +119,8 @@ def check_plugin_spec(spec: Spec, kind: Kind) -> Spec:
     A plug-in of ours is made once, so that wrong values are refused too. What a stranger's
     class does when it is made is found out when it runs, and costs only its own row.
     """
+    if spec.ego is not None and kind is not TRACKER:
+        raise SpecError(f"'{spec}': ?ego= is for trackers, not for {kind}")
     resolved = kind.registry.resolve(spec)
     traits = traits_of(resolved)
     if traits.failure:

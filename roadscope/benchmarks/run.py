@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from roadscope.benchmarks.boards import Board, board_named, chosen_boards
-from roadscope.benchmarks.boards.board import JobOptions
+from roadscope.benchmarks.boards.board import JobOptions, SuiteCheck
 from roadscope.benchmarks.cache import cache_dir, usable_folder
 from roadscope.benchmarks.graph import Job, run_jobs
 from roadscope.benchmarks.isolation import Limits
@@ -153,15 +153,12 @@ def plan(
         raise SpecError("--only needs at least one --entry")
     chosen = chosen_boards(suite, boards)
     if not suite.recorded:
-        _check(suite, "", check_names, suite)
+        _check_suite(suite, chosen)
     given = _by_board([Spec.parse(text) for text in entries], chosen)
     ranked: dict[str, list[Spec]] = {}
     jobs: list[Job] = []
     options = JobOptions(marks=not only, calibration=calibration)
     for board in chosen:
-        if not suite.recorded:
-            for key, check, argument in board.suite_checks(suite):
-                _check(suite, key, check, argument)
         own = [board.check_entry(spec) for spec in given[board.name]]
         suites = (
             [] if only else [board.check_entry(Spec.parse(t)) for t in board.suite_entries(suite)]
@@ -229,13 +226,18 @@ def _headline_figures(results: Results, board: Board, entries: Sequence[str]) ->
     return {e: row.value for e, row in rows.items() if row is not None and row.value is not None}
 
 
-def _check(suite: Suite, key: str, check: Callable[[Any], object], argument: Any) -> None:
-    """Run a check; its error names the suite, and the key in it unless that is empty."""
-    try:
-        check(argument)
-    except ValueError as error:
-        place = f"suite {suite.title}" + (f", {key}" if key else "")
-        raise SuiteError(f"{place}: {error}") from error
+def _check_suite(suite: Suite, boards: Iterable[Board]) -> None:
+    """Raise one `SuiteError` that names all that is wrong in a suite, with the keys."""
+    checks = [SuiteCheck("", check_names, suite)]
+    checks += [check for board in boards for check in board.suite_checks(suite)]
+    problems: list[str] = []
+    for key, check, argument in checks:
+        try:
+            check(argument)
+        except ValueError as error:
+            problems.append(f", {key}: {error}" if key else f": {error}")
+    if problems:
+        raise SuiteError(f"suite {suite.title}{'; and'.join(dict.fromkeys(problems))}")
 
 
 def _suite(suite: Suite | str, kitti: Path | str | None, mot: Path | str | None) -> Suite:

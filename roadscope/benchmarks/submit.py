@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -51,6 +52,7 @@ from roadscope.benchmarks.recorded.result_files import kitti_result_scores, scor
 from roadscope.benchmarks.recorded.suite import KITTI
 from roadscope.benchmarks.records import CallTimes, EpisodeDetections
 from roadscope.benchmarks.results import JobScores, Results, results_of
+from roadscope.benchmarks.results.job_scores import JobName
 from roadscope.core import Category, Detections, Pose, Tracks, Truth
 
 OWN = "own detections"
@@ -109,14 +111,29 @@ class Submission:
         """Return a suite's board with the submission as one more entry.
 
         results: a `leaderboard.json` of the same suite, or a folder that holds one; a file of
-            another suite or version raises `CompareError`.
+            another suite or version raises `CompareError`. All entries are compared on the
+            episodes that the submission has; a warning says how many it lacks.
         """
         run, own = read_run(results), read_run(self)
         check_comparable(run, own)
         if self.name in run.entries():
             raise SubmitError(f"{run.label} has an entry {self.name} already; choose another name")
-        jobs = [job for job in run.jobs if job.board in self.boards()]
-        return results_of([*jobs, *self.episodes], run.manifest)
+        boards = self.boards()
+        jobs = [job for job in run.jobs if job.board in boards]
+        own_episodes = {_episode_name(job) for job in self.episodes}
+        shared = [job for job in jobs if _episode_name(job) in own_episodes]
+        if left_out := {_episode_name(job) for job in jobs} - own_episodes:
+            warnings.warn(
+                f"{self.name} has no results of {len(left_out)} episodes of {run.label}: all "
+                "entries are compared on the others",
+                stacklevel=2,
+            )
+        return results_of([*shared, *self.episodes], run.manifest)
+
+
+def _episode_name(job: JobScores) -> JobName:
+    """Return which episode a job is on, whoever's detections its entry got."""
+    return job.name._replace(inputs="")
 
 
 def submit(

@@ -100,15 +100,23 @@ class Suite:
 
 
 def check_names(suite: Suite) -> None:
-    """Refuse scenarios and rigs that do not exist, and episodes shorter than one sweep."""
+    """Refuse scenarios and rigs that do not exist, and episodes shorter than one sweep.
+
+    The error names all scenarios that do not exist.
+    """
     from roadscope.benchmarks.episode import Episode, check_episode
     from roadscope.envs.sensors.rigs import rig
     from roadscope.envs.traffic.scenarios import SCENARIOS
 
-    for name in suite.scenarios:
-        if name not in SCENARIOS:
-            raise SuiteError(unknown("scenario", name, SCENARIOS))
-    rig(suite.rig)
+    problems = [
+        unknown("scenario", name, SCENARIOS) for name in suite.scenarios if name not in SCENARIOS
+    ]
+    try:
+        rig(suite.rig)
+    except ValueError as error:
+        problems.append(str(error))
+    if problems:
+        raise SuiteError("; ".join(problems))
     for name in suite.scenarios:
         for light in suite.lights:
             check_episode(Episode(name, suite.seeds[0], suite.rig, suite.duration_s, light=light))

@@ -15,7 +15,14 @@ if TYPE_CHECKING:
 
     from roadscope.benchmarks.cached_files import KindUsage
 
-cache = typer.Typer(no_args_is_help=True, add_completion=False)
+cache = typer.Typer(add_completion=False)
+
+
+@cache.callback(invoke_without_command=True)
+def _help(context: typer.Context) -> None:
+    """Show the help where no command is given."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 @cache.command("path", help="Print the folder that computed files go to.")

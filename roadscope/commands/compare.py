@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from roadscope.commands.options import Json, JsonFile, Quiet
-from roadscope.commands.terminal import complain, console
+from roadscope.commands.terminal import complain, console, printable
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.compare import Comparison, Difference
@@ -100,12 +100,13 @@ def _show(found: Comparison, every: bool) -> None:
     from rich.text import Text
 
     screen = console()
-    screen.print(Text(f"A: {found.a}\nB: {found.b}"))
+    for letter, label in (("A", found.a), ("B", found.b)):
+        screen.print(Text(f"{letter}: {printable(str(label))}"))
     if shown := found.differences if every else found.changed:
         screen.print(_table(shown, found.level))
     screen.print(_summary(found))
     for line in _remarks(found):
-        screen.print(Text(line))
+        screen.print(Text(printable(line)))
 
 
 def _table(differences: Sequence[Difference], level: float) -> Any:
@@ -125,7 +126,9 @@ def _table(differences: Sequence[Difference], level: float) -> Any:
         name = f"{d.entry} ({d.board})" if several else d.entry
         unit = "" if d.unit == "1" else f", {d.unit}"
         cells = (name, d.metric + unit, _figure(d.a), _figure(d.b), _interval(d))
-        table.add_row(*map(Text, cells), Text(d.verdict, style=styles[d.verdict]))
+        table.add_row(
+            *(Text(printable(cell)) for cell in cells), Text(d.verdict, style=styles[d.verdict])
+        )
     return table
 
 

@@ -11,7 +11,7 @@ import typer
 
 from roadscope.commands import completion
 from roadscope.commands.options import Jobs, workers
-from roadscope.commands.terminal import complain, console, progress_bars
+from roadscope.commands.terminal import complain, console, printable, progress_bars
 
 if TYPE_CHECKING:
     from roadscope.benchmarks import Results, Suite
@@ -170,7 +170,8 @@ def leaderboard(
 
     What an earlier run has finished is not done again; a stopped run goes on where it was.
 
-    An entry that fails becomes a row with its reason, and the exit status is 1.
+    An entry that fails becomes a row with its reason, and the exit status is 1; likewise one that
+    you name and that is not installed.
     """
     from roadscope.benchmarks.boards import chosen_boards
     from roadscope.benchmarks.isolation import Limits
@@ -229,14 +230,14 @@ def leaderboard(
         shown = _Shown(results, loaded, console(width=width), tuple(dict.fromkeys(by or ())))
         shown.show()
         if suite is None and not (kitti or mot):
-            _name_full_suite(board, entry or (), only=only)
+            _name_full_suite(board, entry or (), detections or (), only=only)
         if left_out:
             typer.echo(f"no tracks were written of {', '.join(left_out)}")
         _name_written(out and out / "leaderboard.json", tracks)
         for line in _log_lines(results):
             typer.echo(line)
         _name_kept_boards(out)
-    if results.failed_entries:
+    if results.failed_entries or any(map(results.not_installed, entry or ())):
         raise typer.Exit(1)
 
 
@@ -251,6 +252,8 @@ class _Shown:
 
     def show(self) -> None:
         """Print every board with what is said of it."""
+        from rich.text import Text
+
         from roadscope.benchmarks.boards import board_named
         from roadscope.benchmarks.report.tables import (
             agreement_lines,
@@ -262,23 +265,25 @@ class _Shown:
         )
 
         results, screen = self.results, self.screen
-        text = explanation(self.suite, results.boards())
-        screen.print(f"[bold]{self.suite.title}[/]: {self.suite.summary_with_seeds}. {text}")
+        marked = any(place.mark for place in results.standings)
+        text = explanation(self.suite, results.boards(), marks=marked)
+        said = printable(f": {self.suite.summary_with_seeds}. {text}")
+        screen.print(Text.assemble((printable(self.suite.title), "bold"), said))
         for name in results.boards():
             board = board_named(name)
-            screen.print(f"\n[bold]{name} board[/]")
+            screen.print(Text(f"\n{name} board", style="bold"))
             screen.print(board_table(results, name, screen.width))
             for line in failure_lines(results, name):
                 # One line each, however long, so that it can be searched for.
-                screen.print(line, markup=False, soft_wrap=True)
+                screen.print(line, soft_wrap=True)
             lines = [comparison(results, name), *agreement_lines(results, name)]
             lines.append(board.remark(results.manifest.get("calibration", "")))
             if results.nothing_eligible(name):
                 lines.insert(0, "No object in any episode was to be found: nothing is scored.")
             for line in filter(None, lines):
-                screen.print(line, markup=False)
+                screen.print(line)
             if text := footnote(results, name, screen.width):
-                screen.print(text, style="dim", markup=False)
+                screen.print(text, style="dim")
             if board.always_by is not None and board.always_by[0] not in self.by:
                 by, metric = board.always_by
                 self._show_breakdown(name, by, (metric,))
@@ -286,6 +291,8 @@ class _Shown:
                 self._show_breakdown(name, by)
 
     def _show_breakdown(self, board: str, by: str, metrics: tuple[str, ...] = ()) -> None:
+        from rich.text import Text
+
         from roadscope.benchmarks.boards import board_named
         from roadscope.benchmarks.report.breakdowns import breakdown_tables, note
 
@@ -294,7 +301,7 @@ class _Shown:
         screen = self.screen
         for table in breakdown_tables(self.results, board, by, screen.width, metrics=metrics):
             # A title within the table would be broken at the table's width.
-            screen.print(f"\n[bold]{table.title}[/]")
+            screen.print(Text(f"\n{table.title}", style="bold"))
             table.title = None
             screen.print(table)
         if text := note(board, by):
@@ -334,13 +341,16 @@ def _name_kept_boards(out: Path | None) -> None:
         typer.echo(f"kept beside it: {', '.join(path.name for path in kept)}")
 
 
-def _name_full_suite(board: str | None, entries: Sequence[str], *, only: bool) -> None:
-    """Name the suite of a board that was shown on the quick one, with the user's entries."""
+def _name_full_suite(
+    board: str | None, entries: Sequence[str], detections: Sequence[str], *, only: bool
+) -> None:
+    """Name the suite of a board that was shown on the quick one, with what the user gave."""
     from roadscope.benchmarks.suite_files import SUITES
 
     if board in SUITES and _usual_suite(board) != board:
-        given = "".join(f" --entry '{entry}'" for entry in entries) + " --only" * only
-        typer.echo(f"A quick look. In full: roadscope leaderboard {board} --suite {board}{given}")
+        options = "".join(f" --entry '{entry}'" for entry in entries) + " --only" * only
+        options += "".join(f" --detections '{text}'" for text in detections)
+        typer.echo(f"A quick look. In full: roadscope leaderboard {board} --suite {board}{options}")
 
 
 def _usual_suite(board: str | None) -> str:
@@ -434,7 +444,5 @@ def _complain_of_failures(results: Results) -> None:
 
 def _log_lines(results: Results) -> list[str]:
     """Return in which files the output of failed entries is."""
-    from roadscope.core.text import one_line
-
     files = {(f.entry, f.log_file): None for f in results.failures if f.log_file}
-    return [one_line(f"output of {entry}: {path}") for entry, path in files]
+    return [printable(f"output of {entry}: {path}") for entry, path in files]

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from roadscope.commands.options import Jobs, workers
-from roadscope.commands.terminal import console, progress_bars, show
+from roadscope.commands.terminal import console, headline, progress_bars, show
 
 
 def reproduce(
@@ -34,7 +34,8 @@ def reproduce(
     with progress_bars() as progress:
         rows = experiments(seeds, lambda done, of: progress("seeds", done, of), jobs=workers(jobs))
     for experiment in dict.fromkeys(row.experiment for row in rows):
-        show(f"\n[bold]{experiment}[/]")
+        show("")
+        headline(experiment)
         shown = [row for row in rows if row.experiment == experiment]
         for table in reproduction_tables(shown, everything=everything):
             show("")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from roadscope.commands import completion
-from roadscope.commands.terminal import complain, headline, progress_bars, show
+from roadscope.commands.terminal import complain, headline, printable, progress_bars, show
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.formats.scan_folder import ScanFolder
@@ -148,8 +148,6 @@ def _spare(out: Path, *read: Path | None) -> None:
 
 def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
     """Say where the last scan was taken, and in how many the odometry was degraded."""
-    from rich.markup import escape
-
     x, y, z = poses[-1].translation
     headline(
         f"{odometry}: {len(poses)} scans, from the first to the last {x:.2f} {y:.2f} {z:.2f} m"
@@ -158,7 +156,7 @@ def _tell(odometry: str, poses: Sequence[Pose], reasons: Counter[str]) -> None:
         share = reasons.total() / len(poses)
         show(
             f"degraded in {reasons.total()} of {len(poses)} scans, mostly: "
-            f"{escape(reasons.most_common(1)[0][0])}"
+            f"{printable(reasons.most_common(1)[0][0])}"
         )
         if share > MANY:
             complain(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from roadscope.commands.options import Json, JsonFile, Quiet
-from roadscope.commands.terminal import complain, console, progress_bars
+from roadscope.commands.terminal import complain, console, printable, progress_bars
 
 if TYPE_CHECKING:
     from roadscope.benchmarks.results import Results
@@ -127,7 +127,7 @@ def _show(found: Submission, every: bool) -> None:
         of_board = [e for e in found.episodes if e.board == board]
         sound = [e.scores for e in of_board if e.reason is None]
         title = f"{found.name} on {board}: {len(sound)} of {len(of_board)} sequences"
-        screen.print(Text(title, style="bold"))
+        screen.print(Text(printable(title), style="bold"))
         if not sound:
             continue
         names = [metric for metric in sound[0] if not split_name(metric)[1]]
@@ -138,12 +138,14 @@ def _show(found: Submission, every: bool) -> None:
 
 
 def _show_board(results: Results) -> None:
+    from rich.text import Text
+
     from roadscope.benchmarks.report.tables import board_table, comparison, footnote
 
     screen = console()
     for name in results.boards():
-        screen.print(f"[bold]{name} board[/]")
+        screen.print(Text(f"{name} board", style="bold"))
         screen.print(board_table(results, name, screen.width))
         if text := comparison(results, name):
-            screen.print(text, markup=False)
-        screen.print(footnote(results, name, screen.width), style="dim", markup=False)
+            screen.print(text)
+        screen.print(footnote(results, name, screen.width), style="dim")

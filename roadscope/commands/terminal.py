@@ -20,17 +20,20 @@ PIPED_WIDTH = 80
 
 
 def console(*, stderr: bool = False, width: int | None = None) -> Any:
-    """Return a rich console that colours nothing of its own accord; width: None: as it is."""
+    """Return a rich console that takes text as it is, without markup, and colours nothing.
+
+    width: characters; None: as wide as the terminal.
+    """
     from rich.console import Console
 
-    screen = Console(stderr=stderr, highlight=False, width=width)
+    screen = Console(stderr=stderr, highlight=False, markup=False, emoji=False, width=width)
     if width is None and not screen.is_terminal and "COLUMNS" not in os.environ:
         screen.width = PIPED_WIDTH
     return screen
 
 
 def show(thing: Any, *, dim: bool = False) -> None:
-    """Print a table or text with rich's markup."""
+    """Print a table or text."""
     console().print(thing, style="dim" if dim else None)
 
 
@@ -46,9 +49,16 @@ def print_json(content: Any) -> None:
     typer.echo(json.dumps(content, indent=1, allow_nan=False))
 
 
+def printable(text: str) -> str:
+    """Return a text that strangers wrote, or that names what they did, as one harmless line."""
+    from roadscope.core.text import one_line
+
+    return one_line(text)
+
+
 def complain(text: str) -> None:
     """Write one line on stderr."""
-    typer.echo(" ".join(text.split()), err=True)
+    typer.echo(printable(text), err=True)
 
 
 @contextmanager

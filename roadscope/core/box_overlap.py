@@ -1,334 +1,327 @@
-"""Overlap of boxes: from above and in space, exact, with the generalised one."""
+"""Overlap of rectangles from above and of upright boxes: exact, plain and generalised."""
 
 from __future__ import annotations
+
+from typing import Protocol
 
 import numpy as np
 
 from roadscope.core.jit import compiled
 
-CORNERS = 16
-"""Room for corners: 8 are left at most when one rectangle is cut by another, a few more when
-rounding bends a side."""
-X, Y, AHEAD, ASIDE, COS, SIN, LOW, HIGH, REACH = range(9)
-"""Columns of a table of boxes: centre, half length and half width, heading, lowest and highest z,
-how far corners reach."""
-INITIAL = 256
-"""Room for pairs at first; it doubles when full."""
+
+class _Box(Protocol):
+    """A record of an upright box in metres.
+
+    x, y: its centre. half_length, half_width: half its sides. cos, sin: of its heading.
+    bottom, top: its lowest and highest z. radius: the distance from its centre to a corner.
+    """
+
+    x: float
+    y: float
+    half_length: float
+    half_width: float
+    cos: float
+    sin: float
+    bottom: float
+    top: float
+    radius: float
+
+
+BOX = np.dtype([(name, np.float64) for name in _Box.__annotations__])
+MOST_CORNERS = 16
+"""A rectangle that is cut by another one has 8 corners at most, and a few more if rounding bends a
+side."""
+FIRST_CAPACITY = 256
+"""Arrays of pairs have this length at first. They are doubled when they are full."""
 
 
 @compiled()
-def box_overlaps(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def box_overlaps(rectangles: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return (N, M) intersection over union of (N, 5) and (M, 5) rectangles.
 
-    Each rectangle is cut by the four sides of the other in the other's frame (Sutherland and
-    Hodgman 1974), where the sides are x = +-l/2 and y = +-w/2; what is left is measured with
-    the shoelace formula.
+    A rectangle is its centre x, y, length, width (metres) and yaw (radians). Each is cut by the
+    four sides of the other in the other's frame (Sutherland and Hodgman 1974), where the sides are
+    x = +-l/2 and y = +-w/2. The shoelace formula gives the area of what is left.
     """
-    shares = np.zeros((len(one), len(other)))
-    some, others = _table(one, 4), _table(other, 4)
-    room = np.empty((2, CORNERS, 2))
-    for i in range(len(one)):
-        for j in range(len(other)):
-            if _gap(some, others, (i, j)) < 0:
-                common = _common_area(some, others, (i, j), room)
-                whole = _area_of(some, i) + _area_of(others, j) - common
-                shares[i, j] = min(common / whole, 1.0)
-    return shares
+    overlaps = np.zeros((len(rectangles), len(others)))
+    boxes, other_boxes = _boxes(rectangles), _boxes(others)
+    for i in range(len(boxes)):
+        for j in range(len(other_boxes)):
+            box, other = boxes[i], other_boxes[j]
+            if _circles_meet(box, other):
+                common = _common_area(box, other)
+                union = _area(box) + _area(other) - common
+                overlaps[i, j] = min(common / union, 1.0)
+    return overlaps
 
 
-@compiled()
-def box_overlaps_3d(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return (N, M) intersection over union of upright (N, 7) and (M, 7) boxes.
+def box_overlaps_3d(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return (N, M) intersection over union in space of upright (N, 7) and (M, 7) boxes.
 
     A box is its centre x, y, z, length, width, height (metres) and yaw (radians).
     """
-    shares = np.zeros((len(one), len(other)))
-    rows, columns, found = overlapping_pairs(one, other, False, 0.0)
-    for k in range(len(rows)):
-        shares[rows[k], columns[k]] = found[k]
-    return shares
+    overlaps = np.zeros((len(boxes), len(others)))
+    rows, columns, values = overlapping_pairs(boxes, others, generalised=False, least=0.0)
+    overlaps[rows, columns] = values
+    return overlaps
 
 
-@compiled()
 def overlapping_pairs(
-    one: np.ndarray, other: np.ndarray, generalised: bool, least: float
+    boxes: np.ndarray, others: np.ndarray, *, generalised: bool, least: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (P,) rows, columns and overlaps above `least` of upright (N, 7) and (M, 7) boxes.
 
-    By row, then by column. A box is its centre x, y, z, length, width, height (metres) and yaw
-    (radians); the overlap is intersection over union, and `least` 0 or more, or the generalised
-    one, -1 to 1. What the least upright prism around both leaves empty counts against that one
-    (Rezatofighi et al. 2019), so that boxes apart are told from boxes further apart.
+    Pairs are sorted by row, then by column. A box is its centre x, y, z, length, width, height
+    (metres) and yaw (radians).
 
-    Only pairs near enough along x are looked at: the work grows with those, not with N M.
+    generalised: whether the overlap is generalised IoU (Rezatofighi et al. 2019), which tells boxes
+        that are near each other from boxes that are far apart, or plain intersection over union.
+    least: 0 or more for plain, -1 to 1 for generalised IoU.
+
+    Only pairs that are near each other along x are examined: the work grows with their number.
     """
-    rows, columns = np.empty(INITIAL, np.int64), np.empty(INITIAL, np.int64)
-    shares = np.empty(INITIAL)
-    size = 0
-    if len(one) == 0 or len(other) == 0:
-        return rows[:0], columns[:0], shares[:0]
-    some, others = _table(one, 6), _table(other, 6)
-    far = _far(some, others, generalised, least)
-    order = np.argsort(others[:, X], kind="mergesort")
-    others = others[order]
-    xs, ys = others[:, X].copy(), others[:, Y].copy()
-    room = np.empty((2, CORNERS, 2))
-    for i in range(len(one)):
-        first = size
-        x, y = some[i, X], some[i, Y]
-        for j in range(np.searchsorted(xs, x - far[i]), len(xs)):
-            if xs[j] > x + far[i]:
-                break
-            if abs(ys[j] - y) > far[i]:
-                continue
-            pair = i, j
-            if generalised:
-                share = _generalised(some, others, pair, least, room)
-            else:
-                share = _overlap(some, others, pair, room)
-            if share > least:
-                if size == len(rows):
-                    rows = np.concatenate((rows, rows))
-                    columns = np.concatenate((columns, columns))
-                    shares = np.concatenate((shares, shares))
-                rows[size] = i
-                _put_in_order(columns, shares, first, size, (order[j], share))
-                size += 1
-    return rows[:size], columns[:size], shares[:size]
+    if len(boxes) == 0 or len(others) == 0:
+        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+    order = np.argsort(others[:, 0], kind="stable")
+    rows, columns, overlaps = _overlapping_pairs(boxes, others[order], generalised, least)
+    columns = order[columns]
+    by_row_and_column = np.argsort(rows * len(others) + columns)
+    return rows[by_row_and_column], columns[by_row_and_column], overlaps[by_row_and_column]
 
 
 @compiled()
 def pair_overlaps(
-    one: np.ndarray,
-    other: np.ndarray,
-    pairs: tuple[np.ndarray, np.ndarray],
+    boxes: np.ndarray,
+    others: np.ndarray,
+    rows: np.ndarray,
+    columns: np.ndarray,
     generalised: bool,
     least: float,
 ) -> np.ndarray:
-    """Return (P,) overlaps of pairs of upright boxes, as `overlapping_pairs` does.
+    """Return (P,) overlaps of the pairs (rows, columns) of upright (N, 7) and (M, 7) boxes.
 
-    pairs: (P,) rows and columns. What is seen to be below `least` without being worked out is -1.
+    The overlap is the one of `overlapping_pairs`. Where a bound shows that it is below `least`, it
+    is not computed, and is -1.
     """
-    some, others = _table(one, 6), _table(other, 6)
-    room = np.empty((2, CORNERS, 2))
-    rows, columns = pairs
-    shares = np.empty(len(rows))
+    some, other_boxes = _boxes(boxes), _boxes(others)
+    overlaps = np.empty(len(rows))
     for k in range(len(rows)):
-        pair = rows[k], columns[k]
-        if generalised:
-            shares[k] = _generalised(some, others, pair, least, room)
-        else:
-            shares[k] = _overlap(some, others, pair, room)
-    return shares
-
-
-@compiled(borrowing=True)
-def _put_in_order(
-    columns: np.ndarray, shares: np.ndarray, first: int, at: int, pair: tuple[int, float]
-) -> None:
-    """Insert a pair among those of its row, by column."""
-    while at > first and columns[at - 1] > pair[0]:
-        columns[at], shares[at] = columns[at - 1], shares[at - 1]
-        at -= 1
-    columns[at], shares[at] = pair
+        overlaps[k] = _overlap(some[rows[k]], other_boxes[columns[k]], generalised, least)
+    return overlaps
 
 
 @compiled()
-def _table(boxes: np.ndarray, yaw: int) -> np.ndarray:
-    """Return (N, 9) what is needed of each box; its heading is in column `yaw`."""
-    table = np.zeros((len(boxes), 9))
-    length = 3 if yaw == 6 else 2
-    for i in range(len(boxes)):
-        table[i, X], table[i, Y] = boxes[i, 0], boxes[i, 1]
-        table[i, AHEAD], table[i, ASIDE] = boxes[i, length] / 2, boxes[i, length + 1] / 2
-        table[i, COS], table[i, SIN] = np.cos(boxes[i, yaw]), np.sin(boxes[i, yaw])
-        table[i, REACH] = np.sqrt(boxes[i, length] ** 2 + boxes[i, length + 1] ** 2) / 2
-        if yaw == 6:
-            table[i, LOW] = boxes[i, 2] - boxes[i, 5] / 2
-            table[i, HIGH] = boxes[i, 2] + boxes[i, 5] / 2
-    return table
+def _overlapping_pairs(
+    boxes: np.ndarray, others: np.ndarray, generalised: bool, least: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return pairs by row as `overlapping_pairs` does; `others` are sorted by x."""
+    rows, columns = np.empty(FIRST_CAPACITY, np.int64), np.empty(FIRST_CAPACITY, np.int64)
+    overlaps = np.empty(FIRST_CAPACITY)
+    count = 0
+    some, other_boxes = _boxes(boxes), _boxes(others)
+    reach = _reach(some, other_boxes, generalised, least)
+    for i in range(len(some)):
+        box = some[i]
+        for j in range(np.searchsorted(others[:, 0], box.x - reach[i]), len(other_boxes)):
+            other = other_boxes[j]
+            if other.x > box.x + reach[i]:
+                break
+            if abs(other.y - box.y) > reach[i]:
+                continue
+            overlap = _overlap(box, other, generalised, least)
+            if overlap > least:
+                if count == len(rows):
+                    rows = np.concatenate((rows, rows))
+                    columns = np.concatenate((columns, columns))
+                    overlaps = np.concatenate((overlaps, overlaps))
+                rows[count], columns[count], overlaps[count] = i, j, overlap
+                count += 1
+    return rows[:count], columns[:count], overlaps[:count]
 
 
 @compiled()
-def _far(some: np.ndarray, others: np.ndarray, generalised: bool, least: float) -> np.ndarray:
-    """Return (N,) from which distance on no box can overlap by more than `least`."""
-    far: np.ndarray = some[:, REACH] + others[:, REACH].max()
+def _boxes(values: np.ndarray) -> np.ndarray:
+    """Return (N,) records of (N, 7) boxes or (N, 5) rectangles, which have no height."""
+    boxes = np.zeros(len(values), BOX)
+    upright = values.shape[1] == 7
+    size_column = 3 if upright else 2
+    for i in range(len(values)):
+        length, width = values[i, size_column], values[i, size_column + 1]
+        yaw = values[i, 6 if upright else 4]
+        boxes[i].x, boxes[i].y = values[i, 0], values[i, 1]
+        boxes[i].half_length, boxes[i].half_width = length / 2, width / 2
+        boxes[i].cos, boxes[i].sin = np.cos(yaw), np.sin(yaw)
+        boxes[i].radius = np.sqrt(length**2 + width**2) / 2
+        if upright:
+            boxes[i].bottom = values[i, 2] - values[i, 5] / 2
+            boxes[i].top = values[i, 2] + values[i, 5] / 2
+    return boxes
+
+
+@compiled()
+def _reach(boxes: np.ndarray, others: np.ndarray, generalised: bool, least: float) -> np.ndarray:
+    """Return (N,) distances beyond which no box overlaps by more than `least`."""
+    reach: np.ndarray = boxes["radius"] + others["radius"].max()
     if generalised:
-        heights = others[:, HIGH] - others[:, LOW]
-        most = (4 * others[:, AHEAD] * others[:, ASIDE] * heights).max()
-        narrowest = 2 * np.minimum(others[:, AHEAD], others[:, ASIDE]).min()
-        for i in range(len(some)):
-            height = some[i, HIGH] - some[i, LOW]
-            width = 2 * min(some[i, AHEAD], some[i, ASIDE]) + narrowest
-            whole = 2 * (_area_of(some, i) * height + most)
-            far[i] = max(far[i], whole / ((1 + least) * height * width))
-    return far
+        largest, narrowest = 0.0, np.inf
+        for other in others:
+            largest = max(largest, _area(other) * (other.top - other.bottom))
+            narrowest = min(narrowest, 2 * min(other.half_length, other.half_width))
+        for i in range(len(boxes)):
+            box = boxes[i]
+            height = box.top - box.bottom
+            width = 2 * min(box.half_length, box.half_width) + narrowest
+            twice_volume = 2 * (_area(box) * height + largest)
+            reach[i] = max(reach[i], twice_volume / ((1 + least) * height * width))
+    return reach
 
 
-@compiled(borrowing=True)
-def _area_of(boxes: np.ndarray, i: int) -> float:
-    return float(4 * boxes[i, AHEAD] * boxes[i, ASIDE])
+@compiled()
+def _overlap(box: _Box, other: _Box, generalised: bool, least: float) -> float:
+    """Return the overlap in space; generalised, -1 where a bound shows that it is below `least`."""
+    meeting = _circles_meet(box, other)
+    volumes = _area(box) * (box.top - box.bottom) + _area(other) * (other.top - other.bottom)
+    if generalised and not meeting and _is_below(box, other, volumes, least):
+        return -1.0
+    overlap = 0.0
+    common_height = min(box.top, other.top) - max(box.bottom, other.bottom)
+    if meeting and common_height > 0:
+        common = common_height * _common_area(box, other)
+        overlap = min(common / (volumes - common), 1.0)
+    if not generalised:
+        return overlap
+    union = volumes / (1 + overlap)
+    height = max(box.top, other.top) - min(box.bottom, other.bottom)
+    hull = max(_hull_area(box, other) * height, union)
+    return overlap - (hull - union) / hull
 
 
-@compiled(borrowing=True)
-def _gap(some: np.ndarray, others: np.ndarray, pair: tuple[int, int]) -> float:
-    """Return how far, squared, centres are beyond what corners reach; below 0 they may touch."""
-    i, j = pair
-    dx, dy = some[i, X] - others[j, X], some[i, Y] - others[j, Y]
-    return float(dx * dx + dy * dy - (some[i, REACH] + others[j, REACH]) ** 2)
+@compiled()
+def _is_below(box: _Box, other: _Box, volumes: float, least: float) -> bool:
+    """Return whether generalised IoU of two boxes that do not meet is below `least` for certain.
+
+    The convex hull from above holds the four corners that lie farthest from the line of centres
+    and, beyond them, the outer half of each box.
+    """
+    dx, dy = box.x - other.x, box.y - other.y
+    area = (_area(box) + _area(other)) / 2
+    between = 0.0
+    for each in (box, other):
+        between += each.half_length * abs(each.cos * dy - each.sin * dx) + each.half_width * abs(
+            each.cos * dx + each.sin * dy
+        )
+    height = max(box.top - box.bottom, other.top - other.bottom)
+    return volumes < (1 + least) * height * (between + area)
 
 
-@compiled(borrowing=True)
-def _overlap(
-    some: np.ndarray, others: np.ndarray, pair: tuple[int, int], room: np.ndarray
-) -> float:
-    """Return intersection over union in space."""
-    i, j = pair
-    common = min(some[i, HIGH], others[j, HIGH]) - max(some[i, LOW], others[j, LOW])
-    if common <= 0 or _gap(some, others, pair) >= 0:
-        return 0.0
-    common *= _common_area(some, others, pair, room)
-    return float(min(common / (_volumes(some, others, pair) - common), 1.0))
+@compiled()
+def _circles_meet(box: _Box, other: _Box) -> bool:
+    """Return whether the circles through the boxes' corners meet; else the boxes do not."""
+    dx, dy = box.x - other.x, box.y - other.y
+    return dx * dx + dy * dy - (box.radius + other.radius) ** 2 < 0
 
 
-@compiled(borrowing=True)
-def _volumes(some: np.ndarray, others: np.ndarray, pair: tuple[int, int]) -> float:
-    """Return the sum of both volumes."""
-    i, j = pair
-    one = _area_of(some, i) * (some[i, HIGH] - some[i, LOW])
-    return float(one + _area_of(others, j) * (others[j, HIGH] - others[j, LOW]))
+@compiled()
+def _area(box: _Box) -> float:
+    return 4 * box.half_length * box.half_width
 
 
-@compiled(borrowing=True)
-def _generalised(
-    some: np.ndarray, others: np.ndarray, pair: tuple[int, int], least: float, room: np.ndarray
-) -> float:
-    """Return generalised IoU, or -1 where it is seen to be below `least` without working it out."""
-    i, j = pair
-    both = _volumes(some, others, pair)
-    if _gap(some, others, pair) >= 0:
-        # The hull holds the four corners that lie farthest off the line of centres, and beyond
-        # them the outer half of each box.
-        dx, dy = some[i, X] - others[j, X], some[i, Y] - others[j, Y]
-        within = _band(some, i, dx, dy) + _band(others, j, dx, dy)
-        within += (_area_of(some, i) + _area_of(others, j)) / 2
-        taller = max(some[i, HIGH] - some[i, LOW], others[j, HIGH] - others[j, LOW])
-        if both < (1 + least) * taller * within:
-            return -1.0
-        _corners_within(some, others, pair, room)
-        share, whole = 0.0, both
-    else:
-        share = _overlap(some, others, pair, room)
-        whole = both / (1 + share)
-        _corners_within(some, others, pair, room)
-    height = max(some[i, HIGH], others[j, HIGH]) - min(some[i, LOW], others[j, LOW])
-    around = max(_hull_area(others[j, AHEAD], others[j, ASIDE], room) * height, whole)
-    return float(share - (around - whole) / around)
+@compiled()
+def _corners(box: _Box, other: _Box) -> np.ndarray:
+    """Return the corners of a box in the frame of the other, counter-clockwise.
 
-
-@compiled(borrowing=True)
-def _band(boxes: np.ndarray, i: int, dx: float, dy: float) -> float:
-    """Return how far a box reaches to either side of a line, times the line's length."""
-    c, s = boxes[i, COS], boxes[i, SIN]
-    along = boxes[i, AHEAD] * abs(c * dy - s * dx)
-    return float(along + boxes[i, ASIDE] * abs(c * dx + s * dy))
-
-
-@compiled(borrowing=True)
-def _corners_within(
-    some: np.ndarray, others: np.ndarray, pair: tuple[int, int], room: np.ndarray
-) -> None:
-    """Write one box's corners in the other's frame, counter-clockwise, into the first polygon."""
-    i, j = pair
-    dx, dy = some[i, X] - others[j, X], some[i, Y] - others[j, Y]
-    c, s = others[j, COS], others[j, SIN]
-    x, y = c * dx + s * dy, c * dy - s * dx
-    cos, sin = c * some[i, COS] + s * some[i, SIN], c * some[i, SIN] - s * some[i, COS]
+    They are the first 4 rows of a polygon of (`MOST_CORNERS`, 2).
+    """
+    dx, dy = box.x - other.x, box.y - other.y
+    x, y = other.cos * dx + other.sin * dy, other.cos * dy - other.sin * dx
+    cos = other.cos * box.cos + other.sin * box.sin
+    sin = other.cos * box.sin - other.sin * box.cos
+    corners = np.empty((MOST_CORNERS, 2))
     for k in range(4):
-        along = some[i, AHEAD] if k in (0, 3) else -some[i, AHEAD]
-        across = some[i, ASIDE] if k in (0, 1) else -some[i, ASIDE]
-        room[0, k, 0] = x + cos * along - sin * across
-        room[0, k, 1] = y + sin * along + cos * across
+        along = box.half_length if k in (0, 3) else -box.half_length
+        across = box.half_width if k in (0, 1) else -box.half_width
+        corners[k, 0] = x + cos * along - sin * across
+        corners[k, 1] = y + sin * along + cos * across
+    return corners
 
 
-@compiled(borrowing=True)
-def _common_area(
-    some: np.ndarray, others: np.ndarray, pair: tuple[int, int], room: np.ndarray
-) -> float:
-    """Return the area that two rectangles share."""
-    _corners_within(some, others, pair, room)
-    n = 4
-    for turn in range(4):
-        limit = others[pair[1], AHEAD if turn < 2 else ASIDE]
-        n = _cut(room, turn % 2, n, turn // 2, limit if turn % 2 == 0 else -limit)
-    return _area(room, 0, n)
+@compiled()
+def _common_area(box: _Box, other: _Box) -> float:
+    """Return the area from above that two boxes share."""
+    polygon, count = _corners(box, other), 4
+    cut = np.empty_like(polygon)
+    for axis, limit in ((0, other.half_length), (1, other.half_width)):
+        for side in (1.0, -1.0):
+            count = _cut(polygon, count, axis, side, limit, cut)
+            polygon, cut = cut, polygon
+    return _polygon_area(polygon, count)
 
 
-@compiled(borrowing=True)
-def _cut(room: np.ndarray, at: int, n: int, axis: int, limit: float) -> int:
-    """Write the part of polygon `at` between 0 and a limit on an axis into the other of the two.
+@compiled()
+def _cut(
+    polygon: np.ndarray, count: int, axis: int, side: float, limit: float, cut: np.ndarray
+) -> int:
+    """Write the part of a polygon where `side * coordinate <= limit` to `cut`.
 
     Returns its number of corners.
     """
-    side = 1.0 if limit > 0 else -1.0
-    to, kept = 1 - at, 0
-    before = n - 1
-    for k in range(n):
-        room_here = abs(limit) - side * room[at, k, axis]
-        room_before = abs(limit) - side * room[at, before, axis]
-        if (room_here >= 0) != (room_before >= 0):
-            share = room_before / (room_before - room_here)
-            for of in range(2):
-                start = room[at, before, of]
-                room[to, kept, of] = start + share * (room[at, k, of] - start)
-            kept += 1
-        if room_here >= 0:
-            room[to, kept, 0], room[to, kept, 1] = room[at, k, 0], room[at, k, 1]
-            kept += 1
+    size = 0
+    before = count - 1
+    for k in range(count):
+        inside_by, before_inside_by = (
+            limit - side * polygon[k, axis],
+            limit - side * polygon[before, axis],
+        )
+        if (inside_by >= 0) != (before_inside_by >= 0):
+            share = before_inside_by / (before_inside_by - inside_by)
+            for i in range(2):
+                start = polygon[before, i]
+                cut[size, i] = start + share * (polygon[k, i] - start)
+            size += 1
+        if inside_by >= 0:
+            cut[size, 0], cut[size, 1] = polygon[k, 0], polygon[k, 1]
+            size += 1
         before = k
-    return kept
+    return size
 
 
-@compiled(borrowing=True)
-def _area(room: np.ndarray, at: int, n: int) -> float:
-    """Return the area of a polygon of n corners, counter-clockwise (shoelace formula)."""
+@compiled()
+def _polygon_area(polygon: np.ndarray, count: int) -> float:
+    """Return the area of a polygon, whose corners are counter-clockwise (shoelace formula)."""
     twice = 0.0
-    before = n - 1
-    for k in range(n):
-        twice += room[at, before, 0] * room[at, k, 1] - room[at, k, 0] * room[at, before, 1]
+    before = count - 1
+    for k in range(count):
+        twice += polygon[before, 0] * polygon[k, 1] - polygon[k, 0] * polygon[before, 1]
         before = k
-    return float(max(twice / 2, 0.0))
+    return max(twice / 2, 0.0)
 
 
-@compiled(borrowing=True)
-def _hull_area(ahead: float, aside: float, room: np.ndarray) -> float:
-    """Return the area of the convex hull of two rectangles' corners (Andrew 1979).
-
-    ahead, aside: half sides of the one in whose frame the first polygon has the other's corners.
-    """
+@compiled()
+def _hull_area(box: _Box, other: _Box) -> float:
+    """Return the area of the convex hull of the corners of two boxes from above (Andrew 1979)."""
+    corners = _corners(box, other)
     for k in range(4):
-        room[0, 4 + k, 0] = ahead if k in (0, 3) else -ahead
-        room[0, 4 + k, 1] = aside if k in (0, 1) else -aside
+        corners[4 + k, 0] = other.half_length if k in (0, 3) else -other.half_length
+        corners[4 + k, 1] = other.half_width if k in (0, 1) else -other.half_width
     for k in range(1, 8):
-        x, y, at = room[0, k, 0], room[0, k, 1], k
-        while at > 0 and (room[0, at - 1, 0], room[0, at - 1, 1]) > (x, y):
-            room[0, at, 0], room[0, at, 1] = room[0, at - 1, 0], room[0, at - 1, 1]
-            at -= 1
-        room[0, at, 0], room[0, at, 1] = x, y
-    n, lower = 0, 1
+        x, y, place = corners[k, 0], corners[k, 1], k
+        while place > 0 and (corners[place - 1, 0], corners[place - 1, 1]) > (x, y):
+            corners[place, 0], corners[place, 1] = corners[place - 1, 0], corners[place - 1, 1]
+            place -= 1
+        corners[place, 0], corners[place, 1] = x, y
+    hull = np.empty((MOST_CORNERS, 2))
+    count, lower_count = 0, 1
     for step in range(15):
         k = step if step < 8 else 14 - step
-        while n > lower and _turn(room, n, k) <= 0:
-            n -= 1
-        room[1, n, 0], room[1, n, 1] = room[0, k, 0], room[0, k, 1]
-        n += 1
+        x, y = corners[k, 0], corners[k, 1]
+        while count > lower_count:
+            ax, ay = hull[count - 2, 0], hull[count - 2, 1]
+            bx, by = hull[count - 1, 0], hull[count - 1, 1]
+            if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:
+                break
+            count -= 1
+        hull[count, 0], hull[count, 1] = x, y
+        count += 1
         if step == 7:
-            lower = n
-    return _area(room, 1, n - 1)
-
-
-@compiled(borrowing=True)
-def _turn(room: np.ndarray, n: int, k: int) -> float:
-    """Return twice the area of the hull's last two corners and corner k, positive to the left."""
-    ax, ay, bx, by = room[1, n - 2, 0], room[1, n - 2, 1], room[1, n - 1, 0], room[1, n - 1, 1]
-    return float((bx - ax) * (room[0, k, 1] - ay) - (by - ay) * (room[0, k, 0] - ax))
+            lower_count = count
+    return _polygon_area(hull, count - 1)

@@ -9,7 +9,7 @@ from importlib.metadata import entry_points
 from typing import Generic, TypeVar, cast
 
 from roadscope.core.loading import SpecError
-from roadscope.core.spec import Spec, unknown_name
+from roadscope.core.spec import Spec, name_the_class, unknown_name
 
 T = TypeVar("T")
 
@@ -61,7 +61,7 @@ class Registry(Generic[T]):
         if given.is_class:
             return replace(given, kind=self.kind, target=given.name)
         if given.name.endswith(".py"):
-            raise SpecError(f"'{given}': name the class in the file too: {given.name}:Class")
+            raise SpecError(name_the_class(given))
         registered = Spec.parse(self.target(given.name))
         return replace(
             given,

@@ -80,6 +80,8 @@ class Spec:
                 raise SpecError(
                     f"'{text}': arguments look like name?key=value&key=value, got '{item}'"
                 )
+            if key in arguments or key in parts:
+                raise SpecError(f"'{text}': the argument '{key}' is given twice")
             if name == FUSED and key in FUSED_PARTS:
                 parts[key] = Spec.parse(value)
             else:
@@ -127,8 +129,9 @@ class Spec:
 
     @property
     def ours(self) -> bool:
-        """Whether the plug-in ships with this package."""
-        return self.target.startswith("roadscope.")
+        """Whether the plug-in ships with this package. A file never does, whatever its name."""
+        place = self.target.partition(":")[0]
+        return place.startswith("roadscope.") and not place.endswith(".py")
 
     @property
     def factory(self) -> Any:
@@ -169,6 +172,11 @@ def _literal(text: str) -> Any:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError):
         return {"true": True, "false": False, "none": None}.get(text.lower(), text)
+
+
+def name_the_class(spec: Spec) -> str:
+    """Return what is wrong with a spec that names a file and no class in it."""
+    return f"'{spec}': name the class in the file too: {spec.name}:Class"
 
 
 def unknown_name(kind: str, name: str, known: list[str], composed: str = "") -> str:

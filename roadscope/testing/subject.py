@@ -85,13 +85,16 @@ class Subject:
             isolated=self.isolated,
             watch_arguments=watch_arguments,
         )
-        with redirect_stdout(printed), ExitStack() as stack:
-            try:
-                handle = stack.enter_context(opening)
-            finally:
-                self.spent_s += monotonic() - start_s
-            yield Instance(self, handle)
-        self.logs += [handle.log, printed.getvalue()]
+        handle: PluginHandle | None = None
+        try:
+            with redirect_stdout(printed), ExitStack() as stack:
+                try:
+                    handle = stack.enter_context(opening)
+                finally:
+                    self.spent_s += monotonic() - start_s
+                yield Instance(self, handle)
+        finally:
+            self.logs += [handle.log if handle else "", printed.getvalue()]
 
     @contextmanager
     def started(self, *reset: Any, watch_arguments: bool = False) -> Iterator[Instance]:

@@ -68,7 +68,9 @@ def pairs_by_overlap(
 
     overlap: `iou` or `giou` (generalised IoU), both in space. Costs are 1 minus the overlap.
     """
-    rows, columns, overlaps = overlapping_pairs(boxes, other_boxes, overlap == "giou", least)
+    rows, columns, overlaps = overlapping_pairs(
+        boxes, other_boxes, generalised=overlap == "giou", least=least
+    )
     return CandidatePairs((len(boxes), len(other_boxes)), rows, columns, 1 - overlaps)
 
 
@@ -81,8 +83,9 @@ def pairs_that_overlap(
     least: float,
 ) -> CandidatePairs:
     """Return those candidates whose boxes overlap, like `pairs_by_overlap` of all pairs."""
-    pairs = candidates.rows, candidates.columns
-    overlaps = pair_overlaps(boxes, other_boxes, pairs, overlap == "giou", least)
+    overlaps = pair_overlaps(
+        boxes, other_boxes, candidates.rows, candidates.columns, overlap == "giou", least
+    )
     return candidates.with_costs(1 - overlaps).where(overlaps > least)
 
 

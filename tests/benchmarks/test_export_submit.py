@@ -369,6 +369,16 @@ def test_a_submission_is_one_more_row_of_a_board(exported, tmp_path) -> None:
         theirs.beside(tmp_path)
 
 
+def test_a_part_is_compared_on_its_own_episodes(exported, tmp_path) -> None:
+    whole = submit(perfect(exported, tmp_path / "mine"), suite=exported)
+    path = tmp_path / "leaderboard.json"
+    more = tuple(replace(e, entry="theirs", seed=s) for e in whole.episodes for s in (e.seed, 0))
+    path.write_text(replace(whole, name="theirs", episodes=more).to_json())
+    with pytest.warns(UserWarning, match="no results of 4 episodes"):
+        results = whole.beside(path)
+    assert {job.seed for job in results.jobs} == {e.seed for e in whole.episodes}
+
+
 def test_bad_results_are_refused(exported, tmp_path) -> None:
     out = perfect(exported, tmp_path / "mine", sequences=("0000",))
     path = out / "tracking" / "0000.txt"

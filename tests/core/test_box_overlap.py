@@ -89,7 +89,7 @@ SOLIDS = st.tuples(
 def generalised_overlaps_3d(one_rows, other_rows, least=-1.0):
     """(N, M) generalised IoU, -1 where it does not exceed the least."""
     whole = np.full((len(one_rows), len(other_rows)), -1.0)
-    rows, columns, shares = overlapping_pairs(one_rows, other_rows, True, least)
+    rows, columns, shares = overlapping_pairs(one_rows, other_rows, generalised=True, least=least)
     whole[rows, columns] = shares
     return whole
 
@@ -143,8 +143,12 @@ def test_pairs_come_in_order_and_are_all_there_are(seed, generalised, least) -> 
     low, high = [-9, -9, -1, 2, 2, 1, -4], [9, 9, 1, 9, 4, 3, 4]
     one_row, other_row = rng.uniform(low, high, (24, 7)), rng.uniform(low, high, (30, 7))
     other_row[::2, 0] = 0.0
-    alone = [overlapping_pairs(a[None], other_row, generalised, least) for a in one_row]
-    rows, columns, shares = overlapping_pairs(one_row, other_row, generalised, least)
+    alone = [
+        overlapping_pairs(a[None], other_row, generalised=generalised, least=least) for a in one_row
+    ]
+    rows, columns, shares = overlapping_pairs(
+        one_row, other_row, generalised=generalised, least=least
+    )
     assert rows.tolist() == [i for i, found in enumerate(alone) for _ in found[0]]
     assert columns.tolist() == [j for found in alone for j in found[1].tolist()]
     assert np.array_equal(shares, np.concatenate([found[2] for found in alone]))
@@ -168,9 +172,9 @@ def test_overlaps_of_given_pairs_are_those_of_all(seed, generalised, least) -> N
     low, high = [-9, -9, -1, 2, 2, 1, -4], [9, 9, 1, 9, 4, 3, 4]
     one_row, other_row = rng.uniform(low, high, (8, 7)), rng.uniform(low, high, (9, 7))
     rows, columns = np.divmod(np.arange(72), 9)
-    shares = pair_overlaps(one_row, other_row, (rows, columns), generalised, least)
+    shares = pair_overlaps(one_row, other_row, rows, columns, generalised, least)
     kept = shares > least
-    every = overlapping_pairs(one_row, other_row, generalised, least)
+    every = overlapping_pairs(one_row, other_row, generalised=generalised, least=least)
     assert np.array_equal(rows[kept], every[0])
     assert np.array_equal(columns[kept], every[1])
     assert np.array_equal(shares[kept], every[2])

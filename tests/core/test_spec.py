@@ -49,9 +49,11 @@ def test_arguments_are_python_literals_or_text() -> None:
     }
 
 
-@pytest.mark.parametrize("text", ["", "?x=1", "a?gate", "a?1=2", "a?=2", "a?b c=2", "a?x=1&y"])
+@pytest.mark.parametrize(
+    "text", ["", "?x=1", "a?gate", "a?1=2", "a?=2", "a?b c=2", "a?x=1&y", "a?x=1&x=2"]
+)
 def test_what_is_no_spec_is_refused_by_its_text(text) -> None:
-    with pytest.raises(SpecError, match=r"names nothing|arguments look like") as caught:
+    with pytest.raises(SpecError, match=r"names nothing|arguments look like|twice") as caught:
         Spec.parse(text)
     assert f"'{text}'" in str(caught.value)
 
@@ -140,3 +142,11 @@ def test_what_ships_with_the_package_runs_inside_unless_it_wraps_a_strangers_lib
     ours, wrapper = TRACKERS.resolve("nearest"), TRACKERS.resolve("norfair")
     assert (ours.ours, ours.isolated, ours.missing) == (True, False, None)
     assert (wrapper.ours, wrapper.isolated) == (True, True)
+
+
+def test_a_file_is_never_ours_whatever_its_name() -> None:
+    from roadscope import TRACKERS
+
+    for place in ("roadscope.mine.py:Mine", "roadscope.trackers.py:Mine", "./roadscope.py:Mine"):
+        spec = TRACKERS.resolve(place)
+        assert (spec.ours, spec.isolated) == (False, True)

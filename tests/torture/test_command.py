@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from roadscope import TRACKERS
 from tests.torture.acts import ALL
 from tests.torture.boards import ONE_EPISODE, Workshop, left_running
 
+PEERS = ("norfair", "stonesoup-gnn", "roboflow-sort")
 Made = Callable[..., Workshop]
 ACTS = {**dict.fromkeys(ALL, ("exit_0",)), "tracking": ("exit_0", "base_exception", "honest")}
 NASTY = "=cmd|<script>alert(1)\x1b[31m\n\u202e&%_.py"
@@ -99,3 +101,54 @@ def check_latex(path: Path) -> None:
     for line in named:
         assert line.endswith(r"\\")
         assert not re.search(r"(?<!\\)[%_#]", line)
+
+
+def test_text_of_strangers_is_shown_as_it_is(new_workshop: Made, tmp_path: Path) -> None:
+    """Rich would take square brackets for its markup; a terminal obeys escape sequences."""
+    summary = "[/nothing] [bold]\\u001b[31m"
+    place = new_workshop(suite=ONE_EPISODE.replace("\n", f'\nsummary = "{summary}"\n', 1))
+    done = place.command("tracking", "--jobs", "1", "--width", "200")
+    assert done.returncode == 0
+    assert "[/nothing] [bold]?[31m" in done.stdout
+
+
+def test_only_what_is_not_installed_is_called_so(new_workshop: Made) -> None:
+    place = new_workshop(suite=ONE_EPISODE)
+    path = place.folder / "mine.py"
+    path.write_text(
+        "class Mine:\n    kind = 'tracker'\n    def update(self, *_): pass\n    def reset(self):\n"
+        "        raise RuntimeError('weights is not installed: pip install x')\n"
+    )
+    done = place.command("tracking", "--jobs", "1", "--entry", f"{path}:Mine")
+    assert done.returncode == 1
+    assert "(not installed)" not in done.stdout
+
+
+def test_a_named_entry_that_is_not_installed_gives_status_1(new_workshop: Made) -> None:
+    absent = next((name for name in PEERS if TRACKERS.missing(name)), None)
+    if absent is None:
+        pytest.skip("all peers are installed")
+    place = new_workshop(suite=ONE_EPISODE)
+    done = place.command("tracking", "--jobs", "1", "--entry", absent)
+    assert done.returncode == 1
+    assert f"{absent} is left out" in done.stdout
+
+
+def test_infinity_is_an_argument(new_workshop: Made) -> None:
+    place = new_workshop(suite=ONE_EPISODE)
+    path = place.folder / "mine.py"
+    path.write_text(
+        "from roadscope.trackers import NearestTracker\n\n\n"
+        "class Mine(NearestTracker):\n    def __init__(self, *, far):\n"
+        "        super().__init__()\n        assert far == (float('inf'), -float('inf'))[far < 0]\n"
+    )
+    entries = [f"{path}:Mine?far={text}" for text in ("1e999", "-1e999")]
+    words = [word for entry in entries for word in ("--entry", entry)]
+    assert place.command("tracking", "--jobs", "1", *words).returncode == 0
+
+
+def test_only_trackers_get_poses(new_workshop: Made) -> None:
+    place = new_workshop(suite=ONE_EPISODE)
+    done = place.command("detection", "--entry", "pag?ego=truth")
+    assert done.returncode == 1
+    assert "for trackers" in done.stderr

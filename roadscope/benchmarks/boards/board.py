@@ -59,13 +59,17 @@ class Breakdown:
     note: str = ""
 
 
-def time_columns(decimals: int, per: str) -> tuple[Column, ...]:
-    """Return the columns of what calls cost; per: what a call is for, `frame`."""
+def time_columns(decimals: int, per: str) -> tuple[Column, Column]:
+    """Return the columns of what the median call costs; per: what a call is for, `frame`."""
     return (
         Column("call_p50_ms", "ms p50", decimals, f"ms p50: median processor time for one {per}."),
-        Column("call_p99_ms", "ms p99", decimals, "ms p99: the 99th percentile."),
         Column("wall_p50_ms", "wall ms", decimals, "wall: median time on the clock."),
     )
+
+
+def slow_calls_column(decimals: int) -> Column:
+    """Return the column of what the slowest calls cost."""
+    return Column("call_p99_ms", "ms p99", decimals, "ms p99: 99th percentile.")
 
 
 class SuiteCheck(NamedTuple):
@@ -115,6 +119,8 @@ class Board(ABC):
     """Counts that are shown as sums over episodes, as papers have them."""
     medians: Sequence[str] = ()
     """Metrics whose median over episodes is a figure too, `NAME_median`."""
+    marks_note: str = ""
+    """What is said of its marks where they are shown."""
     three_digits: bool = False
     """Whether figures are shown with three digits: for those from millimetres to kilometres."""
     alarms: str = ""

@@ -15,6 +15,7 @@ from roadscope.benchmarks.boards.board import (
     Scores,
     call_cost,
     episodes,
+    slow_calls_column,
     time_columns,
 )
 from roadscope.benchmarks.eligibility import Eligibility
@@ -67,13 +68,13 @@ class DetectionBoard(Board):
         ),
         Column("detection_rate", "detected", 2),
         Column("precision", "precision", 2),
-        *time_columns(2, "frame")[:1],
+        *time_columns(2, "frame"),
         Column("false_alarms_per_frame", "false per frame", 2),
         Column("ap", "AP", 2, "AP: mean over gates of 0.5, 1, 2, 4 m."),
         Column("position_rmse_m", "pos. m", 2, "pos.: RMSE of matched centres."),
         Column("heading_rmse_deg", "head. deg", 1, "head.: RMSE of matched headings."),
         Column("ap_iou_50", "AP IoU.5", 2, "IoU: of boxes from above."),
-        *time_columns(2, "frame")[1:],
+        slow_calls_column(2),
         Column("category_accuracy", "category", 2, "category: share of right ones."),
         Column("size_rmse_m", "size m", 2, "size: RMSE of length and width."),
         Column("calibration_error", "cal. error", 2, "cal. error: of the scores (ECE)."),

@@ -14,6 +14,7 @@ from roadscope.benchmarks.boards.board import (
     JobOptions,
     Scores,
     call_cost,
+    slow_calls_column,
     time_columns,
 )
 from roadscope.benchmarks.boards.tracking import (
@@ -95,7 +96,7 @@ def _image_columns(data: str) -> tuple[Column, ...]:
         Column(OFFLINE, "pass", 0, "pass: online, or offline with all frames at hand."),
         Column("mota", "MOTA", 3),
         Column("idf1", "IDF1", 3),
-        *time_columns(2, "frame")[:1],
+        *time_columns(2, "frame"),
     )
 
 
@@ -195,7 +196,7 @@ class KittiBoard(RecordedBoard):
         Column("position_rmse_m", "pos. m", 2, "pos.: RMSE of centres that match."),
         Column("fragmentations", "frag.", 0, SUMS_NOTE),
         Column("mota_3d", "MOTA 3-D", 3),
-        *time_columns(2, "frame")[1:],
+        slow_calls_column(2),
         HEADING,
         Column("wrong_associations", "wrong assoc", 0, SUMS_NOTE),
     )
@@ -225,7 +226,7 @@ class MotBoard(RecordedBoard):
         Column("ass_a", "AssA", 3),
         Column("det_a", "DetA", 3),
         Column("fragmentations", "frag.", 0, SUMS_NOTE),
-        *time_columns(2, "frame")[1:],
+        slow_calls_column(2),
     )
     breakdowns = (
         ALPHA_BREAKDOWN,

@@ -18,6 +18,7 @@ from roadscope.benchmarks.boards.board import (
     call_cost,
     check_camera,
     episodes,
+    slow_calls_column,
     time_columns,
 )
 from roadscope.benchmarks.boards.detection import rule_in_words
@@ -102,7 +103,7 @@ class TrackingBoard(Board):
         Column("hota", "HOTA", 2, "HOTA, MOTA, IDF1: centres from above, gate 2 m."),
         Column("mota", "MOTA", 2),
         Column("idf1", "IDF1", 2),
-        *time_columns(2, "frame")[:1],
+        *time_columns(2, "frame"),
         Column("id_switches", "ID sw.", 1, "ID sw.: identity switches per episode."),
         Column(
             "wrong_associations",
@@ -119,7 +120,7 @@ class TrackingBoard(Board):
         Column("velocity_rmse_m_s", "vel. m/s", 2, "vel.: RMSE of matched velocities."),
         Column("motp_m", "MOTP m", 2),
         Column("fragmentations", "frag.", 1, "frag.: fragmentations per episode."),
-        *time_columns(2, "frame")[1:],
+        slow_calls_column(2),
         Column("ass_a", "AssA", 2),
         Column("det_a", "DetA", 2),
         Column("samota", "sAMOTA", 2, "sAMOTA: as AB3DMOT defines it."),

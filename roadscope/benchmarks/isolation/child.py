@@ -138,7 +138,8 @@ def _serve(request: Mapping[str, Any], worker: socket.socket) -> None:
             raise
         except SpecError as error:
             return {MISTAKE: str(error)}
-        arguments = ast.literal_eval(request["arguments"])
+        texts = request["arguments"]
+        arguments = {name: ast.literal_eval(text) for name, text in texts.items()}
         traits = traits_of(kind, arguments)
         if request["make"]:
             if traits.problem:

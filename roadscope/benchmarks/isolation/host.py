@@ -261,6 +261,11 @@ class _InProcess:
             raise PluginError(self._text, describe(error)) from error
 
 
+def _literal(value: Any) -> str:
+    """Return a value as `ast.literal_eval` reads it; infinity has no literal of its own."""
+    return repr(value).replace("inf", "1e999") if isinstance(value, float) else repr(value)
+
+
 class _Isolated:
     """A plug-in in its own process."""
 
@@ -290,7 +295,7 @@ class _Isolated:
         self._supervisor = self._own or _Supervisor.of_this_process()
         request = {
             "target": spec.target,
-            "arguments": repr(dict(spec.arguments)),
+            "arguments": {name: _literal(value) for name, value in spec.arguments.items()},
             "make": make,
             "watch_arguments": watch_arguments,
             "path": _import_path(),

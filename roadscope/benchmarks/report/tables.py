@@ -55,12 +55,13 @@ class Layout:
     name_width: int
 
 
-def explanation(suite: Suite, boards: Sequence[str]) -> str:
-    """Return what is to be found, by whom, and what intervals are over."""
+def explanation(suite: Suite, boards: Sequence[str], *, marks: bool = True) -> str:
+    """Return what is to be found, by whom, and what intervals are over; marks: whether shown."""
     chosen = [board_named(name) for name in boards]
     texts = dict.fromkeys(board.explanation(suite) for board in chosen)
     # The rule of eligibility is the same for the boards of LiDAR: said once.
     whole = [t for t in texts if not any(o != t and o.startswith(t) for o in texts)]
+    whole += [board.marks_note for board in chosen if marks and board.marks_note]
     if not suite.recorded and len(suite.seeds) == 1:
         return " ".join([*whole, "One seed gives no intervals."])
     over = "sequences" if suite.recorded else "seeds"

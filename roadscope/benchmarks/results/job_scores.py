@@ -30,6 +30,7 @@ class JobScores:
     inputs: whose detections the entry got; empty where it makes its own.
     scores: by metric; none where it failed.
     reason: why it failed, or None. log: the end of what the plug-in printed then.
+    not_installed: whether it failed because something that it needs is not installed.
     mark: which mark of the board the entry is, or None.
     conditions: by name of a condition of the board (`weather`, `sequence`) its value.
     """
@@ -45,6 +46,7 @@ class JobScores:
     mark: str | None = None
     conditions: Mapping[str, str] = field(default_factory=dict)
     log: str = ""
+    not_installed: bool = False
 
     @property
     def name(self) -> JobName:
@@ -70,4 +72,5 @@ class JobScores:
             reason=None if reason is None else str(reason),
             mark=None if mark is None else str(mark),
             conditions={str(k): str(v) for k, v in item.get("conditions", {}).items()},
+            not_installed=bool(item.get("not_installed")),
         )

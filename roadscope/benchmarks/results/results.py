@@ -17,9 +17,6 @@ from roadscope.benchmarks.results.standing import Standing, standings
 from roadscope.benchmarks.store import Outcome
 from roadscope.core.names import unknown
 
-NOT_INSTALLED = " is not installed: "
-"""In the reason of an entry that needs another package; see `Requirement.missing`."""
-
 
 class BreakdownError(ValueError):
     """Results are not broken down by that."""
@@ -30,6 +27,7 @@ class Failure:
     """An entry that failed in an episode, and why.
 
     condition: weather, light and faults in words. log: the end of what the plug-in printed.
+    not_installed: whether it failed because something that it needs is not installed.
     log_file: where that was written, with what it printed in other episodes; empty if nowhere.
     """
 
@@ -40,6 +38,7 @@ class Failure:
     condition: str
     reason: str
     log: str = ""
+    not_installed: bool = False
     log_file: str = ""
 
 
@@ -93,8 +92,9 @@ class Results:
         return bool(values) and all(value is None for value in values)
 
     def not_installed(self, entry: str) -> bool:
-        """Return whether an entry failed because something is not installed."""
-        return any(f.entry == entry and NOT_INSTALLED in f.reason for f in self.failures)
+        """Return whether an entry failed only because something that it needs is not installed."""
+        failures = [failure for failure in self.failures if failure.entry == entry]
+        return bool(failures) and all(failure.not_installed for failure in failures)
 
     @property
     def failed_entries(self) -> list[str]:
@@ -147,7 +147,16 @@ def results_of(scores: Sequence[JobScores], manifest: Mapping[str, Any]) -> Resu
         manifest,
         rows=tuple(row for result in results for row in whole_rows(result)),
         failures=tuple(
-            Failure(j.board, j.entry, j.scenario, j.seed, j.condition, j.reason, j.log)
+            Failure(
+                j.board,
+                j.entry,
+                j.scenario,
+                j.seed,
+                j.condition,
+                j.reason,
+                j.log,
+                j.not_installed,
+            )
             for j in scores
             if j.reason is not None
         ),
@@ -177,6 +186,7 @@ def _job_scores(job: Job, outcome: Outcome) -> JobScores:
         job.mark,
         {by: condition(episode) for by, condition in conditions.items()},
         outcome.log,
+        bool(job.missing),
     )
 
 

@@ -1,6 +1,7 @@
 """Results of a run: what is refused, and what JSON holds."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -33,7 +34,7 @@ def results() -> Results:
     jobs = [job("mine", seed) for seed in (1, 3, 5)]
     jobs += [job("oracle", seed, mark="upper mark") for seed in (1, 3, 5)]
     jobs += [job("late", 1), job("late", 3, reason="late: TimeoutError")]
-    jobs += [job("bare", s, reason="bare: x is not installed: pip install x") for s in (1, 3)]
+    jobs += [replace(job("bare", s, reason="bare: x"), not_installed=True) for s in (1, 3)]
     return results_of(jobs, {"suite": "tiny"})
 
 
