@@ -3,7 +3,7 @@
     python -m research.fusion_weights OUT.toml
 
 Half of the images are detected by the imitation of a camera (`noisy-camera`), half by the shipped
-`network`. It takes some hours on one core.
+`network`.
 """
 
 from __future__ import annotations

@@ -183,13 +183,14 @@ def _windows(count: int, frames: int, lag: int | None) -> list[_Window]:
 class FramePosterior(NamedTuple):
     """Posterior of a frame's pose and of E unknowns of the corners.
 
-    mean: (3 + E,). covariance: (3 + E, 3 + E). share, count: effective share and number of samples.
+    mean: (3 + E,). covariance: (3 + E, 3 + E).
+    share, samples: effective share and effective number of samples.
     """
 
     mean: np.ndarray
     covariance: np.ndarray
     share: float
-    count: float
+    samples: float
 
     @classmethod
     def of(cls, sampled: SampledPosterior, draws: int) -> FramePosterior:
@@ -219,7 +220,7 @@ def _stacked(posteriors: Sequence[FramePosterior]) -> InformationFloor:
         np.stack([each.mean[:3] for each in posteriors]),
         np.stack([each.covariance[:3, :3] for each in posteriors]),
         np.array([each.share for each in posteriors]),
-        np.array([each.count for each in posteriors]),
+        np.array([each.samples for each in posteriors]),
     )
 
 

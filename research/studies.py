@@ -15,6 +15,9 @@ from roadscope.benchmarks.papers.reproduction import (
     reproduction_tables,
     write_rows,
 )
+from roadscope.benchmarks.speed.measure import run_steps, write_speed
+from roadscope.benchmarks.speed.rows import SpeedStep
+from roadscope.benchmarks.tables import speed_table
 
 
 def study_parser(module: str, description: str | None, *, seeds: int) -> argparse.ArgumentParser:
@@ -63,3 +66,30 @@ def show(
                 console.print(note, style="dim")
     if options.out is not None:
         write_rows(rows, options.out)
+
+
+def run_speed_study(
+    module: str,
+    description: str | None,
+    parts: Mapping[str, Callable[[], list[SpeedStep]]],
+    arguments: Sequence[str] | None,
+) -> None:
+    """Measure the parts that the arguments name, all by default, and print a table.
+
+    module: its name below `research`. parts: by name, what returns the steps.
+    """
+    parser = argparse.ArgumentParser(
+        prog=f"python -m research.{module}",
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(parts))
+    parser.add_argument("--out", type=Path, help="JSON file for the rows")
+    options = parser.parse_args(arguments)
+    if unknown := [part for part in options.parts if part not in parts]:
+        parser.error(f"no part {', '.join(unknown)}; known: {', '.join(parts)}")
+    steps = [step for part in options.parts or parts for step in parts[part]()]
+    rows = run_steps(steps, lambda name, done, of: print(f"{done + 1} of {of}: {name}"))
+    Console().print(speed_table(rows))
+    if options.out is not None:
+        write_speed(rows, options.out)

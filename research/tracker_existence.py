@@ -18,7 +18,7 @@ from research.tracker_samples import (
     GATES_M,
     KittiSource,
     OwnClass,
-    TrackerInput,
+    TrackedInput,
     TrafficSource,
     of_class,
     right_by_kitti,
@@ -184,7 +184,7 @@ class RecordedTargets(NamedTuple):
 
 
 def recorded_targets(
-    given: TrackerInput, traits: str, right_tracks: RightTracks
+    given: TrackedInput, traits: str, right_tracks: RightTracks
 ) -> RecordedTargets:
     """Track with a file of traits and judge the targets."""
     tracker, history, last_s = RecordingTracker(traits=traits), list[Tracks](), 0.0
@@ -221,7 +221,7 @@ def persistence_on_kitti(source: KittiSource, traits: str) -> ClassTraits:
     parts = {
         kind: [
             recorded_targets(
-                TrackerInput(s.detections, s.world_from_ego),
+                TrackedInput(s.detections, s.world_from_ego),
                 traits,
                 partial(right_by_kitti, sequence=s),
             )

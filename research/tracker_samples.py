@@ -299,21 +299,21 @@ def of_class(kind: str, episode: EpisodeDetections) -> OwnClass:
     return OwnClass(own, Eligibility(families=(family.value,)))
 
 
-class TrackerInput(NamedTuple):
+class TrackedInput(NamedTuple):
     """What a tracker gets: detections in the ego frame, and the poses of the ego."""
 
     detections: Sequence[Detections]
     poses: Sequence[Pose]
 
 
-def tracker_input(episode: EpisodeDetections) -> TrackerInput:
+def tracker_input(episode: EpisodeDetections) -> TrackedInput:
     """Return an episode as trackers get it."""
     poses = [truth.world_from_ego for truth in episode.truths]
     detections = [
         each.moved(pose.inverse(), "ego") if each.frame == "world" else each
         for each, pose in zip(episode.detections, poses, strict=True)
     ]
-    return TrackerInput(detections, poses)
+    return TrackedInput(detections, poses)
 
 
 def right_by_kitti(

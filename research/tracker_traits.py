@@ -33,7 +33,7 @@ from research.tracker_samples import (
     LAGS_S,
     CollectedSamples,
     KittiSource,
-    TrackerInput,
+    TrackedInput,
     TrafficSource,
     TraitSamples,
     of_class,
@@ -157,7 +157,7 @@ def spread(errors: np.ndarray, ranges_m: np.ndarray) -> tuple[float, np.ndarray]
     return best[1], best[2]
 
 
-class ScoreCalibration(NamedTuple):
+class RangedCalibration(NamedTuple):
     """Log odds of being right: slope * log odds of the score + offset + per_m * range."""
 
     slope: float
@@ -165,7 +165,7 @@ class ScoreCalibration(NamedTuple):
     per_m: float
 
 
-def calibrated(judged: np.ndarray) -> ScoreCalibration:
+def calibrated(judged: np.ndarray) -> RangedCalibration:
     """Return what the log odds of being right are (Platt 1999).
 
     judged: (J, 3) log odds of scores, ranges in metres, 1 for right and 0 for wrong. Range is left
@@ -178,7 +178,7 @@ def calibrated(judged: np.ndarray) -> ScoreCalibration:
     uses_range = _cross_validated_loss(design, right) < limit
     weights = _logistic(design if uses_range else without_range, right)
     per_m = float(weights[2]) / RANGE_UNIT_M if uses_range else 0.0
-    return ScoreCalibration(max(float(weights[0]), 0.05), float(weights[1]), per_m)
+    return RangedCalibration(max(float(weights[0]), 0.05), float(weights[1]), per_m)
 
 
 def _cross_validated_loss(design: np.ndarray, right: np.ndarray) -> float:
@@ -271,7 +271,7 @@ def surplus_on_kitti(source: KittiSource, traits: str) -> dict[str, float]:
         parts = []
         for sequence in source.read(category):
             tracks = confirmed_tracks(
-                TrackerInput(sequence.detections, sequence.world_from_ego), traits
+                TrackedInput(sequence.detections, sequence.world_from_ego), traits
             )
             pairings = recorded_pairings([each.centres for each in tracks], sequence)
             parts.append(_ratios(tracks, sequence.truths, pairings, GATES_M[kind]))
@@ -291,7 +291,7 @@ def surplus_on_traffic(source: TrafficSource, traits: str) -> dict[str, float]:
     return shrunk_surplus({kind: _together(some) for kind, some in parts.items()})
 
 
-def confirmed_tracks(given: TrackerInput, traits: str) -> list[Tracks]:
+def confirmed_tracks(given: TrackedInput, traits: str) -> list[Tracks]:
     """Return the confirmed tracks of `ExistenceTracker`."""
     tracker = ExistenceTracker(traits=traits)
     history = [

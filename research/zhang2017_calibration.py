@@ -6,7 +6,7 @@ covariance is consistent: at every distance and with any number of frames, the s
 units of the covariance (NEES) have the mean 3 (Talts 2018, simulation-based calibration). Body,
 pose and motion of the cars are drawn from the priors of the fit. Zhang 2017's LiDAR senses them.
 
-One seed takes under a minute on one core.
+One seed takes some five seconds on one core, and compiling a minute or two.
 """
 
 from __future__ import annotations

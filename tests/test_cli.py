@@ -137,7 +137,7 @@ def test_json_of_a_check_holds_every_item(answer, entry, status) -> None:
         (["run", "motorway", "--detector", "pga"], 1, "no detector 'pga' (did you mean 'pag'?)"),
         (["run", "motorway", "--tracker", "x"], 1, "no tracker 'x'; known: nearest"),
         (["run", "motorway", "--tracker", "nearst"], 1, "(did you mean 'nearest'?); known: near"),
-        (["speed", "metrcs"], 1, "no part 'metrcs' (did you mean 'metrics'?)"),
+        (["speed", "trakcers"], 1, "no part 'trakcers' (did you mean 'trackers'?)"),
         (["run", "motorway", "--seconds", "-2"], 1, "got -2 s"),
         (["run", "lu2018-occlusion", "--seconds", "0.01"], 1, "one sweep of 'lux', got 0.01 s"),
         (["run", "motorway", "--seconds", "nan"], 1, "got nan s"),

@@ -86,27 +86,14 @@ def score_table(scores: Mapping[str, Score]) -> Table:
 
 
 def speed_table(rows: Sequence[Any]) -> Table:
-    """Return measured speeds; rows are `speed.rows.SpeedRow`s.
-
-    Where any stands beside another it has a column that says how many times as long it takes.
-    """
+    """Return measured speeds; rows are `speed.rows.SpeedRow`s."""
     table = plain_table()
     table.add_column("measured", style="bold", ratio=1)
     table.add_column("value", justify="right")
     table.add_column("unit")
-    compared = any(row.ratio is not None for row in rows)
-    if compared:
-        table.add_column("ratio", justify="right")
     for row in rows:
-        cells = [row.name, "-" if row.value is None else f"{row.value:.4g}", row.unit]
-        if compared:
-            cells.append("" if row.ratio is None else f" {_times(row.ratio)} x {row.beside}")
-        table.add_row(*cells)
+        table.add_row(row.name, "-" if row.value is None else f"{row.value:.4g}", row.unit)
     return table
-
-
-def _times(ratio: float) -> str:
-    return f"{ratio:.0f}" if ratio >= 100 else f"{ratio:.3g}"
 
 
 def pose_table(rows: Sequence[Any]) -> Table:

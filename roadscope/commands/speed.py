@@ -13,13 +13,11 @@ from roadscope.commands.terminal import progress_bars, show
 def speed(
     parts: Annotated[
         list[str] | None,
-        typer.Argument(
-            help="casting, detectors, metrics, trackers, odometry, camera; all by default."
-        ),
+        typer.Argument(help="casting, detectors, trackers, odometry, camera; all by default."),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
 ) -> None:
-    """Measure casting, detectors, trackers, odometries and more, beside others where installed."""
+    """Measure how long detectors, trackers, odometries, ray casting and cameras take."""
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.speed.measure import PARTS, measure_speed, write_speed
     from roadscope.benchmarks.tables import speed_table
@@ -27,7 +25,7 @@ def speed(
     folder = None if out is None else usable_folder(out)
     with progress_bars() as progress:
         rows = measure_speed(
-            parts=parts or PARTS, progress=lambda _, done, of: progress("speed", done, of)
+            parts or tuple(PARTS), progress=lambda _, done, of: progress("speed", done, of)
         )
     show(speed_table(rows))
     if folder is not None:

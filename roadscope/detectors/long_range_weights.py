@@ -1,6 +1,6 @@
 """Weights of the score model: constant, and for every feature its knots and log odds.
 
-Fitted by `roadscope.benchmarks.fit.moving_scores` on train seeds 300 to 305
+Fitted by `research.detector_scores moving` on train seeds 300 to 305
 of 8 scenarios, rigs lux, vlp16, hdl32e, hdl64e, clear, rain and fog:
 5007 detections, 4271 of them right.
 """
@@ -63,4 +63,4 @@ CURVES: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
         (1.965, 4.332, 4.441, 4.854, 16.445),
         (1.073, 0.959, 2.079, 0.351, -4.462),
     ),
-}  # fmt: skip
+}

@@ -1,4 +1,7 @@
-"""What was learned of the sensors: read from `weights.toml`, fitted by `benchmarks.fit.fusion`."""
+"""What was learned of the sensors: read from `weights.toml`.
+
+`research.fusion_weights` of the repository fits and writes it.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What training data say of a detector's errors and scores and of how road users move.
 
 The folder `learned` has one file for each detector and its training data; they are written by
-`roadscope.benchmarks.fit.trackers`.
+`research.tracker_traits` of the repository.
 """
 
 from __future__ import annotations

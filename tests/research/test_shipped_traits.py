@@ -17,10 +17,17 @@ CONSISTENT = "fused?lidar=cluster-boxes&camera=network&fusion=consistent"
 SENSED = {
     "roadscope.toml": [],
     "fused.toml": [
-        "--scenarios", "street,town-crossing", "--rigs", "wide", "--seeds", "4",
-        "--guess-existence", "--detector", CONSISTENT,
+        "--scenarios",
+        "street,town-crossing",
+        "--rigs",
+        "wide",
+        "--seeds",
+        "4",
+        "--guess-existence",
+        "--detector",
+        CONSISTENT,
     ],
-}  # fmt: skip
+}
 """Files, and what the command is told."""
 BY_NETWORK = "fused.toml"
 """A network's sums are rounded otherwise on other processors, and a score in a thousand lies on the

@@ -30,9 +30,16 @@ def simulated_ticks(tracks, ticks=20, seed=0):
     for i in range(1, n):
         away[i] = 0.0 if seen[i] else away[i - 1] + 0.1
     return TargetTicks(
-        np.repeat(np.arange(tracks), ticks), tick, seen, evidence, np.full(n, 2.0),
-        np.full(n, 20.0), away, np.full(n, 0.1), real.astype(np.int8),
-    )  # fmt: skip
+        np.repeat(np.arange(tracks), ticks),
+        tick,
+        seen,
+        evidence,
+        np.full(n, 2.0),
+        np.full(n, 20.0),
+        away,
+        np.full(n, 0.1),
+        real.astype(np.int8),
+    )
 
 
 def test_what_is_learned_is_likelier_than_the_guess():
@@ -52,9 +59,16 @@ def test_how_far_newcomers_fall_short_of_their_scores_is_learned_of_all_classes(
     first, zeros = np.tile([True, False], n), np.zeros(2 * n)
     right = np.where(first, np.repeat(rng.random(n) < 0.1, 2), 1).astype(np.int8)
     many = TargetTicks(
-        np.repeat(np.arange(n), 2), np.tile([0, 1], n), np.ones(2 * n, bool), zeros, zeros, zeros,
-        zeros, zeros, right,
-    )  # fmt: skip
+        np.repeat(np.arange(n), 2),
+        np.tile([0, 1], n),
+        np.ones(2 * n, bool),
+        zeros,
+        zeros,
+        zeros,
+        zeros,
+        zeros,
+        right,
+    )
     few = TargetTicks(*(np.empty(0, getattr(many, name).dtype) for name in TargetTicks.__slots__))
     found = new_target_traits(
         [
@@ -75,9 +89,14 @@ def test_belief_is_the_trackers_own():
     tracker, told = RecordingTracker(traits=name), []
     for t, seen in enumerate(pattern):
         found = Detections(
-            np.array([[10.0, 0.0, 0.8]]), np.array([[4.5, 1.8, 1.5]]), np.zeros(1),
-            np.array([Category.CAR], np.int8), np.array([0.8]), "ego", 0.1 * t,
-        )  # fmt: skip
+            np.array([[10.0, 0.0, 0.8]]),
+            np.array([[4.5, 1.8, 1.5]]),
+            np.zeros(1),
+            np.array([Category.CAR], np.int8),
+            np.array([0.8]),
+            "ego",
+            0.1 * t,
+        )
         tracks = tracker.update(found.select(np.full(1, seen)), None)
         tracker.record(np.zeros(2), 0.1)
         told.append(np.log(tracks.scores[0] / (1 - tracks.scores[0])))

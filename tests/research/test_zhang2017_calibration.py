@@ -91,9 +91,13 @@ def test_a_slow_car_goes_forward():
 
 @pytest.mark.parametrize(
     ("seed", "car", "band", "frames"),
-    [(7017, 1, "30-50 m", 7), (7017, 1, "50-80 m", 3), (7041, 2, "30-50 m", 3),
-     (7052, 0, "50-80 m", 3)],
-)  # fmt: skip
+    [
+        (7017, 1, "30-50 m", 7),
+        (7017, 1, "50-80 m", 3),
+        (7041, 2, "30-50 m", 3),
+        (7052, 0, "50-80 m", 3),
+    ],
+)
 def test_looks_tell_which_way_round_a_car_is_that_hardly_moves(seed, car, band, frames):
     """Held for its mirror image it lies 15 cm beside where it is, five times what is told."""
     seen = passing_car(MODELS["any corners"], band, [seed, 0, car])

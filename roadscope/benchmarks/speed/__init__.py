@@ -1,1 +1,1 @@
-"""How fast the package's parts are, beside others where they are installed."""
+"""How long the parts of the package take on this machine."""

@@ -1,4 +1,4 @@
-"""How fast images are drawn and looked at.
+"""How fast images are drawn and objects detected in them.
 
 All of it in processor time, summed over threads: what one core needs for it, whatever else runs.
 Everything that is compared takes turns in one run, since shared machines change from run to run.
@@ -6,7 +6,7 @@ Everything that is compared takes turns in one run, since shared machines change
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from time import process_time
@@ -14,7 +14,7 @@ from typing import Any
 
 from roadscope.benchmarks.episode import Episode, timeline_of
 from roadscope.benchmarks.images import camera_of
-from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
+from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep, interleaved
 from roadscope.core import Frame
 from roadscope.detectors.camera import CAMERA_DETECTORS
 from roadscope.detectors.camera.detector import CameraDetector
@@ -26,60 +26,58 @@ RIGS = ("wide", "li2021")
 SEED = 17
 """Of the training seeds."""
 SCENARIO, DURATION_S, AT_S = "street", 3.0, 1.5
-LOOKS: dict[str, dict[str, Any]] = {
+KINDS: dict[str, dict[str, Any]] = {
     "with everything": {},
     "by night in rain": {"light": "night", "weather": "rain-3"},
 }
 PLAIN, BLURRED = "plain colours", "with everything and motion blur"
 PRECISIONS = {"float32": "float32", "bf16": "bfloat16"}
-ASKED = {"images plain colours, 1280 x 960": 60, "images with everything, 1280 x 960": 25}
-"""Images a second, depth and instances with them."""
-ASKED_MS = {"network bf16, 640 x 480": 33.3}
-"""Of the network where the processor has bfloat16."""
+
+
+def camera_steps(repeats: int) -> list[SpeedStep]:
+    """Return a step for each rig."""
+    return [SpeedStep(f"camera, {rig}", partial(measure_camera, rig, repeats)) for rig in RIGS]
 
 
 def measure_camera(rig: str, repeats: int) -> list[SpeedRow]:
-    """Measure one rig: images a second of each look, detectors' ms an image, and ratios."""
-    carrier = rig_of(rig)
-    pinhole = camera_of(carrier).spec.pinhole
+    """Measure one rig: images a second of each kind, detectors' ms an image, and ratios."""
+    mounted = rig_of(rig)
+    pinhole = camera_of(mounted).spec.pinhole
     size = f"{pinhole.width} x {pinhole.height}"
-    drawing = interleaved(_drawing(rig, carrier), repeats, process_time)
+    drawing = interleaved(_drawing(rig, mounted), repeats, process_time)
     rows = [
-        _asked(f"images {look}, {size}", 1 / seconds, "images/s", ASKED)
-        for look, seconds in drawing.items()
+        SpeedRow(f"images {kind}, {size}", 1 / seconds, "images/s")
+        for kind, seconds in drawing.items()
     ]
     everything = drawing["with everything"] / drawing[PLAIN]
     rows.append(SpeedRow(f"everything over plain colours, {size}", everything, "times"))
-    looking = interleaved(_looking(rig, carrier), repeats, process_time)
+    detecting = interleaved(_detecting(rig, mounted), repeats, process_time)
     rows += [
-        _asked(f"{name}, {size}", t * 1e3, "ms an image", ASKED_MS) for name, t in looking.items()
+        SpeedRow(f"{name}, {size}", seconds * 1e3, "ms an image")
+        for name, seconds in detecting.items()
     ]
-    half = looking["network float32"] / looking["network bf16"]
+    half = detecting["network float32"] / detecting["network bf16"]
     rows.append(SpeedRow(f"network float32 over bf16, {size}", half, "times"))
-    share = looking["network float32"] / drawing["with everything"]
+    share = detecting["network float32"] / drawing["with everything"]
     rows.append(SpeedRow(f"network float32 over drawing, {size}", share, "times"))
     return rows
 
 
-def _asked(name: str, value: float, unit: str, asked: Mapping[str, float]) -> SpeedRow:
-    return SpeedRow(name, value, f"{unit}, asked {asked[name]}" if name in asked else unit)
-
-
-def _drawing(rig: str, carrier: Rig) -> dict[str, Callable[[], object]]:
+def _drawing(rig: str, mounted: Rig) -> dict[str, Callable[[], object]]:
     timeline = timeline_of(Episode(SCENARIO, SEED, rig, DURATION_S))
-    camera = camera_of(carrier)
-    plain = replace(carrier, camera=replace(camera, spec=replace(camera.spec, plain=True)))
-    blurred = replace(carrier, camera=replace(camera, spec=replace(camera.spec, motion_blur=True)))
-    looks = {PLAIN: Sensing(plain, SEED), BLURRED: Sensing(blurred, SEED)}
-    looks |= {name: Sensing(carrier, SEED, **look) for name, look in LOOKS.items()}
+    camera = camera_of(mounted)
+    plain = replace(mounted, camera=replace(camera, spec=replace(camera.spec, plain=True)))
+    blurred = replace(mounted, camera=replace(camera, spec=replace(camera.spec, motion_blur=True)))
+    kinds = {PLAIN: Sensing(plain, SEED), BLURRED: Sensing(blurred, SEED)}
+    kinds |= {name: Sensing(mounted, SEED, **options) for name, options in KINDS.items()}
     return {
-        name: partial(sensing.sense_image_at, timeline, AT_S) for name, sensing in looks.items()
+        name: partial(sensing.sense_image_at, timeline, AT_S) for name, sensing in kinds.items()
     }
 
 
-def _looking(rig: str, carrier: Rig) -> dict[str, Callable[[], object]]:
+def _detecting(rig: str, mounted: Rig) -> dict[str, Callable[[], object]]:
     timeline = timeline_of(Episode(SCENARIO, SEED, rig, DURATION_S))
-    frame: Frame = Sensing(carrier, SEED).sense_image_at(timeline, AT_S)[0]
+    frame: Frame = Sensing(mounted, SEED).sense_image_at(timeline, AT_S)[0]
     calls: dict[str, Callable[[], object]] = {
         f"network {name}": partial(CameraDetector(precision=precision).detect, frame)
         for name, precision in PRECISIONS.items()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,18 +15,18 @@ class SpeedRow:
     """One measured figure.
 
     value: None where nothing was measured; then the unit says why.
-    ratio: how many times that is what was measured beside it, whose name is `beside`.
     """
 
     name: str
     value: float | None
     unit: str
-    ratio: float | None = None
-    beside: str = ""
 
 
-Step = tuple[str, Callable[[], list[SpeedRow]]]
-"""What is measured together, by name."""
+class SpeedStep(NamedTuple):
+    """What is measured together, and its name."""
+
+    name: str
+    measure: Callable[[], list[SpeedRow]]
 
 
 def interleaved(
@@ -34,11 +34,11 @@ def interleaved(
     repeats: int,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, float]:
-    """Median seconds of each call.
+    """Return the median seconds of each call.
 
-    clock: what is measured; `time.process_time` for the work done, whoever else uses the core.
-    The calls take turns, so that other load hits all alike; before each timed run the same call
-    runs once untimed, so that each finds its own data in the processor's caches.
+    clock: what is measured; `time.process_time` counts the work done, whatever else uses the core.
+    The calls take turns, so that other load slows all of them; before each timed run the same call
+    runs once untimed, so that its data are in the caches of the processor.
     """
     times: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(repeats + 1):

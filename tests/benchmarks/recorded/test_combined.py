@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from research.speed_metrics import as_trackeval
 from roadscope.benchmarks.metrics.breakdown import part_name
 from roadscope.benchmarks.metrics.tracking.scores import ALPHA_BANDS, BY_ALPHA
 from roadscope.benchmarks.recorded.combined import (
@@ -15,7 +16,6 @@ from roadscope.benchmarks.recorded.combined import (
 )
 from roadscope.benchmarks.recorded.scores import sequence_scores
 from roadscope.benchmarks.results.statistics import pooled_interval
-from roadscope.benchmarks.speed.metrics import as_trackeval
 from roadscope.metrics import TrackedSequence, clear, hota
 
 

@@ -2,15 +2,15 @@ from __future__ import annotations
 
 import pytest
 
-from roadscope.benchmarks.speed import measure, trackers
+from roadscope.benchmarks.speed import trackers
 from roadscope.benchmarks.speed.trackers import (
     CROWD,
     FRAMES,
     LEAD,
-    crowd,
+    detected_crowd,
+    detected_traffic,
     measure_trackers,
     own_trackers,
-    seen_traffic,
     timed_updates,
 )
 from roadscope.core import Detections, Tracks
@@ -34,7 +34,6 @@ def test_every_tracker_of_ours_has_its_rows() -> None:
     rows = measure_trackers(counts=(5,), frames=LEAD + 3)
     tails = dict.fromkeys(own_trackers(), ("", ", p90", ", p99"))
     tails["existence-offline"] = (", pass at the end",)
-    rows = [row for row in rows if not row.name.startswith("too slow")]
     assert [row.name for row in rows] == [
         f"tracker {name}, {scene}{tail}"
         for name in own_trackers()
@@ -58,26 +57,6 @@ def test_of_an_offline_tracker_the_pass_alone_is_timed(monkeypatch: pytest.Monke
         trackers.timed_pass("existence", [])
 
 
-def test_who_misses_a_goal_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    goals = {("", "4 targets"): 1e9, ("gnn", "4 targets"): 1e-9, ("", "6 targets"): 1e9}
-    monkeypatch.setattr(trackers, "GOALS_MS", goals)
-    rows = measure_trackers(["gnn", "greedy"], (4, 6), LEAD + 3)
-    named = {row.name: row.unit for row in rows}
-    assert named["tracker gnn, 4 targets"] == named["tracker gnn, 4 targets, p90"] == "ms of 1e-09"
-    assert named["tracker greedy, 4 targets"] == "ms of 1e+09"
-    assert named["tracker gnn, 4 targets, p99"] == named["tracker gnn, 12 crowded targets"] == "ms"
-    late = [row.name for row in rows if row.name.startswith("too slow")]
-    assert late == ["too slow, 4 targets: gnn", "too slow, 4 targets: gnn, p90"]
-
-
-def test_goals_are_of_scenes_that_are_measured() -> None:
-    known = [f"{count} targets" for count in trackers.COUNTS] + [SCENES[1]]
-    assert {scene for _, scene in trackers.GOALS_MS} <= set(known)
-    assert trackers.goal("jpda", "50 targets") == 2.0
-    assert trackers.goal("jpda", "200 targets") == trackers.goal("nearest", "200 targets") == 1.0
-    assert trackers.goal("gnn", SCENES[1]) is None
-
-
 def test_in_the_crowd_every_detection_may_be_of_every_track(monkeypatch) -> None:
     pairs: list[tuple[int, int, int]] = []
     exact = jpda.association_marginals
@@ -87,29 +66,21 @@ def test_in_the_crowd_every_detection_may_be_of_every_track(monkeypatch) -> None
         return exact(rows, columns, weights, missed, free, limit)
 
     monkeypatch.setattr(jpda, "association_marginals", watched)
-    times_ms = timed_updates("jpda", list(crowd(LEAD + 4)))
+    times_ms = timed_updates("jpda", list(detected_crowd(LEAD + 4)))
     assert len(times_ms) == 4
     assert pairs[-4:] == [(CROWD * CROWD, CROWD, CROWD)] * 4
 
 
 def test_updates_before_the_lead_are_not_timed() -> None:
-    assert len(timed_updates("gnn", list(seen_traffic(5)))) == FRAMES - LEAD
+    assert len(timed_updates("gnn", list(detected_traffic(5)))) == FRAMES - LEAD
     with pytest.raises(ValueError, match="follows nothing"):
-        timed_updates(f"{__name__}:Blind", list(seen_traffic(5, LEAD + 1)))
+        timed_updates(f"{__name__}:Blind", list(detected_traffic(5, LEAD + 1)))
 
 
 def test_the_traffic_is_dense_and_seen_from_the_ego() -> None:
-    episode = list(seen_traffic(200, 3))
+    episode = list(detected_traffic(200, 3))
     assert all(detections.frame == "ego" for detections, _ in episode)
     assert 180 < len(episode[0][0]) < 220
-    again = list(seen_traffic(200, 3))
+    again = list(detected_traffic(200, 3))
     assert [d for d, _ in again] == [d for d, _ in episode]
     assert isinstance(episode[0][0], Detections)
-
-
-def test_part_of_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(measure, "measure_trackers", lambda: [])
-    monkeypatch.setattr(measure, "measure_peers", lambda: [])
-    told: list[str] = []
-    measure.measure_speed(parts=["trackers"], progress=lambda name, *_: told.append(name))
-    assert told == ["trackers", "trackers of others"]

@@ -7,8 +7,8 @@ import warnings
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.speed.measure import import_open3d
-from roadscope.benchmarks.speed.scene import parked_scene, ray_table, sensor_poses, triangulate
+from research.speed_casting import import_open3d, ray_table, triangulate
+from roadscope.benchmarks.speed.casting import parked_scene, sensor_poses
 from roadscope.envs.raycast.cast import NOTHING, Hits, cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.sensors.lidar import lidar_columns

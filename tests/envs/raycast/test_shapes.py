@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from roadscope.benchmarks.speed.scene import parked_scene, sensor_poses
+from roadscope.benchmarks.speed.casting import parked_scene, sensor_poses
 from roadscope.envs.raycast.cast import cast
 from roadscope.envs.raycast.scene import Scene
 from roadscope.envs.raycast.shapes import CACHED_SHAPES, clear_shapes, shapes_of

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from toy_sequences import sequence, wandering
 
-from roadscope.benchmarks.speed.metrics import as_trackeval
+from research.speed_metrics import as_trackeval
 from roadscope.metrics import TrackedSequence, clear, hota, identity
 
 theirs = pytest.importorskip("trackeval.metrics")

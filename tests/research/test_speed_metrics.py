@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roadscope.benchmarks.speed import metrics
-from roadscope.benchmarks.speed.measure import measure_speed
-from roadscope.benchmarks.speed.metrics import made_sequence, measure_metrics
+from research import speed_metrics as metrics
+from research.speed_metrics import measure_metrics, simulated_sequence
 from roadscope.benchmarks.speed.rows import SpeedRow
-from roadscope.metrics import TrackedSequence, amota
+from roadscope.metrics import amota
 
 SMALL = {"frames": 6, "objects": 4, "set_frames": 3}
 
@@ -44,10 +43,9 @@ def test_goals_are_of_what_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_averages_over_recall_count_many_thresholds() -> None:
-    made = made_sequence(60)
-    assert all(len(s) == len(t) for s, t in zip(made.scores, made.tracks, strict=True))
-    frames = made.truth_ids, made.track_ids, made.similarities()
-    least = amota(TrackedSequence.of(*frames, scores=made.scores)).least_scores
+    sequence = simulated_sequence(60)
+    assert all(len(s) == len(t) for s, t in zip(sequence.scores, sequence.tracks, strict=True))
+    least = amota(sequence.as_tracked()).least_scores
     assert len(np.unique(least[np.isfinite(least)])) > 20
 
 
@@ -60,15 +58,7 @@ def test_alone_without_the_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_sequence_is_the_same_each_time_and_holds_what_goes_wrong() -> None:
-    one, other = made_sequence(60), made_sequence(60)
+    one, other = simulated_sequence(60), simulated_sequence(60)
     assert all(map(np.array_equal, one.tracks, other.tracks))
     assert len({tuple(np.sort(ids)) for ids in one.track_ids}) > 10
     assert len(one.truths[0]) == 30
-
-
-def test_a_part_of_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[str] = []
-    monkeypatch.setattr("roadscope.benchmarks.speed.measure.measure_metrics", lambda repeats: [])
-    rows = measure_speed(parts=["metrics"], progress=lambda name, *_: told.append(name))
-    assert rows == []
-    assert told == ["tracking metrics"]

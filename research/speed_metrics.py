@@ -10,28 +10,23 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
 from time import process_time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from roadscope.benchmarks.metrics.matching import centre_distances
-from roadscope.benchmarks.metrics.tracking.amota import amota
-from roadscope.benchmarks.metrics.tracking.clear import clear
-from roadscope.benchmarks.metrics.tracking.hota import hota
-from roadscope.benchmarks.metrics.tracking.identity import identity
-from roadscope.benchmarks.metrics.tracking.ospa import gospa, ospa
-from roadscope.benchmarks.metrics.tracking.sequence import (
-    TrackedSequence,
-    similarity_by_distance,
-)
-from roadscope.benchmarks.speed.rows import SpeedRow, interleaved
+from roadscope.benchmarks.metrics.tracking.sequence import similarity_by_distance
+from roadscope.benchmarks.speed.rows import SpeedRow, SpeedStep, interleaved
+from roadscope.metrics import TrackedSequence, amota, clear, gospa, hota, identity, ospa
 
+REPEATS = 7
 FRAMES, OBJECTS = 1000, 30
 SET_FRAMES = 200
 """Frames for OSPA and GOSPA: Stone Soup takes many milliseconds for each."""
 SEED = 5
 AREA_M, STEP_M, ERROR_M = 100.0, 0.5, 0.4
-SEEN, FALSE_TRACKS, SWAPPED = 0.9, 2, 0.02
+DETECTED, FALSE_TRACKS, SWAPPED = 0.9, 2, 0.02
+"""Share of objects that have a track, number of false tracks, share of frames with new ids."""
 CUTOFF_M = 2.0
 GOALS: Mapping[str, float] = {
     "HOTA, CLEAR and identity over TrackEval's": 5.0,
@@ -41,10 +36,10 @@ GOALS: Mapping[str, float] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
-    """Objects that wander and tracks that err, miss, swap and find what is not there.
+class SimulatedSequence:
+    """Objects that wander, and tracks with errors, misses, swapped ids and false tracks.
 
-    All of T frames: ids, (n, 2) positions in metres, and how sure tracks are, each always alike.
+    Of all T frames: ids, (n, 2) positions in metres, and scores of tracks, the same in all frames.
     """
 
     truth_ids: list[np.ndarray]
@@ -59,47 +54,58 @@ class Made:
 
     def similarities(self) -> list[np.ndarray]:
         """Return (objects, tracks) of each frame, 0.5 at 2 m."""
-        return [similarity_by_distance(apart) for apart in self.distances()]
+        return [similarity_by_distance(distances) for distances in self.distances()]
+
+    def as_tracked(self) -> TrackedSequence:
+        """Return the sequence with similarities and scores."""
+        frames = self.truth_ids, self.track_ids, self.similarities()
+        return TrackedSequence.of(*frames, scores=self.scores)
 
 
-def made_sequence(frames: int = FRAMES, objects: int = OBJECTS) -> Made:
+def simulated_sequence(frames: int = FRAMES, objects: int = OBJECTS) -> SimulatedSequence:
     """Return the same sequence each time."""
     rng = np.random.default_rng(SEED)
-    made = Made([], [], [], [], [])
-    sure = np.random.default_rng(SEED + 1).random(objects + FALSE_TRACKS)
+    sequence = SimulatedSequence([], [], [], [], [])
+    scores = np.random.default_rng(SEED + 1).random(objects + FALSE_TRACKS)
     places, names = rng.uniform(0, AREA_M, (objects, 2)), np.arange(objects)
     for _ in range(frames):
         places = places + rng.normal(0, STEP_M, places.shape)
         if rng.random() < SWAPPED:
             names = rng.permutation(names)
-        seen = rng.random(objects) < SEEN
-        found = places[seen] + rng.normal(0, ERROR_M, (int(seen.sum()), 2))
+        detected = rng.random(objects) < DETECTED
+        tracked = places[detected] + rng.normal(0, ERROR_M, (int(detected.sum()), 2))
         false = rng.uniform(0, AREA_M, (FALSE_TRACKS, 2))
-        made.truth_ids.append(np.arange(objects))
-        made.truths.append(places)
-        made.track_ids.append(np.concatenate([names[seen], objects + np.arange(FALSE_TRACKS)]))
-        made.tracks.append(np.concatenate([found, false]))
-        made.scores.append(sure[made.track_ids[-1]])
-    return made
+        ids = np.concatenate([names[detected], objects + np.arange(FALSE_TRACKS)])
+        sequence.truth_ids.append(np.arange(objects))
+        sequence.truths.append(places)
+        sequence.track_ids.append(ids)
+        sequence.tracks.append(np.concatenate([tracked, false]))
+        sequence.scores.append(scores[ids])
+    return sequence
+
+
+def metrics_steps() -> list[SpeedStep]:
+    """Return the one step."""
+    return [SpeedStep("tracking metrics", partial(measure_metrics, REPEATS))]
 
 
 def measure_metrics(
     repeats: int, frames: int = FRAMES, objects: int = OBJECTS, set_frames: int = SET_FRAMES
 ) -> list[SpeedRow]:
-    """Measure all tracking metrics; the libraries do the same work in turns with ours.
+    """Measure all tracking metrics; the libraries do the same work by turns with ours.
 
-    Where TrackEval or Stone Soup is missing so are its rows.
+    A library that is not installed has no rows.
     """
     return [
-        *_sequence_metrics(made_sequence(frames, objects), repeats),
-        *_set_metrics(made_sequence(set_frames, objects), -(-repeats // 3)),
+        *_sequence_metrics(simulated_sequence(frames, objects), repeats),
+        *_set_metrics(simulated_sequence(set_frames, objects), -(-repeats // 3)),
     ]
 
 
-def _sequence_metrics(made: Made, repeats: int) -> list[SpeedRow]:
+def _sequence_metrics(simulated: SimulatedSequence, repeats: int) -> list[SpeedRow]:
     """Measure HOTA, CLEAR and identity together, from similarities on; and each alone."""
-    frames = made.truth_ids, made.track_ids, made.similarities()
-    sequence = TrackedSequence.of(*frames, scores=made.scores)
+    frames = simulated.truth_ids, simulated.track_ids, simulated.similarities()
+    sequence = simulated.as_tracked()
     calls: dict[str, Callable[[], Any]] = {
         "record of a sequence": partial(TrackedSequence.of, *frames),
         "HOTA": partial(hota, sequence),
@@ -107,7 +113,9 @@ def _sequence_metrics(made: Made, repeats: int) -> list[SpeedRow]:
         "identity": partial(identity, sequence),
         "AMOTA": partial(amota, sequence),
         "HOTA, CLEAR and identity": lambda: [f(sequence) for f in (hota, clear, identity)],
-        "the same with the record": lambda: _three(frames),
+        "the same with the record": lambda: _three_with_record(
+            simulated.truth_ids, simulated.track_ids, frames[2]
+        ),
     }
     metrics = import_trackeval()
     if metrics is not None:
@@ -124,15 +132,17 @@ def _sequence_metrics(made: Made, repeats: int) -> list[SpeedRow]:
 
 
 def compared(name: str, ratio: float) -> list[SpeedRow]:
-    """Return the row of a ratio with its goal, and who is too slow for it."""
+    """Return the row of a ratio with its goal, and one more where it misses the goal."""
     goal = GOALS.get(name)
     row = SpeedRow(name, ratio, "times" if goal is None else f"times of {goal:g}")
     late = goal is not None and ratio < goal
     return [row, SpeedRow(f"too slow: {name}", ratio, row.unit)] if late else [row]
 
 
-def _three(frames: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]) -> list[Any]:
-    sequence = TrackedSequence.of(*frames)
+def _three_with_record(
+    truth_ids: list[np.ndarray], track_ids: list[np.ndarray], similarities: list[np.ndarray]
+) -> list[Any]:
+    sequence = TrackedSequence.of(truth_ids, track_ids, similarities)
     return [f(sequence) for f in (hota, clear, identity)]
 
 
@@ -157,10 +167,10 @@ def _trackeval(metrics: Any, sequence: TrackedSequence) -> Callable[[], dict[str
     each = [metrics.HOTA(), metrics.CLEAR(quiet), metrics.Identity(quiet)]
 
     def run() -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        results: dict[str, Any] = {}
         for metric in each:
-            found |= metric.eval_sequence(data)
-        return found
+            results |= metric.eval_sequence(data)
+        return results
 
     return run
 
@@ -176,18 +186,18 @@ def _difference(metrics: Any, sequence: TrackedSequence) -> SpeedRow:
     return SpeedRow("largest difference to TrackEval's HOTA, MOTA, IDF1", largest, "1")
 
 
-def _set_metrics(made: Made, repeats: int) -> list[SpeedRow]:
+def _set_metrics(simulated: SimulatedSequence, repeats: int) -> list[SpeedRow]:
     """Measure OSPA and GOSPA from positions on."""
     calls: dict[str, Callable[[], Any]] = {
-        "OSPA": lambda: ospa(_apart(made), CUTOFF_M),
-        "GOSPA": lambda: gospa(_apart(made), CUTOFF_M),
+        "OSPA": lambda: ospa(_with_distances(simulated), CUTOFF_M),
+        "GOSPA": lambda: gospa(_with_distances(simulated), CUTOFF_M),
     }
     soup = import_stone_soup()
     if soup is not None:
-        calls["Stone Soup's GOSPA"] = _stone_soup(soup, made)
+        calls["Stone Soup's GOSPA"] = _stone_soup(soup, simulated)
     times = interleaved(calls, repeats, process_time)
-    frames = len(made.truths)
-    of = f"{len(made.truths[0])} objects"
+    frames = len(simulated.truths)
+    of = f"{len(simulated.truths[0])} objects"
     rows = [
         SpeedRow(f"{name}, {of}", seconds / frames * 1e3, "ms a frame")
         for name, seconds in times.items()
@@ -201,24 +211,25 @@ def _set_metrics(made: Made, repeats: int) -> list[SpeedRow]:
     return rows
 
 
-def _apart(made: Made) -> TrackedSequence:
-    return TrackedSequence.of(made.truth_ids, made.track_ids, distances_m=made.distances())
+def _with_distances(simulated: SimulatedSequence) -> TrackedSequence:
+    return TrackedSequence.of(
+        simulated.truth_ids, simulated.track_ids, distances_m=simulated.distances()
+    )
 
 
-def _stone_soup(soup: tuple[Any, Any], made: Made) -> Callable[[], Any]:
+def _stone_soup(soup: StoneSoupClasses, simulated: SimulatedSequence) -> Callable[[], Any]:
     """Return a call of Stone Soup's GOSPA; its states are made beforehand."""
-    metric, state = soup
     start = datetime(2000, 1, 1)
     truths, tracks = (
         [
-            state(place.reshape(2, 1), timestamp=start + timedelta(seconds=t))
+            soup.state(place.reshape(2, 1), timestamp=start + timedelta(seconds=t))
             for t, places in enumerate(frames)
             for place in places
         ]
-        for frames in (made.truths, made.tracks)
+        for frames in (simulated.truths, simulated.tracks)
     )
-    ids = np.concatenate(made.track_ids), np.concatenate(made.truth_ids)
-    return partial(metric(c=CUTOFF_M, p=1).compute_over_time, tracks, ids[0], truths, ids[1])
+    ids = np.concatenate(simulated.track_ids), np.concatenate(simulated.truth_ids)
+    return partial(soup.gospa(c=CUTOFF_M, p=1).compute_over_time, tracks, ids[0], truths, ids[1])
 
 
 def import_trackeval() -> Any:
@@ -230,11 +241,18 @@ def import_trackeval() -> Any:
     return metrics
 
 
-def import_stone_soup() -> tuple[Any, Any] | None:
-    """Return Stone Soup's GOSPA and its states, or None where they cannot be imported."""
+class StoneSoupClasses(NamedTuple):
+    """Stone Soup's classes of GOSPA and of a state."""
+
+    gospa: Any
+    state: Any
+
+
+def import_stone_soup() -> StoneSoupClasses | None:
+    """Return Stone Soup's classes, or None where they cannot be imported."""
     try:
         from stonesoup.metricgenerator.ospametric import GOSPAMetric
         from stonesoup.types.state import State
     except ImportError:
         return None
-    return GOSPAMetric, State
+    return StoneSoupClasses(GOSPAMetric, State)
