@@ -29,7 +29,7 @@ class Record:
     __hash__ = None  # type: ignore[assignment]
 
     def _trusted(self, **changes: object) -> Self:
-        """Replace fields by values that need no check, since those they come from had theirs."""
+        """Return a copy with changed fields, unchecked: for values taken from checked records."""
         made = object.__new__(type(self))
         for name in self.__dataclass_fields__:
             value = changes[name] if name in changes else getattr(self, name)
