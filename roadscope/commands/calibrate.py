@@ -16,13 +16,17 @@ Rig = Annotated[str, typer.Option(help="Sensors with a camera: li2021, wide or a
 Poses = Annotated[int, typer.Option(min=4, max=100, help="Number of poses of the target.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of poses and noise.")]
 KnownIntrinsics = Annotated[
-    bool, typer.Option("--known-intrinsics", help="Estimate the camera's pose alone.")
+    bool,
+    typer.Option(
+        "--known-intrinsics", help="Estimate only the camera's pose, with its true intrinsics."
+    ),
 ]
 CornersOnly = Annotated[
-    bool, typer.Option("--corners-only", help="Use the corners alone, as the paper does.")
+    bool,
+    typer.Option("--corners-only", help="Use only the corners of the target, as the paper does."),
 ]
 Upright = Annotated[
-    bool, typer.Option("--upright", help="The target stands; otherwise it is held at a tilt.")
+    bool, typer.Option("--upright", help="The target stands upright; else it is held at a tilt.")
 ]
 Scans = Annotated[int, typer.Option(min=1, max=1000, help="Scans of each pose.")]
 Outliers = Annotated[
@@ -44,7 +48,7 @@ def calibrate(
 ) -> None:
     """Calibrate LiDAR and camera with a triangular target that both see (Li 2021).
 
-    Fusions believe the file with roadscope leaderboard fusion --calibration FILE.
+    roadscope leaderboard fusion --calibration FILE runs fusions with the result.
     """
     from roadscope.benchmarks.calibrating import (
         calibrate_rig,
@@ -52,9 +56,9 @@ def calibrate(
         save_rig_calibration,
     )
 
-    place = None if out is None else calibration_path(out)
+    path = None if out is None else calibration_path(out)
     with progress_bars() as progress:
-        found = calibrate_rig(
+        calibration = calibrate_rig(
             rig,
             poses=poses,
             seed=seed,
@@ -65,30 +69,35 @@ def calibrate(
             outliers=outliers,
             progress=progress,
         )
-    _show(found, rig)
-    if place is not None:
+    _show(calibration, rig)
+    if path is not None:
         origin = f"roadscope calibrate --rig {rig} --poses {poses} --seed {seed}"
         origin += " --known-intrinsics" * known_intrinsics + " --corners-only" * corners_only
         origin += " --upright" * upright + f" --outliers {outliers:g}" * bool(outliers)
-        save_rig_calibration(found, place, origin + f" --scans {scans}" * (scans != 25))
-        typer.echo(f"written: {place}")
+        save_rig_calibration(calibration, path, origin + f" --scans {scans}" * (scans != 25))
+        typer.echo(f"written: {path}")
 
 
-def _show(found: RigCalibration, rig: str) -> None:
+def _show(calibration: RigCalibration, rig: str) -> None:
     from roadscope.benchmarks.calibrating import enough
     from roadscope.benchmarks.tables import pose_table
 
-    last, inliers = found.rows[-1], found.result.inliers
-    headline(f"{rig}: both sensors saw the whole target in {found.seen} of {found.asked} poses")
+    last, inliers = calibration.rows[-1], calibration.result.inliers
+    headline(
+        f"{rig}: both sensors saw the whole target in {calibration.seen} of "
+        f"{calibration.asked} poses"
+    )
     show(
         f"points 8 to 30 m away  {last.held_out_px:.2f} px off the truth, "
-        f"{last.corners_px:.2f} px with corners alone"
+        f"{last.corners_px:.2f} px from corners alone"
     )
     show(f"camera's pose          {100 * last.position_m:.1f} cm, {last.rotation_deg:.2f} deg off")
     show(
         f"reprojection error     {last.reprojection_px:.2f} px over {inliers.sum()} corners in "
         f"scans, {(~inliers).sum()} left out: single returns locate a corner no better\n"
     )
-    show(pose_table(found.rows))
+    show(pose_table(calibration.rows))
     show("Medians over choices of poses, and the worst choice. Errors against the truth.", dim=True)
-    show(f"From {enough(found.rows)} poses on the error stays within half more than with all.")
+    show(
+        f"From {enough(calibration.rows)} poses on the error stays within half more than with all."
+    )

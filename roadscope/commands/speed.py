@@ -14,12 +14,13 @@ def speed(
     parts: Annotated[
         list[str] | None,
         typer.Argument(
-            help="casting, detectors, metrics, trackers, odometry, camera; all by default."
+            help="What to measure: casting, detectors, metrics, trackers, odometry or camera; "
+            "all if left out."
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for speed.json.")] = None,
 ) -> None:
-    """Measure casting, detectors, trackers, odometries and more, beside others where installed."""
+    """Measure the speed of parts of roadscope, beside that of other packages where installed."""
     from roadscope.benchmarks.cache import usable_folder
     from roadscope.benchmarks.speed.measure import PARTS, measure_speed, write_speed
     from roadscope.benchmarks.tables import speed_table

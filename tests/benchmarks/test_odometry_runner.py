@@ -381,7 +381,7 @@ def test_what_is_read_is_not_written_over(recording, name):
     before = (recording / name).read_bytes()
     out = str(recording / name)
     done, _ = follow(recording, "--truth", str(recording / "truth.tum"), "--out", out)
-    assert f"{out} is read here" in str(done.exception)
+    assert f"{out} is an input of this run" in str(done.exception)
     assert (recording / name).read_bytes() == before
 
 
