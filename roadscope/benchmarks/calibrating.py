@@ -1,4 +1,4 @@
-"""A rig calibrated with a triangular board, and how many poses of the board that takes."""
+"""Calibrates a rig with a triangular target; shows how many poses of the target that takes."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ from roadscope.fusion.calibration import (
 
 LEAST_POSES = 4
 STEPS = (4, 6, 8, 10, 12, 16, 20, 30, 40, 60, 80, 100)
-"""Numbers of poses that are compared, up to those that there are."""
+"""Numbers of poses that are compared, as far as there are so many."""
 DRAWS = 9
-"""Choices of so many poses among all, whose median is shown."""
+"""Random choices of that many poses, whose median is shown."""
 ENDINGS = (".json", ".toml")
 
 
 @dataclass(frozen=True, slots=True)
 class PoseRow:
-    """What so many poses give, medians over choices of them.
+    """Errors of calibrations from a number of poses, medians over choices of them.
 
-    reprojection_px: of the points used. held_out_px: of places 8 to 30 m away, against the truth;
-    held_out_most_px: the worst choice's. position_m, rotation_deg: errors of the camera's pose.
-    corners_px: held_out_px of the paper's way, from corners alone.
+    reprojection_px: error of the points used. held_out_px: error of points 8 to 30 m away, against
+    the truth; held_out_most_px: that of the worst choice. position_m, rotation_deg: errors of the
+    camera's pose. corners_px: held_out_px of the paper's method, from corners alone.
     """
 
     poses: int
@@ -58,15 +58,15 @@ class PoseRow:
 
 @dataclass(frozen=True, slots=True)
 class RigCalibration:
-    """A calibration from all poses, and what fewer give.
+    """A calibration from all poses, and the errors with fewer poses.
 
-    seen: poses in which both sensors found all three corners, of `asked`.
+    poses: of the target. usable: in how many of them both sensors detected all three corners.
     """
 
     result: CalibrationResult
     rows: tuple[PoseRow, ...]
-    seen: int
-    asked: int
+    usable: int
+    poses: int
 
 
 def calibrate_rig(
@@ -81,13 +81,14 @@ def calibrate_rig(
     outliers: float = 0.0,
     progress: Progress | None = None,
 ) -> RigCalibration:
-    """Hold a board before a rig and find the matrix from places to pixels (Li 2021, 2.2).
+    """Simulate a target before a rig and estimate the projection into its images (Li 2021, 2.2).
 
-    name: of a rig with a camera. seed: of poses and noise. known_intrinsics: only the camera's
-    pose is to be found. corners_only: the paper's way, without the joint refinement of camera and
-    boards. upright: whether the board stands on even ground rather than being held at a tilt, which
-    tells more. scans: of each pose. outliers: share of the poses in which one corner in the image
-    is misread. `CalibrationError` where poses are too few or the board is not seen.
+    name: of a rig with a camera. poses: number of poses of the target. seed: of poses and noise.
+    known_intrinsics: estimate only the camera's pose. corners_only: the paper's method, without
+    the joint refinement of the poses of camera and targets. upright: the target stands on even
+    ground; otherwise it is held at a tilt, which gives more information. scans: of each pose.
+    outliers: share of the poses in which one corner in the image is misread. `CalibrationError` if
+    too few poses have the whole target in view of both sensors.
     """
     if poses < LEAST_POSES:
         raise CalibrationError(f"poses: expected at least {LEAST_POSES}, got {poses}")
@@ -108,7 +109,7 @@ def calibrate_rig(
     )
     if len(views) < LEAST_POSES:
         raise CalibrationError(
-            f"both sensors saw the whole board in {len(views)} of {poses} poses only, "
+            f"both sensors saw the whole target in only {len(views)} of {poses} poses, "
             f"{LEAST_POSES} are needed"
         )
     if outliers:
@@ -125,47 +126,50 @@ def calibrate_rig(
 
 
 def save_rig_calibration(calibration: RigCalibration, path: Path | str, origin: str) -> None:
-    """Write what fusions read; nobody ever sees half of the file."""
+    """Write a calibration for fusions; no reader ever sees half of the file.
+
+    origin: the command that made it, as a comment in the file.
+    """
     place = calibration_path(path)
 
     def write(part: Path) -> None:
-        whole = part.with_name(part.name + place.suffix)
-        write_calibration(whole, calibration.result, origin)
-        whole.replace(part)
+        suffixed = part.with_name(part.name + place.suffix)
+        write_calibration(suffixed, calibration.result, origin)
+        suffixed.replace(part)
 
     write_atomically(place, write)
 
 
 def calibration_path(path: Path | str) -> Path:
-    """Refuse a path that no calibration can be written to, before anything is computed."""
+    """Return the path; raise `FolderError` if no calibration can be written there."""
     return usable_file(path, ENDINGS, "a calibration")
 
 
 def enough(rows: Sequence[PoseRow], share: float = 1.5) -> int:
-    """Return from how many poses on the median held-out error stays within a share of the last."""
-    good = rows[-1].poses
+    """Return from how many poses on the median held-out error is at most `share` times the last."""
+    least = rows[-1].poses
     for row in reversed(rows):
         if row.held_out_px > share * rows[-1].held_out_px:
             break
-        good = row.poses
-    return good
+        least = row.poses
+    return least
 
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """How a rig is calibrated."""
+    """The settings of a calibration."""
 
     rig: Rig
     seed: int
-    known: bool
+    known_intrinsics: bool
     corners_only: bool
 
     def solved(self, views: Views) -> tuple[CalibrationResult, CalibrationResult]:
-        """Return the paper's calibration, and the refined one unless that is not asked for."""
-        start = solved(self.rig, views, self.seed, known=self.known)
+        """Return the paper's calibration, and the refined one unless there are only corners."""
+        start = solved(self.rig, views, self.seed, known=self.known_intrinsics)
         if self.corners_only:
             return start, start
-        return start, solved_jointly(self.rig, views, start, known=self.known)
+        return start, solved_jointly(self.rig, views, start, known=self.known_intrinsics)
 
 
 def _row(trial: _Trial, views: Views, count: int) -> PoseRow:
@@ -180,13 +184,13 @@ def _row(trial: _Trial, views: Views, count: int) -> PoseRow:
             errors.append((result.reprojection_px, *_errors(trial.rig, result), before))
         except CalibrationError:
             errors.append((np.inf,) * 5)
-    middle = np.median(errors, axis=0).tolist()
+    medians = np.median(errors, axis=0).tolist()
     most = float(np.max([row[1] for row in errors]))
-    return PoseRow(count, middle[0], middle[1], most, *middle[2:])
+    return PoseRow(count, medians[0], medians[1], most, *medians[2:])
 
 
 def _errors(carrier: Rig, result: CalibrationResult) -> tuple[float, float, float]:
-    """Return pixels of places not used, and metres and degrees of the camera's pose."""
+    """Return errors: pixels of points not used, metres and degrees of the camera's pose."""
     true = camera_of(carrier).ego_from_camera
     _, pose = decompose(result.projection.matrix)
     turn = pose.rotation.T @ true.rotation

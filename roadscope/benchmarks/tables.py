@@ -1,4 +1,4 @@
-"""Tables for a terminal: of scores, speeds and names."""
+"""Tables for a terminal: scores, speeds, calibrations, files and names."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ MEANINGS: Mapping[str, Mapping[str, str]] = {
         "call_p50_ms": "processor time an update, median",
     },
 }
-"""What the ten main figures of each kind of plug-in mean, in the order in which they are shown."""
+"""Meanings of the ten main figures of each kind of plug-in, in the order of display."""
 
 
 def explained_table(kind: str, scores: Mapping[str, Score]) -> Table:
-    """Return the main figures of one episode with what they mean; those without unit are shares.
+    """Return the main figures of one episode with their meaning; those without unit are shares.
 
     kind: `detector` or `tracker`.
     """
@@ -88,7 +88,7 @@ def score_table(scores: Mapping[str, Score]) -> Table:
 def speed_table(rows: Sequence[Any]) -> Table:
     """Return measured speeds; rows are `speed.rows.SpeedRow`s.
 
-    Where any stands beside another it has a column that says how many times as long it takes.
+    If any has a counterpart, a column shows how many times as long it takes.
     """
     table = plain_table()
     table.add_column("measured", style="bold", ratio=1)
@@ -110,7 +110,7 @@ def _times(ratio: float) -> str:
 
 
 def pose_table(rows: Sequence[Any]) -> Table:
-    """Return what numbers of poses of a board give; rows are `calibrating.PoseRow`s."""
+    """Return the errors by number of poses of the target; rows are `calibrating.PoseRow`s."""
     table = plain_table()
     for name in (
         "poses",
@@ -131,8 +131,8 @@ def pose_table(rows: Sequence[Any]) -> Table:
             row.rotation_deg,
             row.corners_px,
         )
-        told = ("-" if not math.isfinite(value) else f"{value:.2f}" for value in figures)
-        table.add_row(str(row.poses), *told)
+        cells = ("-" if not math.isfinite(value) else f"{value:.2f}" for value in figures)
+        table.add_row(str(row.poses), *cells)
     return table
 
 

@@ -84,8 +84,8 @@ def _show(calibration: RigCalibration, rig: str) -> None:
 
     last, inliers = calibration.rows[-1], calibration.result.inliers
     headline(
-        f"{rig}: both sensors saw the whole target in {calibration.seen} of "
-        f"{calibration.asked} poses"
+        f"{rig}: both sensors saw the whole target in {calibration.usable} of "
+        f"{calibration.poses} poses"
     )
     show(
         f"points 8 to 30 m away  {last.held_out_px:.2f} px off the truth, "
