@@ -20,8 +20,8 @@ from roadscope.benchmarks.progress import Progress, silent
 from roadscope.benchmarks.recorded.mot import mot_suite
 from roadscope.benchmarks.recorded.recording import Recording
 from roadscope.benchmarks.recorded.suite import kitti_suite
+from roadscope.benchmarks.report.board_files import check_targets, label_of
 from roadscope.benchmarks.report.export import save_all, save_logs
-from roadscope.benchmarks.report.kept import check_targets, label_of
 from roadscope.benchmarks.results import Results, gather
 from roadscope.benchmarks.results.agreement import BoardAgreement
 from roadscope.benchmarks.results.results import condition_of

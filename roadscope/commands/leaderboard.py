@@ -253,7 +253,7 @@ def leaderboard(
         _name_written(out and out / "leaderboard.json", tracks)
         for line in _log_lines(results):
             typer.echo(line)
-        _name_kept_boards(out)
+        _name_earlier_boards(out)
     if results.failed_entries or any(map(results.not_installed, entry or ())):
         raise typer.Exit(1)
 
@@ -350,11 +350,11 @@ def _name_written(*paths: Path | None) -> None:
             typer.echo(f"written: {path}")
 
 
-def _name_kept_boards(out: Path | None) -> None:
+def _name_earlier_boards(out: Path | None) -> None:
     """Print the names of the boards of other suites in the folder."""
-    from roadscope.benchmarks.report.kept import kept_boards
+    from roadscope.benchmarks.report.board_files import earlier_boards
 
-    if out is not None and (boards := kept_boards(out)):
+    if out is not None and (boards := earlier_boards(out)):
         typer.echo(f"kept beside it: {', '.join(path.name for path in boards)}")
 
 
