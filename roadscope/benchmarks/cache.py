@@ -142,7 +142,7 @@ def checked_by(ledger: Ledger) -> Iterator[Ledger]:
         _ledger.reset(token)
 
 
-def kept(
+def read_or_make(
     path: Path, load: Callable[[BinaryIO], V], make: Callable[[], V], *, recompute: bool = False
 ) -> V:
     """Read a kept file, or make its content and write it.

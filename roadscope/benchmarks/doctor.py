@@ -60,7 +60,7 @@ class Machine:
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """A folder that files of ours go to."""
+    """A folder that roadscope writes files to."""
 
     path: str
     writable: bool

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from roadscope.benchmarks.cache import cache_dir, kept
+from roadscope.benchmarks.cache import cache_dir, read_or_make
 from roadscope.benchmarks.fingerprint import fingerprint, sensing_hash, timeline_hash
 from roadscope.core import Frame, Truth
 from roadscope.core.names import unknown
@@ -95,7 +95,7 @@ def timeline_path(episode: Episode) -> Path:
 
 def timeline_of(episode: Episode) -> Timeline:
     """Read the traffic of an episode, or record and keep it."""
-    return kept(timeline_path(episode), Timeline.load, partial(record_timeline, episode))
+    return read_or_make(timeline_path(episode), Timeline.load, partial(record_timeline, episode))
 
 
 def record_timeline(episode: Episode) -> Timeline:

@@ -16,7 +16,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, cast
 
-from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, kept
+from roadscope.benchmarks.cache import Ledger, Saved, cache_dir, checked_by, digest_of, read_or_make
 from roadscope.benchmarks.fingerprint import code_hash, fingerprint, plugin_hash
 from roadscope.benchmarks.isolation import PluginError
 from roadscope.benchmarks.loop import RunOptions
@@ -82,7 +82,7 @@ class Node(ABC):
         recompute: compute it although there is a file. Its sources are read from theirs.
         """
         compute = partial(self.compute, options or RunOptions())
-        return kept(self.path, self.record.load, compute, recompute=recompute)
+        return read_or_make(self.path, self.record.load, compute, recompute=recompute)
 
 
 def _content(value: Any) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Record:
-    """Base of frozen, slotted dataclasses made with `eq=False`.
+    """Base of frozen, slotted dataclasses copy with `eq=False`.
 
     Two records are equal when they have the same type and all fields are equal; arrays are
     equal when shape, dtype and values are (NaN equals NaN).
@@ -30,13 +30,13 @@ class Record:
 
     def _trusted(self, **changes: object) -> Self:
         """Return a copy with changed fields, unchecked: for values taken from checked records."""
-        made = object.__new__(type(self))
+        copy = object.__new__(type(self))
         for name in self.__dataclass_fields__:
             value = changes[name] if name in changes else getattr(self, name)
             if name in changes and isinstance(value, np.ndarray):
                 value = np.ascontiguousarray(value)
-            object.__setattr__(made, name, value)
-        return made
+            object.__setattr__(copy, name, value)
+        return copy
 
 
 def same_value(a: object, b: object) -> bool:

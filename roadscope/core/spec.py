@@ -31,10 +31,10 @@ from roadscope.core.loading import (
 from roadscope.core.names import unknown
 
 KINDS = ("detector", "camera detector", "tracker", "fusion", "odometry")
-"""What a plug-in can be. A class may say so itself by an attribute: `kind = "tracker"`."""
+"""The kinds of plug-in. A class may declare its kind by an attribute: `kind = "tracker"`."""
 ORACLE, FUSED = "oracle", "fused"
 TRUE_POSES, NO_POSES = "truth", "none"
-"""What `ego=` may name beside an odometry; without it trackers get the true poses."""
+"""Values of `ego=` beside an odometry; without `ego=`, trackers get the true poses."""
 EGO, ODOMETRY = "ego", "odometry"
 FUSED_PARTS = ("lidar", "camera", "fusion")
 _EGO_PART = re.compile(rf"[?&]{EGO}=")
@@ -140,13 +140,13 @@ class Spec:
 
     @property
     def requirement(self) -> Requirement | None:
-        """What a plug-in of ours needs beside this package, if anything."""
+        """The distribution that a plug-in of roadscope needs and does not install, if any."""
         required = getattr(self.factory, "requires", None) if self.ours else None
         return required if isinstance(required, Requirement) else None
 
     @property
     def missing(self) -> str | None:
-        """Why a plug-in of ours cannot be made here, or None if it can."""
+        """Why a plug-in of roadscope cannot be made here, or None if it can."""
         return self.requirement.missing if self.requirement else None
 
     @property
@@ -179,13 +179,13 @@ def name_the_class(spec: Spec) -> str:
     return f"'{spec}': name the class in the file too: {spec.name}:Class"
 
 
-def unknown_name(kind: str, name: str, known: list[str], composed: str = "") -> str:
+def unknown_name(kind: str, name: str, possible: list[str], composed: str = "") -> str:
     """Return the error text for a name that no plug-in of a kind has, with what is possible.
 
     composed: how a plug-in can be composed of parts; empty if it cannot.
     """
     more = f"or put one together: {composed}; " if composed else ""
     return (
-        f"{unknown(kind, name, known)}; {more}"
+        f"{unknown(kind, name, possible)}; {more}"
         "or name your own: package.module:Class, path/to/file.py:Class"
     )

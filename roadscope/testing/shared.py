@@ -108,7 +108,7 @@ def memory_promises(run: Run, words: Words) -> tuple[Promise, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Standard:
-    """A figure that a plug-in's is compared with: that of a method of ours or of a mark."""
+    """A figure that a plug-in's is compared with: that of a method of roadscope or of a mark."""
 
     name: str
     value: float
