@@ -18,7 +18,7 @@ from roadscope.envs.sensors.rigs import rig
 COLOURS = {"vehicle": (255, 170, 0), "cyclist": (0, 200, 255), "pedestrian": (255, 60, 120)}
 """Colour of the boxes of each family, RGB."""
 LEAST_SCORE = 0.3
-"""Boxes with lower scores are not drawn: they would hide the picture. Chosen by hand."""
+"""Boxes with lower scores are not drawn: they would hide the picture."""
 LINE_PX = 2
 TEXT_PX = 11
 

@@ -20,9 +20,9 @@ CATEGORY_OF_FAMILY = np.array([Category.CAR, Category.CYCLIST, Category.PEDESTRI
 FAMILIES = (Family.VEHICLE, Family.CYCLIST, Family.PEDESTRIAN)
 FAMILY = np.array([FAMILIES.index(category.family) for category in Category])
 HEIGHTS_M = np.array([1.5, 1.75, 1.7])
-"""Heights of false detections, by family; chosen by hand."""
+"""Heights of false detections, by family."""
 LEAST_PX = 4.0
-"""Objects with a shorter side in the image are never detected; chosen by hand."""
+"""Objects with a shorter side in the image are never detected."""
 LIT: Mapping[str, tuple[float, float, float, float, float]] = MappingProxyType(
     {"night": (0.99, 0.95, 0.87, 0.71, 0.56), "glare": (0.99, 0.98, 0.94, 0.86, 0.75)}
 )

@@ -23,7 +23,7 @@ from roadscope.core.answers import AnswerError, check_estimate
 from roadscope.odometry import ODOMETRIES
 
 LEAST_AHEAD_M = 10.0
-"""Metres along an axis from which on it cannot be the one that points up; chosen by hand."""
+"""Metres along an axis from which on it cannot be the one that points up."""
 
 Samples = TypeVar("Samples", ImuSamples, WheelSamples)
 

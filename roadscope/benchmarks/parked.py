@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from roadscope.envs.world.world import World
 
 PARKED_RANGE_M = 150.0
-"""Parked cars farther from the ego have no box in the image; chosen by hand."""
+"""Parked cars farther from the ego have no box in the image."""
 LEAST_SIDE_PX = 2.0
-"""Boxes with a shorter side are left out; chosen by hand."""
+"""Boxes with a shorter side are left out."""
 BEHIND_M = 0.3
 """Least depth of corners: those beside or behind the camera are projected with this depth."""
 

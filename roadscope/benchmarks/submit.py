@@ -77,7 +77,7 @@ CATEGORY_OF = {
     KittiType.CYCLIST: Category.CYCLIST,
 }
 AHEAD_M = 10.0
-"""Metres along an axis from which on it cannot be the one that points up; chosen by hand."""
+"""Metres along an axis from which on it cannot be the one that points up."""
 NEAR = 0.25
 """Greatest difference between the stamps of a pose and of its scan, in periods. Chosen by hand."""
 

@@ -21,7 +21,7 @@ NONE = "none"
 """Value of --imu and --wheels that stands for no file."""
 DEFAULT_ODOMETRY = "lidar-inertial"
 MANY_DEGRADED = 0.2
-"""Share of degraded scans above which a warning is printed; chosen by hand."""
+"""Share of degraded scans above which a warning is printed."""
 
 Folder = Annotated[
     Path,

@@ -10,8 +10,7 @@ from roadscope.core.checks import settle_arrays
 from roadscope.core.record import Record
 
 DARK = 8
-"""Bytes: the brightest pixel of a black image, and the range of an evenly dark one without noise.
-This and the next three are chosen by hand."""
+"""Bytes: brightest pixel of a black image, and the range of an evenly dark one without noise."""
 DIM = 64
 """Greatest mean byte of an image behind a covered lens; the camera amplifies its noise."""
 BLOCK = 16

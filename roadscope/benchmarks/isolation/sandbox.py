@@ -17,7 +17,7 @@ MASKED = (Path("/run"), Path("/var/run"), Path("/dev/shm"))
 SCRATCH_BYTES = 2_000_000_000
 """Size of the scratch folder, which is in memory and not part of a plug-in's limit."""
 TRY_S = 20.0
-"""Seconds that a trial of bubblewrap may take; chosen by hand."""
+"""Seconds that a trial of bubblewrap may take."""
 
 
 @cache

@@ -31,7 +31,7 @@ from roadscope.fusion.overlap import projected_boxes
 from roadscope.fusion.pairing import ALONE, ClocksApartError, moved_projection, nearest_images
 
 NEAREST_M = 3.0
-"""Least distance of eligible objects. This and the next four are chosen by hand."""
+"""Least distance of eligible objects; the next four limits are explained in `targets_of`."""
 LEAST_RETURNS, LEAST_PIXELS, LEAST_HEIGHT_PX = 5, 60, 12.0
 MOST_HIDDEN = 0.9
 
@@ -195,7 +195,7 @@ def detection_node(source: Spec, episode: Episode, rule: Eligibility) -> Node:
 
 
 def scan_rows(episode: Episode, scans: int, every_s: float) -> np.ndarray:
-    """Return (K,) int64, which scans are fused: every one, or from the second step on."""
+    """Return (K,) int64, which scans are fused: all, or one each `every_s` without the first."""
     step = max(1, round(every_s / rig(episode.rig).lidar.spec.period_s))
     return np.arange(0 if step == 1 else step, scans, step)
 

@@ -13,7 +13,7 @@ SMALL = 10
 """Strata below this size get Student's t: studentised resampling is unstable there."""
 ALIKE = 0.01
 """A resample with less than this share of the variance is degenerate; more than this share of
-degenerate resamples makes the bootstrap unusable. Chosen by hand."""
+degenerate resamples makes the bootstrap unusable."""
 EXACT = 13
 """Number of episodes up to which all flips of signs are tried, 2 to that power."""
 

@@ -53,7 +53,7 @@ NIGHT_SHARE = 0.25
 HELD_OUT_FAULTS = ("fog:5", "rain:5", "night:5", "glare:5", "rain:5 + night:5")
 
 # --------------------------------------------------------------------------------------------------
-# Cameras that pictures are taken with, chosen by hand.
+# Cameras that pictures are taken with.
 
 FOCAL_LENGTHS_PX = Bounds(360.0, 840.0)
 """Between a wide camera's and half of a Bumblebee's."""
@@ -119,8 +119,8 @@ RECIPES = {
         pixels=320 * 256,
     ),
 }
-"""`full` takes about half an hour on two cores, `small` a quarter of it; `trial` shows in a minute
-that everything needed is installed."""
+"""`full` takes about half an hour on two cores, `small` a quarter of it; `trial` shows that
+everything needed is installed."""
 
 
 class Split(NamedTuple):
