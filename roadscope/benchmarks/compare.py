@@ -236,7 +236,7 @@ def read_run(source: Source) -> ScoredRun:
     items, manifest = content.get("scores"), content.get("manifest", {})
     if not isinstance(items, list):
         raise CompareError(
-            f'{label} has no list "scores", by which single seeds are compared; files that '
+            f'{label} has no list "scores", by which single seeds are compared; files of '
             "earlier versions have only means: run the leaderboard again"
         )
     jobs = []

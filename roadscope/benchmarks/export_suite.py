@@ -386,7 +386,7 @@ def _write_sequence(
         frames.append(replace(frame, lidar=None))
         truths.append(truth)
     if not frames:
-        raise ExportError(f"{sequence.scenario}, seed {sequence.seed}: no scan in so little time")
+        raise ExportError(f"{sequence.scenario}, seed {sequence.seed}: shorter than one sweep")
     carrier, believed = rig(episode.rig), sensing_of(episode).calibration
     files = _SequenceFiles(folder, sequence.name, SequenceView.of(carrier, believed), truths)
     files.write_calibration(believed.pose(carrier.imu.name) if carrier.imu else Pose.identity())

@@ -306,6 +306,6 @@ def _outcomes(
         read_recordings(run_plan)
     run_jobs(list(wanted.values()), write, workers=workers, options=options, progress=progress)
     if not_stored:
-        # The file was damaged during the run; the board is run_plan from memory.
+        # The file was damaged during the run; the board is made from memory.
         warnings.warn(f"{len(not_stored)} results are not kept: {not_stored[0]}", stacklevel=3)
     return done

@@ -199,7 +199,8 @@ def _seeds(table: SuiteTable) -> tuple[int, ...]:
         seeds = tuple(allowed[: max(seeds, 0)])
     if not seeds or not all(seed in allowed for seed in seeds):
         raise ValueError(
-            f"expected how many, or a list within {allowed.start} to {allowed.stop - 1} "
+            f"expected a number of seeds, or a list of seeds within {allowed.start} to "
+            f"{allowed.stop - 1} "
             f"(split '{table.split}'), got {table.seeds!r}"
         )
     return _unique(seeds)

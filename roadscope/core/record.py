@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Record:
-    """Base of frozen, slotted dataclasses copy with `eq=False`.
+    """Base of frozen, slotted dataclasses made with `eq=False`.
 
     Two records are equal when they have the same type and all fields are equal; arrays are
     equal when shape, dtype and values are (NaN equals NaN).
