@@ -22,7 +22,7 @@ from roadscope.benchmarks.papers.li2021_board import (
 )
 from roadscope.benchmarks.progress import Progress, silent
 from roadscope.envs.sensors.rig import Rig
-from roadscope.envs.sensors.rigs import rig as find_rig
+from roadscope.envs.sensors.rigs import rig as rig_of
 from roadscope.fusion.calibration import (
     CalibrationError,
     CalibrationResult,
@@ -96,11 +96,11 @@ def calibrate_rig(
         raise CalibrationError(f"scans: expected at least 1, got {scans}")
     if not 0 <= outliers <= 0.5:
         raise CalibrationError(f"outliers: expected a share from 0 to 0.5, got {outliers}")
-    carrier, report = find_rig(name), progress or silent
-    camera_of(carrier)
+    rig, report = rig_of(name), progress or silent
+    camera_of(rig)
     report("poses", 0, poses)
     views = board_views(
-        carrier,
+        rig,
         poses,
         np.random.default_rng([seed, poses]),
         told=lambda done: report("poses", done, poses),
@@ -115,7 +115,7 @@ def calibrate_rig(
     if outliers:
         views = misread(views, outliers, np.random.default_rng([seed, poses, 1]))
     counts = [n for n in STEPS if n < len(views)] + [len(views)]
-    trial = _Trial(carrier, seed, known_intrinsics, corners_only)
+    trial = _Trial(rig, seed, known_intrinsics, corners_only)
     rows = []
     for number, count in enumerate(counts):
         report("solving", number, len(counts))
@@ -189,13 +189,13 @@ def _row(trial: _Trial, views: Views, count: int) -> PoseRow:
     return PoseRow(count, medians[0], medians[1], most, *medians[2:])
 
 
-def _errors(carrier: Rig, result: CalibrationResult) -> tuple[float, float, float]:
+def _errors(rig: Rig, result: CalibrationResult) -> tuple[float, float, float]:
     """Return errors: pixels of points not used, metres and degrees of the camera's pose."""
-    true = camera_of(carrier).ego_from_camera
+    true = camera_of(rig).ego_from_camera
     _, pose = decompose(result.projection.matrix)
     turn = pose.rotation.T @ true.rotation
     # The arccosine of the trace loses half the digits where the angle is small.
     sine = np.linalg.norm(turn - turn.T) / np.sqrt(8.0)
     angle = float(np.degrees(np.arctan2(sine, (np.trace(turn) - 1) / 2)))
     away = float(np.linalg.norm(pose.translation - true.translation))
-    return held_out_px(carrier, result.projection), away, angle
+    return held_out_px(rig, result.projection), away, angle

@@ -105,15 +105,15 @@ def record_timeline(episode: Episode) -> Timeline:
     return record(episode.scenario, episode.seed, episode.duration_s)
 
 
-def sensing_of(episode: Episode, carrier: Rig | None = None) -> Sensing:
-    """Return the sensing of an episode. carrier: a rig in place of the episode's."""
-    from roadscope.envs.sensors.rigs import rig
+def sensing_of(episode: Episode, rig: Rig | None = None) -> Sensing:
+    """Return the sensing of an episode. rig: in place of the episode's."""
+    from roadscope.envs.sensors.rigs import rig as rig_of
     from roadscope.envs.sensors.sensing import Sensing
 
     # None is daylight too, and unlike a named light it lets a fault make it night.
     light = None if episode.light == "day" else episode.light
     return Sensing(
-        rig(episode.rig) if carrier is None else carrier,
+        rig_of(episode.rig) if rig is None else rig,
         episode.seed,
         weather=episode.weather,
         light=light,

@@ -353,17 +353,17 @@ def _unwritten(manifest: Manifest) -> Manifest:
 
 def _amount(suite: Suite, manifest: Manifest) -> tuple[int, int]:
     """Return the number of scans, and the bytes of scans and images at most."""
-    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.sensors.rigs import rig as rig_of
     from roadscope.envs.traffic.scenarios import find
 
-    carrier = rig(suite.rig)
-    spec, scans = carrier.lidar.spec, 0
+    rig = rig_of(suite.rig)
+    spec, scans = rig.lidar.spec, 0
     for sequence in manifest.sequences:
         length_s = suite.duration_s or find(sequence.scenario).duration_s
-        scans += max(int((length_s - carrier.lidar.stamp_s(0)) / spec.period_s) + 1, 0)
+        scans += max(int((length_s - rig.lidar.stamp_s(0)) / spec.period_s) + 1, 0)
     size = scans * len(spec.elevations) * spec.columns * POINT_BYTES
-    if carrier.camera is not None:
-        pinhole = carrier.camera.spec.pinhole
+    if rig.camera is not None:
+        pinhole = rig.camera.spec.pinhole
         size += int(scans * pinhole.width * pinhole.height * 3 * PNG_SHARE)
     return scans, size
 
@@ -372,7 +372,7 @@ def _write_sequence(
     folder: Path, manifest: Manifest, sequence: ExportedSequence
 ) -> ExportedSequence:
     """Write all files of a sequence and return its entry in the manifest."""
-    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.sensors.rigs import rig as rig_of
 
     episode = manifest.episode(sequence, folder)
     frames: list[Frame] = []
@@ -387,14 +387,14 @@ def _write_sequence(
         truths.append(truth)
     if not frames:
         raise ExportError(f"{sequence.scenario}, seed {sequence.seed}: shorter than one sweep")
-    carrier, believed = rig(episode.rig), sensing_of(episode).calibration
-    files = _SequenceFiles(folder, sequence.name, SequenceView.of(carrier, believed), truths)
-    files.write_calibration(believed.pose(carrier.imu.name) if carrier.imu else Pose.identity())
+    rig, believed = rig_of(episode.rig), sensing_of(episode).calibration
+    files = _SequenceFiles(folder, sequence.name, SequenceView.of(rig, believed), truths)
+    files.write_calibration(believed.pose(rig.imu.name) if rig.imu else Pose.identity())
     files.write_inertial(frames)
     files.write_stamps_and_poses()
-    pixels = files.write_images(episode) if carrier.camera else None
+    pixels = files.write_images(episode) if rig.camera else None
     if sequence.truth:
-        files.write_truth(pixels, carrier.lidar.ego_from_lidar)
+        files.write_truth(pixels, rig.lidar.ego_from_lidar)
     for detector in manifest.detections:
         node = DetectionNode(detection_source(detector), episode, manifest.eligibility)
         files.write_detections(detector, node.read().detections)

@@ -18,7 +18,7 @@ from roadscope.core.projection import Projection
 from roadscope.envs.imaging.raster import rasterise, solids_of
 from roadscope.envs.sensors.camera import image_truth
 from roadscope.envs.sensors.rig import CameraMount, Rig
-from roadscope.envs.sensors.rigs import rig
+from roadscope.envs.sensors.rigs import rig as rig_of
 from roadscope.envs.sensors.sensing import IMAGE_RANGE_M, Sensing, truth_of_image, world_of
 from roadscope.envs.traffic.timeline import Timeline
 from roadscope.fusion.pairing import LIMIT_S
@@ -61,19 +61,19 @@ class WithoutPixels(Sensing):
         return frame, truth_of_image(timeline, stamp_s, shown)
 
 
-def camera_of(carrier: Rig) -> CameraMount:
+def camera_of(rig: Rig) -> CameraMount:
     """Return the rig's camera; raise `ValueError` for a rig without one."""
-    if carrier.camera is None:
-        raise ValueError(f"rig '{carrier.name}' has no camera; li2021 and wide have one")
-    return carrier.camera
+    if rig.camera is None:
+        raise ValueError(f"rig '{rig.name}' has no camera; li2021 and wide have one")
+    return rig.camera
 
 
-def projection_of(carrier: Rig, ego_from_camera: Pose | None = None) -> Projection:
+def projection_of(rig: Rig, ego_from_camera: Pose | None = None) -> Projection:
     """Return the projection from the ego frame into the rig's images.
 
     ego_from_camera: the mounting pose; None: the true one.
     """
-    camera = camera_of(carrier)
+    camera = camera_of(rig)
     pinhole, mounting = camera.spec.pinhole, ego_from_camera or camera.ego_from_camera
     return Projection.of(pinhole.intrinsics, mounting, pinhole.width, pinhole.height)
 
@@ -86,7 +86,7 @@ def sensing_without_pixels(episode: Episode) -> Sensing:
 
 def image_rows(episode: Episode, every_s: float) -> list[int]:
     """Return the numbers of images that are about `every_s` apart, each once."""
-    camera, end_s = camera_of(rig(episode.rig)), timeline_of(episode).end_s
+    camera, end_s = camera_of(rig_of(episode.rig)), timeline_of(episode).end_s
     last = int(
         np.floor(
             (end_s - camera.spec.exposure_s / 2 - camera.stamp_s(0)) / camera.spec.period_s + 1e-6
@@ -125,7 +125,7 @@ def pictures(episode: Episode, rows: tuple[int, ...], *, pixels: bool = True) ->
 
     pixels: whether images are drawn; else one grey pixel stands for each.
     """
-    pinhole = camera_of(rig(episode.rig)).spec.pinhole
+    pinhole = camera_of(rig_of(episode.rig)).spec.pinhole
     size_bytes = len(rows) * pinhole.width * pinhole.height * 3 if pixels else 0
     key = fingerprint(episode.spec()), rows, pixels
     for picture in _last_images.get(key, size_bytes, partial(_taken, episode, rows, pixels)):

@@ -289,7 +289,7 @@ class TrueSequence(NamedTuple):
 
 def _true_sequence(manifest: Manifest, sequence: ExportedSequence, exported: Path) -> TrueSequence:
     """Make the truth of a sequence again; `SubmitError` if it is not that of the export."""
-    from roadscope.envs.sensors.rigs import rig
+    from roadscope.envs.sensors.rigs import rig as rig_of
 
     if not sequence.digest:
         raise SubmitError(
@@ -302,9 +302,9 @@ def _true_sequence(manifest: Manifest, sequence: ExportedSequence, exported: Pat
             f"{exported}: sequence {sequence.name} has other traffic than this version of "
             f"roadscope makes; {manifest.roadscope} exported it: export the suite again"
         )
-    carrier = rig(episode.rig)
-    view = SequenceView.of(carrier, sensing_of(episode).calibration)
-    return TrueSequence(manifest, sequence, episode, truths, view, carrier.lidar.ego_from_lidar)
+    rig = rig_of(episode.rig)
+    view = SequenceView.of(rig, sensing_of(episode).calibration)
+    return TrueSequence(manifest, sequence, episode, truths, view, rig.lidar.ego_from_lidar)
 
 
 def _detection_scores(folder: Path, true: TrueSequence) -> dict[str, Score]:
