@@ -399,7 +399,7 @@ class _Isolated:
         """End the plug-in and raise `PluginError` with the reason and how its process ended."""
         report = self._end(command)
         if report is None:
-            reason = f"{reason}: the process that watches it does not answer"
+            reason = f"{reason}: the process that watches over it does not answer"
         elif report["how"]:
             reason = f"{reason}: {report['how']}"
         self._failed = PluginError(self._text, reason, self.log)
